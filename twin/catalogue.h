@@ -1,0 +1,99 @@
+// The catalogue of effects. To add one: its header in twin/effects/, and one line here.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <string_view>
+#include <tuple>
+#include <utility>
+#include <variant>
+
+#include "twin/effect.h"
+#include "twin/effects/constant_force.h"
+#include "twin/effects/coulomb_friction.h"
+#include "twin/effects/feedforward_mismatch.h"
+#include "twin/effects/time_delay.h"
+
+namespace servotwin {
+
+using Catalogue = std::tuple<CoulombFriction,      //
+                             ConstantForce,        //
+                             FeedforwardMismatch,  //
+                             TimeDelay>;
+
+inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
+inline constexpr int kMaxEffects = 16;     ///< effects of one model
+inline constexpr int kMaxShapes = 8;       ///< shape parameters of one effect
+inline constexpr int kMaxCoefficients = 8; ///< coefficients of one effect
+
+namespace detail {
+template <class T, class Tuple>
+struct MemoryOf;
+template <class T, class... E>
+struct MemoryOf<T, std::tuple<E...>> {
+  // Distinct by position, not by type: two effects without memory may share one empty struct.
+  using type = std::variant<typename E::template Memory<T>...>;
+};
+}  // namespace detail
+
+/// What any one effect remembers from cycle to cycle; trivially copyable.
+template <class T>
+using EffectMemory = typename detail::MemoryOf<T, Catalogue>::type;
+
+/// Calls f.template operator()<Effect, Index>() for the effect of this kind (its place in the catalogue).
+template <class F>
+constexpr decltype(auto) visit_effect(std::size_t kind, F&& f) {
+  return [&]<std::size_t... I>(std::index_sequence<I...>) -> decltype(auto) {
+    using Result = decltype(f.template operator()<std::tuple_element_t<0, Catalogue>, 0>());
+    if constexpr (std::is_void_v<Result>) {
+      (void)((kind == I ? (f.template operator()<std::tuple_element_t<I, Catalogue>, I>(), true) : false) || ...);
+    } else {
+      Result result{};
+      (void)((kind == I ? (result = f.template operator()<std::tuple_element_t<I, Catalogue>, I>(), true)
+                        : false) || ...);
+      return result;
+    }
+  }(std::make_index_sequence<kEffectKinds>{});
+}
+
+inline const Identity& identity_of(std::size_t kind) {
+  return *visit_effect(kind, []<class E, std::size_t>() -> const Identity* { return &E::kIdentity; });
+}
+inline std::span<const Parameter> shapes_of(std::size_t kind) {
+  return visit_effect(kind, []<class E, std::size_t>() -> std::span<const Parameter> { return E::kShapes; });
+}
+inline std::span<const Parameter> coefficients_of(std::size_t kind) {
+  return visit_effect(kind,
+                      []<class E, std::size_t>() -> std::span<const Parameter> { return E::kCoefficients; });
+}
+/// The place of E in the catalogue.
+template <class E>
+constexpr std::size_t kind_of() {
+  return []<std::size_t... I>(std::index_sequence<I...>) {
+    std::size_t kind = kEffectKinds;
+    (void)((std::is_same_v<E, std::tuple_element_t<I, Catalogue>> ? (kind = I, true) : false) || ...);
+    return kind;
+  }(std::make_index_sequence<kEffectKinds>{});
+}
+/// The place of the effect with this id, or kEffectKinds if there is none.
+inline std::size_t kind_of(std::string_view id) {
+  std::size_t kind = 0;
+  while (kind < kEffectKinds && identity_of(kind).id != id) ++kind;
+  return kind;
+}
+
+template <class T>
+void start_memory(std::size_t kind, EffectMemory<T>& memory) {
+  visit_effect(kind, [&]<class E, std::size_t I>() { memory.template emplace<I>(); });
+}
+
+/// Forces per unit coefficient of one effect at one sample; `force` has room for its coefficients.
+template <class T>
+void unit_forces(std::size_t kind, const T* shape, EffectMemory<T>& memory, const Motion& m, T* force) noexcept {
+  visit_effect(kind, [&]<class E, std::size_t I>() {
+    E::template unit_forces<T>(shape, *std::get_if<I>(&memory), m, force);
+  });
+}
+
+}  // namespace servotwin

@@ -1,0 +1,37 @@
+// Feed-forward that differs from what the loop was identified with.
+//
+//   d = - velocity_gain * dx_r/dt - acceleration_gain * d2x_r/dt2
+//
+// Feed-forward pushes with the command, so more of it is a negative disturbance. With a free tracking
+// numerator the two columns are s^2/P x_r and s^3/P x_r and thus already part of it: the effect is
+// identifiable only against a loop held fixed (an earlier model).
+#pragma once
+
+#include <array>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct FeedforwardMismatch {
+  static constexpr Identity kIdentity{
+      .id = "feedforward_mismatch",
+      .meaning = "velocity or acceleration feed-forward other than in the loop",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 1.3",
+      .confused = "a free tracking numerator contains it; gain_change; time_delay at low frequency"};
+  static constexpr std::array<Parameter, 0> kShapes{};
+  static constexpr std::array<Parameter, 2> kCoefficients{
+      {{"velocity_gain", "1/s", -2000.0, 2000.0, 0.0, "surplus velocity feed-forward", false},
+       {"acceleration_gain", "1", -10.0, 10.0, 0.0, "surplus acceleration feed-forward", false}}};
+  template <class T>
+  struct Memory {};
+
+  template <class T>
+  static void unit_forces(const T* /*shape*/, Memory<T>& /*memory*/, const Motion& m, T* force) noexcept {
+    force[0] = T(-m.command_velocity);
+    force[1] = T(-m.command_acceleration);
+  }
+};
+
+}  // namespace servotwin

@@ -1,0 +1,33 @@
+// The feedback record lags the command record: transport, buffering, stamps of two clocks.
+//
+//   the loop answers x_r(t - delay) while e is taken against x_r(t)
+//
+// A delay has linear phase at all frequencies; a missing feed-forward or a low gain looks the same at
+// low frequency only (e = delay * v). Accelerating motion tells them apart.
+#pragma once
+
+#include <array>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct TimeDelay {
+  static constexpr Identity kIdentity{
+      .id = "time_delay",
+      .meaning = "the encoder record lags the command record",
+      .acts = Acts::kCommandDelay,
+      .source = "docs/theory.md 3.4",
+      .confused = "gain_change and feedforward_mismatch at low frequency"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"delay_s", "s", 0.0, 0.05, 0.0, "how much the feedback record lags"}}};
+  static constexpr std::array<Parameter, 0> kCoefficients{};
+  template <class T>
+  struct Memory {};
+
+  template <class T>
+  static void unit_forces(const T* /*shape*/, Memory<T>& /*memory*/, const Motion& /*m*/,
+                          T* /*force*/) noexcept {}
+};
+
+}  // namespace servotwin

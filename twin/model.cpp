@@ -1,0 +1,71 @@
+#include "twin/model.h"
+
+#include <cmath>
+#include <sstream>
+
+namespace servotwin {
+
+double Model::command_delay_s() const {
+  double delay = 0.0;
+  for (const Effect& effect : effects) {
+    if (identity_of(effect.kind).acts == Acts::kCommandDelay) delay += effect.shape[0];
+  }
+  return delay;
+}
+
+const Effect* Model::find(std::size_t kind) const {
+  for (const Effect& effect : effects) {
+    if (effect.kind == kind) return &effect;
+  }
+  return nullptr;
+}
+
+namespace {
+
+template <class... Parts>
+std::string say(const Parts&... parts) {
+  std::ostringstream out;
+  out.precision(9);
+  (out << ... << parts);
+  return out.str();
+}
+
+std::string outside(std::string_view effect, const Parameter& parameter, double value) {
+  if (std::isfinite(value) && value >= parameter.lower && value <= parameter.upper) return {};
+  return say("effects[", effect, "].", parameter.name, " = ", value, " ", parameter.unit, " is outside ",
+             parameter.lower, " .. ", parameter.upper);
+}
+
+}  // namespace
+
+std::string why_invalid(const Model& model) {
+  if (!(model.sample_time_s > 0.0 && std::isfinite(model.sample_time_s))) {
+    return say("sample_time_s = ", model.sample_time_s, " must be positive");
+  }
+  const Loop& loop = model.loop;
+  if (loop.order != 2 && loop.order != 3) return say("loop.order = ", loop.order, " must be 2 or 3");
+  for (int i = 0; i < loop.order; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    if (!std::isfinite(loop.denominator[k])) return say("loop.denominator[", i, "] is not finite");
+    if (!std::isfinite(loop.numerator[k])) return say("loop.tracking_error_numerator[", i, "] is not finite");
+  }
+  if (!stable(loop)) return "loop.denominator: the loop is unstable (a pole is not left of the imaginary axis)";
+  if (model.effects.size() > static_cast<std::size_t>(kMaxEffects)) {
+    return say("effects: ", model.effects.size(), " are more than ", kMaxEffects);
+  }
+  for (const Effect& effect : model.effects) {
+    if (effect.kind >= kEffectKinds) return say("effects: kind ", effect.kind, " is not in the catalogue");
+    const auto id = identity_of(effect.kind).id;
+    std::size_t i = 0;
+    for (const Parameter& shape : shapes_of(effect.kind)) {
+      if (auto why = outside(id, shape, effect.shape[i++]); !why.empty()) return why;
+    }
+    i = 0;
+    for (const Parameter& coefficient : coefficients_of(effect.kind)) {
+      if (auto why = outside(id, coefficient, effect.coefficient[i++]); !why.empty()) return why;
+    }
+  }
+  return {};
+}
+
+}  // namespace servotwin

@@ -1,0 +1,43 @@
+// A model of one axis: the loop and the effects that act on it. Plain data.
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "twin/catalogue.h"
+#include "twin/loop.h"
+
+namespace servotwin {
+
+/// One effect with its parameters, in the catalogue's order of them.
+struct Effect {
+  std::size_t kind = 0;  ///< place in the catalogue
+  std::array<double, kMaxShapes> shape{};
+  std::array<double, kMaxCoefficients> coefficient{};
+};
+
+/// An effect of the catalogue with its shape parameters at their start values and no force.
+template <class E>
+[[nodiscard]] Effect make_effect() {
+  Effect effect;
+  effect.kind = kind_of<E>();
+  for (std::size_t i = 0; i < E::kShapes.size(); ++i) effect.shape[i] = E::kShapes[i].start;
+  return effect;
+}
+
+struct Model {
+  double sample_time_s = 0.0;
+  Loop loop;
+  std::vector<Effect> effects;  ///< at most kMaxEffects
+
+  /// The sum of all command delays [s].
+  [[nodiscard]] double command_delay_s() const;
+  [[nodiscard]] const Effect* find(std::size_t kind) const;
+};
+
+/// Why a model cannot be used, naming the field, the value and the rule; empty if it can: finite,
+/// stable, within the physical bounds of the catalogue.
+[[nodiscard]] std::string why_invalid(const Model& model);
+
+}  // namespace servotwin

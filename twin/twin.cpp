@@ -1,0 +1,271 @@
+#include "twin/twin.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <type_traits>
+
+namespace servotwin {
+
+static_assert(std::is_trivially_copyable_v<Twin>, "a twin crosses threads by value");
+
+Twin::Twin(const Model& model) {
+  if (auto why = why_invalid(model); !why.empty()) throw std::invalid_argument(why);
+  h_ = model.sample_time_s;
+  delay_s_ = model.command_delay_s();
+  if (delay_s_ > h_ * (kHistory - 8)) {
+    throw std::invalid_argument("effects[time_delay].delay_s is longer than " + std::to_string(kHistory - 8) + " cycles");
+  }
+  order_ = model.loop.order;
+  const int n = order_;
+  Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(n, n);
+  for (int i = 0; i + 1 < n; ++i) companion(i, i + 1) = 1.0;
+  for (int i = 0; i < n; ++i) companion(n - 1, i) = -model.loop.denominator[static_cast<std::size_t>(n - 1 - i)];
+  const Eigen::VectorXd input = Eigen::VectorXd::Unit(n, n - 1);
+
+  const Hold command = discretise(companion, input, h_, 2);
+  const Hold force = discretise(companion, input, h_, 1);
+  for (int r = 0; r < n; ++r) {
+    const auto row = static_cast<std::size_t>(r);
+    for (int c = 0; c < n; ++c) phi_[row * kMaxOrder + static_cast<std::size_t>(c)] = command.phi(r, c);
+    for (int k = 0; k < 3; ++k) g_command_[row * 3 + static_cast<std::size_t>(k)] = command.g(r, k);
+    g_end_[row] = force.g(r, 1) / h_;
+    g_begin_[row] = force.g(r, 0) - g_end_[row];
+    numerator_[row] = model.loop.numerator[row];
+    denominator_[row] = model.loop.denominator[row];
+  }
+  rest_[0] = 1.0 / model.loop.denominator[static_cast<std::size_t>(n - 1)];
+  for (const Effect& effect : model.effects) {
+    if (identity_of(effect.kind).acts != Acts::kForce) continue;
+    effects_[static_cast<std::size_t>(effect_count_++)] = effect;
+  }
+  start(0.0);
+}
+
+void Twin::start(double command) noexcept {
+  y_ = {};
+  for (int i = 0; i < effect_count_; ++i) {
+    start_memory<double>(effects_[static_cast<std::size_t>(i)].kind, memory_[static_cast<std::size_t>(i)]);
+  }
+  history_.fill(command);
+  Motion rest;
+  rest.step_s = h_;
+  rest.position = command;
+  auto memory = memory_;
+  force_ = disturbance(rest, memory);
+  // A standing loop already holds whatever force acts at rest.
+  for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
+  velocity_ = 0.0;
+  position_ = command - (order_ >= 2 ? z_[static_cast<std::size_t>(order_ - 2)] : 0.0);
+}
+
+void Twin::start(double position, std::span<const double> free_response) noexcept {
+  start(position);
+  for (std::size_t r = 0; r < free_response.size() && r < kMaxOrder; ++r) z_[r] += free_response[r];
+  position_ = position - z_[static_cast<std::size_t>(order_ - 2)];
+}
+
+double Twin::disturbance(const Motion& m, std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept {
+  double sum = 0.0;
+  std::array<double, kMaxCoefficients> force{};
+  for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
+    const Effect& effect = effects_[i];
+    unit_forces<double>(effect.kind, effect.shape.data(), memory[i], m, force.data());
+    const std::size_t count = coefficients_of(effect.kind).size();
+    for (std::size_t k = 0; k < count; ++k) sum += effect.coefficient[k] * force[k];
+  }
+  return sum;
+}
+
+double Twin::step(const CommandPiece& piece) noexcept {
+  const auto n = static_cast<std::size_t>(order_);
+  std::array<double, kMaxOrder> y{}, z{};
+  for (std::size_t r = 0; r < n; ++r) {
+    const double* g = &g_command_[r * 3];
+    double sum = g[0] * piece.velocity + g[1] * piece.acceleration + g[2] * piece.jerk;
+    double free = g_begin_[r] * force_;
+    for (std::size_t c = 0; c < n; ++c) {
+      sum += phi_[r * kMaxOrder + c] * y_[c];
+      free += phi_[r * kMaxOrder + c] * z_[c];
+    }
+    y[r] = sum;
+    z[r] = free;
+  }
+  // The error of the command and its rate; the highest state's derivative comes from the differential equation.
+  double error = 0.0, error_rate = 0.0, top = piece.end_velocity;
+  for (std::size_t i = 0; i < n; ++i) {
+    error += numerator_[i] * y[n - 1 - i];
+    top -= denominator_[n - 1 - i] * y[i];
+  }
+  error_rate = numerator_[0] * top;
+  for (std::size_t i = 1; i < n; ++i) error_rate += numerator_[i] * y[n - i];
+
+  // The motion at the end of the step and the force there depend on each other (docs/theory.md 2.3):
+  //   f = d(x_free - gamma_x f, v_free - gamma_v f),  gammas > 0, d non-decreasing: one solution for any step.
+  const double position_free = piece.end_position - error - z[n - 2];
+  const double velocity_free = piece.end_velocity - error_rate - z[n - 1];
+  Motion m;
+  m.step_s = h_;
+  m.command_velocity = piece.end_velocity;
+  m.command_acceleration = piece.end_acceleration;
+  const auto force_at = [&](double force, std::array<EffectMemory<double>, kMaxEffects>& memory) {
+    m.position = position_free - g_end_[n - 2] * force;
+    m.velocity = velocity_free - g_end_[n - 1] * force;
+    m.displacement = m.position - position_;
+    return disturbance(m, memory);
+  };
+  double force = force_;  // exact while the force stays what it was
+  auto memory = memory_;
+  double miss = force - force_at(force, memory);
+  const double tolerance = 1e-15 + 1e-13 * std::abs(force);
+  if (std::abs(miss) > tolerance) {
+    // Bracketed secant (Illinois); forces that are piecewise linear in the motion take a few rounds.
+    const auto at = [&](double trial_force) {
+      force = trial_force;
+      memory = memory_;
+      miss = force - force_at(force, memory);
+      return miss;
+    };
+    double left = force, miss_left = miss;
+    double right = force - miss;  // the miss grows at least as fast as the force
+    double miss_right = at(right);
+    for (int round = 0; round < 60 && std::abs(miss) > tolerance; ++round) {
+      const double spread = miss_right - miss_left;
+      double next = spread != 0.0 ? (left * miss_right - right * miss_left) / spread : 0.5 * (left + right);
+      if (!(next > std::min(left, right) && next < std::max(left, right))) next = 0.5 * (left + right);
+      if (next == left || next == right) break;
+      const double miss_next = at(next);
+      if ((miss_next > 0.0) == (miss_right > 0.0)) {
+        miss_left *= 0.5;
+      } else {
+        left = right, miss_left = miss_right;
+      }
+      right = next, miss_right = miss_next;
+    }
+  }
+  memory_ = memory;
+  for (std::size_t r = 0; r < n; ++r) z[r] += g_end_[r] * force;
+  y_ = y;
+  z_ = z;
+  force_ = force;
+  position_ = m.position;
+  velocity_ = m.velocity;
+  return error + z[n - 2];
+}
+
+double Twin::follow(double command) noexcept {
+  newest_ = (newest_ + 1) % kHistory;
+  history_[newest_] = command;
+  const auto past = [this](std::uint32_t back) { return history_[(newest_ + kHistory - back) % kHistory]; };
+
+  // The delayed commands at the end of this cycle and of the three before, by cubic interpolation
+  // centred where later commands are known.
+  std::array<double, 4> x{};
+  const double shift = delay_s_ / h_;
+  const auto whole = static_cast<std::uint32_t>(shift);
+  const double t = shift - whole;  // the sought point lies t cycles before past(whole + i)
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    if (t == 0.0) {
+      x[i] = past(whole + i);
+      continue;
+    }
+    const std::uint32_t first = whole + i >= 1 ? whole + i - 1 : 0;  // newest of the four nodes
+    const double u = t + static_cast<double>(whole + i - first);       // position counted back from it
+    const double a = past(first), b = past(first + 1), c = past(first + 2), d = past(first + 3);
+    x[i] = -a * (u - 1) * (u - 2) * (u - 3) / 6 + b * u * (u - 2) * (u - 3) / 2 - c * u * (u - 1) * (u - 3) / 2 +
+           d * u * (u - 1) * (u - 2) / 6;
+  }
+  // The cubic through x[3], x[2], x[1], x[0]; the cycle runs from x[1] to x[0].
+  const double d1 = x[0] - x[1];
+  const double d2 = x[0] - 2 * x[1] + x[2];
+  const double d3 = x[0] - 3 * x[1] + 3 * x[2] - x[3];
+  CommandPiece piece;
+  piece.velocity = (d1 - d2 / 2 - d3 / 6) / h_;
+  piece.acceleration = d2 / (h_ * h_);
+  piece.jerk = d3 / (h_ * h_ * h_);
+  piece.end_position = x[0];
+  piece.end_velocity = piece.velocity + h_ * (piece.acceleration + h_ * piece.jerk / 2);
+  piece.end_acceleration = piece.acceleration + h_ * piece.jerk;
+  return step(piece) + (command - x[0]);
+}
+
+void Twin::predict(std::span<const double> commands, std::span<double> errors) const noexcept {
+  Twin ahead = *this;
+  for (std::size_t i = 0; i < commands.size() && i < errors.size(); ++i) errors[i] = ahead.follow(commands[i]);
+}
+
+namespace {
+
+/// The error of a run from rest, or from this free response.
+Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& motion, const Eigen::ArrayXd& delayed,
+                   std::span<const double> free_response) {
+  Twin twin = model;
+  const Eigen::Index n = segment.size();
+  Eigen::ArrayXd error(n);
+  twin.start(delayed(0), free_response);
+  error(0) = segment.command(0) - twin.position();
+  const double h = motion.h;
+  for (Eigen::Index k = 1; k < n; ++k) {
+    CommandPiece piece;
+    piece.velocity = motion.first(k - 1);
+    piece.acceleration = motion.second(k - 1);
+    piece.jerk = motion.third(k - 1);
+    piece.end_position = delayed(k);
+    piece.end_velocity = motion.first(k);
+    piece.end_acceleration = piece.acceleration + h * piece.jerk;
+    error(k) = twin.step(piece) + (segment.command(k) - delayed(k));
+  }
+  return error;
+}
+
+}  // namespace
+
+double starting_state_s(const Model& model) {
+  // Long enough to see every mode of the loop, and at least 20 samples for the encoder's steps.
+  double slowest = 1e9;
+  const auto roots = roots_of(model.loop);
+  for (int i = 0; i < model.loop.order; ++i) slowest = std::min(slowest, -roots[static_cast<std::size_t>(i)].real());
+  return std::clamp(3.0 / slowest, 20.0 * model.sample_time_s, 0.25);
+}
+
+Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
+  const Twin twin(model);
+  const Eigen::Index n = segment.size();
+  if (n < 4) return Eigen::ArrayXd::Zero(n);
+  const Spline original = Spline::through(segment.command, segment.sample_time_s);
+  const Eigen::ArrayXd delayed = original.delayed(twin.command_delay_s());
+  const Spline motion = Spline::through(delayed, segment.sample_time_s);
+  if (segment.actual.size() != n) return run(twin, segment, motion, delayed, {});
+
+  // The starting state: the free response that brings the simulation onto the first encoder values.
+  const auto settle = std::min<Eigen::Index>(n, static_cast<Eigen::Index>(starting_state_s(model) / segment.sample_time_s) + 4);
+  const int order = model.loop.order;
+  Segment head = segment;
+  head.command.conservativeResize(settle);
+  std::array<double, kMaxOrder> start{};
+  const std::span<const double> state(start.data(), static_cast<std::size_t>(order));
+  Eigen::MatrixXd response(settle - 1, order);
+  for (int i = 0; i < order; ++i) {
+    Model bare = model;
+    bare.effects.clear();
+    Twin free{bare};
+    std::array<double, kMaxOrder> unit{};
+    unit[static_cast<std::size_t>(i)] = 1.0;
+    free.start(0.0, {unit.data(), static_cast<std::size_t>(order)});
+    for (Eigen::Index k = 0; k + 1 < settle; ++k) response(k, i) = free.step(CommandPiece{});
+  }
+  const Eigen::RowVectorXd scale = response.colwise().norm().cwiseMax(1e-300);
+  const auto solver = (response * scale.cwiseInverse().asDiagonal()).eval().colPivHouseholderQr();
+  // Friction depends on the motion it starts with, so that a second round pays.
+  for (int round = 0; round < 3; ++round) {
+    const Eigen::ArrayXd error = run(twin, head, motion, delayed, state);
+    const Eigen::VectorXd miss =
+        ((segment.command - segment.actual).head(settle) - error).tail(settle - 1).matrix();
+    const Eigen::VectorXd correction = (solver.solve(miss).array() / scale.transpose().array()).matrix();
+    for (int i = 0; i < order; ++i) start[static_cast<std::size_t>(i)] += correction(i);
+  }
+  return run(twin, segment, motion, delayed, state);
+}
+
+}  // namespace servotwin

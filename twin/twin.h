@@ -1,0 +1,84 @@
+// The twin of one axis, stepped cycle by cycle in free simulation: it sees commands only.
+//
+// Source: exact filters (twin/hold.h), friction linear within the step and solved with it, so that any
+// step is stable (docs/theory.md 2.3). Trivially copyable; a copy is how one looks ahead.
+// Any one thread; `step`, `follow` and `predict` allocate nothing, take no lock and throw nothing.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "twin/hold.h"
+#include "twin/model.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+/// The commanded motion at the start of one cycle, as a cubic over the cycle, and where it ends.
+struct CommandPiece {
+  double velocity = 0.0, acceleration = 0.0, jerk = 0.0;  ///< at the start of the cycle
+  double end_position = 0.0, end_velocity = 0.0, end_acceleration = 0.0;
+};
+
+class Twin {
+ public:
+  Twin() = default;
+  /// Throws std::invalid_argument with why_invalid(model). Allocates while it discretises.
+  explicit Twin(const Model& model);
+
+  [[nodiscard]] bool loaded() const noexcept { return order_ > 0; }
+  [[nodiscard]] double sample_time_s() const noexcept { return h_; }
+  [[nodiscard]] double command_delay_s() const noexcept { return delay_s_; }
+  /// The simulated position at the end of the last cycle [m | rad].
+  [[nodiscard]] double position() const noexcept { return position_; }
+  /// and velocity [m/s | rad/s].
+  [[nodiscard]] double velocity() const noexcept { return velocity_; }
+
+  /// Puts the axis at rest at this command, with constant forces already held by the loop.
+  void start(double command) noexcept;
+  /// Starts within a motion: the states of 1/P [its output and derivatives] whose free response the error then holds.
+  void start(double position, std::span<const double> free_response) noexcept;
+
+  /// One cycle with the command's cubic given: returns the tracking error at its end [m | rad].
+  double step(const CommandPiece& piece) noexcept;
+  /// One cycle from samples alone: the cubic goes through the last four (delayed) commands.
+  double follow(double command) noexcept;
+  /// The errors of coming cycles, this twin unchanged; errors.size() >= commands.size().
+  void predict(std::span<const double> commands, std::span<double> errors) const noexcept;
+
+ private:
+  double disturbance(const Motion& m, std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept;
+
+  static constexpr int kHistory = 128;  // commands kept for a delay; power of two
+
+  int order_ = 0;
+  int effect_count_ = 0;
+  double h_ = 0.0;
+  double delay_s_ = 0.0;
+  std::array<double, kMaxOrder> numerator_{}, denominator_{};
+  // Filters of the command velocity (y) and of the disturbance (z), both 1/P.
+  std::array<double, kMaxOrder * kMaxOrder> phi_{};
+  std::array<double, kMaxOrder * 3> g_command_{};
+  std::array<double, kMaxOrder> g_begin_{}, g_end_{};  // first-order hold of the disturbance
+  std::array<double, kMaxOrder> rest_{};               // z of a constant unit disturbance held at rest
+  std::array<Effect, kMaxEffects> effects_{};  // those that act as forces
+
+  std::array<double, kMaxOrder> y_{}, z_{};
+  std::array<EffectMemory<double>, kMaxEffects> memory_{};
+  double force_ = 0.0;     // disturbance at the end of the cycle before
+  double position_ = 0.0;  // simulated position there
+  double velocity_ = 0.0;
+  std::array<double, kHistory> history_{};
+  std::uint32_t newest_ = 0;
+};
+
+/// How much of a segment's beginning `simulate` uses of the encoder to find the starting state [s].
+[[nodiscard]] double starting_state_s(const Model& model);
+
+/// Free simulation of a whole segment from its command and starting state alone: the tracking error.
+/// The starting state is taken from the first `starting_state_s` of the encoder where `actual` is there;
+/// else the axis starts at rest on its command.
+[[nodiscard]] Eigen::ArrayXd simulate(const Model& model, const Segment& segment);
+
+}  // namespace servotwin
