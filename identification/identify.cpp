@@ -1,0 +1,324 @@
+#include "identification/identify.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <sstream>
+#include <stdexcept>
+
+#include "identification/excitation.h"
+#include "identification/full_ls.h"
+#include "identification/noise_floor.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+// A richer structure must beat a simpler one by this much on data it was not fitted to.
+constexpr double kWorthIt = 0.97;
+// Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in disguise.
+constexpr double kDisguisedDelay = 0.5;
+// A parameter known worse than this share of itself is not excited.
+constexpr double kLooselyKnown = 0.5;
+
+template <class... Parts>
+std::string say(const Parts&... parts) {
+  std::ostringstream out;
+  out.precision(4);
+  (out << ... << parts);
+  return out.str();
+}
+
+double span_s(const std::vector<Segment>& segments) {
+  double sum = 0.0;
+  for (const Segment& s : segments) sum += s.sample_time_s * static_cast<double>(s.size());
+  return sum;
+}
+
+/// Splits by time of data (gaps do not count): the first `share`, and the rest.
+std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments, double share) {
+  double left = share * span_s(segments);
+  for (const Segment& s : segments) {
+    const double length = s.sample_time_s * static_cast<double>(s.size());
+    if (left <= length) {
+      const double at = s.start_s + left;
+      return {cut(segments, -1e300, at - 0.5 * s.sample_time_s), cut(segments, at - 0.5 * s.sample_time_s, 1e300)};
+    }
+    left -= length;
+  }
+  return {segments, {}};
+}
+
+Eigen::Index rows_of(const std::vector<Segment>& segments) {
+  Eigen::Index rows = 0;
+  for (const Segment& s : segments) rows += s.size();
+  return rows;
+}
+
+/// The share of the loop's lag that zeros in the right half plane make. Servo loops with feed-forward have
+/// none (docs/theory.md 1.3): such zeros are how a rational loop imitates a delay.
+double imitated_delay_share(const Loop& loop) {
+  const int n = loop.order;
+  const double an = loop.denominator[static_cast<std::size_t>(n - 1)];
+  const double lag = loop.numerator[static_cast<std::size_t>(n - 1)] / an;
+  // x / x_r = (b_0 s^n + ... + b_n) / P with b_i = a_i - c_i.
+  Eigen::VectorXd b(n + 1);
+  b(0) = 1.0 - loop.numerator[0];
+  for (int i = 1; i < n; ++i) b(i) = loop.denominator[static_cast<std::size_t>(i - 1)] - loop.numerator[static_cast<std::size_t>(i)];
+  b(n) = an;
+  int lead = 0;
+  while (lead < n && std::abs(b(lead)) < 1e-9) ++lead;
+  const int degree = n - lead;
+  if (degree < 1 || !(lag > 0.0)) return 0.0;
+  Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(degree, degree);
+  for (int i = 0; i + 1 < degree; ++i) companion(i + 1, i) = 1.0;
+  for (int i = 0; i < degree; ++i) companion(i, degree - 1) = -b(n - i) / b(lead);
+  double imitated = 0.0;
+  for (const auto& zero : companion.eigenvalues()) {
+    if (zero.real() > 0.0) imitated += 2.0 * zero.real() / std::norm(zero);
+  }
+  return imitated / lag;
+}
+
+struct Trial {
+  Structure structure;
+  double validation = 1e300;
+  bool usable = false;
+};
+
+std::vector<Structure> structures(const IdentifyOptions& options) {
+  const std::size_t friction = kind_of<CoulombFriction>(), constant = kind_of<ConstantForce>(), delay = kind_of<TimeDelay>();
+  std::vector<Structure> out;
+  for (int order : {2, 3}) {
+    if (options.order != 0 && options.order != order) continue;
+    // Behind an integrator a constant force leaves no trace in the error.
+    out.push_back({order, {friction}, false});
+    if (order == 2) out.push_back({order, {friction, constant}, false});
+    if (options.delay_max_s > 0.0) {
+      out.push_back({order, {friction, delay}, true});
+      if (order == 2) out.push_back({order, {friction, constant, delay}, true});
+    }
+  }
+  return out;
+}
+
+Projection projection_of(const std::vector<Segment>& segments, const Structure& structure) {
+  std::vector<Signals> signals;
+  for (const Segment& s : segments) signals.push_back(signals_of(s));
+  return {std::move(signals), structure};
+}
+
+/// What the fit leaves loosely known, by name, and what motion would show it.
+std::vector<std::string> loosely_known(const ModelRecord& record, const PoleFit& fit) {
+  std::vector<std::string> out;
+  const auto check = [&](const std::string& name, double value, double sd, double unit, const char* motion) {
+    if (!(sd > kLooselyKnown * std::abs(value))) return;
+    out.push_back(say(name, " is not excited: ", value / unit, " +- ", sd / unit, "; ", motion));
+  };
+  const char* faster = "needs moves with acceleration changing faster than this frequency";
+  if (record.model.loop.order == 3) {
+    check("real pole [Hz]", fit.poles.real, record.pole_deviation.real, kTwoPi, "needs moves that change speed within 0.1 s");
+  }
+  check("natural frequency [Hz]", fit.poles.omega, record.pole_deviation.omega, kTwoPi, faster);
+  check("damping ratio", fit.poles.zeta, record.pole_deviation.zeta, 1.0, faster);
+  for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+    const Effect& effect = record.model.effects[i];
+    if (effect.kind != kind_of<CoulombFriction>()) continue;
+    check("Coulomb friction [m/s^2]", effect.coefficient[0], record.effect_deviations[i].coefficient[0], 1.0,
+          "needs reversals at low and at high speed");
+  }
+  return out;
+}
+
+void fill_deviations(ModelRecord& record, const Projection& data, const PoleFit& fit) {
+  const Eigen::MatrixXd all = covariance(data, fit);
+  const int n = record.model.loop.order;
+  const auto sd = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, all(i, i))); };
+  for (int i = 0; i < n; ++i) record.numerator_deviation[static_cast<std::size_t>(i)] = sd(i);
+  const Eigen::Index nonlinear = fit.solution.linear.size();
+  for (int i = 0; i < n; ++i) record.denominator_deviation[static_cast<std::size_t>(i)] = sd(nonlinear + i);
+
+  // From a1..an to the poles: the inverse of how the poles make the coefficients.
+  Eigen::MatrixXd by_poles(n, n);
+  std::array<double, 3> pole{fit.poles.real, fit.poles.omega, fit.poles.zeta};
+  for (int j = 0; j < n; ++j) {
+    const auto k = static_cast<std::size_t>(n == 3 ? j : j + 1);
+    auto up = pole, down = pole;
+    const double d = 1e-6 * std::max(std::abs(pole[k]), 1e-6);
+    up[k] += d, down[k] -= d;
+    const auto a_up = denominator_of({up[0], up[1], up[2]}, n), a_down = denominator_of({down[0], down[1], down[2]}, n);
+    for (int i = 0; i < n; ++i) {
+      const auto row = static_cast<std::size_t>(i);
+      by_poles(i, j) = (a_up[row] - a_down[row]) / (2.0 * d);
+    }
+  }
+  const Eigen::MatrixXd inverse = by_poles.fullPivLu().inverse();
+  const Eigen::MatrixXd poles = inverse * all.block(nonlinear, nonlinear, n, n) * inverse.transpose();
+  const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, poles(i, i))); };
+  record.pole_deviation = n == 3 ? PoleSet{pole_sd(0), pole_sd(1), pole_sd(2)} : PoleSet{0.0, pole_sd(0), pole_sd(1)};
+
+  Eigen::Index shape = nonlinear + n, linear = n;
+  for (const Effect& effect : record.model.effects) {
+    EffectDeviations deviations;
+    for (std::size_t p = 0; p < shapes_of(effect.kind).size(); ++p) deviations.shape[p] = sd(shape++);
+    std::size_t c = 0;
+    for (const Parameter& parameter : coefficients_of(effect.kind)) {
+      deviations.coefficient[c++] = parameter.with_free_loop ? sd(linear++) : kAbsent;
+    }
+    record.effect_deviations.push_back(deviations);
+  }
+}
+
+/// The figure a model has to beat: the error left if nothing is predicted.
+ErrorFigures unpredicted(const std::vector<Segment>& segments) {
+  ErrorFigures out{0.0, 0.0};
+  for (const Segment& s : segments) {
+    out.rms += (s.command - s.actual).square().sum();
+    out.max = std::max(out.max, (s.command - s.actual).abs().maxCoeff());
+  }
+  out.rms = std::sqrt(out.rms / static_cast<double>(std::max<Eigen::Index>(rows_of(segments), 1)));
+  return out;
+}
+
+}  // namespace
+
+std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
+  std::vector<Segment> out;
+  for (const Segment& s : segments) {
+    const double h = s.sample_time_s;
+    const double first = std::max(0.0, std::ceil((from_s - s.start_s) / h - 1e-9));
+    const double last = std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
+    if (last - first + 1.0 < 20.0) continue;
+    const auto begin = static_cast<Eigen::Index>(first);
+    const auto count = static_cast<Eigen::Index>(last - first) + 1;
+    Segment piece;
+    piece.start_s = s.start_s + h * first;
+    piece.sample_time_s = h;
+    piece.command = s.command.segment(begin, count);
+    piece.actual = s.actual.segment(begin, count);
+    if (s.torque.size() == s.size()) piece.torque = s.torque.segment(begin, count);
+    out.push_back(std::move(piece));
+  }
+  return out;
+}
+
+ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
+  double sum = 0.0;
+  ErrorFigures out;
+  Eigen::Index count = 0;
+  double most = 0.0;
+  for (const Segment& s : segments) {
+    const auto used = static_cast<Eigen::Index>(starting_state_s(model) / s.sample_time_s) + 4;
+    if (s.size() <= used + 10) continue;
+    const Eigen::ArrayXd left = ((s.command - s.actual) - simulate(model, s)).tail(s.size() - used);
+    sum += left.square().sum();
+    most = std::max(most, left.abs().maxCoeff());
+    count += left.size();
+  }
+  if (count > 0) out = {std::sqrt(sum / static_cast<double>(count)), most};
+  return out;
+}
+
+Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
+  if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
+  if (!(options.training_share > 0.1 && options.training_share < 0.95)) {
+    throw std::invalid_argument(say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
+  }
+  require_motion(axis);
+  const auto [training, holdout] = split(axis.segments, options.training_share);
+  if (rows_of(training) < 300 || rows_of(holdout) < 100) {
+    throw std::runtime_error(say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
+                                 " s) are too few to identify and to judge; record at least 500 samples with motion"));
+  }
+
+  Identified out;
+  ModelRecord& record = out.record;
+  record.axis = axis.axis;
+  record.rotary = axis.rotary;
+  record.rows = static_cast<long>(rows_of(axis.segments));
+  record.from_s = axis.segments.front().start_s;
+  record.to_s = axis.segments.back().end_s();
+  record.training_to_s = training.back().end_s();
+  record.noise_floor_rms = noise_floor(axis.segments).rms;
+  const Excitation excitation = excitation_of(training);
+  record.excitation = missing_motion(excitation, axis.rotary);
+
+  if (options.method == Method::kFullLs) {
+    record.method = "full-ls";
+    auto fit = full_ls(training, options.bounds, options.pole_constraints);
+    if (!fit) throw std::runtime_error(axis.axis + ": full least squares has no finite solution on this data");
+    record.model = fit->model;
+    record.condition_number = fit->condition_number;
+    record.effect_deviations.assign(record.model.effects.size(), {});
+    if (auto why = why_invalid(record.model); !why.empty()) {
+      out.refusals.push_back(why);
+      return out;
+    }
+    record.training = judge(record.model, training);
+    record.holdout = judge(record.model, holdout);
+    return out;
+  }
+
+  // The structure, chosen within the training data.
+  record.method = "pole-search";
+  const auto [fitted, validated] = split(training, 2.0 / 3.0);
+  PoleSearchOptions search;
+  search.bounds = options.bounds;
+  search.starts = 3;
+  search.tolerance = 1e-6;  // enough to rank structures that must differ by 3 %
+  std::vector<Trial> trials;
+  for (const Structure& structure : structures(options)) {
+    Trial trial{structure, 1e300, false};
+    const Projection data = projection_of(fitted, structure);
+    if (const auto fit = pole_search(data, search)) {
+      const Model model = data.model_of(fit->point, fit->solution.linear);
+      if (why_invalid(model).empty() && model.command_delay_s() <= options.delay_max_s) {
+        trial.validation = judge(model, validated).rms;
+        const bool honest = structure.matched_feedforward || options.delay_max_s <= 0.0 || imitated_delay_share(model.loop) < kDisguisedDelay;
+        trial.usable = std::isfinite(trial.validation) && honest;
+      }
+    }
+    trials.push_back(trial);
+  }
+  const Trial* chosen = nullptr;
+  for (const Trial& trial : trials) {
+    if (trial.usable && (chosen == nullptr || trial.validation < kWorthIt * chosen->validation)) chosen = &trial;
+  }
+  if (chosen == nullptr) {
+    // A loop that imitates a delay is still a model where no honest structure fits.
+    for (const Trial& trial : trials) {
+      if (trial.validation < 1e299 && (chosen == nullptr || trial.validation < chosen->validation)) chosen = &trial;
+    }
+  }
+  if (chosen == nullptr) throw std::runtime_error(axis.axis + ": no stable loop within the bounds follows this motion; check units, signs and the column mapping");
+  for (const Trial& trial : trials) {
+    out.trials.push_back({trial.structure.order, trial.structure.effects,
+                          trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen});
+  }
+
+  search = {};
+  search.bounds = options.bounds;
+  const Projection data = projection_of(training, chosen->structure);
+  const auto fit = pole_search(data, search);
+  if (!fit) throw std::runtime_error(axis.axis + ": the pole search found no finite solution on the training data");
+  record.model = data.model_of(fit->point, fit->solution.linear);
+  record.condition_number = condition_number(data, fit->point);
+  fill_deviations(record, data, *fit);
+  if (auto why = why_invalid(record.model); !why.empty()) {
+    out.refusals.push_back(why);
+    return out;
+  }
+  record.training = judge(record.model, training);
+  record.holdout = judge(record.model, holdout);
+  for (std::string& line : loosely_known(record, *fit)) record.excitation.push_back(std::move(line));
+  if (const double before = unpredicted(holdout).rms; !(record.holdout.rms < before)) {
+    out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms, " um RMS of an error of ",
+                               1e6 * before, " um: it predicts nothing"));
+  }
+  return out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,115 @@
+#include "identification/noise_floor.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace servotwin {
+
+namespace {
+
+/// The encoder's step: the smallest change of which nearly all others are multiples.
+double encoder_step(const std::vector<Segment>& segments) {
+  std::vector<double> changes;
+  for (const Segment& s : segments) {
+    for (Eigen::Index i = 1; i < s.size(); ++i) {
+      const double d = std::abs(s.actual(i) - s.actual(i - 1));
+      if (d > 1e-13) changes.push_back(d);
+    }
+  }
+  if (changes.size() < 100) return 0.0;
+  std::sort(changes.begin(), changes.end());
+  double step = changes[10];  // not the very smallest: one bad digit must not decide
+  // Mean of the smallest cluster: stamps of finite print keep few digits.
+  double sum = 0.0;
+  std::size_t count = 0;
+  for (double d : changes) {
+    if (d > 1.4 * step) break;
+    if (d > 0.6 * step) sum += d, ++count;
+  }
+  if (count == 0) return 0.0;
+  step = sum / static_cast<double>(count);
+  // Only changes of a few steps can tell: the rounding of `step` itself grows with the multiple.
+  std::size_t small = 0, multiples = 0;
+  for (double d : changes) {
+    const double ratio = d / step;
+    if (ratio > 8.0) break;
+    ++small;
+    if (std::abs(ratio - std::round(ratio)) < 0.12) ++multiples;
+  }
+  return small >= 20 && 10 * multiples > 9 * small ? step : 0.0;
+}
+
+void standstill(const Segment& s, double& sum, Eigen::Index& count) {
+  const auto settle = static_cast<Eigen::Index>(std::ceil(0.15 / s.sample_time_s));
+  const auto least = static_cast<Eigen::Index>(std::ceil(0.05 / s.sample_time_s));
+  Eigen::Index begin = 0;
+  for (Eigen::Index i = 1; i <= s.size(); ++i) {
+    if (i < s.size() && s.command(i) == s.command(begin)) continue;
+    if (const Eigen::Index length = i - begin - settle; length >= std::max<Eigen::Index>(least, 8)) {
+      const auto rest = s.actual.segment(begin + settle, length);
+      sum += (rest - rest.mean()).square().sum();
+      count += length;
+    }
+    begin = i;
+  }
+}
+
+/// The lap of a repeating command, in samples; 0 if it does not repeat.
+Eigen::Index lap_of(const Segment& s) {
+  const Eigen::Index n = s.size();
+  const Eigen::Index stride = std::max<Eigen::Index>(1, n / 2000);
+  const double spread = std::sqrt((s.command - s.command.mean()).square().mean());
+  const auto shortest = static_cast<Eigen::Index>(1.0 / s.sample_time_s);
+  const auto apart = [&](Eigen::Index lag, Eigen::Index step) {
+    double sum = 0.0;
+    Eigen::Index count = 0;
+    for (Eigen::Index i = 0; i + lag < n; i += step) {
+      const double d = s.command(i + lag) - s.command(i);
+      sum += d * d;
+      ++count;
+    }
+    return std::sqrt(sum / static_cast<double>(std::max<Eigen::Index>(count, 1)));
+  };
+  Eigen::Index best = 0;
+  double least = 0.05 * spread;
+  for (Eigen::Index lag = shortest; lag < 2 * n / 3; lag += stride) {
+    if (const double d = apart(lag, stride); d < least) least = d, best = lag;
+  }
+  if (best == 0) return 0;
+  Eigen::Index fine = best;
+  for (Eigen::Index lag = std::max(shortest, best - stride); lag <= best + stride && lag < n; ++lag) {
+    if (const double d = apart(lag, 1); d < least) least = d, fine = lag;
+  }
+  return least < 1e-4 * spread ? fine : 0;
+}
+
+}  // namespace
+
+NoiseFloor noise_floor(const std::vector<Segment>& segments) {
+  NoiseFloor floor;
+  floor.encoder_step = encoder_step(segments);
+  floor.rms = floor.encoder_step / std::sqrt(12.0);
+  double sum = 0.0;
+  Eigen::Index count = 0;
+  double repeat_sum = 0.0;
+  Eigen::Index repeat_count = 0;
+  for (const Segment& s : segments) {
+    if (s.size() < 200) continue;
+    standstill(s, sum, count);
+    if (const Eigen::Index lap = lap_of(s); lap > 0) {
+      const Eigen::ArrayXd error = s.command - s.actual;
+      const Eigen::Index overlap = s.size() - lap;
+      repeat_sum += (error.tail(overlap) - error.head(overlap)).square().sum();
+      repeat_count += overlap;
+      floor.lap_s = static_cast<double>(lap) * s.sample_time_s;
+    }
+  }
+  if (count > 0) floor.standstill_rms = std::sqrt(sum / static_cast<double>(count));
+  if (repeat_count > 0) floor.repeat_rms = std::sqrt(repeat_sum / static_cast<double>(repeat_count) / 2.0);
+  for (double value : {floor.standstill_rms, floor.repeat_rms}) {
+    if (value > floor.rms) floor.rms = value;
+  }
+  return floor;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,27 @@
+// The noise floor: the error that no model of this axis could predict.
+//
+//   from repeats:     RMS(e(t) - e(t + lap)) / sqrt(2) where the command repeats itself
+//   from standstill:  RMS of the encoder about its mean while the command rests
+//   from the encoder: step / sqrt(12)
+//
+// The largest of what the record shows; each is a lower bound of what a perfect twin would leave.
+#pragma once
+
+#include <vector>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct NoiseFloor {
+  double rms = 0.0;              ///< the largest of the three below [m | rad]
+  double encoder_step = 0.0;     ///< 0: not found
+  double standstill_rms = kAbsent;
+  double repeat_rms = kAbsent;
+  double lap_s = kAbsent;        ///< after which the command repeats
+};
+
+/// Any thread, any segments; a figure the record does not show stays NaN.
+[[nodiscard]] NoiseFloor noise_floor(const std::vector<Segment>& segments);
+
+}  // namespace servotwin

@@ -1,0 +1,454 @@
+#include "identification/pole_search.h"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <sstream>
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+
+PoleBounds below_nyquist(PoleBounds bounds, double h) {
+  const double nyquist = 0.5 / h;
+  bounds.real_max_hz = std::min(bounds.real_max_hz, nyquist);
+  bounds.omega_max_hz = std::min(bounds.omega_max_hz, nyquist);
+  return bounds;
+}
+
+/// A nonlinear parameter of the search: how it is stretched, and where it may go.
+struct Axis {
+  double lower = -1e300, upper = 1e300;  // of the coordinate
+  bool logarithmic = false;
+  const Parameter* parameter = nullptr;
+
+  [[nodiscard]] double value(double coordinate) const {
+    // exp(log(bound)) may miss the bound by a digit.
+    return std::clamp(logarithmic ? std::exp(coordinate) : coordinate, parameter->lower, parameter->upper);
+  }
+};
+
+/// The shapes' axes: logarithmic where the catalogue's lower bound is positive.
+std::vector<Axis> shape_axes(const Structure& structure) {
+  std::vector<Axis> axes;
+  for (std::size_t kind : structure.effects) {
+    for (const Parameter& p : shapes_of(kind)) {
+      if (p.lower > 0.0) {
+        axes.push_back({std::log(p.lower), std::log(p.upper), true, &p});
+      } else {
+        axes.push_back({p.lower, p.upper, false, &p});
+      }
+    }
+  }
+  return axes;
+}
+
+enum class Chart { kStable, kPoles };
+
+/// Coordinates q of the denominator. kStable: all of R^n is the set of stable loops. kPoles: log(p, omega,
+/// zeta), for the box.
+std::array<double, kMaxOrder> denominator_at(Chart chart, int order, const double* q) {
+  if (chart == Chart::kPoles) {
+    if (order == 2) return denominator_of({0.0, std::exp(q[0]), std::exp(q[1])}, 2);
+    return denominator_of({std::exp(q[0]), std::exp(q[1]), std::exp(q[2])}, 3);
+  }
+  const double a1 = std::exp(q[0]);
+  const double a2 = std::exp(q[1]);
+  if (order == 2) return {a1, a2, 0.0};
+  return {a1, a2, a1 * a2 / (1.0 + std::exp(-q[2]))};
+}
+
+/// d a_i / d q_j, row-major.
+Eigen::Matrix3d chart_jacobian(Chart chart, int order, const double* q) {
+  Eigen::Matrix3d j = Eigen::Matrix3d::Zero();
+  if (chart == Chart::kPoles) {
+    const double p = order == 2 ? 0.0 : std::exp(q[0]);
+    const double omega = std::exp(q[order - 2]);
+    const double zeta = std::exp(q[order - 1]);
+    if (order == 2) {
+      j << 2 * zeta * omega, 2 * omega * zeta, 0, 2 * omega * omega, 0, 0, 0, 0, 0;
+    } else {
+      j << p, 2 * zeta * omega, 2 * omega * zeta,                                                        //
+          2 * zeta * omega * p, (2 * omega + 2 * zeta * p) * omega, 2 * omega * p * zeta,  //
+          omega * omega * p, 2 * p * omega * omega, 0;
+    }
+    return j;
+  }
+  const auto a = denominator_at(chart, order, q);
+  j(0, 0) = a[0];
+  j(1, 1) = a[1];
+  if (order == 3) {
+    j(2, 0) = a[2];
+    j(2, 1) = a[2];
+    j(2, 2) = a[2] / (1.0 + std::exp(q[2]));
+  }
+  return j;
+}
+
+std::vector<double> chart_of(Chart chart, int order, const std::array<double, kMaxOrder>& a, const PoleSet& poles) {
+  if (chart == Chart::kPoles) {
+    if (order == 2) return {std::log(poles.omega), std::log(poles.zeta)};
+    return {std::log(poles.real), std::log(poles.omega), std::log(poles.zeta)};
+  }
+  if (order == 2) return {std::log(a[0]), std::log(a[1])};
+  const double kappa = std::clamp(a[2] / (a[0] * a[1]), 1e-9, 1.0 - 1e-9);
+  return {std::log(a[0]), std::log(a[1]), std::log(kappa / (1.0 - kappa))};
+}
+
+/// The projected residual as one Ceres cost: the parameters are the chart's q and the stretched shapes.
+class ProjectedCost final : public ceres::CostFunction {
+ public:
+  ProjectedCost(const Projection& data, Chart chart, const std::vector<Axis>& axes, std::vector<double> held, int& evaluations)
+      : data_(data), chart_(chart), axes_(axes), held_(std::move(held)), evaluations_(evaluations) {
+    set_num_residuals(static_cast<int>(data.rows()));
+    const int order = data.structure().order;
+    mutable_parameter_block_sizes()->push_back(order);
+    if (!axes.empty() && held_.empty()) mutable_parameter_block_sizes()->push_back(static_cast<int>(axes.size()));
+    // Errors in micrometres or milliradians alike: the solver sees them relative to their own size.
+    double sum = 0.0;
+    for (const Signals& s : data.segments()) sum += s.error.square().sum();
+    if (sum > 0.0) unit_ = std::sqrt(static_cast<double>(data.rows()) / sum);
+  }
+
+  [[nodiscard]] double unit() const { return unit_; }
+
+  [[nodiscard]] Point point(double const* const* parameters) const {
+    Point at;
+    at.denominator = denominator_at(chart_, data_.structure().order, parameters[0]);
+    at.shapes = held_;
+    if (held_.empty()) {
+      for (std::size_t i = 0; i < axes_.size(); ++i) at.shapes.push_back(axes_[i].value(parameters[1][i]));
+    }
+    return at;
+  }
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    ++evaluations_;
+    const Point at = point(parameters);
+    Eigen::Map<Eigen::VectorXd> r(residuals, num_residuals());
+    if (jacobians == nullptr) {
+      r = data_.solve(at).residual * unit_;
+      return r.allFinite();
+    }
+    const auto lin = data_.linearise(at);
+    r = lin.at.residual * unit_;
+    const int order = data_.structure().order;
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    if (jacobians[0] != nullptr) {
+      Eigen::Map<RowMajor>(jacobians[0], num_residuals(), order) =
+          lin.jacobian.leftCols(order) * (chart_jacobian(chart_, order, parameters[0]).topLeftCorner(order, order) * unit_);
+    }
+    if (parameter_block_sizes().size() > 1 && jacobians[1] != nullptr) {
+      Eigen::Map<RowMajor> j(jacobians[1], num_residuals(), static_cast<Eigen::Index>(axes_.size()));
+      for (std::size_t i = 0; i < axes_.size(); ++i) {
+        const auto c = static_cast<Eigen::Index>(i);
+        j.col(c) = lin.jacobian.col(order + c) * (unit_ * (axes_[i].logarithmic ? at.shapes[i] : 1.0));
+      }
+    }
+    return r.allFinite() && lin.jacobian.allFinite();
+  }
+
+ private:
+  const Projection& data_;
+  Chart chart_;
+  const std::vector<Axis>& axes_;
+  std::vector<double> held_;
+  int& evaluations_;
+  double unit_ = 1.0;
+};
+
+/// e = lag * v on average: where the search for a delay begins.
+double mean_lag_s(const std::vector<Signals>& segments) {
+  double product = 0.0, square = 0.0;
+  for (const Signals& s : segments) {
+    product += (s.error * s.command.first).sum();
+    square += s.command.first.square().sum();
+  }
+  return square > 0.0 ? product / square : 0.0;
+}
+
+struct Candidate {
+  Point point;
+  double cost = 0.0;
+};
+
+PoleSet first_inside(const Loop& loop, const PoleBounds& bounds) {
+  if (auto set = inside(loop, bounds)) return *set;
+  // The name closest to the box, moved onto it.
+  const PoleLabels labels = labels_of(loop);
+  PoleSet best;
+  double distance = 1e300;
+  for (int i = 0; i < labels.count; ++i) {
+    const PoleSet& set = labels.set[static_cast<std::size_t>(i)];
+    PoleSet moved;
+    moved.real = std::clamp(set.real, bounds.real_min_hz * kTwoPi, bounds.real_max_hz * kTwoPi);
+    moved.omega = std::clamp(set.omega, bounds.omega_min_hz * kTwoPi, bounds.omega_max_hz * kTwoPi);
+    moved.zeta = std::clamp(set.zeta, bounds.zeta_min, bounds.zeta_max);
+    const auto apart = [](double a, double b) { return std::abs(std::log(std::max(a, 1e-9) / std::max(b, 1e-9))); };
+    const double d = (loop.order == 3 ? apart(set.real, moved.real) : 0.0) + apart(set.omega, moved.omega) +
+                     apart(set.zeta, moved.zeta);
+    if (d < distance) distance = d, best = moved;
+  }
+  return best;
+}
+
+/// Levenberg-Marquardt from one candidate.
+Candidate refine(const Projection& data, Chart chart, const Candidate& from, const PoleBounds& bounds, const PoleSearchOptions& search,
+                 int rounds, int& evaluations) {
+  const int order = data.structure().order;
+  const std::vector<Axis> axes = shape_axes(data.structure());
+  Loop loop;
+  loop.order = order;
+  loop.denominator = from.point.denominator;
+  const PoleSet named = chart == Chart::kPoles ? first_inside(loop, bounds) : PoleSet{};
+  std::vector<double> q = chart_of(chart, order, from.point.denominator, named);
+  std::vector<double> shapes = from.point.shapes;
+  const bool free_shapes = search.search_shapes && !axes.empty();
+  if (free_shapes) {
+    for (std::size_t i = 0; i < axes.size(); ++i) {
+      shapes[i] = std::clamp(axes[i].logarithmic ? std::log(shapes[i]) : shapes[i], axes[i].lower, axes[i].upper);
+    }
+  }
+
+  ceres::Problem problem;
+  auto* cost = new ProjectedCost(data, chart, axes, free_shapes ? std::vector<double>{} : shapes, evaluations);
+  std::vector<double*> blocks{q.data()};
+  if (free_shapes) blocks.push_back(shapes.data());
+  problem.AddResidualBlock(cost, nullptr, blocks);  // the problem owns the cost
+  if (free_shapes) {
+    for (std::size_t i = 0; i < axes.size(); ++i) {
+      problem.SetParameterLowerBound(shapes.data(), static_cast<int>(i), axes[i].lower);
+      problem.SetParameterUpperBound(shapes.data(), static_cast<int>(i), axes[i].upper);
+    }
+  }
+  if (chart == Chart::kPoles) {
+    const auto box = [&](int i, double lower, double upper) {
+      problem.SetParameterLowerBound(q.data(), i, std::log(lower));
+      problem.SetParameterUpperBound(q.data(), i, std::log(upper));
+      q[static_cast<std::size_t>(i)] = std::clamp(q[static_cast<std::size_t>(i)], std::log(lower), std::log(upper));
+    };
+    if (order == 3) box(0, bounds.real_min_hz * kTwoPi, bounds.real_max_hz * kTwoPi);
+    box(order - 2, bounds.omega_min_hz * kTwoPi, bounds.omega_max_hz * kTwoPi);
+    box(order - 1, bounds.zeta_min, bounds.zeta_max);
+  }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;  // five columns at most, well scaled by Ceres
+  options.max_num_iterations = rounds;
+  options.function_tolerance = search.tolerance;
+  options.gradient_tolerance = 1e-30;  // the relative decrease alone decides
+  options.parameter_tolerance = 1e-10;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+
+  const double* parameters[] = {q.data(), shapes.data()};
+  Candidate out;
+  out.point = cost->point(parameters);
+  out.cost = summary.IsSolutionUsable() ? summary.final_cost / (cost->unit() * cost->unit()) : 1e300;
+  return out;
+}
+
+/// The grid: pairs with zeta <= 1 and a real pole, and sorted real triples.
+std::vector<std::array<double, kMaxOrder>> grid(int order, const PoleBounds& b) {
+  const auto points = [](double low, double high, int count) {
+    std::vector<double> out;
+    for (int i = 0; i < count; ++i) {
+      out.push_back(std::exp(std::log(low) + (std::log(high) - std::log(low)) * (i + 0.5) / count));
+    }
+    return out;
+  };
+  std::vector<std::array<double, kMaxOrder>> out;
+  const auto omegas = points(b.omega_min_hz * kTwoPi, b.omega_max_hz * kTwoPi, order == 2 ? 14 : 8);
+  const auto zetas = points(b.zeta_min, std::min(b.zeta_max, 1.0), order == 2 ? 6 : 4);
+  if (order == 2) {
+    for (double omega : omegas) {
+      for (double zeta : zetas) out.push_back(denominator_of({0.0, omega, zeta}, 2));
+    }
+    if (b.zeta_max > 1.0) {
+      for (double omega : omegas) out.push_back(denominator_of({0.0, omega, std::sqrt(b.zeta_max)}, 2));
+    }
+    return out;
+  }
+  const auto reals = points(b.real_min_hz * kTwoPi, b.real_max_hz * kTwoPi, 8);
+  for (double real : reals) {
+    for (double omega : omegas) {
+      for (double zeta : zetas) out.push_back(denominator_of({real, omega, zeta}, 3));
+    }
+  }
+  for (std::size_t i = 0; i < reals.size(); ++i) {
+    for (std::size_t j = i + 1; j < reals.size(); ++j) {
+      for (std::size_t k = j + 1; k < reals.size(); ++k) {
+        Loop loop;
+        const double omega = std::sqrt(reals[j] * reals[k]);
+        loop.denominator = denominator_of({reals[i], omega, (reals[j] + reals[k]) / (2.0 * omega)}, 3);
+        if (inside(loop, b)) out.push_back(loop.denominator);
+      }
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+std::string why_invalid(const PoleBounds& b) {
+  const auto pair = [](const char* name, double low, double high) -> std::string {
+    if (low > 0.0 && low < high && std::isfinite(high)) return {};
+    std::ostringstream out;
+    out << name << ": " << low << " .. " << high << " must be positive, the lower below the upper";
+    return out.str();
+  };
+  if (auto why = pair("real pole bounds [Hz]", b.real_min_hz, b.real_max_hz); !why.empty()) return why;
+  if (auto why = pair("natural frequency bounds [Hz]", b.omega_min_hz, b.omega_max_hz); !why.empty()) return why;
+  return pair("damping ratio bounds", b.zeta_min, b.zeta_max);
+}
+
+std::optional<PoleSet> inside(const Loop& loop, const PoleBounds& b, double tolerance) {
+  const PoleLabels labels = labels_of(loop);
+  const auto within = [tolerance](double value, double low, double high) {
+    return value >= low * (1.0 - tolerance) && value <= high * (1.0 + tolerance);
+  };
+  for (int i = 0; i < labels.count; ++i) {
+    const PoleSet& set = labels.set[static_cast<std::size_t>(i)];
+    const bool real = loop.order == 2 || within(set.real / kTwoPi, b.real_min_hz, b.real_max_hz);
+    if (real && within(set.omega / kTwoPi, b.omega_min_hz, b.omega_max_hz) && within(set.zeta, b.zeta_min, b.zeta_max)) {
+      return set;
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptions& options) {
+  if (data.segments().empty() || data.rows() < 50) return std::nullopt;
+  const int order = data.structure().order;
+  const double h = data.segments().front().h;
+  const PoleBounds bounds = below_nyquist(options.bounds, h);
+
+  std::vector<double> shapes = options.shapes;
+  if (shapes.empty()) {
+    for (std::size_t kind : data.structure().effects) {
+      for (const Parameter& p : shapes_of(kind)) {
+        const bool delay = identity_of(kind).acts == Acts::kCommandDelay;
+        shapes.push_back(delay ? std::clamp(mean_lag_s(data.segments()), p.lower, p.upper) : p.start);
+      }
+    }
+  }
+
+  // Thinned data for the coarse search; command splines and filters stay exact at any step.
+  int every = static_cast<int>(std::floor(4.0e-3 / h + 1e-9));
+  while (every > 1 && data.rows() / every < 1000) --every;
+  std::vector<Signals> thin;
+  for (const Signals& s : data.segments()) thin.push_back(decimated(s, every));
+  const Projection coarse(std::move(thin), data.structure(), data.has_free_response());
+
+  PoleFit fit;
+  std::vector<Candidate> candidates;
+  for (const auto& denominator : grid(order, bounds)) {
+    Candidate candidate;
+    candidate.point = {denominator, shapes};
+    const auto solution = coarse.solve(candidate.point);
+    ++fit.evaluations;
+    // A candidate that needs negative friction is no candidate (thesis 3.4).
+    if (!std::isfinite(solution.cost) || solution.clamped) continue;
+    candidate.cost = solution.cost;
+    candidates.push_back(std::move(candidate));
+  }
+  std::sort(candidates.begin(), candidates.end(), [](const auto& l, const auto& r) { return l.cost < r.cost; });
+
+  const auto apart = [order](const Candidate& l, const Candidate& r) {
+    double most = 0.0;
+    for (int i = 0; i < order; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      most = std::max(most, std::abs(std::log(l.point.denominator[k] / r.point.denominator[k])));
+    }
+    return most;
+  };
+  std::vector<Candidate> refined;
+  std::vector<Candidate> seeds;
+  for (const Candidate& candidate : candidates) {
+    if (static_cast<int>(seeds.size()) >= options.starts) break;
+    const bool fresh = std::all_of(seeds.begin(), seeds.end(), [&](const auto& s) { return apart(s, candidate) > 0.4; });
+    if (fresh) seeds.push_back(candidate);
+  }
+  for (const Candidate& seed : seeds) {
+    refined.push_back(refine(coarse, Chart::kStable, seed, bounds, options, 40, fit.evaluations));
+  }
+  if (refined.empty()) return std::nullopt;
+  std::sort(refined.begin(), refined.end(), [](const auto& l, const auto& r) { return l.cost < r.cost; });
+
+  // The winners of the thinned data, once each, on all of it.
+  std::vector<Candidate> finals;
+  std::vector<Candidate> used;
+  for (const Candidate& candidate : refined) {
+    if (candidate.cost > 1.2 * refined.front().cost || finals.size() >= 2) break;
+    if (std::any_of(used.begin(), used.end(), [&](const auto& u) { return apart(u, candidate) < 0.02; })) continue;
+    used.push_back(candidate);
+    finals.push_back(refine(data, Chart::kStable, candidate, bounds, options, 60, fit.evaluations));
+  }
+  std::sort(finals.begin(), finals.end(), [](const auto& l, const auto& r) { return l.cost < r.cost; });
+  Candidate best = finals.front();
+
+  Loop loop;
+  loop.order = order;
+  loop.denominator = best.point.denominator;
+  if (!inside(loop, bounds)) {
+    // Outside of the box: the best inside it, sought from there and from the best of the grid.
+    std::vector<Candidate> from{best};
+    from.insert(from.end(), seeds.begin(), seeds.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, seeds.size())));
+    Candidate within;
+    within.cost = 1e300;
+    for (const Candidate& start : from) {
+      Candidate other = refine(coarse, Chart::kPoles, start, bounds, options, 40, fit.evaluations);
+      if (other.cost < within.cost) within = std::move(other);
+    }
+    best = refine(data, Chart::kPoles, within, bounds, options, 60, fit.evaluations);
+    loop.denominator = best.point.denominator;
+    fit.on_bound = true;
+  }
+  if (!(best.cost < 1e300)) return std::nullopt;
+  fit.point = best.point;
+  fit.solution = data.solve(best.point);
+  fit.poles = first_inside(loop, bounds);
+  return fit;
+}
+
+Eigen::MatrixXd covariance(const Projection& data, const PoleFit& fit) {
+  const Eigen::MatrixXd j = data.full_jacobian(fit.point, fit.solution.linear);
+  const Eigen::Index m = j.cols();
+  Eigen::VectorXd scale = j.colwise().norm().cwiseMax(1e-300).cwiseInverse();
+  const Eigen::MatrixXd scaled = j * scale.asDiagonal();
+  Eigen::MatrixXd h = scaled.transpose() * scaled;
+  h.diagonal().array() += 1e-12;
+  // Scores of one sample, and their covariance with those of neighbouring samples (Bartlett weights).
+  const Eigen::MatrixXd scores = scaled.array().colwise() * fit.solution.residual.array();
+  const Eigen::Index n = scores.rows();
+  const Eigen::Index lags = std::min<Eigen::Index>(n / 4, static_cast<Eigen::Index>(std::ceil(0.05 / data.segments().front().h)));
+  Eigen::MatrixXd meat = scores.transpose() * scores;
+  for (Eigen::Index lag = 1; lag <= lags; ++lag) {
+    const double weight = 1.0 - static_cast<double>(lag) / static_cast<double>(lags + 1);
+    const Eigen::MatrixXd cross = scores.topRows(n - lag).transpose() * scores.bottomRows(n - lag);
+    meat += weight * (cross + cross.transpose());
+  }
+  const Eigen::MatrixXd inverse = h.ldlt().solve(Eigen::MatrixXd::Identity(m, m));
+  return scale.asDiagonal() * (inverse * meat * inverse) * scale.asDiagonal();
+}
+
+double condition_number(const Projection& data, const Point& point) {
+  Eigen::MatrixXd r = data.regressors(point);
+  r.leftCols(data.structure().order) *= 1e3;  // command columns in mm; force columns per unit force carry no length
+  Eigen::Index kept = 0;
+  for (Eigen::Index c = 0; c < r.cols(); ++c) {
+    if (r.col(c).squaredNorm() > 0.0) r.col(kept++) = r.col(c);
+  }
+  r.conservativeResize(Eigen::NoChange, kept);
+  // From the R of a QR: the tall matrix itself needs no SVD.
+  const Eigen::MatrixXd small = r.householderQr().matrixQR().topRows(r.cols()).triangularView<Eigen::Upper>();
+  const auto singular = small.jacobiSvd().singularValues();
+  return singular(singular.size() - 1) > 0.0 ? singular(0) / singular(singular.size() - 1) : std::numeric_limits<double>::infinity();
+}
+
+}  // namespace servotwin

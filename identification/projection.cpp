@@ -1,0 +1,471 @@
+#include "identification/projection.h"
+
+#include <ceres/jet.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+namespace servotwin {
+
+namespace {
+
+using Jet = ceres::Jet<double, kMaxShapes>;
+
+/// 1/P and, behind it, a second 1/P: y = u/P and g = u/P^2 with all their derivatives below the order.
+template <int N>
+struct FilterBank {
+  static constexpr int kStates = 2 * N;
+  Eigen::Matrix<double, kStates, kStates> phi;
+  Eigen::Matrix<double, kStates, 3> command;  // input: velocity, acceleration, jerk at the start of the step
+  Eigen::Matrix<double, kStates, 1> begin, end;  // input: force at both ends of the step
+  std::array<double, kMaxOrder> a;
+
+  FilterBank(const std::array<double, kMaxOrder>& denominator, double h, bool second) : a(denominator) {
+    const int n = second ? kStates : N;
+    Eigen::MatrixXd system = Eigen::MatrixXd::Zero(n, n);
+    for (int block = 0; block < n / N; ++block) {
+      const int o = block * N;
+      for (int i = 0; i + 1 < N; ++i) system(o + i, o + i + 1) = 1.0;
+      for (int i = 0; i < N; ++i) system(o + N - 1, o + i) = -a[static_cast<std::size_t>(N - 1 - i)];
+    }
+    if (second) system(kStates - 1, 0) = 1.0;
+    Eigen::VectorXd input = Eigen::VectorXd::Zero(n);
+    input(N - 1) = 1.0;
+    const Hold hold = discretise(system, input, h, 2);  // its first two input columns are the first-order hold's
+    phi.setZero();
+    command.setZero();
+    begin.setZero();
+    end.setZero();
+    phi.topLeftCorner(n, n) = hold.phi;
+    command.topRows(n) = hold.g;
+    end.head(n) = hold.g.col(1) / h;
+    begin.head(n) = hold.g.col(0) - hold.g.col(1) / h;
+  }
+
+  /// s^m u / P^2 for m = 0 .. 2N - 1, from the state (Horner on P g = y).
+  void derivatives(const Eigen::Matrix<double, kStates, 1>& state, double* out) const {
+    for (int m = 0; m < N; ++m) out[m] = state(N + m);
+    for (int m = N; m < 2 * N; ++m) {
+      double value = state(m - N);
+      for (int i = 1; i <= N; ++i) value -= a[static_cast<std::size_t>(i - 1)] * out[m - i];
+      out[m] = value;
+    }
+  }
+};
+
+}  // namespace
+
+int Structure::shape_count() const {
+  std::size_t count = 0;
+  for (std::size_t kind : effects) count += shapes_of(kind).size();
+  return static_cast<int>(count);
+}
+
+int Structure::coefficient_count() const {
+  int count = 0;
+  for (std::size_t kind : effects) {
+    for (const Parameter& p : coefficients_of(kind)) count += p.with_free_loop || every_coefficient ? 1 : 0;
+  }
+  return count;
+}
+
+/// Column-major storage of one evaluation.
+struct Projection::Columns {
+  int order = 0;
+  Eigen::MatrixXd regressors;  // rows x (order + coefficients + free responses)
+  Eigen::VectorXd target;      // e minus what the delay alone explains
+  // s^m / P^2 of: the command velocity (m = 0..2n-2), every force (m = 0..2n-3), every free response.
+  Eigen::MatrixXd command2;
+  std::vector<Eigen::MatrixXd> force2, free2;
+  Eigen::VectorXd delayed_velocity, top_derivative;  // v_d and d/dt of the highest state, for the delay
+  // Filtered derivative of a force by a shape: (slot, shape, column).
+  struct ShapeColumn {
+    int slot = 0, shape = 0;
+    Eigen::VectorXd column;
+  };
+  std::vector<ShapeColumn> by_shape;
+};
+
+Projection::Projection(std::vector<Signals> segments, Structure structure, bool free_response)
+    : segments_(std::move(segments)), structure_(std::move(structure)), free_response_(free_response) {
+  for (const Signals& s : segments_) rows_ += s.size();
+  std::size_t shape = 0;
+  for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
+    const std::size_t kind = structure_.effects[i];
+    shape_offset_.push_back(shape);
+    if (identity_of(kind).acts == Acts::kCommandDelay) delay_shape_ = static_cast<int>(shape);
+    shape += shapes_of(kind).size();
+    std::size_t k = 0;
+    for (const Parameter& p : coefficients_of(kind)) {
+      if (p.with_free_loop || structure_.every_coefficient) slots_.push_back({i, k, p.lower == 0.0});
+      ++k;
+    }
+  }
+}
+
+template <int N>
+void Projection::fill(const Point& point, bool derivatives, Columns& columns) const {
+  using Bank = FilterBank<N>;
+  using State = Eigen::Matrix<double, Bank::kStates, 1>;
+  const auto slot_count = static_cast<Eigen::Index>(slots_.size());
+  const Eigen::Index free_count = free_response_ ? N * static_cast<Eigen::Index>(segments_.size()) : 0;
+  columns.order = N;
+  columns.regressors = Eigen::MatrixXd::Zero(rows_, N + slot_count + free_count);
+  columns.target.resize(rows_);
+  const double delay = delay_shape_ >= 0 ? point.shapes[static_cast<std::size_t>(delay_shape_)] : 0.0;
+  if (derivatives) {
+    columns.command2.resize(rows_, 2 * N - 1);
+    columns.force2.assign(slots_.size(), Eigen::MatrixXd(rows_, 2 * N - 2));
+    columns.free2.assign(static_cast<std::size_t>(free_count), Eigen::MatrixXd());
+    if (delay_shape_ >= 0) {
+      columns.delayed_velocity.resize(rows_);
+      columns.top_derivative.resize(rows_);
+    }
+  }
+
+  Eigen::Index row0 = 0;
+  for (std::size_t segment = 0; segment < segments_.size(); ++segment) {
+    const Signals& s = segments_[segment];
+    const Eigen::Index n = s.size();
+    const Bank bank(point.denominator, s.h, derivatives);
+    const auto advance = [&bank](State& w, const auto& input) {
+      if constexpr (std::is_same_v<std::decay_t<decltype(input)>, int>) {
+        w = (bank.phi * w).eval();
+      } else {
+        w = (bank.phi * w + input).eval();
+      }
+    };
+    // Without derivatives only the first block runs.
+    const auto step_small = [&bank](Eigen::Matrix<double, N, 1>& w, const Eigen::Matrix<double, N, 1>& input) {
+      w = (bank.phi.template topLeftCorner<N, N>() * w + input).eval();
+    };
+    std::array<double, 2 * N> g{};
+
+    // --- the command through the loop
+    Spline moved;
+    const Spline* command = &s.command;
+    if (delay > 0.0) {
+      moved = Spline::through(s.command.delayed(delay), s.h);
+      command = &moved;
+      columns.target.segment(row0, n) = (s.error - (s.command.value - moved.value)).matrix();
+    } else {
+      columns.target.segment(row0, n) = s.error.matrix();
+    }
+    if (derivatives) {
+      State w = State::Zero();
+      for (Eigen::Index k = 0; k < n; ++k) {
+        for (int j = 0; j < N; ++j) columns.regressors(row0 + k, j) = w(N - 1 - j);
+        bank.derivatives(w, g.data());
+        for (int m = 0; m < 2 * N - 1; ++m) columns.command2(row0 + k, m) = g[static_cast<std::size_t>(m)];
+        if (delay_shape_ >= 0) {
+          columns.delayed_velocity(row0 + k) = command->first(k);
+          double top = command->first(k);
+          for (int i = 0; i < N; ++i) top -= bank.a[static_cast<std::size_t>(N - 1 - i)] * w(i);
+          columns.top_derivative(row0 + k) = top;
+        }
+        advance(w, State(bank.command.col(0) * command->first(k) + bank.command.col(1) * command->second(k) +
+                         bank.command.col(2) * command->third(k)));
+      }
+    } else {
+      Eigen::Matrix<double, N, 1> w = Eigen::Matrix<double, N, 1>::Zero();
+      const Eigen::Matrix<double, N, 3> input = bank.command.template topRows<N>();
+      for (Eigen::Index k = 0; k < n; ++k) {
+        for (int j = 0; j < N; ++j) columns.regressors(row0 + k, j) = w(N - 1 - j);
+        step_small(w, input.col(0) * command->first(k) + input.col(1) * command->second(k) +
+                          input.col(2) * command->third(k));
+      }
+    }
+
+    if (structure_.matched_feedforward) columns.regressors.col(N - 1).segment(row0, n).setZero();
+
+    // --- the forces along the measured motion
+    const auto filter_force = [&](const Eigen::ArrayXd& force, auto&& column, Eigen::MatrixXd* second) {
+      if (second != nullptr) {
+        State w = State::Zero();
+        // The loop starts in equilibrium with the force that acts at the start.
+        w(0) = force(0) / bank.a[N - 1];
+        w(N) = w(0) / bank.a[N - 1];
+        for (Eigen::Index k = 0; k < n; ++k) {
+          column(row0 + k) = w(N - 2);
+          bank.derivatives(w, g.data());
+          for (int m = 0; m < 2 * N - 2; ++m) (*second)(row0 + k, m) = g[static_cast<std::size_t>(m)];
+          if (k + 1 < n) advance(w, State(bank.begin * force(k) + bank.end * force(k + 1)));
+        }
+      } else {
+        Eigen::Matrix<double, N, 1> w = Eigen::Matrix<double, N, 1>::Zero();
+        w(0) = force(0) / bank.a[N - 1];
+        const Eigen::Matrix<double, N, 1> begin = bank.begin.template head<N>(), end = bank.end.template head<N>();
+        for (Eigen::Index k = 0; k < n; ++k) {
+          column(row0 + k) = w(N - 2);
+          if (k + 1 < n) step_small(w, begin * force(k) + end * force(k + 1));
+        }
+      }
+    };
+    for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
+      const std::size_t kind = structure_.effects[i];
+      if (identity_of(kind).acts != Acts::kForce) continue;
+      const auto coefficient_count = coefficients_of(kind).size();
+      const auto shape_count = shapes_of(kind).size();
+      Eigen::ArrayXXd forces(n, static_cast<Eigen::Index>(coefficient_count));
+      std::vector<Eigen::ArrayXXd> by_shape;
+      const auto motion_at = [&](Eigen::Index k) {
+        Motion m;
+        m.step_s = s.h;
+        m.position = s.position(k);
+        m.velocity = s.velocity(k);
+        m.displacement = k > 0 ? s.position(k) - s.position(k - 1) : 0.0;
+        m.command_velocity = command->first(k);
+        m.command_acceleration = command->second(k);
+        return m;
+      };
+      if (derivatives && shape_count > 0) {
+        by_shape.assign(shape_count, Eigen::ArrayXXd(n, static_cast<Eigen::Index>(coefficient_count)));
+        std::array<Jet, kMaxShapes> shape{};
+        for (std::size_t p = 0; p < shape_count; ++p) shape[p] = Jet(point.shapes[shape_offset_[i] + p], static_cast<int>(p));
+        EffectMemory<Jet> memory;
+        start_memory<Jet>(kind, memory);
+        std::array<Jet, kMaxCoefficients> force{};
+        for (Eigen::Index k = 0; k < n; ++k) {
+          unit_forces<Jet>(kind, shape.data(), memory, motion_at(k), force.data());
+          for (std::size_t c = 0; c < coefficient_count; ++c) {
+            forces(k, static_cast<Eigen::Index>(c)) = force[c].a;
+            for (std::size_t p = 0; p < shape_count; ++p) {
+              by_shape[p](k, static_cast<Eigen::Index>(c)) = force[c].v(static_cast<Eigen::Index>(p));
+            }
+          }
+        }
+      } else {
+        std::array<double, kMaxShapes> shape{};
+        for (std::size_t p = 0; p < shape_count; ++p) shape[p] = point.shapes[shape_offset_[i] + p];
+        EffectMemory<double> memory;
+        start_memory<double>(kind, memory);
+        std::array<double, kMaxCoefficients> force{};
+        for (Eigen::Index k = 0; k < n; ++k) {
+          unit_forces<double>(kind, shape.data(), memory, motion_at(k), force.data());
+          for (std::size_t c = 0; c < coefficient_count; ++c) forces(k, static_cast<Eigen::Index>(c)) = force[c];
+        }
+      }
+      for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
+        if (slots_[slot].effect != i) continue;
+        const auto c = static_cast<Eigen::Index>(slots_[slot].coefficient);
+        filter_force(forces.col(c), columns.regressors.col(N + static_cast<Eigen::Index>(slot)),
+                     derivatives ? &columns.force2[slot] : nullptr);
+        // A force that the integrator holds from the start leaves rounding errors only: no column.
+        auto column = columns.regressors.col(N + static_cast<Eigen::Index>(slot)).segment(row0, n);
+        const double natural = forces.col(c).abs().maxCoeff() / std::pow(bank.a[N - 1], 2.0 / N);
+        if (column.cwiseAbs().maxCoeff() < 1e-11 * natural) column.setZero();
+        for (std::size_t p = 0; p < by_shape.size(); ++p) {
+          const int shape = static_cast<int>(shape_offset_[i] + p);
+          if (segment == 0) {
+            columns.by_shape.push_back({static_cast<int>(slot), shape, Eigen::VectorXd::Zero(rows_)});
+          }
+          for (auto& entry : columns.by_shape) {
+            if (entry.slot == static_cast<int>(slot) && entry.shape == shape) {
+              filter_force(by_shape[p].col(c), entry.column, nullptr);
+            }
+          }
+        }
+      }
+    }
+
+    // --- what is left of the unknown starting state
+    for (int i = 0; free_response_ && i < N; ++i) {
+      const Eigen::Index at = N * static_cast<Eigen::Index>(segment) + i;
+      auto column = columns.regressors.col(N + slot_count + at);
+      State w = State::Zero();
+      w(i) = 1.0;
+      if (derivatives) columns.free2[static_cast<std::size_t>(at)] = Eigen::MatrixXd::Zero(rows_, N);
+      // In units of time where the poles are about 1, all states are of one size and fade together.
+      const double rate = std::pow(bank.a[N - 1], 1.0 / N);
+      const auto size_of = [&] {
+        double size = 0.0;
+        for (int m = 0; m < N; ++m) size = std::max(size, std::abs(w(m)) * std::pow(rate, i - m));
+        return size;
+      };
+      for (Eigen::Index k = 0; k < n; ++k) {
+        column(row0 + k) = w(0);
+        if (derivatives) {
+          for (int m = 0; m < N; ++m) columns.free2[static_cast<std::size_t>(at)](row0 + k, m) = w(N + m);
+        }
+        w = (bank.phi * w).eval();
+        if (k % 64 == 63 && size_of() < 1e-9) break;
+      }
+    }
+    row0 += n;
+  }
+}
+
+Projection::Columns Projection::columns_at(const Point& point, bool derivatives) const {
+  Columns columns;
+  if (structure_.order == 2) {
+    fill<2>(point, derivatives, columns);
+  } else {
+    fill<3>(point, derivatives, columns);
+  }
+  return columns;
+}
+
+namespace {
+
+/// Least squares by the Gram matrix of unit-norm columns, with one round of refinement: twice as fast as
+/// QR on tall problems, and as exact where the scaled columns are not degenerate.
+class GramSolver {
+ public:
+  explicit GramSolver(const Eigen::MatrixXd& r) : r_(r) {
+    const Eigen::Index n = r.cols();
+    Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(n, n);
+    gram.selfadjointView<Eigen::Lower>().rankUpdate(r.transpose());
+    scale_ = gram.diagonal().cwiseSqrt();
+    for (double& s : scale_) s = s > 0.0 ? 1.0 / s : 0.0;
+    gram_ = scale_.asDiagonal() * Eigen::MatrixXd(gram.selfadjointView<Eigen::Lower>()) * scale_.asDiagonal();
+    // Columns that are not there (all zero) keep a unit pivot; the ridge is far below any measured digit.
+    for (Eigen::Index i = 0; i < n; ++i) gram_(i, i) = 1.0 + 1e-13;
+    active_.assign(static_cast<std::size_t>(n), true);
+    factorise();
+  }
+  void drop(Eigen::Index column) {
+    active_[static_cast<std::size_t>(column)] = false;
+    factorise();
+  }
+  /// The least squares solution for b; `b` becomes the residual.
+  template <class Vector>
+  Eigen::VectorXd take_out(Vector&& b) const {
+    Eigen::VectorXd x = Eigen::VectorXd::Zero(r_.cols());
+    for (int round = 0; round < 2; ++round) {
+      Eigen::VectorXd right = (scale_.array() * (r_.transpose() * b).array()).matrix();
+      mask(right);
+      Eigen::VectorXd dx = factor_.solve(right);
+      mask(dx);
+      dx.array() *= scale_.array();
+      b.noalias() -= r_ * dx;
+      x += dx;
+    }
+    return x;
+  }
+
+ private:
+  void mask(Eigen::VectorXd& v) const {
+    for (std::size_t i = 0; i < active_.size(); ++i) {
+      if (!active_[i]) v(static_cast<Eigen::Index>(i)) = 0.0;
+    }
+  }
+  void factorise() {
+    Eigen::MatrixXd g = gram_;
+    for (std::size_t i = 0; i < active_.size(); ++i) {
+      if (active_[i]) continue;
+      const auto k = static_cast<Eigen::Index>(i);
+      g.row(k).setZero();
+      g.col(k).setZero();
+      g(k, k) = 1.0;
+    }
+    factor_.compute(g);
+  }
+  const Eigen::MatrixXd& r_;
+  Eigen::VectorXd scale_;
+  Eigen::MatrixXd gram_;
+  std::vector<bool> active_;
+  Eigen::LDLT<Eigen::MatrixXd> factor_;
+};
+
+/// Solves with the coefficients that may not be negative held at 0 where they would be.
+template <class Slots>
+Projection::Solution solve_bounded(GramSolver& solver, const Eigen::VectorXd& target, const Slots& slots, int order) {
+  Projection::Solution solution;
+  while (true) {
+    solution.residual = target;
+    solution.linear = solver.take_out(solution.residual);
+    Eigen::Index worst = -1;
+    for (std::size_t i = 0; i < slots.size(); ++i) {
+      const Eigen::Index at = order + static_cast<Eigen::Index>(i);
+      if (slots[i].non_negative && solution.linear(at) < 0.0) worst = at;
+    }
+    if (worst < 0) break;
+    solver.drop(worst);
+    solution.clamped = true;
+  }
+  solution.cost = 0.5 * solution.residual.squaredNorm();
+  return solution;
+}
+
+}  // namespace
+
+Projection::Solution Projection::project(const Columns& columns) const {
+  GramSolver solver(columns.regressors);
+  return solve_bounded(solver, columns.target, slots_, columns.order);
+}
+
+Projection::Solution Projection::solve(const Point& point) const { return project(columns_at(point, false)); }
+
+Eigen::MatrixXd Projection::derivatives_of_sum(const Columns& columns, const Eigen::VectorXd& linear) const {
+  const int n = columns.order;
+  const auto slot_count = static_cast<Eigen::Index>(slots_.size());
+  Eigen::MatrixXd d = Eigen::MatrixXd::Zero(rows_, n + structure_.shape_count());
+  for (int i = 1; i <= n; ++i) {
+    auto column = d.col(i - 1);
+    for (int j = 0; j < n; ++j) column -= linear(j) * columns.command2.col(2 * n - 1 - i - j);
+    for (Eigen::Index slot = 0; slot < slot_count; ++slot) {
+      column -= linear(n + slot) * columns.force2[static_cast<std::size_t>(slot)].col(2 * n - 2 - i);
+    }
+    for (std::size_t f = 0; f < columns.free2.size(); ++f) {
+      column -= linear(n + slot_count + static_cast<Eigen::Index>(f)) * columns.free2[f].col(n - i);
+    }
+  }
+  for (const auto& entry : columns.by_shape) d.col(n + entry.shape) += linear(n + entry.slot) * entry.column;
+  if (delay_shape_ >= 0) {
+    auto column = d.col(n + delay_shape_);
+    // A later command: every state falls back by its derivative, and so does the command itself.
+    column = columns.delayed_velocity - linear(0) * columns.top_derivative;
+    for (int j = 1; j < n; ++j) column -= linear(j) * columns.regressors.col(j - 1);  // 0 where it is not free
+  }
+  return d;
+}
+
+Projection::Linearised Projection::linearise(const Point& point) const {
+  const Columns columns = columns_at(point, true);
+  Linearised out;
+  GramSolver solver(columns.regressors);
+  out.at = solve_bounded(solver, columns.target, slots_, columns.order);
+  out.jacobian = -derivatives_of_sum(columns, out.at.linear);
+  for (Eigen::Index j = 0; j < out.jacobian.cols(); ++j) {
+    Eigen::VectorXd column = out.jacobian.col(j);
+    solver.take_out(column);
+    out.jacobian.col(j) = column;
+  }
+  return out;
+}
+
+Eigen::MatrixXd Projection::regressors(const Point& point) const {
+  const Columns columns = columns_at(point, false);
+  return columns.regressors.leftCols(columns.order + static_cast<Eigen::Index>(slots_.size()));
+}
+
+Eigen::MatrixXd Projection::full_jacobian(const Point& point, const Eigen::VectorXd& linear) const {
+  const Columns columns = columns_at(point, true);
+  Eigen::MatrixXd all(rows_, columns.regressors.cols() + columns.order + structure_.shape_count());
+  all << columns.regressors, derivatives_of_sum(columns, linear);
+  return all;
+}
+
+Model Projection::model_of(const Point& point, const Eigen::VectorXd& linear) const {
+  Model model;
+  model.sample_time_s = segments_.empty() ? 0.0 : segments_.front().h;
+  model.loop.order = structure_.order;
+  model.loop.denominator = point.denominator;
+  for (int j = 0; j < structure_.order; ++j) model.loop.numerator[static_cast<std::size_t>(j)] = linear(j);
+  for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
+    Effect effect;
+    effect.kind = structure_.effects[i];
+    const auto shape_count = shapes_of(effect.kind).size();
+    for (std::size_t p = 0; p < shape_count; ++p) effect.shape[p] = point.shapes[shape_offset_[i] + p];
+    for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
+      if (slots_[slot].effect == i) {
+        effect.coefficient[slots_[slot].coefficient] = linear(structure_.order + static_cast<Eigen::Index>(slot));
+      }
+    }
+    model.effects.push_back(effect);
+  }
+  return model;
+}
+
+}  // namespace servotwin

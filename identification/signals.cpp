@@ -1,0 +1,49 @@
+#include "identification/signals.h"
+
+#include <algorithm>
+
+namespace servotwin {
+
+Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h, int half_window) {
+  const Eigen::Index n = position.size();
+  Eigen::ArrayXd velocity = Eigen::ArrayXd::Zero(n);
+  if (n > 2) velocity.segment(1, n - 2) = (position.tail(n - 2) - position.head(n - 2)) / (2.0 * h);
+  if (half_window <= 0) return velocity;
+  Eigen::ArrayXd sum(n + 1);
+  sum(0) = 0.0;
+  for (Eigen::Index i = 0; i < n; ++i) sum(i + 1) = sum(i) + velocity(i);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index w = std::min<Eigen::Index>({half_window, i, n - 1 - i});
+    velocity(i) = (sum(i + w + 1) - sum(i - w)) / static_cast<double>(2 * w + 1);
+  }
+  return velocity;
+}
+
+Signals signals_of(const Segment& segment, int half_window) {
+  Signals s;
+  s.h = segment.sample_time_s;
+  s.command = Spline::through(segment.command, s.h);
+  s.error = segment.command - segment.actual;
+  s.position = segment.actual;
+  s.velocity = measured_velocity(segment.actual, s.h, half_window);
+  return s;
+}
+
+Signals decimated(const Signals& signals, int every) {
+  if (every <= 1) return signals;
+  const Eigen::Index n = (signals.size() + every - 1) / every;
+  const auto thin = [&](const Eigen::ArrayXd& full) {
+    Eigen::ArrayXd out(n);
+    for (Eigen::Index i = 0; i < n; ++i) out(i) = full(i * every);
+    return out;
+  };
+  Signals s;
+  s.h = signals.h * every;
+  s.command = Spline::through(thin(signals.command.value), s.h);
+  s.error = thin(signals.error);
+  s.position = thin(signals.position);
+  s.velocity = thin(signals.velocity);
+  return s;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,30 @@
+// One segment as identification sees it: error, measured velocity, and what is computed once per data set.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "twin/hold.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct Signals {
+  double h = 0.0;              ///< [s]
+  Spline command;              ///< x_r
+  Eigen::ArrayXd error;        ///< x_r - x
+  Eigen::ArrayXd position;     ///< x
+  Eigen::ArrayXd velocity;     ///< measured: central difference, then a centred mean (docs/theory.md 1.4)
+
+  [[nodiscard]] Eigen::Index size() const { return error.size(); }
+};
+
+/// `half_window`: samples on each side of the centred mean of the velocity.
+[[nodiscard]] Signals signals_of(const Segment& segment, int half_window = 5);
+/// The same with every `every`-th sample: for a coarse search. The velocity is taken before.
+[[nodiscard]] Signals decimated(const Signals& signals, int every);
+
+/// Central difference (ends 0), then a centred mean of 2 m + 1 samples that shrinks at the ends.
+[[nodiscard]] Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h, int half_window);
+
+}  // namespace servotwin
