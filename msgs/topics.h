@@ -1,0 +1,36 @@
+// The topics: names, types and QoS in one place. What is sent: msgs/servotwin.idl.
+//
+// A reader and a writer of a topic are made from the same entry, so that their QoS match.
+// Any thread. Errors: none.
+#pragma once
+
+#include <dds/dds.h>
+
+#include <memory>
+
+namespace servotwin {
+
+struct DeleteQos {
+  void operator()(dds_qos_t* qos) const noexcept { dds_delete_qos(qos); }
+};
+using Qos = std::unique_ptr<dds_qos_t, DeleteQos>;
+
+struct Topic {
+  const char* name;
+  const dds_topic_descriptor_t* type;
+  Qos (*qos)();
+};
+
+namespace topics {
+extern const Topic kMachineFrame;  ///< in: one servo cycle; reliable, the last 64
+extern const Topic kMachine;       ///< in: who the machine is; reliable, for late joiners
+extern const Topic kPrediction;  ///< out: best effort; its writer offers the cycle as the deadline
+extern const Topic kModel;       ///< out: the model in force; reliable, for late joiners
+extern const Topic kDiagnosis;   ///< out: the last diagnosis; reliable, for late joiners
+extern const Topic kStatus;      ///< out: reliable, for late joiners, with liveliness
+}  // namespace topics
+
+/// A daemon that does not show itself for this long is taken for dead [ns].
+inline constexpr dds_duration_t kLivelinessLease_ns = DDS_SECS(2);
+
+}  // namespace servotwin
