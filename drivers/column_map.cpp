@@ -1,0 +1,410 @@
+#include "drivers/column_map.h"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <stdexcept>
+
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+
+struct KnownChannel {
+  std::string_view name;
+  std::array<Quantity, 2> quantities;  // of a linear axis, of a rotary one
+  std::optional<Channel> kept_as;      // absent: nothing uses it yet
+};
+
+constexpr std::array kPosition{Quantity::kLength, Quantity::kAngle};
+constexpr std::array kRate{Quantity::kVelocity, Quantity::kAngularVelocity};
+constexpr std::array kDrive{Quantity::kTorque, Quantity::kTorque};
+constexpr std::array kChannels{
+    KnownChannel{"command", kPosition, Channel::kCommand},
+    KnownChannel{"actual", kPosition, Channel::kActual},
+    KnownChannel{"actual_motor", kPosition, std::nullopt},
+    KnownChannel{"torque", kDrive, Channel::kTorque},
+    KnownChannel{"velocity_command", kRate, std::nullopt},
+    KnownChannel{"velocity", kRate, std::nullopt},
+    KnownChannel{"following_error", kPosition, std::nullopt},
+};
+
+const KnownChannel* find_channel(std::string_view name) {
+  const auto* found = std::find_if(kChannels.begin(), kChannels.end(),
+                                   [&](const KnownChannel& c) { return c.name == name; });
+  return found == kChannels.end() ? nullptr : found;
+}
+
+std::vector<std::string> channel_names() {
+  std::vector<std::string> names;
+  for (const KnownChannel& channel : kChannels) names.emplace_back(channel.name);
+  return names;
+}
+
+// "NAME[unit]": the unit is in the last pair of brackets; a name may have brackets of its own.
+struct Tagged {
+  std::string name;
+  std::optional<std::string> unit;
+};
+
+Tagged split_unit(std::string_view text) {
+  text = trimmed(text);
+  const std::size_t open = text.rfind('[');
+  if (open == std::string_view::npos || text.empty() || text.back() != ']') {
+    return {std::string(text), std::nullopt};
+  }
+  return {std::string(trimmed(text.substr(0, open))),
+          std::string(trimmed(text.substr(open + 1, text.size() - open - 2)))};
+}
+
+// "X.command": the axis may have points in its name, the channel has none.
+struct AxisChannel {
+  std::string axis;
+  std::string channel;
+};
+
+std::optional<AxisChannel> split_channel(std::string_view name) {
+  const std::size_t point = name.rfind('.');
+  if (point == std::string_view::npos || point == 0) return std::nullopt;
+  return AxisChannel{std::string(name.substr(0, point)), std::string(name.substr(point + 1))};
+}
+
+// One wanted column: which it is in the file, and what it is for us.
+struct Wanted {
+  std::string name;  // ours: "X.command" or "time"
+  Unit unit;
+  std::size_t index = 0;
+};
+
+const char* kind_of(const Unit& unit) {
+  switch (unit.quantity) {
+    case Quantity::kTime:
+      return "a time";
+    case Quantity::kLength:
+      return "a length";
+    case Quantity::kAngle:
+      return "an angle";
+    case Quantity::kVelocity:
+      return "a velocity";
+    case Quantity::kAngularVelocity:
+      return "an angular velocity";
+    case Quantity::kTorque:
+      break;
+  }
+  return "a torque, force, current, voltage or share";
+}
+
+// Reads the unit of a column; `written` is the column as the user or the file wrote it.
+template <class Error>
+Unit unit_of(const std::string& where, const std::string& written,
+             const std::optional<std::string>& text) {
+  if (!text) {
+    throw Error(where + "column " + in_quotes(written) + " has no unit: write " + written +
+                "[unit] with one of " + std::string(kKnownUnits));
+  }
+  const auto unit = parse_unit(*text);
+  if (!unit) {
+    throw Error(where + "column " + in_quotes(written) + " has the unknown unit [" + *text +
+                "]; known are " + std::string(kKnownUnits));
+  }
+  return *unit;
+}
+
+template <class Error>
+void require_quantity(const std::string& where, const Wanted& wanted) {
+  std::array<Quantity, 2> allowed{Quantity::kTime, Quantity::kTime};
+  if (wanted.name != "time")
+    allowed = find_channel(split_channel(wanted.name)->channel)->quantities;
+  if (std::find(allowed.begin(), allowed.end(), wanted.unit.quantity) != allowed.end()) return;
+  Unit expected = wanted.unit;
+  expected.quantity = allowed[0];
+  throw Error(where + in_quotes(wanted.name) + " cannot be " + kind_of(wanted.unit) +
+              "; it needs " + kind_of(expected) + (allowed == kPosition ? " or an angle" : ""));
+}
+
+// What `columns` asks for, in its order.
+struct Mapping {
+  Wanted wanted;
+  std::string column;  // the file's name of it
+};
+
+std::vector<Mapping> parse_mapping(const std::string& text) {
+  const std::string where = "--columns: ";
+  std::vector<Mapping> mappings;
+  for (const std::string& part : split_fields(text, ',')) {
+    const std::size_t equals = part.find('=');
+    const std::string ours(trimmed(std::string_view(part).substr(0, equals)));
+    if (equals == std::string::npos || ours.empty()) {
+      throw std::invalid_argument(where + in_quotes(part) +
+                                  " is not of the form X.command=NAME[unit] or time=NAME[s]");
+    }
+    const Tagged theirs = split_unit(std::string_view(part).substr(equals + 1));
+    if (theirs.name.empty()) {
+      throw std::invalid_argument(where + in_quotes(part) + " names no column after '='");
+    }
+    if (ours != "time") {
+      const auto names = channel_names();
+      const auto split = split_channel(ours);
+      const std::string channel = split ? split->channel : ours;
+      if (!split || find_channel(channel) == nullptr) {
+        throw std::invalid_argument(
+            where + in_quotes(ours) + " is neither time nor AXIS.channel with " +
+            "one of the channels " + listed(names) + did_you_mean(channel, names));
+      }
+    }
+    for (const Mapping& before : mappings) {
+      if (before.wanted.name == ours) {
+        throw std::invalid_argument(where + in_quotes(ours) + " is given twice");
+      }
+    }
+    Mapping mapping{{ours, {}, 0}, theirs.name};
+    mapping.wanted.unit = unit_of<std::invalid_argument>(where, part, theirs.unit);
+    require_quantity<std::invalid_argument>(where, mapping.wanted);
+    mappings.push_back(std::move(mapping));
+  }
+  return mappings;
+}
+
+// The place of a column by its name: as written in the file, or without the unit that the file
+// gives.
+std::optional<std::size_t> find_column(const std::string& source, const std::string& name,
+                                       std::span<const std::string> names) {
+  const auto find = [&](auto&& is_it) -> std::optional<std::size_t> {
+    const auto found = std::find_if(names.begin(), names.end(), is_it);
+    if (found == names.end()) return std::nullopt;
+    const auto again = std::find_if(found + 1, names.end(), is_it);
+    if (again != names.end()) {
+      throw std::runtime_error(source + ": column " + in_quotes(name) +
+                               " is there twice (columns " +
+                               std::to_string(found - names.begin() + 1) + " and " +
+                               std::to_string(again - names.begin() + 1) + ")");
+    }
+    return static_cast<std::size_t>(found - names.begin());
+  };
+  const auto exact = find([&](const std::string& n) { return n == name; });
+  return exact ? exact : find([&](const std::string& n) { return split_unit(n).name == name; });
+}
+
+std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const std::string> names,
+                                      const std::string& columns, std::vector<bool>& used) {
+  std::vector<Wanted> wanted;
+  for (Mapping& mapping : parse_mapping(columns)) {
+    const auto index = find_column(source, mapping.column, names);
+    if (!index) {
+      throw std::runtime_error(source + ": no column " + in_quotes(mapping.column) + " for " +
+                               mapping.wanted.name + did_you_mean(mapping.column, names) +
+                               " The file has: " + listed(names));
+    }
+    mapping.wanted.index = *index;
+    used[*index] = true;
+    wanted.push_back(std::move(mapping.wanted));
+  }
+  return wanted;
+}
+
+std::vector<Wanted> wanted_by_header(const std::string& source, std::span<const std::string> names,
+                                     std::vector<bool>& used) {
+  std::vector<Wanted> wanted;
+  const std::string where = source + ": ";
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const Tagged column = split_unit(names[i]);
+    const auto split = split_channel(column.name);
+    if (column.name != "time" && (!split || find_channel(split->channel) == nullptr)) continue;
+    used[i] = true;
+    for (const Wanted& before : wanted) {
+      if (before.name == column.name) {
+        throw std::runtime_error(where + "column " + in_quotes(column.name) +
+                                 " is there twice (columns " + std::to_string(before.index + 1) +
+                                 " and " + std::to_string(i + 1) + ")");
+      }
+    }
+    Wanted one{column.name, unit_of<std::runtime_error>(where, names[i], column.unit), i};
+    require_quantity<std::runtime_error>(where, one);
+    wanted.push_back(std::move(one));
+  }
+  return wanted;
+}
+
+// One line with what is not read; a channel that may be misspelt is shown with the one it is near
+// to.
+void note_ignored(std::span<const std::string> names, const std::vector<bool>& used,
+                  std::vector<std::string>& notes) {
+  const auto known = channel_names();
+  std::string ignored;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (used[i]) continue;
+    ignored += (ignored.empty() ? "" : ", ") + names[i];
+    const auto split = split_channel(split_unit(names[i]).name);
+    const std::string nearest = split ? nearest_name(split->channel, known) : std::string();
+    if (!nearest.empty() && nearest != split->channel) {
+      ignored += " (not " + split->axis + "." + nearest + "?)";
+    }
+  }
+  if (!ignored.empty()) notes.push_back("ignored columns: " + ignored);
+}
+
+// The time column of a foreign file that nobody named: t, time, t_s, time_ms, time[s] and the like.
+std::optional<Wanted> find_time(const std::string& source, std::span<const std::string> names,
+                                std::vector<std::string>& notes) {
+  std::optional<Wanted> found;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    Tagged column = split_unit(names[i]);
+    std::transform(column.name.begin(), column.name.end(), column.name.begin(), [](char c) {
+      return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    });
+    const std::size_t underscore = column.name.rfind('_');
+    if (!column.unit && underscore != std::string::npos) {
+      column = {column.name.substr(0, underscore), column.name.substr(underscore + 1)};
+    }
+    const bool bare = column.name == "t" || column.name == "time";
+    if (!bare && (column.name != "timestamp" || !column.unit)) continue;
+    const auto unit = parse_unit(column.unit.value_or("s"));
+    if (!unit || unit->quantity != Quantity::kTime) continue;
+    if (found) {
+      throw std::runtime_error(
+          source + ": columns " + in_quotes(names[found->index]) + " and " + in_quotes(names[i]) +
+          " could both be the time: name it with time=" + names[i] + "[s] in --columns");
+    }
+    found = Wanted{"time", *unit, i};
+    notes.push_back("time is column " + in_quotes(names[i]) +
+                    (column.unit ? "" : ", taken as seconds (it has no unit)"));
+  }
+  return found;
+}
+
+[[noreturn]] void throw_foreign(const std::string& source, std::span<const std::string> names) {
+  throw std::runtime_error(
+      source +
+      ": no column is named AXIS.channel[unit], such as X.command[mm]; if this is another " +
+      "program's recording, say which column is which: --columns " +
+      "\"X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]\". The file has: " + listed(names));
+}
+
+void add_column(const std::string& source, const Wanted& wanted, Layout& layout) {
+  const AxisChannel split = *split_channel(wanted.name);
+  const KnownChannel& known = *find_channel(split.channel);
+  auto axis = std::find_if(layout.axes.begin(), layout.axes.end(),
+                           [&](const AxisRecord& a) { return a.name == split.axis; });
+  const bool position = known.quantities == kPosition;
+  const bool rotary = wanted.unit.quantity == Quantity::kAngle;
+  if (!known.kept_as) {
+    layout.notes.push_back(wanted.name + " is not used");
+    return;
+  }
+  if (axis == layout.axes.end()) {
+    if (layout.axes.size() == kMaxAxes) {
+      throw std::runtime_error(source + ": more than " + std::to_string(kMaxAxes) +
+                               " axes; name those that are wanted with --columns");
+    }
+    axis = layout.axes.emplace(axis);
+    axis->name = split.axis;
+    axis->rotary = rotary;
+  }
+  const auto same_axis = [&](const Layout::Column& c) {
+    return &layout.axes[c.axis] == &*axis && c.channel != Channel::kTorque;
+  };
+  const bool first_position = std::none_of(layout.columns.begin(), layout.columns.end(), same_axis);
+  if (position && first_position) axis->rotary = rotary;
+  if (position && axis->rotary != rotary) {
+    throw std::runtime_error(source + ": axis " + in_quotes(axis->name) +
+                             " has one position as a length and another as an angle");
+  }
+  if (known.kept_as == Channel::kTorque) axis->torque_unit = wanted.unit.si;
+  layout.columns.push_back({wanted.index, wanted.name,
+                            static_cast<std::size_t>(axis - layout.axes.begin()), *known.kept_as,
+                            wanted.unit});
+}
+
+}  // namespace
+
+std::vector<double>& values_of(AxisRecord& axis, Channel channel) {
+  switch (channel) {
+    case Channel::kCommand:
+      return axis.command;
+    case Channel::kActual:
+      return axis.actual;
+    case Channel::kTorque:
+      break;
+  }
+  return axis.torque;
+}
+
+Layout lay_out(const std::string& source, std::span<const std::string> names,
+               const ReadOptions& options) {
+  Layout layout;
+  const bool mapped = !options.columns.empty();
+  std::vector<bool> used(names.size());
+  std::vector<Wanted> wanted = mapped ? wanted_by_mapping(source, names, options.columns, used)
+                                      : wanted_by_header(source, names, used);
+  const auto is_time = [](const Wanted& w) { return w.name == "time"; };
+  if (std::all_of(wanted.begin(), wanted.end(), is_time)) {
+    if (mapped) throw std::invalid_argument("--columns: names no channel of an axis");
+    throw_foreign(source, names);
+  }
+  if (mapped && std::none_of(wanted.begin(), wanted.end(), is_time)) {
+    if (auto time = find_time(source, names, layout.notes)) {
+      used[time->index] = true;
+      wanted.push_back(std::move(*time));
+    }
+  }
+  note_ignored(names, used, layout.notes);
+  for (const Wanted& one : wanted) {
+    if (is_time(one)) {
+      layout.time = one.index;
+      layout.time_unit = one.unit;
+    } else {
+      add_column(source, one, layout);
+    }
+  }
+
+  if (std::none_of(layout.columns.begin(), layout.columns.end(),
+                   [](const auto& c) { return c.channel == Channel::kCommand; })) {
+    throw std::runtime_error(source +
+                             ": no column is the command of an axis, such as X.command[mm]. " +
+                             "The file has: " + listed(names));
+  }
+  if (!layout.time && !options.rate_hz) {
+    throw std::runtime_error(
+        source + ": no time column: give one as time[s], name it with " +
+        "time=NAME[s] in --columns, or say --rate HZ. The file has: " + listed(names));
+  }
+  if (layout.time && options.rate_hz) {
+    throw std::runtime_error(source +
+                             ": --rate is for files without time, and this one has the column " +
+                             in_quotes(names[*layout.time]));
+  }
+  return layout;
+}
+
+void check(const ReadOptions& options) {
+  if (options.rate_hz && !(std::isfinite(*options.rate_hz) && *options.rate_hz > 0.0)) {
+    throw std::invalid_argument("--rate " + number(*options.rate_hz) + ": must be above 0 Hz");
+  }
+  if (!(options.from_s >= 0.0 && options.to_s > options.from_s)) {
+    throw std::invalid_argument("--from " + number(options.from_s) + " --to " +
+                                number(options.to_s) + ": must be seconds with 0 <= from < to");
+  }
+}
+
+bool selects_part(const ReadOptions& options) noexcept {
+  return options.from_s > 0.0 || std::isfinite(options.to_s);
+}
+
+void throw_no_rows(const std::string& source, double recorded_s, const ReadOptions& options) {
+  if (!selects_part(options)) {
+    throw std::runtime_error(source + ": a header and no rows: nothing was recorded");
+  }
+  throw std::runtime_error(source + ": no rows between " + number(options.from_s) + " s and " +
+                           number(options.to_s) + " s: the recording is " + number(recorded_s) +
+                           " s long");
+}
+
+void fill_absent(Recording& recording) {
+  for (AxisRecord& axis : recording.axes) {
+    if (axis.command.empty()) axis.command.assign(recording.time.size(), kAbsent);
+    if (axis.actual.empty()) axis.actual.assign(recording.time.size(), kAbsent);
+  }
+}
+
+}  // namespace servotwin

@@ -1,0 +1,338 @@
+#include "drivers/csv.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <stdexcept>
+#include <string_view>
+#include <utility>
+
+#include "drivers/column_map.h"
+#include "drivers/file_handle.h"
+#include "drivers/memory.h"
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+
+constexpr std::size_t kBlock = 1 << 20;  // the longest line, too: a longer one is no CSV
+
+/// The lines of a file, one after the other, without their ends.
+class Lines {
+ public:
+  explicit Lines(const std::filesystem::path& file)
+      : source_(file.string()), file_(FileHandle::open(file, O_RDONLY)), block_(kBlock, '\0') {}
+
+  /// The next line, valid until the next call; false at the end of the file.
+  bool next(std::string_view& line) {
+    while (true) {
+      const char* begin = block_.data() + begin_;
+      const auto* end = static_cast<const char*>(std::memchr(begin, '\n', end_ - begin_));
+      if (end != nullptr || (ended_ && begin_ < end_)) {
+        complete_ = end != nullptr;
+        const std::size_t length =
+            complete_ ? static_cast<std::size_t>(end - begin) : end_ - begin_;
+        line = std::string_view(begin, length);
+        if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
+        begin_ += length + (complete_ ? 1 : 0);
+        ++number_;
+        return true;
+      }
+      if (ended_) return false;
+      refill();
+    }
+  }
+
+  [[nodiscard]] std::size_t number() const { return number_; }
+  /// False for a last line that has no line end.
+  [[nodiscard]] bool complete() const { return complete_; }
+  [[noreturn]] void fail(const std::string& what) const {
+    throw std::runtime_error(source_ + ": line " + std::to_string(number_) + ": " + what);
+  }
+
+ private:
+  void refill() {
+    std::memmove(block_.data(), block_.data() + begin_, end_ - begin_);
+    end_ -= begin_;
+    begin_ = 0;
+    if (end_ == block_.size()) {
+      ++number_;
+      fail("is longer than a megabyte: this is no CSV recording");
+    }
+    const std::size_t count = file_.read(block_.data() + end_, block_.size() - end_);
+    end_ += count;
+    ended_ = count == 0;
+  }
+
+  std::string source_;
+  FileHandle file_;
+  std::string block_;
+  std::size_t begin_ = 0;  // of what is not handed out yet
+  std::size_t end_ = 0;
+  std::size_t number_ = 0;
+  bool ended_ = false;
+  bool complete_ = true;
+};
+
+// What stands between the fields of this line: the separator that it has most of.
+char separator_of(std::string_view header) {
+  char best = ',';
+  for (const char candidate : {';', '\t'}) {
+    if (std::count(header.begin(), header.end(), candidate) >
+        std::count(header.begin(), header.end(), best)) {
+      best = candidate;
+    }
+  }
+  return best;
+}
+
+struct Header {
+  char separator = ',';
+  std::vector<std::string> names;
+};
+
+bool is_comment(std::string_view line) {
+  line = trimmed(line);
+  return line.empty() || line.front() == '#';
+}
+
+Header read_header(Lines& lines, const std::string& source) {
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  std::string_view line;
+  do {
+    if (!lines.next(line)) throw std::runtime_error(source + ": has no header line and no rows");
+    if (lines.number() == 1 && line.starts_with(kByteOrderMark)) {
+      line.remove_prefix(kByteOrderMark.size());
+    }
+  } while (is_comment(line));
+
+  Header header;
+  header.separator = separator_of(line);
+  header.names = split_fields(line, header.separator);
+  if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
+  if (header.names.size() < 2) {
+    lines.fail("this is text but no CSV: " + in_quotes(line) +
+               " is no header such as time[s],X.command[mm],X.actual[mm]");
+  }
+  return header;
+}
+
+/// Cuts rows into the cells that are wanted, without copying, and checks the number of fields.
+class RowCutter {
+ public:
+  // `wanted`: places of the wanted columns in the file, in any order.
+  RowCutter(const Header& header, std::vector<std::size_t> wanted)
+      : header_(header), wanted_(std::move(wanted)), order_(wanted_.size()) {
+    for (std::size_t i = 0; i < order_.size(); ++i) order_[i] = i;
+    std::sort(order_.begin(), order_.end(),
+              [&](std::size_t a, std::size_t b) { return wanted_[a] < wanted_[b]; });
+  }
+
+  /// Fills `cells` in the order of `wanted`; returns the number of fields of the row.
+  std::size_t cut(std::string_view line, std::vector<std::string_view>& cells) {
+    if (line.find('"') != std::string_view::npos) return cut_quoted(line, cells);
+    const char* at = line.data();
+    const char* const end = at + line.size();
+    const auto field_end = [&] {
+      const auto* found = static_cast<const char*>(
+          std::memchr(at, header_.separator, static_cast<std::size_t>(end - at)));
+      return found == nullptr ? end : found;
+    };
+    std::size_t field = 0;
+    for (const std::size_t next : order_) {
+      for (; field < wanted_[next]; ++field) {
+        at = field_end();
+        if (at == end) return field + 1;
+        ++at;
+      }
+      cells[next] = std::string_view(at, static_cast<std::size_t>(field_end() - at));
+    }
+    const auto more = static_cast<std::size_t>(std::count(at, end, header_.separator));
+    // One separator at the very end closes the last field, it opens no further one.
+    const bool trailing = field + more == header_.names.size() && line.back() == header_.separator;
+    return field + more + (trailing ? 0 : 1);
+  }
+
+ private:
+  std::size_t cut_quoted(std::string_view line, std::vector<std::string_view>& cells) {
+    fields_ = split_fields(line, header_.separator);
+    if (fields_.size() == header_.names.size() + 1 && fields_.back().empty()) fields_.pop_back();
+    for (std::size_t i = 0; i < wanted_.size() && fields_.size() == header_.names.size(); ++i) {
+      cells[i] = fields_[wanted_[i]];
+    }
+    return fields_.size();
+  }
+
+  const Header& header_;
+  std::vector<std::size_t> wanted_;
+  std::vector<std::size_t> order_;   // of wanted_, from left to right in the file
+  std::vector<std::string> fields_;  // of a row with quotes, which the cells point into
+};
+
+enum class Cell { kNumber, kMissing, kNoNumber };
+
+Cell parse_cell(std::string_view cell, double& value) {
+  cell = trimmed(cell);
+  if (!cell.empty() && cell.front() == '+') cell.remove_prefix(1);
+  value = kAbsent;
+  if (cell.empty()) return Cell::kMissing;
+  const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
+  if (end != cell.data() + cell.size() || error == std::errc::invalid_argument) {
+    return Cell::kNoNumber;
+  }
+  // Out of range is too large or too small for a double; only the C function tells which.
+  if (error == std::errc::result_out_of_range)
+    value = std::strtod(std::string(cell).c_str(), nullptr);
+  if (std::isfinite(value)) return Cell::kNumber;
+  value = kAbsent;
+  return Cell::kMissing;
+}
+
+// Rows of the file, from line ends counted in blocks all over it: what to reserve, and to refuse.
+std::uint64_t estimate_rows(const std::filesystem::path& file) {
+  constexpr std::uint64_t kSamples = 16, kSample = 1 << 16;
+  const FileHandle handle = FileHandle::open(file, O_RDONLY);
+  const std::uint64_t size = std::filesystem::file_size(file);
+  std::string block(kSample, '\0');
+  std::uint64_t bytes = 0, ends = 0;
+  for (std::uint64_t i = 0; i < kSamples && bytes < size; ++i) {
+    const std::size_t count = handle.read_at(block.data(), block.size(), size / kSamples * i);
+    bytes += count;
+    ends += static_cast<std::uint64_t>(
+        std::count(block.begin(), block.begin() + static_cast<std::ptrdiff_t>(count), '\n'));
+  }
+  const double per_byte =
+      static_cast<double>(ends) / static_cast<double>(std::max<std::uint64_t>(bytes, 1));
+  return static_cast<std::uint64_t>(1.02 * per_byte * static_cast<double>(size)) + 64;
+}
+
+/// Where the values of the rows go, and what was missing among them.
+class Columns {
+ public:
+  Columns(const std::filesystem::path& file, Layout& layout, Recording& recording)
+      : file_(file), recording_(recording) {
+    values_.push_back(&recording.time);
+    names_.emplace_back("time");
+    for (const Layout::Column& column : layout.columns) {
+      values_.push_back(&values_of(recording.axes[column.axis], column.channel));
+      names_.push_back(column.name);
+    }
+    missing_.resize(values_.size());
+    first_missing_.resize(values_.size());
+  }
+
+  void reserve(std::uint64_t rows) {
+    require_memory(file_, rows - recording_.time.size(), values_.size());
+    for (auto* values : values_) values->reserve(rows);
+  }
+
+  void add(const std::vector<double>& row, std::size_t line) {
+    const std::size_t rows = recording_.time.size();
+    if (rows == recording_.time.capacity()) reserve(std::max<std::uint64_t>(2 * rows, 1024));
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      values_[i]->push_back(row[i]);
+      if (std::isnan(row[i]) && missing_[i]++ == 0) first_missing_[i] = line;
+    }
+  }
+
+  void note_missing() {
+    for (std::size_t i = 0; i < values_.size(); ++i) {
+      if (missing_[i] == 0) continue;
+      recording_.notes.push_back(names_[i] + ": " + std::to_string(missing_[i]) + " of " +
+                                 std::to_string(recording_.time.size()) +
+                                 " values are empty, NaN or infinite, the first in line " +
+                                 std::to_string(first_missing_[i]));
+    }
+  }
+
+ private:
+  const std::filesystem::path& file_;
+  Recording& recording_;
+  std::vector<std::vector<double>*> values_;
+  std::vector<std::string> names_;
+  std::vector<std::size_t> missing_, first_missing_;
+};
+
+}  // namespace
+
+Recording read_csv(const std::filesystem::path& file, const ReadOptions& options) {
+  const std::string source = file.string();
+  Lines lines(file);
+  const Header header = read_header(lines, source);
+  Layout layout = lay_out(source, header.names, options);
+
+  Recording recording;
+  recording.source = source;
+  recording.axes = std::move(layout.axes);
+  recording.notes = std::move(layout.notes);
+  Columns columns(file, layout, recording);
+  if (!selects_part(options)) columns.reserve(estimate_rows(file));
+
+  // Cells of a row: the time, if the file has it, and the channels. Values: always with the time.
+  std::vector<std::size_t> wanted;
+  if (layout.time) wanted.push_back(*layout.time);
+  for (const Layout::Column& column : layout.columns) wanted.push_back(column.index);
+  RowCutter cutter(header, wanted);
+  std::vector<std::string_view> cells(wanted.size());
+  std::vector<double> row(layout.columns.size() + 1);
+
+  double first_time = kAbsent, time = kAbsent;
+  std::size_t rows = 0, outside = 0;
+  std::string_view line;
+  while (lines.next(line)) {
+    if (is_comment(line)) continue;
+    const std::size_t fields = cutter.cut(line, cells);
+    if (fields != header.names.size()) {
+      if (fields < header.names.size() && !lines.complete()) {
+        recording.notes.push_back("line " + std::to_string(lines.number()) +
+                                  ", the last one, is cut off and was dropped");
+        break;
+      }
+      lines.fail(std::to_string(fields) + " fields where the header has " +
+                 std::to_string(header.names.size()));
+    }
+    const std::size_t skipped = layout.time ? 0 : 1;  // values without a cell
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      double& value = row[i + skipped];
+      const Cell cell = parse_cell(cells[i], value);
+      if (cell == Cell::kNoNumber) {
+        const bool comma = cells[i].find(',') != std::string_view::npos;
+        lines.fail("column " + in_quotes(header.names[wanted[i]]) + ": " + in_quotes(cells[i]) +
+                   " is no number" + (comma ? "; decimals need a point, not a comma" : ""));
+      }
+      const bool is_time = i + skipped == 0;
+      value = (is_time ? layout.time_unit : layout.columns[i + skipped - 1].unit).to_si(value);
+    }
+    if (!layout.time) row[0] = static_cast<double>(rows) / *options.rate_hz;
+    ++rows;
+
+    if (!std::isnan(row[0])) {
+      time = row[0];
+      if (std::isnan(first_time)) first_time = time;
+    }
+    // A row without a stamp belongs to where the row before it was.
+    const double since_start = time - first_time;
+    if (selects_part(options) && !(since_start >= options.from_s && since_start <= options.to_s)) {
+      ++outside;
+      continue;
+    }
+    columns.add(row, lines.number());
+  }
+
+  if (recording.time.empty()) throw_no_rows(source, time - first_time, options);
+  if (outside > 0) {
+    recording.notes.push_back(std::to_string(outside) + " of " + std::to_string(rows) +
+                              " rows are outside --from and --to");
+  }
+  columns.note_missing();
+  fill_absent(recording);
+  return recording;
+}
+
+}  // namespace servotwin

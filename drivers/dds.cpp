@@ -1,0 +1,209 @@
+#include "drivers/dds.h"
+
+#include <cstdlib>
+#include <cstring>
+#include <map>
+#include <mutex>
+#include <stdexcept>
+
+#include "drivers/dds_wire.h"
+
+namespace servotwin {
+namespace {
+
+// One host, no multicast, no network needed. Up to 64 participants find each other by their ports.
+constexpr const char* kLoopback = R"(<General>
+  <Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
+  <AllowMulticast>false</AllowMulticast>
+</General>
+<Discovery>
+  <ParticipantIndex>auto</ParticipantIndex>
+  <MaxAutoParticipantIndex>63</MaxAutoParticipantIndex>
+  <Peers><Peer address="localhost"/></Peers>
+</Discovery>)";
+
+/// The domain with our settings, shared by all nodes of this process; null where the environment
+/// rules.
+std::shared_ptr<DdsEntity> domain_of(std::uint32_t id) {
+  const char* configured = std::getenv("CYCLONEDDS_URI");
+  if (configured != nullptr && *configured != '\0') return nullptr;
+  static std::mutex mutex;
+  static std::map<std::uint32_t, std::weak_ptr<DdsEntity>> domains;
+  const std::lock_guard lock(mutex);
+  std::shared_ptr<DdsEntity> domain = domains[id].lock();
+  if (domain == nullptr) {
+    domain = std::make_shared<DdsEntity>(dds_create_domain(id, kLoopback),
+                                         "open DDS domain " + std::to_string(id));
+    domains[id] = domain;
+  }
+  return domain;
+}
+
+DdsPlace checked(DdsPlace place) {
+  if (!usable_name(place.machine) || place.machine.size() > 63) {
+    throw std::invalid_argument("machine name '" + place.machine +
+                                "': must be 1 to 63 letters, digits or any of . _ -");
+  }
+  // The ports of higher domains lie above 65535 (DDSI-RTPS 9.6.1.1).
+  if (place.domain > 230) {
+    throw std::invalid_argument("DDS domain " + std::to_string(place.domain) +
+                                ": must be 0 to 230");
+  }
+  return place;
+}
+
+Qos partition_of(const DdsPlace& place) {
+  Qos qos(dds_create_qos());
+  if (!place.partition.empty()) dds_qset_partition1(qos.get(), place.partition.c_str());
+  return qos;
+}
+
+dds_entity_t topic_of(const DdsNode& node, const Topic& topic) {
+  // Belongs to the participant and goes with it; making it twice gives the same topic.
+  const dds_entity_t entity =
+      dds_create_topic(node.participant(), topic.type, topic.name, nullptr, nullptr);
+  if (entity < 0) {
+    throw std::runtime_error(std::string("cannot make DDS topic ") + topic.name + ": " +
+                             dds_strretcode(entity));
+  }
+  return entity;
+}
+
+dds_duration_t nanoseconds(double seconds) { return static_cast<dds_duration_t>(seconds * 1e9); }
+
+}  // namespace
+
+DdsEntity::DdsEntity(dds_entity_t result, const std::string& what) : entity_(result) {
+  if (result < 0) throw std::runtime_error("cannot " + what + ": " + dds_strretcode(result));
+}
+
+DdsEntity::~DdsEntity() {
+  if (entity_ > 0) dds_delete(entity_);
+}
+
+DdsNode::DdsNode(DdsPlace place)
+    : place_(checked(std::move(place))),
+      domain_(domain_of(place_.domain)),
+      participant_(dds_create_participant(place_.domain, nullptr, nullptr),
+                   "join DDS domain " + std::to_string(place_.domain)),
+      publisher_(dds_create_publisher(participant_.get(), partition_of(place_).get(), nullptr),
+                 "make a DDS publisher"),
+      subscriber_(dds_create_subscriber(participant_.get(), partition_of(place_).get(), nullptr),
+                  "make a DDS subscriber") {}
+
+DdsSample::DdsSample(const dds_topic_descriptor_t& type)
+    : type_(&type), bytes_(dds_alloc(type.m_size)) {}  // zeroed
+
+DdsSample::~DdsSample() { dds_sample_free(bytes_, type_, DDS_FREE_ALL); }
+
+template <class M>
+DdsReader<M>::DdsReader(const DdsNode& node)
+    : machine_(node.place().machine),
+      sample_(*Wire<M>::topic().type),
+      reader_(dds_create_reader(node.subscriber(), topic_of(node, Wire<M>::topic()),
+                                Wire<M>::topic().qos().get(), nullptr),
+              std::string("read ") + Wire<M>::topic().name),
+      condition_(dds_create_readcondition(reader_.get(), DDS_ANY_STATE), "wait for DDS data"),
+      waitset_(dds_create_waitset(node.participant()), "wait for DDS data") {
+  if (dds_waitset_attach(waitset_.get(), condition_.get(), 0) < 0) {
+    throw std::runtime_error("cannot wait for DDS data");
+  }
+}
+
+template <class M>
+auto DdsReader<M>::take(M& message) -> Taken {
+  void* samples[1] = {sample_.get()};
+  dds_sample_info_t info;
+  if (dds_take(reader_.get(), samples, &info, 1, 1) <= 0) return Taken::kNothing;
+  if (!info.valid_data) return Taken::kOther;  // a writer came or went
+  const auto& sample = *static_cast<const typename Wire<M>::Sample*>(sample_.get());
+  if (machine_ != sample.machine) {
+    ++counts_.foreign;
+    return Taken::kOther;
+  }
+  if (!Wire<M>::decode(sample, message)) {
+    ++counts_.malformed;
+    return Taken::kOther;
+  }
+  ++counts_.received;
+  written_ns_ = info.source_timestamp;
+  return Taken::kMessage;
+}
+
+template <class M>
+bool DdsReader<M>::receive(M& message, double timeout_s) {
+  const dds_time_t until = dds_time() + nanoseconds(timeout_s);
+  while (true) {
+    switch (take(message)) {
+      case Taken::kMessage:
+        return true;
+      case Taken::kOther:
+        if (dds_time() >= until) return false;
+        break;
+      case Taken::kNothing: {
+        const dds_duration_t left = until - dds_time();
+        if (left <= 0) return false;
+        dds_waitset_wait(waitset_.get(), nullptr, 0, left);
+      }
+    }
+  }
+}
+
+template <class M>
+bool DdsReader<M>::matched() const {
+  return dds_get_matched_publications(reader_.get(), nullptr, 0) > 0;
+}
+
+namespace {
+Qos writer_qos(const Topic& topic, double deadline_s) {
+  Qos qos = topic.qos();
+  if (deadline_s > 0.0) dds_qset_deadline(qos.get(), nanoseconds(deadline_s));
+  return qos;
+}
+}  // namespace
+
+template <class M>
+DdsWriter<M>::DdsWriter(const DdsNode& node, double deadline_s)
+    : machine_(node.place().machine),
+      sample_(*Wire<M>::topic().type),
+      writer_(dds_create_writer(node.publisher(), topic_of(node, Wire<M>::topic()),
+                                writer_qos(Wire<M>::topic(), deadline_s).get(), nullptr),
+              std::string("write ") + Wire<M>::topic().name) {}
+
+template <class M>
+bool DdsWriter<M>::write(const M& message) {
+  auto& sample = *static_cast<typename Wire<M>::Sample*>(sample_.get());
+  std::memcpy(sample.machine, machine_.c_str(), machine_.size() + 1);
+  Wire<M>::encode(message, sample);
+  if (dds_write(writer_.get(), &sample) == DDS_RETCODE_OK) return true;
+  ++failed_;
+  return false;
+}
+
+template <class M>
+bool DdsWriter<M>::wait_for_readers(int count, double timeout_s) const {
+  const dds_time_t until = dds_time() + nanoseconds(timeout_s);
+  while (dds_get_matched_subscriptions(writer_.get(), nullptr, 0) < count) {
+    if (dds_time() >= until) return false;
+    dds_sleepfor(DDS_MSECS(5));
+  }
+  return true;
+}
+
+template <class M>
+bool DdsWriter<M>::wait_for_delivery(double timeout_s) const {
+  return dds_wait_for_acks(writer_.get(), nanoseconds(timeout_s)) == DDS_RETCODE_OK;
+}
+
+template class DdsReader<MachineFrame>;
+template class DdsReader<MachineDescription>;
+template class DdsReader<MachinePrediction>;
+template class DdsReader<ModelAnnouncement>;
+template class DdsReader<MachineStatus>;
+template class DdsWriter<MachineFrame>;
+template class DdsWriter<MachineDescription>;
+template class DdsWriter<MachinePrediction>;
+template class DdsWriter<ModelAnnouncement>;
+template class DdsWriter<MachineStatus>;
+
+}  // namespace servotwin

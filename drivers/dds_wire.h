@@ -1,0 +1,59 @@
+// How each message lies on the wire: between the program's types and those of msgs/servotwin.idl.
+// For drivers/dds.cpp only.
+//
+// `decode` returns false for what contradicts itself; it never throws. `encode` throws
+// std::invalid_argument for a name that does not fit. Values pass as they are: that a number is
+// NaN concerns one axis of one cycle, and whoever uses it.
+#pragma once
+
+#include "drivers/messages.h"
+#include "msgs/topics.h"
+#include "servotwin.h"  // generated from msgs/servotwin.idl
+#include "twin/sample.h"
+
+namespace servotwin {
+
+template <class M>
+struct Wire;
+
+template <>
+struct Wire<MachineFrame> {
+  using Sample = servotwin_msgs_MachineFrame;
+  static const Topic& topic() { return topics::kMachineFrame; }
+  static bool decode(const Sample& sample, MachineFrame& frame) noexcept;
+  static void encode(const MachineFrame& frame, Sample& sample);
+};
+
+template <>
+struct Wire<MachineDescription> {
+  using Sample = servotwin_msgs_MachineDescription;
+  static const Topic& topic() { return topics::kMachine; }
+  static bool decode(const Sample& sample, MachineDescription& description);
+  static void encode(const MachineDescription& description, Sample& sample);
+};
+
+template <>
+struct Wire<MachinePrediction> {
+  using Sample = servotwin_msgs_Prediction;
+  static const Topic& topic() { return topics::kPrediction; }
+  static bool decode(const Sample& sample, MachinePrediction& prediction) noexcept;
+  static void encode(const MachinePrediction& prediction, Sample& sample);
+};
+
+template <>
+struct Wire<ModelAnnouncement> {
+  using Sample = servotwin_msgs_AxisModel;
+  static const Topic& topic() { return topics::kModel; }
+  static bool decode(const Sample& sample, ModelAnnouncement& model);
+  static void encode(const ModelAnnouncement& model, Sample& sample);
+};
+
+template <>
+struct Wire<MachineStatus> {
+  using Sample = servotwin_msgs_Status;
+  static const Topic& topic() { return topics::kStatus; }
+  static bool decode(const Sample& sample, MachineStatus& status);
+  static void encode(const MachineStatus& status, Sample& sample);
+};
+
+}  // namespace servotwin

@@ -1,0 +1,95 @@
+// What goes in and out over the network besides frames, as the program sees it. On the wire:
+// msgs/servotwin.idl. Linear axes in m, rotary axes in rad; a number that is not there is NaN.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+/// Whether a machine or an axis may be called this: it stands in file names, column names and
+/// messages.
+[[nodiscard]] inline bool usable_name(std::string_view name) noexcept {
+  constexpr std::string_view kAllowed =
+      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
+  return !name.empty() && name.front() != '.' && name.find_first_not_of(kAllowed) == name.npos;
+}
+
+struct AxisDescription {
+  std::string name;
+  bool rotary = false;
+  std::string torque_unit;  ///< "N", "Nm", "A", "V", "%" or empty
+};
+
+/// Who a machine is: its axes in the order of its frames.
+struct MachineDescription {
+  double cycle_s = 0.0;
+  std::vector<AxisDescription> axes;
+};
+
+enum class AxisState : std::uint8_t {
+  kNoModel,
+  kSettling,  ///< simulated for less than the model's settling time since the last start
+  kPredicting,
+  kBadSample,  ///< the command of this cycle is not a number
+};
+
+struct AxisPrediction {
+  double predicted_error = kAbsent;     ///< from commands alone
+  double standard_deviation = kAbsent;  ///< hold-out RMS of the model in force
+  double measured_error = kAbsent;      ///< command - actual
+  double residual = kAbsent;            ///< measured - predicted
+  std::int32_t model_version = 0;       ///< 0: none
+  AxisState state = AxisState::kNoModel;
+};
+
+/// What is said about one servo cycle. Fixed size and trivially copyable: it crosses threads by
+/// value.
+struct MachinePrediction {
+  std::uint64_t sequence = 0;  ///< of the frame
+  std::int64_t time_ns = 0;    ///< of the frame
+  int axis_count = 0;
+  int ahead_count = 0;
+  double contour_error = kAbsent;  ///< where axes form a path
+  std::array<AxisPrediction, kMaxAxes> axes{};
+  std::array<std::array<double, kMaxLookAhead>, kMaxAxes>
+      ahead{};  ///< predicted errors of coming cycles
+};
+
+/// A model that came into force.
+struct ModelAnnouncement {
+  std::string axis;
+  int version = 0;
+  int parent = 0;
+  std::string created;  ///< ISO 8601, UTC
+  std::string reason;
+  std::string model_json;
+};
+
+enum class DaemonState : std::uint8_t { kStarting, kWaiting, kRunning, kStopping };
+
+struct AxisStatus {
+  std::string name;
+  int model_version = 0;
+  double holdout_rms = kAbsent;
+  std::string activity;  ///< what the identification of this axis is doing
+};
+
+struct MachineStatus {
+  std::int64_t time_ns = 0;
+  DaemonState state = DaemonState::kStarting;
+  double frame_rate_hz = 0.0;
+  std::uint64_t frames = 0, lost = 0, malformed = 0, time_jumps = 0, not_finite = 0, overruns = 0;
+  std::uint64_t predictions_dropped = 0, rows_dropped = 0;
+  double wake_p50_s = kAbsent, wake_p99_s = kAbsent;  ///< from the frame's sending to the loop
+  double work_p50_s = kAbsent, work_p99_s = kAbsent, work_max_s = kAbsent;  ///< of the loop
+  std::vector<AxisStatus> axes;
+  std::string last_error;
+};
+
+}  // namespace servotwin

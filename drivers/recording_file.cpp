@@ -1,0 +1,76 @@
+#include "drivers/recording_file.h"
+
+#include <fcntl.h>
+
+#include <cstring>
+#include <new>
+#include <stdexcept>
+#include <string_view>
+
+#include "drivers/column_map.h"
+#include "drivers/csv.h"
+#include "drivers/file_handle.h"
+#include "drivers/mat.h"
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+
+std::string first_bytes(const std::filesystem::path& file) {
+  std::string bytes(4096, '\0');
+  bytes.resize(FileHandle::open(file, O_RDONLY).read(bytes.data(), bytes.size()));
+  return bytes;
+}
+
+Recording read_by_contents(const std::filesystem::path& file, const ReadOptions& options) {
+  const auto refuse = [&](const std::string& why) {
+    throw std::runtime_error(file.string() + ": " + why);
+  };
+  std::error_code error;
+  const auto status = std::filesystem::status(file, error);
+  if (!std::filesystem::exists(status)) refuse("there is no such file");
+  if (std::filesystem::is_directory(status)) refuse("is a directory; give one recording in it");
+  if (!std::filesystem::is_regular_file(status)) refuse("is no regular file");
+
+  const std::string bytes = first_bytes(file);
+  const std::string_view start = bytes;
+  if (start.empty()) refuse("the file is empty");
+  if (start.starts_with("MATLAB 5.0 MAT-file") || start.starts_with("MATLAB 7.3 MAT-file")) {
+    return read_mat(file, options);
+  }
+  if (file.extension() == ".mat") refuse("is named .mat but is no MATLAB file of version 5 or 7.3");
+  if (file.extension() == ".log") {
+    refuse(
+        "CAN logs (candump) are not read here; convert it to CSV with time and position columns");
+  }
+  if (start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff")) {
+    refuse("the text is UTF-16; save it as UTF-8");
+  }
+  if (start.find('\0') != std::string_view::npos) {
+    refuse("is a binary file, neither CSV text nor a MATLAB file");
+  }
+  return read_csv(file, options);
+}
+
+}  // namespace
+
+Recording read_recording(const std::filesystem::path& file, const ReadOptions& options) {
+  check(options);
+  const auto too_large = [&]() -> std::runtime_error {
+    std::error_code unknown_size;
+    const std::uintmax_t bytes = std::filesystem::file_size(file, unknown_size);
+    return std::runtime_error(
+        file.string() + ": " +
+        (unknown_size ? "" : number(static_cast<double>(bytes) / 1e9) + " GB ") +
+        "do not fit into memory; read a part with --from S --to S");
+  };
+  try {
+    return read_by_contents(file, options);
+  } catch (const std::bad_alloc&) {
+    throw too_large();
+  } catch (const std::length_error&) {
+    throw too_large();
+  }
+}
+
+}  // namespace servotwin

@@ -1,0 +1,36 @@
+// Recordings from files: CSV with units in its header, foreign CSV, MATLAB v5 and v7.3.
+//
+//   time[s],X.command[mm],X.actual[mm],X.torque[Nm],Y.command[mm],Y.actual[mm]
+//
+// Values come back in SI units, rows in the file's order, with what was ignored or missing in the
+// notes; gaps, repeats and jitter are left as they are (identification/segments.h deals with them).
+// A position channel that the file does not have is NaN in every row; an empty, NaN or infinite
+// cell is NaN. Errors: std::runtime_error for what is wrong with the file, std::invalid_argument
+// for what is wrong with the options; one line with file, line, column and value. Any thread.
+#pragma once
+
+#include <filesystem>
+#include <limits>
+#include <optional>
+#include <string>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct ReadOptions {
+  /// Which column of a foreign file is which channel, and its unit:
+  /// "X.command=qg[m],X.actual=qm[m],X.torque=vir[V],time=t[s]". Empty: the header says it itself.
+  std::string columns;
+  /// Rows per second [Hz] of a file that carries no time.
+  std::optional<double> rate_hz;
+  /// The part to read, in seconds after the first stamp of the file, both ends included.
+  double from_s = 0.0;
+  double to_s = std::numeric_limits<double>::infinity();
+};
+
+/// Reads a recording; what kind of file it is, its first bytes tell.
+[[nodiscard]] Recording read_recording(const std::filesystem::path& file,
+                                       const ReadOptions& options = {});
+
+}  // namespace servotwin

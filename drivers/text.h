@@ -1,0 +1,34 @@
+// Text of files and messages: cutting it, quoting it, and finding the name that was meant.
+// Any thread; errors: none.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace servotwin {
+
+/// Without spaces and tabs at both ends.
+[[nodiscard]] std::string_view trimmed(std::string_view text) noexcept;
+
+/// The fields of one line, trimmed. A field in double quotes may hold the separator; "" in it is
+/// one quote.
+[[nodiscard]] std::vector<std::string> split_fields(std::string_view line, char separator);
+
+/// For a message: in quotes, at most 40 characters, nothing that would break the line.
+[[nodiscard]] std::string in_quotes(std::string_view text);
+
+/// For a message: "a, b, c".
+[[nodiscard]] std::string listed(std::span<const std::string> names);
+
+/// For a message: six significant digits.
+[[nodiscard]] std::string number(double value);
+
+/// The name with the fewest letters to change, or empty if all of them differ by more than half.
+[[nodiscard]] std::string nearest_name(std::string_view name, std::span<const std::string> names);
+
+/// The end of a message's sentence: "; did you mean 'qg'?", or "." if nothing is near.
+[[nodiscard]] std::string did_you_mean(std::string_view name, std::span<const std::string> names);
+
+}  // namespace servotwin
