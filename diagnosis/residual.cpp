@@ -1,0 +1,144 @@
+#include "diagnosis/residual.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+namespace servotwin {
+namespace {
+
+constexpr double kMoving = 0.005;       // of the peak speed
+constexpr double kAccelerating = 0.05;  // of the peak acceleration
+
+Eigen::Index samples_in(double time_s, double h) {
+  return std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::lround(time_s / h)));
+}
+
+/// Velocity and acceleration over the span; NaN where the span leaves the stretch or the command
+/// has a hole.
+struct CommandMotion {
+  Eigen::ArrayXd velocity, acceleration;
+};
+
+CommandMotion motion_of(const Stretch& stretch) {
+  const Eigen::Index n = stretch.command.size();
+  const Eigen::Index m = samples_in(kRegimeSpan_s, stretch.h);
+  const double span = static_cast<double>(m) * stretch.h;
+  CommandMotion motion;
+  motion.velocity = Eigen::ArrayXd::Constant(n, std::numeric_limits<double>::quiet_NaN());
+  motion.acceleration = motion.velocity;
+  const auto& x = stretch.command;
+  for (Eigen::Index k = m; k + m < n; ++k) {
+    motion.velocity(k) = (x(k + m) - x(k - m)) / (2 * span);
+    motion.acceleration(k) = (x(k + m) - 2 * x(k) + x(k - m)) / (span * span);
+  }
+  return motion;
+}
+
+double peak(const Eigen::ArrayXd& values) {
+  double largest = 0.0;
+  for (const double value : values) {
+    if (std::isfinite(value)) largest = std::max(largest, std::abs(value));
+  }
+  return largest;
+}
+
+/// Marks where the command turns round.
+std::vector<bool> reversals(const Eigen::ArrayXd& velocity, double moving, double h) {
+  const Eigen::Index n = velocity.size();
+  const Eigen::Index window = samples_in(kReversalWindow_s, h);
+  std::vector<bool> reversal(static_cast<std::size_t>(n), false);
+  int direction = 0;
+  Eigen::Index last_moving = 0;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    if (!(std::abs(velocity(k)) > moving)) continue;
+    const int now = velocity(k) > 0 ? 1 : -1;
+    if (direction != 0 && now != direction) {
+      const bool without_stop = k - last_moving <= window;
+      const Eigen::Index from = without_stop ? std::max<Eigen::Index>(0, last_moving - window) : k;
+      const Eigen::Index to = std::min(n - 1, k + window);
+      for (Eigen::Index i = from; i <= to; ++i) reversal[static_cast<std::size_t>(i)] = true;
+    }
+    direction = now;
+    last_moving = k;
+  }
+  return reversal;
+}
+
+}  // namespace
+
+std::string_view name_of(Regime regime) {
+  switch (regime) {
+    case Regime::kStandstill:
+      return "standstill";
+    case Regime::kConstantSpeed:
+      return "constant_speed";
+    case Regime::kAcceleration:
+      return "acceleration";
+    case Regime::kReversal:
+      return "reversal";
+  }
+  return "";
+}
+
+RegimeShares by_regime(std::span<const Stretch> stretches) {
+  std::vector<CommandMotion> motions;
+  motions.reserve(stretches.size());
+  double moving = 0.0, accelerating = 0.0;
+  for (const Stretch& stretch : stretches) {
+    if (stretch.command.size() != stretch.residual.size()) {
+      throw std::invalid_argument("by_regime: " + std::to_string(stretch.command.size()) +
+                                  " commands but " + std::to_string(stretch.residual.size()) +
+                                  " residuals");
+    }
+    if (!(stretch.h > 0.0)) {
+      throw std::invalid_argument("by_regime: sampling time " + std::to_string(stretch.h) +
+                                  " s must be positive");
+    }
+    motions.push_back(motion_of(stretch));
+    moving = std::max(moving, kMoving * peak(motions.back().velocity));
+    accelerating = std::max(accelerating, kAccelerating * peak(motions.back().acceleration));
+  }
+
+  RegimeShares shares;
+  for (std::size_t i = 0; i < kRegimes; ++i) shares[i].regime = static_cast<Regime>(i);
+  std::array<double, kRegimes> squares{};
+  Eigen::Index samples = 0;
+  for (std::size_t s = 0; s < stretches.size(); ++s) {
+    const Stretch& stretch = stretches[s];
+    const CommandMotion& motion = motions[s];
+    const auto reversal = reversals(motion.velocity, moving, stretch.h);
+    for (Eigen::Index k = 0; k < stretch.residual.size(); ++k) {
+      const double r = stretch.residual(k);
+      const double v = std::abs(motion.velocity(k)), a = std::abs(motion.acceleration(k));
+      if (!std::isfinite(r) || !std::isfinite(v) || !std::isfinite(a)) continue;
+      const Regime regime = reversal[static_cast<std::size_t>(k)] ? Regime::kReversal
+                            : v <= moving                         ? Regime::kStandstill
+                            : a <= accelerating                   ? Regime::kConstantSpeed
+                                                                  : Regime::kAcceleration;
+      const auto i = static_cast<std::size_t>(regime);
+      ++shares[i].samples;
+      ++samples;
+      squares[i] += r * r;
+      shares[i].max = std::max(shares[i].max, std::abs(r));
+    }
+  }
+  double all = 0.0;
+  for (const double sum : squares) all += sum;
+  for (std::size_t i = 0; i < kRegimes; ++i) {
+    if (shares[i].samples == 0) continue;
+    shares[i].rms = std::sqrt(squares[i] / static_cast<double>(shares[i].samples));
+    shares[i].time_share = static_cast<double>(shares[i].samples) / static_cast<double>(samples);
+    shares[i].share = all > 0.0 ? squares[i] / all : 0.0;
+  }
+  return shares;
+}
+
+RegimeShares by_regime(const Eigen::ArrayXd& command, const Eigen::ArrayXd& residual, double h) {
+  const Stretch stretch{command, residual, h};
+  return by_regime(std::span(&stretch, 1));
+}
+
+}  // namespace servotwin

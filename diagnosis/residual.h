@@ -1,0 +1,53 @@
+// What the simulation gets wrong, by what the axis was told to do at that moment.
+//
+//   residual r = measured - predicted tracking error [m | rad];  share = sum of r^2 in a regime /
+//   sum of all
+//
+// The regime comes from the command alone, over a span of +-kRegimeSpan_s, so that a quantised
+// command does not look like acceleration:
+//   moving           |v| > 0.5 % of the peak speed
+//   reversal         within 50 ms of the command turning round; after a longer stop, 50 ms from the
+//   restart standstill       else, not moving constant speed   else, |a| <= 5 % of the peak
+//   acceleration acceleration     else
+// Samples whose command or residual is not finite, and those too close to the ends of a stretch to
+// have a velocity, belong to no regime and are not counted. Any thread.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <span>
+#include <string_view>
+
+namespace servotwin {
+
+enum class Regime { kStandstill, kConstantSpeed, kAcceleration, kReversal };
+inline constexpr std::size_t kRegimes = 4;
+inline constexpr double kRegimeSpan_s = 0.008;     // a 1 um command step reads as 0.016 m/s^2
+inline constexpr double kReversalWindow_s = 0.05;  // some time constants of a usual position loop
+
+[[nodiscard]] std::string_view name_of(Regime regime);  ///< "standstill", "constant_speed", ...
+
+struct RegimeShare {
+  Regime regime = Regime::kStandstill;
+  Eigen::Index samples = 0;
+  double rms = 0.0;         ///< of the residual [m | rad]
+  double max = 0.0;         ///< of its absolute value
+  double time_share = 0.0;  ///< of the samples counted
+  double share = 0.0;       ///< of the sum of squares; 0 where the residual is 0 everywhere
+};
+using RegimeShares = std::array<RegimeShare, kRegimes>;  ///< in the order of the enumeration
+
+/// An unbroken stretch of motion with what the model got wrong in it; both of one length.
+struct Stretch {
+  Eigen::ArrayXd command;
+  Eigen::ArrayXd residual;
+  double h = 0.0;  ///< sampling time [s] > 0
+};
+
+/// Peak speed and acceleration are those of all stretches together.
+/// Throws std::invalid_argument where a stretch's arrays differ in length or its h is not positive.
+[[nodiscard]] RegimeShares by_regime(std::span<const Stretch> stretches);
+[[nodiscard]] RegimeShares by_regime(const Eigen::ArrayXd& command, const Eigen::ArrayXd& residual,
+                                     double h);
+
+}  // namespace servotwin
