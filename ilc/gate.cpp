@@ -1,0 +1,109 @@
+#include "ilc/gate.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace servotwin {
+namespace {
+
+bool positive(double value) noexcept { return value > 0.0 && std::isfinite(value); }
+
+constexpr std::int64_t kForever = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::min();
+
+/// a - b and a + b of any stamps, without overflow.
+std::int64_t difference(std::int64_t a, std::int64_t b) noexcept {
+  std::int64_t out = 0;
+  if (__builtin_sub_overflow(a, b, &out)) return a > b ? kForever : kNever;
+  return out;
+}
+std::int64_t sum(std::int64_t a, std::int64_t b) noexcept {
+  std::int64_t out = 0;
+  if (__builtin_add_overflow(a, b, &out)) return a > 0 ? kForever : kNever;
+  return out;
+}
+double seconds(std::int64_t ns) noexcept { return static_cast<double>(ns) * 1e-9; }
+
+// Rounding of slope and curvature must not refuse a signal that is just within.
+constexpr double kRounding = 1.0 + 1e-9;
+
+}  // namespace
+
+std::string_view name_of(Refusal refusal) noexcept {
+  constexpr std::array<std::string_view, kRefusals> kNames{
+      "none", "no_limits", "model_not_validated", "model_stale", "other_axis_state", "not_finite",
+      "peak", "rate",      "bandwidth",           "expired",     "time_stands"};
+  const auto index = static_cast<std::size_t>(refusal);
+  return index < kRefusals ? kNames[index] : "unknown";
+}
+
+Gate::Gate(const GateLimits& limits) noexcept
+    : limits_(limits),
+      usable_(positive(limits.peak) && positive(limits.rate) && positive(limits.bandwidth_hz) &&
+              positive(limits.ramp_s) && positive(limits.validity_s) && limits.validity_s < 1e9 &&
+              positive(limits.model_age_s)) {}
+
+Refusal Gate::judge(const GateRequest& request, double step_s) noexcept {
+  // The requests are followed whether they are permitted or not: a slope is one of the signal.
+  const int before = requests_;
+  const double slope = before >= 1 ? (request.offset - request_) / step_s : 0.0;
+  const double curvature = before >= 2 ? (slope - slope_) / step_s : 0.0;
+  const bool finite =
+      std::isfinite(request.offset) && std::isfinite(slope) && std::isfinite(curvature);
+  requests_ = finite ? std::min(before + 1, 2) : 0;
+  request_ = request.offset;
+  slope_ = slope;
+
+  if (!request.model_validated) return Refusal::kModelNotValidated;
+  const std::int64_t age_ns = difference(request.now_ns, request.model_validated_ns);
+  if (age_ns < 0 || seconds(age_ns) > limits_.model_age_s) return Refusal::kModelStale;
+  if (!request.axis_state_matches) return Refusal::kOtherAxisState;
+  if (!finite) return Refusal::kNotFinite;
+  if (request.expires_ns < request.now_ns) return Refusal::kExpired;
+  if (std::abs(request.offset) > limits_.peak) return Refusal::kPeak;
+  if (std::abs(slope) > limits_.rate * kRounding) return Refusal::kRate;
+  const double omega = 2.0 * std::numbers::pi * limits_.bandwidth_hz;
+  if (std::abs(slope) > omega * limits_.peak * kRounding) return Refusal::kBandwidth;
+  if (std::abs(curvature) > omega * omega * limits_.peak * kRounding) return Refusal::kBandwidth;
+  return Refusal::kNone;
+}
+
+GateOutput Gate::refused(Refusal refusal) noexcept {
+  ++counts_[static_cast<std::size_t>(refusal)];
+  return {out_, expires_ns_, limits_.live && usable_, refusal};
+}
+
+GateOutput Gate::pass(const GateRequest& request) noexcept {
+  if (!usable_) return refused(Refusal::kNoLimits);
+  // Where the drive applies nothing, this cycle starts the clock and the fade starts with the next.
+  const bool starts = first_ || request.now_ns > expires_ns_;
+  if (starts) {
+    out_ = gain_ = 0.0;
+    requests_ = 0;
+  } else if (request.now_ns <= last_ns_) {
+    return refused(
+        Refusal::kTimeStands);  // no time, no step: the drive keeps what it has until it expires
+  }
+  const double step_s = starts ? 0.0 : seconds(difference(request.now_ns, last_ns_));
+
+  const Refusal refusal = judge(request, step_s);
+  ++counts_[static_cast<std::size_t>(refusal)];
+  const double fade = step_s / limits_.ramp_s;
+  if (refusal == Refusal::kNone) {
+    held_ = request.offset;
+    gain_ = std::min(1.0, gain_ + fade);
+  } else {
+    gain_ = std::max(0.0, gain_ - fade);
+  }
+  const double most = limits_.rate * step_s;
+  out_ += std::clamp(gain_ * held_ - out_, -most, most);
+  out_ = std::clamp(out_, -limits_.peak, limits_.peak);
+  first_ = false;
+  last_ns_ = request.now_ns;
+  expires_ns_ = sum(request.now_ns, static_cast<std::int64_t>(limits_.validity_s * 1e9));
+  return {out_, expires_ns_, limits_.live, refusal};
+}
+
+}  // namespace servotwin

@@ -1,0 +1,96 @@
+// The safety gate of one axis: the only way for a position correction out of the program.
+//
+// Whatever comes in, what goes out obeys
+//   |y_k| <= peak   and   |y_k - y_(k-1)| <= rate (t_k - t_(k-1)),
+// where y_(k-1) is what the drive still applies at t_k: 0 if its validity is over by then, because
+// the drive drops an offset that is not renewed. A permitted request is faded in within ramp_s;
+// whatever is not permitted is refused by name, counted, and the offset that is out is faded out
+// within the same time. A request above the limits is refused, not clipped: a clipped correction is
+// not the one that was learned. Bandwidth: of a signal that is limited to B and to a peak,
+// Bernstein's inequality bounds the slope by 2 pi B peak and the curvature by (2 pi B)^2 peak; a
+// request beyond is refused. Default is dry run: the output is advice, `send` is false.
+//
+// Units of position are the axis' own [m | rad]; times in ns by one clock. No dependencies,
+// allocates nothing, throws nothing. One thread. Source: docs/architecture.md, "Live corrections
+// are dangerous".
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+namespace servotwin {
+
+/// Of the axis configuration; all must be positive and finite, else nothing is ever let through.
+struct GateLimits {
+  double peak = 0.0;  ///< [m | rad]
+  double rate = 0.0;  ///< [m/s | rad/s]
+  double bandwidth_hz = 0.0;
+  double ramp_s = 0.0;       ///< from nothing to the whole correction
+  double validity_s = 0.0;   ///< after which the drive must drop an offset
+  double model_age_s = 0.0;  ///< the oldest validation of a model that counts as fresh
+  bool live = false;         ///< false: dry run
+};
+
+/// Numbered, never reused.
+enum class Refusal : std::uint8_t {
+  kNone = 0,
+  kNoLimits = 1,  ///< the configuration's limits are not positive numbers
+  kModelNotValidated = 2,
+  kModelStale = 3,
+  kOtherAxisState = 4,  ///< the axis is not in the state the correction was learned for
+  kNotFinite = 5,
+  kPeak = 6,
+  kRate = 7,
+  kBandwidth = 8,
+  kExpired = 9,      ///< the request was for an earlier time
+  kTimeStands = 10,  ///< the clock did not advance
+};
+inline constexpr std::size_t kRefusals = 11;
+[[nodiscard]] std::string_view name_of(Refusal refusal) noexcept;
+
+struct GateRequest {
+  std::int64_t now_ns = 0;
+  double offset = 0.0;          ///< the correction at this moment
+  std::int64_t expires_ns = 0;  ///< after which the request must not be used
+  bool model_validated = false;
+  std::int64_t model_validated_ns = 0;  ///< when
+  bool axis_state_matches = false;
+};
+
+struct GateOutput {
+  double offset = 0.0;
+  std::int64_t expires_ns = 0;  ///< when the drive must drop it
+  bool send = false;            ///< false: advice only
+  Refusal refusal = Refusal::kNone;
+};
+
+class Gate {
+ public:
+  explicit Gate(const GateLimits& limits) noexcept;
+  [[nodiscard]] GateOutput pass(const GateRequest& request) noexcept;
+  /// How often each reason was given.
+  [[nodiscard]] std::uint64_t count(Refusal refusal) const noexcept {
+    return counts_[static_cast<std::size_t>(refusal)];
+  }
+
+ private:
+  [[nodiscard]] Refusal judge(const GateRequest& request, double step_s) noexcept;
+  [[nodiscard]] GateOutput refused(Refusal refusal) noexcept;
+
+  GateLimits limits_;
+  bool usable_;
+  bool first_ = true;
+  std::int64_t last_ns_ = 0;
+  std::int64_t expires_ns_ = 0;  // of the offset that is out
+  double out_ = 0.0;             // the offset that is out
+  double gain_ = 0.0;            // of the fade, 0..1
+  double held_ = 0.0;            // the permitted offset that is faded
+  // The requests before, for slope and curvature.
+  int requests_ = 0;
+  double request_ = 0.0, slope_ = 0.0;
+  std::array<std::uint64_t, kRefusals> counts_{};
+};
+
+}  // namespace servotwin
