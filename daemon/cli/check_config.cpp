@@ -1,0 +1,46 @@
+// servotwin check-config: would the daemon start with this configuration?
+#include <memory>
+
+#include "daemon/cli/command.h"
+#include "daemon/cli/output.h"
+#include "daemon/config.h"
+
+namespace servotwin::cli {
+namespace {
+
+void run(const std::filesystem::path& file) {
+  const CheckedConfig checked = check_config(file);
+  if (checked.problems.size() == 1) throw std::runtime_error(checked.problems.front().message());
+  if (!checked.problems.empty()) {
+    for (const ConfigProblem& problem : checked.problems) say(stderr, problem.message());
+    throw std::runtime_error(
+        file.string() +
+        text(": %zu problems; the daemon would not start with it", checked.problems.size()));
+  }
+  const Config& config = checked.config;
+  say(stdout, file.string() + ": valid");
+  say(stdout, "machine     " + config.machine +
+                  (config.cycle_s ? text(", cycle %.6g ms", 1e3 * *config.cycle_s) : ""));
+  std::string axes;
+  for (const AxisConfig& axis : config.axes)
+    axes += (axes.empty() ? "" : ", ") + axis.name + (axis.rotary ? " (rotary)" : "");
+  say(stdout, "axes        " + (axes.empty() ? "as the source says" : axes));
+  std::string source = "DDS domain " + std::to_string(config.dds.domain);
+  if (config.source == SourceKind::kReplay)
+    source = text("replay of %zu recordings", config.replay.files.size());
+  say(stdout, "source      " + source);
+  const auto store = config.store.directory.empty() ? default_store() : config.store.directory;
+  say(stdout, "store       " + store.string());
+}
+
+}  // namespace
+
+Command add_check_config(CLI::App& app) {
+  const auto file = std::make_shared<std::filesystem::path>();
+  CLI::App& command = *app.add_subcommand(
+      "check-config", "Checks a configuration of the daemon; every problem on a line.");
+  command.add_option("FILE", *file, "configuration (TOML)")->required();
+  return {&command, [file] { run(*file); }};
+}
+
+}  // namespace servotwin::cli

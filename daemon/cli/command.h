@@ -1,0 +1,32 @@
+// The commands of the tool. Each is one file: it declares its options on a subcommand of `app` and
+// returns what to run if that subcommand was called.
+//
+// Errors of a run: UsageError or std::invalid_argument for what was typed (exit status 2), any
+// other exception for work that failed (exit status 1); the message is one line that says what and
+// what to do.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <stdexcept>
+
+namespace servotwin::cli {
+
+class UsageError : public std::invalid_argument {
+ public:
+  using std::invalid_argument::invalid_argument;
+};
+
+struct Command {
+  CLI::App* app = nullptr;
+  std::function<void()> run;
+};
+
+[[nodiscard]] Command add_identify(CLI::App& app);
+[[nodiscard]] Command add_predict(CLI::App& app);
+[[nodiscard]] Command add_simulate(CLI::App& app);
+[[nodiscard]] Command add_replay(CLI::App& app);
+[[nodiscard]] Command add_watch(CLI::App& app);
+[[nodiscard]] Command add_check_config(CLI::App& app);
+
+}  // namespace servotwin::cli

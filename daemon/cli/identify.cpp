@@ -1,0 +1,172 @@
+// servotwin identify: from a recording to a model file.
+#include "identification/identify.h"
+
+#include <chrono>
+#include <cmath>
+#include <ctime>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "daemon/cli/command.h"
+#include "daemon/cli/model_text.h"
+#include "daemon/cli/options.h"
+#include "daemon/cli/output.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+struct Arguments {
+  AxisOptions input;
+  std::filesystem::path model, result;
+  IdentifyOptions identify;
+  bool no_pole_constraints = false;
+};
+
+std::string now_utc() {
+  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+  std::tm utc{};
+  ::gmtime_r(&now, &utc);
+  return text("%04d-%02d-%02dT%02d:%02d:%02dZ", utc.tm_year + 1900, utc.tm_mon + 1, utc.tm_mday,
+              utc.tm_hour, utc.tm_min, utc.tm_sec);
+}
+
+json result_of(const Identified& identified) {
+  json out = to_json(identified.record);
+  json trials = json::array();
+  for (const StructureTrial& trial : identified.trials) {
+    json effects = json::array();
+    for (const std::size_t kind : trial.effects) effects.push_back(identity_of(kind).id);
+    trials.push_back({{"order", trial.order},
+                      {"effects", effects},
+                      {"validation_rms_m",
+                       std::isfinite(trial.validation_rms) ? json(trial.validation_rms) : json()},
+                      {"chosen", trial.chosen}});
+  }
+  out["trials"] = trials;
+  out["refusals"] = identified.refusals;
+  return out;
+}
+
+void say_result(std::FILE* people, const Identified& identified) {
+  const ModelRecord& record = identified.record;
+  if (!identified.trials.empty())
+    say(people, "tried       validation RMS, inside the training data");
+  for (const StructureTrial& trial : identified.trials) {
+    const std::string error =
+        std::isfinite(trial.validation_rms)
+            ? text("%9.3f %s", 1e6 * trial.validation_rms, micro(record.rotary))
+            : "   no fit";
+    say(people, text("  %s       %s  ", trial.chosen ? "->" : "  ", error.c_str()) +
+                    structure_text(trial.order, trial.effects));
+  }
+  for (const std::string& line : parameter_lines(record)) say(people, line);
+  for (const std::string& line : fit_lines(record)) say(people, line);
+  if (record.excitation.empty()) {
+    say(people, "excitation  sufficient: every parameter is known to better than half its value");
+  }
+  for (const std::string& line : record.excitation) say(people, "excitation  " + line);
+  for (const std::string& line : identified.refusals) say(people, "refused     " + line);
+  say(people, text("time taken  %9.3f s, %s", record.time_taken_s, record.method.c_str()));
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.model, arguments.result});
+  IdentifyOptions options = arguments.identify;
+  if (auto why = why_invalid(options.bounds); !why.empty()) throw UsageError(why);
+  if (arguments.no_pole_constraints && options.method != Method::kFullLs) {
+    throw UsageError(
+        "--no-pole-constraints needs --method full-ls: the pole search has no meaning without its "
+        "box");
+  }
+  options.pole_constraints = !arguments.no_pole_constraints;
+
+  const SegmentedAxis axis = arguments.input.read(people);
+  Identified identified;
+  {
+    const Progress progress("identifying " + axis.axis);
+    const auto start = std::chrono::steady_clock::now();
+    identified = identify(axis, options);
+    identified.record.time_taken_s =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  identified.record.created = now_utc();
+  identified.record.source = arguments.input.recording.file.filename().string();
+
+  say_result(people, identified);
+  if (!arguments.result.empty()) write_json(arguments.result, result_of(identified));
+  if (!identified.refusals.empty()) {
+    std::string why = "the model must not be used: ";
+    for (std::size_t i = 0; i < identified.refusals.size(); ++i) {
+      why += (i == 0 ? "" : "; ") + identified.refusals[i];
+    }
+    if (!arguments.model.empty()) why += "; " + arguments.model.string() + " was not written";
+    throw std::runtime_error(why);
+  }
+  if (arguments.model.empty()) return;
+  if (is_stdout(arguments.model)) {
+    write_json(arguments.model, to_json(identified.record));
+  } else {
+    write_model(arguments.model, identified.record);
+    say(people, "written     " + arguments.model.string());
+  }
+}
+
+/// MIN:MAX.
+void add_range(CLI::App& app, const std::string& name, double& min, double& max,
+               const std::string& what) {
+  app.add_option_function<std::string>(
+         name,
+         [&min, &max, name](const std::string& given) {
+           const std::vector<double> numbers = parse_numbers(name, given, "range MIN:MAX", 2, 2);
+           min = numbers[0];
+           max = numbers[1];
+         },
+         what + text(" (default %g:%g)", min, max))
+      ->type_name("MIN:MAX");
+}
+
+}  // namespace
+
+Command add_identify(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand("identify", "From a recording of an axis to its model.");
+  arguments->input.declare(command);
+  command
+      .add_option("--model", arguments->model,
+                  "write the model here (servotwin.model/1), if it may be used")
+      ->type_name("OUT.json");
+  command
+      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      ->type_name("OUT");
+  command
+      .add_option_function<std::string>(
+          "--method",
+          [arguments](const std::string& name) {
+            arguments->identify.method = name == "full-ls" ? Method::kFullLs : Method::kPoleSearch;
+          },
+          "pole-search (default) or full-ls, the baseline")
+      ->check(CLI::IsMember({"pole-search", "full-ls"}).name(""))
+      ->type_name("METHOD");
+  PoleBounds& bounds = arguments->identify.bounds;
+  add_range(command, "--real-pole-hz", bounds.real_min_hz, bounds.real_max_hz,
+            "bounds of the real pole");
+  add_range(command, "--natural-frequency-hz", bounds.omega_min_hz, bounds.omega_max_hz,
+            "bounds of the pole pair");
+  add_range(command, "--damping", bounds.zeta_min, bounds.zeta_max,
+            "bounds of the pair's damping ratio");
+  command
+      .add_option("--training-share", arguments->identify.training_share,
+                  "share of the data that is fitted (default 0.6); the rest judges")
+      ->type_name("SHARE")
+      ->check(CLI::Range(0.1, 0.95).name(""));
+  command.add_option("--order", arguments->identify.order, "2 or 3 (default: what the data say)")
+      ->type_name("N")
+      ->check(CLI::IsMember({2, 3}).name(""));
+  command.add_flag("--no-pole-constraints", arguments->no_pole_constraints,
+                   "full-ls: accept any poles");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

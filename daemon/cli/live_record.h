@@ -1,0 +1,96 @@
+// What a subscriber saw of a machine: errors under the model in force, what they happened in,
+// versions, losses, latency. Knows messages, not how they came; times are arguments. One thread.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "diagnosis/residual.h"
+#include "drivers/messages.h"
+#include "identification/model_file.h"
+
+namespace servotwin::cli {
+
+/// RMS and MAX of a stream of numbers; those that are not finite do not count.
+class RunningError {
+ public:
+  void add(double value);
+  [[nodiscard]] ErrorFigures figures() const;
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+
+ private:
+  std::uint64_t count_ = 0;
+  double sum_ = 0.0;
+  double max_ = 0.0;
+};
+
+/// Predictions of one axis: what was left, and what there would be to predict.
+struct PredictionErrors {
+  RunningError residual;  ///< measured - predicted
+  RunningError tracking;  ///< measured, of the same cycles
+};
+
+struct LiveAxis {
+  std::string name;
+  AxisState state = AxisState::kNoModel;
+  int version = 0;                            ///< of the last prediction
+  std::optional<ModelRecord> model;           ///< of that version, once its announcement came
+  std::vector<ModelAnnouncement> promotions;  ///< in the order they came
+  std::vector<std::string> activity;  ///< what identification said it did, each change of it
+  PredictionErrors since_promotion;   ///< settled cycles of this version
+  std::uint64_t settling = 0;         ///< its cycles that were predicted but do not count
+  PredictionErrors lately;            ///< since LiveRecord::clear_lately
+};
+
+class LiveRecord {
+ public:
+  /// Cycles per axis of which command and residual are kept; what comes later has no regime.
+  static constexpr std::size_t kMostCycles = 1'000'000;
+
+  void on_frame(const MachineFrame& frame, std::int64_t written_ns);
+  void on_prediction(const MachinePrediction& prediction, std::int64_t written_ns);
+  void on_model(const ModelAnnouncement& announcement);
+  void on_status(const MachineStatus& status);
+  void clear_lately();
+
+  [[nodiscard]] const std::vector<LiveAxis>& axes() const { return axes_; }
+  [[nodiscard]] const std::optional<MachineStatus>& status() const { return status_; }
+  [[nodiscard]] std::uint64_t predictions() const { return predictions_; }
+  /// Cycles without a prediction between the first and the last one that came.
+  [[nodiscard]] std::uint64_t missed() const { return missed_; }
+  /// From the sending of a frame to the sending of its prediction [s]; NaN if none was seen.
+  [[nodiscard]] double latency_s(double quantile) const;
+  /// What is wrong in the cycles since the version in force, by regime.
+  [[nodiscard]] RegimeShares regimes(std::size_t axis) const;
+
+ private:
+  struct Cycles {  // an unbroken run of cycles
+    std::uint64_t first_sequence = 0, last_sequence = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
+    std::vector<double> command, residual;
+  };
+  struct Sent {  // a frame whose prediction may come
+    std::uint64_t sequence = 0;
+    std::int64_t written_ns = 0;
+    int axis_count = 0;
+    std::array<double, kMaxAxes> command{};
+  };
+
+  [[nodiscard]] const Sent* sent(std::uint64_t sequence) const;
+  void keep(std::size_t axis, const MachinePrediction& prediction, double command);
+  void set_model(LiveAxis& axis);
+
+  std::vector<LiveAxis> axes_;
+  std::vector<std::vector<Cycles>> cycles_;             // per axis
+  std::vector<std::size_t> kept_;                       // cycles in them
+  std::vector<ModelAnnouncement> unplaced_;             // before the status told the axes' order
+  std::vector<Sent> frames_ = std::vector<Sent>(1024);  // by sequence
+  std::vector<std::int64_t> latencies_ns_;
+  std::optional<MachineStatus> status_;
+  std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;
+};
+
+}  // namespace servotwin::cli

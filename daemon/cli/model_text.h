@@ -1,0 +1,27 @@
+// A model as people read it: frequencies in Hz, standard deviations beside the values, errors in
+// um.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "identification/model_file.h"
+
+namespace servotwin::cli {
+
+/// "um", or "urad" of a rotary axis; errors are shown a million times their SI value.
+[[nodiscard]] const char* micro(bool rotary);
+
+/// "order 2: coulomb_friction, gravity_offset".
+[[nodiscard]] std::string structure_text(int order, const std::vector<std::size_t>& kinds);
+[[nodiscard]] std::string structure_text(const Model& model);
+
+/// Poles, numerator and effects, one line each.
+[[nodiscard]] std::vector<std::string> parameter_lines(const ModelRecord& record);
+/// What it was fitted on and how well: method, training, hold-out, noise floor, condition.
+[[nodiscard]] std::vector<std::string> fit_lines(const ModelRecord& record);
+
+/// "1.532 um RMS  9.87 um MAX".
+[[nodiscard]] std::string figures_text(const ErrorFigures& figures, bool rotary);
+
+}  // namespace servotwin::cli

@@ -1,0 +1,62 @@
+// Options that several commands share, and what they stand for.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "drivers/dds.h"
+#include "drivers/recording_file.h"
+#include "identification/model_file.h"
+#include "identification/segments.h"
+
+namespace servotwin::cli {
+
+/// REC --columns --from --to --rate: a recording and the part of it that is wanted.
+struct RecordingOptions {
+  std::filesystem::path file;
+  ReadOptions read_options;
+
+  void declare(CLI::App& command, const std::string& name, const std::string& what);
+  /// Reads it and says on `people` what the reader ignored, repaired or dropped.
+  [[nodiscard]] Recording read(std::FILE* people) const;
+};
+
+/// REC and --axis.
+struct AxisOptions {
+  RecordingOptions recording;
+  std::string axis;
+
+  void declare(CLI::App& command);
+  /// Reads the axis and says on `people` what was read.
+  [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
+};
+
+/// --dds --machine --domain --partition.
+struct BusOptions {
+  bool dds = false;
+  DdsPlace place;
+
+  void declare(CLI::App& command);
+  /// "machine 'mill' in DDS domain 3".
+  [[nodiscard]] std::string text() const;
+};
+
+/// The numbers in "A:B"; throws CLI::ValidationError "OPTION: 'given' is no FORM" unless there are
+/// least..most.
+[[nodiscard]] std::vector<double> parse_numbers(const std::string& option, const std::string& given,
+                                                const std::string& form, std::size_t least,
+                                                std::size_t most);
+
+/// A model file for an axis of this kind; throws if it is of the other kind.
+[[nodiscard]] ModelRecord read_model_for(const std::filesystem::path& file, const std::string& axis,
+                                         bool rotary);
+
+/// The model of a record for data of another rate: its loop is continuous in time, so that it only
+/// has to be discretised for the new step, which is said on `people`. Throws if it cannot run at
+/// that rate.
+[[nodiscard]] Model model_at(const ModelRecord& record, double sample_time_s, std::FILE* people);
+
+}  // namespace servotwin::cli

@@ -1,0 +1,118 @@
+// servotwin replay: a recording as the machine that made it, on a live bus.
+#include "drivers/replay.h"
+
+#include <chrono>
+#include <csignal>
+#include <memory>
+#include <string>
+
+#include "daemon/cli/command.h"
+#include "daemon/cli/interrupt.h"
+#include "daemon/cli/options.h"
+#include "daemon/cli/output.h"
+#include "daemon/frame_source.h"
+#include "drivers/dds.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr double kPatience_s = 0.2;  // how long an interrupt may wait
+
+struct Arguments {
+  RecordingOptions recording;
+  BusOptions bus;
+  std::string can;
+  bool udp = false;
+  double speed = 1.0;
+  int look_ahead = 0;
+  double wait_s = 10.0;  // a daemon that has just been started needs about one
+};
+
+void run(const Arguments& arguments) {
+  if (!arguments.can.empty())
+    throw UsageError("--can is not in this version; replay onto DDS with --dds");
+  if (arguments.udp) throw UsageError("--udp is not in this version; replay onto DDS with --dds");
+  if (!arguments.bus.dds) throw UsageError("name the bus: --dds");
+
+  Recording recording = arguments.recording.read(stdout);
+  const std::string source = recording.source;
+  std::vector<Replay> replays;
+  replays.emplace_back(std::move(recording), arguments.look_ahead);
+  const Replay& replay = replays.front();
+  std::string axes;
+  for (const AxisDescription& axis : replay.machine().axes)
+    axes += (axes.empty() ? "" : ", ") + axis.name;
+  say(stdout, text("read %s: %zu rows at %.6g Hz, axes ", source.c_str(), replay.rows(),
+                   1.0 / replay.machine().cycle_s) +
+                  axes);
+  if (replay.rows_without_time() > 0)
+    say(stdout, text("dropped %zu rows without a time", replay.rows_without_time()));
+
+  const DdsNode node(arguments.bus.place);
+  DdsWriter<MachineDescription> descriptions(node);
+  DdsWriter<MachineFrame> frames(node);
+  if (!descriptions.write(replay.machine()))
+    throw std::runtime_error("DDS refused the description of the machine");
+  if (!descriptions.wait_for_readers(1, arguments.wait_s) ||
+      !frames.wait_for_readers(1, arguments.wait_s)) {
+    throw std::runtime_error(text(
+        "nobody listens to %s after %.0f s; start servotwind with this machine and domain first",
+        arguments.bus.text().c_str(), arguments.wait_s));
+  }
+
+  const std::size_t rows = replay.rows();
+  const double cycle_s = replay.machine().cycle_s;
+  ReplaySource machine(std::move(replays), arguments.speed);
+  const Interrupt interrupt;
+  const auto start = std::chrono::steady_clock::now();
+  std::size_t sent = 0, late = 0;
+  {
+    const Progress progress("replaying " + source);
+    MachineFrame frame;
+    Received received = Received::kNothing;
+    while (!interrupt.came() &&
+           (received = machine.receive(frame, kPatience_s)) != Received::kEnd) {
+      if (received == Received::kNothing) continue;
+      if (frames.write(frame)) ++sent;
+      if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / arguments.speed) ++late;
+    }
+  }
+  const double taken_s =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const bool delivered = frames.wait_for_delivery(arguments.wait_s);
+  say(stdout, text("sent %zu of %zu frames in %.2f s, %zu of them more than a cycle late", sent,
+                   rows, taken_s, late));
+  if (frames.failed() > 0) {
+    throw std::runtime_error(
+        text("DDS refused %zu frames", static_cast<std::size_t>(frames.failed())));
+  }
+  if (!delivered) throw std::runtime_error("the readers did not confirm the last frames");
+}
+
+}  // namespace
+
+Command add_replay(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand("replay", "A recording as a machine on a live bus.");
+  arguments->recording.declare(command, "LOG", "recording: CSV or MATLAB .mat");
+  arguments->bus.declare(command);
+  command.add_option("--can", arguments->can)->type_name("IF")->group("");
+  command.add_flag("--udp", arguments->udp)->group("");
+  command.add_option("--speed", arguments->speed, "times as fast as recorded (default 1)")
+      ->type_name("F")
+      ->check(CLI::Range(1e-3, 1e3).name(""));
+  command
+      .add_option("--look-ahead", arguments->look_ahead,
+                  "cycles whose commands are sent ahead of time (default 0)")
+      ->type_name("N")
+      ->check(CLI::Range(0, kMaxLookAhead).name(""));
+  command
+      .add_option(
+          "--wait", arguments->wait_s,
+          "how long to wait for a listener, and at the end for its confirmation (default 10)")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 1e9).name(""));
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

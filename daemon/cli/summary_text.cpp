@@ -1,0 +1,245 @@
+#include "daemon/cli/summary_text.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "daemon/cli/model_text.h"
+#include "daemon/cli/output.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kWatchSchema = "servotwin.watch/1";
+constexpr std::size_t kShownActivities = 6;  // a summary is one screen
+
+json figure(double value) { return std::isfinite(value) ? json(value) : json(); }
+json figures_json(const ErrorFigures& figures) {
+  return {{"rms_m", figure(figures.rms)}, {"max_m", figure(figures.max)}};
+}
+
+bool rotary(const LiveAxis& axis) { return axis.model && axis.model->rotary; }
+
+const char* name_of(AxisState state) {
+  switch (state) {
+    case AxisState::kNoModel:
+      return "no model";
+    case AxisState::kSettling:
+      return "settling";
+    case AxisState::kPredicting:
+      return "predicting";
+    case AxisState::kBadSample:
+      return "bad sample";
+  }
+  return "";
+}
+
+std::string microseconds(double seconds) {
+  return std::isfinite(seconds) ? text("%.0f us", 1e6 * seconds) : "not known";
+}
+
+void add_status(const MachineStatus& status, std::vector<std::string>& lines) {
+  const auto n = [](std::uint64_t count) { return std::to_string(count); };
+  lines.push_back("frames      " + n(status.frames) +
+                  text(" at %.6g Hz; lost ", status.frame_rate_hz) + n(status.lost) +
+                  ", malformed " + n(status.malformed) + ", not finite " + n(status.not_finite) +
+                  ", time jumps " + n(status.time_jumps) + ", overruns " + n(status.overruns) +
+                  ", predictions dropped " + n(status.predictions_dropped) + ", rows dropped " +
+                  n(status.rows_dropped));
+  lines.push_back("daemon      frame sent to loop p50 " + microseconds(status.wake_p50_s) +
+                  ", p99 " + microseconds(status.wake_p99_s) + "; loop's work p50 " +
+                  microseconds(status.work_p50_s) + ", p99 " + microseconds(status.work_p99_s) +
+                  ", max " + microseconds(status.work_max_s));
+}
+
+void add_regimes(const RegimeShares& shares, bool is_rotary, std::vector<std::string>& lines) {
+  std::vector<RegimeShare> sorted(shares.begin(), shares.end());
+  std::sort(sorted.begin(), sorted.end(),
+            [](const auto& a, const auto& b) { return a.share > b.share; });
+  if (sorted.front().share <= 0.0) return;
+  lines.emplace_back("what the simulation gets wrong, by what the command does:");
+  for (const RegimeShare& one : sorted) {
+    if (one.samples == 0) continue;
+    lines.push_back(text("  %-14s %5.1f %% of the squared error in %5.1f %% of the time ",
+                         std::string(servotwin::name_of(one.regime)).c_str(), 100.0 * one.share,
+                         100.0 * one.time_share) +
+                    figures_text({one.rms, one.max}, is_rotary));
+  }
+}
+
+void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::string>& lines) {
+  const LiveAxis& axis = record.axes()[index];
+  lines.emplace_back();
+  if (axis.version == 0) {
+    lines.push_back("axis " + axis.name + ": no model in force");
+  } else if (!axis.model) {
+    lines.push_back("axis " + axis.name +
+                    text(": version %d in force, not announced", axis.version));
+  } else {
+    lines.push_back("axis " + axis.name + text(": model version %d in force", axis.version));
+    for (const std::string& line : parameter_lines(*axis.model)) lines.push_back(line);
+    for (const std::string& line : fit_lines(*axis.model)) lines.push_back(line);
+  }
+  const PredictionErrors& errors = axis.since_promotion;
+  if (errors.residual.count() > 0) {
+    const ErrorFigures left = errors.residual.figures(), all = errors.tracking.figures();
+    lines.push_back(
+        text("live, %llu cycles that came after the model (%llu more while it settled):",
+             static_cast<unsigned long long>(errors.residual.count()),
+             static_cast<unsigned long long>(axis.settling)));
+    lines.push_back("  with model  " + figures_text(left, rotary(axis)) +
+                    "   (measured minus predicted)");
+    lines.push_back("  without     " + figures_text(all, rotary(axis)) +
+                    "   (the tracking error itself)" +
+                    (left.rms > 0.0 ? text(", %.0f times as much", all.rms / left.rms) : ""));
+    add_regimes(record.regimes(index), rotary(axis), lines);
+  }
+  for (const ModelAnnouncement& one : axis.promotions) {
+    lines.push_back(text("promoted    version %d", one.version) +
+                    (one.parent > 0 ? text(" after %d", one.parent) : "") + ": " + one.reason);
+  }
+  const std::size_t shown = std::min(axis.activity.size(), kShownActivities);
+  if (shown < axis.activity.size())
+    lines.push_back(text("identified  ... %zu earlier", axis.activity.size() - shown));
+  for (std::size_t i = axis.activity.size() - shown; i < axis.activity.size(); ++i) {
+    lines.push_back("identified  " + axis.activity[i]);
+  }
+}
+
+json status_json(const MachineStatus& status) {
+  return {{"frames", status.frames},
+          {"frame_rate_hz", figure(status.frame_rate_hz)},
+          {"lost", status.lost},
+          {"malformed", status.malformed},
+          {"time_jumps", status.time_jumps},
+          {"not_finite", status.not_finite},
+          {"overruns", status.overruns},
+          {"predictions_dropped", status.predictions_dropped},
+          {"rows_dropped", status.rows_dropped},
+          {"wake_p50_s", figure(status.wake_p50_s)},
+          {"wake_p99_s", figure(status.wake_p99_s)},
+          {"work_p50_s", figure(status.work_p50_s)},
+          {"work_p99_s", figure(status.work_p99_s)},
+          {"work_max_s", figure(status.work_max_s)},
+          {"last_error", status.last_error}};
+}
+
+json head_json(const LiveRecord& record, const std::string& machine, double seconds) {
+  return {{"schema", kWatchSchema},
+          {"machine", machine},
+          {"seconds", seconds},
+          {"predictions", record.predictions()},
+          {"missed", record.missed()}};
+}
+
+}  // namespace
+
+std::vector<std::string> summary_lines(const LiveRecord& record, const std::string& where,
+                                       double seconds) {
+  std::vector<std::string> lines;
+  lines.push_back(where + text(": %llu predictions in %.1f s, %llu not received here",
+                               static_cast<unsigned long long>(record.predictions()), seconds,
+                               static_cast<unsigned long long>(record.missed())));
+  if (record.status()) add_status(*record.status(), lines);
+  lines.push_back("latency     frame sent to prediction sent p50 " +
+                  microseconds(record.latency_s(0.5)) + ", p99 " +
+                  microseconds(record.latency_s(0.99)) + ", max " +
+                  microseconds(record.latency_s(1.0)));
+  for (std::size_t i = 0; i < record.axes().size(); ++i) add_axis(record, i, lines);
+  if (record.status() && !record.status()->last_error.empty()) {
+    lines.push_back("last error  " + record.status()->last_error);
+  }
+  return lines;
+}
+
+json summary_json(const LiveRecord& record, const std::string& machine, double seconds) {
+  json out = head_json(record, machine, seconds);
+  out["status"] = record.status() ? status_json(*record.status()) : json();
+  out["latency"] = {{"p50_s", figure(record.latency_s(0.5))},
+                    {"p99_s", figure(record.latency_s(0.99))},
+                    {"max_s", figure(record.latency_s(1.0))}};
+  out["axes"] = json::array();
+  for (std::size_t i = 0; i < record.axes().size(); ++i) {
+    const LiveAxis& axis = record.axes()[i];
+    json promotions = json::array(), regimes = json::object();
+    for (const ModelAnnouncement& one : axis.promotions) {
+      promotions.push_back({{"version", one.version},
+                            {"parent", one.parent},
+                            {"created", one.created},
+                            {"reason", one.reason}});
+    }
+    for (const RegimeShare& one : record.regimes(i)) {
+      regimes[std::string(servotwin::name_of(one.regime))] = {{"rms_m", one.rms},
+                                                              {"max_m", one.max},
+                                                              {"share", one.share},
+                                                              {"time_share", one.time_share},
+                                                              {"cycles", one.samples}};
+    }
+    out["axes"].push_back({{"axis", axis.name},
+                           {"version", axis.version},
+                           {"model", axis.model ? to_json(*axis.model) : json()},
+                           {"cycles", axis.since_promotion.residual.count()},
+                           {"settling_cycles", axis.settling},
+                           {"with_model", figures_json(axis.since_promotion.residual.figures())},
+                           {"without_model", figures_json(axis.since_promotion.tracking.figures())},
+                           {"by_regime", regimes},
+                           {"promotions", promotions},
+                           {"activity", axis.activity}});
+  }
+  return out;
+}
+
+std::string line_of(const LiveRecord& record, double seconds) {
+  std::string line = text("%7.1f s", seconds);
+  for (const LiveAxis& axis : record.axes()) {
+    line += "  " + axis.name;
+    if (axis.version > 0) line += text(" v%d", axis.version);
+    line += std::string(" ") + name_of(axis.state);
+    if (axis.lately.residual.count() == 0) continue;
+    line += text(" %.3f of %.1f %s RMS", 1e6 * axis.lately.residual.figures().rms,
+                 1e6 * axis.lately.tracking.figures().rms, micro(rotary(axis)));
+  }
+  if (record.status())
+    line += text("  lost %llu", static_cast<unsigned long long>(record.status()->lost));
+  return line;
+}
+
+json line_json(const LiveRecord& record, const std::string& machine, double seconds) {
+  json out = head_json(record, machine, seconds);
+  out["axes"] = json::array();
+  for (const LiveAxis& axis : record.axes()) {
+    out["axes"].push_back({{"axis", axis.name},
+                           {"version", axis.version},
+                           {"state", name_of(axis.state)},
+                           {"cycles", axis.lately.residual.count()},
+                           {"with_model", figures_json(axis.lately.residual.figures())},
+                           {"without_model", figures_json(axis.lately.tracking.figures())}});
+  }
+  return out;
+}
+
+std::vector<std::string> screen_lines(const LiveRecord& record, const std::string& where,
+                                      double seconds) {
+  std::vector<std::string> lines;
+  lines.push_back(where + text(", %.0f s, %llu predictions (%llu not received here); Ctrl-C ends",
+                               seconds, static_cast<unsigned long long>(record.predictions()),
+                               static_cast<unsigned long long>(record.missed())));
+  if (record.status()) add_status(*record.status(), lines);
+  for (const LiveAxis& axis : record.axes()) {
+    lines.emplace_back();
+    lines.push_back(
+        "axis " + axis.name + (axis.version > 0 ? text(", version %d, ", axis.version) : ", ") +
+        name_of(axis.state) + (axis.activity.empty() ? "" : "; " + axis.activity.back()));
+    lines.push_back("  last second, with model     " +
+                    figures_text(axis.lately.residual.figures(), rotary(axis)));
+    lines.push_back("  last second, without        " +
+                    figures_text(axis.lately.tracking.figures(), rotary(axis)));
+    lines.push_back("  since version, with model   " +
+                    figures_text(axis.since_promotion.residual.figures(), rotary(axis)));
+  }
+  return lines;
+}
+
+}  // namespace servotwin::cli

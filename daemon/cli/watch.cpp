@@ -1,0 +1,168 @@
+// servotwin watch: what the daemon predicts and how right it is, live.
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "daemon/cli/command.h"
+#include "daemon/cli/interrupt.h"
+#include "daemon/cli/live_record.h"
+#include "daemon/cli/options.h"
+#include "daemon/cli/output.h"
+#include "daemon/cli/summary_text.h"
+#include "drivers/dds.h"
+
+namespace servotwin::cli {
+namespace {
+
+// The loop's sleep: short enough that the readers' 64 messages do not run over at 1 kHz.
+constexpr double kWait_s = 0.02;
+constexpr double kSilence_s = 1.5;  // after the machine left the bus: one more status, then the end
+constexpr double kRefresh_s = 1.0;
+
+struct Arguments {
+  BusOptions bus;
+  bool summary = false;
+  double seconds = 0.0;
+  std::filesystem::path result;
+};
+
+double since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// All that is said about one machine, taken in the order that keeps frames ahead of their
+/// predictions.
+class Subscriber {
+ public:
+  explicit Subscriber(const DdsPlace& place)
+      : node_(place), predictions_(node_), frames_(node_), models_(node_), statuses_(node_) {}
+
+  /// Waits a little for a prediction; true if any came.
+  bool receive(LiveRecord& record) {
+    double wait_s = kWait_s;
+    bool any = false;
+    while (predictions_.receive(prediction_, wait_s)) {
+      take_frames(record);
+      record.on_prediction(prediction_, predictions_.written_ns());
+      any = true;
+      wait_s = 0.0;
+    }
+    take_frames(record);
+    while (statuses_.receive(status_, 0.0)) record.on_status(status_);
+    while (models_.receive(model_, 0.0)) record.on_model(model_);
+    return any;
+  }
+  [[nodiscard]] bool machine_there() const { return frames_.matched(); }
+  [[nodiscard]] bool daemon_there() const { return predictions_.matched(); }
+
+ private:
+  void take_frames(LiveRecord& record) {
+    while (frames_.receive(frame_, 0.0)) record.on_frame(frame_, frames_.written_ns());
+  }
+
+  DdsNode node_;
+  DdsReader<MachinePrediction> predictions_;
+  DdsReader<MachineFrame> frames_;
+  DdsReader<ModelAnnouncement> models_;
+  DdsReader<MachineStatus> statuses_;
+  MachinePrediction prediction_;
+  MachineFrame frame_;
+  ModelAnnouncement model_;
+  MachineStatus status_;
+};
+
+/// Shows the last second; on a terminal over what was shown before.
+class Display {
+ public:
+  explicit Display(const Arguments& arguments)
+      : arguments_(arguments), screen_(arguments.result.empty() && ::isatty(STDOUT_FILENO) == 1) {}
+
+  void show(const LiveRecord& record, double seconds) {
+    if (!arguments_.result.empty()) {
+      say(stdout, line_json(record, arguments_.bus.place.machine, seconds).dump());
+    } else if (!screen_) {
+      say(stdout, line_of(record, seconds));
+    } else {
+      if (shown_ > 0) std::fputs(text("\x1b[%zuA\x1b[J", shown_).c_str(), stdout);
+      const auto lines = screen_lines(record, arguments_.bus.text(), seconds);
+      for (const std::string& line : lines) say(stdout, line);
+      shown_ = lines.size();
+    }
+    std::fflush(stdout);
+  }
+
+ private:
+  const Arguments& arguments_;
+  bool screen_;
+  std::size_t shown_ = 0;
+};
+
+void run(const Arguments& arguments) {
+  if (!arguments.summary && !arguments.result.empty() && !is_stdout(arguments.result)) {
+    throw UsageError(
+        "--json without --summary writes a line per second to standard output; give no file");
+  }
+  std::FILE* people = people_beside({arguments.result});
+  Subscriber subscriber(arguments.bus.place);
+  LiveRecord record;
+  Display display(arguments);
+  const Interrupt interrupt;
+  const auto start = std::chrono::steady_clock::now();
+  double last_s = 0.0, shown_s = 0.0;
+  {
+    const Progress progress(arguments.summary ? "watching " + arguments.bus.text() : "");
+    while (!interrupt.came()) {
+      if (subscriber.receive(record)) last_s = since(start);
+      const double now_s = since(start);
+      if (arguments.seconds > 0.0 && now_s >= arguments.seconds) break;
+      const bool silent = record.predictions() > 0 && now_s - last_s > kSilence_s;
+      if (arguments.summary && silent && !(subscriber.machine_there() && subscriber.daemon_there()))
+        break;
+      if (!arguments.summary && now_s - shown_s >= kRefresh_s) {
+        display.show(record, now_s);
+        record.clear_lately();
+        shown_s += kRefresh_s;
+      }
+    }
+  }
+  if (record.predictions() == 0) {
+    throw std::runtime_error("no prediction came for " + arguments.bus.text() +
+                             (subscriber.daemon_there()
+                                  ? "; a daemon is there, but no frames reach it"
+                                  : "; start servotwind with this machine and domain"));
+  }
+  if (!arguments.summary) return;
+  for (const std::string& line : summary_lines(record, arguments.bus.text(), last_s))
+    say(people, line);
+  if (!arguments.result.empty())
+    write_json(arguments.result, summary_json(record, arguments.bus.place.machine, last_s));
+}
+
+}  // namespace
+
+Command add_watch(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand("watch", "Live predicted error of a machine, over DDS.");
+  arguments->bus.declare(command);
+  command.add_flag("--summary", arguments->summary,
+                   "collect until the machine leaves the bus, then print one screen");
+  command.add_option("--seconds", arguments->seconds, "end after this time")
+      ->type_name("S")
+      ->check(CLI::Range(1e-3, 1e9).name(""));
+  command
+      .add_option_function<std::string>(
+          "--json",
+          [arguments](const std::string& given) {
+            arguments->result = given.empty() ? "-" : given;
+          },
+          "JSON (servotwin.watch/1): a line per second, or the summary; - or nothing is standard "
+          "output")
+      ->type_name("OUT")
+      ->expected(0, 1);
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

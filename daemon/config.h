@@ -1,0 +1,87 @@
+// The daemon's configuration (TOML; docs/interfaces.md 8). Without a file these defaults hold.
+//
+// Every problem of a file is reported at once, each on one line with its place: a wrong type, a
+// value out of its range, a key that does not exist with the nearest one that does. Any thread.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "identification/identify.h"
+
+namespace servotwin {
+
+struct AxisConfig {
+  std::string name;         ///< 1..31 characters
+  bool rotary = false;      ///< units = "rad"; else "m"
+  std::string torque_unit;  ///< of what the machine sends; empty: it sends none
+};
+
+enum class SourceKind : std::uint8_t { kDds, kReplay };
+
+struct DdsConfig {
+  std::uint32_t domain = 0;  ///< 0..230
+  std::string partition;     ///< empty: the default one
+};
+
+struct ReplayConfig {
+  std::vector<std::filesystem::path> files;
+  std::string columns;  ///< names for foreign files, as on the command line
+  double pace = 1.0;    ///< times as fast as recorded
+};
+
+struct IdentifyConfig {
+  double window_s = 8.0;          ///< new motion until the next model is sought
+  double memory_s = 24.0;         ///< data before that which is used as well, if it is there
+  double judge_s = 4.0;           ///< motion that neither model has seen, to judge on
+  double min_improvement = 0.02;  ///< share by which the RMS must fall for a new model
+  IdentifyOptions options;
+};
+
+struct StoreConfig {
+  std::filesystem::path directory;  ///< empty: default_store()
+  double recordings_mb =
+      1024.0;  ///< the oldest recordings go when there are more; 0: none are kept
+};
+
+struct Config {
+  std::string machine = "machine";  ///< 1..63 characters
+  std::optional<double> cycle_s;    ///< absent: the source says it
+  std::vector<AxisConfig> axes;     ///< in the order of the frames; empty: the source says them
+  SourceKind source = SourceKind::kDds;
+  DdsConfig dds;
+  ReplayConfig replay;
+  IdentifyConfig identify;
+  StoreConfig store;
+  int priority = 80;  ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
+};
+
+struct ConfigProblem {
+  std::string file;
+  int line = 0, column = 0;  ///< from 1; 0: the file as a whole
+  std::string what;          ///< key, value, rule and what to do
+
+  /// "file:line:column: what"
+  [[nodiscard]] std::string message() const;
+};
+
+struct CheckedConfig {
+  Config config;                        ///< to be used only if there are no problems
+  std::vector<ConfigProblem> problems;  ///< in the order of the file
+};
+
+/// Reads the text of a configuration; `name` is the file's name for the messages.
+[[nodiscard]] CheckedConfig check_config(std::string_view text, const std::string& name);
+/// The same from a file. Throws std::runtime_error if it cannot be read.
+[[nodiscard]] CheckedConfig check_config(const std::filesystem::path& file);
+/// Throws std::runtime_error with all problems, one per line, or why the file cannot be read.
+[[nodiscard]] Config load_config(const std::filesystem::path& file);
+
+/// $STATE_DIRECTORY (systemd), else servotwin/ in $XDG_STATE_HOME or ~/.local/state.
+[[nodiscard]] std::filesystem::path default_store();
+
+}  // namespace servotwin

@@ -1,0 +1,39 @@
+// What happened, one line each: on standard error at once, and in the store.
+//
+// A line that cannot be stored is printed all the same, with why. Any thread but the real-time
+// loop.
+#pragma once
+
+#include <mutex>
+#include <ostream>
+#include <string>
+
+#include "daemon/store.h"
+
+namespace servotwin {
+
+class EventLog {
+ public:
+  /// Both outlive the log.
+  EventLog(Store& store, std::ostream& out) : store_(store), out_(out) {}
+
+  void note(const std::string& kind, const std::string& axis, const std::string& text,
+            const std::string& detail = "");
+  /// The same for what somebody should look after; the status shows the last one.
+  void error(const std::string& kind, const std::string& axis, const std::string& text);
+  /// Prints an event that is in the store already.
+  void print(const Event& event);
+  [[nodiscard]] std::string last_error() const;
+
+ private:
+  Store& store_;
+  std::ostream& out_;
+  mutable std::mutex mutex_;
+  std::string last_error_;
+};
+
+/// An event that happens now.
+[[nodiscard]] Event event_now(const std::string& kind, const std::string& axis,
+                              const std::string& text, const std::string& detail = "");
+
+}  // namespace servotwin

@@ -1,0 +1,82 @@
+// Where axis frames come from: a port with a null, a replaying and a DDS implementation.
+//
+// `receive` is the only place where the real-time loop sleeps. One thread. What happens inside it
+// is the source's business (a DDS source allocates there); it throws nothing.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "drivers/dds.h"
+#include "drivers/replay.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+enum class Received : std::uint8_t {
+  kFrame,
+  kNothing,  ///< the time to wait was over
+  kEnd,      ///< there will be no more
+};
+
+class FrameSource {
+ public:
+  virtual ~FrameSource() = default;
+  /// Waits for the next frame for at most `timeout_s`.
+  virtual Received receive(MachineFrame& frame, double timeout_s) noexcept = 0;
+  /// How long ago the frame that came last was due or sent [ns], by the clocks of this host.
+  [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
+  /// Frames refused so far. Any thread.
+  [[nodiscard]] virtual std::uint64_t malformed() const noexcept { return 0; }
+};
+
+/// No machine: nothing ever comes.
+class NullSource final : public FrameSource {
+ public:
+  Received receive(MachineFrame&, double) noexcept override { return Received::kEnd; }
+  [[nodiscard]] std::int64_t age_ns() const noexcept override { return 0; }
+};
+
+/// Recordings, one after the other, as if their machine were running now. Between two of them the
+/// sequence starts again, as after a restart of the machine.
+class ReplaySource final : public FrameSource {
+ public:
+  /// `pace`: times as fast as recorded; 0: as fast as frames are asked for. The recordings must be
+  /// of one machine: throws std::runtime_error if axes or cycle differ.
+  ReplaySource(std::vector<Replay> recordings, double pace);
+  Received receive(MachineFrame& frame, double timeout_s) noexcept override;
+  [[nodiscard]] std::int64_t age_ns() const noexcept override;
+  [[nodiscard]] const MachineDescription& machine() const noexcept {
+    return recordings_.front().machine();
+  }
+
+ private:
+  [[nodiscard]] bool next() noexcept;
+
+  std::vector<Replay> recordings_;
+  double pace_;
+  std::size_t playing_ = 0;
+  std::int64_t started_ns_ = 0;  // when the recording that is playing began
+  std::int64_t due_ns_ = 0;
+  bool waits_ = false;  // next_ is read and its time has not come
+  MachineFrame next_;
+};
+
+/// A machine on the network.
+class DdsSource final : public FrameSource {
+ public:
+  explicit DdsSource(const DdsNode& node) : reader_(node) {}
+  Received receive(MachineFrame& frame, double timeout_s) noexcept override;
+  [[nodiscard]] std::int64_t age_ns() const noexcept override;
+  [[nodiscard]] std::uint64_t malformed() const noexcept override {
+    return malformed_.load(std::memory_order_relaxed);  // a number for people; orders nothing
+  }
+
+ private:
+  DdsReader<MachineFrame> reader_;
+  std::atomic<std::uint64_t> malformed_{0};
+};
+
+}  // namespace servotwin

@@ -1,0 +1,70 @@
+// How long things took: a fixed histogram that one thread fills and any thread reads.
+//
+// Eight bins per octave of nanoseconds: a quantile is at most 12.5 % above the true one. Up to 2^40
+// ns. `add` is wait-free and allocates nothing; one writer thread.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+class Histogram {
+ public:
+  void add(std::int64_t ns) noexcept {
+    const std::uint64_t value = ns > 0 ? static_cast<std::uint64_t>(ns) : 0;
+    bump(bins_[bin_of(value)]);
+    // relaxed throughout: numbers for people; they order nothing, and one thread writes.
+    if (value > max_.load(std::memory_order_relaxed)) max_.store(value, std::memory_order_relaxed);
+  }
+
+  /// The upper end [s] of the bin in which the share `q` of all values is reached; NaN if there are
+  /// none.
+  [[nodiscard]] double quantile_s(double q) const noexcept {
+    std::uint64_t count = 0;
+    for (const auto& bin : bins_) count += bin.load(std::memory_order_relaxed);
+    if (count == 0) return kAbsent;
+    const auto wanted = static_cast<double>(count) * q;
+    std::uint64_t seen = 0;
+    for (std::size_t i = 0; i < kBins; ++i) {
+      seen += bins_[i].load(std::memory_order_relaxed);
+      if (static_cast<double>(seen) >= wanted) return static_cast<double>(end_of(i)) * 1e-9;
+    }
+    return max_s();
+  }
+  [[nodiscard]] double max_s() const noexcept {
+    return static_cast<double>(max_.load(std::memory_order_relaxed)) * 1e-9;
+  }
+
+ private:
+  static constexpr int kBits = 3;  // bins per octave: 2^kBits
+  static constexpr int kOctaves = 40;
+  static constexpr std::size_t kBins = (kOctaves + 1) << kBits;
+
+  // Below 2^kBits every value has its bin; above, the kBits after the leading one choose it.
+  static std::size_t bin_of(std::uint64_t value) noexcept {
+    if (value < (1U << kBits)) return static_cast<std::size_t>(value);
+    const int shift = static_cast<int>(std::bit_width(value)) - 1 - kBits;
+    const std::size_t bin =
+        (static_cast<std::size_t>(shift) << kBits) + static_cast<std::size_t>(value >> shift);
+    return bin < kBins ? bin : kBins - 1;
+  }
+  static std::uint64_t end_of(std::size_t bin) noexcept {
+    if (bin < (1U << kBits)) return bin;
+    const int shift = static_cast<int>(bin >> kBits) - 1;
+    return (((bin & ((1U << kBits) - 1)) | (1U << kBits)) + 1ULL) << shift;
+  }
+  static void bump(std::atomic<std::uint64_t>& counter) noexcept {
+    counter.store(counter.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
+  }
+
+  std::array<std::atomic<std::uint64_t>, kBins> bins_{};
+  std::atomic<std::uint64_t> max_{0};
+};
+
+}  // namespace servotwin

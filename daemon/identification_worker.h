@@ -1,0 +1,86 @@
+// The identification worker: seeks a model for every axis, judges it, and puts it in force if it is
+// better.
+//
+//   window_s of new motion --> identify on the last memory_s --> candidate --> judge_s of motion
+//   that neither the candidate nor the model in force has seen --> daemon/promotion.h --> store -->
+//   in force
+//
+// All of this is counted in motion of the machine, not in time of the worker: a worker that lags
+// does the same as one that does not, as long as the motion is remembered. A model is in force only
+// when it is on the disk. Every decision is an event with its reason.
+//
+// One worker thread at idle priority; the constructor and restore() before it starts; status() any
+// thread.
+#pragma once
+
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "daemon/config.h"
+#include "daemon/event_log.h"
+#include "daemon/latest_value.h"
+#include "daemon/motion_memory.h"
+#include "daemon/promotion.h"
+#include "daemon/real_time_loop.h"
+#include "daemon/store.h"
+
+namespace servotwin {
+
+class IdentificationWorker {
+ public:
+  using Announce = std::function<void(const StoredModel&)>;
+
+  /// `in_force`: one per axis, to the loop. `announce` is called with every model that comes into
+  /// force.
+  IdentificationWorker(const MachineDescription& machine, const IdentifyConfig& config,
+                       const MotionMemory& memory, Store& store, EventLog& events,
+                       std::span<LatestValue<TwinInForce>> in_force, Announce announce);
+
+  /// Puts the models of the store in force. Throws std::runtime_error if one of them cannot be
+  /// read.
+  void restore();
+  void run(const std::stop_token& stop);
+  /// One look at one axis; true if there was something to do.
+  bool look(std::size_t axis);
+  /// No more motion will come: works off what is there, and says what stays undecided.
+  void finish();
+  [[nodiscard]] std::vector<AxisStatus> status() const;
+
+ private:
+  struct Pending {
+    Identified identified;
+    double until_s = 0.0;  // the newest data that it has seen
+    double moved_s = 0.0;  // of the axis by then
+  };
+  struct Axis {
+    std::string name;
+    bool rotary = false;
+    std::optional<StoredModel> in_force;
+    std::optional<Pending> candidate;
+    double moved_s = 0.0;  // by the end of the last search's data
+  };
+
+  void seek(std::size_t axis, double until_s);
+  void judge_candidate(std::size_t axis, double until_s);
+  void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);
+  void put_in_force(std::size_t axis, const StoredModel& model);
+  void say(std::size_t axis, const std::string& activity);
+
+  MachineDescription machine_;
+  IdentifyConfig config_;
+  const MotionMemory& memory_;
+  Store& store_;
+  EventLog& events_;
+  std::span<LatestValue<TwinInForce>> in_force_;
+  Announce announce_;
+  std::vector<Axis> axes_;
+  mutable std::mutex status_mutex_;
+  std::vector<AxisStatus> status_;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,129 @@
+// servotwind: the daemon. Exit status: 0 stopped as asked; 1 it could not start, the message says
+// why; 2 wrong usage.
+#include <pthread.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <cstring>
+#include <iostream>
+#include <stop_token>
+#include <thread>
+
+#include "daemon/config.h"
+#include "daemon/service.h"
+
+namespace servotwin {
+namespace {
+
+/// Tells systemd how far we are (sd_notify(3): one datagram to $NOTIFY_SOCKET).
+void notify_service_manager(const char* state) {
+  const char* path = std::getenv("NOTIFY_SOCKET");
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  if (path == nullptr || *path == '\0' || std::strlen(path) >= sizeof address.sun_path) return;
+  std::strcpy(address.sun_path, path);
+  if (address.sun_path[0] == '@') address.sun_path[0] = '\0';  // the abstract namespace
+  const int socket = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (socket < 0) return;
+  const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + std::strlen(path));
+  sendto(socket, state, std::strlen(state), MSG_NOSIGNAL,
+         reinterpret_cast<const sockaddr*>(&address), length);
+  close(socket);
+}
+
+/// Signals become a request to stop. To be made before any other thread, so that all of them block
+/// them.
+class Signals {
+ public:
+  explicit Signals(std::stop_source stop) {
+    signal(SIGHUP, SIG_IGN);
+    signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN);  // a file too large is an error of write(), not the end of the daemon
+    sigemptyset(&wanted_);
+    for (const int number : {SIGTERM, SIGINT, SIGUSR1}) sigaddset(&wanted_, number);
+    pthread_sigmask(SIG_BLOCK, &wanted_, nullptr);
+    thread_ = std::thread([this, stop]() mutable {
+      int number = 0;
+      sigwait(&wanted_, &number);
+      stop.request_stop();
+    });
+  }
+  Signals(const Signals&) = delete;
+  Signals& operator=(const Signals&) = delete;
+  ~Signals() {
+    pthread_kill(thread_.native_handle(),
+                 SIGUSR1);  // it waits still, where the recordings ended by themselves
+    thread_.join();
+  }
+
+ private:
+  sigset_t wanted_{};
+  std::thread thread_;
+};
+
+struct Arguments {
+  std::string config, store, machine, columns;
+  std::optional<std::uint32_t> domain;
+  std::vector<std::filesystem::path> replay;
+  std::optional<double> pace;
+};
+
+Config configured(const Arguments& arguments) {
+  Config config = arguments.config.empty() ? Config{} : load_config(arguments.config);
+  if (!arguments.store.empty()) config.store.directory = arguments.store;
+  if (!arguments.machine.empty()) config.machine = arguments.machine;
+  if (arguments.domain) config.dds.domain = *arguments.domain;
+  if (!arguments.replay.empty()) {
+    config.source = SourceKind::kReplay;
+    config.replay.files = arguments.replay;
+    config.replay.columns = arguments.columns;
+  }
+  if (arguments.pace) config.replay.pace = *arguments.pace;
+  return config;
+}
+
+int run(int argc, char** argv) {
+  CLI::App app("The always-on digital twin of a machine's servo drives.", "servotwind");
+  Arguments arguments;
+  app.add_option("--config", arguments.config,
+                 "Configuration (TOML); without it the defaults hold");
+  app.add_option("--store", arguments.store, "Directory of models, events and recordings");
+  app.add_option("--machine", arguments.machine, "Name of the machine");
+  app.add_option("--domain", arguments.domain, "DDS domain")->check(CLI::Range(0, 230));
+  auto* replay = app.add_option("--replay", arguments.replay,
+                                "Recordings to replay instead of listening to a machine");
+  app.add_option("--columns", arguments.columns,
+                 "Names for foreign recordings: X.command=qg[m],...")
+      ->needs(replay);
+  app.add_option("--pace", arguments.pace, "Times as fast as recorded")
+      ->needs(replay)
+      ->check(CLI::Range(0.01, 1000.0));
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  std::stop_source stop;
+  const Signals signals(stop);
+  serve(
+      configured(arguments), stop.get_token(), [] { notify_service_manager("READY=1"); },
+      std::cerr);
+  notify_service_manager("STOPPING=1");
+  return 0;
+}
+
+}  // namespace
+}  // namespace servotwin
+
+int main(int argc, char** argv) {
+  try {
+    return servotwin::run(argc, argv);
+  } catch (const std::exception& error) {
+    std::cerr << "servotwind: " << error.what() << std::endl;
+    return 1;
+  }
+}

@@ -1,0 +1,63 @@
+#include "daemon/promotion.h"
+
+#include <cmath>
+#include <sstream>
+
+namespace servotwin {
+namespace {
+
+std::string micro(double value, bool rotary) {
+  std::ostringstream out;
+  out.precision(3);
+  out << value * 1e6 << (rotary ? " urad" : " um");
+  return out.str();
+}
+
+std::string seconds(double value) {
+  std::ostringstream out;
+  out.precision(3);
+  out << value << " s";
+  return out.str();
+}
+
+std::string the_other(int version) {
+  return version == 0 ? "predicting nothing" : "model " + std::to_string(version);
+}
+
+}  // namespace
+
+Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
+  if (!candidacy.invalid.empty()) return {Ruling::kInvalid, candidacy.invalid};
+  if (!candidacy.refusals.empty()) {
+    std::string all;
+    for (const std::string& refusal : candidacy.refusals)
+      all += (all.empty() ? "" : "; ") + refusal;
+    return {Ruling::kRefused, all};
+  }
+  if (!(candidacy.judged_s >= rule.judge_s)) {
+    return {Ruling::kNotJudged, "only " + seconds(candidacy.judged_s) +
+                                    " of motion to judge on, needs " + seconds(rule.judge_s)};
+  }
+  if (!std::isfinite(candidacy.rms))
+    return {Ruling::kNotJudged, "it cannot be simulated on unseen motion"};
+
+  const std::string figures = "leaves " + micro(candidacy.rms, candidacy.rotary) + " RMS on " +
+                              seconds(candidacy.judged_s) + " of unseen motion";
+  // A model in force that cannot be simulated there is beaten by any that can.
+  if (!std::isfinite(candidacy.rms_in_force)) {
+    return {Ruling::kPromoted,
+            figures + ", where " + the_other(candidacy.version_in_force) + " cannot be simulated"};
+  }
+  const std::string comparison = figures + ", " + the_other(candidacy.version_in_force) +
+                                 " leaves " + micro(candidacy.rms_in_force, candidacy.rotary);
+  if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
+      candidacy.rms < candidacy.rms_in_force) {
+    return {Ruling::kPromoted, comparison};
+  }
+  std::ostringstream wanted;
+  wanted.precision(3);
+  wanted << 100.0 * rule.min_improvement;
+  return {Ruling::kNotBetter, comparison + "; must be better by " + wanted.str() + " %"};
+}
+
+}  // namespace servotwin

@@ -1,0 +1,52 @@
+// The rule by which a model comes into force. A model is never published because it is new.
+//
+//   promote if it may be used at all (excited, stable, in bounds), and
+//   RMS(candidate) <= (1 - min_improvement) RMS(in force)  on motion that neither was fitted to.
+//
+// Where no model is in force, the one to beat predicts nothing: its error is the tracking error
+// itself. Pure: no clock, file or thread. RMS of measured minus freely simulated tracking error [m
+// | rad].
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct Candidacy {
+  std::vector<std::string> refusals;  ///< of the identification: why it may not be used
+  std::string invalid;                ///< why_invalid(model)
+  double rms = kAbsent;               ///< of the candidate on the judging motion
+  double rms_in_force = kAbsent;      ///< of the model in force there, or of predicting nothing
+  int version_in_force = 0;           ///< 0: none
+  double judged_s = 0.0;              ///< motion judged on
+  bool rotary = false;
+};
+
+struct PromotionRule {
+  double judge_s = 4.0;           ///< least motion to judge on
+  double min_improvement = 0.02;  ///< share by which the RMS must fall
+};
+
+/// Numbered, never reused.
+enum class Ruling : std::uint8_t {
+  kPromoted = 0,
+  kInvalid = 1,    ///< unstable or out of physical bounds
+  kRefused = 2,    ///< by the identification: not excited, predicts nothing
+  kNotJudged = 3,  ///< too little motion, or it could not be simulated
+  kNotBetter = 4,
+};
+
+struct Decision {
+  Ruling ruling = Ruling::kNotJudged;
+  std::string reason;  ///< one line for people
+
+  [[nodiscard]] bool promoted() const noexcept { return ruling == Ruling::kPromoted; }
+};
+
+[[nodiscard]] Decision decide(const Candidacy& candidacy, const PromotionRule& rule);
+
+}  // namespace servotwin

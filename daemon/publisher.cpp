@@ -1,0 +1,77 @@
+#include "daemon/publisher.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "daemon/clock.h"
+#include "identification/model_file.h"
+
+namespace servotwin {
+namespace {
+constexpr std::int64_t kStatusPeriod_ns = 1'000'000'000;
+constexpr std::int64_t kStopPatience_ns =
+    100'000'000;  // until it is seen that the publisher is to stop
+}  // namespace
+
+Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
+                     const WakeUp& wake_up, Status status)
+    : prediction_writer_(node, cycle_s),
+      model_writer_(node),
+      status_writer_(node),
+      predictions_(predictions),
+      wake_up_(wake_up),
+      status_(std::move(status)) {}
+
+void Publisher::run(const std::stop_token& stop) {
+  std::int64_t next_status = steady_ns();
+  while (!stop.stop_requested()) {
+    const std::int64_t now = steady_ns();
+    if (now >= next_status) {
+      send_status();
+      next_status = now + kStatusPeriod_ns;
+    }
+    wake_up_.wait(
+        static_cast<int>(std::min(kStopPatience_ns, next_status - now + 1'000'000) / 1'000'000));
+    send_predictions();
+    send_models();
+  }
+  send_predictions();
+  send_models();
+  send_status();
+}
+
+void Publisher::announce(const StoredModel& model) {
+  const ModelRecord& record = model.record;
+  const std::lock_guard lock(mutex_);
+  waiting_.push_back({record.axis, record.version, record.parent, record.created, model.reason,
+                      to_json(record).dump()});
+}
+
+void Publisher::send_predictions() {
+  while (predictions_.pop(prediction_)) prediction_writer_.write(prediction_);
+}
+
+void Publisher::send_models() {
+  std::vector<ModelAnnouncement> models;
+  {
+    const std::lock_guard lock(mutex_);
+    models.swap(waiting_);
+  }
+  for (const ModelAnnouncement& model : models) model_writer_.write(model);
+}
+
+void Publisher::send_status() {
+  MachineStatus status = status_();
+  status.time_ns = wall_ns();
+  status.predictions_dropped = predictions_.drops() + prediction_writer_.failed();
+  const std::int64_t now = steady_ns();
+  if (last_status_ns_ != 0 && now > last_status_ns_) {
+    status.frame_rate_hz = static_cast<double>(status.frames - last_frames_) * 1e9 /
+                           static_cast<double>(now - last_status_ns_);
+  }
+  last_status_ns_ = now;
+  last_frames_ = status.frames;
+  status_writer_.write(status);
+}
+
+}  // namespace servotwin

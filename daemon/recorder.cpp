@@ -1,0 +1,140 @@
+#include "daemon/recorder.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <thread>
+#include <vector>
+
+#include "daemon/clock.h"
+#include "drivers/csv.h"
+
+namespace servotwin {
+namespace {
+
+// The ring holds seconds of rows, identification waits for seconds of motion: no reason to hurry.
+constexpr auto kPause = std::chrono::milliseconds(20);
+
+/// A name that sorts by time and is not there yet.
+std::string name_of_file(const std::filesystem::path& directory) {
+  std::string stamp = iso_time(wall_ns());
+  std::erase(stamp, ':');
+  std::string name = stamp + ".csv";
+  for (int more = 2; std::filesystem::exists(directory / name); ++more)
+    name = stamp + "-" + std::to_string(more) + ".csv";
+  return name;
+}
+
+}  // namespace
+
+Recorder::Recorder(const MachineDescription& machine, const std::string& machine_name,
+                   const std::filesystem::path& directory, double budget_mb, Ring<CycleRow>& rows,
+                   MotionMemory& memory, EventLog& events)
+    : directory_(directory / "recordings" / machine_name),
+      budget_bytes_(budget_mb * 1e6),
+      rows_(rows),
+      memory_(memory),
+      events_(events) {
+  empty_.source = machine_name;
+  for (const AxisDescription& axis : machine.axes) {
+    AxisRecord record;
+    record.name = axis.name;
+    record.rotary = axis.rotary;
+    record.torque_unit = axis.torque_unit;
+    empty_.axes.push_back(std::move(record));
+  }
+  file_ = empty_;
+  if (budget_bytes_ <= 0.0) return;
+  std::error_code error;
+  std::filesystem::create_directories(directory_, error);
+  if (error)
+    throw std::runtime_error("recordings " + directory_.string() +
+                             ": cannot be made: " + error.message());
+  // What a crash left half written; the store's lock says that nobody else is writing here.
+  for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
+    if (entry.path().filename().string().find(".csv.part-") != std::string::npos) {
+      std::filesystem::remove(entry.path());
+    }
+  }
+}
+
+void Recorder::run(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    if (!drain()) std::this_thread::sleep_for(kPause);
+  }
+  while (drain()) {
+  }
+  finish_file();
+}
+
+bool Recorder::drain() {
+  bool any = false;
+  CycleRow row;
+  while (rows_.pop(row)) {
+    any = true;
+    memory_.append(row);
+    if (budget_bytes_ > 0.0) collect(row);
+  }
+  return any;
+}
+
+void Recorder::collect(const CycleRow& row) {
+  const double since_start_s = static_cast<double>(row.time_ns - file_start_ns_) * 1e-9;
+  const bool goes_back = !file_.time.empty() && since_start_s <= file_.time.back();
+  if (!file_.time.empty() && (goes_back || since_start_s >= kFile_s)) finish_file();
+  if (file_.time.empty()) {
+    file_start_ns_ = row.time_ns;
+    file_name_ = name_of_file(directory_);
+  }
+  file_.time.push_back(static_cast<double>(row.time_ns - file_start_ns_) * 1e-9);
+  for (std::size_t i = 0; i < file_.axes.size(); ++i) {
+    AxisRecord& axis = file_.axes[i];
+    axis.command.push_back(row.axes[i].command);
+    axis.actual.push_back(row.axes[i].actual);
+    if (!axis.torque_unit.empty()) axis.torque.push_back(row.axes[i].torque);
+  }
+}
+
+void Recorder::finish_file() {
+  if (file_.time.empty()) return;
+  const std::uint64_t rows = file_.time.size();
+  try {
+    write_recording_csv(directory_ / file_name_, file_);
+    if (failing_) {
+      events_.note("recording", "",
+                   "recordings are stored again; " + std::to_string(rows_not_recorded()) +
+                       " rows are missing");
+    }
+    failing_ = false;
+    delete_oldest();
+  } catch (const std::exception& error) {
+    not_recorded_.fetch_add(rows, std::memory_order_relaxed);
+    if (!failing_)
+      events_.error("recording", "", std::string("recordings are not stored: ") + error.what());
+    failing_ = true;
+  }
+  file_ = empty_;
+}
+
+void Recorder::delete_oldest() {
+  std::vector<std::filesystem::directory_entry> files;
+  double bytes = 0.0;
+  for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
+    if (!entry.is_regular_file() || entry.path().extension() != ".csv") continue;
+    files.push_back(entry);
+    bytes += static_cast<double>(entry.file_size());
+  }
+  std::sort(files.begin(), files.end());
+  for (std::size_t i = 0; i + 1 < files.size() && bytes > budget_bytes_; ++i) {
+    bytes -= static_cast<double>(files[i].file_size());
+    std::filesystem::remove(files[i]);
+    if (!deleted_) {
+      events_.note("recording", "",
+                   "the oldest recordings are deleted, to stay within " +
+                       std::to_string(static_cast<long>(budget_bytes_ / 1e6)) + " MB");
+    }
+    deleted_ = true;
+  }
+}
+
+}  // namespace servotwin

@@ -1,0 +1,61 @@
+// The recorder: takes the rows from the real-time loop into the motion memory and into files.
+//
+// Files: `directory`/recordings/<machine>/<start, UTC>.csv, 30 s each, as every recording of ours;
+// the oldest are deleted when all of them together are larger than the budget. A file appears when
+// it is complete: a crash loses at most the last 30 s of raw rows, never a model. If the disk
+// refuses, the machine is watched as before, and what was not recorded is counted and said. One
+// worker thread; errors while running are events.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <stop_token>
+#include <string>
+
+#include "daemon/event_log.h"
+#include "daemon/motion_memory.h"
+#include "daemon/ring.h"
+
+namespace servotwin {
+
+class Recorder {
+ public:
+  static constexpr double kFile_s = 30.0;
+
+  /// `budget_mb`: of all files together; 0: none are written. Throws std::runtime_error if the
+  /// directory cannot be made.
+  Recorder(const MachineDescription& machine, const std::string& machine_name,
+           const std::filesystem::path& directory, double budget_mb, Ring<CycleRow>& rows,
+           MotionMemory& memory, EventLog& events);
+
+  /// Until asked to stop, and then until the ring is empty and the last file is written.
+  void run(const std::stop_token& stop);
+  /// Takes what waits in the ring; true if there was something.
+  bool drain();
+  /// Writes what has been collected.
+  void finish_file();
+  /// Rows that are in no file though they should be. Any thread.
+  [[nodiscard]] std::uint64_t rows_not_recorded() const noexcept {
+    return not_recorded_.load(std::memory_order_relaxed);  // a number for people; orders nothing
+  }
+
+ private:
+  void collect(const CycleRow& row);
+  void delete_oldest();
+
+  std::filesystem::path directory_;
+  double budget_bytes_;
+  Ring<CycleRow>& rows_;
+  MotionMemory& memory_;
+  EventLog& events_;
+  Recording empty_;  // the machine's columns
+  Recording file_;
+  std::int64_t file_start_ns_ = 0;  // stamp of its first row
+  std::string file_name_;
+  bool failing_ = false;
+  bool deleted_ = false;
+  std::atomic<std::uint64_t> not_recorded_{0};
+};
+
+}  // namespace servotwin

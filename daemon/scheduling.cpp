@@ -1,0 +1,46 @@
+#include "daemon/scheduling.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+
+#include <cerrno>
+#include <cstring>
+
+namespace servotwin {
+
+std::string become_real_time(int priority) {
+  if (priority == 0) return {};
+  sched_param parameter{};
+  parameter.sched_priority = priority;
+  const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameter);
+  if (error == 0) return {};
+  return "the real-time loop runs at normal priority: " + std::string(std::strerror(error)) +
+         "; needs CAP_SYS_NICE or LimitRTPRIO=" + std::to_string(priority);
+}
+
+std::string become_idle() {
+  const sched_param parameter{};
+  const int error = pthread_setschedparam(pthread_self(), SCHED_IDLE, &parameter);
+  if (error == 0) return {};
+  return "identification runs at normal priority: " + std::string(std::strerror(error));
+}
+
+void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }
+
+std::string lock_memory() {
+  // Not under a limit: what is locked now would leave too little for later, and an allocation would
+  // fail.
+  rlimit limit{};
+  getrlimit(RLIMIT_MEMLOCK, &limit);
+  if (limit.rlim_cur != RLIM_INFINITY) {
+    return "memory is not locked: the limit is " + std::to_string(limit.rlim_cur / 1024) +
+           " kB; needs LimitMEMLOCK=infinity";
+  }
+  // On fault: the stacks of all workers need not be in memory, only what has been used.
+  if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return {};
+  return "memory is not locked: " + std::string(std::strerror(errno));
+}
+
+}  // namespace servotwin

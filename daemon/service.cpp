@@ -1,0 +1,217 @@
+#include "daemon/service.h"
+
+#include <atomic>
+#include <condition_variable>
+#include <mutex>
+#include <ostream>
+#include <stdexcept>
+#include <thread>
+
+#include "daemon/event_log.h"
+#include "daemon/frame_source.h"
+#include "daemon/identification_worker.h"
+#include "daemon/motion_memory.h"
+#include "daemon/publisher.h"
+#include "daemon/real_time_loop.h"
+#include "daemon/recorder.h"
+#include "daemon/scheduling.h"
+#include "daemon/store.h"
+#include "drivers/dds.h"
+#include "drivers/recording_file.h"
+#include "drivers/replay.h"
+
+namespace servotwin {
+namespace {
+
+// At 1 kHz: a quarter of a second until a publisher that does not get on loses predictions, and
+// eight seconds for the recorder, which may have to wait for a disk.
+constexpr std::size_t kPredictionRing = 256;
+constexpr std::size_t kRowRing = 8192;
+// How much longer motion is remembered than a search and a judgement need, for a busy processor.
+constexpr double kLag_s = 60.0;
+
+MachineDescription described_by(const Config& config) {
+  MachineDescription machine;
+  machine.cycle_s = config.cycle_s.value_or(0.001);
+  for (const AxisConfig& axis : config.axes)
+    machine.axes.push_back({axis.name, axis.rotary, axis.torque_unit});
+  return machine;
+}
+
+struct Input {
+  std::unique_ptr<FrameSource> source;
+  MachineDescription machine;
+};
+
+Input replaying(const Config& config, EventLog& events) {
+  std::vector<Replay> recordings;
+  for (const std::filesystem::path& file : config.replay.files) {
+    ReadOptions options;
+    options.columns = config.replay.columns;
+    Recording recording = read_recording(file, options);
+    for (const std::string& note : recording.notes) events.note("source", "", note);
+    recordings.emplace_back(std::move(recording));
+    if (const std::size_t rows = recordings.back().rows_without_time(); rows > 0) {
+      events.note(
+          "source", "",
+          file.string() + ": " + std::to_string(rows) + " rows without a time are left out");
+    }
+  }
+  auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.pace);
+  const MachineDescription machine = source->machine();
+  return {std::move(source), machine};
+}
+
+/// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
+std::optional<MachineDescription> introduced(const DdsNode& node,
+                                             DdsReader<MachineDescription>& reader,
+                                             const std::stop_token& stop) {
+  DdsWriter<MachineStatus> writer(node);
+  MachineStatus status;
+  status.state = DaemonState::kWaiting;
+  writer.write(status);
+  MachineDescription machine;
+  while (!stop.stop_requested()) {
+    if (reader.receive(machine, 0.1)) return machine;
+  }
+  return std::nullopt;
+}
+
+void check_names(const Config& config, const MachineDescription& machine) {
+  if (config.axes.empty()) return;
+  const MachineDescription wanted = described_by(config);
+  for (std::size_t i = 0; i < std::max(wanted.axes.size(), machine.axes.size()); ++i) {
+    const std::string there = i < machine.axes.size() ? machine.axes[i].name : "none";
+    const std::string here = i < wanted.axes.size() ? wanted.axes[i].name : "none";
+    if (there == here) continue;
+    throw std::runtime_error("axis " + std::to_string(i + 1) + " is '" + here +
+                             "' in the configuration and '" + there + "' in the recording");
+  }
+}
+
+}  // namespace
+
+void serve(const Config& config, const std::stop_token& stop, const std::function<void()>& ready,
+           std::ostream& out) {
+  Store store(config.store.directory.empty() ? default_store() : config.store.directory,
+              config.machine);
+  EventLog events(store, out);
+  store.add(event_now(
+      "started", "", "started"));  // a disk that refuses is found out now, not with the first model
+  const DdsNode node({config.machine, config.dds.domain, config.dds.partition});
+  // Kept for as long as we listen: whoever introduces a machine waits to see it.
+  DdsReader<MachineDescription> descriptions(node);
+  ready();
+
+  // Where the frames come from, and of what machine.
+  Input input;
+  if (config.source == SourceKind::kReplay) {
+    input = replaying(config, events);
+    check_names(config, input.machine);
+  } else {
+    if (config.axes.empty()) {
+      events.note("source", "",
+                  "waiting for machine '" + config.machine + "' on DDS domain " +
+                      std::to_string(config.dds.domain));
+      const std::optional<MachineDescription> machine = introduced(node, descriptions, stop);
+      if (!machine) return;
+      input.machine = *machine;
+    } else {
+      input.machine = described_by(config);
+    }
+    input.source = std::make_unique<DdsSource>(node);
+  }
+  if (config.cycle_s) input.machine.cycle_s = *config.cycle_s;
+  const MachineDescription& machine = input.machine;
+
+  // What lies between the threads.
+  std::vector<LatestValue<TwinInForce>> models(machine.axes.size());
+  Ring<MachinePrediction> predictions(kPredictionRing);
+  Ring<CycleRow> rows(kRowRing);
+  WakeUp predicted;
+  MotionMemory memory(machine, config.identify.memory_s + config.identify.window_s +
+                                   config.identify.judge_s + kLag_s);
+
+  // Who works.
+  RealTimeLoop loop(machine.cycle_s, models, predictions, rows, predicted);
+  Recorder recorder(machine, config.machine, store.directory(), config.store.recordings_mb, rows,
+                    memory, events);
+  Publisher* to_network = nullptr;
+  IdentificationWorker identification(
+      machine, config.identify, memory, store, events, models,
+      [&](const StoredModel& model) { to_network->announce(model); });
+  const auto status = [&] {
+    const LoopCounters& counted = loop.counters();
+    MachineStatus now;
+    now.frames = counted.frames;
+    now.state = stop.stop_requested() ? DaemonState::kStopping
+                : now.frames == 0     ? DaemonState::kWaiting
+                                      : DaemonState::kRunning;
+    now.lost = counted.lost;
+    now.malformed = counted.malformed + input.source->malformed();
+    now.time_jumps = counted.time_jumps;
+    now.not_finite = counted.not_finite;
+    now.overruns = counted.overruns;
+    now.rows_dropped = rows.drops() + recorder.rows_not_recorded();
+    now.wake_p50_s = counted.wake.quantile_s(0.5);
+    now.wake_p99_s = counted.wake.quantile_s(0.99);
+    now.work_p50_s = counted.work.quantile_s(0.5);
+    now.work_p99_s = counted.work.quantile_s(0.99);
+    now.work_max_s = counted.work.max_s();
+    now.axes = identification.status();
+    now.last_error = events.last_error();
+    return now;
+  };
+  Publisher publisher(node, machine.cycle_s, predictions, predicted, status);
+  to_network = &publisher;
+  identification.restore();
+
+  if (const std::string why = lock_memory(); !why.empty()) events.note("real_time", "", why);
+  std::atomic<bool> stop_loop{false};
+  std::mutex mutex;
+  std::condition_variable_any ended_changed;
+  bool ended = false;
+
+  std::jthread publishing([&](const std::stop_token& its_stop) {
+    name_thread("publisher");
+    publisher.run(its_stop);
+  });
+  std::jthread recording([&](const std::stop_token& its_stop) {
+    name_thread("recorder");
+    recorder.run(its_stop);
+  });
+  std::jthread identifying([&](const std::stop_token& its_stop) {
+    name_thread("identification");
+    if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
+    identification.run(its_stop);
+  });
+  std::jthread real_time([&] {
+    name_thread("real-time loop");
+    if (const std::string why = become_real_time(config.priority); !why.empty())
+      events.note("real_time", "", why);
+    loop.run(*input.source, stop_loop);
+    const std::lock_guard lock(mutex);
+    ended = true;
+    ended_changed.notify_all();
+  });
+
+  {
+    std::unique_lock lock(mutex);
+    ended_changed.wait(lock, stop, [&] { return ended; });
+  }
+
+  // Downstream, so that nothing is left in a ring.
+  stop_loop = true;
+  real_time.join();
+  recording.request_stop();
+  recording.join();
+  identifying.request_stop();
+  identifying.join();
+  if (!stop.stop_requested()) identification.finish();
+  publishing.request_stop();
+  publishing.join();
+  events.note("stopped", "",
+              "stopped after " + std::to_string(loop.counters().frames.load()) + " frames");
+}
+
+}  // namespace servotwin

@@ -1,0 +1,20 @@
+// The running service for one machine. Its run() reads as the picture in docs/architecture.md.
+#pragma once
+
+#include <functional>
+#include <iosfwd>
+#include <stop_token>
+
+#include "daemon/config.h"
+#include "drivers/messages.h"
+
+namespace servotwin {
+
+/// Runs until asked to stop or, where recordings are replayed, until they have been worked off.
+/// `ready` is called once the store and the network are there. Events go to `out`, one line each.
+/// Throws std::runtime_error or std::invalid_argument where it cannot start; while it runs it
+/// survives.
+void serve(const Config& config, const std::stop_token& stop, const std::function<void()>& ready,
+           std::ostream& out);
+
+}  // namespace servotwin

@@ -1,0 +1,267 @@
+#include "daemon/store.h"
+
+#include <fcntl.h>
+#include <sqlite3.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+namespace servotwin {
+namespace {
+
+constexpr int kSchemaVersion = 1;
+constexpr const char* kSchema = R"(
+  CREATE TABLE IF NOT EXISTS models (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL,
+    created TEXT NOT NULL, reason TEXT NOT NULL, json TEXT NOT NULL,
+    PRIMARY KEY (machine, axis, version)) WITHOUT ROWID;
+  CREATE TABLE IF NOT EXISTS events (
+    id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
+    kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL);
+)";
+
+std::string system_error(int error) { return std::strerror(error); }
+
+/// Holds the directory for this process; given back by the kernel when the process ends.
+int lock_directory(const std::filesystem::path& directory) {
+  std::error_code error;
+  std::filesystem::create_directories(directory, error);
+  if (error)
+    throw std::runtime_error("store " + directory.string() +
+                             ": cannot be made: " + error.message());
+  const std::filesystem::path file = directory / "lock";
+  const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (lock < 0)
+    throw std::runtime_error("store " + directory.string() +
+                             ": cannot be written: " + system_error(errno));
+  if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
+    close(lock);
+    throw std::runtime_error("store " + directory.string() +
+                             ": is in use by another servotwind; give --store");
+  }
+  return lock;
+}
+
+}  // namespace
+
+/// A statement that is finalised when it goes out of scope.
+class Store::Statement {
+ public:
+  Statement(const Store& store, const char* sql) : store_(store) {
+    if (sqlite3_prepare_v2(store.database_.get(), sql, -1, &statement_, nullptr) != SQLITE_OK)
+      store.fail("cannot be read");
+  }
+  Statement(const Statement&) = delete;
+  Statement& operator=(const Statement&) = delete;
+  ~Statement() { sqlite3_finalize(statement_); }
+
+  Statement& bind(const std::string& text) {
+    sqlite3_bind_text(statement_, ++bound_, text.c_str(), static_cast<int>(text.size()),
+                      SQLITE_TRANSIENT);
+    return *this;
+  }
+  Statement& bind(std::int64_t number) {
+    sqlite3_bind_int64(statement_, ++bound_, number);
+    return *this;
+  }
+  /// True if there is a row.
+  bool step(const char* doing) {
+    const int result = sqlite3_step(statement_);
+    if (result != SQLITE_ROW && result != SQLITE_DONE) store_.fail(doing);
+    return result == SQLITE_ROW;
+  }
+  [[nodiscard]] std::string text(int column) const {
+    const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
+    return bytes == nullptr ? std::string() : std::string(bytes);
+  }
+  [[nodiscard]] std::int64_t number(int column) const {
+    return sqlite3_column_int64(statement_, column);
+  }
+
+ private:
+  const Store& store_;
+  sqlite3_stmt* statement_ = nullptr;
+  int bound_ = 0;
+};
+
+/// Everything between here and commit() is on the disk together or not at all.
+class Store::Transaction {
+ public:
+  explicit Transaction(const Store& store) : store_(store) { store.execute("BEGIN IMMEDIATE"); }
+  Transaction(const Transaction&) = delete;
+  Transaction& operator=(const Transaction&) = delete;
+  ~Transaction() {
+    if (!committed_) sqlite3_exec(store_.database_.get(), "ROLLBACK", nullptr, nullptr, nullptr);
+  }
+  void commit() {
+    store_.execute("COMMIT");
+    committed_ = true;
+  }
+
+ private:
+  const Store& store_;
+  bool committed_ = false;
+};
+
+void Store::Close::operator()(sqlite3* database) const noexcept { sqlite3_close(database); }
+
+Store::Store(const std::filesystem::path& directory, std::string machine)
+    : directory_(directory),
+      file_(directory / "servotwin.sqlite"),
+      machine_(std::move(machine)),
+      lock_(lock_directory(directory)) {
+  try {
+    sqlite3* database = nullptr;
+    const int opened = sqlite3_open_v2(file_.c_str(), &database,
+                                       SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
+    database_.reset(database);
+    if (opened != SQLITE_OK) fail("cannot be opened");
+    sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
+    execute("PRAGMA journal_mode=WAL");
+    execute("PRAGMA synchronous=FULL");
+    Statement version(*this, "PRAGMA user_version");
+    const std::int64_t found = version.step("cannot be read") ? version.number(0) : 0;
+    if (found > kSchemaVersion) {
+      throw std::runtime_error(
+          "store " + file_.string() + ": was written by a newer servotwind (layout " +
+          std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
+    }
+    Transaction transaction(*this);
+    execute(kSchema);
+    execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
+    transaction.commit();
+  } catch (...) {
+    close(lock_);
+    throw;
+  }
+}
+
+Store::~Store() {
+  database_.reset();
+  close(lock_);
+}
+
+void Store::fail(const std::string& what) const {
+  std::string why = sqlite3_errmsg(database_.get());
+  if (const int error = sqlite3_system_errno(database_.get()); error != 0)
+    why += " (" + system_error(error) + ")";
+  throw std::runtime_error("store " + file_.string() + ": " + what + ": " + why);
+}
+
+void Store::execute(const char* sql) const {
+  if (sqlite3_exec(database_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK)
+    fail("cannot be written");
+}
+
+std::vector<StoredModel> Store::read_models(Statement& statement) const {
+  std::vector<StoredModel> out;
+  while (statement.step("cannot be read")) {
+    const std::string axis = statement.text(0), version = statement.text(1);
+    try {
+      StoredModel model;
+      model.record = model_from_json(nlohmann::json::parse(statement.text(3)));
+      model.reason = statement.text(2);
+      model.record.version = static_cast<int>(statement.number(1));
+      if (model.record.axis != axis)
+        throw std::runtime_error("axis: is '" + model.record.axis + "'");
+      out.push_back(std::move(model));
+    } catch (const std::exception& error) {
+      throw std::runtime_error(
+          "store " + file_.string() + ": model of axis " + axis + ", version " + version +
+          ", is damaged: " + error.what() +
+          "; start with another --store, or delete that row to go back to the version before");
+    }
+  }
+  return out;
+}
+
+std::vector<StoredModel> Store::in_force() const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT axis, max(version), reason, json FROM models WHERE machine = ? GROUP "
+                      "BY axis ORDER BY axis");
+  return read_models(statement.bind(machine_));
+}
+
+std::vector<StoredModel> Store::versions(const std::string& axis) const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = "
+                      "? ORDER BY version DESC");
+  return read_models(statement.bind(machine_).bind(axis));
+}
+
+void Store::promote(ModelRecord& record, const Event& event) {
+  const std::lock_guard lock(mutex_);
+  Transaction transaction(*this);
+  ModelRecord stored = record;
+  {
+    Statement newest(*this,
+                     "SELECT coalesce(max(version), 0) FROM models WHERE machine = ? AND axis = ?");
+    newest.bind(machine_).bind(record.axis).step("cannot be read");
+    stored.parent = static_cast<int>(newest.number(0));
+    stored.version = stored.parent + 1;
+  }
+  Statement insert(*this,
+                   "INSERT INTO models (machine, axis, version, created, reason, json) VALUES (?, "
+                   "?, ?, ?, ?, ?)");
+  insert.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(stored.created);
+  insert.bind(event.text).bind(to_json(stored).dump()).step("cannot be written");
+  insert_event(event);
+  transaction.commit();
+  record = std::move(stored);
+}
+
+void Store::add(const Event& event) {
+  const std::lock_guard lock(mutex_);
+  Transaction transaction(*this);
+  insert_event(event);
+  transaction.commit();
+}
+
+void Store::insert_event(const Event& event) {
+  Statement insert(
+      *this,
+      "INSERT INTO events (time, machine, axis, kind, text, detail) VALUES (?, ?, ?, ?, ?, ?)");
+  insert.bind(event.time)
+      .bind(machine_)
+      .bind(event.axis)
+      .bind(event.kind)
+      .bind(event.text)
+      .bind(event.detail);
+  insert.step("cannot be written");
+  Statement forget(*this, "DELETE FROM events WHERE id <= (SELECT max(id) FROM events) - ?");
+  forget.bind(std::int64_t{kEventsKept}).step("cannot be written");
+}
+
+std::vector<Event> Store::events(int most) const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT time, axis, kind, text, detail FROM events WHERE machine = ? ORDER "
+                      "BY id DESC LIMIT ?");
+  statement.bind(machine_).bind(std::int64_t{most});
+  std::vector<Event> out;
+  while (statement.step("cannot be read")) {
+    out.push_back({statement.text(0), statement.text(1), statement.text(2), statement.text(3),
+                   statement.text(4)});
+  }
+  return out;
+}
+
+std::string iso_time(std::int64_t wall_ns) {
+  const std::time_t seconds = wall_ns / 1'000'000'000;
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  char text[40];
+  const std::size_t length = std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%S", &utc);
+  std::snprintf(text + length, sizeof text - length, ".%03dZ",
+                static_cast<int>(wall_ns / 1'000'000 % 1000));
+  return text;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,81 @@
+// What must outlive the daemon: every model that was in force, and every event (SQLite).
+//
+// Nothing is acknowledged before it is on the disk: WAL journal, synchronous=FULL, one transaction
+// for a model and its event. The version in force of an axis is its highest one. One process per
+// directory. Errors: std::runtime_error, one line with the file and the reason. Any thread.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "identification/model_file.h"
+
+struct sqlite3;
+
+namespace servotwin {
+
+struct Event {
+  std::string time;    ///< ISO 8601, UTC
+  std::string axis;    ///< empty: the machine
+  std::string kind;    ///< "model_promoted", "model_refused", ...
+  std::string text;    ///< one line for people
+  std::string detail;  ///< JSON, or empty
+};
+
+/// A model with why it came into force.
+struct StoredModel {
+  ModelRecord record;
+  std::string reason;
+};
+
+class Store {
+ public:
+  /// The newest events that are kept; some months of decisions.
+  static constexpr int kEventsKept = 100'000;
+
+  /// Opens or makes `directory`/servotwin.sqlite.
+  Store(const std::filesystem::path& directory, std::string machine);
+  Store(const Store&) = delete;
+  Store& operator=(const Store&) = delete;
+  ~Store();
+
+  /// The model in force of every axis. Throws if one of them cannot be read, with what to do.
+  [[nodiscard]] std::vector<StoredModel> in_force() const;
+  /// All versions of an axis, the newest first.
+  [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis) const;
+  /// Stores a model as the axis' next version, with the event that tells of it; version and parent
+  /// of `record` are set. When this returns it is on the disk; when it throws nothing has changed.
+  void promote(ModelRecord& record, const Event& event);
+
+  void add(const Event& event);
+  /// The newest first.
+  [[nodiscard]] std::vector<Event> events(int most) const;
+
+  [[nodiscard]] const std::filesystem::path& directory() const noexcept { return directory_; }
+
+ private:
+  struct Close {
+    void operator()(sqlite3* database) const noexcept;
+  };
+  class Statement;
+  class Transaction;
+
+  [[noreturn]] void fail(const std::string& what) const;
+  void execute(const char* sql) const;
+  void insert_event(const Event& event);
+  [[nodiscard]] std::vector<StoredModel> read_models(Statement& statement) const;
+
+  std::filesystem::path directory_, file_;
+  std::string machine_;
+  int lock_ = -1;
+  std::unique_ptr<sqlite3, Close> database_;
+  mutable std::mutex mutex_;
+};
+
+/// "2026-01-31T12:00:00.000Z"
+[[nodiscard]] std::string iso_time(std::int64_t wall_ns);
+
+}  // namespace servotwin

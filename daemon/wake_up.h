@@ -1,0 +1,39 @@
+// Wakes a worker from the real-time loop: a counter in the kernel, one system call, no lock, no
+// memory.
+#pragma once
+
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+
+namespace servotwin {
+
+class WakeUp {
+ public:
+  WakeUp() : event_(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC)) {
+    if (event_ < 0) throw std::runtime_error(std::string("eventfd: ") + std::strerror(errno));
+  }
+  WakeUp(const WakeUp&) = delete;
+  WakeUp& operator=(const WakeUp&) = delete;
+  ~WakeUp() { close(event_); }
+
+  /// Any thread. Many calls before the worker looks are one call.
+  void notify() const noexcept { eventfd_write(event_, 1); }
+  /// The worker: sleeps until notified, or for `timeout_ms`.
+  void wait(int timeout_ms) const noexcept {
+    pollfd event{event_, POLLIN, 0};
+    poll(&event, 1, timeout_ms);
+    eventfd_t count = 0;
+    eventfd_read(event_, &count);
+  }
+
+ private:
+  int event_;
+};
+
+}  // namespace servotwin
