@@ -1,0 +1,106 @@
+// The pole search of the record of record.h: 12 s at 1 kHz.
+//
+//   bench_identification [Google Benchmark's options]
+//   bench_identification --record FILE.csv              writes the record for the peer
+//   bench_identification --at REAL_HZ OMEGA_HZ ZETA     prints the RMS [um] at these poles
+//
+// "as the peer" is the problem of pole_search_peer.py: the three poles are searched, the velocity
+// limit of the friction is held, the axis starts at rest. "in full" is what the daemon asks for:
+// the velocity limit is searched too, and an unknown starting state is projected out. What was
+// found is given as counters.
+#include <benchmark/benchmark.h>
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <numbers>
+
+#include "identification/pole_search.h"
+#include "tests/bench/record.h"
+
+namespace {
+
+using namespace servotwin;
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+constexpr double kVelocityLimit = 1e-3;  // [m/s], also in pole_search_peer.py
+
+enum class Problem { kAsThePeer, kInFull };
+
+const Segment& record() {
+  static const Segment segment = bench::production_record();
+  return segment;
+}
+
+/// From the samples on: the splines of the command and the velocity are part of the work.
+Projection projection(Problem problem) {
+  const Structure structure{.order = 3, .effects = {kind_of<CoulombFriction>()}};
+  return {{signals_of(record())}, structure, /*free_response=*/problem == Problem::kInFull};
+}
+
+double rms_um(const Projection& data, double cost) {
+  return 1e6 * std::sqrt(2.0 * cost / static_cast<double>(data.rows()));
+}
+
+void pole_search(benchmark::State& state, Problem problem) {
+  (void)record();
+  PoleSearchOptions options;
+  if (problem == Problem::kAsThePeer) {
+    options.search_shapes = false;
+    options.shapes = {kVelocityLimit};
+  }
+  for (auto _ : state) {
+    const Projection data = projection(problem);
+    const auto fit = pole_search(data, options);
+    if (!fit) {
+      state.SkipWithError("the pole search found nothing");
+      return;
+    }
+    state.counters["real_hz"] = fit->poles.real / kTwoPi;
+    state.counters["omega_hz"] = fit->poles.omega / kTwoPi;
+    state.counters["zeta"] = fit->poles.zeta;
+    state.counters["rms_um"] = rms_um(data, fit->solution.cost);
+    state.counters["evaluations"] = fit->evaluations;
+  }
+}
+
+Point point_at(double real_hz, double omega_hz, double zeta) {
+  return {denominator_of({kTwoPi * real_hz, kTwoPi * omega_hz, zeta}, 3), {kVelocityLimit}};
+}
+
+/// One evaluation of the projected objective, on all samples.
+void evaluation(benchmark::State& state) {
+  const Projection data = projection(Problem::kAsThePeer);
+  const Point point = point_at(10.0, 30.0, 0.5);
+  for (auto _ : state) benchmark::DoNotOptimize(data.solve(point).cost);
+}
+
+BENCHMARK_CAPTURE(pole_search, as the peer, Problem::kAsThePeer)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(pole_search, in full, Problem::kInFull)->Unit(benchmark::kMillisecond);
+BENCHMARK(evaluation)->Unit(benchmark::kMillisecond);
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc == 3 && std::strcmp(argv[1], "--record") == 0) {
+    std::ofstream file(argv[2]);
+    if (file) bench::write_csv(record(), file);
+    file.close();
+    if (file) return 0;
+    std::fprintf(stderr, "bench_identification: cannot write %s\n", argv[2]);
+    return 1;
+  }
+  if (argc == 5 && std::strcmp(argv[1], "--at") == 0) {
+    const Projection data = projection(Problem::kAsThePeer);
+    const Point point = point_at(std::atof(argv[2]), std::atof(argv[3]), std::atof(argv[4]));
+    std::printf("%.9g\n", rms_um(data, data.solve(point).cost));
+    return 0;
+  }
+  benchmark::Initialize(&argc, argv);
+  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
+  benchmark::RunSpecifiedBenchmarks();
+  benchmark::Shutdown();
+  return 0;
+}

@@ -1,0 +1,95 @@
+// What one axis costs in one servo cycle: the twin's step along the record of record.h.
+//
+// `follow` is what the real-time loop calls (commands only); `step` is the same without the
+// delay's interpolation and the cubic. The friction is solved within the step, so that the cost
+// depends on the motion: a real one, with dwells and reversals, and not a constant.
+#include <benchmark/benchmark.h>
+
+#include <numbers>
+#include <vector>
+
+#include "tests/bench/record.h"
+#include "twin/twin.h"
+
+namespace {
+
+using namespace servotwin;
+
+const Segment& motion() {
+  static const Segment segment = bench::production_record();
+  return segment;
+}
+
+Model with_delay(Model model) {
+  Effect delay = make_effect<TimeDelay>();
+  delay.shape[0] = 8.2e-3;  // [s], as long as a real recording showed
+  model.effects.push_back(delay);
+  return model;
+}
+
+/// Order 2 with Coulomb friction and a constant force: the structure of a drive without integrator.
+Model without_integrator() {
+  Model model = bench::production_model();
+  model.loop.order = 2;
+  model.loop.denominator = denominator_of({0.0, 2.0 * std::numbers::pi * 31.31, 0.7}, 2);
+  model.loop.numerator = {1.0, model.loop.denominator[0]};
+  Effect constant = make_effect<ConstantForce>();
+  constant.coefficient[0] = 0.05;  // [m/s^2]
+  model.effects.push_back(constant);
+  return model;
+}
+
+void follow(benchmark::State& state, const Model& model) {
+  const Segment& segment = motion();
+  const Twin at_rest = [&] {
+    Twin twin(model);
+    twin.start(segment.command(0));
+    return twin;
+  }();
+  for (auto _ : state) {
+    Twin twin = at_rest;
+    double sum = 0.0;
+    for (const double command : segment.command) sum += twin.follow(command);
+    benchmark::DoNotOptimize(sum);
+  }
+  state.SetItemsProcessed(state.iterations() * segment.size());
+}
+
+void step(benchmark::State& state, const Model& model) {
+  const Segment& segment = motion();
+  const Spline spline = Spline::through(segment.command, segment.sample_time_s);
+  std::vector<CommandPiece> pieces;
+  for (Eigen::Index k = 1; k < segment.size(); ++k) {
+    CommandPiece piece;
+    piece.velocity = spline.first(k - 1);
+    piece.acceleration = spline.second(k - 1);
+    piece.jerk = spline.third(k - 1);
+    piece.end_position = segment.command(k);
+    piece.end_velocity = spline.first(k);
+    piece.end_acceleration = piece.acceleration + spline.h * piece.jerk;
+    pieces.push_back(piece);
+  }
+  const Twin at_rest = [&] {
+    Twin twin(model);
+    twin.start(segment.command(0));
+    return twin;
+  }();
+  for (auto _ : state) {
+    Twin twin = at_rest;
+    double sum = 0.0;
+    for (const CommandPiece& piece : pieces) sum += twin.step(piece);
+    benchmark::DoNotOptimize(sum);
+  }
+  state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(pieces.size()));
+}
+
+}  // namespace
+
+BENCHMARK_CAPTURE(step, order 3 + Coulomb, bench::production_model());
+BENCHMARK_CAPTURE(step, order 2 + Coulomb + constant, without_integrator());
+BENCHMARK_CAPTURE(follow, order 3 + Coulomb, bench::production_model());
+BENCHMARK_CAPTURE(follow, order 2 + Coulomb + constant, without_integrator());
+BENCHMARK_CAPTURE(follow, order 3 + Coulomb + delay, with_delay(bench::production_model()));
+BENCHMARK_CAPTURE(follow, order 2 + Coulomb + constant + delay, with_delay(without_integrator()));
+
+BENCHMARK_MAIN();

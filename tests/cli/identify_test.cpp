@@ -1,0 +1,275 @@
+// servotwin identify and predict on machines whose truth is known.
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <sstream>
+
+#include "identification/model_file.h"
+#include "program.h"
+#include "recordings.h"
+
+namespace servotwin {
+namespace {
+
+using nlohmann::json;
+using testing::Contains;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+/// A recording of the known axis with an encoder of 1 um, made once for all tests.
+const std::string& known_recording() {
+  static const std::string content = [] {
+    const Folder folder;
+    write_model(folder / "truth.json", known_axis());
+    const Answer answer =
+        servotwin_says({"simulate", folder.write("path.csv", command_table()), "--model",
+                        folder / "truth.json", "--noise", "1", "--out", "-"});
+    EXPECT_EQ(answer.status, 0) << answer;
+    return answer.out;
+  }();
+  return content;
+}
+
+class Identify : public testing::Test {
+ protected:
+  Answer identify(const std::vector<std::string>& options) {
+    std::vector<std::string> words{"identify", recording_, "--axis", "X"};
+    words.insert(words.end(), options.begin(), options.end());
+    return servotwin_says(words);
+  }
+
+  Folder folder_;
+  std::string recording_ = folder_.write("rec.csv", known_recording());
+};
+
+TEST_F(Identify, RecoversTheTruthItWasGiven) {
+  const Answer answer = identify({"--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  const json result = json::parse(answer.out);  // and nothing else on standard output
+  EXPECT_EQ(result["schema"], "servotwin.model/1");
+  EXPECT_EQ(result["axis"], "X");
+  EXPECT_EQ(result["loop"]["order"], 2);
+  EXPECT_NEAR(result["loop"]["natural_frequency_hz"].get<double>(), 25.0, 0.25);
+  EXPECT_NEAR(result["loop"]["damping_ratio"].get<double>(), 0.45, 0.01);
+  EXPECT_NEAR(result["loop"]["tracking_error_numerator"][1].get<double>(), 120.0, 1.2);
+  EXPECT_EQ(result["effects"][0]["id"], "coulomb_friction");
+  EXPECT_NEAR(result["effects"][0]["parameters"]["coulomb"]["value"].get<double>(), 0.25, 0.01);
+  EXPECT_EQ(result["effects"][1]["id"], "gravity_offset");
+  EXPECT_NEAR(result["effects"][1]["parameters"]["offset_mps2"]["value"].get<double>(), -0.04,
+              0.004);
+  EXPECT_NEAR(result["fit"]["holdout"]["rms_m"].get<double>(), 1e-6 / std::sqrt(12.0), 0.05e-6);
+}
+
+TEST_F(Identify, TheResultSaysHowItCameAbout) {
+  const Answer answer = identify({"--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  const json result = json::parse(answer.out);
+  EXPECT_EQ(result["fit"]["method"], "pole-search");
+  EXPECT_GT(result["fit"]["time_taken_s"].get<double>(), 0.0);
+  EXPECT_GT(result["fit"]["condition_number"].get<double>(), 1.0);
+  EXPECT_GT(result["fit"]["training"]["rms_m"].get<double>(), 0.0);
+  EXPECT_GT(result["fit"]["noise_floor_rms_m"].get<double>(), 0.0);
+  EXPECT_EQ(result["data"]["source"], "rec.csv");
+  EXPECT_EQ(result["data"]["rows"], 12001);
+  EXPECT_THAT(result["created"].get<std::string>(),
+              testing::MatchesRegex("[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}Z"));
+  EXPECT_EQ(result["refusals"], json::array());
+  int chosen = 0;
+  double least = 1e300;
+  for (const json& trial : result["trials"]) {
+    EXPECT_TRUE(trial["order"] == 2 || trial["order"] == 3);
+    EXPECT_TRUE(trial["effects"].is_array());
+    if (trial["chosen"].get<bool>()) ++chosen;
+    if (trial["validation_rms_m"].is_number())
+      least = std::min(least, trial["validation_rms_m"].get<double>());
+  }
+  EXPECT_EQ(chosen, 1);
+  EXPECT_LT(least, 1e-6);
+  EXPECT_THAT(answer.err, HasSubstr("12001 rows"));  // what was read, beside the result
+  EXPECT_THAT(answer.err, HasSubstr("rec.csv: axis X"));
+}
+
+TEST_F(Identify, TellsPeopleOnStandardOutput) {
+  const Answer answer = identify({});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.err, IsEmpty());
+  for (const char* said :
+       {"12001 rows", "1000 Hz", "tried", "->",
+        "structure   order 2: coulomb_friction, gravity_offset", "poles       pair 24.9",
+        " Hz, damping 0.44", "numerator", "coulomb 0.2", "hold-out", "training", "noise floor",
+        "excitation  sufficient", "time taken"}) {
+    EXPECT_THAT(answer.out, HasSubstr(said));
+  }
+}
+
+TEST_F(Identify, ThePredictionOfItsHoldOutIsItsHoldOutError) {
+  const std::string model = folder_ / "model.json";
+  const Answer identified = identify({"--model", model, "--json", "-"});
+  ASSERT_EQ(identified.status, 0) << identified;
+  const json result = json::parse(identified.out);
+  const double from = result["data"]["training_to"].get<double>() + 0.0005;
+  const Answer predicted = servotwin_says({"predict", recording_, "--axis", "X", "--model", model,
+                                           "--from", cell(from), "--json", "-"});
+  ASSERT_EQ(predicted.status, 0) << predicted;
+  const json prediction = json::parse(predicted.out);
+  for (const char* figure : {"rms_m", "max_m"}) {
+    EXPECT_NEAR(prediction[figure].get<double>(), result["fit"]["holdout"][figure].get<double>(),
+                1e-12)
+        << figure;
+  }
+}
+
+TEST_F(Identify, TwiceIsTheSame) {
+  const auto result = [&] {
+    json parsed = json::parse(identify({"--json", "-"}).out);
+    parsed.erase("created");
+    parsed["fit"].erase("time_taken_s");
+    return parsed;
+  };
+  EXPECT_EQ(result(), result());
+}
+
+TEST_F(Identify, TheOrderCanBeGiven) {
+  const json result = json::parse(identify({"--order", "3", "--json", "-"}).out);
+  EXPECT_EQ(result["loop"]["order"], 3);
+  for (const json& trial : result["trials"]) EXPECT_EQ(trial["order"], 3);
+}
+
+TEST_F(Identify, TheBoxOfThePolesIsKept) {
+  const json result = json::parse(identify({"--order", "2", "--natural-frequency-hz", "30:60",
+                                            "--damping", "0.6:0.9", "--json", "-"})
+                                      .out);
+  EXPECT_GE(result["loop"]["natural_frequency_hz"].get<double>(), 30.0 - 1e-4);
+  EXPECT_GE(result["loop"]["damping_ratio"].get<double>(), 0.6 - 1e-6);
+}
+
+TEST_F(Identify, FullLeastSquaresSaysSo) {
+  const Answer answer = identify({"--method", "full-ls", "--no-pole-constraints", "--json", "-"});
+  const json result = json::parse(answer.out);
+  EXPECT_EQ(result["fit"]["method"], "full-ls");
+  EXPECT_EQ(result["loop"]["order"], 3);
+}
+
+TEST_F(Identify, TheModelMayGoToStandardOutput) {
+  const Answer answer = identify({"--model", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_EQ(model_from_json(json::parse(answer.out)).axis, "X");
+}
+
+TEST_F(Identify, AForeignFileIsMapped) {
+  std::string foreign = known_recording();
+  foreign.replace(0, foreign.find('\n'), "t,soll,ist");
+  const Answer answer =
+      servotwin_says({"identify", folder_.write("foreign.csv", foreign), "--axis", "A", "--columns",
+                      "time=t[s],A.command=soll[m],A.actual=ist[m]", "--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  const json ours = json::parse(identify({"--json", "-"}).out), theirs = json::parse(answer.out);
+  EXPECT_EQ(theirs["axis"], "A");
+  EXPECT_EQ(theirs["loop"]["poles"], ours["loop"]["poles"]);
+}
+
+// The drive was tuned where the hold-out begins: it lags before and follows exactly after.
+TEST_F(Identify, AModelThatMustNotBeUsedIsNotWritten) {
+  const auto lagging = [](int k) {
+    return cell(1e3 * rich_motion((k < 3600 ? k - 10 : k) / 1000.0));
+  };
+  const std::string wild = folder_.write(
+      "wild.csv", recording(
+                      6000, [](int k) { return cell(1e3 * rich_motion(k / 1000.0)); }, lagging));
+  const std::string model = folder_ / "model.json", result = folder_ / "result.json";
+  const Answer answer =
+      servotwin_says({"identify", wild, "--axis", "X", "--model", model, "--json", result});
+  EXPECT_EQ(answer.status, 1) << answer;
+  ASSERT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("must not be used"));
+  EXPECT_THAT(answer.err, HasSubstr(model + " was not written"));
+  EXPECT_THAT(folder_.list(), Not(Contains("model.json")));
+  EXPECT_THAT(json::parse(content_of(result))["refusals"], Not(IsEmpty()));
+}
+
+class Predict : public Identify {
+ protected:
+  void SetUp() override { write_model(model_, known_axis()); }
+  std::string model_ = folder_ / "model.json";
+};
+
+TEST_F(Predict, TheResultIsTheContract) {
+  const Answer answer =
+      servotwin_says({"predict", recording_, "--axis", "X", "--model", model_, "--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  const json result = json::parse(answer.out);
+  EXPECT_EQ(result["schema"], "servotwin.prediction/1");
+  EXPECT_EQ(result["axis"], "X");
+  EXPECT_NEAR(result["rms_m"].get<double>(), 1e-6 / std::sqrt(12.0), 0.02e-6);
+  EXPECT_GE(result["max_m"].get<double>(), result["rms_m"].get<double>());
+  EXPECT_TRUE(result["noise_floor_rms_m"].is_number());
+  ASSERT_EQ(result["segments"].size(), 1U);
+  const json& segment = result["segments"][0];
+  EXPECT_EQ(segment["from_s"], 0.0);
+  EXPECT_EQ(segment["to_s"], 12.0);
+  EXPECT_EQ(segment["rows"], 12001);
+  EXPECT_EQ(segment["rms_m"], result["rms_m"]);
+}
+
+TEST_F(Predict, EverySegmentIsJudged) {
+  std::istringstream lines(known_recording());
+  std::string with_gap, line;
+  for (int row = -1; std::getline(lines, line); ++row) {
+    if (row < 5000 || row >= 6000) with_gap += line + "\n";
+  }
+  const Answer answer = servotwin_says({"predict", folder_.write("gap.csv", with_gap), "--axis",
+                                        "X", "--model", model_, "--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  const json result = json::parse(answer.out);
+  ASSERT_EQ(result["segments"].size(), 2U);
+  EXPECT_EQ(result["segments"][0]["rows"], 5000);
+  EXPECT_EQ(result["segments"][1]["from_s"], 6.0);
+  for (const json& segment : result["segments"]) EXPECT_LT(segment["rms_m"].get<double>(), 0.4e-6);
+  EXPECT_THAT(answer.err, HasSubstr("gap of 1.001 s"));
+}
+
+TEST_F(Predict, TheTableIsMeasuredMinusPredictedRowByRow) {
+  const Answer answer =
+      servotwin_says({"predict", recording_, "--axis", "X", "--model", model_, "--out", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  std::istringstream table(answer.out);
+  std::string header, line;
+  std::getline(table, header);
+  EXPECT_EQ(
+      header,
+      "time[s],X.command[m],X.actual[m],X.measured_error[m],X.predicted_error[m],X.residual[m]");
+  int rows = 0;
+  while (std::getline(table, line)) {
+    double time = 0, command = 0, actual = 0, measured = 0, predicted = 0, residual = 0;
+    ASSERT_EQ(std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf,%lf", &time, &command, &actual,
+                          &measured, &predicted, &residual),
+              6)
+        << line;
+    ASSERT_NEAR(time, rows / 1000.0, 1e-9);
+    ASSERT_EQ(measured, command - actual);
+    ASSERT_EQ(residual, measured - predicted);
+    ++rows;
+  }
+  EXPECT_EQ(rows, 12001);
+  EXPECT_THAT(answer.err, HasSubstr("um RMS"));
+}
+
+TEST_F(Predict, AnotherRateIsSaidAndDiscretisedAnew) {
+  std::istringstream lines(known_recording());
+  std::string thinned, line;
+  for (int row = -1; std::getline(lines, line); ++row) {
+    if (row < 0 || row % 2 == 0) thinned += line + "\n";
+  }
+  const Answer answer = servotwin_says({"predict", folder_.write("thin.csv", thinned), "--axis",
+                                        "X", "--model", model_, "--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("identified at 1000 Hz and is used at 500 Hz"));
+  EXPECT_LT(json::parse(answer.out)["rms_m"].get<double>(), 0.35e-6);
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,69 @@
+// Runs the command-line tool as a user does, and says what it answered.
+#pragma once
+
+#include <sys/types.h>
+
+#include <filesystem>
+#include <ostream>
+#include <string>
+#include <vector>
+
+namespace servotwin {
+
+struct Answer {
+  int status = -1;  ///< exit status; 128 + the signal that ended it
+  std::string out, err;
+
+  /// The lines of standard error.
+  [[nodiscard]] std::vector<std::string> complaints() const;
+};
+std::ostream& operator<<(std::ostream& out, const Answer& answer);
+
+/// A folder of its own for one test, gone with it.
+class Folder {
+ public:
+  Folder();
+  ~Folder();
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+
+  [[nodiscard]] std::string operator/(const std::string& name) const {
+    return (path_ / name).string();
+  }
+  /// Writes a file and gives its name.
+  std::string write(const std::string& name, const std::string& content) const;
+  /// The names of what is in it, sorted.
+  [[nodiscard]] std::vector<std::string> list() const;
+
+ private:
+  std::filesystem::path path_;
+};
+
+[[nodiscard]] std::string content_of(const std::string& file);
+
+/// A started tool, with its output in a folder of its own.
+class Program {
+ public:
+  /// `out`: where standard output goes instead of into the answer.
+  explicit Program(const std::vector<std::string>& arguments, const std::string& out = "");
+  Program(const Program&) = delete;
+  Program& operator=(const Program&) = delete;
+  ~Program();
+
+  void interrupt() const;
+  /// What it has written to standard output so far; nothing if that goes somewhere else.
+  [[nodiscard]] std::string so_far() const;
+  /// Waits for its end.
+  [[nodiscard]] Answer answer();
+
+ private:
+  Folder folder_;
+  std::string out_, err_;
+  pid_t id_ = -1;
+};
+
+/// Runs it to its end.
+[[nodiscard]] Answer servotwin_says(const std::vector<std::string>& arguments,
+                                    const std::string& out = "");
+
+}  // namespace servotwin

@@ -1,0 +1,148 @@
+// servotwin simulate, and predict as its inverse: what was put in must come out.
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "drivers/recording_file.h"
+#include "program.h"
+#include "recordings.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+
+class Simulate : public testing::Test {
+ protected:
+  void SetUp() override { write_model(model_, known_axis()); }
+
+  /// Simulates the table with these options, then predicts it with the same model: RMS and MAX left
+  /// [m].
+  json left(const std::vector<std::string>& options) {
+    std::vector<std::string> words{"simulate", table_,  "--model",
+                                   model_,     "--out", folder_ / "sim.csv"};
+    words.insert(words.end(), options.begin(), options.end());
+    const Answer simulated = servotwin_says(words);
+    EXPECT_EQ(simulated.status, 0) << simulated;
+    const Answer predicted = servotwin_says(
+        {"predict", folder_ / "sim.csv", "--axis", "X", "--model", model_, "--json", "-"});
+    EXPECT_EQ(predicted.status, 0) << predicted;
+    return json::parse(predicted.out);
+  }
+
+  Folder folder_;
+  std::string model_ = folder_ / "model.json";
+  std::string table_ = folder_.write("path.csv", command_table());
+};
+
+TEST_F(Simulate, PredictsItsOwnMachineExactly) {
+  const json exact = left({});
+  EXPECT_LT(exact["max_m"].get<double>(),
+            1e-9);  // the starting state is found from numbers of 1e-16 m
+}
+
+TEST_F(Simulate, AnEncoderOfOneMicrometreLeavesItsQuantisation) {
+  const json quantised = left({"--noise", "1"});
+  EXPECT_NEAR(quantised["rms_m"].get<double>(), 1e-6 / std::sqrt(12.0), 0.02e-6);
+  EXPECT_LT(quantised["max_m"].get<double>(), 0.6e-6);
+}
+
+TEST_F(Simulate, NoiseHasTheDeviationItWasGiven) {
+  const json noisy = left({"--noise", "0:2"});
+  EXPECT_NEAR(noisy["rms_m"].get<double>(), 2e-6,
+              0.06e-6);  // 3 % for 12,000 numbers is over four deviations
+}
+
+TEST_F(Simulate, WritesWhatTheTwinSays) {
+  const Answer answer = servotwin_says({"simulate", table_, "--model", model_, "--out", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  const Recording written = read_recording(folder_.write("sim.csv", answer.out));
+  const Recording table = read_recording(table_);
+  ASSERT_EQ(written.axes.size(), 1U);
+  EXPECT_EQ(written.axes[0].command, table.axes[0].command);
+  Segment segment;
+  segment.sample_time_s = 0.001;
+  segment.command = Eigen::Map<const Eigen::ArrayXd>(table.axes[0].command.data(),
+                                                     static_cast<Eigen::Index>(table.time.size()));
+  const Eigen::ArrayXd error = simulate(known_axis().model, segment);
+  for (Eigen::Index i = 0; i < error.size(); i += 500) {
+    EXPECT_NEAR(written.axes[0].actual[static_cast<std::size_t>(i)], segment.command(i) - error(i),
+                1e-12)
+        << i;
+  }
+}
+
+TEST_F(Simulate, TheSeedDecidesTheNoise) {
+  const auto with_seed = [&](const std::string& seed) {
+    return servotwin_says({"simulate", table_, "--model", model_, "--noise", "0.1:1", "--seed",
+                           seed, "--out", "-"})
+        .out;
+  };
+  const std::string first = with_seed("1");
+  EXPECT_EQ(first, with_seed("1"));
+  EXPECT_NE(first, with_seed("2"));
+}
+
+TEST_F(Simulate, AnAxisDoesNotDependOnItsNeighbour) {
+  std::string two = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k < 2000; ++k) {
+    const std::string x = cell(1e3 * rich_motion(k / 1000.0));
+    two += cell(k / 1000.0) + "," + x + "," + x + "\n";
+  }
+  const std::string table = folder_.write("two.csv", two), other = folder_ / "y.json";
+  write_model(other, known_axis("Y"));
+  const auto simulated = [&](const std::vector<std::string>& models) {
+    std::vector<std::string> words{"simulate", table,   "--noise",
+                                   "0:1",      "--out", folder_ / "sim.csv"};
+    for (const std::string& model : models) words.insert(words.end(), {"--model", model});
+    const Answer answer = servotwin_says(words);
+    EXPECT_EQ(answer.status, 0) << answer;
+    return read_recording(folder_ / "sim.csv");
+  };
+  const Recording both = simulated({model_, other}), alone = simulated({other});
+  ASSERT_EQ(both.axes.size(), 2U);
+  EXPECT_EQ(both.axes[1].name, "Y");
+  EXPECT_EQ(both.axes[1].actual, alone.axes[0].actual);
+  EXPECT_NE(both.axes[0].actual, both.axes[1].actual);  // noise of their own
+}
+
+TEST_F(Simulate, SaysWhatItRead) {
+  const Answer answer = servotwin_says({"simulate", table_, "--model", model_});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("12001 rows, 12.000 s at 1000 Hz"));
+  EXPECT_THAT(answer.out, HasSubstr("X: tracking error"));
+}
+
+TEST_F(Simulate, RefusesATableWithoutTheAxis) {
+  write_model(folder_ / "z.json", known_axis("Z"));
+  const Answer answer = servotwin_says(
+      {"simulate", table_, "--model", folder_ / "z.json", "--out", folder_ / "sim.csv"});
+  EXPECT_EQ(answer.status, 1);
+  ASSERT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("has no axis 'Z'"));
+  EXPECT_THAT(answer.err, HasSubstr("it has X"));
+  EXPECT_THAT(folder_.list(), testing::Not(testing::Contains("sim.csv")));
+}
+
+TEST_F(Simulate, RefusesTwoModelsOfOneAxis) {
+  const Answer answer = servotwin_says({"simulate", table_, "--model", model_, "--model", model_});
+  EXPECT_EQ(answer.status, 2);
+  EXPECT_THAT(answer.err, HasSubstr("second model of axis 'X'"));
+}
+
+TEST_F(Simulate, RefusesAPathThatBreaksOff) {
+  std::string table = "time[s],X.command[mm]\n";
+  for (int k = 0; k < 2000; ++k)
+    table += cell((k < 1000 ? k : k + 500) / 1000.0) + "," + cell(k * 0.001) + "\n";
+  const Answer answer =
+      servotwin_says({"simulate", folder_.write("gap.csv", table), "--model", model_});
+  EXPECT_EQ(answer.status, 1);
+  ASSERT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("X.command breaks off at 0.999 s"));
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,101 @@
+// What was typed wrong ends with status 2 and one line on standard error, before any work.
+#include <gmock/gmock.h>
+
+#include "program.h"
+#include "recordings.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+struct Typed {
+  std::vector<std::string> words;
+  std::string complaint;
+};
+void PrintTo(const Typed& typed, std::ostream* out) {
+  for (const std::string& word : typed.words) *out << word << ' ';
+}
+
+class WrongUsage : public testing::TestWithParam<Typed> {};
+
+TEST_P(WrongUsage, IsOneLineAndStatusTwo) {
+  const Answer answer = servotwin_says(GetParam().words);
+  EXPECT_EQ(answer.status, 2) << answer;
+  EXPECT_THAT(answer.out, IsEmpty());
+  ASSERT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(answer.err, HasSubstr(GetParam().complaint));
+}
+
+const std::vector<Typed> kTyped{
+    {{}, "subcommand is required"},
+    {{"identfy"}, "'identfy'; did you mean 'identify'?"},
+    {{"--nonsense"}, "subcommand is required"},
+    {{"identify"}, "REC is required"},
+    {{"identify", "rec.csv"}, "--axis is required"},
+    {{"identify", "rec.csv", "--axis", "X", "--fast"}, "--fast"},
+    {{"identify", "rec.csv", "--axis", "X", "--method", "guess"},
+     "guess not in {pole-search,full-ls}"},
+    {{"identify", "rec.csv", "--axis", "X", "--order", "4"}, "4 not in {2,3}"},
+    {{"identify", "rec.csv", "--axis", "X", "--training-share", "1.5"}, "--training-share"},
+    {{"identify", "rec.csv", "--axis", "X", "--damping", "2"}, "'2' is no range MIN:MAX"},
+    {{"identify", "rec.csv", "--axis", "X", "--real-pole-hz", "1:x"}, "'1:x' is no range MIN:MAX"},
+    {{"identify", "rec.csv", "--axis", "X", "--natural-frequency-hz", "1:2:3"},
+     "'1:2:3' is no range"},
+    {{"identify", "rec.csv", "--axis", "X", "--damping", "2:1"}, "damping"},
+    {{"identify", "rec.csv", "--axis", "X", "--no-pole-constraints"}, "needs --method full-ls"},
+    {{"identify", "rec.csv", "--axis", "X", "--json", "-", "--model", "-"}, "only one result"},
+    {{"identify", "rec.csv", "--axis", "X", "--from", "2", "--to", "1"}, "--from"},
+    {{"identify", "rec.csv", "--axis", "X", "--rate", "-5"}, "--rate"},
+    {{"predict", "rec.csv", "--axis", "X"}, "--model is required"},
+    {{"simulate", "path.csv"}, "--model is required"},
+    {{"simulate", "path.csv", "--model", "m.json", "--noise", "much"}, "'much' is no STEP"},
+    {{"simulate", "path.csv", "--model", "m.json", "--noise", "1:-1"}, "must not be negative"},
+    {{"replay", "rec.csv"}, "name the bus: --dds"},
+    {{"replay", "rec.csv", "--can", "vcan0"}, "--can is not in this version"},
+    {{"replay", "rec.csv", "--udp"}, "--udp is not in this version"},
+    {{"replay", "rec.csv", "--dds", "--speed", "0"}, "--speed"},
+    {{"replay", "rec.csv", "--dds", "--look-ahead", "33"}, "--look-ahead"},
+    {{"replay", "rec.csv", "--dds", "--domain", "231"}, "--domain"},
+    {{"watch", "--seconds", "-1"}, "--seconds"},
+    {{"watch", "--json", "file.json"}, "give no file"},
+    {{"check-config"}, "FILE is required"},
+};
+INSTANTIATE_TEST_SUITE_P(Typed, WrongUsage, testing::ValuesIn(kTyped));
+
+TEST(Usage, AColumnNeedsAKnownUnit) {
+  const Folder folder;
+  const std::string file = folder.write("rec.csv", "a,b\n1,1\n2,2\n");
+  const auto complaint = [&](const std::string& columns) {
+    const Answer answer = servotwin_says({"identify", file, "--axis", "X", "--columns", columns});
+    EXPECT_EQ(answer.status, 2) << answer;
+    EXPECT_EQ(answer.complaints().size(), 1U) << answer;
+    return answer.err;
+  };
+  EXPECT_THAT(complaint("X.command=a[furlong]"), HasSubstr("unknown unit [furlong]"));
+  EXPECT_THAT(complaint("X.command=a"), HasSubstr("has no unit"));
+  EXPECT_THAT(complaint("X.speed=a[mm]"), HasSubstr("'X.speed' is neither"));
+}
+
+TEST(Usage, HelpNamesEveryCommand) {
+  const Answer answer = servotwin_says({"--help"});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.err, IsEmpty());
+  for (const char* command :
+       {"identify", "predict", "simulate", "replay", "watch", "check-config"}) {
+    EXPECT_THAT(answer.out, HasSubstr(std::string("\n  ") + command));
+    const Answer help = servotwin_says({command, "--help"});
+    EXPECT_EQ(help.status, 0) << help;
+    EXPECT_THAT(help.out, HasSubstr(std::string("Usage: servotwin ") + command));
+  }
+}
+
+TEST(Usage, VersionIsANumber) {
+  const Answer answer = servotwin_says({"--version"});
+  EXPECT_EQ(answer.status, 0);
+  EXPECT_THAT(answer.out, testing::MatchesRegex("[0-9]+\\.[0-9]+\\.[0-9]+\n"));
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,225 @@
+#include "daemon/config.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/daemon/support.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+
+std::vector<std::string> problems_of(const std::string& text) {
+  std::vector<std::string> out;
+  for (const ConfigProblem& problem : check_config(text, "m.toml").problems) {
+    out.push_back(problem.message());
+  }
+  return out;
+}
+
+/// The one problem that the text has.
+std::string problem_of(const std::string& text) {
+  const std::vector<std::string> problems = problems_of(text);
+  EXPECT_EQ(problems.size(), 1U) << testing::PrintToString(problems);
+  return problems.empty() ? "" : problems.front();
+}
+
+TEST(Config, NothingSetIsTheDefaults) {
+  const CheckedConfig checked = check_config("", "m.toml");
+  EXPECT_TRUE(checked.problems.empty());
+  EXPECT_EQ(checked.config.machine, "machine");
+  EXPECT_EQ(checked.config.source, SourceKind::kDds);
+  EXPECT_EQ(checked.config.identify.window_s, 8.0);
+  EXPECT_TRUE(checked.config.axes.empty());
+}
+
+TEST(Config, EveryKeyIsRead) {
+  const CheckedConfig checked = check_config(R"(
+    [machine]
+    name = "mill-7"
+    cycle_s = 0.002
+    [[axis]]
+    name = "X"
+    torque_unit = "Nm"
+    source = "dds"
+    [[axis]]
+    name = "B"
+    units = "rad"
+    [source.dds]
+    domain = 12
+    partition = "cell-3"
+    [identify]
+    window_s = 10
+    memory_s = 30.5
+    judge_s = 5
+    min_improvement = 0.05
+    real_pole_hz = [2, 800]
+    omega_hz = [3.0, 200.0]
+    zeta = [0.3, 1.5]
+    delay_max_s = 0.01
+    [store]
+    directory = "/var/lib/servotwin"
+    recordings_mb = 50
+    [real_time]
+    priority = 70
+  )",
+                                             "m.toml");
+  EXPECT_TRUE(checked.problems.empty()) << checked.problems.front().what;
+  const Config& config = checked.config;
+  EXPECT_EQ(config.machine, "mill-7");
+  EXPECT_EQ(config.cycle_s, 0.002);
+  ASSERT_EQ(config.axes.size(), 2U);
+  EXPECT_EQ(config.axes[0].name, "X");
+  EXPECT_EQ(config.axes[0].torque_unit, "Nm");
+  EXPECT_FALSE(config.axes[0].rotary);
+  EXPECT_TRUE(config.axes[1].rotary);
+  EXPECT_EQ(config.dds.domain, 12U);
+  EXPECT_EQ(config.dds.partition, "cell-3");
+  EXPECT_EQ(config.identify.window_s, 10.0);
+  EXPECT_EQ(config.identify.memory_s, 30.5);
+  EXPECT_EQ(config.identify.judge_s, 5.0);
+  EXPECT_EQ(config.identify.min_improvement, 0.05);
+  const IdentifyOptions& options = config.identify.options;
+  EXPECT_EQ(options.bounds.real_min_hz, 2.0);
+  EXPECT_EQ(options.bounds.real_max_hz, 800.0);
+  EXPECT_EQ(options.bounds.omega_min_hz, 3.0);
+  EXPECT_EQ(options.bounds.omega_max_hz, 200.0);
+  EXPECT_EQ(options.bounds.zeta_min, 0.3);
+  EXPECT_EQ(options.bounds.zeta_max, 1.5);
+  EXPECT_EQ(options.delay_max_s, 0.01);
+  EXPECT_EQ(config.store.directory, "/var/lib/servotwin");
+  EXPECT_EQ(config.store.recordings_mb, 50.0);
+  EXPECT_EQ(config.priority, 70);
+}
+
+TEST(Config, ReplayIsReadWithItsFiles) {
+  const CheckedConfig checked = check_config(R"(
+    [source.replay]
+    files = ["a.csv", "b.mat"]
+    columns = "X.command=qg[m]"
+    pace = 4
+  )",
+                                             "m.toml");
+  EXPECT_TRUE(checked.problems.empty());
+  EXPECT_EQ(checked.config.source, SourceKind::kReplay);
+  EXPECT_EQ(checked.config.replay.files, (std::vector<std::filesystem::path>{"a.csv", "b.mat"}));
+  EXPECT_EQ(checked.config.replay.columns, "X.command=qg[m]");
+  EXPECT_EQ(checked.config.replay.pace, 4.0);
+}
+
+TEST(Config, AnUnknownKeyIsNamedWithItsPlaceAndTheNearestOne) {
+  EXPECT_EQ(problem_of("[identify]\nwindow = 8\n"),
+            "m.toml:2:1: identify.window: there is no such key; did you mean 'window_s'?");
+  EXPECT_THAT(problem_of("[machin]\n"), HasSubstr("did you mean 'machine'?"));
+  EXPECT_THAT(problem_of("[source.ddz]\n"),
+              HasSubstr("m.toml:1:9: source.ddz: there is no such key; did you mean 'dds'?"));
+  EXPECT_THAT(problem_of("[[axis]]\nname = 'X'\nunit = 'm'\n"),
+              HasSubstr("m.toml:3:1: axis.unit: there is no such key; did you mean 'units'?"));
+}
+
+struct Wrong {
+  const char* text;
+  const char* message;
+};
+
+class ConfigRefuses : public testing::TestWithParam<Wrong> {};
+void PrintTo(const Wrong& wrong, std::ostream* out) {
+  *out << testing::PrintToString(std::string(wrong.message));
+}
+
+TEST_P(ConfigRefuses, WithPlaceValueAndRule) {
+  EXPECT_EQ(problem_of(GetParam().text), GetParam().message);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    EachRule, ConfigRefuses,
+    testing::Values(
+        Wrong{"[machine]\nname = ''\n",
+              "m.toml:2:8: machine.name = '': must be 1 to 63 letters, digits or any of . _ -, not "
+              "beginning with a dot"},
+        Wrong{"[machine]\nname = '../x'\n",
+              "m.toml:2:8: machine.name = '../x': must be 1 to 63 letters, digits or any of . _ -, "
+              "not beginning with a dot"},
+        Wrong{"[machine]\ncycle_s = 2\n",
+              "m.toml:2:11: machine.cycle_s = 2: must be a number from 1e-05 to 1 s"},
+        Wrong{"[machine]\ncycle_s = nan\n",
+              "m.toml:2:11: machine.cycle_s = nan: must be a number from 1e-05 to 1 s"},
+        Wrong{"[machine]\ncycle_s = '1 ms'\n",
+              "m.toml:2:11: machine.cycle_s = '1 ms': must be a number from 1e-05 to 1 s"},
+        Wrong{"machine = 3\n", "m.toml:1:11: machine = 3: must be a table: [machine]"},
+        Wrong{"axis = 3\n", "m.toml:1:8: axis = 3: must be given as [[axis]] tables"},
+        Wrong{"[[axis]]\n", "m.toml:1:1: axis.name: every axis needs one"},
+        Wrong{"[[axis]]\nname = 'X'\n[[axis]]\nname = 'X'\n",
+              "m.toml:4:8: axis.name = 'X': there is an axis of this name already"},
+        Wrong{"[[axis]]\nname = 'X,Y'\n",
+              "m.toml:2:8: axis.name = 'X,Y': must be 1 to 31 letters, digits or any of . _ -, not "
+              "beginning with a dot"},
+        Wrong{"[[axis]]\nname = 'X'\nunits = 'mm'\n",
+              "m.toml:3:9: axis.units = 'mm': must be one of 'm', 'rad'"},
+        Wrong{"[[axis]]\nname = 'X'\nsource = 'replay'\n",
+              "m.toml:3:10: axis.source = 'replay': there is no [source.replay]"},
+        Wrong{"[source.dds]\ndomain = 231\n",
+              "m.toml:2:10: source.dds.domain = 231: must be a whole number from 0 to 230"},
+        Wrong{"[source.dds]\ndomain = 1.5\n",
+              "m.toml:2:10: source.dds.domain = 1.5: must be a whole number from 0 to 230"},
+        Wrong{"[source.replay]\n",
+              "m.toml:1:1: source.replay.files: is missing; which recordings are to be replayed?"},
+        Wrong{"[source.replay]\nfiles = 'a.csv'\n",
+              "m.toml:2:9: source.replay.files = 'a.csv': must be a list of file names in quotes"},
+        Wrong{"[source.replay]\nfiles = ['a.csv', 3]\n",
+              "m.toml:2:9: source.replay.files = [ 'a.csv', 3 ]: must be a list of file names in "
+              "quotes"},
+        Wrong{"[source.dds]\n[source.replay]\nfiles = ['a']\n",
+              "m.toml:2:1: source.replay: there is a source.dds as well; say "
+              "which one with axis.source"},
+        Wrong{"[identify]\nomega_hz = [210, 1]\n",
+              "m.toml:2:12: identify.omega_hz = [ 210, 1 ]: must be [lowest, highest] within 0.001 "
+              "to 100000 Hz"},
+        Wrong{"[identify]\nwindow_s = 30\n",
+              "m.toml:2:12: identify.window_s = 30: a model is sought on the last memory_s = 24 s, "
+              "which must not be less than window_s = 30 s"},
+        Wrong{"[real_time]\npriority = 99\n",
+              "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
+
+TEST(Config, AllProblemsAreReportedAtOnceInTheOrderOfTheFile) {
+  const std::vector<std::string> problems =
+      problems_of("[machine]\nnam = 'x'\ncycle_s = -1\n[store]\ndirectory = 3\n[http]\n");
+  ASSERT_EQ(problems.size(), 4U);
+  EXPECT_THAT(problems[0], HasSubstr("m.toml:2:1: machine.nam"));
+  EXPECT_THAT(problems[1], HasSubstr("m.toml:3:11: machine.cycle_s"));
+  EXPECT_THAT(problems[2], HasSubstr("m.toml:5:13: store.directory"));
+  EXPECT_THAT(problems[3], HasSubstr("m.toml:6:2: http"));
+}
+
+TEST(Config, WhatIsNotTomlIsOneProblemWithItsPlace) {
+  EXPECT_THAT(problem_of("[machine\nname = 1"), HasSubstr("m.toml:1:9: "));
+  EXPECT_THAT(problem_of("time[s],X.command[m]\n0,1\n"), HasSubstr("m.toml:1:"));
+}
+
+TEST(Config, AFileThatCannotBeReadIsNamed) {
+  TemporaryDirectory directory;
+  EXPECT_EQ(
+      message_of([&] { (void)load_config(directory.path() / "none.toml"); }),
+      (directory.path() / "none.toml").string() + ": cannot be opened: No such file or directory");
+  EXPECT_THAT(message_of([&] { (void)load_config(directory.path()); }),
+              HasSubstr("cannot be read: Is a directory"));
+}
+
+TEST(Config, AnEmptyFileIsAConfiguration) {
+  TemporaryDirectory directory;
+  const std::ofstream file(directory.path() / "empty.toml");
+  EXPECT_EQ(load_config(directory.path() / "empty.toml").machine, "machine");
+}
+
+TEST(Config, TheStoreIsWhereTheServiceManagerSays) {
+  setenv("STATE_DIRECTORY", "/var/lib/servotwin", 1);
+  EXPECT_EQ(default_store(), "/var/lib/servotwin");
+  unsetenv("STATE_DIRECTORY");
+  setenv("XDG_STATE_HOME", "/home/me/.state", 1);
+  EXPECT_EQ(default_store(), "/home/me/.state/servotwin");
+  unsetenv("XDG_STATE_HOME");
+}
+
+}  // namespace
+}  // namespace servotwin

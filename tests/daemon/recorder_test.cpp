@@ -1,0 +1,147 @@
+#include "daemon/recorder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "drivers/recording_file.h"
+#include "tests/daemon/support.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+
+class RecorderTest : public testing::Test {
+ protected:
+  /// Rows of two axes from cycle to cycle, through the ring.
+  void feed(Recorder& recorder, std::int64_t from, std::int64_t to) {
+    for (std::int64_t k = from; k < to; ++k) {
+      CycleRow row;
+      row.time_ns = k * 1'000'000;
+      row.after_gap = false;
+      row.axis_count = 2;
+      const double t = static_cast<double>(k) * kCycle_s;
+      row.axes[0] = {command_at(t), command_at(t) - 1e-6 / 3.0, 0.1 * t};
+      row.axes[1] = {-command_at(t), kAbsent, kAbsent};
+      ASSERT_TRUE(rows_.push(row));
+      if (rows_.waiting() > 1000) recorder.drain();
+    }
+    recorder.drain();
+  }
+  [[nodiscard]] std::vector<std::filesystem::path> files() const {
+    std::vector<std::filesystem::path> out;
+    for (const auto& entry :
+         std::filesystem::directory_iterator(directory_.path() / "recordings" / "mill")) {
+      out.push_back(entry.path());
+    }
+    std::sort(out.begin(), out.end());
+    return out;
+  }
+  Recorder recorder(double budget_mb) {
+    return {machine_, "mill", directory_.path(), budget_mb, rows_, memory_, events_};
+  }
+
+  TemporaryDirectory directory_;
+  MachineDescription machine_{kCycle_s, {{"X", false, "V"}, {"B", true, ""}}};
+  Ring<CycleRow> rows_{2048};
+  MotionMemory memory_{machine_, 100.0};
+  std::ostringstream said_;
+  Store store_{directory_.path(), "mill"};
+  EventLog events_{store_, said_};
+};
+
+TEST_F(RecorderTest, FilesReadBackBitForBit) {
+  Recorder recorder = this->recorder(100.0);
+  feed(recorder, 5000, 7000);
+  recorder.finish_file();
+  ASSERT_EQ(files().size(), 1U);
+  const Recording recording = read_recording(files()[0]);
+  ASSERT_EQ(recording.time.size(), 2000U);
+  ASSERT_EQ(recording.axes.size(), 2U);
+  EXPECT_EQ(recording.axes[0].torque_unit, "V");
+  EXPECT_TRUE(recording.axes[1].rotary);
+  for (std::size_t i = 0; i < 2000; ++i) {
+    const double t = static_cast<double>(5000 + i) * kCycle_s;
+    ASSERT_EQ(recording.axes[0].command[i], command_at(t));
+    ASSERT_EQ(recording.axes[0].actual[i], command_at(t) - 1e-6 / 3.0);
+    ASSERT_EQ(recording.axes[0].torque[i], 0.1 * t);
+    ASSERT_EQ(recording.axes[1].command[i], -command_at(t));
+    ASSERT_NEAR(recording.time[i], static_cast<double>(i) * kCycle_s, 1e-12);
+  }
+}
+
+TEST_F(RecorderTest, EveryRowIsInExactlyOneFile) {
+  Recorder recorder = this->recorder(100.0);
+  feed(recorder, 0, 65'000);
+  feed(recorder, 10, 500);  // the source starts again: another file
+  recorder.finish_file();
+  ASSERT_EQ(files().size(), 4U);
+  std::vector<std::size_t> rows;
+  for (const auto& file : files()) rows.push_back(read_recording(file).time.size());
+  EXPECT_EQ(rows, (std::vector<std::size_t>{30'000, 30'000, 5'000, 490}));
+}
+
+TEST_F(RecorderTest, TheOldestGoWhereTheBudgetIsSpentAndItIsSaid) {
+  Recorder recorder = this->recorder(2.0);
+  feed(recorder, 0, 125'000);
+  recorder.finish_file();
+  double bytes = 0.0;
+  for (const auto& file : files()) bytes += static_cast<double>(std::filesystem::file_size(file));
+  EXPECT_LE(bytes, 2e6 * 1.5);
+  EXPECT_LT(files().size(), 5U);
+  EXPECT_EQ(read_recording(files().back()).time.size(), 5'000U) << "the newest is there";
+  EXPECT_THAT(said_.str(), HasSubstr("the oldest recordings are deleted, to stay within 2 MB"));
+}
+
+TEST_F(RecorderTest, WithoutABudgetRemembersButWritesNothing) {
+  Recorder recorder = this->recorder(0.0);
+  feed(recorder, 0, 100);
+  recorder.finish_file();
+  EXPECT_FALSE(std::filesystem::exists(directory_.path() / "recordings"));
+  EXPECT_NEAR(memory_.newest_s(), 0.099, 1e-12);
+}
+
+TEST_F(RecorderTest, RemovesWhatACrashLeftHalfWritten) {
+  const std::filesystem::path place = directory_.path() / "recordings" / "mill";
+  std::filesystem::create_directories(place);
+  std::ofstream(place / "2026-01-31T120000.000Z.csv.part-77-1") << "time[s],X.com";
+  std::ofstream(place / "2026-01-31T110000.000Z.csv") << "time[s],X.command[m]\n";
+  const Recorder recorder = this->recorder(100.0);
+  ASSERT_EQ(files().size(), 1U);
+  EXPECT_EQ(files()[0].extension(), ".csv");
+}
+
+// The kernel refuses every byte of a larger file, as a full disk does.
+TEST_F(RecorderTest, WhereTheDiskRefusesItGoesOnCountsAndSaysSoOnce) {
+  Recorder recorder = this->recorder(100.0);
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  auto* const signal_before = signal(SIGXFSZ, SIG_IGN);
+  rlimit small = before;
+  small.rlim_cur = 300'000;  // room for the store's events
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  feed(recorder, 0, 65'000);
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+  signal(SIGXFSZ, signal_before);
+
+  EXPECT_EQ(recorder.rows_not_recorded(), 60'000U);
+  EXPECT_TRUE(files().empty()) << "no half of a file stays behind";
+  EXPECT_NEAR(memory_.newest_s(), 64.999, 1e-9) << "the machine is watched as before";
+  const std::string said = said_.str();
+  EXPECT_THAT(said, HasSubstr("recordings are not stored: "));
+  EXPECT_THAT(said, HasSubstr("File too large"));
+  EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
+  EXPECT_THAT(events_.last_error(), HasSubstr("recordings are not stored"));
+
+  recorder.finish_file();
+  EXPECT_EQ(files().size(), 1U);
+  EXPECT_THAT(said_.str(), HasSubstr("recordings are stored again; 60000 rows are missing"));
+}
+
+}  // namespace
+}  // namespace servotwin

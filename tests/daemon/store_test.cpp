@@ -1,0 +1,227 @@
+#include "daemon/store.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <nlohmann/json.hpp>
+
+#include "tests/daemon/full_disk.h"
+#include "tests/daemon/support.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+
+Event event(const std::string& text, const std::string& axis = "X") {
+  return {"2026-01-31T12:00:00.000Z", axis, "model_promoted", text, ""};
+}
+
+/// Puts SQL into the file of a store that is not open.
+void spoil(const std::filesystem::path& directory, const std::string& sql) {
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open((directory / "servotwin.sqlite").c_str(), &database), SQLITE_OK);
+  char* error = nullptr;
+  EXPECT_EQ(sqlite3_exec(database, sql.c_str(), nullptr, nullptr, &error), SQLITE_OK) << error;
+  sqlite3_close(database);
+}
+
+TEST(Store, CountsVersionsAndParentsPerAxis) {
+  TemporaryDirectory directory;
+  Store store(directory.path(), "mill");
+  for (int version = 1; version <= 3; ++version) {
+    ModelRecord record = record_of(drive());
+    store.promote(record, event("better"));
+    EXPECT_EQ(record.version, version);
+    EXPECT_EQ(record.parent, version - 1);
+  }
+  ModelRecord other = record_of(drive(), "Y");
+  store.promote(other, event("first"));
+  EXPECT_EQ(other.version, 1);
+  const std::vector<StoredModel> versions = store.versions("X");
+  ASSERT_EQ(versions.size(), 3U);
+  EXPECT_EQ(versions.front().record.version, 3);
+  EXPECT_EQ(versions.back().record.version, 1);
+}
+
+TEST(Store, ComesBackWithTheModelsInForceBitForBit) {
+  TemporaryDirectory directory;
+  std::vector<double> commands, before(200), after(200);
+  for (int i = 0; i < 200; ++i) commands.push_back(command_at(i * kCycle_s));
+  {
+    Store store(directory.path(), "mill");
+    ModelRecord old = record_of(drive(15.0)),
+                record = record_of(drive(20.0 + 1.0 / 3.0, 0.1 + 1e-17));
+    store.promote(old, event("first"));
+    store.promote(record, event("leaves 1.3 um"));
+    Twin(record.model).predict(commands, before);
+  }
+  Store store(directory.path(), "mill");
+  const std::vector<StoredModel> models = store.in_force();
+  ASSERT_EQ(models.size(), 1U);
+  EXPECT_EQ(models[0].record.version, 2);
+  EXPECT_EQ(models[0].record.parent, 1);
+  EXPECT_EQ(models[0].reason, "leaves 1.3 um");
+  EXPECT_EQ(models[0].record.holdout.rms, 1.3e-6);
+  Twin(models[0].record.model).predict(commands, after);
+  EXPECT_EQ(before, after);
+}
+
+TEST(Store, KeepsMachinesApart) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    ModelRecord record = record_of(drive());
+    store.promote(record, event("first"));
+  }
+  Store store(directory.path(), "lathe");
+  EXPECT_TRUE(store.in_force().empty());
+  EXPECT_TRUE(store.events(10).empty());
+}
+
+TEST(Store, EventsComeBackTheNewestFirst) {
+  TemporaryDirectory directory;
+  Store store(directory.path(), "mill");
+  for (int i = 0; i < 5; ++i) store.add(event("event " + std::to_string(i), i % 2 == 0 ? "" : "X"));
+  const std::vector<Event> events = store.events(3);
+  ASSERT_EQ(events.size(), 3U);
+  EXPECT_EQ(events[0].text, "event 4");
+  EXPECT_EQ(events[1].axis, "X");
+  EXPECT_EQ(events[2].text, "event 2");
+}
+
+TEST(Store, IsHeldByOneProcess) {
+  TemporaryDirectory directory;
+  Store store(directory.path(), "mill");
+  EXPECT_THAT(message_of([&] { Store second(directory.path(), "mill"); }),
+              HasSubstr("is in use by another servotwind"));
+}
+
+TEST(Store, WhereNothingCanBeWrittenIsNamed) {
+  TemporaryDirectory directory;
+  std::ofstream(directory.path() / "file") << "not a directory";
+  const std::filesystem::path place = directory.path() / "file" / "store";
+  EXPECT_THAT(message_of([&] { Store store(place, "mill"); }),
+              testing::AllOf(HasSubstr(place.string()), HasSubstr("Not a directory")));
+  if (geteuid() != 0) {
+    std::filesystem::permissions(directory.path(), std::filesystem::perms::owner_read);
+    EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill"); }),
+                HasSubstr("Permission denied"));
+    std::filesystem::permissions(directory.path(), std::filesystem::perms::owner_all);
+  }
+}
+
+TEST(Store, AFileThatIsNoDatabaseIsRefused) {
+  TemporaryDirectory directory;
+  std::ofstream(directory.path() / "servotwin.sqlite") << std::string(4096, 'x');
+  EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill"); }),
+              HasSubstr("file is not a database"));
+}
+
+TEST(Store, ALayoutOfTheFutureIsRefused) {
+  TemporaryDirectory directory;
+  { Store store(directory.path(), "mill"); }
+  spoil(directory.path(), "PRAGMA user_version=2");
+  EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill"); }),
+              HasSubstr("newer servotwind (layout 2"));
+}
+
+TEST(Store, ADamagedModelIsNamedWithItsFieldAndWhatToDo) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    ModelRecord record = record_of(drive());
+    store.promote(record, event("first"));
+  }
+  struct Damage {
+    const char* sql;
+    const char* what;
+  };
+  for (const Damage& damage : {
+           Damage{"UPDATE models SET json = substr(json, 1, 200)", "parse error"},
+           Damage{"UPDATE models SET json = '{\"schema\":\"servotwin.model/9\"}'", "schema"},
+           Damage{"UPDATE models SET json = ''", "parse error"},
+       }) {
+    spoil(directory.path(), damage.sql);
+    Store store(directory.path(), "mill");
+    const std::string message = message_of([&] { (void)store.in_force(); });
+    EXPECT_THAT(message, HasSubstr("model of axis X, version 1, is damaged"));
+    EXPECT_THAT(message, HasSubstr(damage.what));
+    EXPECT_THAT(message, HasSubstr("delete that row to go back to the version before"));
+    EXPECT_EQ(message.find('\n'), std::string::npos);
+  }
+}
+
+TEST(StoreOnAFullDisk, CannotBeMade) {
+  TemporaryDirectory directory;
+  const FullDisk full;
+  EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill"); }), HasSubstr("full"));
+}
+
+TEST(StoreOnAFullDisk, KeepsWhatItHadAndGoesOnWhenThereIsSpaceAgain) {
+  TemporaryDirectory directory;
+  Store store(directory.path(), "mill");
+  ModelRecord first = record_of(drive(15.0)), second = record_of(drive(20.0));
+  store.promote(first, event("first"));
+  {
+    const FullDisk full;
+    EXPECT_THAT(message_of([&] { store.promote(second, event("second")); }), HasSubstr("full"));
+    EXPECT_THAT(message_of([&] { store.add(event("not stored")); }), HasSubstr("full"));
+    EXPECT_EQ(second.version, 0) << "it was not acknowledged";
+    ASSERT_EQ(store.in_force().size(), 1U);
+    EXPECT_EQ(store.in_force()[0].record.version, 1);
+  }
+  store.promote(second, event("second"));
+  EXPECT_EQ(second.version, 2);
+  EXPECT_EQ(store.events(10).size(), 2U) << "one event per promotion, none of what was refused";
+}
+
+// A process that promotes and says so, killed at any moment: what it said is there.
+TEST(Store, NothingAcknowledgedIsLostWhenTheProcessIsKilled) {
+  for (int round = 0; round < 5; ++round) {
+    TemporaryDirectory directory;
+    int pipe_ends[2];
+    ASSERT_EQ(pipe(pipe_ends), 0);
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      Store store(directory.path(), "mill");
+      for (int i = 0; i < 100'000; ++i) {
+        ModelRecord record = record_of(drive());
+        store.promote(record, event("better"));
+        const char acknowledged = 1;
+        if (write(pipe_ends[1], &acknowledged, 1) != 1) _exit(1);
+      }
+      _exit(0);
+    }
+    int acknowledged = 0;
+    char byte = 0;
+    while (acknowledged < 7 * (round + 1) && read(pipe_ends[0], &byte, 1) == 1) ++acknowledged;
+    kill(child, SIGKILL);
+    close(pipe_ends[1]);
+    while (read(pipe_ends[0], &byte, 1) == 1) ++acknowledged;
+    close(pipe_ends[0]);
+    int status = 0;
+    waitpid(child, &status, 0);
+    ASSERT_TRUE(WIFSIGNALED(status));
+
+    Store store(directory.path(), "mill");
+    ASSERT_EQ(store.in_force().size(), 1U);
+    EXPECT_GE(store.in_force()[0].record.version, acknowledged);
+    EXPECT_EQ(store.events(1'000'000).size(), store.versions("X").size());
+  }
+}
+
+TEST(Store, TimesAreIso8601InUtc) {
+  EXPECT_EQ(iso_time(0), "1970-01-01T00:00:00.000Z");
+  EXPECT_EQ(iso_time(1'769'860'800'123'456'789), "2026-01-31T12:00:00.123Z");
+}
+
+}  // namespace
+}  // namespace servotwin

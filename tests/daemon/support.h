@@ -1,0 +1,94 @@
+// What the daemon's tests share: a drive, a motion, a place on the disk.
+#pragma once
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <numbers>
+#include <sstream>
+#include <string>
+
+#include "drivers/messages.h"
+#include "identification/model_file.h"
+#include "twin/model.h"
+
+namespace servotwin {
+
+inline constexpr double kCycle_s = 1e-3;
+
+/// A P-P drive with Coulomb friction: what EMPS is like.
+inline Model drive(double omega_hz = 20.0, double coulomb = 0.3) {
+  Model model;
+  model.sample_time_s = kCycle_s;
+  model.loop.order = 2;
+  model.loop.denominator = denominator_of({0.0, omega_hz * 2.0 * std::numbers::pi, 0.6}, 2);
+  model.loop.numerator = {1.0, model.loop.denominator[0], 0.0};
+  Effect friction = make_effect<CoulombFriction>();
+  friction.coefficient[0] = coulomb;
+  model.effects = {friction};
+  return model;
+}
+
+inline ModelRecord record_of(const Model& model, const std::string& axis = "X") {
+  ModelRecord record;
+  record.axis = axis;
+  record.created = "2026-01-31T12:00:00.000Z";
+  record.model = model;
+  record.effect_deviations.resize(model.effects.size());
+  record.method = "pole-search";
+  record.training = {1.1e-6, 4.2e-6};
+  record.holdout = {1.3e-6, 5.5e-6};
+  record.noise_floor_rms = 0.4e-6;
+  record.condition_number = 123.4;
+  record.source = "test";
+  record.rows = 8000;
+  return record;
+}
+
+/// Two sines that never repeat within a minute, from rest.
+inline double command_at(double t) {
+  const double fade = t < 1.0 ? t * t * (3.0 - 2.0 * t) : 1.0;
+  return fade * (0.03 * std::sin(2.1 * t) + 0.012 * std::sin(9.3 * t + 1.0));
+}
+
+inline MachineDescription one_axis(const std::string& name = "X") {
+  return {kCycle_s, {{name, false, ""}}};
+}
+
+/// A directory that is gone with the test.
+class TemporaryDirectory {
+ public:
+  TemporaryDirectory() {
+    std::string name = (std::filesystem::temp_directory_path() / "servotwin-test-XXXXXX").string();
+    if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary directory");
+    path_ = name;
+  }
+  TemporaryDirectory(const TemporaryDirectory&) = delete;
+  TemporaryDirectory& operator=(const TemporaryDirectory&) = delete;
+  ~TemporaryDirectory() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path_, ignored);
+  }
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+/// The message that `action` throws; fails the test if it throws none.
+template <class Action>
+std::string message_of(Action&& action) {
+  try {
+    action();
+  } catch (const std::exception& error) {
+    return error.what();
+  }
+  ADD_FAILURE() << "nothing was thrown";
+  return {};
+}
+
+}  // namespace servotwin

@@ -1,0 +1,156 @@
+// Regimes of motions whose velocity is piecewise linear, so that every boundary is known in closed
+// form.
+#include "diagnosis/residual.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <vector>
+
+namespace servotwin {
+namespace {
+
+constexpr double kStep = 0.001;
+constexpr double kPeakSpeed = 0.1;         // [m/s]
+constexpr double kPeakAcceleration = 1.0;  // [m/s^2]
+
+/// 1 s rest, out at 0.1 m/s with 0.1 s ramps (0.8 s at constant speed), `pause` s rest, back the
+/// same way, 1 s rest.
+Eigen::ArrayXd out_and_back(double pause) {
+  const auto speed = [&](double t) {
+    const auto trapezoid = [](double u) {
+      if (u <= 0.0 || u >= 1.0) return 0.0;
+      return kPeakSpeed * std::min({1.0, u / 0.1, (1.0 - u) / 0.1});
+    };
+    return trapezoid(t - 1.0) - trapezoid(t - 2.0 - pause);
+  };
+  const auto n = static_cast<Eigen::Index>(std::lround((4.0 + pause) / kStep)) + 1;
+  Eigen::ArrayXd x(n);
+  double position = 0.25;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    x(k) = position;
+    const double t = static_cast<double>(k) * kStep;
+    position += kStep * (speed(t) + speed(t + kStep)) / 2;  // exact: the corners fall on samples
+  }
+  return x;
+}
+
+const RegimeShare& of(const RegimeShares& shares, Regime regime) {
+  return shares[static_cast<std::size_t>(regime)];
+}
+
+double samples_of(const RegimeShares& shares, Regime regime) {
+  return static_cast<double>(of(shares, regime).samples);
+}
+
+/// The boundary of a regime is known to the span over which velocity is taken.
+constexpr int kBlur = static_cast<int>(kRegimeSpan_s / kStep + 0.5) + 1;
+
+TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
+  const Eigen::ArrayXd x = out_and_back(1.0);
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  // Rests 3 x 1 s; ramps 4 x 0.1 s, of which the first 50 ms of the return belong to the reversal.
+  EXPECT_NEAR(samples_of(shares, Regime::kStandstill), 3000 - 2 * (kBlur - 1), 4 * kBlur);
+  EXPECT_NEAR(samples_of(shares, Regime::kConstantSpeed), 1600, 4 * kBlur);
+  EXPECT_NEAR(samples_of(shares, Regime::kAcceleration), 350, 8 * kBlur);
+  EXPECT_EQ(of(shares, Regime::kReversal).samples, 51);
+  Eigen::Index sum = 0;
+  double time = 0.0, share = 0.0;
+  for (const auto& regime : shares) {
+    sum += regime.samples;
+    time += regime.time_share;
+    share += regime.share;
+    EXPECT_DOUBLE_EQ(regime.rms, 1.0);
+    EXPECT_DOUBLE_EQ(regime.max, 1.0);
+    EXPECT_DOUBLE_EQ(regime.share, regime.time_share);  // a residual of one size everywhere
+  }
+  EXPECT_EQ(sum, x.size() - 2 * (kBlur - 1));  // the ends have no velocity
+  EXPECT_NEAR(time, 1.0, 1e-12);
+  EXPECT_NEAR(share, 1.0, 1e-12);
+}
+
+TEST(ByRegime, AReversalWithoutAStopCountsOnBothSides) {
+  const Eigen::ArrayXd x = out_and_back(0.0);
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  // The command stands for one instant (t = 2 s): 50 ms before the last and after the first motion.
+  EXPECT_NEAR(samples_of(shares, Regime::kReversal), 101, 4);
+  EXPECT_NEAR(samples_of(shares, Regime::kStandstill), 2000 - 2 * (kBlur - 1), 2 * kBlur);
+}
+
+TEST(ByRegime, GivesTheErrorToTheRegimeItHappenedIn) {
+  const Eigen::ArrayXd x = out_and_back(1.0);
+  Eigen::ArrayXd residual = Eigen::ArrayXd::Zero(x.size());
+  residual(1500) = 3e-6;   // constant speed, out
+  residual(3010) = -4e-6;  // 10 ms after the start of the return
+  const auto shares = by_regime(x, residual, kStep);
+  EXPECT_DOUBLE_EQ(of(shares, Regime::kConstantSpeed).share, 9.0 / 25.0);
+  EXPECT_DOUBLE_EQ(of(shares, Regime::kReversal).share, 16.0 / 25.0);
+  EXPECT_DOUBLE_EQ(of(shares, Regime::kReversal).max, 4e-6);
+  EXPECT_DOUBLE_EQ(of(shares, Regime::kReversal).rms, 4e-6 / std::sqrt(51.0));
+  EXPECT_EQ(of(shares, Regime::kStandstill).share, 0.0);
+  EXPECT_EQ(of(shares, Regime::kAcceleration).max, 0.0);
+}
+
+TEST(ByRegime, ASineOnlyAcceleratesAndTurns) {
+  // v = V cos(w t): |a| <= 5 % of its peak only within asin(0.05) of a speed maximum.
+  const double omega = 2 * std::numbers::pi;
+  Eigen::ArrayXd x(10001);
+  for (Eigen::Index k = 0; k < x.size(); ++k) {
+    x(k) = 0.01 * std::sin(omega * static_cast<double>(k) * kStep);
+  }
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  EXPECT_EQ(of(shares, Regime::kStandstill).samples, 0);
+  const double turns = 20, per_turn_s = 2 * (kReversalWindow_s + std::asin(0.005) / omega);
+  EXPECT_NEAR(samples_of(shares, Regime::kReversal), turns * per_turn_s / kStep, 2 * turns);
+  const double constant_s = 20 * 2 * std::asin(0.05) / omega;
+  EXPECT_NEAR(samples_of(shares, Regime::kConstantSpeed), constant_s / kStep, 60);
+}
+
+TEST(ByRegime, AQuantisedCommandIsNotAcceleration) {
+  Eigen::ArrayXd x = out_and_back(1.0);
+  const auto exact = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  x = (x / 1e-6).round() * 1e-6;
+  const auto quantised = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  for (std::size_t i = 0; i < kRegimes; ++i) {
+    const Regime regime = exact[i].regime;
+    EXPECT_NEAR(samples_of(quantised, regime), samples_of(exact, regime), kBlur) << name_of(regime);
+  }
+}
+
+TEST(ByRegime, HolesAreLeftOut) {
+  const Eigen::ArrayXd x = out_and_back(1.0);
+  Eigen::ArrayXd residual = Eigen::ArrayXd::Ones(x.size());
+  residual.segment(1500, 10) = std::numeric_limits<double>::quiet_NaN();
+  const auto whole = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  const auto holed = by_regime(x, residual, kStep);
+  EXPECT_EQ(of(holed, Regime::kConstantSpeed).samples,
+            of(whole, Regime::kConstantSpeed).samples - 10);
+  EXPECT_DOUBLE_EQ(of(holed, Regime::kConstantSpeed).rms, 1.0);
+}
+
+TEST(ByRegime, StretchesShareTheirPeaks) {
+  // Alone, the slow stretch would be a motion of its own; beside the fast one it stands still.
+  Stretch fast{out_and_back(1.0), {}, kStep};
+  fast.residual = Eigen::ArrayXd::Zero(fast.command.size());
+  Stretch slow{fast.command * 1e-3, Eigen::ArrayXd::Ones(fast.command.size()), kStep};
+  const std::vector<Stretch> both{fast, slow};
+  EXPECT_DOUBLE_EQ(of(by_regime(both), Regime::kStandstill).share, 1.0);
+  EXPECT_LT(of(by_regime(slow.command, slow.residual, kStep), Regime::kStandstill).share, 0.7);
+}
+
+TEST(ByRegime, NothingIsNoResidual) {
+  const auto shares = by_regime(Eigen::ArrayXd(), Eigen::ArrayXd(), kStep);
+  for (const auto& regime : shares) EXPECT_EQ(regime.samples, 0);
+}
+
+TEST(ByRegime, RefusesWhatDoesNotFit) {
+  EXPECT_THROW((void)by_regime(Eigen::ArrayXd::Zero(3), Eigen::ArrayXd::Zero(2), kStep),
+               std::invalid_argument);
+  EXPECT_THROW((void)by_regime(Eigen::ArrayXd::Zero(3), Eigen::ArrayXd::Zero(3), 0.0),
+               std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,195 @@
+#include "drivers/csv.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "drivers/recording_file.h"
+#include "tests/support/temporary_directory.h"
+
+namespace servotwin {
+namespace {
+
+using testing::Test;
+
+class Csv : public Test {
+ protected:
+  [[nodiscard]] Recording read(std::string_view text, const ReadOptions& options = {}) const {
+    return read_recording(directory_.file("recording.csv", text), options);
+  }
+  static ReadOptions mapped(const char* columns) {
+    ReadOptions options;
+    options.columns = columns;
+    return options;
+  }
+  static std::string notes(const Recording& recording) {
+    std::string all;
+    for (const std::string& note : recording.notes) all += note + "\n";
+    return all;
+  }
+
+  test::TemporaryDirectory directory_;
+};
+
+TEST_F(Csv, ReadsTheFormatOfTheContract) {
+  const Recording r = read(
+      "# a comment\n"
+      "time[ms],X.command[mm],X.actual[um],X.torque[Nm],C.command[deg],C.actual[rev]\n"
+      "0,1,900,2.5,180,0.25\n"
+      "# another, between the rows\n"
+      "2,3,2900,-2.5,-180,0.5\n");
+  ASSERT_EQ(r.axes.size(), 2U);
+  EXPECT_EQ(r.time, (std::vector<double>{0.0, 0.002}));
+  EXPECT_EQ(r.axes[0].name, "X");
+  EXPECT_FALSE(r.axes[0].rotary);
+  EXPECT_EQ(r.axes[0].command, (std::vector<double>{0.001, 0.003}));
+  EXPECT_EQ(r.axes[0].actual, (std::vector<double>{0.0009, 0.0029}));
+  EXPECT_EQ(r.axes[0].torque, (std::vector<double>{2.5, -2.5}));
+  EXPECT_EQ(r.axes[0].torque_unit, "Nm");
+  EXPECT_EQ(r.axes[1].name, "C");
+  EXPECT_TRUE(r.axes[1].rotary);
+  EXPECT_DOUBLE_EQ(r.axes[1].command[1], -std::numbers::pi);
+  EXPECT_DOUBLE_EQ(r.axes[1].actual[1], std::numbers::pi);
+  EXPECT_TRUE(r.axes[1].torque.empty());
+  EXPECT_TRUE(r.notes.empty()) << notes(r);
+}
+
+TEST_F(Csv, ReadsForeignColumnsByTheirNames) {
+  const Recording r =
+      read("t_s,pos_cmd,pos_meas,ctrl\n0.5,1,2,3\n0.75,4,5,6\n",
+           mapped("X.command=pos_cmd[mm], X.actual=pos_meas[mm], X.torque=ctrl[V]"));
+  EXPECT_EQ(r.time, (std::vector<double>{0.5, 0.75}));
+  EXPECT_EQ(r.axes.at(0).command, (std::vector<double>{0.001, 0.004}));
+  EXPECT_EQ(r.axes.at(0).actual, (std::vector<double>{0.002, 0.005}));
+  EXPECT_EQ(r.axes.at(0).torque_unit, "V");
+  EXPECT_NE(notes(r).find("time is column 't_s'"), std::string::npos) << notes(r);
+}
+
+TEST_F(Csv, ATimeWithoutUnitIsSecondsAndSaysSo) {
+  const Recording r = read("Time,a,b\n1,1,2\n2,4,5\n", mapped("X.command=a[m],X.actual=b[m]"));
+  EXPECT_EQ(r.time, (std::vector<double>{1, 2}));
+  EXPECT_NE(notes(r).find("'Time', taken as seconds"), std::string::npos) << notes(r);
+}
+
+TEST_F(Csv, AMappedTimeIsTakenEvenIfAnotherColumnLooksLikeOne) {
+  const Recording r =
+      read("t,stamp,a\n7,1000,1\n8,2000,2\n", mapped("X.command=a[m],time=stamp[us]"));
+  EXPECT_EQ(r.time, (std::vector<double>{0.001, 0.002}));
+}
+
+TEST_F(Csv, ARateStandsInForATimeThatIsNotThere) {
+  ReadOptions options = mapped("X.command=a[m]");
+  options.rate_hz = 500.0;
+  EXPECT_EQ(read("a,b\n1,0\n2,0\n3,0\n", options).time, (std::vector<double>{0.0, 0.002, 0.004}));
+}
+
+TEST_F(Csv, AForeignUnitInTheHeaderIsPartOfTheNameOrNot) {
+  const char* text = "time[s],pos[mm]\n0,1\n1,2\n";
+  EXPECT_EQ(read(text, mapped("X.command=pos[mm]")).axes.at(0).command,
+            (std::vector<double>{0.001, 0.002}));
+  EXPECT_EQ(read(text, mapped("X.command=pos[mm][mm]")).axes.at(0).command,
+            (std::vector<double>{0.001, 0.002}));
+}
+
+// What other programs write: separators, line ends, byte order mark, quotes, a separator at the
+// end.
+TEST_F(Csv, IsTolerantOfForeignDialects) {
+  const std::vector<double> command{0.0015, -0.002}, time{0.0, 1.0};
+  for (const char* text : {
+           "time[s];X.command[mm]\n0;1.5\n1;-2\n",
+           "time[s]\tX.command[mm]\n0\t1.5\n1\t-2\n",
+           "time[s],X.command[mm]\r\n0,1.5\r\n1,-2\r\n",
+           "\xef\xbb\xbftime[s],X.command[mm]\n0,1.5\n1,-2\n",
+           "\xef\xbb\xbf# comment\ntime[s],X.command[mm]\n0,1.5\n1,-2\n",
+           "\"time[s]\",\"X.command[mm]\"\n0,1.5\n1,-2\n",
+           "time[s],X.command[mm]\n\"0\",\"+1.5\"\n1,\"-2\"\n",
+           "time[s],X.command[mm],\n0,1.5,\n1,-2,\n",
+           "time[s],X.command[mm],\n0,1.5\n1,-2\n",
+           "time[s],X.command[mm]\n0,1.5,\n1,\"-2\",\n",
+           "time[s] , X.command[mm] \n 0 , +1.5 \n\n1,\t-2e0\n",
+           "time[s],X.command[mm]\n0,1.5\n1,-2",
+           "X.command[mm],time[s]\n1.5,0\n-2,1\n",
+           "a,X.command[mm],b,time[s],c\nx,1.5,\"q, q\",0,\n,-2,,1,z\n",
+       }) {
+    SCOPED_TRACE(text);
+    const Recording r = read(text);
+    EXPECT_EQ(r.time, time);
+    EXPECT_EQ(r.axes.at(0).command, command);
+  }
+}
+
+TEST_F(Csv, OneColumnMayBeTwoChannels) {
+  const Recording r =
+      read("t,a,b\n0,1,2\n1,3,4\n", mapped("X.command=a[m],X.actual=b[m],Y.command=b[m]"));
+  EXPECT_EQ(r.axes.at(0).actual, (std::vector<double>{2, 4}));
+  EXPECT_EQ(r.axes.at(1).command, (std::vector<double>{2, 4}));
+}
+
+TEST_F(Csv, WhatIsNotReadIsNamed) {
+  const Recording r = read(
+      "cycle,time[s],X.command[m],X.actual[m],X.comand[m],X.velocity[mm/s],load\n"
+      "1,0,1,2,3,4,text\n2,1,1,2,3,4,text\n");
+  EXPECT_NE(notes(r).find("ignored columns: cycle, X.comand[m] (not X.command?), load"),
+            std::string::npos)
+      << notes(r);
+  EXPECT_NE(notes(r).find("X.velocity is not used"), std::string::npos) << notes(r);
+}
+
+TEST_F(Csv, AChannelThatIsNotThereIsNanInEveryRow) {
+  const Recording r = read("time[s],X.command[m]\n0,1\n1,2\n");
+  ASSERT_EQ(r.axes.at(0).actual.size(), 2U);
+  EXPECT_TRUE(std::isnan(r.axes[0].actual[0]) && std::isnan(r.axes[0].actual[1]));
+  EXPECT_TRUE(r.axes[0].torque.empty());
+}
+
+TEST_F(Csv, MissingValuesAreNanAndCounted) {
+  const Recording r = read(
+      "time[s],X.command[m],X.actual[m]\n0,1,1\n1,nan,1\n2,,inf\n3,-Infinity,1e999\n4,5,1e-999\n");
+  const auto& x = r.axes.at(0);
+  EXPECT_TRUE(std::isnan(x.command[1]) && std::isnan(x.command[2]) && std::isnan(x.command[3]));
+  EXPECT_TRUE(std::isnan(x.actual[2]) && std::isnan(x.actual[3]));
+  EXPECT_EQ(x.actual[4], 0.0);
+  EXPECT_NE(
+      notes(r).find("X.command: 3 of 5 values are empty, NaN or infinite, the first in line 3"),
+      std::string::npos)
+      << notes(r);
+  EXPECT_NE(notes(r).find("X.actual: 2 of 5"), std::string::npos) << notes(r);
+}
+
+TEST_F(Csv, ALastLineThatIsCutOffIsDroppedAndNamed) {
+  const Recording r = read("time[s],X.command[m],X.actual[m]\n0,1,1\n1,2,2\n2,3");
+  EXPECT_EQ(r.time.size(), 2U);
+  EXPECT_NE(notes(r).find("line 4, the last one, is cut off"), std::string::npos) << notes(r);
+}
+
+TEST_F(Csv, ReadsThePartThatIsAskedFor) {
+  ReadOptions options;
+  options.from_s = 0.5;
+  options.to_s = 1.0;
+  const Recording r = read("time[s],X.command[m]\n10,1\n10.5,2\n10.75,3\n11,4\n11.5,5\n", options);
+  EXPECT_EQ(r.time, (std::vector<double>{10.5, 10.75, 11}));
+  EXPECT_EQ(r.axes.at(0).command, (std::vector<double>{2, 3, 4}));
+  EXPECT_NE(notes(r).find("2 of 5 rows are outside"), std::string::npos) << notes(r);
+}
+
+// The block that the text goes through ends somewhere in a line; no line may suffer from that.
+TEST_F(Csv, LinesAcrossBlocksAreWhole) {
+  std::string text = "time[s],X.command[m],note\n";
+  constexpr int kRows = 60'000;
+  for (int i = 0; i < kRows; ++i) {
+    text += std::to_string(i) + "," + std::to_string(3 * i) + "," +
+            std::string(static_cast<std::size_t>(i % 97), 'n') + "\n";
+  }
+  ASSERT_GT(text.size(), 3U << 20);
+  const Recording r = read(text);
+  ASSERT_EQ(r.time.size(), static_cast<std::size_t>(kRows));
+  for (int i = 0; i < kRows; ++i) {
+    ASSERT_EQ(r.time[static_cast<std::size_t>(i)], i);
+    ASSERT_EQ(r.axes[0].command[static_cast<std::size_t>(i)], 3 * i);
+  }
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,133 @@
+#include "identification/model_file.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <random>
+#include <sstream>
+
+#include "tests/support/expect_error.h"
+#include "tests/support/temporary_directory.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+namespace {
+
+using nlohmann::json;
+using test::expect_error;
+
+ModelRecord random_record(std::mt19937_64& rng) {
+  std::uniform_real_distribution<double> u(0.1, 0.9);
+  ModelRecord record;
+  record.axis = "X";
+  record.version = 17;
+  record.parent = 16;
+  record.created = "2026-11-21T10:00:00Z";
+  record.method = "pole-search";
+  record.model.sample_time_s = 1e-3 * (1.0 + u(rng));
+  Loop& loop = record.model.loop;
+  loop.order = u(rng) < 0.5 ? 2 : 3;
+  loop.denominator = denominator_of({100.0 * u(rng), 300.0 * u(rng), 1.5 * u(rng)}, loop.order);
+  for (int i = 0; i < loop.order; ++i) loop.numerator[static_cast<std::size_t>(i)] = u(rng) * std::pow(100.0, i);
+  Effect friction = make_effect<CoulombFriction>();
+  friction.shape[0] = 1e-3 * u(rng);
+  friction.coefficient = {u(rng), 0.0};
+  Effect constant = make_effect<ConstantForce>();
+  constant.coefficient[0] = -u(rng);
+  Effect delay = make_effect<TimeDelay>();
+  delay.shape[0] = 0.01 * u(rng);
+  record.model.effects = {friction, constant, delay};
+  record.effect_deviations.resize(3);
+  record.training = {1e-6 * u(rng), 1e-5};
+  record.holdout = {1e-6 * u(rng), 1e-5};
+  record.source = "test";
+  return record;
+}
+
+json valid() {
+  std::mt19937_64 rng{4};
+  return to_json(random_record(rng));
+}
+
+TEST(ModelFile, ReadsBackToTheSamePredictionsBitForBit) {
+  const test::TemporaryDirectory directory;
+  std::mt19937_64 rng{8};
+  for (int round = 0; round < 50; ++round) {
+    const ModelRecord record = random_record(rng);
+    write_model(directory.path() / "m.json", record);
+    const ModelRecord back = read_model(directory.path() / "m.json");
+    Twin a(record.model), b(back.model);
+    for (int i = 0; i < 500; ++i) {
+      const double command = 0.01 * std::sin(0.02 * i) * i / 500.0;
+      ASSERT_EQ(a.follow(command), b.follow(command)) << round << " " << i;
+    }
+    EXPECT_EQ(to_json(record), to_json(back));
+  }
+}
+
+TEST(ModelFile, ATruncatedFileIsRefusedAtEveryByte) {
+  const test::TemporaryDirectory directory;
+  const auto file = directory.path() / "m.json";
+  std::mt19937_64 rng{8};
+  write_model(file, random_record(rng));
+  std::stringstream whole;
+  whole << std::ifstream(file).rdbuf();
+  const std::string text = whole.str();
+  for (std::size_t length = 0; length + 2 < text.size(); ++length) {
+    std::ofstream(file, std::ios::trunc) << text.substr(0, length);
+    expect_error<std::runtime_error>([&] { (void)read_model(file); }, {"m.json", "model file"});
+  }
+}
+
+TEST(ModelFile, RefusalsNameTheField) {
+  const auto refused = [](const char* pointer, const json& value, std::initializer_list<const char*> parts) {
+    json j = valid();
+    j[json::json_pointer(pointer)] = value;
+    SCOPED_TRACE(pointer);
+    expect_error<std::runtime_error>([&] { (void)model_from_json(j); }, parts);
+  };
+  refused("/schema", "servotwin.model/2", {"schema", "servotwin.model/2", "servotwin.model/1"});
+  refused("/schema", 3, {"schema", "string"});
+  refused("/axis", "", {"axis", "empty"});
+  refused("/kind", "round", {"kind", "round"});
+  refused("/sample_time_s", -1.0, {"sample_time_s", "-1", "positive"});
+  refused("/sample_time_s", "fast", {"sample_time_s", "number", "fast"});
+  refused("/loop/order", 7, {"loop.order", "7"});
+  refused("/loop/denominator", json::array({1.0}), {"loop.denominator", "list of"});
+  refused("/loop/denominator/0", -5.0, {"loop.denominator", "unstable"});
+  refused("/loop/tracking_error_numerator/1", nullptr, {"loop.tracking_error_numerator[1]", "number"});
+  refused("/loop/poles/0/0", -1.0, {"loop.poles", "contradicts"});
+  refused("/loop/disturbance_gain", 99.0, {"loop.disturbance_gain", "contradicts"});
+  refused("/effects", 1, {"effects", "list"});
+  refused("/effects/0/id", "phlogiston", {"effects[0].id", "phlogiston"});
+  refused("/effects/0/parameters/velocity_limit/value", 7.0, {"effects[coulomb_friction].velocity_limit", "7", "outside"});
+  refused("/effects/0/parameters/colour", json::object(), {"effects[0].parameters.colour"});
+  for (const char* key : {"schema", "axis", "sample_time_s", "loop", "effects"}) {
+    json j = valid();
+    j.erase(key);
+    expect_error<std::runtime_error>([&] { (void)model_from_json(j); }, {key, "missing"});
+  }
+  expect_error<std::runtime_error>([] { (void)model_from_json(json::array()); }, {"schema"});
+  EXPECT_NO_THROW((void)model_from_json(valid()));
+}
+
+TEST(ModelFile, WritingNeverLeavesHalfAFile) {
+  const test::TemporaryDirectory directory;
+  std::mt19937_64 rng{8};
+  const ModelRecord record = random_record(rng);
+  expect_error<std::runtime_error>([&] { write_model(directory.path() / "no" / "such" / "m.json", record); },
+                                   {"m.json", "cannot be written"});
+  // A device that is full from the first byte: what stands beside it stays.
+  const auto file = directory.path() / "m.json";
+  write_model(file, record);
+  std::filesystem::create_directory(directory.path() / "busy.json");
+  expect_error<std::runtime_error>([&] { write_model(directory.path() / "busy.json", record); }, {"busy.json"});
+  std::size_t files = 0;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(directory.path())) ++files;
+  EXPECT_EQ(files, 2U) << "a temporary file was left behind";
+}
+
+}  // namespace
+}  // namespace servotwin

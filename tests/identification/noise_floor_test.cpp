@@ -1,0 +1,63 @@
+#include "identification/noise_floor.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+namespace servotwin {
+namespace {
+
+Segment laps(double step, double noise, int count, double lap_s = 3.0) {
+  std::mt19937_64 rng{5};
+  std::normal_distribution<double> normal(0.0, noise > 0.0 ? noise : 1.0);
+  Segment s;
+  s.sample_time_s = 1e-3;
+  const auto n = static_cast<Eigen::Index>(count * lap_s / 1e-3);
+  s.command.resize(n);
+  s.actual.resize(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double t = 1e-3 * static_cast<double>(i);
+    const double phase = 2.0 * std::numbers::pi * t / lap_s;
+    s.command(i) = 0.05 * std::sin(phase) + 0.01 * std::sin(3.0 * phase);
+    double x = s.command(i) - 1e-4 * std::cos(phase);
+    if (noise > 0.0) x += normal(rng);
+    s.actual(i) = step > 0.0 ? std::round(x / step) * step : x;
+  }
+  return s;
+}
+
+TEST(NoiseFloor, FindsTheEncoderStep) {
+  for (double step : {1e-6, 5e-6, 20e-6}) {
+    EXPECT_NEAR(noise_floor({laps(step, 0.0, 3)}).encoder_step, step, 0.01 * step);
+  }
+  // Too fine for this motion to pass through single steps: not found, and nothing else taken for it.
+  EXPECT_EQ(noise_floor({laps(0.01e-6, 0.0, 1)}).encoder_step, 0.0);
+  EXPECT_EQ(noise_floor({laps(0.0, 0.0, 1)}).encoder_step, 0.0);
+}
+
+TEST(NoiseFloor, WhatDoesNotRepeatFromLapToLapIsNoise) {
+  const NoiseFloor floor = noise_floor({laps(0.0, 0.4e-6, 4)});
+  EXPECT_NEAR(floor.lap_s, 3.0, 1.5e-3);
+  EXPECT_NEAR(floor.repeat_rms, 0.4e-6, 0.03e-6);
+  EXPECT_EQ(floor.rms, floor.repeat_rms);
+}
+
+TEST(NoiseFloor, ACommandThatNeverRepeatsHasNoLap) {
+  Segment s = laps(0.0, 0.4e-6, 1);
+  for (Eigen::Index i = 0; i < s.size(); ++i) s.command(i) += 1e-3 * std::pow(1e-3 * static_cast<double>(i), 2);
+  EXPECT_TRUE(std::isnan(noise_floor({s}).repeat_rms));
+}
+
+TEST(NoiseFloor, StandstillShowsTheEncoderNoise) {
+  std::mt19937_64 rng{6};
+  std::normal_distribution<double> normal(0.0, 0.7e-6);
+  Segment s = laps(0.0, 0.0, 1);
+  s.command.tail(1500).setConstant(s.command(1499));
+  for (Eigen::Index i = 1500; i < s.size(); ++i) s.actual(i) = s.command(i) + normal(rng);
+  EXPECT_NEAR(noise_floor({s}).standstill_rms, 0.7e-6, 0.05e-6);
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,274 @@
+#include "ilc/gate.h"
+
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <random>
+#include <sstream>
+
+namespace servotwin {
+namespace {
+
+constexpr std::int64_t kCycle_ns = 1'000'000;
+constexpr GateLimits kLimits{.peak = 20e-6,
+                             .rate = 2e-3,
+                             .bandwidth_hz = 50.0,
+                             .ramp_s = 0.05,
+                             .validity_s = 0.01,
+                             .model_age_s = 3600.0,
+                             .live = true};
+
+GateRequest good(std::int64_t cycle, double offset) {
+  GateRequest request;
+  request.now_ns = cycle * kCycle_ns;
+  request.offset = offset;
+  request.expires_ns = request.now_ns + kCycle_ns;
+  request.model_validated = true;
+  request.model_validated_ns = 0;
+  request.axis_state_matches = true;
+  return request;
+}
+
+/// A gate through which a constant offset passes unchanged.
+Gate open_gate(double offset, std::int64_t& cycle) {
+  Gate gate(kLimits);
+  for (cycle = 0; cycle < 200; ++cycle) (void)gate.pass(good(cycle, offset));
+  return gate;
+}
+
+TEST(Gate, PassesAPermittedRequestUnchangedOnceItIsFadedIn) {
+  std::int64_t cycle = 0;
+  Gate gate = open_gate(5e-6, cycle);
+  const GateOutput out = gate.pass(good(cycle, 5e-6));
+  EXPECT_EQ(out.refusal, Refusal::kNone);
+  EXPECT_TRUE(out.send);
+  EXPECT_DOUBLE_EQ(out.offset, 5e-6);
+  EXPECT_EQ(out.expires_ns, cycle * kCycle_ns + 10'000'000);
+}
+
+TEST(Gate, FadesInLinearlyWithinTheRamp) {
+  Gate gate(kLimits);
+  for (std::int64_t cycle = 0; cycle <= 50; ++cycle) {
+    const GateOutput out = gate.pass(good(cycle, 5e-6));
+    EXPECT_NEAR(out.offset, 5e-6 * static_cast<double>(cycle) / 50.0, 1e-18) << cycle;
+  }
+}
+
+TEST(Gate, FollowsASineWithinItsLimits) {
+  Gate gate(kLimits);
+  const double omega = 2.0 * std::numbers::pi * 10.0;
+  for (std::int64_t cycle = 0; cycle < 500; ++cycle) {
+    const double offset = 15e-6 * std::sin(omega * 1e-3 * static_cast<double>(cycle));
+    const GateOutput out = gate.pass(good(cycle, offset));
+    ASSERT_EQ(out.refusal, Refusal::kNone) << cycle;
+    if (cycle > 50) {
+      ASSERT_NEAR(out.offset, offset, 1e-18) << cycle;
+    }
+  }
+}
+
+TEST(Gate, DryRunIsTheDefaultAndSendsNothing) {
+  GateLimits limits = kLimits;
+  limits.live = GateLimits{}.live;
+  Gate gate(limits);
+  for (std::int64_t cycle = 0; cycle < 100; ++cycle) {
+    const GateOutput out = gate.pass(good(cycle, 5e-6));
+    EXPECT_FALSE(out.send);
+    if (cycle == 99) {
+      EXPECT_DOUBLE_EQ(out.offset, 5e-6);  // computed all the same
+    }
+  }
+}
+
+struct Case {
+  Refusal refusal;
+  void (*spoil)(GateRequest&);
+};
+
+void PrintTo(const Case& one, std::ostream* out) { *out << name_of(one.refusal); }
+
+class GateRefuses : public testing::TestWithParam<Case> {};
+
+TEST_P(GateRefuses, ByNameAndFadesOut) {
+  std::int64_t cycle = 0;
+  Gate gate = open_gate(5e-6, cycle);
+  double last = 5e-6;
+  for (int i = 0; i < 60; ++i, ++cycle) {
+    GateRequest request = good(cycle, 5e-6);
+    GetParam().spoil(request);
+    const GateOutput out = gate.pass(request);
+    ASSERT_EQ(out.refusal, GetParam().refusal) << name_of(out.refusal);
+    ASSERT_LE(out.offset, last);
+    last = out.offset;
+  }
+  EXPECT_EQ(last, 0.0);
+  EXPECT_EQ(gate.count(GetParam().refusal), 60U);
+}
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+INSTANTIATE_TEST_SUITE_P(
+    EachReason, GateRefuses,
+    testing::Values(
+        Case{Refusal::kModelNotValidated, [](GateRequest& r) { r.model_validated = false; }},
+        Case{Refusal::kModelStale,
+             [](GateRequest& r) { r.model_validated_ns = r.now_ns - 3601'000'000'000; }},
+        Case{Refusal::kModelStale, [](GateRequest& r) { r.model_validated_ns = r.now_ns + 1; }},
+        Case{Refusal::kOtherAxisState, [](GateRequest& r) { r.axis_state_matches = false; }},
+        Case{Refusal::kNotFinite, [](GateRequest& r) { r.offset = kNan; }},
+        Case{Refusal::kNotFinite, [](GateRequest& r) { r.offset = -kInfinity; }},
+        Case{Refusal::kExpired, [](GateRequest& r) { r.expires_ns = r.now_ns - 1; }},
+        Case{Refusal::kPeak, [](GateRequest& r) { r.offset = 20.1e-6; }}));
+
+TEST(Gate, RefusesAStepAboveTheRate) {
+  std::int64_t cycle = 0;
+  Gate gate = open_gate(5e-6, cycle);
+  EXPECT_EQ(gate.pass(good(cycle, 5e-6 + 2.1e-6)).refusal, Refusal::kRate);
+  EXPECT_EQ(gate.count(Refusal::kRate), 1U);
+}
+
+TEST(Gate, RefusesWhatNoSignalOfItsBandwidthAndPeakCanDo) {
+  // 450 Hz of 1 um: within peak and rate, but curved more than (2 pi 50 Hz)^2 20 um = 1.97 m/s^2.
+  std::int64_t cycle = 0;
+  Gate gate = open_gate(0.0, cycle);
+  int refused = 0;
+  for (int i = 0; i < 100; ++i, ++cycle) {
+    const double offset = 1e-6 * std::sin(2.0 * std::numbers::pi * 450.0 * 1e-3 * i);
+    refused += gate.pass(good(cycle, offset)).refusal == Refusal::kBandwidth ? 1 : 0;
+  }
+  EXPECT_GT(refused, 50);
+}
+
+TEST(Gate, HoldsWhatIsOutWhereTheClockStands) {
+  std::int64_t cycle = 0;
+  Gate gate = open_gate(5e-6, cycle);
+  const GateOutput out = gate.pass(good(cycle - 1, 5e-6));
+  EXPECT_EQ(out.refusal, Refusal::kTimeStands);
+  EXPECT_DOUBLE_EQ(out.offset, 5e-6);
+  EXPECT_EQ(out.expires_ns, (cycle - 1) * kCycle_ns + 10'000'000) << "the validity is not renewed";
+}
+
+TEST(Gate, StartsFromNothingAfterTheDriveHasDroppedTheOffset) {
+  std::int64_t cycle = 0;
+  Gate gate = open_gate(5e-6, cycle);
+  EXPECT_EQ(gate.pass(good(cycle + 11, 5e-6)).offset, 0.0);
+  EXPECT_NEAR(gate.pass(good(cycle + 12, 5e-6)).offset, 5e-6 / 50.0, 1e-18);
+}
+
+TEST(Gate, WithoutPositiveLimitsLetsNothingThrough) {
+  for (const double bad : {0.0, -1.0, kNan, kInfinity}) {
+    for (int field = 0; field < 6; ++field) {
+      GateLimits limits = kLimits;
+      (field == 0   ? limits.peak
+       : field == 1 ? limits.rate
+       : field == 2 ? limits.bandwidth_hz
+       : field == 3 ? limits.ramp_s
+       : field == 4 ? limits.validity_s
+                    : limits.model_age_s) = bad;
+      Gate gate(limits);
+      for (std::int64_t cycle = 0; cycle < 100; ++cycle) {
+        const GateOutput out = gate.pass(good(cycle, 5e-6));
+        ASSERT_EQ(out.refusal, Refusal::kNoLimits);
+        ASSERT_EQ(out.offset, 0.0);
+        ASSERT_FALSE(out.send);
+      }
+    }
+  }
+}
+
+/// Anything at all, but often near what is permitted, so that outputs are not zero all the time.
+class Fuzz {
+ public:
+  explicit Fuzz(unsigned seed) : random_(seed) {}
+
+  GateRequest next() {
+    now_ns_ = time();
+    GateRequest request;
+    request.now_ns = now_ns_;
+    request.offset = offset();
+    request.expires_ns = one_in(20) ? stamp() : now_ns_;
+    request.model_validated = !one_in(50);
+    request.model_validated_ns = one_in(50) ? stamp() : now_ns_;
+    request.axis_state_matches = !one_in(50);
+    return request;
+  }
+
+ private:
+  bool one_in(unsigned n) { return random_() % n == 0; }
+  double uniform(double a, double b) { return std::uniform_real_distribution<>(a, b)(random_); }
+  std::int64_t stamp() {
+    switch (random_() % 4) {
+      case 0:
+        return std::numeric_limits<std::int64_t>::min();
+      case 1:
+        return std::numeric_limits<std::int64_t>::max();
+      default:
+        return static_cast<std::int64_t>(random_());
+    }
+  }
+  std::int64_t time() {
+    if (one_in(20'000)) return stamp();
+    // Back to times in which steps can be small, after an extreme one.
+    if (now_ns_ > (std::int64_t{1} << 60) || now_ns_ < -(std::int64_t{1} << 60)) return 0;
+    const std::int64_t step =
+        one_in(100) ? static_cast<std::int64_t>(uniform(-2e7, 2e7)) : kCycle_ns;
+    return now_ns_ + step;
+  }
+  double offset() {
+    if (one_in(200)) {
+      constexpr double kOdd[] = {kNan, kInfinity, -kInfinity, 1e308, -1e308, 5e-324, 0.0};
+      return kOdd[random_() % std::size(kOdd)];
+    }
+    if (one_in(100)) return uniform(-1e-3, 1e-3);
+    value_ += uniform(-1e-6, 1e-6);
+    if (std::abs(value_) > 25e-6) value_ *= 0.5;
+    return value_;
+  }
+
+  std::mt19937_64 random_;
+  std::int64_t now_ns_ = 0;
+  double value_ = 0.0;
+};
+
+TEST(GateInvariant, NoInputMakesAnOutputOutsideThePeakAndTheRate) {
+  // Many gates, because one that has seen the end of time waits for it.
+  std::array<std::uint64_t, kRefusals> counts{};
+  int nonzero = 0;
+  for (unsigned seed = 0; seed < 1000; ++seed) {
+    Fuzz fuzz(seed);
+    Gate gate(kLimits);
+    double applied = 0.0;  // by the drive
+    std::int64_t last_ns = 0, expires_ns = std::numeric_limits<std::int64_t>::min();
+    for (int i = 0; i < 1000; ++i) {
+      const GateRequest request = fuzz.next();
+      if (request.now_ns > expires_ns) {
+        applied = 0.0;
+        last_ns = request.now_ns;  // it starts anew: no step at once
+      }
+      const GateOutput out = gate.pass(request);
+      const bool advances = request.now_ns > last_ns;
+      const double step_s = advances ? static_cast<double>(request.now_ns - last_ns) * 1e-9 : 0.0;
+      ASSERT_TRUE(std::isfinite(out.offset)) << "seed " << seed << ", input " << i;
+      ASSERT_LE(std::abs(out.offset), kLimits.peak) << "seed " << seed << ", input " << i;
+      ASSERT_LE(std::abs(out.offset - applied), kLimits.rate * step_s + 1e-20)
+          << "seed " << seed << ", input " << i << ", offset " << request.offset;
+      if (advances) last_ns = request.now_ns;
+      applied = out.offset;
+      expires_ns = out.expires_ns;
+      nonzero += out.offset != 0.0 ? 1 : 0;
+    }
+    for (std::size_t r = 0; r < kRefusals; ++r) counts[r] += gate.count(static_cast<Refusal>(r));
+  }
+  EXPECT_GT(nonzero, 100'000) << "the invariant must be tried with offsets that are out";
+  for (std::size_t r = 0; r < kRefusals; ++r) {
+    const auto refusal = static_cast<Refusal>(r);
+    EXPECT_EQ(counts[r] > 0, refusal != Refusal::kNoLimits) << name_of(refusal);
+  }
+}
+
+}  // namespace
+}  // namespace servotwin

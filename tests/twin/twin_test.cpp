@@ -1,0 +1,223 @@
+#include "twin/twin.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+namespace servotwin {
+namespace {
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+
+/// A drive without integrator or feed-forward: x'' = a2 (x_r - x) - a1 x' - d.
+Model plain_drive(double h, double coulomb = 0.0, double offset = 0.0, double velocity_limit = 1e-3) {
+  Model m;
+  m.sample_time_s = h;
+  m.loop.order = 2;
+  m.loop.denominator = denominator_of({0.0, 20.0 * kTwoPi, 0.4}, 2);
+  m.loop.numerator = {1.0, m.loop.denominator[0], 0.0};
+  Effect friction = make_effect<CoulombFriction>();
+  friction.shape[0] = velocity_limit;
+  friction.coefficient[0] = coulomb;
+  Effect constant = make_effect<ConstantForce>();
+  constant.coefficient[0] = offset;
+  m.effects = {friction, constant};
+  return m;
+}
+
+Model integrating_drive(double h) {
+  Model m;
+  m.sample_time_s = h;
+  m.loop.order = 3;
+  m.loop.denominator = denominator_of({9.87 * kTwoPi, 31.31 * kTwoPi, 0.44}, 3);
+  m.loop.numerator = {1.0, m.loop.denominator[0], 32000.85850853618};
+  return m;
+}
+
+Segment commanded(double h, double seconds, double (*x)(double)) {
+  Segment s;
+  s.sample_time_s = h;
+  const auto n = static_cast<Eigen::Index>(std::lround(seconds / h)) + 1;
+  s.command.resize(n);
+  for (Eigen::Index i = 0; i < n; ++i) s.command(i) = x(static_cast<double>(i) * h);
+  return s;
+}
+
+// At constant speed the error is c_(n-1) / a_n v, plus d / a2 where no integrator takes the force over.
+TEST(Twin, ConstantSpeedErrorIsTheClosedForm) {
+  const double v = 0.08;
+  const double h = 1e-3;
+  const auto last_error = [&](const Model& m) {
+    Twin twin(m);
+    double e = 0.0;
+    for (int i = 0; i < 4000; ++i) e = twin.follow(v * i * h);
+    return e;
+  };
+  const Model with = integrating_drive(h);
+  EXPECT_NEAR(last_error(with), with.loop.numerator[2] / with.loop.denominator[2] * v, 1e-12);
+  const Model without = plain_drive(h, 0.3, -0.05);
+  EXPECT_NEAR(last_error(without), (without.loop.numerator[1] * v + 0.3 - 0.05) / without.loop.denominator[1], 1e-12);
+}
+
+// At rest a loop without integrator stands off by the constant force; one with it does not.
+TEST(Twin, StartsAtRestInEquilibrium) {
+  Twin twin(plain_drive(1e-3, 0.3, 0.1));
+  twin.start(0.25);
+  const double a2 = plain_drive(1e-3).loop.denominator[1];
+  for (int i = 0; i < 500; ++i) EXPECT_NEAR(twin.follow(0.25), 0.1 / a2, 1e-12) << i;
+  Model integrating = integrating_drive(1e-3);
+  Effect constant = make_effect<ConstantForce>();
+  constant.coefficient[0] = 0.1;
+  integrating.effects = {constant};
+  Twin other(integrating);
+  other.start(0.25);
+  for (int i = 0; i < 500; ++i) EXPECT_NEAR(other.follow(0.25), 0.0, 1e-13) << i;
+}
+
+double wave(double t) { return 0.03 * std::pow(std::sin(kTwoPi * 0.7 * t), 3) * std::min(1.0, t); }
+
+/// Runge-Kutta 4 on the differential equation of the plain drive: no filter, no hold, 2 us.
+std::vector<double> integrated(double seconds, double coulomb, double offset, double limit, int every) {
+  const auto a = denominator_of({0.0, 20.0 * kTwoPi, 0.4}, 2);
+  const double h = 2e-6;
+  double x = wave(0.0), v = 0.0;
+  x -= offset / a[1];
+  const auto acceleration = [&](double t, double position, double velocity) {
+    const double d = coulomb * std::clamp(velocity / limit, -1.0, 1.0) + offset;
+    return a[1] * (wave(t) - position) - a[0] * velocity - d;
+  };
+  std::vector<double> errors;
+  const auto steps = static_cast<int>(std::lround(seconds / h));
+  for (int i = 0; i <= steps; ++i) {
+    const double t = i * h;
+    if (i % every == 0) errors.push_back(wave(t) - x);
+    const double k1v = acceleration(t, x, v), k1x = v;
+    const double k2v = acceleration(t + h / 2, x + h / 2 * k1x, v + h / 2 * k1v), k2x = v + h / 2 * k1v;
+    const double k3v = acceleration(t + h / 2, x + h / 2 * k2x, v + h / 2 * k2v), k3x = v + h / 2 * k2v;
+    const double k4v = acceleration(t + h, x + h * k3x, v + h * k3v), k4x = v + h * k3v;
+    x += h / 6 * (k1x + 2 * k2x + 2 * k3x + k4x);
+    v += h / 6 * (k1v + 2 * k2v + 2 * k3v + k4v);
+  }
+  return errors;
+}
+
+TEST(Twin, FreeSimulationAgreesWithAnIndependentIntegrator) {
+  const double coulomb = 0.25, offset = -0.04, limit = 3e-3, h = 1e-3;
+  const std::vector<double> truth = integrated(4.0, coulomb, offset, limit, 500);
+  const Segment segment = commanded(h, 4.0, wave);
+  const Eigen::ArrayXd error = simulate(plain_drive(h, coulomb, offset, limit), segment);
+  ASSERT_EQ(error.size(), static_cast<Eigen::Index>(truth.size()));
+  double sum = 0.0, most = 0.0;
+  for (Eigen::Index i = 0; i < error.size(); ++i) {
+    const double d = error(i) - truth[static_cast<std::size_t>(i)];
+    sum += d * d;
+    most = std::max(most, std::abs(d));
+  }
+  // The error itself is 1.4 mm; the velocity within a 1 ms step is what the twin cannot see.
+  EXPECT_LT(std::sqrt(sum / static_cast<double>(error.size())), 0.05e-6);
+  EXPECT_LT(most, 0.3e-6);
+}
+
+TEST(Twin, StaysBoundedAtAnyStepWithAnAbruptFriction) {
+  for (double h : {0.6e-3, 1e-3, 2e-3, 4e-3}) {
+    const Model model = plain_drive(h, 2.0, 0.0, 2e-5);
+    const Eigen::ArrayXd error = simulate(model, commanded(h, 6.0, wave));
+    // No more than the tracking error and the static deflection by friction together.
+    const double bound = 0.2 * model.loop.numerator[1] / model.loop.denominator[1] + 2.0 * 2.0 / model.loop.denominator[1];
+    EXPECT_LT(error.abs().maxCoeff(), bound) << h;
+    EXPECT_TRUE(error.allFinite());
+  }
+}
+
+TEST(Twin, FollowingSampleBySampleAgreesWithTheSplineOfTheWholeRecord) {
+  const double h = 1e-3;
+  const Segment segment = commanded(h, 4.0, wave);
+  Model model = plain_drive(h, 0.2, 0.03);
+  for (double delay : {0.0, 0.0031, 0.008}) {
+    if (delay > 0.0) {
+      Effect late = make_effect<TimeDelay>();
+      late.shape[0] = delay;
+      model.effects.resize(2);
+      model.effects.push_back(late);
+    }
+    const Eigen::ArrayXd whole = simulate(model, segment);
+    Twin twin(model);
+    twin.start(segment.command(0));
+    double most = 0.0;
+    for (Eigen::Index i = 1; i < segment.size(); ++i) most = std::max(most, std::abs(twin.follow(segment.command(i)) - whole(i)));
+    EXPECT_LT(most, 1e-8) << "delay " << delay;
+    EXPECT_GT(most, 0.0);
+  }
+}
+
+TEST(Twin, ADelayShiftsTheAnswerAndNothingElse) {
+  const double h = 1e-3, delay = 0.0082;
+  const Segment segment = commanded(h, 4.0, wave);
+  const Model prompt = integrating_drive(h);
+  Model late = prompt;
+  Effect effect = make_effect<TimeDelay>();
+  effect.shape[0] = delay;
+  late.effects = {effect};
+  const Eigen::ArrayXd x_prompt = segment.command - simulate(prompt, segment);
+  const Eigen::ArrayXd x_late = segment.command - simulate(late, segment);
+  const Eigen::ArrayXd shifted = Spline::through(x_prompt, h).delayed(delay);
+  EXPECT_LT((x_late - shifted).tail(segment.size() - 20).abs().maxCoeff(), 1e-8);
+}
+
+TEST(Twin, LooksAheadWithoutMoving) {
+  const double h = 1e-3;
+  Twin twin(plain_drive(h, 0.2, 0.03));
+  for (int i = 0; i < 700; ++i) twin.follow(wave(i * h));
+  std::array<double, 32> commands{}, ahead{};
+  for (std::size_t i = 0; i < commands.size(); ++i) commands[i] = wave((700 + static_cast<double>(i)) * h);
+  twin.predict(commands, ahead);
+  for (std::size_t i = 0; i < commands.size(); ++i) EXPECT_EQ(twin.follow(commands[i]), ahead[i]) << i;
+}
+
+TEST(Twin, TakesItsStartingStateFromTheEncoder) {
+  const double h = 1e-3;
+  const Model model = plain_drive(h, 0.2, 0.03);
+  Segment segment = commanded(h, 4.0, wave);
+  segment.actual = segment.command - simulate(model, segment);
+  // A piece cut out of the middle of the motion, as a machine that acts exactly like the model.
+  Segment piece;
+  piece.sample_time_s = h;
+  piece.command = segment.command.segment(1234, 1500);
+  piece.actual = segment.actual.segment(1234, 1500);
+  const Eigen::ArrayXd left = piece.command - piece.actual - simulate(model, piece);
+  const auto used = static_cast<Eigen::Index>(starting_state_s(model) / h);
+  EXPECT_LT(left.tail(piece.size() - used).abs().maxCoeff(), 1e-7);
+  // Without the encoder the start is wrong by what the axis lagged.
+  piece.actual.resize(0);
+  EXPECT_GT(std::abs(simulate(model, piece)(0) - (segment.command - segment.actual)(1234)), 1e-5);
+}
+
+TEST(Twin, RefusesAModelByTheNameOfTheField) {
+  const auto why = [](Model m) {
+    try {
+      Twin{m};
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string("accepted");
+  };
+  Model unstable = plain_drive(1e-3);
+  unstable.loop.denominator[0] = -1.0;
+  EXPECT_NE(why(unstable).find("loop.denominator"), std::string::npos);
+  Model negative = plain_drive(1e-3, -0.1);
+  EXPECT_NE(why(negative).find("coulomb = -0.1"), std::string::npos);
+  Model no_time = plain_drive(0.0);
+  EXPECT_NE(why(no_time).find("sample_time_s"), std::string::npos);
+  Model infinite = plain_drive(1e-3);
+  infinite.loop.numerator[1] = INFINITY;
+  EXPECT_NE(why(infinite).find("tracking_error_numerator[1]"), std::string::npos);
+  Model many = plain_drive(1e-3);
+  many.effects.assign(kMaxEffects + 1, make_effect<ConstantForce>());
+  EXPECT_NE(why(many).find("effects"), std::string::npos);
+  EXPECT_EQ(why(plain_drive(1e-3)), "accepted");
+}
+
+}  // namespace
+}  // namespace servotwin
