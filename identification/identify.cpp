@@ -86,7 +86,7 @@ double imitated_delay_share(const Loop& loop) {
 struct Trial {
   Structure structure;
   double validation = 1e300;
-  bool usable = false;
+  std::string ruled_out = "no stable fit within the bounds";
 };
 
 std::vector<Structure> structures(const IdentifyOptions& options) {
@@ -271,21 +271,27 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   search.tolerance = 1e-6;  // enough to rank structures that must differ by 3 %
   std::vector<Trial> trials;
   for (const Structure& structure : structures(options)) {
-    Trial trial{structure, 1e300, false};
+    Trial trial;
+    trial.structure = structure;
     const Projection data = projection_of(fitted, structure);
     if (const auto fit = pole_search(data, search)) {
       const Model model = data.model_of(fit->point, fit->solution.linear);
-      if (why_invalid(model).empty() && model.command_delay_s() <= options.delay_max_s) {
+      trial.ruled_out = why_invalid(model);
+      if (trial.ruled_out.empty()) {
         trial.validation = judge(model, validated).rms;
-        const bool honest = structure.matched_feedforward || options.delay_max_s <= 0.0 || imitated_delay_share(model.loop) < kDisguisedDelay;
-        trial.usable = std::isfinite(trial.validation) && honest;
+        const double imitated = structure.matched_feedforward || options.delay_max_s <= 0.0 ? 0.0 : imitated_delay_share(model.loop);
+        if (model.command_delay_s() > options.delay_max_s) {
+          trial.ruled_out = say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ", 1e3 * options.delay_max_s, " ms sought");
+        } else if (imitated > kDisguisedDelay) {
+          trial.ruled_out = say("zeros in the right half plane make ", 100.0 * imitated, " % of its lag: a delay in disguise");
+        }
       }
     }
     trials.push_back(trial);
   }
   const Trial* chosen = nullptr;
   for (const Trial& trial : trials) {
-    if (trial.usable && (chosen == nullptr || trial.validation < kWorthIt * chosen->validation)) chosen = &trial;
+    if (trial.ruled_out.empty() && std::isfinite(trial.validation) && (chosen == nullptr || trial.validation < kWorthIt * chosen->validation)) chosen = &trial;
   }
   if (chosen == nullptr) {
     // A loop that imitates a delay is still a model where no honest structure fits.
@@ -296,7 +302,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (chosen == nullptr) throw std::runtime_error(axis.axis + ": no stable loop within the bounds follows this motion; check units, signs and the column mapping");
   for (const Trial& trial : trials) {
     out.trials.push_back({trial.structure.order, trial.structure.effects,
-                          trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen});
+                          trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen, trial.ruled_out});
   }
 
   search = {};
@@ -313,6 +319,10 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   }
   record.training = judge(record.model, training);
   record.holdout = judge(record.model, holdout);
+  if (fit->on_bound) {
+    record.excitation.push_back(say("poles lie on the bounds of the search: the motion does not show them; ",
+                                    "widen the bounds, or add moves with faster changing acceleration"));
+  }
   for (std::string& line : loosely_known(record, *fit)) record.excitation.push_back(std::move(line));
   if (const double before = unpredicted(holdout).rms; !(record.holdout.rms < before)) {
     out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms, " um RMS of an error of ",

@@ -30,6 +30,7 @@ struct StructureTrial {
   std::vector<std::size_t> effects;  ///< kinds
   double validation_rms = kAbsent;   ///< inside the training data
   bool chosen = false;
+  std::string ruled_out;             ///< why not, whatever its error; empty: it was in the running
 };
 
 struct Identified {

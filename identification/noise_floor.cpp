@@ -7,36 +7,36 @@ namespace servotwin {
 
 namespace {
 
-/// The encoder's step: the smallest change of which nearly all others are multiples.
+/// The encoder's step: what neighbouring readings differ by, of all the record in order of position. Motion may
+/// be too fast to pass through single steps in time; somewhere on the axis two readings are one step apart.
 double encoder_step(const std::vector<Segment>& segments) {
-  std::vector<double> changes;
-  for (const Segment& s : segments) {
-    for (Eigen::Index i = 1; i < s.size(); ++i) {
-      const double d = std::abs(s.actual(i) - s.actual(i - 1));
-      if (d > 1e-13) changes.push_back(d);
-    }
+  std::vector<double> readings;
+  for (const Segment& s : segments) readings.insert(readings.end(), s.actual.begin(), s.actual.end());
+  std::sort(readings.begin(), readings.end());
+  std::vector<double> apart;
+  for (std::size_t i = 1; i < readings.size(); ++i) {
+    const double d = readings[i] - readings[i - 1];
+    if (d > 1e-13) apart.push_back(d);
   }
-  if (changes.size() < 100) return 0.0;
-  std::sort(changes.begin(), changes.end());
-  double step = changes[10];  // not the very smallest: one bad digit must not decide
-  // Mean of the smallest cluster: stamps of finite print keep few digits.
+  if (apart.size() < 100) return 0.0;
+  std::sort(apart.begin(), apart.end());
+  double step = apart[3];  // not the very smallest: one bad digit must not decide
   double sum = 0.0;
-  std::size_t count = 0;
-  for (double d : changes) {
+  int count = 0;
+  for (double d : apart) {
     if (d > 1.4 * step) break;
     if (d > 0.6 * step) sum += d, ++count;
   }
-  if (count == 0) return 0.0;
-  step = sum / static_cast<double>(count);
-  // Only changes of a few steps can tell: the rounding of `step` itself grows with the multiple.
-  std::size_t small = 0, multiples = 0;
-  for (double d : changes) {
+  step = sum / count;
+  // Only a few steps can tell: the rounding of `step` itself grows with the multiple.
+  int small = 0, multiples = 0;
+  for (double d : apart) {
     const double ratio = d / step;
     if (ratio > 8.0) break;
     ++small;
     if (std::abs(ratio - std::round(ratio)) < 0.12) ++multiples;
   }
-  return small >= 20 && 10 * multiples > 9 * small ? step : 0.0;
+  return small >= 12 && 10 * multiples > 9 * small ? step : 0.0;
 }
 
 void standstill(const Segment& s, double& sum, Eigen::Index& count) {
@@ -88,7 +88,7 @@ Eigen::Index lap_of(const Segment& s) {
 NoiseFloor noise_floor(const std::vector<Segment>& segments) {
   NoiseFloor floor;
   floor.encoder_step = encoder_step(segments);
-  floor.rms = floor.encoder_step / std::sqrt(12.0);
+  if (floor.encoder_step > 0.0) floor.rms = floor.encoder_step / std::sqrt(12.0);
   double sum = 0.0;
   Eigen::Index count = 0;
   double repeat_sum = 0.0;
@@ -107,7 +107,7 @@ NoiseFloor noise_floor(const std::vector<Segment>& segments) {
   if (count > 0) floor.standstill_rms = std::sqrt(sum / static_cast<double>(count));
   if (repeat_count > 0) floor.repeat_rms = std::sqrt(repeat_sum / static_cast<double>(repeat_count) / 2.0);
   for (double value : {floor.standstill_rms, floor.repeat_rms}) {
-    if (value > floor.rms) floor.rms = value;
+    if (std::isfinite(value) && !(value <= floor.rms)) floor.rms = value;
   }
   return floor;
 }

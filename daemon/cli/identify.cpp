@@ -42,7 +42,8 @@ json result_of(const Identified& identified) {
                       {"effects", effects},
                       {"validation_rms_m",
                        std::isfinite(trial.validation_rms) ? json(trial.validation_rms) : json()},
-                      {"chosen", trial.chosen}});
+                      {"chosen", trial.chosen},
+                      {"ruled_out", trial.ruled_out}});
   }
   out["trials"] = trials;
   out["refusals"] = identified.refusals;
@@ -59,7 +60,8 @@ void say_result(std::FILE* people, const Identified& identified) {
             ? text("%9.3f %s", 1e6 * trial.validation_rms, micro(record.rotary))
             : "   no fit";
     say(people, text("  %s       %s  ", trial.chosen ? "->" : "  ", error.c_str()) +
-                    structure_text(trial.order, trial.effects));
+                    structure_text(trial.order, trial.effects) +
+                    (trial.ruled_out.empty() ? "" : "  [ruled out: " + trial.ruled_out + "]"));
   }
   for (const std::string& line : parameter_lines(record)) say(people, line);
   for (const std::string& line : fit_lines(record)) say(people, line);

@@ -29,12 +29,13 @@ Segment laps(double step, double noise, int count, double lap_s = 3.0) {
 }
 
 TEST(NoiseFloor, FindsTheEncoderStep) {
-  for (double step : {1e-6, 5e-6, 20e-6}) {
-    EXPECT_NEAR(noise_floor({laps(step, 0.0, 3)}).encoder_step, step, 0.01 * step);
+  for (double step : {0.05e-6, 1e-6, 5e-6, 20e-6}) {
+    EXPECT_NEAR(noise_floor({laps(step, 0.0, 3, 3.1)}).encoder_step, step, 0.01 * step);
   }
-  // Too fine for this motion to pass through single steps: not found, and nothing else taken for it.
-  EXPECT_EQ(noise_floor({laps(0.01e-6, 0.0, 1)}).encoder_step, 0.0);
+  // Too fine for two readings to be one step apart anywhere: not found, and nothing else taken for it.
+  EXPECT_EQ(noise_floor({laps(1e-10, 0.0, 1)}).encoder_step, 0.0);
   EXPECT_EQ(noise_floor({laps(0.0, 0.0, 1)}).encoder_step, 0.0);
+  EXPECT_TRUE(std::isnan(noise_floor({laps(0.0, 0.0, 1)}).rms)) << "nothing shown is not a floor of zero";
 }
 
 TEST(NoiseFloor, WhatDoesNotRepeatFromLapToLapIsNoise) {
