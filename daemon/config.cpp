@@ -241,7 +241,7 @@ void read_replay(Section& replay, ReplayConfig& config) {
     replay.report_missing("files", "is missing; which recordings are to be replayed?");
   }
   replay.text("columns", 0, 4096, config.columns);
-  replay.number("pace", 0.01, 1000.0, "", config.pace);
+  replay.number("speed", 0.01, 1000.0, "", config.speed);
   replay.refuse_unknown();
 }
 

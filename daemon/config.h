@@ -31,7 +31,7 @@ struct DdsConfig {
 struct ReplayConfig {
   std::vector<std::filesystem::path> files;
   std::string columns;  ///< names for foreign files, as on the command line
-  double pace = 1.0;    ///< times as fast as recorded
+  double speed = 1.0;   ///< times as fast as recorded
 };
 
 struct IdentifyConfig {

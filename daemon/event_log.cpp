@@ -38,9 +38,9 @@ void EventLog::print(const Event& event) {
        << std::endl;
 }
 
-std::string EventLog::last_error() const {
-  const std::lock_guard lock(mutex_);
-  return last_error_;
+void EventLog::update_last_error(std::string& text) const {
+  const std::unique_lock lock(mutex_, std::try_to_lock);
+  if (lock.owns_lock()) text = last_error_;
 }
 
 }  // namespace servotwin

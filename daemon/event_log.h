@@ -23,7 +23,8 @@ class EventLog {
   void error(const std::string& kind, const std::string& axis, const std::string& text);
   /// Prints an event that is in the store already.
   void print(const Event& event);
-  [[nodiscard]] std::string last_error() const;
+  /// Brings `text` up to date with the last error, unless somebody is writing just now.
+  void update_last_error(std::string& text) const;
 
  private:
   Store& store_;

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "daemon/clock.h"
+#include "drivers/text.h"
 
 namespace servotwin {
 namespace {
@@ -27,16 +28,15 @@ void require_same(const MachineDescription& first, const MachineDescription& oth
   }
   if (!same) throw std::runtime_error("the recordings to replay have different axes");
   if (std::abs(first.cycle_s - other.cycle_s) > 1e-3 * first.cycle_s) {
-    throw std::runtime_error(
-        "the recordings to replay have different cycles: " + std::to_string(first.cycle_s) +
-        " s and " + std::to_string(other.cycle_s) + " s");
+    throw std::runtime_error("the recordings to replay have different cycles: " +
+                             number(first.cycle_s) + " s and " + number(other.cycle_s) + " s");
   }
 }
 
 }  // namespace
 
-ReplaySource::ReplaySource(std::vector<Replay> recordings, double pace)
-    : recordings_(std::move(recordings)), pace_(pace) {
+ReplaySource::ReplaySource(std::vector<Replay> recordings, double speed)
+    : recordings_(std::move(recordings)), speed_(speed) {
   if (recordings_.empty()) throw std::runtime_error("there is no recording to replay");
   for (const Replay& recording : recordings_)
     require_same(recordings_.front().machine(), recording.machine());
@@ -48,7 +48,7 @@ bool ReplaySource::next() noexcept {
     const double elapsed_s = recording.elapsed_s();
     if (started_ns_ == 0) started_ns_ = steady_ns();
     if (recording.next(next_)) {
-      due_ns_ = pace_ > 0.0 ? started_ns_ + std::llround(elapsed_s * 1e9 / pace_) : steady_ns();
+      due_ns_ = speed_ > 0.0 ? started_ns_ + std::llround(elapsed_s * 1e9 / speed_) : steady_ns();
       return true;
     }
     ++playing_;

@@ -43,9 +43,9 @@ class NullSource final : public FrameSource {
 /// sequence starts again, as after a restart of the machine.
 class ReplaySource final : public FrameSource {
  public:
-  /// `pace`: times as fast as recorded; 0: as fast as frames are asked for. The recordings must be
+  /// `speed`: times as fast as recorded; 0: as fast as frames are asked for. The recordings must be
   /// of one machine: throws std::runtime_error if axes or cycle differ.
-  ReplaySource(std::vector<Replay> recordings, double pace);
+  ReplaySource(std::vector<Replay> recordings, double speed);
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] const MachineDescription& machine() const noexcept {
@@ -56,7 +56,7 @@ class ReplaySource final : public FrameSource {
   [[nodiscard]] bool next() noexcept;
 
   std::vector<Replay> recordings_;
-  double pace_;
+  double speed_;
   std::size_t playing_ = 0;
   std::int64_t started_ns_ = 0;  // when the recording that is playing began
   std::int64_t due_ns_ = 0;

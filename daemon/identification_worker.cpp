@@ -78,6 +78,10 @@ void IdentificationWorker::restore() {
     if (found == axes_.end()) {
       events_.note("model_unused", model.record.axis,
                    version + " is in the store, but the machine has no such axis");
+    } else if (model.record.rotary != found->rotary) {
+      events_.note("model_unused", model.record.axis,
+                   version + (found->rotary ? " is for a linear axis, this one is rotary"
+                                            : " is for a rotary axis, this one is linear"));
     } else if (std::abs(model.record.model.sample_time_s - machine_.cycle_s) >
                kSameCycle * machine_.cycle_s) {
       events_.note("model_unused", model.record.axis,
@@ -132,7 +136,7 @@ void IdentificationWorker::seek(std::size_t axis, double until_s) {
     record.created = iso_time(wall_ns());
     record.time_taken_s = static_cast<double>(steady_ns() - begin) * 1e-9;
   } catch (const std::exception& error) {
-    events_.note("model_refused", state.name, std::string("no model was found: ") + error.what());
+    note_refusal(axis, std::string("no model was found: ") + error.what());
     return;
   }
   // What may not be used need not be judged.
@@ -172,8 +176,7 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     candidacy.rms = candidate.identified.record.holdout.rms;
     candidacy.rms_in_force = left_by(other, unseen, skip_s).rms;
   } catch (const std::exception& error) {
-    events_.note("model_refused", state.name,
-                 std::string("a candidate was not judged: ") + error.what());
+    note_refusal(axis, std::string("a candidate was not judged: ") + error.what());
     return;
   }
   rule(axis, candidate, candidacy);
@@ -185,8 +188,7 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
   const Decision decision = decide(candidacy, {config_.judge_s, config_.min_improvement});
   StoredModel model{candidate.identified.record, decision.reason};
   if (!decision.promoted()) {
-    events_.note("model_refused", state.name, "candidate refused: " + decision.reason,
-                 to_json(model.record).dump());
+    note_refusal(axis, "candidate refused: " + decision.reason, to_json(model.record).dump());
     return;
   }
   const int next = candidacy.version_in_force + 1;
@@ -226,21 +228,30 @@ void IdentificationWorker::finish() {
     }
     if (!axes_[axis].candidate) continue;
     const double judged_s = memory_.moved_s(axis) - axes_[axis].candidate->moved_s;
-    events_.note(
-        "model_refused", axes_[axis].name,
-        "a candidate stays undecided: " + progress_of("judged on", judged_s, config_.judge_s));
+    note_refusal(axis, "a candidate stays undecided: " +
+                           progress_of("judged on", judged_s, config_.judge_s));
     axes_[axis].candidate.reset();
   }
 }
 
-std::vector<AxisStatus> IdentificationWorker::status() const {
-  const std::lock_guard lock(status_mutex_);
-  return status_;
+void IdentificationWorker::update(std::vector<AxisStatus>& status) const {
+  const std::unique_lock lock(status_mutex_, std::try_to_lock);
+  if (lock.owns_lock()) status = status_;
 }
 
 void IdentificationWorker::say(std::size_t axis, const std::string& activity) {
   const std::lock_guard lock(status_mutex_);
   status_[axis].activity = activity;
+}
+
+void IdentificationWorker::note_refusal(std::size_t axis, const std::string& why,
+                                        const std::string& detail) {
+  {
+    const std::lock_guard lock(status_mutex_);
+    ++status_[axis].refused;
+    status_[axis].last_refusal = why;
+  }
+  events_.note("model_refused", axes_[axis].name, why, detail);
 }
 
 }  // namespace servotwin

@@ -9,7 +9,7 @@
 // does the same as one that does not, as long as the motion is remembered. A model is in force only
 // when it is on the disk. Every decision is an event with its reason.
 //
-// One worker thread at idle priority; the constructor and restore() before it starts; status() any
+// One worker thread at idle priority; the constructor and restore() before it starts; update() any
 // thread.
 #pragma once
 
@@ -49,7 +49,9 @@ class IdentificationWorker {
   bool look(std::size_t axis);
   /// No more motion will come: works off what is there, and says what stays undecided.
   void finish();
-  [[nodiscard]] std::vector<AxisStatus> status() const;
+  /// Brings `status` up to date, unless the worker is writing it just now: nobody waits for a
+  /// thread at idle priority.
+  void update(std::vector<AxisStatus>& status) const;
 
  private:
   struct Pending {
@@ -70,6 +72,7 @@ class IdentificationWorker {
   void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);
   void put_in_force(std::size_t axis, const StoredModel& model);
   void say(std::size_t axis, const std::string& activity);
+  void note_refusal(std::size_t axis, const std::string& why, const std::string& detail = "");
 
   MachineDescription machine_;
   IdentifyConfig config_;

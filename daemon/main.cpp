@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <iostream>
+#include <sstream>
 #include <stop_token>
 #include <thread>
 
@@ -49,14 +50,15 @@ class Signals {
     thread_ = std::thread([this, stop]() mutable {
       int number = 0;
       sigwait(&wanted_, &number);
+      if (number != SIGUSR1) notify_service_manager("STOPPING=1");
       stop.request_stop();
     });
   }
   Signals(const Signals&) = delete;
   Signals& operator=(const Signals&) = delete;
   ~Signals() {
-    pthread_kill(thread_.native_handle(),
-                 SIGUSR1);  // it waits still, where the recordings ended by themselves
+    // Where the recordings ended by themselves it waits still.
+    pthread_kill(thread_.native_handle(), SIGUSR1);
     thread_.join();
   }
 
@@ -69,7 +71,7 @@ struct Arguments {
   std::string config, store, machine, columns;
   std::optional<std::uint32_t> domain;
   std::vector<std::filesystem::path> replay;
-  std::optional<double> pace;
+  std::optional<double> speed;
 };
 
 Config configured(const Arguments& arguments) {
@@ -82,7 +84,7 @@ Config configured(const Arguments& arguments) {
     config.replay.files = arguments.replay;
     config.replay.columns = arguments.columns;
   }
-  if (arguments.pace) config.replay.pace = *arguments.pace;
+  if (arguments.speed) config.replay.speed = *arguments.speed;
   return config;
 }
 
@@ -99,7 +101,7 @@ int run(int argc, char** argv) {
   app.add_option("--columns", arguments.columns,
                  "Names for foreign recordings: X.command=qg[m],...")
       ->needs(replay);
-  app.add_option("--pace", arguments.pace, "Times as fast as recorded")
+  app.add_option("--speed", arguments.speed, "Times as fast as recorded")
       ->needs(replay)
       ->check(CLI::Range(0.01, 1000.0));
   try {
@@ -112,7 +114,6 @@ int run(int argc, char** argv) {
   serve(
       configured(arguments), stop.get_token(), [] { notify_service_manager("READY=1"); },
       std::cerr);
-  notify_service_manager("STOPPING=1");
   return 0;
 }
 
@@ -123,7 +124,9 @@ int main(int argc, char** argv) {
   try {
     return servotwin::run(argc, argv);
   } catch (const std::exception& error) {
-    std::cerr << "servotwind: " << error.what() << std::endl;
+    // Every problem of a configuration is a line of its own.
+    std::istringstream lines(error.what());
+    for (std::string line; std::getline(lines, line);) std::cerr << "servotwind: " << line << '\n';
     return 1;
   }
 }

@@ -51,8 +51,8 @@ void MotionMemory::append(const CycleRow& row) {
       axis.torque.push_back(std::isfinite(sample.torque) ? sample.torque : kAbsent);
   }
   time_.push_back(newest_s_);
-  // Half of the vectors at once, so that forgetting costs little.
-  if (time_.size() >= 2 * most_rows_) forget_old();
+  // A fifth of the rows at once, so that forgetting costs little.
+  if (time_.size() >= most_rows_ + most_rows_ / 4 + 1) forget_old();
 }
 
 void MotionMemory::forget_old() {

@@ -42,9 +42,10 @@ void Publisher::run(const std::stop_token& stop) {
 
 void Publisher::announce(const StoredModel& model) {
   const ModelRecord& record = model.record;
+  ModelAnnouncement announcement{record.axis,    record.version, record.parent,
+                                 record.created, model.reason,   to_json(record).dump()};
   const std::lock_guard lock(mutex_);
-  waiting_.push_back({record.axis, record.version, record.parent, record.created, model.reason,
-                      to_json(record).dump()});
+  waiting_.push_back(std::move(announcement));
 }
 
 void Publisher::send_predictions() {
@@ -54,8 +55,9 @@ void Publisher::send_predictions() {
 void Publisher::send_models() {
   std::vector<ModelAnnouncement> models;
   {
-    const std::lock_guard lock(mutex_);
-    models.swap(waiting_);
+    // Predictions do not wait for a thread at idle priority; the next round comes soon.
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock.owns_lock()) models.swap(waiting_);
   }
   for (const ModelAnnouncement& model : models) model_writer_.write(model);
 }

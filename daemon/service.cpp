@@ -2,10 +2,14 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <memory>
 #include <mutex>
+#include <optional>
 #include <ostream>
 #include <stdexcept>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "daemon/event_log.h"
 #include "daemon/frame_source.h"
@@ -28,7 +32,7 @@ namespace {
 constexpr std::size_t kPredictionRing = 256;
 constexpr std::size_t kRowRing = 8192;
 // How much longer motion is remembered than a search and a judgement need, for a busy processor.
-constexpr double kLag_s = 60.0;
+constexpr double kLag_s = 30.0;
 
 MachineDescription described_by(const Config& config) {
   MachineDescription machine;
@@ -57,7 +61,7 @@ Input replaying(const Config& config, EventLog& events) {
           file.string() + ": " + std::to_string(rows) + " rows without a time are left out");
     }
   }
-  auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.pace);
+  auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.speed);
   const MachineDescription machine = source->machine();
   return {std::move(source), machine};
 }
@@ -89,6 +93,24 @@ void check_names(const Config& config, const MachineDescription& machine) {
   }
 }
 
+/// The part of the status that the loop counts.
+MachineStatus counted(const LoopCounters& counters) {
+  MachineStatus status;
+  status.frames = counters.frames;
+  status.state = status.frames == 0 ? DaemonState::kWaiting : DaemonState::kRunning;
+  status.lost = counters.lost;
+  status.malformed = counters.malformed;
+  status.time_jumps = counters.time_jumps;
+  status.not_finite = counters.not_finite;
+  status.overruns = counters.overruns;
+  status.wake_p50_s = counters.wake.quantile_s(0.5);
+  status.wake_p99_s = counters.wake.quantile_s(0.99);
+  status.work_p50_s = counters.work.quantile_s(0.5);
+  status.work_p99_s = counters.work.quantile_s(0.99);
+  status.work_max_s = counters.work.max_s();
+  return status;
+}
+
 }  // namespace
 
 void serve(const Config& config, const std::stop_token& stop, const std::function<void()>& ready,
@@ -96,8 +118,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Store store(config.store.directory.empty() ? default_store() : config.store.directory,
               config.machine);
   EventLog events(store, out);
-  store.add(event_now(
-      "started", "", "started"));  // a disk that refuses is found out now, not with the first model
+  // A disk that refuses is found out now, not with the first model.
+  store.add(event_now("started", "", "started"));
   const DdsNode node({config.machine, config.dds.domain, config.dds.partition});
   // Kept for as long as we listen: whoever introduces a machine waits to see it.
   DdsReader<MachineDescription> descriptions(node);
@@ -114,7 +136,10 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
                   "waiting for machine '" + config.machine + "' on DDS domain " +
                       std::to_string(config.dds.domain));
       const std::optional<MachineDescription> machine = introduced(node, descriptions, stop);
-      if (!machine) return;
+      if (!machine) {
+        events.note("stopped", "", "stopped before a machine came");
+        return;
+      }
       input.machine = *machine;
     } else {
       input.machine = described_by(config);
@@ -133,33 +158,25 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
                                    config.identify.judge_s + kLag_s);
 
   // Who works.
-  RealTimeLoop loop(machine.cycle_s, models, predictions, rows, predicted);
+  const auto loop =
+      std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows, predicted);
   Recorder recorder(machine, config.machine, store.directory(), config.store.recordings_mb, rows,
                     memory, events);
   Publisher* to_network = nullptr;
   IdentificationWorker identification(
       machine, config.identify, memory, store, events, models,
       [&](const StoredModel& model) { to_network->announce(model); });
+  std::vector<AxisStatus> axes;
+  std::string last_error;
   const auto status = [&] {
-    const LoopCounters& counted = loop.counters();
-    MachineStatus now;
-    now.frames = counted.frames;
-    now.state = stop.stop_requested() ? DaemonState::kStopping
-                : now.frames == 0     ? DaemonState::kWaiting
-                                      : DaemonState::kRunning;
-    now.lost = counted.lost;
-    now.malformed = counted.malformed + input.source->malformed();
-    now.time_jumps = counted.time_jumps;
-    now.not_finite = counted.not_finite;
-    now.overruns = counted.overruns;
+    MachineStatus now = counted(loop->counters());
+    if (stop.stop_requested()) now.state = DaemonState::kStopping;
+    now.malformed += input.source->malformed();
     now.rows_dropped = rows.drops() + recorder.rows_not_recorded();
-    now.wake_p50_s = counted.wake.quantile_s(0.5);
-    now.wake_p99_s = counted.wake.quantile_s(0.99);
-    now.work_p50_s = counted.work.quantile_s(0.5);
-    now.work_p99_s = counted.work.quantile_s(0.99);
-    now.work_max_s = counted.work.max_s();
-    now.axes = identification.status();
-    now.last_error = events.last_error();
+    identification.update(axes);
+    events.update_last_error(last_error);
+    now.axes = axes;
+    now.last_error = last_error;
     return now;
   };
   Publisher publisher(node, machine.cycle_s, predictions, predicted, status);
@@ -189,7 +206,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     name_thread("real-time loop");
     if (const std::string why = become_real_time(config.priority); !why.empty())
       events.note("real_time", "", why);
-    loop.run(*input.source, stop_loop);
+    loop->run(*input.source, stop_loop);
     const std::lock_guard lock(mutex);
     ended = true;
     ended_changed.notify_all();
@@ -211,7 +228,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   publishing.request_stop();
   publishing.join();
   events.note("stopped", "",
-              "stopped after " + std::to_string(loop.counters().frames.load()) + " frames");
+              "stopped after " + std::to_string(loop->counters().frames.load()) + " frames");
 }
 
 }  // namespace servotwin

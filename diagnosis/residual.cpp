@@ -11,10 +11,16 @@ namespace {
 
 constexpr double kMoving = 0.005;       // of the peak speed
 constexpr double kAccelerating = 0.05;  // of the peak acceleration
+// Of the peak speed, over the span: what a motion at one speed has left of acceleration is
+// rounding.
+constexpr double kSteady = 0.001;
 
 Eigen::Index samples_in(double time_s, double h) {
   return std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::lround(time_s / h)));
 }
+
+/// Half of what velocity and acceleration are taken over: whole samples.
+double span_s(double h) { return static_cast<double>(samples_in(kRegimeSpan_s, h)) * h; }
 
 /// Velocity and acceleration over the span; NaN where the span leaves the stretch or the command
 /// has a hole.
@@ -25,7 +31,7 @@ struct CommandMotion {
 CommandMotion motion_of(const Stretch& stretch) {
   const Eigen::Index n = stretch.command.size();
   const Eigen::Index m = samples_in(kRegimeSpan_s, stretch.h);
-  const double span = static_cast<double>(m) * stretch.h;
+  const double span = span_s(stretch.h);
   CommandMotion motion;
   motion.velocity = Eigen::ArrayXd::Constant(n, std::numeric_limits<double>::quiet_NaN());
   motion.acceleration = motion.velocity;
@@ -98,8 +104,11 @@ RegimeShares by_regime(std::span<const Stretch> stretches) {
                                   " s must be positive");
     }
     motions.push_back(motion_of(stretch));
-    moving = std::max(moving, kMoving * peak(motions.back().velocity));
-    accelerating = std::max(accelerating, kAccelerating * peak(motions.back().acceleration));
+    const double top_speed = peak(motions.back().velocity);
+    const double steady = kSteady * top_speed / (2 * span_s(stretch.h));
+    moving = std::max(moving, kMoving * top_speed);
+    accelerating =
+        std::max({accelerating, kAccelerating * peak(motions.back().acceleration), steady});
   }
 
   RegimeShares shares;

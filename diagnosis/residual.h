@@ -1,14 +1,17 @@
 // What the simulation gets wrong, by what the axis was told to do at that moment.
 //
-//   residual r = measured - predicted tracking error [m | rad];  share = sum of r^2 in a regime /
-//   sum of all
+//   residual r = measured - predicted tracking error [m | rad]
+//   share      = sum of r^2 in a regime / sum of all
 //
 // The regime comes from the command alone, over a span of +-kRegimeSpan_s, so that a quantised
-// command does not look like acceleration:
-//   moving           |v| > 0.5 % of the peak speed
-//   reversal         within 50 ms of the command turning round; after a longer stop, 50 ms from the
-//   restart standstill       else, not moving constant speed   else, |a| <= 5 % of the peak
-//   acceleration acceleration     else
+// command does not look like acceleration. The first of these that holds:
+//
+// - reversal: within 50 ms of the command turning round; after a longer stop, of the restart.
+// - standstill: |v| is at most 0.5 % of the peak speed.
+// - constant speed: |a| is at most 5 % of the peak acceleration, or too small to change the speed
+//   by 0.1 % of its peak over the span.
+// - acceleration: the rest.
+//
 // Samples whose command or residual is not finite, and those too close to the ends of a stretch to
 // have a velocity, belong to no regime and are not counted. Any thread.
 #pragma once

@@ -198,7 +198,8 @@ bool Wire<MachineStatus>::decode(const Sample& sample, MachineStatus& status) {
   status.axes.clear();
   for (std::size_t i = 0; i < sample.axes._length; ++i) {
     const auto& from = sample.axes._buffer[i];
-    status.axes.push_back({from.name, from.model_version, from.holdout_rms_m, text(from.activity)});
+    status.axes.push_back({from.name, from.model_version, from.holdout_rms_m, text(from.activity),
+                           from.refused, text(from.last_refusal)});
   }
   status.last_error = text(sample.last_error);
   return true;
@@ -228,6 +229,8 @@ void Wire<MachineStatus>::encode(const MachineStatus& status, Sample& sample) {
     to.model_version = status.axes[i].model_version;
     to.holdout_rms_m = status.axes[i].holdout_rms;
     assign(to.activity, status.axes[i].activity);
+    to.refused = status.axes[i].refused;
+    assign(to.last_refusal, status.axes[i].last_refusal);
   }
   assign(sample.last_error, status.last_error);
 }

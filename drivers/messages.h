@@ -77,7 +77,9 @@ struct AxisStatus {
   std::string name;
   int model_version = 0;
   double holdout_rms = kAbsent;
-  std::string activity;  ///< what the identification of this axis is doing
+  std::string activity;       ///< what the identification of this axis is doing
+  std::uint32_t refused = 0;  ///< candidates that did not come into force, since the daemon started
+  std::string last_refusal{};  ///< why the last of them did not
 };
 
 struct MachineStatus {

@@ -101,14 +101,18 @@ std::vector<double> chart_of(Chart chart, int order, const std::array<double, kM
 }
 
 /// The projected residual as one Ceres cost: the parameters are the chart's q and the stretched shapes.
+///
+/// Levenberg-Marquardt asks a residual r and its Jacobian J for r^T r, J^T r and J^T J only. The triangle of the
+/// QR of [J r] has the same ones in one row per parameter and one more, so that the solver does not carry all samples.
 class ProjectedCost final : public ceres::CostFunction {
  public:
   ProjectedCost(const Projection& data, Chart chart, const std::vector<Axis>& axes, std::vector<double> held, int& evaluations)
       : data_(data), chart_(chart), axes_(axes), held_(std::move(held)), evaluations_(evaluations) {
-    set_num_residuals(static_cast<int>(data.rows()));
     const int order = data.structure().order;
+    const int shapes = held_.empty() ? static_cast<int>(axes.size()) : 0;
     mutable_parameter_block_sizes()->push_back(order);
-    if (!axes.empty() && held_.empty()) mutable_parameter_block_sizes()->push_back(static_cast<int>(axes.size()));
+    if (shapes > 0) mutable_parameter_block_sizes()->push_back(shapes);
+    set_num_residuals(order + shapes + 1);
     // Errors in micrometres or milliradians alike: the solver sees them relative to their own size.
     double sum = 0.0;
     for (const Signals& s : data.segments()) sum += s.error.square().sum();
@@ -128,38 +132,50 @@ class ProjectedCost final : public ceres::CostFunction {
   }
 
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    ++evaluations_;
-    const Point at = point(parameters);
-    Eigen::Map<Eigen::VectorXd> r(residuals, num_residuals());
-    if (jacobians == nullptr) {
-      r = data_.solve(at).residual * unit_;
-      return r.allFinite();
+    // Ceres asks for the residual first and, where the step is taken, for the Jacobian of the same point.
+    if (const Point at = point(parameters); at.denominator != last_.denominator || at.shapes != last_.shapes) {
+      triangle_ = triangle(at, parameters[0]);
+      last_ = at;
+      ++evaluations_;
     }
-    const auto lin = data_.linearise(at);
-    r = lin.at.residual * unit_;
-    const int order = data_.structure().order;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    if (jacobians[0] != nullptr) {
-      Eigen::Map<RowMajor>(jacobians[0], num_residuals(), order) =
-          lin.jacobian.leftCols(order) * (chart_jacobian(chart_, order, parameters[0]).topLeftCorner(order, order) * unit_);
-    }
-    if (parameter_block_sizes().size() > 1 && jacobians[1] != nullptr) {
-      Eigen::Map<RowMajor> j(jacobians[1], num_residuals(), static_cast<Eigen::Index>(axes_.size()));
-      for (std::size_t i = 0; i < axes_.size(); ++i) {
-        const auto c = static_cast<Eigen::Index>(i);
-        j.col(c) = lin.jacobian.col(order + c) * (unit_ * (axes_[i].logarithmic ? at.shapes[i] : 1.0));
+    const Eigen::Index rows = num_residuals();
+    Eigen::Map<Eigen::VectorXd>(residuals, rows) = triangle_.col(rows - 1);
+    Eigen::Index column = 0;
+    for (std::size_t block = 0; jacobians != nullptr && block < parameter_block_sizes().size(); ++block) {
+      const Eigen::Index size = parameter_block_sizes()[block];
+      using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+      if (jacobians[block] != nullptr) {
+        Eigen::Map<RowMajor>(jacobians[block], rows, size) = triangle_.middleCols(column, size);
       }
+      column += size;
     }
-    return r.allFinite() && lin.jacobian.allFinite();
+    return triangle_.allFinite();
   }
 
  private:
+  [[nodiscard]] Eigen::MatrixXd triangle(const Point& at, const double* q) const {
+    const auto lin = data_.linearise(at);
+    const int order = data_.structure().order;
+    const Eigen::Index columns = num_residuals();
+    Eigen::MatrixXd both(data_.rows(), columns);
+    both.leftCols(order) = lin.jacobian.leftCols(order) * chart_jacobian(chart_, order, q).topLeftCorner(order, order);
+    for (Eigen::Index c = order; c + 1 < columns; ++c) {
+      const auto i = static_cast<std::size_t>(c - order);
+      both.col(c) = lin.jacobian.col(c) * (axes_[i].logarithmic ? at.shapes[i] : 1.0);
+    }
+    both.col(columns - 1) = lin.at.residual;
+    both *= unit_;
+    return both.householderQr().matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+  }
+
   const Projection& data_;
   Chart chart_;
   const std::vector<Axis>& axes_;
   std::vector<double> held_;
   int& evaluations_;
   double unit_ = 1.0;
+  mutable Point last_;
+  mutable Eigen::MatrixXd triangle_;
 };
 
 /// e = lag * v on average: where the search for a delay begins.

@@ -70,7 +70,7 @@ class Projection {
   struct Columns;  // regressors and, where asked for, what their derivatives need
   template <int N>
   void fill(const Point& point, bool derivatives, Columns& columns) const;
-  [[nodiscard]] Columns columns_at(const Point& point, bool derivatives) const;
+  [[nodiscard]] const Columns& columns_at(const Point& point, bool derivatives) const;
   [[nodiscard]] Eigen::MatrixXd derivatives_of_sum(const Columns& columns, const Eigen::VectorXd& linear) const;
   [[nodiscard]] Solution project(const Columns& columns) const;
 

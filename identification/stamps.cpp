@@ -60,8 +60,8 @@ double nominal_step(double step) {
   const auto near = [&](double candidate) { return std::abs(candidate / step - 1.0) < kClock; };
   const double rate = std::round(1.0 / step);
   if (rate >= 1.0 && near(1.0 / rate)) return 1.0 / rate;
-  const double digit = std::pow(10.0, std::floor(std::log10(step)) - 3.0);
-  const double rounded = std::round(step / digit) * digit;
+  const double per_digit = std::pow(10.0, 3.0 - std::floor(std::log10(step)));
+  const double rounded = std::round(step * per_digit) / per_digit;
   return near(rounded) ? rounded : step;
 }
 

@@ -64,7 +64,7 @@ void say_result(std::FILE* people, const Identified& identified) {
                     (trial.ruled_out.empty() ? "" : "  [ruled out: " + trial.ruled_out + "]"));
   }
   for (const std::string& line : parameter_lines(record)) say(people, line);
-  for (const std::string& line : fit_lines(record)) say(people, line);
+  for (const std::string& line : fit_lines(record, Times::kOfRecording)) say(people, line);
   if (record.excitation.empty()) {
     say(people, "excitation  sufficient: every parameter is known to better than half its value");
   }

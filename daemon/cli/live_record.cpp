@@ -37,6 +37,8 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
     missed_ += prediction.sequence - last_sequence_ - 1;
   last_sequence_ = prediction.sequence;
   ++predictions_;
+  if (predictions_ == 1) first_written_ns_ = written_ns;
+  last_written_ns_ = written_ns;
   const Sent* frame = sent(prediction.sequence);
   if (frame != nullptr && latencies_ns_.size() < kMostCycles)
     latencies_ns_.push_back(written_ns - frame->written_ns);
@@ -60,6 +62,7 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
       set_model(axis);
     }
     if (one.state == AxisState::kSettling) ++axis.settling;
+    if (one.state == AxisState::kNoModel) axis.lately.tracking.add(one.measured_error);
     if (one.state != AxisState::kPredicting || !std::isfinite(one.residual)) continue;
     for (PredictionErrors* errors : {&axis.since_promotion, &axis.lately}) {
       errors->residual.add(one.residual);
@@ -100,9 +103,15 @@ void LiveRecord::on_model(const ModelAnnouncement& announcement) {
 
 void LiveRecord::set_model(LiveAxis& axis) {
   axis.model.reset();
+  axis.model_problem.clear();
   for (const ModelAnnouncement& announcement : axis.promotions) {
     if (announcement.version != axis.version) continue;
-    axis.model = model_from_json(nlohmann::json::parse(announcement.model_json));
+    // What comes over the network may be anything; the figures are worth showing without it.
+    try {
+      axis.model = model_from_json(nlohmann::json::parse(announcement.model_json));
+    } catch (const std::exception& error) {
+      axis.model_problem = error.what();
+    }
   }
 }
 
@@ -115,10 +124,11 @@ void LiveRecord::on_status(const MachineStatus& status) {
   }
   for (std::size_t i = 0; i < status.axes.size(); ++i) {
     axes_[i].name = status.axes[i].name;
-    const std::string& activity = status.axes[i].activity;
-    if (!activity.empty() && (axes_[i].activity.empty() || axes_[i].activity.back() != activity)) {
-      axes_[i].activity.push_back(activity);
+    axes_[i].activity = status.axes[i].activity;
+    if (status.axes[i].refused > axes_[i].refused) {
+      axes_[i].refusals.push_back(status.axes[i].last_refusal);
     }
+    axes_[i].refused = status.axes[i].refused;
   }
   std::vector<ModelAnnouncement> waiting;
   waiting.swap(unplaced_);
@@ -136,6 +146,12 @@ double LiveRecord::latency_s(double quantile) const {
                   static_cast<std::ptrdiff_t>(quantile * static_cast<double>(sorted.size() - 1));
   std::nth_element(sorted.begin(), at, sorted.end());
   return static_cast<double>(*at) * 1e-9;
+}
+
+double LiveRecord::rate_hz() const {
+  if (predictions_ < 2 || last_written_ns_ <= first_written_ns_) return kAbsent;
+  return static_cast<double>(predictions_ - 1) * 1e9 /
+         static_cast<double>(last_written_ns_ - first_written_ns_);
 }
 
 RegimeShares LiveRecord::regimes(std::size_t axis) const {

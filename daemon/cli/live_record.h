@@ -38,11 +38,14 @@ struct LiveAxis {
   AxisState state = AxisState::kNoModel;
   int version = 0;                            ///< of the last prediction
   std::optional<ModelRecord> model;           ///< of that version, once its announcement came
+  std::string model_problem;                  ///< why the announced model cannot be shown
   std::vector<ModelAnnouncement> promotions;  ///< in the order they came
-  std::vector<std::string> activity;  ///< what identification said it did, each change of it
-  PredictionErrors since_promotion;   ///< settled cycles of this version
-  std::uint64_t settling = 0;         ///< its cycles that were predicted but do not count
-  PredictionErrors lately;            ///< since LiveRecord::clear_lately
+  std::string activity;                       ///< what its identification does now
+  std::uint32_t refused = 0;                  ///< candidates, since the daemon started
+  std::vector<std::string> refusals;          ///< why, as far as they were seen
+  PredictionErrors since_promotion;           ///< settled cycles of this version
+  std::uint64_t settling = 0;                 ///< its cycles that were predicted but do not count
+  PredictionErrors lately;                    ///< since clear_lately; tracking without a model, too
 };
 
 class LiveRecord {
@@ -63,6 +66,8 @@ class LiveRecord {
   [[nodiscard]] std::uint64_t missed() const { return missed_; }
   /// From the sending of a frame to the sending of its prediction [s]; NaN if none was seen.
   [[nodiscard]] double latency_s(double quantile) const;
+  /// Predictions per second of the sender's clock; NaN for less than two.
+  [[nodiscard]] double rate_hz() const;
   /// What is wrong in the cycles since the version in force, by regime.
   [[nodiscard]] RegimeShares regimes(std::size_t axis) const;
 
@@ -91,6 +96,7 @@ class LiveRecord {
   std::vector<std::int64_t> latencies_ns_;
   std::optional<MachineStatus> status_;
   std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;
+  std::int64_t first_written_ns_ = 0, last_written_ns_ = 0;
 };
 
 }  // namespace servotwin::cli

@@ -116,13 +116,16 @@ std::vector<std::string> parameter_lines(const ModelRecord& record) {
   return lines;
 }
 
-std::vector<std::string> fit_lines(const ModelRecord& record) {
+std::vector<std::string> fit_lines(const ModelRecord& record, Times times) {
+  const auto span = [&](double from_s, double to_s, const char* what) {
+    return times == Times::kNone ? text("   (%s)", what)
+                                 : text("   (%.2f to %.2f s, %s)", from_s, to_s, what);
+  };
   std::vector<std::string> lines;
   lines.push_back("training    " + figures_text(record.training, record.rotary) +
-                  text("   (%.2f to %.2f s, fitted)", record.from_s, record.training_to_s));
-  lines.push_back(
-      "hold-out    " + figures_text(record.holdout, record.rotary) +
-      text("   (%.2f to %.2f s, not seen by the fit)", record.training_to_s, record.to_s));
+                  span(record.from_s, record.training_to_s, "fitted"));
+  lines.push_back("hold-out    " + figures_text(record.holdout, record.rotary) +
+                  span(record.training_to_s, record.to_s, "not seen by the fit"));
   if (std::isfinite(record.noise_floor_rms)) {
     lines.push_back(
         text("noise floor %9.3f %s RMS", 1e6 * record.noise_floor_rms, micro(record.rotary)));

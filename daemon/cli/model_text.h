@@ -19,7 +19,8 @@ namespace servotwin::cli {
 /// Poles, numerator and effects, one line each.
 [[nodiscard]] std::vector<std::string> parameter_lines(const ModelRecord& record);
 /// What it was fitted on and how well: method, training, hold-out, noise floor, condition.
-[[nodiscard]] std::vector<std::string> fit_lines(const ModelRecord& record);
+enum class Times { kOfRecording, kNone };  ///< a live model's are those of its daemon
+[[nodiscard]] std::vector<std::string> fit_lines(const ModelRecord& record, Times times);
 
 /// "1.532 um RMS  9.87 um MAX".
 [[nodiscard]] std::string figures_text(const ErrorFigures& figures, bool rotary);

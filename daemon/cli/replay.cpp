@@ -84,7 +84,8 @@ void run(const Arguments& arguments) {
   const auto start = std::chrono::steady_clock::now();
   std::size_t sent = 0, late = 0;
   {
-    const Progress progress("replaying " + source);
+    const Progress progress(text("replaying %s, %.0f s", source.c_str(),
+                                 static_cast<double>(rows) * cycle_s / arguments.speed));
     MachineFrame frame;
     Received received = Received::kNothing;
     while (!interrupt.came() &&

@@ -13,7 +13,7 @@ namespace {
 using nlohmann::json;
 
 constexpr const char* kWatchSchema = "servotwin.watch/1";
-constexpr std::size_t kShownActivities = 6;  // a summary is one screen
+constexpr std::size_t kShownRefusals = 3;  // a summary is one screen
 
 json figure(double value) { return std::isfinite(value) ? json(value) : json(); }
 json figures_json(const ErrorFigures& figures) {
@@ -42,10 +42,9 @@ std::string microseconds(double seconds) {
 
 void add_status(const MachineStatus& status, std::vector<std::string>& lines) {
   const auto n = [](std::uint64_t count) { return std::to_string(count); };
-  lines.push_back("frames      " + n(status.frames) +
-                  text(" at %.6g Hz; lost ", status.frame_rate_hz) + n(status.lost) +
-                  ", malformed " + n(status.malformed) + ", not finite " + n(status.not_finite) +
-                  ", time jumps " + n(status.time_jumps) + ", overruns " + n(status.overruns) +
+  lines.push_back("frames      " + n(status.frames) + ", lost " + n(status.lost) + ", malformed " +
+                  n(status.malformed) + ", not finite " + n(status.not_finite) + ", time jumps " +
+                  n(status.time_jumps) + ", overruns " + n(status.overruns) +
                   ", predictions dropped " + n(status.predictions_dropped) + ", rows dropped " +
                   n(status.rows_dropped));
   lines.push_back("daemon      frame sent to loop p50 " + microseconds(status.wake_p50_s) +
@@ -75,12 +74,12 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
   if (axis.version == 0) {
     lines.push_back("axis " + axis.name + ": no model in force");
   } else if (!axis.model) {
-    lines.push_back("axis " + axis.name +
-                    text(": version %d in force, not announced", axis.version));
+    lines.push_back("axis " + axis.name + text(": version %d in force, ", axis.version) +
+                    (axis.model_problem.empty() ? "not announced" : axis.model_problem));
   } else {
     lines.push_back("axis " + axis.name + text(": model version %d in force", axis.version));
     for (const std::string& line : parameter_lines(*axis.model)) lines.push_back(line);
-    for (const std::string& line : fit_lines(*axis.model)) lines.push_back(line);
+    for (const std::string& line : fit_lines(*axis.model, Times::kNone)) lines.push_back(line);
   }
   const PredictionErrors& errors = axis.since_promotion;
   if (errors.residual.count() > 0) {
@@ -100,12 +99,15 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
     lines.push_back(text("promoted    version %d", one.version) +
                     (one.parent > 0 ? text(" after %d", one.parent) : "") + ": " + one.reason);
   }
-  const std::size_t shown = std::min(axis.activity.size(), kShownActivities);
-  if (shown < axis.activity.size())
-    lines.push_back(text("identified  ... %zu earlier", axis.activity.size() - shown));
-  for (std::size_t i = axis.activity.size() - shown; i < axis.activity.size(); ++i) {
-    lines.push_back("identified  " + axis.activity[i]);
+  const std::size_t shown = std::min(axis.refusals.size(), kShownRefusals);
+  if (axis.refused > 0) {
+    lines.push_back(text("refused     %u candidate%s", axis.refused, axis.refused == 1 ? "" : "s") +
+                    (shown < axis.refused ? text("; the last %zu:", shown) : ":"));
   }
+  for (std::size_t i = axis.refusals.size() - shown; i < axis.refusals.size(); ++i) {
+    lines.push_back("  " + axis.refusals[i]);
+  }
+  if (!axis.activity.empty()) lines.push_back("now         " + axis.activity);
 }
 
 json status_json(const MachineStatus& status) {
@@ -127,21 +129,18 @@ json status_json(const MachineStatus& status) {
 }
 
 json head_json(const LiveRecord& record, const std::string& machine, double seconds) {
-  return {{"schema", kWatchSchema},
-          {"machine", machine},
-          {"seconds", seconds},
-          {"predictions", record.predictions()},
-          {"missed", record.missed()}};
+  return {{"schema", kWatchSchema},    {"machine", machine},
+          {"seconds", seconds},        {"predictions", record.predictions()},
+          {"missed", record.missed()}, {"rate_hz", figure(record.rate_hz())}};
 }
 
 }  // namespace
 
-std::vector<std::string> summary_lines(const LiveRecord& record, const std::string& where,
-                                       double seconds) {
+std::vector<std::string> summary_lines(const LiveRecord& record, const std::string& where) {
   std::vector<std::string> lines;
-  lines.push_back(where + text(": %llu predictions in %.1f s, %llu not received here",
-                               static_cast<unsigned long long>(record.predictions()), seconds,
-                               static_cast<unsigned long long>(record.missed())));
+  lines.push_back(where + text(": %llu predictions at %.0f Hz, %llu not received here",
+                               static_cast<unsigned long long>(record.predictions()),
+                               record.rate_hz(), static_cast<unsigned long long>(record.missed())));
   if (record.status()) add_status(*record.status(), lines);
   lines.push_back("latency     frame sent to prediction sent p50 " +
                   microseconds(record.latency_s(0.5)) + ", p99 " +
@@ -186,6 +185,8 @@ json summary_json(const LiveRecord& record, const std::string& machine, double s
                            {"without_model", figures_json(axis.since_promotion.tracking.figures())},
                            {"by_regime", regimes},
                            {"promotions", promotions},
+                           {"refused", axis.refused},
+                           {"refusals", axis.refusals},
                            {"activity", axis.activity}});
   }
   return out;
@@ -197,9 +198,12 @@ std::string line_of(const LiveRecord& record, double seconds) {
     line += "  " + axis.name;
     if (axis.version > 0) line += text(" v%d", axis.version);
     line += std::string(" ") + name_of(axis.state);
-    if (axis.lately.residual.count() == 0) continue;
-    line += text(" %.3f of %.1f %s RMS", 1e6 * axis.lately.residual.figures().rms,
-                 1e6 * axis.lately.tracking.figures().rms, micro(rotary(axis)));
+    const ErrorFigures left = axis.lately.residual.figures(), all = axis.lately.tracking.figures();
+    if (std::isfinite(left.rms)) {
+      line += text(" %.3f of %.1f %s RMS", 1e6 * left.rms, 1e6 * all.rms, micro(rotary(axis)));
+    } else if (std::isfinite(all.rms)) {
+      line += text(" %.1f %s RMS tracking error", 1e6 * all.rms, micro(rotary(axis)));
+    }
   }
   if (record.status())
     line += text("  lost %llu", static_cast<unsigned long long>(record.status()->lost));
@@ -229,9 +233,9 @@ std::vector<std::string> screen_lines(const LiveRecord& record, const std::strin
   if (record.status()) add_status(*record.status(), lines);
   for (const LiveAxis& axis : record.axes()) {
     lines.emplace_back();
-    lines.push_back(
-        "axis " + axis.name + (axis.version > 0 ? text(", version %d, ", axis.version) : ", ") +
-        name_of(axis.state) + (axis.activity.empty() ? "" : "; " + axis.activity.back()));
+    lines.push_back("axis " + axis.name +
+                    (axis.version > 0 ? text(", version %d, ", axis.version) : ", ") +
+                    name_of(axis.state) + (axis.activity.empty() ? "" : "; " + axis.activity));
     lines.push_back("  last second, with model     " +
                     figures_text(axis.lately.residual.figures(), rotary(axis)));
     lines.push_back("  last second, without        " +

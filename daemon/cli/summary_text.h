@@ -9,9 +9,9 @@
 
 namespace servotwin::cli {
 
-/// `where`: machine and domain; `seconds`: how long was watched.
+/// `where`: machine and domain; `seconds`: how long was watched, here and below.
 [[nodiscard]] std::vector<std::string> summary_lines(const LiveRecord& record,
-                                                     const std::string& where, double seconds);
+                                                     const std::string& where);
 [[nodiscard]] nlohmann::json summary_json(const LiveRecord& record, const std::string& machine,
                                           double seconds);
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "daemon/cli/command.h"
 #include "daemon/cli/interrupt.h"
@@ -113,7 +114,8 @@ void run(const Arguments& arguments) {
   const auto start = std::chrono::steady_clock::now();
   double last_s = 0.0, shown_s = 0.0;
   {
-    const Progress progress(arguments.summary ? "watching " + arguments.bus.text() : "");
+    std::optional<Progress> progress;
+    if (arguments.summary) progress.emplace("watching " + arguments.bus.text());
     while (!interrupt.came()) {
       if (subscriber.receive(record)) last_s = since(start);
       const double now_s = since(start);
@@ -135,8 +137,7 @@ void run(const Arguments& arguments) {
                                   : "; start servotwind with this machine and domain"));
   }
   if (!arguments.summary) return;
-  for (const std::string& line : summary_lines(record, arguments.bus.text(), last_s))
-    say(people, line);
+  for (const std::string& line : summary_lines(record, arguments.bus.text())) say(people, line);
   if (!arguments.result.empty())
     write_json(arguments.result, summary_json(record, arguments.bus.place.machine, last_s));
 }

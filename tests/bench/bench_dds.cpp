@@ -230,7 +230,9 @@ nlohmann::json measure(std::uint32_t domain, int seconds) {
   result["daemon"] = {{"wake_p50_us", 1e6 * status.wake_p50_s},
                       {"wake_p99_us", 1e6 * status.wake_p99_s},
                       {"work_p50_us", 1e6 * status.work_p50_s},
-                      {"work_p99_us", 1e6 * status.work_p99_s}};
+                      {"work_p99_us", 1e6 * status.work_p99_s},
+                      {"frames_lost", status.lost},
+                      {"predictions_dropped", status.predictions_dropped}};
   result["seconds"] = nlohmann::json::array();
   for (const RoundTrip* second = first; second < last; second += kCyclesPerSecond) {
     result["seconds"].push_back(figures(second, second + kCyclesPerSecond));

@@ -98,14 +98,14 @@ TEST(Config, ReplayIsReadWithItsFiles) {
     [source.replay]
     files = ["a.csv", "b.mat"]
     columns = "X.command=qg[m]"
-    pace = 4
+    speed = 4
   )",
                                              "m.toml");
   EXPECT_TRUE(checked.problems.empty());
   EXPECT_EQ(checked.config.source, SourceKind::kReplay);
   EXPECT_EQ(checked.config.replay.files, (std::vector<std::filesystem::path>{"a.csv", "b.mat"}));
   EXPECT_EQ(checked.config.replay.columns, "X.command=qg[m]");
-  EXPECT_EQ(checked.config.replay.pace, 4.0);
+  EXPECT_EQ(checked.config.replay.speed, 4.0);
 }
 
 TEST(Config, AnUnknownKeyIsNamedWithItsPlaceAndTheNearestOne) {

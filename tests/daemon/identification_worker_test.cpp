@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sqlite3.h>
 
 #include <cerrno>
 #include <random>
@@ -93,6 +92,16 @@ class WorkerTest : public testing::Test {
     ASSERT_TRUE(worker_->look(0));
     ASSERT_EQ(announced_.size(), 1U) << said_.str();
   }
+  [[nodiscard]] AxisStatus status() const {
+    std::vector<AxisStatus> all;
+    worker_->update(all);
+    return all.at(0);
+  }
+  [[nodiscard]] std::string last_error() const {
+    std::string text;
+    events_->update_last_error(text);
+    return text;
+  }
   [[nodiscard]] Event newest_event() const { return store_->events(1).at(0); }
 
   TemporaryDirectory directory_;
@@ -113,7 +122,7 @@ TEST_F(WorkerTest, DoesNothingUntilTheWindowIsFullOfMotion) {
   restart();
   stand(60.0);
   EXPECT_FALSE(worker_->look(0));
-  EXPECT_THAT(worker_->status()[0].activity, HasSubstr("collecting: 0.0 of 6.0 s of motion"));
+  EXPECT_THAT(status().activity, HasSubstr("collecting: 0.0 of 6.0 s of motion"));
 }
 
 TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
@@ -123,8 +132,7 @@ TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
   EXPECT_TRUE(announced_.empty()) << "a candidate is not published because it is new";
   EXPECT_EQ(in_force_[0].fresh(), nullptr);
   EXPECT_FALSE(worker_->look(0)) << "there is too little unseen motion yet";
-  EXPECT_THAT(worker_->status()[0].activity,
-              HasSubstr("judging a candidate: 0.0 of 3.0 s of motion"));
+  EXPECT_THAT(status().activity, HasSubstr("judging a candidate: 0.5 of 3.0 s of motion"));
 
   run_machine(3.5);
   ASSERT_TRUE(worker_->look(0));
@@ -142,7 +150,7 @@ TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
   EXPECT_THAT(newest_event().text, HasSubstr("model 1 is in force: leaves "));
   EXPECT_THAT(newest_event().text, HasSubstr("predicting nothing leaves "));
   EXPECT_THAT(said_.str(), HasSubstr("servotwind: X: model 1 is in force"));
-  EXPECT_EQ(worker_->status()[0].model_version, 1);
+  EXPECT_EQ(status().model_version, 1);
 }
 
 TEST_F(WorkerTest, AModelOfWorseDataIsRefusedWithTheFigures) {
@@ -207,6 +215,11 @@ TEST_F(WorkerTest, AModelOfAnotherAxisOrCycleIsLeftInTheStoreAndSaid) {
   EXPECT_TRUE(announced_.empty());
   EXPECT_THAT(said_.str(),
               HasSubstr("X: model 1 is in the store, but the machine has no such axis"));
+  machine_ = {kCycle_s, {{"X", true, ""}}};
+  restart();
+  worker_->restore();
+  EXPECT_TRUE(announced_.empty());
+  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is for a linear axis, this one is rotary"));
   machine_ = {0.002, {{"X", false, ""}}};
   restart();
   worker_->restore();
@@ -228,7 +241,7 @@ TEST_F(WorkerTest, OnAFullDiskTheOldModelStaysInForceAndItIsSaid) {
   EXPECT_EQ(in_force_[0].fresh(), nullptr);
   EXPECT_THAT(said_.str(), HasSubstr("is not put in force, because it cannot be stored: store "));
   EXPECT_THAT(said_.str(), HasSubstr("this event is not stored"));
-  EXPECT_THAT(events_->last_error(), HasSubstr("full"));
+  EXPECT_THAT(last_error(), HasSubstr("full"));
   EXPECT_TRUE(store_->in_force().empty());
 
   run_machine(3.5);
@@ -268,11 +281,10 @@ TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
 TEST_F(WorkerTest, ADamagedStoreStopsTheStart) {
   restart();
   promote_one();
-  sqlite3* database = nullptr;
-  ASSERT_EQ(sqlite3_open((directory_.path() / "servotwin.sqlite").c_str(), &database), SQLITE_OK);
-  EXPECT_EQ(sqlite3_exec(database, "UPDATE models SET json = '{'", nullptr, nullptr, nullptr),
-            SQLITE_OK);
-  sqlite3_close(database);
+  worker_.reset();
+  events_.reset();
+  store_.reset();
+  spoil(directory_.path(), "UPDATE models SET json = '{'");
   restart();
   EXPECT_THAT(message_of([&] { worker_->restore(); }),
               HasSubstr("model of axis X, version 1, is damaged"));

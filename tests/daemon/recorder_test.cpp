@@ -136,7 +136,9 @@ TEST_F(RecorderTest, WhereTheDiskRefusesItGoesOnCountsAndSaysSoOnce) {
   EXPECT_THAT(said, HasSubstr("recordings are not stored: "));
   EXPECT_THAT(said, HasSubstr("File too large"));
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
-  EXPECT_THAT(events_.last_error(), HasSubstr("recordings are not stored"));
+  std::string last_error;
+  events_.update_last_error(last_error);
+  EXPECT_THAT(last_error, HasSubstr("recordings are not stored"));
 
   recorder.finish_file();
   EXPECT_EQ(files().size(), 1U);

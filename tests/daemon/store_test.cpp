@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sqlite3.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -21,15 +20,6 @@ using testing::HasSubstr;
 
 Event event(const std::string& text, const std::string& axis = "X") {
   return {"2026-01-31T12:00:00.000Z", axis, "model_promoted", text, ""};
-}
-
-/// Puts SQL into the file of a store that is not open.
-void spoil(const std::filesystem::path& directory, const std::string& sql) {
-  sqlite3* database = nullptr;
-  ASSERT_EQ(sqlite3_open((directory / "servotwin.sqlite").c_str(), &database), SQLITE_OK);
-  char* error = nullptr;
-  EXPECT_EQ(sqlite3_exec(database, sql.c_str(), nullptr, nullptr, &error), SQLITE_OK) << error;
-  sqlite3_close(database);
 }
 
 TEST(Store, CountsVersionsAndParentsPerAxis) {

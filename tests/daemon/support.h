@@ -2,6 +2,7 @@
 #pragma once
 
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -89,6 +90,15 @@ std::string message_of(Action&& action) {
   }
   ADD_FAILURE() << "nothing was thrown";
   return {};
+}
+
+/// Puts SQL into the file of a store that is not open.
+inline void spoil(const std::filesystem::path& store, const std::string& sql) {
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open((store / "servotwin.sqlite").c_str(), &database), SQLITE_OK);
+  char* error = nullptr;
+  EXPECT_EQ(sqlite3_exec(database, sql.c_str(), nullptr, nullptr, &error), SQLITE_OK) << error;
+  sqlite3_close(database);
 }
 
 }  // namespace servotwin

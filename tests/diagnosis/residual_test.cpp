@@ -119,6 +119,14 @@ TEST(ByRegime, AQuantisedCommandIsNotAcceleration) {
   }
 }
 
+TEST(ByRegime, RoundingIsNotAcceleration) {
+  // One speed throughout: what the differences leave of acceleration is 1e-13 m/s^2 or so.
+  Eigen::ArrayXd x(2000);
+  for (Eigen::Index k = 0; k < x.size(); ++k) x(k) = 0.1 * static_cast<double>(k) * kStep;
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  EXPECT_EQ(samples_of(shares, Regime::kConstantSpeed), 2000 - 2 * (kBlur - 1));
+}
+
 TEST(ByRegime, HolesAreLeftOut) {
   const Eigen::ArrayXd x = out_and_back(1.0);
   Eigen::ArrayXd residual = Eigen::ArrayXd::Ones(x.size());

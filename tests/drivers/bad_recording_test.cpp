@@ -158,6 +158,9 @@ TEST_F(BadRecording, TooManyFields) {
   refuses("# comment\ntime[s],X.command[mm]\n0,1\n1,2,3\n", {"line 4", "3 fields", "header has 2"});
   refuses("time[s],X.command[mm]\n0,1,,\n", {"line 2", "4 fields"});
 }
+TEST_F(BadRecording, ALastLineWithTooManyFieldsIsNotCutOff) {
+  refuses("time[s],X.command[mm]\n0,1\n1,2,3", {"line 3", "3 fields", "header has 2"});
+}
 TEST_F(BadRecording, FieldsAfterTheWantedOnesAreCountedToo) {
   refuses("time[s],X.command[mm],a,b\n0,1,2,3\n1,2,3\n2,3,4,5\n", {"line 3", "3 fields"});
 }

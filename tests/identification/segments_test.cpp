@@ -253,6 +253,25 @@ TEST(Segments, ARegularPatternOfCopiesIsNoFinerRate) {
   expect_motion(axis.segments[0], 0.0, 1e-12);
 }
 
+// Rows too many, with values of their own: no even grid is behind such stamps, although they are
+// coarse.
+TEST(Segments, ExtraRowsAtRandomPlacesAreNoFinerRate) {
+  std::mt19937_64 random(6);
+  std::vector<double> at, stamps;
+  for (const double t : grid(3000, 0.001)) {
+    at.push_back(t);
+    stamps.push_back(t);
+    if (random() % 20 != 0) continue;
+    at.push_back(t + 0.4e-3);
+    stamps.push_back(t);
+  }
+  const SegmentedAxis axis = segment_axis(sampled(at, stamps), "X");
+  EXPECT_EQ(axis.sample_time_s, 0.001);
+  EXPECT_EQ(axis.report.repeated, at.size() - 3000);
+  EXPECT_EQ(axis.segments.at(0).size(), 3000);
+  expect_motion(axis.segments[0], 0.0, 1e-12);
+}
+
 TEST(Segments, AStampThatRepeatsTheOneBeforeAndLeavesAHoleIsRepaired) {
   const std::vector<double> at = grid(1000, 0.001);
   for (const std::ptrdiff_t wrong_by : {-1, 1}) {
@@ -440,6 +459,7 @@ TEST(Segments, LargeJitterKeepsItsGaps) {
 TEST(Segments, OnlyWhatIsWithinAClocksErrorIsRounded) {
   EXPECT_EQ(segment_axis(sampled(grid(2000, 1.0 / 1024 * (1 + 5e-6))), "X").sample_time_s,
             1.0 / 1024);
+  EXPECT_EQ(segment_axis(sampled(grid(2000, 0.002457 * (1 + 5e-6))), "X").sample_time_s, 0.002457);
   EXPECT_NEAR(segment_axis(sampled(grid(2000, 0.0010001)), "X").sample_time_s, 0.0010001, 1e-12);
 }
 

@@ -1,0 +1,250 @@
+// servotwind as a process: exit status, messages, signals, what it tells the service manager.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "daemon/store.h"
+#include "tests/daemon/support.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+using testing::StartsWith;
+
+/// The daemon that was built with this test.
+std::filesystem::path daemon_program() {
+  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / "servotwind";
+}
+
+struct Ended {
+  int status = -1;  ///< exit status, or 128 + signal
+  std::string said;
+  [[nodiscard]] auto lines() const { return std::count(said.begin(), said.end(), '\n'); }
+};
+
+class Process {
+ public:
+  explicit Process(
+      const std::vector<std::string>& arguments, void (*prepare)() = [] {}) {
+    int ends[2];
+    if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
+    said_ = ends[0];
+    std::vector<std::string> all{daemon_program().string()};
+    all.insert(all.end(), arguments.begin(), arguments.end());
+    std::vector<char*> argv;
+    for (std::string& one : all) argv.push_back(one.data());
+    argv.push_back(nullptr);
+    id_ = fork();
+    if (id_ == 0) {
+      dup2(ends[1], STDOUT_FILENO);
+      dup2(ends[1], STDERR_FILENO);
+      prepare();
+      execv(argv[0], argv.data());
+      _exit(127);
+    }
+    close(ends[1]);
+  }
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
+  ~Process() {
+    if (id_ > 0) (void)wait_after(SIGKILL);
+    close(said_);
+  }
+
+  /// Reads on until it has said this; false if it ends before or needs half a minute.
+  bool has_said(const std::string& text) {
+    while (text_.find(text) == text_.npos) {
+      if (!read_more(30'000)) return false;
+    }
+    return true;
+  }
+  void send(int signal) const { kill(id_, signal); }
+  Ended wait_after(int signal) {
+    send(signal);
+    return wait();
+  }
+  Ended wait() {
+    while (read_more(60'000)) {
+    }
+    int status = 0;
+    waitpid(id_, &status, 0);
+    id_ = -1;
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), text_};
+  }
+
+ private:
+  bool read_more(int timeout_ms) {
+    pollfd waiting{said_, POLLIN, 0};
+    if (poll(&waiting, 1, timeout_ms) <= 0) return false;
+    char block[1024];
+    const ssize_t count = read(said_, block, sizeof block);
+    if (count <= 0) return false;
+    text_.append(block, static_cast<std::size_t>(count));
+    return true;
+  }
+
+  pid_t id_ = -1;
+  int said_ = -1;
+  std::string text_;
+};
+
+/// What a service manager listens on.
+class NotifySocket {
+ public:
+  explicit NotifySocket(const std::filesystem::path& path)
+      : socket_(::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    std::strncpy(address.sun_path, path.c_str(), sizeof address.sun_path - 1);
+    EXPECT_EQ(bind(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    setenv("NOTIFY_SOCKET", path.c_str(), 1);
+  }
+  NotifySocket(const NotifySocket&) = delete;
+  NotifySocket& operator=(const NotifySocket&) = delete;
+  ~NotifySocket() {
+    unsetenv("NOTIFY_SOCKET");
+    close(socket_);
+  }
+  std::string next() const {
+    pollfd waiting{socket_, POLLIN, 0};
+    if (poll(&waiting, 1, 30'000) <= 0) return "nothing";
+    char text[100];
+    const ssize_t count = recv(socket_, text, sizeof text, 0);
+    return std::string(text, count > 0 ? static_cast<std::size_t>(count) : 0);
+  }
+
+ private:
+  int socket_;
+};
+
+class ServotwindTest : public testing::Test {
+ protected:
+  [[nodiscard]] std::vector<std::string> here() const {
+    return {"--store",   directory_.path() / "store",          "--domain", "94",
+            "--machine", "process-" + std::to_string(getpid())};
+  }
+  [[nodiscard]] std::vector<std::string> here_and(const std::vector<std::string>& more) const {
+    std::vector<std::string> all = here();
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  }
+  std::string write(const std::string& name, const std::string& text) const {
+    std::ofstream(directory_.path() / name) << text;
+    return directory_.path() / name;
+  }
+  TemporaryDirectory directory_;
+};
+
+TEST_F(ServotwindTest, WrongUsageIsTwo) {
+  for (const std::vector<std::string>& wrong :
+       std::vector<std::vector<std::string>>{{"--nonsense"},
+                                             {"--domain", "231"},
+                                             {"--domain", "x"},
+                                             {"--columns", "a=b"},
+                                             {"--speed", "2"}}) {
+    const Ended ended = Process(wrong).wait();
+    EXPECT_EQ(ended.status, 2) << wrong[0] << "\n" << ended.said;
+    EXPECT_THAT(ended.said, HasSubstr(wrong[0])) << ended.said;
+  }
+  const Ended help = Process({"--help"}).wait();
+  EXPECT_EQ(help.status, 0);
+  EXPECT_THAT(help.said, HasSubstr("--replay"));
+}
+
+TEST_F(ServotwindTest, AConfigurationThatIsWrongIsOneWithALinePerProblem) {
+  const std::string file = write("m.toml", "[machine]\nnam = 'x'\n[identify]\nwindow_s = -1\n");
+  const Ended ended = Process(here_and({"--config", file})).wait();
+  EXPECT_EQ(ended.status, 1);
+  EXPECT_EQ(ended.said, "servotwind: " + file +
+                            ":2:1: machine.nam: there is no such key; did you mean 'name'?\n" +
+                            "servotwind: " + file +
+                            ":4:12: identify.window_s = -1: must be a number from 1 to 3600 s\n");
+}
+
+TEST_F(ServotwindTest, WhatItCannotStartWithIsOneClearLine) {
+  write("file", "not a directory");
+  const std::vector<std::vector<std::string>> cases{
+      here_and({"--config", directory_.path() / "none.toml"}),
+      here_and({"--replay", directory_.path() / "none.csv"}),
+      {"--store", directory_.path() / "file" / "store", "--domain", "94"},
+      {"--store", directory_.path() / "store", "--machine", "a/b"},
+  };
+  for (const auto& arguments : cases) {
+    const Ended ended = Process(arguments).wait();
+    EXPECT_EQ(ended.status, 1) << ended.said;
+    EXPECT_THAT(ended.said, StartsWith("servotwind: "));
+    EXPECT_EQ(ended.lines(), 1) << ended.said;
+  }
+}
+
+TEST_F(ServotwindTest, OnADiskThatRefusesItDoesNotStart) {
+  const Ended ended = Process(here(), [] {
+                        const rlimit nothing{0, 0};  // no file may grow
+                        setrlimit(RLIMIT_FSIZE, &nothing);
+                      }).wait();
+  EXPECT_EQ(ended.status, 1) << ended.said;
+  EXPECT_THAT(ended.said, StartsWith("servotwind: store "));
+  EXPECT_EQ(ended.lines(), 1) << ended.said;
+}
+
+TEST_F(ServotwindTest, ASecondOneOnTheSameStoreDoesNotStart) {
+  Process first(here());
+  ASSERT_TRUE(first.has_said("waiting for machine"));
+  const Ended second = Process(here()).wait();
+  EXPECT_EQ(second.status, 1);
+  EXPECT_THAT(second.said, HasSubstr("is in use by another servotwind"));
+  EXPECT_EQ(first.wait_after(SIGTERM).status, 0);
+}
+
+TEST_F(ServotwindTest, ADamagedModelStopsItWithTheWayOut) {
+  const std::string machine = "process-" + std::to_string(getpid());
+  {
+    Store store(directory_.path() / "store", machine);
+    ModelRecord record = record_of(drive());
+    store.promote(record, {"", "X", "model_promoted", "made for this test", ""});
+  }
+  spoil(directory_.path() / "store", "UPDATE models SET json = substr(json, 1, 100)");
+  const std::string config = write("m.toml", "[[axis]]\nname = 'X'\n");
+  const Ended ended = Process(here_and({"--config", config})).wait();
+  EXPECT_EQ(ended.status, 1);
+  EXPECT_THAT(ended.said, HasSubstr("model of axis X, version 1, is damaged"));
+  EXPECT_EQ(ended.lines(), 1) << ended.said;
+}
+
+TEST_F(ServotwindTest, StopsCleanlyWhenAskedToAndIgnoresAHangup) {
+  const std::string config = write("m.toml", "[[axis]]\nname = 'X'\n");
+  for (const int signal : {SIGTERM, SIGINT}) {
+    const NotifySocket manager(directory_.path() / ("notify-" + std::to_string(signal)));
+    Process daemon(here_and({"--config", config}));
+    ASSERT_EQ(manager.next(), "READY=1");
+    daemon.send(SIGHUP);
+    const Ended ended = daemon.wait_after(signal);
+    EXPECT_EQ(ended.status, 0) << ended.said;
+    EXPECT_THAT(ended.said, HasSubstr("servotwind: stopped after 0 frames\n"));
+  }
+}
+
+TEST_F(ServotwindTest, TellsTheServiceManagerWhenItIsReadyAndWhenItStops) {
+  const NotifySocket manager(directory_.path() / "notify");
+  Process daemon(here());
+  EXPECT_EQ(manager.next(), "READY=1");
+  daemon.send(SIGTERM);
+  EXPECT_EQ(manager.next(), "STOPPING=1");
+  EXPECT_EQ(daemon.wait().status, 0);
+}
+
+}  // namespace
+}  // namespace servotwin

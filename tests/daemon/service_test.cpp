@@ -1,0 +1,276 @@
+// The whole daemon in one process: frames over DDS, predictions back, models that come into force.
+#include "daemon/service.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <future>
+#include <map>
+#include <thread>
+
+#include "daemon/store.h"
+#include "drivers/csv.h"
+#include "drivers/dds.h"
+#include "tests/daemon/support.h"
+#include "tests/virtual_machine/axis.h"
+#include "tests/virtual_machine/program.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+
+constexpr double kPatience_s =
+    30.0;  // of a busy machine; nothing waits that long where all is well
+
+class ServiceTest : public testing::Test {
+ protected:
+  ServiceTest() {
+    config_.machine = "service-" + std::to_string(getpid());
+    config_.dds.domain = 93;
+    config_.store.directory = directory_.path();
+    place_ = {config_.machine, config_.dds.domain, ""};
+  }
+  ~ServiceTest() override {
+    if (service_.joinable()) stop();
+  }
+
+  void start() {
+    stop_ = {};
+    std::promise<void> ready;
+    service_ = std::thread([this, &ready] {
+      try {
+        serve(
+            config_, stop_.get_token(), [&] { ready.set_value(); }, said_);
+      } catch (const std::exception& error) {
+        failure_ = error.what();
+      }
+    });
+    ready.get_future().wait();
+  }
+  void stop() {
+    stop_.request_stop();
+    service_.join();
+  }
+  void store_model(const Model& model) {
+    Store store(directory_.path(), config_.machine);
+    ModelRecord record = record_of(model);
+    store.promote(record,
+                  {"2026-01-31T12:00:00.000Z", "X", "model_promoted", "made for this test", ""});
+  }
+
+  TemporaryDirectory directory_;
+  Config config_;
+  DdsPlace place_;
+  std::ostringstream said_;  // read after the service has stopped
+  std::string failure_;
+  std::stop_source stop_;
+  std::thread service_;
+};
+
+/// A machine on the network whose axis X moves as in support.h.
+class Machine {
+ public:
+  explicit Machine(const DdsNode& node)
+      : descriptions_(node), frames_(node), predictions_(node), models_(node) {
+    descriptions_.write(one_axis());
+  }
+
+  bool wait_for_daemon() { return frames_.wait_for_readers(1, kPatience_s); }
+  /// Sends cycle k, and returns what comes back for it.
+  MachinePrediction cycle(std::uint64_t k) {
+    MachineFrame frame;
+    frame.sequence = k;
+    frame.time_ns = static_cast<std::int64_t>(k) * 1'000'000;
+    frame.axis_count = 1;
+    frame.axes[0].command = command_at(static_cast<double>(k) * kCycle_s);
+    frame.axes[0].actual = frame.axes[0].command - 1e-6;
+    EXPECT_TRUE(frames_.write(frame));
+    MachinePrediction prediction;
+    EXPECT_TRUE(predictions_.receive(prediction, kPatience_s));
+    return prediction;
+  }
+  DdsReader<ModelAnnouncement>& models() { return models_; }
+
+ private:
+  DdsWriter<MachineDescription> descriptions_;
+  DdsWriter<MachineFrame> frames_;
+  DdsReader<MachinePrediction> predictions_;
+  DdsReader<ModelAnnouncement> models_;
+};
+
+TEST_F(ServiceTest, PredictsWithTheModelItHadForAMachineThatIntroducesItself) {
+  store_model(drive());
+  start();
+  const DdsNode node(place_);
+  Machine machine(node);
+  ASSERT_TRUE(machine.wait_for_daemon());
+  ModelAnnouncement model;
+  ASSERT_TRUE(machine.models().receive(model, kPatience_s));
+  EXPECT_EQ(model.axis, "X");
+  EXPECT_EQ(model.version, 1);
+  EXPECT_EQ(model.reason, "made for this test");
+  EXPECT_THAT(model.model_json, HasSubstr("servotwin.model/1"));
+
+  Twin twin(drive());
+  for (std::uint64_t k = 0; k < 500; ++k) {
+    const double command = command_at(static_cast<double>(k) * kCycle_s);
+    if (k == 0) twin.start(command);
+    const double truth = k == 0 ? command - twin.position() : twin.follow(command);
+    const MachinePrediction prediction = machine.cycle(k);
+    ASSERT_EQ(prediction.sequence, k);
+    ASSERT_EQ(prediction.axes[0].predicted_error, truth) << k;
+    ASSERT_NEAR(prediction.axes[0].measured_error, 1e-6, 1e-12);
+    ASSERT_EQ(prediction.axes[0].model_version, 1);
+  }
+  stop();
+  EXPECT_EQ(failure_, "");
+  EXPECT_THAT(said_.str(),
+              HasSubstr("waiting for machine '" + config_.machine + "' on DDS domain 93"));
+  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is in force again"));
+  EXPECT_THAT(said_.str(), HasSubstr("stopped after 500 frames"));
+}
+
+TEST_F(ServiceTest, SaysHowItIs) {
+  config_.axes = {{"X", false, ""}};
+  start();
+  const DdsNode node(place_);
+  Machine machine(node);
+  ASSERT_TRUE(machine.wait_for_daemon());
+  for (std::uint64_t k = 0; k < 100; ++k) machine.cycle(k);
+  machine.cycle(110);
+  DdsReader<MachineStatus> statuses(node);
+  MachineStatus status;
+  do {
+    ASSERT_TRUE(statuses.receive(status, kPatience_s));
+  } while (status.frames < 101);
+  EXPECT_EQ(status.state, DaemonState::kRunning);
+  EXPECT_EQ(status.lost, 10U);
+  EXPECT_EQ(status.malformed, 0U);
+  EXPECT_GT(status.work_p50_s, 0.0);
+  EXPECT_GE(status.work_max_s, 0.9 * status.work_p50_s);
+  ASSERT_EQ(status.axes.size(), 1U);
+  EXPECT_EQ(status.axes[0].name, "X");
+  EXPECT_EQ(status.axes[0].model_version, 0);
+  EXPECT_THAT(status.axes[0].activity, HasSubstr("of 8.0 s of motion"));
+  stop();
+  while (statuses.receive(status, 0.2)) {
+  }
+  EXPECT_EQ(status.state, DaemonState::kStopping) << "the last thing it says";
+}
+
+TEST_F(ServiceTest, StopsWhileItWaitsForAMachine) {
+  start();
+  stop();
+  EXPECT_EQ(failure_, "");
+  EXPECT_THAT(said_.str(), HasSubstr("stopped before a machine came"));
+}
+
+TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
+  virtual_machine::Axis axis;
+  axis.body.mass = 100.0;
+  axis.body.viscous = 240.0;
+  axis.body.friction = virtual_machine::SaturatedCoulomb{20.0, 1e-3};
+  axis.drive.position_gain = 60.0;
+  axis.drive.velocity_gain = 20'000.0;
+  axis.recorder.position_step = 1e-7;
+  virtual_machine::MoveMix mix;
+  mix.duration = 20.0;
+  mix.longest_dwell = 0.05;
+  const virtual_machine::AxisRecord record =
+      virtual_machine::record(axis, virtual_machine::moves(mix, 20));
+  Recording recording;
+  AxisRecord x;
+  x.name = "X";
+  for (Eigen::Index i = 0; i < record.command.size(); ++i) {
+    recording.time.push_back(static_cast<double>(i) * kCycle_s);
+    x.command.push_back(record.command(i));
+    x.actual.push_back(record.actual(i));
+  }
+  recording.axes = {x};
+  write_recording_csv(directory_.path() / "machine.csv", recording);
+  config_.source = SourceKind::kReplay;
+  config_.replay.files = {directory_.path() / "machine.csv"};
+  config_.replay.speed = 10.0;
+
+  const auto run = [&] {
+    serve(
+        config_, {}, [] {}, said_);
+  };
+  run();
+  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is in force: leaves "));
+  EXPECT_THAT(said_.str(), HasSubstr("stopped after 20001 frames"));
+  {
+    const Store store(directory_.path(), config_.machine);
+    ASSERT_EQ(store.in_force().size(), 1U) << said_.str();
+    EXPECT_LT(store.in_force()[0].record.holdout.rms, 0.15e-6);
+  }
+  std::size_t rows = 0;
+  for (const auto& file :
+       std::filesystem::directory_iterator(directory_.path() / "recordings" / config_.machine)) {
+    rows += read_csv(file.path(), {}).time.size();
+  }
+  EXPECT_EQ(rows, 20'001U) << "every row is recorded";
+
+  said_.str("");
+  run();
+  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is in force again"));
+  const Store store(directory_.path(), config_.machine);
+  EXPECT_EQ(store.in_force()[0].record.version, 1) << "the same data makes no better model\n"
+                                                   << said_.str();
+}
+
+TEST_F(ServiceTest, WhatItCannotStartWithIsThrown) {
+  config_.source = SourceKind::kReplay;
+  config_.replay.files = {directory_.path() / "none.csv"};
+  EXPECT_THAT(message_of([&] {
+                serve(
+                    config_, {}, [] {}, said_);
+              }),
+              HasSubstr("none.csv"));
+
+  std::ofstream(directory_.path() / "file") << "not a directory";
+  config_.store.directory = directory_.path() / "file";
+  EXPECT_THAT(message_of([&] {
+                serve(
+                    config_, {}, [] {}, said_);
+              }),
+              HasSubstr("store "));
+}
+
+TEST_F(ServiceTest, AConfigurationForAnotherRecordingIsRefused) {
+  Recording recording;
+  recording.time = {0.0, 0.001, 0.002};
+  recording.axes.push_back({"Y", false, {1.0, 2.0, 3.0}, {1.0, 2.0, 3.0}, {}, ""});
+  write_recording_csv(directory_.path() / "y.csv", recording);
+  config_.source = SourceKind::kReplay;
+  config_.replay.files = {directory_.path() / "y.csv"};
+  config_.axes = {{"X", false, ""}};
+  EXPECT_EQ(message_of([&] {
+              serve(
+                  config_, {}, [] {}, said_);
+            }),
+            "axis 1 is 'X' in the configuration and 'Y' in the recording");
+}
+
+TEST(ThreadTable, NamesEveryThreadThatIsStarted) {
+  const auto content = [](const char* file) {
+    std::ostringstream text;
+    text << std::ifstream(std::string(SERVOTWIN_SOURCE_DIR) + "/daemon/" + file).rdbuf();
+    return text.str();
+  };
+  const std::string table = content("README.md"), source = content("service.cpp");
+  const std::string begin = "name_thread(\"";
+  int threads = 0;
+  for (std::size_t at = source.find(begin); at != source.npos; at = source.find(begin, at + 1)) {
+    const std::size_t from = at + begin.size();
+    EXPECT_THAT(table, HasSubstr("| " + source.substr(from, source.find('"', from) - from) + " |"));
+    ++threads;
+  }
+  EXPECT_EQ(threads, 4);
+}
+
+}  // namespace
+}  // namespace servotwin
