@@ -269,6 +269,15 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from, con
   return out;
 }
 
+/// The same data with a step of at most `step_s`, and at least 1000 samples of them.
+Projection thinned(const Projection& data, double step_s) {
+  int every = static_cast<int>(std::floor(step_s / data.segments().front().h + 1e-9));
+  while (every > 1 && data.rows() / every < 1000) --every;
+  std::vector<Signals> thin;
+  for (const Signals& s : data.segments()) thin.push_back(decimated(s, every));
+  return {std::move(thin), data.structure(), data.has_free_response()};
+}
+
 /// The grid: pairs with zeta <= 1 and a real pole, and sorted real triples.
 std::vector<std::array<double, kMaxOrder>> grid(int order, const PoleBounds& b) {
   const auto points = [](double low, double high, int count) {
@@ -355,11 +364,9 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   }
 
   // Thinned data for the coarse search; command splines and filters stay exact at any step.
-  int every = static_cast<int>(std::floor(4.0e-3 / h + 1e-9));
-  while (every > 1 && data.rows() / every < 1000) --every;
-  std::vector<Signals> thin;
-  for (const Signals& s : data.segments()) thin.push_back(decimated(s, every));
-  const Projection coarse(std::move(thin), data.structure(), data.has_free_response());
+  const Projection coarse = thinned(data, 8.0e-3);
+  PoleSearchOptions ranking = options;
+  ranking.tolerance = std::max(options.tolerance, 1e-6);
 
   PoleFit fit;
   std::vector<Candidate> candidates;
@@ -391,7 +398,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
     if (fresh) seeds.push_back(candidate);
   }
   for (const Candidate& seed : seeds) {
-    refined.push_back(refine(coarse, Chart::kStable, seed, bounds, options, 40, fit.evaluations));
+    refined.push_back(refine(coarse, Chart::kStable, seed, bounds, ranking, 40, fit.evaluations));
   }
   if (refined.empty()) return std::nullopt;
   std::sort(refined.begin(), refined.end(), [](const auto& l, const auto& r) { return l.cost < r.cost; });
@@ -418,7 +425,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
     Candidate within;
     within.cost = 1e300;
     for (const Candidate& start : from) {
-      Candidate other = refine(coarse, Chart::kPoles, start, bounds, options, 40, fit.evaluations);
+      Candidate other = refine(coarse, Chart::kPoles, start, bounds, ranking, 40, fit.evaluations);
       if (other.cost < within.cost) within = std::move(other);
     }
     best = refine(data, Chart::kPoles, within, bounds, options, 60, fit.evaluations);

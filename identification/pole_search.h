@@ -3,7 +3,7 @@
 //   min over poles and shapes of  1/2 | e - R(poles, shapes) theta |^2,  theta by projection, friction >= 0
 //
 // 1. Coarse: a logarithmic grid over the box of the poles (pairs with zeta <= 1, and sorted real triples),
-//    on the data thinned to at most 4 ms where poles allow it.
+//    on the data thinned to a step of at most 8 ms and at least 1000 samples.
 // 2. Refine the best few with Levenberg-Marquardt in Ceres, in coordinates whose whole range is exactly the
 //    set of stable loops (a1 = e^q1, a2 = e^q2, a3 = a1 a2 / (1 + e^-q3)): a search in the poles
 //    themselves stops where two real poles meet.

@@ -25,9 +25,7 @@ int fail(int status, const std::string& command, std::string message) {
   return status;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   using namespace servotwin::cli;
   CLI::App app{"Servotwin: models of servo drives from recordings, and what they predict.",
                "servotwin"};
@@ -45,6 +43,7 @@ int main(int argc, char** argv) {
   // The parser would only say that a command is missing.
   if (argc > 1 && argv[1][0] != '-') {
     std::vector<std::string> names;
+    names.reserve(commands.size());
     for (const Command& command : commands) names.push_back(command.app->get_name());
     if (std::find(names.begin(), names.end(), argv[1]) == names.end()) {
       return fail(kUsage, name,
@@ -80,4 +79,15 @@ int main(int argc, char** argv) {
                 std::string("standard output cannot be written: ") + std::strerror(errno));
   }
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "servotwin: %s\n", error.what());
+    return kFailed;
+  }
 }

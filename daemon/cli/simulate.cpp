@@ -14,6 +14,8 @@
 namespace servotwin::cli {
 namespace {
 
+constexpr double kMicro = 1e-6;  // people say um, the program m
+
 /// What an encoder makes of a position: noise, then its step [m | rad].
 struct Encoder {
   double step = 0.0;
@@ -118,7 +120,6 @@ void run(const Arguments& arguments) {
 
 /// STEP or STEP:SIGMA in um.
 Encoder parse_noise(const std::string& given) {
-  constexpr double kMicro = 1e-6;
   const std::vector<double> numbers =
       parse_numbers("--noise", given, "STEP or STEP:SIGMA in um", 1, 2);
   for (const double value : numbers) {

@@ -7,11 +7,12 @@ The same problem on the same samples: min over three poles of |e - R theta|, the
 
     e ~ c0 s^3/P x_r + c1 s^2/P x_r + c2 s/P x_r + d s/P sat(v / v_lim),    d >= 0,
 
-within the box of thesis table 3.8, by differential evolution over the logarithms of the poles. SciPy's
-own tolerance, 0.01, stops before the optimum; 1e-8 finds it to six digits. The filters are the first-order hold of cont2discrete, run by lfilter: the
-command's velocity is that of its cubic spline, linear within a sample, where ours is the spline
-itself. --at gives this objective at other poles too, so that two optima are compared by one
-measure. Prints one JSON object; runs on one thread.
+within the box of thesis table 3.8, by differential evolution over the logarithms of the poles.
+SciPy's own tolerance, 0.01, stops before the optimum; 1e-8 finds it to six digits. The filters are
+the first-order hold of cont2discrete, run by lfilter: the command's velocity is that of its cubic
+spline, linear within a sample, where ours is the spline itself. --at gives this objective at other
+poles too, so that two optima are compared by one measure. Prints one JSON object; runs on one
+thread.
 """
 
 import os

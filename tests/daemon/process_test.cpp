@@ -192,8 +192,8 @@ TEST_F(ServotwindTest, WhatItCannotStartWithIsOneClearLine) {
 
 TEST_F(ServotwindTest, OnADiskThatRefusesItDoesNotStart) {
   const Ended ended = Process(here(), [] {
-                        const rlimit nothing{0, 0};  // no file may grow
-                        setrlimit(RLIMIT_FSIZE, &nothing);
+                        const rlimit little{1024, 1024};  // no file may grow beyond
+                        setrlimit(RLIMIT_FSIZE, &little);
                       }).wait();
   EXPECT_EQ(ended.status, 1) << ended.said;
   EXPECT_THAT(ended.said, StartsWith("servotwind: store "));
