@@ -109,6 +109,19 @@ TEST_F(Simulate, AnAxisDoesNotDependOnItsNeighbour) {
   EXPECT_NE(both.axes[0].actual, both.axes[1].actual);  // noise of their own
 }
 
+TEST_F(Simulate, WhatEncodersRecordedDoesNotCount) {
+  const auto simulated = [&](const std::string& table) {
+    return servotwin_says({"simulate", table, "--model", model_, "--out", "-"}).out;
+  };
+  const auto command = [](int k) { return cell(1e3 * rich_motion(k / 1000.0)); };
+  const std::string recorded =
+      folder_.write("rec.csv", recording(3000, command, [](int k) { return cell(0.01 * k); }));
+  const std::string commanded =
+      folder_.write("cmd.csv", recording(3000, command, [](int) { return std::string(); }));
+  EXPECT_EQ(simulated(recorded), simulated(commanded));
+  EXPECT_THAT(simulated(recorded), HasSubstr("X.actual[m]"));
+}
+
 TEST_F(Simulate, SaysWhatItRead) {
   const Answer answer = servotwin_says({"simulate", table_, "--model", model_});
   EXPECT_EQ(answer.status, 0) << answer;

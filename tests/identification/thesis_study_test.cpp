@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <ostream>
 
 #include "identification/full_ls.h"
 #include "identification/pole_search.h"
@@ -23,6 +24,8 @@ struct Case {
   double real_hz, omega_hz, zeta, friction_mm_s2, rms_um, max_um, condition;      // pole search
   double full_ls_condition, slow_pole_hz, full_ls_rms_um, full_ls_max_um;                                       // full LS
 };
+
+void PrintTo(const Case& c, std::ostream* out) { *out << "encoder step " << c.step_mm * 1e3 << " um"; }
 
 constexpr Case kCases[] = {
     {0.0, 9.9432, 25.8064, 0.47012, 192.879, 0.3202, 3.201, 503.56, 6.524e6, 10.29, 1.548, 4.283},
