@@ -365,7 +365,7 @@ std::filesystem::path default_store() {
     const char* value = std::getenv(name);
     return std::filesystem::path(value == nullptr ? "" : value);
   };
-  if (const auto state = variable("STATE_DIRECTORY"); !state.empty()) return state;
+  if (auto state = variable("STATE_DIRECTORY"); !state.empty()) return state;
   if (const auto state = variable("XDG_STATE_HOME"); !state.empty()) return state / "servotwin";
   if (const auto home = variable("HOME"); !home.empty()) {
     return home / ".local" / "state" / "servotwin";

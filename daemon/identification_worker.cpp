@@ -143,6 +143,9 @@ void IdentificationWorker::seek(std::size_t axis, double until_s) {
   Candidacy candidacy;
   candidacy.rotary = state.rotary;
   candidacy.refusals = candidate.identified.refusals;
+  // What the motion did not show, a person may overlook; a machine left alone may not.
+  const std::vector<std::string>& not_excited = candidate.identified.record.excitation;
+  candidacy.refusals.insert(candidacy.refusals.end(), not_excited.begin(), not_excited.end());
   candidacy.invalid = why_invalid(candidate.identified.record.model);
   if (candidacy.refusals.empty() && candidacy.invalid.empty()) {
     state.candidate = std::move(candidate);

@@ -26,7 +26,7 @@ void notify_service_manager(const char* state) {
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
   if (path == nullptr || *path == '\0' || std::strlen(path) >= sizeof address.sun_path) return;
-  std::strcpy(address.sun_path, path);
+  std::memcpy(address.sun_path, path, std::strlen(path));
   if (address.sun_path[0] == '@') address.sun_path[0] = '\0';  // the abstract namespace
   const int socket = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   if (socket < 0) return;
@@ -40,7 +40,7 @@ void notify_service_manager(const char* state) {
 /// them.
 class Signals {
  public:
-  explicit Signals(std::stop_source stop) {
+  explicit Signals(const std::stop_source& stop) {
     signal(SIGHUP, SIG_IGN);
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);  // a file too large is an error of write(), not the end of the daemon

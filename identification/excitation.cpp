@@ -36,7 +36,9 @@ Excitation excitation_of(const std::vector<Segment>& segments) {
       direction = now;
     }
   }
-  const auto at = accelerations.begin() + static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(accelerations.size() - 1));
+  const auto at =
+      accelerations.begin() +
+      static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(accelerations.size() - 1));
   std::nth_element(accelerations.begin(), at, accelerations.end());
   out.peak_acceleration = *at;
   out.forward_share = static_cast<double>(forward) / static_cast<double>(rows);
@@ -55,14 +57,14 @@ std::vector<std::string> missing_motion(const Excitation& e, bool rotary) {
     out.push_back(line.str());
   };
   if (e.reversals < 2 || e.forward_share < 0.02 || e.backward_share < 0.02) {
-    say("friction is not excited: it needs motion in both directions, saw ", e.reversals, " reversals and ",
-        100.0 * std::min(e.forward_share, e.backward_share),
+    say("friction is not excited: it needs motion in both directions, saw ", e.reversals,
+        " reversals and ", 100.0 * std::min(e.forward_share, e.backward_share),
         " % of the time in the rarer direction; move there and back at least twice");
   }
   // The loop shows where the command accelerates: a tenth of what production moves use.
   if (e.peak_velocity > 0.0 && e.peak_acceleration < 0.2 * e.peak_velocity) {
-    say("poles and tracking numerator are not excited: accelerations reach ", e.peak_acceleration, " ", length,
-        "/s^2 at a speed of ", e.peak_velocity, " ", length,
+    say("poles and tracking numerator are not excited: accelerations reach ", e.peak_acceleration,
+        " ", length, "/s^2 at a speed of ", e.peak_velocity, " ", length,
         "/s; add moves that reach this speed within a second or less");
   }
   return out;

@@ -11,7 +11,8 @@ namespace servotwin {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-// The sign of the velocity, as the method has it: wide enough only for the simulation to be well posed.
+// The sign of the velocity, as the method has it: wide enough only for the simulation to be well
+// posed.
 constexpr double kSignWidth = 1e-4;
 
 /// Central differences, one-sided at the ends.
@@ -24,13 +25,14 @@ Eigen::ArrayXd gradient(const Eigen::ArrayXd& x, double h) {
   return g;
 }
 
-/// | P(x - th1 E - th2 v - th3 a) | as a function of the poles: P projects out what is linear for given
-/// poles, so that four columns of a small triangular matrix are all that is left of the data.
+/// | P(x - th1 E - th2 v - th3 a) | as a function of the poles: P projects out what is linear for
+/// given poles, so that four columns of a small triangular matrix are all that is left of the data.
 struct EquationError {
   Eigen::Matrix4d r;  // of the columns E, v, a, x
   template <class T>
   bool operator()(const T* log_poles, T* residual) const {
-    const T p = ceres::exp(log_poles[0]), omega = ceres::exp(log_poles[1]), zeta = ceres::exp(log_poles[2]);
+    const T p = ceres::exp(log_poles[0]), omega = ceres::exp(log_poles[1]),
+            zeta = ceres::exp(log_poles[2]);
     const T a1 = p + 2.0 * zeta * omega;
     const T a2 = omega * omega + 2.0 * zeta * omega * p;
     const T a3 = p * omega * omega;
@@ -45,12 +47,14 @@ struct EquationError {
 
 }  // namespace
 
-std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const PoleBounds& bounds, bool pole_constraints) {
+std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const PoleBounds& bounds,
+                                 bool pole_constraints) {
   Eigen::Index rows = 0;
   for (const Segment& s : segments) rows += s.size();
   if (rows < 50) return std::nullopt;
   const auto pieces = static_cast<Eigen::Index>(segments.size());
-  // Each segment's integral starts at an unknown value: one constant column a segment after the first's E = 0.
+  // Each segment's integral starts at an unknown value: one constant column a segment after the
+  // first's E = 0.
   Eigen::MatrixXd phi = Eigen::MatrixXd::Zero(rows, 8 + (pieces > 1 ? pieces : 0));
   Eigen::VectorXd x(rows);
   Eigen::Index row = 0;
@@ -83,13 +87,15 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
   {
     Eigen::MatrixXd mm = phi.leftCols(8);
     mm.leftCols(6) *= 1e3;
-    const Eigen::MatrixXd triangle = mm.householderQr().matrixQR().topRows(8).triangularView<Eigen::Upper>();
+    const Eigen::MatrixXd triangle =
+        mm.householderQr().matrixQR().topRows(8).triangularView<Eigen::Upper>();
     const auto singular = triangle.jacobiSvd().singularValues();
     fit.condition_number = singular(0) / singular(7);
   }
   const Eigen::VectorXd scale = phi.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd scaled = phi * scale.asDiagonal();
-  const Eigen::VectorXd theta = (scaled.colPivHouseholderQr().solve(x).array() * scale.array()).matrix();
+  const Eigen::VectorXd theta =
+      (scaled.colPivHouseholderQr().solve(x).array() * scale.array()).matrix();
   double a2 = -1.0 / theta(2);
   double a1 = theta(1) / theta(2);
   double a3 = theta(0) * a2;
@@ -108,18 +114,27 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
     four << phi.leftCols(3), x;
     Eigen::MatrixXd rotated = qr.householderQ().transpose() * four;
     EquationError cost;
-    cost.r = rotated.bottomRows(rows - rest.cols()).householderQr().matrixQR().topRows<4>().triangularView<Eigen::Upper>();
+    cost.r = rotated.bottomRows(rows - rest.cols())
+                 .householderQr()
+                 .matrixQR()
+                 .topRows<4>()
+                 .triangularView<Eigen::Upper>();
     cost.r /= std::max(std::abs(cost.r(3, 3)), 1e-300) / std::sqrt(static_cast<double>(rows));
     double best = 1e300;
     std::array<double, 3> q{};
-    const double low[3] = {std::log(bounds.real_min_hz * kTwoPi), std::log(bounds.omega_min_hz * kTwoPi), std::log(bounds.zeta_min)};
-    const double high[3] = {std::log(bounds.real_max_hz * kTwoPi), std::log(bounds.omega_max_hz * kTwoPi), std::log(bounds.zeta_max)};
+    const double low[3] = {std::log(bounds.real_min_hz * kTwoPi),
+                           std::log(bounds.omega_min_hz * kTwoPi), std::log(bounds.zeta_min)};
+    const double high[3] = {std::log(bounds.real_max_hz * kTwoPi),
+                            std::log(bounds.omega_max_hz * kTwoPi), std::log(bounds.zeta_max)};
     for (int start = 0; start < 18; ++start) {
-      const double part[3] = {(start % 3 + 0.5) / 3.0, (start / 3 % 3 + 0.5) / 3.0, (start / 9 + 0.5) / 2.0};
+      const double part[3] = {(start % 3 + 0.5) / 3.0, (start / 3 % 3 + 0.5) / 3.0,
+                              (start / 9 + 0.5) / 2.0};
       std::array<double, 3> at{};
       for (std::size_t i = 0; i < 3; ++i) at[i] = low[i] + part[i] * (high[i] - low[i]);
       ceres::Problem problem;
-      problem.AddResidualBlock(new ceres::AutoDiffCostFunction<EquationError, 4, 3>(new EquationError(cost)), nullptr, at.data());
+      problem.AddResidualBlock(
+          new ceres::AutoDiffCostFunction<EquationError, 4, 3>(new EquationError(cost)), nullptr,
+          at.data());
       for (int i = 0; i < 3; ++i) {
         problem.SetParameterLowerBound(at.data(), i, low[i]);
         problem.SetParameterUpperBound(at.data(), i, high[i]);
@@ -138,8 +153,10 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
     }
     loop.denominator = denominator_of({std::exp(q[0]), std::exp(q[1]), std::exp(q[2])}, 3);
     a1 = loop.denominator[0], a2 = loop.denominator[1], a3 = loop.denominator[2];
-    const Eigen::VectorXd target = x - phi.leftCols(3) * Eigen::Vector3d(a3 / a2, -a1 / a2, -1.0 / a2);
-    linear = (rest.colPivHouseholderQr().solve(target).array() * scale.tail(rest.cols()).array()).matrix();
+    const Eigen::VectorXd target =
+        x - phi.leftCols(3) * Eigen::Vector3d(a3 / a2, -a1 / a2, -1.0 / a2);
+    linear = (rest.colPivHouseholderQr().solve(target).array() * scale.tail(rest.cols()).array())
+                 .matrix();
   }
   loop.numerator = {1.0 - a2 * linear(2), a1 - a2 * linear(1), a2 - a2 * linear(0)};
   fit.friction_positive = -a2 * linear(3);

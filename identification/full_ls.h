@@ -21,9 +21,10 @@ struct FullLsFit {
   double condition_number = 0.0;   ///< of the regressors in mm and s
 };
 
-/// Solves by QR; with `pole_constraints` and poles outside of the box, imposes it (variable projection on
-/// the equation error, 18 starts). Nothing where there are too few rows or a number is not finite.
-[[nodiscard]] std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const PoleBounds& bounds,
-                                               bool pole_constraints);
+/// Solves by QR; with `pole_constraints` and poles outside of the box, imposes it (variable
+/// projection on the equation error, 18 starts). Nothing where there are too few rows or a number
+/// is not finite.
+[[nodiscard]] std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments,
+                                               const PoleBounds& bounds, bool pole_constraints);
 
 }  // namespace servotwin

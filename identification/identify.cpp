@@ -19,7 +19,8 @@ namespace {
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 // A richer structure must beat a simpler one by this much on data it was not fitted to.
 constexpr double kWorthIt = 0.97;
-// Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in disguise.
+// Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
+// disguise.
 constexpr double kDisguisedDelay = 0.5;
 // A parameter known worse than this share of itself is not excited.
 constexpr double kLooselyKnown = 0.5;
@@ -39,13 +40,15 @@ double span_s(const std::vector<Segment>& segments) {
 }
 
 /// Splits by time of data (gaps do not count): the first `share`, and the rest.
-std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments, double share) {
+std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
+                                                            double share) {
   double left = share * span_s(segments);
   for (const Segment& s : segments) {
     const double length = s.sample_time_s * static_cast<double>(s.size());
     if (left <= length) {
       const double at = s.start_s + left;
-      return {cut(segments, -1e300, at - 0.5 * s.sample_time_s), cut(segments, at - 0.5 * s.sample_time_s, 1e300)};
+      return {cut(segments, -1e300, at - 0.5 * s.sample_time_s),
+              cut(segments, at - 0.5 * s.sample_time_s, 1e300)};
     }
     left -= length;
   }
@@ -58,8 +61,9 @@ Eigen::Index rows_of(const std::vector<Segment>& segments) {
   return rows;
 }
 
-/// The share of the loop's lag that zeros in the right half plane make. Servo loops with feed-forward have
-/// none (docs/theory.md 1.3): such zeros are how a rational loop imitates a delay.
+/// The share of the loop's lag that zeros in the right half plane make. Servo loops with
+/// feed-forward have none (docs/theory.md 1.3): such zeros are how a rational loop imitates a
+/// delay.
 double imitated_delay_share(const Loop& loop) {
   const int n = loop.order;
   const double an = loop.denominator[static_cast<std::size_t>(n - 1)];
@@ -67,7 +71,9 @@ double imitated_delay_share(const Loop& loop) {
   // x / x_r = (b_0 s^n + ... + b_n) / P with b_i = a_i - c_i.
   Eigen::VectorXd b(n + 1);
   b(0) = 1.0 - loop.numerator[0];
-  for (int i = 1; i < n; ++i) b(i) = loop.denominator[static_cast<std::size_t>(i - 1)] - loop.numerator[static_cast<std::size_t>(i)];
+  for (int i = 1; i < n; ++i)
+    b(i) = loop.denominator[static_cast<std::size_t>(i - 1)] -
+           loop.numerator[static_cast<std::size_t>(i)];
   b(n) = an;
   int lead = 0;
   while (lead < n && std::abs(b(lead)) < 1e-9) ++lead;
@@ -90,7 +96,8 @@ struct Trial {
 };
 
 std::vector<Structure> structures(const IdentifyOptions& options) {
-  const std::size_t friction = kind_of<CoulombFriction>(), constant = kind_of<ConstantForce>(), delay = kind_of<TimeDelay>();
+  const std::size_t friction = kind_of<CoulombFriction>(), constant = kind_of<ConstantForce>(),
+                    delay = kind_of<TimeDelay>();
   std::vector<Structure> out;
   for (int order : {2, 3}) {
     if (options.order != 0 && options.order != order) continue;
@@ -114,20 +121,23 @@ Projection projection_of(const std::vector<Segment>& segments, const Structure& 
 /// What the fit leaves loosely known, by name, and what motion would show it.
 std::vector<std::string> loosely_known(const ModelRecord& record, const PoleFit& fit) {
   std::vector<std::string> out;
-  const auto check = [&](const std::string& name, double value, double sd, double unit, const char* motion) {
+  const auto check = [&](const std::string& name, double value, double sd, double unit,
+                         const char* motion) {
     if (!(sd > kLooselyKnown * std::abs(value))) return;
     out.push_back(say(name, " is not excited: ", value / unit, " +- ", sd / unit, "; ", motion));
   };
   const char* faster = "needs moves with acceleration changing faster than this frequency";
   if (record.model.loop.order == 3) {
-    check("real pole [Hz]", fit.poles.real, record.pole_deviation.real, kTwoPi, "needs moves that change speed within 0.1 s");
+    check("real pole [Hz]", fit.poles.real, record.pole_deviation.real, kTwoPi,
+          "needs moves that change speed within 0.1 s");
   }
   check("natural frequency [Hz]", fit.poles.omega, record.pole_deviation.omega, kTwoPi, faster);
   check("damping ratio", fit.poles.zeta, record.pole_deviation.zeta, 1.0, faster);
   for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
     const Effect& effect = record.model.effects[i];
     if (effect.kind != kind_of<CoulombFriction>()) continue;
-    check("Coulomb friction [m/s^2]", effect.coefficient[0], record.effect_deviations[i].coefficient[0], 1.0,
+    check("Coulomb friction [m/s^2]", effect.coefficient[0],
+          record.effect_deviations[i].coefficient[0], 1.0,
           "needs reversals at low and at high speed");
   }
   return out;
@@ -139,7 +149,8 @@ void fill_deviations(ModelRecord& record, const Projection& data, const PoleFit&
   const auto sd = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, all(i, i))); };
   for (int i = 0; i < n; ++i) record.numerator_deviation[static_cast<std::size_t>(i)] = sd(i);
   const Eigen::Index nonlinear = fit.solution.linear.size();
-  for (int i = 0; i < n; ++i) record.denominator_deviation[static_cast<std::size_t>(i)] = sd(nonlinear + i);
+  for (int i = 0; i < n; ++i)
+    record.denominator_deviation[static_cast<std::size_t>(i)] = sd(nonlinear + i);
 
   // From a1..an to the poles: the inverse of how the poles make the coefficients.
   Eigen::MatrixXd by_poles(n, n);
@@ -149,21 +160,25 @@ void fill_deviations(ModelRecord& record, const Projection& data, const PoleFit&
     auto up = pole, down = pole;
     const double d = 1e-6 * std::max(std::abs(pole[k]), 1e-6);
     up[k] += d, down[k] -= d;
-    const auto a_up = denominator_of({up[0], up[1], up[2]}, n), a_down = denominator_of({down[0], down[1], down[2]}, n);
+    const auto a_up = denominator_of({up[0], up[1], up[2]}, n),
+               a_down = denominator_of({down[0], down[1], down[2]}, n);
     for (int i = 0; i < n; ++i) {
       const auto row = static_cast<std::size_t>(i);
       by_poles(i, j) = (a_up[row] - a_down[row]) / (2.0 * d);
     }
   }
   const Eigen::MatrixXd inverse = by_poles.fullPivLu().inverse();
-  const Eigen::MatrixXd poles = inverse * all.block(nonlinear, nonlinear, n, n) * inverse.transpose();
+  const Eigen::MatrixXd poles =
+      inverse * all.block(nonlinear, nonlinear, n, n) * inverse.transpose();
   const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, poles(i, i))); };
-  record.pole_deviation = n == 3 ? PoleSet{pole_sd(0), pole_sd(1), pole_sd(2)} : PoleSet{0.0, pole_sd(0), pole_sd(1)};
+  record.pole_deviation =
+      n == 3 ? PoleSet{pole_sd(0), pole_sd(1), pole_sd(2)} : PoleSet{0.0, pole_sd(0), pole_sd(1)};
 
   Eigen::Index shape = nonlinear + n, linear = n;
   for (const Effect& effect : record.model.effects) {
     EffectDeviations deviations;
-    for (std::size_t p = 0; p < shapes_of(effect.kind).size(); ++p) deviations.shape[p] = sd(shape++);
+    for (std::size_t p = 0; p < shapes_of(effect.kind).size(); ++p)
+      deviations.shape[p] = sd(shape++);
     std::size_t c = 0;
     for (const Parameter& parameter : coefficients_of(effect.kind)) {
       deviations.coefficient[c++] = parameter.with_free_loop ? sd(linear++) : kAbsent;
@@ -190,7 +205,8 @@ std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, do
   for (const Segment& s : segments) {
     const double h = s.sample_time_s;
     const double first = std::max(0.0, std::ceil((from_s - s.start_s) / h - 1e-9));
-    const double last = std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
+    const double last =
+        std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
     if (last - first + 1.0 < 20.0) continue;
     const auto begin = static_cast<Eigen::Index>(first);
     const auto count = static_cast<Eigen::Index>(last - first) + 1;
@@ -225,13 +241,15 @@ ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
 Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
   if (!(options.training_share > 0.1 && options.training_share < 0.95)) {
-    throw std::invalid_argument(say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
+    throw std::invalid_argument(
+        say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
   }
   require_motion(axis);
   const auto [training, holdout] = split(axis.segments, options.training_share);
   if (rows_of(training) < 300 || rows_of(holdout) < 100) {
-    throw std::runtime_error(say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
-                                 " s) are too few to identify and to judge; record at least 500 samples with motion"));
+    throw std::runtime_error(
+        say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
+            " s) are too few to identify and to judge; record at least 500 samples with motion"));
   }
 
   Identified out;
@@ -249,7 +267,9 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (options.method == Method::kFullLs) {
     record.method = "full-ls";
     auto fit = full_ls(training, options.bounds, options.pole_constraints);
-    if (!fit) throw std::runtime_error(axis.axis + ": full least squares has no finite solution on this data");
+    if (!fit)
+      throw std::runtime_error(axis.axis +
+                               ": full least squares has no finite solution on this data");
     record.model = fit->model;
     record.condition_number = fit->condition_number;
     record.effect_deviations.assign(record.model.effects.size(), {});
@@ -279,11 +299,15 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
       trial.ruled_out = why_invalid(model);
       if (trial.ruled_out.empty()) {
         trial.validation = judge(model, validated).rms;
-        const double imitated = structure.matched_feedforward || options.delay_max_s <= 0.0 ? 0.0 : imitated_delay_share(model.loop);
+        const double imitated = structure.matched_feedforward || options.delay_max_s <= 0.0
+                                    ? 0.0
+                                    : imitated_delay_share(model.loop);
         if (model.command_delay_s() > options.delay_max_s) {
-          trial.ruled_out = say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ", 1e3 * options.delay_max_s, " ms sought");
+          trial.ruled_out = say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ",
+                                1e3 * options.delay_max_s, " ms sought");
         } else if (imitated > kDisguisedDelay) {
-          trial.ruled_out = say("zeros in the right half plane make ", 100.0 * imitated, " % of its lag: a delay in disguise");
+          trial.ruled_out = say("zeros in the right half plane make ", 100.0 * imitated,
+                                " % of its lag: a delay in disguise");
         }
       }
     }
@@ -291,25 +315,34 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   }
   const Trial* chosen = nullptr;
   for (const Trial& trial : trials) {
-    if (trial.ruled_out.empty() && std::isfinite(trial.validation) && (chosen == nullptr || trial.validation < kWorthIt * chosen->validation)) chosen = &trial;
+    if (trial.ruled_out.empty() && std::isfinite(trial.validation) &&
+        (chosen == nullptr || trial.validation < kWorthIt * chosen->validation))
+      chosen = &trial;
   }
   if (chosen == nullptr) {
     // A loop that imitates a delay is still a model where no honest structure fits.
     for (const Trial& trial : trials) {
-      if (trial.validation < 1e299 && (chosen == nullptr || trial.validation < chosen->validation)) chosen = &trial;
+      if (trial.validation < 1e299 && (chosen == nullptr || trial.validation < chosen->validation))
+        chosen = &trial;
     }
   }
-  if (chosen == nullptr) throw std::runtime_error(axis.axis + ": no stable loop within the bounds follows this motion; check units, signs and the column mapping");
+  if (chosen == nullptr)
+    throw std::runtime_error(axis.axis +
+                             ": no stable loop within the bounds follows this motion; check units, "
+                             "signs and the column mapping");
   for (const Trial& trial : trials) {
     out.trials.push_back({trial.structure.order, trial.structure.effects,
-                          trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen, trial.ruled_out});
+                          trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen,
+                          trial.ruled_out});
   }
 
   search = {};
   search.bounds = options.bounds;
   const Projection data = projection_of(training, chosen->structure);
   const auto fit = pole_search(data, search);
-  if (!fit) throw std::runtime_error(axis.axis + ": the pole search found no finite solution on the training data");
+  if (!fit)
+    throw std::runtime_error(axis.axis +
+                             ": the pole search found no finite solution on the training data");
   record.model = data.model_of(fit->point, fit->solution.linear);
   record.condition_number = condition_number(data, fit->point);
   fill_deviations(record, data, *fit);
@@ -320,13 +353,16 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   record.training = judge(record.model, training);
   record.holdout = judge(record.model, holdout);
   if (fit->on_bound) {
-    record.excitation.push_back(say("poles lie on the bounds of the search: the motion does not show them; ",
-                                    "widen the bounds, or add moves with faster changing acceleration"));
+    record.excitation.push_back(
+        say("poles lie on the bounds of the search: the motion does not show them; ",
+            "widen the bounds, or add moves with faster changing acceleration"));
   }
-  for (std::string& line : loosely_known(record, *fit)) record.excitation.push_back(std::move(line));
+  for (std::string& line : loosely_known(record, *fit))
+    record.excitation.push_back(std::move(line));
   if (const double before = unpredicted(holdout).rms; !(record.holdout.rms < before)) {
-    out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms, " um RMS of an error of ",
-                               1e6 * before, " um: it predicts nothing"));
+    out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms,
+                               " um RMS of an error of ", 1e6 * before,
+                               " um: it predicts nothing"));
   }
   return out;
 }

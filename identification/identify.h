@@ -1,7 +1,9 @@
-// From a recording to a model: splits the data, chooses the structure, fits, and judges on what was not fitted.
+// From a recording to a model: splits the data, chooses the structure, fits, and judges on what was
+// not fitted.
 //
-// Structure (order 3 or 2, with or without a delay, with or without a constant force) is chosen inside the
-// training data, on a part of it held back for that; the hold-out has no say in anything.
+// Structure (order 3 or 2, with or without a delay, with or without a constant force) is chosen
+// inside the training data, on a part of it held back for that; the hold-out has no say in
+// anything.
 #pragma once
 
 #include <string>
@@ -18,10 +20,10 @@ enum class Method { kPoleSearch, kFullLs };
 struct IdentifyOptions {
   Method method = Method::kPoleSearch;
   PoleBounds bounds;
-  bool pole_constraints = true;   ///< full LS only
-  double training_share = 0.6;    ///< of the time of the data; the rest is held out
-  int order = 0;                  ///< 0: by held-out error
-  double delay_max_s = 0.02;      ///< 0: no delay is sought
+  bool pole_constraints = true;  ///< full LS only
+  double training_share = 0.6;   ///< of the time of the data; the rest is held out
+  int order = 0;                 ///< 0: by held-out error
+  double delay_max_s = 0.02;     ///< 0: no delay is sought
 };
 
 /// What was tried on the way to the structure, for people.
@@ -30,25 +32,28 @@ struct StructureTrial {
   std::vector<std::size_t> effects;  ///< kinds
   double validation_rms = kAbsent;   ///< inside the training data
   bool chosen = false;
-  std::string ruled_out;             ///< why not, whatever its error; empty: it was in the running
+  std::string ruled_out;  ///< why not, whatever its error; empty: it was in the running
 };
 
 struct Identified {
   ModelRecord record;
   std::vector<StructureTrial> trials;
-  /// Why the model must not be used at all (no valid loop, predicts nothing); empty: it may. What the
-  /// motion did not excite is in record.excitation: a person may accept that, the daemon does not.
+  /// Why the model must not be used at all (no valid loop, predicts nothing); empty: it may. What
+  /// the motion did not excite is in record.excitation: a person may accept that, the daemon does
+  /// not.
   std::vector<std::string> refusals;
 };
 
-/// Throws std::runtime_error where there is nothing to identify (no motion, too short), with what to do.
-/// Any thread; does not ask the clock: `created` and `time_taken_s` are the caller's.
+/// Throws std::runtime_error where there is nothing to identify (no motion, too short), with what
+/// to do. Any thread; does not ask the clock: `created` and `time_taken_s` are the caller's.
 [[nodiscard]] Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options = {});
 
-/// Free simulation against the encoder over all segments; the starting state's samples do not count.
+/// Free simulation against the encoder over all segments; the starting state's samples do not
+/// count.
 [[nodiscard]] ErrorFigures judge(const Model& model, const std::vector<Segment>& segments);
 
 /// The part of the segments between two times of the recording [s].
-[[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s);
+[[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s,
+                                       double to_s);
 
 }  // namespace servotwin

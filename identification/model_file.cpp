@@ -45,7 +45,9 @@ const json& member(const json& object, const std::string& path, const char* key)
   return *found;
 }
 
-std::string field_of(const std::string& path, const char* key) { return path.empty() ? key : path + "." + key; }
+std::string field_of(const std::string& path, const char* key) {
+  return path.empty() ? key : path + "." + key;
+}
 
 double finite(const json& object, const std::string& path, const char* key) {
   const json& value = member(object, path, key);
@@ -55,7 +57,8 @@ double finite(const json& object, const std::string& path, const char* key) {
 
 double optional(const json& object, const char* key) {
   const auto found = object.is_object() ? object.find(key) : object.end();
-  return object.is_object() && found != object.end() && found->is_number() ? found->get<double>() : kAbsent;
+  return object.is_object() && found != object.end() && found->is_number() ? found->get<double>()
+                                                                           : kAbsent;
 }
 
 std::string text(const json& object, const std::string& path, const char* key) {
@@ -64,7 +67,8 @@ std::string text(const json& object, const std::string& path, const char* key) {
   return value.get<std::string>();
 }
 
-std::array<double, kMaxOrder> coefficients(const json& object, const std::string& path, const char* key, int order) {
+std::array<double, kMaxOrder> coefficients(const json& object, const std::string& path,
+                                           const char* key, int order) {
   const json& list = member(object, path, key);
   const std::string field = field_of(path, key);
   if (!list.is_array() || list.size() != static_cast<std::size_t>(order)) {
@@ -72,7 +76,8 @@ std::array<double, kMaxOrder> coefficients(const json& object, const std::string
   }
   std::array<double, kMaxOrder> out{};
   for (std::size_t i = 0; i < list.size(); ++i) {
-    if (!list[i].is_number()) refuse(field + "[" + std::to_string(i) + "]", "must be a number, is " + list[i].dump());
+    if (!list[i].is_number())
+      refuse(field + "[" + std::to_string(i) + "]", "must be a number, is " + list[i].dump());
     out[i] = list[i].get<double>();
   }
   return out;
@@ -132,17 +137,21 @@ json to_json(const ModelRecord& record) {
   json effects = json::array();
   for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
     const Effect& effect = record.model.effects[i];
-    const EffectDeviations sd = i < record.effect_deviations.size() ? record.effect_deviations[i] : EffectDeviations{};
+    const EffectDeviations sd =
+        i < record.effect_deviations.size() ? record.effect_deviations[i] : EffectDeviations{};
     json parameters = json::object();
     std::size_t k = 0;
     for (const Parameter& p : shapes_of(effect.kind)) {
-      parameters[std::string(p.name)] = {{"value", effect.shape[k]}, {"unit", unit_of(p, record.rotary)}, {"sd", number(sd.shape[k])}};
+      parameters[std::string(p.name)] = {{"value", effect.shape[k]},
+                                         {"unit", unit_of(p, record.rotary)},
+                                         {"sd", number(sd.shape[k])}};
       ++k;
     }
     k = 0;
     for (const Parameter& p : coefficients_of(effect.kind)) {
-      parameters[std::string(p.name)] = {
-          {"value", effect.coefficient[k]}, {"unit", unit_of(p, record.rotary)}, {"sd", number(sd.coefficient[k])}};
+      parameters[std::string(p.name)] = {{"value", effect.coefficient[k]},
+                                         {"unit", unit_of(p, record.rotary)},
+                                         {"sd", number(sd.coefficient[k])}};
       ++k;
     }
     effects.push_back({{"id", identity_of(effect.kind).id}, {"parameters", parameters}});
@@ -169,28 +178,35 @@ json to_json(const ModelRecord& record) {
             {"to", record.to_s},
             {"training_to", record.training_to_s},
             {"rows", record.rows},
-            {"excitation", {{"sufficient", record.excitation.empty()}, {"missing", record.excitation}}}}}};
+            {"excitation",
+             {{"sufficient", record.excitation.empty()}, {"missing", record.excitation}}}}}};
 }
 
 ModelRecord model_from_json(const json& j) {
   if (!j.is_object()) refuse("schema", "the file holds no JSON object");
   const std::string schema = text(j, "", "schema");
-  if (schema != kModelSchema) refuse("schema", "is \"" + schema + "\", must be \"" + std::string(kModelSchema) + "\"");
+  if (schema != kModelSchema)
+    refuse("schema", "is \"" + schema + "\", must be \"" + std::string(kModelSchema) + "\"");
   ModelRecord record;
   record.axis = text(j, "", "axis");
   if (record.axis.empty()) refuse("axis", "must not be empty");
   const auto kind = j.value("kind", json("linear"));
-  if (kind != "linear" && kind != "rotary") refuse("kind", "must be \"linear\" or \"rotary\", is " + kind.dump());
+  if (kind != "linear" && kind != "rotary")
+    refuse("kind", "must be \"linear\" or \"rotary\", is " + kind.dump());
   record.rotary = kind == "rotary";
-  record.version = static_cast<int>(std::isfinite(optional(j, "version")) ? optional(j, "version") : 0.0);
-  record.parent = static_cast<int>(std::isfinite(optional(j, "parent")) ? optional(j, "parent") : 0.0);
-  if (j.contains("created") && j["created"].is_string()) record.created = j["created"].get<std::string>();
+  record.version =
+      static_cast<int>(std::isfinite(optional(j, "version")) ? optional(j, "version") : 0.0);
+  record.parent =
+      static_cast<int>(std::isfinite(optional(j, "parent")) ? optional(j, "parent") : 0.0);
+  if (j.contains("created") && j["created"].is_string())
+    record.created = j["created"].get<std::string>();
   Model& model = record.model;
   model.sample_time_s = finite(j, "", "sample_time_s");
 
   const json& loop = member(j, "", "loop");
   const json& order = member(loop, "loop", "order");
-  if (!order.is_number_integer() || (order != 2 && order != 3)) refuse("loop.order", "must be 2 or 3, is " + order.dump());
+  if (!order.is_number_integer() || (order != 2 && order != 3))
+    refuse("loop.order", "must be 2 or 3, is " + order.dump());
   model.loop.order = order.get<int>();
   model.loop.denominator = coefficients(loop, "loop", "denominator", model.loop.order);
   model.loop.numerator = coefficients(loop, "loop", "tracking_error_numerator", model.loop.order);
@@ -202,7 +218,8 @@ ModelRecord model_from_json(const json& j) {
     const std::string id = text(effects[i], path, "id");
     Effect effect;
     effect.kind = kind_of(id);
-    if (effect.kind == kEffectKinds) refuse(path + ".id", "\"" + id + "\" is no effect of the catalogue");
+    if (effect.kind == kEffectKinds)
+      refuse(path + ".id", "\"" + id + "\" is no effect of the catalogue");
     const json& parameters = member(effects[i], path, "parameters");
     EffectDeviations sd;
     const auto read = [&](std::span<const Parameter> list, auto& values, auto& deviation) {
@@ -219,7 +236,8 @@ ModelRecord model_from_json(const json& j) {
     read(coefficients_of(effect.kind), effect.coefficient, sd.coefficient);
     for (const auto& [name, value] : parameters.items()) {
       const auto known = [&name = name](std::span<const Parameter> list) {
-        return std::any_of(list.begin(), list.end(), [&](const Parameter& p) { return p.name == name; });
+        return std::any_of(list.begin(), list.end(),
+                           [&](const Parameter& p) { return p.name == name; });
       };
       if (!known(shapes_of(effect.kind)) && !known(coefficients_of(effect.kind))) {
         refuse(path + ".parameters." + name, "is no parameter of " + id);
@@ -241,12 +259,16 @@ ModelRecord model_from_json(const json& j) {
       const double a = l.get<double>(), b = r.get<double>();
       return std::abs(a - b) <= 1e-6 * std::max({1.0, std::abs(a), std::abs(b)});
     };
-    bool agree = found->is_array() == want.is_array() && (!want.is_array() || found->size() == want.size());
+    bool agree =
+        found->is_array() == want.is_array() && (!want.is_array() || found->size() == want.size());
     for (std::size_t i = 0; agree && want.is_array() && i < want.size(); ++i) {
-      agree = (*found)[i].is_array() && (*found)[i].size() == 2 && close((*found)[i][0], want[i][0]) && close((*found)[i][1], want[i][1]);
+      agree = (*found)[i].is_array() && (*found)[i].size() == 2 &&
+              close((*found)[i][0], want[i][0]) && close((*found)[i][1], want[i][1]);
     }
     if (agree && !want.is_array()) agree = close(*found, want);
-    if (!agree) refuse(std::string("loop.") + key, "contradicts the rest of the file; " + want.dump() + " would agree");
+    if (!agree)
+      refuse(std::string("loop.") + key,
+             "contradicts the rest of the file; " + want.dump() + " would agree");
   };
   same("poles");
   same("disturbance_gain");
@@ -263,7 +285,8 @@ ModelRecord model_from_json(const json& j) {
   };
   record.denominator_deviation = deviation_list("denominator_sd");
   record.numerator_deviation = deviation_list("tracking_error_numerator_sd");
-  record.pole_deviation = {optional(loop, "real_pole_sd_hz") * kTwoPi, optional(loop, "natural_frequency_sd_hz") * kTwoPi,
+  record.pole_deviation = {optional(loop, "real_pole_sd_hz") * kTwoPi,
+                           optional(loop, "natural_frequency_sd_hz") * kTwoPi,
                            optional(loop, "damping_ratio_sd")};
   const json fit = j.value("fit", json::object());
   record.training = figures_from(fit, "training");
@@ -271,10 +294,12 @@ ModelRecord model_from_json(const json& j) {
   record.noise_floor_rms = optional(fit, "noise_floor_rms_m");
   record.condition_number = optional(fit, "condition_number");
   record.time_taken_s = optional(fit, "time_taken_s");
-  if (fit.contains("method") && fit["method"].is_string()) record.method = fit["method"].get<std::string>();
+  if (fit.contains("method") && fit["method"].is_string())
+    record.method = fit["method"].get<std::string>();
   const json data = j.value("data", json::object());
   const auto zero = [](double value) { return std::isfinite(value) ? value : 0.0; };
-  if (data.contains("source") && data["source"].is_string()) record.source = data["source"].get<std::string>();
+  if (data.contains("source") && data["source"].is_string())
+    record.source = data["source"].get<std::string>();
   record.from_s = zero(optional(data, "from"));
   record.to_s = zero(optional(data, "to"));
   record.training_to_s = zero(optional(data, "training_to"));
@@ -296,8 +321,9 @@ ModelRecord read_model(const std::filesystem::path& path) {
   try {
     j = json::parse(content.str());
   } catch (const json::parse_error& error) {
-    throw std::runtime_error(path.string() + ": model file: is no whole JSON document (it ends or breaks at byte " +
-                             std::to_string(error.byte) + " of " + std::to_string(content.str().size()) + ")");
+    throw std::runtime_error(
+        path.string() + ": model file: is no whole JSON document (it ends or breaks at byte " +
+        std::to_string(error.byte) + " of " + std::to_string(content.str().size()) + ")");
   }
   try {
     return model_from_json(j);

@@ -1,4 +1,5 @@
-// The model file, `servotwin.model/1` (JSON; docs/files.md). Reads back to the same predictions, bit for bit.
+// The model file, `servotwin.model/1` (JSON; docs/files.md). Reads back to the same predictions,
+// bit for bit.
 #pragma once
 
 #include <filesystem>
@@ -18,7 +19,8 @@ struct ErrorFigures {
   double max = kAbsent;
 };
 
-/// Standard deviations of an effect's parameters, in the order of the effect; NaN where not estimated.
+/// Standard deviations of an effect's parameters, in the order of the effect; NaN where not
+/// estimated.
 struct EffectDeviations {
   std::array<double, kMaxShapes> shape{};
   std::array<double, kMaxCoefficients> coefficient{};
@@ -34,10 +36,10 @@ struct ModelRecord {
   Model model;
   std::array<double, kMaxOrder> denominator_deviation{};  ///< standard deviations
   std::array<double, kMaxOrder> numerator_deviation{};
-  PoleSet pole_deviation;                        ///< of the first label of the poles
+  PoleSet pole_deviation;                           ///< of the first label of the poles
   std::vector<EffectDeviations> effect_deviations;  ///< one per effect
 
-  std::string method;  ///< pole-search | full-ls
+  std::string method;              ///< pole-search | full-ls
   ErrorFigures training, holdout;  ///< free simulation; holdout on data the fit has not seen
   double noise_floor_rms = kAbsent;
   double condition_number = kAbsent;  ///< of the regressors in mm and s, as the thesis prints it
@@ -46,7 +48,8 @@ struct ModelRecord {
   std::string source;  ///< recording
   double from_s = 0.0, to_s = 0.0, training_to_s = 0.0;
   long rows = 0;
-  std::vector<std::string> excitation;  ///< what is not excited and what motion would excite it; empty: all is
+  std::vector<std::string>
+      excitation;  ///< what is not excited and what motion would excite it; empty: all is
 };
 
 inline constexpr std::string_view kModelSchema = "servotwin.model/1";

@@ -7,11 +7,13 @@ namespace servotwin {
 
 namespace {
 
-/// The encoder's step: what neighbouring readings differ by, of all the record in order of position. Motion may
-/// be too fast to pass through single steps in time; somewhere on the axis two readings are one step apart.
+/// The encoder's step: what neighbouring readings differ by, of all the record in order of
+/// position. Motion may be too fast to pass through single steps in time; somewhere on the axis two
+/// readings are one step apart.
 double encoder_step(const std::vector<Segment>& segments) {
   std::vector<double> readings;
-  for (const Segment& s : segments) readings.insert(readings.end(), s.actual.begin(), s.actual.end());
+  for (const Segment& s : segments)
+    readings.insert(readings.end(), s.actual.begin(), s.actual.end());
   std::sort(readings.begin(), readings.end());
   std::vector<double> apart;
   for (std::size_t i = 1; i < readings.size(); ++i) {
@@ -45,7 +47,8 @@ void standstill(const Segment& s, double& sum, Eigen::Index& count) {
   Eigen::Index begin = 0;
   for (Eigen::Index i = 1; i <= s.size(); ++i) {
     if (i < s.size() && s.command(i) == s.command(begin)) continue;
-    if (const Eigen::Index length = i - begin - settle; length >= std::max<Eigen::Index>(least, 8)) {
+    if (const Eigen::Index length = i - begin - settle;
+        length >= std::max<Eigen::Index>(least, 8)) {
       const auto rest = s.actual.segment(begin + settle, length);
       sum += (rest - rest.mean()).square().sum();
       count += length;
@@ -77,7 +80,8 @@ Eigen::Index lap_of(const Segment& s) {
   }
   if (best == 0) return 0;
   Eigen::Index fine = best;
-  for (Eigen::Index lag = std::max(shortest, best - stride); lag <= best + stride && lag < n; ++lag) {
+  for (Eigen::Index lag = std::max(shortest, best - stride); lag <= best + stride && lag < n;
+       ++lag) {
     if (const double d = apart(lag, 1); d < least) least = d, fine = lag;
   }
   return least < 1e-4 * spread ? fine : 0;
@@ -105,7 +109,8 @@ NoiseFloor noise_floor(const std::vector<Segment>& segments) {
     }
   }
   if (count > 0) floor.standstill_rms = std::sqrt(sum / static_cast<double>(count));
-  if (repeat_count > 0) floor.repeat_rms = std::sqrt(repeat_sum / static_cast<double>(repeat_count) / 2.0);
+  if (repeat_count > 0)
+    floor.repeat_rms = std::sqrt(repeat_sum / static_cast<double>(repeat_count) / 2.0);
   for (double value : {floor.standstill_rms, floor.repeat_rms}) {
     if (std::isfinite(value) && !(value <= floor.rms)) floor.rms = value;
   }

@@ -14,11 +14,12 @@
 namespace servotwin {
 
 struct NoiseFloor {
-  double rms = kAbsent;          ///< the largest of the three below [m | rad]; NaN where the record shows none
-  double encoder_step = 0.0;     ///< 0: not found
+  double rms =
+      kAbsent;  ///< the largest of the three below [m | rad]; NaN where the record shows none
+  double encoder_step = 0.0;  ///< 0: not found
   double standstill_rms = kAbsent;
   double repeat_rms = kAbsent;
-  double lap_s = kAbsent;        ///< after which the command repeats
+  double lap_s = kAbsent;  ///< after which the command repeats
 };
 
 /// Any thread, any segments; a figure the record does not show stays NaN.

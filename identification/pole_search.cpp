@@ -29,7 +29,8 @@ struct Axis {
 
   [[nodiscard]] double value(double coordinate) const {
     // exp(log(bound)) may miss the bound by a digit.
-    return std::clamp(logarithmic ? std::exp(coordinate) : coordinate, parameter->lower, parameter->upper);
+    return std::clamp(logarithmic ? std::exp(coordinate) : coordinate, parameter->lower,
+                      parameter->upper);
   }
 };
 
@@ -50,8 +51,8 @@ std::vector<Axis> shape_axes(const Structure& structure) {
 
 enum class Chart { kStable, kPoles };
 
-/// Coordinates q of the denominator. kStable: all of R^n is the set of stable loops. kPoles: log(p, omega,
-/// zeta), for the box.
+/// Coordinates q of the denominator. kStable: all of R^n is the set of stable loops. kPoles: log(p,
+/// omega, zeta), for the box.
 std::array<double, kMaxOrder> denominator_at(Chart chart, int order, const double* q) {
   if (chart == Chart::kPoles) {
     if (order == 2) return denominator_of({0.0, std::exp(q[0]), std::exp(q[1])}, 2);
@@ -73,7 +74,7 @@ Eigen::Matrix3d chart_jacobian(Chart chart, int order, const double* q) {
     if (order == 2) {
       j << 2 * zeta * omega, 2 * omega * zeta, 0, 2 * omega * omega, 0, 0, 0, 0, 0;
     } else {
-      j << p, 2 * zeta * omega, 2 * omega * zeta,                                                        //
+      j << p, 2 * zeta * omega, 2 * omega * zeta,                                          //
           2 * zeta * omega * p, (2 * omega + 2 * zeta * p) * omega, 2 * omega * p * zeta,  //
           omega * omega * p, 2 * p * omega * omega, 0;
     }
@@ -90,7 +91,8 @@ Eigen::Matrix3d chart_jacobian(Chart chart, int order, const double* q) {
   return j;
 }
 
-std::vector<double> chart_of(Chart chart, int order, const std::array<double, kMaxOrder>& a, const PoleSet& poles) {
+std::vector<double> chart_of(Chart chart, int order, const std::array<double, kMaxOrder>& a,
+                             const PoleSet& poles) {
   if (chart == Chart::kPoles) {
     if (order == 2) return {std::log(poles.omega), std::log(poles.zeta)};
     return {std::log(poles.real), std::log(poles.omega), std::log(poles.zeta)};
@@ -100,13 +102,16 @@ std::vector<double> chart_of(Chart chart, int order, const std::array<double, kM
   return {std::log(a[0]), std::log(a[1]), std::log(kappa / (1.0 - kappa))};
 }
 
-/// The projected residual as one Ceres cost: the parameters are the chart's q and the stretched shapes.
+/// The projected residual as one Ceres cost: the parameters are the chart's q and the stretched
+/// shapes.
 ///
-/// Levenberg-Marquardt asks a residual r and its Jacobian J for r^T r, J^T r and J^T J only. The triangle of the
-/// QR of [J r] has the same ones in one row per parameter and one more, so that the solver does not carry all samples.
+/// Levenberg-Marquardt asks a residual r and its Jacobian J for r^T r, J^T r and J^T J only. The
+/// triangle of the QR of [J r] has the same ones in one row per parameter and one more, so that the
+/// solver does not carry all samples.
 class ProjectedCost final : public ceres::CostFunction {
  public:
-  ProjectedCost(const Projection& data, Chart chart, const std::vector<Axis>& axes, std::vector<double> held, int& evaluations)
+  ProjectedCost(const Projection& data, Chart chart, const std::vector<Axis>& axes,
+                std::vector<double> held, int& evaluations)
       : data_(data), chart_(chart), axes_(axes), held_(std::move(held)), evaluations_(evaluations) {
     const int order = data.structure().order;
     const int shapes = held_.empty() ? static_cast<int>(axes.size()) : 0;
@@ -126,14 +131,18 @@ class ProjectedCost final : public ceres::CostFunction {
     at.denominator = denominator_at(chart_, data_.structure().order, parameters[0]);
     at.shapes = held_;
     if (held_.empty()) {
-      for (std::size_t i = 0; i < axes_.size(); ++i) at.shapes.push_back(axes_[i].value(parameters[1][i]));
+      for (std::size_t i = 0; i < axes_.size(); ++i)
+        at.shapes.push_back(axes_[i].value(parameters[1][i]));
     }
     return at;
   }
 
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    // Ceres asks for the residual first and, where the step is taken, for the Jacobian of the same point.
-    if (const Point at = point(parameters); at.denominator != last_.denominator || at.shapes != last_.shapes) {
+  bool Evaluate(double const* const* parameters, double* residuals,
+                double** jacobians) const override {
+    // Ceres asks for the residual first and, where the step is taken, for the Jacobian of the same
+    // point.
+    if (const Point at = point(parameters);
+        at.denominator != last_.denominator || at.shapes != last_.shapes) {
       triangle_ = triangle(at, parameters[0]);
       last_ = at;
       ++evaluations_;
@@ -141,7 +150,8 @@ class ProjectedCost final : public ceres::CostFunction {
     const Eigen::Index rows = num_residuals();
     Eigen::Map<Eigen::VectorXd>(residuals, rows) = triangle_.col(rows - 1);
     Eigen::Index column = 0;
-    for (std::size_t block = 0; jacobians != nullptr && block < parameter_block_sizes().size(); ++block) {
+    for (std::size_t block = 0; jacobians != nullptr && block < parameter_block_sizes().size();
+         ++block) {
       const Eigen::Index size = parameter_block_sizes()[block];
       using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
       if (jacobians[block] != nullptr) {
@@ -158,7 +168,8 @@ class ProjectedCost final : public ceres::CostFunction {
     const int order = data_.structure().order;
     const Eigen::Index columns = num_residuals();
     Eigen::MatrixXd both(data_.rows(), columns);
-    both.leftCols(order) = lin.jacobian.leftCols(order) * chart_jacobian(chart_, order, q).topLeftCorner(order, order);
+    both.leftCols(order) =
+        lin.jacobian.leftCols(order) * chart_jacobian(chart_, order, q).topLeftCorner(order, order);
     for (Eigen::Index c = order; c + 1 < columns; ++c) {
       const auto i = static_cast<std::size_t>(c - order);
       both.col(c) = lin.jacobian.col(c) * (axes_[i].logarithmic ? at.shapes[i] : 1.0);
@@ -205,17 +216,20 @@ PoleSet first_inside(const Loop& loop, const PoleBounds& bounds) {
     moved.real = std::clamp(set.real, bounds.real_min_hz * kTwoPi, bounds.real_max_hz * kTwoPi);
     moved.omega = std::clamp(set.omega, bounds.omega_min_hz * kTwoPi, bounds.omega_max_hz * kTwoPi);
     moved.zeta = std::clamp(set.zeta, bounds.zeta_min, bounds.zeta_max);
-    const auto apart = [](double a, double b) { return std::abs(std::log(std::max(a, 1e-9) / std::max(b, 1e-9))); };
-    const double d = (loop.order == 3 ? apart(set.real, moved.real) : 0.0) + apart(set.omega, moved.omega) +
-                     apart(set.zeta, moved.zeta);
+    const auto apart = [](double a, double b) {
+      return std::abs(std::log(std::max(a, 1e-9) / std::max(b, 1e-9)));
+    };
+    const double d = (loop.order == 3 ? apart(set.real, moved.real) : 0.0) +
+                     apart(set.omega, moved.omega) + apart(set.zeta, moved.zeta);
     if (d < distance) distance = d, best = moved;
   }
   return best;
 }
 
 /// Levenberg-Marquardt from one candidate.
-Candidate refine(const Projection& data, Chart chart, const Candidate& from, const PoleBounds& bounds, const PoleSearchOptions& search,
-                 int rounds, int& evaluations) {
+Candidate refine(const Projection& data, Chart chart, const Candidate& from,
+                 const PoleBounds& bounds, const PoleSearchOptions& search, int rounds,
+                 int& evaluations) {
   const int order = data.structure().order;
   const std::vector<Axis> axes = shape_axes(data.structure());
   Loop loop;
@@ -227,12 +241,14 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from, con
   const bool free_shapes = search.search_shapes && !axes.empty();
   if (free_shapes) {
     for (std::size_t i = 0; i < axes.size(); ++i) {
-      shapes[i] = std::clamp(axes[i].logarithmic ? std::log(shapes[i]) : shapes[i], axes[i].lower, axes[i].upper);
+      shapes[i] = std::clamp(axes[i].logarithmic ? std::log(shapes[i]) : shapes[i], axes[i].lower,
+                             axes[i].upper);
     }
   }
 
   ceres::Problem problem;
-  auto* cost = new ProjectedCost(data, chart, axes, free_shapes ? std::vector<double>{} : shapes, evaluations);
+  auto* cost = new ProjectedCost(data, chart, axes, free_shapes ? std::vector<double>{} : shapes,
+                                 evaluations);
   std::vector<double*> blocks{q.data()};
   if (free_shapes) blocks.push_back(shapes.data());
   problem.AddResidualBlock(cost, nullptr, blocks);  // the problem owns the cost
@@ -246,14 +262,16 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from, con
     const auto box = [&](int i, double lower, double upper) {
       problem.SetParameterLowerBound(q.data(), i, std::log(lower));
       problem.SetParameterUpperBound(q.data(), i, std::log(upper));
-      q[static_cast<std::size_t>(i)] = std::clamp(q[static_cast<std::size_t>(i)], std::log(lower), std::log(upper));
+      q[static_cast<std::size_t>(i)] =
+          std::clamp(q[static_cast<std::size_t>(i)], std::log(lower), std::log(upper));
     };
     if (order == 3) box(0, bounds.real_min_hz * kTwoPi, bounds.real_max_hz * kTwoPi);
     box(order - 2, bounds.omega_min_hz * kTwoPi, bounds.omega_max_hz * kTwoPi);
     box(order - 1, bounds.zeta_min, bounds.zeta_max);
   }
   ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;  // five columns at most, well scaled by Ceres
+  options.linear_solver_type =
+      ceres::DENSE_NORMAL_CHOLESKY;  // five columns at most, well scaled by Ceres
   options.max_num_iterations = rounds;
   options.function_tolerance = search.tolerance;
   options.gradient_tolerance = 1e-30;  // the relative decrease alone decides
@@ -265,7 +283,8 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from, con
   const double* parameters[] = {q.data(), shapes.data()};
   Candidate out;
   out.point = cost->point(parameters);
-  out.cost = summary.IsSolutionUsable() ? summary.final_cost / (cost->unit() * cost->unit()) : 1e300;
+  out.cost =
+      summary.IsSolutionUsable() ? summary.final_cost / (cost->unit() * cost->unit()) : 1e300;
   return out;
 }
 
@@ -295,7 +314,8 @@ std::vector<std::array<double, kMaxOrder>> grid(int order, const PoleBounds& b) 
       for (double zeta : zetas) out.push_back(denominator_of({0.0, omega, zeta}, 2));
     }
     if (b.zeta_max > 1.0) {
-      for (double omega : omegas) out.push_back(denominator_of({0.0, omega, std::sqrt(b.zeta_max)}, 2));
+      for (double omega : omegas)
+        out.push_back(denominator_of({0.0, omega, std::sqrt(b.zeta_max)}, 2));
     }
     return out;
   }
@@ -310,7 +330,8 @@ std::vector<std::array<double, kMaxOrder>> grid(int order, const PoleBounds& b) 
       for (std::size_t k = j + 1; k < reals.size(); ++k) {
         Loop loop;
         const double omega = std::sqrt(reals[j] * reals[k]);
-        loop.denominator = denominator_of({reals[i], omega, (reals[j] + reals[k]) / (2.0 * omega)}, 3);
+        loop.denominator =
+            denominator_of({reals[i], omega, (reals[j] + reals[k]) / (2.0 * omega)}, 3);
         if (inside(loop, b)) out.push_back(loop.denominator);
       }
     }
@@ -327,8 +348,11 @@ std::string why_invalid(const PoleBounds& b) {
     out << name << ": " << low << " .. " << high << " must be positive, the lower below the upper";
     return out.str();
   };
-  if (auto why = pair("real pole bounds [Hz]", b.real_min_hz, b.real_max_hz); !why.empty()) return why;
-  if (auto why = pair("natural frequency bounds [Hz]", b.omega_min_hz, b.omega_max_hz); !why.empty()) return why;
+  if (auto why = pair("real pole bounds [Hz]", b.real_min_hz, b.real_max_hz); !why.empty())
+    return why;
+  if (auto why = pair("natural frequency bounds [Hz]", b.omega_min_hz, b.omega_max_hz);
+      !why.empty())
+    return why;
   return pair("damping ratio bounds", b.zeta_min, b.zeta_max);
 }
 
@@ -340,7 +364,8 @@ std::optional<PoleSet> inside(const Loop& loop, const PoleBounds& b, double tole
   for (int i = 0; i < labels.count; ++i) {
     const PoleSet& set = labels.set[static_cast<std::size_t>(i)];
     const bool real = loop.order == 2 || within(set.real / kTwoPi, b.real_min_hz, b.real_max_hz);
-    if (real && within(set.omega / kTwoPi, b.omega_min_hz, b.omega_max_hz) && within(set.zeta, b.zeta_min, b.zeta_max)) {
+    if (real && within(set.omega / kTwoPi, b.omega_min_hz, b.omega_max_hz) &&
+        within(set.zeta, b.zeta_min, b.zeta_max)) {
       return set;
     }
   }
@@ -358,7 +383,8 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
     for (std::size_t kind : data.structure().effects) {
       for (const Parameter& p : shapes_of(kind)) {
         const bool delay = identity_of(kind).acts == Acts::kCommandDelay;
-        shapes.push_back(delay ? std::clamp(mean_lag_s(data.segments()), p.lower, p.upper) : p.start);
+        shapes.push_back(delay ? std::clamp(mean_lag_s(data.segments()), p.lower, p.upper)
+                               : p.start);
       }
     }
   }
@@ -380,7 +406,8 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
     candidate.cost = solution.cost;
     candidates.push_back(std::move(candidate));
   }
-  std::sort(candidates.begin(), candidates.end(), [](const auto& l, const auto& r) { return l.cost < r.cost; });
+  std::sort(candidates.begin(), candidates.end(),
+            [](const auto& l, const auto& r) { return l.cost < r.cost; });
 
   const auto apart = [order](const Candidate& l, const Candidate& r) {
     double most = 0.0;
@@ -394,25 +421,30 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   std::vector<Candidate> seeds;
   for (const Candidate& candidate : candidates) {
     if (static_cast<int>(seeds.size()) >= options.starts) break;
-    const bool fresh = std::all_of(seeds.begin(), seeds.end(), [&](const auto& s) { return apart(s, candidate) > 0.4; });
+    const bool fresh = std::all_of(seeds.begin(), seeds.end(),
+                                   [&](const auto& s) { return apart(s, candidate) > 0.4; });
     if (fresh) seeds.push_back(candidate);
   }
   for (const Candidate& seed : seeds) {
     refined.push_back(refine(coarse, Chart::kStable, seed, bounds, ranking, 40, fit.evaluations));
   }
   if (refined.empty()) return std::nullopt;
-  std::sort(refined.begin(), refined.end(), [](const auto& l, const auto& r) { return l.cost < r.cost; });
+  std::sort(refined.begin(), refined.end(),
+            [](const auto& l, const auto& r) { return l.cost < r.cost; });
 
   // The winners of the thinned data, once each, on all of it.
   std::vector<Candidate> finals;
   std::vector<Candidate> used;
   for (const Candidate& candidate : refined) {
     if (candidate.cost > 1.2 * refined.front().cost || finals.size() >= 2) break;
-    if (std::any_of(used.begin(), used.end(), [&](const auto& u) { return apart(u, candidate) < 0.02; })) continue;
+    if (std::any_of(used.begin(), used.end(),
+                    [&](const auto& u) { return apart(u, candidate) < 0.02; }))
+      continue;
     used.push_back(candidate);
     finals.push_back(refine(data, Chart::kStable, candidate, bounds, options, 60, fit.evaluations));
   }
-  std::sort(finals.begin(), finals.end(), [](const auto& l, const auto& r) { return l.cost < r.cost; });
+  std::sort(finals.begin(), finals.end(),
+            [](const auto& l, const auto& r) { return l.cost < r.cost; });
   Candidate best = finals.front();
 
   Loop loop;
@@ -421,7 +453,9 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   if (!inside(loop, bounds)) {
     // Outside of the box: the best inside it, sought from there and from the best of the grid.
     std::vector<Candidate> from{best};
-    from.insert(from.end(), seeds.begin(), seeds.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, seeds.size())));
+    from.insert(
+        from.end(), seeds.begin(),
+        seeds.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(2, seeds.size())));
     Candidate within;
     within.cost = 1e300;
     for (const Candidate& start : from) {
@@ -446,10 +480,12 @@ Eigen::MatrixXd covariance(const Projection& data, const PoleFit& fit) {
   const Eigen::MatrixXd scaled = j * scale.asDiagonal();
   Eigen::MatrixXd h = scaled.transpose() * scaled;
   h.diagonal().array() += 1e-12;
-  // Scores of one sample, and their covariance with those of neighbouring samples (Bartlett weights).
+  // Scores of one sample, and their covariance with those of neighbouring samples (Bartlett
+  // weights).
   const Eigen::MatrixXd scores = scaled.array().colwise() * fit.solution.residual.array();
   const Eigen::Index n = scores.rows();
-  const Eigen::Index lags = std::min<Eigen::Index>(n / 4, static_cast<Eigen::Index>(std::ceil(0.05 / data.segments().front().h)));
+  const Eigen::Index lags = std::min<Eigen::Index>(
+      n / 4, static_cast<Eigen::Index>(std::ceil(0.05 / data.segments().front().h)));
   Eigen::MatrixXd meat = scores.transpose() * scores;
   for (Eigen::Index lag = 1; lag <= lags; ++lag) {
     const double weight = 1.0 - static_cast<double>(lag) / static_cast<double>(lags + 1);
@@ -462,16 +498,19 @@ Eigen::MatrixXd covariance(const Projection& data, const PoleFit& fit) {
 
 double condition_number(const Projection& data, const Point& point) {
   Eigen::MatrixXd r = data.regressors(point);
-  r.leftCols(data.structure().order) *= 1e3;  // command columns in mm; force columns per unit force carry no length
+  r.leftCols(data.structure().order) *=
+      1e3;  // command columns in mm; force columns per unit force carry no length
   Eigen::Index kept = 0;
   for (Eigen::Index c = 0; c < r.cols(); ++c) {
     if (r.col(c).squaredNorm() > 0.0) r.col(kept++) = r.col(c);
   }
   r.conservativeResize(Eigen::NoChange, kept);
   // From the R of a QR: the tall matrix itself needs no SVD.
-  const Eigen::MatrixXd small = r.householderQr().matrixQR().topRows(r.cols()).triangularView<Eigen::Upper>();
+  const Eigen::MatrixXd small =
+      r.householderQr().matrixQR().topRows(r.cols()).triangularView<Eigen::Upper>();
   const auto singular = small.jacobiSvd().singularValues();
-  return singular(singular.size() - 1) > 0.0 ? singular(0) / singular(singular.size() - 1) : std::numeric_limits<double>::infinity();
+  return singular(singular.size() - 1) > 0.0 ? singular(0) / singular(singular.size() - 1)
+                                             : std::numeric_limits<double>::infinity();
 }
 
 }  // namespace servotwin

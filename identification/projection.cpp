@@ -12,27 +12,32 @@ namespace {
 
 using Jet = ceres::Jet<double, kMaxShapes>;
 
-/// 1/P and, behind it, a second 1/P: y = u/P and g = u/P^2 with all their derivatives below the order.
+/// 1/P and, behind it, a second 1/P: y = u/P and g = u/P^2 with all their derivatives below the
+/// order.
 template <int N>
 struct FilterBank {
   static constexpr int kStates = 2 * N;
   Eigen::Matrix<double, kStates, kStates> phi;
-  Eigen::Matrix<double, kStates, 3> command;  // input: velocity, acceleration, jerk at the start of the step
+  Eigen::Matrix<double, kStates, 3>
+      command;  // input: velocity, acceleration, jerk at the start of the step
   Eigen::Matrix<double, kStates, 1> begin, end;  // input: force at both ends of the step
   std::array<double, kMaxOrder> a;
 
-  FilterBank(const std::array<double, kMaxOrder>& denominator, double h, bool second) : a(denominator) {
+  FilterBank(const std::array<double, kMaxOrder>& denominator, double h, bool second)
+      : a(denominator) {
     const int n = second ? kStates : N;
     Eigen::MatrixXd system = Eigen::MatrixXd::Zero(n, n);
     for (int block = 0; block < n / N; ++block) {
       const int o = block * N;
       for (int i = 0; i + 1 < N; ++i) system(o + i, o + i + 1) = 1.0;
-      for (int i = 0; i < N; ++i) system(o + N - 1, o + i) = -a[static_cast<std::size_t>(N - 1 - i)];
+      for (int i = 0; i < N; ++i)
+        system(o + N - 1, o + i) = -a[static_cast<std::size_t>(N - 1 - i)];
     }
     if (second) system(kStates - 1, 0) = 1.0;
     Eigen::VectorXd input = Eigen::VectorXd::Zero(n);
     input(N - 1) = 1.0;
-    const Hold hold = discretise(system, input, h, 2);  // its first two input columns are the first-order hold's
+    const Hold hold =
+        discretise(system, input, h, 2);  // its first two input columns are the first-order hold's
     phi.setZero();
     command.setZero();
     begin.setZero();
@@ -65,7 +70,8 @@ int Structure::shape_count() const {
 int Structure::coefficient_count() const {
   int count = 0;
   for (std::size_t kind : effects) {
-    for (const Parameter& p : coefficients_of(kind)) count += p.with_free_loop || every_coefficient ? 1 : 0;
+    for (const Parameter& p : coefficients_of(kind))
+      count += p.with_free_loop || every_coefficient ? 1 : 0;
   }
   return count;
 }
@@ -75,10 +81,12 @@ struct Projection::Columns {
   int order = 0;
   Eigen::MatrixXd regressors;  // rows x (order + coefficients + free responses)
   Eigen::VectorXd target;      // e minus what the delay alone explains
-  // s^m / P^2 of: the command velocity (m = 0..2n-2), every force (m = 0..2n-3), every free response.
+  // s^m / P^2 of: the command velocity (m = 0..2n-2), every force (m = 0..2n-3), every free
+  // response.
   Eigen::MatrixXd command2;
   std::vector<Eigen::MatrixXd> force2, free2;
-  Eigen::VectorXd delayed_velocity, top_derivative;  // v_d and d/dt of the highest state, for the delay
+  Eigen::VectorXd delayed_velocity,
+      top_derivative;  // v_d and d/dt of the highest state, for the delay
   // Filtered derivative of a force by a shape: (slot, shape, column).
   struct ShapeColumn {
     int slot = 0, shape = 0;
@@ -88,7 +96,9 @@ struct Projection::Columns {
 };
 
 Projection::Projection(std::vector<Signals> segments, Structure structure, bool free_response)
-    : segments_(std::move(segments)), structure_(std::move(structure)), free_response_(free_response) {
+    : segments_(std::move(segments)),
+      structure_(std::move(structure)),
+      free_response_(free_response) {
   for (const Signals& s : segments_) rows_ += s.size();
   std::size_t shape = 0;
   for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
@@ -98,23 +108,28 @@ Projection::Projection(std::vector<Signals> segments, Structure structure, bool 
     shape += shapes_of(kind).size();
     std::size_t k = 0;
     for (const Parameter& p : coefficients_of(kind)) {
-      if (p.with_free_loop || structure_.every_coefficient) slots_.push_back({i, k, p.lower == 0.0});
+      if (p.with_free_loop || structure_.every_coefficient)
+        slots_.push_back({i, k, p.lower == 0.0});
       ++k;
     }
   }
 }
 
-// Flattened: the compiler leaves the steps of the filters as calls, which costs a sixth of the time.
+// Flattened: the compiler leaves the steps of the filters as calls, which costs a sixth of the
+// time.
 template <int N>
-__attribute__((flatten)) void Projection::fill(const Point& point, bool derivatives, Columns& columns) const {
+__attribute__((flatten)) void Projection::fill(const Point& point, bool derivatives,
+                                               Columns& columns) const {
   using Bank = FilterBank<N>;
   using State = Eigen::Matrix<double, Bank::kStates, 1>;
   const auto slot_count = static_cast<Eigen::Index>(slots_.size());
-  const Eigen::Index free_count = free_response_ ? N * static_cast<Eigen::Index>(segments_.size()) : 0;
+  const Eigen::Index free_count =
+      free_response_ ? N * static_cast<Eigen::Index>(segments_.size()) : 0;
   columns.order = N;
   columns.regressors.setZero(rows_, N + slot_count + free_count);
   columns.target.resize(rows_);
-  const double delay = delay_shape_ >= 0 ? point.shapes[static_cast<std::size_t>(delay_shape_)] : 0.0;
+  const double delay =
+      delay_shape_ >= 0 ? point.shapes[static_cast<std::size_t>(delay_shape_)] : 0.0;
   if (derivatives) {
     columns.command2.resize(rows_, 2 * N - 1);
     columns.force2.resize(slots_.size());
@@ -140,7 +155,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
     };
     // Without derivatives only the first block runs.
     const Eigen::Matrix<double, N, N> phi = bank.phi.template topLeftCorner<N, N>();
-    const auto step_small = [&phi](Eigen::Matrix<double, N, 1>& w, const Eigen::Matrix<double, N, 1>& input) {
+    const auto step_small = [&phi](Eigen::Matrix<double, N, 1>& w,
+                                   const Eigen::Matrix<double, N, 1>& input) {
       w = (phi * w + input).eval();
     };
     std::array<double, 2 * N> g{};
@@ -160,14 +176,16 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
       for (Eigen::Index k = 0; k < n; ++k) {
         for (int j = 0; j < N; ++j) columns.regressors(row0 + k, j) = w(N - 1 - j);
         bank.derivatives(w, g.data());
-        for (int m = 0; m < 2 * N - 1; ++m) columns.command2(row0 + k, m) = g[static_cast<std::size_t>(m)];
+        for (int m = 0; m < 2 * N - 1; ++m)
+          columns.command2(row0 + k, m) = g[static_cast<std::size_t>(m)];
         if (delay_shape_ >= 0) {
           columns.delayed_velocity(row0 + k) = command->first(k);
           double top = command->first(k);
           for (int i = 0; i < N; ++i) top -= bank.a[static_cast<std::size_t>(N - 1 - i)] * w(i);
           columns.top_derivative(row0 + k) = top;
         }
-        advance(w, State(bank.command.col(0) * command->first(k) + bank.command.col(1) * command->second(k) +
+        advance(w, State(bank.command.col(0) * command->first(k) +
+                         bank.command.col(1) * command->second(k) +
                          bank.command.col(2) * command->third(k)));
       }
     } else {
@@ -183,7 +201,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
     if (structure_.matched_feedforward) columns.regressors.col(N - 1).segment(row0, n).setZero();
 
     // --- the forces along the measured motion
-    const auto filter_force = [&](const Eigen::ArrayXd& force, auto&& column, Eigen::MatrixXd* second) {
+    const auto filter_force = [&](const Eigen::ArrayXd& force, auto&& column,
+                                  Eigen::MatrixXd* second) {
       if (second != nullptr) {
         State w = State::Zero();
         // The loop starts in equilibrium with the force that acts at the start.
@@ -192,13 +211,15 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         for (Eigen::Index k = 0; k < n; ++k) {
           column(row0 + k) = w(N - 2);
           bank.derivatives(w, g.data());
-          for (int m = 0; m < 2 * N - 2; ++m) (*second)(row0 + k, m) = g[static_cast<std::size_t>(m)];
+          for (int m = 0; m < 2 * N - 2; ++m)
+            (*second)(row0 + k, m) = g[static_cast<std::size_t>(m)];
           if (k + 1 < n) advance(w, State(bank.begin * force(k) + bank.end * force(k + 1)));
         }
       } else {
         Eigen::Matrix<double, N, 1> w = Eigen::Matrix<double, N, 1>::Zero();
         w(0) = force(0) / bank.a[N - 1];
-        const Eigen::Matrix<double, N, 1> begin = bank.begin.template head<N>(), end = bank.end.template head<N>();
+        const Eigen::Matrix<double, N, 1> begin = bank.begin.template head<N>(),
+                                          end = bank.end.template head<N>();
         for (Eigen::Index k = 0; k < n; ++k) {
           column(row0 + k) = w(N - 2);
           if (k + 1 < n) step_small(w, begin * force(k) + end * force(k + 1));
@@ -223,9 +244,11 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         return m;
       };
       if (derivatives && shape_count > 0) {
-        by_shape.assign(shape_count, Eigen::ArrayXXd(n, static_cast<Eigen::Index>(coefficient_count)));
+        by_shape.assign(shape_count,
+                        Eigen::ArrayXXd(n, static_cast<Eigen::Index>(coefficient_count)));
         std::array<Jet, kMaxShapes> shape{};
-        for (std::size_t p = 0; p < shape_count; ++p) shape[p] = Jet(point.shapes[shape_offset_[i] + p], static_cast<int>(p));
+        for (std::size_t p = 0; p < shape_count; ++p)
+          shape[p] = Jet(point.shapes[shape_offset_[i] + p], static_cast<int>(p));
         EffectMemory<Jet> memory;
         start_memory<Jet>(kind, memory);
         std::array<Jet, kMaxCoefficients> force{};
@@ -234,7 +257,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
           for (std::size_t c = 0; c < coefficient_count; ++c) {
             forces(k, static_cast<Eigen::Index>(c)) = force[c].a;
             for (std::size_t p = 0; p < shape_count; ++p) {
-              by_shape[p](k, static_cast<Eigen::Index>(c)) = force[c].v(static_cast<Eigen::Index>(p));
+              by_shape[p](k, static_cast<Eigen::Index>(c)) =
+                  force[c].v(static_cast<Eigen::Index>(p));
             }
           }
         }
@@ -246,7 +270,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         std::array<double, kMaxCoefficients> force{};
         for (Eigen::Index k = 0; k < n; ++k) {
           unit_forces<double>(kind, shape.data(), memory, motion_at(k), force.data());
-          for (std::size_t c = 0; c < coefficient_count; ++c) forces(k, static_cast<Eigen::Index>(c)) = force[c];
+          for (std::size_t c = 0; c < coefficient_count; ++c)
+            forces(k, static_cast<Eigen::Index>(c)) = force[c];
         }
       }
       for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
@@ -261,7 +286,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         for (std::size_t p = 0; p < by_shape.size(); ++p) {
           const int shape = static_cast<int>(shape_offset_[i] + p);
           if (segment == 0) {
-            columns.by_shape.push_back({static_cast<int>(slot), shape, Eigen::VectorXd::Zero(rows_)});
+            columns.by_shape.push_back(
+                {static_cast<int>(slot), shape, Eigen::VectorXd::Zero(rows_)});
           }
           for (auto& entry : columns.by_shape) {
             if (entry.slot == static_cast<int>(slot) && entry.shape == shape) {
@@ -289,7 +315,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
       for (Eigen::Index k = 0; k < n; ++k) {
         column(row0 + k) = w(0);
         if (derivatives) {
-          for (int m = 0; m < N; ++m) columns.free2[static_cast<std::size_t>(at)](row0 + k, m) = w(N + m);
+          for (int m = 0; m < N; ++m)
+            columns.free2[static_cast<std::size_t>(at)](row0 + k, m) = w(N + m);
         }
         w = (bank.phi * w).eval();
         if (k % 64 == 63 && size_of() < 1e-9) break;
@@ -313,8 +340,8 @@ const Projection::Columns& Projection::columns_at(const Point& point, bool deriv
 
 namespace {
 
-/// Least squares by the Gram matrix of unit-norm columns, with one round of refinement: twice as fast as
-/// QR on tall problems, and as exact where the scaled columns are not degenerate.
+/// Least squares by the Gram matrix of unit-norm columns, with one round of refinement: twice as
+/// fast as QR on tall problems, and as exact where the scaled columns are not degenerate.
 class GramSolver {
  public:
   explicit GramSolver(const Eigen::MatrixXd& r) : r_(r) {
@@ -323,8 +350,10 @@ class GramSolver {
     gram.selfadjointView<Eigen::Lower>().rankUpdate(r.transpose());
     scale_ = gram.diagonal().cwiseSqrt();
     for (double& s : scale_) s = s > 0.0 ? 1.0 / s : 0.0;
-    gram_ = scale_.asDiagonal() * Eigen::MatrixXd(gram.selfadjointView<Eigen::Lower>()) * scale_.asDiagonal();
-    // Columns that are not there (all zero) keep a unit pivot; the ridge is far below any measured digit.
+    gram_ = scale_.asDiagonal() * Eigen::MatrixXd(gram.selfadjointView<Eigen::Lower>()) *
+            scale_.asDiagonal();
+    // Columns that are not there (all zero) keep a unit pivot; the ridge is far below any measured
+    // digit.
     for (Eigen::Index i = 0; i < n; ++i) gram_(i, i) = 1.0 + 1e-13;
     active_.assign(static_cast<std::size_t>(n), true);
     factorise();
@@ -375,7 +404,8 @@ class GramSolver {
 
 /// Solves with the coefficients that may not be negative held at 0 where they would be.
 template <class Slots>
-Projection::Solution solve_bounded(GramSolver& solver, const Eigen::VectorXd& target, const Slots& slots, int order) {
+Projection::Solution solve_bounded(GramSolver& solver, const Eigen::VectorXd& target,
+                                   const Slots& slots, int order) {
   Projection::Solution solution;
   while (true) {
     solution.residual = target;
@@ -400,9 +430,12 @@ Projection::Solution Projection::project(const Columns& columns) const {
   return solve_bounded(solver, columns.target, slots_, columns.order);
 }
 
-Projection::Solution Projection::solve(const Point& point) const { return project(columns_at(point, false)); }
+Projection::Solution Projection::solve(const Point& point) const {
+  return project(columns_at(point, false));
+}
 
-Eigen::MatrixXd Projection::derivatives_of_sum(const Columns& columns, const Eigen::VectorXd& linear) const {
+Eigen::MatrixXd Projection::derivatives_of_sum(const Columns& columns,
+                                               const Eigen::VectorXd& linear) const {
   const int n = columns.order;
   const auto slot_count = static_cast<Eigen::Index>(slots_.size());
   Eigen::MatrixXd d = Eigen::MatrixXd::Zero(rows_, n + structure_.shape_count());
@@ -410,18 +443,21 @@ Eigen::MatrixXd Projection::derivatives_of_sum(const Columns& columns, const Eig
     auto column = d.col(i - 1);
     for (int j = 0; j < n; ++j) column -= linear(j) * columns.command2.col(2 * n - 1 - i - j);
     for (Eigen::Index slot = 0; slot < slot_count; ++slot) {
-      column -= linear(n + slot) * columns.force2[static_cast<std::size_t>(slot)].col(2 * n - 2 - i);
+      column -=
+          linear(n + slot) * columns.force2[static_cast<std::size_t>(slot)].col(2 * n - 2 - i);
     }
     for (std::size_t f = 0; f < columns.free2.size(); ++f) {
       column -= linear(n + slot_count + static_cast<Eigen::Index>(f)) * columns.free2[f].col(n - i);
     }
   }
-  for (const auto& entry : columns.by_shape) d.col(n + entry.shape) += linear(n + entry.slot) * entry.column;
+  for (const auto& entry : columns.by_shape)
+    d.col(n + entry.shape) += linear(n + entry.slot) * entry.column;
   if (delay_shape_ >= 0) {
     auto column = d.col(n + delay_shape_);
     // A later command: every state falls back by its derivative, and so does the command itself.
     column = columns.delayed_velocity - linear(0) * columns.top_derivative;
-    for (int j = 1; j < n; ++j) column -= linear(j) * columns.regressors.col(j - 1);  // 0 where it is not free
+    for (int j = 1; j < n; ++j)
+      column -= linear(j) * columns.regressors.col(j - 1);  // 0 where it is not free
   }
   return d;
 }
@@ -457,15 +493,18 @@ Model Projection::model_of(const Point& point, const Eigen::VectorXd& linear) co
   model.sample_time_s = segments_.empty() ? 0.0 : segments_.front().h;
   model.loop.order = structure_.order;
   model.loop.denominator = point.denominator;
-  for (int j = 0; j < structure_.order; ++j) model.loop.numerator[static_cast<std::size_t>(j)] = linear(j);
+  for (int j = 0; j < structure_.order; ++j)
+    model.loop.numerator[static_cast<std::size_t>(j)] = linear(j);
   for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
     Effect effect;
     effect.kind = structure_.effects[i];
     const auto shape_count = shapes_of(effect.kind).size();
-    for (std::size_t p = 0; p < shape_count; ++p) effect.shape[p] = point.shapes[shape_offset_[i] + p];
+    for (std::size_t p = 0; p < shape_count; ++p)
+      effect.shape[p] = point.shapes[shape_offset_[i] + p];
     for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
       if (slots_[slot].effect == i) {
-        effect.coefficient[slots_[slot].coefficient] = linear(structure_.order + static_cast<Eigen::Index>(slot));
+        effect.coefficient[slots_[slot].coefficient] =
+            linear(structure_.order + static_cast<Eigen::Index>(slot));
       }
     }
     model.effects.push_back(effect);

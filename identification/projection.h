@@ -1,10 +1,11 @@
 // Variable projection: for given poles and shape parameters the error is linear in everything else.
 //
-//   e ~ sum_j c_j s^(n-j)/P x_r + sum_i d_i (s/P or 1/P) f_i(motion; shape_i) + free response of every segment
+//   e ~ sum_j c_j s^(n-j)/P x_r + sum_i d_i (s/P or 1/P) f_i(motion; shape_i) + free response of
+//   every segment
 //
-// The linear part is one least squares problem, solved and projected out; what is left is a function of
-// the denominator a1..an and the shapes alone, with exact sensitivities (docs/theory.md 4; thesis 3.4;
-// Golub and Pereyra 1973, Kaufman 1975). Source of the filters: twin/hold.h.
+// The linear part is one least squares problem, solved and projected out; what is left is a
+// function of the denominator a1..an and the shapes alone, with exact sensitivities (docs/theory.md
+// 4; thesis 3.4; Golub and Pereyra 1973, Kaufman 1975). Source of the filters: twin/hold.h.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,10 +19,10 @@ namespace servotwin {
 
 /// Which loop and which effects a fit may use.
 struct Structure {
-  int order = 3;                      ///< 2 or 3
-  std::vector<std::size_t> effects;   ///< places in the catalogue
-  bool matched_feedforward = false;   ///< no velocity error: the last tracking coefficient is 0
-  bool every_coefficient = false;     ///< also those that a free loop contains: for a loop held fixed
+  int order = 3;                     ///< 2 or 3
+  std::vector<std::size_t> effects;  ///< places in the catalogue
+  bool matched_feedforward = false;  ///< no velocity error: the last tracking coefficient is 0
+  bool every_coefficient = false;  ///< also those that a free loop contains: for a loop held fixed
 
   /// Shape parameters of all effects, and coefficients that a free loop leaves identifiable.
   [[nodiscard]] int shape_count() const;
@@ -36,7 +37,8 @@ struct Point {
 
 class Projection {
  public:
-  /// `free_response`: add what remains of an unknown starting state; false only for a start at known rest.
+  /// `free_response`: add what remains of an unknown starting state; false only for a start at
+  /// known rest.
   Projection(std::vector<Signals> segments, Structure structure, bool free_response = true);
 
   struct Solution {
@@ -47,7 +49,8 @@ class Projection {
   };
   [[nodiscard]] Solution solve(const Point& point) const;
 
-  /// Kaufman's Jacobian of the residual: columns a1..an, then the shapes. Its gradient J^T r is exact.
+  /// Kaufman's Jacobian of the residual: columns a1..an, then the shapes. Its gradient J^T r is
+  /// exact.
   struct Linearised {
     Solution at;
     Eigen::MatrixXd jacobian;
@@ -56,8 +59,10 @@ class Projection {
 
   /// The regressors themselves (unscaled, no free responses) and their 2-norm condition.
   [[nodiscard]] Eigen::MatrixXd regressors(const Point& point) const;
-  /// All parameters' Jacobian, not projected: linear ones, then a1..an, then shapes. For covariances.
-  [[nodiscard]] Eigen::MatrixXd full_jacobian(const Point& point, const Eigen::VectorXd& linear) const;
+  /// All parameters' Jacobian, not projected: linear ones, then a1..an, then shapes. For
+  /// covariances.
+  [[nodiscard]] Eigen::MatrixXd full_jacobian(const Point& point,
+                                              const Eigen::VectorXd& linear) const;
 
   [[nodiscard]] Eigen::Index rows() const { return rows_; }
   [[nodiscard]] bool has_free_response() const { return free_response_; }
@@ -71,14 +76,16 @@ class Projection {
   template <int N>
   void fill(const Point& point, bool derivatives, Columns& columns) const;
   [[nodiscard]] const Columns& columns_at(const Point& point, bool derivatives) const;
-  [[nodiscard]] Eigen::MatrixXd derivatives_of_sum(const Columns& columns, const Eigen::VectorXd& linear) const;
+  [[nodiscard]] Eigen::MatrixXd derivatives_of_sum(const Columns& columns,
+                                                   const Eigen::VectorXd& linear) const;
   [[nodiscard]] Solution project(const Columns& columns) const;
 
   std::vector<Signals> segments_;
   Structure structure_;
   bool free_response_ = true;
   Eigen::Index rows_ = 0;
-  // One entry per identifiable coefficient: the effect's place in the structure and its index there.
+  // One entry per identifiable coefficient: the effect's place in the structure and its index
+  // there.
   struct Slot {
     std::size_t effect = 0, coefficient = 0;
     bool non_negative = false;

@@ -1,4 +1,5 @@
-// One segment as identification sees it: error, measured velocity, and what is computed once per data set.
+// One segment as identification sees it: error, measured velocity, and what is computed once per
+// data set.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,11 +11,12 @@
 namespace servotwin {
 
 struct Signals {
-  double h = 0.0;              ///< [s]
-  Spline command;              ///< x_r
-  Eigen::ArrayXd error;        ///< x_r - x
-  Eigen::ArrayXd position;     ///< x
-  Eigen::ArrayXd velocity;     ///< measured: central difference, then a centred mean (docs/theory.md 1.4)
+  double h = 0.0;           ///< [s]
+  Spline command;           ///< x_r
+  Eigen::ArrayXd error;     ///< x_r - x
+  Eigen::ArrayXd position;  ///< x
+  Eigen::ArrayXd
+      velocity;  ///< measured: central difference, then a centred mean (docs/theory.md 1.4)
 
   [[nodiscard]] Eigen::Index size() const { return error.size(); }
 };
@@ -25,6 +27,7 @@ struct Signals {
 [[nodiscard]] Signals decimated(const Signals& signals, int every);
 
 /// Central difference (ends 0), then a centred mean of 2 m + 1 samples that shrinks at the ends.
-[[nodiscard]] Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h, int half_window);
+[[nodiscard]] Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h,
+                                               int half_window);
 
 }  // namespace servotwin

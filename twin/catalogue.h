@@ -23,9 +23,9 @@ using Catalogue = std::tuple<CoulombFriction,      //
                              TimeDelay>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
-inline constexpr int kMaxEffects = 16;     ///< effects of one model
-inline constexpr int kMaxShapes = 8;       ///< shape parameters of one effect
-inline constexpr int kMaxCoefficients = 8; ///< coefficients of one effect
+inline constexpr int kMaxEffects = 16;      ///< effects of one model
+inline constexpr int kMaxShapes = 8;        ///< shape parameters of one effect
+inline constexpr int kMaxCoefficients = 8;  ///< coefficients of one effect
 
 namespace detail {
 template <class T, class Tuple>
@@ -41,40 +41,50 @@ struct MemoryOf<T, std::tuple<E...>> {
 template <class T>
 using EffectMemory = typename detail::MemoryOf<T, Catalogue>::type;
 
-/// Calls f.template operator()<Effect, Index>() for the effect of this kind (its place in the catalogue).
+/// Calls f.template operator()<Effect, Index>() for the effect of this kind (its place in the
+/// catalogue).
 template <class F>
 constexpr decltype(auto) visit_effect(std::size_t kind, F&& f) {
-  return [&]<std::size_t... I>(std::index_sequence<I...>) -> decltype(auto) {
+  return [&]<std::size_t... I>(std::index_sequence<I...>)->decltype(auto) {
     using Result = decltype(f.template operator()<std::tuple_element_t<0, Catalogue>, 0>());
     if constexpr (std::is_void_v<Result>) {
-      (void)((kind == I ? (f.template operator()<std::tuple_element_t<I, Catalogue>, I>(), true) : false) || ...);
+      (void)((kind == I ? (f.template operator()<std::tuple_element_t<I, Catalogue>, I>(), true)
+                        : false) ||
+             ...);
     } else {
       Result result{};
-      (void)((kind == I ? (result = f.template operator()<std::tuple_element_t<I, Catalogue>, I>(), true)
-                        : false) || ...);
+      (void)((kind == I
+                  ? (result = f.template operator()<std::tuple_element_t<I, Catalogue>, I>(), true)
+                  : false) ||
+             ...);
       return result;
     }
-  }(std::make_index_sequence<kEffectKinds>{});
+  }
+  (std::make_index_sequence<kEffectKinds>{});
 }
 
 inline const Identity& identity_of(std::size_t kind) {
-  return *visit_effect(kind, []<class E, std::size_t>() -> const Identity* { return &E::kIdentity; });
+  return *visit_effect(kind,
+                       []<class E, std::size_t>() -> const Identity* { return &E::kIdentity; });
 }
 inline std::span<const Parameter> shapes_of(std::size_t kind) {
-  return visit_effect(kind, []<class E, std::size_t>() -> std::span<const Parameter> { return E::kShapes; });
+  return visit_effect(
+      kind, []<class E, std::size_t>() -> std::span<const Parameter> { return E::kShapes; });
 }
 inline std::span<const Parameter> coefficients_of(std::size_t kind) {
-  return visit_effect(kind,
-                      []<class E, std::size_t>() -> std::span<const Parameter> { return E::kCoefficients; });
+  return visit_effect(
+      kind, []<class E, std::size_t>() -> std::span<const Parameter> { return E::kCoefficients; });
 }
 /// The place of E in the catalogue.
 template <class E>
 constexpr std::size_t kind_of() {
   return []<std::size_t... I>(std::index_sequence<I...>) {
     std::size_t kind = kEffectKinds;
-    (void)((std::is_same_v<E, std::tuple_element_t<I, Catalogue>> ? (kind = I, true) : false) || ...);
+    (void)((std::is_same_v<E, std::tuple_element_t<I, Catalogue>> ? (kind = I, true) : false) ||
+           ...);
     return kind;
-  }(std::make_index_sequence<kEffectKinds>{});
+  }
+  (std::make_index_sequence<kEffectKinds>{});
 }
 /// The place of the effect with this id, or kEffectKinds if there is none.
 inline std::size_t kind_of(std::string_view id) {
@@ -90,7 +100,8 @@ void start_memory(std::size_t kind, EffectMemory<T>& memory) {
 
 /// Forces per unit coefficient of one effect at one sample; `force` has room for its coefficients.
 template <class T>
-void unit_forces(std::size_t kind, const T* shape, EffectMemory<T>& memory, const Motion& m, T* force) noexcept {
+void unit_forces(std::size_t kind, const T* shape, EffectMemory<T>& memory, const Motion& m,
+                 T* force) noexcept {
   visit_effect(kind, [&]<class E, std::size_t I>() {
     E::template unit_forces<T>(shape, *std::get_if<I>(&memory), m, force);
   });

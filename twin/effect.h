@@ -1,12 +1,13 @@
 // What an effect is. Each effect is one header in twin/effects/ and one line in twin/catalogue.h.
 //
 // An effect is written once, as the forces per unit coefficient along a motion (`unit_forces`). The
-// simulation sums coefficient * unit force cycle by cycle; identification runs the same function along
-// the measured motion and gets the columns of its least squares problem. There is no second
+// simulation sums coefficient * unit force cycle by cycle; identification runs the same function
+// along the measured motion and gets the columns of its least squares problem. There is no second
 // formula that could disagree with the first (docs/decisions/0001-one-formula-per-effect.md).
 //
 // Shape parameters (theta) enter nonlinearly and are searched; coefficients enter linearly and are
-// projected out. `unit_forces` is a template on the scalar of theta so that Ceres can differentiate it.
+// projected out. `unit_forces` is a template on the scalar of theta so that Ceres can differentiate
+// it.
 //
 //   struct Example {
 //     static constexpr Identity kIdentity{...};
@@ -14,7 +15,8 @@
 //     static constexpr std::array<Parameter, C> kCoefficients{...};
 //     template <class T> struct Memory {};     // what the effect remembers from cycle to cycle
 //     template <class T>
-//     static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept;
+//     static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force)
+//     noexcept;
 //   };
 #pragma once
 
@@ -44,13 +46,14 @@ struct Identity {
 };
 
 struct Parameter {
-  std::string_view name;     ///< key in the model file
-  std::string_view unit;     ///< unit for a linear axis; rotary axes read rad for m
-  double lower = 0.0;        ///< physical bounds
+  std::string_view name;  ///< key in the model file
+  std::string_view unit;  ///< unit for a linear axis; rotary axes read rad for m
+  double lower = 0.0;     ///< physical bounds
   double upper = 0.0;
-  double start = 0.0;        ///< where a search begins
+  double start = 0.0;  ///< where a search begins
   std::string_view meaning;
-  bool with_free_loop = true;  ///< false: the free loop already contains it; fitted only against a held loop
+  bool with_free_loop =
+      true;  ///< false: the free loop already contains it; fitted only against a held loop
 };
 
 }  // namespace servotwin

@@ -14,19 +14,22 @@ Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, in
   augmented.col(n).head(n) = b;
   for (int k = 0; k < m; ++k) augmented(n + k, n + k + 1) = 1.0;
 
-  // States are derivatives of each other, so their magnitudes differ by powers of the pole frequency.
-  // In units of time where that frequency is about 1 the exponential loses no digits.
-  const double rate = std::max(std::pow(augmented.topLeftCorner(n, n).norm(), 1.0 / static_cast<double>(n)), 1e-9);
+  // States are derivatives of each other, so their magnitudes differ by powers of the pole
+  // frequency. In units of time where that frequency is about 1 the exponential loses no digits.
+  const double rate =
+      std::max(std::pow(augmented.topLeftCorner(n, n).norm(), 1.0 / static_cast<double>(n)), 1e-9);
   Eigen::VectorXd scale(n + m + 1);
   for (Eigen::Index i = 0; i < n; ++i) scale(i) = std::pow(rate, -static_cast<double>(i));
   for (Eigen::Index k = 0; k <= m; ++k) scale(n + k) = std::pow(rate, -static_cast<double>(n + k));
-  const Eigen::MatrixXd scaled = scale.asDiagonal() * (augmented * h) * scale.cwiseInverse().asDiagonal();
+  const Eigen::MatrixXd scaled =
+      scale.asDiagonal() * (augmented * h) * scale.cwiseInverse().asDiagonal();
   Eigen::MatrixXd exponential = scaled.exp();
   exponential = scale.cwiseInverse().asDiagonal() * exponential * scale.asDiagonal();
   return {exponential.topLeftCorner(n, n), exponential.block(0, n, n, m + 1)};
 }
 
-Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_begin, double slope_end) {
+Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_begin,
+                       double slope_end) {
   const Eigen::Index n = samples.size();
   Spline s;
   s.h = h;
@@ -48,7 +51,8 @@ Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_beg
       diagonal(i) -= factor;
       right(i) = 3.0 * (samples(i + 1) - samples(i - 1)) / h - factor * right(i - 1);
     }
-    for (Eigen::Index i = n - 2; i >= 1; --i) s.first(i) = (right(i) - s.first(i + 1)) / diagonal(i);
+    for (Eigen::Index i = n - 2; i >= 1; --i)
+      s.first(i) = (right(i) - s.first(i + 1)) / diagonal(i);
   }
   for (Eigen::Index i = 0; i + 1 < n; ++i) {
     const double chord = (samples(i + 1) - samples(i)) / h;
@@ -64,7 +68,8 @@ Spline Spline::through(const Eigen::ArrayXd& samples, double h) {
   const Eigen::Index n = samples.size();
   if (n < 4) return through(samples, h, 0.0, 0.0);
   const auto slope = [&](Eigen::Index at, Eigen::Index step) {
-    return (-11.0 * samples(at) + 18.0 * samples(at + step) - 9.0 * samples(at + 2 * step) + 2.0 * samples(at + 3 * step)) /
+    return (-11.0 * samples(at) + 18.0 * samples(at + step) - 9.0 * samples(at + 2 * step) +
+            2.0 * samples(at + 3 * step)) /
            (6.0 * h * static_cast<double>(step));
   };
   return through(samples, h, slope(0, 1), slope(n - 1, -1));

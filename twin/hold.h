@@ -5,7 +5,8 @@
 //
 // by one matrix exponential of the system augmented with a chain of integrators (docs/theory.md 2).
 // m = 0 is the zero-order hold, m = 1 the first-order hold; commands use the piecewise cubic of a
-// C2 spline: its first derivative (m = 2) drives the filters, so that a standing axis is the zero state.
+// C2 spline: its first derivative (m = 2) drives the filters, so that a standing axis is the zero
+// state.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,18 +21,20 @@ struct Hold {
 /// Discretises for the step h [s] > 0. Allocates.
 [[nodiscard]] Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m);
 
-/// The C2 cubic spline through equidistant samples, as the hold needs it: the value and three derivatives
-/// at the start of every interval; the last row continues the last interval.
+/// The C2 cubic spline through equidistant samples, as the hold needs it: the value and three
+/// derivatives at the start of every interval; the last row continues the last interval.
 struct Spline {
   double h = 0.0;
   Eigen::ArrayXd value, first, second, third;
 
   /// With the end slopes given; 0 for a motion that starts and ends at rest.
-  static Spline through(const Eigen::ArrayXd& samples, double h, double slope_begin, double slope_end);
-  /// With the end slopes of the cubics through the first and the last four samples, for a stretch cut
-  /// out of a motion.
+  static Spline through(const Eigen::ArrayXd& samples, double h, double slope_begin,
+                        double slope_end);
+  /// With the end slopes of the cubics through the first and the last four samples, for a stretch
+  /// cut out of a motion.
   static Spline through(const Eigen::ArrayXd& samples, double h);
-  /// The samples of the same motion delayed by `delay_s` >= 0; before the start it continues at the first slope.
+  /// The samples of the same motion delayed by `delay_s` >= 0; before the start it continues at the
+  /// first slope.
   [[nodiscard]] Eigen::ArrayXd delayed(double delay_s) const;
 };
 

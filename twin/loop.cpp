@@ -21,7 +21,9 @@ using Complex = std::complex<double>;
 /// The roots of s^2 + b s + c without cancellation.
 std::array<Complex, 2> quadratic_roots(double b, double c) {
   const double discriminant = b * b / 4.0 - c;
-  if (discriminant < 0.0) return {Complex(-b / 2.0, std::sqrt(-discriminant)), Complex(-b / 2.0, -std::sqrt(-discriminant))};
+  if (discriminant < 0.0)
+    return {Complex(-b / 2.0, std::sqrt(-discriminant)),
+            Complex(-b / 2.0, -std::sqrt(-discriminant))};
   const double far = -(b / 2.0 + std::copysign(std::sqrt(discriminant), b));
   return {far == 0.0 ? Complex(0.0) : Complex(c / far), Complex(far)};
 }
@@ -74,7 +76,8 @@ PoleLabels labels_of(const Loop& loop) {
   }
   const int triples = roots[1].imag() != 0.0 ? 1 : 3;
   for (int i = 0; i < triples; ++i) {
-    PoleSet set = pair_of(roots[static_cast<std::size_t>((i + 1) % 3)], roots[static_cast<std::size_t>((i + 2) % 3)]);
+    PoleSet set = pair_of(roots[static_cast<std::size_t>((i + 1) % 3)],
+                          roots[static_cast<std::size_t>((i + 2) % 3)]);
     set.real = -roots[static_cast<std::size_t>(i)].real();
     labels.set[static_cast<std::size_t>(labels.count++)] = set;
   }

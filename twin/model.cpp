@@ -32,8 +32,8 @@ std::string say(const Parts&... parts) {
 
 std::string outside(std::string_view effect, const Parameter& parameter, double value) {
   if (std::isfinite(value) && value >= parameter.lower && value <= parameter.upper) return {};
-  return say("effects[", effect, "].", parameter.name, " = ", value, " ", parameter.unit, " is outside ",
-             parameter.lower, " .. ", parameter.upper);
+  return say("effects[", effect, "].", parameter.name, " = ", value, " ", parameter.unit,
+             " is outside ", parameter.lower, " .. ", parameter.upper);
 }
 
 }  // namespace
@@ -43,18 +43,22 @@ std::string why_invalid(const Model& model) {
     return say("sample_time_s = ", model.sample_time_s, " must be positive");
   }
   const Loop& loop = model.loop;
-  if (loop.order != 2 && loop.order != 3) return say("loop.order = ", loop.order, " must be 2 or 3");
+  if (loop.order != 2 && loop.order != 3)
+    return say("loop.order = ", loop.order, " must be 2 or 3");
   for (int i = 0; i < loop.order; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (!std::isfinite(loop.denominator[k])) return say("loop.denominator[", i, "] is not finite");
-    if (!std::isfinite(loop.numerator[k])) return say("loop.tracking_error_numerator[", i, "] is not finite");
+    if (!std::isfinite(loop.numerator[k]))
+      return say("loop.tracking_error_numerator[", i, "] is not finite");
   }
-  if (!stable(loop)) return "loop.denominator: the loop is unstable (a pole is not left of the imaginary axis)";
+  if (!stable(loop))
+    return "loop.denominator: the loop is unstable (a pole is not left of the imaginary axis)";
   if (model.effects.size() > static_cast<std::size_t>(kMaxEffects)) {
     return say("effects: ", model.effects.size(), " are more than ", kMaxEffects);
   }
   for (const Effect& effect : model.effects) {
-    if (effect.kind >= kEffectKinds) return say("effects: kind ", effect.kind, " is not in the catalogue");
+    if (effect.kind >= kEffectKinds)
+      return say("effects: kind ", effect.kind, " is not in the catalogue");
     const auto id = identity_of(effect.kind).id;
     std::size_t i = 0;
     for (const Parameter& shape : shapes_of(effect.kind)) {

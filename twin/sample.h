@@ -24,8 +24,8 @@ struct AxisSample {
   double torque = kAbsent;   ///< measured torque, force or current, in its recorded unit
 };
 
-/// One servo cycle of one machine: all axes, and the commands that are already known of later cycles.
-/// Fixed size and trivially copyable: it crosses threads by value.
+/// One servo cycle of one machine: all axes, and the commands that are already known of later
+/// cycles. Fixed size and trivially copyable: it crosses threads by value.
 struct MachineFrame {
   std::uint64_t sequence = 0;  ///< counts cycles; a jump is a loss
   std::int64_t time_ns = 0;    ///< stamp of the cycle
@@ -55,11 +55,11 @@ struct Recording {
 
 /// An unbroken stretch of one axis with a constant sampling time. Arrays are of one length.
 struct Segment {
-  double start_s = 0.0;         ///< time of the first sample in the recording
-  double sample_time_s = 0.0;   ///< > 0
-  Eigen::ArrayXd command;       ///< [m | rad]
-  Eigen::ArrayXd actual;        ///< [m | rad]
-  Eigen::ArrayXd torque;        ///< empty, or one per sample
+  double start_s = 0.0;        ///< time of the first sample in the recording
+  double sample_time_s = 0.0;  ///< > 0
+  Eigen::ArrayXd command;      ///< [m | rad]
+  Eigen::ArrayXd actual;       ///< [m | rad]
+  Eigen::ArrayXd torque;       ///< empty, or one per sample
 
   [[nodiscard]] Eigen::Index size() const { return command.size(); }
   [[nodiscard]] double end_s() const {

@@ -15,20 +15,23 @@ Twin::Twin(const Model& model) {
   h_ = model.sample_time_s;
   delay_s_ = model.command_delay_s();
   if (delay_s_ > h_ * (kHistory - 8)) {
-    throw std::invalid_argument("effects[time_delay].delay_s is longer than " + std::to_string(kHistory - 8) + " cycles");
+    throw std::invalid_argument("effects[time_delay].delay_s is longer than " +
+                                std::to_string(kHistory - 8) + " cycles");
   }
   order_ = model.loop.order;
   const int n = order_;
   Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(n, n);
   for (int i = 0; i + 1 < n; ++i) companion(i, i + 1) = 1.0;
-  for (int i = 0; i < n; ++i) companion(n - 1, i) = -model.loop.denominator[static_cast<std::size_t>(n - 1 - i)];
+  for (int i = 0; i < n; ++i)
+    companion(n - 1, i) = -model.loop.denominator[static_cast<std::size_t>(n - 1 - i)];
   const Eigen::VectorXd input = Eigen::VectorXd::Unit(n, n - 1);
 
   const Hold command = discretise(companion, input, h_, 2);
   const Hold force = discretise(companion, input, h_, 1);
   for (int r = 0; r < n; ++r) {
     const auto row = static_cast<std::size_t>(r);
-    for (int c = 0; c < n; ++c) phi_[row * kMaxOrder + static_cast<std::size_t>(c)] = command.phi(r, c);
+    for (int c = 0; c < n; ++c)
+      phi_[row * kMaxOrder + static_cast<std::size_t>(c)] = command.phi(r, c);
     for (int k = 0; k < 3; ++k) g_command_[row * 3 + static_cast<std::size_t>(k)] = command.g(r, k);
     g_end_[row] = force.g(r, 1) / h_;
     g_begin_[row] = force.g(r, 0) - g_end_[row];
@@ -46,7 +49,8 @@ Twin::Twin(const Model& model) {
 void Twin::start(double command) noexcept {
   y_ = {};
   for (int i = 0; i < effect_count_; ++i) {
-    start_memory<double>(effects_[static_cast<std::size_t>(i)].kind, memory_[static_cast<std::size_t>(i)]);
+    start_memory<double>(effects_[static_cast<std::size_t>(i)].kind,
+                         memory_[static_cast<std::size_t>(i)]);
   }
   history_.fill(command);
   Motion rest;
@@ -66,7 +70,8 @@ void Twin::start(double position, std::span<const double> free_response) noexcep
   position_ = position - z_[static_cast<std::size_t>(order_ - 2)];
 }
 
-double Twin::disturbance(const Motion& m, std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept {
+double Twin::disturbance(const Motion& m,
+                         std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept {
   double sum = 0.0;
   std::array<double, kMaxCoefficients> force{};
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
@@ -92,7 +97,8 @@ double Twin::step(const CommandPiece& piece) noexcept {
     y[r] = sum;
     z[r] = free;
   }
-  // The error of the command and its rate; the highest state's derivative comes from the differential equation.
+  // The error of the command and its rate; the highest state's derivative comes from the
+  // differential equation.
   double error = 0.0, error_rate = 0.0, top = piece.end_velocity;
   for (std::size_t i = 0; i < n; ++i) {
     error += numerator_[i] * y[n - 1 - i];
@@ -101,8 +107,10 @@ double Twin::step(const CommandPiece& piece) noexcept {
   error_rate = numerator_[0] * top;
   for (std::size_t i = 1; i < n; ++i) error_rate += numerator_[i] * y[n - i];
 
-  // The motion at the end of the step and the force there depend on each other (docs/theory.md 2.3):
-  //   f = d(x_free - gamma_x f, v_free - gamma_v f),  gammas > 0, d non-decreasing: one solution for any step.
+  // The motion at the end of the step and the force there depend on each other
+  // (docs/theory.md 2.3):
+  //   f = d(x_free - gamma_x f, v_free - gamma_v f),  gammas > 0, d non-decreasing: one solution
+  //   for any step.
   const double position_free = piece.end_position - error - z[n - 2];
   const double velocity_free = piece.end_velocity - error_rate - z[n - 1];
   Motion m;
@@ -120,7 +128,8 @@ double Twin::step(const CommandPiece& piece) noexcept {
   double miss = force - force_at(force, memory);
   const double tolerance = 1e-15 + 1e-13 * std::abs(force);
   if (std::abs(miss) > tolerance) {
-    // Bracketed secant (Illinois); forces that are piecewise linear in the motion take a few rounds.
+    // Bracketed secant (Illinois); forces that are piecewise linear in the motion take a few
+    // rounds.
     const auto at = [&](double trial_force) {
       force = trial_force;
       memory = memory_;
@@ -132,8 +141,10 @@ double Twin::step(const CommandPiece& piece) noexcept {
     double miss_right = at(right);
     for (int round = 0; round < 60 && std::abs(miss) > tolerance; ++round) {
       const double spread = miss_right - miss_left;
-      double next = spread != 0.0 ? (left * miss_right - right * miss_left) / spread : 0.5 * (left + right);
-      if (!(next > std::min(left, right) && next < std::max(left, right))) next = 0.5 * (left + right);
+      double next =
+          spread != 0.0 ? (left * miss_right - right * miss_left) / spread : 0.5 * (left + right);
+      if (!(next > std::min(left, right) && next < std::max(left, right)))
+        next = 0.5 * (left + right);
       if (next == left || next == right) break;
       const double miss_next = at(next);
       if ((miss_next > 0.0) == (miss_right > 0.0)) {
@@ -157,7 +168,9 @@ double Twin::step(const CommandPiece& piece) noexcept {
 double Twin::follow(double command) noexcept {
   newest_ = (newest_ + 1) % kHistory;
   history_[newest_] = command;
-  const auto past = [this](std::uint32_t back) { return history_[(newest_ + kHistory - back) % kHistory]; };
+  const auto past = [this](std::uint32_t back) {
+    return history_[(newest_ + kHistory - back) % kHistory];
+  };
 
   // The delayed commands at the end of this cycle and of the three before, by cubic interpolation
   // centred where later commands are known.
@@ -171,10 +184,10 @@ double Twin::follow(double command) noexcept {
       continue;
     }
     const std::uint32_t first = whole + i >= 1 ? whole + i - 1 : 0;  // newest of the four nodes
-    const double u = t + static_cast<double>(whole + i - first);       // position counted back from it
+    const double u = t + static_cast<double>(whole + i - first);  // position counted back from it
     const double a = past(first), b = past(first + 1), c = past(first + 2), d = past(first + 3);
-    x[i] = -a * (u - 1) * (u - 2) * (u - 3) / 6 + b * u * (u - 2) * (u - 3) / 2 - c * u * (u - 1) * (u - 3) / 2 +
-           d * u * (u - 1) * (u - 2) / 6;
+    x[i] = -a * (u - 1) * (u - 2) * (u - 3) / 6 + b * u * (u - 2) * (u - 3) / 2 -
+           c * u * (u - 1) * (u - 3) / 2 + d * u * (u - 1) * (u - 2) / 6;
   }
   // The cubic through x[3], x[2], x[1], x[0]; the cycle runs from x[1] to x[0].
   const double d1 = x[0] - x[1];
@@ -192,14 +205,15 @@ double Twin::follow(double command) noexcept {
 
 void Twin::predict(std::span<const double> commands, std::span<double> errors) const noexcept {
   Twin ahead = *this;
-  for (std::size_t i = 0; i < commands.size() && i < errors.size(); ++i) errors[i] = ahead.follow(commands[i]);
+  for (std::size_t i = 0; i < commands.size() && i < errors.size(); ++i)
+    errors[i] = ahead.follow(commands[i]);
 }
 
 namespace {
 
 /// The error of a run from rest, or from this free response.
-Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& motion, const Eigen::ArrayXd& delayed,
-                   std::span<const double> free_response) {
+Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& motion,
+                   const Eigen::ArrayXd& delayed, std::span<const double> free_response) {
   Twin twin = model;
   const Eigen::Index n = segment.size();
   Eigen::ArrayXd error(n);
@@ -225,7 +239,8 @@ double starting_state_s(const Model& model) {
   // Long enough to see every mode of the loop, and at least 20 samples for the encoder's steps.
   double slowest = 1e9;
   const auto roots = roots_of(model.loop);
-  for (int i = 0; i < model.loop.order; ++i) slowest = std::min(slowest, -roots[static_cast<std::size_t>(i)].real());
+  for (int i = 0; i < model.loop.order; ++i)
+    slowest = std::min(slowest, -roots[static_cast<std::size_t>(i)].real());
   return std::clamp(3.0 / slowest, 20.0 * model.sample_time_s, 0.25);
 }
 
@@ -239,7 +254,8 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   if (segment.actual.size() != n) return run(twin, segment, motion, delayed, {});
 
   // The starting state: the free response that brings the simulation onto the first encoder values.
-  const auto settle = std::min<Eigen::Index>(n, static_cast<Eigen::Index>(starting_state_s(model) / segment.sample_time_s) + 4);
+  const auto settle = std::min<Eigen::Index>(
+      n, static_cast<Eigen::Index>(starting_state_s(model) / segment.sample_time_s) + 4);
   const int order = model.loop.order;
   Segment head = segment;
   head.command.conservativeResize(settle);
@@ -262,7 +278,8 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
     const Eigen::ArrayXd error = run(twin, head, motion, delayed, state);
     const Eigen::VectorXd miss =
         ((segment.command - segment.actual).head(settle) - error).tail(settle - 1).matrix();
-    const Eigen::VectorXd correction = (solver.solve(miss).array() / scale.transpose().array()).matrix();
+    const Eigen::VectorXd correction =
+        (solver.solve(miss).array() / scale.transpose().array()).matrix();
     for (int i = 0; i < order; ++i) start[static_cast<std::size_t>(i)] += correction(i);
   }
   return run(twin, segment, motion, delayed, state);

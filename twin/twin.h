@@ -1,8 +1,8 @@
 // The twin of one axis, stepped cycle by cycle in free simulation: it sees commands only.
 //
-// Source: exact filters (twin/hold.h), friction linear within the step and solved with it, so that any
-// step is stable (docs/theory.md 2.3). Trivially copyable; a copy is how one looks ahead.
-// Any one thread; `step`, `follow` and `predict` allocate nothing, take no lock and throw nothing.
+// Source: exact filters (twin/hold.h), friction linear within the step and solved with it, so that
+// any step is stable (docs/theory.md 2.3). Trivially copyable; a copy is how one looks ahead. Any
+// one thread; `step`, `follow` and `predict` allocate nothing, take no lock and throw nothing.
 #pragma once
 
 #include <array>
@@ -37,7 +37,8 @@ class Twin {
 
   /// Puts the axis at rest at this command, with constant forces already held by the loop.
   void start(double command) noexcept;
-  /// Starts within a motion: the states of 1/P [its output and derivatives] whose free response the error then holds.
+  /// Starts within a motion: the states of 1/P [its output and derivatives] whose free response the
+  /// error then holds.
   void start(double position, std::span<const double> free_response) noexcept;
 
   /// One cycle with the command's cubic given: returns the tracking error at its end [m | rad].
@@ -48,7 +49,8 @@ class Twin {
   void predict(std::span<const double> commands, std::span<double> errors) const noexcept;
 
  private:
-  double disturbance(const Motion& m, std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept;
+  double disturbance(const Motion& m,
+                     std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept;
 
   static constexpr int kHistory = 128;  // commands kept for a delay; power of two
 
@@ -61,7 +63,7 @@ class Twin {
   std::array<double, kMaxOrder * kMaxOrder> phi_{};
   std::array<double, kMaxOrder * 3> g_command_{};
   std::array<double, kMaxOrder> g_begin_{}, g_end_{};  // first-order hold of the disturbance
-  std::array<double, kMaxOrder> rest_{};               // z of a constant unit disturbance held at rest
+  std::array<double, kMaxOrder> rest_{};       // z of a constant unit disturbance held at rest
   std::array<Effect, kMaxEffects> effects_{};  // those that act as forces
 
   std::array<double, kMaxOrder> y_{}, z_{};
@@ -76,9 +78,9 @@ class Twin {
 /// How much of a segment's beginning `simulate` uses of the encoder to find the starting state [s].
 [[nodiscard]] double starting_state_s(const Model& model);
 
-/// Free simulation of a whole segment from its command and starting state alone: the tracking error.
-/// The starting state is taken from the first `starting_state_s` of the encoder where `actual` is there;
-/// else the axis starts at rest on its command.
+/// Free simulation of a whole segment from its command and starting state alone: the tracking
+/// error. The starting state is taken from the first `starting_state_s` of the encoder where
+/// `actual` is there; else the axis starts at rest on its command.
 [[nodiscard]] Eigen::ArrayXd simulate(const Model& model, const Segment& segment);
 
 }  // namespace servotwin

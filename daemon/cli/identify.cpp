@@ -66,9 +66,11 @@ void say_result(std::FILE* people, const Identified& identified) {
   for (const std::string& line : parameter_lines(record)) say(people, line);
   for (const std::string& line : fit_lines(record, Times::kOfRecording)) say(people, line);
   if (record.excitation.empty()) {
-    say(people, record.method == "full-ls"
-                    ? "excitation  the motion has reversals and acceleration; full LS tells no standard deviations"
-                    : "excitation  sufficient: every parameter is known to better than half its value");
+    say(people,
+        record.method == "full-ls"
+            ? "excitation  the motion has reversals and acceleration; full LS tells no standard "
+              "deviations"
+            : "excitation  sufficient: every parameter is known to better than half its value");
   }
   for (const std::string& line : record.excitation) say(people, "excitation  " + line);
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);

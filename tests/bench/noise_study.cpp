@@ -49,9 +49,11 @@ void print_full_ls(const char* name, const Segment& segment, bool constrained) {
   std::printf(" Hz, cond %.2e", fit->condition_number);
   if (why_invalid(fit->model).empty()) {
     const ErrorFigures free = judge(fit->model, {segment});
-    const Eigen::ArrayXd left = (segment.command - segment.actual) - test::full_ls_prediction(*fit, segment).array();
-    std::printf(", RMS %.3f um, MAX %.1f um (free simulation: %.3f, %.1f)\n", 1e6 * std::sqrt(left.square().mean()),
-                1e6 * left.abs().maxCoeff(), 1e6 * free.rms, 1e6 * free.max);
+    const Eigen::ArrayXd left =
+        (segment.command - segment.actual) - test::full_ls_prediction(*fit, segment).array();
+    std::printf(", RMS %.3f um, MAX %.1f um (free simulation: %.3f, %.1f)\n",
+                1e6 * std::sqrt(left.square().mean()), 1e6 * left.abs().maxCoeff(), 1e6 * free.rms,
+                1e6 * free.max);
   } else {
     std::printf(", no usable model: %s\n", why_invalid(fit->model).c_str());
   }

@@ -124,9 +124,7 @@ struct Wrong {
 };
 
 class ConfigRefuses : public testing::TestWithParam<Wrong> {};
-void PrintTo(const Wrong& wrong, std::ostream* out) {
-  *out << testing::PrintToString(std::string(wrong.message));
-}
+std::ostream& operator<<(std::ostream& out, const Wrong& wrong) { return out << wrong.message; }
 
 TEST_P(ConfigRefuses, WithPlaceValueAndRule) {
   EXPECT_EQ(problem_of(GetParam().text), GetParam().message);

@@ -6,31 +6,17 @@
 #include <cerrno>
 #include <random>
 
+#include "tests/daemon/ball_screw.h"
 #include "tests/daemon/full_disk.h"
 #include "tests/daemon/support.h"
-#include "tests/virtual_machine/axis.h"
-#include "tests/virtual_machine/program.h"
 
 namespace servotwin {
 namespace {
 
 using testing::HasSubstr;
 
-/// 32 s of a ball-screw axis with a P-P drive, whose physics shares no code with the twin.
 const virtual_machine::AxisRecord& machine_record() {
-  static const virtual_machine::AxisRecord record = [] {
-    virtual_machine::Axis axis;
-    axis.body.mass = 100.0;
-    axis.body.viscous = 240.0;
-    axis.body.friction = virtual_machine::SaturatedCoulomb{20.0, 1e-3};
-    axis.drive.position_gain = 60.0;
-    axis.drive.velocity_gain = 20'000.0;
-    axis.recorder.position_step = 1e-7;
-    virtual_machine::MoveMix mix;
-    mix.duration = 32.0;
-    mix.longest_dwell = 0.05;
-    return virtual_machine::record(axis, virtual_machine::moves(mix, 20));
-  }();
+  static const virtual_machine::AxisRecord record = ball_screw_record(32.0);
   return record;
 }
 
@@ -266,6 +252,26 @@ TEST_F(WorkerTest, WhatCannotBeIdentifiedIsSaidAndTriedAgainWithNewMotion) {
   EXPECT_EQ(newest_event().kind, "model_refused");
   EXPECT_THAT(newest_event().text, HasSubstr("no model was found: "));
   EXPECT_FALSE(worker_->look(0)) << "not again on the same data";
+}
+
+TEST_F(WorkerTest, MotionThatDoesNotExciteBringsNoModelIntoForce) {
+  restart();
+  // Forwards only, at changing speed: it can be followed well and still shows no friction.
+  for (int i = 0; i < 12000; ++i) {
+    const double t = i * kCycle_s;
+    const auto command = [](double at) { return 0.05 * at + 0.004 * std::sin(4.0 * at); };
+    CycleRow row;
+    row.time_ns = row_++ * 1'000'000;
+    row.after_gap = i == 0;
+    row.axis_count = 1;
+    row.axes[0] = {command(t), command(t - 0.008) + 1e-7 * std::normal_distribution<>()(random_),
+                   kAbsent};
+    memory_->append(row);
+  }
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "model_refused");
+  EXPECT_THAT(newest_event().text, HasSubstr("friction is not excited"));
+  EXPECT_TRUE(announced_.empty());
 }
 
 TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {

@@ -44,9 +44,8 @@ class Process {
     said_ = ends[0];
     std::vector<std::string> all{daemon_program().string()};
     all.insert(all.end(), arguments.begin(), arguments.end());
-    std::vector<char*> argv;
-    for (std::string& one : all) argv.push_back(one.data());
-    argv.push_back(nullptr);
+    std::vector<char*> argv(all.size() + 1, nullptr);
+    for (std::size_t i = 0; i < all.size(); ++i) argv[i] = all[i].data();
     id_ = fork();
     if (id_ == 0) {
       dup2(ends[1], STDOUT_FILENO);

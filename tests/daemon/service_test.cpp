@@ -12,9 +12,8 @@
 #include "daemon/store.h"
 #include "drivers/csv.h"
 #include "drivers/dds.h"
+#include "tests/daemon/ball_screw.h"
 #include "tests/daemon/support.h"
-#include "tests/virtual_machine/axis.h"
-#include "tests/virtual_machine/program.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -169,18 +168,7 @@ TEST_F(ServiceTest, StopsWhileItWaitsForAMachine) {
 }
 
 TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
-  virtual_machine::Axis axis;
-  axis.body.mass = 100.0;
-  axis.body.viscous = 240.0;
-  axis.body.friction = virtual_machine::SaturatedCoulomb{20.0, 1e-3};
-  axis.drive.position_gain = 60.0;
-  axis.drive.velocity_gain = 20'000.0;
-  axis.recorder.position_step = 1e-7;
-  virtual_machine::MoveMix mix;
-  mix.duration = 20.0;
-  mix.longest_dwell = 0.05;
-  const virtual_machine::AxisRecord record =
-      virtual_machine::record(axis, virtual_machine::moves(mix, 20));
+  const virtual_machine::AxisRecord record = ball_screw_record(20.0);
   Recording recording;
   AxisRecord x;
   x.name = "X";

@@ -118,7 +118,7 @@ class RawWriter {
   void write(std::uint32_t axes, std::uint32_t ahead, std::uint32_t ahead_values,
              std::uint32_t flags = 0) {
     servotwin_msgs_MachineFrame sample{};
-    std::strcpy(sample.machine, machine_.c_str());
+    std::memcpy(sample.machine, machine_.c_str(), machine_.size() + 1);
     servotwin_msgs_AxisSample axis_samples[32]{};
     for (auto& sample_of_axis : axis_samples) sample_of_axis = {1.0, 2.0, 3.0, flags};
     double values[1024]{};

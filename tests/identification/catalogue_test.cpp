@@ -23,11 +23,13 @@ class EveryEffect : public ::testing::TestWithParam<std::tuple<std::size_t, int>
     effect.kind = kind;
     std::size_t i = 0;
     for (const Parameter& p : shapes_of(kind)) {
-      effect.shape[i++] = p.lower > 0.0 ? p.lower * std::pow(p.upper / p.lower, part(rng)) : p.lower + part(rng) * 0.5 * (p.upper - p.lower);
+      effect.shape[i++] = p.lower > 0.0 ? p.lower * std::pow(p.upper / p.lower, part(rng))
+                                        : p.lower + part(rng) * 0.5 * (p.upper - p.lower);
     }
     i = 0;
     // Large enough to be seen, small enough that friction does not hold the axis.
-    for (const Parameter& p : coefficients_of(kind)) effect.coefficient[i++] = std::min(p.upper, 0.3) * part(rng);
+    for (const Parameter& p : coefficients_of(kind))
+      effect.coefficient[i++] = std::min(p.upper, 0.3) * part(rng);
     return effect;
   }
 };
@@ -41,7 +43,8 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     model.sample_time_s = h;
     model.loop.order = order;
     model.loop.denominator = denominator_of({8.0 * kTwoPi, 25.0 * kTwoPi, 0.5}, order);
-    model.loop.numerator = {0.9, 0.8 * model.loop.denominator[0], order == 3 ? 0.6 * model.loop.denominator[1] : 0.0};
+    model.loop.numerator = {0.9, 0.8 * model.loop.denominator[0],
+                            order == 3 ? 0.6 * model.loop.denominator[1] : 0.0};
     model.effects = {random_effect(kind, rng)};
 
     Segment segment;
@@ -49,7 +52,8 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     segment.command.resize(3000);
     for (Eigen::Index k = 0; k < 3000; ++k) {
       const double t = std::max(0.0, h * static_cast<double>(k) - 0.05);  // from rest
-      segment.command(k) = 0.02 * std::pow(std::sin(kTwoPi * (0.6 + 0.2 * round) * t), 3) * std::min(1.0, t);
+      segment.command(k) =
+          0.02 * std::pow(std::sin(kTwoPi * (0.6 + 0.2 * round) * t), 3) * std::min(1.0, t);
     }
     // The twin steps along the command (delayed where the model says so) ...
     Signals signals;
@@ -62,7 +66,8 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     signals.position = Eigen::ArrayXd::Constant(3000, twin.position());
     signals.velocity = Eigen::ArrayXd::Zero(3000);
     for (Eigen::Index k = 1; k < 3000; ++k) {
-      CommandPiece piece{motion.first(k - 1), motion.second(k - 1), motion.third(k - 1), delayed(k), motion.first(k), motion.second(k)};
+      CommandPiece piece{motion.first(k - 1), motion.second(k - 1), motion.third(k - 1),
+                         delayed(k),          motion.first(k),      motion.second(k)};
       twin.step(piece);
       signals.position(k) = twin.position();
       signals.velocity(k) = twin.velocity();
@@ -71,24 +76,30 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     signals.error = error;
     EXPECT_LT((error - simulate(model, segment)).abs().maxCoeff(), 1e-12);
 
-    // ... and the regressors of that motion, times the model's coefficients, must be the same error.
+    // ... and the regressors of that motion, times the model's coefficients, must be the same
+    // error.
     Structure structure{order, {kind}};
     structure.every_coefficient = true;
     const Projection data({signals}, structure, false);
     Point point;
     point.denominator = model.loop.denominator;
-    point.shapes.assign(model.effects[0].shape.begin(), model.effects[0].shape.begin() + static_cast<std::ptrdiff_t>(shapes_of(kind).size()));
+    point.shapes.assign(
+        model.effects[0].shape.begin(),
+        model.effects[0].shape.begin() + static_cast<std::ptrdiff_t>(shapes_of(kind).size()));
     const Eigen::MatrixXd columns = data.regressors(point);
     Eigen::VectorXd linear(columns.cols());
     for (int i = 0; i < order; ++i) linear(i) = model.loop.numerator[static_cast<std::size_t>(i)];
-    for (Eigen::Index i = order; i < columns.cols(); ++i) linear(i) = model.effects[0].coefficient[static_cast<std::size_t>(i - order)];
+    for (Eigen::Index i = order; i < columns.cols(); ++i)
+      linear(i) = model.effects[0].coefficient[static_cast<std::size_t>(i - order)];
     Eigen::ArrayXd expected = (columns * linear).array();
     expected += segment.command - delayed;
-    EXPECT_LT((expected - error).abs().maxCoeff(), 1e-12) << identity_of(kind).id << ", round " << round;
+    EXPECT_LT((expected - error).abs().maxCoeff(), 1e-12)
+        << identity_of(kind).id << ", round " << round;
     // And the effect is seen at all: without it the error is another.
     Model bare = model;
     bare.effects.clear();
-    EXPECT_GT((simulate(bare, segment) - error).abs().maxCoeff(), order == 3 && kind == kind_of<ConstantForce>() ? -1.0 : 1e-7);
+    EXPECT_GT((simulate(bare, segment) - error).abs().maxCoeff(),
+              order == 3 && kind == kind_of<ConstantForce>() ? -1.0 : 1e-7);
   }
 }
 
@@ -107,7 +118,8 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
     m.position = uniform(rng);
     m.displacement = m.velocity * m.step_s;
     std::array<Jet, kMaxShapes> shape{};
-    for (std::size_t p = 0; p < shape_count; ++p) shape[p] = Jet(effect.shape[p], static_cast<int>(p));
+    for (std::size_t p = 0; p < shape_count; ++p)
+      shape[p] = Jet(effect.shape[p], static_cast<int>(p));
     EffectMemory<Jet> memory;
     start_memory<Jet>(kind, memory);
     std::array<Jet, kMaxCoefficients> force{};
@@ -125,16 +137,19 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       const auto up = at(1.0 + 1e-6), down = at(1.0 - 1e-6);
       for (std::size_t c = 0; c < coefficient_count; ++c) {
         const double difference = (up[c] - down[c]) / (2e-6 * effect.shape[p]);
-        EXPECT_NEAR(force[c].v(static_cast<Eigen::Index>(p)), difference, 1e-4 * (1.0 + std::abs(difference)));
+        EXPECT_NEAR(force[c].v(static_cast<Eigen::Index>(p)), difference,
+                    1e-4 * (1.0 + std::abs(difference)));
       }
     }
   }
 }
 
 INSTANTIATE_TEST_SUITE_P(Catalogue, EveryEffect,
-                         ::testing::Combine(::testing::Range<std::size_t>(0, kEffectKinds), ::testing::Values(2, 3)),
+                         ::testing::Combine(::testing::Range<std::size_t>(0, kEffectKinds),
+                                            ::testing::Values(2, 3)),
                          [](const auto& test) {
-                           return std::string(identity_of(std::get<0>(test.param)).id) + "_order" + std::to_string(std::get<1>(test.param));
+                           return std::string(identity_of(std::get<0>(test.param)).id) + "_order" +
+                                  std::to_string(std::get<1>(test.param));
                          });
 
 TEST(Catalogue, IdsAreUniqueAndFound) {

@@ -67,7 +67,8 @@ TEST_P(VirtualAxis, PolesFrictionAndStructureAreRecovered) {
   expected.order = truth.order;
   expected.denominator = {truth.a1, truth.a2, truth.a3};
   const PoleSet want = labels_of(expected).set[0], got = labels_of(model.loop).set[0];
-  // The sampled drive delays its force by about its period, 31 us, of which the continuous limit knows nothing.
+  // The sampled drive delays its force by about its period, 31 us, of which the continuous limit
+  // knows nothing.
   EXPECT_NEAR(got.omega, want.omega, 0.02 * want.omega);
   EXPECT_NEAR(got.zeta, want.zeta, 0.03 * want.zeta);
   if (truth.order == 3) {
@@ -80,8 +81,9 @@ TEST_P(VirtualAxis, PolesFrictionAndStructureAreRecovered) {
   EXPECT_LT(found.record.holdout.rms, 0.5e-6);
 }
 
-INSTANTIATE_TEST_SUITE_P(Drives, VirtualAxis, ::testing::Bool(),
-                         [](const auto& test) { return test.param ? "with_integrator" : "without_integrator"; });
+INSTANTIATE_TEST_SUITE_P(Drives, VirtualAxis, ::testing::Bool(), [](const auto& test) {
+  return test.param ? "with_integrator" : "without_integrator";
+});
 
 // A shift between the streams is a delay, and a loop must not swallow it.
 TEST(Identify, FindsADelayBesideMatchedFeedForward) {
@@ -105,8 +107,10 @@ TEST(Identify, TheHoldOutIsNotInTheFit) {
   vm::AxisRecord record = production(virtual_axis(false), 3);
   const IdentifyOptions options;
   const Identified before = identify(as_segments(record), options);
-  // Spoil what lies behind the training part: the model stays the same to the last bit, its hold-out does not.
-  const auto last = static_cast<Eigen::Index>(std::ceil(before.record.training_to_s / record.sample_time)) + 1;
+  // Spoil what lies behind the training part: the model stays the same to the last bit, its
+  // hold-out does not.
+  const auto last =
+      static_cast<Eigen::Index>(std::ceil(before.record.training_to_s / record.sample_time)) + 1;
   record.actual.tail(record.actual.size() - last) += 50e-6;
   const Identified after = identify(as_segments(record), options);
   EXPECT_EQ(before.record.model.loop.denominator, after.record.model.loop.denominator);
@@ -135,22 +139,26 @@ TEST(Identify, RefusesWhatCannotBeIdentified) {
     axis.segments = cut(axis.segments, 1.0, 1.0 + 1e-3 * static_cast<double>(n - 1));
     return axis;
   };
-  expect_error<std::runtime_error>([&] { (void)identify(shortened(200)); }, {"X", "200 samples", "too few", "record at least"});
+  expect_error<std::runtime_error>([&] { (void)identify(shortened(200)); },
+                                   {"X", "200 samples", "too few", "record at least"});
   SegmentedAxis still = shortened(2000);
   still.segments[0].actual.setConstant(0.1);
   expect_error<std::runtime_error>([&] { (void)identify(still); }, {"X.actual"});
   IdentifyOptions options;
   options.training_share = 1.5;
-  expect_error<std::invalid_argument>([&] { (void)identify(shortened(2000), options); }, {"training share", "1.5"});
+  expect_error<std::invalid_argument>([&] { (void)identify(shortened(2000), options); },
+                                      {"training share", "1.5"});
   options = {};
   options.bounds.zeta_min = -1.0;
-  expect_error<std::invalid_argument>([&] { (void)identify(shortened(2000), options); }, {"damping ratio bounds", "-1"});
+  expect_error<std::invalid_argument>([&] { (void)identify(shortened(2000), options); },
+                                      {"damping ratio bounds", "-1"});
 }
 
 TEST(Identify, EncoderAndCommandExchangedPredictsNothingAndSaysSo) {
   SegmentedAxis axis = as_segments(production(virtual_axis(false), 3));
   std::swap(axis.segments[0].command, axis.segments[0].actual);
-  // Either no loop within the bounds follows an effect that precedes its cause, or the model is refused or poor.
+  // Either no loop within the bounds follows an effect that precedes its cause, or the model is
+  // refused or poor.
   try {
     const Identified found = identify(axis);
     const Identified honest = identify(as_segments(production(virtual_axis(false), 3)));
@@ -166,12 +174,13 @@ Recording real_recording(const std::filesystem::path& file, const char* columns)
   return read_recording(file, options);
 }
 
-// Real ball-screw axis (EMPS benchmark). Fitted on the first half, judged on the second in free simulation.
-// Published rigid-body parameters with the true control law leave 1.62 um RMS and 10.6 um MAX (symmetric
-// friction); the twin knows command and encoder only.
+// Real ball-screw axis (EMPS benchmark). Fitted on the first half, judged on the second in free
+// simulation. Published rigid-body parameters with the true control law leave 1.62 um RMS and 10.6
+// um MAX (symmetric friction); the twin knows command and encoder only.
 TEST(RealRecording, EmpsIsPredictedBetterThanByThePublishedModel) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
-  const SegmentedAxis axis = segment_axis(real_recording(file, "X.command=qg[m],X.actual=qm[m],X.torque=vir[V]"), "X");
+  const SegmentedAxis axis =
+      segment_axis(real_recording(file, "X.command=qg[m],X.actual=qm[m],X.torque=vir[V]"), "X");
   IdentifyOptions options;
   options.training_share = 0.5;
   const Identified found = identify(axis, options);
@@ -186,21 +195,24 @@ TEST(RealRecording, EmpsIsPredictedBetterThanByThePublishedModel) {
   EXPECT_NEAR(poles.zeta, 0.362, 0.01);
   EXPECT_LT(found.record.holdout.rms, 1.56e-6);
   EXPECT_LT(found.record.holdout.max, 9.9e-6);
-  // Published: Coulomb 20.39 N and offset -3.16 N for 95.1 kg; ours per moved mass, viscous friction in the poles.
+  // Published: Coulomb 20.39 N and offset -3.16 N for 95.1 kg; ours per moved mass, viscous
+  // friction in the poles.
   EXPECT_NEAR(model.find(kind_of<ConstantForce>())->coefficient[0] * 95.1, -3.2, 0.8);
   EXPECT_NEAR(model.find(kind_of<CoulombFriction>())->coefficient[0] * 95.1, 22.0, 3.0);
 
   // The baseline, full least squares, on the same halves.
   options.method = Method::kFullLs;
   const Identified baseline = identify(axis, options);
-  EXPECT_TRUE(!baseline.refusals.empty() || baseline.record.holdout.rms > 2.0 * found.record.holdout.rms);
+  EXPECT_TRUE(!baseline.refusals.empty() ||
+              baseline.record.holdout.rms > 2.0 * found.record.holdout.rms);
 }
 
 // Real five-axis machine, axis Y1: the encoder record lags the command record by 8.2 ms.
 TEST(RealRecording, TheDelayOfTheSinumerikAxisIsFoundAndNotSwallowed) {
   SERVOTWIN_REAL_DATA(file, "sinumerik_edge_5axis/axis_Y1.csv");
-  const SegmentedAxis axis =
-      segment_axis(real_recording(file, "Y1.command=des_pos[mm],Y1.actual=enc_pos[mm],Y1.torque=torque[Nm]"), "Y1");
+  const SegmentedAxis axis = segment_axis(
+      real_recording(file, "Y1.command=des_pos[mm],Y1.actual=enc_pos[mm],Y1.torque=torque[Nm]"),
+      "Y1");
   ASSERT_EQ(axis.segments.size(), 2U);
   const Identified found = identify(axis);
   EXPECT_NEAR(found.record.model.command_delay_s(), 8.2e-3, 0.1e-3);

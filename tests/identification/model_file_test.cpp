@@ -30,7 +30,8 @@ ModelRecord random_record(std::mt19937_64& rng) {
   Loop& loop = record.model.loop;
   loop.order = u(rng) < 0.5 ? 2 : 3;
   loop.denominator = denominator_of({100.0 * u(rng), 300.0 * u(rng), 1.5 * u(rng)}, loop.order);
-  for (int i = 0; i < loop.order; ++i) loop.numerator[static_cast<std::size_t>(i)] = u(rng) * std::pow(100.0, i);
+  for (int i = 0; i < loop.order; ++i)
+    loop.numerator[static_cast<std::size_t>(i)] = u(rng) * std::pow(100.0, i);
   Effect friction = make_effect<CoulombFriction>();
   friction.shape[0] = 1e-3 * u(rng);
   friction.coefficient = {u(rng), 0.0};
@@ -82,7 +83,8 @@ TEST(ModelFile, ATruncatedFileIsRefusedAtEveryByte) {
 }
 
 TEST(ModelFile, RefusalsNameTheField) {
-  const auto refused = [](const char* pointer, const json& value, std::initializer_list<const char*> parts) {
+  const auto refused = [](const char* pointer, const json& value,
+                          std::initializer_list<const char*> parts) {
     json j = valid();
     j[json::json_pointer(pointer)] = value;
     SCOPED_TRACE(pointer);
@@ -97,12 +99,14 @@ TEST(ModelFile, RefusalsNameTheField) {
   refused("/loop/order", 7, {"loop.order", "7"});
   refused("/loop/denominator", json::array({1.0}), {"loop.denominator", "list of"});
   refused("/loop/denominator/0", -5.0, {"loop.denominator", "unstable"});
-  refused("/loop/tracking_error_numerator/1", nullptr, {"loop.tracking_error_numerator[1]", "number"});
+  refused("/loop/tracking_error_numerator/1", nullptr,
+          {"loop.tracking_error_numerator[1]", "number"});
   refused("/loop/poles/0/0", -1.0, {"loop.poles", "contradicts"});
   refused("/loop/disturbance_gain", 99.0, {"loop.disturbance_gain", "contradicts"});
   refused("/effects", 1, {"effects", "list"});
   refused("/effects/0/id", "phlogiston", {"effects[0].id", "phlogiston"});
-  refused("/effects/0/parameters/velocity_limit/value", 7.0, {"effects[coulomb_friction].velocity_limit", "7", "outside"});
+  refused("/effects/0/parameters/velocity_limit/value", 7.0,
+          {"effects[coulomb_friction].velocity_limit", "7", "outside"});
   refused("/effects/0/parameters/colour", json::object(), {"effects[0].parameters.colour"});
   for (const char* key : {"schema", "axis", "sample_time_s", "loop", "effects"}) {
     json j = valid();
@@ -117,15 +121,18 @@ TEST(ModelFile, WritingNeverLeavesHalfAFile) {
   const test::TemporaryDirectory directory;
   std::mt19937_64 rng{8};
   const ModelRecord record = random_record(rng);
-  expect_error<std::runtime_error>([&] { write_model(directory.path() / "no" / "such" / "m.json", record); },
-                                   {"m.json", "cannot be written"});
+  expect_error<std::runtime_error>(
+      [&] { write_model(directory.path() / "no" / "such" / "m.json", record); },
+      {"m.json", "cannot be written"});
   // A device that is full from the first byte: what stands beside it stays.
   const auto file = directory.path() / "m.json";
   write_model(file, record);
   std::filesystem::create_directory(directory.path() / "busy.json");
-  expect_error<std::runtime_error>([&] { write_model(directory.path() / "busy.json", record); }, {"busy.json"});
+  expect_error<std::runtime_error>([&] { write_model(directory.path() / "busy.json", record); },
+                                   {"busy.json"});
   std::size_t files = 0;
-  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(directory.path())) ++files;
+  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(directory.path()))
+    ++files;
   EXPECT_EQ(files, 2U) << "a temporary file was left behind";
 }
 

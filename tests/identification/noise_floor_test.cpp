@@ -32,10 +32,12 @@ TEST(NoiseFloor, FindsTheEncoderStep) {
   for (double step : {0.05e-6, 1e-6, 5e-6, 20e-6}) {
     EXPECT_NEAR(noise_floor({laps(step, 0.0, 3, 3.1)}).encoder_step, step, 0.01 * step);
   }
-  // Too fine for two readings to be one step apart anywhere: not found, and nothing else taken for it.
+  // Too fine for two readings to be one step apart anywhere: not found, and nothing else taken for
+  // it.
   EXPECT_EQ(noise_floor({laps(1e-10, 0.0, 1)}).encoder_step, 0.0);
   EXPECT_EQ(noise_floor({laps(0.0, 0.0, 1)}).encoder_step, 0.0);
-  EXPECT_TRUE(std::isnan(noise_floor({laps(0.0, 0.0, 1)}).rms)) << "nothing shown is not a floor of zero";
+  EXPECT_TRUE(std::isnan(noise_floor({laps(0.0, 0.0, 1)}).rms))
+      << "nothing shown is not a floor of zero";
 }
 
 TEST(NoiseFloor, WhatDoesNotRepeatFromLapToLapIsNoise) {
@@ -47,7 +49,8 @@ TEST(NoiseFloor, WhatDoesNotRepeatFromLapToLapIsNoise) {
 
 TEST(NoiseFloor, ACommandThatNeverRepeatsHasNoLap) {
   Segment s = laps(0.0, 0.4e-6, 1);
-  for (Eigen::Index i = 0; i < s.size(); ++i) s.command(i) += 1e-3 * std::pow(1e-3 * static_cast<double>(i), 2);
+  for (Eigen::Index i = 0; i < s.size(); ++i)
+    s.command(i) += 1e-3 * std::pow(1e-3 * static_cast<double>(i), 2);
   EXPECT_TRUE(std::isnan(noise_floor({s}).repeat_rms));
 }
 

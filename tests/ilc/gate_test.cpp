@@ -88,7 +88,7 @@ struct Case {
   void (*spoil)(GateRequest&);
 };
 
-void PrintTo(const Case& one, std::ostream* out) { *out << name_of(one.refusal); }
+std::ostream& operator<<(std::ostream& out, const Case& one) { return out << name_of(one.refusal); }
 
 class GateRefuses : public testing::TestWithParam<Case> {};
 

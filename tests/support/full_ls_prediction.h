@@ -1,5 +1,5 @@
-// The error a full-LS fit predicts as the thesis judges it: its own loop, its own two friction levels, switched by
-// the measured velocity (the program itself judges in free simulation).
+// The error a full-LS fit predicts as the thesis judges it: its own loop, its own two friction
+// levels, switched by the measured velocity (the program itself judges in free simulation).
 #pragma once
 
 #include <algorithm>

@@ -19,8 +19,8 @@ TEST(Hold, FirstOrderLagOfARampIsTheClosedForm) {
   EXPECT_NEAR(hold.phi(0, 0) * w0 + hold.g(0, 0) * u0 + hold.g(0, 1) * u1, expected, 1e-15);
 }
 
-// Filter 1/P with poles 9.87 Hz, 31.31 Hz / 0.44 at 1 ms, driven by sin(2 pi 3 t)^3 t. Numbers from the
-// project's reference study (an independent Python implementation; docs/theory.md 6).
+// Filter 1/P with poles 9.87 Hz, 31.31 Hz / 0.44 at 1 ms, driven by sin(2 pi 3 t)^3 t. Numbers from
+// the project's reference study (an independent Python implementation; docs/theory.md 6).
 class ThirdOrderFilter : public ::testing::Test {
  protected:
   ThirdOrderFilter() : input(1001) {
@@ -37,7 +37,8 @@ class ThirdOrderFilter : public ::testing::Test {
 };
 
 void expect_relative(const Eigen::Vector3d& got, const Eigen::Vector3d& want) {
-  for (int i = 0; i < 3; ++i) EXPECT_NEAR(got(i), want(i), 1e-10 * std::abs(want(i))) << "state " << i;
+  for (int i = 0; i < 3; ++i)
+    EXPECT_NEAR(got(i), want(i), 1e-10 * std::abs(want(i))) << "state " << i;
 }
 
 TEST_F(ThirdOrderFilter, FirstOrderHoldAgreesWithTheReference) {
@@ -45,7 +46,8 @@ TEST_F(ThirdOrderFilter, FirstOrderHoldAgreesWithTheReference) {
   Eigen::Vector3d w = Eigen::Vector3d::Zero(), middle = w;
   for (Eigen::Index i = 0; i + 1 < input.size(); ++i) {
     if (i == 500) middle = w;
-    w = (hold.phi * w + hold.g.col(0) * input(i) + hold.g.col(1) * (input(i + 1) - input(i)) / h).eval();
+    w = (hold.phi * w + hold.g.col(0) * input(i) + hold.g.col(1) * (input(i + 1) - input(i)) / h)
+            .eval();
   }
   expect_relative(middle, {1.9551715009305154e-08, -1.2858049668855326e-06, 8.109692178084538e-05});
   expect_relative(w, {-4.110531615627358e-08, 2.6982141819239668e-06, -0.00017065941447557857});
@@ -57,8 +59,8 @@ TEST_F(ThirdOrderFilter, CubicSplineHoldAgreesWithTheReference) {
   Eigen::Vector3d w = Eigen::Vector3d::Zero(), middle = w;
   for (Eigen::Index i = 0; i + 1 < input.size(); ++i) {
     if (i == 500) middle = w;
-    w = (hold.phi * w + hold.g.col(0) * spline.value(i) + hold.g.col(1) * spline.first(i) + hold.g.col(2) * spline.second(i) +
-         hold.g.col(3) * spline.third(i))
+    w = (hold.phi * w + hold.g.col(0) * spline.value(i) + hold.g.col(1) * spline.first(i) +
+         hold.g.col(2) * spline.second(i) + hold.g.col(3) * spline.third(i))
             .eval();
   }
   expect_relative(middle, {1.95449559594141e-08, -1.285602671747697e-06, 8.112635294431922e-05});
@@ -90,7 +92,8 @@ TEST(Spline, DelaysACubicByAnyFraction) {
     const Eigen::ArrayXd late = spline.delayed(delay);
     for (Eigen::Index i = 5; i < 50; ++i) {
       const double t = static_cast<double>(i) * h - delay;
-      EXPECT_NEAR(late(i), 0.2 + 1.5 * t - 3.0 * t * t + 7.0 * t * t * t, 1e-12) << delay << " " << i;
+      EXPECT_NEAR(late(i), 0.2 + 1.5 * t - 3.0 * t * t + 7.0 * t * t * t, 1e-12)
+          << delay << " " << i;
     }
   }
 }

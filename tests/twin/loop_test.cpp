@@ -33,7 +33,8 @@ TEST(Loop, RootsAreZerosOfThePolynomial) {
     const int order = 2 + round % 2;
     const PoleSet set{kTwoPi * std::exp(log_hz(rng)), kTwoPi * std::exp(log_hz(rng)), damping(rng)};
     const Loop loop = loop_of(denominator_of(set, order), order);
-    SCOPED_TRACE(::testing::Message() << "p " << set.real << " omega " << set.omega << " zeta " << set.zeta << " order " << order);
+    SCOPED_TRACE(::testing::Message() << "p " << set.real << " omega " << set.omega << " zeta "
+                                      << set.zeta << " order " << order);
     EXPECT_TRUE(stable(loop));
     const auto roots = roots_of(loop);
     std::complex<double> sum = 0.0, product = 1.0;
@@ -62,7 +63,7 @@ TEST(Loop, RootsAreZerosOfThePolynomial) {
 
 TEST(Loop, StabilityIsRouthHurwitz) {
   EXPECT_TRUE(stable(loop_of({3, 3, 1}, 3)));
-  EXPECT_FALSE(stable(loop_of({1, 1, 2}, 3)));   // a1 a2 < a3
+  EXPECT_FALSE(stable(loop_of({1, 1, 2}, 3)));  // a1 a2 < a3
   EXPECT_FALSE(stable(loop_of({3, 3, -1}, 3)));
   EXPECT_FALSE(stable(loop_of({3, 3, 0}, 3)));
   EXPECT_TRUE(stable(loop_of({1, 1, 0}, 2)));

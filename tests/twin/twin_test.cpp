@@ -12,7 +12,8 @@ namespace {
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 /// A drive without integrator or feed-forward: x'' = a2 (x_r - x) - a1 x' - d.
-Model plain_drive(double h, double coulomb = 0.0, double offset = 0.0, double velocity_limit = 1e-3) {
+Model plain_drive(double h, double coulomb = 0.0, double offset = 0.0,
+                  double velocity_limit = 1e-3) {
   Model m;
   m.sample_time_s = h;
   m.loop.order = 2;
@@ -45,7 +46,8 @@ Segment commanded(double h, double seconds, double (*x)(double)) {
   return s;
 }
 
-// At constant speed the error is c_(n-1) / a_n v, plus d / a2 where no integrator takes the force over.
+// At constant speed the error is c_(n-1) / a_n v, plus d / a2 where no integrator takes the force
+// over.
 TEST(Twin, ConstantSpeedErrorIsTheClosedForm) {
   const double v = 0.08;
   const double h = 1e-3;
@@ -58,7 +60,8 @@ TEST(Twin, ConstantSpeedErrorIsTheClosedForm) {
   const Model with = integrating_drive(h);
   EXPECT_NEAR(last_error(with), with.loop.numerator[2] / with.loop.denominator[2] * v, 1e-12);
   const Model without = plain_drive(h, 0.3, -0.05);
-  EXPECT_NEAR(last_error(without), (without.loop.numerator[1] * v + 0.3 - 0.05) / without.loop.denominator[1], 1e-12);
+  EXPECT_NEAR(last_error(without),
+              (without.loop.numerator[1] * v + 0.3 - 0.05) / without.loop.denominator[1], 1e-12);
 }
 
 // At rest a loop without integrator stands off by the constant force; one with it does not.
@@ -79,7 +82,8 @@ TEST(Twin, StartsAtRestInEquilibrium) {
 double wave(double t) { return 0.03 * std::pow(std::sin(kTwoPi * 0.7 * t), 3) * std::min(1.0, t); }
 
 /// Runge-Kutta 4 on the differential equation of the plain drive: no filter, no hold, 2 us.
-std::vector<double> integrated(double seconds, double coulomb, double offset, double limit, int every) {
+std::vector<double> integrated(double seconds, double coulomb, double offset, double limit,
+                               int every) {
   const auto a = denominator_of({0.0, 20.0 * kTwoPi, 0.4}, 2);
   const double h = 2e-6;
   double x = wave(0.0), v = 0.0;
@@ -94,8 +98,10 @@ std::vector<double> integrated(double seconds, double coulomb, double offset, do
     const double t = i * h;
     if (i % every == 0) errors.push_back(wave(t) - x);
     const double k1v = acceleration(t, x, v), k1x = v;
-    const double k2v = acceleration(t + h / 2, x + h / 2 * k1x, v + h / 2 * k1v), k2x = v + h / 2 * k1v;
-    const double k3v = acceleration(t + h / 2, x + h / 2 * k2x, v + h / 2 * k2v), k3x = v + h / 2 * k2v;
+    const double k2v = acceleration(t + h / 2, x + h / 2 * k1x, v + h / 2 * k1v),
+                 k2x = v + h / 2 * k1v;
+    const double k3v = acceleration(t + h / 2, x + h / 2 * k2x, v + h / 2 * k2v),
+                 k3x = v + h / 2 * k2v;
     const double k4v = acceleration(t + h, x + h * k3x, v + h * k3v), k4x = v + h * k3v;
     x += h / 6 * (k1x + 2 * k2x + 2 * k3x + k4x);
     v += h / 6 * (k1v + 2 * k2v + 2 * k3v + k4v);
@@ -125,7 +131,8 @@ TEST(Twin, StaysBoundedAtAnyStepWithAnAbruptFriction) {
     const Model model = plain_drive(h, 2.0, 0.0, 2e-5);
     const Eigen::ArrayXd error = simulate(model, commanded(h, 6.0, wave));
     // No more than the tracking error and the static deflection by friction together.
-    const double bound = 0.2 * model.loop.numerator[1] / model.loop.denominator[1] + 2.0 * 2.0 / model.loop.denominator[1];
+    const double bound = 0.2 * model.loop.numerator[1] / model.loop.denominator[1] +
+                         2.0 * 2.0 / model.loop.denominator[1];
     EXPECT_LT(error.abs().maxCoeff(), bound) << h;
     EXPECT_TRUE(error.allFinite());
   }
@@ -146,7 +153,8 @@ TEST(Twin, FollowingSampleBySampleAgreesWithTheSplineOfTheWholeRecord) {
     Twin twin(model);
     twin.start(segment.command(0));
     double most = 0.0;
-    for (Eigen::Index i = 1; i < segment.size(); ++i) most = std::max(most, std::abs(twin.follow(segment.command(i)) - whole(i)));
+    for (Eigen::Index i = 1; i < segment.size(); ++i)
+      most = std::max(most, std::abs(twin.follow(segment.command(i)) - whole(i)));
     EXPECT_LT(most, 1e-8) << "delay " << delay;
     EXPECT_GT(most, 0.0);
   }
@@ -171,9 +179,11 @@ TEST(Twin, LooksAheadWithoutMoving) {
   Twin twin(plain_drive(h, 0.2, 0.03));
   for (int i = 0; i < 700; ++i) twin.follow(wave(i * h));
   std::array<double, 32> commands{}, ahead{};
-  for (std::size_t i = 0; i < commands.size(); ++i) commands[i] = wave((700 + static_cast<double>(i)) * h);
+  for (std::size_t i = 0; i < commands.size(); ++i)
+    commands[i] = wave((700 + static_cast<double>(i)) * h);
   twin.predict(commands, ahead);
-  for (std::size_t i = 0; i < commands.size(); ++i) EXPECT_EQ(twin.follow(commands[i]), ahead[i]) << i;
+  for (std::size_t i = 0; i < commands.size(); ++i)
+    EXPECT_EQ(twin.follow(commands[i]), ahead[i]) << i;
 }
 
 TEST(Twin, TakesItsStartingStateFromTheEncoder) {

@@ -18,7 +18,8 @@ struct ConstantForce {
       .meaning = "constant force that the motor must hold",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.2",
-      .confused = "asymmetric Coulomb friction (the same on one axis); invisible behind an integrator"};
+      .confused =
+          "asymmetric Coulomb friction (the same on one axis); invisible behind an integrator"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"offset_mps2", "m/s^2", -100.0, 100.0, 0.0, "constant force per moved mass"}}};

@@ -2,8 +2,8 @@
 //
 //   d = coulomb * sat(v / velocity_limit) + viscous * v,   sat(q) = min(1, max(-1, q))
 //
-// In closed loop a viscous force moves the poles (a1 contains B/J), so that `viscous` is identifiable
-// only while the loop is held fixed; with free poles it stays 0.
+// In closed loop a viscous force moves the poles (a1 contains B/J), so that `viscous` is
+// identifiable only while the loop is held fixed; with free poles it stays 0.
 #pragma once
 
 #include <array>
@@ -18,17 +18,21 @@ struct CoulombFriction {
       .meaning = "Coulomb friction with a saturated sign, and viscous friction",
       .acts = Acts::kForce,
       .source = "thesis eq. 3.12",
-      .confused = "presliding where the width exceeds what a velocity can explain; viscous: the poles"};
+      .confused =
+          "presliding where the width exceeds what a velocity can explain; viscous: the poles"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3, "velocity at which the friction force is fully developed"}}};
+      {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
+        "velocity at which the friction force is fully developed"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"},
-       {"viscous", "1/s", 0.0, 1000.0, 0.0, "viscous friction per moved mass, beyond what the poles hold", false}}};
+       {"viscous", "1/s", 0.0, 1000.0, 0.0,
+        "viscous friction per moved mass, beyond what the poles hold", false}}};
   template <class T>
   struct Memory {};
 
   template <class T>
-  static void unit_forces(const T* shape, Memory<T>& /*memory*/, const Motion& m, T* force) noexcept {
+  static void unit_forces(const T* shape, Memory<T>& /*memory*/, const Motion& m,
+                          T* force) noexcept {
     const T q = m.velocity / shape[0];
     force[0] = q > 1.0 ? T(1.0) : (q < -1.0 ? T(-1.0) : q);
     force[1] = T(m.velocity);

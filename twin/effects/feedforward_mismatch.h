@@ -2,9 +2,9 @@
 //
 //   d = - velocity_gain * dx_r/dt - acceleration_gain * d2x_r/dt2
 //
-// Feed-forward pushes with the command, so more of it is a negative disturbance. With a free tracking
-// numerator the two columns are s^2/P x_r and s^3/P x_r and thus already part of it: the effect is
-// identifiable only against a loop held fixed (an earlier model).
+// Feed-forward pushes with the command, so more of it is a negative disturbance. With a free
+// tracking numerator the two columns are s^2/P x_r and s^3/P x_r and thus already part of it: the
+// effect is identifiable only against a loop held fixed (an earlier model).
 #pragma once
 
 #include <array>
@@ -19,7 +19,8 @@ struct FeedforwardMismatch {
       .meaning = "velocity or acceleration feed-forward other than in the loop",
       .acts = Acts::kForce,
       .source = "docs/theory.md 1.3",
-      .confused = "a free tracking numerator contains it; gain_change; time_delay at low frequency"};
+      .confused =
+          "a free tracking numerator contains it; gain_change; time_delay at low frequency"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"velocity_gain", "1/s", -2000.0, 2000.0, 0.0, "surplus velocity feed-forward", false},
@@ -28,7 +29,8 @@ struct FeedforwardMismatch {
   struct Memory {};
 
   template <class T>
-  static void unit_forces(const T* /*shape*/, Memory<T>& /*memory*/, const Motion& m, T* force) noexcept {
+  static void unit_forces(const T* /*shape*/, Memory<T>& /*memory*/, const Motion& m,
+                          T* force) noexcept {
     force[0] = T(-m.command_velocity);
     force[1] = T(-m.command_acceleration);
   }

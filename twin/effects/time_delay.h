@@ -2,8 +2,8 @@
 //
 //   the loop answers x_r(t - delay) while e is taken against x_r(t)
 //
-// A delay has linear phase at all frequencies; a missing feed-forward or a low gain looks the same at
-// low frequency only (e = delay * v). Accelerating motion tells them apart.
+// A delay has linear phase at all frequencies; a missing feed-forward or a low gain looks the same
+// at low frequency only (e = delay * v). Accelerating motion tells them apart.
 #pragma once
 
 #include <array>

@@ -44,11 +44,13 @@ void __sanitizer_free_hook(const volatile void*) { servotwin::heap_used(); }
 #else
 
 extern "C" {
+// The names that glibc gives its own. NOLINTBEGIN(bugprone-reserved-identifier)
 void* __libc_malloc(std::size_t size);
 void* __libc_calloc(std::size_t count, std::size_t size);
 void* __libc_realloc(void* pointer, std::size_t size);
 void* __libc_memalign(std::size_t alignment, std::size_t size);
 void __libc_free(void* pointer);
+// NOLINTEND(bugprone-reserved-identifier)
 
 // operator new and delete of libstdc++ come here too.
 void* malloc(std::size_t size) {
