@@ -205,6 +205,45 @@ TEST(RealTimeLoop, ANewModelAfterALongRunAgreesOnceItHasSettled) {
   EXPECT_LT(worst, 1e-12) << "2048 commands are enough for this drive to forget how it was started";
 }
 
+TEST(RealTimeLoop, ANewModelIsFedTheHistoryThatThereIsAndNothingElse) {
+  constexpr std::uint64_t kSwap = 5000, kFirst = kSwap + 1 - AxisLoop::kHistory;
+  const Model slow = drive(0.2);  // forgets nothing within the history
+  Loop loop(1, 64);
+  std::uint64_t k = 0;
+  for (; k < kSwap; ++k) loop.put(k);
+  loop.models[0].publish(in_force(slow));
+  AxisPrediction axis = loop.put(k).axes[0];
+  while (axis.model_version == 0) axis = loop.put(++k).axes[0];
+  Twin twin(slow);
+  double truth = 0.0;
+  for (std::uint64_t fed = kFirst; fed <= k; ++fed) {
+    const double command = command_at(static_cast<double>(fed) * kCycle_s);
+    if (fed == kFirst) twin.start(command);
+    truth = fed == kFirst ? command - twin.position() : twin.follow(command);
+  }
+  EXPECT_EQ(axis.predicted_error, truth);
+  EXPECT_EQ(axis.state, AxisState::kSettling);
+}
+
+TEST(RealTimeLoop, AGapWhileANewModelCatchesUpStartsItThere) {
+  Loop loop;
+  loop.models[0].publish(in_force(drive(15.0), 1));
+  std::uint64_t k = 0;
+  for (; k < 1500; ++k) loop.put(k);
+  loop.models[0].publish(in_force(drive(25.0), 2));
+  for (; k < 1503; ++k)
+    ASSERT_EQ(loop.put(k).axes[0].model_version, 1) << "it has not caught up yet";
+  Twin twin(drive(25.0));
+  for (k = 1600; k < 1700; ++k) {
+    const double command = command_at(static_cast<double>(k) * kCycle_s);
+    if (k == 1600) twin.start(command);
+    const double truth = k == 1600 ? command - twin.position() : twin.follow(command);
+    const AxisPrediction axis = loop.put(k).axes[0];
+    ASSERT_EQ(axis.model_version, 2);
+    ASSERT_EQ(axis.predicted_error, truth) << k;
+  }
+}
+
 TEST(RealTimeLoop, LostCyclesAreCountedAndTheTwinStartsAgain) {
   Loop loop;
   loop.models[0].publish(in_force(drive()));
@@ -289,6 +328,12 @@ TEST(RealTimeLoop, ASourceThatStartsAgainIsFollowed) {
   for (std::uint64_t k = 0; k < 300; ++k) ASSERT_EQ(loop.put(k).axes[0].predicted_error, truth[k]);
   EXPECT_EQ(loop.loop.counters().time_jumps, 1U);
   EXPECT_EQ(loop.loop.counters().lost, 0U);
+
+  // The same where only its count starts again and its clock goes on.
+  MachineFrame frame = loop.frame(0);
+  frame.time_ns = loop.frame(300).time_ns;
+  EXPECT_EQ(loop.put(frame).axes[0].state, AxisState::kSettling);
+  EXPECT_EQ(loop.loop.counters().time_jumps, 2U);
 }
 
 TEST(RealTimeLoop, ACommandThatIsNotANumberFlagsItsAxisAloneAndTheTwinStartsAgain) {
