@@ -1,4 +1,5 @@
-// The daemon's configuration (TOML; docs/interfaces.md 8). Without a file these defaults hold.
+// The daemon's configuration (TOML; all keys: daemon/README.md). Without a file these defaults
+// hold.
 //
 // Every problem of a file is reported at once, each on one line with its place: a wrong type, a
 // value out of its range, a key that does not exist with the nearest one that does. Any thread.

@@ -1,4 +1,4 @@
-// The running service for one machine. Its run() reads as the picture in docs/architecture.md.
+// The running service for one machine. Its run() reads as the picture in daemon/README.md.
 #pragma once
 
 #include <functional>

@@ -11,8 +11,7 @@
 // request beyond is refused. Default is dry run: the output is advice, `send` is false.
 //
 // Units of position are the axis' own [m | rad]; times in ns by one clock. No dependencies,
-// allocates nothing, throws nothing. One thread. Source: docs/architecture.md, "Live corrections
-// are dangerous".
+// allocates nothing, throws nothing. One thread.
 #pragma once
 
 #include <array>

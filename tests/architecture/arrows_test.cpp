@@ -1,4 +1,4 @@
-// The arrows of docs/architecture.md: who may include whom, and who may know of time, threads and
+// The arrows between the rooms: who may include whom, and who may know of time, threads and
 // files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
