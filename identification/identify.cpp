@@ -22,6 +22,11 @@ constexpr double kWorthIt = 0.97;
 // Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
 // disguise.
 constexpr double kDisguisedDelay = 0.5;
+// Acceleration feed-forward beyond this multiple of the moved mass is a lead that makes up for a
+// delay which is not there.
+constexpr double kMostFeedforward = 1.5;
+// An encoder that moves by less or more than the command by this factor is in another unit.
+constexpr double kUnitMismatch = 2.0;
 // A parameter known worse than this share of itself is not excited.
 constexpr double kLooselyKnown = 0.5;
 
@@ -91,9 +96,42 @@ double imitated_delay_share(const Loop& loop) {
 
 struct Trial {
   Structure structure;
+  double cost = 1e300;  // on what it was fitted to
   double validation = 1e300;
   std::string ruled_out = "no stable fit within the bounds";
 };
+
+/// Why a loop without a delay is one in disguise; empty if it is not.
+std::string why_delay(const Loop& loop, double delay_max_s) {
+  const double imitated = delay_max_s > 0.0 ? imitated_delay_share(loop) : 0.0;
+  if (imitated <= kDisguisedDelay) return {};
+  return say("zeros in the right half plane make ", 100.0 * imitated,
+             " % of its lag: a delay in disguise");
+}
+
+/// Why the delay of this model is a velocity lag in disguise; empty if it is not. `before`: the
+/// structures without it.
+std::string why_no_delay(const Model& model, double delay_max_s, const Trial& trial,
+                         const std::vector<Trial>& before) {
+  if (model.command_delay_s() > delay_max_s) {
+    return say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ",
+               1e3 * delay_max_s, " ms sought");
+  }
+  if (const double b0 = 1.0 - model.loop.numerator[0]; b0 > kMostFeedforward) {
+    return say("acceleration feed-forward of ", b0,
+               " times the moved mass makes up for its delay: a velocity lag in disguise");
+  }
+  // A delay in place of the velocity lag: as many parameters, so that the fit itself may compare.
+  std::vector<std::size_t> without = trial.structure.effects;
+  std::erase(without, kind_of<TimeDelay>());
+  for (const Trial& rival : before) {
+    if (rival.structure.order == trial.structure.order && rival.structure.effects == without &&
+        rival.ruled_out.empty() && rival.cost <= trial.cost) {
+      return "a velocity lag with as many parameters fits better than its delay";
+    }
+  }
+  return {};
+}
 
 std::vector<Structure> structures(const IdentifyOptions& options) {
   const std::size_t friction = kind_of<CoulombFriction>(), constant = kind_of<ConstantForce>(),
@@ -198,6 +236,31 @@ ErrorFigures unpredicted(const std::vector<Segment>& segments) {
   return out;
 }
 
+/// What cannot be a command and its encoder, whatever the fit says.
+std::vector<std::string> exchanged_or_scaled(const Model& model,
+                                             const std::vector<Segment>& segments) {
+  std::vector<std::string> out;
+  const auto last = static_cast<std::size_t>(model.loop.order - 1);
+  const double lag =
+      model.loop.numerator[last] / model.loop.denominator[last] + model.command_delay_s();
+  if (lag < -model.sample_time_s) {
+    out.push_back(say("the encoder leads its command by ", -1e3 * lag,
+                      " ms: are the two columns exchanged?"));
+  }
+  double product = 0.0, square = 0.0;
+  for (const Segment& s : segments) {
+    const Eigen::ArrayXd command = s.command - s.command.mean();
+    product += (command * (s.actual - s.actual.mean())).sum();
+    square += command.square().sum();
+  }
+  const double slope = product / square;
+  if (!(slope * kUnitMismatch > 1.0 && slope < kUnitMismatch)) {
+    out.push_back(say("the encoder moves ", slope,
+                      " times as far as its command: check the units and the sign of the two"));
+  }
+  return out;
+}
+
 }  // namespace
 
 std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
@@ -298,17 +361,11 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
       const Model model = data.model_of(fit->point, fit->solution.linear);
       trial.ruled_out = why_invalid(model);
       if (trial.ruled_out.empty()) {
+        trial.cost = fit->solution.cost;
         trial.validation = judge(model, validated).rms;
-        const double imitated = structure.matched_feedforward || options.delay_max_s <= 0.0
-                                    ? 0.0
-                                    : imitated_delay_share(model.loop);
-        if (model.command_delay_s() > options.delay_max_s) {
-          trial.ruled_out = say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ",
-                                1e3 * options.delay_max_s, " ms sought");
-        } else if (imitated > kDisguisedDelay) {
-          trial.ruled_out = say("zeros in the right half plane make ", 100.0 * imitated,
-                                " % of its lag: a delay in disguise");
-        }
+        trial.ruled_out = structure.matched_feedforward
+                              ? why_no_delay(model, options.delay_max_s, trial, trials)
+                              : why_delay(model.loop, options.delay_max_s);
       }
     }
     trials.push_back(trial);
@@ -359,6 +416,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   }
   for (std::string& line : loosely_known(record, *fit))
     record.excitation.push_back(std::move(line));
+  for (std::string& line : exchanged_or_scaled(record.model, training))
+    out.refusals.push_back(std::move(line));
   if (const double before = unpredicted(holdout).rms; !(record.holdout.rms < before)) {
     out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms,
                                " um RMS of an error of ", 1e6 * before,

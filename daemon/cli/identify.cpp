@@ -17,6 +17,9 @@ namespace {
 
 using nlohmann::json;
 
+// Beyond this multiple of the noise floor, what the model lacks outweighs the scatter.
+constexpr double kModelError = 3.0;
+
 struct Arguments {
   AxisOptions input;
   std::filesystem::path model, result;
@@ -70,9 +73,16 @@ void say_result(std::FILE* people, const Identified& identified) {
         record.method == "full-ls"
             ? "excitation  the motion has reversals and acceleration; full LS tells no standard "
               "deviations"
-            : "excitation  sufficient: every parameter is known to better than half its value");
+            : "excitation  sufficient: the scatter of every parameter is below half its value");
   }
   for (const std::string& line : record.excitation) say(people, "excitation  " + line);
+  if (record.method != "full-ls" && record.noise_floor_rms > 0.0 &&
+      record.training.rms > kModelError * record.noise_floor_rms) {
+    say(people, text("note        what is left is %.0f times the noise floor: +- is scatter alone, "
+                     "and poles "
+                     "and friction make up for what the model lacks",
+                     record.training.rms / record.noise_floor_rms));
+  }
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);
   say(people, text("time taken  %9.3f s, %s", record.time_taken_s, record.method.c_str()));
 }
@@ -170,6 +180,11 @@ Command add_identify(CLI::App& app) {
   command.add_option("--order", arguments->identify.order, "2 or 3 (default: what the data say)")
       ->type_name("N")
       ->check(CLI::IsMember({2, 3}).name(""));
+  command
+      .add_option("--delay-max", arguments->identify.delay_max_s,
+                  "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 0.05).name(""));
   command.add_flag("--no-pole-constraints", arguments->no_pole_constraints,
                    "full-ls: accept any poles");
   return {&command, [arguments] { run(*arguments); }};
