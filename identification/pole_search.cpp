@@ -8,6 +8,8 @@
 #include <numbers>
 #include <sstream>
 
+#include "identification/chart.h"
+
 namespace servotwin {
 
 namespace {
@@ -21,87 +23,6 @@ PoleBounds below_nyquist(PoleBounds bounds, double h) {
   return bounds;
 }
 
-/// A nonlinear parameter of the search: how it is stretched, and where it may go.
-struct Axis {
-  double lower = -1e300, upper = 1e300;  // of the coordinate
-  bool logarithmic = false;
-  const Parameter* parameter = nullptr;
-
-  [[nodiscard]] double value(double coordinate) const {
-    // exp(log(bound)) may miss the bound by a digit.
-    return std::clamp(logarithmic ? std::exp(coordinate) : coordinate, parameter->lower,
-                      parameter->upper);
-  }
-};
-
-/// The shapes' axes: logarithmic where the catalogue's lower bound is positive.
-std::vector<Axis> shape_axes(const Structure& structure) {
-  std::vector<Axis> axes;
-  for (std::size_t kind : structure.effects) {
-    for (const Parameter& p : shapes_of(kind)) {
-      if (p.lower > 0.0) {
-        axes.push_back({std::log(p.lower), std::log(p.upper), true, &p});
-      } else {
-        axes.push_back({p.lower, p.upper, false, &p});
-      }
-    }
-  }
-  return axes;
-}
-
-enum class Chart { kStable, kPoles };
-
-/// Coordinates q of the denominator. kStable: all of R^n is the set of stable loops. kPoles: log(p,
-/// omega, zeta), for the box.
-std::array<double, kMaxOrder> denominator_at(Chart chart, int order, const double* q) {
-  if (chart == Chart::kPoles) {
-    if (order == 2) return denominator_of({0.0, std::exp(q[0]), std::exp(q[1])}, 2);
-    return denominator_of({std::exp(q[0]), std::exp(q[1]), std::exp(q[2])}, 3);
-  }
-  const double a1 = std::exp(q[0]);
-  const double a2 = std::exp(q[1]);
-  if (order == 2) return {a1, a2, 0.0};
-  return {a1, a2, a1 * a2 / (1.0 + std::exp(-q[2]))};
-}
-
-/// d a_i / d q_j, row-major.
-Eigen::Matrix3d chart_jacobian(Chart chart, int order, const double* q) {
-  Eigen::Matrix3d j = Eigen::Matrix3d::Zero();
-  if (chart == Chart::kPoles) {
-    const double p = order == 2 ? 0.0 : std::exp(q[0]);
-    const double omega = std::exp(q[order - 2]);
-    const double zeta = std::exp(q[order - 1]);
-    if (order == 2) {
-      j << 2 * zeta * omega, 2 * omega * zeta, 0, 2 * omega * omega, 0, 0, 0, 0, 0;
-    } else {
-      j << p, 2 * zeta * omega, 2 * omega * zeta,                                          //
-          2 * zeta * omega * p, (2 * omega + 2 * zeta * p) * omega, 2 * omega * p * zeta,  //
-          omega * omega * p, 2 * p * omega * omega, 0;
-    }
-    return j;
-  }
-  const auto a = denominator_at(chart, order, q);
-  j(0, 0) = a[0];
-  j(1, 1) = a[1];
-  if (order == 3) {
-    j(2, 0) = a[2];
-    j(2, 1) = a[2];
-    j(2, 2) = a[2] / (1.0 + std::exp(q[2]));
-  }
-  return j;
-}
-
-std::vector<double> chart_of(Chart chart, int order, const std::array<double, kMaxOrder>& a,
-                             const PoleSet& poles) {
-  if (chart == Chart::kPoles) {
-    if (order == 2) return {std::log(poles.omega), std::log(poles.zeta)};
-    return {std::log(poles.real), std::log(poles.omega), std::log(poles.zeta)};
-  }
-  if (order == 2) return {std::log(a[0]), std::log(a[1])};
-  const double kappa = std::clamp(a[2] / (a[0] * a[1]), 1e-9, 1.0 - 1e-9);
-  return {std::log(a[0]), std::log(a[1]), std::log(kappa / (1.0 - kappa))};
-}
-
 /// The projected residual as one Ceres cost: the parameters are the chart's q and the stretched
 /// shapes.
 ///
@@ -110,7 +31,7 @@ std::vector<double> chart_of(Chart chart, int order, const std::array<double, kM
 /// solver does not carry all samples.
 class ProjectedCost final : public ceres::CostFunction {
  public:
-  ProjectedCost(const Projection& data, Chart chart, const std::vector<Axis>& axes,
+  ProjectedCost(const Projection& data, Chart chart, const std::vector<ShapeAxis>& axes,
                 std::vector<double> held, int& evaluations)
       : data_(data), chart_(chart), axes_(axes), held_(std::move(held)), evaluations_(evaluations) {
     const int order = data.structure().order;
@@ -181,7 +102,7 @@ class ProjectedCost final : public ceres::CostFunction {
 
   const Projection& data_;
   Chart chart_;
-  const std::vector<Axis>& axes_;
+  const std::vector<ShapeAxis>& axes_;
   std::vector<double> held_;
   int& evaluations_;
   double unit_ = 1.0;
@@ -231,7 +152,7 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
                  const PoleBounds& bounds, const PoleSearchOptions& search, int rounds,
                  int& evaluations) {
   const int order = data.structure().order;
-  const std::vector<Axis> axes = shape_axes(data.structure());
+  const std::vector<ShapeAxis> axes = shape_axes(data.structure().effects);
   Loop loop;
   loop.order = order;
   loop.denominator = from.point.denominator;
@@ -241,8 +162,7 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
   const bool free_shapes = search.search_shapes && !axes.empty();
   if (free_shapes) {
     for (std::size_t i = 0; i < axes.size(); ++i) {
-      shapes[i] = std::clamp(axes[i].logarithmic ? std::log(shapes[i]) : shapes[i], axes[i].lower,
-                             axes[i].upper);
+      shapes[i] = axes[i].coordinate(shapes[i]);
     }
   }
 

@@ -250,7 +250,7 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         for (std::size_t p = 0; p < shape_count; ++p)
           shape[p] = Jet(point.shapes[shape_offset_[i] + p], static_cast<int>(p));
         EffectMemory<Jet> memory;
-        start_memory<Jet>(kind, memory);
+        start_memory<Jet>(kind, shape.data(), memory);
         std::array<Jet, kMaxCoefficients> force{};
         for (Eigen::Index k = 0; k < n; ++k) {
           unit_forces<Jet>(kind, shape.data(), memory, motion_at(k), force.data());
@@ -266,7 +266,7 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         std::array<double, kMaxShapes> shape{};
         for (std::size_t p = 0; p < shape_count; ++p) shape[p] = point.shapes[shape_offset_[i] + p];
         EffectMemory<double> memory;
-        start_memory<double>(kind, memory);
+        start_memory<double>(kind, shape.data(), memory);
         std::array<double, kMaxCoefficients> force{};
         for (Eigen::Index k = 0; k < n; ++k) {
           unit_forces<double>(kind, shape.data(), memory, motion_at(k), force.data());

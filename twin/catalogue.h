@@ -12,7 +12,15 @@
 #include "twin/effect.h"
 #include "twin/effects/constant_force.h"
 #include "twin/effects/coulomb_friction.h"
+#include "twin/effects/dahl.h"
 #include "twin/effects/feedforward_mismatch.h"
+#include "twin/effects/friction_map.h"
+#include "twin/effects/gms.h"
+#include "twin/effects/lugre.h"
+#include "twin/effects/modified_stribeck.h"
+#include "twin/effects/presliding.h"
+#include "twin/effects/smoothed_presliding.h"
+#include "twin/effects/stribeck.h"
 #include "twin/effects/time_delay.h"
 
 namespace servotwin {
@@ -20,7 +28,15 @@ namespace servotwin {
 using Catalogue = std::tuple<CoulombFriction,      //
                              ConstantForce,        //
                              FeedforwardMismatch,  //
-                             TimeDelay>;
+                             TimeDelay,            //
+                             Presliding,           //
+                             SmoothedPresliding,   //
+                             Gms,                  //
+                             LuGre,                //
+                             Dahl,                 //
+                             Stribeck,             //
+                             ModifiedStribeck,     //
+                             FrictionMap>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model
@@ -94,8 +110,8 @@ inline std::size_t kind_of(std::string_view id) {
 }
 
 template <class T>
-void start_memory(std::size_t kind, EffectMemory<T>& memory) {
-  visit_effect(kind, [&]<class E, std::size_t I>() { memory.template emplace<I>(); });
+void start_memory(std::size_t kind, const T* shape, EffectMemory<T>& memory) noexcept {
+  visit_effect(kind, [&]<class E, std::size_t I>() { memory.template emplace<I>(shape); });
 }
 
 /// Forces per unit coefficient of one effect at one sample; `force` has room for its coefficients.

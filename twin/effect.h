@@ -13,7 +13,9 @@
 //     static constexpr Identity kIdentity{...};
 //     static constexpr std::array<Parameter, S> kShapes{...};
 //     static constexpr std::array<Parameter, C> kCoefficients{...};
-//     template <class T> struct Memory {};     // what the effect remembers from cycle to cycle
+//     template <class T> struct Memory {       // what the effect remembers from cycle to cycle;
+//       explicit Memory(const T* shape);       // may hold what follows from the shapes alone
+//     };                                       // NoMemory where there is nothing
 //     template <class T>
 //     static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force)
 //     noexcept;
@@ -54,6 +56,12 @@ struct Parameter {
   std::string_view meaning;
   bool with_free_loop =
       true;  ///< false: the free loop already contains it; fitted only against a held loop
+};
+
+/// Of effects that depend on the present motion alone.
+struct NoMemory {
+  NoMemory() = default;
+  explicit NoMemory(const void* /*shape*/) noexcept {}
 };
 
 }  // namespace servotwin

@@ -49,8 +49,8 @@ Twin::Twin(const Model& model) {
 void Twin::start(double command) noexcept {
   y_ = {};
   for (int i = 0; i < effect_count_; ++i) {
-    start_memory<double>(effects_[static_cast<std::size_t>(i)].kind,
-                         memory_[static_cast<std::size_t>(i)]);
+    const auto k = static_cast<std::size_t>(i);
+    start_memory<double>(effects_[k].kind, effects_[k].shape.data(), memory_[k]);
   }
   history_.fill(command);
   Motion rest;
@@ -109,44 +109,45 @@ double Twin::step(const CommandPiece& piece) noexcept {
 
   // The motion at the end of the step and the force there depend on each other
   // (docs/theory.md 2.3):
-  //   f = d(x_free - gamma_x f, v_free - gamma_v f),  gammas > 0, d non-decreasing: one solution
-  //   for any step.
+  //   f = d(x_free - gamma_x f, v_free - gamma_v f),  gammas > 0
+  // d is bounded and continuous, so that there is a solution for any step; where d does not fall
+  // with the motion it is the only one.
   const double position_free = piece.end_position - error - z[n - 2];
   const double velocity_free = piece.end_velocity - error_rate - z[n - 1];
   Motion m;
   m.step_s = h_;
   m.command_velocity = piece.end_velocity;
   m.command_acceleration = piece.end_acceleration;
-  const auto force_at = [&](double force, std::array<EffectMemory<double>, kMaxEffects>& memory) {
+  std::array<EffectMemory<double>, kMaxEffects> memory;
+  double force = force_;  // exact while the force stays what it was
+  const auto miss_at = [&](double trial) {
+    force = trial;
     m.position = position_free - g_end_[n - 2] * force;
     m.velocity = velocity_free - g_end_[n - 1] * force;
     m.displacement = m.position - position_;
-    return disturbance(m, memory);
+    std::copy_n(memory_.begin(), effect_count_, memory.begin());
+    return force - disturbance(m, memory);
   };
-  double force = force_;  // exact while the force stays what it was
-  auto memory = memory_;
-  double miss = force - force_at(force, memory);
+  const double miss = miss_at(force_);
   const double tolerance = 1e-15 + 1e-13 * std::abs(force);
   if (std::abs(miss) > tolerance) {
-    // Bracketed secant (Illinois); forces that are piecewise linear in the motion take a few
-    // rounds.
-    const auto at = [&](double trial_force) {
-      force = trial_force;
-      memory = memory_;
-      miss = force - force_at(force, memory);
-      return miss;
-    };
     double left = force, miss_left = miss;
-    double right = force - miss;  // the miss grows at least as fast as the force
-    double miss_right = at(right);
-    for (int round = 0; round < 60 && std::abs(miss) > tolerance; ++round) {
-      const double spread = miss_right - miss_left;
-      double next =
-          spread != 0.0 ? (left * miss_right - right * miss_left) / spread : 0.5 * (left + right);
-      if (!(next > std::min(left, right) && next < std::max(left, right)))
-        next = 0.5 * (left + right);
+    double right = left, miss_right = miss;
+    // The first step is enough where d does not fall with the motion.
+    for (double reach = 1.0; (miss_right > 0.0) == (miss_left > 0.0) && reach < 1e12;
+         reach *= 2.0) {
+      right = left - reach * miss;
+      miss_right = miss_at(right);
+      if (miss_right == 0.0) break;
+    }
+    // Bracketed secant (Illinois), halving where that is slow; forces that are piecewise linear in
+    // the motion take a few rounds.
+    for (int round = 1; round <= 100 && std::abs(miss_right) > tolerance; ++round) {
+      double next = (left * miss_right - right * miss_left) / (miss_right - miss_left);
+      const auto [low, high] = std::minmax(left, right);
+      if (round % 8 == 0 || !(next > low && next < high)) next = 0.5 * (left + right);
       if (next == left || next == right) break;
-      const double miss_next = at(next);
+      const double miss_next = miss_at(next);
       if ((miss_next > 0.0) == (miss_right > 0.0)) {
         miss_left *= 0.5;
       } else {
@@ -155,7 +156,7 @@ double Twin::step(const CommandPiece& piece) noexcept {
       right = next, miss_right = miss_next;
     }
   }
-  memory_ = memory;
+  std::copy_n(memory.begin(), effect_count_, memory_.begin());
   for (std::size_t r = 0; r < n; ++r) z[r] += g_end_[r] * force;
   y_ = y;
   z_ = z;

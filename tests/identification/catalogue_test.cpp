@@ -112,33 +112,40 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
   const auto coefficient_count = coefficients_of(kind).size();
   for (int round = 0; round < 200; ++round) {
     const Effect effect = random_effect(kind, rng);
-    Motion m;
-    m.step_s = 1e-3;
-    m.velocity = 0.03 * std::pow(uniform(rng), 5);
-    m.position = uniform(rng);
-    m.displacement = m.velocity * m.step_s;
+    // A short random motion, for the sake of effects that remember.
+    std::vector<Motion> motion(12);
+    for (Motion& m : motion) {
+      m.step_s = 1e-3;
+      m.velocity = 0.03 * std::pow(uniform(rng), 5);
+      m.position = uniform(rng);
+      m.displacement = m.velocity * m.step_s;
+    }
     std::array<Jet, kMaxShapes> shape{};
     for (std::size_t p = 0; p < shape_count; ++p)
       shape[p] = Jet(effect.shape[p], static_cast<int>(p));
     EffectMemory<Jet> memory;
-    start_memory<Jet>(kind, memory);
+    start_memory<Jet>(kind, shape.data(), memory);
     std::array<Jet, kMaxCoefficients> force{};
-    unit_forces<Jet>(kind, shape.data(), memory, m, force.data());
+    for (const Motion& m : motion) unit_forces<Jet>(kind, shape.data(), memory, m, force.data());
     for (std::size_t p = 0; p < shape_count; ++p) {
       const auto at = [&](double factor) {
         auto moved = effect.shape;
         moved[p] *= factor;
         EffectMemory<double> plain;
-        start_memory<double>(kind, plain);
+        start_memory<double>(kind, moved.data(), plain);
         std::array<double, kMaxCoefficients> out{};
-        unit_forces<double>(kind, moved.data(), plain, m, out.data());
+        for (const Motion& m : motion)
+          unit_forces<double>(kind, moved.data(), plain, m, out.data());
         return out;
       };
-      const auto up = at(1.0 + 1e-6), down = at(1.0 - 1e-6);
+      // By the logarithm of the shape: rounding then counts against the force and not the shape.
+      const auto up = at(1.0 + 1e-6), down = at(1.0 - 1e-6), here = at(1.0);
       for (std::size_t c = 0; c < coefficient_count; ++c) {
-        const double difference = (up[c] - down[c]) / (2e-6 * effect.shape[p]);
-        EXPECT_NEAR(force[c].v(static_cast<Eigen::Index>(p)), difference,
-                    1e-4 * (1.0 + std::abs(difference)));
+        EXPECT_NEAR(force[c].a, here[c], 1e-12 * (1.0 + std::abs(here[c])));
+        const double difference = (up[c] - down[c]) / 2e-6;
+        EXPECT_NEAR(force[c].v(static_cast<Eigen::Index>(p)) * effect.shape[p], difference,
+                    2e-5 * (1e-3 + std::abs(difference) + std::abs(here[c])))
+            << shapes_of(kind)[p].name;
       }
     }
   }

@@ -24,10 +24,10 @@ struct ConstantForce {
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"offset_mps2", "m/s^2", -100.0, 100.0, 0.0, "constant force per moved mass"}}};
   template <class T>
-  struct Memory {};
+  using Memory = NoMemory;
 
   template <class T>
-  static void unit_forces(const T* /*shape*/, Memory<T>& /*memory*/, const Motion& /*m*/,
+  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& /*m*/,
                           T* force) noexcept {
     force[0] = T(1.0);
   }

@@ -28,10 +28,10 @@ struct CoulombFriction {
        {"viscous", "1/s", 0.0, 1000.0, 0.0,
         "viscous friction per moved mass, beyond what the poles hold", false}}};
   template <class T>
-  struct Memory {};
+  using Memory = NoMemory;
 
   template <class T>
-  static void unit_forces(const T* shape, Memory<T>& /*memory*/, const Motion& m,
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
                           T* force) noexcept {
     const T q = m.velocity / shape[0];
     force[0] = q > 1.0 ? T(1.0) : (q < -1.0 ? T(-1.0) : q);

@@ -26,10 +26,10 @@ struct FeedforwardMismatch {
       {{"velocity_gain", "1/s", -2000.0, 2000.0, 0.0, "surplus velocity feed-forward", false},
        {"acceleration_gain", "1", -10.0, 10.0, 0.0, "surplus acceleration feed-forward", false}}};
   template <class T>
-  struct Memory {};
+  using Memory = NoMemory;
 
   template <class T>
-  static void unit_forces(const T* /*shape*/, Memory<T>& /*memory*/, const Motion& m,
+  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& m,
                           T* force) noexcept {
     force[0] = T(-m.command_velocity);
     force[1] = T(-m.command_acceleration);

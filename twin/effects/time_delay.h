@@ -23,10 +23,10 @@ struct TimeDelay {
       {{"delay_s", "s", 0.0, 0.05, 0.0, "how much the feedback record lags"}}};
   static constexpr std::array<Parameter, 0> kCoefficients{};
   template <class T>
-  struct Memory {};
+  using Memory = NoMemory;
 
   template <class T>
-  static void unit_forces(const T* /*shape*/, Memory<T>& /*memory*/, const Motion& /*m*/,
+  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& /*m*/,
                           T* /*force*/) noexcept {}
 };
 

@@ -1,0 +1,71 @@
+// Generalised Maxwell slip with free elements (Al-Bender, Lampaert and Swevers 2005; thesis 4.1).
+//
+//   d = sum_i level_i f_i,   sticking df_i = dx / x_i,   sliding f_i -> s(v) at the rate
+//   `attraction` s(v) = 1 + (ratio - 1) exp(-(|v| / v_s)^2)
+//
+// The displacements x_i at which the elements slide are spread evenly in the logarithm from `first`
+// to `last`; the levels are coefficients of their own, so that any concave virgin curve is one
+// linear fit away.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+#include "twin/maxwell_slip.h"
+
+namespace servotwin {
+
+struct Gms {
+  static constexpr std::size_t kElements = 8;
+  static constexpr Identity kIdentity{
+      .id = "gms",
+      .meaning = "generalised Maxwell slip with elements of free level and Stribeck curve",
+      .acts = Acts::kForce,
+      .source = "Al-Bender, Lampaert and Swevers 2005; thesis 4.1",
+      .confused = "presliding, its form with three parameters"};
+  static constexpr std::array<Parameter, 5> kShapes{
+      {{"first_displacement", "m", 1e-8, 1e-3, 5e-7, "travel after which the first element slides"},
+       {"last_displacement", "m", 1e-7, 5e-3, 5e-5, "travel after which the last element slides"},
+       {"breakaway_ratio", "1", 0.2, 5.0, 1.0, "breakaway over Coulomb force"},
+       {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3, "velocity over which one turns to the other"},
+       {"attraction", "1/s", 0.1, 1e5, 100.0,
+        "C over Coulomb force: how fast sliding nears its level"}}};
+  static constexpr std::array<Parameter, kElements> kCoefficients{
+      {{"level_1", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_2", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_3", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_4", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_5", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_6", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_7", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_8", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"}}};
+
+  template <class T>
+  struct Memory {
+    explicit Memory(const T* shape) noexcept {
+      using std::exp;
+      using std::log;
+      for (std::size_t i = 0; i < kElements; ++i) {
+        const double share = static_cast<double>(i) / static_cast<double>(kElements - 1);
+        stiffness[i] = exp(-(log(shape[0]) + share * (log(shape[1]) - log(shape[0]))));
+      }
+    }
+    std::array<T, kElements> stiffness;
+    std::array<AttractedElement<T>, kElements> element{};
+  };
+
+  template <class T>
+  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+    using std::exp;
+    const T q = m.velocity / shape[3];
+    const T level = 1.0 + (shape[2] - 1.0) * exp(-q * q);
+    for (std::size_t i = 0; i < kElements; ++i) {
+      memory.element[i].advance(memory.stiffness[i], level, shape[4] / level, m.displacement,
+                                m.step_s);
+      force[i] = memory.element[i].force;
+    }
+  }
+};
+
+}  // namespace servotwin

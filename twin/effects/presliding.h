@@ -1,0 +1,56 @@
+// Presliding hysteresis: the reduced-parameter GMS of the thesis (4.3), with constant level.
+//
+//   d = breakaway * sum_i F_i,   F_i = clip(F_i + k_i dx, -alpha_i, alpha_i)
+//
+// k_i and alpha_i are the elements of the virgin curve (twin/virgin_curve.h) with this breakaway
+// displacement and shape factor. Memory is non-local: inner loops close and return to the outer
+// one. Viscous friction is in the poles.
+#pragma once
+
+#include <array>
+
+#include "twin/effect.h"
+#include "twin/virgin_curve.h"
+
+namespace servotwin {
+
+struct Presliding {
+  static constexpr std::size_t kElements = 10;
+  static constexpr Identity kIdentity{
+      .id = "presliding",
+      .meaning = "presliding hysteresis: friction that depends on the travel since the reversals",
+      .acts = Acts::kForce,
+      .source = "reduced-parameter GMS, thesis 4.3 and 5.1",
+      .confused = "backlash (no loop of force), compliance; a wide Coulomb step"};
+  static constexpr std::array<Parameter, 2> kShapes{
+      {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
+        "travel from rest after which the axis slides"},
+       {"shape_factor", "1", 0.02, kMostShape, 0.5,
+        "0: force grows straight with travel, towards 1: at once"}}};
+  static constexpr std::array<Parameter, 1> kCoefficients{
+      {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}}};
+
+  template <class T>
+  struct Memory {
+    explicit Memory(const T* shape) noexcept
+        : elements(reduced_elements<kElements>(shape[0], shape[1])) {
+      force.fill(T(0.0));
+    }
+    MaxwellElements<T, kElements> elements;
+    std::array<T, kElements> force;
+  };
+
+  template <class T>
+  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const Motion& m,
+                          T* force) noexcept {
+    T sum(0.0);
+    for (std::size_t i = 0; i < kElements; ++i) {
+      memory.force[i] = slip(memory.force[i], memory.elements.stiffness[i],
+                             memory.elements.level[i], m.displacement);
+      sum += memory.force[i];
+    }
+    force[0] = sum;
+  }
+};
+
+}  // namespace servotwin

@@ -1,0 +1,64 @@
+// The reduced-parameter GMS with elements that give way gradually (smoothed GMS: the change from
+// sticking to sliding is continuous, after Boegli, De Laet, De Schutter and Swevers 2014).
+//
+//   dF_i/dx = k_i (1 - sgn(dx) F_i / alpha_i),   exactly: F_i -> g alpha_i + (F_i - g alpha_i)
+//   exp(-|dx| k_i / alpha_i)
+//
+// Each element is a Dahl spring, so that the force is smooth in the motion and in the parameters;
+// it reaches its level only in the limit, and closes inner loops only nearly.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+#include "twin/virgin_curve.h"
+
+namespace servotwin {
+
+struct SmoothedPresliding {
+  static constexpr std::size_t kElements = 10;
+  static constexpr Identity kIdentity{
+      .id = "smoothed_presliding",
+      .meaning = "presliding hysteresis whose elements give way gradually",
+      .acts = Acts::kForce,
+      .source = "smoothed GMS (Boegli et al. 2014) on the virgin curve of thesis 4.3",
+      .confused = "presliding"};
+  static constexpr std::array<Parameter, 2> kShapes{
+      {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
+        "travel at which the last element of the curve would slide"},
+       {"shape_factor", "1", 0.02, kMostShape, 0.5,
+        "0: force grows straight with travel, towards 1: at once"}}};
+  static constexpr std::array<Parameter, 1> kCoefficients{
+      {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}}};
+
+  template <class T>
+  struct Memory {
+    explicit Memory(const T* shape) noexcept
+        : elements(reduced_elements<kElements>(shape[0], shape[1])) {
+      force.fill(T(0.0));
+    }
+    MaxwellElements<T, kElements> elements;
+    std::array<T, kElements> force;
+  };
+
+  template <class T>
+  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const Motion& m,
+                          T* force) noexcept {
+    using std::exp;
+    T sum(0.0);
+    const double sign = m.displacement > 0.0 ? 1.0 : -1.0;
+    for (std::size_t i = 0; i < kElements; ++i) {
+      T& f = memory.force[i];
+      if (m.displacement != 0.0) {
+        const T level = sign * memory.elements.level[i];
+        f = level + (f - level) * exp(-std::abs(m.displacement) * memory.elements.stiffness[i] /
+                                      memory.elements.level[i]);
+      }
+      sum += f;
+    }
+    force[0] = sum;
+  }
+};
+
+}  // namespace servotwin

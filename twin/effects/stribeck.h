@@ -1,0 +1,61 @@
+// Stribeck friction, its two directions apart (paper 001 eq. 1: nine parameters).
+//
+//   v > 0:  d =  coulomb_plus  + drop_plus  exp(-(|v| / v_s+)^delta) + viscous_plus v
+//   v < 0:  d = -coulomb_minus - drop_minus exp(-(|v| / v_s-)^delta) + viscous_minus v
+//
+// drop = breakaway minus Coulomb force. The jump at v = 0 is a ramp over +-velocity_limit, as in
+// coulomb_friction, so that it can be simulated at rest.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct Stribeck {
+  static constexpr Identity kIdentity{
+      .id = "stribeck",
+      .meaning = "friction that falls from breakaway to Coulomb as speed rises, by direction",
+      .acts = Acts::kForce,
+      .source = "paper 001 eq. 1; Stribeck 1902",
+      .confused = "presliding at reversals; asymmetric_friction"};
+  static constexpr std::array<Parameter, 4> kShapes{
+      {{"stribeck_velocity_plus", "m/s", 1e-4, 0.2, 5e-3, "v_s+"},
+       {"stribeck_velocity_minus", "m/s", 1e-4, 0.2, 5e-3, "v_s-"},
+       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "delta"},
+       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
+        "velocity at which the force has its direction"}}};
+  static constexpr std::array<Parameter, 6> kCoefficients{
+      {{"coulomb_plus", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass, v > 0"},
+       {"coulomb_minus", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass, v < 0"},
+       {"drop_plus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v > 0"},
+       {"drop_minus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v < 0"},
+       {"viscous_plus", "1/s", 0.0, 1000.0, 0.0, "viscous friction, beyond the poles, v > 0",
+        false},
+       {"viscous_minus", "1/s", 0.0, 1000.0, 0.0, "viscous friction, beyond the poles, v < 0",
+        false}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    using std::exp;
+    using std::pow;
+    const bool plus = m.velocity >= 0.0;
+    const double speed = std::abs(m.velocity);
+    const T ramp = speed / shape[3];
+    const T level = ramp > 1.0 ? T(1.0) : ramp;
+    const T& limit = shape[plus ? 0 : 1];
+    const T drop = speed > 0.0 ? level * exp(-pow(speed / limit, shape[2])) : T(0.0);
+    const std::size_t here = plus ? 0 : 1;
+    for (std::size_t i = 0; i < 6; ++i) force[i] = T(0.0);
+    force[here] = plus ? level : -level;
+    force[2 + here] = plus ? drop : -drop;
+    force[4 + here] = T(m.velocity);
+  }
+};
+
+}  // namespace servotwin
