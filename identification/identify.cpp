@@ -9,6 +9,7 @@
 
 #include "identification/excitation.h"
 #include "identification/full_ls.h"
+#include "identification/joint.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
 
@@ -94,6 +95,16 @@ double imitated_delay_share(const Loop& loop) {
   return imitated / lag;
 }
 
+/// Of the names that the loop's poles can have, the one nearest to `like`.
+PoleSet named_as(const PoleSet& like, const Loop& loop) {
+  const PoleLabels labels = labels_of(loop);
+  const auto apart = [&](const PoleSet& set) {
+    return std::abs(set.real - like.real) + std::abs(set.omega - like.omega);
+  };
+  return *std::min_element(labels.set.begin(), labels.set.begin() + labels.count,
+                           [&](const auto& l, const auto& r) { return apart(l) < apart(r); });
+}
+
 struct Trial {
   Structure structure;
   double cost = 1e300;  // on what it was fitted to
@@ -157,7 +168,7 @@ Projection projection_of(const std::vector<Segment>& segments, const Structure& 
 }
 
 /// What the fit leaves loosely known, by name, and what motion would show it.
-std::vector<std::string> loosely_known(const ModelRecord& record, const PoleFit& fit) {
+std::vector<std::string> loosely_known(const ModelRecord& record, const PoleSet& poles) {
   std::vector<std::string> out;
   const auto check = [&](const std::string& name, double value, double sd, double unit,
                          const char* motion) {
@@ -166,33 +177,35 @@ std::vector<std::string> loosely_known(const ModelRecord& record, const PoleFit&
   };
   const char* faster = "needs moves with acceleration changing faster than this frequency";
   if (record.model.loop.order == 3) {
-    check("real pole [Hz]", fit.poles.real, record.pole_deviation.real, kTwoPi,
+    check("real pole [Hz]", poles.real, record.pole_deviation.real, kTwoPi,
           "needs moves that change speed within 0.1 s");
   }
-  check("natural frequency [Hz]", fit.poles.omega, record.pole_deviation.omega, kTwoPi, faster);
-  check("damping ratio", fit.poles.zeta, record.pole_deviation.zeta, 1.0, faster);
+  check("natural frequency [Hz]", poles.omega, record.pole_deviation.omega, kTwoPi, faster);
+  check("damping ratio", poles.zeta, record.pole_deviation.zeta, 1.0, faster);
   for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
     const Effect& effect = record.model.effects[i];
-    if (effect.kind != kind_of<CoulombFriction>()) continue;
-    check("Coulomb friction [m/s^2]", effect.coefficient[0],
-          record.effect_deviations[i].coefficient[0], 1.0,
+    const auto kinds = friction_kinds();
+    if (std::find(kinds.begin(), kinds.end(), effect.kind) == kinds.end()) continue;
+    check(effect.kind == kind_of<Presliding>() ? "breakaway force [m/s^2]"
+                                               : "Coulomb friction [m/s^2]",
+          effect.coefficient[0], record.effect_deviations[i].coefficient[0], 1.0,
           "needs reversals at low and at high speed");
   }
   return out;
 }
 
-void fill_deviations(ModelRecord& record, const Projection& data, const PoleFit& fit) {
-  const Eigen::MatrixXd all = covariance(data, fit);
+/// `all`: covariance of the parameters, with a1..an at `nonlinear`.
+void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::MatrixXd& all,
+                     Eigen::Index nonlinear) {
   const int n = record.model.loop.order;
   const auto sd = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, all(i, i))); };
   for (int i = 0; i < n; ++i) record.numerator_deviation[static_cast<std::size_t>(i)] = sd(i);
-  const Eigen::Index nonlinear = fit.solution.linear.size();
   for (int i = 0; i < n; ++i)
     record.denominator_deviation[static_cast<std::size_t>(i)] = sd(nonlinear + i);
 
   // From a1..an to the poles: the inverse of how the poles make the coefficients.
   Eigen::MatrixXd by_poles(n, n);
-  std::array<double, 3> pole{fit.poles.real, fit.poles.omega, fit.poles.zeta};
+  std::array<double, 3> pole{poles.real, poles.omega, poles.zeta};
   for (int j = 0; j < n; ++j) {
     const auto k = static_cast<std::size_t>(n == 3 ? j : j + 1);
     auto up = pole, down = pole;
@@ -206,9 +219,9 @@ void fill_deviations(ModelRecord& record, const Projection& data, const PoleFit&
     }
   }
   const Eigen::MatrixXd inverse = by_poles.fullPivLu().inverse();
-  const Eigen::MatrixXd poles =
+  const Eigen::MatrixXd spread =
       inverse * all.block(nonlinear, nonlinear, n, n) * inverse.transpose();
-  const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, poles(i, i))); };
+  const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, spread(i, i))); };
   record.pole_deviation =
       n == 3 ? PoleSet{pole_sd(0), pole_sd(1), pole_sd(2)} : PoleSet{0.0, pole_sd(0), pole_sd(1)};
 
@@ -393,28 +406,61 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
                           trial.ruled_out});
   }
 
+  Structure structure = chosen->structure;
+  double chosen_validation = chosen->validation;
+  const double encoder_step = noise_floor(axis.segments).encoder_step;
+  if (options.method == Method::kJoint) {
+    // The friction, chosen the same way, from the simplest model to the richest.
+    const auto place = static_cast<std::size_t>(
+        std::find(structure.effects.begin(), structure.effects.end(), kind_of<CoulombFriction>()) -
+        structure.effects.begin());
+    std::size_t best = out.trials.size();
+    for (const std::size_t kind : friction_kinds()) {
+      if (kind == kind_of<CoulombFriction>()) continue;
+      Structure richer = chosen->structure;
+      richer.effects[place] = kind;
+      StructureTrial trial{richer.order, richer.effects, kAbsent, false,
+                           "no stable fit within the bounds"};
+      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, false)) {
+        trial.ruled_out = why_invalid(fit->model);
+        if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
+      }
+      if (trial.validation_rms < kWorthIt * chosen_validation) {
+        chosen_validation = trial.validation_rms;
+        structure = richer;
+        best = out.trials.size();
+      }
+      out.trials.push_back(trial);
+    }
+    for (std::size_t i = 0; best < out.trials.size() && i < out.trials.size(); ++i)
+      out.trials[i].chosen = i == best;
+  }
+
   search = {};
   search.bounds = options.bounds;
-  const Projection data = projection_of(training, chosen->structure);
-  const auto fit = pole_search(data, search);
+  const bool polish = options.method == Method::kJoint;
+  if (polish) record.method = "joint";
+  const auto fit = joint_fit(training, structure, search, encoder_step, polish);
   if (!fit)
     throw std::runtime_error(axis.axis +
                              ": the pole search found no finite solution on the training data");
-  record.model = data.model_of(fit->point, fit->solution.linear);
-  record.condition_number = condition_number(data, fit->point);
-  fill_deviations(record, data, *fit);
+  record.model = fit->model;
+  record.condition_number = fit->condition_number;
+  // Named as the projected fit names them, where the polish left them there.
+  const PoleSet poles = named_as(fit->fit.poles, record.model.loop);
+  fill_deviations(record, poles, fit->covariance, fit->linear);
   if (auto why = why_invalid(record.model); !why.empty()) {
     out.refusals.push_back(why);
     return out;
   }
   record.training = judge(record.model, training);
   record.holdout = judge(record.model, holdout);
-  if (fit->on_bound) {
+  if (fit->fit.on_bound) {
     record.excitation.push_back(
         say("poles lie on the bounds of the search: the motion does not show them; ",
             "widen the bounds, or add moves with faster changing acceleration"));
   }
-  for (std::string& line : loosely_known(record, *fit))
+  for (std::string& line : loosely_known(record, poles))
     record.excitation.push_back(std::move(line));
   for (std::string& line : exchanged_or_scaled(record.model, training))
     out.refusals.push_back(std::move(line));

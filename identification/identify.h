@@ -3,7 +3,8 @@
 //
 // Structure (order 3 or 2, with or without a delay, with or without a constant force) is chosen
 // inside the training data, on a part of it held back for that; the hold-out has no say in
-// anything.
+// anything. The joint method goes on from there: the friction model is chosen the same way, and the
+// whole model is polished in free simulation (identification/joint.h).
 #pragma once
 
 #include <string>
@@ -15,7 +16,7 @@
 
 namespace servotwin {
 
-enum class Method { kPoleSearch, kFullLs };
+enum class Method { kPoleSearch, kFullLs, kJoint };
 
 struct IdentifyOptions {
   Method method = Method::kPoleSearch;

@@ -208,15 +208,6 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
   return out;
 }
 
-/// The same data with a step of at most `step_s`, and at least 1000 samples of them.
-Projection thinned(const Projection& data, double step_s) {
-  int every = static_cast<int>(std::floor(step_s / data.segments().front().h + 1e-9));
-  while (every > 1 && data.rows() / every < 1000) --every;
-  std::vector<Signals> thin;
-  for (const Signals& s : data.segments()) thin.push_back(decimated(s, every));
-  return {std::move(thin), data.structure(), data.has_free_response()};
-}
-
 /// The grid: pairs with zeta <= 1 and a real pole, and sorted real triples.
 std::vector<std::array<double, kMaxOrder>> grid(int order, const PoleBounds& b) {
   const auto points = [](double low, double high, int count) {
@@ -292,6 +283,14 @@ std::optional<PoleSet> inside(const Loop& loop, const PoleBounds& b, double tole
   return std::nullopt;
 }
 
+Projection thinned(const Projection& data, double step_s) {
+  int every = static_cast<int>(std::floor(step_s / data.segments().front().h + 1e-9));
+  while (every > 1 && data.rows() / every < 1000) --every;
+  std::vector<Signals> thin;
+  for (const Signals& s : data.segments()) thin.push_back(decimated(s, every));
+  return {std::move(thin), data.structure(), data.has_free_response()};
+}
+
 std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptions& options) {
   if (data.segments().empty() || data.rows() < 50) return std::nullopt;
   const int order = data.structure().order;
@@ -310,21 +309,24 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   }
 
   // Thinned data for the coarse search; command splines and filters stay exact at any step.
-  const Projection coarse = thinned(data, 8.0e-3);
+  // Friction that remembers needs its reversals.
+  const Projection coarse = thinned(data, options.from.empty() ? 8.0e-3 : 2.0e-3);
   PoleSearchOptions ranking = options;
   ranking.tolerance = std::max(options.tolerance, 1e-6);
 
   PoleFit fit;
   std::vector<Candidate> candidates;
-  for (const auto& denominator : grid(order, bounds)) {
-    Candidate candidate;
-    candidate.point = {denominator, shapes};
-    const auto solution = coarse.solve(candidate.point);
-    ++fit.evaluations;
-    // A candidate that needs negative friction is no candidate (thesis 3.4).
-    if (!std::isfinite(solution.cost) || solution.clamped) continue;
-    candidate.cost = solution.cost;
-    candidates.push_back(std::move(candidate));
+  if (options.from.empty()) {
+    for (const auto& denominator : grid(order, bounds)) {
+      Candidate candidate;
+      candidate.point = {denominator, shapes};
+      const auto solution = coarse.solve(candidate.point);
+      ++fit.evaluations;
+      // A candidate that needs negative friction is no candidate (thesis 3.4).
+      if (!std::isfinite(solution.cost) || solution.clamped) continue;
+      candidate.cost = solution.cost;
+      candidates.push_back(std::move(candidate));
+    }
   }
   std::sort(candidates.begin(), candidates.end(),
             [](const auto& l, const auto& r) { return l.cost < r.cost; });
@@ -345,6 +347,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
                                    [&](const auto& s) { return apart(s, candidate) > 0.4; });
     if (fresh) seeds.push_back(candidate);
   }
+  for (const Point& point : options.from) seeds.push_back({point, 0.0});
   for (const Candidate& seed : seeds) {
     refined.push_back(refine(coarse, Chart::kStable, seed, bounds, ranking, 40, fit.evaluations));
   }

@@ -39,6 +39,7 @@ struct PoleSearchOptions {
   int starts = 6;              ///< best grid candidates that are refined
   bool search_shapes = true;   ///< false: shapes stay at `shapes`
   std::vector<double> shapes;  ///< start values; empty: the catalogue's
+  std::vector<Point> from;     ///< where to refine from in place of the grid, shapes and all
   double tolerance = 1e-10;    ///< of the relative decrease of the cost at which a refinement stops
 };
 
@@ -49,6 +50,9 @@ struct PoleFit {
   bool on_bound = false;  ///< the box is active
   int evaluations = 0;    ///< of the projected objective, coarse and fine
 };
+
+/// The same data with a step of at most `step_s`, and at least 1000 samples of them.
+[[nodiscard]] Projection thinned(const Projection& data, double step_s);
 
 /// The best fit, or nothing where no candidate has a finite cost. Does not throw for bad data.
 [[nodiscard]] std::optional<PoleFit> pole_search(const Projection& data,

@@ -160,10 +160,13 @@ Command add_identify(CLI::App& app) {
       .add_option_function<std::string>(
           "--method",
           [arguments](const std::string& name) {
-            arguments->identify.method = name == "full-ls" ? Method::kFullLs : Method::kPoleSearch;
+            arguments->identify.method = name == "full-ls" ? Method::kFullLs
+                                         : name == "joint" ? Method::kJoint
+                                                           : Method::kPoleSearch;
           },
-          "pole-search (default) or full-ls, the baseline")
-      ->check(CLI::IsMember({"pole-search", "full-ls"}).name(""))
+          "pole-search (default); joint, which also finds the friction model; full-ls, the "
+          "baseline")
+      ->check(CLI::IsMember({"pole-search", "joint", "full-ls"}).name(""))
       ->type_name("METHOD");
   PoleBounds& bounds = arguments->identify.bounds;
   add_range(command, "--real-pole-hz", bounds.real_min_hz, bounds.real_max_hz,
