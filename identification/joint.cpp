@@ -1,41 +1,116 @@
 #include "identification/joint.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "identification/chart.h"
+#include "twin/twin.h"
 
 namespace servotwin {
 
 namespace {
 
-/// Start values of all shapes: those of the effect at `place` on a grid about the catalogue's, the
-/// others as they are.
-std::vector<std::vector<double>> shape_grid(const Structure& structure, std::size_t place,
-                                            const std::vector<double>& others) {
+// Optima whose costs differ by less are one.
+constexpr double kSameCost = 1e-4;
+// An encoder whose steps make more than this share of what is left hides the motion within them.
+constexpr double kCoarseEncoder = 0.5;
+// A simulation right to less than this share of an encoder step is judged by when readings change.
+constexpr double kHidden = 0.1;
+
+/// Start values of the shapes of one effect, on a grid about the catalogue's.
+std::vector<std::vector<double>> shape_grid(std::size_t kind) {
   constexpr std::size_t kGridded = 3;  // the first shapes of an effect are its main ones
   std::vector<std::vector<double>> grid{{}};
-  std::size_t other = 0;
-  for (std::size_t i = 0; i < structure.effects.size(); ++i) {
-    std::size_t index = 0;
-    for (const Parameter& p : shapes_of(structure.effects[i])) {
-      std::vector<double> values{p.start};
-      if (i != place) {
-        values = {others[other++]};
-      } else if (index < kGridded && p.lower > 0.0) {
-        values = {0.3 * p.start, p.start, std::min(3.0 * p.start, p.upper)};
-      }
-      ++index;
-      std::vector<std::vector<double>> longer;
+  for (std::size_t i = 0; i < shapes_of(kind).size(); ++i) {
+    const Parameter& p = shapes_of(kind)[i];
+    std::vector<double> values{p.start};
+    if (i < kGridded && p.lower > 0.0)
+      values = {0.3 * p.start, p.start, std::min(3.0 * p.start, p.upper)};
+    std::vector<std::vector<double>> longer;
+    for (double value : values) {
       for (const auto& begun : grid) {
-        for (double value : values) {
-          longer.push_back(begun);
-          longer.back().push_back(value);
-        }
+        longer.push_back(begun);
+        longer.back().push_back(value);
       }
-      grid = std::move(longer);
     }
+    grid = std::move(longer);
   }
   return grid;
+}
+
+/// The place of the friction in the structure; its size where there is none.
+std::size_t friction_place(const Structure& structure) {
+  const auto kinds = friction_kinds();
+  std::size_t i = 0;
+  while (i < structure.effects.size() &&
+         std::find(kinds.begin(), kinds.end(), structure.effects[i]) == kinds.end()) {
+    ++i;
+  }
+  return i;
+}
+
+/// Step 2: with these poles, the best shapes of the friction for every value of its first one. The
+/// poles of step 1 favour a wrong value, so that each has its turn in step 3.
+std::vector<Point> friction_starts(const Projection& data, const Structure& structure,
+                                   std::size_t place, const Point& rough, int& evaluations) {
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < place; ++i) first += shapes_of(structure.effects[i]).size();
+  // Behind the shapes of the Coulomb friction of step 1.
+  const auto rest =
+      rough.shapes.begin() + static_cast<std::ptrdiff_t>(first + CoulombFriction::kShapes.size());
+  const Projection coarse = thinned(data, 4e-3);
+  std::vector<std::pair<double, Point>> best;
+  for (const std::vector<double>& shapes : shape_grid(structure.effects[place])) {
+    Point point{rough.denominator,
+                {rough.shapes.begin(), rough.shapes.begin() + static_cast<std::ptrdiff_t>(first)}};
+    point.shapes.insert(point.shapes.end(), shapes.begin(), shapes.end());
+    point.shapes.insert(point.shapes.end(), rest, rough.shapes.end());
+    const double cost = coarse.solve(point).cost;
+    ++evaluations;
+    auto same = std::find_if(best.begin(), best.end(), [&](const auto& other) {
+      return other.second.shapes[first] == shapes.front();
+    });
+    if (same == best.end()) {
+      best.emplace_back(cost, point);
+    } else if (cost < same->first) {
+      *same = {cost, point};
+    }
+  }
+  std::vector<Point> out;
+  for (auto& [cost, point] : best) out.push_back(std::move(point));
+  return out;
+}
+
+/// Step 3 from each of these; the best first, without duplicates.
+std::vector<PoleFit> refined(const Projection& data, const std::vector<Point>& starts,
+                             const PoleSearchOptions& options, int& evaluations) {
+  std::vector<PoleFit> fits;
+  for (const Point& start : starts) {
+    PoleSearchOptions from = options;
+    from.from = {start};
+    auto found = pole_search(data, from);
+    if (!found) continue;
+    evaluations += found->evaluations;
+    const bool known = std::any_of(fits.begin(), fits.end(), [&](const PoleFit& other) {
+      return std::abs(other.solution.cost - found->solution.cost) < kSameCost * other.solution.cost;
+    });
+    if (!known) fits.push_back(std::move(*found));
+  }
+  std::sort(fits.begin(), fits.end(),
+            [](const auto& l, const auto& r) { return l.solution.cost < r.solution.cost; });
+  return fits;
+}
+
+/// The same data with the motion of the model's free simulation for what friction sees.
+std::vector<Signals> along_simulation(const std::vector<Segment>& segments, const Model& model) {
+  std::vector<Signals> out;
+  for (const Segment& s : segments) {
+    Signals signals = signals_of(s);
+    signals.position = s.command - simulate(model, s);
+    signals.velocity = measured_velocity(signals.position, s.sample_time_s, 0);
+    out.push_back(std::move(signals));
+  }
+  return out;
 }
 
 }  // namespace
@@ -50,45 +125,37 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
                                   bool polish) {
   std::vector<Signals> signals;
   for (const Segment& s : segments) signals.push_back(signals_of(s));
-  const auto kinds = friction_kinds();
-  const auto friction = std::find_if(
-      structure.effects.begin(), structure.effects.end(),
-      [&](std::size_t kind) { return std::find(kinds.begin(), kinds.end(), kind) != kinds.end(); });
-  const auto place = static_cast<std::size_t>(friction - structure.effects.begin());
-
-  // Step 1.
+  const std::size_t place = friction_place(structure);
   Structure simple = structure;
-  if (friction != structure.effects.end()) simple.effects[place] = kind_of<CoulombFriction>();
-  const Projection rough(signals, simple);
-  auto fit = pole_search(rough, options);
-  if (!fit) return std::nullopt;
+  if (place < structure.effects.size()) simple.effects[place] = kind_of<CoulombFriction>();
 
-  const Projection data(std::move(signals), structure);
+  auto fit = pole_search(Projection(signals, simple), options);
+  if (!fit) return std::nullopt;
+  Projection data(std::move(signals), structure);
+  std::vector<Point> rivals;
   if (simple.effects != structure.effects) {
-    // Step 2.
-    std::vector<double> others;
-    std::size_t shape = 0;
-    for (std::size_t i = 0; i < simple.effects.size(); ++i) {
-      for (std::size_t p = 0; p < shapes_of(simple.effects[i]).size(); ++p, ++shape) {
-        if (i != place) others.push_back(fit->point.shapes[shape]);
-      }
+    int evaluations = fit->evaluations;
+    std::vector<Point> starts = friction_starts(data, structure, place, fit->point, evaluations);
+    auto fits = refined(data, starts, options, evaluations);
+    // Where the encoder's steps outweigh the model's error, the simulated motion is the better one.
+    for (int round = 0; round < 2 && !fits.empty(); ++round) {
+      const Model model = data.model_of(fits.front().point, fits.front().solution.linear);
+      const double left =
+          std::sqrt(2.0 * fits.front().solution.cost / static_cast<double>(data.rows()));
+      if (!why_invalid(model).empty() || encoder_step / std::sqrt(12.0) < kCoarseEncoder * left)
+        break;
+      data = Projection(along_simulation(segments, model), structure);
+      for (Point& start : starts) start.denominator = fits.front().point.denominator;
+      starts.push_back(fits.front().point);
+      auto better = refined(data, starts, options, evaluations);
+      starts.pop_back();
+      if (better.empty()) break;
+      fits = std::move(better);
     }
-    std::vector<std::pair<double, Point>> tried;
-    const Projection coarse = thinned(data, 4e-3);
-    for (std::vector<double>& shapes : shape_grid(structure, place, others)) {
-      Point point{fit->point.denominator, std::move(shapes)};
-      const double cost = coarse.solve(point).cost;
-      tried.emplace_back(cost, std::move(point));
-    }
-    std::sort(tried.begin(), tried.end(),
-              [](const auto& l, const auto& r) { return l.first < r.first; });
-    // Step 3.
-    PoleSearchOptions joint = options;
-    for (std::size_t i = 0; i < tried.size() && i < 4; ++i) joint.from.push_back(tried[i].second);
-    const int before = fit->evaluations + static_cast<int>(tried.size());
-    fit = pole_search(data, joint);
-    if (!fit) return std::nullopt;
-    fit->evaluations += before;
+    if (fits.empty()) return std::nullopt;
+    fit = fits.front();
+    fit->evaluations = evaluations;
+    rivals = std::move(starts);
   }
 
   JointFit out;
@@ -97,7 +164,21 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
   out.model = out.projected;
   out.condition_number = condition_number(data, fit->point);
   if (polish) {
-    if (auto polished = output_error(segments, structure, out.projected, {encoder_step})) {
+    auto polished = output_error(segments, structure, out.projected, {encoder_step});
+    // Behind a coarse encoder there is more than one optimum: the likeliest is taken on.
+    if (polished && polished->sigma < kHidden * encoder_step) {
+      double least = polished->minus_log_likelihood;
+      for (const Point& rival : rivals) {
+        const Model from = data.model_of(rival, data.solve(rival).linear);
+        const auto brief = output_error(segments, structure, from, {encoder_step, 30, 1e-6, 3});
+        if (!brief || brief->minus_log_likelihood >= least) continue;
+        auto full = output_error(segments, structure, brief->model, {encoder_step});
+        if (!full || full->minus_log_likelihood >= least) continue;
+        least = full->minus_log_likelihood;
+        polished = std::move(full);
+      }
+    }
+    if (polished) {
       out.model = polished->model;
       out.covariance = polished->covariance;
       out.linear = structure.order + structure.coefficient_count();

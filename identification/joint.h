@@ -3,7 +3,7 @@
 //   1. Pole search with Coulomb friction: where the poles are, roughly.
 //   2. The friction's shape parameters with those poles held: a grid, every point one projection.
 //   3. All of them together from the best of the grid, by projection; friction along the measured
-//      motion.
+//      motion, and where the encoder is coarse, again along the motion simulated with the result.
 //   4. Output-error polish: the free simulation drives the friction.
 //
 // Step 2 alone returns a wrong shape, because the poles of step 1 have moved to make up for the

@@ -130,7 +130,7 @@ class Coordinates {
   [[nodiscard]] double step(Eigen::Index i, double value) const {
     const auto linear = static_cast<Eigen::Index>(slots_.size()) + numerators_;
     if (i >= linear) return 1e-5;
-    return 1e-5 * std::max(std::abs(value), i < numerators_ ? 1e-3 : 1e-3);
+    return 1e-5 * std::max(std::abs(value), 1e-3);
   }
 
   /// d parameters / d coordinates at x, with the parameters in the order of the covariance (every
@@ -203,26 +203,25 @@ class ReadingCost final : public ceres::CostFunction {
     if (jacobians == nullptr || jacobians[0] == nullptr) return true;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<RowMajor> jacobian(jacobians[0], rows, count);
-    if (!differentiate(x[0], jacobian)) return false;
+    if (!differentiate(x[0], r, jacobian)) return false;
     for (Eigen::Index k = 0; k < rows; ++k) jacobian.row(k) *= likelihood_.slope(r(k));
     return true;
   }
 
-  /// d r / d x.
+  /// d r / d x by differences from r = at(x); the step is far above rounding and far below what the
+  /// simulation's curvature shows.
   template <class Matrix>
-  bool differentiate(const double* x, Matrix&& jacobian) const {
+  bool differentiate(const double* x, const Eigen::VectorXd& r, Matrix&& jacobian) const {
     const Eigen::Index count = parameter_block_sizes()[0];
     for (Eigen::Index i = 0; i < count; ++i) {
       Eigen::VectorXd moved = Eigen::Map<const Eigen::VectorXd>(x, count);
-      const double d = coordinates_.step(i, moved(i));
-      const auto [lower, upper] = coordinates_.bounds(i);
-      const double up = std::min(upper, moved(i) + d), down = std::max(lower, moved(i) - d);
-      moved(i) = up;
-      const Eigen::VectorXd above = at(moved.data());
-      moved(i) = down;
-      const Eigen::VectorXd below = at(moved.data());
-      if (above.size() != jacobian.rows() || below.size() != jacobian.rows()) return false;
-      jacobian.col(i) = (above - below) / (up - down);
+      const double here = moved(i);
+      double d = coordinates_.step(i, here);
+      if (here + d > coordinates_.bounds(i).second) d = -d;
+      moved(i) = here + d;
+      const Eigen::VectorXd there = at(moved.data());
+      if (there.size() != jacobian.rows()) return false;
+      jacobian.col(i) = (there - r) / d;
     }
     return true;
   }
@@ -270,7 +269,7 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
 
   OutputErrorFit fit;
   fit.simulations = 1;
-  for (int pass = 0; pass < 6; ++pass) {
+  for (int pass = 0; pass < options.passes; ++pass) {
     const double before = fit.sigma;
     fit.sigma = most_probable_sigma(r, options.encoder_step);
     if (pass > 0 && std::abs(fit.sigma - before) < 0.05 * before) break;
@@ -287,7 +286,7 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
     ceres::Solver::Options solver;
     solver.linear_solver_type = ceres::DENSE_QR;
     solver.max_num_iterations = options.rounds;
-    solver.function_tolerance = 1e-7;
+    solver.function_tolerance = options.tolerance;
     solver.gradient_tolerance = 1e-30;
     solver.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
@@ -303,11 +302,12 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   const ReadingCost cost(segments, coordinates, settled, r.size(), x.size(), likelihood,
                          fit.simulations);
   Eigen::MatrixXd jacobian(r.size(), x.size());
-  if (!cost.differentiate(x.data(), jacobian)) return std::nullopt;
+  if (!cost.differentiate(x.data(), r, jacobian)) return std::nullopt;
   Eigen::VectorXd g(r.size());
   for (Eigen::Index k = 0; k < r.size(); ++k) {
     jacobian.row(k) *= likelihood.slope(r(k));
     g(k) = likelihood.residual(r(k));
+    fit.minus_log_likelihood += likelihood.minus_log_likelihood(r(k));
   }
   const Eigen::VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd scaled = jacobian * scale.asDiagonal();

@@ -27,11 +27,14 @@ namespace servotwin {
 struct OutputErrorOptions {
   double encoder_step = 0.0;  ///< q [m | rad]; 0: as fine as it matters
   int rounds = 40;            ///< of Levenberg-Marquardt, each time sigma is estimated
+  double tolerance = 1e-5;    ///< of the relative decrease at which a pass ends
+  int passes = 6;             ///< how often sigma is estimated at most
 };
 
 struct OutputErrorFit {
   Model model;
   double sigma = 0.0;  ///< what the simulation misses, the encoder's steps apart [m | rad]
+  double minus_log_likelihood = 0.0;  ///< of all readings, at this sigma
   /// Of all parameters: numerator, coefficients, a1..an, shapes (as `covariance` of the pole
   /// search).
   Eigen::MatrixXd covariance;

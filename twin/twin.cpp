@@ -234,6 +234,12 @@ Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& moti
   return error;
 }
 
+/// One reading throughout, or two that an encoder's last digit changes between.
+bool stands(const Eigen::ArrayXd& readings) {
+  const double low = readings.minCoeff(), high = readings.maxCoeff();
+  return (readings == low || readings == high).all();
+}
+
 }  // namespace
 
 double starting_state_s(const Model& model) {
@@ -254,9 +260,12 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   const Spline motion = Spline::through(delayed, segment.sample_time_s);
   if (segment.actual.size() != n) return run(twin, segment, motion, delayed, {});
 
-  // The starting state: the free response that brings the simulation onto the first encoder values.
+  // The starting state: none where the axis stands, whatever the encoder's rounding says; else the
+  // free response that brings the simulation onto the first encoder values.
   const auto settle = std::min<Eigen::Index>(
       n, static_cast<Eigen::Index>(starting_state_s(model) / segment.sample_time_s) + 4);
+  if (stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))
+    return run(twin, segment, motion, delayed, {});
   const int order = model.loop.order;
   Segment head = segment;
   head.command.conservativeResize(settle);
