@@ -64,9 +64,10 @@ std::vector<Place> resampled(const Stamps& stamps) {
   for (std::size_t i = 1; i < stamps.row.size(); ++i) {
     const double from = cycles_to(i - 1), until = cycles_to(i);
     if (std::round(until - from) - 1.0 > most_missing) continue;
-    for (double cycle = std::floor(from) + 1.0; cycle <= until; cycle += 1.0) {
-      places.push_back(
-          {std::llround(cycle), stamps.row[i - 1], stamps.row[i], (cycle - from) / (until - from)});
+    const auto last = static_cast<long long>(std::floor(until));
+    for (auto cycle = static_cast<long long>(std::floor(from)) + 1; cycle <= last; ++cycle) {
+      places.push_back({cycle, stamps.row[i - 1], stamps.row[i],
+                        (static_cast<double>(cycle) - from) / (until - from)});
     }
   }
   return places;

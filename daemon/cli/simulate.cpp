@@ -97,8 +97,9 @@ void run(const Arguments& arguments) {
   Segment first;
   std::string first_axis;
   for (const auto& [file, record] : models) {
-    const auto axis = std::find_if(table.axes.begin(), table.axes.end(),
-                                   [&](const AxisRecord& one) { return one.name == record.axis; });
+    const auto axis =
+        std::find_if(table.axes.begin(), table.axes.end(),
+                     [&name = record.axis](const AxisRecord& one) { return one.name == name; });
     if (axis == table.axes.end()) {
       std::vector<std::string> names;
       for (const AxisRecord& one : table.axes) names.push_back(one.name);

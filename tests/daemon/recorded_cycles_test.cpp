@@ -139,7 +139,7 @@ TEST(RecordedCycles, CopiesAndRowsWithoutAPlaceAreDroppedAndSaid) {
 TEST(RecordedCycles, WhatHasNoTimeIsRefusedAsIdentificationRefusesIt) {
   const auto same_message = [](const std::vector<double>& stamps) {
     const Recording recording = recording_of(stamps, evenly(stamps.size()));
-    const std::string message = message_of([&] { (void)recorded_cycles(recording); });
+    std::string message = message_of([&] { (void)recorded_cycles(recording); });
     EXPECT_EQ(message, message_of([&] { (void)segment_axis(recording, "X"); }));
     return message;
   };

@@ -104,7 +104,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
 }
 
 TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
-  const auto [kind, order] = GetParam();
+  const std::size_t kind = std::get<0>(GetParam());
   using Jet = ceres::Jet<double, kMaxShapes>;
   std::mt19937_64 rng{77 + kind};
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
