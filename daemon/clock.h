@@ -1,4 +1,5 @@
-// The clocks. Only the daemon asks them; twin, identification and diagnosis are told the time.
+// The clocks, and stamps of others. Only the daemon asks clocks; twin, identification and diagnosis
+// are told the time.
 #pragma once
 
 #include <time.h>
@@ -19,5 +20,12 @@ inline std::int64_t clock_ns(clockid_t clock) noexcept {
 [[nodiscard]] inline std::int64_t steady_ns() noexcept { return detail::clock_ns(CLOCK_MONOTONIC); }
 /// Since 1970 [ns].
 [[nodiscard]] inline std::int64_t wall_ns() noexcept { return detail::clock_ns(CLOCK_REALTIME); }
+
+/// From one stamp to another [ns]. A foreign stamp may be anything: the difference wraps instead of
+/// overflowing.
+[[nodiscard]] constexpr std::int64_t between_ns(std::int64_t from, std::int64_t to) noexcept {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(to) -
+                                   static_cast<std::uint64_t>(from));
+}
 
 }  // namespace servotwin

@@ -12,6 +12,7 @@
 #include "drivers/file_handle.h"
 #include "drivers/messages.h"
 #include "drivers/text.h"
+#include "twin/catalogue.h"
 
 namespace servotwin {
 namespace {
@@ -284,7 +285,8 @@ void read_identify(Section section, IdentifyConfig& identify) {
   section.range("real_pole_hz", 1e-3, 1e5, "Hz", poles.real_min_hz, poles.real_max_hz);
   section.range("omega_hz", 1e-3, 1e5, "Hz", poles.omega_min_hz, poles.omega_max_hz);
   section.range("zeta", 1e-3, 100.0, "", poles.zeta_min, poles.zeta_max);
-  section.number("delay_max_s", 0.0, 0.1, "s", identify.options.delay_max_s);
+  const Parameter& delay = TimeDelay::kShapes[0];
+  section.number("delay_max_s", delay.lower, delay.upper, "s", identify.options.delay_max_s);
   if (identify.memory_s < identify.window_s) {
     section.report(section.find("window_s") != nullptr ? "window_s" : "memory_s",
                    "a model is sought on the last memory_s = " + number(identify.memory_s) +

@@ -70,6 +70,7 @@ class Signals {
 struct Arguments {
   std::string config, store, machine, columns;
   std::optional<std::uint32_t> domain;
+  std::optional<std::string> partition;
   std::vector<std::filesystem::path> replay;
   std::optional<double> speed;
 };
@@ -79,6 +80,7 @@ Config configured(const Arguments& arguments) {
   if (!arguments.store.empty()) config.store.directory = arguments.store;
   if (!arguments.machine.empty()) config.machine = arguments.machine;
   if (arguments.domain) config.dds.domain = *arguments.domain;
+  if (arguments.partition) config.dds.partition = *arguments.partition;
   if (!arguments.replay.empty()) {
     config.source = SourceKind::kReplay;
     config.replay.files = arguments.replay;
@@ -90,12 +92,14 @@ Config configured(const Arguments& arguments) {
 
 int run(int argc, char** argv) {
   CLI::App app("The always-on digital twin of a machine's servo drives.", "servotwind");
+  app.set_version_flag("--version", SERVOTWIN_VERSION);
   Arguments arguments;
   app.add_option("--config", arguments.config,
                  "Configuration (TOML); without it the defaults hold");
   app.add_option("--store", arguments.store, "Directory of models, events and recordings");
   app.add_option("--machine", arguments.machine, "Name of the machine");
   app.add_option("--domain", arguments.domain, "DDS domain")->check(CLI::Range(0, 230));
+  app.add_option("--partition", arguments.partition, "DDS partition of the cell");
   auto* replay = app.add_option("--replay", arguments.replay,
                                 "Recordings to replay instead of listening to a machine");
   app.add_option("--columns", arguments.columns,
@@ -106,8 +110,11 @@ int run(int argc, char** argv) {
       ->check(CLI::Range(0.01, 1000.0));
   try {
     app.parse(argc, argv);
+  } catch (const CLI::Success& help) {
+    return app.exit(help);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
+    std::cerr << "servotwind: " << error.what() << " (see servotwind --help)\n";
+    return 2;
   }
   std::stop_source stop;
   const Signals signals(stop);

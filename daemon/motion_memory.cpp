@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "daemon/clock.h"
+
 namespace servotwin {
 namespace {
 
@@ -33,7 +35,8 @@ MotionMemory::MotionMemory(const MachineDescription& machine, double remembered_
 void MotionMemory::append(const CycleRow& row) {
   const std::lock_guard lock(mutex_);
   const bool first = time_.empty();
-  const double step_s = first ? 0.0 : static_cast<double>(row.time_ns - last_stamp_ns_) * 1e-9;
+  const double step_s =
+      first ? 0.0 : 1e-9 * static_cast<double>(between_ns(last_stamp_ns_, row.time_ns));
   newest_s_ += step_s < 0.0 ? kRestartGap_s : step_s;
   last_stamp_ns_ = row.time_ns;
   for (std::size_t i = 0; i < axes_.size(); ++i) {

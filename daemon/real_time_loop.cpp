@@ -157,10 +157,7 @@ RealTimeLoop::Order RealTimeLoop::order_of(const MachineFrame& frame) noexcept {
   } else if (frame.sequence > last + 1) {
     count(counters_.lost, frame.sequence - last - 1);
   } else {
-    // Unsigned, because a foreign stamp may be anything: the difference wraps instead of
-    // overflowing.
-    const auto step = static_cast<std::int64_t>(static_cast<std::uint64_t>(frame.time_ns) -
-                                                static_cast<std::uint64_t>(last_time));
+    const std::int64_t step = between_ns(last_time, frame.time_ns);
     last_sequence_ = frame.sequence;
     last_time_ns_ = frame.time_ns;
     if (step >= 0 && step <= (1 + kTimeToleranceCycles) * cycle_ns_) return Order::kFollows;

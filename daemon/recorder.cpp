@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "daemon/clock.h"
@@ -79,14 +80,18 @@ bool Recorder::drain() {
 }
 
 void Recorder::collect(const CycleRow& row) {
-  const double since_start_s = static_cast<double>(row.time_ns - file_start_ns_) * 1e-9;
-  const bool goes_back = !file_.time.empty() && since_start_s <= file_.time.back();
-  if (!file_.time.empty() && (goes_back || since_start_s >= kFile_s)) finish_file();
+  const auto since_start_s = [&] {
+    return 1e-9 * static_cast<double>(between_ns(file_start_ns_, row.time_ns));
+  };
+  // A stamp that is repeated is only coarse; one that goes back is of a source that started again.
+  if (!file_.time.empty() && (since_start_s() < file_.time.back() || since_start_s() >= kFile_s)) {
+    finish_file();
+  }
   if (file_.time.empty()) {
     file_start_ns_ = row.time_ns;
     file_name_ = name_of_file(directory_);
   }
-  file_.time.push_back(static_cast<double>(row.time_ns - file_start_ns_) * 1e-9);
+  file_.time.push_back(since_start_s());
   for (std::size_t i = 0; i < file_.axes.size(); ++i) {
     AxisRecord& axis = file_.axes[i];
     axis.command.push_back(row.axes[i].command);
@@ -106,7 +111,6 @@ void Recorder::finish_file() {
                        " rows are missing");
     }
     failing_ = false;
-    delete_oldest();
   } catch (const std::exception& error) {
     not_recorded_.fetch_add(rows, std::memory_order_relaxed);
     if (!failing_)
@@ -114,20 +118,38 @@ void Recorder::finish_file() {
     failing_ = true;
   }
   file_ = empty_;
+  keep_within_budget();
+}
+
+void Recorder::keep_within_budget() {
+  try {
+    delete_oldest();
+    over_budget_ = false;
+  } catch (const std::exception& error) {
+    if (!over_budget_) {
+      events_.error("recording", "",
+                    std::string("the oldest recordings are not deleted: ") + error.what());
+    }
+    over_budget_ = true;
+  }
 }
 
 void Recorder::delete_oldest() {
-  std::vector<std::filesystem::directory_entry> files;
+  std::vector<std::pair<std::filesystem::path, double>> files;  // with its bytes
   double bytes = 0.0;
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
     if (!entry.is_regular_file() || entry.path().extension() != ".csv") continue;
-    files.push_back(entry);
-    bytes += static_cast<double>(entry.file_size());
+    std::error_code gone;  // somebody else may tidy up here, too
+    const auto size = static_cast<double>(entry.file_size(gone));
+    if (gone) continue;
+    files.emplace_back(entry.path(), size);
+    bytes += size;
   }
   std::sort(files.begin(), files.end());
   for (std::size_t i = 0; i + 1 < files.size() && bytes > budget_bytes_; ++i) {
-    bytes -= static_cast<double>(files[i].file_size());
-    std::filesystem::remove(files[i]);
+    const auto& [file, size] = files[i];
+    bytes -= size;
+    std::filesystem::remove(file);
     if (!deleted_) {
       events_.note("recording", "",
                    "the oldest recordings are deleted, to stay within " +

@@ -42,6 +42,7 @@ class Recorder {
 
  private:
   void collect(const CycleRow& row);
+  void keep_within_budget();
   void delete_oldest();
 
   std::filesystem::path directory_;
@@ -54,6 +55,7 @@ class Recorder {
   std::int64_t file_start_ns_ = 0;  // stamp of its first row
   std::string file_name_;
   bool failing_ = false;
+  bool over_budget_ = false;  // and nothing could be done about it
   bool deleted_ = false;
   std::atomic<std::uint64_t> not_recorded_{0};
 };

@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "daemon/event_log.h"
@@ -17,6 +18,7 @@
 #include "daemon/motion_memory.h"
 #include "daemon/publisher.h"
 #include "daemon/real_time_loop.h"
+#include "daemon/recorded_cycles.h"
 #include "daemon/recorder.h"
 #include "daemon/scheduling.h"
 #include "daemon/store.h"
@@ -47,19 +49,27 @@ struct Input {
   MachineDescription machine;
 };
 
+/// One of the recordings to replay, and what there is to say about it.
+struct ReadReplay {
+  Replay replay;
+  std::vector<std::string> notes;
+};
+
+ReadReplay read_replay(const Config& config, const std::filesystem::path& file) {
+  ReadOptions options;
+  options.columns = config.replay.columns;
+  RecordedCycles cycles = recorded_cycles(read_recording(file, options));
+  std::vector<std::string> notes = cycles.recording.notes;
+  notes.insert(notes.end(), cycles.notes.begin(), cycles.notes.end());
+  return {Replay(std::move(cycles.recording), cycles.cycle_s), std::move(notes)};
+}
+
 Input replaying(const Config& config, EventLog& events) {
   std::vector<Replay> recordings;
   for (const std::filesystem::path& file : config.replay.files) {
-    ReadOptions options;
-    options.columns = config.replay.columns;
-    Recording recording = read_recording(file, options);
-    for (const std::string& note : recording.notes) events.note("source", "", note);
-    recordings.emplace_back(std::move(recording));
-    if (const std::size_t rows = recordings.back().rows_without_time(); rows > 0) {
-      events.note(
-          "source", "",
-          file.string() + ": " + std::to_string(rows) + " rows without a time are left out");
-    }
+    ReadReplay read = read_replay(config, file);
+    for (const std::string& note : read.notes) events.note("source", "", note);
+    recordings.push_back(std::move(read.replay));
   }
   auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.speed);
   const MachineDescription machine = source->machine();
@@ -103,6 +113,7 @@ MachineStatus counted(const LoopCounters& counters) {
   status.time_jumps = counters.time_jumps;
   status.not_finite = counters.not_finite;
   status.overruns = counters.overruns;
+  status.repeated = counters.repeated;
   status.wake_p50_s = counters.wake.quantile_s(0.5);
   status.wake_p99_s = counters.wake.quantile_s(0.99);
   status.work_p50_s = counters.work.quantile_s(0.5);
@@ -111,12 +122,48 @@ MachineStatus counted(const LoopCounters& counters) {
   return status;
 }
 
+/// ", 3 lost, 1 repeated" of the frames that did not come as they should.
+std::string amiss(const MachineStatus& status) {
+  std::string out;
+  for (const auto& [count, what] : {std::pair{status.lost, "lost"},
+                                    {status.repeated, "repeated and ignored"},
+                                    {status.malformed, "malformed and ignored"}}) {
+    if (count > 0) out += ", " + std::to_string(count) + " " + what;
+  }
+  return out;
+}
+
+std::filesystem::path store_of(const Config& config) {
+  return config.store.directory.empty() ? default_store() : config.store.directory;
+}
+
 }  // namespace
+
+std::vector<std::string> obstacles(const Config& config) {
+  std::vector<std::string> found;
+  const auto attempt = [&](const auto& action) {
+    try {
+      action();
+    } catch (const std::exception& error) {
+      found.emplace_back(error.what());
+    }
+  };
+  attempt([&] { Store::require_writable(store_of(config)); });
+  if (config.source != SourceKind::kReplay) return found;
+  std::vector<Replay> recordings;
+  for (const std::filesystem::path& file : config.replay.files)
+    attempt([&] { recordings.push_back(read_replay(config, file).replay); });
+  if (recordings.size() == config.replay.files.size()) {
+    attempt([&] {
+      check_names(config, ReplaySource(std::move(recordings), config.replay.speed).machine());
+    });
+  }
+  return found;
+}
 
 void serve(const Config& config, const std::stop_token& stop, const std::function<void()>& ready,
            std::ostream& out) {
-  Store store(config.store.directory.empty() ? default_store() : config.store.directory,
-              config.machine);
+  Store store(store_of(config), config.machine);
   EventLog events(store, out);
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
@@ -227,8 +274,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   if (!stop.stop_requested()) identification.finish();
   publishing.request_stop();
   publishing.join();
+  const MachineStatus total = status();
   events.note("stopped", "",
-              "stopped after " + std::to_string(loop->counters().frames.load()) + " frames");
+              "stopped after " + std::to_string(total.frames) + " frames" + amiss(total));
 }
 
 }  // namespace servotwin

@@ -4,6 +4,8 @@
 #include <functional>
 #include <iosfwd>
 #include <stop_token>
+#include <string>
+#include <vector>
 
 #include "daemon/config.h"
 #include "drivers/messages.h"
@@ -16,5 +18,10 @@ namespace servotwin {
 /// survives.
 void serve(const Config& config, const std::stop_token& stop, const std::function<void()>& ready,
            std::ostream& out);
+
+/// Why serve() could not start with this configuration, as far as that can be told without making
+/// or changing anything: recordings that cannot be replayed, a store that cannot be written. One
+/// line each; none if it could.
+[[nodiscard]] std::vector<std::string> obstacles(const Config& config);
 
 }  // namespace servotwin

@@ -110,6 +110,28 @@ class Store::Transaction {
 
 void Store::Close::operator()(sqlite3* database) const noexcept { sqlite3_close(database); }
 
+void Store::require_writable(const std::filesystem::path& directory) {
+  const auto refuse = [&](const std::filesystem::path& place, const std::string& why) {
+    const std::string where = place == directory ? "" : place.string() + ": ";
+    throw std::runtime_error("store " + directory.string() + ": cannot be written: " + where + why);
+  };
+  std::error_code ignored;
+  // What is not there yet will be made in the nearest directory that is.
+  std::filesystem::path place = directory;
+  while (!place.empty() && !std::filesystem::exists(place, ignored) &&
+         place != place.parent_path()) {
+    place = place.parent_path();
+  }
+  if (place.empty()) place = ".";
+  if (!std::filesystem::is_directory(place, ignored)) refuse(place, system_error(ENOTDIR));
+  if (access(place.c_str(), W_OK | X_OK) != 0) refuse(place, system_error(errno));
+  for (const char* name : {"lock", "servotwin.sqlite"}) {
+    const std::filesystem::path file = directory / name;
+    if (access(file.c_str(), W_OK) != 0 && errno != ENOENT && errno != ENOTDIR)
+      refuse(file, system_error(errno));
+  }
+}
+
 Store::Store(const std::filesystem::path& directory, std::string machine)
     : directory_(directory),
       file_(directory / "servotwin.sqlite"),

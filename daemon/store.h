@@ -38,6 +38,8 @@ class Store {
 
   /// Opens or makes `directory`/servotwin.sqlite.
   Store(const std::filesystem::path& directory, std::string machine);
+  /// Throws if it could not be opened or made there, as far as that can be told from outside.
+  static void require_writable(const std::filesystem::path& directory);
   Store(const Store&) = delete;
   Store& operator=(const Store&) = delete;
   ~Store();

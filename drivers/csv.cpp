@@ -194,6 +194,14 @@ Cell parse_cell(std::string_view cell, double& value) {
   return Cell::kMissing;
 }
 
+// What stands after the point, an exponent included: less of it is left of a number that was cut
+// off.
+std::size_t decimals(std::string_view cell) {
+  cell = trimmed(cell);
+  const std::size_t point = cell.find('.');
+  return point == std::string_view::npos ? 0 : cell.size() - point - 1;
+}
+
 // Rows of the file, from line ends counted in blocks all over it: what to reserve, and to refuse.
 std::uint64_t estimate_rows(const std::filesystem::path& file) {
   constexpr std::uint64_t kSamples = 16, kSample = 1 << 16;
@@ -284,6 +292,10 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
 
   double first_time = kAbsent, time = kAbsent;
   std::size_t rows = 0, outside = 0;
+  // The cell that a line without its end may have lost a part of, where it is wanted.
+  const auto at_the_end = static_cast<std::size_t>(
+      std::find(wanted.begin(), wanted.end(), header.names.size() - 1) - wanted.begin());
+  std::size_t decimals_before = 0;
   std::string_view line;
   while (lines.next(line)) {
     if (is_comment(line)) continue;
@@ -296,6 +308,22 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
       }
       lines.fail(std::to_string(fields) + " fields where the header has " +
                  std::to_string(header.names.size()));
+    }
+    if (at_the_end < cells.size()) {
+      const std::string_view cell = cells[at_the_end];
+      double value = 0.0;
+      if (!lines.complete() &&
+          (decimals(cell) < decimals_before || parse_cell(cell, value) == Cell::kNoNumber)) {
+        recording.notes.push_back("line " + std::to_string(lines.number()) +
+                                  ", the last one, has no line end, and " + in_quotes(cell) +
+                                  " is shorter than the number above it: dropped as cut off");
+        break;
+      }
+      decimals_before = decimals(cell);
+    }
+    if (!lines.complete()) {
+      recording.notes.push_back("line " + std::to_string(lines.number()) +
+                                ", the last one, has no line end; taken as whole");
     }
     const std::size_t skipped = layout.time ? 0 : 1;  // values without a cell
     for (std::size_t i = 0; i < cells.size(); ++i) {

@@ -3,7 +3,8 @@
 //
 // UTF-8; lines that begin with # are comments; then one header line, then one row per line. Foreign
 // files may be separated by ; or tabs, have CRLF line ends, a byte order mark, quoted names and a
-// separator at the end of every line. Numbers have a decimal point.
+// separator at the end of every line. Numbers have a decimal point. A last line without its end is
+// noted, and dropped where fields are missing or its last number is shorter than the one above it.
 // Memory: eight bytes per row and wanted column; the text itself is never held.
 // Errors: as drivers/recording_file.h. Any thread.
 #pragma once

@@ -202,6 +202,7 @@ bool Wire<MachineStatus>::decode(const Sample& sample, MachineStatus& status) {
                            from.refused, text(from.last_refusal)});
   }
   status.last_error = text(sample.last_error);
+  status.repeated = sample.repeated;
   return true;
 }
 
@@ -233,6 +234,7 @@ void Wire<MachineStatus>::encode(const MachineStatus& status, Sample& sample) {
     assign(to.last_refusal, status.axes[i].last_refusal);
   }
   assign(sample.last_error, status.last_error);
+  sample.repeated = status.repeated;
 }
 
 }  // namespace servotwin

@@ -78,6 +78,10 @@ void FileHandle::flush() const {
   if (::fsync(descriptor_) != 0 && errno != EINVAL) fail(shown_, "cannot be written");
 }
 
+void FileHandle::close() {
+  if (::close(std::exchange(descriptor_, -1)) != 0) fail(shown_, "cannot be written");
+}
+
 AtomicFile::AtomicFile(std::filesystem::path file)
     : file_(std::move(file)),
       beside_(name_beside(file_)),
@@ -89,6 +93,7 @@ AtomicFile::~AtomicFile() {
 
 void AtomicFile::commit() {
   handle_.flush();
+  handle_.close();
   if (::rename(beside_.c_str(), file_.c_str()) != 0) fail(file_, "cannot be written");
   committed_ = true;
   // The new name is in the directory, which has to reach the disk too.

@@ -27,6 +27,8 @@ class FileHandle {
   void write(std::string_view bytes) const;
   /// Returns when the bytes are on the disk.
   void flush() const;
+  /// Before the end of its life, to hear what a network file system only says then.
+  void close();
 
  private:
   FileHandle(std::filesystem::path shown, int descriptor);

@@ -92,6 +92,7 @@ struct MachineStatus {
   double work_p50_s = kAbsent, work_p99_s = kAbsent, work_max_s = kAbsent;  ///< of the loop
   std::vector<AxisStatus> axes;
   std::string last_error;
+  std::uint64_t repeated = 0;  ///< frames with the sequence number of the one before; ignored
 };
 
 }  // namespace servotwin

@@ -4,50 +4,11 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace servotwin {
 
-double median_step(const std::vector<double>& time, const std::string& source) {
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < time.size(); ++i) {
-    if (time[i] > time[i - 1]) steps.push_back(time[i] - time[i - 1]);
-  }
-  if (steps.empty()) {
-    throw std::runtime_error(source + ": cannot be replayed, it has no two rows of rising time");
-  }
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  return *middle;
-}
-
-namespace {
-
-template <class Column>
-void keep(const std::vector<char>& wanted, Column& column) {
-  std::size_t kept = 0;
-  for (std::size_t row = 0; row < column.size(); ++row) {
-    if (wanted[row] != 0) column[kept++] = column[row];
-  }
-  column.resize(kept);
-}
-
-std::size_t drop_rows_without_time(Recording& recording) {
-  std::vector<char> wanted(recording.time.size());
-  for (std::size_t row = 0; row < wanted.size(); ++row)
-    wanted[row] = std::isfinite(recording.time[row]);
-  const std::size_t before = recording.time.size();
-  for (AxisRecord& axis : recording.axes) {
-    keep(wanted, axis.command);
-    keep(wanted, axis.actual);
-    if (!axis.torque.empty()) keep(wanted, axis.torque);
-  }
-  keep(wanted, recording.time);
-  return before - recording.time.size();
-}
-
-}  // namespace
-
-Replay::Replay(Recording recording, int look_ahead)
+Replay::Replay(Recording recording, double cycle_s, int look_ahead)
     : recording_(std::move(recording)), look_ahead_(look_ahead) {
   if (recording_.axes.empty() || recording_.axes.size() > kMaxAxes) {
     throw std::runtime_error(recording_.source + ": " + std::to_string(recording_.axes.size()) +
@@ -57,8 +18,17 @@ Replay::Replay(Recording recording, int look_ahead)
     throw std::runtime_error("a look-ahead of " + std::to_string(look_ahead) +
                              " cycles: must be 0 to " + std::to_string(kMaxLookAhead));
   }
-  machine_.cycle_s = median_step(recording_.time, recording_.source);
-  without_time_ = drop_rows_without_time(recording_);
+  machine_.cycle_s = cycle_s;
+  if (recording_.time.empty() || !(cycle_s > 0.0)) {
+    throw std::runtime_error(recording_.source + ": cannot be replayed without rows and a cycle");
+  }
+  // Two rows in one cycle would be a frame that nobody looks at.
+  for (std::size_t row = 0; row < rows(); ++row) {
+    if (std::isfinite(recording_.time[row]) && (row == 0 || cycles_to(row) > cycles_to(row - 1)))
+      continue;
+    throw std::runtime_error(recording_.source + ": cannot be replayed, row " +
+                             std::to_string(row + 1) + " has no cycle of its own");
+  }
   for (const AxisRecord& axis : recording_.axes) {
     machine_.axes.push_back({axis.name, axis.rotary, axis.torque_unit});
   }
@@ -76,7 +46,7 @@ double Replay::elapsed_s() const noexcept {
 bool Replay::next(MachineFrame& frame) noexcept {
   if (row_ >= rows()) return false;
   const std::int64_t cycle = cycles_to(row_);
-  frame.sequence = static_cast<std::uint64_t>(std::max<std::int64_t>(cycle, 0));
+  frame.sequence = static_cast<std::uint64_t>(cycle);
   frame.time_ns = std::llround(recording_.time[row_] * 1e9);
   frame.axis_count = static_cast<int>(recording_.axes.size());
   frame.ahead_count = 0;

@@ -1,15 +1,12 @@
-// A recording as the machine that made it: one frame per row, numbered by its time.
+// A recording as the machine that made it: one frame per row, numbered by its cycle.
 //
-// The cycle is the median step of the time column. A frame's sequence number is its time in cycles,
-// so that a gap of the recording is a loss of frames, as it was. What is known ahead of time are
-// the commands of the rows that follow, as far as no gap is between. Any one thread. Errors:
-// std::runtime_error.
+// A gap of the recording is a loss of frames, as it was. What is known ahead of time are the
+// commands of the rows that follow, as far as no gap is between. Which row belongs to which cycle
+// is decided before: daemon/recorded_cycles.h. Any one thread. Errors: std::runtime_error.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
-#include <string>
-#include <vector>
 
 #include "drivers/messages.h"
 #include "twin/sample.h"
@@ -18,9 +15,10 @@ namespace servotwin {
 
 class Replay {
  public:
-  /// `look_ahead`: commands ahead of time in every frame, 0..kMaxLookAhead. Throws if there are no
-  /// two rows of rising time, no axis or too many.
-  explicit Replay(Recording recording, int look_ahead = 0);
+  /// `recording`: every row stamped a whole number of cycles after the first, and later than the
+  /// one before. `look_ahead`: commands ahead of time in every frame, 0..kMaxLookAhead. Throws if
+  /// a row has no cycle of its own, or there is no row, no axis or too many.
+  Replay(Recording recording, double cycle_s, int look_ahead = 0);
 
   [[nodiscard]] const MachineDescription& machine() const noexcept { return machine_; }
   /// The next frame, stamped with the recording's time; false at the end. Allocates nothing.
@@ -28,8 +26,6 @@ class Replay {
   /// Seconds from the first row to the row that comes next.
   [[nodiscard]] double elapsed_s() const noexcept;
   [[nodiscard]] std::size_t rows() const noexcept { return recording_.time.size(); }
-  /// Rows that were left out because their time is not a number.
-  [[nodiscard]] std::size_t rows_without_time() const noexcept { return without_time_; }
 
  private:
   [[nodiscard]] std::int64_t cycles_to(std::size_t row) const noexcept;
@@ -37,11 +33,7 @@ class Replay {
   Recording recording_;
   MachineDescription machine_;
   int look_ahead_;
-  std::size_t without_time_ = 0;
   std::size_t row_ = 0;
 };
-
-/// The median step of a time column [s]; throws std::runtime_error if time does not rise.
-[[nodiscard]] double median_step(const std::vector<double>& time, const std::string& source);
 
 }  // namespace servotwin

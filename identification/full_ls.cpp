@@ -127,8 +127,9 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
     const double high[3] = {std::log(bounds.real_max_hz * kTwoPi),
                             std::log(bounds.omega_max_hz * kTwoPi), std::log(bounds.zeta_max)};
     for (int start = 0; start < 18; ++start) {
-      const double part[3] = {(start % 3 + 0.5) / 3.0, (start / 3 % 3 + 0.5) / 3.0,
-                              (start / 9 + 0.5) / 2.0};
+      const int place[3] = {start % 3, start / 3 % 3, start / 9};
+      const double part[3] = {(place[0] + 0.5) / 3.0, (place[1] + 0.5) / 3.0,
+                              (place[2] + 0.5) / 2.0};
       std::array<double, 3> at{};
       for (std::size_t i = 0; i < 3; ++i) at[i] = low[i] + part[i] * (high[i] - low[i]);
       ceres::Problem problem;

@@ -303,7 +303,7 @@ ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
   Eigen::Index count = 0;
   double most = 0.0;
   for (const Segment& s : segments) {
-    const auto used = static_cast<Eigen::Index>(starting_state_s(model) / s.sample_time_s) + 4;
+    const Eigen::Index used = starting_state_samples(model, s);
     if (s.size() <= used + 10) continue;
     const Eigen::ArrayXd left = ((s.command - s.actual) - simulate(model, s)).tail(s.size() - used);
     sum += left.square().sum();

@@ -1,8 +1,5 @@
 #include "identification/model_file.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <cerrno>
 #include <cmath>
 #include <cstring>
@@ -53,6 +50,13 @@ double finite(const json& object, const std::string& path, const char* key) {
   const json& value = member(object, path, key);
   if (!value.is_number()) refuse(field_of(path, key), "must be a number, is " + value.dump());
   return value.get<double>();
+}
+
+/// A value in another unit must not be read as one in ours.
+void require_unit(const json& object, const std::string& path, const std::string& unit) {
+  if (const auto found = object.find("unit"); found != object.end() && *found != unit) {
+    refuse(path + ".unit", "must be \"" + unit + "\", is " + found->dump());
+  }
 }
 
 double optional(const json& object, const char* key) {
@@ -228,6 +232,7 @@ ModelRecord model_from_json(const json& j) {
         const std::string name(p.name);
         const json& entry = member(parameters, path + ".parameters", name.c_str());
         values[k] = finite(entry, path + ".parameters." + name, "value");
+        require_unit(entry, path + ".parameters." + name, unit_of(p, record.rotary));
         deviation[k] = optional(entry, "sd");
         ++k;
       }
@@ -330,39 +335,6 @@ ModelRecord read_model(const std::filesystem::path& path) {
   } catch (const std::runtime_error& error) {
     throw std::runtime_error(path.string() + ": " + error.what());
   }
-}
-
-void write_model(const std::filesystem::path& path, const ModelRecord& record) {
-  const std::string content = to_json(record).dump(2) + "\n";
-  std::filesystem::path temporary = path;
-  temporary += ".tmp" + std::to_string(::getpid());
-  const auto fail = [&](const char* what) {
-    const int error = errno;
-    ::unlink(temporary.c_str());
-    throw std::runtime_error(path.string() + ": " + what + ": " + std::strerror(error));
-  };
-  const int fd = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-  if (fd < 0) fail("cannot be written");
-  std::size_t done = 0;
-  while (done < content.size()) {
-    const ssize_t n = ::write(fd, content.data() + done, content.size() - done);
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) {
-      const int error = errno;
-      ::close(fd);
-      errno = error;
-      fail("cannot be written");
-    }
-    done += static_cast<std::size_t>(n);
-  }
-  const bool synced = ::fsync(fd) == 0;
-  const int sync_error = errno;
-  ::close(fd);
-  if (!synced) {
-    errno = sync_error;
-    fail("cannot be made safe on disk");
-  }
-  if (::rename(temporary.c_str(), path.c_str()) != 0) fail("cannot be put in place");
 }
 
 }  // namespace servotwin

@@ -60,7 +60,5 @@ inline constexpr std::string_view kModelSchema = "servotwin.model/1";
 
 /// Throws std::runtime_error: file, and field or position.
 [[nodiscard]] ModelRecord read_model(const std::filesystem::path& path);
-/// Atomic: the file is either the old one or the whole new one. Throws std::runtime_error.
-void write_model(const std::filesystem::path& path, const ModelRecord& record);
 
 }  // namespace servotwin

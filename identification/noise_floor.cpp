@@ -2,14 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace servotwin {
 
 namespace {
 
-/// The encoder's step: what neighbouring readings differ by, of all the record in order of
-/// position. Motion may be too fast to pass through single steps in time; somewhere on the axis two
-/// readings are one step apart.
+/// The encoder's step: what neighbouring readings differ by multiples of, of all the record in
+/// order of position. Motion may be too fast to pass through single steps in time; somewhere on the
+/// axis two readings are a few steps apart. Values that were interpolated over a gap lie anywhere
+/// between the steps: a few of them must not decide, and among many there is no step to be seen.
 double encoder_step(const std::vector<Segment>& segments) {
   std::vector<double> readings;
   for (const Segment& s : segments)
@@ -22,23 +24,26 @@ double encoder_step(const std::vector<Segment>& segments) {
   }
   if (apart.size() < 100) return 0.0;
   std::sort(apart.begin(), apart.end());
-  double step = apart[3];  // not the very smallest: one bad digit must not decide
-  double sum = 0.0;
-  int count = 0;
-  for (double d : apart) {
-    if (d > 1.4 * step) break;
-    if (d > 0.6 * step) sum += d, ++count;
+  // Differences by multiples of a step are so by multiples of its half as well: the largest counts.
+  constexpr double kTolerance = 0.12;
+  const auto below = [&](double limit) {
+    return std::lower_bound(apart.begin(), apart.end(), limit);
+  };
+  for (auto next = apart.end(); next != apart.begin(); next = below(0.94 * *next)) {
+    --next;
+    const auto first = below((1.0 - kTolerance) * *next), last = below((1.0 + kTolerance) * *next);
+    // Only a few steps can tell: the rounding of `step` itself grows with the multiple.
+    const double step = std::accumulate(first, last, 0.0) / static_cast<double>(last - first);
+    const auto end = below(8.5 * step);
+    const auto all = end - apart.begin();
+    if (all < 12) break;
+    if (5 * (first - apart.begin()) > all) continue;
+    const auto multiples = std::count_if(first, end, [&](double d) {
+      return std::abs(d / step - std::round(d / step)) < kTolerance;
+    });
+    if (5 * multiples > 4 * all) return step;
   }
-  step = sum / count;
-  // Only a few steps can tell: the rounding of `step` itself grows with the multiple.
-  int small = 0, multiples = 0;
-  for (double d : apart) {
-    const double ratio = d / step;
-    if (ratio > 8.0) break;
-    ++small;
-    if (std::abs(ratio - std::round(ratio)) < 0.12) ++multiples;
-  }
-  return small >= 12 && 10 * multiples > 9 * small ? step : 0.0;
+  return 0.0;
 }
 
 void standstill(const Segment& s, double& sum, Eigen::Index& count) {
@@ -49,7 +54,9 @@ void standstill(const Segment& s, double& sum, Eigen::Index& count) {
     if (i < s.size() && s.command(i) == s.command(begin)) continue;
     if (const Eigen::Index length = i - begin - settle;
         length >= std::max<Eigen::Index>(least, 8)) {
-      const auto rest = s.actual.segment(begin + settle, length);
+      // From the first reading on: readings that are all the same then leave 0, not its rounding.
+      const Eigen::ArrayXd rest =
+          s.actual.segment(begin + settle, length) - s.actual(begin + settle);
       sum += (rest - rest.mean()).square().sum();
       count += length;
     }
@@ -112,7 +119,8 @@ NoiseFloor noise_floor(const std::vector<Segment>& segments) {
   if (repeat_count > 0)
     floor.repeat_rms = std::sqrt(repeat_sum / static_cast<double>(repeat_count) / 2.0);
   for (double value : {floor.standstill_rms, floor.repeat_rms}) {
-    if (std::isfinite(value) && !(value <= floor.rms)) floor.rms = value;
+    // A record that shows no change at all is coarser than its noise, not free of it.
+    if (value > 0.0 && !(value <= floor.rms)) floor.rms = value;
   }
   return floor;
 }

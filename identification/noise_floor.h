@@ -15,7 +15,7 @@ namespace servotwin {
 
 struct NoiseFloor {
   double rms =
-      kAbsent;  ///< the largest of the three below [m | rad]; NaN where the record shows none
+      kAbsent;  ///< the largest of the three below [m | rad], > 0; NaN where the record shows none
   double encoder_step = 0.0;  ///< 0: not found
   double standstill_rms = kAbsent;
   double repeat_rms = kAbsent;

@@ -262,7 +262,7 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   if (!why_invalid(start).empty() || segments.empty()) return std::nullopt;
   const Coordinates coordinates(structure, start);
   const double h = segments.front().sample_time_s;
-  const auto settled = static_cast<Eigen::Index>(starting_state_s(start) / h) + 4;
+  const Eigen::Index settled = starting_state_samples(start, segments.front());
   Eigen::VectorXd x = coordinates.of(start);
   Eigen::VectorXd r = missed(start, segments, settled);
   if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;

@@ -69,6 +69,14 @@ std::string why_invalid(const Model& model) {
       if (auto why = outside(id, coefficient, effect.coefficient[i++]); !why.empty()) return why;
     }
   }
+  // A thousandth of a cycle for the rounding of the quotient.
+  const double cycles = model.command_delay_s() / model.sample_time_s;
+  if (cycles > kMaxDelayCycles + 1e-3) {
+    return say("effects[time_delay].delay_s = ", model.command_delay_s(), " s is ", cycles,
+               " cycles of sample_time_s = ", model.sample_time_s, " s, more than ",
+               kMaxDelayCycles, "; take a sample time of at least ",
+               model.command_delay_s() / kMaxDelayCycles, " s");
+  }
   return {};
 }
 

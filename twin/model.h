@@ -36,8 +36,12 @@ struct Model {
   [[nodiscard]] const Effect* find(std::size_t kind) const;
 };
 
+/// The longest command delay that a twin can look back over [cycles]: the 50 ms of the catalogue at
+/// 10 kHz.
+inline constexpr int kMaxDelayCycles = 500;
+
 /// Why a model cannot be used, naming the field, the value and the rule; empty if it can: finite,
-/// stable, within the physical bounds of the catalogue.
+/// stable, within the physical bounds of the catalogue, its delay within kMaxDelayCycles.
 [[nodiscard]] std::string why_invalid(const Model& model);
 
 }  // namespace servotwin

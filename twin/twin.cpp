@@ -14,10 +14,6 @@ Twin::Twin(const Model& model) {
   if (auto why = why_invalid(model); !why.empty()) throw std::invalid_argument(why);
   h_ = model.sample_time_s;
   delay_s_ = model.command_delay_s();
-  if (delay_s_ > h_ * (kHistory - 8)) {
-    throw std::invalid_argument("effects[time_delay].delay_s is longer than " +
-                                std::to_string(kHistory - 8) + " cycles");
-  }
   order_ = model.loop.order;
   const int n = order_;
   Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(n, n);
@@ -251,6 +247,10 @@ double starting_state_s(const Model& model) {
   return std::clamp(3.0 / slowest, 20.0 * model.sample_time_s, 0.25);
 }
 
+Eigen::Index starting_state_samples(const Model& model, const Segment& segment) {
+  return static_cast<Eigen::Index>(starting_state_s(model) / segment.sample_time_s) + 4;
+}
+
 Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   const Twin twin(model);
   const Eigen::Index n = segment.size();
@@ -262,8 +262,7 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
 
   // The starting state: none where the axis stands, whatever the encoder's rounding says; else the
   // free response that brings the simulation onto the first encoder values.
-  const auto settle = std::min<Eigen::Index>(
-      n, static_cast<Eigen::Index>(starting_state_s(model) / segment.sample_time_s) + 4);
+  const auto settle = std::min(n, starting_state_samples(model, segment));
   if (stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))
     return run(twin, segment, motion, delayed, {});
   const int order = model.loop.order;

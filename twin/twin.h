@@ -52,7 +52,8 @@ class Twin {
   double disturbance(const Motion& m,
                      std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept;
 
-  static constexpr int kHistory = 128;  // commands kept for a delay; power of two
+  static constexpr int kHistory = 512;  // commands kept for a delay; power of two
+  static_assert(kHistory >= kMaxDelayCycles + 8, "the interpolation reaches beyond the delay");
 
   int order_ = 0;
   int effect_count_ = 0;
@@ -77,6 +78,8 @@ class Twin {
 
 /// How much of a segment's beginning `simulate` uses of the encoder to find the starting state [s].
 [[nodiscard]] double starting_state_s(const Model& model);
+/// The same in samples of a segment; no part of what a prediction is judged by.
+[[nodiscard]] Eigen::Index starting_state_samples(const Model& model, const Segment& segment);
 
 /// Free simulation of a whole segment from its command and starting state alone: the tracking
 /// error. The starting state is taken from the first `starting_state_s` of the encoder where

@@ -1,21 +1,30 @@
 // servotwin check-config: would the daemon start with this configuration?
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "daemon/cli/command.h"
 #include "daemon/cli/output.h"
 #include "daemon/config.h"
+#include "daemon/service.h"
 
 namespace servotwin::cli {
 namespace {
 
 void run(const std::filesystem::path& file) {
   const CheckedConfig checked = check_config(file);
-  if (checked.problems.size() == 1) throw std::runtime_error(checked.problems.front().message());
-  if (!checked.problems.empty()) {
-    for (const ConfigProblem& problem : checked.problems) say(stderr, problem.message());
+  std::vector<std::string> problems;
+  for (const ConfigProblem& problem : checked.problems) problems.push_back(problem.message());
+  if (problems.empty()) {
+    for (const std::string& obstacle : obstacles(checked.config))
+      problems.push_back(file.string() + ": " + obstacle);
+  }
+  if (problems.size() == 1) throw std::runtime_error(problems.front());
+  if (!problems.empty()) {
+    for (const std::string& problem : problems) say(stderr, problem);
     throw std::runtime_error(
         file.string() +
-        text(": %zu problems; the daemon would not start with it", checked.problems.size()));
+        text(": %zu problems; the daemon would not start with it", problems.size()));
   }
   const Config& config = checked.config;
   say(stdout, file.string() + ": valid");

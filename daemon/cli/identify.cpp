@@ -121,12 +121,8 @@ void run(const Arguments& arguments) {
     throw std::runtime_error(why);
   }
   if (arguments.model.empty()) return;
-  if (is_stdout(arguments.model)) {
-    write_json(arguments.model, to_json(identified.record));
-  } else {
-    write_model(arguments.model, identified.record);
-    say(people, "written     " + arguments.model.string());
-  }
+  write_json(arguments.model, to_json(identified.record));
+  if (!is_stdout(arguments.model)) say(people, "written     " + arguments.model.string());
 }
 
 /// MIN:MAX.

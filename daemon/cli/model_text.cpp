@@ -101,6 +101,12 @@ std::string figures_text(const ErrorFigures& figures, bool rotary) {
               micro(rotary));
 }
 
+std::string noise_floor_text(double rms, bool rotary) {
+  // Files may say 0; a floor of nothing is one that the recording did not show.
+  if (!(std::isfinite(rms) && rms > 0.0)) return "not known";
+  return text("%9.3f %s RMS", 1e6 * rms, micro(rotary));
+}
+
 std::vector<std::string> parameter_lines(const ModelRecord& record) {
   std::vector<std::string> lines;
   lines.push_back(
@@ -126,10 +132,7 @@ std::vector<std::string> fit_lines(const ModelRecord& record, Times times) {
                   span(record.from_s, record.training_to_s, "fitted"));
   lines.push_back("hold-out    " + figures_text(record.holdout, record.rotary) +
                   span(record.training_to_s, record.to_s, "not seen by the fit"));
-  if (std::isfinite(record.noise_floor_rms)) {
-    lines.push_back(
-        text("noise floor %9.3f %s RMS", 1e6 * record.noise_floor_rms, micro(record.rotary)));
-  }
+  lines.push_back("noise floor " + noise_floor_text(record.noise_floor_rms, record.rotary));
   if (std::isfinite(record.condition_number)) {
     lines.push_back(text("condition   %9.4g of the regressors (mm, s)", record.condition_number));
   }

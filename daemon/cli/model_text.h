@@ -24,5 +24,7 @@ enum class Times { kOfRecording, kNone };  ///< a live model's are those of its 
 
 /// "1.532 um RMS  9.87 um MAX".
 [[nodiscard]] std::string figures_text(const ErrorFigures& figures, bool rotary);
+/// "0.029 um RMS", or "not known".
+[[nodiscard]] std::string noise_floor_text(double rms, bool rotary);
 
 }  // namespace servotwin::cli

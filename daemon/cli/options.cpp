@@ -84,14 +84,19 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
   return numbers;
 }
 
-ModelRecord read_model_for(const std::filesystem::path& file, const std::string& axis,
-                           bool rotary) {
-  ModelRecord record = read_model(file);
+void require_kind(const ModelRecord& record, const std::filesystem::path& file,
+                  const std::string& axis, bool rotary) {
   if (record.rotary != rotary) {
     throw std::runtime_error(file.string() + ": kind: the model is of a " +
                              (record.rotary ? "rotary" : "linear") + " axis, " + axis +
                              " of the recording is " + (rotary ? "rotary" : "linear"));
   }
+}
+
+ModelRecord read_model_for(const std::filesystem::path& file, const std::string& axis,
+                           bool rotary) {
+  ModelRecord record = read_model(file);
+  require_kind(record, file, axis, rotary);
   return record;
 }
 

@@ -50,6 +50,9 @@ struct BusOptions {
                                                 const std::string& form, std::size_t least,
                                                 std::size_t most);
 
+/// Throws if the model of this file is not for an axis of this kind.
+void require_kind(const ModelRecord& record, const std::filesystem::path& file,
+                  const std::string& axis, bool rotary);
 /// A model file for an axis of this kind; throws if it is of the other kind.
 [[nodiscard]] ModelRecord read_model_for(const std::filesystem::path& file, const std::string& axis,
                                          bool rotary);

@@ -1,4 +1,5 @@
 // servotwin predict: a model against a recording, in free simulation.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
@@ -26,27 +27,39 @@ struct Arguments {
 
 struct Judged {
   const Segment* segment = nullptr;
-  ErrorFigures figures;  // NaN for a segment that is shorter than its starting state
+  ErrorFigures figures;   // NaN for a segment that is shorter than its starting state
+  Eigen::Index rows = 0;  // that the figures are of
 };
 
 json figure(double value) { return std::isfinite(value) ? json(value) : json(); }
 
 json result_of(const std::string& axis, const ErrorFigures& all, double noise_floor_rms,
-               const std::vector<Judged>& judged) {
+               bool overlaps_training, const std::vector<Judged>& judged) {
   json segments = json::array();
   for (const Judged& one : judged) {
     segments.push_back({{"from_s", one.segment->start_s},
                         {"to_s", one.segment->end_s()},
                         {"rms_m", figure(one.figures.rms)},
                         {"max_m", figure(one.figures.max)},
-                        {"rows", one.segment->size()}});
+                        {"rows", one.segment->size()},
+                        {"rows_judged", one.rows}});
   }
   return {{"schema", kPredictionSchema},
           {"axis", axis},
           {"rms_m", figure(all.rms)},
           {"max_m", figure(all.max)},
           {"noise_floor_rms_m", figure(noise_floor_rms)},
+          {"overlaps_training", overlaps_training},
           {"segments", segments}};
+}
+
+/// Whether the fit has seen any of this; what tells is the recording's name and the times.
+bool overlaps_training(const ModelRecord& record, const std::string& file,
+                       const SegmentedAxis& axis) {
+  return record.source == file && record.axis == axis.axis &&
+         std::any_of(axis.segments.begin(), axis.segments.end(), [&](const Segment& segment) {
+           return segment.start_s < record.training_to_s && segment.end_s() > record.from_s;
+         });
 }
 
 std::string table_of(const SegmentedAxis& axis, const Model& model) {
@@ -85,6 +98,13 @@ void run(const Arguments& arguments) {
     say(people, "note: the model was identified on axis " + record.axis +
                     ", the recording is of axis " + axis.axis);
   }
+  const bool overlaps =
+      overlaps_training(record, arguments.input.recording.file.filename().string(), axis);
+  if (overlaps) {
+    say(people, text("note: the model was fitted to %.2f to %.2f s of this recording, so that this "
+                     "is no test of it; its hold-out is %.2f to %.2f s",
+                     record.from_s, record.training_to_s, record.training_to_s, record.to_s));
+  }
   const Model model = model_at(record, axis.sample_time_s, people);
 
   const Progress progress("predicting " + axis.axis);
@@ -97,8 +117,12 @@ void run(const Arguments& arguments) {
              starting_state_s(model)));
   }
   std::vector<Judged> judged;
-  for (const Segment& segment : axis.segments)
-    judged.push_back({&segment, judge(model, {segment})});
+  for (const Segment& segment : axis.segments) {
+    const ErrorFigures figures = judge(model, {segment});
+    judged.push_back(
+        {&segment, figures,
+         std::isfinite(figures.rms) ? segment.size() - starting_state_samples(model, segment) : 0});
+  }
   const double floor = noise_floor(axis.segments).rms;
 
   say(people, "model       " + structure_text(model) +
@@ -113,10 +137,10 @@ void run(const Arguments& arguments) {
                                             : "too short for its starting state, not judged"));
   }
   say(people, "all                    " + figures_text(all, axis.rotary));
-  say(people, text("noise floor            %9.3f %s RMS", 1e6 * floor, micro(axis.rotary)));
+  say(people, "noise floor            " + noise_floor_text(floor, axis.rotary));
   if (!arguments.table.empty()) write_result(arguments.table, table_of(axis, model));
   if (!arguments.result.empty())
-    write_json(arguments.result, result_of(axis.axis, all, floor, judged));
+    write_json(arguments.result, result_of(axis.axis, all, floor, overlaps, judged));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
 #include "daemon/frame_source.h"
+#include "daemon/recorded_cycles.h"
 #include "drivers/dds.h"
 
 namespace servotwin::cli {
@@ -49,10 +50,11 @@ void run(const Arguments& arguments) {
   if (arguments.udp) throw UsageError("--udp is not in this version; replay onto DDS with --dds");
   if (!arguments.bus.dds) throw UsageError("name the bus: --dds");
 
-  Recording recording = arguments.recording.read(stdout);
-  const std::string source = recording.source;
+  RecordedCycles cycles = recorded_cycles(arguments.recording.read(stdout));
+  for (const std::string& note : cycles.notes) say(stdout, "note: " + note);
+  const std::string source = cycles.recording.source;
   std::vector<Replay> replays;
-  replays.emplace_back(std::move(recording), arguments.look_ahead);
+  replays.emplace_back(std::move(cycles.recording), cycles.cycle_s, arguments.look_ahead);
   const Replay& replay = replays.front();
   std::string axes;
   for (const AxisDescription& axis : replay.machine().axes)
@@ -60,8 +62,6 @@ void run(const Arguments& arguments) {
   say(stdout, text("read %s: %zu rows at %.6g Hz, axes ", source.c_str(), replay.rows(),
                    1.0 / replay.machine().cycle_s) +
                   axes);
-  if (replay.rows_without_time() > 0)
-    say(stdout, text("dropped %zu rows without a time", replay.rows_without_time()));
 
   const DdsNode node(arguments.bus.place);
   DdsWriter<MachineDescription> descriptions(node);

@@ -42,11 +42,11 @@ std::string microseconds(double seconds) {
 
 void add_status(const MachineStatus& status, std::vector<std::string>& lines) {
   const auto n = [](std::uint64_t count) { return std::to_string(count); };
-  lines.push_back("frames      " + n(status.frames) + ", lost " + n(status.lost) + ", malformed " +
-                  n(status.malformed) + ", not finite " + n(status.not_finite) + ", time jumps " +
-                  n(status.time_jumps) + ", overruns " + n(status.overruns) +
-                  ", predictions dropped " + n(status.predictions_dropped) + ", rows dropped " +
-                  n(status.rows_dropped));
+  lines.push_back("frames      " + n(status.frames) + ", lost " + n(status.lost) + ", repeated " +
+                  n(status.repeated) + ", malformed " + n(status.malformed) + ", not finite " +
+                  n(status.not_finite) + ", time jumps " + n(status.time_jumps) + ", overruns " +
+                  n(status.overruns) + ", predictions dropped " + n(status.predictions_dropped) +
+                  ", rows dropped " + n(status.rows_dropped));
   lines.push_back("daemon      frame sent to loop p50 " + microseconds(status.wake_p50_s) +
                   ", p99 " + microseconds(status.wake_p99_s) + "; loop's work p50 " +
                   microseconds(status.work_p50_s) + ", p99 " + microseconds(status.work_p99_s) +
@@ -114,6 +114,7 @@ json status_json(const MachineStatus& status) {
   return {{"frames", status.frames},
           {"frame_rate_hz", figure(status.frame_rate_hz)},
           {"lost", status.lost},
+          {"repeated", status.repeated},
           {"malformed", status.malformed},
           {"time_jumps", status.time_jumps},
           {"not_finite", status.not_finite},

@@ -20,7 +20,7 @@ namespace {
 
 // The loop's sleep: short enough that the readers' 64 messages do not run over at 1 kHz.
 constexpr double kWait_s = 0.02;
-constexpr double kSilence_s = 1.5;  // after the machine left the bus: one more status, then the end
+constexpr double kSilence_s = 1.5;  // after the last prediction: one more status comes, if any
 constexpr double kRefresh_s = 1.0;
 
 struct Arguments {
@@ -56,12 +56,19 @@ class Subscriber {
     while (models_.receive(model_, 0.0)) record.on_model(model_);
     return any;
   }
-  [[nodiscard]] bool machine_there() const { return frames_.matched(); }
+  /// Nothing more will come: the daemon is not there, or the machine that it listened to. A daemon
+  /// that replays recordings itself has no machine on the bus, and ends with them.
+  [[nodiscard]] bool over() const {
+    return !daemon_there() || (machine_seen_ && !frames_.matched());
+  }
   [[nodiscard]] bool daemon_there() const { return predictions_.matched(); }
 
  private:
   void take_frames(LiveRecord& record) {
-    while (frames_.receive(frame_, 0.0)) record.on_frame(frame_, frames_.written_ns());
+    while (frames_.receive(frame_, 0.0)) {
+      record.on_frame(frame_, frames_.written_ns());
+      machine_seen_ = true;
+    }
   }
 
   DdsNode node_;
@@ -73,6 +80,7 @@ class Subscriber {
   MachineFrame frame_;
   ModelAnnouncement model_;
   MachineStatus status_;
+  bool machine_seen_ = false;
 };
 
 /// Shows the last second; on a terminal over what was shown before.
@@ -121,8 +129,7 @@ void run(const Arguments& arguments) {
       const double now_s = since(start);
       if (arguments.seconds > 0.0 && now_s >= arguments.seconds) break;
       const bool silent = record.predictions() > 0 && now_s - last_s > kSilence_s;
-      if (arguments.summary && silent && !(subscriber.machine_there() && subscriber.daemon_there()))
-        break;
+      if (arguments.summary && silent && subscriber.over()) break;
       if (!arguments.summary && now_s - shown_s >= kRefresh_s) {
         display.show(record, now_s);
         record.clear_lately();
@@ -149,7 +156,7 @@ Command add_watch(CLI::App& app) {
   CLI::App& command = *app.add_subcommand("watch", "Live predicted error of a machine, over DDS.");
   arguments->bus.declare(command);
   command.add_flag("--summary", arguments->summary,
-                   "collect until the machine leaves the bus, then print one screen");
+                   "collect until machine or daemon leave the bus, then print one screen");
   command.add_option("--seconds", arguments->seconds, "end after this time")
       ->type_name("S")
       ->check(CLI::Range(1e-3, 1e9).name(""));

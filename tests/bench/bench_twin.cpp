@@ -46,7 +46,7 @@ void follow(benchmark::State& state, const Model& model) {
     twin.start(segment.command(0));
     return twin;
   }();
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     Twin twin = at_rest;
     double sum = 0.0;
     for (const double command : segment.command) sum += twin.follow(command);
@@ -74,7 +74,7 @@ void step(benchmark::State& state, const Model& model) {
     twin.start(segment.command(0));
     return twin;
   }();
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     Twin twin = at_rest;
     double sum = 0.0;
     for (const CommandPiece& piece : pieces) sum += twin.step(piece);

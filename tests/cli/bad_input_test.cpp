@@ -166,8 +166,13 @@ TEST_F(ABadModel, WithAnUnknownEffect) {
   expect_refused(good_.dump(), "magic");
 }
 TEST_F(ABadModel, OfARotaryAxis) {
-  good_["kind"] = "rotary";
-  expect_refused(good_.dump(), "rotary");
+  ModelRecord record = known_axis();
+  record.rotary = true;
+  expect_refused(to_json(record).dump(), "the model is of a rotary axis");
+}
+TEST_F(ABadModel, InAnotherUnit) {
+  good_["effects"][0]["parameters"]["coulomb"]["unit"] = "mm/s^2";
+  expect_refused(good_.dump(), "parameters.coulomb.unit: must be \"m/s^2\", is \"mm/s^2\"");
 }
 TEST_F(ABadModel, NotThere) {
   expect_one_complaint(

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 #include <thread>
 
@@ -119,14 +120,16 @@ TEST(Replay, AListenerWithoutADaemonIsEnough) {
 /// Daemon and machine of one axis whose errors are chosen, cycle by cycle.
 class Stage {
  public:
-  Stage() {
+  /// Without a machine the daemon replays recordings itself.
+  explicit Stage(bool with_machine = true) {
+    if (with_machine) frames_.emplace(node_);
     status_.axes.push_back({"X", 0, kAbsent, "collecting"});
     frame_.axis_count = prediction_.axis_count = 1;
   }
 
   /// Waits until the tool listens to everything.
   [[nodiscard]] bool watched() const {
-    return frames_.wait_for_readers(1, kPatience_s) &&
+    return (!frames_ || frames_->wait_for_readers(1, kPatience_s)) &&
            predictions_.wait_for_readers(1, kPatience_s) &&
            models_.wait_for_readers(1, kPatience_s) && statuses_.wait_for_readers(1, kPatience_s);
   }
@@ -151,7 +154,7 @@ class Stage {
         std::llround(static_cast<double>(sequence_) * kCycle_s * 1e9);
     ++sequence_;
     frame_.axes[0] = {command, command - measured, kAbsent};
-    frames_.write(frame_);
+    if (frames_) frames_->write(frame_);
     AxisPrediction& axis = prediction_.axes[0];
     axis = {measured - residual,
             1e-6,
@@ -167,7 +170,7 @@ class Stage {
 
  private:
   DdsNode node_{place()};
-  DdsWriter<MachineFrame> frames_{node_};
+  std::optional<DdsWriter<MachineFrame>> frames_;
   DdsWriter<MachinePrediction> predictions_{node_};
   DdsWriter<ModelAnnouncement> models_{node_};
   DdsWriter<MachineStatus> statuses_{node_};
@@ -187,6 +190,7 @@ constexpr int kLeastPredictions = 136;
 void play(Stage& stage) {
   stage.status().frames = 155;
   stage.status().lost = 1;
+  stage.status().repeated = 4;
   stage.status().wake_p50_s = 40e-6;
   stage.say(stage.status());
   for (int k = 0; k < 20; ++k) stage.cycle(0.0, 9e-3, 0.0);
@@ -220,6 +224,7 @@ TEST(Watch, TheSummaryHasTheFiguresOfTheModelInForce) {
   EXPECT_LE(summary["predictions"], 155);
   EXPECT_EQ(summary["missed"], 1);
   EXPECT_EQ(summary["status"]["lost"], 1);
+  EXPECT_EQ(summary["status"]["repeated"], 4);
   EXPECT_EQ(summary["status"]["wake_p50_s"], 40e-6);
   EXPECT_TRUE(summary["status"]["wake_p99_s"].is_null());
   EXPECT_GT(summary["latency"]["p50_s"].get<double>(), 0.0);
@@ -250,6 +255,20 @@ TEST(Watch, TheSummaryHasTheFiguresOfTheModelInForce) {
   EXPECT_NEAR(axis["by_regime"]["constant_speed"]["share"].get<double>(), 0.9, 1e-12);
 }
 
+TEST(Watch, TheSummaryGoesOnOverAPauseOfADaemonThatReplaysItself) {
+  auto stage = std::make_unique<Stage>(false);
+  Program watch(over_dds("watch", {"--summary", "--json"}));
+  ASSERT_TRUE(stage->watched());
+  stage->promote(1, "first");
+  for (int k = 0; k < 50; ++k) stage->cycle(0.0, 5e-6, 2e-6);
+  std::this_thread::sleep_for(std::chrono::milliseconds(2500));
+  for (int k = 0; k < 50; ++k) stage->cycle(0.0, 5e-6, 3e-6);
+  stage.reset();
+  const Answer answer = watch.answer();
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_EQ(json::parse(answer.out)["axes"][0]["with_model"]["max_m"], 3e-6) << answer;
+}
+
 TEST(Watch, TheSummaryIsForPeople) {
   auto stage = std::make_unique<Stage>();
   Program watch(over_dds("watch", {"--summary"}));
@@ -260,11 +279,11 @@ TEST(Watch, TheSummaryIsForPeople) {
   ASSERT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.err, IsEmpty());
   for (const char* said :
-       {"predictions at", "1 not received here", "lost 1", "axis X: model version 2 in force",
-        "order 2: coulomb_friction, gravity_offset", "pair 25 Hz, damping 0.45", "2.236 um RMS",
-        "3.00 um MAX", "158.114 um RMS", "71 times as much", "constant_speed  90.0 %",
-        "standstill      10.0 %", "promoted    version 1: first",
-        "promoted    version 2 after 1: leaves less",
+       {"predictions at", "1 not received here", "lost 1, repeated 4",
+        "axis X: model version 2 in force", "order 2: coulomb_friction, gravity_offset",
+        "pair 25 Hz, damping 0.45", "2.236 um RMS", "3.00 um MAX", "158.114 um RMS",
+        "71 times as much", "constant_speed  90.0 %", "standstill      10.0 %",
+        "promoted    version 1: first", "promoted    version 2 after 1: leaves less",
         "refused     1 candidate:", "leaves more than version 1"}) {
     EXPECT_THAT(answer.out, HasSubstr(said));
   }

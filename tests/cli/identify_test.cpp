@@ -10,6 +10,7 @@
 #include "identification/model_file.h"
 #include "program.h"
 #include "recordings.h"
+#include "twin/twin.h"
 
 namespace servotwin {
 namespace {
@@ -213,6 +214,56 @@ TEST_F(Predict, TheResultIsTheContract) {
   EXPECT_EQ(segment["to_s"], 12.0);
   EXPECT_EQ(segment["rows"], 12001);
   EXPECT_EQ(segment["rms_m"], result["rms_m"]);
+  EXPECT_FALSE(result["overlaps_training"].get<bool>());
+}
+
+TEST_F(Predict, TheStartingStateIsNotAmongTheRowsThatAreJudged) {
+  const Answer answer =
+      servotwin_says({"predict", recording_, "--axis", "X", "--model", model_, "--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  Segment whole;
+  whole.sample_time_s = 0.001;
+  const Eigen::Index used = starting_state_samples(known_axis().model, whole);
+  EXPECT_GT(used, 20);
+  EXPECT_EQ(json::parse(answer.out)["segments"][0]["rows_judged"], 12001 - used);
+}
+
+TEST_F(Predict, SaysWhereTheModelWasFittedToThisRecording) {
+  ModelRecord record = known_axis();
+  record.source = "rec.csv";
+  record.training_to_s = 7.2;
+  record.to_s = 12.0;
+  const auto predicted = [&](const std::string& from, const std::string& to) {
+    write_model(model_, record);
+    return servotwin_says({"predict", recording_, "--axis", "X", "--model", model_, "--from", from,
+                           "--to", to, "--json", "-"});
+  };
+  const auto expect = [&](const Answer& answer, bool overlaps) {
+    ASSERT_EQ(answer.status, 0) << answer;
+    EXPECT_EQ(json::parse(answer.out)["overlaps_training"], overlaps);
+    const auto said = HasSubstr(
+        "note: the model was fitted to 0.00 to 7.20 s of this recording, so that this is no test "
+        "of it; its hold-out is 7.20 to 12.00 s");
+    if (overlaps) {
+      EXPECT_THAT(answer.err, said);
+    } else {
+      EXPECT_THAT(answer.err, Not(HasSubstr("fitted")));
+    }
+  };
+  expect(predicted("0", "12"), true);
+  expect(predicted("7", "12"), true);
+  expect(predicted("7.2005", "12"), false);
+  record.source = "other.csv";
+  expect(predicted("0", "12"), false);
+}
+
+TEST_F(Predict, ANoiseFloorThatIsNotShownIsNotKnown) {
+  // 0.1 s of motion: neither a rest nor a lap, and too few readings to see a step of the encoder.
+  const Answer answer = servotwin_says({"predict", recording_, "--axis", "X", "--model", model_,
+                                        "--from", "3", "--to", "3.08", "--json", "-"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("noise floor            not known"));
+  EXPECT_TRUE(json::parse(answer.out)["noise_floor_rms_m"].is_null());
 }
 
 TEST_F(Predict, EverySegmentIsJudged) {

@@ -4,6 +4,8 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
 #include <numbers>
 
 namespace servotwin {
@@ -27,6 +29,10 @@ ModelRecord known_axis(const std::string& name) {
   model.effects = {friction, constant};
   record.effect_deviations.resize(2);
   return record;
+}
+
+void write_model(const std::string& file, const ModelRecord& record) {
+  std::ofstream(file) << to_json(record).dump(2);
 }
 
 double rich_motion(double t) {

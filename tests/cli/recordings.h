@@ -11,6 +11,8 @@ namespace servotwin {
 /// An order-2 axis with friction and a constant force, at 1 kHz.
 [[nodiscard]] ModelRecord known_axis(const std::string& name = "X");
 
+void write_model(const std::string& file, const ModelRecord& record);
+
 /// 12 s there and back, fast and slow, from rest to rest [m]; long enough to identify from.
 [[nodiscard]] double rich_motion(double t);
 

@@ -14,6 +14,7 @@ namespace {
 
 using nlohmann::json;
 using testing::HasSubstr;
+using testing::Not;
 
 class Simulate : public testing::Test {
  protected:
@@ -125,8 +126,35 @@ TEST_F(Simulate, WhatEncodersRecordedDoesNotCount) {
 TEST_F(Simulate, SaysWhatItRead) {
   const Answer answer = servotwin_says({"simulate", table_, "--model", model_});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("12001 rows, 12.000 s at 1000 Hz"));
+  EXPECT_THAT(answer.out, HasSubstr("axis X: 12001 rows over 12 s"));
   EXPECT_THAT(answer.out, HasSubstr("X: tracking error"));
+  EXPECT_THAT(answer.out, Not(HasSubstr("note:")));
+}
+
+TEST_F(Simulate, SaysWhatItRepairedAndWhatItLeavesOut) {
+  std::string table = "time[s],X.command[mm],X.torque[Nm],Y.command[mm],Y.torque[Nm]\n";
+  for (int k = 0; k < 2000; ++k) {
+    if (k == 700 || k == 900) continue;
+    const std::string x = cell(1e3 * rich_motion(k / 1000.0));
+    table += cell(k / 1000.0) + "," + x + ",1," + x + ",1\n";
+  }
+  const Answer answer = servotwin_says({"simulate", folder_.write("rec.csv", table), "--model",
+                                        model_, "--out", folder_ / "sim.csv"});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("bridged 2 gaps"));
+  EXPECT_THAT(answer.out, HasSubstr("note: not simulated: X.torque, axis Y (no --model of it)"));
+}
+
+// The encoder's channel is not used, so that what is missing there is not missing in the command.
+TEST_F(Simulate, AHoleInTheEncoderIsNoneInTheCommand) {
+  const auto command = [](int k) { return cell(k == 1000 ? 1.0 : 1e3 * rich_motion(k / 1000.0)); };
+  const auto hole = [](int k) { return k == 1000 ? std::string() : std::string("0"); };
+  const Answer answer =
+      servotwin_says({"simulate", folder_.write("rec.csv", recording(3000, command, hole)),
+                      "--model", model_, "--out", folder_ / "sim.csv"});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, Not(HasSubstr("bridged")));
+  EXPECT_EQ(read_recording(folder_ / "sim.csv").axes.at(0).command.at(1000), 0.001);
 }
 
 TEST_F(Simulate, RefusesATableWithoutTheAxis) {
@@ -144,6 +172,7 @@ TEST_F(Simulate, RefusesTwoModelsOfOneAxis) {
   const Answer answer = servotwin_says({"simulate", table_, "--model", model_, "--model", model_});
   EXPECT_EQ(answer.status, 2);
   EXPECT_THAT(answer.err, HasSubstr("second model of axis 'X'"));
+  EXPECT_EQ(answer.out, "");  // found before any work
 }
 
 TEST_F(Simulate, RefusesAPathThatBreaksOff) {

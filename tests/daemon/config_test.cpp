@@ -133,6 +133,8 @@ TEST_P(ConfigRefuses, WithPlaceValueAndRule) {
 INSTANTIATE_TEST_SUITE_P(
     EachRule, ConfigRefuses,
     testing::Values(
+        Wrong{"[identify]\ndelay_max_s = 0.0625\n",
+              "m.toml:2:15: identify.delay_max_s = 0.0625: must be a number from 0 to 0.05 s"},
         Wrong{"[machine]\nname = ''\n",
               "m.toml:2:8: machine.name = '': must be 1 to 63 letters, digits or any of . _ -, not "
               "beginning with a dot"},

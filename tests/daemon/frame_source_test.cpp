@@ -10,7 +10,8 @@ namespace {
 
 using testing::HasSubstr;
 
-Replay recording_at(const std::vector<double>& time, const std::string& axis = "X") {
+Replay recording_at(const std::vector<double>& time, const std::string& axis = "X",
+                    double cycle_s = 0.001) {
   Recording recording;
   recording.source = "made";
   recording.time = time;
@@ -21,7 +22,7 @@ Replay recording_at(const std::vector<double>& time, const std::string& axis = "
     x.actual.push_back(0.0);
   }
   recording.axes.push_back(x);
-  return Replay(recording);
+  return {recording, cycle_s};
 }
 
 template <class... R>
@@ -68,11 +69,11 @@ TEST(ReplaySource, RecordingsOfDifferentMachinesAreRefused) {
         ReplaySource source(list(recording_at({0.0, 0.001}), recording_at({0.0, 0.001}, "Y")), 1.0);
       }),
       HasSubstr("different axes"));
-  EXPECT_THAT(
-      message_of([] {
-        ReplaySource source(list(recording_at({0.0, 0.001}), recording_at({0.0, 0.002})), 1.0);
-      }),
-      HasSubstr("different cycles: 0.001 s and 0.002 s"));
+  EXPECT_THAT(message_of([] {
+                ReplaySource source(
+                    list(recording_at({0.0, 0.001}), recording_at({0.0, 0.002}, "X", 0.002)), 1.0);
+              }),
+              HasSubstr("different cycles: 0.001 s and 0.002 s"));
 }
 
 }  // namespace

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdint>
+
+#include "daemon/clock.h"
 #include "tests/daemon/support.h"
 
 namespace servotwin {
@@ -67,6 +70,20 @@ TEST(MotionMemory, TimeGoesOnWhereTheSourceWasRestarted) {
   EXPECT_NEAR(recording.time[1], 0.001, 1e-12);
   EXPECT_NEAR(recording.time[2], 1.001, 1e-12);
   EXPECT_NEAR(recording.time[3], 1.002, 1e-12);
+}
+
+// In a constant expression nothing may overflow.
+static_assert(between_ns(INT64_MAX, INT64_MIN + 999'999) == 1'000'000);
+static_assert(between_ns(INT64_MIN, INT64_MAX) == -1);
+
+TEST(MotionMemory, StampsMayBeAnything) {
+  MotionMemory memory(one_axis(), 10.0);
+  CycleRow row = row_at(0, 0.0);
+  for (const std::int64_t stamp : {INT64_MAX - 1'000'000, INT64_MAX, INT64_MIN + 999'999}) {
+    row.time_ns = stamp;
+    memory.append(row);
+  }
+  EXPECT_NEAR(memory.newest_s(), 0.002, 1e-12);
 }
 
 TEST(MotionMemory, ForgetsTheOldestButNotWhatWasPromised) {

@@ -157,10 +157,15 @@ TEST_F(ServotwindTest, WrongUsageIsTwo) {
     const Ended ended = Process(wrong).wait();
     EXPECT_EQ(ended.status, 2) << wrong[0] << "\n" << ended.said;
     EXPECT_THAT(ended.said, HasSubstr(wrong[0])) << ended.said;
+    EXPECT_THAT(ended.said, StartsWith("servotwind: "));
+    EXPECT_EQ(ended.lines(), 1) << ended.said;
   }
   const Ended help = Process({"--help"}).wait();
   EXPECT_EQ(help.status, 0);
   EXPECT_THAT(help.said, HasSubstr("--replay"));
+  const Ended version = Process({"--version"}).wait();
+  EXPECT_EQ(version.status, 0);
+  EXPECT_THAT(version.said, testing::MatchesRegex("[0-9]+\\.[0-9]+\\.[0-9]+\n"));
 }
 
 TEST_F(ServotwindTest, AConfigurationThatIsWrongIsOneWithALinePerProblem) {

@@ -86,6 +86,35 @@ TEST_F(RecorderTest, EveryRowIsInExactlyOneFile) {
   EXPECT_EQ(rows, (std::vector<std::size_t>{30'000, 30'000, 5'000, 490}));
 }
 
+TEST_F(RecorderTest, RowsThatShareACoarseStampStayInOneFile) {
+  Recorder recorder = this->recorder(100.0);
+  for (std::int64_t k = 0; k < 2000; ++k) {
+    CycleRow row;
+    row.time_ns = k / 4 * 1'000'000;  // 4 kHz, stamped in whole milliseconds
+    row.axis_count = 2;
+    row.axes[0].command = static_cast<double>(k);
+    ASSERT_TRUE(rows_.push(row));
+    recorder.drain();
+  }
+  recorder.finish_file();
+  ASSERT_EQ(files().size(), 1U);
+  EXPECT_EQ(read_recording(files()[0]).time.size(), 2000U);
+}
+
+// A link to itself is nothing that can be looked at, so that the oldest cannot be told.
+TEST_F(RecorderTest, WhatCannotBeDeletedIsSaidOnceAndTheRowsAreRecorded) {
+  Recorder recorder = this->recorder(100.0);
+  const std::filesystem::path loop = directory_.path() / "recordings" / "mill" / "loop.csv";
+  std::filesystem::create_symlink(loop, loop);
+  feed(recorder, 0, 65'000);
+  recorder.finish_file();
+  EXPECT_EQ(recorder.rows_not_recorded(), 0U);
+  EXPECT_EQ(files().size(), 4U) << "three, and the link";
+  const std::string said = said_.str();
+  EXPECT_THAT(said, HasSubstr("the oldest recordings are not deleted: "));
+  EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1);
+}
+
 TEST_F(RecorderTest, TheOldestGoWhereTheBudgetIsSpentAndItIsSaid) {
   Recorder recorder = this->recorder(2.0);
   feed(recorder, 0, 125'000);

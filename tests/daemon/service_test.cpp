@@ -78,8 +78,7 @@ class Machine {
   }
 
   bool wait_for_daemon() { return frames_.wait_for_readers(1, kPatience_s); }
-  /// Sends cycle k, and returns what comes back for it.
-  MachinePrediction cycle(std::uint64_t k) {
+  void send(std::uint64_t k) {
     MachineFrame frame;
     frame.sequence = k;
     frame.time_ns = static_cast<std::int64_t>(k) * 1'000'000;
@@ -87,6 +86,10 @@ class Machine {
     frame.axes[0].command = command_at(static_cast<double>(k) * kCycle_s);
     frame.axes[0].actual = frame.axes[0].command - 1e-6;
     EXPECT_TRUE(frames_.write(frame));
+  }
+  /// Sends cycle k, and returns what comes back for it.
+  MachinePrediction cycle(std::uint64_t k) {
+    send(k);
     MachinePrediction prediction;
     EXPECT_TRUE(predictions_.receive(prediction, kPatience_s));
     return prediction;
@@ -140,13 +143,15 @@ TEST_F(ServiceTest, SaysHowItIs) {
   ASSERT_TRUE(machine.wait_for_daemon());
   for (std::uint64_t k = 0; k < 100; ++k) machine.cycle(k);
   machine.cycle(110);
+  machine.send(110);
   DdsReader<MachineStatus> statuses(node);
   MachineStatus status;
   do {
     ASSERT_TRUE(statuses.receive(status, kPatience_s));
-  } while (status.frames < 101);
+  } while (status.frames < 102);
   EXPECT_EQ(status.state, DaemonState::kRunning);
   EXPECT_EQ(status.lost, 10U);
+  EXPECT_EQ(status.repeated, 1U);
   EXPECT_EQ(status.malformed, 0U);
   EXPECT_GT(status.work_p50_s, 0.0);
   EXPECT_GE(status.work_max_s, 0.9 * status.work_p50_s);
@@ -158,6 +163,8 @@ TEST_F(ServiceTest, SaysHowItIs) {
   while (statuses.receive(status, 0.2)) {
   }
   EXPECT_EQ(status.state, DaemonState::kStopping) << "the last thing it says";
+  EXPECT_THAT(said_.str(),
+              HasSubstr("stopped after 102 frames, 10 lost, 1 repeated and ignored\n"));
 }
 
 TEST_F(ServiceTest, StopsWhileItWaitsForAMachine) {
@@ -208,6 +215,30 @@ TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
   const Store store(directory_.path(), config_.machine);
   EXPECT_EQ(store.in_force()[0].record.version, 1) << "the same data makes no better model\n"
                                                    << said_.str();
+}
+
+TEST_F(ServiceTest, ReplaysEveryRowOfARecordingWithCoarseStamps) {
+  std::ofstream file(directory_.path() / "coarse.csv");
+  file.precision(12);
+  file << "time[s],X.command[m],X.actual[m]\n";
+  for (int k = 0; k < 3000; ++k) {
+    const double command = command_at(k * kCycle_s);
+    file << k / 10 * 0.01 << ',' << command << ',' << command - 1e-6 << '\n';
+  }
+  file.close();
+  config_.source = SourceKind::kReplay;
+  config_.replay.files = {directory_.path() / "coarse.csv"};
+  config_.replay.speed = 10.0;
+  serve(
+      config_, {}, [] {}, said_);
+  EXPECT_THAT(said_.str(), HasSubstr("coarse.csv: stamps are only written to 10 ms"));
+  EXPECT_THAT(said_.str(), HasSubstr("stopped after 3000 frames\n")) << "none lost or ignored";
+  std::size_t rows = 0;
+  for (const auto& recorded :
+       std::filesystem::directory_iterator(directory_.path() / "recordings" / config_.machine)) {
+    rows += read_csv(recorded.path(), {}).time.size();
+  }
+  EXPECT_EQ(rows, 3000U);
 }
 
 TEST_F(ServiceTest, WhatItCannotStartWithIsThrown) {

@@ -109,7 +109,7 @@ TEST_F(Csv, IsTolerantOfForeignDialects) {
            "time[s],X.command[mm],\n0,1.5\n1,-2\n",
            "time[s],X.command[mm]\n0,1.5,\n1,\"-2\",\n",
            "time[s] , X.command[mm] \n 0 , +1.5 \n\n1,\t-2e0\n",
-           "time[s],X.command[mm]\n0,1.5\n1,-2",
+           "time[s],X.command[mm]\n0,1.5\n1,-2.0",
            "X.command[mm],time[s]\n1.5,0\n-2,1\n",
            "a,X.command[mm],b,time[s],c\nx,1.5,\"q, q\",0,\n,-2,,1,z\n",
        }) {
@@ -162,6 +162,35 @@ TEST_F(Csv, ALastLineThatIsCutOffIsDroppedAndNamed) {
   const Recording r = read("time[s],X.command[m],X.actual[m]\n0,1,1\n1,2,2\n2,3");
   EXPECT_EQ(r.time.size(), 2U);
   EXPECT_NE(notes(r).find("line 4, the last one, is cut off"), std::string::npos) << notes(r);
+}
+
+// A download that broke off inside its last number: 64 instead of 64.5678.
+TEST_F(Csv, ALastNumberThatIsCutOffIsNoValue) {
+  const std::string whole = "time[s],X.command[mm],X.actual[mm]\n0,61.25,61.2678\n1,63.5,63.2678\n";
+  for (const char* cut : {"2,65.5,64.567", "2,65.5,64.", "2,65.5,64", "2,65.5,-", "2,65.5,"}) {
+    SCOPED_TRACE(cut);
+    const Recording r = read(whole + cut);
+    EXPECT_EQ(r.time, (std::vector<double>{0, 1}));
+    EXPECT_NE(notes(r).find("line 4, the last one, has no line end"), std::string::npos)
+        << notes(r);
+    EXPECT_NE(notes(r).find("dropped as cut off"), std::string::npos) << notes(r);
+  }
+}
+
+TEST_F(Csv, AWholeLastLineWithoutItsEndIsTakenAndNamed) {
+  const std::string rows = "0,61.25,61.2678\n1,63.5,63.2678\n2,65.5,64.5678";
+  // Only the last cell can be cut; where it is not wanted, nothing is.
+  for (const char* names :
+       {"time[s],X.command[mm],X.actual[mm]\n", "time[s],X.command[mm],load\n"}) {
+    SCOPED_TRACE(names);
+    const Recording r = read(names + rows);
+    EXPECT_EQ(r.time, (std::vector<double>{0, 1, 2}));
+    EXPECT_NE(notes(r).find("line 4, the last one, has no line end; taken as whole"),
+              std::string::npos)
+        << notes(r);
+  }
+  EXPECT_EQ(read("time[s],X.command[mm],load\n0,1.5,3.25\n1,1.5,3").time.size(), 2U);
+  EXPECT_EQ(notes(read("time[s],X.command[m],X.actual[m]\n" + rows + "\n")), "");
 }
 
 TEST_F(Csv, ReadsThePartThatIsAskedFor) {

@@ -215,6 +215,7 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsAndTheStatus) {
   status.work_p99_s = 12e-6;
   status.axes = {{"X", 2, 1.5e-6, "judging"}};
   status.last_error = "disk is full";
+  status.repeated = 9;
   ASSERT_TRUE(statuses.write(status));
 
   const DdsNode late(node.place());
@@ -251,6 +252,7 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsAndTheStatus) {
   ASSERT_EQ(now.axes.size(), 1U);
   EXPECT_EQ(now.axes[0].activity, "judging");
   EXPECT_EQ(now.last_error, "disk is full");
+  EXPECT_EQ(now.repeated, 9U);
 }
 
 TEST(Dds, NamesThatDoNotFitAreRefusedBeforeTheyAreSent) {

@@ -39,7 +39,7 @@ std::vector<double> evenly(std::size_t rows) {
 }
 
 TEST(Replay, DescribesTheMachine) {
-  const Replay replay(recording_at(evenly(10)));
+  const Replay replay(recording_at(evenly(10)), 0.002);
   EXPECT_NEAR(replay.machine().cycle_s, 0.002, 1e-12);
   ASSERT_EQ(replay.machine().axes.size(), 2U);
   EXPECT_EQ(replay.machine().axes[0].name, "X");
@@ -48,7 +48,7 @@ TEST(Replay, DescribesTheMachine) {
 }
 
 TEST(Replay, GivesEveryRowOnceInOrder) {
-  Replay replay(recording_at(evenly(10)));
+  Replay replay(recording_at(evenly(10)), 0.002);
   MachineFrame frame;
   for (std::uint64_t row = 0; row < 10; ++row) {
     EXPECT_NEAR(replay.elapsed_s(), 0.002 * static_cast<double>(row), 1e-12);
@@ -69,7 +69,7 @@ TEST(Replay, GivesEveryRowOnceInOrder) {
 TEST(Replay, AGapOfTheRecordingIsAJumpOfTheSequence) {
   std::vector<double> time = evenly(10);
   for (std::size_t i = 6; i < 10; ++i) time[i] += 7.72;
-  Replay replay(recording_at(time), 4);
+  Replay replay(recording_at(time), 0.002, 4);
   MachineFrame frame;
   std::vector<std::uint64_t> sequence;
   std::vector<int> ahead;
@@ -83,7 +83,7 @@ TEST(Replay, AGapOfTheRecordingIsAJumpOfTheSequence) {
 }
 
 TEST(Replay, TellsTheCommandsThatCome) {
-  Replay replay(recording_at(evenly(10)), 3);
+  Replay replay(recording_at(evenly(10)), 0.002, 3);
   MachineFrame frame;
   ASSERT_TRUE(replay.next(frame));
   ASSERT_EQ(frame.ahead_count, 3);
@@ -93,35 +93,28 @@ TEST(Replay, TellsTheCommandsThatCome) {
   }
 }
 
-TEST(Replay, RowsWithoutATimeAreLeftOutAndCounted) {
-  std::vector<double> time = evenly(10);
-  time[0] = time[4] = kAbsent;
-  Replay replay(recording_at(time));
-  EXPECT_EQ(replay.rows_without_time(), 2U);
-  MachineFrame frame;
-  std::vector<double> rows;
-  while (replay.next(frame)) rows.push_back(frame.axes[0].command);
-  EXPECT_EQ(rows, (std::vector<double>{1, 2, 3, 5, 6, 7, 8, 9}));
-}
-
 TEST(Replay, WhatCannotBeReplayedIsSaid) {
-  const auto refused = [](Recording recording, int look_ahead) -> std::string {
+  const auto refused = [](Recording recording, int look_ahead = 0) -> std::string {
     try {
-      const Replay replay(std::move(recording), look_ahead);
+      const Replay replay(std::move(recording), 0.002, look_ahead);
     } catch (const std::runtime_error& error) {
       return error.what();
     }
     return "nothing";
   };
-  EXPECT_EQ(refused(recording_at({1.0}), 0),
-            "r.csv: cannot be replayed, it has no two rows of rising time");
-  EXPECT_EQ(refused(recording_at({1.0, 1.0, 0.5}), 0),
-            "r.csv: cannot be replayed, it has no two rows of rising time");
+  // A row without a cycle of its own would be ignored by whoever it is sent to.
+  for (const double third : {3.002, 3.0025, 2.9, kAbsent}) {
+    EXPECT_EQ(refused(recording_at({3.0, 3.002, third, 3.006})),
+              "r.csv: cannot be replayed, row 3 has no cycle of its own");
+  }
+  EXPECT_EQ(refused(recording_at({kAbsent, 3.0})),
+            "r.csv: cannot be replayed, row 1 has no cycle of its own");
+  EXPECT_EQ(refused(recording_at({})), "r.csv: cannot be replayed without rows and a cycle");
   EXPECT_THAT(refused(recording_at(evenly(5)), 33),
               HasSubstr("look-ahead of 33 cycles: must be 0 to 32"));
   Recording none = recording_at(evenly(5));
   none.axes.clear();
-  EXPECT_THAT(refused(none, 0), HasSubstr("0 axes cannot be replayed"));
+  EXPECT_THAT(refused(none), HasSubstr("0 axes cannot be replayed"));
 }
 
 }  // namespace

@@ -2,11 +2,9 @@
 
 #include <gtest/gtest.h>
 
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <random>
-#include <sstream>
 
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_directory.h"
@@ -57,8 +55,7 @@ TEST(ModelFile, ReadsBackToTheSamePredictionsBitForBit) {
   std::mt19937_64 rng{8};
   for (int round = 0; round < 50; ++round) {
     const ModelRecord record = random_record(rng);
-    write_model(directory.path() / "m.json", record);
-    const ModelRecord back = read_model(directory.path() / "m.json");
+    const ModelRecord back = read_model(directory.file("m.json", to_json(record).dump(2)));
     Twin a(record.model), b(back.model);
     for (int i = 0; i < 500; ++i) {
       const double command = 0.01 * std::sin(0.02 * i) * i / 500.0;
@@ -70,14 +67,9 @@ TEST(ModelFile, ReadsBackToTheSamePredictionsBitForBit) {
 
 TEST(ModelFile, ATruncatedFileIsRefusedAtEveryByte) {
   const test::TemporaryDirectory directory;
-  const auto file = directory.path() / "m.json";
-  std::mt19937_64 rng{8};
-  write_model(file, random_record(rng));
-  std::stringstream whole;
-  whole << std::ifstream(file).rdbuf();
-  const std::string text = whole.str();
-  for (std::size_t length = 0; length + 2 < text.size(); ++length) {
-    std::ofstream(file, std::ios::trunc) << text.substr(0, length);
+  const std::string text = valid().dump(2);
+  for (std::size_t length = 0; length + 1 < text.size(); ++length) {
+    const auto file = directory.file("m.json", text.substr(0, length));
     expect_error<std::runtime_error>([&] { (void)read_model(file); }, {"m.json", "model file"});
   }
 }
@@ -108,6 +100,11 @@ TEST(ModelFile, RefusalsNameTheField) {
   refused("/effects/0/parameters/velocity_limit/value", 7.0,
           {"effects[coulomb_friction].velocity_limit", "7", "outside"});
   refused("/effects/0/parameters/colour", json::object(), {"effects[0].parameters.colour"});
+  refused("/effects/0/parameters/coulomb/unit", "mm/s^2",
+          {"effects[0].parameters.coulomb.unit", "mm/s^2", "m/s^2"});
+  refused("/effects/2/parameters/delay_s/unit", "ms",
+          {"effects[2].parameters.delay_s.unit", "ms", "s"});
+  refused("/effects/2/parameters/delay_s/unit", 1, {"effects[2].parameters.delay_s.unit", "1"});
   for (const char* key : {"schema", "axis", "sample_time_s", "loop", "effects"}) {
     json j = valid();
     j.erase(key);
@@ -117,23 +114,17 @@ TEST(ModelFile, RefusalsNameTheField) {
   EXPECT_NO_THROW((void)model_from_json(valid()));
 }
 
-TEST(ModelFile, WritingNeverLeavesHalfAFile) {
-  const test::TemporaryDirectory directory;
-  std::mt19937_64 rng{8};
-  const ModelRecord record = random_record(rng);
-  expect_error<std::runtime_error>(
-      [&] { write_model(directory.path() / "no" / "such" / "m.json", record); },
-      {"m.json", "cannot be written"});
-  // A device that is full from the first byte: what stands beside it stays.
-  const auto file = directory.path() / "m.json";
-  write_model(file, record);
-  std::filesystem::create_directory(directory.path() / "busy.json");
-  expect_error<std::runtime_error>([&] { write_model(directory.path() / "busy.json", record); },
-                                   {"busy.json"});
-  std::size_t files = 0;
-  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(directory.path()))
-    ++files;
-  EXPECT_EQ(files, 2U) << "a temporary file was left behind";
+TEST(ModelFile, UnitsAreThoseOfTheKindOfAxisAndMayBeLeftOut) {
+  json j = valid();
+  j["kind"] = "rotary";
+  expect_error<std::runtime_error>([&] { (void)model_from_json(j); }, {"unit", "rad/s"});
+  std::mt19937_64 rng{4};
+  ModelRecord record = random_record(rng);
+  record.rotary = true;
+  EXPECT_NO_THROW((void)model_from_json(to_json(record)));
+  j = valid();
+  j["effects"][0]["parameters"]["coulomb"].erase("unit");
+  EXPECT_NO_THROW((void)model_from_json(j));
 }
 
 }  // namespace

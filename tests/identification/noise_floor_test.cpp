@@ -40,6 +40,36 @@ TEST(NoiseFloor, FindsTheEncoderStep) {
       << "nothing shown is not a floor of zero";
 }
 
+// A missing sample is bridged half-way between two steps of the encoder, or anywhere between them.
+TEST(NoiseFloor, AFewInterpolatedSamplesDoNotHalveTheEncoderStep) {
+  for (const double share : {0.5, 0.3}) {
+    Segment s = laps(1e-6, 0.0, 3, 3.1);
+    for (Eigen::Index i = 300; i + 1 < s.size(); i += 100) {
+      s.actual(i) = (1.0 - share) * s.actual(i - 1) + share * s.actual(i + 1);
+    }
+    EXPECT_NEAR(noise_floor({s}).encoder_step, 1e-6, 1e-8) << share;
+  }
+}
+
+TEST(NoiseFloor, ResampledReadingsShowNoEncoderStep) {
+  std::mt19937_64 rng{7};
+  std::uniform_real_distribution<double> between(0.0, 1.0);
+  Segment s = laps(1e-6, 0.0, 1);
+  const Eigen::ArrayXd read = s.actual;
+  for (Eigen::Index i = 1; i < s.size(); ++i) {
+    s.actual(i) = read(i - 1) + between(rng) * (read(i) - read(i - 1));
+  }
+  EXPECT_EQ(noise_floor({s}).encoder_step, 0.0);
+}
+
+TEST(NoiseFloor, AnEncoderThatStandsStillOnOneReadingShowsNoFloor) {
+  Segment s = laps(0.0, 0.0, 1);
+  s.command.tail(1500).setConstant(s.command(1499));
+  s.actual.tail(1500).setConstant(0.1 / 3.0);
+  EXPECT_EQ(noise_floor({s}).standstill_rms, 0.0);
+  EXPECT_TRUE(std::isnan(noise_floor({s}).rms));
+}
+
 TEST(NoiseFloor, WhatDoesNotRepeatFromLapToLapIsNoise) {
   const NoiseFloor floor = noise_floor({laps(0.0, 0.4e-6, 4)});
   EXPECT_NEAR(floor.lap_s, 3.0, 1.5e-3);

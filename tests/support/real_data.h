@@ -28,9 +28,11 @@ inline bool must_have_real_data() {
 
 /// Defines `name` as the path of a real recording, or ends the test because it is not there.
 /// A macro, because only the test's own function can return from the test.
+// NOLINTBEGIN(bugprone-macro-parentheses): `name` is declared here.
 #define SERVOTWIN_REAL_DATA(name, relative)                                                   \
   const std::filesystem::path name = servotwin::test::real_data_directory() / (relative);     \
   if (!std::filesystem::exists(name)) {                                                       \
     if (servotwin::test::must_have_real_data()) FAIL() << name << " is not there";            \
     GTEST_SKIP() << name << " is not there: set SERVOTWIN_DATA to the directory that has it"; \
   }
+// NOLINTEND(bugprone-macro-parentheses)

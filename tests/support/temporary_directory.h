@@ -30,7 +30,7 @@ class TemporaryDirectory {
 
   /// Writes a file, which may replace one, and returns its path.
   [[nodiscard]] std::filesystem::path file(const std::string& name, std::string_view text) const {
-    const auto where = path_ / name;
+    auto where = path_ / name;
     // Written over, a file is flushed to the disk at once by some file systems; a new one is not.
     std::filesystem::remove(where);
     std::ofstream out(where, std::ios::binary);

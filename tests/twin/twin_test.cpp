@@ -174,6 +174,31 @@ TEST(Twin, ADelayShiftsTheAnswerAndNothingElse) {
   EXPECT_LT((x_late - shifted).tail(segment.size() - 20).abs().maxCoeff(), 1e-8);
 }
 
+// The longest delay of the catalogue, at the highest rate that it is held for.
+TEST(Twin, FollowsTheLongestDelay) {
+  const double h = 1e-4;
+  const Segment segment = commanded(h, 1.0, wave);
+  Model model = plain_drive(h, 0.2, 0.03);
+  Effect late = make_effect<TimeDelay>();
+  late.shape[0] = TimeDelay::kShapes[0].upper;
+  model.effects.push_back(late);
+  EXPECT_EQ(why_invalid(model), "");
+  const Eigen::ArrayXd whole = simulate(model, segment);
+  Twin twin(model);
+  twin.start(segment.command(0));
+  double most = 0.0;
+  for (Eigen::Index i = 1; i < segment.size(); ++i)
+    most = std::max(most, std::abs(twin.follow(segment.command(i)) - whole(i)));
+  EXPECT_LT(most, 1e-8);
+  EXPECT_GT(whole.abs().maxCoeff(), 1e-4);
+
+  model.sample_time_s = 0.9e-4;
+  const std::string why = why_invalid(model);
+  for (const char* part : {"effects[time_delay].delay_s = 0.05 s", "sample_time_s = 9e-05 s",
+                           "more than 500", "at least 0.0001 s"})
+    EXPECT_NE(why.find(part), std::string::npos) << why;
+}
+
 TEST(Twin, LooksAheadWithoutMoving) {
   const double h = 1e-3;
   Twin twin(plain_drive(h, 0.2, 0.03));

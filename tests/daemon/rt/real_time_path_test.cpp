@@ -140,7 +140,7 @@ TEST(RealTimePath, AllocatesNothingWithARecordingReplayed) {
   }
   recording.axes.push_back(axis);
   std::vector<Replay> recordings;
-  recordings.emplace_back(recording, 8);
+  recordings.emplace_back(recording, kCycle_s, 8);
   ReplaySource source(std::move(recordings), 0.0);
   Running running(1);
   running.models[0].publish(in_force(drive(), 1));

@@ -1,0 +1,63 @@
+// servotwin check-config: what would stop the daemon beyond the text of its configuration.
+#include <gmock/gmock.h>
+
+#include "program.h"
+#include "recordings.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+std::string rows(const std::string& axis) {
+  std::string table = "time[s]," + axis + ".command[m]," + axis + ".actual[m]\n";
+  for (int k = 0; k < 20; ++k) table += cell(0.001 * k) + "," + cell(k) + "," + cell(k) + "\n";
+  return table;
+}
+
+std::string replaying(const Folder& folder, const std::string& files, const std::string& store) {
+  return folder.write("m.toml", "[source.replay]\nfiles = [" + files +
+                                    "]\n[[axis]]\nname = 'X'\n[store]\ndirectory = '" + store +
+                                    "'\n");
+}
+
+TEST(CheckConfig, ReadsTheRecordingsAndMakesNothing) {
+  const Folder folder;
+  const std::string recording = "'" + folder.write("x.csv", rows("X")) + "'";
+  const std::string config = replaying(folder, recording, folder / "a/b/store");
+  const auto before = folder.list();
+  const Answer answer = servotwin_says({"check-config", config});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr(": valid"));
+  EXPECT_EQ(folder.list(), before) << "no store is made";
+}
+
+TEST(CheckConfig, EveryRecordingThatIsMissingIsSaidAndAStoreInAFile) {
+  const Folder folder;
+  const std::string recording = folder.write("x.csv", rows("X"));
+  const std::string config = replaying(
+      folder, "'" + folder / "one.csv" + "', '" + folder / "two.csv" + "'", recording + "/store");
+  const Answer answer = servotwin_says({"check-config", config});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.out, IsEmpty());
+  ASSERT_EQ(answer.complaints().size(), 4U) << answer;
+  EXPECT_THAT(answer.complaints()[0], HasSubstr("x.csv/store: cannot be written: "));
+  EXPECT_THAT(answer.complaints()[0], HasSubstr("Not a directory"));
+  EXPECT_THAT(answer.complaints()[1], HasSubstr("one.csv: there is no such file"));
+  EXPECT_THAT(answer.complaints()[2], HasSubstr("two.csv: there is no such file"));
+  EXPECT_THAT(answer.complaints()[3], HasSubstr("m.toml: 3 problems"));
+}
+
+TEST(CheckConfig, ARecordingOfOtherAxesIsSaid) {
+  const Folder folder;
+  const std::string recording = "'" + folder.write("y.csv", rows("Y")) + "'";
+  const Answer answer =
+      servotwin_says({"check-config", replaying(folder, recording, folder / "store")});
+  EXPECT_EQ(answer.status, 1) << answer;
+  ASSERT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("axis 1 is 'X' in the configuration and 'Y' in the recording"));
+}
+
+}  // namespace
+}  // namespace servotwin
