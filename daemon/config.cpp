@@ -281,6 +281,9 @@ void read_identify(Section section, IdentifyConfig& identify) {
   section.number("memory_s", 1.0, 3600.0, "s", identify.memory_s);
   section.number("judge_s", 0.5, 3600.0, "s", identify.judge_s);
   section.number("min_improvement", 0.0, 0.9, "", identify.min_improvement);
+  std::string method = "joint";
+  section.one_of("method", {"joint", "pole-search"}, method);
+  identify.options.method = method == "joint" ? Method::kJoint : Method::kPoleSearch;
   PoleBounds& poles = identify.options.bounds;
   section.range("real_pole_hz", 1e-3, 1e5, "Hz", poles.real_min_hz, poles.real_max_hz);
   section.range("omega_hz", 1e-3, 1e5, "Hz", poles.omega_min_hz, poles.omega_max_hz);

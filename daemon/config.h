@@ -41,6 +41,8 @@ struct IdentifyConfig {
   double judge_s = 4.0;           ///< motion that neither model has seen, to judge on
   double min_improvement = 0.02;  ///< share by which the RMS must fall for a new model
   IdentifyOptions options;
+
+  IdentifyConfig() { options.method = Method::kJoint; }
 };
 
 struct StoreConfig {

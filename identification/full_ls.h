@@ -1,4 +1,4 @@
-// Full least squares, "rapid identification" (thesis 3.3; docs/theory.md 5): the baseline.
+// Full least squares, "rapid identification" (thesis 3.3; docs/theory.md 6): the baseline.
 //
 //   x = th1 E + th2 v + th3 a + th4 x_r + th5 v_r + th6 a_r + th7 PV + th8 NV,   E = integral of e
 //

@@ -50,6 +50,7 @@ TEST(Config, EveryKeyIsRead) {
     domain = 12
     partition = "cell-3"
     [identify]
+    method = "pole-search"
     window_s = 10
     memory_s = 30.5
     judge_s = 5
@@ -81,6 +82,7 @@ TEST(Config, EveryKeyIsRead) {
   EXPECT_EQ(config.identify.judge_s, 5.0);
   EXPECT_EQ(config.identify.min_improvement, 0.05);
   const IdentifyOptions& options = config.identify.options;
+  EXPECT_EQ(options.method, Method::kPoleSearch);
   EXPECT_EQ(options.bounds.real_min_hz, 2.0);
   EXPECT_EQ(options.bounds.real_max_hz, 800.0);
   EXPECT_EQ(options.bounds.omega_min_hz, 3.0);

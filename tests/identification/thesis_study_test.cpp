@@ -1,5 +1,5 @@
 // The noise study of the thesis (3.6.1) on an independent simulation of its drive. Expected
-// numbers: the project's reference study, an independent Python implementation (docs/theory.md 6),
+// numbers: the project's reference study, an independent Python implementation (docs/theory.md 7),
 // and where the thesis prints one, beside it.
 
 #include <gtest/gtest.h>

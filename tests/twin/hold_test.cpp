@@ -20,7 +20,7 @@ TEST(Hold, FirstOrderLagOfARampIsTheClosedForm) {
 }
 
 // Filter 1/P with poles 9.87 Hz, 31.31 Hz / 0.44 at 1 ms, driven by sin(2 pi 3 t)^3 t. Numbers from
-// the project's reference study (an independent Python implementation; docs/theory.md 6).
+// the project's reference study (an independent Python implementation; docs/theory.md 7).
 class ThirdOrderFilter : public ::testing::Test {
  protected:
   ThirdOrderFilter() : input(1001) {
