@@ -415,10 +415,15 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         std::find(structure.effects.begin(), structure.effects.end(), kind_of<CoulombFriction>()) -
         structure.effects.begin());
     std::size_t best = out.trials.size();
-    for (const std::size_t kind : friction_kinds()) {
+    const std::vector<std::size_t> compared =
+        options.friction ? std::vector{*options.friction} : compared_frictions();
+    if (options.friction) chosen_validation = 1e300;
+    for (const std::size_t kind : compared) {
       if (kind == kind_of<CoulombFriction>()) continue;
       Structure richer = chosen->structure;
       richer.effects[place] = kind;
+      // Unlike levels of the two directions contain it.
+      if (kind == kind_of<Stribeck>()) std::erase(richer.effects, kind_of<ConstantForce>());
       StructureTrial trial{richer.order, richer.effects, kAbsent, false,
                            "no stable fit within the bounds"};
       if (const auto fit = joint_fit(fitted, richer, search, encoder_step, false)) {

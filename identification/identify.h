@@ -7,6 +7,7 @@
 // whole model is polished in free simulation (identification/joint.h).
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,10 +22,11 @@ enum class Method { kPoleSearch, kFullLs, kJoint };
 struct IdentifyOptions {
   Method method = Method::kPoleSearch;
   PoleBounds bounds;
-  bool pole_constraints = true;  ///< full LS only
-  double training_share = 0.6;   ///< of the time of the data; the rest is held out
-  int order = 0;                 ///< 0: by held-out error
-  double delay_max_s = 0.02;     ///< 0: no delay is sought
+  bool pole_constraints = true;         ///< full LS only
+  double training_share = 0.6;          ///< of the time of the data; the rest is held out
+  int order = 0;                        ///< 0: by held-out error
+  std::optional<std::size_t> friction;  ///< joint only: its place in the catalogue; none: compared
+  double delay_max_s = 0.02;            ///< 0: no delay is sought
 };
 
 /// What was tried on the way to the structure, for people.

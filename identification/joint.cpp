@@ -116,8 +116,20 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
 }  // namespace
 
 std::vector<std::size_t> friction_kinds() {
-  return {kind_of<CoulombFriction>(), kind_of<Dahl>(), kind_of<Presliding>(),
-          kind_of<ModifiedStribeck>(), kind_of<LuGre>()};
+  return {kind_of<CoulombFriction>(),
+          kind_of<Dahl>(),
+          kind_of<Presliding>(),
+          kind_of<SmoothedPresliding>(),
+          kind_of<Gms>(),
+          kind_of<ModifiedStribeck>(),
+          kind_of<LuGre>(),
+          kind_of<Stribeck>(),
+          kind_of<FrictionMap>()};
+}
+
+std::vector<std::size_t> compared_frictions() {
+  return {kind_of<CoulombFriction>(),  kind_of<Dahl>(),  kind_of<Presliding>(),
+          kind_of<ModifiedStribeck>(), kind_of<LuGre>(), kind_of<Stribeck>()};
 }
 
 std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const Structure& structure,

@@ -18,8 +18,10 @@
 
 namespace servotwin {
 
-/// The friction models that a joint identification compares, from the simplest to the richest.
+/// Every friction model of the catalogue that command and encoder can identify.
 [[nodiscard]] std::vector<std::size_t> friction_kinds();
+/// Those that a joint identification compares of itself, from the simplest to the richest.
+[[nodiscard]] std::vector<std::size_t> compared_frictions();
 
 struct JointFit {
   PoleFit fit;      ///< of step 3

@@ -11,6 +11,7 @@
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
+#include "identification/joint.h"
 
 namespace servotwin::cli {
 namespace {
@@ -96,6 +97,10 @@ void run(const Arguments& arguments) {
         "--no-pole-constraints needs --method full-ls: the pole search has no meaning without its "
         "box");
   }
+  if (options.friction && options.method != Method::kJoint) {
+    throw UsageError(
+        "--friction needs --method joint: the pole search knows Coulomb friction only");
+  }
   options.pole_constraints = !arguments.no_pole_constraints;
 
   const SegmentedAxis axis = arguments.input.read(people);
@@ -164,6 +169,15 @@ Command add_identify(CLI::App& app) {
           "baseline")
       ->check(CLI::IsMember({"pole-search", "joint", "full-ls"}).name(""))
       ->type_name("METHOD");
+  std::vector<std::string> frictions;
+  for (const std::size_t kind : friction_kinds()) frictions.emplace_back(identity_of(kind).id);
+  command
+      .add_option_function<std::string>(
+          "--friction",
+          [arguments](const std::string& id) { arguments->identify.friction = kind_of(id); },
+          "joint: this friction model, whatever fits better (default: compared on unseen data)")
+      ->check(CLI::IsMember(frictions).name(""))
+      ->type_name("ID");
   PoleBounds& bounds = arguments->identify.bounds;
   add_range(command, "--real-pole-hz", bounds.real_min_hz, bounds.real_max_hz,
             "bounds of the real pole");

@@ -1,5 +1,6 @@
-// Prints the noise study of the thesis (3.6.1): pole search and full least squares at encoder steps
-// of 0, 1, 5 and 10 um, beside the truth of the simulated drive and what the thesis prints.
+// Prints the noise study of the thesis (3.6.1): pole search, joint identification and full LS at
+// encoder steps of 0, 1, 5 and 10 um, beside the truth of the simulated drive and what the thesis
+// prints.
 
 #include <cmath>
 #include <cstdio>
@@ -7,8 +8,10 @@
 
 #include "identification/full_ls.h"
 #include "identification/identify.h"
+#include "identification/joint.h"
 #include "tests/support/full_ls_prediction.h"
 #include "tests/support/thesis_study.h"
+#include "twin/twin.h"
 
 namespace {
 
@@ -59,6 +62,23 @@ void print_full_ls(const char* name, const Segment& segment, bool constrained) {
   }
 }
 
+/// Loop and friction together, and how far the result is from the position no encoder has rounded.
+void print_joint(const ThesisStudy& study, const Segment& segment, double step_m) {
+  const auto fit = joint_fit({segment}, {3, {kind_of<Presliding>()}}, {}, step_m, true);
+  if (!fit) return;
+  const PoleSet poles = labels_of(fit->model.loop).set[0];
+  const Effect& friction = fit->model.effects[0];
+  const auto sd = [&](Eigen::Index i) { return std::sqrt(fit->covariance(i, i)); };
+  const Eigen::ArrayXd truth = 1e-3 * (study.command_mm - study.actual_mm);
+  std::printf(
+      "  %-28s p %6.3f Hz, pair %6.3f Hz / %.4f, breakaway %.1f +- %.1f mm/s^2 at %.2f +- %.2f um, "
+      "shape %.4f +- %.4f, RMS against the unrounded position %.4f um\n",
+      "joint", poles.real / kTwoPi, poles.omega / kTwoPi, poles.zeta, 1e3 * friction.coefficient[0],
+      1e3 * sd(3), 1e6 * friction.shape[0], 1e6 * sd(fit->linear + 3), friction.shape[1],
+      sd(fit->linear + 4),
+      1e6 * std::sqrt((truth - simulate(fit->model, segment)).square().mean()));
+}
+
 }  // namespace
 
 int main() {
@@ -78,6 +98,7 @@ int main() {
     signals.velocity =
         study.friction_mm_s2 / 286.0 * 1e-3;  // sat(v / 1 mm/s) is now the true force
     print_search("with the true friction force", signals);
+    print_joint(study, segment, 1e-3 * step_mm);
     print_full_ls("full LS", segment, false);
     print_full_ls("full LS, poles in the box", segment, true);
   }

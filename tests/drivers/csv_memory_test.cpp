@@ -11,6 +11,8 @@
 #include "drivers/recording_file.h"
 #include "tests/support/temporary_directory.h"
 
+// Not under ThreadSanitizer: its shadow is memory of the process, too.
+#ifndef __SANITIZE_THREAD__
 namespace servotwin {
 namespace {
 
@@ -41,8 +43,6 @@ long peak_kib() {
   return usage.ru_maxrss;
 }
 
-// Not under ThreadSanitizer: its shadow is memory of the process, too.
-#ifndef __SANITIZE_THREAD__
 TEST(CsvMemory, GrowsByTheWantedColumnsOnly) {
   const test::TemporaryDirectory directory;
   const auto file = write_wide_file(directory);
@@ -75,7 +75,7 @@ TEST(CsvMemory, GrowsByTheWantedColumnsOnly) {
   EXPECT_LE(grown, kWanted + kBlocks);
   RecordProperty("grown_kib", std::to_string(grown));
 }
-#endif
 
 }  // namespace
 }  // namespace servotwin
+#endif

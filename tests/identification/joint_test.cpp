@@ -28,6 +28,8 @@ struct Encoder {
   Misses at_most;
 };
 
+void PrintTo(const Encoder& encoder, std::ostream* out) { *out << encoder.step_um << " um"; }
+
 class ThesisDrive : public ::testing::TestWithParam<Encoder> {};
 
 // The truth: poles, friction and command of the study, simulated by an integrator of its own. An
@@ -129,8 +131,8 @@ TEST(RealRecording, EmpsIsPredictedBetterWithItsFrictionIdentified) {
   options.training_share = 0.5;
   const Identified found = identify(segment_axis(read_recording(file, read), "X"), options);
   EXPECT_TRUE(found.refusals.empty());
-  EXPECT_LT(found.record.holdout.rms, 1.40e-6);
-  EXPECT_LT(found.record.holdout.max, 7.7e-6);
+  EXPECT_LT(found.record.holdout.rms, 0.88e-6);
+  EXPECT_LT(found.record.holdout.max, 5.6e-6);
 }
 
 }  // namespace

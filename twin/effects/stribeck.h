@@ -3,8 +3,9 @@
 //   v > 0:  d =  coulomb_plus  + drop_plus  exp(-(|v| / v_s+)^delta) + viscous_plus v
 //   v < 0:  d = -coulomb_minus - drop_minus exp(-(|v| / v_s-)^delta) + viscous_minus v
 //
-// drop = breakaway minus Coulomb force. The jump at v = 0 is a ramp over +-velocity_limit, as in
-// coulomb_friction, so that it can be simulated at rest.
+// A constant force is not separable from unlike levels on one axis: it is in coulomb_plus and
+// coulomb_minus. drop = breakaway minus Coulomb force. The jump at v = 0 is a ramp over
+// +-velocity_limit, as in coulomb_friction, so that it can be simulated at rest.
 #pragma once
 
 #include <array>
@@ -32,10 +33,10 @@ struct Stribeck {
        {"coulomb_minus", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass, v < 0"},
        {"drop_plus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v > 0"},
        {"drop_minus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v < 0"},
-       {"viscous_plus", "1/s", 0.0, 1000.0, 0.0, "viscous friction, beyond the poles, v > 0",
+       {"viscous_plus", "1/s", -1000.0, 1000.0, 0.0, "viscous friction, beyond the poles, v > 0",
         false},
-       {"viscous_minus", "1/s", 0.0, 1000.0, 0.0, "viscous friction, beyond the poles, v < 0",
-        false}}};
+       {"viscous_minus", "1/s", -1000.0, 1000.0, 0.0,
+        "viscous friction, beyond the poles, v < 0; with free poles: less that of v > 0"}}};
   template <class T>
   using Memory = NoMemory;
 
