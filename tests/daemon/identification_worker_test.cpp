@@ -28,6 +28,8 @@ class WorkerTest : public testing::Test {
     config_.judge_s = 3.0;
     config_.options.order = 2;
     config_.options.delay_max_s = 0.0;
+    config_.options.method =
+        Method::kPoleSearch;  // how a model is found is not the worker's concern
   }
 
   /// A worker over a store that is opened anew, as after a restart.
