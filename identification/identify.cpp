@@ -437,6 +437,12 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
       }
       out.trials.push_back(trial);
     }
+    if (options.friction && *options.friction != kind_of<CoulombFriction>() &&
+        best == out.trials.size()) {
+      throw std::runtime_error(
+          say(axis.axis, ": ", identity_of(*options.friction).id,
+              " has no valid fit to this motion; take another friction model"));
+    }
     for (std::size_t i = 0; best < out.trials.size() && i < out.trials.size(); ++i)
       out.trials[i].chosen = i == best;
   }

@@ -123,8 +123,7 @@ std::vector<std::size_t> friction_kinds() {
           kind_of<Gms>(),
           kind_of<ModifiedStribeck>(),
           kind_of<LuGre>(),
-          kind_of<Stribeck>(),
-          kind_of<FrictionMap>()};
+          kind_of<Stribeck>()};
 }
 
 std::vector<std::size_t> compared_frictions() {
