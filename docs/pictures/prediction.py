@@ -2,7 +2,7 @@
 """Draws docs/pictures/prediction.png: what `servotwin predict` says of data the fit has not seen.
 
     columns="X.command=qg[m],X.actual=qm[m],X.torque=vir[V]"
-    build/servotwin identify DATA_EMPS.mat --columns "$columns" --axis X --training-share 0.5 --model x.json
+    build/servotwin identify DATA_EMPS.mat --columns "$columns" --axis X --training-share 0.5 --method joint --model x.json
     build/servotwin predict  DATA_EMPS.mat --columns "$columns" --axis X --model x.json --out x.csv
     docs/pictures/prediction.py x.csv x.json docs/pictures/prediction.png
 """
