@@ -17,6 +17,7 @@
 #include <fstream>
 #include <numbers>
 
+#include "identification/joint.h"
 #include "identification/pole_search.h"
 #include "tests/bench/record.h"
 
@@ -77,6 +78,21 @@ void evaluation(benchmark::State& state) {
   for (auto _ : state) benchmark::DoNotOptimize(data.solve(point).cost);
 }
 
+/// Loop and presliding together: steps 1 to 3, and with the output-error polish.
+void joint(benchmark::State& state, bool polish) {
+  const Structure structure{.order = 3, .effects = {kind_of<Presliding>()}};
+  for ([[maybe_unused]] auto _ : state) {
+    const auto fit = joint_fit({record()}, structure, {}, /*encoder_step=*/0.0, polish);
+    if (!fit) {
+      state.SkipWithError("the joint identification found nothing");
+      return;
+    }
+    state.counters["breakaway_um"] = 1e6 * fit->model.effects[0].shape[0];
+  }
+}
+
+BENCHMARK_CAPTURE(joint, without polish, false)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(joint, with polish, true)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(pole_search, as the peer, Problem::kAsThePeer)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(pole_search, in full, Problem::kInFull)->Unit(benchmark::kMillisecond);
 BENCHMARK(evaluation)->Unit(benchmark::kMillisecond);

@@ -39,6 +39,14 @@ Model without_integrator() {
   return model;
 }
 
+/// The production axis with presliding (10 elements) or LuGre in place of Coulomb friction.
+Model with_friction(Effect friction) {
+  Model model = bench::production_model();
+  friction.coefficient[0] = 0.286;  // [m/s^2]
+  model.effects = {friction};
+  return model;
+}
+
 void follow(benchmark::State& state, const Model& model) {
   const Segment& segment = motion();
   const Twin at_rest = [&] {
@@ -87,6 +95,8 @@ void step(benchmark::State& state, const Model& model) {
 
 BENCHMARK_CAPTURE(step, order 3 + Coulomb, bench::production_model());
 BENCHMARK_CAPTURE(step, order 2 + Coulomb + constant, without_integrator());
+BENCHMARK_CAPTURE(step, order 3 + presliding, with_friction(make_effect<Presliding>()));
+BENCHMARK_CAPTURE(step, order 3 + LuGre, with_friction(make_effect<LuGre>()));
 BENCHMARK_CAPTURE(follow, order 3 + Coulomb, bench::production_model());
 BENCHMARK_CAPTURE(follow, order 2 + Coulomb + constant, without_integrator());
 BENCHMARK_CAPTURE(follow, order 3 + Coulomb + delay, with_delay(bench::production_model()));
