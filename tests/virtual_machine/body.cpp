@@ -19,9 +19,9 @@ Body::Body(const BodyParameters& parameters, double position, double velocity)
   check(parameters.friction);
   state_.position = position;
   state_.velocity = velocity;
-  if (velocity != 0.0)
-    state_.friction.mode[0] =
-        std::holds_alternative<StickCoulomb>(parameters.friction) ? (velocity > 0.0 ? 1 : -1) : 0;
+  if (velocity != 0.0 && sticks(parameters.friction)) {
+    state_.friction.mode[0] = velocity > 0.0 ? 1 : -1;
+  }
 }
 
 BodyState Body::runge_kutta(double u, double h) const {

@@ -32,6 +32,24 @@ LuGre bristles() {
       .sigma2 = 300.0};
 }
 
+DirectedStribeck directed() {
+  return {
+      .plus = {.coulomb = 60.0, .breakaway = 100.0, .stribeck_velocity = 0.006, .exponent = 1.3},
+      .minus = {.coulomb = 40.0, .breakaway = 70.0, .stribeck_velocity = 0.008, .exponent = 1.3},
+      .viscous_plus = 500.0,
+      .viscous_minus = 900.0};
+}
+
+/// A part of a bristle friction.
+LuGre share_of(const LuGre& whole, double share) {
+  LuGre part = whole;
+  for (double* value :
+       {&part.level.coulomb, &part.level.breakaway, &part.sigma0, &part.sigma1, &part.sigma2}) {
+    *value *= share;
+  }
+  return part;
+}
+
 double coasting_distance(const BodyParameters& p, double velocity, double step) {
   Body body(p, 0.0, velocity);
   double furthest = 0.0;
@@ -164,13 +182,20 @@ TEST(Body, FrictionOnlyEverDissipates) {
     }
     if (const auto* lugre = std::get_if<LuGre>(&friction))
       return 0.5 * lugre->sigma0 * s.z[0] * s.z[0];
+    if (const auto* both = std::get_if<CoveredLuGre>(&friction))
+      return 0.5 * (both->drive.sigma0 * s.z[0] * s.z[0] + both->cover.sigma0 * s.z[1] * s.z[1]);
     return 0.0;
   };
   LuGre lugre = bristles();
   lugre.sigma1 = 0.0;
-  const std::vector<Friction> models = {SaturatedCoulomb{100.0, 1e-3}, constant_coulomb(100.0),
-                                        two_elements(), gms_with_curve(100.0, 20e-6, 4.0, 8),
-                                        lugre};
+  const std::vector<Friction> models = {
+      SaturatedCoulomb{100.0, 1e-3},
+      constant_coulomb(100.0),
+      directed(),
+      two_elements(),
+      gms_with_curve(100.0, 20e-6, 4.0, 8),
+      lugre,
+      CoveredLuGre{share_of(lugre, 0.6), share_of(lugre, 0.4), 1.5}};
   for (const Friction& friction : models) {
     SCOPED_TRACE("model " + std::to_string(friction.index()));
     Body body({.mass = kMass, .friction = friction});
@@ -209,6 +234,77 @@ TEST(Body, LuGreIsASpringBeforeItSlides) {
   EXPECT_NEAR(body.state().position, 0.05 / 1e7, 5e-3 * 0.05 / 1e7);
 }
 
+TEST(Body, DirectedStribeckSlidesAtTheCurveOfItsDirection) {
+  for (const double v : {0.0005, 0.01, 0.3, -0.0005, -0.01, -0.3}) {
+    const double wanted = v > 0.0
+                              ? 60.0 + 40.0 * std::exp(-std::pow(v / 0.006, 1.3)) + 500.0 * v
+                              : -(40.0 + 30.0 * std::exp(-std::pow(-v / 0.008, 1.3))) + 900.0 * v;
+    Body body({.mass = 1e9, .friction = directed()}, 0.0, v);
+    body.advance(0.0, 1e-5);
+    EXPECT_NEAR(body.friction_force(0.0), wanted, 1e-6) << v;
+  }
+}
+
+TEST(Body, DirectedStribeckBreaksAwayAtTheForceOfItsDirection) {
+  Body body({.mass = kMass, .friction = directed()});
+  for (const double u : {99.9, -69.9, 75.0}) {
+    for (int i = 0; i < 100; ++i) body.advance(u, 1e-3);
+    EXPECT_EQ(body.state().position, 0.0);
+    EXPECT_EQ(body.friction_force(u), u);
+  }
+  for (int i = 0; i < 100; ++i) body.advance(-75.0, 1e-3);
+  EXPECT_LT(body.state().velocity, -1e-3);
+  Body other({.mass = kMass, .friction = directed()});
+  for (int i = 0; i < 100; ++i) other.advance(100.1, 1e-3);
+  EXPECT_GT(other.state().velocity, 1e-5);
+}
+
+TEST(Body, DirectedViscousFrictionSettlesAsTheClosedFormSays) {
+  // Of constant level: v = (u -+ Fc) / B (1 - exp(-B t / m)).
+  DirectedStribeck friction = directed();
+  friction.plus.breakaway = friction.plus.coulomb;
+  friction.minus.breakaway = friction.minus.coulomb;
+  for (const double u : {90.0, -90.0}) {
+    Body body({.mass = kMass, .friction = friction});
+    for (int i = 0; i < 2500; ++i) body.advance(u, 1e-4);
+    const double force = u > 0.0 ? u - 60.0 : u + 40.0;
+    const double viscous = u > 0.0 ? 500.0 : 900.0;
+    EXPECT_NEAR(body.state().velocity, force / viscous * (1.0 - std::exp(-viscous * 0.25 / kMass)),
+                1e-12);
+  }
+}
+
+TEST(Body, TwoHalvesOfLuGreAreOne) {
+  const LuGre whole = bristles();
+  Body one({.mass = kMass, .friction = whole});
+  Body two({.mass = kMass, .friction = CoveredLuGre{share_of(whole, 0.5), share_of(whole, 0.5)}});
+  double furthest = 0.0;
+  for (int i = 0; i < 50000; ++i) {
+    const double u = 250.0 * std::sin(20.0 * i * 1e-5) + 60.0 * std::sin(333.0 * i * 1e-5);
+    one.advance(u, 1e-5);
+    two.advance(u, 1e-5);
+    ASSERT_NEAR(one.state().position, two.state().position, 1e-13);
+    ASSERT_NEAR(one.friction_force(u), two.friction_force(u), 1e-6);
+    furthest = std::max(furthest, std::abs(one.state().position));
+  }
+  EXPECT_GT(furthest, 1e-3);  // it slid
+}
+
+TEST(Body, ACoverRubsHarderWhenItCloses) {
+  const LuGre drive = share_of(bristles(), 0.6);
+  const LuGre cover = share_of(bristles(), 0.4);
+  const double opening = 120.0 + 30.0 * std::exp(-0.02 * 0.02 / 25e-6) + 300.0 * 0.02;
+  for (const double ratio : {1.0, 1.4}) {
+    const CoveredLuGre friction{drive, cover, ratio};
+    for (const double v : {0.02, -0.02}) {
+      Body body({.mass = 1e9, .friction = friction}, 0.0, v);
+      for (int i = 0; i < 20000; ++i) body.advance(0.0, 1e-5);
+      EXPECT_NEAR(body.friction_force(0.0), v > 0.0 ? opening : -opening * (0.6 + 0.4 * ratio),
+                  1e-4);
+    }
+  }
+}
+
 TEST(Body, GmsLevelFollowsTheStribeckCurve) {
   Gms gms = two_elements();
   gms.level = {.coulomb = 80.0, .breakaway = 130.0, .stribeck_velocity = 0.004, .exponent = 2.0};
@@ -224,9 +320,17 @@ TEST(Body, IntegratesWithFourthOrder) {
   Gms stribeck = two_elements();
   stribeck.level = {
       .coulomb = 80.0, .breakaway = 130.0, .stribeck_velocity = 0.004, .exponent = 2.0};
+  // A power of the velocity that is not whole has no derivatives at rest, and no fourth order.
+  DirectedStribeck smooth = directed();
+  smooth.plus.exponent = smooth.minus.exponent = 2.0;
   const std::vector<Friction> models = {
       StickCoulomb{{.coulomb = 80.0, .breakaway = 130.0, .stribeck_velocity = 0.004}},
-      SaturatedCoulomb{100.0, 2e-3}, bristles(), two_elements(), stribeck};
+      SaturatedCoulomb{100.0, 2e-3},
+      smooth,
+      bristles(),
+      CoveredLuGre{share_of(bristles(), 0.6), share_of(bristles(), 0.4), 1.5},
+      two_elements(),
+      stribeck};
   const auto position = [](const Friction& friction, int steps) {
     Body body({.mass = kMass, .viscous = 2000.0, .friction = friction});
     // Breaks away, comes to rest, slides back: forces held over 5 ms.
@@ -267,6 +371,18 @@ TEST(Friction, RefusesParametersOutOfRange) {
   LuGre lugre = bristles();
   lugre.sigma0 = 0.0;
   EXPECT_THROW(check(lugre), std::invalid_argument);
+  CoveredLuGre covered{bristles(), bristles()};
+  covered.closing_ratio = 0.0;
+  EXPECT_THROW(check(covered), std::invalid_argument);
+  covered.closing_ratio = 1.0;
+  covered.cover.level.breakaway = 0.0;
+  EXPECT_THROW(check(covered), std::invalid_argument);
+  DirectedStribeck stribeck = directed();
+  stribeck.minus.exponent = 0.0;
+  EXPECT_THROW(check(stribeck), std::invalid_argument);
+  stribeck = directed();
+  stribeck.viscous_minus = -1.0;
+  EXPECT_THROW(check(stribeck), std::invalid_argument);
   Gms gms = two_elements();
   gms.share[0] = 0.8;
   EXPECT_THROW(check(gms), std::invalid_argument);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -36,9 +37,28 @@ double force_of(const StickCoulomb& m, double v, double applied, const FrictionS
   return s.mode[0] == 0 ? applied : s.mode[0] * m.level.at(v);
 }
 
+double force_of(const DirectedStribeck& m, double v, double applied, const FrictionState& s,
+                Rate&) noexcept {
+  if (s.mode[0] == 0) return applied;
+  return s.mode[0] > 0 ? m.plus.at(v) + m.viscous_plus * v : -m.minus.at(v) + m.viscous_minus * v;
+}
+
+/// `ratio`: of level and viscous friction to those of the model.
+double force_of_bristles(const LuGre& m, double ratio, double v, int mode, double z,
+                         double& rate) noexcept {
+  rate = v - mode * v * z * m.sigma0 / (ratio * m.level.at(v));  // mode v = |v|
+  return m.sigma0 * z + m.sigma1 * rate + ratio * m.sigma2 * v;
+}
+
 double force_of(const LuGre& m, double v, double, const FrictionState& s, Rate& rate) noexcept {
-  rate[0] = v - s.mode[0] * v * s.z[0] * m.sigma0 / m.level.at(v);  // mode v = |v|
-  return m.sigma0 * s.z[0] + m.sigma1 * rate[0] + m.sigma2 * v;
+  return force_of_bristles(m, 1.0, v, s.mode[0], s.z[0], rate[0]);
+}
+
+double force_of(const CoveredLuGre& m, double v, double, const FrictionState& s,
+                Rate& rate) noexcept {
+  const double ratio = s.mode[0] < 0 ? m.closing_ratio : 1.0;
+  return force_of_bristles(m.drive, 1.0, v, s.mode[0], s.z[0], rate[0]) +
+         force_of_bristles(m.cover, ratio, v, s.mode[0], s.z[1], rate[1]);
 }
 
 double force_of(const Gms& m, double v, double, const FrictionState& s, Rate& rate) noexcept {
@@ -58,16 +78,49 @@ int branch(const SaturatedCoulomb& m, double v) noexcept {
   return std::abs(v) <= m.velocity_limit ? 0 : sign(v);
 }
 
+/// The forces that set a body at rest in motion, towards minus and plus; none for friction that
+/// does not stick.
+struct Breakaway {
+  double minus = 0.0;
+  double plus = 0.0;
+
+  /// -1, 0 or 1: which way a body at rest goes under this force.
+  [[nodiscard]] int direction(double applied) const noexcept {
+    return (applied > plus) - (applied < minus);
+  }
+};
+
+std::optional<Breakaway> breakaway_of(const Friction& friction) noexcept {
+  if (const auto* stick = std::get_if<StickCoulomb>(&friction)) {
+    return Breakaway{-stick->level.at(0.0), stick->level.at(0.0)};
+  }
+  if (const auto* directed = std::get_if<DirectedStribeck>(&friction)) {
+    return Breakaway{-directed->minus.at(0.0), directed->plus.at(0.0)};
+  }
+  return std::nullopt;
+}
+
+bool has_bristles(const Friction& friction) noexcept {
+  return std::holds_alternative<LuGre>(friction) || std::holds_alternative<CoveredLuGre>(friction);
+}
+
 bool slips(const Gms& m, std::size_t i, double v, const FrictionState& s, double level) noexcept {
   return v != 0.0 && s.z[i] * sign(v) >= m.share[i] * level;
 }
 
-void require_level(const Level& level, const char* model) {
-  const std::string name(model);
+void require_level(const Level& level, const std::string& name) {
   require_at_least_zero(level.coulomb, name + ".coulomb");
   require_at_least_zero(level.breakaway, name + ".breakaway");
   require_positive(level.stribeck_velocity, name + ".stribeck_velocity");
   require_positive(level.exponent, name + ".exponent");
+}
+
+void require_lugre(const LuGre& m, const std::string& name) {
+  require_level(m.level, name);
+  require_positive(std::min(m.level.coulomb, m.level.breakaway), name + ".level");
+  require_positive(m.sigma0, name + ".sigma0");
+  require_at_least_zero(m.sigma1, name + ".sigma1");
+  require_at_least_zero(m.sigma2, name + ".sigma2");
 }
 
 }  // namespace
@@ -87,12 +140,17 @@ void check(const Friction& friction) {
                    require_positive(m.velocity_limit, "saturated_coulomb.velocity_limit");
                  },
                  [](const StickCoulomb& m) { require_level(m.level, "stick_coulomb"); },
-                 [](const LuGre& m) {
-                   require_level(m.level, "lugre");
-                   require_positive(std::min(m.level.coulomb, m.level.breakaway), "lugre.level");
-                   require_positive(m.sigma0, "lugre.sigma0");
-                   require_at_least_zero(m.sigma1, "lugre.sigma1");
-                   require_at_least_zero(m.sigma2, "lugre.sigma2");
+                 [](const DirectedStribeck& m) {
+                   require_level(m.plus, "directed_stribeck.plus");
+                   require_level(m.minus, "directed_stribeck.minus");
+                   require_at_least_zero(m.viscous_plus, "directed_stribeck.viscous_plus");
+                   require_at_least_zero(m.viscous_minus, "directed_stribeck.viscous_minus");
+                 },
+                 [](const LuGre& m) { require_lugre(m, "lugre"); },
+                 [](const CoveredLuGre& m) {
+                   require_lugre(m.drive, "covered_lugre.drive");
+                   require_lugre(m.cover, "covered_lugre.cover");
+                   require_positive(m.closing_ratio, "covered_lugre.closing_ratio");
                  },
                  [](const Gms& m) {
                    require_level(m.level, "gms");
@@ -117,8 +175,11 @@ void check(const Friction& friction) {
              friction);
 }
 
+bool sticks(const Friction& friction) noexcept { return breakaway_of(friction).has_value(); }
+
 int state_size(const Friction& friction) noexcept {
   if (const auto* gms = std::get_if<Gms>(&friction)) return static_cast<int>(gms->stiffness.size());
+  if (std::holds_alternative<CoveredLuGre>(friction)) return 2;
   return std::holds_alternative<LuGre>(friction) ? 1 : 0;
 }
 
@@ -133,11 +194,9 @@ bool mode_holds(const Friction& friction, double velocity, double applied,
   if (const auto* saturated = std::get_if<SaturatedCoulomb>(&friction)) {
     return branch(*saturated, velocity) == state.mode[0];
   }
-  if (std::holds_alternative<LuGre>(friction)) {
-    return velocity == 0.0 || sign(velocity) == state.mode[0];
-  }
-  if (const auto* stick = std::get_if<StickCoulomb>(&friction)) {
-    return state.mode[0] == 0 ? std::abs(applied) <= stick->level.at(0.0)
+  if (has_bristles(friction)) return velocity == 0.0 || sign(velocity) == state.mode[0];
+  if (const auto breakaway = breakaway_of(friction)) {
+    return state.mode[0] == 0 ? breakaway->direction(applied) == 0
                               : state.mode[0] * velocity >= 0.0;
   }
   if (const auto* gms = std::get_if<Gms>(&friction)) {
@@ -157,10 +216,10 @@ void switch_mode(const Friction& friction, double applied, double& velocity,
   if (const auto* saturated = std::get_if<SaturatedCoulomb>(&friction)) {
     state.mode[0] = branch(*saturated, velocity);
   }
-  if (std::holds_alternative<LuGre>(friction)) state.mode[0] = sign(velocity);
-  if (const auto* stick = std::get_if<StickCoulomb>(&friction)) {
+  if (has_bristles(friction)) state.mode[0] = sign(velocity);
+  if (const auto breakaway = breakaway_of(friction)) {
     velocity = 0.0;  // it stops, or breaks away from rest
-    state.mode[0] = std::abs(applied) <= stick->level.at(0.0) ? 0 : sign(applied);
+    state.mode[0] = breakaway->direction(applied);
   }
   if (const auto* gms = std::get_if<Gms>(&friction)) {
     const double level = gms->level.at(velocity);

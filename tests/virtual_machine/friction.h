@@ -4,7 +4,13 @@
 //
 //   SaturatedCoulomb   F = Fc sat(v / v_limit)
 //   StickCoulomb       F = s(v) sgn v in motion; at rest F balances the applied force up to Fs
+//   DirectedStribeck   F = s+(v) + B+ v for v > 0, -s-(v) + B- v for v < 0; at rest F balances the
+//                      applied force from -Fs- to Fs+
 //   LuGre              z' = v - |v| z sigma0 / s(v),   F = sigma0 z + sigma1 z' + sigma2 v
+//   CoveredLuGre       F = F_drive + F_cover, both LuGre; for v < 0 (closing) s and sigma2 of the
+//                      cover are `closing_ratio` times as large, and so is its steady force. The
+//                      stiffness is not: a bristle that gave back more than it took in would
+//                      drive the axis.
 //   Gms                F = sum F_i;  stick: F_i' = k_i v,  until |F_i| = alpha_i s(v);
 //                      slip: F_i' = sgn(v) C (alpha_i - |F_i| / s(v)),  until v changes its sign
 //
@@ -14,7 +20,8 @@
 // in body.h finds the time of the event.
 //
 // Errors: `check` throws std::invalid_argument with field, value and rule; the others do not throw.
-// Any thread. Sources: Canudas de Wit et al. 1995 (LuGre); Lampaert, Al-Bender, Swevers 2003 (GMS).
+// Any thread. Sources: Canudas de Wit et al. 1995 (LuGre); Lampaert, Al-Bender, Swevers 2003 (GMS);
+// Giberti et al. 2019, eq. 1 (directed Stribeck); Ferkl et al. 2021 (drive and cover).
 #pragma once
 
 #include <array>
@@ -45,11 +52,24 @@ struct StickCoulomb {
   Level level;
 };
 
+struct DirectedStribeck {
+  Level plus;                  ///< of v > 0
+  Level minus;                 ///< of v < 0, its forces positive too
+  double viscous_plus = 0.0;   ///< B+ [N s/m], >= 0
+  double viscous_minus = 0.0;  ///< B- [N s/m], >= 0
+};
+
 struct LuGre {
   Level level;          ///< > 0
   double sigma0 = 0.0;  ///< bristle stiffness [N/m], > 0
   double sigma1 = 0.0;  ///< bristle damping [N s/m]
   double sigma2 = 0.0;  ///< viscous [N s/m]
+};
+
+struct CoveredLuGre {
+  LuGre drive;
+  LuGre cover;
+  double closing_ratio = 1.0;  ///< cover's steady force at -v over that at v, > 0
 };
 
 struct Gms {
@@ -59,15 +79,20 @@ struct Gms {
   double attraction = 1e4;        ///< C [N/s], > 0
 };
 
-using Friction = std::variant<NoFriction, SaturatedCoulomb, StickCoulomb, LuGre, Gms>;
+using Friction = std::variant<NoFriction, SaturatedCoulomb, StickCoulomb, DirectedStribeck, LuGre,
+                              CoveredLuGre, Gms>;
 
 /// Inner state; at first relaxed, after a long standstill.
 struct FrictionState {
-  std::array<double, kMaxElements> z{};  ///< LuGre: deflection [m]; Gms: element forces [N]
-  std::array<int, kMaxElements> mode{};  ///< Gms, StickCoulomb: 0 sticks, else the direction
+  std::array<double, kMaxElements> z{};  ///< LuGre: deflections [m]; Gms: element forces [N]
+  std::array<int, kMaxElements> mode{};  ///< Gms, sticking friction: 0 sticks, else the direction
 };
 
 void check(const Friction& friction);
+
+/// Whether a body under this friction can be at rest under a force, so that its mode says whether
+/// it moves.
+[[nodiscard]] bool sticks(const Friction& friction) noexcept;
 
 /// Number of values of the inner state that are in use.
 [[nodiscard]] int state_size(const Friction& friction) noexcept;
