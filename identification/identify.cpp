@@ -423,7 +423,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
       Structure richer = chosen->structure;
       richer.effects[place] = kind;
       // Unlike levels of the two directions contain it.
-      if (kind == kind_of<Stribeck>()) std::erase(richer.effects, kind_of<ConstantForce>());
+      if (kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>())
+        std::erase(richer.effects, kind_of<ConstantForce>());
       StructureTrial trial{richer.order, richer.effects, kAbsent, false,
                            "no stable fit within the bounds"};
       if (const auto fit = joint_fit(fitted, richer, search, encoder_step, false)) {

@@ -127,8 +127,8 @@ std::vector<std::size_t> friction_kinds() {
 }
 
 std::vector<std::size_t> compared_frictions() {
-  return {kind_of<CoulombFriction>(),  kind_of<Dahl>(),  kind_of<Presliding>(),
-          kind_of<ModifiedStribeck>(), kind_of<LuGre>(), kind_of<Stribeck>()};
+  return {kind_of<CoulombFriction>(), kind_of<Dahl>(), kind_of<Presliding>(), kind_of<LuGre>(),
+          kind_of<Stribeck>()};
 }
 
 std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const Structure& structure,

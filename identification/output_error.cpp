@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "identification/chart.h"
+#include "identification/covariance.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -296,8 +297,6 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   }
   fit.model = coordinates.model(x.data());
 
-  // Covariance of the coordinates, robust against residuals that hang together (Newey and West
-  // 1987).
   const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
   const ReadingCost cost(segments, coordinates, settled, r.size(), x.size(), likelihood,
                          fit.simulations);
@@ -309,23 +308,8 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
     g(k) = likelihood.residual(r(k));
     fit.minus_log_likelihood += likelihood.minus_log_likelihood(r(k));
   }
-  const Eigen::VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
-  const Eigen::MatrixXd scaled = jacobian * scale.asDiagonal();
-  Eigen::MatrixXd bread = scaled.transpose() * scaled;
-  bread.diagonal().array() += 1e-12;
-  const Eigen::MatrixXd scores = scaled.array().colwise() * g.array();
-  const Eigen::Index n = scores.rows();
-  const Eigen::Index lags =
-      std::min<Eigen::Index>(n / 4, static_cast<Eigen::Index>(std::ceil(0.05 / h)));
-  Eigen::MatrixXd meat = scores.transpose() * scores;
-  for (Eigen::Index lag = 1; lag <= lags; ++lag) {
-    const double weight = 1.0 - static_cast<double>(lag) / static_cast<double>(lags + 1);
-    const Eigen::MatrixXd cross = scores.topRows(n - lag).transpose() * scores.bottomRows(n - lag);
-    meat += weight * (cross + cross.transpose());
-  }
-  const Eigen::MatrixXd inverse = bread.ldlt().solve(Eigen::MatrixXd::Identity(x.size(), x.size()));
-  const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x) * scale.asDiagonal();
-  fit.covariance = by_x * (inverse * meat * inverse) * by_x.transpose();
+  const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
+  fit.covariance = by_x * robust_covariance(jacobian, g, h) * by_x.transpose();
   return fit;
 }
 

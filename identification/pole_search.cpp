@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "identification/chart.h"
+#include "identification/covariance.h"
 
 namespace servotwin {
 
@@ -397,26 +398,8 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
 }
 
 Eigen::MatrixXd covariance(const Projection& data, const PoleFit& fit) {
-  const Eigen::MatrixXd j = data.full_jacobian(fit.point, fit.solution.linear);
-  const Eigen::Index m = j.cols();
-  Eigen::VectorXd scale = j.colwise().norm().cwiseMax(1e-300).cwiseInverse();
-  const Eigen::MatrixXd scaled = j * scale.asDiagonal();
-  Eigen::MatrixXd h = scaled.transpose() * scaled;
-  h.diagonal().array() += 1e-12;
-  // Scores of one sample, and their covariance with those of neighbouring samples (Bartlett
-  // weights).
-  const Eigen::MatrixXd scores = scaled.array().colwise() * fit.solution.residual.array();
-  const Eigen::Index n = scores.rows();
-  const Eigen::Index lags = std::min<Eigen::Index>(
-      n / 4, static_cast<Eigen::Index>(std::ceil(0.05 / data.segments().front().h)));
-  Eigen::MatrixXd meat = scores.transpose() * scores;
-  for (Eigen::Index lag = 1; lag <= lags; ++lag) {
-    const double weight = 1.0 - static_cast<double>(lag) / static_cast<double>(lags + 1);
-    const Eigen::MatrixXd cross = scores.topRows(n - lag).transpose() * scores.bottomRows(n - lag);
-    meat += weight * (cross + cross.transpose());
-  }
-  const Eigen::MatrixXd inverse = h.ldlt().solve(Eigen::MatrixXd::Identity(m, m));
-  return scale.asDiagonal() * (inverse * meat * inverse) * scale.asDiagonal();
+  return robust_covariance(data.full_jacobian(fit.point, fit.solution.linear),
+                           fit.solution.residual, data.segments().front().h);
 }
 
 double condition_number(const Projection& data, const Point& point) {

@@ -58,8 +58,7 @@ struct PoleFit {
 [[nodiscard]] std::optional<PoleFit> pole_search(const Projection& data,
                                                  const PoleSearchOptions& options = {});
 
-/// Covariance of all parameters: linear ones, a1..an, shapes (Newey and West 1987: the residuals of
-/// a twin are correlated, and the textbook formula would promise too much).
+/// Covariance of all parameters: linear ones, a1..an, shapes.
 [[nodiscard]] Eigen::MatrixXd covariance(const Projection& data, const PoleFit& fit);
 
 /// 2-norm condition of regressors in mm and s: the unit of the thesis's table 3.1

@@ -1,16 +1,15 @@
 #include "identification/projection.h"
 
-#include <ceres/jet.h>
-
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
+#include "identification/gram_solver.h"
+#include "identification/unit_columns.h"
+
 namespace servotwin {
 
 namespace {
-
-using Jet = ceres::Jet<double, kMaxShapes>;
 
 /// 1/P and, behind it, a second 1/P: y = u/P and g = u/P^2 with all their derivatives below the
 /// order.
@@ -229,10 +228,6 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
     for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
       const std::size_t kind = structure_.effects[i];
       if (identity_of(kind).acts != Acts::kForce) continue;
-      const auto coefficient_count = coefficients_of(kind).size();
-      const auto shape_count = shapes_of(kind).size();
-      Eigen::ArrayXXd forces(n, static_cast<Eigen::Index>(coefficient_count));
-      std::vector<Eigen::ArrayXXd> by_shape;
       const auto motion_at = [&](Eigen::Index k) {
         Motion m;
         m.step_s = s.h;
@@ -243,37 +238,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         m.command_acceleration = command->second(k);
         return m;
       };
-      if (derivatives && shape_count > 0) {
-        by_shape.assign(shape_count,
-                        Eigen::ArrayXXd(n, static_cast<Eigen::Index>(coefficient_count)));
-        std::array<Jet, kMaxShapes> shape{};
-        for (std::size_t p = 0; p < shape_count; ++p)
-          shape[p] = Jet(point.shapes[shape_offset_[i] + p], static_cast<int>(p));
-        EffectMemory<Jet> memory;
-        start_memory<Jet>(kind, shape.data(), memory);
-        std::array<Jet, kMaxCoefficients> force{};
-        for (Eigen::Index k = 0; k < n; ++k) {
-          unit_forces<Jet>(kind, shape.data(), memory, motion_at(k), force.data());
-          for (std::size_t c = 0; c < coefficient_count; ++c) {
-            forces(k, static_cast<Eigen::Index>(c)) = force[c].a;
-            for (std::size_t p = 0; p < shape_count; ++p) {
-              by_shape[p](k, static_cast<Eigen::Index>(c)) =
-                  force[c].v(static_cast<Eigen::Index>(p));
-            }
-          }
-        }
-      } else {
-        std::array<double, kMaxShapes> shape{};
-        for (std::size_t p = 0; p < shape_count; ++p) shape[p] = point.shapes[shape_offset_[i] + p];
-        EffectMemory<double> memory;
-        start_memory<double>(kind, shape.data(), memory);
-        std::array<double, kMaxCoefficients> force{};
-        for (Eigen::Index k = 0; k < n; ++k) {
-          unit_forces<double>(kind, shape.data(), memory, motion_at(k), force.data());
-          for (std::size_t c = 0; c < coefficient_count; ++c)
-            forces(k, static_cast<Eigen::Index>(c)) = force[c];
-        }
-      }
+      const auto [forces, by_shape] =
+          unit_columns(kind, point.shapes.data() + shape_offset_[i], n, motion_at, derivatives);
       for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
         if (slots_[slot].effect != i) continue;
         const auto c = static_cast<Eigen::Index>(slots_[slot].coefficient);
@@ -339,68 +305,6 @@ const Projection::Columns& Projection::columns_at(const Point& point, bool deriv
 }
 
 namespace {
-
-/// Least squares by the Gram matrix of unit-norm columns, with one round of refinement: twice as
-/// fast as QR on tall problems, and as exact where the scaled columns are not degenerate.
-class GramSolver {
- public:
-  explicit GramSolver(const Eigen::MatrixXd& r) : r_(r) {
-    const Eigen::Index n = r.cols();
-    Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(n, n);
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(r.transpose());
-    scale_ = gram.diagonal().cwiseSqrt();
-    for (double& s : scale_) s = s > 0.0 ? 1.0 / s : 0.0;
-    gram_ = scale_.asDiagonal() * Eigen::MatrixXd(gram.selfadjointView<Eigen::Lower>()) *
-            scale_.asDiagonal();
-    // Columns that are not there (all zero) keep a unit pivot; the ridge is far below any measured
-    // digit.
-    for (Eigen::Index i = 0; i < n; ++i) gram_(i, i) = 1.0 + 1e-13;
-    active_.assign(static_cast<std::size_t>(n), true);
-    factorise();
-  }
-  void drop(Eigen::Index column) {
-    active_[static_cast<std::size_t>(column)] = false;
-    factorise();
-  }
-  /// The least squares solution for b; `b` becomes the residual.
-  template <class Vector>
-  Eigen::VectorXd take_out(Vector&& b) const {
-    Eigen::VectorXd x = Eigen::VectorXd::Zero(r_.cols());
-    for (int round = 0; round < 2; ++round) {
-      Eigen::VectorXd right = (scale_.array() * (r_.transpose() * b).array()).matrix();
-      mask(right);
-      Eigen::VectorXd dx = factor_.solve(right);
-      mask(dx);
-      dx.array() *= scale_.array();
-      b.noalias() -= r_ * dx;
-      x += dx;
-    }
-    return x;
-  }
-
- private:
-  void mask(Eigen::VectorXd& v) const {
-    for (std::size_t i = 0; i < active_.size(); ++i) {
-      if (!active_[i]) v(static_cast<Eigen::Index>(i)) = 0.0;
-    }
-  }
-  void factorise() {
-    Eigen::MatrixXd g = gram_;
-    for (std::size_t i = 0; i < active_.size(); ++i) {
-      if (active_[i]) continue;
-      const auto k = static_cast<Eigen::Index>(i);
-      g.row(k).setZero();
-      g.col(k).setZero();
-      g(k, k) = 1.0;
-    }
-    factor_.compute(g);
-  }
-  const Eigen::MatrixXd& r_;
-  Eigen::VectorXd scale_;
-  Eigen::MatrixXd gram_;
-  std::vector<bool> active_;
-  Eigen::LDLT<Eigen::MatrixXd> factor_;
-};
 
 /// Solves with the coefficients that may not be negative held at 0 where they would be.
 template <class Slots>

@@ -10,6 +10,7 @@
 #include <variant>
 
 #include "twin/effect.h"
+#include "twin/effects/asymmetric_friction.h"
 #include "twin/effects/constant_force.h"
 #include "twin/effects/coulomb_friction.h"
 #include "twin/effects/dahl.h"
@@ -36,12 +37,13 @@ using Catalogue = std::tuple<CoulombFriction,      //
                              Dahl,                 //
                              Stribeck,             //
                              ModifiedStribeck,     //
-                             FrictionMap>;
+                             FrictionMap,          //
+                             AsymmetricFriction>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model
 inline constexpr int kMaxShapes = 8;        ///< shape parameters of one effect
-inline constexpr int kMaxCoefficients = 8;  ///< coefficients of one effect
+inline constexpr int kMaxCoefficients = 9;  ///< coefficients of one effect
 
 namespace detail {
 template <class T, class Tuple>

@@ -56,7 +56,14 @@ struct Parameter {
   std::string_view meaning;
   bool with_free_loop =
       true;  ///< false: the free loop already contains it; fitted only against a held loop
+  bool resists = false;  ///< of the whole friction, no part of it in a loop, this is not negative
 };
+
+/// Of friction models of one symmetric force. The poles of a free loop contain it.
+inline constexpr Parameter kViscous{
+    "viscous", "1/s", 0.0,
+    1000.0,    0.0,   "viscous friction per moved mass, beyond what the poles hold",
+    false};
 
 /// Of effects that depend on the present motion alone.
 struct NoMemory {

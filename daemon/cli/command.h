@@ -25,6 +25,9 @@ struct Command {
 [[nodiscard]] Command add_identify(CLI::App& app);
 [[nodiscard]] Command add_predict(CLI::App& app);
 [[nodiscard]] Command add_simulate(CLI::App& app);
+[[nodiscard]] Command add_motion_law(CLI::App& app);
+[[nodiscard]] Command add_characterize(CLI::App& app);
+[[nodiscard]] Command add_sequence(CLI::App& app);
 [[nodiscard]] Command add_replay(CLI::App& app);
 [[nodiscard]] Command add_watch(CLI::App& app);
 [[nodiscard]] Command add_check_config(CLI::App& app);

@@ -339,17 +339,34 @@ TEST(Stribeck, ForcesOfThePaper) {
   EXPECT_NEAR(axis.move(-0.05e-3), -879.2, 0.05);
 }
 
-TEST(ModifiedStribeck, IsContinuousThroughRestAndOdd) {
+TEST(ModifiedStribeck, IsContinuousThroughRest) {
   Effect effect = make_effect<ModifiedStribeck>();
-  effect.shape = {0.006, 1.2, 1e-4};
-  effect.coefficient = {600.0, 300.0, 1900.0};
+  effect.shape = {0.006, 0.008, 1.2, 1e-4};
+  effect.coefficient = {600.0, 700.0, 300.0, 200.0, 1900.0, 2500.0};
   Along axis(effect);
   EXPECT_EQ(axis.move(0.0), 0.0);
   // tanh(v / limit) (F_c + drop) to first order.
   EXPECT_NEAR(axis.move(1e-10), 900.0 * 1e-7 / 1e-4, 2e-3);
-  for (double v : {1e-5, 1e-3, 0.02, 0.3})
-    EXPECT_DOUBLE_EQ(axis.move(v * 1e-3), -axis.move(-v * 1e-3));
+  EXPECT_NEAR(axis.move(-1e-10), -900.0 * 1e-7 / 1e-4, 2e-3);
+  // Far above v_s and the limit: Coulomb and viscous force of the direction.
   EXPECT_NEAR(axis.move(0.3e-3), 600.0 + 1900.0 * 0.3, 1e-6);
+  EXPECT_NEAR(axis.move(-0.3e-3), -700.0 - 2500.0 * 0.3, 1e-6);
+  // At v_s the drop has fallen to 1/e.
+  EXPECT_NEAR(axis.move(0.006e-3), 600.0 + 300.0 / std::numbers::e + 1900.0 * 0.006, 1e-9);
+}
+
+TEST(AsymmetricFriction, SplitsCoulombAndViscousFrictionByDirection) {
+  Effect effect = make_effect<AsymmetricFriction>();
+  effect.shape = {1e-3};
+  effect.coefficient = {-0.24, -36.86};
+  Effect symmetric = make_effect<CoulombFriction>();
+  symmetric.shape = {1e-3};
+  symmetric.coefficient = {20.39, 203.56};
+  Along axis(effect), other(symmetric);
+  // The published pairs of the EMPS axis: 20.15 and 20.63 N, 166.7 and 240.4 N s/m.
+  EXPECT_NEAR(axis.move(0.1e-3) + other.move(0.1e-3), 20.15 + 166.7 * 0.1, 1e-9);
+  EXPECT_NEAR(axis.move(-0.1e-3) + other.move(-0.1e-3), -20.63 - 240.42 * 0.1, 1e-9);
+  EXPECT_EQ(axis.move(0.0), 0.0);
 }
 
 }  // namespace

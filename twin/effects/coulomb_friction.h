@@ -24,9 +24,7 @@ struct CoulombFriction {
       {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
         "velocity at which the friction force is fully developed"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"},
-       {"viscous", "1/s", 0.0, 1000.0, 0.0,
-        "viscous friction per moved mass, beyond what the poles hold", false}}};
+      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};
   template <class T>
   using Memory = NoMemory;
 

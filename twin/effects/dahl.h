@@ -20,8 +20,8 @@ struct Dahl {
                                       .confused = "presliding, lugre"};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"deflection", "m", 2e-8, 2e-3, 5e-6, "Coulomb force over initial stiffness"}}};
-  static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}}};
+  static constexpr std::array<Parameter, 2> kCoefficients{
+      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};
 
   template <class T>
   struct Memory {
@@ -37,6 +37,7 @@ struct Dahl {
       memory.force = level + (memory.force - level) * exp(-std::abs(m.displacement) / shape[0]);
     }
     force[0] = memory.force;
+    force[1] = T(m.velocity);
   }
 };
 

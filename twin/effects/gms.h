@@ -31,7 +31,7 @@ struct Gms {
        {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3, "velocity over which one turns to the other"},
        {"attraction", "1/s", 0.1, 1e5, 100.0,
         "C over Coulomb force: how fast sliding nears its level"}}};
-  static constexpr std::array<Parameter, kElements> kCoefficients{
+  static constexpr std::array<Parameter, kElements + 1> kCoefficients{
       {{"level_1", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
        {"level_2", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
        {"level_3", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
@@ -39,7 +39,8 @@ struct Gms {
        {"level_5", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
        {"level_6", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
        {"level_7", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_8", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"}}};
+       {"level_8", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+       kViscous}};
 
   template <class T>
   struct Memory {
@@ -65,6 +66,7 @@ struct Gms {
                                 m.step_s);
       force[i] = memory.element[i].force;
     }
+    force[kElements] = T(m.velocity);
   }
 };
 

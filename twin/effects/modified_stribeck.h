@@ -1,30 +1,32 @@
-// Stribeck friction that is continuous through rest (paper 001 eq. 2, with tanh over the whole
-// bracket: as printed, over the exponential term alone, the force would keep its jump at rest).
+// Stribeck friction that is continuous through rest, its two directions apart (paper 001 eq. 2,
+// with tanh over the whole bracket: as printed, over the exponential term alone, the force would
+// keep its jump at rest).
 //
-//   d = [coulomb + drop exp(-(|v| / v_s)^delta)] tanh(v / velocity_limit) + viscous v
+//   v > 0:  d = [coulomb_plus  + drop_plus  exp(-(|v| / v_s+)^delta)] tanh(v / velocity_limit)
+//               + viscous_plus v,   v < 0 likewise with the values of minus
 #pragma once
 
 #include <array>
 #include <cmath>
 
 #include "twin/effect.h"
+#include "twin/effects/stribeck.h"
 
 namespace servotwin {
 
 struct ModifiedStribeck {
-  static constexpr Identity kIdentity{.id = "modified_stribeck",
-                                      .meaning = "Stribeck friction, continuous through rest",
-                                      .acts = Acts::kForce,
-                                      .source = "paper 001 eq. 2",
-                                      .confused = "stribeck"};
-  static constexpr std::array<Parameter, 3> kShapes{
-      {{"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3, "v_s"},
-       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "delta"},
-       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3, "1 / k_s"}}};
-  static constexpr std::array<Parameter, 3> kCoefficients{
-      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"},
-       {"drop", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb"},
-       {"viscous", "1/s", 0.0, 1000.0, 0.0, "viscous friction, beyond the poles", false}}};
+  static constexpr Identity kIdentity{
+      .id = "modified_stribeck",
+      .meaning = "Stribeck friction, continuous through rest, by direction",
+      .acts = Acts::kForce,
+      .source = "paper 001 eq. 2",
+      .confused = "stribeck"};
+  static constexpr std::array<Parameter, 4> kShapes{
+      {Stribeck::kShapes[0],
+       Stribeck::kShapes[1],
+       Stribeck::kShapes[2],
+       {"velocity_limit", "m/s", 2e-6, 2e-2, 1e-3, "1 / k_s"}}};
+  static constexpr std::array<Parameter, 6> kCoefficients = Stribeck::kCoefficients;
   template <class T>
   using Memory = NoMemory;
 
@@ -34,11 +36,13 @@ struct ModifiedStribeck {
     using std::exp;
     using std::pow;
     using std::tanh;
+    const std::size_t here = m.velocity >= 0.0 ? 0 : 1;
     const double speed = std::abs(m.velocity);
-    const T direction = tanh(m.velocity / shape[2]);
-    force[0] = direction;
-    force[1] = speed > 0.0 ? direction * exp(-pow(speed / shape[0], shape[1])) : T(0.0);
-    force[2] = T(m.velocity);
+    const T direction = tanh(m.velocity / shape[3]);
+    for (std::size_t i = 0; i < 6; ++i) force[i] = T(0.0);
+    force[here] = direction;
+    force[2 + here] = speed > 0.0 ? direction * exp(-pow(speed / shape[here], shape[2])) : T(0.0);
+    force[4 + here] = T(m.velocity);
   }
 };
 

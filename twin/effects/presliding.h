@@ -27,8 +27,8 @@ struct Presliding {
         "travel from rest after which the axis slides"},
        {"shape_factor", "1", 0.02, kMostShape, 0.5,
         "0: force grows straight with travel, towards 1: at once"}}};
-  static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}}};
+  static constexpr std::array<Parameter, 2> kCoefficients{
+      {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}, kViscous}};
 
   template <class T>
   struct Memory {
@@ -50,6 +50,7 @@ struct Presliding {
       sum += memory.force[i];
     }
     force[0] = sum;
+    force[1] = T(m.velocity);
   }
 };
 

@@ -34,9 +34,10 @@ struct Stribeck {
        {"drop_plus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v > 0"},
        {"drop_minus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v < 0"},
        {"viscous_plus", "1/s", -1000.0, 1000.0, 0.0, "viscous friction, beyond the poles, v > 0",
-        false},
+        false, true},
        {"viscous_minus", "1/s", -1000.0, 1000.0, 0.0,
-        "viscous friction, beyond the poles, v < 0; with free poles: less that of v > 0"}}};
+        "viscous friction, beyond the poles, v < 0; with free poles: less that of v > 0", true,
+        true}}};
   template <class T>
   using Memory = NoMemory;
 

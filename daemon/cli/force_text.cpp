@@ -1,0 +1,100 @@
+#include "daemon/cli/force_text.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "daemon/cli/output.h"
+#include "identification/joint.h"
+
+namespace servotwin::cli {
+
+std::string ForceUnit::of(std::string_view per_mass) const {
+  if (per_mass == "m/s^2") return name;
+  if (per_mass == "1/s") return name + (rotary ? " s/rad" : " s/m");
+  return std::string(per_mass);
+}
+
+std::string ForceUnit::of_mass() const {
+  if (!rotary && name == "N") return "kg";
+  if (rotary && name == "Nm") return "kg m^2";
+  return name + (rotary ? " per rad/s^2" : " per m/s^2");
+}
+
+ForceUnit force_unit(const std::string& torque_unit, bool rotary, double lead) {
+  if (lead > 0.0) return {"N", lead / (2.0 * std::numbers::pi), rotary};
+  return {torque_unit, 1.0, rotary};
+}
+
+std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass, const ForceUnit& unit) {
+  const auto value = [](double v, double sd, const std::string& of) {
+    std::string out = text("%.4g", v);
+    if (std::isfinite(sd) && sd > 0.0) out += text(" +- %.2g", sd);
+    return out + (of == "1" ? "" : " " + of);
+  };
+  std::vector<std::string> lines;
+  if (with_mass) {
+    lines.push_back("moved mass  " + value(fit.model.mass / unit.scale,
+                                           fit.mass_deviation / unit.scale, unit.of_mass()));
+  }
+  for (std::size_t i = 0; i < fit.model.effects.size(); ++i) {
+    const Effect& effect = fit.model.effects[i];
+    std::string line = "effect      " + std::string(identity_of(effect.kind).id) + "  ";
+    std::size_t k = 0;
+    for (const Parameter& p : coefficients_of(effect.kind)) {
+      line += (k == 0 ? "" : ", ") + std::string(p.name) + " " +
+              value(effect.coefficient[k] / unit.scale,
+                    fit.deviations[i].coefficient[k] / unit.scale, unit.of(p.unit));
+      ++k;
+    }
+    k = 0;
+    for (const Parameter& p : shapes_of(effect.kind)) {
+      line += ", " + std::string(p.name) + " " +
+              value(effect.shape[k], fit.deviations[i].shape[k], unit.of(p.unit));
+      ++k;
+    }
+    lines.push_back(std::move(line));
+  }
+  return lines;
+}
+
+nlohmann::json force_json(const ForceFit& fit, bool with_mass, const ForceUnit& unit) {
+  using nlohmann::json;
+  json out;
+  if (with_mass) {
+    out["mass"] = {{"value", fit.model.mass / unit.scale},
+                   {"unit", unit.of_mass()},
+                   {"sd", fit.mass_deviation / unit.scale}};
+  }
+  json effects = json::array();
+  for (std::size_t i = 0; i < fit.model.effects.size(); ++i) {
+    const Effect& effect = fit.model.effects[i];
+    json parameters = json::object();
+    std::size_t k = 0;
+    for (const Parameter& p : coefficients_of(effect.kind)) {
+      parameters[std::string(p.name)] = {{"value", effect.coefficient[k] / unit.scale},
+                                         {"unit", unit.of(p.unit)},
+                                         {"sd", fit.deviations[i].coefficient[k] / unit.scale}};
+      ++k;
+    }
+    k = 0;
+    for (const Parameter& p : shapes_of(effect.kind)) {
+      parameters[std::string(p.name)] = {{"value", effect.shape[k]},
+                                         {"unit", unit.of(p.unit)},
+                                         {"sd", fit.deviations[i].shape[k]}};
+      ++k;
+    }
+    effects.push_back({{"id", identity_of(effect.kind).id}, {"parameters", parameters}});
+  }
+  out["effects"] = effects;
+  return out;
+}
+
+std::vector<std::string> torque_frictions() {
+  std::vector<std::string> ids;
+  for (const std::size_t kind : friction_kinds()) ids.emplace_back(identity_of(kind).id);
+  ids.emplace_back(identity_of(kind_of<FrictionMap>()).id);
+  return ids;
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,286 @@
+// servotwin sequence: the friction that a part adds, from recordings without and with it (paper
+// 002).
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "daemon/cli/command.h"
+#include "daemon/cli/force_text.h"
+#include "daemon/cli/options.h"
+#include "daemon/cli/output.h"
+#include "diagnosis/plot.h"
+#include "identification/friction_from_torque.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kMilli = 1e-3;
+
+struct Arguments {
+  RecordingOptions bare, covered;
+  std::vector<std::filesystem::path> verify_bare, verify_covered;
+  std::filesystem::path result, plot;
+  std::string axis, friction = "lugre";
+  double lead_mm = 0.0, bandwidth_hz = 0.0;
+  int substeps = 8;
+};
+
+struct Torque {
+  SegmentedAxis axis;
+  ForceData data;
+};
+
+Torque read(RecordingOptions options, const std::filesystem::path& file, const Arguments& arguments,
+            const std::string& name, std::FILE* people) {
+  options.file = file;
+  Torque out{segment_axis(options.read(people), name), {}};
+  if (out.axis.torque_unit.empty())
+    throw std::runtime_error(file.string() + ": axis " + name + " has no torque");
+  require_motion(out.axis);
+  for (const std::string& line : out.axis.report.lines()) say(people, line);
+  out.data = ForceData::of_motion(out.axis.segments, arguments.bandwidth_hz, arguments.substeps);
+  return out;
+}
+
+/// What the added part takes of the torque, at the steady velocities of a recording.
+struct Share {
+  double velocity = 0.0;
+  double measured = kAbsent;  ///< (mean torque - bare model) / mean torque
+  double modelled = 0.0;
+  double element = 0.0;  ///< measured torque of the part, against the motion
+};
+
+std::vector<Share> shares_of(const std::vector<Segment>& segments, const ForceModel& bare,
+                             const ForceModel& added) {
+  std::vector<Share> out;
+  for (const Ramp& ramp : ramps_of(segments)) {
+    if (ramp.stick_slip) continue;
+    const double below = steady_force(bare, ramp.velocity),
+                 part = steady_force(added, ramp.velocity);
+    const double sign = ramp.velocity > 0.0 ? 1.0 : -1.0;
+    out.push_back({ramp.velocity, (ramp.torque - below) / ramp.torque, part / (below + part),
+                   sign * (ramp.torque - below)});
+  }
+  return out;
+}
+
+double mean_of(const std::vector<Share>& shares, double sign, double Share::*value) {
+  double sum = 0.0;
+  int count = 0;
+  for (const Share& share : shares) {
+    if (sign != 0.0 && share.velocity * sign < 0.0) continue;
+    sum += share.*value;
+    ++count;
+  }
+  return count > 0 ? sum / count : kAbsent;
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.result, arguments.plot});
+  const Torque bare = read(arguments.bare, arguments.bare.file, arguments, arguments.axis, people);
+  const Torque covered =
+      read(arguments.bare, arguments.covered.file, arguments, arguments.axis, people);
+  if (covered.axis.torque_unit != bare.axis.torque_unit) {
+    throw std::runtime_error(covered.axis.source + ": its torque is in " +
+                             covered.axis.torque_unit + ", that of " + bare.axis.source + " in " +
+                             bare.axis.torque_unit);
+  }
+  if (arguments.lead_mm > 0.0 && (bare.axis.rotary || bare.axis.torque_unit != "Nm"))
+    throw UsageError("--lead needs a linear axis whose torque is in Nm");
+  const ForceUnit unit =
+      force_unit(bare.axis.torque_unit, bare.axis.rotary, arguments.lead_mm * kMilli);
+  const std::size_t kind = kind_of(arguments.friction);
+
+  std::optional<ForceFit> drive, part, unlike;
+  {
+    const Progress progress("fitting the bare axis, then what was added");
+    drive = fit_force(bare.data, {true, {kind, kind_of<ConstantForce>()}});
+    if (!drive) throw std::runtime_error(bare.axis.source + ": no finite fit of the bare axis");
+    const Eigen::VectorXd frozen = force_of(drive->model, covered.data);
+    part = fit_force(covered.data, {true, {kind}}, {}, frozen);
+    if (!part) throw std::runtime_error(covered.axis.source + ": no finite fit of what was added");
+    // The same element with unlike directions, its shapes held: what a symmetric one cannot show.
+    ForceFitOptions held;
+    held.shapes.emplace(
+        part->model.effects[0].shape.begin(),
+        part->model.effects[0].shape.begin() + static_cast<std::ptrdiff_t>(shapes_of(kind).size()));
+    held.shapes->push_back(AsymmetricFriction::kShapes[0].start);
+    unlike = fit_force(covered.data, {true, {kind, kind_of<AsymmetricFriction>()}}, held, frozen);
+  }
+  const auto error_text = [&](const ForceError& e) {
+    return text("%9.4g %s RMS %9.4g %s MAX %8.3f %% of the torque", e.rms / unit.scale,
+                unit.name.c_str(), e.max / unit.scale, unit.name.c_str(), 100.0 * e.relative);
+  };
+  say(people, "bare axis");
+  for (const std::string& line : force_lines(*drive, true, unit)) say(people, "  " + line);
+  say(people, "  fitted      " + error_text(drive->error));
+  say(people, "added, with the bare axis held");
+  for (const std::string& line : force_lines(*part, true, unit)) say(people, "  " + line);
+
+  const auto together = [&](const Torque& torque, bool with_part) {
+    Eigen::VectorXd left = torque.data.force() - force_of(drive->model, torque.data);
+    if (with_part) left -= force_of(part->model, torque.data);
+    return ForceError{std::sqrt(left.squaredNorm() / static_cast<double>(left.size())),
+                      left.cwiseAbs().maxCoeff(), left.norm() / torque.data.force().norm()};
+  };
+  const ForceError fitted = together(covered, true), without = together(covered, false);
+  say(people, "  fitted      " + error_text(fitted));
+  say(people, "  without it  " + error_text(without));
+
+  std::vector<Share> shares = shares_of(covered.axis.segments, drive->model, part->model);
+  json verified = json::array();
+  const auto verify = [&](const std::vector<std::filesystem::path>& files, bool with_part) {
+    for (const auto& file : files) {
+      const Torque torque = read(arguments.bare, file, arguments, arguments.axis, people);
+      const ForceError e = together(torque, with_part);
+      if (with_part) {
+        const auto more = shares_of(torque.axis.segments, drive->model, part->model);
+        shares.insert(shares.end(), more.begin(), more.end());
+      }
+      say(people, "verified    " + error_text(e) + "  (" + file.filename().string() +
+                      ", not seen by the fit)");
+      verified.push_back({{"source", file.filename().string()},
+                          {"covered", with_part},
+                          {"rms", e.rms / unit.scale},
+                          {"max", e.max / unit.scale},
+                          {"relative", e.relative}});
+    }
+  };
+  verify(arguments.verify_bare, false);
+  verify(arguments.verify_covered, true);
+
+  std::sort(shares.begin(), shares.end(), [](const Share& l, const Share& r) {
+    return std::abs(l.velocity) < std::abs(r.velocity);
+  });
+  double ratio = kAbsent;
+  json share_json = json::array();
+  if (shares.empty()) {
+    say(people, "share       not known: the covered recording has no constant velocity");
+  } else {
+    const auto [least, most] =
+        std::minmax_element(shares.begin(), shares.end(),
+                            [](const Share& l, const Share& r) { return l.measured < r.measured; });
+    say(people,
+        text("share       of the torque at steady speed: %.1f to %.1f %% measured; the model says "
+             "%.1f %% at the slowest (%.3g mm/s), %.1f %% at the fastest (%.4g mm/s)",
+             100.0 * least->measured, 100.0 * most->measured, 100.0 * shares.front().modelled,
+             std::abs(shares.front().velocity) / kMilli, 100.0 * shares.back().modelled,
+             std::abs(shares.back().velocity) / kMilli));
+    for (const Share& share : shares) {
+      share_json.push_back({{"velocity", share.velocity},
+                            {"measured", share.measured},
+                            {"modelled", share.modelled}});
+    }
+    const double plus = mean_of(shares, 1.0, &Share::element),
+                 minus = mean_of(shares, -1.0, &Share::element);
+    if (std::isfinite(plus) && std::isfinite(minus) && plus > 0.0) {
+      ratio = minus / plus;
+      say(people,
+          text("directions  it takes %.4g %s in the negative direction and %.4g %s in the "
+               "positive one: %.3f times",
+               minus / unit.scale, unit.name.c_str(), plus / unit.scale, unit.name.c_str(), ratio));
+    }
+  }
+  if (unlike) {
+    say(people, text("            unlike directions in the model: %.4g %s RMS in place of %.4g",
+                     unlike->error.rms / unit.scale, unit.name.c_str(), fitted.rms / unit.scale));
+  }
+
+  if (!arguments.plot.empty()) {
+    const Eigen::VectorXd base = force_of(drive->model, covered.data);
+    const Eigen::VectorXd all = base + force_of(part->model, covered.data);
+    PlotSeries measured{"measured", {}, {}, true, ""}, modelled{"bare + added", {}, {}, true, ""},
+        alone{"bare", {}, {}, true, ""};
+    for (Eigen::Index k = 0; k < all.size(); ++k) {
+      const double t = covered.data.step_s() * static_cast<double>(k);
+      for (PlotSeries* series : {&measured, &modelled, &alone}) series->x.push_back(t);
+      measured.y.push_back(covered.data.force()(k) / unit.scale);
+      modelled.y.push_back(all(k) / unit.scale);
+      alone.y.push_back(base(k) / unit.scale);
+    }
+    PlotSeries points{"measured", {}, {}, false, ""}, curve{"model", {}, {}, false, ""};
+    for (const Share& share : shares) {
+      points.x.push_back(share.velocity / kMilli);
+      points.y.push_back(100.0 * share.measured);
+      curve.x.push_back(share.velocity / kMilli);
+      curve.y.push_back(100.0 * share.modelled);
+    }
+    std::vector<PlotPanel> panels{{"torque with the added part",
+                                   "time [s]",
+                                   "[" + unit.name + "]",
+                                   false,
+                                   {measured, modelled, alone}}};
+    if (!shares.empty()) {
+      panels.push_back({"share of the torque at steady speed",
+                        "velocity [mm/s | mrad/s]",
+                        "share [%]",
+                        false,
+                        {points, curve}});
+    }
+    write_result(arguments.plot, plot_svg(panels));
+  }
+  if (!arguments.result.empty()) {
+    json out;
+    out["schema"] = "servotwin.sequence/1";
+    out["axis"] = arguments.axis;
+    out["bare"] = force_json(*drive, true, unit);
+    out["added"] = force_json(*part, true, unit);
+    out["fitted"] = {{"rms", fitted.rms / unit.scale}, {"relative", fitted.relative}};
+    out["verified"] = verified;
+    out["share"] = share_json;
+    out["direction_ratio"] = std::isfinite(ratio) ? json(ratio) : json();
+    write_json(arguments.result, out);
+  }
+}
+
+}  // namespace
+
+Command add_sequence(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "sequence", "The friction that a part adds, from recordings without and with it.");
+  command.add_option("--bare", arguments->bare.file, "recording of the axis without the part")
+      ->type_name("A.csv")
+      ->required();
+  command.add_option("--covered", arguments->covered.file, "recording of the axis with the part")
+      ->type_name("B.csv")
+      ->required();
+  command.add_option("--axis", arguments->axis, "axis of the recordings")
+      ->type_name("X")
+      ->required();
+  command.add_option("--columns", arguments->bare.read_options.columns, "names for foreign files")
+      ->type_name("MAP");
+  command.add_option("--friction", arguments->friction, "friction model of both (default lugre)")
+      ->check(CLI::IsMember(torque_frictions()).name(""))
+      ->type_name("ID");
+  command
+      .add_option("--verify-bare", arguments->verify_bare,
+                  "recordings without the part that judge and are not fitted")
+      ->type_name("C.csv");
+  command
+      .add_option("--verify", arguments->verify_covered,
+                  "recordings with the part that judge and are not fitted")
+      ->type_name("D.csv");
+  command
+      .add_option("--lead", arguments->lead_mm,
+                  "lead of the screw [mm]: tells torques in Nm as forces in N")
+      ->type_name("MM")
+      ->check(CLI::PositiveNumber.name(""));
+  command
+      .add_option("--bandwidth", arguments->bandwidth_hz,
+                  "up to which torque and model are compared [Hz]; 0 (default): all, for a fine "
+                  "encoder")
+      ->type_name("HZ")
+      ->check(CLI::NonNegativeNumber.name(""));
+  command
+      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      ->type_name("OUT");
+  command.add_option("--plot", arguments->plot, "write a picture of torque and shares here (SVG)")
+      ->type_name("OUT.svg");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,175 @@
+#include "diagnosis/plot.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <stdexcept>
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kWidth = 560.0, kHeight = 380.0;  // of a panel
+constexpr double kLeft = 64.0, kRight = 16.0, kTop = 54.0, kBottom = 48.0;
+constexpr double kLegend = 42.0, kLetter = 6.6;  // its line; a letter is about this wide
+constexpr std::array<const char*, 6> kPalette = {"#3b7dd8", "#d9542b", "#2f9e58",
+                                                 "#9b59b6", "#c79a1b", "#6b7785"};
+
+template <class... T>
+std::string text(const char* format, T... values) {
+  std::array<char, 256> buffer{};
+  std::snprintf(buffer.data(), buffer.size(), format, values...);
+  return buffer.data();
+}
+
+std::string escaped(const std::string& given) {
+  std::string out;
+  for (const char c : given) {
+    if (c == '&') {
+      out += "&amp;";
+    } else if (c == '<') {
+      out += "&lt;";
+    } else if (c == '>') {
+      out += "&gt;";
+    } else {
+      out += c;
+    }
+  }
+  return out;
+}
+
+/// One axis of a panel: from a value to a place.
+struct Scale {
+  double low = 0.0, high = 1.0;  // of log10 where logarithmic
+  double begin = 0.0, end = 1.0;
+  bool logarithmic = false;
+
+  [[nodiscard]] double at(double value) const {
+    const double v = logarithmic ? std::log10(value) : value;
+    return begin + (v - low) / (high - low) * (end - begin);
+  }
+  [[nodiscard]] std::vector<double> ticks() const {
+    std::vector<double> out;
+    if (logarithmic) {
+      for (double e = std::ceil(low - 1e-9); e <= high + 1e-9; e += 1.0)
+        out.push_back(std::pow(10.0, e));
+      return out;
+    }
+    const double rough = (high - low) / 5.0;
+    const double decade = std::pow(10.0, std::floor(std::log10(rough)));
+    double step = 10.0 * decade;
+    for (const double factor : {5.0, 2.0, 1.0}) {
+      if (factor * decade >= rough) step = factor * decade;
+    }
+    for (double v = std::ceil(low / step) * step; v <= high + 1e-9 * step; v += step)
+      out.push_back(std::abs(v) < 1e-9 * step ? 0.0 : v);
+    return out;
+  }
+};
+
+bool shown(const PlotPanel& panel, double x, double y) {
+  return std::isfinite(x) && std::isfinite(y) && (!panel.logarithmic_x || x > 0.0);
+}
+
+std::string panel_svg(const PlotPanel& panel, double offset) {
+  Scale x, y;
+  x.logarithmic = panel.logarithmic_x;
+  x.low = y.low = std::numeric_limits<double>::infinity();
+  x.high = y.high = -x.low;
+  for (const PlotSeries& s : panel.series) {
+    for (std::size_t i = 0; i < std::min(s.x.size(), s.y.size()); ++i) {
+      if (!shown(panel, s.x[i], s.y[i])) continue;
+      const double place = x.logarithmic ? std::log10(s.x[i]) : s.x[i];
+      x.low = std::min(x.low, place);
+      x.high = std::max(x.high, place);
+      y.low = std::min(y.low, s.y[i]);
+      y.high = std::max(y.high, s.y[i]);
+    }
+  }
+  if (!(x.low <= x.high)) throw std::invalid_argument("plot '" + panel.title + "' has no points");
+  for (Scale* scale : {&x, &y}) {
+    const double margin = scale->high > scale->low ? 0.05 * (scale->high - scale->low)
+                                                   : 0.5 * std::max(1e-12, std::abs(scale->low));
+    scale->low -= margin;
+    scale->high += margin;
+  }
+  x.begin = offset + kLeft;
+  x.end = offset + kWidth - kRight;
+  y.begin = kHeight - kBottom;
+  y.end = kTop;
+
+  std::string out;
+  const auto label = [&](double px, double py, const char* anchor, const std::string& words,
+                         const char* more = "") {
+    out += text("<text x='%.1f' y='%.1f' text-anchor='%s' %s>", px, py, anchor, more) +
+           escaped(words) + "</text>\n";
+  };
+  const auto rule = [&](double x1, double y1, double x2, double y2) {
+    out += text("<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>\n", x1, y1, x2, y2);
+  };
+  label(offset + kWidth / 2.0, 20.0, "middle", panel.title, "class='title'");
+  for (const double v : x.ticks()) {
+    rule(x.at(v), y.begin, x.at(v), y.end);
+    label(x.at(v), y.begin + 16.0, "middle", text("%.4g", v));
+  }
+  for (const double v : y.ticks()) {
+    rule(x.begin, y.at(v), x.end, y.at(v));
+    label(x.begin - 6.0, y.at(v) + 4.0, "end", text("%.4g", v));
+  }
+  label((x.begin + x.end) / 2.0, kHeight - 10.0, "middle", panel.x_label);
+  const double middle = (y.begin + y.end) / 2.0;
+  label(offset + 16.0, middle, "middle", panel.y_label,
+        text("transform='rotate(-90 %.1f %.1f)'", offset + 16.0, middle).c_str());
+
+  std::size_t next = 0;
+  double legend = x.begin;
+  for (const PlotSeries& s : panel.series) {
+    const std::string colour = s.colour.empty() ? kPalette[next++ % kPalette.size()] : s.colour;
+    std::string points;
+    const auto end_line = [&] {
+      if (!points.empty()) {
+        out += "<polyline fill='none' stroke='" + colour + "' stroke-width='1.5' points='" +
+               points + "'/>\n";
+      }
+      points.clear();
+    };
+    for (std::size_t i = 0; i < std::min(s.x.size(), s.y.size()); ++i) {
+      if (!shown(panel, s.x[i], s.y[i])) {
+        end_line();
+      } else if (s.line) {
+        points += text("%.1f,%.1f ", x.at(s.x[i]), y.at(s.y[i]));
+      } else {
+        out += text("<circle r='2.6' cx='%.1f' cy='%.1f' ", x.at(s.x[i]), y.at(s.y[i])) + "fill='" +
+               colour + "'/>\n";
+      }
+    }
+    end_line();
+    if (s.name.empty()) continue;
+    out += text("<rect x='%.1f' y='%.1f' width='10' height='10' ", legend, kLegend - 9.0) +
+           "fill='" + colour + "'/>\n";
+    label(legend + 14.0, kLegend, "start", s.name);
+    legend += 26.0 + kLetter * static_cast<double>(s.name.size());
+  }
+  return out;
+}
+
+}  // namespace
+
+std::string plot_svg(const std::vector<PlotPanel>& panels) {
+  const double width = kWidth * static_cast<double>(panels.size());
+  std::string out = text(
+      "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 %.0f %.0f' width='%.0f' "
+      "height='%.0f'>\n",
+      width, kHeight, width, kHeight);
+  out +=
+      "<style>svg{background:#fff}text{font:12px sans-serif;fill:#222}.title{font-weight:bold;"
+      "font-size:13px}.grid{stroke:#888;stroke-opacity:.25}@media(prefers-color-scheme:dark){svg{"
+      "background:#16181c}text{fill:#ddd}}</style>\n";
+  for (std::size_t i = 0; i < panels.size(); ++i)
+    out += panel_svg(panels[i], kWidth * static_cast<double>(i));
+  return out + "</svg>\n";
+}
+
+}  // namespace servotwin

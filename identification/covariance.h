@@ -1,0 +1,14 @@
+// Covariance of least squares estimates whose residuals hang together (Newey and West 1987): the
+// residuals of a twin are correlated, and the textbook formula would promise too much.
+#pragma once
+
+#include <Eigen/Core>
+
+namespace servotwin {
+
+/// `jacobian` of the residuals by the parameters, one row per sample `h` [s] apart; correlation is
+/// taken over 50 ms, with Bartlett weights. Columns may differ in size by any order.
+[[nodiscard]] Eigen::MatrixXd robust_covariance(const Eigen::MatrixXd& jacobian,
+                                                const Eigen::VectorXd& residual, double h);
+
+}  // namespace servotwin

@@ -1,0 +1,33 @@
+// The virgin curve of friction from measured hysteresis: by halving its reversal branches.
+//
+// Friction with non-local memory leaves a reversal at (x_m, F_m) along
+//   F = F_m - 2 f((x_m - x) / 2),      f: the virgin curve                      (Masing's rule)
+// so that half of the force over half of the travel since a reversal is the virgin curve, whatever
+// the motion before, if that had been sliding long enough. Branches of both directions are
+// averaged: a constant load and unlike directions drop out. What speed does to the force is not
+// taken out: the reversals must be slow. Source: Al-Bender, Lampaert and Swevers 2005; thesis 4.3.
+//
+// Units: m or rad; the force as recorded. Any thread.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct VirginCurve {
+  Eigen::ArrayXd displacement;  ///< half of the travel since the reversal, rising from 0
+  Eigen::ArrayXd force;         ///< mean over the branches
+  Eigen::ArrayXd deviation;     ///< standard deviation of that mean
+  int branches = 0;
+};
+
+/// From every reversal of the measured motion with at least `travel` [m | rad] before and behind
+/// it. `mass` is the moved mass in the unit of the torque per m/s^2. Throws std::runtime_error
+/// where there is no such reversal or no torque.
+[[nodiscard]] VirginCurve virgin_curve_of(const std::vector<Segment>& segments, double travel,
+                                          double mass);
+
+}  // namespace servotwin

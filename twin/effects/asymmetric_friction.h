@@ -1,0 +1,45 @@
+// What friction in one direction is more than in the other, beside a symmetric friction.
+//
+//   d = coulomb_difference |sat(v / velocity_limit)| + viscous_difference |v|
+//
+// With F = F_c sgn(v) + F_v v:  F_c+- = F_c +- coulomb_difference, F_v+- = F_v +-
+// viscous_difference. A constant force acts at rest as well; the Coulomb difference acts in motion
+// only.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct AsymmetricFriction {
+  static constexpr Identity kIdentity{
+      .id = "asymmetric_friction",
+      .meaning = "friction that differs between the two directions",
+      .acts = Acts::kForce,
+      .source = "Janot, Gautier, Brunot 2019 (EMPS, asymmetric model)",
+      .confused = "gravity_offset, which holds at rest as well; only rest tells them apart"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
+        "velocity at which the friction force is fully developed"}}};
+  static constexpr std::array<Parameter, 2> kCoefficients{
+      {{"coulomb_difference", "m/s^2", -100.0, 100.0, 0.0,
+        "half of what Coulomb friction is more for v > 0, per moved mass"},
+       {"viscous_difference", "1/s", -1000.0, 1000.0, 0.0,
+        "half of what viscous friction is more for v > 0, per moved mass"}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    const double speed = std::abs(m.velocity);
+    const T q = speed / shape[0];
+    force[0] = q > 1.0 ? T(1.0) : q;
+    force[1] = T(speed);
+  }
+};
+
+}  // namespace servotwin

@@ -1,0 +1,87 @@
+#include "twin/low_pass.h"
+
+#include <cmath>
+#include <complex>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+
+namespace servotwin {
+
+namespace {
+
+using Complex = std::complex<double>;
+
+void require(int order, double cutoff) {
+  if (order < 2 || order % 2 != 0)
+    throw std::invalid_argument("low-pass order " + std::to_string(order) + " must be even");
+  if (!(cutoff > 0.0 && cutoff < 0.5)) {
+    throw std::invalid_argument("low-pass cutoff " + std::to_string(cutoff) +
+                                " of the sampling rate must be within (0, 0.5)");
+  }
+}
+
+/// The pole pair of section k of a unit-frequency prototype lies at (-x sin, y cos) of these
+/// angles.
+LowPass from_ellipse(int order, double cutoff, double x, double y) {
+  const double warped = 2.0 * std::tan(std::numbers::pi * cutoff);
+  LowPass out;
+  for (int k = 0; k < order / 2; ++k) {
+    const double angle = std::numbers::pi * (2.0 * k + 1.0) / (2.0 * order);
+    const Complex s = warped * Complex(-x * std::sin(angle), y * std::cos(angle));
+    const Complex z = (2.0 + s) / (2.0 - s);
+    out.push_back({-2.0 * z.real(), std::norm(z)});
+  }
+  return out;
+}
+
+void run(const LowPass& filter, Eigen::ArrayXd& x) {
+  for (const Section& section : filter) {
+    const double gain = (1.0 + section.a1 + section.a2) / 4.0;
+    // At rest on the first sample.
+    double first = x(0) * (1.0 - gain), second = x(0) * (gain - section.a2);
+    for (double& value : x) {
+      const double u = gain * value;
+      const double y = u + first;
+      first = 2.0 * u - section.a1 * y + second;
+      second = u - section.a2 * y;
+      value = y;
+    }
+  }
+}
+
+}  // namespace
+
+LowPass butterworth(int order, double cutoff) {
+  require(order, cutoff);
+  return from_ellipse(order, cutoff, 1.0, 1.0);
+}
+
+LowPass chebyshev(int order, double ripple_db, double cutoff) {
+  require(order, cutoff);
+  if (!(ripple_db > 0.0))
+    throw std::invalid_argument("low-pass ripple " + std::to_string(ripple_db) +
+                                " dB must be positive");
+  const double width = std::asinh(1.0 / std::sqrt(std::pow(10.0, ripple_db / 10.0) - 1.0)) / order;
+  return from_ellipse(order, cutoff, std::sinh(width), std::cosh(width));
+}
+
+Eigen::ArrayXd zero_phase(const LowPass& filter, const Eigen::ArrayXd& x) {
+  const Eigen::Index n = x.size();
+  const Eigen::Index pad = 6 * static_cast<Eigen::Index>(filter.size());
+  if (n <= pad) {
+    throw std::invalid_argument("low-pass: " + std::to_string(n) + " samples, needs more than " +
+                                std::to_string(pad));
+  }
+  Eigen::ArrayXd longer(n + 2 * pad);
+  longer.head(pad) = 2.0 * x(0) - x.segment(1, pad).reverse();
+  longer.segment(pad, n) = x;
+  longer.tail(pad) = 2.0 * x(n - 1) - x.segment(n - 1 - pad, pad).reverse();
+  for (int pass = 0; pass < 2; ++pass) {
+    run(filter, longer);
+    longer.reverseInPlace();
+  }
+  return longer.segment(pad, n);
+}
+
+}  // namespace servotwin
