@@ -156,8 +156,7 @@ ForceData ForceData::of_virgin_curve(const Eigen::ArrayXd& displacement,
     Motion m;
     m.step_s = 1.0;
     m.position = x;
-    m.displacement = x - before;
-    m.velocity = m.displacement;
+    m.displacement = x - before;  // and no speed: it is hysteresis alone
     stretch.motion.push_back(m);
     before = x;
   }

@@ -20,6 +20,7 @@ namespace {
 constexpr double kSearchSamples = 1e7;
 constexpr int kFewestEvaluations = 200, kMostEvaluations = 10'000;
 constexpr unsigned long kSeed = 1;
+constexpr double kUnseen = 1e-9;  // of a unit force
 // Relative decrease of the cost at which a refinement ends.
 constexpr double kRough = 1e-3, kFine = 1e-8;
 
@@ -83,6 +84,10 @@ class ForceProjection {
       row += rows;
     }
     out.regressors.array().colwise() *= used_.array();
+    // A force that these rows never see, be it 1e-200, is none.
+    for (Eigen::Index c = 0; c < out.regressors.cols(); ++c) {
+      if (out.regressors.col(c).cwiseAbs().maxCoeff() < kUnseen) out.regressors.col(c).setZero();
+    }
     for (auto& entry : out.by_shape) entry.derivative.array() *= used_.array();
     return out;
   }

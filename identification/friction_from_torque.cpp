@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -26,11 +27,17 @@ bool by_direction(std::size_t kind) {
          kind == kind_of<FrictionMap>();
 }
 
-void choose(std::vector<FrictionTrial>& trials) {
+/// The simplest, which comes first, whose held-out error is within `slack` of the least.
+void choose(std::vector<FrictionTrial>& trials, double slack) {
   if (trials.empty()) throw std::runtime_error("no friction model could be fitted to the torque");
-  std::min_element(trials.begin(), trials.end(), [](const auto& l, const auto& r) {
-    return l.held_out.rms < r.held_out.rms;
-  })->chosen = true;
+  double least = std::numeric_limits<double>::infinity();
+  for (const FrictionTrial& trial : trials) least = std::min(least, trial.held_out.rms);
+  for (FrictionTrial& trial : trials) {
+    if (trial.held_out.rms > (1.0 + slack) * least) continue;
+    trial.chosen = true;
+    return;
+  }
+  throw std::runtime_error("no friction model predicts the torque that was held out");
 }
 
 /// The part of the segments before or after a share of all their samples.
@@ -83,11 +90,17 @@ std::vector<FrictionTrial> compare_on_ramps(const std::vector<Ramp>& ramps) {
   };
 
   std::vector<FrictionTrial> trials;
-  for (const std::size_t kind :
-       {kind_of<Stribeck>(), kind_of<ModifiedStribeck>(), kind_of<FrictionMap>()}) {
-    const std::vector<Ramp>& shown = kind == kind_of<Stribeck>() ? steady : by_speed;
+  const std::vector<std::vector<std::size_t>> candidates{
+      {kind_of<CoulombFriction>(), kind_of<AsymmetricFriction>()},
+      {kind_of<Stribeck>()},
+      {kind_of<ModifiedStribeck>()},
+      {kind_of<FrictionMap>()}};
+  for (const std::vector<std::size_t>& effects : candidates) {
+    const bool through_rest =
+        effects.front() == kind_of<ModifiedStribeck>() || effects.front() == kind_of<FrictionMap>();
+    const std::vector<Ramp>& shown = through_rest ? by_speed : steady;
     FrictionTrial trial;
-    trial.structure = {false, {kind}};
+    trial.structure = {false, effects};
     const auto fit = fit_force(pairs_of(shown), trial.structure);
     if (!fit) continue;
     trial.fit = *fit;
@@ -116,7 +129,9 @@ std::vector<FrictionTrial> compare_on_ramps(const std::vector<Ramp>& ramps) {
                       left.cwiseAbs().maxCoeff(), left.norm() / torque.norm()};
     trials.push_back(std::move(trial));
   }
-  choose(trials);
+  // The standard error of an RMS of so many pairs (the one-standard-error rule of Breiman et al.
+  // 1984).
+  choose(trials, 1.0 / std::sqrt(2.0 * static_cast<double>(steady.size())));
   return trials;
 }
 
@@ -142,7 +157,7 @@ std::vector<FrictionTrial> compare_on_motion(const std::vector<Segment>& segment
       trials.push_back(std::move(trial));
     }
   }
-  choose(trials);
+  choose(trials, 0.0);
   return trials;
 }
 

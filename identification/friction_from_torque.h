@@ -23,7 +23,8 @@ struct FrictionTrial {
   ForceStructure structure;
   ForceFit fit;         ///< on ramps: to all pairs; on motion: to the first part
   ForceError held_out;  ///< on what the judged fit had not seen
-  bool chosen = false;  ///< the least held-out error
+  bool chosen =
+      false;  ///< the least held-out error; on ramps the simplest within its standard error
 };
 
 /// Throws std::runtime_error where there are too few velocities in either direction.

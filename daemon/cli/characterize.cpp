@@ -321,6 +321,10 @@ void run(const Arguments& arguments) {
                                            : on_reversals(arguments, axis, unit, people);
   }
   for (const std::string& line : force_lines(found.fit, found.with_mass, unit)) say(people, line);
+  if (const auto open = undetermined(found.fit); !open.empty()) {
+    say(people,
+        "note        not determined by these data (+- beyond the value itself): " + listed(open));
+  }
   if (!arguments.result.empty()) {
     json out = force_json(found.fit, found.with_mass, unit);
     out["schema"] = "servotwin.characterization/1";

@@ -90,6 +90,23 @@ nlohmann::json force_json(const ForceFit& fit, bool with_mass, const ForceUnit& 
   return out;
 }
 
+std::vector<std::string> undetermined(const ForceFit& fit) {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < fit.model.effects.size(); ++i) {
+    const Effect& effect = fit.model.effects[i];
+    const auto look = [&](const auto& parameters, const auto& values, const auto& deviations) {
+      std::size_t k = 0;
+      for (const Parameter& p : parameters) {
+        if (!(deviations[k] <= std::abs(values[k])) && values[k] != 0.0) names.emplace_back(p.name);
+        ++k;
+      }
+    };
+    look(coefficients_of(effect.kind), effect.coefficient, fit.deviations[i].coefficient);
+    look(shapes_of(effect.kind), effect.shape, fit.deviations[i].shape);
+  }
+  return names;
+}
+
 std::vector<std::string> torque_frictions() {
   std::vector<std::string> ids;
   for (const std::size_t kind : friction_kinds()) ids.emplace_back(identity_of(kind).id);

@@ -29,6 +29,9 @@ struct ForceUnit {
                                                    const ForceUnit& unit);
 [[nodiscard]] nlohmann::json force_json(const ForceFit& fit, bool with_mass, const ForceUnit& unit);
 
+/// The parameters whose scatter is larger than they are.
+[[nodiscard]] std::vector<std::string> undetermined(const ForceFit& fit);
+
 /// The friction models that a torque can be fitted with.
 [[nodiscard]] std::vector<std::string> torque_frictions();
 

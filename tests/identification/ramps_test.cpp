@@ -106,8 +106,9 @@ TEST(FrictionOnRamps, RecoversTheStribeckParametersOfTheDriveChain) {
   EXPECT_EQ(stick_slip_below(ramps), 0.0);
 
   const auto trials = compare_on_ramps(ramps);
-  ASSERT_EQ(trials.size(), 3U);
-  const FrictionTrial& stribeck = trials.front();
+  ASSERT_EQ(trials.size(), 4U);
+  EXPECT_FALSE(trials[0].chosen);  // Coulomb and viscous alone
+  const FrictionTrial& stribeck = trials[1];
   ASSERT_EQ(stribeck.structure.effects.front(), kind_of<Stribeck>());
   const Effect& found = stribeck.fit.model.effects[0];
   EXPECT_NEAR(found.coefficient[0], 611.18, 2.0);                         // Fc+
