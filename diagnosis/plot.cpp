@@ -12,8 +12,9 @@ namespace servotwin {
 namespace {
 
 constexpr double kWidth = 560.0, kHeight = 380.0;  // of a panel
-constexpr double kLeft = 64.0, kRight = 16.0, kTop = 54.0, kBottom = 48.0;
-constexpr double kLegend = 42.0, kLetter = 6.6;  // its line; a letter is about this wide
+constexpr double kLeft = 64.0, kRight = 16.0, kBottom = 48.0;
+constexpr double kTitle = 20.0, kLine = 18.0;  // of its baseline; from one line to the next
+constexpr double kLetter = 6.6;                // about as wide as one
 constexpr std::array<const char*, 6> kPalette = {"#3b7dd8", "#d9542b", "#2f9e58",
                                                  "#9b59b6", "#c79a1b", "#6b7785"};
 
@@ -53,8 +54,14 @@ struct Scale {
   [[nodiscard]] std::vector<double> ticks() const {
     std::vector<double> out;
     if (logarithmic) {
-      for (double e = std::ceil(low - 1e-9); e <= high + 1e-9; e += 1.0)
-        out.push_back(std::pow(10.0, e));
+      const bool fine = high - low < 2.0;
+      for (double e = std::floor(low); e <= high + 1e-9; e += 1.0) {
+        for (const double factor : {1.0, 2.0, 5.0}) {
+          const double place = e + std::log10(factor);
+          if (place < low - 1e-9 || place > high + 1e-9 || (factor > 1.0 && !fine)) continue;
+          out.push_back(factor * std::pow(10.0, e));
+        }
+      }
       return out;
     }
     const double rough = (high - low) / 5.0;
@@ -73,7 +80,26 @@ bool shown(const PlotPanel& panel, double x, double y) {
   return std::isfinite(x) && std::isfinite(y) && (!panel.logarithmic_x || x > 0.0);
 }
 
+struct Place {
+  double x = 0.0, y = 0.0;
+};
+
+/// Where the names of the series go: line by line under the title.
+std::vector<Place> legend_of(const PlotPanel& panel) {
+  std::vector<Place> places;
+  Place next{kLeft, kTitle + kLine};
+  for (const PlotSeries& s : panel.series) {
+    if (s.name.empty()) continue;
+    const double width = 26.0 + kLetter * static_cast<double>(s.name.size());
+    if (next.x > kLeft && next.x + width > kWidth - kRight) next = {kLeft, next.y + kLine};
+    places.push_back(next);
+    next.x += width;
+  }
+  return places;
+}
+
 std::string panel_svg(const PlotPanel& panel, double offset) {
+  const std::vector<Place> legend = legend_of(panel);
   Scale x, y;
   x.logarithmic = panel.logarithmic_x;
   x.low = y.low = std::numeric_limits<double>::infinity();
@@ -98,7 +124,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   x.begin = offset + kLeft;
   x.end = offset + kWidth - kRight;
   y.begin = kHeight - kBottom;
-  y.end = kTop;
+  y.end = (legend.empty() ? kTitle : legend.back().y) + 12.0;
 
   std::string out;
   const auto label = [&](double px, double py, const char* anchor, const std::string& words,
@@ -109,7 +135,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   const auto rule = [&](double x1, double y1, double x2, double y2) {
     out += text("<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>\n", x1, y1, x2, y2);
   };
-  label(offset + kWidth / 2.0, 20.0, "middle", panel.title, "class='title'");
+  label(offset + kWidth / 2.0, kTitle, "middle", panel.title, "class='title'");
   for (const double v : x.ticks()) {
     rule(x.at(v), y.begin, x.at(v), y.end);
     label(x.at(v), y.begin + 16.0, "middle", text("%.4g", v));
@@ -123,8 +149,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   label(offset + 16.0, middle, "middle", panel.y_label,
         text("transform='rotate(-90 %.1f %.1f)'", offset + 16.0, middle).c_str());
 
-  std::size_t next = 0;
-  double legend = x.begin;
+  std::size_t next = 0, entry = 0;
   for (const PlotSeries& s : panel.series) {
     const std::string colour = s.colour.empty() ? kPalette[next++ % kPalette.size()] : s.colour;
     std::string points;
@@ -147,10 +172,10 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
     }
     end_line();
     if (s.name.empty()) continue;
-    out += text("<rect x='%.1f' y='%.1f' width='10' height='10' ", legend, kLegend - 9.0) +
+    const Place& at = legend[entry++];
+    out += text("<rect x='%.1f' y='%.1f' width='10' height='10' ", offset + at.x, at.y - 9.0) +
            "fill='" + colour + "'/>\n";
-    label(legend + 14.0, kLegend, "start", s.name);
-    legend += 26.0 + kLetter * static_cast<double>(s.name.size());
+    label(offset + at.x + 14.0, at.y, "start", s.name);
   }
   return out;
 }

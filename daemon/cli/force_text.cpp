@@ -1,5 +1,6 @@
 #include "daemon/cli/force_text.h"
 
+#include <cctype>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -26,6 +27,21 @@ ForceUnit force_unit(const std::string& torque_unit, bool rotary, double lead) {
   return {torque_unit, 1.0, rotary};
 }
 
+namespace {
+
+/// "offset_mps2" is the name of a force per moved mass; here it is "offset_n".
+std::string name_of(const Parameter& parameter, const ForceUnit& unit) {
+  constexpr std::string_view kPerMass = "_mps2";
+  std::string name(parameter.name);
+  if (!name.ends_with(kPerMass)) return name;
+  name.resize(name.size() - kPerMass.size() + 1);
+  for (const char c : unit.name == "%" ? "percent" : unit.name)
+    name += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return name;
+}
+
+}  // namespace
+
 std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass, const ForceUnit& unit) {
   const auto value = [](double v, double sd, const std::string& of) {
     std::string out = text("%.4g", v);
@@ -42,14 +58,14 @@ std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass, const 
     std::string line = "effect      " + std::string(identity_of(effect.kind).id) + "  ";
     std::size_t k = 0;
     for (const Parameter& p : coefficients_of(effect.kind)) {
-      line += (k == 0 ? "" : ", ") + std::string(p.name) + " " +
+      line += (k == 0 ? "" : ", ") + name_of(p, unit) + " " +
               value(effect.coefficient[k] / unit.scale,
                     fit.deviations[i].coefficient[k] / unit.scale, unit.of(p.unit));
       ++k;
     }
     k = 0;
     for (const Parameter& p : shapes_of(effect.kind)) {
-      line += ", " + std::string(p.name) + " " +
+      line += ", " + name_of(p, unit) + " " +
               value(effect.shape[k], fit.deviations[i].shape[k], unit.of(p.unit));
       ++k;
     }
@@ -72,16 +88,16 @@ nlohmann::json force_json(const ForceFit& fit, bool with_mass, const ForceUnit& 
     json parameters = json::object();
     std::size_t k = 0;
     for (const Parameter& p : coefficients_of(effect.kind)) {
-      parameters[std::string(p.name)] = {{"value", effect.coefficient[k] / unit.scale},
-                                         {"unit", unit.of(p.unit)},
-                                         {"sd", fit.deviations[i].coefficient[k] / unit.scale}};
+      parameters[name_of(p, unit)] = {{"value", effect.coefficient[k] / unit.scale},
+                                      {"unit", unit.of(p.unit)},
+                                      {"sd", fit.deviations[i].coefficient[k] / unit.scale}};
       ++k;
     }
     k = 0;
     for (const Parameter& p : shapes_of(effect.kind)) {
-      parameters[std::string(p.name)] = {{"value", effect.shape[k]},
-                                         {"unit", unit.of(p.unit)},
-                                         {"sd", fit.deviations[i].shape[k]}};
+      parameters[name_of(p, unit)] = {{"value", effect.shape[k]},
+                                      {"unit", unit.of(p.unit)},
+                                      {"sd", fit.deviations[i].shape[k]}};
       ++k;
     }
     effects.push_back({{"id", identity_of(effect.kind).id}, {"parameters", parameters}});

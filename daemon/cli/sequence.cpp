@@ -40,7 +40,8 @@ Torque read(RecordingOptions options, const std::filesystem::path& file, const A
   if (out.axis.torque_unit.empty())
     throw std::runtime_error(file.string() + ": axis " + name + " has no torque");
   require_motion(out.axis);
-  for (const std::string& line : out.axis.report.lines()) say(people, line);
+  say(people, "read " + file.string());
+  for (const std::string& line : out.axis.report.lines()) say(people, "  " + line);
   out.data = ForceData::of_motion(out.axis.segments, arguments.bandwidth_hz, arguments.substeps);
   return out;
 }
@@ -201,24 +202,26 @@ void run(const Arguments& arguments) {
       modelled.y.push_back(all(k) / unit.scale);
       alone.y.push_back(base(k) / unit.scale);
     }
-    PlotSeries points{"measured", {}, {}, false, ""}, curve{"model", {}, {}, false, ""};
-    for (const Share& share : shares) {
-      points.x.push_back(share.velocity / kMilli);
-      points.y.push_back(100.0 * share.measured);
-      curve.x.push_back(share.velocity / kMilli);
-      curve.y.push_back(100.0 * share.modelled);
-    }
-    std::vector<PlotPanel> panels{{"torque with the added part",
+    std::vector<PlotPanel> panels{{"motor with the added part",
                                    "time [s]",
-                                   "[" + unit.name + "]",
+                                   "torque [" + unit.name + "]",
                                    false,
                                    {measured, modelled, alone}}};
     if (!shares.empty()) {
+      PlotSeries plus{"measured, positive direction", {}, {}, false, ""},
+          minus{"negative", {}, {}, false, ""}, curve{"model", {}, {}, true, ""};
+      for (const Share& share : shares) {
+        PlotSeries& series = share.velocity > 0.0 ? plus : minus;
+        series.x.push_back(std::abs(share.velocity) / kMilli);
+        series.y.push_back(100.0 * share.measured);
+        curve.x.push_back(std::abs(share.velocity) / kMilli);
+        curve.y.push_back(100.0 * share.modelled);
+      }
       panels.push_back({"share of the torque at steady speed",
-                        "velocity [mm/s | mrad/s]",
+                        unit.rotary ? "speed [mrad/s]" : "speed [mm/s]",
                         "share [%]",
-                        false,
-                        {points, curve}});
+                        true,
+                        {plus, minus, curve}});
     }
     write_result(arguments.plot, plot_svg(panels));
   }

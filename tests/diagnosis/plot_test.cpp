@@ -1,0 +1,65 @@
+// Plots: what is drawn where.
+#include "diagnosis/plot.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <regex>
+#include <string>
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+int count(const std::string& text, const std::string& pattern) {
+  const std::regex regex(pattern);
+  return static_cast<int>(
+      std::distance(std::sregex_iterator(text.begin(), text.end(), regex), std::sregex_iterator()));
+}
+
+PlotPanel panel() {
+  return {"a < b", "x [mm]", "y [N]", false, {{"points", {0.0, 10.0}, {1.0, 3.0}, false, ""}}};
+}
+
+TEST(Plot, PutsPointsWhereTheirValuesAre) {
+  const std::string svg = plot_svg({panel()});
+  // 5 % of margin on each side of the area from 64 to 544.
+  EXPECT_THAT(svg, HasSubstr("cx='85.8'"));
+  EXPECT_THAT(svg, HasSubstr("cx='522.2'"));
+  EXPECT_THAT(svg, HasSubstr("a &lt; b"));
+  EXPECT_EQ(count(svg, "<circle"), 2);
+}
+
+TEST(Plot, AGapBreaksALineAndALogarithmicAxisHasNoPlaceForZero) {
+  PlotPanel p = panel();
+  p.logarithmic_x = true;
+  p.series = {{"line",
+               {0.0, 1.0, 10.0, 20.0, 30.0, 100.0},
+               {9.0, 1.0, 2.0, std::nan(""), 3.0, 4.0},
+               true,
+               ""}};
+  const std::string svg = plot_svg({p, p});
+  EXPECT_EQ(count(svg, "<polyline"), 4);  // two parts in each of two panels
+  EXPECT_THAT(svg, HasSubstr(">10</text>"));
+  EXPECT_THAT(svg, Not(HasSubstr("nan")));
+  EXPECT_THAT(svg, Not(HasSubstr("inf")));
+}
+
+TEST(Plot, AFlatLineStillHasAnAxis) {
+  PlotPanel p = panel();
+  p.series = {{"", {1.0, 1.0}, {0.0, 0.0}, true, ""}};
+  const std::string svg = plot_svg({p});
+  EXPECT_THAT(svg, Not(HasSubstr("nan")));
+  EXPECT_THAT(svg, Not(HasSubstr("<rect")));  // no name, no legend
+}
+
+TEST(Plot, RefusesAPanelWithoutPoints) {
+  PlotPanel p = panel();
+  p.series = {{"line", {std::nan("")}, {1.0}, true, ""}};
+  EXPECT_THROW((void)plot_svg({p}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace servotwin
