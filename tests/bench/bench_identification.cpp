@@ -1,8 +1,10 @@
-// The pole search of the record of record.h: 12 s at 1 kHz.
+// The pole search and the joint identification of the records of record.h.
 //
 //   bench_identification [Google Benchmark's options]
-//   bench_identification --record FILE.csv              writes the record for the peer
-//   bench_identification --at REAL_HZ OMEGA_HZ ZETA     prints the RMS [um] at these poles
+//   bench_identification --record FILE.csv              writes the 12 s of production
+//   bench_identification --joint-record FILE.csv        writes 12 s of fast motion and 12 s of slow
+//                                                       reversals
+//   bench_identification --at REAL_HZ OMEGA_HZ ZETA     prints the pole search's RMS [um] there
 //
 // "as the peer" is the problem of pole_search_peer.py: the three poles are searched, the velocity
 // limit of the friction is held, the axis starts at rest. "in full" is what the daemon asks for:
@@ -27,6 +29,7 @@ using namespace servotwin;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kVelocityLimit = 1e-3;  // [m/s], also in pole_search_peer.py
+constexpr double kEncoderStep = 1e-6;    // [m], of the records
 
 enum class Problem { kAsThePeer, kInFull };
 
@@ -78,36 +81,57 @@ void evaluation(benchmark::State& state) {
   for (auto _ : state) benchmark::DoNotOptimize(data.solve(point).cost);
 }
 
-/// Loop and presliding together: steps 1 to 3, and with the output-error polish.
+/// Loop and presliding together, on as many seconds: steps 1 to 3, the problem of joint_peer.py,
+/// and with the output-error polish, which knows the encoder's step.
 void joint(benchmark::State& state, bool polish) {
+  const Segment segment = bench::fast_and_slow_record(static_cast<double>(state.range(0)));
   const Structure structure{.order = 3, .effects = {kind_of<Presliding>()}};
   for ([[maybe_unused]] auto _ : state) {
-    const auto fit = joint_fit({record()}, structure, {}, /*encoder_step=*/0.0, polish);
+    const auto fit = joint_fit({segment}, structure, {}, polish ? kEncoderStep : 0.0, polish);
     if (!fit) {
       state.SkipWithError("the joint identification found nothing");
       return;
     }
-    state.counters["breakaway_um"] = 1e6 * fit->model.effects[0].shape[0];
+    const PoleSet poles = labels_of(fit->model.loop).set[0];
+    const Effect& friction = fit->model.effects[0];
+    state.counters["real_hz"] = poles.real / kTwoPi;
+    state.counters["omega_hz"] = poles.omega / kTwoPi;
+    state.counters["zeta"] = poles.zeta;
+    state.counters["breakaway_mm_s2"] = 1e3 * friction.coefficient[0];
+    state.counters["breakaway_um"] = 1e6 * friction.shape[0];
+    state.counters["shape_factor"] = friction.shape[1];
+    state.counters["rms_um"] =
+        1e6 * std::sqrt(2.0 * fit->fit.solution.cost / static_cast<double>(segment.size()));
+    state.counters["evaluations"] = fit->fit.evaluations;
   }
 }
 
-BENCHMARK_CAPTURE(joint, without polish, false)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(joint, with polish, true)->Unit(benchmark::kMillisecond);
+void lengths(benchmark::internal::Benchmark* run) {
+  for (const int seconds : {6, 12, 24, 48}) run->Arg(seconds);
+  run->Unit(benchmark::kMillisecond);
+}
+
+BENCHMARK_CAPTURE(joint, steps 1 to 3, false)->Apply(lengths);
+BENCHMARK_CAPTURE(joint, with polish, true)->Apply(lengths);
 BENCHMARK_CAPTURE(pole_search, as the peer, Problem::kAsThePeer)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(pole_search, in full, Problem::kInFull)->Unit(benchmark::kMillisecond);
 BENCHMARK(evaluation)->Unit(benchmark::kMillisecond);
 
+int write(const Segment& segment, const char* path) {
+  std::ofstream file(path);
+  if (file) bench::write_csv(segment, file);
+  file.close();
+  if (file) return 0;
+  std::fprintf(stderr, "bench_identification: cannot write %s\n", path);
+  return 1;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc == 3 && std::strcmp(argv[1], "--record") == 0) {
-    std::ofstream file(argv[2]);
-    if (file) bench::write_csv(record(), file);
-    file.close();
-    if (file) return 0;
-    std::fprintf(stderr, "bench_identification: cannot write %s\n", argv[2]);
-    return 1;
-  }
+  if (argc == 3 && std::strcmp(argv[1], "--record") == 0) return write(record(), argv[2]);
+  if (argc == 3 && std::strcmp(argv[1], "--joint-record") == 0)
+    return write(bench::fast_and_slow_record(24.0), argv[2]);
   if (argc == 5 && std::strcmp(argv[1], "--at") == 0) {
     const Projection data = projection(Problem::kAsThePeer);
     const Point point = point_at(std::atof(argv[2]), std::atof(argv[3]), std::atof(argv[4]));

@@ -5,11 +5,13 @@
 // depends on the motion: a real one, with dwells and reversals, and not a constant.
 #include <benchmark/benchmark.h>
 
+#include <array>
 #include <numbers>
 #include <vector>
 
 #include "tests/bench/record.h"
 #include "twin/twin.h"
+#include "twin/virgin_curve.h"
 
 namespace {
 
@@ -44,6 +46,14 @@ Model with_friction(Effect friction) {
   Model model = bench::production_model();
   friction.coefficient[0] = 0.286;  // [m/s^2]
   model.effects = {friction};
+  return model;
+}
+
+/// GMS with eight free elements and Stribeck curve.
+Model with_gms() {
+  Model model = with_friction(make_effect<Gms>());
+  for (std::size_t i = 0; i < Gms::kElements; ++i)
+    model.effects[0].coefficient[i] = 0.286 / static_cast<double>(Gms::kElements);
   return model;
 }
 
@@ -91,11 +101,37 @@ void step(benchmark::State& state, const Model& model) {
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(pieces.size()));
 }
 
+/// The force of reduced GMS friction with this many elements, alone: what grows with them. The
+/// catalogue's effect has ten, and the step that is solved with it evaluates them more than once.
+template <std::size_t kElements>
+void presliding_force(benchmark::State& state) {
+  const Segment& segment = motion();
+  const auto elements = reduced_elements<kElements>(20e-6, 0.7);
+  for ([[maybe_unused]] auto _ : state) {
+    std::array<double, kElements> force{};
+    double sum = 0.0;
+    for (Eigen::Index k = 1; k < segment.size(); ++k) {
+      const double travel = segment.command(k) - segment.command(k - 1);
+      for (std::size_t i = 0; i < kElements; ++i) {
+        force[i] = slip(force[i], elements.stiffness[i], elements.level[i], travel);
+        sum += force[i];
+      }
+    }
+    benchmark::DoNotOptimize(sum);
+  }
+  state.SetItemsProcessed(state.iterations() * (segment.size() - 1));
+}
+
 }  // namespace
 
+BENCHMARK(presliding_force<5>)->Name("friction alone, 5 elements");
+BENCHMARK(presliding_force<10>)->Name("friction alone, 10 elements");
+BENCHMARK(presliding_force<20>)->Name("friction alone, 20 elements");
+BENCHMARK(presliding_force<40>)->Name("friction alone, 40 elements");
 BENCHMARK_CAPTURE(step, order 3 + Coulomb, bench::production_model());
 BENCHMARK_CAPTURE(step, order 2 + Coulomb + constant, without_integrator());
-BENCHMARK_CAPTURE(step, order 3 + presliding, with_friction(make_effect<Presliding>()));
+BENCHMARK_CAPTURE(step, order 3 + presliding of 10, with_friction(make_effect<Presliding>()));
+BENCHMARK_CAPTURE(step, order 3 + GMS of 8, with_gms());
 BENCHMARK_CAPTURE(step, order 3 + LuGre, with_friction(make_effect<LuGre>()));
 BENCHMARK_CAPTURE(follow, order 3 + Coulomb, bench::production_model());
 BENCHMARK_CAPTURE(follow, order 2 + Coulomb + constant, without_integrator());

@@ -1,5 +1,6 @@
 #include "tests/bench/record.h"
 
+#include <cmath>
 #include <limits>
 #include <numbers>
 
@@ -9,7 +10,6 @@
 namespace servotwin::bench {
 namespace {
 
-constexpr Eigen::Index kSamples = 12000;
 constexpr double kSampleTime = 1e-3;      // [s]
 constexpr double kPositionGain = 75.0;    // [1/s]
 constexpr double kMass = 200.0;           // [kg]
@@ -40,17 +40,43 @@ virtual_machine::Axis production_axis() {
   return axis;
 }
 
+Segment recorded(const virtual_machine::Trajectory& motion, double seconds) {
+  const auto truth = record(production_axis(), motion);
+  const auto samples = static_cast<Eigen::Index>(std::lround(seconds / truth.sample_time));
+  Segment segment;
+  segment.sample_time_s = truth.sample_time;
+  segment.command = truth.command.head(samples);
+  segment.actual = truth.actual.head(samples);
+  return segment;
+}
+
+/// Until then, moves to alternate sides of 0 whose lengths grow to the amplitude in 12 moves, again
+/// and again, and a rest.
+void alternate(virtual_machine::Trajectory& motion, double until_s, double amplitude,
+               const virtual_machine::Limits& limits) {
+  for (int move = 0;; ++move) {
+    virtual_machine::Trajectory next = motion;
+    next.move_to((move % 2 == 0 ? 1.0 : -1.0) * amplitude * (move % 12 + 1) / 12.0, limits);
+    if (next.duration() > until_s - 0.2) break;
+    motion = next;
+  }
+  motion.dwell(until_s - motion.duration());
+}
+
 }  // namespace
 
 Segment production_record() {
   virtual_machine::MoveMix mix;
   mix.duration = 12.0;
-  const auto truth = record(production_axis(), virtual_machine::moves(mix, /*seed=*/12));
-  Segment segment;
-  segment.sample_time_s = truth.sample_time;
-  segment.command = truth.command.head(kSamples);
-  segment.actual = truth.actual.head(kSamples);
-  return segment;
+  return recorded(virtual_machine::moves(mix, /*seed=*/12), mix.duration);
+}
+
+Segment fast_and_slow_record(double seconds) {
+  virtual_machine::Trajectory motion;
+  motion.dwell(0.2);
+  alternate(motion, 0.5 * seconds, 0.04, {.velocity = 0.25, .acceleration = 3.0, .jerk = 60.0});
+  alternate(motion, seconds, 0.001, {.velocity = 0.01, .acceleration = 0.2, .jerk = 20.0});
+  return recorded(motion, seconds);
 }
 
 Model production_model() {
