@@ -116,19 +116,14 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
 }  // namespace
 
 std::vector<std::size_t> friction_kinds() {
-  return {kind_of<CoulombFriction>(),
-          kind_of<Dahl>(),
-          kind_of<Presliding>(),
-          kind_of<SmoothedPresliding>(),
-          kind_of<Gms>(),
-          kind_of<ModifiedStribeck>(),
-          kind_of<LuGre>(),
-          kind_of<Stribeck>()};
+  return {kind_of<CoulombFriction>(),    kind_of<Dahl>(),  kind_of<Presliding>(),
+          kind_of<SmoothedPresliding>(), kind_of<Gms>(),   kind_of<PreslidingStribeck>(),
+          kind_of<ModifiedStribeck>(),   kind_of<LuGre>(), kind_of<Stribeck>()};
 }
 
 std::vector<std::size_t> compared_frictions() {
-  return {kind_of<CoulombFriction>(), kind_of<Dahl>(), kind_of<Presliding>(), kind_of<LuGre>(),
-          kind_of<Stribeck>()};
+  return {kind_of<CoulombFriction>(), kind_of<Dahl>(),     kind_of<Presliding>(),
+          kind_of<LuGre>(),           kind_of<Stribeck>(), kind_of<PreslidingStribeck>()};
 }
 
 std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const Structure& structure,

@@ -316,18 +316,19 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   ranking.tolerance = std::max(options.tolerance, 1e-6);
 
   PoleFit fit;
-  std::vector<Candidate> candidates;
+  std::vector<Candidate> candidates, clamped;
   if (options.from.empty()) {
     for (const auto& denominator : grid(order, bounds)) {
       Candidate candidate;
       candidate.point = {denominator, shapes};
       const auto solution = coarse.solve(candidate.point);
       ++fit.evaluations;
-      // A candidate that needs negative friction is no candidate (thesis 3.4).
-      if (!std::isfinite(solution.cost) || solution.clamped) continue;
+      if (!std::isfinite(solution.cost)) continue;
       candidate.cost = solution.cost;
-      candidates.push_back(std::move(candidate));
+      // A candidate that needs negative friction is none, unless all of them do (thesis 3.4).
+      (solution.clamped ? clamped : candidates).push_back(std::move(candidate));
     }
+    if (candidates.empty()) candidates = std::move(clamped);
   }
   std::sort(candidates.begin(), candidates.end(),
             [](const auto& l, const auto& r) { return l.cost < r.cost; });

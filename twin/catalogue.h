@@ -20,6 +20,7 @@
 #include "twin/effects/lugre.h"
 #include "twin/effects/modified_stribeck.h"
 #include "twin/effects/presliding.h"
+#include "twin/effects/presliding_stribeck.h"
 #include "twin/effects/smoothed_presliding.h"
 #include "twin/effects/stribeck.h"
 #include "twin/effects/time_delay.h"
@@ -38,7 +39,8 @@ using Catalogue = std::tuple<CoulombFriction,      //
                              Stribeck,             //
                              ModifiedStribeck,     //
                              FrictionMap,          //
-                             AsymmetricFriction>;
+                             AsymmetricFriction,   //
+                             PreslidingStribeck>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model

@@ -355,6 +355,37 @@ TEST(ModifiedStribeck, IsContinuousThroughRest) {
   EXPECT_NEAR(axis.move(0.006e-3), 600.0 + 300.0 / std::numbers::e + 1900.0 * 0.006, 1e-9);
 }
 
+// The level of the virgin curve from rest, and the fall to the Coulomb force at speed.
+TEST(PreslidingStribeck, BreaksAwayAtItsRatioAndFallsWithSpeed) {
+  Effect effect = make_effect<PreslidingStribeck>();
+  effect.shape = {20e-6, 0.4, 1.5, 5e-3, 1e4};
+  effect.coefficient = {10.0};
+  Along creeping(effect);
+  EXPECT_NEAR(creeping.travel(20e-6, 20000), 15.0, 0.02);  // 1 um/s
+  Along half(effect);
+  // The virgin curve at its midpoint (1 - phi)/2: (1 + phi)/2 of the breakaway force.
+  EXPECT_NEAR(half.travel(6e-6, 6000), 15.0 * 0.7, 0.02 * 15.0);
+  Along fast(effect);
+  EXPECT_NEAR(fast.travel(0.1, 1000), 10.0, 1e-6);  // 0.1 m/s
+  Along at_stribeck(effect);
+  EXPECT_NEAR(at_stribeck.travel(0.05, 10000), 10.0 * (1.0 + 0.5 / std::numbers::e),
+              1e-3);  // 5 mm/s
+}
+
+// With a constant level it is the reduced-parameter GMS, inner loops and all.
+TEST(PreslidingStribeck, WithoutAFallIsPresliding) {
+  Effect effect = make_effect<PreslidingStribeck>();
+  effect.shape = {20e-6, 0.6, 1.0, 5e-3, 1e5};
+  effect.coefficient = {3.0};
+  Along both(effect), plain(presliding(20e-6, 0.6, 3.0));
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> step(0.0, 4e-6);
+  for (int k = 0; k < 3000; ++k) {
+    const double dx = step(random);
+    EXPECT_NEAR(both.move(dx), plain.move(dx), 0.02) << k;
+  }
+}
+
 TEST(AsymmetricFriction, SplitsCoulombAndViscousFrictionByDirection) {
   Effect effect = make_effect<AsymmetricFriction>();
   effect.shape = {1e-3};
