@@ -118,6 +118,14 @@ void start_memory(std::size_t kind, const T* shape, EffectMemory<T>& memory) noe
   visit_effect(kind, [&]<class E, std::size_t I>() { memory.template emplace<I>(shape); });
 }
 
+/// Copies what this effect remembers, and not the room that the largest memory would take; `to` was
+/// started for the same effect.
+template <class T>
+void copy_memory(std::size_t kind, const EffectMemory<T>& from, EffectMemory<T>& to) noexcept {
+  visit_effect(kind,
+               [&]<class E, std::size_t I>() { *std::get_if<I>(&to) = *std::get_if<I>(&from); });
+}
+
 /// Forces per unit coefficient of one effect at one sample; `force` has room for its coefficients.
 template <class T>
 void unit_forces(std::size_t kind, const T* shape, EffectMemory<T>& memory, const Motion& m,

@@ -47,13 +47,13 @@ void Twin::start(double command) noexcept {
   for (int i = 0; i < effect_count_; ++i) {
     const auto k = static_cast<std::size_t>(i);
     start_memory<double>(effects_[k].kind, effects_[k].shape.data(), memory_[k]);
+    trial_[k] = memory_[k];
   }
   history_.fill(command);
   Motion rest;
   rest.step_s = h_;
   rest.position = command;
-  auto memory = memory_;
-  force_ = disturbance(rest, memory);
+  force_ = disturbance(rest, trial_);
   // A standing loop already holds whatever force acts at rest.
   for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
   velocity_ = 0.0;
@@ -114,15 +114,18 @@ double Twin::step(const CommandPiece& piece) noexcept {
   m.step_s = h_;
   m.command_velocity = piece.end_velocity;
   m.command_acceleration = piece.end_acceleration;
-  std::array<EffectMemory<double>, kMaxEffects> memory;
+  const auto each_effect = [this](const auto& from, auto& to) {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i)
+      copy_memory<double>(effects_[i].kind, from[i], to[i]);
+  };
   double force = force_;  // exact while the force stays what it was
   const auto miss_at = [&](double trial) {
     force = trial;
     m.position = position_free - g_end_[n - 2] * force;
     m.velocity = velocity_free - g_end_[n - 1] * force;
     m.displacement = m.position - position_;
-    std::copy_n(memory_.begin(), effect_count_, memory.begin());
-    return force - disturbance(m, memory);
+    each_effect(memory_, trial_);
+    return force - disturbance(m, trial_);
   };
   const double miss = miss_at(force_);
   const double tolerance = 1e-15 + 1e-13 * std::abs(force);
@@ -152,7 +155,7 @@ double Twin::step(const CommandPiece& piece) noexcept {
       right = next, miss_right = miss_next;
     }
   }
-  std::copy_n(memory.begin(), effect_count_, memory_.begin());
+  each_effect(trial_, memory_);
   for (std::size_t r = 0; r < n; ++r) z[r] += g_end_[r] * force;
   y_ = y;
   z_ = z;

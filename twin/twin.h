@@ -69,6 +69,7 @@ class Twin {
 
   std::array<double, kMaxOrder> y_{}, z_{};
   std::array<EffectMemory<double>, kMaxEffects> memory_{};
+  std::array<EffectMemory<double>, kMaxEffects> trial_{};  // of a step that is being solved
   double force_ = 0.0;     // disturbance at the end of the cycle before
   double position_ = 0.0;  // simulated position there
   double velocity_ = 0.0;
