@@ -70,8 +70,9 @@ struct Scale {
     for (const double factor : {5.0, 2.0, 1.0}) {
       if (factor * decade >= rough) step = factor * decade;
     }
-    for (double v = std::ceil(low / step) * step; v <= high + 1e-9 * step; v += step)
-      out.push_back(std::abs(v) < 1e-9 * step ? 0.0 : v);
+    const double first = std::ceil(low / step);
+    for (int i = 0; i < 20 && (first + i) * step <= high + 1e-9 * step; ++i)
+      out.push_back((first + i) * step);
     return out;
   }
 };
@@ -116,8 +117,11 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   }
   if (!(x.low <= x.high)) throw std::invalid_argument("plot '" + panel.title + "' has no points");
   for (Scale* scale : {&x, &y}) {
-    const double margin = scale->high > scale->low ? 0.05 * (scale->high - scale->low)
-                                                   : 0.5 * std::max(1e-12, std::abs(scale->low));
+    // A range within the digits of its values has no ticks of its own.
+    const double size = std::max(std::abs(scale->low), std::abs(scale->high));
+    const double margin = scale->high - scale->low > 1e-9 * size
+                              ? 0.05 * (scale->high - scale->low)
+                              : 0.5 * std::max(1e-12, std::abs(scale->low));
     scale->low -= margin;
     scale->high += margin;
   }

@@ -17,7 +17,7 @@ constexpr double kMotionBandwidth = 2.5;  // of the bandwidth of the comparison
 constexpr double kRipple_dB = 0.05;
 constexpr double kPassBand = 0.8;  // of what half the thinned rate could carry
 // Where filters still know of the ends of a stretch [s].
-constexpr double kBorder_s = 0.049;
+constexpr double kBorder_s = 0.049, kBorderPeriods = 1.96;  // the former at 40 Hz
 
 /// [DIFFCENT] central differences, one-sided at the ends.
 Eigen::ArrayXd differentiated(const Eigen::ArrayXd& x, double h) {
@@ -91,7 +91,7 @@ ForceData ForceData::of_motion(const std::vector<Segment>& segments, double band
       data.comparison_ = chebyshev(kComparisonOrder, kRipple_dB,
                                    0.5 * kPassBand / static_cast<double>(data.thinning_));
     }
-    data.border_ = std::llround(kBorder_s / h);
+    data.border_ = std::llround(std::max(kBorder_s, kBorderPeriods / bandwidth_hz) / h);
     if (kMotionBandwidth * bandwidth_hz * h < 0.45)
       smoothing = butterworth(kMotionOrder, kMotionBandwidth * bandwidth_hz * h);
   }
@@ -116,13 +116,15 @@ ForceData ForceData::of_motion(const std::vector<Segment>& segments, double band
         stretch.acceleration = position.second;
       }
       stretch.force = part.torque;
+      stretch.start_s = part.start_s;
       data.stretches_.push_back(std::move(stretch));
     }
   }
   if (data.stretches_.empty()) {
     throw std::runtime_error(
-        "there is no torque, or none for long enough: a force fit needs the motor's torque, force "
-        "or current beside the motion");
+        "there is no stretch of " + std::to_string(shortest) +
+        " samples with torque, which this bandwidth needs: a force fit takes the motor's torque, "
+        "force or current beside the motion; record longer, or compare up to a higher bandwidth");
   }
   data.finish();
   return data;
@@ -201,10 +203,17 @@ void ForceData::finish() {
   force_.resize(rows);
   acceleration_.resize(rows);
   least_speed_.resize(rows);
+  time_.resize(rows);
   Eigen::Index row = 0;
   for (std::size_t i = 0; i < forces.size(); ++i) {
     force_.segment(row, forces[i].size()) = forces[i];
     acceleration_.segment(row, forces[i].size()) = accelerations[i];
+    for (Eigen::Index k = 0; k < forces[i].size(); ++k) {
+      time_(row + k) =
+          stretches_[i].start_s +
+          (static_cast<double>(border_) / static_cast<double>(thinning_) + static_cast<double>(k)) *
+              step_s_;
+    }
     least_speed_.segment(row, forces[i].size()) = slowest_of(stretches_[i], forces[i].size());
     row += forces[i].size();
   }

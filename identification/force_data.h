@@ -32,6 +32,7 @@ class ForceData {
 
   struct Stretch {
     std::vector<Motion> motion;
+    double start_s = 0.0;
     int substeps = 1;  ///< the k-th of `acceleration` and `force` is at motion[k * substeps]
     Eigen::ArrayXd acceleration, force;
   };
@@ -40,6 +41,8 @@ class ForceData {
   /// What is compared, and how far apart in time.
   [[nodiscard]] const Eigen::VectorXd& force() const { return force_; }
   [[nodiscard]] const Eigen::VectorXd& acceleration() const { return acceleration_; }
+  /// When, in the recording [s].
+  [[nodiscard]] const Eigen::VectorXd& time() const { return time_; }
   /// The least speed within what each row's filters see of the motion.
   [[nodiscard]] const Eigen::VectorXd& least_speed() const { return least_speed_; }
   [[nodiscard]] Eigen::Index rows() const { return force_.size(); }
@@ -57,7 +60,7 @@ class ForceData {
   Eigen::Index border_ = 0;
   Eigen::Index thinning_ = 1;
   double step_s_ = 0.0;
-  Eigen::VectorXd force_, acceleration_, least_speed_;
+  Eigen::VectorXd force_, acceleration_, least_speed_, time_;
 };
 
 }  // namespace servotwin

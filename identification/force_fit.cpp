@@ -97,14 +97,18 @@ class ForceProjection {
     double cost = 0.0;
   };
   /// Coefficients that may not be negative are held at 0 where they would be.
-  [[nodiscard]] Solution solve(GramSolver& solver) const {
+  [[nodiscard]] Solution solve(GramSolver& solver, const Eigen::MatrixXd& regressors) const {
     Solution out;
     while (true) {
       out.residual = (used_.array() * target_.array()).matrix();
       out.linear = solver.take_out(out.residual);
       Eigen::Index worst = -1;
+      double most = 0.0;
       for (Eigen::Index i = 0; i < out.linear.size(); ++i) {
-        if (non_negative_[static_cast<std::size_t>(i)] && out.linear(i) < 0.0) worst = i;
+        const double force = -out.linear(i) * regressors.col(i).norm();
+        if (!non_negative_[static_cast<std::size_t>(i)] || force <= most) continue;
+        worst = i;
+        most = force;
       }
       if (worst < 0) break;
       solver.drop(worst);
@@ -115,7 +119,7 @@ class ForceProjection {
   [[nodiscard]] Solution solve(const std::vector<double>& shapes) const {
     const Columns c = columns(shapes, false);
     GramSolver solver(c.regressors);
-    return solve(solver);
+    return solve(solver, c.regressors);
   }
 
   /// d (columns * linear) / d shapes.
@@ -160,7 +164,7 @@ class ShapeCost : public ceres::CostFunction {
     const bool derivatives = jacobians != nullptr && jacobians[0] != nullptr;
     const auto columns = projection_.columns(shapes, derivatives);
     GramSolver solver(columns.regressors);
-    const auto at = projection_.solve(solver);
+    const auto at = projection_.solve(solver, columns.regressors);
     if (!std::isfinite(at.cost)) return false;
     Eigen::Map<Eigen::VectorXd>(residuals, at.residual.size()) = at.residual / unit_;
     if (!derivatives) return true;
@@ -286,7 +290,7 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
   const Eigen::VectorXd target = known_or_none(known, data);
   const ForceProjection projection(data, structure, target, options.least_speed);
   const double rows = projection.used().sum();
-  if (rows == 0.0) return std::nullopt;
+  if (rows == 0.0 || !(target.squaredNorm() > 0.0)) return std::nullopt;
   ForceFit fit;
   std::vector<double> shapes;
   if (options.shapes) {
@@ -320,7 +324,7 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
 
   const auto columns = projection.columns(shapes, true);
   GramSolver solver(columns.regressors);
-  const auto at = projection.solve(solver);
+  const auto at = projection.solve(solver, columns.regressors);
   if (!std::isfinite(at.cost)) return std::nullopt;
   fit.model = model_of(structure, shapes, at.linear);
   fit.error = {std::sqrt(2.0 * at.cost / rows), at.residual.cwiseAbs().maxCoeff(),
@@ -333,8 +337,15 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
   if (!fixed)
     jacobian.rightCols(static_cast<Eigen::Index>(shapes.size())) =
         projection.by_shapes(columns, at.linear);
-  const Eigen::VectorXd deviation =
+  // What is held at 0 has no scatter of its own, and what these rows do not see none that is known.
+  for (Eigen::Index i = 0; i < columns.regressors.cols(); ++i) {
+    if (at.linear(i) == 0.0) jacobian.col(i).setZero();
+  }
+  Eigen::VectorXd deviation =
       robust_covariance(jacobian, at.residual, data.step_s()).diagonal().cwiseMax(0.0).cwiseSqrt();
+  for (Eigen::Index i = 0; i < deviation.size(); ++i) {
+    if (!(jacobian.col(i).squaredNorm() > 0.0)) deviation(i) = kAbsent;
+  }
   Eigen::Index linear = 0, shape = columns.regressors.cols();
   if (structure.mass) fit.mass_deviation = deviation(linear++);
   for (const std::size_t kind : structure.effects) {
@@ -342,7 +353,7 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
     for (std::size_t c = 0; c < coefficients_of(kind).size(); ++c)
       of.coefficient[c] = deviation(linear++);
     for (std::size_t p = 0; p < shapes_of(kind).size(); ++p)
-      of.shape[p] = fixed ? 0.0 : deviation(shape++);
+      of.shape[p] = fixed ? kAbsent : deviation(shape++);
     fit.deviations.push_back(of);
   }
   return fit;

@@ -11,6 +11,8 @@ namespace servotwin {
 namespace {
 
 constexpr int kFolds = 4;
+constexpr double kSameSpeed = 0.02;
+constexpr double kNegligible = 2e-4;     // of the torque
 constexpr std::size_t kFewestRamps = 8;  // per direction, without stick-slip
 
 ForceData pairs_of(const std::vector<Ramp>& ramps) {
@@ -27,13 +29,15 @@ bool by_direction(std::size_t kind) {
          kind == kind_of<FrictionMap>();
 }
 
-/// The simplest, which comes first, whose held-out error is within `slack` of the least.
+/// The simplest, which comes first, whose held-out error is within `slack` of the least, or not
+/// worth a thought beside the torque.
 void choose(std::vector<FrictionTrial>& trials, double slack) {
   if (trials.empty()) throw std::runtime_error("no friction model could be fitted to the torque");
   double least = std::numeric_limits<double>::infinity();
   for (const FrictionTrial& trial : trials) least = std::min(least, trial.held_out.rms);
   for (FrictionTrial& trial : trials) {
-    if (trial.held_out.rms > (1.0 + slack) * least) continue;
+    if (trial.held_out.rms > (1.0 + slack) * least && trial.held_out.relative > kNegligible)
+      continue;
     trial.chosen = true;
     return;
   }
@@ -83,10 +87,22 @@ std::vector<FrictionTrial> compare_on_ramps(const std::vector<Ramp>& ramps) {
           ": record the motion of 'servotwin motion-law', or use --method motion");
     }
   }
-  // Fold by speed: neighbours in the sorted list are the two directions of one velocity. The
+  // Folds by speed: what runs at one speed, in whichever direction, is held out together. The
   // slowest and the fastest are always seen: beyond them a model would have to guess.
-  const auto fold_of = [](std::size_t i, std::size_t count) {
-    return i < 2 || i + 2 >= count ? -1 : static_cast<int>((i / 2) % kFolds);
+  const auto folds_of = [](const std::vector<Ramp>& sorted) {
+    std::vector<int> folds;
+    int group = -1;
+    double speed = 0.0;
+    for (const Ramp& ramp : sorted) {
+      const double here = std::abs(ramp.velocity);
+      if (group < 0 || here > (1.0 + kSameSpeed) * speed) {
+        ++group;
+        speed = here;
+      }
+      folds.push_back(group);
+    }
+    for (int& fold : folds) fold = fold == 0 || fold == group ? -1 : fold % kFolds;
+    return folds;
   };
 
   std::vector<FrictionTrial> trials;
@@ -104,25 +120,31 @@ std::vector<FrictionTrial> compare_on_ramps(const std::vector<Ramp>& ramps) {
     const auto fit = fit_force(pairs_of(shown), trial.structure);
     if (!fit) continue;
     trial.fit = *fit;
+    const std::vector<int> folds = folds_of(shown);
     Eigen::VectorXd left(static_cast<Eigen::Index>(steady.size()));
     Eigen::VectorXd torque(left.size());
     Eigen::Index at = 0;
     for (int fold = 0; fold < kFolds; ++fold) {
       std::vector<Ramp> seen, unseen;
       for (std::size_t i = 0; i < shown.size(); ++i) {
-        if (fold_of(i, shown.size()) != fold) {
+        if (folds[i] != fold) {
           seen.push_back(shown[i]);
         } else if (!shown[i].stick_slip) {
           unseen.push_back(shown[i]);
         }
       }
       const auto part = fit_force(pairs_of(seen), trial.structure);
-      if (!part || unseen.empty()) continue;
+      if (unseen.empty()) continue;
+      if (!part) {
+        at = 0;  // a model that a fold cannot be fitted with is none
+        break;
+      }
       const ForceData held = pairs_of(unseen);
       left.segment(at, held.rows()) = held.force() - force_of(part->model, held);
       torque.segment(at, held.rows()) = held.force();
       at += held.rows();
     }
+    if (at == 0) continue;
     left.conservativeResize(at);
     torque.conservativeResize(at);
     trial.held_out = {std::sqrt(left.squaredNorm() / static_cast<double>(at)),

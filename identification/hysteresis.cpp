@@ -48,7 +48,9 @@ VirginCurve virgin_curve_of(const std::vector<Segment>& segments, double travel,
       branch(0) = 0.0;
       int filled = 0;
       const auto gone = [&](Eigen::Index k) { return std::abs(s.actual(k) - s.actual(turn)); };
+      Eigen::Index turns_within = 1;
       for (Eigen::Index k = turn + 1; k < s.size() && filled < kPoints; ++k) {
+        turns_within = k - turn;
         while (filled < kPoints && gone(k) >= travel * (filled + 1) / kPoints) {
           const double want = travel * (filled + 1) / kPoints, before = gone(k - 1);
           const double share =
@@ -58,8 +60,9 @@ VirginCurve virgin_curve_of(const std::vector<Segment>& segments, double travel,
       }
       if (filled < kPoints || !branch.isFinite().all()) continue;
       branch.tail(kPoints) -= friction(turn);
-      // Towards where it travels, force rises.
-      branches.push_back(branch(kPoints) >= 0.0 ? branch : Eigen::ArrayXd(-branch));
+      // Friction rises towards where the axis travels.
+      const Eigen::Index next = std::min<Eigen::Index>(turn + turns_within, s.size() - 1);
+      branches.push_back(s.actual(next) > s.actual(turn) ? branch : Eigen::ArrayXd(-branch));
     }
   }
   if (branches.empty()) {

@@ -13,7 +13,9 @@ namespace {
 constexpr double kStepsPerWindow = 20.0;
 constexpr double kShortestWindow_s = 2e-3;
 constexpr double kStands = 0.2, kJumps = 2.0;  // of the mean velocity
-constexpr double kShare = 0.05;                // of the time, each
+constexpr double kStandingShare = 0.05;        // of the time
+constexpr double kJumpingShare = 0.2;          // of the travel
+constexpr double kCommandSteps = 0.6;          // that a line may miss a rounded command by
 constexpr int kBatches = 20;
 
 struct Run {
@@ -80,18 +82,24 @@ void judge_steadiness(const Eigen::ArrayXd& position, double h, double encoder_s
   const auto part = [&](auto&& condition) {
     return static_cast<double>(condition.count()) / static_cast<double>(count);
   };
-  ramp.stick_slip = part(share < kStands) > kShare && part(share > kJumps) > kShare;
+  const double jumped = (share > kJumps).select(share, 0.0).sum() / static_cast<double>(count);
+  ramp.judged = true;
+  ramp.stick_slip = part(share < kStands) > kStandingShare && jumped > kJumpingShare;
 }
 
 }  // namespace
 
 std::vector<Ramp> ramps_of(const std::vector<Segment>& segments, const RampOptions& options) {
   const double encoder_step = noise_floor(segments).encoder_step;
+  std::vector<Segment> commands = segments;
+  for (Segment& s : commands) s.actual = s.command;
+  const double tolerance =
+      std::max(options.tolerance, kCommandSteps * noise_floor(commands).encoder_step);
   std::vector<Ramp> ramps;
   for (const Segment& s : segments) {
     if (s.torque.size() == 0) continue;
     const double h = s.sample_time_s;
-    for (const Run& run : straight_runs(s.command, options.tolerance)) {
+    for (const Run& run : straight_runs(s.command, tolerance)) {
       if (std::abs(s.command(run.end) - s.command(run.begin)) < options.least_travel) continue;
       Eigen::Index begin = run.begin, end = run.end;
       if (options.band) {

@@ -6,14 +6,13 @@
 // averaged is its part within a band about `centre`, or its middle.
 //
 // Stick-slip: at low speed and falling friction the axis does not move steadily, it waits and
-// jumps. The mean torque of such a ramp is not friction at that velocity. It is recognised by the
-// shares of the time in which the axis stands and in which it moves at twice the mean velocity,
-// over windows that are long against the encoder's step.
+// jumps. The mean torque of such a ramp is not friction at that velocity. It is recognised by
+// standing for part of the time and covering part of the travel at more than twice the mean
+// velocity, over windows that are long against the encoder's step.
 //
 // Units: m or rad, s; torque in its recorded unit. Any thread.
 #pragma once
 
-#include <limits>
 #include <optional>
 #include <vector>
 
@@ -27,6 +26,7 @@ struct Ramp {
   double torque = 0.0;                ///< mean
   double torque_deviation = 0.0;      ///< of that mean; what hangs together in time counts once
   double ripple = 0.0;                ///< standard deviation of the velocity over its mean
+  bool judged = false;                ///< long enough against the encoder's step to tell
   bool stick_slip = false;
 };
 
@@ -36,7 +36,8 @@ struct RampOptions {
   double middle = 0.6;         ///< share of a ramp's time
   double shortest_s = 0.05;    ///< of what is averaged
   double least_travel = 2e-5;  ///< of a ramp [m | rad]
-  double tolerance = 5e-7;     ///< of the line through the commands [m | rad]
+  /// Of the line through the commands, at least [m | rad]; more for a coarser command.
+  double tolerance = 5e-7;
 };
 
 /// In the order of time; empty where there are none.

@@ -13,6 +13,7 @@
 #include "drivers/text.h"
 #include "identification/friction_from_torque.h"
 #include "identification/hysteresis.h"
+#include "identification/identify.h"
 #include "identification/joint.h"
 
 namespace servotwin::cli {
@@ -23,6 +24,7 @@ using nlohmann::json;
 constexpr double kMilli = 1e-3;  // people say mm, the program m
 constexpr double kMicro = 1e-6;
 constexpr int kCurvePoints = 200;
+constexpr double kKnownMass = 3.0;  // standard deviations
 
 struct Arguments {
   AxisOptions input;
@@ -32,6 +34,7 @@ struct Arguments {
   double centre_mm = 0.0, band_mm = 0.0, lead_mm = 0.0;
   double training_share = 0.6, bandwidth_hz = 40.0;
   double travel_um = 200.0;
+  bool invert = false;
 };
 
 std::string milli(bool rotary) { return rotary ? "mrad" : "mm"; }
@@ -121,36 +124,79 @@ std::string ramps_plot(const std::vector<Ramp>& ramps, const std::vector<Frictio
 
 /// Friction of a force model per moved mass, in place of the friction that the model has. What is
 /// viscous stays in the poles, where the loop was identified with it.
-void add_friction(ModelRecord& record, const ForceModel& found, double mass) {
+void add_friction(ModelRecord& record, const ForceFit& found, double mass) {
   auto replaced = friction_kinds();
-  replaced.push_back(kind_of<FrictionMap>());
-  for (const Effect& effect : found.effects) replaced.push_back(effect.kind);
-  auto& effects = record.model.effects;
-  std::erase_if(effects, [&](const Effect& effect) {
-    return std::find(replaced.begin(), replaced.end(), effect.kind) != replaced.end();
-  });
-  for (Effect effect : found.effects) {
+  const auto replace = [&](std::size_t kind) { replaced.push_back(kind); };
+  replace(kind_of<FrictionMap>());
+  record.effect_deviations.resize(record.model.effects.size());
+  for (const Effect& effect : found.model.effects) {
+    replace(effect.kind);
+    if (effect.kind == kind_of<FrictionMap>()) {
+      throw std::runtime_error(
+          "friction_map cannot go into a model: what of it is viscous, which the poles hold, is "
+          "not "
+          "known; the file is as it was");
+    }
+    // Unlike levels of the two directions contain a constant force.
+    if (effect.kind == kind_of<Stribeck>() || effect.kind == kind_of<ModifiedStribeck>() ||
+        effect.kind == kind_of<AsymmetricFriction>())
+      replace(kind_of<ConstantForce>());
+  }
+  std::vector<Effect> effects;
+  std::vector<EffectDeviations> deviations;
+  for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+    const Effect& effect = record.model.effects[i];
+    if (std::find(replaced.begin(), replaced.end(), effect.kind) != replaced.end()) continue;
+    effects.push_back(effect);
+    deviations.push_back(record.effect_deviations[i]);
+  }
+  for (std::size_t i = 0; i < found.model.effects.size(); ++i) {
+    Effect effect = found.model.effects[i];
+    EffectDeviations sd = found.deviations[i];
     const auto coefficients = coefficients_of(effect.kind);
-    double in_poles = 0.0;
     for (std::size_t c = 0; c < coefficients.size(); ++c) {
       effect.coefficient[c] /= mass;
-      if (coefficients[c].with_free_loop) continue;
-      if (in_poles == 0.0) in_poles = effect.coefficient[c];
-      effect.coefficient[c] -= in_poles;
+      sd.coefficient[c] /= mass;
+    }
+    if (effect.kind == kind_of<Stribeck>() || effect.kind == kind_of<ModifiedStribeck>())
+      effect.coefficient[5] -= effect.coefficient[4];  // viscous_minus: beyond viscous_plus
+    for (std::size_t c = 0; c < coefficients.size(); ++c) {
+      if (!coefficients[c].with_free_loop) effect.coefficient[c] = 0.0;
     }
     effects.push_back(effect);
+    deviations.push_back(sd);
   }
-  record.effect_deviations.assign(effects.size(), {});
-  // They were of another friction.
-  record.training = record.holdout = {};
+  record.model.effects = std::move(effects);
+  record.effect_deviations = std::move(deviations);
+}
+
+/// The model with its new friction must predict this recording better than the file does.
+void require_better(ModelRecord& record, const std::filesystem::path& file,
+                    const SegmentedAxis& axis, std::FILE* people) {
+  if (const std::string why = why_invalid(record.model); !why.empty())
+    throw std::runtime_error(file.string() + ": " + why + ". The file is as it was");
+  const ModelRecord before = read_model(file);
+  const ErrorFigures had = judge(model_at(before, axis.sample_time_s, people), axis.segments),
+                     has = judge(model_at(record, axis.sample_time_s, people), axis.segments);
+  say(people, "the file    " + figures_text(had, axis.rotary) + "   on this recording");
+  say(people, "with this   " + figures_text(has, axis.rotary));
+  if (!(has.rms < had.rms)) {
+    throw std::runtime_error(file.string() +
+                             ": with this friction it predicts worse, since its loop had made up "
+                             "for the friction it did "
+                             "not have; find both together with 'servotwin identify --method "
+                             "joint'. The file is as it was");
+  }
+  record.training = record.holdout = {};  // they were of another friction
   record.noise_floor_rms = kAbsent;
 }
 
 struct Characterized {
   ForceFit fit;
   bool with_mass = false;
-  double mass = kAbsent;
+  double mass = kAbsent, mass_deviation = kAbsent;
   json result;
+  std::string plot;
 };
 
 Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, const ForceUnit& unit,
@@ -174,12 +220,20 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
                    options.band ? "within the band" : "over their middle"));
   const auto jumping = static_cast<std::size_t>(
       std::count_if(ramps.begin(), ramps.end(), [](const Ramp& r) { return r.stick_slip; }));
+  const auto unjudged =
+      std::count_if(ramps.begin(), ramps.end(), [](const Ramp& r) { return !r.judged; });
+  if (unjudged > 0) {
+    say(people, text("stick-slip  not judged on %td ramps: too short against the encoder's step",
+                     unjudged));
+  }
+  require_resisting(ramps, axis.source);
   if (const double below = stick_slip_below(ramps); below > 0.0) {
     say(people, text("stick-slip  on %zu ramps, up to %.3g %s/s: their torque is not friction at "
                      "that speed; stribeck is fitted without them",
                      jumping, below / kMilli, milli(unit.rotary).c_str()));
   } else {
-    say(people, "stick-slip  none: every ramp moves steadily");
+    say(people, unjudged > 0 ? "            none on the others"
+                             : "stick-slip  none: every ramp moves steadily");
   }
   const std::vector<FrictionTrial> trials = compare_on_ramps(ramps);
   say_trials(people, trials, unit);
@@ -198,6 +252,7 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
   if (const auto moved =
           fit_force(ForceData::of_motion(axis.segments, arguments.bandwidth_hz), structure, held)) {
     out.mass = moved->model.mass;
+    out.mass_deviation = moved->mass_deviation;
     say(people, text("moved mass  %.4g +- %.2g %s, from the accelerations", out.mass / unit.scale,
                      moved->mass_deviation / unit.scale, unit.of_mass().c_str()));
   }
@@ -215,7 +270,7 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
   }
   out.result["ramps"] = pairs;
   out.result["stick_slip_below"] = stick_slip_below(ramps);
-  if (!arguments.plot.empty()) write_result(arguments.plot, ramps_plot(ramps, trials, unit));
+  if (!arguments.plot.empty()) out.plot = ramps_plot(ramps, trials, unit);
   return out;
 }
 
@@ -230,6 +285,8 @@ Characterized on_motion(const Arguments& arguments, const SegmentedAxis& axis,
   out.fit = chosen(trials).fit;
   out.with_mass = true;
   out.mass = out.fit.model.mass;
+  out.mass_deviation = out.fit.mass_deviation;
+  require_mass(out.fit, axis.source);
   out.result["trials"] = trials_json(trials, unit);
   if (!arguments.plot.empty()) {
     const ForceData all = ForceData::of_motion(axis.segments, arguments.bandwidth_hz);
@@ -238,16 +295,21 @@ Characterized on_motion(const Arguments& arguments, const SegmentedAxis& axis,
         fitted{effects_text(chosen(trials).structure), {}, {}, true, ""},
         left{"measured - fitted", {}, {}, true, ""};
     for (Eigen::Index k = 0; k < all.rows(); ++k) {
-      const double t = all.step_s() * static_cast<double>(k);
+      const double t = all.time()(k);
+      if (k > 0 && t - all.time()(k - 1) > 1.5 * all.step_s()) {
+        for (PlotSeries* series : {&measured, &fitted, &left}) {
+          series->x.push_back(t);
+          series->y.push_back(kAbsent);  // a gap
+        }
+      }
       for (PlotSeries* series : {&measured, &fitted, &left}) series->x.push_back(t);
       measured.y.push_back(all.force()(k) / unit.scale);
       fitted.y.push_back(modelled(k) / unit.scale);
       left.y.push_back((all.force()(k) - modelled(k)) / unit.scale);
     }
     const std::string label = "[" + unit.name + "]";
-    write_result(arguments.plot,
-                 plot_svg({{"motor torque", "time [s]", label, false, {measured, fitted}},
-                           {"what is left", "time [s]", label, false, {left}}}));
+    out.plot = plot_svg({{"motor torque", "time [s]", label, false, {measured, fitted}},
+                         {"what is left", "time [s]", label, false, {left}}});
   }
   return out;
 }
@@ -257,7 +319,9 @@ Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis
   // The inertia first: its share of a slow reversal is small, but known.
   const auto moved = fit_force(ForceData::of_motion(axis.segments, arguments.bandwidth_hz),
                                {true, {kind_of<Presliding>(), kind_of<ConstantForce>()}});
-  const double mass = moved ? moved->model.mass : 0.0;
+  if (!moved) throw std::runtime_error(axis.source + ": no finite fit of the moved mass");
+  require_mass(*moved, axis.source);
+  const double mass = moved->model.mass;
   const VirginCurve curve = virgin_curve_of(axis.segments, arguments.travel_um * kMicro, mass);
   const auto fit = fit_force(ForceData::of_virgin_curve(curve.displacement, curve.force),
                              {false, {kind_of<Presliding>()}});
@@ -271,6 +335,14 @@ Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis
   Characterized out;
   out.fit = *fit;
   out.mass = mass;
+  out.mass_deviation = moved->mass_deviation;
+  const double far = curve.displacement(curve.displacement.size() - 1);
+  if (out.fit.model.effects[0].shape[0] > far) {
+    say(people,
+        text("note        the breakaway displacement lies beyond the %.4g %s that were looked "
+             "at: take a larger --travel",
+             far / kMicro, small));
+  }
   json points = json::array();
   for (Eigen::Index k = 0; k < curve.force.size(); ++k) {
     points.push_back({{"displacement", curve.displacement(k)},
@@ -289,29 +361,31 @@ Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis
       measured.y.push_back(curve.force(k) / unit.scale);
       fitted.y.push_back(modelled(k) / unit.scale);
     }
-    write_result(arguments.plot, plot_svg({{"virgin curve",
-                                            std::string("displacement [") + small + "]",
-                                            "force [" + unit.name + "]",
-                                            false,
-                                            {measured, fitted}}}));
+    out.plot = plot_svg({{"virgin curve",
+                          std::string("displacement [") + small + "]",
+                          "force [" + unit.name + "]",
+                          false,
+                          {measured, fitted}}});
   }
   return out;
 }
 
 void run(const Arguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.plot});
-  const SegmentedAxis axis = arguments.input.read(people);
-  if (axis.torque_unit.empty()) {
-    throw std::runtime_error(axis.source + ": axis " + axis.axis + " has no torque; add a column " +
-                             axis.axis +
-                             ".torque[Nm|N|A|V|%] with the motor's torque, force or current");
-  }
+  SegmentedAxis axis = arguments.input.read(people);
+  require_torque(axis, arguments.invert);
   require_motion(axis);
   if (arguments.lead_mm > 0.0 && (axis.rotary || axis.torque_unit != "Nm")) {
     throw UsageError("--lead needs a linear axis whose torque is in Nm");
   }
   ModelRecord record;
-  if (!arguments.model.empty()) record = read_model_for(arguments.model, axis.axis, axis.rotary);
+  if (!arguments.model.empty()) {
+    record = read_model_for(arguments.model, axis.axis, axis.rotary);
+    if (record.axis != axis.axis) {
+      throw std::runtime_error(arguments.model.string() + " is the model of axis " + record.axis +
+                               ", not of " + axis.axis);
+    }
+  }
   const ForceUnit unit = force_unit(axis.torque_unit, axis.rotary, arguments.lead_mm * kMilli);
   Characterized found;
   {
@@ -325,6 +399,17 @@ void run(const Arguments& arguments) {
     say(people,
         "note        not determined by these data (+- beyond the value itself): " + listed(open));
   }
+  if (!arguments.model.empty()) {
+    if (!(found.mass > kKnownMass * found.mass_deviation)) {
+      throw std::runtime_error(arguments.model.string() +
+                               ": the moved mass is not known well enough to tell friction per "
+                               "moved mass; the recording "
+                               "must accelerate. The file is as it was");
+    }
+    add_friction(record, found.fit, found.mass);
+    require_better(record, arguments.model, axis, people);
+  }
+  if (!arguments.plot.empty()) write_result(arguments.plot, found.plot);
   if (!arguments.result.empty()) {
     json out = force_json(found.fit, found.with_mass, unit);
     out["schema"] = "servotwin.characterization/1";
@@ -332,23 +417,18 @@ void run(const Arguments& arguments) {
     out["method"] = arguments.method;
     out["source"] = axis.source;
     if (std::isfinite(found.mass))
-      out["moved_mass"] = {{"value", found.mass / unit.scale}, {"unit", unit.of_mass()}};
+      out["moved_mass"] = {{"value", found.mass / unit.scale},
+                           {"unit", unit.of_mass()},
+                           {"sd", found.mass_deviation / unit.scale}};
+    out["force_unit"] = unit.name;
+    out["undetermined"] = undetermined(found.fit);
     out.update(found.result);
     write_json(arguments.result, out);
   }
   if (arguments.model.empty()) return;
-  if (!(found.mass > 0.0)) {
-    throw std::runtime_error(arguments.model.string() +
-                             ": the moved mass is not known, so that friction cannot be told per "
-                             "moved mass; the recording must accelerate. The file is as it was");
-  }
-  add_friction(record, found.fit.model, found.mass);
-  if (const std::string why = why_invalid(record.model); !why.empty())
-    throw std::runtime_error(arguments.model.string() + ": " + why + ". The file is as it was");
   write_json(arguments.model, to_json(record));
   say(people, "written     " + arguments.model.string() +
-                  ": its friction is replaced; what is viscous in it stays in the poles, and its "
-                  "error figures are cleared until it is judged again");
+                  ": its friction is replaced; what is viscous stays in the poles");
 }
 
 }  // namespace
@@ -384,6 +464,8 @@ Command add_characterize(CLI::App& app) {
                   "ramps: average within this band [mm | mrad] (default: the middle of every ramp)")
       ->type_name("MM")
       ->check(CLI::PositiveNumber.name(""));
+  command.add_flag("--invert-torque", arguments->invert,
+                   "the drive counts torque against the motion: turn it round");
   command.add_option("--centre", arguments->centre_mm, "ramps: the middle of the band [mm | mrad]")
       ->type_name("MM");
   command

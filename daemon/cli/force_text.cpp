@@ -1,5 +1,6 @@
 #include "daemon/cli/force_text.h"
 
+#include <algorithm>
 #include <cctype>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -14,6 +15,11 @@ std::string ForceUnit::of(std::string_view per_mass) const {
   if (per_mass == "m/s^2") return name;
   if (per_mass == "1/s") return name + (rotary ? " s/rad" : " s/m");
   return std::string(per_mass);
+}
+
+std::string ForceUnit::of_shape(std::string_view unit) const {
+  const bool length = rotary && (unit == "m" || unit.starts_with("m/"));
+  return length ? "rad" + std::string(unit.substr(1)) : std::string(unit);
 }
 
 std::string ForceUnit::of_mass() const {
@@ -42,6 +48,46 @@ std::string name_of(const Parameter& parameter, const ForceUnit& unit) {
 
 }  // namespace
 
+void require_torque(SegmentedAxis& axis, bool inverted) {
+  if (axis.torque_unit.empty()) {
+    throw std::runtime_error(axis.source + ": axis " + axis.axis + " has no torque; add a column " +
+                             axis.axis +
+                             ".torque[Nm|N|A|V|%] with the motor's torque, force or current");
+  }
+  double low = 1e300, high = -1e300;
+  for (Segment& s : axis.segments) {
+    if (inverted) s.torque = -s.torque;
+    for (const double value : s.torque) {
+      if (!std::isfinite(value)) continue;
+      low = std::min(low, value);
+      high = std::max(high, value);
+    }
+  }
+  if (!(low < high)) {
+    throw std::runtime_error(axis.source + ": " + axis.axis +
+                             ".torque never changes; is it the motor's torque?");
+  }
+}
+
+void require_resisting(const std::vector<Ramp>& ramps, const std::string& source) {
+  const auto against = std::count_if(ramps.begin(), ramps.end(), [](const Ramp& ramp) {
+    return ramp.torque * ramp.velocity < 0.0;
+  });
+  if (2 * against <= static_cast<std::ptrdiff_t>(ramps.size())) return;
+  throw std::runtime_error(
+      source + ": on " + std::to_string(against) + " of " + std::to_string(ramps.size()) +
+      " ramps the torque drives against the motion: its sign is the other one; "
+      "add --invert-torque");
+}
+
+void require_mass(const ForceFit& fit, const std::string& source) {
+  if (fit.model.mass > 0.0) return;
+  throw std::runtime_error(
+      source +
+      ": torque and acceleration do not go together (the moved mass would be 0 "
+      "or less); if the drive counts torque the other way, add --invert-torque");
+}
+
 std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass, const ForceUnit& unit) {
   const auto value = [](double v, double sd, const std::string& of) {
     std::string out = text("%.4g", v);
@@ -66,7 +112,7 @@ std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass, const 
     k = 0;
     for (const Parameter& p : shapes_of(effect.kind)) {
       line += ", " + name_of(p, unit) + " " +
-              value(effect.shape[k], fit.deviations[i].shape[k], unit.of(p.unit));
+              value(effect.shape[k], fit.deviations[i].shape[k], unit.of_shape(p.unit));
       ++k;
     }
     lines.push_back(std::move(line));
@@ -96,7 +142,7 @@ nlohmann::json force_json(const ForceFit& fit, bool with_mass, const ForceUnit& 
     k = 0;
     for (const Parameter& p : shapes_of(effect.kind)) {
       parameters[name_of(p, unit)] = {{"value", effect.shape[k]},
-                                      {"unit", unit.of(p.unit)},
+                                      {"unit", unit.of_shape(p.unit)},
                                       {"sd", fit.deviations[i].shape[k]}};
       ++k;
     }
@@ -113,7 +159,8 @@ std::vector<std::string> undetermined(const ForceFit& fit) {
     const auto look = [&](const auto& parameters, const auto& values, const auto& deviations) {
       std::size_t k = 0;
       for (const Parameter& p : parameters) {
-        if (!(deviations[k] <= std::abs(values[k])) && values[k] != 0.0) names.emplace_back(p.name);
+        // Nothing at all is a finding; a shape of which nothing is known is none.
+        if (values[k] != 0.0 && !(deviations[k] <= std::abs(values[k]))) names.emplace_back(p.name);
         ++k;
       }
     };

@@ -6,6 +6,8 @@
 #include <vector>
 
 #include "identification/force_fit.h"
+#include "identification/ramps.h"
+#include "identification/segments.h"
 
 namespace servotwin::cli {
 
@@ -17,12 +19,22 @@ struct ForceUnit {
 
   /// The unit of a coefficient that the catalogue has per moved mass: "m/s^2" -> "N".
   [[nodiscard]] std::string of(std::string_view per_mass) const;
+  /// The unit of a shape: metres of a linear axis are radians of a rotary one.
+  [[nodiscard]] std::string of_shape(std::string_view unit) const;
   /// "kg", "kg m^2", or "A per m/s^2".
   [[nodiscard]] std::string of_mass() const;
 };
 
 /// The unit of a torque channel; `lead` [m per revolution] tells torques of a linear axis in N.
 [[nodiscard]] ForceUnit force_unit(const std::string& torque_unit, bool rotary, double lead);
+
+/// Turns the torque round where `inverted`. Throws std::runtime_error, naming the axis and what to
+/// do, if it has none or one that never changes.
+void require_torque(SegmentedAxis& axis, bool inverted);
+/// Throws std::runtime_error where steady torque drives against the motion.
+void require_resisting(const std::vector<Ramp>& ramps, const std::string& source);
+/// Throws std::runtime_error where a fit needs no mass at all: torque against acceleration.
+void require_mass(const ForceFit& fit, const std::string& source);
 
 /// Mass and every effect, one line each.
 [[nodiscard]] std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass,

@@ -29,7 +29,11 @@ std::FILE* people_beside(std::initializer_list<std::filesystem::path> results) {
   if (on_stdout > 1)
     throw UsageError("only one result can go to standard output; name a file for the others");
   for (const auto& file : results) {
-    if (!file.empty() && !is_stdout(file)) AtomicFile probe(file);
+    if (file.empty() || is_stdout(file)) continue;
+    if (std::count(results.begin(), results.end(), file) > 1)
+      throw UsageError(file.string() +
+                       " is named for two results; the second would replace the first");
+    AtomicFile probe(file);
   }
   return on_stdout == 1 ? stderr : stdout;
 }

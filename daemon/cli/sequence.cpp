@@ -18,6 +18,7 @@ namespace {
 using nlohmann::json;
 
 constexpr double kMilli = 1e-3;
+constexpr double kNothing = 0.95;  // of the error without the part: it explains nothing
 
 struct Arguments {
   RecordingOptions bare, covered;
@@ -25,6 +26,7 @@ struct Arguments {
   std::filesystem::path result, plot;
   std::string axis, friction = "lugre";
   double lead_mm = 0.0, bandwidth_hz = 0.0;
+  bool invert = false;
   int substeps = 8;
 };
 
@@ -37,13 +39,25 @@ Torque read(RecordingOptions options, const std::filesystem::path& file, const A
             const std::string& name, std::FILE* people) {
   options.file = file;
   Torque out{segment_axis(options.read(people), name), {}};
-  if (out.axis.torque_unit.empty())
-    throw std::runtime_error(file.string() + ": axis " + name + " has no torque");
+  require_torque(out.axis, arguments.invert);
   require_motion(out.axis);
   say(people, "read " + file.string());
   for (const std::string& line : out.axis.report.lines()) say(people, "  " + line);
   out.data = ForceData::of_motion(out.axis.segments, arguments.bandwidth_hz, arguments.substeps);
   return out;
+}
+
+/// Throws unless two recordings measure alike.
+void require_same(const SegmentedAxis& axis, const SegmentedAxis& bare) {
+  if (axis.rotary != bare.rotary) {
+    throw std::runtime_error(axis.source + ": axis " + axis.axis +
+                             (axis.rotary ? " is rotary" : " is linear") + ", that of " +
+                             bare.source + (bare.rotary ? " is rotary" : " is linear"));
+  }
+  if (axis.torque_unit != bare.torque_unit) {
+    throw std::runtime_error(axis.source + ": its torque is in " + axis.torque_unit + ", that of " +
+                             bare.source + " in " + bare.torque_unit);
+  }
 }
 
 /// What the added part takes of the torque, at the steady velocities of a recording.
@@ -68,15 +82,30 @@ std::vector<Share> shares_of(const std::vector<Segment>& segments, const ForceMo
   return out;
 }
 
-double mean_of(const std::vector<Share>& shares, double sign, double Share::*value) {
-  double sum = 0.0;
-  int count = 0;
-  for (const Share& share : shares) {
-    if (sign != 0.0 && share.velocity * sign < 0.0) continue;
-    sum += share.*value;
-    ++count;
+/// What the part takes in the two directions at the same speeds.
+struct Directions {
+  double plus = 0.0, minus = 0.0;  ///< means, against the motion
+  int pairs = 0;
+};
+
+Directions directions_of(const std::vector<Share>& shares) {
+  constexpr double kSameSpeed = 0.02;
+  Directions out;
+  for (const Share& forward : shares) {
+    if (forward.velocity < 0.0) continue;
+    const auto back = std::find_if(shares.begin(), shares.end(), [&](const Share& share) {
+      return std::abs(share.velocity + forward.velocity) < kSameSpeed * forward.velocity;
+    });
+    if (back == shares.end()) continue;
+    out.plus += forward.element;
+    out.minus += back->element;
+    ++out.pairs;
   }
-  return count > 0 ? sum / count : kAbsent;
+  if (out.pairs > 0) {
+    out.plus /= out.pairs;
+    out.minus /= out.pairs;
+  }
+  return out;
 }
 
 void run(const Arguments& arguments) {
@@ -84,10 +113,15 @@ void run(const Arguments& arguments) {
   const Torque bare = read(arguments.bare, arguments.bare.file, arguments, arguments.axis, people);
   const Torque covered =
       read(arguments.bare, arguments.covered.file, arguments, arguments.axis, people);
-  if (covered.axis.torque_unit != bare.axis.torque_unit) {
-    throw std::runtime_error(covered.axis.source + ": its torque is in " +
-                             covered.axis.torque_unit + ", that of " + bare.axis.source + " in " +
-                             bare.axis.torque_unit);
+  require_same(covered.axis, bare.axis);
+  std::vector<Torque> verify_bare, verify_covered;
+  for (const auto& file : arguments.verify_bare) {
+    verify_bare.push_back(read(arguments.bare, file, arguments, arguments.axis, people));
+    require_same(verify_bare.back().axis, bare.axis);
+  }
+  for (const auto& file : arguments.verify_covered) {
+    verify_covered.push_back(read(arguments.bare, file, arguments, arguments.axis, people));
+    require_same(verify_covered.back().axis, bare.axis);
   }
   if (arguments.lead_mm > 0.0 && (bare.axis.rotary || bare.axis.torque_unit != "Nm"))
     throw UsageError("--lead needs a linear axis whose torque is in Nm");
@@ -128,35 +162,44 @@ void run(const Arguments& arguments) {
                       left.cwiseAbs().maxCoeff(), left.norm() / torque.data.force().norm()};
   };
   const ForceError fitted = together(covered, true), without = together(covered, false);
+  std::vector<Share> shares = shares_of(covered.axis.segments, drive->model, part->model);
+  const bool takes_less = std::count_if(shares.begin(), shares.end(),
+                                        [](const Share& share) { return share.measured < 0.0; }) *
+                              2 >
+                          static_cast<std::ptrdiff_t>(shares.size());
+  if (takes_less || fitted.rms > kNothing * without.rms) {
+    throw std::runtime_error(covered.axis.source + " needs no more torque than " +
+                             bare.axis.source +
+                             ": are --bare and --covered exchanged, or of different axes?");
+  }
   say(people, "  fitted      " + error_text(fitted));
   say(people, "  without it  " + error_text(without));
 
-  std::vector<Share> shares = shares_of(covered.axis.segments, drive->model, part->model);
   json verified = json::array();
-  const auto verify = [&](const std::vector<std::filesystem::path>& files, bool with_part) {
-    for (const auto& file : files) {
-      const Torque torque = read(arguments.bare, file, arguments, arguments.axis, people);
+  const auto verify = [&](const std::vector<Torque>& torques, bool with_part) {
+    for (const Torque& torque : torques) {
+      const std::string name = std::filesystem::path(torque.axis.source).filename().string();
       const ForceError e = together(torque, with_part);
       if (with_part) {
         const auto more = shares_of(torque.axis.segments, drive->model, part->model);
         shares.insert(shares.end(), more.begin(), more.end());
       }
-      say(people, "verified    " + error_text(e) + "  (" + file.filename().string() +
-                      ", not seen by the fit)");
-      verified.push_back({{"source", file.filename().string()},
+      say(people, "verified    " + error_text(e) + "  (" + name + ", not seen by the fit)");
+      verified.push_back({{"source", name},
                           {"covered", with_part},
                           {"rms", e.rms / unit.scale},
                           {"max", e.max / unit.scale},
                           {"relative", e.relative}});
     }
   };
-  verify(arguments.verify_bare, false);
-  verify(arguments.verify_covered, true);
+  verify(verify_bare, false);
+  verify(verify_covered, true);
 
   std::sort(shares.begin(), shares.end(), [](const Share& l, const Share& r) {
     return std::abs(l.velocity) < std::abs(r.velocity);
   });
   double ratio = kAbsent;
+  const char* milli = unit.rotary ? "mrad" : "mm";
   json share_json = json::array();
   if (shares.empty()) {
     say(people, "share       not known: the covered recording has no constant velocity");
@@ -166,18 +209,17 @@ void run(const Arguments& arguments) {
                             [](const Share& l, const Share& r) { return l.measured < r.measured; });
     say(people,
         text("share       of the torque at steady speed: %.1f to %.1f %% measured; the model says "
-             "%.1f %% at the slowest (%.3g mm/s), %.1f %% at the fastest (%.4g mm/s)",
+             "%.1f %% at the slowest (%.4g %s/s), %.1f %% at the fastest (%.4g %s/s)",
              100.0 * least->measured, 100.0 * most->measured, 100.0 * shares.front().modelled,
-             std::abs(shares.front().velocity) / kMilli, 100.0 * shares.back().modelled,
-             std::abs(shares.back().velocity) / kMilli));
+             std::abs(shares.front().velocity) / kMilli, milli, 100.0 * shares.back().modelled,
+             std::abs(shares.back().velocity) / kMilli, milli));
     for (const Share& share : shares) {
       share_json.push_back({{"velocity", share.velocity},
                             {"measured", share.measured},
                             {"modelled", share.modelled}});
     }
-    const double plus = mean_of(shares, 1.0, &Share::element),
-                 minus = mean_of(shares, -1.0, &Share::element);
-    if (std::isfinite(plus) && std::isfinite(minus) && plus > 0.0) {
+    const auto [plus, minus, pairs] = directions_of(shares);
+    if (pairs > 0 && plus > 0.0) {
       ratio = minus / plus;
       say(people,
           text("directions  it takes %.4g %s in the negative direction and %.4g %s in the "
@@ -214,8 +256,15 @@ void run(const Arguments& arguments) {
         PlotSeries& series = share.velocity > 0.0 ? plus : minus;
         series.x.push_back(std::abs(share.velocity) / kMilli);
         series.y.push_back(100.0 * share.measured);
-        curve.x.push_back(std::abs(share.velocity) / kMilli);
-        curve.y.push_back(100.0 * share.modelled);
+      }
+      for (const double sign : {1.0, -1.0}) {
+        for (const Share& share : shares) {
+          if (share.velocity * sign < 0.0) continue;
+          curve.x.push_back(std::abs(share.velocity) / kMilli);
+          curve.y.push_back(100.0 * share.modelled);
+        }
+        curve.x.push_back(1.0);
+        curve.y.push_back(kAbsent);  // the other direction is another line
       }
       panels.push_back({"share of the torque at steady speed",
                         unit.rotary ? "speed [mrad/s]" : "speed [mm/s]",
@@ -231,7 +280,14 @@ void run(const Arguments& arguments) {
     out["axis"] = arguments.axis;
     out["bare"] = force_json(*drive, true, unit);
     out["added"] = force_json(*part, true, unit);
-    out["fitted"] = {{"rms", fitted.rms / unit.scale}, {"relative", fitted.relative}};
+    out["force_unit"] = unit.name;
+    out["sources"] = {{"bare", bare.axis.source}, {"covered", covered.axis.source}};
+    out["fitted"] = {{"rms", fitted.rms / unit.scale},
+                     {"max", fitted.max / unit.scale},
+                     {"relative", fitted.relative}};
+    out["bare_fitted"] = {{"rms", drive->error.rms / unit.scale},
+                          {"relative", drive->error.relative}};
+    out["without"] = {{"rms", without.rms / unit.scale}, {"relative", without.relative}};
     out["verified"] = verified;
     out["share"] = share_json;
     out["direction_ratio"] = std::isfinite(ratio) ? json(ratio) : json();
@@ -278,6 +334,8 @@ Command add_sequence(CLI::App& app) {
                   "encoder")
       ->type_name("HZ")
       ->check(CLI::NonNegativeNumber.name(""));
+  command.add_flag("--invert-torque", arguments->invert,
+                   "the drive counts torque against the motion: turn it round");
   command
       .add_option("--json", arguments->result, "write the whole result here; - is standard output")
       ->type_name("OUT");
