@@ -37,7 +37,7 @@ struct ReplayConfig {
 
 struct IdentifyConfig {
   double window_s = 8.0;          ///< new motion until the next model is sought
-  double memory_s = 24.0;         ///< data before that which is used as well, if it is there
+  double memory_s = 24.0;         ///< most fast motion it is sought on; half of slow reversals
   double judge_s = 4.0;           ///< motion that neither model has seen, to judge on
   double min_improvement = 0.02;  ///< share by which the RMS must fall for a new model
   IdentifyOptions options;

@@ -5,10 +5,11 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <thread>
+#include <utility>
 
 #include "daemon/clock.h"
 #include "drivers/text.h"
-#include "identification/segments.h"
+#include "identification/noise_floor.h"
 
 namespace servotwin {
 namespace {
@@ -17,6 +18,10 @@ constexpr auto kPause = std::chrono::milliseconds(100);
 // Inside the window: the rest chooses nothing, but tells the identification whether it predicts at
 // all.
 constexpr double kTrainingShare = 0.8;
+// New evidence of less than this is none.
+constexpr double kEnough_s = 1.0;
+// A noise floor that differs by less than this share is the same.
+constexpr double kSameNoise = 0.1;
 // A model of another sampling time is another machine's.
 constexpr double kSameCycle = 0.01;
 
@@ -26,6 +31,39 @@ std::string progress_of(const char* what, double done_s, double needed_s) {
   out.precision(1);
   out << what << ": " << std::max(0.0, done_s) << " of " << needed_s << " s of motion";
   return out.str();
+}
+
+/// Of standing that is looked at.
+double standing_s(const IdentifyConfig& config) {
+  return std::max(config.window_s, EvidenceLimits().rest_s);
+}
+
+std::string micro(double value, bool rotary) {
+  std::ostringstream out;
+  out.precision(3);
+  out << value * 1e6 << (rotary ? " urad" : " um");
+  return out.str();
+}
+
+std::string tenths(double value) {
+  std::ostringstream out;
+  out.setf(std::ios::fixed);
+  out.precision(1);
+  out << value << " s";
+  return out.str();
+}
+
+EvidenceBounds bounds_of(const IdentifyConfig& config) {
+  constexpr double kForgotten = 10.0;
+  return {config.memory_s, 0.5 * config.memory_s, standing_s(config), kForgotten * config.memory_s};
+}
+
+/// The largest of what the standing axis and its motion show; NaN where the motion is not known.
+double noise_floor_of(const EvidenceMemory& evidence) {
+  const NoiseFloor motion =
+      noise_floor(evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals}));
+  const NoiseFloor standing = noise_floor(evidence.kept({Evidence::kStandstill}));
+  return standing.standstill_rms > motion.rms ? standing.standstill_rms : motion.rms;
 }
 
 /// What is left of the error by this model, or by none, where the first `skip_s` of every segment
@@ -65,7 +103,8 @@ IdentificationWorker::IdentificationWorker(const MachineDescription& machine,
       announce_(std::move(announce)) {
   config_.options.training_share = kTrainingShare;
   for (const AxisDescription& axis : machine.axes) {
-    axes_.push_back({axis.name, axis.rotary, {}, {}, 0.0});
+    axes_.push_back(
+        {axis.name, axis.rotary, {}, {}, 0.0, 0.0, EvidenceMemory(bounds_of(config)), {}, {}});
     status_.push_back({axis.name, 0, kAbsent, "waiting for motion"});
   }
 }
@@ -113,24 +152,111 @@ bool IdentificationWorker::look(std::size_t axis) {
     if (until_s) judge_candidate(axis, *until_s);
     return until_s.has_value();
   }
-  say(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s));
+  say(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s) +
+                (state.last_step.empty() ? "" : "; last: " + state.last_step));
   const std::optional<double> until_s =
       memory_.time_when_moved(axis, state.moved_s + config_.window_s);
-  if (until_s) seek(axis, *until_s);
+  // Without a model there is nothing whose noise floor could be renewed.
+  const std::optional<double> stood_s =
+      state.in_force ? memory_.time_when_stood(axis, state.sorted_s, standing_s(config_))
+                     : std::nullopt;
+  if (stood_s && (!until_s || *stood_s <= *until_s)) {
+    renew_noise_floor(axis, *stood_s);
+    return true;
+  }
+  if (until_s) step(axis, *until_s);
   return until_s.has_value();
 }
 
-void IdentificationWorker::seek(std::size_t axis, double until_s) {
+SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
+  Axis& state = axes_[axis];
+  const double before_s = std::exchange(state.sorted_s, until_s);
+  SegmentedAxis motion =
+      segment_axis(memory_.copy(axis, until_s - config_.memory_s, until_s, "live"), state.name);
+  const EvidenceSeconds fresh = state.evidence.take(motion.segments, before_s, state.moved_s);
+  for (const Evidence e : {Evidence::kFastMotion, Evidence::kSlowReversals, Evidence::kStandstill})
+    state.fresh.of(e) += fresh.of(e);
+  return motion;
+}
+
+void IdentificationWorker::step(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   say(axis, "identifying");
   state.moved_s += config_.window_s;
+  SegmentedAxis motion;
+  try {
+    motion = sort(axis, until_s);
+  } catch (const std::exception& error) {
+    note_refusal(axis, std::string("no model was found: ") + error.what());
+    return;
+  }
+  const EvidenceSeconds fresh = std::exchange(state.fresh, {});
+  const double fast_s = fresh.of(Evidence::kFastMotion),
+               slow_s = fresh.of(Evidence::kSlowReversals);
+  const EvidenceSeconds kept = state.evidence.seconds();
+  const std::string on = " on " + tenths(kept.of(Evidence::kFastMotion)) + " of fast motion and " +
+                         tenths(kept.of(Evidence::kSlowReversals)) + " of slow reversals: ";
+  IdentifyOptions options = config_.options;
+  options.split_each = true;
+  if (!state.in_force) {
+    state.last_step = "loop and friction" + on + "no model is in force";
+  } else if (fast_s >= kEnough_s) {
+    state.last_step = "loop and friction" + on + tenths(fast_s) + " of fast motion are new";
+  } else if (slow_s < kEnough_s) {
+    state.last_step = "no step: neither fast motion nor slow reversals are new";
+    return;
+  } else if (kept.of(Evidence::kFastMotion) == 0.0) {
+    state.last_step =
+        "no step: no fast motion is kept that would hold the loop while friction is "
+        "found from slow reversals";
+    return;
+  } else {
+    options.start = state.in_force->record.model;
+    state.last_step = "friction" + on + tenths(slow_s) +
+                      " of slow reversals are new and no fast motion; from model " +
+                      std::to_string(state.in_force->record.version);
+  }
+  events_.note("identification_step", state.name, state.last_step);
+  say(axis, "identifying " + state.last_step);
+  std::vector<Segment> evidence =
+      state.evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals});
+  // Motion that is evidence of nothing is tried as it is, so that the refusal says what it lacks.
+  if (!evidence.empty()) motion.segments = std::move(evidence);
+  seek(axis, until_s, std::move(motion), options);
+}
+
+void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
+  Axis& state = axes_[axis];
+  try {
+    sort(axis, until_s);
+  } catch (const std::exception& error) {
+    state.last_step = std::string("no noise floor of the standing axis: ") + error.what();
+    return;
+  }
+  const double floor = noise_floor_of(state.evidence);
+  double& known = state.in_force->record.noise_floor_rms;
+  const std::string version = "model " + std::to_string(state.in_force->record.version);
+  if (!std::isfinite(floor)) {
+    state.last_step = "standing: the noise floor of " + version + " stays, no motion is kept";
+    return;
+  }
+  state.last_step =
+      "standing: noise floor of " + version + " " + micro(floor, state.rotary) + ", no search";
+  if (std::abs(floor - known) <= kSameNoise * known) return;
+  const std::string before = std::isfinite(known) ? ", was " + micro(known, state.rotary) : "";
+  known = floor;
+  events_.note("noise_floor", state.name, state.last_step + before);
+}
+
+void IdentificationWorker::seek(std::size_t axis, double until_s, SegmentedAxis motion,
+                                const IdentifyOptions& options) {
+  Axis& state = axes_[axis];
   Pending candidate;
   candidate.until_s = until_s;
   candidate.moved_s = state.moved_s;
   try {
-    const Recording recording = memory_.copy(axis, until_s - config_.memory_s, until_s, "live");
     const std::int64_t begin = steady_ns();
-    candidate.identified = identify(segment_axis(recording, state.name), config_.options);
+    candidate.identified = identify(motion, options);
     ModelRecord& record = candidate.identified.record;
     record.source = "live";
     record.created = iso_time(wall_ns());

@@ -1,13 +1,19 @@
 // The identification worker: seeks a model for every axis, judges it, and puts it in force if it is
 // better.
 //
-//   window_s of new motion --> identify on the last memory_s --> candidate --> judge_s of motion
-//   that neither the candidate nor the model in force has seen --> daemon/promotion.h --> store -->
-//   in force
+//   window_s of new motion --> sort it by what it shows (identification/evidence.h) --> one step:
+//     fast motion, or no model in force   loop and friction on the evidence that is kept
+//     slow reversals and nothing faster   friction, starting from the model in force
+//     neither                             none
+//   --> candidate --> judge_s of motion that neither the candidate nor the model in force has seen
+//   --> daemon/promotion.h --> store --> in force
+//
+//   window_s of standing --> the noise floor of the model in force, and no search
 //
 // All of this is counted in motion of the machine, not in time of the worker: a worker that lags
-// does the same as one that does not, as long as the motion is remembered. A model is in force only
-// when it is on the disk. Every decision is an event with its reason.
+// does the same as one that does not, as long as the motion is remembered. Evidence is kept for
+// longer than that (daemon/evidence_memory.h), but not over a restart. A model is in force only
+// when it is on the disk. Every step and every decision is an event with its reason.
 //
 // One worker thread at idle priority; the constructor and restore() before it starts; update() any
 // thread.
@@ -23,11 +29,13 @@
 
 #include "daemon/config.h"
 #include "daemon/event_log.h"
+#include "daemon/evidence_memory.h"
 #include "daemon/latest_value.h"
 #include "daemon/motion_memory.h"
 #include "daemon/promotion.h"
 #include "daemon/real_time_loop.h"
 #include "daemon/store.h"
+#include "identification/segments.h"
 
 namespace servotwin {
 
@@ -64,10 +72,17 @@ class IdentificationWorker {
     bool rotary = false;
     std::optional<StoredModel> in_force;
     std::optional<Pending> candidate;
-    double moved_s = 0.0;  // by the end of the last search's data
+    double moved_s = 0.0;   // by the end of the last window
+    double sorted_s = 0.0;  // until here the motion has been sorted
+    EvidenceMemory evidence;
+    EvidenceSeconds fresh;  // sorted since the last step
+    std::string last_step;  // for people
   };
 
-  void seek(std::size_t axis, double until_s);
+  SegmentedAxis sort(std::size_t axis, double until_s);
+  void step(std::size_t axis, double until_s);
+  void seek(std::size_t axis, double until_s, SegmentedAxis motion, const IdentifyOptions& options);
+  void renew_noise_floor(std::size_t axis, double until_s);
   void judge_candidate(std::size_t axis, double until_s);
   void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);
   void put_in_force(std::size_t axis, const StoredModel& model);

@@ -82,6 +82,25 @@ std::optional<double> MotionMemory::time_when_moved(std::size_t axis, double mov
   return time_[static_cast<std::size_t>(row)];
 }
 
+std::optional<double> MotionMemory::time_when_stood(std::size_t axis, double after_s,
+                                                    double seconds) const {
+  const std::lock_guard lock(mutex_);
+  const std::vector<double>& moved = moved_s_[axis];
+  auto begin = std::upper_bound(time_.begin(), time_.end(), after_s) - time_.begin();
+  while (begin < static_cast<std::ptrdiff_t>(time_.size())) {
+    const auto end = std::lower_bound(time_.begin() + begin, time_.end(),
+                                      time_[static_cast<std::size_t>(begin)] + seconds) -
+                     time_.begin();
+    if (end == static_cast<std::ptrdiff_t>(time_.size())) return std::nullopt;
+    const double by_end_s = moved[static_cast<std::size_t>(end)];
+    if (by_end_s == moved[static_cast<std::size_t>(begin)])
+      return time_[static_cast<std::size_t>(end)];
+    // It moved in between: nothing that begins before the last of that is long enough.
+    begin = std::lower_bound(moved.begin() + begin, moved.begin() + end, by_end_s) - moved.begin();
+  }
+  return std::nullopt;
+}
+
 double MotionMemory::oldest_s() const {
   const std::lock_guard lock(mutex_);
   return time_.empty() ? 0.0 : time_.front();

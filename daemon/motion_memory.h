@@ -29,6 +29,10 @@ class MotionMemory {
   /// The time at which it had moved that long; nothing if it has not yet. What is forgotten counts
   /// as the oldest row.
   [[nodiscard]] std::optional<double> time_when_moved(std::size_t axis, double moved_s) const;
+  /// The time at which it had stood for `seconds` without a break, of the rows after `after_s`;
+  /// nothing if it has not yet.
+  [[nodiscard]] std::optional<double> time_when_stood(std::size_t axis, double after_s,
+                                                      double seconds) const;
   /// The rows of one axis after one time until another, as a recording named `source`.
   [[nodiscard]] Recording copy(std::size_t axis, double after_s, double until_s,
                                const std::string& source) const;

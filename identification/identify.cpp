@@ -7,6 +7,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "identification/evidence.h"
 #include "identification/excitation.h"
 #include "identification/full_ls.h"
 #include "identification/joint.h"
@@ -45,20 +46,24 @@ double span_s(const std::vector<Segment>& segments) {
   return sum;
 }
 
-/// Splits by time of data (gaps do not count): the first `share`, and the rest.
+/// Splits by time of data (gaps do not count): the first `share` of all, or of each, and the rest.
 std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
-                                                            double share) {
+                                                            double share, bool each) {
+  std::vector<Segment> first, rest;
   double left = share * span_s(segments);
   for (const Segment& s : segments) {
-    const double length = s.sample_time_s * static_cast<double>(s.size());
-    if (left <= length) {
-      const double at = s.start_s + left;
-      return {cut(segments, -1e300, at - 0.5 * s.sample_time_s),
-              cut(segments, at - 0.5 * s.sample_time_s, 1e300)};
-    }
+    const double h = s.sample_time_s, length = h * static_cast<double>(s.size());
+    const double taken = each ? share * length : std::clamp(left, 0.0, length);
     left -= length;
+    const double at = s.start_s + taken - 0.5 * h;
+    for (Segment& part : cut({s}, -1e300, at)) first.push_back(std::move(part));
+    for (Segment& part : cut({s}, at, 1e300)) {
+      // What begins within slow reversals does so again.
+      if (s.lead > 0 && taken > 0.0) part.lead = std::max(part.lead, lead_in(part));
+      rest.push_back(std::move(part));
+    }
   }
-  return {segments, {}};
+  return {std::move(first), std::move(rest)};
 }
 
 Eigen::Index rows_of(const std::vector<Segment>& segments) {
@@ -274,93 +279,30 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
   return out;
 }
 
-}  // namespace
-
-std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
-  std::vector<Segment> out;
-  for (const Segment& s : segments) {
-    const double h = s.sample_time_s;
-    const double first = std::max(0.0, std::ceil((from_s - s.start_s) / h - 1e-9));
-    const double last =
-        std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
-    if (last - first + 1.0 < 20.0) continue;
-    const auto begin = static_cast<Eigen::Index>(first);
-    const auto count = static_cast<Eigen::Index>(last - first) + 1;
-    Segment piece;
-    piece.start_s = s.start_s + h * first;
-    piece.sample_time_s = h;
-    piece.command = s.command.segment(begin, count);
-    piece.actual = s.actual.segment(begin, count);
-    if (s.torque.size() == s.size()) piece.torque = s.torque.segment(begin, count);
-    out.push_back(std::move(piece));
-  }
-  return out;
+/// What a model was found as.
+Structure structure_of(const Model& model) {
+  Structure structure;
+  structure.order = model.loop.order;
+  for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
+  structure.matched_feedforward = model.find(kind_of<TimeDelay>()) != nullptr;
+  return structure;
 }
 
-ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
-  double sum = 0.0;
-  ErrorFigures out;
-  Eigen::Index count = 0;
-  double most = 0.0;
-  for (const Segment& s : segments) {
-    const Eigen::Index used = starting_state_samples(model, s);
-    if (s.size() <= used + 10) continue;
-    const Eigen::ArrayXd left = ((s.command - s.actual) - simulate(model, s)).tail(s.size() - used);
-    sum += left.square().sum();
-    most = std::max(most, left.abs().maxCoeff());
-    count += left.size();
+Point point_of(const Model& model) {
+  Point point{model.loop.denominator, {}};
+  for (const Effect& effect : model.effects) {
+    for (std::size_t i = 0; i < shapes_of(effect.kind).size(); ++i)
+      point.shapes.push_back(effect.shape[i]);
   }
-  if (count > 0) out = {std::sqrt(sum / static_cast<double>(count)), most};
-  return out;
+  return point;
 }
 
-Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
-  if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
-  if (!(options.training_share > 0.1 && options.training_share < 0.95)) {
-    throw std::invalid_argument(
-        say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
-  }
-  require_motion(axis);
-  const auto [training, holdout] = split(axis.segments, options.training_share);
-  if (rows_of(training) < 300 || rows_of(holdout) < 100) {
-    throw std::runtime_error(
-        say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
-            " s) are too few to identify and to judge; record at least 500 samples with motion"));
-  }
-
-  Identified out;
-  ModelRecord& record = out.record;
-  record.axis = axis.axis;
-  record.rotary = axis.rotary;
-  record.rows = static_cast<long>(rows_of(axis.segments));
-  record.from_s = axis.segments.front().start_s;
-  record.to_s = axis.segments.back().end_s();
-  record.training_to_s = training.back().end_s();
-  record.noise_floor_rms = noise_floor(axis.segments).rms;
-  const Excitation excitation = excitation_of(training);
-  record.excitation = missing_motion(excitation, axis.rotary);
-
-  if (options.method == Method::kFullLs) {
-    record.method = "full-ls";
-    auto fit = full_ls(training, options.bounds, options.pole_constraints);
-    if (!fit)
-      throw std::runtime_error(axis.axis +
-                               ": full least squares has no finite solution on this data");
-    record.model = fit->model;
-    record.condition_number = fit->condition_number;
-    record.effect_deviations.assign(record.model.effects.size(), {});
-    if (auto why = why_invalid(record.model); !why.empty()) {
-      out.refusals.push_back(why);
-      return out;
-    }
-    record.training = judge(record.model, training);
-    record.holdout = judge(record.model, holdout);
-    return out;
-  }
-
-  // The structure, chosen within the training data.
-  record.method = "pole-search";
-  const auto [fitted, validated] = split(training, 2.0 / 3.0);
+/// The structure, chosen within the training data of the axis `name`; all that was tried goes to
+/// `tried`.
+Structure chosen_structure(const std::string& name, const std::vector<Segment>& training,
+                           const IdentifyOptions& options, double encoder_step,
+                           std::vector<StructureTrial>& tried) {
+  const auto [fitted, validated] = split(training, 2.0 / 3.0, options.split_each);
   PoleSearchOptions search;
   search.bounds = options.bounds;
   search.starts = 3;
@@ -397,24 +339,23 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     }
   }
   if (chosen == nullptr)
-    throw std::runtime_error(axis.axis +
+    throw std::runtime_error(name +
                              ": no stable loop within the bounds follows this motion; check units, "
                              "signs and the column mapping");
   for (const Trial& trial : trials) {
-    out.trials.push_back({trial.structure.order, trial.structure.effects,
-                          trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen,
-                          trial.ruled_out});
+    tried.push_back({trial.structure.order, trial.structure.effects,
+                     trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen,
+                     trial.ruled_out});
   }
 
   Structure structure = chosen->structure;
   double chosen_validation = chosen->validation;
-  const double encoder_step = noise_floor(axis.segments).encoder_step;
   if (options.method == Method::kJoint) {
     // The friction, chosen the same way, from the simplest model to the richest.
     const auto place = static_cast<std::size_t>(
         std::find(structure.effects.begin(), structure.effects.end(), kind_of<CoulombFriction>()) -
         structure.effects.begin());
-    std::size_t best = out.trials.size();
+    std::size_t best = tried.size();
     const std::vector<std::size_t> compared =
         options.friction ? std::vector{*options.friction} : compared_frictions();
     if (options.friction) chosen_validation = 1e300;
@@ -434,21 +375,118 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
       if (trial.validation_rms < kWorthIt * chosen_validation) {
         chosen_validation = trial.validation_rms;
         structure = richer;
-        best = out.trials.size();
+        best = tried.size();
       }
-      out.trials.push_back(trial);
+      tried.push_back(trial);
     }
     if (options.friction && *options.friction != kind_of<CoulombFriction>() &&
-        best == out.trials.size()) {
+        best == tried.size()) {
       throw std::runtime_error(
-          say(axis.axis, ": ", identity_of(*options.friction).id,
+          say(name, ": ", identity_of(*options.friction).id,
               " has no valid fit to this motion; take another friction model"));
     }
-    for (std::size_t i = 0; best < out.trials.size() && i < out.trials.size(); ++i)
-      out.trials[i].chosen = i == best;
+    for (std::size_t i = 0; best < tried.size() && i < tried.size(); ++i)
+      tried[i].chosen = i == best;
+  }
+  return structure;
+}
+
+}  // namespace
+
+std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
+  std::vector<Segment> out;
+  for (const Segment& s : segments) {
+    const double h = s.sample_time_s;
+    const double first = std::max(0.0, std::ceil((from_s - s.start_s) / h - 1e-9));
+    const double last =
+        std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
+    if (last - first + 1.0 < 20.0) continue;
+    const auto begin = static_cast<Eigen::Index>(first);
+    const auto count = static_cast<Eigen::Index>(last - first) + 1;
+    Segment piece;
+    piece.start_s = s.start_s + h * first;
+    piece.sample_time_s = h;
+    piece.command = s.command.segment(begin, count);
+    piece.actual = s.actual.segment(begin, count);
+    if (s.torque.size() == s.size()) piece.torque = s.torque.segment(begin, count);
+    piece.lead = std::clamp<Eigen::Index>(s.lead - begin, 0, count);
+    out.push_back(std::move(piece));
+  }
+  return out;
+}
+
+ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
+  double sum = 0.0;
+  ErrorFigures out;
+  Eigen::Index count = 0;
+  double most = 0.0;
+  for (const Segment& s : segments) {
+    const Eigen::Index used = std::max(s.lead, starting_state_samples(model, s));
+    if (s.size() <= used + 10) continue;
+    const Eigen::ArrayXd left = ((s.command - s.actual) - simulate(model, s)).tail(s.size() - used);
+    sum += left.square().sum();
+    most = std::max(most, left.abs().maxCoeff());
+    count += left.size();
+  }
+  if (count > 0) out = {std::sqrt(sum / static_cast<double>(count)), most};
+  return out;
+}
+
+Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
+  if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
+  if (!(options.training_share > 0.1 && options.training_share < 0.95)) {
+    throw std::invalid_argument(
+        say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
+  }
+  require_motion(axis);
+  const auto [training, holdout] = split(axis.segments, options.training_share, options.split_each);
+  if (rows_of(training) < 300 || rows_of(holdout) < 100) {
+    throw std::runtime_error(
+        say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
+            " s) are too few to identify and to judge; record at least 500 samples with motion"));
   }
 
-  search = {};
+  Identified out;
+  ModelRecord& record = out.record;
+  record.axis = axis.axis;
+  record.rotary = axis.rotary;
+  record.rows = static_cast<long>(rows_of(axis.segments));
+  record.from_s = axis.segments.front().start_s;
+  record.to_s = axis.segments.back().end_s();
+  record.training_to_s = training.back().end_s();
+  record.noise_floor_rms = noise_floor(axis.segments).rms;
+  const Excitation excitation = excitation_of(training);
+  record.excitation = missing_motion(excitation, axis.rotary);
+
+  if (options.method == Method::kFullLs) {
+    record.method = "full-ls";
+    auto fit = full_ls(training, options.bounds, options.pole_constraints);
+    if (!fit)
+      throw std::runtime_error(axis.axis +
+                               ": full least squares has no finite solution on this data");
+    record.model = fit->model;
+    record.condition_number = fit->condition_number;
+    record.effect_deviations.assign(record.model.effects.size(), {});
+    if (auto why = why_invalid(record.model); !why.empty()) {
+      out.refusals.push_back(why);
+      return out;
+    }
+    record.training = judge(record.model, training);
+    record.holdout = judge(record.model, holdout);
+    return out;
+  }
+
+  record.method = "pole-search";
+  const double encoder_step = noise_floor(axis.segments).encoder_step;
+  PoleSearchOptions search;
+  Structure structure;
+  if (options.start) {
+    structure = structure_of(*options.start);
+    search.from = {point_of(*options.start)};
+    out.trials.push_back({structure.order, structure.effects, kAbsent, true, ""});
+  } else {
+    structure = chosen_structure(axis.axis, training, options, encoder_step, out.trials);
+  }
   search.bounds = options.bounds;
   const bool polish = options.method == Method::kJoint;
   if (polish) record.method = "joint";

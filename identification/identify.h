@@ -27,6 +27,12 @@ struct IdentifyOptions {
   int order = 0;                        ///< 0: by held-out error
   std::optional<std::size_t> friction;  ///< joint only: its place in the catalogue; none: compared
   double delay_max_s = 0.02;            ///< 0: no delay is sought
+  /// A model of this axis whose friction is to be found again: its structure is kept, and steps 2
+  /// to 4 of identification/joint.h start from its loop. Not for full LS.
+  std::optional<Model> start;
+  /// The share is taken of every segment, not of all of them in order: where they show unlike
+  /// things, so that both parts show all of it.
+  bool split_each = false;
 };
 
 /// What was tried on the way to the structure, for people.

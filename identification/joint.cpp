@@ -50,14 +50,16 @@ std::size_t friction_place(const Structure& structure) {
 }
 
 /// Step 2: with these poles, the best shapes of the friction for every value of its first one. The
-/// poles of step 1 favour a wrong value, so that each has its turn in step 3.
+/// poles of step 1 favour a wrong value, so that each has its turn in step 3. `held`: the friction
+/// whose shapes `rough` has.
 std::vector<Point> friction_starts(const Projection& data, const Structure& structure,
-                                   std::size_t place, const Point& rough, int& evaluations) {
+                                   std::size_t place, const Point& rough, std::size_t held,
+                                   int& evaluations) {
   std::size_t first = 0;
   for (std::size_t i = 0; i < place; ++i) first += shapes_of(structure.effects[i]).size();
-  // Behind the shapes of the Coulomb friction of step 1.
+  // Behind the shapes of that friction.
   const auto rest =
-      rough.shapes.begin() + static_cast<std::ptrdiff_t>(first + CoulombFriction::kShapes.size());
+      rough.shapes.begin() + static_cast<std::ptrdiff_t>(first + shapes_of(held).size());
   const Projection coarse = thinned(data, 4e-3);
   std::vector<std::pair<double, Point>> best;
   for (const std::vector<double>& shapes : shape_grid(structure.effects[place])) {
@@ -135,13 +137,20 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
   Structure simple = structure;
   if (place < structure.effects.size()) simple.effects[place] = kind_of<CoulombFriction>();
 
-  auto fit = pole_search(Projection(signals, simple), options);
-  if (!fit) return std::nullopt;
+  const bool simplest = simple.effects == structure.effects, given = !options.from.empty();
+  std::optional<PoleFit> fit;
+  if (simplest || !given) {
+    fit = pole_search(Projection(signals, simple), options);
+    if (!fit) return std::nullopt;
+  }
   Projection data(std::move(signals), structure);
   std::vector<Point> rivals;
-  if (simple.effects != structure.effects) {
-    int evaluations = fit->evaluations;
-    std::vector<Point> starts = friction_starts(data, structure, place, fit->point, evaluations);
+  if (!simplest) {
+    int evaluations = fit ? fit->evaluations : 0;
+    const Point rough = fit ? fit->point : options.from.front();
+    const std::size_t held = fit ? kind_of<CoulombFriction>() : structure.effects[place];
+    std::vector<Point> starts = friction_starts(data, structure, place, rough, held, evaluations);
+    if (given) starts.push_back(rough);
     auto fits = refined(data, starts, options, evaluations);
     // Where the encoder's steps outweigh the model's error, the simulated motion is the better one.
     for (int round = 0; round < 2 && !fits.empty(); ++round) {

@@ -170,11 +170,12 @@ Eigen::VectorXd missed(const Model& model, const std::vector<Segment>& segments,
                        Eigen::Index settled) {
   if (!why_invalid(model).empty()) return {};
   Eigen::Index rows = 0;
-  for (const Segment& s : segments) rows += std::max<Eigen::Index>(0, s.size() - settled);
+  const auto counted = [settled](const Segment& s) { return s.size() - std::max(settled, s.lead); };
+  for (const Segment& s : segments) rows += std::max<Eigen::Index>(0, counted(s));
   Eigen::VectorXd out(rows);
   Eigen::Index row = 0;
   for (const Segment& s : segments) {
-    const Eigen::Index n = s.size() - settled;
+    const Eigen::Index n = counted(s);
     if (n <= 0) continue;
     out.segment(row, n) = ((s.command - s.actual) - simulate(model, s)).tail(n).matrix();
     row += n;

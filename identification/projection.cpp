@@ -271,6 +271,7 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
       State w = State::Zero();
       w(i) = 1.0;
       if (derivatives) columns.free2[static_cast<std::size_t>(at)].setZero(rows_, N);
+      if (s.lead > 0) continue;  // nothing of it is left when the lead-in is over
       // In units of time where the poles are about 1, all states are of one size and fade together.
       const double rate = std::pow(bank.a[N - 1], 1.0 / N);
       const auto size_of = [&] {
@@ -292,6 +293,26 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
   }
 }
 
+void Projection::leave_out_leads(Columns& columns, bool derivatives) const {
+  Eigen::Index row = 0;
+  for (const Signals& s : segments_) {
+    const Eigen::Index first = row, count = std::min(s.lead, s.size());
+    const auto clear = [&](auto& rows) { rows.middleRows(first, count).setZero(); };
+    row += s.size();
+    if (count <= 0) continue;
+    clear(columns.regressors);
+    clear(columns.target);
+    if (!derivatives) continue;
+    clear(columns.command2);
+    for (Eigen::MatrixXd& second : columns.force2) clear(second);
+    for (Eigen::MatrixXd& second : columns.free2) clear(second);
+    for (auto& entry : columns.by_shape) clear(entry.column);
+    if (delay_shape_ < 0) continue;
+    clear(columns.delayed_velocity);
+    clear(columns.top_derivative);
+  }
+}
+
 const Projection::Columns& Projection::columns_at(const Point& point, bool derivatives) const {
   // Megabytes that every evaluation would return to the kernel and fetch again, page by page.
   static thread_local Columns columns;
@@ -301,6 +322,7 @@ const Projection::Columns& Projection::columns_at(const Point& point, bool deriv
   } else {
     fill<3>(point, derivatives, columns);
   }
+  leave_out_leads(columns, derivatives);
   return columns;
 }
 

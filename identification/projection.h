@@ -75,6 +75,8 @@ class Projection {
   struct Columns;  // regressors and, where asked for, what their derivatives need
   template <int N>
   void fill(const Point& point, bool derivatives, Columns& columns) const;
+  /// The rows of lead-ins count for nothing.
+  void leave_out_leads(Columns& columns, bool derivatives) const;
   [[nodiscard]] const Columns& columns_at(const Point& point, bool derivatives) const;
   [[nodiscard]] Eigen::MatrixXd derivatives_of_sum(const Columns& columns,
                                                    const Eigen::VectorXd& linear) const;

@@ -26,6 +26,7 @@ Signals signals_of(const Segment& segment, int half_window) {
   s.error = segment.command - segment.actual;
   s.position = segment.actual;
   s.velocity = measured_velocity(segment.actual, s.h, half_window);
+  s.lead = segment.lead;
   return s;
 }
 
@@ -43,6 +44,7 @@ Signals decimated(const Signals& signals, int every) {
   s.error = thin(signals.error);
   s.position = thin(signals.position);
   s.velocity = thin(signals.velocity);
+  s.lead = (signals.lead + every - 1) / every;
   return s;
 }
 

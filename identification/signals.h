@@ -18,6 +18,8 @@ struct Signals {
   Eigen::ArrayXd
       velocity;  ///< measured: central difference, then a centred mean (docs/theory.md 1.4)
 
+  Eigen::Index lead = 0;  ///< as of the segment
+
   [[nodiscard]] Eigen::Index size() const { return error.size(); }
 };
 

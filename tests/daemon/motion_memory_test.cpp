@@ -47,6 +47,28 @@ TEST(MotionMemory, CountsTheTimeInWhichTheCommandChanges) {
   EXPECT_FALSE(memory.time_when_moved(0, 0.15).has_value());
 }
 
+TEST(MotionMemory, FindsTheFirstTimeItHasStoodForLongEnough) {
+  MotionMemory memory(one_axis(), 10.0);
+  std::int64_t k = 0;
+  double command = 0.0;
+  const auto until = [&](std::int64_t end, double speed) {
+    for (; k < end; ++k) memory.append(row_at(k, command += 1e-3 * speed));
+  };
+  until(100, 0.0);
+  until(150, 1.0);
+  until(350, 0.0);
+  until(351, 1.0);
+  until(800, 0.0);
+  EXPECT_NEAR(memory.time_when_stood(0, -1.0, 0.05).value(), 0.050, 1e-12);
+  // It stands from the last row that moved it on.
+  EXPECT_NEAR(memory.time_when_stood(0, -1.0, 0.15).value(), 0.149 + 0.15, 1e-12);
+  EXPECT_NEAR(memory.time_when_stood(0, 0.2, 0.15).value(), 0.350 + 0.15, 1e-12);
+  EXPECT_NEAR(memory.time_when_stood(0, -1.0, 0.3).value(), 0.350 + 0.3, 1e-12);
+  EXPECT_NEAR(memory.time_when_stood(0, 0.4005, 0.3).value(), 0.401 + 0.3, 1e-12);
+  EXPECT_FALSE(memory.time_when_stood(0, -1.0, 0.46).has_value());
+  EXPECT_FALSE(memory.time_when_stood(0, 5.0, 0.01).has_value());
+}
+
 TEST(MotionMemory, AJumpOverAGapIsNoMotion) {
   MotionMemory memory(one_axis(), 10.0);
   memory.append(row_at(0, 0.0));

@@ -120,6 +120,33 @@ TEST(JointIdentification, FindsTheFrictionThatTheExampleMachineHas) {
   EXPECT_LT(y.record.holdout.rms, 0.045e-6);
 }
 
+// From a model whose friction is wrong: its structure is kept, its loop is where the search begins.
+TEST(JointIdentification, FindsTheFrictionAgainFromAModelWithTheLoop) {
+  Model start;
+  start.sample_time_s = 1e-3;
+  start.loop.order = 3;
+  start.loop.denominator =
+      denominator_of({1.1 * 9.654 * kTwoPi, 0.95 * 29.914 * kTwoPi, 0.4556}, 3);
+  Effect friction = make_effect<Presliding>();
+  friction.shape = {2e-6, 0.1};
+  start.effects = {friction};
+  IdentifyOptions options;
+  options.method = Method::kJoint;
+  options.split_each = true;
+  options.start = start;
+  const Identified found = identify(example_axis("X"), options);
+  EXPECT_TRUE(found.refusals.empty());
+  ASSERT_EQ(found.trials.size(), 1U) << "no structure was compared";
+  EXPECT_TRUE(found.trials[0].chosen);
+  ASSERT_EQ(found.record.model.effects.size(), 1U);
+  EXPECT_EQ(found.record.model.effects[0].kind, kind_of<Presliding>());
+  EXPECT_NEAR(found.record.model.effects[0].coefficient[0], 0.524, 0.02);
+  const PoleSet poles = labels_of(found.record.model.loop).set[0];
+  EXPECT_NEAR(poles.real / kTwoPi, 9.654, 0.05);
+  EXPECT_NEAR(poles.omega / kTwoPi, 29.914, 0.5);
+  EXPECT_LT(found.record.holdout.rms, 0.07e-6);
+}
+
 // Real ball-screw axis. Published: 1.62 um RMS, 10.6 um MAX for the closed loop with the true
 // control law and symmetric friction.
 TEST(RealRecording, EmpsIsPredictedBetterWithItsFrictionIdentified) {
