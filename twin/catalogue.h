@@ -11,14 +11,17 @@
 
 #include "twin/effect.h"
 #include "twin/effects/asymmetric_friction.h"
+#include "twin/effects/cogging.h"
 #include "twin/effects/constant_force.h"
 #include "twin/effects/coulomb_friction.h"
 #include "twin/effects/dahl.h"
+#include "twin/effects/falling_friction.h"
 #include "twin/effects/feedforward_mismatch.h"
 #include "twin/effects/friction_map.h"
 #include "twin/effects/gms.h"
 #include "twin/effects/lugre.h"
 #include "twin/effects/modified_stribeck.h"
+#include "twin/effects/position_dependent_friction.h"
 #include "twin/effects/presliding.h"
 #include "twin/effects/presliding_stribeck.h"
 #include "twin/effects/smoothed_presliding.h"
@@ -40,7 +43,10 @@ using Catalogue = std::tuple<CoulombFriction,      //
                              ModifiedStribeck,     //
                              FrictionMap,          //
                              AsymmetricFriction,   //
-                             PreslidingStribeck>;
+                             PreslidingStribeck,   //
+                             FallingFriction,      //
+                             Cogging,              //
+                             PositionDependentFriction>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model

@@ -57,6 +57,7 @@ struct Parameter {
   bool with_free_loop =
       true;  ///< false: the free loop already contains it; fitted only against a held loop
   bool resists = false;  ///< of the whole friction, no part of it in a loop, this is not negative
+  bool scanned = false;  ///< a period or a frequency: sought over its whole range on a fine grid
 };
 
 /// Of friction models of one symmetric force. The poles of a free loop contain it.

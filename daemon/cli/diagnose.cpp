@@ -1,0 +1,98 @@
+// servotwin diagnose: what the simulation of an axis gets wrong, why, and what it would gain.
+#include "diagnosis/diagnose.h"
+
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "daemon/cli/command.h"
+#include "daemon/cli/model_text.h"
+#include "daemon/cli/options.h"
+#include "daemon/cli/output.h"
+#include "diagnosis/diagnosis_file.h"
+#include "diagnosis/report.h"
+
+namespace servotwin::cli {
+namespace {
+
+struct Arguments {
+  AxisOptions input;
+  std::filesystem::path result, report, extended;
+  IdentifyOptions identify;
+};
+
+void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis) {
+  const bool rotary = diagnosis.baseline.rotary;
+  say(people, "verdict     " + verdict_text(diagnosis));
+  say(people, "baseline    " + structure_text(diagnosis.baseline.model));
+  say(people, "            " + figures_text(diagnosis.baseline.holdout, rotary) +
+                  "   (hold-out, not seen by the fit)");
+  say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
+  say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
+  for (const Cause& cause : diagnosis.causes) {
+    say(people,
+        text("cause       %-28s %8.3f -> %.3f %s without and with it (gain %.2g to %.2g), sure "
+             "%.0f %%",
+             cause.id.c_str(), 1e6 * cause.gain.before, 1e6 * cause.gain.after, micro(rotary),
+             1e6 * cause.gain.low, 1e6 * cause.gain.high, 100.0 * cause.confidence));
+    say(people, "              " + cause_text(diagnosis, cause));
+    for (const std::string& rival : cause.ambiguous_with)
+      say(people, "              not to be told from " + rival + " by this recording");
+    if (const std::string advice = advice_for(cause.id); !advice.empty())
+      say(people, "              check " + advice);
+  }
+  for (const RegimeShare& share : diagnosis.regimes) {
+    if (share.samples == 0) continue;
+    say(people, text("left        %-14s %8.3f %s RMS %8.2f MAX, %4.1f %% of the squared error in "
+                     "%4.1f %% of the time",
+                     std::string(name_of(share.regime)).c_str(), 1e6 * share.rms, micro(rotary),
+                     1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
+  }
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.result, arguments.report, arguments.extended});
+  const SegmentedAxis axis = arguments.input.read(people);
+  Diagnosis diagnosis;
+  {
+    const Progress progress("diagnosing " + axis.axis);
+    diagnosis = diagnose(axis, arguments.identify);
+  }
+  diagnosis.baseline.source = diagnosis.extended.source =
+      arguments.input.recording.file.filename().string();
+  say_diagnosis(people, diagnosis);
+  if (!arguments.extended.empty()) write_json(arguments.extended, to_json(diagnosis.extended));
+  if (!arguments.result.empty())
+    write_json(arguments.result, to_json(diagnosis, arguments.extended.string()));
+  if (!arguments.report.empty())
+    write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source));
+}
+
+}  // namespace
+
+Command add_diagnose(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "diagnose", "What the simulation of an axis gets wrong, why, and what naming it gains.");
+  arguments->input.declare(command);
+  command.add_option("--json", arguments->result, "write the diagnosis here; - is standard output")
+      ->type_name("OUT.json");
+  command.add_option("--report", arguments->report, "write a page for people here")
+      ->type_name("OUT.html");
+  command
+      .add_option("--extended-model", arguments->extended,
+                  "write the model with all causes here (servotwin.model/1)")
+      ->type_name("M2.json");
+  command
+      .add_option("--training-share", arguments->identify.training_share,
+                  "share of the data that is fitted (default 0.6); the rest measures the gain")
+      ->type_name("SHARE")
+      ->check(CLI::Range(0.1, 0.95).name(""));
+  command
+      .add_option("--delay-max", arguments->identify.delay_max_s,
+                  "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
+      ->type_name("S")
+      ->check(CLI::Range(0.0, 0.05).name(""));
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

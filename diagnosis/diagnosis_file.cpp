@@ -1,0 +1,159 @@
+#include "diagnosis/diagnosis_file.h"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+namespace servotwin {
+
+namespace {
+
+using nlohmann::json;
+
+template <class... T>
+std::string text(const char* format, T... values) {
+  std::array<char, 512> buffer{};
+  std::snprintf(buffer.data(), buffer.size(), format, values...);
+  return buffer.data();
+}
+
+json number_or_null(double value) { return std::isfinite(value) ? json(value) : json(); }
+
+std::string unit_of(const Parameter& parameter, bool rotary) {
+  std::string unit(parameter.unit);
+  if (rotary && unit.starts_with("m")) unit.replace(0, 1, "rad");
+  return unit;
+}
+
+/// Amplitudes of the fundamental and of the second harmonic.
+std::array<double, 2> amplitudes(const Effect& cogging) {
+  const auto& c = cogging.coefficient;
+  return {std::hypot(c[0], c[1]), std::hypot(c[2], c[3])};
+}
+
+json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
+  const Effect& effect = diagnosis.extended.model.effects[cause.place];
+  json out = json::object();
+  std::size_t i = 0;
+  for (const Parameter& p : shapes_of(effect.kind)) out[std::string(p.name)] = effect.shape[i++];
+  i = 0;
+  for (const Parameter& p : coefficients_of(effect.kind)) {
+    if (p.with_free_loop) out[std::string(p.name)] = effect.coefficient[i];
+    ++i;
+  }
+  // The keys of the contract.
+  if (cause.id == "cogging") {
+    out[diagnosis.baseline.rotary ? "period_rad" : "period_m"] = effect.shape[0];
+    out["amplitude_mps2"] = amplitudes(effect)[0];
+    out["amplitude_2_mps2"] = amplitudes(effect)[1];
+  }
+  return out;
+}
+
+}  // namespace
+
+json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
+  json causes = json::array();
+  for (const Cause& cause : diagnosis.causes) {
+    causes.push_back(
+        {{"id", cause.id},
+         {"confidence", cause.confidence},
+         {"parameters", parameters_of(diagnosis, cause)},
+         {"ambiguous_with", cause.ambiguous_with},
+         {"evidence", json::array({{{"test", "blocked cross-validation, paired over 0.25 s"},
+                                    {"statistic", cause.statistic},
+                                    {"p", number_or_null(cause.p)}}})},
+         {"gain",
+          {{"holdout_rms_before_m", number_or_null(cause.gain.before)},
+           {"holdout_rms_after_m", number_or_null(cause.gain.after)},
+           {"ci95", {number_or_null(cause.gain.low), number_or_null(cause.gain.high)}}}},
+         {"check", advice_for(cause.id)}});
+  }
+  json regimes = json::object();
+  for (const RegimeShare& share : diagnosis.regimes) {
+    regimes[std::string(name_of(share.regime))] = {{"rms_m", share.rms},
+                                                   {"max_m", share.max},
+                                                   {"time_share", share.time_share},
+                                                   {"share", share.share}};
+  }
+  return {
+      {"schema", "servotwin.diagnosis/1"},
+      {"axis", diagnosis.baseline.axis},
+      {"baseline",
+       {{"rms_m", number_or_null(diagnosis.baseline.holdout.rms)},
+        {"max_m", number_or_null(diagnosis.baseline.holdout.max)},
+        {"noise_floor_rms_m", number_or_null(diagnosis.baseline.noise_floor_rms)}}},
+      {"extended",
+       {{"rms_m", number_or_null(diagnosis.extended.holdout.rms)},
+        {"max_m", number_or_null(diagnosis.extended.holdout.max)}}},
+      {"verdict", name_of(diagnosis.verdict)},
+      {"causes", causes},
+      {"residual", {{"by_regime", regimes}, {"unexplained_share", diagnosis.unexplained_share}}},
+      {"extended_model", extended_model.empty() ? json() : json(extended_model)}};
+}
+
+std::string verdict_text(const Diagnosis& diagnosis) {
+  const double before = 1e6 * diagnosis.baseline.holdout.rms,
+               after = 1e6 * diagnosis.extended.holdout.rms,
+               floor = 1e6 * diagnosis.baseline.noise_floor_rms;
+  const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
+  switch (diagnosis.verdict) {
+    case Verdict::kExplained:
+      return text(
+          "%zu cause%s named: on data not seen by the fit the simulation is wrong by %.3g %s "
+          "RMS in place of %.3g (noise floor %.2g)",
+          diagnosis.causes.size(), diagnosis.causes.size() == 1 ? "" : "s", after, unit, before,
+          floor);
+    case Verdict::kNothingSignificant:
+      return text("nothing significant: the simulation is wrong by %.3g %s RMS, noise floor %.2g",
+                  before, unit, floor);
+    case Verdict::kUnexplained:
+      return text(
+          "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, and "
+          "no effect of the catalogue explains it",
+          before, unit, before / floor);
+  }
+  return {};
+}
+
+std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
+  const Effect& effect = diagnosis.extended.model.effects[cause.place];
+  const bool rotary = diagnosis.baseline.rotary;
+  std::string out;
+  const auto add = [&](const Parameter& p, double value) {
+    out += (out.empty() ? "" : ", ") + std::string(p.name) + text(" %.4g", value) +
+           (p.unit == "1" ? "" : " " + unit_of(p, rotary));
+  };
+  if (effect.kind == kind_of<Cogging>()) {
+    const auto [first, second] = amplitudes(effect);
+    return text("period %.5g %s, amplitude %.3g %s/s^2 (%.3g at half the period)",
+                1e3 * effect.shape[0], rotary ? "mrad" : "mm", first, rotary ? "rad" : "m", second);
+  }
+  std::size_t i = 0;
+  for (const Parameter& p : coefficients_of(effect.kind)) {
+    if (p.with_free_loop) add(p, effect.coefficient[i]);
+    ++i;
+  }
+  i = 0;
+  for (const Parameter& p : shapes_of(effect.kind)) add(p, effect.shape[i++]);
+  return out;
+}
+
+std::string advice_for(const std::string& id) {
+  if (id == "presliding")
+    return "lubrication and preload of guides and screw; friction compensation at reversals";
+  if (id == "stribeck") return "lubrication of the guides; slow motion";
+  if (id == "asymmetric_friction")
+    return "wipers and covers; a counterbalance; the screw's nut by direction";
+  if (id == "gravity_offset") return "counterweight or brake; a cable that pulls";
+  if (id == "cogging")
+    return "what repeats with this period: the screw's lead, its balls, the motor's poles";
+  if (id == "position_dependent_friction")
+    return "wear, alignment and lubrication along the travel";
+  if (id == "time_delay")
+    return "how the recording is made; cycle and filters between command and encoder";
+  return "";
+}
+
+}  // namespace servotwin

@@ -1,0 +1,21 @@
+// The diagnosis file, `servotwin.diagnosis/1` (JSON; docs/files.md). Any thread.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+
+#include "diagnosis/diagnose.h"
+
+namespace servotwin {
+
+/// `extended_model`: the name of the file that the extended model was written to; empty: none.
+[[nodiscard]] nlohmann::json to_json(const Diagnosis& diagnosis, const std::string& extended_model);
+
+/// One sentence for a person on the shop floor.
+[[nodiscard]] std::string verdict_text(const Diagnosis& diagnosis);
+/// What the cause is, with its sizes, in one line.
+[[nodiscard]] std::string cause_text(const Diagnosis& diagnosis, const Cause& cause);
+/// What to look at on the machine.
+[[nodiscard]] std::string advice_for(const std::string& id);
+
+}  // namespace servotwin

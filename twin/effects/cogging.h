@@ -1,0 +1,46 @@
+// A force that is periodic in position: cogging of a motor, a screw's pitch, a ball's passage.
+//
+//   d = sine sin(2 pi x / period) + cosine cos(..) + the same at twice the frequency
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct Cogging {
+  static constexpr Identity kIdentity{
+      .id = "cogging",
+      .meaning = "a force periodic in position, and its second harmonic",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 3.10",
+      .confused =
+          "encoder_error, whose force grows with speed squared; position_dependent_friction, "
+          "which turns with the direction"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"period", "m", 5e-5, 1.0, 5e-3, "of the force along the axis", true, false, true}}};
+  static constexpr std::array<Parameter, 4> kCoefficients{
+      {{"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
+       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"},
+       {"sine_2", "m/s^2", -100.0, 100.0, 0.0, "of the sine at half the period"},
+       {"cosine_2", "m/s^2", -100.0, 100.0, 0.0, "of the cosine at half the period"}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    using std::cos;
+    using std::sin;
+    const T angle = 2.0 * std::numbers::pi * m.position / shape[0];
+    force[0] = sin(angle);
+    force[1] = cos(angle);
+    force[2] = sin(2.0 * angle);
+    force[3] = cos(2.0 * angle);
+  }
+};
+
+}  // namespace servotwin
