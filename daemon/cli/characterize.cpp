@@ -490,7 +490,19 @@ Command add_characterize(CLI::App& app) {
                   "200)")
       ->type_name("UM")
       ->check(CLI::PositiveNumber.name(""));
-  return {&command, [arguments] { run(*arguments); }};
+  // An option of another method would be ignored without a word.
+  const auto only = [&command, arguments](const char* option, const char* method) {
+    if (command.count(option) > 0 && arguments->method != method)
+      throw UsageError(std::string(option) + " needs --method " + method);
+  };
+  return {&command, [arguments, only] {
+            only("--friction", "motion");
+            only("--training-share", "motion");
+            only("--band", "ramps");
+            only("--centre", "ramps");
+            only("--travel", "reversals");
+            run(*arguments);
+          }};
 }
 
 }  // namespace servotwin::cli

@@ -67,6 +67,10 @@ const std::vector<Typed> kTyped{
     {{"replay", "rec.csv", "--dds", "--domain", "231"}, "--domain"},
     {{"watch", "--seconds", "-1"}, "--seconds"},
     {{"watch", "--json", "file.json"}, "give no file"},
+    {{"characterize", "rec.csv", "--axis", "X", "--friction", "lugre"},
+     "--friction needs --method motion"},
+    {{"characterize", "rec.csv", "--axis", "X", "--method", "motion", "--travel", "50"},
+     "--travel needs --method reversals"},
     {{"check-config"}, "FILE is required"},
 };
 INSTANTIATE_TEST_SUITE_P(Typed, WrongUsage, testing::ValuesIn(kTyped));

@@ -355,6 +355,20 @@ TEST(ModifiedStribeck, IsContinuousThroughRest) {
   EXPECT_NEAR(axis.move(0.006e-3), 600.0 + 300.0 / std::numbers::e + 1900.0 * 0.006, 1e-9);
 }
 
+// artanh(1/2) = ln(3)/2: every unit is at half its height there.
+TEST(FrictionMap, IsTheNetworkOfItsEquation) {
+  Effect effect = make_effect<FrictionMap>();
+  effect.shape = {1000.0, 100.0, 10.0, 1.0, 0.0, 0.5 * std::log(3.0), -0.5 * std::log(3.0), 0.0};
+  effect.coefficient = {8.0, 4.0, 2.0, 0.0, 0.25};
+  Along axis(effect);
+  EXPECT_NEAR(axis.move(0.0), 4.0 * 0.5 - 2.0 * 0.5 + 0.25, 1e-12);
+  // v = 1 m/s: all but the third are at their ends; tanh(10 - 0.5 ln 3) = 1 - 6/(e^20 + 3).
+  EXPECT_NEAR(axis.move(1e-3), 8.0 + 4.0 + 2.0 * (1.0 - 6.0 / (std::exp(20.0) + 3.0)) + 0.25,
+              1e-12);
+  effect.coefficient = {0.0, 0.0, 0.0, 1.0, 0.0};
+  EXPECT_NEAR(Along(effect).move(0.5e-3 * std::log(3.0)), 0.5, 1e-12);
+}
+
 // The level of the virgin curve from rest, and the fall to the Coulomb force at speed.
 TEST(PreslidingStribeck, BreaksAwayAtItsRatioAndFallsWithSpeed) {
   Effect effect = make_effect<PreslidingStribeck>();

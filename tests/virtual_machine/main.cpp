@@ -5,6 +5,7 @@
 #include <functional>
 #include <iostream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "tests/virtual_machine/example_machine.h"
@@ -70,7 +71,7 @@ int usage() {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 2 || argc > 3) return usage();
+  if (argc < 2 || argc > 3 || std::string_view(argv[1]).starts_with("--")) return usage();
   const std::string name = argc == 3 ? argv[1] : "example", path = argv[argc - 1];
   try {
     const Named* chosen = nullptr;
