@@ -10,6 +10,42 @@ namespace servotwin {
 
 static_assert(std::is_trivially_copyable_v<Twin>, "a twin crosses threads by value");
 
+namespace {
+
+/// The force at which `miss` is 0, sought from `first`, exact where that is it already.
+template <class Miss>
+double balanced(double first, const Miss& miss_at) noexcept {
+  const double miss = miss_at(first);
+  const double tolerance = 1e-15 + 1e-13 * std::abs(first);
+  if (std::abs(miss) <= tolerance) return first;
+  double left = first, miss_left = miss;
+  double right = left, miss_right = miss;
+  // The first step is enough where the disturbance does not fall with the motion.
+  for (double reach = 1.0; (miss_right > 0.0) == (miss_left > 0.0) && reach < 1e12; reach *= 2.0) {
+    right = left - reach * miss;
+    miss_right = miss_at(right);
+    if (miss_right == 0.0) break;
+  }
+  // Bracketed secant (Illinois), halving where that is slow; forces that are piecewise linear in
+  // the motion take a few rounds. The last point tried is the answer: its memory is kept.
+  for (int round = 1; round <= 100 && std::abs(miss_right) > tolerance; ++round) {
+    double next = (left * miss_right - right * miss_left) / (miss_right - miss_left);
+    const auto [low, high] = std::minmax(left, right);
+    if (round % 8 == 0 || !(next > low && next < high)) next = 0.5 * (left + right);
+    if (next == left || next == right) break;
+    const double miss_next = miss_at(next);
+    if ((miss_next > 0.0) == (miss_right > 0.0)) {
+      miss_left *= 0.5;
+    } else {
+      left = right, miss_left = miss_right;
+    }
+    right = next, miss_right = miss_next;
+  }
+  return right;
+}
+
+}  // namespace
+
 Twin::Twin(const Model& model) {
   if (auto why = why_invalid(model); !why.empty()) throw std::invalid_argument(why);
   h_ = model.sample_time_s;
@@ -52,9 +88,15 @@ void Twin::start(double command) noexcept {
   history_.fill(command);
   Motion rest;
   rest.step_s = h_;
-  rest.position = command;
-  force_ = disturbance(rest, trial_);
-  // A standing loop already holds whatever force acts at rest.
+  // A standing loop already holds whatever force acts at rest; without an integrator it does so
+  // away from the command.
+  const double give = order_ == 2 ? rest_[0] : 0.0;
+  const auto miss_at = [&](double trial) {
+    rest.position = command - give * trial;
+    copy_memories(memory_, trial_);
+    return trial - disturbance(rest, trial_);
+  };
+  force_ = balanced(0.0, miss_at);
   for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
   velocity_ = 0.0;
   position_ = command - (order_ >= 2 ? z_[static_cast<std::size_t>(order_ - 2)] : 0.0);
@@ -66,8 +108,12 @@ void Twin::start(double position, std::span<const double> free_response) noexcep
   position_ = position - z_[static_cast<std::size_t>(order_ - 2)];
 }
 
-double Twin::disturbance(const Motion& m,
-                         std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept {
+void Twin::copy_memories(const Memories& from, Memories& to) const noexcept {
+  for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i)
+    copy_memory<double>(effects_[i].kind, from[i], to[i]);
+}
+
+double Twin::disturbance(const Motion& m, Memories& memory) const noexcept {
   double sum = 0.0;
   std::array<double, kMaxCoefficients> force{};
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
@@ -114,48 +160,15 @@ double Twin::step(const CommandPiece& piece) noexcept {
   m.step_s = h_;
   m.command_velocity = piece.end_velocity;
   m.command_acceleration = piece.end_acceleration;
-  const auto each_effect = [this](const auto& from, auto& to) {
-    for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i)
-      copy_memory<double>(effects_[i].kind, from[i], to[i]);
-  };
-  double force = force_;  // exact while the force stays what it was
   const auto miss_at = [&](double trial) {
-    force = trial;
-    m.position = position_free - g_end_[n - 2] * force;
-    m.velocity = velocity_free - g_end_[n - 1] * force;
+    m.position = position_free - g_end_[n - 2] * trial;
+    m.velocity = velocity_free - g_end_[n - 1] * trial;
     m.displacement = m.position - position_;
-    each_effect(memory_, trial_);
-    return force - disturbance(m, trial_);
+    copy_memories(memory_, trial_);
+    return trial - disturbance(m, trial_);
   };
-  const double miss = miss_at(force_);
-  const double tolerance = 1e-15 + 1e-13 * std::abs(force);
-  if (std::abs(miss) > tolerance) {
-    double left = force, miss_left = miss;
-    double right = left, miss_right = miss;
-    // The first step is enough where d does not fall with the motion.
-    for (double reach = 1.0; (miss_right > 0.0) == (miss_left > 0.0) && reach < 1e12;
-         reach *= 2.0) {
-      right = left - reach * miss;
-      miss_right = miss_at(right);
-      if (miss_right == 0.0) break;
-    }
-    // Bracketed secant (Illinois), halving where that is slow; forces that are piecewise linear in
-    // the motion take a few rounds.
-    for (int round = 1; round <= 100 && std::abs(miss_right) > tolerance; ++round) {
-      double next = (left * miss_right - right * miss_left) / (miss_right - miss_left);
-      const auto [low, high] = std::minmax(left, right);
-      if (round % 8 == 0 || !(next > low && next < high)) next = 0.5 * (left + right);
-      if (next == left || next == right) break;
-      const double miss_next = miss_at(next);
-      if ((miss_next > 0.0) == (miss_right > 0.0)) {
-        miss_left *= 0.5;
-      } else {
-        left = right, miss_left = miss_right;
-      }
-      right = next, miss_right = miss_next;
-    }
-  }
-  each_effect(trial_, memory_);
+  const double force = balanced(force_, miss_at);
+  copy_memories(trial_, memory_);
   for (std::size_t r = 0; r < n; ++r) z[r] += g_end_[r] * force;
   y_ = y;
   z_ = z;

@@ -49,8 +49,9 @@ class Twin {
   void predict(std::span<const double> commands, std::span<double> errors) const noexcept;
 
  private:
-  double disturbance(const Motion& m,
-                     std::array<EffectMemory<double>, kMaxEffects>& memory) const noexcept;
+  using Memories = std::array<EffectMemory<double>, kMaxEffects>;
+  double disturbance(const Motion& m, Memories& memory) const noexcept;
+  void copy_memories(const Memories& from, Memories& to) const noexcept;
 
   static constexpr int kHistory = 512;  // commands kept for a delay; power of two
   static_assert(kHistory >= kMaxDelayCycles + 8, "the interpolation reaches beyond the delay");
@@ -68,8 +69,8 @@ class Twin {
   std::array<Effect, kMaxEffects> effects_{};  // those that act as forces
 
   std::array<double, kMaxOrder> y_{}, z_{};
-  std::array<EffectMemory<double>, kMaxEffects> memory_{};
-  std::array<EffectMemory<double>, kMaxEffects> trial_{};  // of a step that is being solved
+  Memories memory_{};
+  Memories trial_{};       // of a step that is being solved
   double force_ = 0.0;     // disturbance at the end of the cycle before
   double position_ = 0.0;  // simulated position there
   double velocity_ = 0.0;

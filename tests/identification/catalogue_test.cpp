@@ -117,7 +117,7 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
     for (Motion& m : motion) {
       m.step_s = 1e-3;
       m.velocity = 0.03 * std::pow(uniform(rng), 5);
-      m.position = uniform(rng);
+      m.position = 0.1 * uniform(rng);
       m.displacement = m.velocity * m.step_s;
     }
     std::array<Jet, kMaxShapes> shape{};
