@@ -45,9 +45,15 @@ struct Diagnosis {
   RegimeShares regimes;            ///< of what is left on the hold-out
   double unexplained_share = 0.0;  ///< of the baseline's squared error beyond the noise floor
   int fits = 0;
+  std::vector<std::string> steps;  ///< what was tried, added and taken out, for people
+};
+
+struct DiagnoseOptions {
+  IdentifyOptions identify;
+  std::vector<std::string> leave_out;  ///< causes that are not looked for
 };
 
 /// Throws std::runtime_error as `identify` does. Any thread.
-[[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const IdentifyOptions& options = {});
+[[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
 }  // namespace servotwin

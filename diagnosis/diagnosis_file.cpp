@@ -141,19 +141,10 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
 }
 
 std::string advice_for(const std::string& id) {
-  if (id == "presliding")
-    return "lubrication and preload of guides and screw; friction compensation at reversals";
-  if (id == "stribeck") return "lubrication of the guides; slow motion";
-  if (id == "asymmetric_friction")
-    return "wipers and covers; a counterbalance; the screw's nut by direction";
-  if (id == "gravity_offset") return "counterweight or brake; a cable that pulls";
-  if (id == "cogging")
-    return "what repeats with this period: the screw's lead, its balls, the motor's poles";
-  if (id == "position_dependent_friction")
-    return "wear, alignment and lubrication along the travel";
-  if (id == "time_delay")
-    return "how the recording is made; cycle and filters between command and encoder";
-  return "";
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    if (identity_of(kind).cause == id) return std::string(identity_of(kind).check);
+  }
+  return {};
 }
 
 }  // namespace servotwin

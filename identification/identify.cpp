@@ -237,7 +237,7 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
       deviations.shape[p] = sd(shape++);
     std::size_t c = 0;
     for (const Parameter& parameter : coefficients_of(effect.kind)) {
-      deviations.coefficient[c++] = parameter.with_free_loop ? sd(linear++) : kAbsent;
+      deviations.coefficient[c++] = told_from_loop(parameter, record.model.loop.order) ? sd(linear++) : kAbsent;
     }
     record.effect_deviations.push_back(deviations);
   }

@@ -76,7 +76,8 @@ class Coordinates {
     for (std::size_t i = 0; i < structure.effects.size(); ++i) {
       const auto coefficients = coefficients_of(structure.effects[i]);
       for (std::size_t c = 0; c < coefficients.size(); ++c) {
-        if (coefficients[c].with_free_loop || structure.every_coefficient) slots_.push_back({i, c});
+        if (told_from_loop(coefficients[c], structure.order) || structure.every_coefficient)
+          slots_.push_back({i, c});
       }
     }
     numerators_ = structure.order - (structure.matched_feedforward ? 1 : 0);

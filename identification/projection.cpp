@@ -70,7 +70,7 @@ int Structure::coefficient_count() const {
   int count = 0;
   for (std::size_t kind : effects) {
     for (const Parameter& p : coefficients_of(kind))
-      count += p.with_free_loop || every_coefficient ? 1 : 0;
+      count += told_from_loop(p, order) || every_coefficient ? 1 : 0;
   }
   return count;
 }
@@ -107,11 +107,89 @@ Projection::Projection(std::vector<Signals> segments, Structure structure, bool 
     shape += shapes_of(kind).size();
     std::size_t k = 0;
     for (const Parameter& p : coefficients_of(kind)) {
-      if (p.with_free_loop || structure_.every_coefficient)
+      if (told_from_loop(p, structure_.order) || structure_.every_coefficient)
         slots_.push_back({i, k, p.lower == 0.0});
       ++k;
     }
   }
+}
+
+Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Index k) {
+  const Eigen::ArrayXd& x =
+      acts == Acts::kReading && s.loop_position.size() > 0 ? s.loop_position : s.position;
+  Motion m;
+  m.step_s = s.h;
+  m.position = x(k);
+  m.velocity = s.velocity(k);
+  m.displacement = k > 0 ? x(k) - x(k - 1) : 0.0;
+  m.command_velocity = command.first(k);
+  m.command_acceleration = command.second(k);
+  m.tracking_error = command.value(k) - x(k);
+  m.time_s = s.start_s + s.h * static_cast<double>(k);
+  if (s.neighbour_acceleration.size() > 0) m.neighbour_acceleration = s.neighbour_acceleration(k);
+  return m;
+}
+
+namespace {
+
+template <int N>
+Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments,
+                                  const std::array<double, kMaxOrder>& denominator, double delay,
+                                  std::size_t kind, const std::vector<double>& shapes) {
+  using State = Eigen::Matrix<double, N, 1>;
+  const auto coefficients = coefficients_of(kind);
+  const Acts acts = identity_of(kind).acts;
+  Eigen::Index rows = 0, columns = 0;
+  for (const Signals& s : segments) rows += s.size();
+  for (const Parameter& p : coefficients) columns += told_from_loop(p, N) ? 1 : 0;
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(rows, columns);
+  Eigen::Index row = 0;
+  for (const Signals& s : segments) {
+    const FilterBank<N> bank(denominator, s.h, false);
+    const Eigen::Matrix<double, N, N> phi = bank.phi.template topLeftCorner<N, N>();
+    const State begin = bank.begin.template head<N>(), end = bank.end.template head<N>();
+    Spline moved;
+    if (delay > 0.0) moved = Spline::through(s.command.delayed(delay), s.h);
+    const Spline& command = delay > 0.0 ? moved : s.command;
+    const auto units = unit_columns(
+        kind, shapes.data(), s.size(),
+        [&](Eigen::Index k) { return motion_of(s, command, acts, k); }, false);
+    Eigen::Index column = 0;
+    for (std::size_t c = 0; c < coefficients.size(); ++c) {
+      if (!told_from_loop(coefficients[c], N)) continue;
+      const auto force = units.force.col(static_cast<Eigen::Index>(c));
+      if (acts == Acts::kReading) {
+        out.col(column).segment(row, s.size()) = -force.matrix();
+      } else {
+        State w = State::Zero();
+        w(0) = force(0) / bank.a[N - 1];
+        for (Eigen::Index k = 0; k < s.size(); ++k) {
+          out(row + k, column) = w(N - 2);
+          if (k + 1 < s.size()) w = (phi * w + begin * force(k) + end * force(k + 1)).eval();
+        }
+      }
+      ++column;
+    }
+    row += s.size();
+  }
+  return out;
+}
+
+}  // namespace
+
+Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, int order,
+                               const std::array<double, kMaxOrder>& denominator,
+                               double command_delay_s, std::size_t kind,
+                               const std::vector<double>& shapes) {
+  return order == 2 ? effect_columns_of<2>(segments, denominator, command_delay_s, kind, shapes)
+                    : effect_columns_of<3>(segments, denominator, command_delay_s, kind, shapes);
+}
+
+Eigen::VectorXd& Projection::column_of(Columns& columns, int slot, int shape, bool first) const {
+  if (first) columns.by_shape.push_back({slot, shape, Eigen::VectorXd::Zero(rows_)});
+  return std::find_if(columns.by_shape.begin(), columns.by_shape.end(),
+                      [&](const auto& e) { return e.slot == slot && e.shape == shape; })
+      ->column;
 }
 
 // Flattened: the compiler leaves the steps of the filters as calls, which costs a sixth of the
@@ -227,22 +305,26 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
     };
     for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
       const std::size_t kind = structure_.effects[i];
-      if (identity_of(kind).acts != Acts::kForce) continue;
-      const auto motion_at = [&](Eigen::Index k) {
-        Motion m;
-        m.step_s = s.h;
-        m.position = s.position(k);
-        m.velocity = s.velocity(k);
-        m.displacement = k > 0 ? s.position(k) - s.position(k - 1) : 0.0;
-        m.command_velocity = command->first(k);
-        m.command_acceleration = command->second(k);
-        return m;
-      };
+      const Acts acts = identity_of(kind).acts;
+      if (acts == Acts::kCommandDelay) continue;
+      const auto motion_at = [&](Eigen::Index k) { return motion_of(s, *command, acts, k); };
       const auto [forces, by_shape] =
           unit_columns(kind, point.shapes.data() + shape_offset_[i], n, motion_at, derivatives);
       for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
         if (slots_[slot].effect != i) continue;
         const auto c = static_cast<Eigen::Index>(slots_[slot].coefficient);
+        if (acts == Acts::kReading) {
+          // Not through the loop: what the reading is beyond the position, the error is short of.
+          columns.regressors.col(N + static_cast<Eigen::Index>(slot)).segment(row0, n) =
+              -forces.col(c).matrix();
+          if (derivatives) columns.force2[slot].middleRows(row0, n).setZero();
+          for (std::size_t p = 0; p < by_shape.size(); ++p) {
+            const int shape = static_cast<int>(shape_offset_[i] + p);
+            column_of(columns, static_cast<int>(slot), shape, segment == 0).segment(row0, n) =
+                -by_shape[p].col(c).matrix();
+          }
+          continue;
+        }
         filter_force(forces.col(c), columns.regressors.col(N + static_cast<Eigen::Index>(slot)),
                      derivatives ? &columns.force2[slot] : nullptr);
         // A force that the integrator holds from the start leaves rounding errors only: no column.
@@ -251,15 +333,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         if (column.cwiseAbs().maxCoeff() < 1e-11 * natural) column.setZero();
         for (std::size_t p = 0; p < by_shape.size(); ++p) {
           const int shape = static_cast<int>(shape_offset_[i] + p);
-          if (segment == 0) {
-            columns.by_shape.push_back(
-                {static_cast<int>(slot), shape, Eigen::VectorXd::Zero(rows_)});
-          }
-          for (auto& entry : columns.by_shape) {
-            if (entry.slot == static_cast<int>(slot) && entry.shape == shape) {
-              filter_force(by_shape[p].col(c), entry.column, nullptr);
-            }
-          }
+          filter_force(by_shape[p].col(c),
+                       column_of(columns, static_cast<int>(slot), shape, segment == 0), nullptr);
         }
       }
     }

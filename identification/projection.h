@@ -35,6 +35,17 @@ struct Point {
   std::vector<double> shapes;  ///< in the order of the structure
 };
 
+/// The motion that an effect of this kind feels at sample k.
+[[nodiscard]] Motion motion_of(const Signals& signals, const Spline& command, Acts acts,
+                               Eigen::Index k);
+
+/// The columns of one more effect beside a fit: what its coefficients that a free loop leaves
+/// identifiable would add to the error per unit; rows as in a Projection of these segments.
+[[nodiscard]] Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, int order,
+                                             const std::array<double, kMaxOrder>& denominator,
+                                             double command_delay_s, std::size_t kind,
+                                             const std::vector<double>& shapes);
+
 class Projection {
  public:
   /// `free_response`: add what remains of an unknown starting state; false only for a start at
@@ -77,6 +88,7 @@ class Projection {
   void fill(const Point& point, bool derivatives, Columns& columns) const;
   /// The rows of lead-ins count for nothing.
   void leave_out_leads(Columns& columns, bool derivatives) const;
+  [[nodiscard]] Eigen::VectorXd& column_of(Columns& columns, int slot, int shape, bool first) const;
   [[nodiscard]] const Columns& columns_at(const Point& point, bool derivatives) const;
   [[nodiscard]] Eigen::MatrixXd derivatives_of_sum(const Columns& columns,
                                                    const Eigen::VectorXd& linear) const;

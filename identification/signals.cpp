@@ -27,13 +27,17 @@ Signals signals_of(const Segment& segment, int half_window) {
   s.position = segment.actual;
   s.velocity = measured_velocity(segment.actual, s.h, half_window);
   s.lead = segment.lead;
+  s.start_s = segment.start_s;
+  if (segment.neighbour.size() == segment.size())
+    s.neighbour_acceleration = Spline::through(segment.neighbour, s.h).second;
   return s;
 }
 
 Signals decimated(const Signals& signals, int every) {
   if (every <= 1) return signals;
   const Eigen::Index n = (signals.size() + every - 1) / every;
-  const auto thin = [&](const Eigen::ArrayXd& full) {
+  const auto thin = [&](const Eigen::ArrayXd& full) -> Eigen::ArrayXd {
+    if (full.size() == 0) return full;
     Eigen::ArrayXd out(n);
     for (Eigen::Index i = 0; i < n; ++i) out(i) = full(i * every);
     return out;
@@ -44,6 +48,9 @@ Signals decimated(const Signals& signals, int every) {
   s.error = thin(signals.error);
   s.position = thin(signals.position);
   s.velocity = thin(signals.velocity);
+  s.start_s = signals.start_s;
+  s.loop_position = thin(signals.loop_position);
+  s.neighbour_acceleration = thin(signals.neighbour_acceleration);
   s.lead = (signals.lead + every - 1) / every;
   return s;
 }

@@ -18,6 +18,11 @@ struct Signals {
   Eigen::ArrayXd
       velocity;  ///< measured: central difference, then a centred mean (docs/theory.md 1.4)
 
+  double start_s = 0.0;  ///< in the recording
+  /// Of the loop, for effects on the reading alone; empty: the reading.
+  Eigen::ArrayXd loop_position;
+  Eigen::ArrayXd neighbour_acceleration;  ///< commanded, of another axis; empty: none known
+
   Eigen::Index lead = 0;  ///< as of the segment
 
   [[nodiscard]] Eigen::Index size() const { return error.size(); }

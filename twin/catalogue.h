@@ -10,23 +10,38 @@
 #include <variant>
 
 #include "twin/effect.h"
+#include "twin/effects/added_friction.h"
 #include "twin/effects/asymmetric_friction.h"
+#include "twin/effects/backlash.h"
+#include "twin/effects/backlash_in_loop.h"
 #include "twin/effects/cogging.h"
+#include "twin/effects/compliance.h"
 #include "twin/effects/constant_force.h"
 #include "twin/effects/coulomb_friction.h"
+#include "twin/effects/cross_coupling.h"
 #include "twin/effects/dahl.h"
+#include "twin/effects/dwell_stiction.h"
+#include "twin/effects/encoder_error.h"
 #include "twin/effects/falling_friction.h"
 #include "twin/effects/feedforward_mismatch.h"
 #include "twin/effects/friction_map.h"
+#include "twin/effects/gain_change.h"
 #include "twin/effects/gms.h"
+#include "twin/effects/impulse_disturbance.h"
+#include "twin/effects/inertia_change.h"
+#include "twin/effects/lead_error.h"
 #include "twin/effects/lugre.h"
 #include "twin/effects/modified_stribeck.h"
+#include "twin/effects/periodic_disturbance.h"
 #include "twin/effects/position_dependent_friction.h"
 #include "twin/effects/presliding.h"
 #include "twin/effects/presliding_stribeck.h"
 #include "twin/effects/smoothed_presliding.h"
 #include "twin/effects/stribeck.h"
+#include "twin/effects/thermal_growth.h"
 #include "twin/effects/time_delay.h"
+#include "twin/effects/torque_saturation.h"
+#include "twin/effects/viscous_drift.h"
 
 namespace servotwin {
 
@@ -46,7 +61,10 @@ using Catalogue = std::tuple<CoulombFriction,      //
                              PreslidingStribeck,   //
                              FallingFriction,      //
                              Cogging,              //
-                             PositionDependentFriction>;
+                             PositionDependentFriction, AddedFriction, Backlash, BacklashInLoop,
+                             Compliance, CrossCoupling, DwellStiction, EncoderError, GainChange,
+                             ImpulseDisturbance, InertiaChange, LeadError, PeriodicDisturbance,
+                             ThermalGrowth, TorqueSaturation, ViscousDrift>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model

@@ -28,16 +28,29 @@ namespace servotwin {
 
 /// The motion of one axis at one sample.
 struct Motion {
-  double step_s = 0.0;                ///< sampling time [s]
-  double position = 0.0;              ///< x [m | rad]
-  double velocity = 0.0;              ///< [m/s | rad/s]
-  double displacement = 0.0;          ///< x minus x of the sample before [m | rad]
-  double command_velocity = 0.0;      ///< [m/s | rad/s]
-  double command_acceleration = 0.0;  ///< [m/s^2 | rad/s^2]
+  double step_s = 0.0;                  ///< sampling time [s]
+  double position = 0.0;                ///< x [m | rad]
+  double velocity = 0.0;                ///< [m/s | rad/s]
+  double displacement = 0.0;            ///< x minus x of the sample before [m | rad]
+  double command_velocity = 0.0;        ///< [m/s | rad/s]
+  double command_acceleration = 0.0;    ///< [m/s^2 | rad/s^2]
+  double tracking_error = 0.0;          ///< command - position, without a delay [m | rad]
+  double time_s = 0.0;                  ///< in the recording [s]
+  double neighbour_acceleration = 0.0;  ///< commanded, of another axis; 0 where none is known
 };
 
-/// Where an effect enters: as a disturbance force, or by delaying the command against the feedback.
-enum class Acts { kForce, kCommandDelay };
+/// Where an effect enters: as a disturbance force, by delaying the command against the feedback, or
+/// in the reading alone, which the loop does not see (then "force" is a displacement of the
+/// reading).
+enum class Acts { kForce, kCommandDelay, kReading };
+
+/// What a shape parameter is sought over, on a grid, before it is refined.
+enum class Scan {
+  kNone,       ///< nothing: a few decades about its start
+  kPeriod,     ///< periods of position, up to the travel
+  kFrequency,  ///< frequencies, up to a fifth of the sampling rate
+  kTime,       ///< the time of the recording
+};
 
 struct Identity {
   std::string_view id;       ///< stable
@@ -45,6 +58,11 @@ struct Identity {
   Acts acts = Acts::kForce;
   std::string_view source;    ///< equation or paper
   std::string_view confused;  ///< what it looks like, and what tells them apart
+  /// The cause of the contract that it is evidence of; empty: a part of every machine, no cause.
+  std::string_view cause = {};
+  /// The id of the effect whose place it takes; empty: none.
+  std::string_view replaces = {};
+  std::string_view check = {};  ///< what to look at on the machine
 };
 
 struct Parameter {
@@ -57,8 +75,14 @@ struct Parameter {
   bool with_free_loop =
       true;  ///< false: the free loop already contains it; fitted only against a held loop
   bool resists = false;  ///< of the whole friction, no part of it in a loop, this is not negative
-  bool scanned = false;  ///< a period or a frequency: sought over its whole range on a fine grid
+  Scan scan = Scan::kNone;
+  bool behind_integrator = false;  ///< without an integrator a constant force contains it
 };
+
+/// Whether a fit with a free loop of this order can tell this coefficient from the loop.
+[[nodiscard]] constexpr bool told_from_loop(const Parameter& p, int order) noexcept {
+  return p.with_free_loop && (order == 3 || !p.behind_integrator);
+}
 
 /// Of friction models of one symmetric force. The poles of a free loop contain it.
 inline constexpr Parameter kViscous{

@@ -71,16 +71,20 @@ Twin::Twin(const Model& model) {
     denominator_[row] = model.loop.denominator[row];
   }
   rest_[0] = 1.0 / model.loop.denominator[static_cast<std::size_t>(n - 1)];
-  for (const Effect& effect : model.effects) {
-    if (identity_of(effect.kind).acts != Acts::kForce) continue;
-    effects_[static_cast<std::size_t>(effect_count_++)] = effect;
+  for (const Acts place : {Acts::kForce, Acts::kReading}) {
+    for (const Effect& effect : model.effects) {
+      if (identity_of(effect.kind).acts != place) continue;
+      effects_[static_cast<std::size_t>(effect_count_ + reading_count_)] = effect;
+      ++(place == Acts::kForce ? effect_count_ : reading_count_);
+    }
   }
   start(0.0);
 }
 
-void Twin::start(double command) noexcept {
+void Twin::start(double command, double time_s) noexcept {
   y_ = {};
-  for (int i = 0; i < effect_count_; ++i) {
+  time_s_ = time_s;
+  for (int i = 0; i < effect_count_ + reading_count_; ++i) {
     const auto k = static_cast<std::size_t>(i);
     start_memory<double>(effects_[k].kind, effects_[k].shape.data(), memory_[k]);
     trial_[k] = memory_[k];
@@ -88,22 +92,27 @@ void Twin::start(double command) noexcept {
   history_.fill(command);
   Motion rest;
   rest.step_s = h_;
+  rest.time_s = time_s;
   // A standing loop already holds whatever force acts at rest; without an integrator it does so
   // away from the command.
   const double give = order_ == 2 ? rest_[0] : 0.0;
   const auto miss_at = [&](double trial) {
+    rest.tracking_error = give * trial;
     rest.position = command - give * trial;
     copy_memories(memory_, trial_);
     return trial - disturbance(rest, trial_);
   };
   force_ = balanced(0.0, miss_at);
+  copy_memories(trial_, memory_);
   for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
   velocity_ = 0.0;
   position_ = command - (order_ >= 2 ? z_[static_cast<std::size_t>(order_ - 2)] : 0.0);
+  rest.position = position_;
+  reading_ = read(rest);
 }
 
-void Twin::start(double position, std::span<const double> free_response) noexcept {
-  start(position);
+void Twin::start(double position, std::span<const double> free_response, double time_s) noexcept {
+  start(position, time_s);
   for (std::size_t r = 0; r < free_response.size() && r < kMaxOrder; ++r) z_[r] += free_response[r];
   position_ = position - z_[static_cast<std::size_t>(order_ - 2)];
 }
@@ -121,6 +130,18 @@ double Twin::disturbance(const Motion& m, Memories& memory) const noexcept {
     unit_forces<double>(effect.kind, effect.shape.data(), memory[i], m, force.data());
     const std::size_t count = coefficients_of(effect.kind).size();
     for (std::size_t k = 0; k < count; ++k) sum += effect.coefficient[k] * force[k];
+  }
+  return sum;
+}
+
+double Twin::read(const Motion& m) noexcept {
+  double sum = 0.0;
+  std::array<double, kMaxCoefficients> unit{};
+  for (int i = effect_count_; i < effect_count_ + reading_count_; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    unit_forces<double>(effects_[k].kind, effects_[k].shape.data(), memory_[k], m, unit.data());
+    for (std::size_t c = 0; c < coefficients_of(effects_[k].kind).size(); ++c)
+      sum += effects_[k].coefficient[c] * unit[c];
   }
   return sum;
 }
@@ -160,10 +181,14 @@ double Twin::step(const CommandPiece& piece) noexcept {
   m.step_s = h_;
   m.command_velocity = piece.end_velocity;
   m.command_acceleration = piece.end_acceleration;
+  m.neighbour_acceleration = piece.neighbour_acceleration;
+  time_s_ += h_;
+  m.time_s = time_s_;
   const auto miss_at = [&](double trial) {
     m.position = position_free - g_end_[n - 2] * trial;
     m.velocity = velocity_free - g_end_[n - 1] * trial;
     m.displacement = m.position - position_;
+    m.tracking_error = piece.end_position - m.position;
     copy_memories(memory_, trial_);
     return trial - disturbance(m, trial_);
   };
@@ -175,7 +200,8 @@ double Twin::step(const CommandPiece& piece) noexcept {
   force_ = force;
   position_ = m.position;
   velocity_ = m.velocity;
-  return error + z[n - 2];
+  reading_ = reading_count_ > 0 ? read(m) : 0.0;
+  return error + z[n - 2] - reading_;
 }
 
 double Twin::follow(double command) noexcept {
@@ -226,11 +252,12 @@ namespace {
 
 /// The error of a run from rest, or from this free response.
 Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& motion,
-                   const Eigen::ArrayXd& delayed, std::span<const double> free_response) {
+                   const Eigen::ArrayXd& delayed, const Eigen::ArrayXd& neighbour,
+                   std::span<const double> free_response) {
   Twin twin = model;
   const Eigen::Index n = segment.size();
   Eigen::ArrayXd error(n);
-  twin.start(delayed(0), free_response);
+  twin.start(delayed(0), free_response, segment.start_s);
   error(0) = segment.command(0) - twin.position();
   const double h = motion.h;
   for (Eigen::Index k = 1; k < n; ++k) {
@@ -241,6 +268,7 @@ Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& moti
     piece.end_position = delayed(k);
     piece.end_velocity = motion.first(k);
     piece.end_acceleration = piece.acceleration + h * piece.jerk;
+    if (neighbour.size() > 0) piece.neighbour_acceleration = neighbour(k);
     error(k) = twin.step(piece) + (segment.command(k) - delayed(k));
   }
   return error;
@@ -274,13 +302,17 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   const Spline original = Spline::through(segment.command, segment.sample_time_s);
   const Eigen::ArrayXd delayed = original.delayed(twin.command_delay_s());
   const Spline motion = Spline::through(delayed, segment.sample_time_s);
-  if (segment.actual.size() != n) return run(twin, segment, motion, delayed, {});
+  const Eigen::ArrayXd neighbour =
+      segment.neighbour.size() == n
+          ? Spline::through(segment.neighbour, segment.sample_time_s).second
+          : Eigen::ArrayXd();
+  if (segment.actual.size() != n) return run(twin, segment, motion, delayed, neighbour, {});
 
   // The starting state: none where the axis stands, whatever the encoder's rounding says; else the
   // free response that brings the simulation onto the first encoder values.
   const auto settle = std::min(n, starting_state_samples(model, segment));
   if (stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))
-    return run(twin, segment, motion, delayed, {});
+    return run(twin, segment, motion, delayed, neighbour, {});
   const int order = model.loop.order;
   Segment head = segment;
   head.command.conservativeResize(settle);
@@ -300,14 +332,14 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   const auto solver = (response * scale.cwiseInverse().asDiagonal()).eval().colPivHouseholderQr();
   // Friction depends on the motion it starts with, so that a second round pays.
   for (int round = 0; round < 3; ++round) {
-    const Eigen::ArrayXd error = run(twin, head, motion, delayed, state);
+    const Eigen::ArrayXd error = run(twin, head, motion, delayed, neighbour, state);
     const Eigen::VectorXd miss =
         ((segment.command - segment.actual).head(settle) - error).tail(settle - 1).matrix();
     const Eigen::VectorXd correction =
         (solver.solve(miss).array() / scale.transpose().array()).matrix();
     for (int i = 0; i < order; ++i) start[static_cast<std::size_t>(i)] += correction(i);
   }
-  return run(twin, segment, motion, delayed, state);
+  return run(twin, segment, motion, delayed, neighbour, state);
 }
 
 }  // namespace servotwin

@@ -19,6 +19,7 @@ namespace servotwin {
 struct CommandPiece {
   double velocity = 0.0, acceleration = 0.0, jerk = 0.0;  ///< at the start of the cycle
   double end_position = 0.0, end_velocity = 0.0, end_acceleration = 0.0;
+  double neighbour_acceleration = 0.0;  ///< of another axis, at the end of the cycle
 };
 
 class Twin {
@@ -30,16 +31,18 @@ class Twin {
   [[nodiscard]] bool loaded() const noexcept { return order_ > 0; }
   [[nodiscard]] double sample_time_s() const noexcept { return h_; }
   [[nodiscard]] double command_delay_s() const noexcept { return delay_s_; }
-  /// The simulated position at the end of the last cycle [m | rad].
-  [[nodiscard]] double position() const noexcept { return position_; }
+  /// The simulated reading at the end of the last cycle [m | rad],
+  [[nodiscard]] double position() const noexcept { return position_ + reading_; }
+  /// the position of the loop, which effects on the reading alone are not part of,
+  [[nodiscard]] double loop_position() const noexcept { return position_; }
   /// and velocity [m/s | rad/s].
   [[nodiscard]] double velocity() const noexcept { return velocity_; }
 
   /// Puts the axis at rest at this command, with constant forces already held by the loop.
-  void start(double command) noexcept;
+  void start(double command, double time_s = 0.0) noexcept;
   /// Starts within a motion: the states of 1/P [its output and derivatives] whose free response the
   /// error then holds.
-  void start(double position, std::span<const double> free_response) noexcept;
+  void start(double position, std::span<const double> free_response, double time_s = 0.0) noexcept;
 
   /// One cycle with the command's cubic given: returns the tracking error at its end [m | rad].
   double step(const CommandPiece& piece) noexcept;
@@ -51,6 +54,7 @@ class Twin {
  private:
   using Memories = std::array<EffectMemory<double>, kMaxEffects>;
   double disturbance(const Motion& m, Memories& memory) const noexcept;
+  double read(const Motion& m) noexcept;
   void copy_memories(const Memories& from, Memories& to) const noexcept;
 
   static constexpr int kHistory = 512;  // commands kept for a delay; power of two
@@ -66,7 +70,8 @@ class Twin {
   std::array<double, kMaxOrder * 3> g_command_{};
   std::array<double, kMaxOrder> g_begin_{}, g_end_{};  // first-order hold of the disturbance
   std::array<double, kMaxOrder> rest_{};       // z of a constant unit disturbance held at rest
-  std::array<Effect, kMaxEffects> effects_{};  // those that act as forces
+  std::array<Effect, kMaxEffects> effects_{};  // forces, and behind them those on the reading
+  int reading_count_ = 0;
 
   std::array<double, kMaxOrder> y_{}, z_{};
   Memories memory_{};
@@ -74,6 +79,8 @@ class Twin {
   double force_ = 0.0;     // disturbance at the end of the cycle before
   double position_ = 0.0;  // simulated position there
   double velocity_ = 0.0;
+  double reading_ = 0.0;  // less the position
+  double time_s_ = 0.0;
   std::array<double, kHistory> history_{};
   std::uint32_t newest_ = 0;
 };

@@ -17,10 +17,11 @@ namespace {
 struct Arguments {
   AxisOptions input;
   std::filesystem::path result, report, extended;
-  IdentifyOptions identify;
+  DiagnoseOptions options;
+  bool details = false;
 };
 
-void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis) {
+void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) {
   const bool rotary = diagnosis.baseline.rotary;
   say(people, "verdict     " + verdict_text(diagnosis));
   say(people, "baseline    " + structure_text(diagnosis.baseline.model));
@@ -40,6 +41,9 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis) {
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
   }
+  if (details) {
+    for (const std::string& step : diagnosis.steps) say(people, "search      " + step);
+  }
   for (const RegimeShare& share : diagnosis.regimes) {
     if (share.samples == 0) continue;
     say(people, text("left        %-14s %8.3f %s RMS %8.2f MAX, %4.1f %% of the squared error in "
@@ -55,11 +59,11 @@ void run(const Arguments& arguments) {
   Diagnosis diagnosis;
   {
     const Progress progress("diagnosing " + axis.axis);
-    diagnosis = diagnose(axis, arguments.identify);
+    diagnosis = diagnose(axis, arguments.options);
   }
   diagnosis.baseline.source = diagnosis.extended.source =
       arguments.input.recording.file.filename().string();
-  say_diagnosis(people, diagnosis);
+  say_diagnosis(people, diagnosis, arguments.details);
   if (!arguments.extended.empty()) write_json(arguments.extended, to_json(diagnosis.extended));
   if (!arguments.result.empty())
     write_json(arguments.result, to_json(diagnosis, arguments.extended.string()));
@@ -82,13 +86,17 @@ Command add_diagnose(CLI::App& app) {
       .add_option("--extended-model", arguments->extended,
                   "write the model with all causes here (servotwin.model/1)")
       ->type_name("M2.json");
+  command.add_flag("--details", arguments->details, "say what was tried, added and taken out");
+  command.add_option("--leave-out", arguments->options.leave_out, "causes that are not looked for")
+      ->delimiter(',')
+      ->type_name("ID,..");
   command
-      .add_option("--training-share", arguments->identify.training_share,
+      .add_option("--training-share", arguments->options.identify.training_share,
                   "share of the data that is fitted (default 0.6); the rest measures the gain")
       ->type_name("SHARE")
       ->check(CLI::Range(0.1, 0.95).name(""));
   command
-      .add_option("--delay-max", arguments->identify.delay_max_s,
+      .add_option("--delay-max", arguments->options.identify.delay_max_s,
                   "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
       ->type_name("S")
       ->check(CLI::Range(0.0, 0.05).name(""));

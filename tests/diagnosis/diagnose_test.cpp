@@ -64,7 +64,7 @@ class ACleanMachine : public testing::TestWithParam<std::uint64_t> {};
 
 TEST_P(ACleanMachine, GetsNoCause) {
   const Diagnosis diagnosis = diagnose(recorded(vm::SaturatedCoulomb{20.0, 1e-3}, GetParam()));
-  EXPECT_THAT(ids(diagnosis), IsEmpty());
+  EXPECT_THAT(ids(diagnosis), IsEmpty()) << testing::PrintToString(diagnosis.steps);
   EXPECT_EQ(diagnosis.verdict, Verdict::kNothingSignificant);
   EXPECT_EQ(diagnosis.extended.holdout.rms, diagnosis.baseline.holdout.rms);
 }
@@ -91,14 +91,16 @@ TEST(Diagnosis, NamesWhatThePublishedModelOfEmpsGetsWrong) {
   ReadOptions read;
   read.columns = "X.command=qg[m],X.actual=qm[m],X.torque=vir[V]";
   const SegmentedAxis axis = segment_axis(read_recording(file, read), "X");
-  IdentifyOptions options;
-  options.training_share = 0.5;
+  DiagnoseOptions options;
+  options.identify.training_share = 0.5;
   const Diagnosis diagnosis = diagnose(axis, options);
   EXPECT_THAT(ids(diagnosis), Contains("asymmetric_friction"));
   EXPECT_THAT(ids(diagnosis), Contains("stribeck"));
   EXPECT_THAT(ids(diagnosis), Contains("cogging"));
   EXPECT_NEAR(diagnosis.baseline.holdout.rms, 1.53e-6, 0.02e-6);
   EXPECT_LT(diagnosis.extended.holdout.rms, 0.7e-6);
+  ASSERT_NE(find(diagnosis, "asymmetric_friction"), nullptr);
+  ASSERT_NE(find(diagnosis, "cogging"), nullptr);
   const Cause& unlike = *find(diagnosis, "asymmetric_friction");
   // 166.7 and 240.4 N s/m are published, on 95.1 kg.
   EXPECT_NEAR(diagnosis.extended.model.effects[unlike.place].coefficient[1],

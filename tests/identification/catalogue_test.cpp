@@ -23,13 +23,16 @@ class EveryEffect : public ::testing::TestWithParam<std::tuple<std::size_t, int>
     effect.kind = kind;
     std::size_t i = 0;
     for (const Parameter& p : shapes_of(kind)) {
-      effect.shape[i++] = p.lower > 0.0 ? p.lower * std::pow(p.upper / p.lower, part(rng))
-                                        : p.lower + part(rng) * 0.5 * (p.upper - p.lower);
+      effect.shape[i] = p.lower > 0.0 ? p.lower * std::pow(p.upper / p.lower, part(rng))
+                                      : p.lower + part(rng) * 0.5 * (p.upper - p.lower);
+      if (p.scan == Scan::kTime) effect.shape[i] = 2.5 * part(rng);  // while the axis moves
+      ++i;
     }
     i = 0;
     // Large enough to be seen, small enough that friction does not hold the axis.
     for (const Parameter& p : coefficients_of(kind))
-      effect.coefficient[i++] = std::min(p.upper, 0.3) * part(rng);
+      effect.coefficient[i++] =
+          std::max(p.lower, (p.unit == "m" ? 5e-7 : std::min(p.upper, 0.3)) * part(rng));
     return effect;
   }
 };
@@ -63,16 +66,25 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     const Spline motion = Spline::through(delayed, h);
     Twin twin(model);
     twin.start(delayed(0));
-    signals.position = Eigen::ArrayXd::Constant(3000, twin.position());
+    signals.position = Eigen::ArrayXd::Constant(3000, twin.loop_position());
+    Eigen::ArrayXd reading = Eigen::ArrayXd::Constant(3000, twin.position());
+    segment.neighbour = 0.5 * segment.command.square();
+    signals.neighbour_acceleration = Spline::through(segment.neighbour, h).second;
     signals.velocity = Eigen::ArrayXd::Zero(3000);
     for (Eigen::Index k = 1; k < 3000; ++k) {
-      CommandPiece piece{motion.first(k - 1), motion.second(k - 1), motion.third(k - 1),
-                         delayed(k),          motion.first(k),      motion.second(k)};
+      CommandPiece piece{motion.first(k - 1),
+                         motion.second(k - 1),
+                         motion.third(k - 1),
+                         delayed(k),
+                         motion.first(k),
+                         motion.second(k),
+                         signals.neighbour_acceleration(k)};
       twin.step(piece);
-      signals.position(k) = twin.position();
+      signals.position(k) = twin.loop_position();
+      reading(k) = twin.position();
       signals.velocity(k) = twin.velocity();
     }
-    const Eigen::ArrayXd error = segment.command - signals.position;
+    const Eigen::ArrayXd error = segment.command - reading;
     signals.error = error;
     EXPECT_LT((error - simulate(model, segment)).abs().maxCoeff(), 1e-12);
 
@@ -99,7 +111,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     Model bare = model;
     bare.effects.clear();
     EXPECT_GT((simulate(bare, segment) - error).abs().maxCoeff(),
-              order == 3 && kind == kind_of<ConstantForce>() ? -1.0 : 1e-7);
+              order == 3 && kind == kind_of<ConstantForce>() ? -1.0 : 1e-10);
   }
 }
 
@@ -119,6 +131,11 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       m.velocity = 0.03 * std::pow(uniform(rng), 5);
       m.position = 0.1 * uniform(rng);
       m.displacement = m.velocity * m.step_s;
+      m.command_velocity = 0.03 * uniform(rng);
+      m.command_acceleration = 10.0 * uniform(rng);
+      m.tracking_error = 1e-4 * uniform(rng);
+      m.neighbour_acceleration = uniform(rng);
+      m.time_s = 0.5 + 0.4 * uniform(rng);
     }
     std::array<Jet, kMaxShapes> shape{};
     for (std::size_t p = 0; p < shape_count; ++p)

@@ -20,7 +20,10 @@ struct AsymmetricFriction {
       .meaning = "friction that differs between the two directions",
       .acts = Acts::kForce,
       .source = "Janot, Gautier, Brunot 2019 (EMPS, asymmetric model)",
-      .confused = "gravity_offset, which holds at rest as well; only rest tells them apart"};
+      .confused = "gravity_offset, which holds at rest as well; only rest tells them apart",
+      .cause = "asymmetric_friction",
+      .replaces = "gravity_offset",
+      .check = "wipers and covers; a counterbalance; the screw's nut by direction"};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
         "velocity at which the friction force is fully developed"}}};

@@ -19,9 +19,12 @@ struct Cogging {
       .source = "docs/theory.md 3.10",
       .confused =
           "encoder_error, whose force grows with speed squared; position_dependent_friction, "
-          "which turns with the direction"};
+          "which turns with the direction",
+      .cause = "cogging",
+      .check = "what repeats with this period: the screw's lead, its balls, the motor's poles"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"period", "m", 5e-5, 1.0, 5e-3, "of the force along the axis", true, false, true}}};
+      {{"period", "m", 5e-5, 1.0, 5e-3, "of the force along the axis", true, false,
+        Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
        {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"},

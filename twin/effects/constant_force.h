@@ -19,7 +19,9 @@ struct ConstantForce {
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.2",
       .confused =
-          "asymmetric Coulomb friction (the same on one axis); invisible behind an integrator"};
+          "asymmetric Coulomb friction (the same on one axis); invisible behind an integrator",
+      .cause = "gravity_offset",
+      .check = "counterweight or brake; a cable that pulls"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"offset_mps2", "m/s^2", -100.0, 100.0, 0.0, "constant force per moved mass"}}};

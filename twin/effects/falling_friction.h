@@ -16,7 +16,9 @@ struct FallingFriction {
       .meaning = "friction that is different at low speed: it falls, or rises, from breakaway",
       .acts = Acts::kForce,
       .source = "Stribeck 1902; Armstrong-Helouvry 1991",
-      .confused = "presliding, which depends on travel and not on speed"};
+      .confused = "presliding, which depends on travel and not on speed",
+      .cause = "stribeck",
+      .check = "lubrication of the guides; slow motion"};
   static constexpr std::array<Parameter, 3> kShapes{
       {{"stribeck_velocity", "m/s", 1e-4, 0.2, 1e-2, "v_s"},
        {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "delta"},

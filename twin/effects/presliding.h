@@ -21,7 +21,10 @@ struct Presliding {
       .meaning = "presliding hysteresis: friction that depends on the travel since the reversals",
       .acts = Acts::kForce,
       .source = "reduced-parameter GMS, thesis 4.3 and 5.1",
-      .confused = "backlash (no loop of force), compliance; a wide Coulomb step"};
+      .confused = "backlash (no loop of force), compliance; a wide Coulomb step",
+      .cause = "presliding",
+      .replaces = "coulomb_friction",
+      .check = "lubrication and preload of guides and screw; friction compensation at reversals"};
   static constexpr std::array<Parameter, 2> kShapes{
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel from rest after which the axis slides"},

@@ -18,7 +18,9 @@ struct TimeDelay {
       .meaning = "the encoder record lags the command record",
       .acts = Acts::kCommandDelay,
       .source = "docs/theory.md 3.4",
-      .confused = "gain_change and feedforward_mismatch at low frequency"};
+      .confused = "gain_change and feedforward_mismatch at low frequency",
+      .cause = "time_delay",
+      .check = "how the recording is made; cycle and filters between command and encoder"};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"delay_s", "s", 0.0, 0.05, 0.0, "how much the feedback record lags"}}};
   static constexpr std::array<Parameter, 0> kCoefficients{};

@@ -1,0 +1,176 @@
+#include "diagnosis/search.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identification/identify.h"
+#include "identification/output_error.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr int kBlocks = 4;
+constexpr double kPiece_s = 0.25;
+constexpr double kSettle_s = 0.25;  // of every stretch; does not count
+constexpr double kNear = 4.0;       // times the noise: the simulated motion is trusted
+constexpr double kFitted_s = 1e-3;  // of the data that hypotheses are fitted to
+constexpr double kCoarse_s = 2e-3;  // step of the data that candidates are screened on
+
+}  // namespace
+
+double Hypothesis::rms() const {
+  double sum = 0.0;
+  for (const double piece : pieces) sum += piece;
+  return std::sqrt(sum / std::max<double>(1.0, static_cast<double>(pieces.size())));
+}
+
+bool Hypothesis::has(std::size_t kind) const {
+  return std::find(structure.effects.begin(), structure.effects.end(), kind) !=
+         structure.effects.end();
+}
+
+double shape_of(const Model& model, std::size_t kind, std::string_view name) {
+  const Effect* effect = model.find(kind);
+  std::size_t p = 0;
+  for (const Parameter& parameter : shapes_of(kind)) {
+    if (effect != nullptr && parameter.name == name) return effect->shape[p];
+    ++p;
+  }
+  return kAbsent;
+}
+
+Point point_of(const Model& model, const Structure& structure) {
+  Point point{model.loop.denominator, {}};
+  for (const std::size_t kind : structure.effects) {
+    for (const Parameter& parameter : shapes_of(kind)) {
+      double value = shape_of(model, kind, parameter.name);
+      // A new effect begins with what an effect of the model that it may replace has found.
+      for (const Effect& other : model.effects) {
+        const double known = shape_of(model, other.kind, parameter.name);
+        if (!std::isfinite(value) && std::isfinite(known) && parameter.scan == Scan::kNone)
+          value = std::clamp(known, parameter.lower, parameter.upper);
+      }
+      point.shapes.push_back(std::isfinite(value) ? value : parameter.start);
+    }
+  }
+  return point;
+}
+
+std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments) {
+  std::vector<double> out;
+  for (const Segment& s : segments) {
+    const Eigen::ArrayXd left = s.command - s.actual - simulate(model, s);
+    const auto piece = static_cast<Eigen::Index>(std::lround(kPiece_s / s.sample_time_s));
+    const auto skip =
+        std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
+    for (Eigen::Index at = skip; at + piece <= left.size(); at += piece)
+      out.push_back(left.segment(at, piece).square().mean());
+  }
+  return out;
+}
+
+double paired_z(const std::vector<double>& before, const std::vector<double>& after) {
+  const auto n = static_cast<Eigen::Index>(std::min(before.size(), after.size()));
+  if (n < 4) return 0.0;
+  const Eigen::ArrayXd d = Eigen::Map<const Eigen::ArrayXd>(before.data(), n) -
+                           Eigen::Map<const Eigen::ArrayXd>(after.data(), n);
+  const double sd = std::sqrt((d - d.mean()).square().sum() / static_cast<double>(n - 1));
+  return sd > 0.0 ? d.mean() / (sd / std::sqrt(static_cast<double>(n))) : 0.0;
+}
+
+Search::Search(std::vector<Segment> training, const PoleBounds& bounds, const NoiseFloor& floor)
+    : training_(std::move(training)), bounds_(bounds), floor_(floor) {
+  // Blocks of equal time of the recording; a gap costs its block.
+  const double from = training_.front().start_s, to = training_.back().end_s();
+  for (int b = 0; b < kBlocks; ++b) {
+    const double begin = from + (to - from) * b / kBlocks,
+                 end = from + (to - from) * (b + 1) / kBlocks;
+    held_.push_back(cut(training_, begin, end - 1e-9));
+    std::vector<Segment> rest = cut(training_, -1e300, begin - 1e-9);
+    for (Segment& s : cut(training_, end, 1e300)) rest.push_back(std::move(s));
+    rest_.push_back(std::move(rest));
+  }
+}
+
+void Search::follow(const Model& model) {
+  followed_ = model;
+  trusted_ =
+      std::isfinite(floor_.rms) && servotwin::judge(model, training_).rms < kNear * floor_.rms;
+}
+
+std::vector<Signals> Search::signals(const std::vector<Segment>& segments) const {
+  std::vector<Signals> out;
+  for (const Segment& s : segments) {
+    out.push_back(signals_of(s));
+    if (!followed_) continue;
+    Model loop = *followed_;
+    std::erase_if(loop.effects,
+                  [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
+    out.back().loop_position = s.command - simulate(loop, s);
+    if (!trusted_) continue;
+    out.back().position = out.back().loop_position;
+    out.back().velocity = measured_velocity(out.back().position, s.sample_time_s, 0);
+  }
+  return out;
+}
+
+Projection Search::data(const std::vector<Segment>& segments, const Structure& structure) const {
+  return {signals(segments), structure};
+}
+
+void Search::polish(Hypothesis& h) {
+  OutputErrorOptions options;
+  options.encoder_step = floor_.encoder_step;
+  options.rounds = 12;
+  options.passes = 2;
+  options.tolerance = 1e-3;
+  const auto polished = output_error(training_, h.structure, h.model, options);
+  if (!polished || !why_invalid(polished->model).empty()) return;
+  if (servotwin::judge(polished->model, training_).rms >= servotwin::judge(h.model, training_).rms)
+    return;
+  h.model = polished->model;
+  h.point = point_of(h.model, h.structure);
+}
+
+bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
+  const Projection all = thinned(data(training_, h.structure), kFitted_s);
+  PoleSearchOptions options;
+  options.bounds = bounds_;
+  options.tolerance = 1e-5;
+  options.from = from;
+  ++fits_;
+  const auto found = pole_search(all, options);
+  if (!found) return false;
+  h.model = all.model_of(found->point, found->solution.linear);
+  h.model.sample_time_s = training_.front().sample_time_s;  // of the poles it is the same loop
+  if (!why_invalid(h.model).empty()) return false;
+  h.point = found->point;
+  h.cost = found->solution.cost;
+  return true;
+}
+
+void Search::judge(Hypothesis& h) const {
+  h.pieces.clear();
+  for (std::size_t b = 0; b < held_.size(); ++b) {
+    if (held_[b].empty() || rest_[b].empty()) continue;
+    const Projection rest = data(rest_[b], h.structure);
+    Model model = rest.model_of(h.point, rest.solve(h.point).linear);
+    if (!why_invalid(model).empty()) model = h.model;
+    const std::vector<double> left = left_by(model, held_[b]);
+    h.pieces.insert(h.pieces.end(), left.begin(), left.end());
+  }
+}
+
+std::vector<Screened> Search::screen(const Hypothesis& h,
+                                     const std::vector<std::size_t>& kinds) const {
+  const Projection coarse = thinned(data(training_, h.structure), kCoarse_s);
+  const Screen screen(coarse, h.point);
+  std::vector<Screened> out;
+  for (const std::size_t kind : kinds) out.push_back(screen.look(kind));
+  std::sort(out.begin(), out.end(), [](const auto& l, const auto& r) { return l.gain > r.gain; });
+  return out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,75 @@
+// Hypotheses about what acts on an axis, fitted and judged within the training data.
+#pragma once
+
+#include <vector>
+
+#include "diagnosis/screen.h"
+#include "identification/noise_floor.h"
+#include "identification/pole_search.h"
+
+namespace servotwin {
+
+/// A structure with its best fit, and how well it predicts blocks that its coefficients were not
+/// fitted to.
+struct Hypothesis {
+  Structure structure;
+  Point point;
+  Model model;
+  double cost = 1e300;         ///< on the training data
+  std::vector<double> pieces;  ///< mean squares of the cross-validation, piece by piece [m^2]
+
+  [[nodiscard]] double rms() const;
+  [[nodiscard]] bool has(std::size_t kind) const;
+};
+
+/// The starting point of a structure: this model's loop and shapes, the catalogue's where the model
+/// has none.
+[[nodiscard]] Point point_of(const Model& model, const Structure& structure);
+
+/// A shape parameter by its name; NaN where the model or the effect has none.
+[[nodiscard]] double shape_of(const Model& model, std::size_t kind, std::string_view name);
+
+/// What a model leaves in free simulation: the mean square of every piece of a quarter of a second.
+[[nodiscard]] std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments);
+
+/// z of the mean of paired differences; 0 where there are fewer than four.
+[[nodiscard]] double paired_z(const std::vector<double>& before, const std::vector<double>& after);
+
+class Search {
+ public:
+  Search(std::vector<Segment> training, const PoleBounds& bounds, const NoiseFloor& floor);
+
+  /// Refines from this point on the training data; from the grid of the poles where `from` is
+  /// empty. False where there is no valid fit.
+  [[nodiscard]] bool fit(Hypothesis& h, const std::vector<Point>& from);
+  /// Predicts every block in free simulation by the coefficients that the other blocks say. Poles
+  /// and shapes are those of all blocks: to search them in a part would judge the search.
+  void judge(Hypothesis& h) const;
+  /// What each of these kinds could explain of what the hypothesis leaves.
+  [[nodiscard]] std::vector<Screened> screen(const Hypothesis& h,
+                                             const std::vector<std::size_t>& kinds) const;
+  /// Polishes in free simulation, where that predicts the training data better.
+  void polish(Hypothesis& h);
+  /// From here on effects are driven by the motion of this model: those on the reading always, all
+  /// where it is right to a few times the noise, since then it knows the motion better than the
+  /// encoder.
+  void follow(const Model& model);
+
+  [[nodiscard]] const std::vector<Segment>& training() const { return training_; }
+  [[nodiscard]] int fits() const { return fits_; }
+
+ private:
+  [[nodiscard]] std::vector<Signals> signals(const std::vector<Segment>& segments) const;
+  [[nodiscard]] Projection data(const std::vector<Segment>& segments,
+                                const Structure& structure) const;
+
+  std::vector<Segment> training_;
+  PoleBounds bounds_;
+  std::vector<std::vector<Segment>> held_, rest_;
+  NoiseFloor floor_;
+  std::optional<Model> followed_;
+  bool trusted_ = false;
+  int fits_ = 0;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,46 @@
+// Friction that sets in at a moment: a cover that grips, a guide that runs dry.
+//
+//   d = onset(t - time) (coulomb sat(v / velocity_limit) + viscous v)
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+#include "twin/effects/onset.h"
+
+namespace servotwin {
+
+struct AddedFriction {
+  static constexpr Identity kIdentity{
+      .id = "added_friction",
+      .meaning = "friction that sets in at a moment of the recording",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 3.11",
+      .confused =
+          "inertia_change, whose force goes with acceleration; viscous_drift, which is gradual",
+      .cause = "added_friction",
+      .check = "what changed at that moment: cover, wiper, clamp, lubrication"};
+  static constexpr std::array<Parameter, 2> kShapes{
+      {{"time_s", "s", 1e-3, 1e7, 1.0, "when it sets in, in the recording", true, false,
+        Scan::kTime},
+       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
+        "velocity at which the friction force is fully developed"}}};
+  static constexpr std::array<Parameter, 2> kCoefficients{
+      {{"coulomb", "m/s^2", -100.0, 100.0, 0.0, "of what is added, per moved mass"},
+       {"viscous", "1/s", -1000.0, 1000.0, 0.0, "of what is added, per moved mass"}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    const T q = m.velocity / shape[1];
+    const T direction = q > 1.0 ? T(1.0) : (q < -1.0 ? T(-1.0) : q);
+    const T on = onset(m.time_s, shape[0]);
+    force[0] = on * direction;
+    force[1] = on * m.velocity;
+  }
+};
+
+}  // namespace servotwin

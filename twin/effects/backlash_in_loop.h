@@ -1,0 +1,46 @@
+// Play inside the loop: the motor crosses the gap at every reversal while the table stands.
+//
+//   play: p within +- width / 2 of the command, its rate p';   d = rate (x_r' - p')
+//
+// A push of `rate` x width at every reversal, spread over the crossing (docs/theory.md 3.11).
+#pragma once
+
+#include <array>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct BacklashInLoop {
+  static constexpr Identity kIdentity{
+      .id = "backlash_in_loop",
+      .meaning = "play inside the loop",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 3.11",
+      .confused = "presliding, which gives with force; impulse_disturbance",
+      .cause = "backlash",
+      .check = "play of coupling, nut and bearings; what compensates it in the control"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"width", "m", 1e-7, 1e-2, 1e-5, "of the gap"}}};
+  static constexpr std::array<Parameter, 1> kCoefficients{
+      {{"rate", "1/s", -1e5, 1e5, 0.0,
+        "of the force by the speed at which the gap is crossed, per moved mass"}}};
+  template <class T>
+  struct Memory {
+    Memory() = default;
+    explicit Memory(const T* /*shape*/) noexcept {}
+    T play = T(0.0);
+  };
+
+  template <class T>
+  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+    const T half = 0.5 * shape[0];
+    const T before = memory.play;
+    memory.play += m.command_velocity * m.step_s;
+    if (memory.play > half) memory.play = half;
+    if (memory.play < -half) memory.play = -half;
+    force[0] = (memory.play - before) / m.step_s;
+  }
+};
+
+}  // namespace servotwin

@@ -1,0 +1,49 @@
+// A position loop whose gain changes at a moment.
+//
+//   d = onset(t - time) (proportional e + integral int e dt)
+//
+// Less gain pushes less for the same tracking error e, which is a force against it. With a velocity
+// loop that integrates, the change is in both parts. Which ratio that is: docs/theory.md 3.11.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+#include "twin/effects/onset.h"
+
+namespace servotwin {
+
+struct GainChange {
+  static constexpr Identity kIdentity{
+      .id = "gain_change",
+      .meaning = "a gain of the position loop that changes at a moment of the recording",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 3.11",
+      .confused =
+          "inertia_change; time_delay and feedforward_mismatch where it is there all the time",
+      .cause = "gain_change",
+      .check = "parameter sets and gain switching of the control"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"time_s", "s", 1e-3, 1e7, 1.0, "when it sets in, in the recording", true, false,
+        Scan::kTime}}};
+  static constexpr std::array<Parameter, 2> kCoefficients{
+      {{"proportional", "1/s^2", -1e6, 1e6, 0.0, "force per tracking error, per moved mass"},
+       {"integral", "1/s^3", -1e8, 1e8, 0.0, "and per its integral"}}};
+  template <class T>
+  struct Memory {
+    Memory() = default;
+    explicit Memory(const T* /*shape*/) noexcept {}
+    T integral = T(0.0);
+  };
+
+  template <class T>
+  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+    const T on = onset(m.time_s, shape[0]);
+    force[0] = on * m.tracking_error;
+    memory.integral += on * (m.tracking_error * m.step_s);
+    force[1] = memory.integral;
+  }
+};
+
+}  // namespace servotwin

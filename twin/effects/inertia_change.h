@@ -1,0 +1,40 @@
+// A moved mass that changes at a moment: another tool, another part.
+//
+//   d = (ratio - 1) onset(t - time) x_r''
+//
+// By the command's acceleration: the axis follows it far above the rate at which it is felt.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+#include "twin/effects/onset.h"
+
+namespace servotwin {
+
+struct InertiaChange {
+  static constexpr Identity kIdentity{
+      .id = "inertia_change",
+      .meaning = "a moved mass that changes at a moment of the recording",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 3.11",
+      .confused = "gain_change, whose force goes with the tracking error; added_friction",
+      .cause = "inertia_change",
+      .check = "what was loaded or unloaded at that moment; load-dependent parameters"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"time_s", "s", 1e-3, 1e7, 1.0, "when it sets in, in the recording", true, false,
+        Scan::kTime}}};
+  static constexpr std::array<Parameter, 1> kCoefficients{
+      {{"ratio_less_1", "1", -0.9, 10.0, 0.0, "of the moved mass after to before, less 1"}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    force[0] = onset(m.time_s, shape[0]) * m.command_acceleration;
+  }
+};
+
+}  // namespace servotwin

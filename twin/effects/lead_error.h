@@ -1,0 +1,49 @@
+// An error of the screw that an encoder behind it sees, and the loop does not.
+//
+//   reading - x = slope x + sine sin(2 pi x / period) + cosine cos(..)
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct LeadError {
+  static constexpr Identity kIdentity{
+      .id = "lead_error",
+      .meaning =
+          "an error between the loop's encoder and the one that is recorded, along the position",
+      .acts = Acts::kReading,
+      .source = "docs/theory.md 3.11",
+      .confused = "thermal_growth, which grows with time; an encoder in the loop cannot show it",
+      .cause = "lead_error",
+      .check = "pitch compensation table; the screw's pitch"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"period", "m", 2e-5, 1.0, 5e-3, "of the error along the axis", true, false,
+        Scan::kPeriod}}};
+  static constexpr std::array<Parameter, 4> kCoefficients{
+      {{"slope", "1", -0.1, 0.1, 0.0, "error per travel"},
+       {"sine", "m", -1e-2, 1e-2, 0.0, "amplitude of the sine"},
+       {"cosine", "m", -1e-2, 1e-2, 0.0, "amplitude of the cosine"},
+       {"offset", "m", -1.0, 1.0, 0.0, "where the axis was set to 0", true, false, Scan::kNone,
+        true}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    using std::cos;
+    using std::sin;
+    const T angle = 2.0 * std::numbers::pi * m.position / shape[0];
+    force[0] = T(m.position);
+    force[1] = sin(angle);
+    force[2] = cos(angle);
+    force[3] = T(1.0);
+  }
+};
+
+}  // namespace servotwin

@@ -1,0 +1,44 @@
+// A screw that grows as it warms up, seen by an encoder behind it.
+//
+//   reading - x = growth x (1 - exp(-t / time_constant))
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct ThermalGrowth {
+  static constexpr Identity kIdentity{
+      .id = "thermal_growth",
+      .meaning = "a reading that grows with position and time, outside of the loop",
+      .acts = Acts::kReading,
+      .source = "docs/theory.md 3.11",
+      .confused =
+          "lead_error, which does not change with time; an encoder in the loop cannot show it",
+      .cause = "thermal_growth",
+      .check = "warming up of the screw; its cooling and pretension"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"time_constant_s", "s", 2.0, 1e4, 20.0, "of warming up"}}};
+  static constexpr std::array<Parameter, 3> kCoefficients{
+      {{"growth", "1", -0.1, 0.1, 0.0, "per position, when warm"},
+       {"drift", "m", -1.0, 1.0, 0.0, "of the fixed bearing, when warm"},
+       {"offset", "m", -1.0, 1.0, 0.0, "where the axis was set to 0", true, false, Scan::kNone,
+        true}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    using std::exp;
+    const T warm = 1.0 - exp(-m.time_s / shape[0]);
+    force[0] = warm * m.position;
+    force[1] = warm;
+    force[2] = T(1.0);
+  }
+};
+
+}  // namespace servotwin

@@ -1,0 +1,42 @@
+// Viscous friction that fades as the machine warms up (Bittencourt, LiTH-ISY-R-2948).
+//
+//   d = cold exp(-t / time_constant) v
+//
+// beside what is viscous when it is warm, which the poles hold.
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct ViscousDrift {
+  static constexpr Identity kIdentity{
+      .id = "viscous_drift",
+      .meaning = "viscous friction that fades with the time of running",
+      .acts = Acts::kForce,
+      .source = "Bittencourt et al., LiTH-ISY-R-2948",
+      .confused =
+          "added_friction, which sets in at a moment; position_dependent_friction where the work "
+          "moves on",
+      .cause = "viscous_drift",
+      .check = "lubricant and its temperature; warming up before precise work"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"time_constant_s", "s", 2.0, 1e4, 20.0, "in which it falls to 1/e"}}};
+  static constexpr std::array<Parameter, 1> kCoefficients{
+      {{"cold", "1/s", -1000.0, 1000.0, 0.0,
+        "viscous friction beyond the warm one at the start of the recording, per moved mass"}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    using std::exp;
+    force[0] = exp(-m.time_s / shape[0]) * m.velocity;
+  }
+};
+
+}  // namespace servotwin
