@@ -6,7 +6,10 @@
 #include <cstdio>
 #include <map>
 #include <random>
+#include <set>
 
+#include "diagnosis/cuts.h"
+#include "diagnosis/dropped_samples.h"
 #include "diagnosis/search.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
@@ -19,8 +22,9 @@ constexpr double kWorthIt = 0.98;  // a cause must bring the error below this
 // A law of friction is right to a few hundredths: what it leaves of the baseline's error is its
 // own.
 constexpr double kLawIsRight = 0.02;
-constexpr double kChance = 0.01;  // false causes of a clean machine
-constexpr double kAgrees = 1.64;  // z of the pieces that does not contradict
+constexpr double kChance = 0.01;      // false causes of a clean machine
+constexpr double kAgrees = 1.64;      // z of the pieces that does not contradict
+constexpr double kLeastDelay = 0.25;  // of the sampling time: less is how it was recorded
 constexpr int kMostCauses = 6;
 constexpr std::size_t kTried = 3;     // candidates of a round that are fitted
 constexpr double kPromising = 0.05;   // p of a candidate that is worth fitting
@@ -91,10 +95,22 @@ struct Found {
   std::size_t kind = kEffectKinds;
 };
 
+/// What the segments tell beside command and encoder.
+struct Channels {
+  bool neighbour = true, in_cut = true;
+  explicit Channels(const std::vector<Segment>& segments) {
+    for (const Segment& s : segments) {
+      neighbour = neighbour && s.neighbour.size() == s.size();
+      in_cut = in_cut && s.in_cut.size() == s.size();
+    }
+  }
+};
+
 /// The effects of the catalogue that could be added to this structure.
 std::vector<std::size_t> candidates_of(const Structure& structure,
                                        const std::map<std::string, Found>& found,
-                                       const std::vector<std::string>& leave_out, bool neighbour) {
+                                       const std::vector<std::string>& leave_out,
+                                       const Channels& channels) {
   const auto has = [&](std::size_t kind) {
     const auto& e = structure.effects;
     return std::find(e.begin(), e.end(), kind) != e.end();
@@ -111,7 +127,8 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
     if (kind == kind_of<ConstantForce>() &&
         (structure.order == 3 || has(kind_of<AsymmetricFriction>())))
       continue;
-    if (kind == kind_of<CrossCoupling>() && !neighbour) continue;
+    if (kind == kind_of<CrossCoupling>() && !channels.neighbour) continue;
+    if (kind == kind_of<CuttingForce>() && !channels.in_cut) continue;
     out.push_back(kind);
   }
   return out;
@@ -180,30 +197,30 @@ Judgement judged(const Hypothesis& before, const Hypothesis& after, double basel
 /// The causes one by one, while they earn their place.
 class Selection {
  public:
-  Selection(Search& search, Hypothesis baseline, const DiagnoseOptions& options, bool neighbour)
-      : search_(search),
-        current_(std::move(baseline)),
-        options_(options),
-        neighbour_(neighbour),
-        baseline_(current_.rms()) {}
+  Selection(Search& search, Hypothesis baseline, const DiagnoseOptions& options,
+            const Channels& channels)
+      : search_(search), current_(std::move(baseline)), options_(options), channels_(channels) {}
 
   void run() {
     settle();
+    delay();
     baseline_ = current_.rms();
     integrator();
     while (static_cast<int>(found_.size()) < kMostCauses) {
-      const Selection before = *this;
+      const Hypothesis current = current_, fitted = fitted_;
+      const auto found = found_;
       if (!add_one()) break;
+      const std::size_t added = found_.at(last_).kind;
       one_law_of_friction();
       settle();
+      delay();
       // What better values of the parameters would have done as well is no cause.
-      if (current_.rms() >= kWorthIt * before.current_.rms()) {
-        std::vector<std::string> steps = std::move(steps_);
-        steps.emplace_back("  no better after the polish: taken back");
-        current_ = before.current_, fitted_ = before.fitted_, found_ = before.found_;
+      if (current_.rms() >= kWorthIt * current.rms()) {
+        steps_.emplace_back("  no better after the polish: taken back");
+        current_ = current, fitted_ = fitted, found_ = found;
+        rejected_.insert(added);
         search_.follow(current_.model);
-        steps_ = std::move(steps);
-        break;
+        continue;
       }
       take_out_the_needless();
     }
@@ -226,6 +243,25 @@ class Selection {
     }
   }
 
+  /// A delay that a free loop does without is none: an unmodelled friction looks like one.
+  void delay() {
+    const auto& effects = current_.structure.effects;
+    if (std::find(effects.begin(), effects.end(), kind_of<TimeDelay>()) == effects.end()) return;
+    const double delay_s = current_.model.command_delay_s();
+    Hypothesis h;
+    h.structure = current_.structure;
+    h.structure.matched_feedforward = false;
+    std::erase(h.structure.effects, kind_of<TimeDelay>());
+    const bool tiny = delay_s < kLeastDelay * current_.model.sample_time_s;
+    if (!search_.fit(h, {point_of(current_.model, h.structure)})) return;
+    search_.polish(h);
+    search_.judge(h);
+    if (!tiny && current_.rms() < kWorthIt * h.rms()) return;
+    steps_.push_back(text("delay of %.3g ms: not needed", 1e3 * delay_s));
+    current_ = std::move(h);
+    settle();
+  }
+
   /// A loop with an integrator where the baseline has none: no cause, but what causes are sought
   /// beside.
   void integrator() {
@@ -242,8 +278,9 @@ class Selection {
   }
 
   bool add_one() {
-    const std::vector<std::size_t> kinds =
-        candidates_of(current_.structure, found_, options_.leave_out, neighbour_);
+    std::vector<std::size_t> kinds =
+        candidates_of(current_.structure, found_, options_.leave_out, channels_);
+    std::erase_if(kinds, [&](std::size_t kind) { return rejected_.count(kind) > 0; });
     std::vector<Screened> promising = search_.screen(current_, kinds);
     std::erase_if(promising,
                   [](const Screened& s) { return s.p > kPromising || s.gain < kLeastGain; });
@@ -341,16 +378,22 @@ class Selection {
   /// An effect that another one has made needless goes.
   void take_out_the_needless() {
     if (found_.size() < 2) return;
-    for (const auto& [id, one] : found_) {
+    for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
       if (id == last_) continue;
       Hypothesis less;
       less.structure = without(current_.structure, id, one.kind);
       if (!search_.fit(less, {point_of(current_.model, less.structure)})) continue;
       search_.judge(less);
-      if (current_.rms() < kWorthIt * less.rms()) continue;
+      if (fitted_.rms() < kWorthIt * less.rms()) continue;
       steps_.push_back(text("  %s: needless", id.c_str()));
       current_ = std::move(less);
       found_.erase(id);
+      // A law that said two causes in one has become the effect of the one that stays.
+      for (auto& [other, kept] : found_) {
+        if (current_.has(kept.kind)) continue;
+        kept.kind = other == "stribeck" ? kind_of<FallingFriction>() : kind_of<Presliding>();
+      }
+      settle();
       return;
     }
   }
@@ -359,7 +402,8 @@ class Selection {
   Hypothesis current_;  // polished
   Hypothesis fitted_;   // the same by the means with which candidates are fitted
   const DiagnoseOptions& options_;
-  bool neighbour_ = false;
+  Channels channels_;
+  std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS
   std::map<std::string, Found> found_;
   std::string last_;  // that was added
@@ -380,17 +424,26 @@ std::string_view name_of(Verdict verdict) {
   return "";
 }
 
-Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
+Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
   Diagnosis out;
+  SegmentedAxis axis = recorded;
+  const NoiseFloor floor = noise_floor(recorded.segments);
+  DroppedSamples dropped;
+  if (std::find(options.leave_out.begin(), options.leave_out.end(), "dropped_samples") ==
+      options.leave_out.end())
+    dropped = bridge_dropped(axis, floor.encoder_step);
   const Identified identified = identify(axis, options.identify);
   if (!identified.refusals.empty())
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
   out.baseline = identified.record;
+  std::vector<Eigen::ArrayXd> residuals;
+  for (const Segment& s : axis.segments)
+    residuals.emplace_back(s.command - s.actual - simulate(out.baseline.model, s));
+  find_cuts(axis.segments, residuals);
   const std::vector<Segment> training = cut(axis.segments, -1e300, out.baseline.training_to_s);
   const std::vector<Segment> holdout =
       cut(axis.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
 
-  const NoiseFloor floor = noise_floor(axis.segments);
   Search search(training, options.identify.bounds, floor);
   Hypothesis baseline;
   baseline.structure.order = out.baseline.model.loop.order;
@@ -400,16 +453,20 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   if (!search.fit(baseline, {point_of(out.baseline.model, baseline.structure)}))
     throw std::runtime_error(axis.axis + ": the baseline model could not be fitted again");
 
-  const bool neighbour = std::all_of(axis.segments.begin(), axis.segments.end(),
-                                     [](const auto& s) { return s.neighbour.size() == s.size(); });
-  Selection selection(search, std::move(baseline), options, neighbour);
+  const Channels channels(axis.segments);
+  const std::vector<std::size_t> baseline_effects = baseline.structure.effects;
+  Selection selection(search, std::move(baseline), options, channels);
   selection.run();
   const Hypothesis& current = selection.current();
   const auto& found = selection.found();
   out.steps = selection.steps();
 
+  out.baseline.holdout =
+      judge(out.baseline.model,
+            cut(recorded.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300));
   out.extended = out.baseline;
-  if (!found.empty()) {
+  out.extended.holdout = judge(out.baseline.model, holdout);
+  if (!found.empty() || current.structure.effects != baseline_effects) {
     Model& model = out.extended.model;
     model = current.model;
     out.extended.method = "diagnosis";
@@ -426,6 +483,7 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
       causes[id].kind = effect.kind;
   }
   for (const auto& [id, one] : causes) {
+    if (extended.find(one.kind) == nullptr) continue;
     const bool named = found.count(id) > 0;
     Cause cause = one.cause;
     cause.id = id;
@@ -451,6 +509,20 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
       cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
       cause.confidence = 1.0 - cause.p;
     }
+    out.causes.push_back(std::move(cause));
+  }
+  if (dropped.any()) {
+    const std::vector<Segment> as_recorded =
+        cut(recorded.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
+    Cause cause;
+    cause.id = "dropped_samples";
+    cause.place = kNoEffect;
+    cause.confidence = 1.0;  // counted, not inferred
+    cause.counts = {{"missing", static_cast<double>(dropped.missing)},
+                    {"gaps", static_cast<double>(dropped.gaps)},
+                    {"held", static_cast<double>(dropped.held)}};
+    cause.gain.before = judge(extended, as_recorded).rms;
+    cause.gain.after = judge(extended, holdout).rms;
     out.causes.push_back(std::move(cause));
   }
   std::sort(out.causes.begin(), out.causes.end(), [](const Cause& l, const Cause& r) {

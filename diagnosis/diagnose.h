@@ -27,9 +27,12 @@ struct Gain {
   double low = kAbsent, high = kAbsent;      ///< 95 % interval of before - after (block bootstrap)
 };
 
+inline constexpr std::size_t kNoEffect = static_cast<std::size_t>(-1);
+
 struct Cause {
-  std::string id;           ///< of the contract: "stribeck", "cogging", ..
-  std::size_t place = 0;    ///< of the effect in the extended model
+  std::string id;         ///< of the contract: "stribeck", "cogging", ..
+  std::size_t place = 0;  ///< of the effect in the extended model; kNoEffect: of the record alone
+  std::vector<std::pair<std::string, double>> counts;  ///< where there is no effect
   double confidence = 0.0;  ///< share of bootstrap samples in which it beats its nearest rival
   double statistic = 0.0;   ///< of the paired test when it was added; 0: it was in the baseline
   double p = kAbsent;       ///< one-sided, before the correction for many candidates

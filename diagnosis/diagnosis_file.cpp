@@ -1,9 +1,12 @@
 #include "diagnosis/diagnosis_file.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
+
+#include "identification/joint.h"
 
 namespace servotwin {
 
@@ -32,21 +35,53 @@ std::array<double, 2> amplitudes(const Effect& cogging) {
   return {std::hypot(c[0], c[1]), std::hypot(c[2], c[3])};
 }
 
+double ratio_of(const Model& model, const Effect& effect, const std::string& id) {
+  const auto& c = effect.coefficient;
+  if (id == "inertia_change") return 1.0 + c[0];
+  if (id == "gain_change") {
+    const auto& a = model.loop.denominator;
+    return model.loop.order == 2 ? 1.0 - c[0] / a[1] : 1.0 - c[1] / a[2];
+  }
+  // The level is the first coefficient of every law of friction.
+  for (const Effect& other : model.effects) {
+    const auto& kinds = friction_kinds();
+    if (std::find(kinds.begin(), kinds.end(), other.kind) != kinds.end())
+      return (other.coefficient[0] + c[0]) / (other.coefficient[0] - c[0]);
+  }
+  return kAbsent;
+}
+
 json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
-  const Effect& effect = diagnosis.extended.model.effects[cause.place];
   json out = json::object();
+  for (const auto& [name, count] : cause.counts) out[name] = count;
+  if (cause.place == kNoEffect) return out;
+  const Model& model = diagnosis.extended.model;
+  const Effect& effect = model.effects[cause.place];
   std::size_t i = 0;
   for (const Parameter& p : shapes_of(effect.kind)) out[std::string(p.name)] = effect.shape[i++];
   i = 0;
   for (const Parameter& p : coefficients_of(effect.kind)) {
-    if (p.with_free_loop) out[std::string(p.name)] = effect.coefficient[i];
+    if (told_from_loop(p, model.loop.order)) out[std::string(p.name)] = effect.coefficient[i];
     ++i;
   }
   // The keys of the contract.
-  if (cause.id == "cogging") {
+  if (cause.id == "cogging" || cause.id == "lead_error" || cause.id == "encoder_error")
     out[diagnosis.baseline.rotary ? "period_rad" : "period_m"] = effect.shape[0];
+  const auto& c = effect.coefficient;
+  if (cause.id == "cogging") {
     out["amplitude_mps2"] = amplitudes(effect)[0];
     out["amplitude_2_mps2"] = amplitudes(effect)[1];
+  } else if (cause.id == "lead_error") {
+    out["amplitude_m"] = std::hypot(c[1], c[2]);
+  } else if (cause.id == "encoder_error") {
+    out["amplitude_m"] = std::hypot(c[0], c[1]);
+  } else if (cause.id == "periodic_disturbance") {
+    out["amplitude_mps2"] = std::hypot(c[0], c[1]);
+  } else if (cause.id == "backlash") {
+    out["width_m"] = effect.shape[0];
+  } else if (cause.id == "inertia_change" || cause.id == "gain_change" ||
+             cause.id == "asymmetric_friction") {
+    out["ratio"] = ratio_of(model, effect, cause.id);
   }
   return out;
 }
@@ -118,6 +153,12 @@ std::string verdict_text(const Diagnosis& diagnosis) {
 }
 
 std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
+  if (cause.place == kNoEffect) {
+    std::string counts;
+    for (const auto& [name, count] : cause.counts)
+      counts += (counts.empty() ? "" : ", ") + text("%.0f ", count) + name;
+    return counts;
+  }
   const Effect& effect = diagnosis.extended.model.effects[cause.place];
   const bool rotary = diagnosis.baseline.rotary;
   std::string out;
@@ -132,7 +173,7 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
   }
   std::size_t i = 0;
   for (const Parameter& p : coefficients_of(effect.kind)) {
-    if (p.with_free_loop) add(p, effect.coefficient[i]);
+    if (told_from_loop(p, diagnosis.extended.model.loop.order)) add(p, effect.coefficient[i]);
     ++i;
   }
   i = 0;
@@ -144,6 +185,8 @@ std::string advice_for(const std::string& id) {
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     if (identity_of(kind).cause == id) return std::string(identity_of(kind).check);
   }
+  if (id == "dropped_samples")
+    return "load and clock of what records; the connection to the encoder";
   return {};
 }
 

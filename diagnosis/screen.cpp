@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <unsupported/Eigen/FFT>
+
+#include "diagnosis/cuts.h"
 
 namespace servotwin {
 
@@ -15,9 +16,9 @@ constexpr int kBlocks = 5;
 constexpr double kSettle_s = 0.25;  // of every segment; its starting state is not in the problem
 constexpr double kRidge = 1e-10;
 constexpr double kFundamental = 0.9;  // share of what the double period explains
-constexpr int kTones = 10;            // highest lines of the spectrum that are looked at
-constexpr int kMoments = 6;           // largest peaks in time
-constexpr int kPlacebos = 64;         // moments at which nothing is supposed to have happened
+constexpr std::size_t kTones = 10;    // highest lines of the spectrum that are looked at
+constexpr std::size_t kMoments = 8;   // largest peaks in time
+constexpr double kStandsOut = 2.5;    // peaks that moments explain, over those that remain
 
 /// z of the chance that F(k, n) is that large (Wilson and Hilferty 1931, Paulson 1942).
 double z_of_f(double f, double k, double n) {
@@ -172,24 +173,27 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
   out.p = tail(out.statistic);
 }
 
-/// What happened once cannot be predicted from other blocks: its size is held against what the same
-/// push finds at moments chosen at random.
+/// What happened once cannot be predicted from other blocks: the peaks that it explains must stand
+/// out from those that remain.
 void Screen::judge_moment(std::size_t kind, Screened& out) const {
-  const auto force_at = [&](double time) {
-    std::vector<double> shapes = out.shapes;
-    shapes[0] = time;
-    Eigen::VectorXd c = columns(kind, shapes).col(0);
-    c -= basis_ * (basis_.transpose() * c);
-    const double square = c.squaredNorm();
-    return square > 0.0 ? c.dot(left_) / square : 0.0;
-  };
-  std::vector<double> sizes;
-  for (int i = 0; i < kPlacebos; ++i)
-    sizes.push_back(std::abs(force_at(begin_s_ + (end_s_ - begin_s_) * (i + 0.5) / kPlacebos)));
-  const double sd = 1.4826 * median(sizes);
-  out.statistic = sd > 0.0 ? std::abs(force_at(out.shapes[0])) / sd : 0.0;
-  out.p = tail(out.statistic);
-  out.gain = explained(columns(kind, out.shapes)) / left_.squaredNorm();
+  const Eigen::MatrixXd own = columns(kind, out.shapes);
+  out.gain = explained(own) / left_.squaredNorm();
+  const Eigen::MatrixXd c = own - basis_ * (basis_.transpose() * own);
+  const Eigen::VectorXd rest = left_ - c * solved(c.transpose() * c, c.transpose() * left_);
+  std::vector<double> before, after;
+  for (const Piece& piece : pieces_) {
+    before.push_back(left_.segment(piece.first, piece.count).cwiseAbs().maxCoeff());
+    after.push_back(rest.segment(piece.first, piece.count).cwiseAbs().maxCoeff());
+  }
+  std::sort(before.begin(), before.end(), std::greater<>());
+  std::sort(after.begin(), after.end(), std::greater<>());
+  const auto pushes = static_cast<std::size_t>(own.cols());
+  if (before.size() <= 2 * pushes) return;
+  // The peaks that go against those that stay.
+  const bool stands_out = before[pushes / 2] > kStandsOut * after[pushes / 2];
+  const double usual = 1.4826 * median(after);
+  out.statistic = stands_out && usual > 0.0 ? before[pushes / 2] / usual : 0.0;
+  out.p = stands_out ? tail(out.statistic) : 1.0;
 }
 
 std::vector<double> Screen::tones() const {
@@ -201,60 +205,50 @@ std::vector<double> Screen::tones() const {
     if (&other == &s) break;
     first += other.size();
   }
-  // Windowed, and with zeros behind it: neighbours half a line apart.
-  Eigen::Index length = 1;
-  while (length < 2 * s.size()) length *= 2;
-  std::vector<double> x(static_cast<std::size_t>(length), 0.0);
-  for (Eigen::Index k = 0; k < s.size(); ++k) {
-    const double window = 0.5 - 0.5 * std::cos(2.0 * std::numbers::pi * static_cast<double>(k) /
-                                               static_cast<double>(s.size()));
-    x[static_cast<std::size_t>(k)] = window * left_(first + k);
-  }
-  Eigen::FFT<double> fft;
-  std::vector<std::complex<double>> spectrum;
-  fft.fwd(spectrum, x);
-  const auto half = static_cast<std::size_t>(length / 2);
-  std::vector<double> power(half);
-  for (std::size_t i = 0; i < half; ++i) power[i] = std::norm(spectrum[i]);
-  // A line stands out from its own neighbourhood, not from the whole spectrum.
-  std::vector<std::pair<double, double>> lines;
-  const double step_hz = 1.0 / (s.h * static_cast<double>(length));
-  for (std::size_t i = 2; i + 2 < half; ++i) {
-    if (power[i] < power[i - 1] || power[i] < power[i + 1]) continue;
-    const std::size_t reach = std::max<std::size_t>(20, i / 5);
-    const std::size_t from = i > reach ? i - reach : 1, to = std::min(half, i + reach);
-    double sum = 0.0;
-    for (std::size_t j = from; j < to; j += 2) sum += power[j];
-    const double around = sum / static_cast<double>((to - from + 1) / 2);
-    lines.emplace_back(-power[i] / around, step_hz * static_cast<double>(i));
-  }
-  std::sort(lines.begin(), lines.end());
-  std::vector<double> out;
-  for (std::size_t i = 0; i < std::min<std::size_t>(kTones, lines.size()); ++i)
-    out.push_back(lines[i].second);
-  return out;
+  return lines_of(left_.segment(first, s.size()), s.h, kTones);
 }
 
-std::vector<double> Screen::moments() const {
-  std::vector<std::pair<double, double>> peaks;
-  Eigen::Index row = 0;
-  for (const Signals& s : data_.segments()) {
-    const auto window = static_cast<Eigen::Index>(std::lround(0.1 / s.h));
-    for (Eigen::Index k = 0; k + window <= s.size(); k += window) {
-      Eigen::Index at = 0;
-      const double peak = left_.segment(row + k, window).cwiseAbs().maxCoeff(&at);
-      peaks.emplace_back(-peak, s.start_s + s.h * static_cast<double>(k + at));
+/// The moments one by one: each where one more push explains most of what is left at the largest
+/// peaks.
+std::vector<double> Screen::moments(std::size_t kind, std::vector<double> shapes) const {
+  constexpr double kNever = 1e6;
+  const std::size_t pushes = coefficients_of(kind).size();
+  std::fill_n(shapes.begin(), pushes, kNever);
+  Eigen::VectorXd rest = left_;
+  for (std::size_t i = 0; i < pushes; ++i) {
+    std::vector<std::pair<double, double>> peaks;
+    Eigen::Index row = 0;
+    for (const Signals& s : data_.segments()) {
+      const auto window = static_cast<Eigen::Index>(std::lround(0.1 / s.h));
+      for (Eigen::Index k = 0; k + window <= s.size(); k += window) {
+        Eigen::Index at = 0;
+        const double peak = rest.segment(row + k, window).cwiseAbs().maxCoeff(&at);
+        peaks.emplace_back(-peak, s.start_s + s.h * static_cast<double>(k + at));
+      }
+      row += s.size();
     }
-    row += s.size();
+    std::sort(peaks.begin(), peaks.end());
+    if (peaks.size() > kMoments) peaks.resize(kMoments);
+    double most = 0.0, best_time = 0.0;
+    Eigen::VectorXd best_column;
+    for (const auto& [negative, time] : peaks) {
+      // The axis answers some time after it has been pushed.
+      for (const double earlier : {0.0, 0.005, 0.01, 0.02, 0.03}) {
+        std::vector<double> trial(shapes.size(), kNever);
+        trial.back() = shapes.back();
+        trial[0] = time - earlier;
+        Eigen::VectorXd c = columns(kind, trial).col(0);
+        c -= basis_ * (basis_.transpose() * c);
+        const double square = c.squaredNorm();
+        const double explains = square > 0.0 ? std::pow(c.dot(rest), 2) / square : 0.0;
+        if (explains > most) most = explains, best_time = trial[0], best_column = std::move(c);
+      }
+    }
+    if (most <= 0.0) break;
+    shapes[i] = best_time;
+    rest -= best_column * (best_column.dot(rest) / best_column.squaredNorm());
   }
-  std::sort(peaks.begin(), peaks.end());
-  std::vector<double> out;
-  // The axis answers some time after it has been pushed.
-  for (std::size_t i = 0; i < std::min<std::size_t>(kMoments, peaks.size()); ++i) {
-    for (const double earlier : {0.0, 0.005, 0.01, 0.02, 0.03, 0.05})
-      out.push_back(peaks[i].second - earlier);
-  }
-  return out;
+  return shapes;
 }
 
 std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
@@ -266,7 +260,8 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
     std::size_t shape = 0;
     for (const std::size_t other : data_.structure().effects) {
       for (const Parameter& q : shapes_of(other)) {
-        if (q.name == p.name && p.name == "velocity_limit") value = at_.shapes[shape];
+        if (q.name == p.name && (p.name == "velocity_limit" || p.name == "breakaway_displacement"))
+          value = at_.shapes[shape];
         ++shape;
       }
     }
@@ -290,20 +285,26 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       break;
     }
     case Scan::kFrequency:
-      if (shapes.size() == 1) {
-        for (const double tone : tones()) add(tone);
-      } else {
+      for (const double tone : tones()) add(tone);
+      if (shapes.size() > 1) {
+        // A mode is broader than a tone.
         const double top = 0.4 / data_.segments().front().h;
-        for (double f = 5.0; f < top; f *= 1.12) add(f);
+        for (double f = 5.0; f < top; f *= 1.06) add(f);
       }
       break;
     case Scan::kTime:
-      if (shapes.size() > 1 && shapes[1].unit == "s") {
-        for (const double moment : moments()) add(moment);
-      } else {
-        for (int i = 1; i < 20; ++i) add(begin_s_ + (end_s_ - begin_s_) * i / 20.0);
-      }
+      for (int i = 1; i < 20; ++i) add(begin_s_ + (end_s_ - begin_s_) * i / 20.0);
       break;
+    case Scan::kMoments:
+      out.push_back(moments(kind, start));
+      break;
+    case Scan::kAcceleration: {
+      double most = 0.0;
+      for (const Signals& s : data_.segments())
+        most = std::max(most, s.command.second.abs().maxCoeff());
+      for (double share = 0.3; share < 1.2; share += 0.05) add(share * most);
+      break;
+    }
   }
   if (out.empty()) out.push_back(start);
   return out;
@@ -331,9 +332,7 @@ Screened Screen::look(std::size_t kind) const {
     if (explained(c) < kFundamental * best) break;
     out.shapes = half, of_best = std::move(c);
   }
-  const bool once = shapes_of(kind).size() > 1 && shapes_of(kind)[0].scan == Scan::kTime &&
-                    shapes_of(kind)[1].unit == "s";
-  if (once) {
+  if (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kMoments) {
     judge_moment(kind, out);
   } else {
     judge(of_best, out);

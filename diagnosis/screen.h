@@ -46,7 +46,7 @@ class Screen {
   void judge_moment(std::size_t kind, Screened& out) const;
   [[nodiscard]] std::vector<std::vector<double>> grid(std::size_t kind) const;
   [[nodiscard]] std::vector<double> tones() const;
-  [[nodiscard]] std::vector<double> moments() const;
+  [[nodiscard]] std::vector<double> moments(std::size_t kind, std::vector<double> shapes) const;
 
   const Projection& data_;
   Point at_;

@@ -126,6 +126,7 @@ Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Inde
   m.command_acceleration = command.second(k);
   m.tracking_error = command.value(k) - x(k);
   m.time_s = s.start_s + s.h * static_cast<double>(k);
+  if (s.in_cut.size() > 0) m.in_cut = s.in_cut(k);
   if (s.neighbour_acceleration.size() > 0) m.neighbour_acceleration = s.neighbour_acceleration(k);
   return m;
 }

@@ -278,8 +278,10 @@ std::vector<std::string> SegmentReport::lines() const {
   return lines;
 }
 
-SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
-                           const SegmentLimits& limits) {
+namespace {
+
+SegmentedAxis segmented(const Recording& recording, std::string_view axis,
+                        const SegmentLimits& limits) {
   const AxisRecord& record = find_axis(recording, axis);
   const std::size_t rows = recording.time.size();
   if (record.command.size() != rows || (rows > 0 && all_missing(record.command))) {
@@ -318,6 +320,39 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
                              std::to_string(limits.shortest) +
                              " samples without a gap; the longest has " +
                              std::to_string(cutter.longest()) + " of " + count(rows, "row"));
+  }
+  return out;
+}
+
+/// Whether both were cut at the same samples.
+bool in_step(const SegmentedAxis& left, const SegmentedAxis& right) {
+  return std::equal(left.segments.begin(), left.segments.end(), right.segments.begin(),
+                    right.segments.end(), [](const Segment& l, const Segment& r) {
+                      return l.size() == r.size() && l.start_s == r.start_s;
+                    });
+}
+
+}  // namespace
+
+SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
+                           const SegmentLimits& limits) {
+  SegmentedAxis out = segmented(recording, axis, limits);
+  for (const AxisRecord& other : recording.axes) {
+    if (other.name == out.axis || other.command.size() != recording.time.size() ||
+        all_missing(other.command))
+      continue;
+    AxisRecord bare{other.name, other.rotary, other.command, {}, {}, {}};
+    Recording alone{recording.source, recording.time, {std::move(bare)}, {}};
+    SegmentedAxis neighbour;
+    try {
+      neighbour = segmented(alone, other.name, limits);
+    } catch (const std::runtime_error&) {
+      continue;  // what cannot be cut into segments is no neighbour
+    }
+    if (!in_step(out, neighbour)) continue;
+    for (std::size_t i = 0; i < out.segments.size(); ++i)
+      out.segments[i].neighbour = std::move(neighbour.segments[i].command);
+    break;
   }
   return out;
 }

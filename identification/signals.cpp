@@ -28,6 +28,7 @@ Signals signals_of(const Segment& segment, int half_window) {
   s.velocity = measured_velocity(segment.actual, s.h, half_window);
   s.lead = segment.lead;
   s.start_s = segment.start_s;
+  s.in_cut = segment.in_cut;
   if (segment.neighbour.size() == segment.size())
     s.neighbour_acceleration = Spline::through(segment.neighbour, s.h).second;
   return s;
@@ -50,6 +51,7 @@ Signals decimated(const Signals& signals, int every) {
   s.velocity = thin(signals.velocity);
   s.start_s = signals.start_s;
   s.loop_position = thin(signals.loop_position);
+  s.in_cut = thin(signals.in_cut);
   s.neighbour_acceleration = thin(signals.neighbour_acceleration);
   s.lead = (signals.lead + every - 1) / every;
   return s;

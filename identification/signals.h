@@ -21,6 +21,7 @@ struct Signals {
   double start_s = 0.0;  ///< in the recording
   /// Of the loop, for effects on the reading alone; empty: the reading.
   Eigen::ArrayXd loop_position;
+  Eigen::ArrayXd in_cut;                  ///< as of the segment
   Eigen::ArrayXd neighbour_acceleration;  ///< commanded, of another axis; empty: none known
 
   Eigen::Index lead = 0;  ///< as of the segment

@@ -19,6 +19,7 @@
 #include "twin/effects/constant_force.h"
 #include "twin/effects/coulomb_friction.h"
 #include "twin/effects/cross_coupling.h"
+#include "twin/effects/cutting_force.h"
 #include "twin/effects/dahl.h"
 #include "twin/effects/dwell_stiction.h"
 #include "twin/effects/encoder_error.h"
@@ -62,9 +63,9 @@ using Catalogue = std::tuple<CoulombFriction,      //
                              FallingFriction,      //
                              Cogging,              //
                              PositionDependentFriction, AddedFriction, Backlash, BacklashInLoop,
-                             Compliance, CrossCoupling, DwellStiction, EncoderError, GainChange,
-                             ImpulseDisturbance, InertiaChange, LeadError, PeriodicDisturbance,
-                             ThermalGrowth, TorqueSaturation, ViscousDrift>;
+                             Compliance, CrossCoupling, CuttingForce, DwellStiction, EncoderError,
+                             GainChange, ImpulseDisturbance, InertiaChange, LeadError,
+                             PeriodicDisturbance, ThermalGrowth, TorqueSaturation, ViscousDrift>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model

@@ -37,6 +37,7 @@ struct Motion {
   double tracking_error = 0.0;          ///< command - position, without a delay [m | rad]
   double time_s = 0.0;                  ///< in the recording [s]
   double neighbour_acceleration = 0.0;  ///< commanded, of another axis; 0 where none is known
+  double in_cut = 0.0;                  ///< 1 while the tool cuts; 0 where that is not known
 };
 
 /// Where an effect enters: as a disturbance force, by delaying the command against the feedback, or
@@ -46,10 +47,12 @@ enum class Acts { kForce, kCommandDelay, kReading };
 
 /// What a shape parameter is sought over, on a grid, before it is refined.
 enum class Scan {
-  kNone,       ///< nothing: a few decades about its start
-  kPeriod,     ///< periods of position, up to the travel
-  kFrequency,  ///< frequencies, up to a fifth of the sampling rate
-  kTime,       ///< the time of the recording
+  kNone,          ///< nothing: a few decades about its start
+  kPeriod,        ///< periods of position, up to the travel
+  kFrequency,     ///< frequencies, up to a fifth of the sampling rate
+  kTime,          ///< the time of the recording
+  kMoments,       ///< the moments at which most is left, this and the next parameters together
+  kAcceleration,  ///< shares of the largest commanded acceleration
 };
 
 struct Identity {

@@ -182,6 +182,7 @@ double Twin::step(const CommandPiece& piece) noexcept {
   m.command_velocity = piece.end_velocity;
   m.command_acceleration = piece.end_acceleration;
   m.neighbour_acceleration = piece.neighbour_acceleration;
+  m.in_cut = piece.in_cut;
   time_s_ += h_;
   m.time_s = time_s_;
   const auto miss_at = [&](double trial) {
@@ -269,6 +270,7 @@ Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& moti
     piece.end_velocity = motion.first(k);
     piece.end_acceleration = piece.acceleration + h * piece.jerk;
     if (neighbour.size() > 0) piece.neighbour_acceleration = neighbour(k);
+    if (segment.in_cut.size() > 0) piece.in_cut = segment.in_cut(k);
     error(k) = twin.step(piece) + (segment.command(k) - delayed(k));
   }
   return error;

@@ -20,6 +20,7 @@ struct CommandPiece {
   double velocity = 0.0, acceleration = 0.0, jerk = 0.0;  ///< at the start of the cycle
   double end_position = 0.0, end_velocity = 0.0, end_acceleration = 0.0;
   double neighbour_acceleration = 0.0;  ///< of another axis, at the end of the cycle
+  double in_cut = 0.0;                  ///< whether the tool cuts then
 };
 
 class Twin {

@@ -1,6 +1,6 @@
 // Friction that sets in at a moment: a cover that grips, a guide that runs dry.
 //
-//   d = onset(t - time) (coulomb sat(v / velocity_limit) + viscous v)
+//   d = onset(t - time) (coulomb direction(travel) + viscous v)
 #pragma once
 
 #include <array>
@@ -8,6 +8,7 @@
 
 #include "twin/effect.h"
 #include "twin/effects/onset.h"
+#include "twin/effects/sliding.h"
 
 namespace servotwin {
 
@@ -24,19 +25,20 @@ struct AddedFriction {
   static constexpr std::array<Parameter, 2> kShapes{
       {{"time_s", "s", 1e-3, 1e7, 1.0, "when it sets in, in the recording", true, false,
         Scan::kTime},
-       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
-        "velocity at which the friction force is fully developed"}}};
+       {"breakaway_displacement", "m", 2e-7, 2e-3, 1e-5,
+        "travel over which it turns with the direction"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb", "m/s^2", -100.0, 100.0, 0.0, "of what is added, per moved mass"},
        {"viscous", "1/s", -1000.0, 1000.0, 0.0, "of what is added, per moved mass"}}};
   template <class T>
-  using Memory = NoMemory;
+  struct Memory : Sliding<T> {
+    Memory() = default;
+    explicit Memory(const T* /*shape*/) noexcept {}
+  };
 
   template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
-                          T* force) noexcept {
-    const T q = m.velocity / shape[1];
-    const T direction = q > 1.0 ? T(1.0) : (q < -1.0 ? T(-1.0) : q);
+  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+    const T direction = memory.direction(m.displacement, shape[1]);
     const T on = onset(m.time_s, shape[0]);
     force[0] = on * direction;
     force[1] = on * m.velocity;

@@ -1,6 +1,6 @@
-// A push at a moment: a chip, a jammed cover segment, something that touches the table.
+// Short pushes at a few moments: chips, a jammed cover segment, something that touches the table.
 //
-//   d = force (1 + cos(pi (t - time) / width)) / 2   within one width of the moment
+//   d = sum_i push_i (1 + cos(pi (t - time_i) / width)) / 2   within one width of the moment
 #pragma once
 
 #include <array>
@@ -12,19 +12,27 @@
 namespace servotwin {
 
 struct ImpulseDisturbance {
+  static constexpr std::size_t kPushes = 4;
   static constexpr Identity kIdentity{
       .id = "impulse_disturbance",
-      .meaning = "a short push at a moment of the recording",
+      .meaning = "short pushes at a few moments of the recording",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "dropped_samples; backlash, which is at every reversal",
+      .confused = "dropped_samples; friction at reversals, of which there are many",
       .cause = "impulse_disturbance",
       .check = "chips, jammed cover segments, what touched the table at that moment"};
-  static constexpr std::array<Parameter, 2> kShapes{
-      {{"time_s", "s", 1e-3, 1e7, 1.0, "of its peak, in the recording", true, false, Scan::kTime},
-       {"width_s", "s", 2e-3, 0.2, 1e-2, "of half its height"}}};
-  static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"force", "m/s^2", -1000.0, 1000.0, 0.0, "at its peak, per moved mass"}}};
+  static constexpr std::array<Parameter, kPushes + 1> kShapes{
+      {{"time_1_s", "s", 1e-3, 1e7, 1.0, "of a peak, in the recording", true, false,
+        Scan::kMoments},
+       {"time_2_s", "s", 1e-3, 1e7, 2.0, "of a peak, in the recording"},
+       {"time_3_s", "s", 1e-3, 1e7, 3.0, "of a peak, in the recording"},
+       {"time_4_s", "s", 1e-3, 1e7, 4.0, "of a peak, in the recording"},
+       {"width_s", "s", 2e-3, 0.05, 8e-3, "of half the height"}}};
+  static constexpr std::array<Parameter, kPushes> kCoefficients{
+      {{"push_1", "m/s^2", -1000.0, 1000.0, 0.0, "force at the peak, per moved mass"},
+       {"push_2", "m/s^2", -1000.0, 1000.0, 0.0, "force at the peak, per moved mass"},
+       {"push_3", "m/s^2", -1000.0, 1000.0, 0.0, "force at the peak, per moved mass"},
+       {"push_4", "m/s^2", -1000.0, 1000.0, 0.0, "force at the peak, per moved mass"}}};
   template <class T>
   using Memory = NoMemory;
 
@@ -32,8 +40,10 @@ struct ImpulseDisturbance {
   static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
                           T* force) noexcept {
     using std::cos;
-    const T u = (m.time_s - shape[0]) / shape[1];
-    force[0] = u > -1.0 && u < 1.0 ? 0.5 * (1.0 + cos(std::numbers::pi * u)) : T(0.0);
+    for (std::size_t i = 0; i < kPushes; ++i) {
+      const T u = (m.time_s - shape[i]) / shape[kPushes];
+      force[i] = u > -1.0 && u < 1.0 ? 0.5 * (1.0 + cos(std::numbers::pi * u)) : T(0.0);
+    }
   }
 };
 

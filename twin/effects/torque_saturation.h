@@ -1,6 +1,7 @@
 // A motor that cannot give what the acceleration needs.
 //
-//   d = share (x_r'' - limit)  above the limit, and likewise below its negative
+//   demand = x_r'' + drag sgn(x_r');   d = share (demand - limit)  above the limit, and likewise
+//   below its negative
 #pragma once
 
 #include <array>
@@ -18,8 +19,10 @@ struct TorqueSaturation {
       .confused = "gain_change and feedforward_mismatch, which small accelerations show as well",
       .cause = "torque_saturation",
       .check = "acceleration limits of the program against what the motor gives"};
-  static constexpr std::array<Parameter, 1> kShapes{
-      {{"limit", "m/s^2", 0.01, 1000.0, 1.0, "acceleration that the motor can give"}}};
+  static constexpr std::array<Parameter, 2> kShapes{
+      {{"limit_mps2", "m/s^2", 0.01, 1000.0, 1.0, "acceleration that the motor can give", true,
+        false, Scan::kAcceleration},
+       {"drag_mps2", "m/s^2", 1e-3, 100.0, 0.1, "of it that friction takes"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"share", "1", -10.0, 10.0, 0.0, "of the acceleration beyond the limit that is missing"}}};
   template <class T>
@@ -28,8 +31,10 @@ struct TorqueSaturation {
   template <class T>
   static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
                           T* force) noexcept {
-    const double a = m.command_acceleration;
-    force[0] = a > shape[0] ? a - shape[0] : (a < -shape[0] ? a + shape[0] : T(0.0));
+    const double sign = m.command_velocity > 0.0 ? 1.0 : (m.command_velocity < 0.0 ? -1.0 : 0.0);
+    const T demand = m.command_acceleration + sign * shape[1];
+    force[0] =
+        demand > shape[0] ? demand - shape[0] : (demand < -shape[0] ? demand + shape[0] : T(0.0));
   }
 };
 

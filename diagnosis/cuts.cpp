@@ -1,0 +1,106 @@
+#include "diagnosis/cuts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <numbers>
+#include <unsupported/Eigen/FFT>
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kLowest_hz = 8.0;  // a tone; below it is motion
+constexpr double kHeard_s = 0.12;   // over which the envelope is taken, and the shortest cut
+constexpr double kContrast = 4.0;   // of the envelope in the cut to outside of it
+constexpr double kLeast = 0.03, kMost = 0.9;  // of the time in the cut
+
+/// |mean of x exp(-2 pi i f t)| over a window about every sample.
+Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
+  const Eigen::Index n = x.size();
+  std::vector<std::complex<double>> sum(static_cast<std::size_t>(n) + 1);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const double angle = -2.0 * std::numbers::pi * f * h * static_cast<double>(k);
+    sum[static_cast<std::size_t>(k) + 1] =
+        sum[static_cast<std::size_t>(k)] + x(k) * std::polar(1.0, angle);
+  }
+  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * std::max(kHeard_s, 3.0 / f) / h));
+  Eigen::ArrayXd out(n);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const Eigen::Index from = std::max<Eigen::Index>(0, k - half), to = std::min(n, k + half + 1);
+    out(k) = std::abs(sum[static_cast<std::size_t>(to)] - sum[static_cast<std::size_t>(from)]) /
+             static_cast<double>(to - from);
+  }
+  return out;
+}
+
+double quantile(const Eigen::ArrayXd& values, double at) {
+  std::vector<double> sorted(values.data(), values.data() + values.size());
+  const auto place =
+      sorted.begin() + static_cast<std::ptrdiff_t>(at * static_cast<double>(sorted.size() - 1));
+  std::nth_element(sorted.begin(), place, sorted.end());
+  return *place;
+}
+
+}  // namespace
+
+std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h,
+                             std::size_t most) {
+  // Windowed, and with zeros behind it: neighbours half a line apart.
+  Eigen::Index length = 1;
+  while (length < 2 * signal.size()) length *= 2;
+  std::vector<double> x(static_cast<std::size_t>(length), 0.0);
+  for (Eigen::Index k = 0; k < signal.size(); ++k) {
+    const double window = 0.5 - 0.5 * std::cos(2.0 * std::numbers::pi * static_cast<double>(k) /
+                                               static_cast<double>(signal.size()));
+    x[static_cast<std::size_t>(k)] = window * signal(k);
+  }
+  Eigen::FFT<double> fft;
+  std::vector<std::complex<double>> spectrum;
+  fft.fwd(spectrum, x);
+  const auto half = static_cast<std::size_t>(length / 2);
+  std::vector<double> power(half);
+  for (std::size_t i = 0; i < half; ++i) power[i] = std::norm(spectrum[i]);
+  // A line stands out from its own neighbourhood, not from the whole spectrum.
+  std::vector<std::pair<double, double>> lines;
+  const double step_hz = 1.0 / (h * static_cast<double>(length));
+  for (std::size_t i = 2; i + 2 < half; ++i) {
+    if (power[i] < power[i - 1] || power[i] < power[i + 1]) continue;
+    const std::size_t reach = std::max<std::size_t>(20, i / 5);
+    const std::size_t from = i > reach ? i - reach : 1, to = std::min(half, i + reach);
+    double sum = 0.0;
+    for (std::size_t j = from; j < to; j += 2) sum += power[j];
+    const double around = sum / static_cast<double>((to - from + 1) / 2);
+    lines.emplace_back(-power[i] / around, step_hz * static_cast<double>(i));
+  }
+  std::sort(lines.begin(), lines.end());
+  std::vector<double> out;
+  for (std::size_t i = 0; i < std::min(most, lines.size()); ++i) out.push_back(lines[i].second);
+  return out;
+}
+
+bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>& left) {
+  const auto longest = static_cast<std::size_t>(
+      std::max_element(segments.begin(), segments.end(),
+                       [](const auto& l, const auto& r) { return l.size() < r.size(); }) -
+      segments.begin());
+  const double h = segments[longest].sample_time_s;
+  double best = kContrast, tone = 0.0, level = 0.0;
+  for (const double f : lines_of(left[longest].matrix(), h, 10)) {
+    if (f < kLowest_hz || f > 0.45 / h) continue;
+    const Eigen::ArrayXd heard = envelope(left[longest], h, f);
+    const double threshold = 0.5 * quantile(heard, 0.95);
+    const auto on = (heard > threshold).cast<double>().eval();
+    const double share = on.mean();
+    if (share < kLeast || share > kMost) continue;
+    const double contrast = (heard * on).sum() / on.sum() /
+                            std::max(1e-300, (heard * (1.0 - on)).sum() / (1.0 - on).sum());
+    if (contrast > best) best = contrast, tone = f, level = threshold;
+  }
+  if (tone == 0.0) return false;
+  for (std::size_t i = 0; i < segments.size(); ++i)
+    segments[i].in_cut = (envelope(left[i], h, tone) > level).cast<double>();
+  return true;
+}
+
+}  // namespace servotwin

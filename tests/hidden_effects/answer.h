@@ -1,0 +1,32 @@
+// What the program says to a recording, as it stands in its diagnosis file.
+//
+// SI units. Any thread.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "tests/hidden_effects/effects.h"
+
+namespace servotwin::hidden_effects {
+
+struct NamedCause {
+  std::string id;
+  double confidence = 0.0;
+  std::vector<std::string> ambiguous_with;
+  Parameters parameters;
+};
+
+struct Answer {
+  std::string failure;  ///< what was thrown; empty: there is an answer
+  std::string verdict;  ///< of the contract
+  std::vector<NamedCause> causes;
+  double before_rms = 0.0, after_rms = 0.0;  ///< on the hold-out, baseline and extended [m]
+  double seconds = 0.0;                      ///< of the processor, for the diagnosis alone
+  double wall_seconds = 0.0;                 ///< the same by the clock
+};
+
+/// Reads the text as a recording and diagnoses its axis X. Does not throw.
+[[nodiscard]] Answer ask(const std::string& csv, const std::vector<std::string>& leave_out);
+
+}  // namespace servotwin::hidden_effects

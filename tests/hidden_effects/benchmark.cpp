@@ -1,0 +1,146 @@
+// hidden_effects [dev|test]: hides effects in recordings, asks the program what they are, and
+// prints how often it was right. `--help` lists the options.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iostream>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/hidden_effects/score.h"
+
+namespace {
+
+using namespace servotwin::hidden_effects;
+
+struct Options {
+  std::string part = "dev";
+  int cases = 4, clean = 20, pairs = 20, faint = 1, blind = 2, first = 0;
+  std::vector<std::string> effects;
+  std::vector<std::string> leave_out;
+  int jobs = 1;
+  std::string list, write;
+};
+
+struct Job {
+  Kind kind;
+  std::function<Case()> make;
+};
+
+std::vector<Job> jobs_of(const Options& options) {
+  const Part part = options.part == "dev" ? Part::kDev : Part::kTest;
+  const auto wanted = [&](const std::string& id) {
+    return options.effects.empty() ||
+           std::find(options.effects.begin(), options.effects.end(), id) != options.effects.end();
+  };
+  std::vector<Job> out;
+  const auto add = [&](Kind kind, int count, const std::function<Case(int)>& make) {
+    for (int i = options.first; i < options.first + count; ++i) {
+      out.push_back({kind, [=] { return make(i); }});
+    }
+  };
+  for (const std::string& id : effect_ids()) {
+    if (!wanted(id)) continue;
+    add(Kind::kSingle, options.cases,
+        [=](int i) { return single_case(part, id, Class::kClear, i); });
+    add(Kind::kFaint, options.faint,
+        [=](int i) { return single_case(part, id, Class::kFaint, i); });
+  }
+  for (const std::string& id : blind_ids()) {
+    if (wanted(id))
+      add(Kind::kBlind, options.blind, [=](int i) { return blind_case(part, id, i); });
+  }
+  add(Kind::kPair, options.pairs, [=](int i) { return pair_case(part, i); });
+  add(Kind::kClean, options.clean, [=](int i) { return clean_case(part, i); });
+  return out;
+}
+
+/// The recording, and beside it what is hidden in it.
+void write(const Case& made, const std::filesystem::path& directory) {
+  std::string name = made.name;
+  std::replace(name.begin(), name.end(), '/', '-');
+  std::ofstream(directory / (name + ".csv")) << made.csv;
+  Outcome truth;
+  truth.made = made;
+  std::ofstream note(directory / (name + ".txt"));
+  print_line(truth, note);
+}
+
+std::vector<Outcome> run(const Options& options) {
+  const std::vector<Job> jobs = jobs_of(options);
+  std::vector<Outcome> outcomes(jobs.size());
+  std::atomic<std::size_t> next{0};
+  std::mutex mutex;
+  std::exception_ptr failure;
+  std::size_t done = 0;
+  std::ofstream list;
+  if (!options.list.empty()) {
+    list.open(options.list);
+    if (!list) throw std::runtime_error("cannot write " + options.list);
+  }
+  if (!options.write.empty()) std::filesystem::create_directories(options.write);
+  const auto work = [&] {
+    for (std::size_t i; (i = next++) < jobs.size();) {
+      try {
+        Outcome& outcome = outcomes[i];
+        outcome.kind = jobs[i].kind;
+        outcome.made = jobs[i].make();
+        if (!options.write.empty()) write(outcome.made, options.write);
+        outcome.answer = ask(outcome.made.csv, options.leave_out);
+        outcome.made.csv = {};
+        const std::scoped_lock lock(mutex);
+        if (list.is_open()) print_line(outcome, list), list.flush();
+        if (isatty(STDERR_FILENO)) std::cerr << '\r' << ++done << " of " << jobs.size();
+      } catch (...) {
+        const std::scoped_lock lock(mutex);
+        failure = std::current_exception();
+        next = jobs.size();
+      }
+    }
+  };
+  std::vector<std::jthread> others;
+  for (int i = 1; i < options.jobs; ++i) others.emplace_back(work);
+  work();
+  others.clear();  // waits for them
+  if (isatty(STDERR_FILENO)) std::cerr << '\n';
+  if (failure) std::rethrow_exception(failure);
+  return outcomes;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"Hides effects in recordings and counts how often the diagnosis names them."};
+  Options options;
+  const auto count = CLI::Range(0, 100'000);
+  app.add_option("part", options.part, "dev to work on, test to measure by")
+      ->check(CLI::IsMember({"dev", "test"}));
+  app.add_option("--cases", options.cases, "clear cases of every effect")->check(count);
+  app.add_option("--clean", options.clean, "clean machines")->check(count);
+  app.add_option("--pairs", options.pairs, "machines with two effects")->check(count);
+  app.add_option("--faint", options.faint, "faint cases of every effect")->check(count);
+  app.add_option("--blind", options.blind, "cases of every effect that the encoder cannot see")
+      ->check(count);
+  app.add_option("--first", options.first, "index of the first case of every sort")->check(count);
+  app.add_option("--effect", options.effects, "only these, of the cases with one effect")
+      ->delimiter(',')
+      ->check(CLI::IsMember(effect_ids()));
+  app.add_option("--leave-out", options.leave_out, "not in the catalogue")->delimiter(',');
+  app.add_option("--jobs", options.jobs, "cases at once")->check(CLI::Range(1, 256));
+  app.add_option("--list", options.list, "one line for every case");
+  app.add_option("--write", options.write, "directory for the recordings and their truths");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    print_scores(run(options), options.leave_out, std::cout);
+    return 0;
+  } catch (const std::exception& error) {
+    std::cerr << "hidden_effects: " << error.what() << '\n';
+    return 1;
+  }
+}

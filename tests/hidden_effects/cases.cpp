@@ -1,0 +1,281 @@
+#include "tests/hidden_effects/cases.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <functional>
+#include <optional>
+#include <stdexcept>
+
+#include "tests/hidden_effects/absorbed.h"
+#include "tests/hidden_effects/machine.h"
+
+namespace servotwin::hidden_effects {
+namespace {
+
+constexpr int kMachines = 300;    // drawn at most until one shows the effects in the class wanted
+constexpr double kStiff = 400.0;  // [Hz], of the contact beside a gap
+
+const Ranges& ranges_of(Part part) {
+  static const Ranges dev{.mass = {30.0, 400.0},
+                          .position_loop_hz = {8.0, 40.0},
+                          .velocity_loop_ratio = {3.0, 6.0},
+                          .friction_mps2 = {0.05, 0.6},
+                          .drag_per_s = {0.5, 5.0},
+                          .presliding_m = {5e-6, 6e-5},
+                          .encoder_step_m = {1e-8, 1e-6},
+                          .noise_to_step = {0.1, 1.0},
+                          .velocity = {0.08, 0.4},
+                          .acceleration = {1.0, 5.0},
+                          .jerk = {20.0, 150.0},
+                          .stroke = {0.08, 0.3},
+                          .torque_noise = 0.5,
+                          .first_change = 0.15,
+                          .last_change = 0.45};
+  static const Ranges test{.mass = {15.0, 800.0},
+                           .position_loop_hz = {6.0, 50.0},
+                           .velocity_loop_ratio = {2.5, 7.0},
+                           .friction_mps2 = {0.03, 0.8},
+                           .drag_per_s = {0.3, 8.0},
+                           .presliding_m = {4e-6, 1e-4},
+                           .encoder_step_m = {5e-9, 2e-6},
+                           .noise_to_step = {0.05, 2.0},
+                           .velocity = {0.05, 0.6},
+                           .acceleration = {0.7, 8.0},
+                           .jerk = {15.0, 250.0},
+                           .stroke = {0.05, 0.4},
+                           .torque_noise = 0.8,
+                           .first_change = 0.1,
+                           .last_change = 0.5};
+  return part == Part::kDev ? dev : test;
+}
+
+/// FNV-1a, so that no case shares its seed with another of either part.
+std::uint64_t seed_of(const std::string& name) {
+  std::uint64_t hash = 0xcbf29ce484222325u;
+  for (const char c : name) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  return hash;
+}
+
+/// The size that contributes about `target`, if a plausible one does.
+std::optional<double> size_for(const Hidden& hidden, double target,
+                               const std::function<double(double)>& contribution) {
+  constexpr int kTries = 9;
+  constexpr double kClose = 1.12;  // a factor
+  double low = hidden.smallest, high = hidden.largest;
+  double size = std::sqrt(low * high);
+  for (int i = 0; i < kTries; ++i) {
+    const double is = contribution(size);
+    if (is > target / kClose && is < target * kClose) return size;
+    if (size == hidden.largest && is < target) return {};
+    if (size == hidden.smallest && is > target) return {};
+    (is < target ? low : high) = size;
+    // As if it grew in proportion; else by halves of the logarithm.
+    const double next = is > 0.0 && std::isfinite(is) ? size * target / is : 0.0;
+    if (next > low && next < high) {
+      size = next;
+    } else if (next >= hidden.largest && high == hidden.largest) {
+      size = high;
+    } else {
+      size = std::sqrt(low * high);
+    }
+  }
+  return {};
+}
+
+void append(std::string& text, double value, int decimals) {
+  std::array<char, 64> digits{};
+  const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value,
+                                 std::chars_format::fixed, decimals);
+  text.append(digits.data(), end.ptr);
+}
+
+struct NamedTrace {
+  const char* name;
+  const Trace* trace;
+};
+
+/// `lost`: rows that are not written.
+std::string csv_of(const std::vector<NamedTrace>& axes, double sample_time,
+                   const std::vector<bool>& lost) {
+  constexpr double kMillimetres = 1e3;
+  std::string text = "time[s]";
+  for (const auto& [name, trace] : axes) {
+    text += std::string(",") + name + ".command[mm]," + name + ".actual[mm]";
+  }
+  text += '\n';
+  for (std::size_t row = 0; row < axes.front().trace->command.size(); ++row) {
+    if (row < lost.size() && lost[row]) continue;
+    append(text, static_cast<double>(row) * sample_time, 4);
+    for (const auto& [name, trace] : axes) {
+      text += ',';
+      append(text, kMillimetres * trace->command[row], 9);
+      text += ',';
+      append(text, kMillimetres * trace->actual[row], 9);
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+struct Wish {
+  std::vector<std::string> ids;
+  Class size = Class::kClear;
+  bool blind = false;
+};
+
+Needs needs_of(const Wish& wish) {
+  Needs needs;
+  for (const std::string& id : wish.ids)
+    needs = needs.with(hidden_effects::needs_of(id, wish.blind));
+  return needs;
+}
+
+double target_of(Part part, Class size, Random& random) {
+  if (size == Class::kFaint) return random.log_between(1.2, 2.6);
+  return random.log_between(6.0, part == Part::kDev ? 30.0 : 40.0);
+}
+
+bool in_class(Class size, double ratio) {
+  if (size == Class::kFaint) return ratio >= kFaintFrom && ratio <= kFaintTo;
+  return ratio >= kClearFrom && std::isfinite(ratio);
+}
+
+/// One drawn machine; none if it cannot show the effects as wished.
+std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
+  Machine machine = draw_machine(ranges_of(part), needs_of(wish), random);
+  Scene& scene = machine.scene;
+  const auto hides = [&](const char* id) {
+    return std::find(wish.ids.begin(), wish.ids.end(), id) != wish.ids.end();
+  };
+  if (hides("backlash"))
+    scene.rig.body.spring_frequency_hz = kStiff, scene.rig.body.damping_ratio = 0.1;
+
+  const Trace clean = simulate(scene.rig, scene.command);
+  if (clean.runaway) return {};
+  for (const double force : clean.force) {
+    scene.peak_force = std::max(scene.peak_force, std::abs(force));
+  }
+  Rig noisy = scene.rig;
+  noisy.external_force = machine.torque_noise;
+  Case out;
+  {
+    Trace trace = simulate(noisy, scene.command);
+    trace.exact = clean.exact;  // so that torque noise counts as well
+    out.noise_rms = noise_rms(trace);
+  }
+  Trace other;
+  if (machine.records_other) {
+    other = simulate(machine.other, machine.other_command);
+    if (other.runaway) return {};
+    scene.other_acceleration = other.acceleration;
+  }
+
+  std::optional<Absorbed> absorbed;
+  std::vector<Hidden> hidden;
+  std::vector<double> sizes;
+  Rig with_all = noisy, without_noise = scene.rig;
+  for (const std::string& id : wish.ids) {
+    hidden.push_back(hide(id, scene, random));
+    const Hidden& one = hidden.back();
+    const double target = out.noise_rms * target_of(part, wish.size, random);
+    const auto with = [&](double size) {
+      Rig rig = scene.rig;
+      one.put(rig, size);
+      return simulate(rig, scene.command);
+    };
+    // Seen at once of most machines that cannot show it.
+    if (!wish.blind && rms_apart(with(one.largest), clean) < target) return {};
+    if (!absorbed) absorbed.emplace(scene.rig, scene.command, clean);
+    const auto contribution = [&](double size) { return absorbed->left_rms(with(size), clean); };
+    const std::optional<double> size =
+        wish.blind ? std::sqrt(one.smallest * one.largest) : size_for(one, target, contribution);
+    if (!size) return {};
+    sizes.push_back(*size);
+    one.put(with_all, *size);
+    one.put(without_noise, *size);
+  }
+
+  const Trace exact = simulate(without_noise, scene.command);
+  const Trace recorded = simulate(with_all, scene.command);
+  if (exact.runaway || recorded.runaway) return {};
+  for (std::size_t i = 0; i < hidden.size(); ++i) {
+    Rig without = scene.rig;
+    for (std::size_t j = 0; j < hidden.size(); ++j) {
+      if (j != i) hidden[j].put(without, sizes[j]);
+    }
+    const Trace others = simulate(without, scene.command);
+    const double contribution = absorbed->left_rms(exact, others);
+    if (!wish.blind && !in_class(wish.size, contribution / out.noise_rms)) return {};
+    out.hidden.push_back({.id = hidden[i].id,
+                          .parameters = hidden[i].parameters(sizes[i]),
+                          .contribution_rms = contribution,
+                          .difference_rms = rms_apart(exact, others),
+                          .clear = wish.size == Class::kClear,
+                          .observable = !wish.blind});
+  }
+
+  out.own = own_effects(scene.rig);
+  out.sample_time_s = scene.rig.reading.sample_time;
+  out.machine = describe(scene.rig);
+  std::vector<NamedTrace> axes{{"X", &recorded}};
+  if (machine.records_other) axes.push_back({"Y", &other});
+  // A recorder that loses samples repeats the last ones, or writes no rows.
+  const bool lose_rows = hides("dropped_samples") && random.chance(0.3);
+  out.csv =
+      csv_of(axes, out.sample_time_s, lose_rows ? with_all.reading.stuck : std::vector<bool>{});
+  return out;
+}
+
+Case make_case(Part part, const Wish& wish, const std::string& kind, int index) {
+  const std::string name =
+      std::string(part == Part::kDev ? "dev/" : "test/") + kind + '/' + std::to_string(index);
+  const std::uint64_t seed = seed_of(name);
+  Random random(seed);
+  for (int i = 0; i < kMachines; ++i) {
+    if (std::optional<Case> found = try_machine(part, wish, random)) {
+      found->name = name;
+      found->seed = seed;
+      found->draws = i + 1;
+      return *found;
+    }
+  }
+  throw std::runtime_error("hidden effects: no machine shows " + name + " in " +
+                           std::to_string(kMachines) + " draws");
+}
+
+}  // namespace
+
+bool Case::hides(const std::string& id) const {
+  return std::any_of(hidden.begin(), hidden.end(), [&](const Truth& t) { return t.id == id; });
+}
+
+bool Case::owns(const std::string& id) const {
+  return std::find(own.begin(), own.end(), id) != own.end();
+}
+
+Case clean_case(Part part, int index) { return make_case(part, {}, "clean", index); }
+
+Case single_case(Part part, const std::string& id, Class size, int index) {
+  return make_case(part, {{id}, size}, size == Class::kClear ? id : "faint-" + id, index);
+}
+
+Case pair_case(Part part, int index) {
+  // Which two does not hang on the machines that are drawn for them.
+  Random random(seed_of((part == Part::kDev ? "dev/pair/" : "test/pair/") + std::to_string(index)));
+  const std::vector<std::string>& ids = effect_ids();
+  for (;;) {
+    const std::string& a =
+        ids[static_cast<std::size_t>(random.below(static_cast<int>(ids.size())))];
+    const std::string& b =
+        ids[static_cast<std::size_t>(random.below(static_cast<int>(ids.size())))];
+    if (may_pair(a, b)) return make_case(part, {{a, b}}, a + '+' + b, index);
+  }
+}
+
+Case blind_case(Part part, const std::string& id, int index) {
+  return make_case(part, {{id}, Class::kClear, true}, "blind-" + id, index);
+}
+
+}  // namespace servotwin::hidden_effects

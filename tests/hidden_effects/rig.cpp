@@ -1,0 +1,345 @@
+#include "tests/hidden_effects/rig.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+
+#include "tests/hidden_effects/random.h"
+#include "tests/virtual_machine/friction.h"
+
+namespace servotwin::hidden_effects {
+namespace {
+
+constexpr int kSteps = 8;  // of the body per control period
+constexpr double kPeriod = 1.0 / kControlRate;
+constexpr double kStep = kPeriod / kSteps;
+constexpr int kElements = 5;
+constexpr double kRunaway = 0.05;  // [m]
+
+double wave(double amplitude, double period, double phase, double x) {
+  return amplitude == 0.0 ? 0.0 : amplitude * std::sin(2.0 * std::numbers::pi * x / period + phase);
+}
+
+void require(bool holds, const char* field, double value, const char* rule) {
+  if (holds) return;
+  throw std::invalid_argument(std::string("rig: ") + field + " is " + std::to_string(value) +
+                              ", must be " + rule);
+}
+
+void check(const Rig& rig) {
+  const auto positive = [](const char* field, double value) {
+    require(value > 0.0 && !std::isnan(value), field, value, "positive");
+  };
+  positive("mass", rig.body.mass);
+  positive("position_gain", rig.drive.position_gain);
+  positive("velocity_gain", rig.drive.velocity_gain);
+  positive("sample_time", rig.reading.sample_time);
+  positive("force_limit", rig.drive.force_limit);
+  positive("saturation_velocity", rig.friction.saturation_velocity);
+  positive("presliding_distance", rig.friction.presliding_distance);
+  positive("stribeck_velocity", rig.friction.stribeck_velocity);
+  positive("direction_ratio", rig.friction.direction_ratio);
+  positive("mass_ratio", rig.body.mass_ratio);
+  require(rig.body.motor_share > 0.0 && rig.body.motor_share < 1.0, "motor_share",
+          rig.body.motor_share, "between 0 and 1");
+  require(rig.friction.level >= 0.0, "level", rig.friction.level, "at least 0");
+  require(rig.body.gap >= 0.0, "gap", rig.body.gap, "at least 0");
+  require(rig.body.gap == 0.0 || rig.body.spring_frequency_hz > 0.0, "gap", rig.body.gap,
+          "0 on a rigid axis");
+  require(rig.reading.delay >= 0.0, "delay", rig.reading.delay, "at least 0");
+}
+
+/// phi and L of the header.
+class FrictionState {
+ public:
+  explicit FrictionState(const Friction& f) : f_(f) {
+    if (f.family != Friction::Family::kMaxwell) return;
+    const virtual_machine::Gms curve =
+        virtual_machine::gms_with_curve(1.0, f.presliding_distance, f.curve, kElements);
+    std::copy_n(curve.stiffness.begin(), kElements, stiffness_.begin());
+    std::copy_n(curve.share.begin(), kElements, share_.begin());
+  }
+
+  /// Over one step with this velocity. What rest has added grows as dE/dt = c / (t0 + t_rest), so
+  /// that E = c ln(1 + t_rest / t0), and goes with the way: dE/ds = -E / d.
+  void advance(double v) {
+    const double way = v * kStep;
+    const double s = fall(v);
+    if (f_.family == Friction::Family::kMaxwell) {
+      phi_ = 0.0;
+      for (int i = 0; i < kElements; ++i) {
+        element_[i] = std::clamp(element_[i] + stiffness_[i] * way, -share_[i] * s, share_[i] * s);
+        phi_ += element_[i];
+      }
+    } else if (f_.family == Friction::Family::kLuGre) {
+      // Implicit in z, which is stiff at speed.
+      const double before = z_;
+      z_ = (z_ + way / f_.presliding_distance) /
+           (1.0 + std::abs(way) / (f_.presliding_distance * s));
+      phi_ = z_ + f_.bristle_damping * (z_ - before) / kStep;
+    }
+    if (f_.dwell_growth > 0.0) {
+      from_rest_ += way;
+      if (std::abs(from_rest_) > kRestWithin) from_rest_ = 0.0, rest_ = -kRestFor;
+      rest_ += kStep;
+      if (rest_ > 0.0) extra_ += f_.dwell_growth * kStep / (f_.dwell_time + rest_);
+      extra_ /= 1.0 + std::abs(way) / f_.dwell_distance;
+    }
+    time_ += kStep;
+  }
+
+  [[nodiscard]] double force(double x, double v) const {
+    const double phi = f_.family == Friction::Family::kCoulomb
+                           ? std::clamp(v / f_.saturation_velocity, -1.0, 1.0) * fall(v)
+                           : phi_;
+    double level = f_.level;
+    double viscous = f_.viscous;
+    if (f_.wear != 0.0) {
+      const double off = (x - f_.wear_place) / f_.wear_width;
+      level *= 1.0 + f_.wear * std::exp(-0.5 * off * off);
+    }
+    if (f_.viscous_excess != 0.0) {
+      viscous *= 1.0 + f_.viscous_excess * std::exp(-time_ / f_.viscous_time);
+    }
+    if (time_ >= f_.added_time) level += f_.added_level, viscous += f_.added_viscous;
+    level += extra_;
+    // The mean of both directions stays. The sign of phi, not of v, so that no force jumps while
+    // the axis turns in presliding.
+    const double plus = 2.0 * f_.direction_ratio / (1.0 + f_.direction_ratio);
+    return level * phi * (phi > 0.0 ? plus : 2.0 - plus) +
+           viscous * v * (v > 0.0 ? plus : 2.0 - plus);
+  }
+
+ private:
+  static constexpr double kRestWithin = 1e-6, kRestFor = 0.01;  // [m] in [s]: more is motion
+
+  [[nodiscard]] double fall(double v) const {
+    return f_.stribeck_rise == 0.0
+               ? 1.0
+               : 1.0 + f_.stribeck_rise * std::exp(-std::abs(v) / f_.stribeck_velocity);
+  }
+
+  Friction f_;
+  std::array<double, kElements> stiffness_{}, share_{}, element_{};
+  double phi_ = 0.0, z_ = 0.0;
+  double time_ = 0.0, rest_ = 0.0, from_rest_ = 0.0, extra_ = 0.0;
+};
+
+struct Mass {
+  double x = 0.0, v = 0.0, a = 0.0;
+
+  void kick() { v += 0.5 * kStep * a; }
+  void drift() { x += kStep * v; }
+  /// Within the step that started at `x`, `v`: a parabola to where it ended.
+  [[nodiscard]] static double between(const Mass& from, const Mass& to, double t) {
+    const double straight = from.v * kStep;
+    return from.x + t * (straight + t * (to.x - from.x - straight));
+  }
+};
+
+class Plant {
+ public:
+  Plant(const Rig& rig, double start)
+      : body_(rig.body), friction_(rig.friction), viscous_(rig.friction.viscous) {
+    rigid_ = body_.spring_frequency_hz == 0.0;
+    const double table = body_.mass * (1.0 - body_.motor_share);
+    const double omega = 2.0 * std::numbers::pi * body_.spring_frequency_hz;
+    stiffness_ = table * omega * omega;
+    damping_ = 2.0 * body_.damping_ratio * table * omega;
+    motor.x = load.x = start;
+    if (rigid_) return;
+    // What the load hangs on is wound up by it, on that side of the gap.
+    const double held = body_.constant_force;
+    load.x -= held / stiffness_ + (held > 0.0 ? 0.5 : held < 0.0 ? -0.5 : 0.0) * body_.gap;
+  }
+
+  void advance(double force, double external, double time) {
+    if (time >= body_.mass_time && !heavier_) {
+      heavier_ = true;
+      body_.mass *= body_.mass_ratio;
+    }
+    if (rigid_) {
+      load.kick();
+      load.drift();
+      friction_.advance(load.v);
+      load.a = (force + cogging(load.x) + external - body_.constant_force -
+                friction_.force(load.x, load.v)) /
+               body_.mass;
+      load.kick();
+      motor = load;
+      return;
+    }
+    motor.kick();
+    load.kick();
+    motor.drift();
+    load.drift();
+    friction_.advance(load.v);
+    const double contact = contact_force();
+    // Half of the viscous friction is the motor's and the screw's.
+    const double half = 0.5 * viscous_;
+    motor.a =
+        (force + cogging(motor.x) - half * motor.v - contact) / (body_.mass * body_.motor_share);
+    load.a = (contact + external - body_.constant_force + half * load.v -
+              friction_.force(load.x, load.v)) /
+             (body_.mass * (1.0 - body_.motor_share));
+    motor.kick();
+    load.kick();
+  }
+
+  Mass motor, load;
+
+ private:
+  [[nodiscard]] double cogging(double x) const {
+    return wave(body_.cogging, body_.cogging_period, body_.cogging_phase, x);
+  }
+  /// Never pulls across the gap: at the end of a contact the damper lets go.
+  [[nodiscard]] double contact_force() const {
+    const double apart = motor.x - load.x;
+    const double damper = damping_ * (motor.v - load.v);
+    if (body_.gap == 0.0) return stiffness_ * apart + damper;
+    const double beyond = apart - std::clamp(apart, -0.5 * body_.gap, 0.5 * body_.gap);
+    if (beyond > 0.0) return std::max(0.0, stiffness_ * beyond + damper);
+    if (beyond < 0.0) return std::min(0.0, stiffness_ * beyond + damper);
+    return 0.0;
+  }
+
+  Body body_;
+  FrictionState friction_;
+  double viscous_ = 0.0;
+  bool rigid_ = true, heavier_ = false;
+  double stiffness_ = 0.0, damping_ = 0.0;
+};
+
+class Controller {
+ public:
+  Controller(const Drive& drive, double motor, double held)
+      : drive_(drive), last_motor_(motor), integral_(drive.integral_time > 0.0 ? held : 0.0) {}
+
+  double act(const virtual_machine::Setpoint& command, double motor, double position, double time) {
+    const double velocity = (motor - last_motor_) / kPeriod;
+    last_motor_ = motor;
+    const double gain = drive_.position_gain * (time >= drive_.gain_time ? drive_.gain_ratio : 1.0);
+    const double error = gain * (command.position - position) +
+                         drive_.velocity_feedforward * command.velocity - velocity;
+    const double wanted = drive_.velocity_gain * error + integral_ +
+                          drive_.acceleration_feedforward * command.acceleration;
+    const double force = std::clamp(wanted, -drive_.force_limit, drive_.force_limit);
+    // Held while limited, unless the error leads back.
+    if (drive_.integral_time > 0.0 && (wanted - force) * error <= 0.0) {
+      integral_ += drive_.velocity_gain / drive_.integral_time * kPeriod * error;
+    }
+    return force;
+  }
+
+ private:
+  Drive drive_;
+  double last_motor_;
+  double integral_;
+};
+
+}  // namespace
+
+Trace simulate(const Rig& rig, const Command& command) {
+  check(rig);
+  const Reading& reading = rig.reading;
+  const bool loop_on_load = rig.drive.position_from == Encoder::kLoad;
+  const double held = rig.body.constant_force;
+  const double standing = rig.drive.integral_time > 0.0
+                              ? 0.0
+                              : held / (rig.drive.velocity_gain * rig.drive.position_gain);
+  const double start = command.at(0.0).position - standing;
+  const auto rows =
+      static_cast<std::size_t>(std::floor(command.duration() / reading.sample_time + 1e-9)) + 1;
+
+  Plant plant(rig, start);
+  const auto encoder = [&](double x) {
+    return x + wave(reading.cyclic_error, reading.cyclic_period, reading.cyclic_phase, x);
+  };
+  const auto recorded = [&](double motor, double load, double time) {
+    if (reading.recorded == Encoder::kMotor) return encoder(motor);
+    if (loop_on_load) return encoder(load);
+    return load + wave(reading.lead_error, reading.lead_period, reading.lead_phase, load) +
+           reading.lead_slope * load +
+           reading.growth * (load - reading.fixed_end) *
+               (1.0 - std::exp(-time / reading.growth_time));
+  };
+  Controller controller(rig.drive, encoder(plant.motor.x), held);
+  Random noise(reading.noise_seed);
+
+  Trace trace;
+  for (auto* column :
+       {&trace.command, &trace.actual, &trace.exact, &trace.motor, &trace.load, &trace.force}) {
+    column->reserve(rows);
+  }
+  double force = held;
+  const auto write = [&](double motor, double load) {
+    const std::size_t row = trace.exact.size();
+    const double time = static_cast<double>(row) * reading.sample_time;
+    const bool stuck = row > 0 && row < reading.stuck.size() && reading.stuck[row];
+    const double exact = stuck ? trace.exact.back() : recorded(motor, load, time);
+    const double noisy = exact + reading.noise * noise.normal();
+    trace.command.push_back(command.at(time).position);
+    trace.exact.push_back(exact);
+    trace.actual.push_back(stuck ? trace.actual.back()
+                           : reading.step > 0.0
+                               ? std::nearbyint(noisy / reading.step) * reading.step
+                               : noisy);
+    trace.motor.push_back(motor);
+    trace.load.push_back(load);
+    trace.force.push_back(force);
+  };
+  // In integration steps, so that a row at the time of a control period sees its force.
+  const auto row_step = [&] {
+    return (static_cast<double>(trace.command.size()) * reading.sample_time - reading.delay) /
+           kStep;
+  };
+
+  while (trace.command.size() < rows && row_step() < -1e-6) write(plant.motor.x, plant.load.x);
+  double external = 0.0;
+  for (std::int64_t n = 0; trace.command.size() < rows; ++n) {
+    const double time = static_cast<double>(n) * kStep;
+    if (n % kSteps == 0) {
+      const auto k = static_cast<std::size_t>(n / kSteps);
+      const virtual_machine::Setpoint wanted = command.at(time);
+      force = controller.act(wanted, encoder(plant.motor.x),
+                             encoder(loop_on_load ? plant.load.x : plant.motor.x), time);
+      external = k < rig.external_force.size() ? rig.external_force[k] : 0.0;
+      trace.acceleration.push_back(plant.load.a);
+      if (!(std::abs(plant.load.x - wanted.position) < kRunaway)) {
+        trace.runaway = true;
+        return trace;
+      }
+    }
+    const Mass motor = plant.motor, load = plant.load;
+    plant.advance(force, external, time);
+    while (trace.command.size() < rows && row_step() < static_cast<double>(n + 1) - 1e-6) {
+      const double t = std::max(0.0, row_step() - static_cast<double>(n));
+      write(Mass::between(motor, plant.motor, t), Mass::between(load, plant.load, t));
+    }
+  }
+  return trace;
+}
+
+double rms_apart(const Trace& a, const Trace& b) {
+  if (a.runaway || b.runaway || a.exact.size() != b.exact.size()) return kNever;
+  double sum = 0.0;
+  for (std::size_t i = 0; i < a.exact.size(); ++i) {
+    const double d = a.exact[i] - b.exact[i];
+    sum += d * d;
+  }
+  return std::sqrt(sum / static_cast<double>(a.exact.size()));
+}
+
+double noise_rms(const Trace& trace) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < trace.exact.size(); ++i) {
+    const double d = trace.actual[i] - trace.exact[i];
+    sum += d * d;
+  }
+  return std::sqrt(sum / static_cast<double>(trace.exact.size()));
+}
+
+}  // namespace servotwin::hidden_effects

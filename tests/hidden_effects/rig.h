@@ -1,0 +1,144 @@
+// A feed axis with hidden effects: motor and table on a spring with play, friction, cascade
+// control.
+//
+//   m1 x1'' = u - B x1' / 2 + cogging(x1) - c                  motor side
+//   m2 x2'' = c - B x2' / 2 - F(x2, x2') - F0 + d(t)           table
+//   c       = k s + k_d (x1' - x2') while in contact,   s: x1 - x2 beyond +-gap/2
+//
+// A spring_frequency_hz of 0 makes them one body, x1 = x2. Friction is F = L phi, phi the unit
+// state of the family (all families: |phi| = 1 in steady sliding, but for the fall with velocity)
+// and L the level of the place, the time, the direction and the rest before.
+//
+//   kCoulomb   phi = sat(v / saturation_velocity) S(v)         S(v) = 1 + rise exp(-|v| / v_s)
+//   kMaxwell   phi = sum phi_i,  phi_i' = k_i v within +-share_i S(v)
+//   kLuGre     phi = z + damping z',  z' = (v - |v| z / S(v)) / D
+//
+// Control acts at 8 kHz, the force is held in between:
+//
+//   w = Kp (r - y) + Kvff r' - v,   u = clamp(Kv w + I + Maff r''),   I' = Kv / Tn w
+//
+// y is the reading of the encoder that closes the position loop, v always the motor's. The body is
+// integrated by velocity Verlet at 64 kHz. The axis starts at rest on its command with the
+// load held. It is a model apart from twin/: nothing is shared with what is tested.
+//
+// SI units. Deterministic. Errors: std::invalid_argument for parameters out of range. Any thread.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "tests/virtual_machine/trajectory.h"
+
+namespace servotwin::hidden_effects {
+
+using Command = virtual_machine::Trajectory;
+
+inline constexpr double kControlRate = 8000.0;
+inline constexpr double kNever = std::numeric_limits<double>::infinity();
+
+struct Friction {
+  enum class Family { kCoulomb, kMaxwell, kLuGre };
+  Family family = Family::kCoulomb;
+  double level = 0.0;                 ///< [N]
+  double viscous = 0.0;               ///< B [N s/m]
+  double saturation_velocity = 5e-4;  ///< kCoulomb [m/s]
+  double presliding_distance = 2e-5;  ///< kMaxwell: all slides from here on; kLuGre: D [m]
+  double curve = 3.0;                 ///< kMaxwell: steepness of the virgin curve, > 1
+  double bristle_damping = 0.0;       ///< kLuGre: time of z' [s]
+  double stribeck_rise = 0.0;         ///< at v = 0, share of the level
+  double stribeck_velocity = 5e-3;    ///< [m/s]
+
+  double direction_ratio = 1.0;  ///< all friction, viscous too: that of + over that of -
+
+  double wear = 0.0;                           ///< level at wear_place is 1 + wear times as high
+  double wear_place = 0.0, wear_width = 0.05;  ///< a Gaussian of that standard deviation [m]
+
+  double added_time = kNever;  ///< from here on [s]
+  double added_level = 0.0, added_viscous = 0.0;
+
+  double viscous_excess = 0.0;  ///< at t = 0, share of B; decays with viscous_time
+  double viscous_time = 1.0;    ///< [s]
+
+  double dwell_growth = 0.0;     ///< [N] per e-fold of the time at rest
+  double dwell_time = 0.05;      ///< [s] of the first e-fold
+  double dwell_distance = 2e-5;  ///< in which motion takes it away again [m]
+};
+
+struct Body {
+  double mass = 100.0;             ///< m1 + m2 [kg]
+  double motor_share = 0.4;        ///< m1 / mass
+  double spring_frequency_hz = 0;  ///< of the table with the motor held; 0: rigid
+  double damping_ratio = 0.05;     ///< of the same
+  double gap = 0.0;                ///< play, from end to end [m]
+  double constant_force = 0.0;     ///< F0 [N]
+  double cogging = 0.0;            ///< amplitude [N]
+  double cogging_period = 0.005, cogging_phase = 0.0;  ///< [m], [rad]
+  double mass_ratio = 1.0;                             ///< both masses, from mass_time on
+  double mass_time = kNever;                           ///< [s]
+};
+
+enum class Encoder { kMotor, kLoad };
+
+struct Drive {
+  double position_gain = 100.0;   ///< Kp [1/s]
+  double velocity_gain = 40'000;  ///< Kv [N s/m]
+  double integral_time = 0.0;     ///< Tn [s]; 0: no integrator
+  double velocity_feedforward = 0.0;
+  double acceleration_feedforward = 0.0;  ///< Maff [kg]
+  double force_limit = kNever;            ///< [N]
+  Encoder position_from = Encoder::kMotor;
+  double gain_ratio = 1.0;    ///< of Kp, from gain_time on
+  double gain_time = kNever;  ///< [s]
+};
+
+/// What the encoders read, and what of it is written down.
+struct Reading {
+  double cyclic_error = 0.0;  ///< of both encoders, at their scale, in the loop [m]
+  double cyclic_period = 0.002, cyclic_phase = 0.0;
+
+  Encoder recorded = Encoder::kMotor;
+  /// Screw and table against the motor's encoder: only a load encoder outside the loop sees these.
+  double lead_error = 0.0, lead_period = 0.01, lead_phase = 0.0, lead_slope = 0.0;
+  double growth = 0.0;       ///< relative, in the end; grows as 1 - exp(-t / growth_time)
+  double growth_time = 1.0;  ///< [s]
+  double fixed_end = 0.0;    ///< position that does not grow [m]
+
+  double sample_time = 1e-3;  ///< [s]
+  double delay = 0.0;         ///< of the record against the command [s]
+  double step = 0.0;          ///< [m]; 0: exact
+  double noise = 0.0;         ///< RMS before the step [m]
+  std::uint64_t noise_seed = 1;
+  std::vector<bool> stuck;  ///< rows in which the record repeats the reading of the row before
+};
+
+struct Rig {
+  Friction friction;
+  Body body;
+  Drive drive;
+  Reading reading;
+  /// d(t) on the table, one value per control period [N]; 0 after its end.
+  std::vector<double> external_force;
+};
+
+/// One value per row, but for `acceleration`.
+struct Trace {
+  std::vector<double> command;
+  std::vector<double> actual;        ///< as recorded
+  std::vector<double> exact;         ///< the same without noise and step
+  std::vector<double> motor, load;   ///< true positions at the same time
+  std::vector<double> force;         ///< of the motor
+  std::vector<double> acceleration;  ///< of the table, one per control period
+  /// The axis has left its command by more than 0.05 m; the rows end there.
+  bool runaway = false;
+};
+
+[[nodiscard]] Trace simulate(const Rig& rig, const Command& command);
+
+/// RMS of the difference of `exact`; infinite where one of them ran away.
+[[nodiscard]] double rms_apart(const Trace& a, const Trace& b);
+
+/// RMS of what noise and step add to the record.
+[[nodiscard]] double noise_rms(const Trace& trace);
+
+}  // namespace servotwin::hidden_effects

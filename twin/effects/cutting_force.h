@@ -1,0 +1,47 @@
+// The force of the cut: a mean one, and a tone as every tooth passes.
+//
+//   d = in_cut (mean + sine sin(2 pi f t) + cosine cos(2 pi f t))
+//
+// `in_cut` comes with the recording, or from where the tone is heard (diagnosis/cuts.h).
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+struct CuttingForce {
+  static constexpr Identity kIdentity{
+      .id = "cutting_force",
+      .meaning = "a mean force and a tone while the tool cuts",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 3.11",
+      .confused = "periodic_disturbance, whose tone is there all the time",
+      .cause = "cutting_force",
+      .check = "feed per tooth, wear and runout of the tool"};
+  static constexpr std::array<Parameter, 1> kShapes{
+      {{"tooth_frequency_hz", "Hz", 0.2, 2000.0, 50.0, "at which teeth pass", true, false,
+        Scan::kFrequency}}};
+  static constexpr std::array<Parameter, 3> kCoefficients{
+      {{"mean", "m/s^2", -100.0, 100.0, 0.0, "mean force, per moved mass"},
+       {"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine"},
+       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"}}};
+  template <class T>
+  using Memory = NoMemory;
+
+  template <class T>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
+    using std::cos;
+    using std::sin;
+    const T angle = 2.0 * std::numbers::pi * shape[0] * m.time_s;
+    force[0] = T(m.in_cut);
+    force[1] = m.in_cut * sin(angle);
+    force[2] = m.in_cut * cos(angle);
+  }
+};
+
+}  // namespace servotwin
