@@ -30,6 +30,7 @@ constexpr std::size_t kTried = 3;     // candidates of a round that are fitted
 constexpr double kPromising = 0.05;   // p of a candidate that is worth fitting
 constexpr double kLeastGain = 0.004;  // of squared error, likewise
 constexpr int kResamples = 500;
+constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
 constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
 constexpr double kStructured = 2.0;    // of the noise floor: more is not chance
 
@@ -148,7 +149,7 @@ Structure extended_by(const Structure& base, std::size_t kind) {
 
 /// Laws of friction that say in one what presliding and falling friction say as two.
 constexpr std::array<std::size_t, 2> kLaws{kind_of<LuGre>(), kind_of<PreslidingStribeck>()};
-constexpr double kFalls = 0.05;  // share of the level by which friction falls or rises with speed
+constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
 
 bool is_law(std::size_t kind) { return std::find(kLaws.begin(), kLaws.end(), kind) != kLaws.end(); }
 
@@ -176,18 +177,33 @@ double taken(const Hypothesis& before, const Hypothesis& after) {
   return std::sqrt(std::max(0.0, before.rms() * before.rms() - after.rms() * after.rms()));
 }
 
+/// What an effect adds to a fit, beyond what it replaces.
+int parameters_of(std::size_t kind) {
+  const auto count = [](std::size_t k) {
+    Structure one{3, {k}};
+    return one.shape_count() + one.coefficient_count();
+  };
+  const std::size_t replaced = kind_of(identity_of(kind).replaces);
+  return count(kind) - (replaced < kEffectKinds ? count(replaced) : 0);
+}
+
 struct Judgement {
   double z = 0.0, p = 1.0;
   bool earned = false;
 };
 
+bool happened_once(std::size_t kind) {
+  return !shapes_of(kind).empty() && shapes_of(kind).front().scan == Scan::kMoments;
+}
+
 /// Either by what the pieces say, or by the coefficients themselves, if the pieces agree.
 Judgement judged(const Hypothesis& before, const Hypothesis& after, double baseline,
-                 std::size_t candidates, double of_coefficients) {
+                 std::size_t candidates, double of_coefficients, std::size_t added) {
   Judgement out;
   out.z = paired_z(before.pieces, after.pieces);
   out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
-  if (out.z > kAgrees) out.p = std::min(out.p, of_coefficients);
+  // What happened at a few moments is in a few pieces.
+  if (out.z > kAgrees || happened_once(added)) out.p = std::min(out.p, of_coefficients);
   out.earned = after.rms() < kWorthIt * before.rms() &&
                taken(before, after) > kLawIsRight * baseline &&
                out.p < kChance / static_cast<double>(candidates);
@@ -206,10 +222,14 @@ class Selection {
     delay();
     baseline_ = current_.rms();
     integrator();
+    add_delay();
     while (static_cast<int>(found_.size()) < kMostCauses) {
       const Hypothesis current = current_, fitted = fitted_;
       const auto found = found_;
-      if (!add_one()) break;
+      if (!add_one()) {
+        if (!add_delay()) break;
+        continue;
+      }
       const std::size_t added = found_.at(last_).kind;
       one_law_of_friction();
       settle();
@@ -253,13 +273,50 @@ class Selection {
     h.structure.matched_feedforward = false;
     std::erase(h.structure.effects, kind_of<TimeDelay>());
     const bool tiny = delay_s < kLeastDelay * current_.model.sample_time_s;
-    if (!search_.fit(h, {point_of(current_.model, h.structure)})) return;
-    search_.polish(h);
-    search_.judge(h);
-    if (!tiny && current_.rms() < kWorthIt * h.rms()) return;
+    // From here, or, since the delay may have bent the poles, from anywhere.
+    bool needed = true;
+    for (const std::vector<Point>& from :
+         {std::vector<Point>{point_of(current_.model, h.structure)}, std::vector<Point>{}}) {
+      if (!search_.fit(h, from)) continue;
+      search_.polish(h);
+      search_.judge(h);
+      needed = !tiny && (current_.rms() < kWorthIt * h.rms() || delay_in_disguise(h.model.loop));
+      if (!needed) break;
+    }
+    if (needed) return;
     steps_.push_back(text("delay of %.3g ms: not needed", 1e3 * delay_s));
     current_ = std::move(h);
     settle();
+  }
+
+  /// A delay beside a velocity error, which the baseline's structures do not have.
+  bool add_delay() {
+    if (current_.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0) return false;
+    Hypothesis best;
+    best.cost = 1e300;
+    for (const double cycles : {2.0, 6.0}) {
+      Hypothesis h;
+      h.structure = current_.structure;
+      h.structure.effects.push_back(kind_of<TimeDelay>());
+      Point from = point_of(current_.model, h.structure);
+      from.shapes.back() = std::min(cycles * current_.model.sample_time_s, 0.01);
+      if (search_.fit(h, {from}) && h.cost < best.cost) best = std::move(h);
+    }
+    if (!(best.cost < 1e300)) return false;
+    const double delay_s = best.model.command_delay_s();
+    if (delay_s < kLeastDelay * best.model.sample_time_s || delay_s > options_.identify.delay_max_s)
+      return false;
+    search_.judge(best);
+    if (best.rms() >= kWorthIt * fitted_.rms() || paired_z(fitted_.pieces, best.pieces) < kAgrees)
+      return false;
+    steps_.push_back(text("with a delay of %.3g ms %.4g um", 1e3 * delay_s, 1e6 * best.rms()));
+    const Hypothesis current = current_, fitted = fitted_;
+    current_ = std::move(best);
+    settle();
+    if (current_.rms() < kWorthIt * current.rms()) return true;
+    current_ = current, fitted_ = fitted;
+    search_.follow(current_.model);
+    return false;
   }
 
   /// A loop with an integrator where the baseline has none: no cause, but what causes are sought
@@ -301,15 +358,22 @@ class Selection {
     }
     std::sort(tried.begin(), tried.end(),
               [](const auto& l, const auto& r) { return l.first.rms() < r.first.rms(); });
-    Judgement judgement;
-    const auto chosen = std::find_if(tried.begin(), tried.end(), [&](const auto& one) {
-      judgement = judged(fitted_, one.first, baseline_, kinds.size(), one.second.p);
-      return judgement.earned;
-    });
+    const auto judgement_of = [&](const auto& one) {
+      return judged(fitted_, one.first, baseline_, kinds.size(), one.second.p, one.second.kind);
+    };
+    auto chosen = std::find_if(tried.begin(), tried.end(),
+                               [&](const auto& one) { return judgement_of(one).earned; });
     if (chosen == tried.end()) {
       if (!tried.empty()) steps_.emplace_back("  none earns its place");
       return false;
     }
+    // Of two that the pieces cannot tell apart, the one that needs less.
+    for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
+      if (parameters_of(rival->second.kind) < parameters_of(chosen->second.kind) &&
+          judgement_of(*rival).earned && share_beaten(chosen->first, rival->first) < kDecisive)
+        chosen = rival;
+    }
+    const Judgement judgement = judgement_of(*chosen);
     const auto& [best, screened] = *chosen;
     steps_.push_back(text("  %s: added", identity_of(screened.kind).id.data()));
     Cause cause;
@@ -321,7 +385,7 @@ class Selection {
       const double beaten = share_beaten(best, rival);
       cause.confidence = std::min(cause.confidence, beaten);
       const double gained = fitted_.rms() - best.rms();
-      if (beaten < 0.95 && fitted_.rms() - rival.rms() > kNearlyAsGood * gained)
+      if (beaten < kDecisive && fitted_.rms() - rival.rms() > kNearlyAsGood * gained)
         cause.ambiguous_with.push_back(cause_of(of_rival.kind));
     }
     cause.id = cause_of(screened.kind);
@@ -521,12 +585,16 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     cause.counts = {{"missing", static_cast<double>(dropped.missing)},
                     {"gaps", static_cast<double>(dropped.gaps)},
                     {"held", static_cast<double>(dropped.held)}};
-    cause.gain.before = judge(extended, as_recorded).rms;
-    cause.gain.after = judge(extended, holdout).rms;
+    if (dropped.held > 0) {  // what is not in the recording has no error
+      cause.gain.before = judge(extended, as_recorded).rms;
+      cause.gain.after = judge(extended, holdout).rms;
+    }
     out.causes.push_back(std::move(cause));
   }
   std::sort(out.causes.begin(), out.causes.end(), [](const Cause& l, const Cause& r) {
-    const auto worth = [](const Gain& g) { return g.before * g.before - g.after * g.after; };
+    const auto worth = [](const Gain& g) {
+      return std::isfinite(g.before) ? g.before * g.before - g.after * g.after : 0.0;
+    };
     return worth(l.gain) > worth(r.gain);
   });
 

@@ -23,7 +23,8 @@ std::size_t bridge_held(Segment& s, double step) {
     }
     const double missed = s.command(end) - s.command(k - 1), made = s.actual(end) - s.actual(k - 1);
     const auto samples = static_cast<double>(end - k + 1);
-    const bool moves = std::abs(missed) > kMoves * step * samples;
+    // A single value may be a coarse encoder's noise, unless the axis is far too fast for that.
+    const bool moves = std::abs(missed) > (end - k > 1 ? kMoves : 5.0 * kMoves) * step * samples;
     // The axis was under way before, and not about to turn or to start.
     const double before = k >= 2 ? s.actual(k - 1) - s.actual(k - 2) : 0.0;
     const bool under_way =

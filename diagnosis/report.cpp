@@ -35,6 +35,11 @@ std::string escaped(const std::string& given) {
   return out;
 }
 
+/// Nothing where it is not known.
+std::string in_micro(double value, const char* unit) {
+  return std::isfinite(value) ? text("%.3g %s", 1e6 * value, unit) : "";
+}
+
 /// What the two models leave over a few seconds of the hold-out, on one scale.
 std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
@@ -88,10 +93,13 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
         "<th>what to check</th></tr>\n";
     for (const Cause& cause : diagnosis.causes) {
       out += "<tr><td>" + escaped(cause.id) + "</td><td>" + escaped(cause_text(diagnosis, cause)) +
-             "</td>" +
-             text("<td>%.3g %s</td><td>%.3g %s</td><td>%.2g to %.2g %s</td><td>%.0f %%",
-                  1e6 * cause.gain.before, unit, 1e6 * cause.gain.after, unit, 1e6 * cause.gain.low,
-                  1e6 * cause.gain.high, unit, 100.0 * cause.confidence);
+             "</td><td>" + in_micro(cause.gain.before, unit) + "</td><td>" +
+             in_micro(cause.gain.after, unit) + "</td><td>" +
+             (std::isfinite(cause.gain.low)
+                  ? text("%.2g to %.2g %s", 1e6 * cause.gain.low, 1e6 * cause.gain.high, unit)
+                  : "") +
+             "</td><td>" +
+             (cause.place == kNoEffect ? "counted" : text("%.0f %%", 100.0 * cause.confidence));
       for (const std::string& rival : cause.ambiguous_with) out += "<br>or " + escaped(rival);
       out += "</td><td>" + escaped(advice_for(cause.id)) + "</td></tr>\n";
     }
@@ -113,10 +121,13 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
       "simulation on the rest, which decided nothing.</p><table><tr><th>cause</th><th>statistic"
       "</th><th>p</th></tr>";
   for (const Cause& cause : diagnosis.causes) {
+    if (cause.place == kNoEffect) continue;
     out += "<tr><td>" + escaped(cause.id) +
            text("</td><td>%.2f</td><td>%.2g</td></tr>", cause.statistic, cause.p);
   }
-  return out + "</table></details>\n</body></html>\n";
+  out += "</table><p>What was tried, in its order:</p><pre>";
+  for (const std::string& step : diagnosis.steps) out += escaped(step) + "\n";
+  return out + "</pre></details>\n</body></html>\n";
 }
 
 }  // namespace servotwin

@@ -15,6 +15,7 @@ constexpr double kPiece_s = 0.25;
 constexpr int kBlocks = 5;
 constexpr double kSettle_s = 0.25;  // of every segment; its starting state is not in the problem
 constexpr double kRidge = 1e-10;
+constexpr double kUnseen = 0.03;      // of the information of all blocks
 constexpr double kFundamental = 0.9;  // share of what the double period explains
 constexpr std::size_t kTones = 10;    // highest lines of the spectrum that are looked at
 constexpr std::size_t kMoments = 8;   // largest peaks in time
@@ -146,6 +147,8 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
       g -= sums.gram[i];
       x -= sums.right[i];
     }
+    // What the other blocks do not show stays near 0 in place of anywhere.
+    g += kUnseen * gram;
     const Eigen::VectorXd both = solved(g, x), base = solved(g.topLeftCorner(k, k), x.head(k));
     for (std::size_t i = 0; i < pieces_.size(); ++i) {
       if (pieces_[i].block != b) continue;
@@ -293,7 +296,7 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       }
       break;
     case Scan::kTime:
-      for (int i = 1; i < 20; ++i) add(begin_s_ + (end_s_ - begin_s_) * i / 20.0);
+      for (int i = 2; i < 19; ++i) add(begin_s_ + (end_s_ - begin_s_) * i / 20.0);
       break;
     case Scan::kMoments:
       out.push_back(moments(kind, start));

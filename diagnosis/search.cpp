@@ -18,6 +18,24 @@ constexpr double kNear = 4.0;       // times the noise: the simulated motion is 
 constexpr double kFitted_s = 1e-3;  // of the data that hypotheses are fitted to
 constexpr double kCoarse_s = 2e-3;  // step of the data that candidates are screened on
 
+/// What the bounds of single parameters do not say.
+bool plausible(const Model& model, double begin_s, double end_s) {
+  // What sets in at the very beginning or end did not happen within the recording.
+  constexpr double kEdge = 0.06;
+  for (const Effect& effect : model.effects) {
+    const auto shapes = shapes_of(effect.kind);
+    if (shapes.empty() || shapes.front().scan != Scan::kTime) continue;
+    const double share = (effect.shape[0] - begin_s) / (end_s - begin_s);
+    if (share < kEdge || share > 1.0 - kEdge) return false;
+  }
+  // A gap is crossed at the gain of the velocity loop, which is most of the first coefficient.
+  constexpr double kLeast = 0.3, kMost = 2.0;
+  const Effect* play = model.find(kind_of<BacklashInLoop>());
+  if (play == nullptr) return true;
+  const double share = play->coefficient[0] / model.loop.denominator[0];
+  return share > kLeast && share < kMost;
+}
+
 }  // namespace
 
 double Hypothesis::rms() const {
@@ -145,7 +163,9 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   if (!found) return false;
   h.model = all.model_of(found->point, found->solution.linear);
   h.model.sample_time_s = training_.front().sample_time_s;  // of the poles it is the same loop
-  if (!why_invalid(h.model).empty()) return false;
+  if (!why_invalid(h.model).empty() ||
+      !plausible(h.model, training_.front().start_s, training_.back().end_s()))
+    return false;
   h.point = found->point;
   h.cost = found->solution.cost;
   return true;
@@ -157,6 +177,12 @@ void Search::judge(Hypothesis& h) const {
     if (held_[b].empty() || rest_[b].empty()) continue;
     const Projection rest = data(rest_[b], h.structure);
     Model model = rest.model_of(h.point, rest.solve(h.point).linear);
+    // What happened at a moment is not in the other blocks: it stays as it was found.
+    for (std::size_t i = 0; i < model.effects.size(); ++i) {
+      const auto shapes = shapes_of(model.effects[i].kind);
+      if (!shapes.empty() && shapes.front().scan == Scan::kMoments)
+        model.effects[i] = h.model.effects[i];
+    }
     if (!why_invalid(model).empty()) model = h.model;
     const std::vector<double> left = left_by(model, held_[b]);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());

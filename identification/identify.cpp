@@ -237,7 +237,8 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
       deviations.shape[p] = sd(shape++);
     std::size_t c = 0;
     for (const Parameter& parameter : coefficients_of(effect.kind)) {
-      deviations.coefficient[c++] = told_from_loop(parameter, record.model.loop.order) ? sd(linear++) : kAbsent;
+      deviations.coefficient[c++] =
+          told_from_loop(parameter, record.model.loop.order) ? sd(linear++) : kAbsent;
     }
     record.effect_deviations.push_back(deviations);
   }
@@ -392,6 +393,8 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
 }
 
 }  // namespace
+
+bool delay_in_disguise(const Loop& loop) { return imitated_delay_share(loop) > kDisguisedDelay; }
 
 std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
   std::vector<Segment> out;

@@ -61,6 +61,9 @@ struct Identified {
 /// count.
 [[nodiscard]] ErrorFigures judge(const Model& model, const std::vector<Segment>& segments);
 
+/// Whether zeros in the right half plane make most of this loop's lag: a delay that it imitates.
+[[nodiscard]] bool delay_in_disguise(const Loop& loop);
+
 /// The part of the segments between two times of the recording [s].
 [[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s,
                                        double to_s);

@@ -1,6 +1,7 @@
 // servotwin diagnose: what the simulation of an axis gets wrong, why, and what it would gain.
 #include "diagnosis/diagnose.h"
 
+#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -30,11 +31,18 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
   say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
   say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
   for (const Cause& cause : diagnosis.causes) {
-    say(people,
-        text("cause       %-28s %8.3f -> %.3f %s without and with it (gain %.2g to %.2g), sure "
-             "%.0f %%",
-             cause.id.c_str(), 1e6 * cause.gain.before, 1e6 * cause.gain.after, micro(rotary),
-             1e6 * cause.gain.low, 1e6 * cause.gain.high, 100.0 * cause.confidence));
+    std::string line = text("cause       %-24s ", cause.id.c_str());
+    if (std::isfinite(cause.gain.before))
+      line += text("%12.3f -> %.3f %s without and with it", 1e6 * cause.gain.before,
+                   1e6 * cause.gain.after, micro(rotary));
+    if (std::isfinite(cause.gain.low))
+      line += text(" (gain %.2g to %.2g)", 1e6 * cause.gain.low, 1e6 * cause.gain.high);
+    if (cause.place == kNoEffect) {
+      line += "counted, not inferred";
+    } else {
+      line += text(", sure %.0f %%", 100.0 * cause.confidence);
+    }
+    say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
     for (const std::string& rival : cause.ambiguous_with)
       say(people, "              not to be told from " + rival + " by this recording");

@@ -25,7 +25,9 @@ class EveryEffect : public ::testing::TestWithParam<std::tuple<std::size_t, int>
     for (const Parameter& p : shapes_of(kind)) {
       effect.shape[i] = p.lower > 0.0 ? p.lower * std::pow(p.upper / p.lower, part(rng))
                                       : p.lower + part(rng) * 0.5 * (p.upper - p.lower);
-      if (p.scan == Scan::kTime) effect.shape[i] = 2.5 * part(rng);  // while the axis moves
+      // Moments while the axis moves, accelerations that it has.
+      if (p.unit == "s" && p.upper > 1e6) effect.shape[i] = 2.5 * part(rng);
+      if (p.unit == "m/s^2") effect.shape[i] = 0.1 * part(rng);
       ++i;
     }
     i = 0;
@@ -69,6 +71,8 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     signals.position = Eigen::ArrayXd::Constant(3000, twin.loop_position());
     Eigen::ArrayXd reading = Eigen::ArrayXd::Constant(3000, twin.position());
     segment.neighbour = 0.5 * segment.command.square();
+    segment.in_cut = (segment.command > 0.0).cast<double>();
+    signals.in_cut = segment.in_cut;
     signals.neighbour_acceleration = Spline::through(segment.neighbour, h).second;
     signals.velocity = Eigen::ArrayXd::Zero(3000);
     for (Eigen::Index k = 1; k < 3000; ++k) {
@@ -78,7 +82,8 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
                          delayed(k),
                          motion.first(k),
                          motion.second(k),
-                         signals.neighbour_acceleration(k)};
+                         signals.neighbour_acceleration(k),
+                         signals.in_cut(k)};
       twin.step(piece);
       signals.position(k) = twin.loop_position();
       reading(k) = twin.position();

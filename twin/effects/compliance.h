@@ -25,7 +25,7 @@ struct Compliance {
   static constexpr std::array<Parameter, 2> kShapes{
       {{"frequency_hz", "Hz", 2.0, 2000.0, 50.0, "of the mode, undamped", true, false,
         Scan::kFrequency},
-       {"damping_ratio", "1", 0.002, 0.5, 0.03, "zeta"}}};
+       {"damping_ratio", "1", 0.002, 0.2, 0.03, "zeta; more is no mode but a filter"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"spring", "1/s", -1e6, 1e6, 0.0, "force per deflection and angular frequency"},
        {"damper", "1/s", -1e6, 1e6, 0.0, "force per speed of deflection"}}};

@@ -20,10 +20,9 @@ struct DwellStiction {
       .cause = "dwell_stiction",
       .check = "lubricant that is pressed out at rest; lubrication after pauses"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"length", "m", 1e-6, 1e-2, 5e-5, "of travel in which it is lost"}}};
+      {{"length", "m", 1e-6, 5e-4, 5e-5, "of travel in which it is lost"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"growth", "m/s^2", -100.0, 100.0, 0.0,
-        "per logarithm of the time of rest, per moved mass"}}};
+      {{"growth", "m/s^2", 0.0, 100.0, 0.0, "per logarithm of the time of rest, per moved mass"}}};
   template <class T>
   struct Memory {
     Memory() = default;

@@ -1,6 +1,6 @@
 // Friction whose level changes along the axis: wear, lubrication, alignment.
 //
-//   d = direction(travel) (slope x + curvature x^2 + sine sin(2 pi x / wave) + cosine
+//   d = sat(v / velocity_limit) (slope x + curvature x^2 + sine sin(2 pi x / wave) + cosine
 //   cos(..))
 //
 // beside the friction of x = 0. Odd in v: a force that does not turn with the direction is none.
@@ -11,7 +11,6 @@
 #include <numbers>
 
 #include "twin/effect.h"
-#include "twin/effects/sliding.h"
 
 namespace servotwin {
 
@@ -26,24 +25,23 @@ struct PositionDependentFriction {
   static constexpr std::array<Parameter, 2> kShapes{
       {{"wave", "m", 1e-2, 10.0, 0.1, "length of the slowest change that is no parabola", true,
         false, Scan::kPeriod},
-       {"breakaway_displacement", "m", 2e-7, 2e-3, 1e-5,
-        "travel over which it turns with the direction"}}};
+       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
+        "velocity at which the friction force is fully developed"}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"slope", "1/s^2", -1e4, 1e4, 0.0, "change of the level along the axis, per moved mass"},
        {"curvature", "1/(m s^2)", -1e6, 1e6, 0.0, "and of the slope"},
        {"sine", "m/s^2", -100.0, 100.0, 0.0, "of the wave, per moved mass"},
        {"cosine", "m/s^2", -100.0, 100.0, 0.0, "of the wave"}}};
   template <class T>
-  struct Memory : Sliding<T> {
-    Memory() = default;
-    explicit Memory(const T* /*shape*/) noexcept {}
-  };
+  using Memory = NoMemory;
 
   template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+                          T* force) noexcept {
     using std::cos;
     using std::sin;
-    const T direction = memory.direction(m.displacement, shape[1]);
+    const T q = m.velocity / shape[1];
+    const T direction = q > 1.0 ? T(1.0) : (q < -1.0 ? T(-1.0) : q);
     const T angle = 2.0 * std::numbers::pi * m.position / shape[0];
     force[0] = direction * m.position;
     force[1] = force[0] * m.position;

@@ -1,0 +1,59 @@
+// What diagnosis makes of a few of the cases: the fast part of the benchmark. How good it is over
+// all of them is measured by the program hidden_effects, not asserted here.
+#include <gmock/gmock.h>
+
+#include "tests/hidden_effects/answer.h"
+#include "tests/hidden_effects/cases.h"
+
+namespace servotwin::hidden_effects {
+namespace {
+
+/// The causes that are named beyond the machine's own nature, in their order.
+std::vector<std::string> named(const Answer& answer, const Case& asked) {
+  std::vector<std::string> out;
+  for (const NamedCause& cause : answer.causes) {
+    if (!asked.owns(cause.id) || asked.hides(cause.id)) out.push_back(cause.id);
+  }
+  return out;
+}
+
+class AHiddenEffect : public testing::TestWithParam<const char*> {};
+
+TEST_P(AHiddenEffect, IsNamedFirst) {
+  const Case asked = single_case(Part::kDev, GetParam(), Class::kClear, 0);
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  EXPECT_EQ(answer.verdict, "explained");
+  ASSERT_FALSE(named(answer, asked).empty());
+  EXPECT_EQ(named(answer, asked).front(), GetParam());
+}
+INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect,
+                         testing::Values("asymmetric_friction", "cogging", "cross_coupling",
+                                         "encoder_error", "gain_change", "impulse_disturbance",
+                                         "lead_error", "periodic_disturbance",
+                                         "position_dependent_friction", "presliding", "stribeck",
+                                         "thermal_growth", "time_delay", "viscous_drift"),
+                         [](const auto& test) { return std::string(test.param); });
+
+class ACleanMachine : public testing::TestWithParam<int> {};
+
+TEST_P(ACleanMachine, GetsNoCauseButItsOwnFriction) {
+  const Case asked = clean_case(Part::kDev, GetParam());
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  EXPECT_THAT(named(answer, asked), testing::IsEmpty());
+}
+INSTANTIATE_TEST_SUITE_P(Dev, ACleanMachine, testing::Values(0, 1, 2, 3, 4));
+
+// The proof that an effect is one file: without it in the catalogue it is not named, and nothing
+// that is put in its place predicts as well.
+TEST(LeaveOut, WithoutCoggingTheRippleIsNotExplained) {
+  const Case asked = single_case(Part::kDev, "cogging", Class::kClear, 0);
+  const Answer with = ask(asked.csv, {}), without = ask(asked.csv, {"cogging"});
+  ASSERT_EQ(without.failure, "");
+  for (const NamedCause& cause : without.causes) EXPECT_NE(cause.id, "cogging");
+  EXPECT_GT(without.after_rms, 1.5 * with.after_rms);
+}
+
+}  // namespace
+}  // namespace servotwin::hidden_effects

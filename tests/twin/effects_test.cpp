@@ -1,0 +1,220 @@
+// Effects other than friction against closed forms.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "twin/catalogue.h"
+#include "twin/model.h"
+
+namespace servotwin {
+namespace {
+
+constexpr double kH = 1e-3, kTwoPi = 2.0 * std::numbers::pi;
+
+/// One effect along a motion that the test makes up sample by sample.
+class Along {
+ public:
+  explicit Along(const Effect& effect) : effect_(effect) {
+    start_memory<double>(effect_.kind, effect_.shape.data(), memory_);
+  }
+  double operator()(const Motion& m) {
+    std::array<double, kMaxCoefficients> unit{};
+    unit_forces<double>(effect_.kind, effect_.shape.data(), memory_, m, unit.data());
+    double sum = 0.0;
+    for (std::size_t c = 0; c < coefficients_of(effect_.kind).size(); ++c)
+      sum += effect_.coefficient[c] * unit[c];
+    return sum;
+  }
+
+ private:
+  Effect effect_;
+  EffectMemory<double> memory_;
+};
+
+TEST(Compliance, RingsDownAtItsFrequencyAndDamping) {
+  const double f = 24.0, zeta = 0.03, w = kTwoPi * f;
+  Effect effect = make_effect<Compliance>();
+  effect.shape = {f, zeta};
+  effect.coefficient = {1.0 / w, 0.0};  // the deflection itself
+  Along mode(effect);
+  Motion m;
+  m.step_s = kH;
+  // Under a constant acceleration from rest: q = -a/w^2 (1 - e^(-zeta w t) (cos + zeta/.. sin)).
+  m.command_acceleration = 2.0;
+  const double wd = w * std::sqrt(1.0 - zeta * zeta);
+  for (int k = 1; k <= 400; ++k) {
+    const double t = kH * k, fade = std::exp(-zeta * w * t);
+    const double expected =
+        -2.0 / (w * w) * (1.0 - fade * (std::cos(wd * t) + zeta * w / wd * std::sin(wd * t)));
+    EXPECT_NEAR(mode(m), expected, 1e-15) << k;
+  }
+}
+
+TEST(EncoderError, IsMinusTheAccelerationOfTheError) {
+  const double period = 4e-3, a = 3e-6, b = -2e-6, k = kTwoPi / period;
+  Effect effect = make_effect<EncoderError>();
+  effect.shape = {period};
+  effect.coefficient = {a, b};
+  Along error(effect);
+  // x = 5 mm sin(3 t); the error's second derivative by differences of its closed form.
+  const auto x = [](double t) { return 5e-3 * std::sin(3.0 * t); };
+  const auto epsilon = [&](double t) { return a * std::sin(k * x(t)) + b * std::cos(k * x(t)); };
+  for (double t = 0.0; t < 2.0; t += 0.0371) {
+    const double d = 1e-4;
+    Motion m;
+    m.step_s = kH;
+    m.position = x(t);
+    m.velocity = 15e-3 * std::cos(3.0 * t);
+    m.command_acceleration = -45e-3 * std::sin(3.0 * t);
+    const double second = (epsilon(t + d) - 2.0 * epsilon(t) + epsilon(t - d)) / (d * d);
+    EXPECT_NEAR(error(m), -second, 2e-6) << t;
+  }
+}
+
+TEST(Backlash, LosesItsWidthAtAReversalAndNothingElse) {
+  Effect effect = make_effect<Backlash>();
+  effect.shape = {10e-6};
+  effect.coefficient = {1.0, 0.0};
+  Along play(effect);
+  const auto move = [&](double dx) {
+    Motion m;
+    m.step_s = kH;
+    m.displacement = dx;
+    return play(m);
+  };
+  EXPECT_NEAR(move(50e-6), -5e-6, 1e-18);  // the table follows half the gap behind
+  EXPECT_NEAR(move(20e-6), -5e-6, 1e-18);
+  EXPECT_NEAR(move(-4e-6), -1e-6, 1e-18);  // within the gap it stands
+  EXPECT_NEAR(move(-6e-6), 5e-6, 1e-18);
+  EXPECT_NEAR(move(-30e-6), 5e-6, 1e-18);
+}
+
+TEST(BacklashInLoop, PushesByTheWholeGapAtEveryReversal) {
+  Effect effect = make_effect<BacklashInLoop>();
+  effect.shape = {10e-6};
+  effect.coefficient = {1.0};
+  Along play(effect);
+  double sum = 0.0;
+  const auto run = [&](double velocity, int cycles) {
+    Motion m;
+    m.step_s = kH;
+    m.command_velocity = velocity;
+    for (int i = 0; i < cycles; ++i) sum += kH * play(m);
+  };
+  run(0.02, 100);
+  sum = 0.0;
+  run(-0.02, 100);
+  EXPECT_NEAR(sum, -10e-6, 1e-16);
+  run(-0.02, 100);
+  EXPECT_NEAR(sum, -10e-6, 1e-16);
+  run(0.02, 100);
+  EXPECT_NEAR(sum, 0.0, 1e-16);
+}
+
+TEST(Onset, EffectsOfAMomentAreNotThereBeforeIt) {
+  Motion m;
+  m.step_s = kH;
+  m.command_acceleration = 3.0;
+  m.velocity = 0.1;
+  m.displacement = 1e-4;
+  m.tracking_error = 2e-6;
+  Effect inertia = make_effect<InertiaChange>();
+  inertia.shape = {4.0};
+  inertia.coefficient = {0.25};
+  Effect added = make_effect<AddedFriction>();
+  added.shape = {4.0, 1e-5};
+  added.coefficient = {0.4, 2.0};
+  Effect gain = make_effect<GainChange>();
+  gain.shape = {4.0};
+  gain.coefficient = {1000.0, 0.0};
+  for (const auto& [effect, late] :
+       {std::pair{inertia, 0.25 * 3.0}, {added, 0.4 + 0.2}, {gain, 1000.0 * 2e-6}}) {
+    Along along(effect);
+    m.time_s = 3.999;
+    EXPECT_EQ(along(m), 0.0);
+    m.time_s = 4.0 + 0.5 * kOnset_s;
+    EXPECT_NEAR(along(m), 0.5 * late, 1e-12);
+    m.time_s = 9.0;
+    EXPECT_NEAR(along(m), late, 1e-12);
+  }
+}
+
+TEST(TorqueSaturation, IsWhatTheDemandExceedsTheLimitBy) {
+  Effect effect = make_effect<TorqueSaturation>();
+  effect.shape = {2.0, 0.5};
+  effect.coefficient = {1.0};
+  Along along(effect);
+  const auto at = [&](double acceleration, double velocity) {
+    Motion m;
+    m.command_acceleration = acceleration;
+    m.command_velocity = velocity;
+    return along(m);
+  };
+  EXPECT_EQ(at(1.4, 0.1), 0.0);
+  EXPECT_DOUBLE_EQ(at(1.8, 0.1), 0.3);  // friction takes 0.5 of it
+  EXPECT_EQ(at(-1.8, 0.1), 0.0);        // and helps to brake
+  EXPECT_DOUBLE_EQ(at(-1.8, -0.1), -0.3);
+}
+
+TEST(DwellStiction, GrowsWithTheLogarithmOfTheRestAndIsLostWithTravel) {
+  Effect effect = make_effect<DwellStiction>();
+  effect.shape = {50e-6};
+  effect.coefficient = {0.2};
+  Along along(effect);
+  Motion m;
+  m.step_s = 0.01;
+  for (int i = 0; i < 300; ++i) EXPECT_EQ(along(m), 0.0);  // 3 s of rest
+  m.command_velocity = m.velocity = -0.01;
+  m.displacement = -25e-6;
+  EXPECT_NEAR(along(m), -0.2 * std::log(4.0) * std::exp(-0.5), 1e-12);
+  EXPECT_NEAR(along(m), -0.2 * std::log(4.0) * std::exp(-1.0), 1e-12);
+}
+
+TEST(Tones, AreSinesInTimeAndTheCutIsGated) {
+  Effect pump = make_effect<PeriodicDisturbance>();
+  pump.shape = {12.5};
+  pump.coefficient = {0.3, 0.4};
+  Effect cut = make_effect<CuttingForce>();
+  cut.shape = {12.5};
+  cut.coefficient = {1.0, 0.3, 0.4};
+  for (double t = 0.0; t < 1.0; t += 0.0123) {
+    Motion m;
+    m.time_s = t;
+    const double tone = 0.5 * std::sin(kTwoPi * 12.5 * t + std::atan2(0.4, 0.3));
+    EXPECT_NEAR(Along(pump)(m), tone, 1e-12);
+    EXPECT_EQ(Along(cut)(m), 0.0);
+    m.in_cut = 1.0;
+    EXPECT_NEAR(Along(cut)(m), 1.0 + tone, 1e-12);
+  }
+}
+
+TEST(ThermalGrowth, IsAShareOfThePositionThatWarmsUp) {
+  Effect effect = make_effect<ThermalGrowth>();
+  effect.shape = {20.0};
+  effect.coefficient = {1e-5, 2e-6, 0.0};
+  Motion m;
+  m.position = 0.3;
+  m.time_s = 0.0;
+  EXPECT_EQ(Along(effect)(m), 0.0);
+  m.time_s = 20.0;
+  EXPECT_NEAR(Along(effect)(m), (3e-6 + 2e-6) * (1.0 - 1.0 / std::numbers::e), 1e-18);
+}
+
+TEST(ImpulseDisturbance, EveryPushHasHalfItsWidthTimesItsHeight) {
+  Effect effect = make_effect<ImpulseDisturbance>();
+  effect.shape = {1.0, 2.0, 3.0, 4.0, 0.01};
+  effect.coefficient = {5.0, 0.0, -7.0, 0.0};
+  Along along(effect);
+  double first = 0.0, third = 0.0;
+  for (int i = 0; i < 5000; ++i) {
+    Motion m;
+    m.time_s = kH * i;
+    (m.time_s < 2.5 ? first : third) += kH * along(m);
+  }
+  EXPECT_NEAR(first, 5.0 * 0.01, 1e-9);
+  EXPECT_NEAR(third, -7.0 * 0.01, 1e-9);
+}
+
+}  // namespace
+}  // namespace servotwin
