@@ -222,7 +222,6 @@ class Selection {
     delay();
     baseline_ = current_.rms();
     integrator();
-    add_delay();
     while (static_cast<int>(found_.size()) < kMostCauses) {
       const Hypothesis current = current_, fitted = fitted_;
       const auto found = found_;
