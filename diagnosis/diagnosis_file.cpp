@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "diagnosis/text.h"
 #include "identification/joint.h"
 
 namespace servotwin {
@@ -13,13 +13,6 @@ namespace servotwin {
 namespace {
 
 using nlohmann::json;
-
-template <class... T>
-std::string text(const char* format, T... values) {
-  std::array<char, 512> buffer{};
-  std::snprintf(buffer.data(), buffer.size(), format, values...);
-  return buffer.data();
-}
 
 json number_or_null(double value) { return std::isfinite(value) ? json(value) : json(); }
 

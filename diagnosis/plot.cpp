@@ -7,6 +7,8 @@
 #include <limits>
 #include <stdexcept>
 
+#include "diagnosis/text.h"
+
 namespace servotwin {
 
 namespace {
@@ -17,29 +19,6 @@ constexpr double kTitle = 20.0, kLine = 18.0;  // of its baseline; from one line
 constexpr double kLetter = 6.6;                // about as wide as one
 constexpr std::array<const char*, 6> kPalette = {"#3b7dd8", "#d9542b", "#2f9e58",
                                                  "#9b59b6", "#c79a1b", "#6b7785"};
-
-template <class... T>
-std::string text(const char* format, T... values) {
-  std::array<char, 256> buffer{};
-  std::snprintf(buffer.data(), buffer.size(), format, values...);
-  return buffer.data();
-}
-
-std::string escaped(const std::string& given) {
-  std::string out;
-  for (const char c : given) {
-    if (c == '&') {
-      out += "&amp;";
-    } else if (c == '<') {
-      out += "&lt;";
-    } else if (c == '>') {
-      out += "&gt;";
-    } else {
-      out += c;
-    }
-  }
-  return out;
-}
 
 /// One axis of a panel: from a value to a place.
 struct Scale {

@@ -1,11 +1,10 @@
 #include "diagnosis/report.h"
 
-#include <array>
 #include <cmath>
-#include <cstdio>
 
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/plot.h"
+#include "diagnosis/text.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -13,27 +12,6 @@ namespace servotwin {
 namespace {
 
 constexpr double kShown_s = 4.0;  // of the hold-out, from its middle
-
-template <class... T>
-std::string text(const char* format, T... values) {
-  std::array<char, 512> buffer{};
-  std::snprintf(buffer.data(), buffer.size(), format, values...);
-  return buffer.data();
-}
-
-std::string escaped(const std::string& given) {
-  std::string out;
-  for (const char c : given) {
-    if (c == '&') {
-      out += "&amp;";
-    } else if (c == '<') {
-      out += "&lt;";
-    } else {
-      out += c;
-    }
-  }
-  return out;
-}
 
 /// Nothing where it is not known.
 std::string in_micro(double value, const char* unit) {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "daemon/cli/command.h"
 #include "daemon/cli/model_text.h"
@@ -21,6 +22,14 @@ struct Arguments {
   DiagnoseOptions options;
   bool details = false;
 };
+
+std::set<std::string> known_causes() {
+  std::set<std::string> out{"dropped_samples"};
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    if (!identity_of(kind).cause.empty()) out.emplace(identity_of(kind).cause);
+  }
+  return out;
+}
 
 void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) {
   const bool rotary = diagnosis.baseline.rotary;
@@ -97,6 +106,7 @@ Command add_diagnose(CLI::App& app) {
   command.add_flag("--details", arguments->details, "say what was tried, added and taken out");
   command.add_option("--leave-out", arguments->options.leave_out, "causes that are not looked for")
       ->delimiter(',')
+      ->check(CLI::IsMember(known_causes()).name(""))
       ->type_name("ID,..");
   command
       .add_option("--training-share", arguments->options.identify.training_share,

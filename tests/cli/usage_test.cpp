@@ -71,6 +71,7 @@ const std::vector<Typed> kTyped{
      "--friction needs --method motion"},
     {{"characterize", "rec.csv", "--axis", "X", "--method", "motion", "--travel", "50"},
      "--travel needs --method reversals"},
+    {{"diagnose", "rec.csv", "--axis", "X", "--leave-out", "rust"}, "rust not in {added_friction,"},
     {{"check-config"}, "FILE is required"},
 };
 INSTANTIATE_TEST_SUITE_P(Typed, WrongUsage, testing::ValuesIn(kTyped));

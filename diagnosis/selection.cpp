@@ -1,0 +1,345 @@
+#include "diagnosis/selection.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "diagnosis/bootstrap.h"
+#include "diagnosis/text.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kWorthIt = 0.98;  // a cause must bring the error below this
+// A law of friction is right to a few hundredths: what it leaves of the baseline's error is its
+// own.
+constexpr double kLawIsRight = 0.02;
+constexpr double kChance = 0.01;      // false causes of a clean machine
+constexpr double kAgrees = 1.64;      // z of the pieces that does not contradict
+constexpr double kLeastDelay = 0.25;  // of the sampling time: less is how it was recorded
+constexpr int kMostCauses = 6;
+constexpr std::size_t kTried = 3;      // candidates of a round that are fitted
+constexpr double kPromising = 0.05;    // p of a candidate that is worth fitting
+constexpr double kLeastGain = 0.004;   // of squared error, likewise
+constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
+constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
+constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
+
+double share_beaten(const Hypothesis& best, const Hypothesis& rival) {
+  const std::size_t n = std::min(best.pieces.size(), rival.pieces.size());
+  const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
+    double sum = 0.0;
+    for (const std::size_t i : places) sum += rival.pieces[i] - best.pieces[i];
+    return sum;
+  });
+  return static_cast<double>(std::count_if(differences.begin(), differences.end(),
+                                           [](double d) { return d > 0.0; })) /
+         static_cast<double>(differences.size());
+}
+
+/// The error that an addition takes away, in quadrature.
+double taken(const Hypothesis& before, const Hypothesis& after) {
+  return std::sqrt(std::max(0.0, before.rms() * before.rms() - after.rms() * after.rms()));
+}
+
+struct Judgement {
+  double z = 0.0, p = 1.0;
+  bool earned = false;
+};
+
+bool happened_once(std::size_t kind) {
+  return !shapes_of(kind).empty() && shapes_of(kind).front().scan == Scan::kMoments;
+}
+
+/// Either by what the pieces say, or by the coefficients themselves, if the pieces agree.
+Judgement judged(const Hypothesis& before, const Hypothesis& after, double baseline,
+                 std::size_t candidates, double of_coefficients, std::size_t added) {
+  Judgement out;
+  out.z = paired_z(before.pieces, after.pieces);
+  out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
+  // What happened at a few moments is in a few pieces.
+  if (out.z > kAgrees || happened_once(added)) out.p = std::min(out.p, of_coefficients);
+  out.earned = after.rms() < kWorthIt * before.rms() &&
+               taken(before, after) > kLawIsRight * baseline &&
+               out.p < kChance / static_cast<double>(candidates);
+  return out;
+}
+
+/// The causes one by one, while they earn their place.
+class Selection {
+ public:
+  Selection(Search& search, Hypothesis baseline, const DiagnoseOptions& options,
+            const Channels& channels)
+      : search_(search), current_(std::move(baseline)), options_(options), channels_(channels) {}
+
+  void run() {
+    settle();
+    delay();
+    baseline_ = current_.rms();
+    integrator();
+    while (static_cast<int>(found_.size()) < kMostCauses) {
+      const Hypothesis current = current_, fitted = fitted_;
+      const auto found = found_;
+      if (!add_one()) {
+        if (!add_delay()) break;
+        continue;
+      }
+      const std::size_t added = found_.at(last_).kind;
+      one_law_of_friction();
+      settle();
+      delay();
+      // What better values of the parameters would have done as well is no cause.
+      if (current_.rms() >= kWorthIt * current.rms()) {
+        steps_.emplace_back("  no better after the polish: taken back");
+        current_ = current, fitted_ = fitted, found_ = found;
+        rejected_.insert(added);
+        search_.follow(current_.model);
+        continue;
+      }
+      take_out_the_needless();
+    }
+  }
+  [[nodiscard]] const Hypothesis& current() const { return current_; }
+  [[nodiscard]] const std::map<std::string, Found>& found() const { return found_; }
+  [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
+
+ private:
+  /// The best that this structure can do, before it is asked what it lacks.
+  void settle() {
+    search_.polish(current_);
+    search_.follow(current_.model);
+    search_.judge(current_);
+    fitted_ = current_;
+    if (search_.fit(fitted_, {current_.point})) {
+      search_.judge(fitted_);
+    } else {
+      fitted_ = current_;
+    }
+  }
+
+  /// A delay that a free loop does without is none: an unmodelled friction looks like one.
+  void delay() {
+    const auto& effects = current_.structure.effects;
+    if (std::find(effects.begin(), effects.end(), kind_of<TimeDelay>()) == effects.end()) return;
+    const double delay_s = current_.model.command_delay_s();
+    Hypothesis h;
+    h.structure = current_.structure;
+    h.structure.matched_feedforward = false;
+    std::erase(h.structure.effects, kind_of<TimeDelay>());
+    const bool tiny = delay_s < kLeastDelay * current_.model.sample_time_s;
+    // From here, or, since the delay may have bent the poles, from anywhere.
+    bool needed = true;
+    for (const std::vector<Point>& from :
+         {std::vector<Point>{point_of(current_.model, h.structure)}, std::vector<Point>{}}) {
+      if (!search_.fit(h, from)) continue;
+      search_.polish(h);
+      search_.judge(h);
+      needed = !tiny && (current_.rms() < kWorthIt * h.rms() || delay_in_disguise(h.model.loop));
+      if (!needed) break;
+    }
+    if (needed) return;
+    steps_.push_back(text("delay of %.3g ms: not needed", 1e3 * delay_s));
+    current_ = std::move(h);
+    settle();
+  }
+
+  /// A delay beside a velocity error, which the baseline's structures do not have.
+  bool add_delay() {
+    if (current_.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0) return false;
+    Hypothesis best;
+    best.cost = 1e300;
+    for (const double cycles : {2.0, 6.0}) {
+      Hypothesis h;
+      h.structure = current_.structure;
+      h.structure.effects.push_back(kind_of<TimeDelay>());
+      Point from = point_of(current_.model, h.structure);
+      from.shapes.back() = std::min(cycles * current_.model.sample_time_s, 0.01);
+      if (search_.fit(h, {from}) && h.cost < best.cost) best = std::move(h);
+    }
+    if (!(best.cost < 1e300)) return false;
+    const double delay_s = best.model.command_delay_s();
+    if (delay_s < kLeastDelay * best.model.sample_time_s || delay_s > options_.identify.delay_max_s)
+      return false;
+    search_.judge(best);
+    if (best.rms() >= kWorthIt * fitted_.rms() || paired_z(fitted_.pieces, best.pieces) < kAgrees)
+      return false;
+    steps_.push_back(text("with a delay of %.3g ms %.4g um", 1e3 * delay_s, 1e6 * best.rms()));
+    const Hypothesis current = current_, fitted = fitted_;
+    current_ = std::move(best);
+    settle();
+    if (current_.rms() < kWorthIt * current.rms()) return true;
+    current_ = current, fitted_ = fitted;
+    search_.follow(current_.model);
+    return false;
+  }
+
+  /// A loop with an integrator where the baseline has none: no cause, but what causes are sought
+  /// beside.
+  void integrator() {
+    if (current_.structure.order != 2) return;
+    Hypothesis h;
+    h.structure = current_.structure;
+    h.structure.order = 3;
+    std::erase(h.structure.effects, kind_of<ConstantForce>());
+    if (!search_.fit(h, {})) return;
+    search_.judge(h);
+    if (h.rms() < kWorthIt * current_.rms() && paired_z(current_.pieces, h.pieces) > kAgrees)
+      current_ = std::move(h), settle();
+    steps_.push_back(text("integrator: %s", current_.structure.order == 3 ? "yes" : "no"));
+  }
+
+  bool add_one() {
+    std::vector<std::string> known;
+    for (const auto& [id, one] : found_) known.push_back(id);
+    std::vector<std::size_t> kinds =
+        candidates_of(current_.structure, known, options_.leave_out, channels_);
+    std::erase_if(kinds, [&](std::size_t kind) { return rejected_.count(kind) > 0; });
+    std::vector<Screened> promising = search_.screen(current_, kinds);
+    std::erase_if(promising,
+                  [](const Screened& s) { return s.p > kPromising || s.gain < kLeastGain; });
+    if (promising.size() > kTried) promising.resize(kTried);
+    std::string step = text("%.4g um, promising:", 1e6 * current_.rms());
+    for (const Screened& s : promising)
+      step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
+    steps_.push_back(promising.empty() ? step + " nothing" : step);
+    std::vector<std::pair<Hypothesis, Screened>> tried;
+    for (const Screened& s : promising) {
+      Hypothesis h;
+      h.structure = extended_by(current_.structure, s.kind);
+      if (!search_.fit(h, {start_of(h.structure, s)})) continue;
+      search_.judge(h);
+      steps_.push_back(text("  with %s %.4g um, z %.1f", identity_of(s.kind).id.data(),
+                            1e6 * h.rms(), paired_z(fitted_.pieces, h.pieces)));
+      tried.emplace_back(std::move(h), s);
+    }
+    std::sort(tried.begin(), tried.end(),
+              [](const auto& l, const auto& r) { return l.first.rms() < r.first.rms(); });
+    const auto judgement_of = [&](const auto& one) {
+      return judged(fitted_, one.first, baseline_, kinds.size(), one.second.p, one.second.kind);
+    };
+    auto chosen = std::find_if(tried.begin(), tried.end(),
+                               [&](const auto& one) { return judgement_of(one).earned; });
+    if (chosen == tried.end()) {
+      if (!tried.empty()) steps_.emplace_back("  none earns its place");
+      return false;
+    }
+    // Of two that the pieces cannot tell apart, the one that needs less.
+    for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
+      if (parameters_of(rival->second.kind) < parameters_of(chosen->second.kind) &&
+          judgement_of(*rival).earned && share_beaten(chosen->first, rival->first) < kDecisive)
+        chosen = rival;
+    }
+    const Judgement judgement = judgement_of(*chosen);
+    const auto& [best, screened] = *chosen;
+    steps_.push_back(text("  %s: added", identity_of(screened.kind).id.data()));
+    Cause cause;
+    cause.statistic = judgement.z;
+    cause.p = judgement.p;
+    cause.confidence = 1.0 - judgement.p;
+    for (const auto& [rival, of_rival] : tried) {
+      if (of_rival.kind == screened.kind || of_rival.p > kChance) continue;
+      const double beaten = share_beaten(best, rival);
+      cause.confidence = std::min(cause.confidence, beaten);
+      const double gained = fitted_.rms() - best.rms();
+      if (beaten < kDecisive && fitted_.rms() - rival.rms() > kNearlyAsGood * gained)
+        cause.ambiguous_with.push_back(cause_of(of_rival.kind));
+    }
+    cause.id = cause_of(screened.kind);
+    found_[cause.id] = {cause, screened.kind};
+    last_ = cause.id;
+    current_ = Hypothesis(best);
+    return true;
+  }
+
+  [[nodiscard]] Point start_of(const Structure& structure, const Screened& s) const {
+    Point at = point_of(current_.model, structure);
+    std::size_t offset = 0;
+    for (const std::size_t kind : structure.effects) {
+      if (kind == s.kind) break;
+      offset += shapes_of(kind).size();
+    }
+    std::copy(s.shapes.begin(), s.shapes.end(),
+              at.shapes.begin() + static_cast<std::ptrdiff_t>(offset));
+    return at;
+  }
+
+  /// What presliding and falling friction say as two is said by one law, where that predicts
+  /// better.
+  void one_law_of_friction() {
+    const auto presliding = found_.find("presliding");
+    if (presliding == found_.end() ||
+        std::find(kLaws.begin(), kLaws.end(), presliding->second.kind) != kLaws.end())
+      return;
+    Hypothesis best = current_;
+    std::size_t law = kEffectKinds;
+    for (const std::size_t kind : kLaws) {
+      Hypothesis h;
+      h.structure = current_.structure;
+      std::erase(h.structure.effects, kind_of<FallingFriction>());
+      std::replace(h.structure.effects.begin(), h.structure.effects.end(), kind_of<Presliding>(),
+                   kind);
+      if (!search_.fit(h, {point_of(current_.model, h.structure)})) continue;
+      search_.judge(h);
+      steps_.push_back(text("  as %s %.4g um", identity_of(kind).id.data(), 1e6 * h.rms()));
+      if (h.rms() < kWorthIt * best.rms()) best = std::move(h), law = kind;
+    }
+    if (law == kEffectKinds) return;
+    current_ = std::move(best);
+    presliding->second.kind = law;
+    const double ratio = shape_of(current_.model, law, "breakaway_ratio");
+    const auto falls = found_.find("stribeck");
+    if (falls != found_.end()) {
+      falls->second.kind = law;
+    } else if (std::abs(ratio - 1.0) > kFalls) {
+      Found found{presliding->second.cause, law};
+      found.cause.id = "stribeck";
+      found_["stribeck"] = found;
+    }
+  }
+
+  /// An effect that another one has made needless goes.
+  void take_out_the_needless() {
+    if (found_.size() < 2) return;
+    for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
+      if (id == last_) continue;
+      Hypothesis less;
+      less.structure = without(current_.structure, id, one.kind);
+      if (!search_.fit(less, {point_of(current_.model, less.structure)})) continue;
+      search_.judge(less);
+      if (fitted_.rms() < kWorthIt * less.rms()) continue;
+      steps_.push_back(text("  %s: needless", id.c_str()));
+      current_ = std::move(less);
+      found_.erase(id);
+      // A law that said two causes in one has become the effect of the one that stays.
+      for (auto& [other, kept] : found_) {
+        if (current_.has(kept.kind)) continue;
+        kept.kind = other == "stribeck" ? kind_of<FallingFriction>() : kind_of<Presliding>();
+      }
+      settle();
+      return;
+    }
+  }
+
+  Search& search_;
+  Hypothesis current_;  // polished
+  Hypothesis fitted_;   // the same by the means with which candidates are fitted
+  const DiagnoseOptions& options_;
+  Channels channels_;
+  std::set<std::size_t> rejected_;
+  double baseline_ = 0.0;  // RMS
+  std::map<std::string, Found> found_;
+  std::string last_;  // that was added
+  std::vector<std::string> steps_;
+};
+
+}  // namespace
+
+Selected select_causes(Search& search, Hypothesis baseline, const DiagnoseOptions& options,
+                       const Channels& channels) {
+  Selection selection(search, std::move(baseline), options, channels);
+  selection.run();
+  return {selection.current(), selection.found(), selection.steps()};
+}
+
+}  // namespace servotwin
