@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "diagnosis/bootstrap.h"
 #include "diagnosis/cuts.h"
 #include "diagnosis/dropped_samples.h"
 #include "diagnosis/selection.h"
@@ -15,26 +14,6 @@ namespace servotwin {
 namespace {
 
 constexpr double kStructured = 2.0;  // of the noise floor: more is not chance
-
-double root_mean(const std::vector<double>& pieces, const std::vector<std::size_t>& places) {
-  double sum = 0.0;
-  for (const std::size_t i : places) sum += pieces[i];
-  return std::sqrt(sum / static_cast<double>(places.size()));
-}
-
-Gain gain_of(const Model& without, const Model& with, const std::vector<Segment>& holdout) {
-  const std::vector<double> before = left_by(without, holdout), after = left_by(with, holdout);
-  Gain gain;
-  gain.before = judge(without, holdout).rms;
-  gain.after = judge(with, holdout).rms;
-  if (before.size() < 4) return gain;
-  const auto differences = bootstrap(before.size(), [&](const std::vector<std::size_t>& places) {
-    return root_mean(before, places) - root_mean(after, places);
-  });
-  gain.low = differences[static_cast<std::size_t>(0.025 * kResamples)];
-  gain.high = differences[static_cast<std::size_t>(0.975 * kResamples)];
-  return gain;
-}
 
 }  // namespace
 
@@ -48,6 +27,30 @@ std::string_view name_of(Verdict verdict) {
       return "unexplained";
   }
   return "";
+}
+
+void conclude(Diagnosis& diagnosis, const std::vector<Segment>& holdout, const NoiseFloor& floor) {
+  std::sort(diagnosis.causes.begin(), diagnosis.causes.end(), [](const Cause& l, const Cause& r) {
+    const auto worth = [](const Gain& g) {
+      return std::isfinite(g.before) ? g.before * g.before - g.after * g.after : 0.0;
+    };
+    return worth(l.gain) > worth(r.gain);
+  });
+
+  std::vector<Stretch> stretches;
+  for (const Segment& s : holdout)
+    stretches.push_back(
+        {s.command, s.command - s.actual - simulate(diagnosis.extended.model, s), s.sample_time_s});
+  diagnosis.regimes = by_regime(stretches);
+  const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
+  const double all = diagnosis.baseline.holdout.rms * diagnosis.baseline.holdout.rms - noise;
+  const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
+  diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
+  const bool structured =
+      std::isfinite(floor.rms) && diagnosis.extended.holdout.rms > kStructured * floor.rms;
+  diagnosis.verdict = !diagnosis.causes.empty() ? Verdict::kExplained
+                      : structured              ? Verdict::kUnexplained
+                                                : Verdict::kNothingSignificant;
 }
 
 Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
@@ -125,6 +128,13 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
       less.structure = without(current.structure, id, one.kind);
       if (!search.fit(less, {point_of(current.model, less.structure)})) continue;
       cause.gain = gain_of(less.model, extended, holdout);
+      // A law that takes the place of another has nothing that could be taken off the machine.
+      if (one.kind == kind_of<FallingFriction>() || identity_of(one.kind).replaces.empty()) {
+        Model repaired = extended;
+        repaired.effects.erase(repaired.effects.begin() + static_cast<std::ptrdiff_t>(i));
+        cause.gain.tracking_now = tracking_rms(extended, holdout);
+        cause.gain.tracking_repaired = tracking_rms(repaired, holdout);
+      }
       if (!named) {
         search.judge(less);
         cause.statistic = paired_z(less.pieces, current.pieces);
@@ -152,27 +162,8 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     }
     out.causes.push_back(std::move(cause));
   }
-  std::sort(out.causes.begin(), out.causes.end(), [](const Cause& l, const Cause& r) {
-    const auto worth = [](const Gain& g) {
-      return std::isfinite(g.before) ? g.before * g.before - g.after * g.after : 0.0;
-    };
-    return worth(l.gain) > worth(r.gain);
-  });
-
-  std::vector<Stretch> stretches;
-  for (const Segment& s : holdout)
-    stretches.push_back({s.command, s.command - s.actual - simulate(extended, s), s.sample_time_s});
-  out.regimes = by_regime(stretches);
-  const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
-  const double all = out.baseline.holdout.rms * out.baseline.holdout.rms - noise;
-  const double left = out.extended.holdout.rms * out.extended.holdout.rms - noise;
-  out.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
   out.fits = search.fits();
-  const bool structured =
-      std::isfinite(floor.rms) && out.extended.holdout.rms > kStructured * floor.rms;
-  out.verdict = !out.causes.empty() ? Verdict::kExplained
-                : structured        ? Verdict::kUnexplained
-                                    : Verdict::kNothingSignificant;
+  conclude(out, holdout, floor);
   return out;
 }
 

@@ -13,21 +13,24 @@
 #include <string>
 #include <vector>
 
+#include "diagnosis/gain.h"
 #include "diagnosis/residual.h"
 #include "identification/identify.h"
+#include "identification/noise_floor.h"
 
 namespace servotwin {
 
 enum class Verdict { kExplained, kNothingSignificant, kUnexplained };
 [[nodiscard]] std::string_view name_of(Verdict verdict);
 
-/// Hold-out RMS without and with one cause, everything else as it is in the extended model.
-struct Gain {
-  double before = kAbsent, after = kAbsent;  ///< [m | rad]
-  double low = kAbsent, high = kAbsent;      ///< 95 % interval of before - after (block bootstrap)
-};
-
 inline constexpr std::size_t kNoEffect = static_cast<std::size_t>(-1);
+
+/// A quantity of the machine against an earlier model.
+struct Moved {
+  std::string name, unit;
+  double before = 0.0, after = 0.0;  ///< both 1 and a ratio, or both in the unit
+  double deviation = kAbsent;        ///< standard deviation of `after`
+};
 
 struct Cause {
   std::string id;         ///< of the contract: "stribeck", "cogging", ..
@@ -38,10 +41,13 @@ struct Cause {
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;
   Gain gain;
+  std::vector<Moved> moved;  ///< against an earlier model only
 };
 
 struct Diagnosis {
   Verdict verdict = Verdict::kNothingSignificant;
+  bool against_earlier = false;    ///< the baseline is an earlier model: causes are what changed
+  double earlier_rms = kAbsent;    ///< of that model where it was identified [m | rad]
   ModelRecord baseline;            ///< judged on the hold-out
   ModelRecord extended;            ///< with all causes; the baseline where there is none
   std::vector<Cause> causes;       ///< by their share of the error explained
@@ -58,5 +64,8 @@ struct DiagnoseOptions {
 
 /// Throws std::runtime_error as `identify` does. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
+
+/// Orders the causes of a search and says what is left: verdict, regimes, unexplained share.
+void conclude(Diagnosis& diagnosis, const std::vector<Segment>& holdout, const NoiseFloor& floor);
 
 }  // namespace servotwin

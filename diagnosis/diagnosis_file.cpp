@@ -47,6 +47,10 @@ double ratio_of(const Model& model, const Effect& effect, const std::string& id)
 json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   json out = json::object();
   for (const auto& [name, count] : cause.counts) out[name] = count;
+  for (const Moved& moved : cause.moved) {
+    out[moved.name] = moved.after;
+    if (moved.before != 0.0) out["ratio"] = moved.after / moved.before;
+  }
   if (cause.place == kNoEffect) return out;
   const Model& model = diagnosis.extended.model;
   const Effect& effect = model.effects[cause.place];
@@ -95,8 +99,19 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
          {"gain",
           {{"holdout_rms_before_m", number_or_null(cause.gain.before)},
            {"holdout_rms_after_m", number_or_null(cause.gain.after)},
-           {"ci95", {number_or_null(cause.gain.low), number_or_null(cause.gain.high)}}}},
+           {"ci95", {number_or_null(cause.gain.low), number_or_null(cause.gain.high)}},
+           {"tracking_rms_now_m", number_or_null(cause.gain.tracking_now)},
+           {"tracking_rms_repaired_m", number_or_null(cause.gain.tracking_repaired)}}},
          {"check", advice_for(cause.id)}});
+    if (!diagnosis.against_earlier) continue;
+    json moved = json::array();
+    for (const Moved& m : cause.moved)
+      moved.push_back({{"name", m.name},
+                       {"unit", m.unit},
+                       {"before", m.before},
+                       {"after", m.after},
+                       {"deviation", number_or_null(m.deviation)}});
+    causes.back()["moved"] = moved;
   }
   json regimes = json::object();
   for (const RegimeShare& share : diagnosis.regimes) {
@@ -126,6 +141,18 @@ std::string verdict_text(const Diagnosis& diagnosis) {
                after = 1e6 * diagnosis.extended.holdout.rms,
                floor = 1e6 * diagnosis.baseline.noise_floor_rms;
   const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
+  if (diagnosis.against_earlier && diagnosis.verdict == Verdict::kExplained)
+    return text(
+        "%zu change%s since the earlier model: it is wrong by %.3g %s RMS on data not seen by the "
+        "fit, with what changed by %.3g (noise floor %.2g)",
+        diagnosis.causes.size(), diagnosis.causes.size() == 1 ? "" : "s", before, unit, after,
+        floor);
+  if (diagnosis.against_earlier)
+    return text(
+        "nothing changed that shows: the earlier model is wrong by %.3g %s RMS, by %.3g when it "
+        "was "
+        "identified (noise floor %.2g)",
+        before, unit, 1e6 * diagnosis.earlier_rms, floor);
   switch (diagnosis.verdict) {
     case Verdict::kExplained:
       return text(
@@ -145,12 +172,29 @@ std::string verdict_text(const Diagnosis& diagnosis) {
   return {};
 }
 
+namespace {
+
+std::string moved_text(const Moved& moved, bool rotary) {
+  Parameter p;
+  p.unit = moved.unit;
+  std::string out = moved.name + text(" %.4g -> %.4g", moved.before, moved.after) +
+                    (moved.unit == "1" ? "" : " " + unit_of(p, rotary));
+  if (moved.deviation > 0.0)
+    out += text(" (+-%.2g, %.0f standard deviations)", moved.deviation,
+                std::abs(moved.after - moved.before) / moved.deviation);
+  return out;
+}
+
+}  // namespace
+
 std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
   if (cause.place == kNoEffect) {
-    std::string counts;
+    std::string out;
+    for (const Moved& moved : cause.moved)
+      out += (out.empty() ? "" : ", ") + moved_text(moved, diagnosis.baseline.rotary);
     for (const auto& [name, count] : cause.counts)
-      counts += (counts.empty() ? "" : ", ") + text("%.0f ", count) + name;
-    return counts;
+      out += (out.empty() ? "" : ", ") + text("%.0f ", count) + name;
+    return out;
   }
   const Effect& effect = diagnosis.extended.model.effects[cause.place];
   const bool rotary = diagnosis.baseline.rotary;

@@ -36,6 +36,7 @@ double median(std::vector<double> values) {
 }
 
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
+  if (gram.size() == 0) return right;
   Eigen::MatrixXd ridged = gram;
   ridged.diagonal() += kRidge * gram.diagonal().cwiseMax(1e-300);
   return ridged.ldlt().solve(right);
@@ -50,14 +51,10 @@ struct Screen::Sums {
   std::vector<double> square;
 };
 
-Screen::Screen(const Projection& data, const Point& at) : data_(data), at_(at) {
+Screen::Screen(const Projection& data, const Point& at) : segments_(data.segments()) {
   const Structure& structure = data.structure();
-  std::size_t shape = 0;
-  for (const std::size_t kind : structure.effects) {
-    if (identity_of(kind).acts == Acts::kCommandDelay) delay_ = {at.shapes[shape]};
-    shape += shapes_of(kind).size();
-  }
   const Projection::Solution solution = data.solve(at);
+  model_ = data.model_of(at, solution.linear);
   left_ = solution.residual;
   const Eigen::MatrixXd all = data.full_jacobian(at, solution.linear);
   // Without the free responses: they are over when a piece begins.
@@ -65,13 +62,22 @@ Screen::Screen(const Projection& data, const Point& at) : data_(data), at_(at) {
                      rest = structure.order + structure.shape_count();
   tangent_.resize(all.rows(), linear + rest);
   tangent_ << all.leftCols(linear), all.rightCols(rest);
+  prepare();
+}
 
+Screen::Screen(const std::vector<Signals>& segments, const Model& model, Eigen::VectorXd left,
+               Eigen::MatrixXd tangent)
+    : segments_(segments), model_(model), left_(std::move(left)), tangent_(std::move(tangent)) {
+  prepare();
+}
+
+void Screen::prepare() {
   Eigen::Index row = 0;
   double low = 1e300, high = -1e300;
-  Eigen::VectorXd counts = Eigen::VectorXd::Zero(data.rows());
-  begin_s_ = data.segments().front().start_s;
+  Eigen::VectorXd counts = Eigen::VectorXd::Zero(left_.size());
+  begin_s_ = segments_.front().start_s;
   end_s_ = begin_s_;
-  for (const Signals& s : data.segments()) {
+  for (const Signals& s : segments_) {
     const auto piece = static_cast<Eigen::Index>(std::lround(kPiece_s / s.h));
     const auto settle = std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.h)));
     for (Eigen::Index k = settle; k + piece <= s.size(); k += piece) {
@@ -94,14 +100,16 @@ Screen::Screen(const Projection& data, const Point& at) : data_(data), at_(at) {
     if (size > 0.0) tangent_.col(kept++) = tangent_.col(c) / size;
   }
   tangent_.conservativeResize(Eigen::NoChange, kept);
+  basis_.resize(tangent_.rows(), 0);
+  if (kept == 0) return;
   const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(tangent_);
   basis_ = qr.householderQ() * Eigen::MatrixXd::Identity(tangent_.rows(), qr.rank());
   left_ -= basis_ * (basis_.transpose() * left_);
 }
 
 Eigen::MatrixXd Screen::columns(std::size_t kind, const std::vector<double>& shapes) const {
-  return effect_columns(data_.segments(), data_.structure().order, at_.denominator,
-                        delay_.empty() ? 0.0 : delay_.front(), kind, shapes);
+  return effect_columns(segments_, model_.loop.order, model_.loop.denominator,
+                        model_.command_delay_s(), kind, shapes);
 }
 
 /// The square that the columns explain beyond the tangent space.
@@ -201,10 +209,10 @@ void Screen::judge_moment(std::size_t kind, Screened& out) const {
 
 std::vector<double> Screen::tones() const {
   const Signals& s =
-      *std::max_element(data_.segments().begin(), data_.segments().end(),
+      *std::max_element(segments_.begin(), segments_.end(),
                         [](const auto& l, const auto& r) { return l.size() < r.size(); });
   Eigen::Index first = 0;
-  for (const Signals& other : data_.segments()) {
+  for (const Signals& other : segments_) {
     if (&other == &s) break;
     first += other.size();
   }
@@ -221,7 +229,7 @@ std::vector<double> Screen::moments(std::size_t kind, std::vector<double> shapes
   for (std::size_t i = 0; i < pushes; ++i) {
     std::vector<std::pair<double, double>> peaks;
     Eigen::Index row = 0;
-    for (const Signals& s : data_.segments()) {
+    for (const Signals& s : segments_) {
       const auto window = static_cast<Eigen::Index>(std::lround(0.1 / s.h));
       for (Eigen::Index k = 0; k + window <= s.size(); k += window) {
         Eigen::Index at = 0;
@@ -260,11 +268,11 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
   for (const Parameter& p : shapes) {
     double value = p.start;
     // What a friction of the base has found: where the force has its direction.
-    std::size_t shape = 0;
-    for (const std::size_t other : data_.structure().effects) {
-      for (const Parameter& q : shapes_of(other)) {
+    for (const Effect& other : model_.effects) {
+      std::size_t shape = 0;
+      for (const Parameter& q : shapes_of(other.kind)) {
         if (q.name == p.name && (p.name == "velocity_limit" || p.name == "breakaway_displacement"))
-          value = at_.shapes[shape];
+          value = other.shape[shape];
         ++shape;
       }
     }
@@ -291,7 +299,7 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       for (const double tone : tones()) add(tone);
       if (shapes.size() > 1) {
         // A mode is broader than a tone.
-        const double top = 0.4 / data_.segments().front().h;
+        const double top = 0.4 / segments_.front().h;
         for (double f = 5.0; f < top; f *= 1.06) add(f);
       }
       break;
@@ -303,13 +311,19 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       break;
     case Scan::kAcceleration: {
       double most = 0.0;
-      for (const Signals& s : data_.segments())
-        most = std::max(most, s.command.second.abs().maxCoeff());
+      for (const Signals& s : segments_) most = std::max(most, s.command.second.abs().maxCoeff());
       for (double share = 0.3; share < 1.2; share += 0.05) add(share * most);
       break;
     }
   }
   if (out.empty()) out.push_back(start);
+  return out;
+}
+
+Screened Screen::look(const Eigen::MatrixXd& given) const {
+  Screened out;
+  out.kind = kEffectKinds;
+  if (given.allFinite() && explained(given) > 0.0) judge(given, out);
   return out;
 }
 

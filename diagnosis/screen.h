@@ -31,8 +31,14 @@ class Screen {
   /// `data` at the optimum `at` of its structure; thinned data will do.
   Screen(const Projection& data, const Point& at);
 
-  /// `held`: shapes to begin with, for those that are not on the grid; empty: the catalogue's.
+  /// Beside a model that is held but for what `tangent` says: its columns are the derivatives of
+  /// what is simulated, `left` what it misses; rows as in the segments.
+  Screen(const std::vector<Signals>& segments, const Model& model, Eigen::VectorXd left,
+         Eigen::MatrixXd tangent);
+
   [[nodiscard]] Screened look(std::size_t kind) const;
+  /// Of columns that are no effect of the catalogue.
+  [[nodiscard]] Screened look(const Eigen::MatrixXd& columns) const;
 
  private:
   struct Piece {
@@ -48,12 +54,13 @@ class Screen {
   [[nodiscard]] std::vector<double> tones() const;
   [[nodiscard]] std::vector<double> moments(std::size_t kind, std::vector<double> shapes) const;
 
-  const Projection& data_;
-  Point at_;
-  std::vector<double> delay_;  // the shape of the command delay, if there is one
-  Eigen::VectorXd left_;       // r, 0 where nothing is judged
-  Eigen::MatrixXd tangent_;    // J, unit columns
-  Eigen::MatrixXd basis_;      // of the space of J, orthonormal
+  void prepare();
+
+  const std::vector<Signals>& segments_;
+  Model model_;
+  Eigen::VectorXd left_;     // r, 0 where nothing is judged
+  Eigen::MatrixXd tangent_;  // J, unit columns
+  Eigen::MatrixXd basis_;    // of the space of J, orthonormal
   std::vector<Piece> pieces_;
   double travel_ = 0.0, begin_s_ = 0.0, end_s_ = 0.0;
 };

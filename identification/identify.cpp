@@ -46,26 +46,6 @@ double span_s(const std::vector<Segment>& segments) {
   return sum;
 }
 
-/// Splits by time of data (gaps do not count): the first `share` of all, or of each, and the rest.
-std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
-                                                            double share, bool each) {
-  std::vector<Segment> first, rest;
-  double left = share * span_s(segments);
-  for (const Segment& s : segments) {
-    const double h = s.sample_time_s, length = h * static_cast<double>(s.size());
-    const double taken = each ? share * length : std::clamp(left, 0.0, length);
-    left -= length;
-    const double at = s.start_s + taken - 0.5 * h;
-    for (Segment& part : cut({s}, -1e300, at)) first.push_back(std::move(part));
-    for (Segment& part : cut({s}, at, 1e300)) {
-      // What begins within slow reversals does so again.
-      if (s.lead > 0 && taken > 0.0) part.lead = std::max(part.lead, lead_in(part));
-      rest.push_back(std::move(part));
-    }
-  }
-  return {std::move(first), std::move(rest)};
-}
-
 Eigen::Index rows_of(const std::vector<Segment>& segments) {
   Eigen::Index rows = 0;
   for (const Segment& s : segments) rows += s.size();
@@ -393,6 +373,25 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
 }
 
 }  // namespace
+
+std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
+                                                            double share, bool each) {
+  std::vector<Segment> first, rest;
+  double left = share * span_s(segments);
+  for (const Segment& s : segments) {
+    const double h = s.sample_time_s, length = h * static_cast<double>(s.size());
+    const double taken = each ? share * length : std::clamp(left, 0.0, length);
+    left -= length;
+    const double at = s.start_s + taken - 0.5 * h;
+    for (Segment& part : cut({s}, -1e300, at)) first.push_back(std::move(part));
+    for (Segment& part : cut({s}, at, 1e300)) {
+      // What begins within slow reversals does so again.
+      if (s.lead > 0 && taken > 0.0) part.lead = std::max(part.lead, lead_in(part));
+      rest.push_back(std::move(part));
+    }
+  }
+  return {std::move(first), std::move(rest)};
+}
 
 bool delay_in_disguise(const Loop& loop) { return imitated_delay_share(loop) > kDisguisedDelay; }
 

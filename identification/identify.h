@@ -64,6 +64,10 @@ struct Identified {
 /// Whether zeros in the right half plane make most of this loop's lag: a delay that it imitates.
 [[nodiscard]] bool delay_in_disguise(const Loop& loop);
 
+/// The first share of the time of the data (gaps do not count), of all or of each, and the rest.
+[[nodiscard]] std::pair<std::vector<Segment>, std::vector<Segment>> split(
+    const std::vector<Segment>& segments, double share, bool each = false);
+
 /// The part of the segments between two times of the recording [s].
 [[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s,
                                        double to_s);

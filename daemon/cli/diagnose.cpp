@@ -10,6 +10,7 @@
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
+#include "diagnosis/comparison.h"
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/report.h"
 
@@ -18,7 +19,7 @@ namespace {
 
 struct Arguments {
   AxisOptions input;
-  std::filesystem::path result, report, extended;
+  std::filesystem::path result, report, extended, earlier;
   DiagnoseOptions options;
   bool details = false;
 };
@@ -46,13 +47,17 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
                    1e6 * cause.gain.after, micro(rotary));
     if (std::isfinite(cause.gain.low))
       line += text(" (gain %.2g to %.2g)", 1e6 * cause.gain.low, 1e6 * cause.gain.high);
-    if (cause.place == kNoEffect) {
+    if (cause.place == kNoEffect && cause.moved.empty()) {
       line += "counted, not inferred";
     } else {
       line += text(", sure %.0f %%", 100.0 * cause.confidence);
     }
     say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
+    if (std::isfinite(cause.gain.tracking_repaired))
+      say(people,
+          text("              tracking error %.4g %s RMS, without the cause %.4g",
+               1e6 * cause.gain.tracking_now, micro(rotary), 1e6 * cause.gain.tracking_repaired));
     for (const std::string& rival : cause.ambiguous_with)
       say(people, "              not to be told from " + rival + " by this recording");
     if (const std::string advice = advice_for(cause.id); !advice.empty())
@@ -76,7 +81,9 @@ void run(const Arguments& arguments) {
   Diagnosis diagnosis;
   {
     const Progress progress("diagnosing " + axis.axis);
-    diagnosis = diagnose(axis, arguments.options);
+    diagnosis = arguments.earlier.empty()
+                    ? diagnose(axis, arguments.options)
+                    : compare(axis, read_model(arguments.earlier), arguments.options);
   }
   diagnosis.baseline.source = diagnosis.extended.source =
       arguments.input.recording.file.filename().string();
@@ -95,6 +102,10 @@ Command add_diagnose(CLI::App& app) {
   CLI::App& command = *app.add_subcommand(
       "diagnose", "What the simulation of an axis gets wrong, why, and what naming it gains.");
   arguments->input.declare(command);
+  command
+      .add_option("--model", arguments->earlier,
+                  "an earlier model of this axis: what changed since it was identified")
+      ->type_name("M.json");
   command.add_option("--json", arguments->result, "write the diagnosis here; - is standard output")
       ->type_name("OUT.json");
   command.add_option("--report", arguments->report, "write a page for people here")

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "diagnosis/comparison.h"
 #include "diagnosis/diagnose.h"
 #include "diagnosis/diagnosis_file.h"
 #include "drivers/recording_file.h"
@@ -14,11 +15,9 @@
 namespace servotwin::hidden_effects {
 namespace {
 
-/// The one place that knows how diagnose is called.
-Diagnosis diagnosis_of(const SegmentedAxis& axis, const std::vector<std::string>& leave_out) {
-  DiagnoseOptions options;
-  options.leave_out = leave_out;
-  return diagnose(axis, options);
+SegmentedAxis axis_of(const std::string& csv) {
+  const test::TemporaryDirectory directory;
+  return segment_axis(read_recording(directory.file("recording.csv", csv)), "X");
 }
 
 double processor_seconds() {
@@ -45,25 +44,47 @@ void read(const nlohmann::json& file, Answer& answer) {
   }
 }
 
+/// `diagnosis` is what is timed.
+template <class Diagnosing>
+Answer answer_of(const Diagnosing& diagnosis) {
+  Answer answer;
+  const double start = processor_seconds();
+  const auto clock = std::chrono::steady_clock::now();
+  const Diagnosis result = diagnosis();
+  answer.seconds = processor_seconds() - start;
+  answer.wall_seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - clock).count();
+  read(to_json(result, ""), answer);
+  return answer;
+}
+
+Answer failed(const std::exception& error) {
+  Answer answer;
+  answer.failure = error.what();
+  return answer;
+}
+
 }  // namespace
 
 Answer ask(const std::string& csv, const std::vector<std::string>& leave_out) {
-  Answer answer;
   try {
-    const test::TemporaryDirectory directory;
-    const SegmentedAxis axis =
-        segment_axis(read_recording(directory.file("recording.csv", csv)), "X");
-    const double start = processor_seconds();
-    const auto clock = std::chrono::steady_clock::now();
-    const Diagnosis diagnosis = diagnosis_of(axis, leave_out);
-    answer.seconds = processor_seconds() - start;
-    answer.wall_seconds =
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - clock).count();
-    read(to_json(diagnosis, ""), answer);
+    const SegmentedAxis axis = axis_of(csv);
+    DiagnoseOptions options;
+    options.leave_out = leave_out;
+    return answer_of([&] { return diagnose(axis, options); });
   } catch (const std::exception& error) {
-    answer.failure = error.what();
+    return failed(error);
   }
-  return answer;
+}
+
+Answer ask_what_changed(const std::string& before_csv, const std::string& after_csv) {
+  try {
+    const ModelRecord earlier = diagnose(axis_of(before_csv)).extended;
+    const SegmentedAxis axis = axis_of(after_csv);
+    return answer_of([&] { return compare(axis, earlier); });
+  } catch (const std::exception& error) {
+    return failed(error);
+  }
 }
 
 }  // namespace servotwin::hidden_effects

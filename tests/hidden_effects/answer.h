@@ -29,4 +29,7 @@ struct Answer {
 /// Reads the text as a recording and diagnoses its axis X. Does not throw.
 [[nodiscard]] Answer ask(const std::string& csv, const std::vector<std::string>& leave_out);
 
+/// What changed on axis X from the first recording to the second, by the model of the first.
+[[nodiscard]] Answer ask_what_changed(const std::string& before_csv, const std::string& after_csv);
+
 }  // namespace servotwin::hidden_effects

@@ -17,47 +17,6 @@ namespace {
 constexpr int kMachines = 300;    // drawn at most until one shows the effects in the class wanted
 constexpr double kStiff = 400.0;  // [Hz], of the contact beside a gap
 
-const Ranges& ranges_of(Part part) {
-  static const Ranges dev{.mass = {30.0, 400.0},
-                          .position_loop_hz = {8.0, 40.0},
-                          .velocity_loop_ratio = {3.0, 6.0},
-                          .friction_mps2 = {0.05, 0.6},
-                          .drag_per_s = {0.5, 5.0},
-                          .presliding_m = {5e-6, 6e-5},
-                          .encoder_step_m = {1e-8, 1e-6},
-                          .noise_to_step = {0.1, 1.0},
-                          .velocity = {0.08, 0.4},
-                          .acceleration = {1.0, 5.0},
-                          .jerk = {20.0, 150.0},
-                          .stroke = {0.08, 0.3},
-                          .torque_noise = 0.5,
-                          .first_change = 0.15,
-                          .last_change = 0.45};
-  static const Ranges test{.mass = {15.0, 800.0},
-                           .position_loop_hz = {6.0, 50.0},
-                           .velocity_loop_ratio = {2.5, 7.0},
-                           .friction_mps2 = {0.03, 0.8},
-                           .drag_per_s = {0.3, 8.0},
-                           .presliding_m = {4e-6, 1e-4},
-                           .encoder_step_m = {5e-9, 2e-6},
-                           .noise_to_step = {0.05, 2.0},
-                           .velocity = {0.05, 0.6},
-                           .acceleration = {0.7, 8.0},
-                           .jerk = {15.0, 250.0},
-                           .stroke = {0.05, 0.4},
-                           .torque_noise = 0.8,
-                           .first_change = 0.1,
-                           .last_change = 0.5};
-  return part == Part::kDev ? dev : test;
-}
-
-/// FNV-1a, so that no case shares its seed with another of either part.
-std::uint64_t seed_of(const std::string& name) {
-  std::uint64_t hash = 0xcbf29ce484222325u;
-  for (const char c : name) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
-  return hash;
-}
-
 /// The size that contributes about `target`, if a plausible one does.
 std::optional<double> size_for(const Hidden& hidden, double target,
                                const std::function<double(double)>& contribution) {
@@ -246,6 +205,51 @@ Case make_case(Part part, const Wish& wish, const std::string& kind, int index) 
 }
 
 }  // namespace
+
+const Ranges& ranges_of(Part part) {
+  static const Ranges dev{.mass = {30.0, 400.0},
+                          .position_loop_hz = {8.0, 40.0},
+                          .velocity_loop_ratio = {3.0, 6.0},
+                          .friction_mps2 = {0.05, 0.6},
+                          .drag_per_s = {0.5, 5.0},
+                          .presliding_m = {5e-6, 6e-5},
+                          .encoder_step_m = {1e-8, 1e-6},
+                          .noise_to_step = {0.1, 1.0},
+                          .velocity = {0.08, 0.4},
+                          .acceleration = {1.0, 5.0},
+                          .jerk = {20.0, 150.0},
+                          .stroke = {0.08, 0.3},
+                          .torque_noise = 0.5,
+                          .first_change = 0.15,
+                          .last_change = 0.45};
+  static const Ranges test{.mass = {15.0, 800.0},
+                           .position_loop_hz = {6.0, 50.0},
+                           .velocity_loop_ratio = {2.5, 7.0},
+                           .friction_mps2 = {0.03, 0.8},
+                           .drag_per_s = {0.3, 8.0},
+                           .presliding_m = {4e-6, 1e-4},
+                           .encoder_step_m = {5e-9, 2e-6},
+                           .noise_to_step = {0.05, 2.0},
+                           .velocity = {0.05, 0.6},
+                           .acceleration = {0.7, 8.0},
+                           .jerk = {15.0, 250.0},
+                           .stroke = {0.05, 0.4},
+                           .torque_noise = 0.8,
+                           .first_change = 0.1,
+                           .last_change = 0.5};
+  return part == Part::kDev ? dev : test;
+}
+
+/// FNV-1a.
+std::uint64_t seed_of(const std::string& name) {
+  std::uint64_t hash = 0xcbf29ce484222325u;
+  for (const char c : name) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  return hash;
+}
+
+std::string csv_of(const Trace& trace, double sample_time) {
+  return csv_of({{"X", &trace}}, sample_time, {});
+}
 
 bool Case::hides(const std::string& id) const {
   return std::any_of(hidden.begin(), hidden.end(), [&](const Truth& t) { return t.id == id; });

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "tests/hidden_effects/effects.h"
+#include "tests/hidden_effects/machine.h"
 
 namespace servotwin::hidden_effects {
 
@@ -51,6 +52,13 @@ struct Case {
   [[nodiscard]] bool hides(const std::string& id) const;
   [[nodiscard]] bool owns(const std::string& id) const;
 };
+
+/// What the machines of this part are drawn from.
+[[nodiscard]] const Ranges& ranges_of(Part part);
+/// No case shares its seed with another of either part.
+[[nodiscard]] std::uint64_t seed_of(const std::string& name);
+/// A recording of axis X alone.
+[[nodiscard]] std::string csv_of(const Trace& trace, double sample_time);
 
 /// A machine without any of the effects.
 [[nodiscard]] Case clean_case(Part part, int index);

@@ -1,0 +1,27 @@
+// What one cause is worth, measured in free simulation on data that no fit has seen.
+#pragma once
+
+#include <vector>
+
+#include "twin/model.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+/// RMS without and with one cause, everything else as it is in the extended model [m | rad].
+struct Gain {
+  double before = kAbsent, after = kAbsent;  ///< of measured minus simulated
+  double low = kAbsent, high = kAbsent;      ///< 95 % interval of before - after (block bootstrap)
+  /// Of the tracking error itself, simulated: as the machine is, and with the cause repaired on the
+  /// machine. Absent where there is nothing to repair.
+  double tracking_now = kAbsent, tracking_repaired = kAbsent;
+};
+
+/// Any thread.
+[[nodiscard]] Gain gain_of(const Model& without, const Model& with,
+                           const std::vector<Segment>& holdout);
+
+/// RMS of the tracking error that the model simulates for these commands [m | rad].
+[[nodiscard]] double tracking_rms(const Model& model, const std::vector<Segment>& segments);
+
+}  // namespace servotwin

@@ -1,0 +1,29 @@
+// Machines that are recorded twice, before and after something on them has changed.
+//
+// SI units. Deterministic: the same change and index give the same texts, bit for bit. Errors:
+// std::invalid_argument for an unknown change, std::runtime_error where no machine shows it. Any
+// thread.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "tests/hidden_effects/cases.h"
+
+namespace servotwin::hidden_effects {
+
+struct ChangedMachine {
+  std::string before_csv, after_csv;  ///< of the same axis X, in other motion
+  std::string machine;                ///< in a line, for people
+  double ratio = 1.0;                 ///< of the quantity that changed, after to before
+  std::vector<std::string> own;
+  double noise_rms = 0.0;
+};
+
+/// What can change: causes of the contract.
+[[nodiscard]] const std::vector<std::string>& change_ids();
+
+/// `id` empty: nothing changes.
+[[nodiscard]] ChangedMachine changed_machine(Part part, const std::string& id, int index);
+
+}  // namespace servotwin::hidden_effects
