@@ -162,17 +162,20 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
     out.quantities.push_back({std::string(p.name), std::string(p.unit), effect.coefficient[i++],
                               kSmall * (p.upper - p.lower), false});
   }
-  i = 0;
-  for (const Parameter& p : shapes_of(kind)) {
-    const double at = effect.shape[i++];
-    out.quantities.push_back(
-        {std::string(p.name), std::string(p.unit), at, 1e-5 * std::max(std::abs(at), 1e-6), false});
+  // The velocity at which a force turns is that of the friction it goes with.
+  std::vector<std::size_t> free;
+  for (std::size_t k = 0; k < shapes_of(kind).size(); ++k) {
+    const Parameter& p = shapes_of(kind)[k];
+    if (p.name == "velocity_limit") continue;
+    free.push_back(k);
+    out.quantities.push_back({std::string(p.name), std::string(p.unit), effect.shape[k],
+                              1e-5 * std::max(std::abs(effect.shape[k]), 1e-6), false});
   }
-  out.apply = [effect, replaced](Model& m, std::span<const double> v) {
+  out.apply = [effect, replaced, free](Model& m, std::span<const double> v) {
     Effect added = effect;
     const std::size_t count = coefficients_of(effect.kind).size();
     for (std::size_t c = 0; c < v.size(); ++c)
-      (c < count ? added.coefficient[c] : added.shape[c - count]) = v[c];
+      (c < count ? added.coefficient[c] : added.shape[free[c - count]]) = v[c];
     const auto at = std::find_if(m.effects.begin(), m.effects.end(),
                                  [&](const Effect& e) { return e.kind == replaced; });
     if (at != m.effects.end()) {

@@ -13,6 +13,7 @@
 #include "diagnosis/screen.h"
 #include "diagnosis/search.h"
 #include "diagnosis/text.h"
+#include "diagnosis/variation.h"
 #include "identification/joint.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
@@ -32,269 +33,113 @@ constexpr std::size_t kTried = 4;     // changes of a round that are fitted
 constexpr std::size_t kMostChanges = 6;
 constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
 constexpr double kNearlyAsGood = 0.9;  // share of the gain that makes a rival
-constexpr double kSettle_s = 0.25;     // of every stretch
 constexpr double kCoarse_s = 2e-3;     // step of the data that changes are screened on
-constexpr double kPiece_s = 0.25;      // that errors are summed over
-constexpr int kRounds = 12;            // of a fit
-constexpr double kEnough = 1e-4;       // relative decrease that ends it
 
-/// The earlier model with changes, and their values.
-struct Varied {
-  std::vector<Change> changes;
-  Eigen::VectorXd values;
-  double cost = 1e300;  ///< mean square on the training data
-  std::vector<double> pieces;
+/// Every so many samples of every segment.
+Eigen::VectorXd thinned(const Eigen::VectorXd& all, const std::vector<Segment>& segments,
+                        int every) {
+  std::vector<double> out;
+  Eigen::Index row = 0;
+  for (const Segment& s : segments) {
+    for (Eigen::Index k = 0; k < s.size(); k += every) out.push_back(all(row + k));
+    row += s.size();
+  }
+  return Eigen::Map<Eigen::VectorXd>(out.data(), static_cast<Eigen::Index>(out.size()));
+}
 
-  void add(const Change& change) {
-    const Eigen::Index n = values.size(),
-                       more = static_cast<Eigen::Index>(change.quantities.size());
-    values.conservativeResize(n + more);
-    for (Eigen::Index i = 0; i < more; ++i)
-      values(n + i) = change.quantities[static_cast<std::size_t>(i)].start;
-    changes.push_back(change);
+/// What could be added to this, the best first.
+std::vector<std::pair<Change, Screened>> promising_changes(
+    const Variation& variation, const Varied& v, const std::vector<std::string>& leave_out) {
+  const std::vector<Segment>& training = variation.training();
+  const Model model = v.of(variation.base());
+  const int every =
+      std::max(1, static_cast<int>(std::floor(kCoarse_s / training.front().sample_time_s + 1e-9)));
+  std::vector<Signals> signals;
+  for (const Segment& s : training) {
+    Signals all = signals_of(s);
+    Model loop = model;
+    std::erase_if(loop.effects,
+                  [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
+    all.loop_position = s.command - simulate(loop, s);
+    signals.push_back(decimated(all, every));
   }
-  /// Without the changes for which this holds.
-  template <class Which>
-  [[nodiscard]] Varied without(const Which& which) const {
-    Varied out;
-    Eigen::Index at = 0;
-    for (const Change& change : changes) {
-      const auto count = static_cast<Eigen::Index>(change.quantities.size());
-      if (!which(change)) {
-        out.add(change);
-        out.values.tail(count) = values.segment(at, count);
-      }
-      at += count;
-    }
-    return out;
-  }
-  /// Without the change at this place.
-  [[nodiscard]] Varied without(std::size_t place) const {
-    return without([&](const Change& change) { return &change == &changes[place]; });
-  }
-  [[nodiscard]] Model model(const Model& earlier, const Eigen::VectorXd& at) const {
-    Model out = earlier;
-    Eigen::Index i = 0;
-    for (const Change& change : changes) {
-      const std::size_t count = change.quantities.size();
-      change.apply(out, {at.data() + i, count});
-      i += static_cast<Eigen::Index>(count);
-    }
-    return out;
-  }
-  [[nodiscard]] Model model(const Model& earlier) const { return model(earlier, values); }
-  [[nodiscard]] double step(Eigen::Index i) const {
-    for (const Change& change : changes) {
-      const auto count = static_cast<Eigen::Index>(change.quantities.size());
-      if (i < count) return change.quantities[static_cast<std::size_t>(i)].step;
-      i -= count;
-    }
-    return 0.0;
-  }
-};
+  const std::optional<Eigen::VectorXd> fine = variation.left(model, 0.0);
+  const std::optional<Eigen::MatrixXd> derivatives = variation.derivatives(v, 0.0);
+  if (!fine || !derivatives) return {};
+  const Eigen::VectorXd coarse = thinned(*fine, training, every);
+  Eigen::MatrixXd tangent(coarse.size(), v.values.size());
+  // What is simulated grows as what is left falls.
+  for (Eigen::Index c = 0; c < tangent.cols(); ++c)
+    tangent.col(c) = -thinned(derivatives->col(c), training, every);
+  const Screen screen(signals, model, coarse, std::move(tangent));
 
-class Comparison {
- public:
-  Comparison(const Model& earlier, std::vector<Segment> training, const NoiseFloor& floor)
-      : earlier_(earlier), training_(std::move(training)), floor_(floor) {}
-
-  /// Levenberg-Marquardt in free simulation.
-  [[nodiscard]] bool fit(Varied& v) const {
-    std::optional<Eigen::VectorXd> r = left(v.model(earlier_));
-    if (!r) return false;
-    v.cost = r->squaredNorm();
-    double damping = 1e-6;
-    for (int round = 0; round < kRounds && v.values.size() > 0; ++round) {
-      const std::optional<Eigen::MatrixXd> j = jacobian(v, *r);
-      if (!j) return false;
-      const Eigen::MatrixXd gram = j->transpose() * *j;
-      const Eigen::VectorXd gradient = j->transpose() * *r;
-      double gained = 0.0;
-      for (int attempt = 0; attempt < 6; ++attempt, damping *= 30.0) {
-        Eigen::MatrixXd damped = gram;
-        damped.diagonal() += damping * gram.diagonal().cwiseMax(1e-300);
-        const Eigen::VectorXd trial = v.values - damped.ldlt().solve(gradient);
-        const std::optional<Eigen::VectorXd> there = left(v.model(earlier_, trial));
-        if (!there || there->squaredNorm() >= v.cost) continue;
-        gained = 1.0 - there->squaredNorm() / v.cost;
-        v.values = trial, v.cost = there->squaredNorm(), r = there;
-        damping = std::max(1e-9, damping * 0.1);
-        break;
-      }
-      if (gained < kEnough) break;
-    }
-    v.pieces = left_by(v.model(earlier_), training_);
-    return true;
-  }
-
-  /// Standard deviations of the values, robust against correlated residuals (sums over pieces).
-  [[nodiscard]] Eigen::VectorXd deviations(const Varied& v) const {
-    const Eigen::Index n = v.values.size();
-    const std::optional<Eigen::VectorXd> r = left(v.model(earlier_));
-    const std::optional<Eigen::MatrixXd> j = r ? jacobian(v, *r) : std::nullopt;
-    if (!j) return Eigen::VectorXd::Constant(n, kAbsent);
-    const auto piece =
-        static_cast<Eigen::Index>(std::lround(kPiece_s / training_.front().sample_time_s));
-    Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(n, n);
-    for (Eigen::Index k = 0; k < r->size(); k += piece) {
-      const Eigen::Index count = std::min(piece, r->size() - k);
-      const Eigen::VectorXd s = j->middleRows(k, count).transpose() * r->segment(k, count);
-      scores += s * s.transpose();
-    }
-    const Eigen::MatrixXd inverse =
-        (j->transpose() * *j).ldlt().solve(Eigen::MatrixXd::Identity(n, n));
-    return (inverse * scores * inverse).diagonal().cwiseMax(0.0).cwiseSqrt();
-  }
-
-  /// What could be added to this, the best first.
-  [[nodiscard]] std::vector<std::pair<Change, Screened>> promising(
-      const Varied& v, const std::vector<std::string>& leave_out) const {
-    const Model model = v.model(earlier_);
-    const int every = std::max(
-        1, static_cast<int>(std::floor(kCoarse_s / training_.front().sample_time_s + 1e-9)));
-    std::vector<Signals> signals;
-    for (const Segment& s : training_) {
-      Signals all = signals_of(s);
-      Model loop = model;
-      std::erase_if(loop.effects,
-                    [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
-      all.loop_position = s.command - simulate(loop, s);
-      signals.push_back(decimated(all, every));
-    }
-    const std::optional<Eigen::VectorXd> fine = left(model, 0.0);
-    if (!fine) return {};
-    const Eigen::VectorXd coarse = thinned(*fine, every);
-    const std::optional<Eigen::MatrixXd> derivatives = jacobian(v, *fine, 0.0);
-    if (!derivatives) return {};
-    Eigen::MatrixXd tangent(coarse.size(), v.values.size());
-    // What is simulated grows as what is left falls.
-    for (Eigen::Index c = 0; c < tangent.cols(); ++c)
-      tangent.col(c) = -thinned(derivatives->col(c), every);
-    const Screen screen(signals, model, coarse, std::move(tangent));
-
-    const auto left_out = [&](const std::string& cause) {
-      return std::find(leave_out.begin(), leave_out.end(), cause) != leave_out.end();
-    };
-    const auto known = [&](const Change& change) {
-      return std::any_of(v.changes.begin(), v.changes.end(), [&](const Change& other) {
-        return other.cause == change.cause &&
-               other.quantities.front().name == change.quantities.front().name;
-      });
-    };
-    std::vector<std::pair<Change, Screened>> out;
-    for (const Change& change : changes_of(earlier_)) {
-      if (known(change) || left_out(change.cause)) continue;
-      Varied more = v;
-      more.add(change);
-      const std::optional<Eigen::VectorXd> there = left(more.model(earlier_), 0.0);
-      if (!there) continue;
-      const Eigen::Index added = static_cast<Eigen::Index>(change.quantities.size());
-      const std::optional<Eigen::MatrixXd> columns = jacobian(more, *there, 0.0, v.values.size());
-      if (!columns) continue;
-      Eigen::MatrixXd c(coarse.size(), added);
-      for (Eigen::Index i = 0; i < added; ++i) c.col(i) = -thinned(columns->col(i), every);
-      out.emplace_back(change, screen.look(c));
-    }
-    const Channels channels(training_);
-    Structure structure;
-    structure.order = model.loop.order;
-    for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
-    for (const std::size_t kind : candidates_of(structure, {}, leave_out, channels)) {
-      // There all the time, they are changes of the loop and the forces.
-      if (kind == kind_of<ConstantForce>() || identity_of(kind).acts == Acts::kCommandDelay)
-        continue;
-      const Screened screened = screen.look(kind);
-      if (!screened.shapes.empty() || shapes_of(kind).empty())
-        out.emplace_back(addition_to(model, kind, screened.shapes), screened);
-    }
-    std::erase_if(out, [](const auto& one) {
-      return one.second.p > kPromising || one.second.gain < kLeastGain;
+  const auto left_out = [&](const std::string& cause) {
+    return std::find(leave_out.begin(), leave_out.end(), cause) != leave_out.end();
+  };
+  const auto known = [&](const Change& change) {
+    return std::any_of(v.changes.begin(), v.changes.end(), [&](const Change& other) {
+      return other.cause == change.cause &&
+             other.quantities.front().name == change.quantities.front().name;
     });
-    std::sort(out.begin(), out.end(),
-              [](const auto& l, const auto& r) { return l.second.gain > r.second.gain; });
-    return out;
+  };
+  std::vector<std::pair<Change, Screened>> out;
+  for (const Change& change : changes_of(variation.base())) {
+    if (known(change) || left_out(change.cause)) continue;
+    Varied more = v;
+    more.add(change);
+    const auto columns = variation.derivatives(more, 0.0, v.values.size());
+    if (!columns) continue;
+    Eigen::MatrixXd c(coarse.size(), columns->cols());
+    for (Eigen::Index i = 0; i < c.cols(); ++i)
+      c.col(i) = -thinned(columns->col(i), training, every);
+    out.emplace_back(change, screen.look(c));
   }
-
-  /// Viscous friction that holds against the peak speed more than a few times the rest of the
-  /// friction is a servo loop that has changed.
-  [[nodiscard]] bool plausible(const Varied& v) const {
-    constexpr double kMost = 3.0, kLittle_mps2 = 0.5;
-    double speed = 0.0;
-    for (const Segment& s : training_) {
-      const Eigen::Index n = s.size() - 1;
-      speed = std::max(speed,
-                       (s.command.tail(n) - s.command.head(n)).abs().maxCoeff() / s.sample_time_s);
-    }
-    double level = 0.0;
-    const Model model = v.model(earlier_);
-    for (const std::size_t kind : friction_kinds()) {
-      if (const Effect* effect = model.find(kind); effect != nullptr)
-        level = std::max(level, std::abs(effect->coefficient[0]));
-    }
-    Eigen::Index at = 0;
-    for (const Change& change : v.changes) {
-      for (const Quantity& quantity : change.quantities) {
-        const double value = v.values(at++);
-        if (quantity.unit == "1/s" && change.cause != "gain_change" &&
-            std::abs(value) * speed > kMost * level + kLittle_mps2)
-          return false;
-      }
-    }
-    return true;
+  const Channels channels(training);
+  Structure structure;
+  structure.order = model.loop.order;
+  for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
+  for (const std::size_t kind : candidates_of(structure, {}, leave_out, channels)) {
+    // There all the time, they are changes of the loop and the forces.
+    if (kind == kind_of<ConstantForce>() || identity_of(kind).acts == Acts::kCommandDelay) continue;
+    const Screened screened = screen.look(kind);
+    if (!screened.shapes.empty() || shapes_of(kind).empty())
+      out.emplace_back(addition_to(model, kind, screened.shapes), screened);
   }
+  std::erase_if(out, [](const auto& one) {
+    return one.second.p > kPromising || one.second.gain < kLeastGain;
+  });
+  std::sort(out.begin(), out.end(),
+            [](const auto& l, const auto& r) { return l.second.gain > r.second.gain; });
+  return out;
+}
 
-  [[nodiscard]] const std::vector<Segment>& training() const { return training_; }
-  [[nodiscard]] const Model& earlier() const { return earlier_; }
-
- private:
-  static Eigen::VectorXd thinned(const Eigen::VectorXd& all, int every) {
-    const Eigen::Index n = (all.size() + every - 1) / every;
-    Eigen::VectorXd out(n);
-    for (Eigen::Index k = 0; k < n; ++k) out(k) = all(k * every);
-    return out;
+/// Viscous friction that holds against the peak speed more than a few times the rest of the
+/// friction is a servo loop that has changed.
+bool plausible(const Variation& variation, const Varied& v) {
+  constexpr double kMost = 3.0, kLittle_mps2 = 0.5;
+  double speed = 0.0;
+  for (const Segment& s : variation.training()) {
+    const Eigen::Index n = s.size() - 1;
+    speed =
+        std::max(speed, (s.command.tail(n) - s.command.head(n)).abs().maxCoeff() / s.sample_time_s);
   }
-
-  /// Measured minus simulated, one value per sample; 0 for the settling of every segment.
-  [[nodiscard]] std::optional<Eigen::VectorXd> left(const Model& model,
-                                                    double settle_s = kSettle_s) const {
-    if (!why_invalid(model).empty()) return std::nullopt;
-    Eigen::Index rows = 0, row = 0;
-    for (const Segment& s : training_) rows += s.size();
-    Eigen::VectorXd out = Eigen::VectorXd::Zero(rows);
-    for (const Segment& s : training_) {
-      const auto settle = std::min<Eigen::Index>(
-          s.size(),
-          std::max(s.lead, static_cast<Eigen::Index>(std::lround(settle_s / s.sample_time_s))));
-      const Eigen::Index n = s.size() - settle;
-      out.segment(row + settle, n) = (s.command - s.actual - simulate(model, s)).tail(n).matrix();
-      row += s.size();
+  double level = 0.0;
+  const Model model = v.of(variation.base());
+  for (const std::size_t kind : friction_kinds()) {
+    if (const Effect* effect = model.find(kind); effect != nullptr)
+      level = std::max(level, std::abs(effect->coefficient[0]));
+  }
+  Eigen::Index at = 0;
+  for (const Change& change : v.changes) {
+    for (const Quantity& quantity : change.quantities) {
+      const double value = v.values(at++);
+      if (quantity.unit == "1/s" && change.cause != "gain_change" &&
+          std::abs(value) * speed > kMost * level + kLittle_mps2)
+        return false;
     }
-    if (!out.allFinite()) return std::nullopt;
-    return out;
   }
-
-  [[nodiscard]] std::optional<Eigen::MatrixXd> jacobian(const Varied& v, const Eigen::VectorXd& r,
-                                                        double settle_s = kSettle_s,
-                                                        Eigen::Index first = 0) const {
-    Eigen::MatrixXd out(r.size(), v.values.size() - first);
-    for (Eigen::Index i = first; i < v.values.size(); ++i) {
-      Eigen::VectorXd moved = v.values;
-      moved(i) += v.step(i);
-      std::optional<Eigen::VectorXd> there = left(v.model(earlier_, moved), settle_s);
-      if (!there) {
-        moved(i) -= 2.0 * v.step(i);
-        there = left(v.model(earlier_, moved), settle_s);
-      }
-      if (!there) return std::nullopt;
-      out.col(i - first) = (*there - r) / (moved(i) - v.values(i));
-    }
-    return out;
-  }
-
-  const Model& earlier_;
-  std::vector<Segment> training_;
-  NoiseFloor floor_;
-};
+  return true;
+}
 
 double rms(const std::vector<double>& pieces) {
   double sum = 0.0;
@@ -349,15 +194,15 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   out.baseline.from_s = segments.front().start_s;
   out.baseline.to_s = segments.back().end_s();
   out.baseline.training_to_s = training.back().end_s();
-  const Comparison comparison(out.baseline.model, training, floor);
+  const Variation variation(out.baseline.model, training);
   out.baseline.holdout = judge(out.baseline.model, holdout);
 
   Varied current;
-  if (!comparison.fit(current))
+  if (!variation.fit(current))
     throw std::runtime_error(axis.axis + ": the earlier model cannot be simulated at " +
                              text("%g s", axis.sample_time_s));
   struct Evidence {
-    double z = 0.0, p = 1.0, confidence = 1.0;
+    double z = 0.0, p = 1.0, beaten = 1.0;
     std::vector<std::string> ambiguous_with;
   };
   std::vector<Evidence> evidence;
@@ -366,8 +211,8 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   const double own = std::isfinite(out.earlier_rms) ? kOwn * out.earlier_rms : 0.0;
   const double least = std::max(own, kIsRight * rms(current.pieces));
   while (current.changes.size() < kMostChanges) {
-    auto promising = comparison.promising(current, options.leave_out);
-    const std::size_t candidates = changes_of(comparison.earlier()).size() + kEffectKinds;
+    auto promising = promising_changes(variation, current, options.leave_out);
+    const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;
     if (promising.size() > kTried) promising.resize(kTried);
     std::string step = text("%.4g um, promising:", 1e6 * rms(current.pieces));
     for (const auto& [change, s] : promising)
@@ -383,7 +228,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       Tried one{current, {}};
       one.varied.add(change);
       ++out.fits;
-      if (!comparison.fit(one.varied)) continue;
+      if (!variation.fit(one.varied)) continue;
       one.evidence.z = paired_z(current.pieces, one.varied.pieces);
       one.evidence.p = 0.5 * std::erfc(one.evidence.z / std::sqrt(2.0));
       // By what the pieces say, or by the coefficients themselves, if the pieces agree.
@@ -391,7 +236,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       out.steps.push_back(text("  with %s %.4g um, z %.1f", change.cause.c_str(),
                                1e6 * rms(one.varied.pieces), one.evidence.z));
       if (rms(one.varied.pieces) < kWorthIt * rms(current.pieces) &&
-          taken(current.pieces, one.varied.pieces) > least && comparison.plausible(one.varied) &&
+          taken(current.pieces, one.varied.pieces) > least && plausible(variation, one.varied) &&
           one.evidence.p < kChance / static_cast<double>(candidates))
         tried.push_back(std::move(one));
     }
@@ -412,20 +257,21 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       const double beaten = share_beaten(chosen.varied, tried[i].varied, own);
       const std::string& rival = tried[i].varied.changes.back().cause;
       if (rival == chosen.varied.changes.back().cause) continue;
-      chosen.evidence.confidence = std::min(chosen.evidence.confidence, beaten);
+      chosen.evidence.beaten = std::min(chosen.evidence.beaten, beaten);
       if (beaten < kDecisive && before - rms(tried[i].varied.pieces) >
                                     kNearlyAsGood * (before - rms(chosen.varied.pieces)))
         chosen.evidence.ambiguous_with.push_back(rival);
     }
-    chosen.evidence.confidence = std::min(chosen.evidence.confidence, 1.0 - chosen.evidence.p);
+    chosen.evidence.beaten = std::min(chosen.evidence.beaten, 1.0 - chosen.evidence.p);
     out.steps.push_back("  " + chosen.varied.changes.back().cause + ": added");
     current = std::move(chosen.varied);
     evidence.push_back(std::move(chosen.evidence));
     // What the new one made needless goes.
     for (std::size_t i = 0; i + 1 < current.changes.size();) {
-      Varied less = current.without(i);
+      Varied less =
+          current.without([&](const Change& change) { return &change == &current.changes[i]; });
       ++out.fits;
-      if (!comparison.fit(less) || rms(current.pieces) < kWorthIt * rms(less.pieces)) {
+      if (!variation.fit(less) || rms(current.pieces) < kWorthIt * rms(less.pieces)) {
         ++i;
         continue;
       }
@@ -437,16 +283,16 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
 
   out.extended = out.baseline;
   if (!current.changes.empty()) {
-    out.extended.model = current.model(comparison.earlier());
+    out.extended.model = current.of(variation.base());
     out.extended.method = "comparison";
-    out.extended.training = judge(out.extended.model, comparison.training());
+    out.extended.training = judge(out.extended.model, variation.training());
     out.extended.holdout = judge(out.extended.model, holdout);
     out.extended.effect_deviations.assign(out.extended.model.effects.size(), {});
     out.extended.denominator_deviation.fill(kAbsent);
     out.extended.numerator_deviation.fill(kAbsent);
     out.extended.pole_deviation = {kAbsent, kAbsent, kAbsent};
   }
-  const Eigen::VectorXd deviations = comparison.deviations(current);
+  const Eigen::VectorXd deviations = variation.deviations(current);
   for (std::size_t i = 0, at = 0; i < current.changes.size(); ++i) {
     const Change& change = current.changes[i];
     auto cause = std::find_if(out.causes.begin(), out.causes.end(),
@@ -457,7 +303,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       cause->place = kNoEffect;
       cause->statistic = evidence[i].z;
       cause->p = evidence[i].p;
-      cause->confidence = evidence[i].confidence;
+      cause->beaten = evidence[i].beaten;
       cause->ambiguous_with = evidence[i].ambiguous_with;
     }
     const std::size_t count = change.quantities.size();
@@ -468,10 +314,16 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
                        [&](const Effect& e) { return e.kind == change.kind; }) -
           effects.begin());
       EffectDeviations& of_effect = out.extended.effect_deviations[cause->place];
-      const std::size_t coefficients = coefficients_of(change.kind).size();
-      for (std::size_t q = 0; q < count; ++q)
-        (q < coefficients ? of_effect.coefficient[q] : of_effect.shape[q - coefficients]) =
-            deviations(static_cast<Eigen::Index>(at + q));
+      const auto note = [&](const auto& parameters, auto& into, std::size_t q) {
+        for (std::size_t k = 0; k < parameters.size(); ++k) {
+          if (parameters[k].name == change.quantities[q].name)
+            into[k] = deviations(static_cast<Eigen::Index>(at + q));
+        }
+      };
+      for (std::size_t q = 0; q < count; ++q) {
+        note(coefficients_of(change.kind), of_effect.coefficient, q);
+        note(shapes_of(change.kind), of_effect.shape, q);
+      }
     } else {
       const Quantity& quantity = change.quantities.front();
       const auto first = static_cast<Eigen::Index>(at);
@@ -484,11 +336,11 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   for (Cause& cause : out.causes) {
     const auto same = [&](const Change& change) { return change.cause == cause.id; };
     Varied less = current.without(same);
-    if (comparison.fit(less))
-      cause.gain = gain_of(less.model(comparison.earlier()), out.extended.model, holdout);
+    if (variation.fit(less))
+      cause.gain = gain_of(less.of(variation.base()), out.extended.model, holdout);
     cause.gain.tracking_now = tracking_rms(out.extended.model, holdout);
     cause.gain.tracking_repaired =
-        tracking_rms(current.without(same).model(comparison.earlier()), holdout);
+        tracking_rms(current.without(same).of(variation.base()), holdout);
   }
   conclude(out, holdout, floor);
   return out;

@@ -6,6 +6,7 @@
 #include "diagnosis/cuts.h"
 #include "diagnosis/dropped_samples.h"
 #include "diagnosis/selection.h"
+#include "diagnosis/unexplained.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
 
@@ -14,6 +15,7 @@ namespace servotwin {
 namespace {
 
 constexpr double kStructured = 2.0;  // of the noise floor: more is not chance
+constexpr double kMost = 0.5;  // of the squared error beyond the floor: then nothing is explained
 
 }  // namespace
 
@@ -43,14 +45,27 @@ void conclude(Diagnosis& diagnosis, const std::vector<Segment>& holdout, const N
         {s.command, s.command - s.actual - simulate(diagnosis.extended.model, s), s.sample_time_s});
   diagnosis.regimes = by_regime(stretches);
   const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
-  const double all = diagnosis.baseline.holdout.rms * diagnosis.baseline.holdout.rms - noise;
+  // A cause that the baseline has already is explained by it.
+  double without = diagnosis.baseline.holdout.rms;
+  for (const Cause& cause : diagnosis.causes) {
+    if (std::isfinite(cause.gain.before)) without = std::max(without, cause.gain.before);
+  }
+  const double all = without * without - noise;
   const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
   diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
+  // As sure as it beats its rivals of the catalogue, and as all of them together explain: what is
+  // left may be of a cause that is not in it.
+  for (Cause& cause : diagnosis.causes) {
+    cause.confidence =
+        cause.counts.empty() ? cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
+  }
   const bool structured =
       std::isfinite(floor.rms) && diagnosis.extended.holdout.rms > kStructured * floor.rms;
-  diagnosis.verdict = !diagnosis.causes.empty() ? Verdict::kExplained
-                      : structured              ? Verdict::kUnexplained
-                                                : Verdict::kNothingSignificant;
+  const bool most_is_left = structured && diagnosis.unexplained_share > kMost;
+  diagnosis.verdict = most_is_left                ? Verdict::kUnexplained
+                      : !diagnosis.causes.empty() ? Verdict::kExplained
+                      : structured                ? Verdict::kUnexplained
+                                                  : Verdict::kNothingSignificant;
 }
 
 Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
@@ -142,7 +157,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     }
     if (!named) {
       cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
-      cause.confidence = 1.0 - cause.p;
+      cause.beaten = 1.0 - cause.p;
     }
     out.causes.push_back(std::move(cause));
   }
@@ -152,7 +167,6 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     Cause cause;
     cause.id = "dropped_samples";
     cause.place = kNoEffect;
-    cause.confidence = 1.0;  // counted, not inferred
     cause.counts = {{"missing", static_cast<double>(dropped.missing)},
                     {"gaps", static_cast<double>(dropped.gaps)},
                     {"held", static_cast<double>(dropped.held)}};
@@ -164,6 +178,17 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
   }
   out.fits = search.fits();
   conclude(out, holdout, floor);
+  if (out.verdict != Verdict::kUnexplained) return out;
+  if (const auto better = with_unexplained(out.extended.model, training)) {
+    out.not_understood = out.extended.model.effects.size();
+    out.extended.model = *better;
+    out.extended.method = "diagnosis";
+    out.extended.effect_deviations.emplace_back();
+    out.extended.training = judge(*better, training);
+    out.extended.holdout = judge(*better, holdout);
+    conclude(out, holdout, floor);
+    out.verdict = Verdict::kUnexplained;
+  }
   return out;
 }
 

@@ -36,7 +36,8 @@ struct Cause {
   std::string id;         ///< of the contract: "stribeck", "cogging", ..
   std::size_t place = 0;  ///< of the effect in the extended model; kNoEffect: of the record alone
   std::vector<std::pair<std::string, double>> counts;  ///< where there is no effect
-  double confidence = 0.0;  ///< share of bootstrap samples in which it beats its nearest rival
+  double beaten = 0.0;      ///< share of bootstrap samples in which it beats its nearest rival
+  double confidence = 0.0;  ///< the same times the share that all causes explain; 1: it is counted
   double statistic = 0.0;   ///< of the paired test when it was added; 0: it was in the baseline
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;
@@ -46,11 +47,13 @@ struct Cause {
 
 struct Diagnosis {
   Verdict verdict = Verdict::kNothingSignificant;
-  bool against_earlier = false;    ///< the baseline is an earlier model: causes are what changed
-  double earlier_rms = kAbsent;    ///< of that model where it was identified [m | rad]
-  ModelRecord baseline;            ///< judged on the hold-out
-  ModelRecord extended;            ///< with all causes; the baseline where there is none
-  std::vector<Cause> causes;       ///< by their share of the error explained
+  bool against_earlier = false;  ///< the baseline is an earlier model: causes are what changed
+  double earlier_rms = kAbsent;  ///< of that model where it was identified [m | rad]
+  ModelRecord baseline;          ///< judged on the hold-out
+  ModelRecord extended;          ///< with all causes; the baseline where there is none
+  std::vector<Cause> causes;     ///< by their share of the error explained
+  /// Place in the extended model of a term that predicts and explains nothing; kNoEffect: none.
+  std::size_t not_understood = kNoEffect;
   RegimeShares regimes;            ///< of what is left on the hold-out
   double unexplained_share = 0.0;  ///< of the baseline's squared error beyond the noise floor
   int fits = 0;

@@ -83,6 +83,15 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   return out;
 }
 
+json not_understood(const Diagnosis& diagnosis) {
+  if (diagnosis.not_understood == kNoEffect) return nullptr;
+  const Effect& effect = diagnosis.extended.model.effects[diagnosis.not_understood];
+  return {{"id", identity_of(effect.kind).id},
+          {"low", effect.shape[0]},
+          {"high", effect.shape[1]},
+          {"force_mps2", effect.coefficient}};
+}
+
 }  // namespace
 
 json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
@@ -133,6 +142,7 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
       {"verdict", name_of(diagnosis.verdict)},
       {"causes", causes},
       {"residual", {{"by_regime", regimes}, {"unexplained_share", diagnosis.unexplained_share}}},
+      {"not_understood", not_understood(diagnosis)},
       {"extended_model", extended_model.empty() ? json() : json(extended_model)}};
 }
 
@@ -166,8 +176,9 @@ std::string verdict_text(const Diagnosis& diagnosis) {
     case Verdict::kUnexplained:
       return text(
           "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, and "
-          "no effect of the catalogue explains it",
-          before, unit, before / floor);
+          "%s of the catalogue explains it",
+          before, unit, before / floor,
+          diagnosis.causes.empty() ? "no effect" : "none that was found in it but a part");
   }
   return {};
 }
@@ -216,6 +227,12 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
   i = 0;
   for (const Parameter& p : shapes_of(effect.kind)) add(p, effect.shape[i++]);
   return out;
+}
+
+std::string not_understood_text(const Diagnosis& diagnosis) {
+  if (diagnosis.not_understood == kNoEffect) return {};
+  const Effect& effect = diagnosis.extended.model.effects[diagnosis.not_understood];
+  return std::string(identity_of(effect.kind).meaning) + " is in the extended model";
 }
 
 std::string advice_for(const std::string& id) {

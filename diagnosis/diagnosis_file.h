@@ -15,6 +15,8 @@ namespace servotwin {
 [[nodiscard]] std::string verdict_text(const Diagnosis& diagnosis);
 /// What the cause is, with its sizes, in one line.
 [[nodiscard]] std::string cause_text(const Diagnosis& diagnosis, const Cause& cause);
+/// The term that is not understood, in one line; empty: there is none.
+[[nodiscard]] std::string not_understood_text(const Diagnosis& diagnosis);
 /// What to look at on the machine.
 [[nodiscard]] std::string advice_for(const std::string& id);
 

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "diagnosis/variation.h"
 #include "identification/identify.h"
+#include "identification/joint.h"
 #include "identification/output_error.h"
 #include "twin/twin.h"
 
@@ -113,29 +115,24 @@ Search::Search(std::vector<Segment> training, const PoleBounds& bounds, const No
 }
 
 void Search::follow(const Model& model) {
-  followed_ = model;
-  trusted_ =
-      std::isfinite(floor_.rms) && servotwin::judge(model, training_).rms < kNear * floor_.rms;
+  followed_ = Driver{model, servotwin::judge(model, training_).rms};
 }
 
-std::vector<Signals> Search::signals(const std::vector<Segment>& segments) const {
+std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
+                                     const std::optional<Driver>& driver) const {
   std::vector<Signals> out;
   for (const Segment& s : segments) {
     out.push_back(signals_of(s));
-    if (!followed_) continue;
-    Model loop = *followed_;
+    if (!driver) continue;
+    Model loop = driver->model;
     std::erase_if(loop.effects,
                   [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
     out.back().loop_position = s.command - simulate(loop, s);
-    if (!trusted_) continue;
+    if (!(driver->rms < kNear * floor_.rms)) continue;
     out.back().position = out.back().loop_position;
     out.back().velocity = measured_velocity(out.back().position, s.sample_time_s, 0);
   }
   return out;
-}
-
-Projection Search::data(const std::vector<Segment>& segments, const Structure& structure) const {
-  return {signals(segments), structure};
 }
 
 void Search::polish(Hypothesis& h) {
@@ -153,7 +150,7 @@ void Search::polish(Hypothesis& h) {
 }
 
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
-  const Projection all = thinned(data(training_, h.structure), kFitted_s);
+  const Projection all = thinned(Projection(signals(training_, followed_), h.structure), kFitted_s);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
@@ -171,11 +168,62 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   return true;
 }
 
-void Search::judge(Hypothesis& h) const {
+bool Search::fit_friction(Hypothesis& h, const Point& from) {
+  PoleSearchOptions options;
+  options.bounds = bounds_;
+  options.tolerance = 1e-5;
+  options.from = {from};
+  ++fits_;
+  const auto found = joint_fit(training_, h.structure, options, floor_.encoder_step, false);
+  if (!found || !why_invalid(found->model).empty()) return false;
+  h.model = found->model;
+  h.point = point_of(h.model, h.structure);
+  h.cost = found->fit.solution.cost;
+  polish(h);
+  return true;
+}
+
+bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
+                  const std::vector<double>& shapes) const {
+  const Change addition = addition_to(held, kind, shapes);
+  Varied all;
+  all.add(addition);
+  if (!Variation(held, training_).fit(all)) return false;
+  h.model = all.of(held);
+  if (!plausible(h.model, training_.front().start_s, training_.back().end_s())) return false;
+  h.point = point_of(h.model, h.structure);
+  h.cost = 0.5 * all.cost;
+  h.pieces.clear();
+  const auto shape = shapes_of(kind);
+  const bool once = !shape.empty() && shape.front().scan == Scan::kMoments;
+  for (std::size_t b = 0; b < held_.size(); ++b) {
+    if (held_[b].empty() || rest_[b].empty()) continue;
+    Varied rest = all;
+    if (!once && !Variation(held, rest_[b]).fit(rest)) rest = all;
+    const std::vector<double> left = left_by(rest.of(held), held_[b]);
+    h.pieces.insert(h.pieces.end(), left.begin(), left.end());
+  }
+  return true;
+}
+
+void Search::judge_as_is(Hypothesis& h) const {
   h.pieces.clear();
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
-    const Projection rest = data(rest_[b], h.structure);
+    const std::vector<double> left = left_by(h.model, held_[b]);
+    h.pieces.insert(h.pieces.end(), left.begin(), left.end());
+  }
+}
+
+void Search::judge(Hypothesis& h) const {
+  h.pieces.clear();
+  // The motion of the better model: a law of friction is not to be judged by one without it.
+  std::optional<Driver> driver = followed_;
+  const double own = servotwin::judge(h.model, training_).rms;
+  if (!driver || own < driver->rms) driver = Driver{h.model, own};
+  for (std::size_t b = 0; b < held_.size(); ++b) {
+    if (held_[b].empty() || rest_[b].empty()) continue;
+    const Projection rest(signals(rest_[b], driver), h.structure);
     Model model = rest.model_of(h.point, rest.solve(h.point).linear);
     // What happened at a moment is not in the other blocks: it stays as it was found.
     for (std::size_t i = 0; i < model.effects.size(); ++i) {
@@ -191,7 +239,8 @@ void Search::judge(Hypothesis& h) const {
 
 std::vector<Screened> Search::screen(const Hypothesis& h,
                                      const std::vector<std::size_t>& kinds) const {
-  const Projection coarse = thinned(data(training_, h.structure), kCoarse_s);
+  const Projection coarse =
+      thinned(Projection(signals(training_, followed_), h.structure), kCoarse_s);
   const Screen screen(coarse, h.point);
   std::vector<Screened> out;
   for (const std::size_t kind : kinds) out.push_back(screen.look(kind));

@@ -42,6 +42,15 @@ class Search {
   /// Refines from this point on the training data; from the grid of the poles where `from` is
   /// empty. False where there is no valid fit.
   [[nodiscard]] bool fit(Hypothesis& h, const std::vector<Point>& from);
+  /// The same for a structure with a law of friction, by the steps of identification/joint.h: from
+  /// a grid of its shapes, along the simulated motion where the encoder is coarse, and polished.
+  [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
+  /// This kind beside a model that is held, fitted in free simulation; judged like `judge`, by what
+  /// the other blocks say of the addition. False where there is no valid fit.
+  [[nodiscard]] bool vary(Hypothesis& h, const Model& held, std::size_t kind,
+                          const std::vector<double>& shapes) const;
+  /// The pieces of a model as it is, fitted to all blocks.
+  void judge_as_is(Hypothesis& h) const;
   /// Predicts every block in free simulation by the coefficients that the other blocks say. Poles
   /// and shapes are those of all blocks: to search them in a part would judge the search.
   void judge(Hypothesis& h) const;
@@ -59,16 +68,19 @@ class Search {
   [[nodiscard]] int fits() const { return fits_; }
 
  private:
-  [[nodiscard]] std::vector<Signals> signals(const std::vector<Segment>& segments) const;
-  [[nodiscard]] Projection data(const std::vector<Segment>& segments,
-                                const Structure& structure) const;
+  /// A model whose simulated motion drives effects.
+  struct Driver {
+    Model model;
+    double rms = 1e300;  ///< that it leaves on the training data
+  };
+  [[nodiscard]] std::vector<Signals> signals(const std::vector<Segment>& segments,
+                                             const std::optional<Driver>& driver) const;
 
   std::vector<Segment> training_;
   PoleBounds bounds_;
   std::vector<std::vector<Segment>> held_, rest_;
   NoiseFloor floor_;
-  std::optional<Model> followed_;
-  bool trusted_ = false;
+  std::optional<Driver> followed_;
   int fits_ = 0;
 };
 

@@ -12,9 +12,14 @@ namespace servotwin {
 namespace {
 
 constexpr double kWorthIt = 0.98;  // a cause must bring the error below this
+constexpr double kHolds = 0.99;    // and below this of what a polish does without it
 // A law of friction is right to a few hundredths: what it leaves of the baseline's error is its
 // own.
 constexpr double kLawIsRight = 0.02;
+// A law of friction that is fitted to another one leaves a tenth of what it explains, and of that
+// many an effect could take some.
+constexpr double kLawLeaves = 0.1;
+constexpr double kClearly = 0.8;      // of the error: a law that says more than is known
 constexpr double kChance = 0.01;      // false causes of a clean machine
 constexpr double kAgrees = 1.64;      // z of the pieces that does not contradict
 constexpr double kLeastDelay = 0.25;  // of the sampling time: less is how it was recorded
@@ -23,6 +28,7 @@ constexpr std::size_t kTried = 3;      // candidates of a round that are fitted
 constexpr double kPromising = 0.05;    // p of a candidate that is worth fitting
 constexpr double kLeastGain = 0.004;   // of squared error, likewise
 constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
+constexpr double kAsGood = 0.9;        // share of the gain that makes the simpler one do
 constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
 constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
 
@@ -48,21 +54,44 @@ struct Judgement {
   bool earned = false;
 };
 
+/// A candidate beside the model without it, fitted by the same means.
+struct Tried {
+  Hypothesis model;
+  const Hypothesis* before;
+  Screened screened;
+  [[nodiscard]] double left() const { return model.rms() / before->rms(); }
+};
+
 bool happened_once(std::size_t kind) {
   return !shapes_of(kind).empty() && shapes_of(kind).front().scan == Scan::kMoments;
 }
 
+/// Whether what a law of friction leaves could be taken for this: not what has a period of its own,
+/// in place or time, what happened at a few moments, nor what only the reading shows.
+bool like_friction(std::size_t kind) {
+  if (identity_of(kind).acts == Acts::kReading) return false;
+  const auto shapes = shapes_of(kind);
+  if (shapes.empty()) return true;
+  const Scan scan = shapes.front().scan;
+  return !(scan == Scan::kMoments || (scan == Scan::kFrequency && shapes.size() == 1) ||
+           (scan == Scan::kPeriod && kind != kind_of<PositionDependentFriction>()));
+}
+
 /// Either by what the pieces say, or by the coefficients themselves, if the pieces agree.
+/// `friction`: the error that laws of friction have taken away so far [m | rad].
 Judgement judged(const Hypothesis& before, const Hypothesis& after, double baseline,
-                 std::size_t candidates, double of_coefficients, std::size_t added) {
+                 double friction, std::size_t candidates, double of_coefficients,
+                 std::size_t added) {
   Judgement out;
   out.z = paired_z(before.pieces, after.pieces);
   out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
   // What happened at a few moments is in a few pieces.
   if (out.z > kAgrees || happened_once(added)) out.p = std::min(out.p, of_coefficients);
-  out.earned = after.rms() < kWorthIt * before.rms() &&
-               taken(before, after) > kLawIsRight * baseline &&
-               out.p < kChance / static_cast<double>(candidates);
+  out.earned =
+      after.rms() < kWorthIt * before.rms() &&
+      taken(before, after) >
+          std::max(kLawIsRight * baseline, like_friction(added) ? kLawLeaves * friction : 0.0) &&
+      out.p < kChance / static_cast<double>(candidates);
   return out;
 }
 
@@ -90,13 +119,15 @@ class Selection {
       settle();
       delay();
       // What better values of the parameters would have done as well is no cause.
-      if (current_.rms() >= kWorthIt * current.rms()) {
+      if (current_.rms() >= kHolds * current.rms()) {
         steps_.emplace_back("  no better after the polish: taken back");
         current_ = current, fitted_ = fitted, found_ = found;
         rejected_.insert(added);
         search_.follow(current_.model);
         continue;
       }
+      if (last_ == "presliding" || last_ == "stribeck")
+        friction_ = std::hypot(friction_, taken(current, current_));
       take_out_the_needless();
     }
   }
@@ -109,6 +140,8 @@ class Selection {
   void settle() {
     search_.polish(current_);
     search_.follow(current_.model);
+    as_is_ = current_;
+    search_.judge_as_is(as_is_);
     search_.judge(current_);
     fitted_ = current_;
     if (search_.fit(fitted_, {current_.point})) {
@@ -162,7 +195,8 @@ class Selection {
     if (delay_s < kLeastDelay * best.model.sample_time_s || delay_s > options_.identify.delay_max_s)
       return false;
     search_.judge(best);
-    if (best.rms() >= kWorthIt * fitted_.rms() || paired_z(fitted_.pieces, best.pieces) < kAgrees)
+    if (best.rms() >= kWorthIt * fitted_.rms() || taken(fitted_, best) < kLawLeaves * friction_ ||
+        paired_z(fitted_.pieces, best.pieces) < kAgrees)
       return false;
     steps_.push_back(text("with a delay of %.3g ms %.4g um", 1e3 * delay_s, 1e6 * best.rms()));
     const Hypothesis current = current_, fitted = fitted_;
@@ -203,52 +237,63 @@ class Selection {
     for (const Screened& s : promising)
       step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
     steps_.push_back(promising.empty() ? step + " nothing" : step);
-    std::vector<std::pair<Hypothesis, Screened>> tried;
+    std::vector<Tried> tried;
     for (const Screened& s : promising) {
-      Hypothesis h;
-      h.structure = extended_by(current_.structure, s.kind);
-      if (!search_.fit(h, {start_of(h.structure, s)})) continue;
-      search_.judge(h);
-      steps_.push_back(text("  with %s %.4g um, z %.1f", identity_of(s.kind).id.data(),
-                            1e6 * h.rms(), paired_z(fitted_.pieces, h.pieces)));
-      tried.emplace_back(std::move(h), s);
+      // With the loop, which may have taken up a part of it; or beside the loop as it is, where the
+      // measured motion says less than the simulated one.
+      Hypothesis h, beside;
+      h.structure = beside.structure = extended_by(current_.structure, s.kind);
+      const Point from = start_of(h.structure, s);
+      const bool fits =
+          s.kind == kind_of<Presliding>() ? search_.fit_friction(h, from) : search_.fit(h, {from});
+      if (fits) search_.judge(h);
+      const bool varies = search_.vary(beside, current_.model, s.kind, s.shapes);
+      if (!fits && !varies) continue;
+      const bool is_beside =
+          varies && (!fits || beside.rms() * fitted_.rms() < h.rms() * as_is_.rms());
+      tried.push_back(
+          {is_beside ? std::move(beside) : std::move(h), is_beside ? &as_is_ : &fitted_, s});
+      steps_.push_back(text("  with %s %.4g um%s, z %.1f", identity_of(s.kind).id.data(),
+                            1e6 * tried.back().model.rms(), is_beside ? " beside the loop" : "",
+                            paired_z(tried.back().before->pieces, tried.back().model.pieces)));
     }
     std::sort(tried.begin(), tried.end(),
-              [](const auto& l, const auto& r) { return l.first.rms() < r.first.rms(); });
-    const auto judgement_of = [&](const auto& one) {
-      return judged(fitted_, one.first, baseline_, kinds.size(), one.second.p, one.second.kind);
+              [](const Tried& l, const Tried& r) { return l.left() < r.left(); });
+    const auto judgement_of = [&](const Tried& one) {
+      return judged(*one.before, one.model, baseline_, friction_, kinds.size(), one.screened.p,
+                    one.screened.kind);
     };
     auto chosen = std::find_if(tried.begin(), tried.end(),
-                               [&](const auto& one) { return judgement_of(one).earned; });
+                               [&](const Tried& one) { return judgement_of(one).earned; });
     if (chosen == tried.end()) {
       if (!tried.empty()) steps_.emplace_back("  none earns its place");
       return false;
     }
     // Of two that the pieces cannot tell apart, the one that needs less.
     for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
-      if (parameters_of(rival->second.kind) < parameters_of(chosen->second.kind) &&
-          judgement_of(*rival).earned && share_beaten(chosen->first, rival->first) < kDecisive)
+      if (parameters_of(rival->screened.kind) < parameters_of(chosen->screened.kind) &&
+          judgement_of(*rival).earned && share_beaten(chosen->model, rival->model) < kDecisive &&
+          1.0 - rival->left() > kAsGood * (1.0 - chosen->left()))
         chosen = rival;
     }
     const Judgement judgement = judgement_of(*chosen);
-    const auto& [best, screened] = *chosen;
+    const Screened& screened = chosen->screened;
     steps_.push_back(text("  %s: added", identity_of(screened.kind).id.data()));
     Cause cause;
     cause.statistic = judgement.z;
     cause.p = judgement.p;
-    cause.confidence = 1.0 - judgement.p;
-    for (const auto& [rival, of_rival] : tried) {
-      if (of_rival.kind == screened.kind || of_rival.p > kChance) continue;
-      const double beaten = share_beaten(best, rival);
-      cause.confidence = std::min(cause.confidence, beaten);
-      const double gained = fitted_.rms() - best.rms();
-      if (beaten < kDecisive && fitted_.rms() - rival.rms() > kNearlyAsGood * gained)
-        cause.ambiguous_with.push_back(cause_of(of_rival.kind));
+    cause.beaten = 1.0 - judgement.p;
+    for (const Tried& rival : tried) {
+      if (rival.screened.kind == screened.kind || rival.screened.p > kChance) continue;
+      const double beaten = share_beaten(chosen->model, rival.model);
+      cause.beaten = std::min(cause.beaten, beaten);
+      if (beaten < kDecisive && 1.0 - rival.left() > kNearlyAsGood * (1.0 - chosen->left()))
+        cause.ambiguous_with.push_back(cause_of(rival.screened.kind));
     }
     cause.id = cause_of(screened.kind);
     found_[cause.id] = {cause, screened.kind};
     last_ = cause.id;
-    current_ = Hypothesis(best);
+    current_ = Hypothesis(chosen->model);
     return true;
   }
 
@@ -267,34 +312,38 @@ class Selection {
   /// What presliding and falling friction say as two is said by one law, where that predicts
   /// better.
   void one_law_of_friction() {
-    const auto presliding = found_.find("presliding");
-    if (presliding == found_.end() ||
-        std::find(kLaws.begin(), kLaws.end(), presliding->second.kind) != kLaws.end())
-      return;
+    if (last_ != "presliding" && last_ != "stribeck") return;
+    const Found friction = found_.at(last_);
+    const bool both = found_.count("presliding") > 0 && found_.count("stribeck") > 0;
+    if (std::find(kLaws.begin(), kLaws.end(), friction.kind) != kLaws.end()) return;
     Hypothesis best = current_;
     std::size_t law = kEffectKinds;
     for (const std::size_t kind : kLaws) {
       Hypothesis h;
       h.structure = current_.structure;
-      std::erase(h.structure.effects, kind_of<FallingFriction>());
-      std::replace(h.structure.effects.begin(), h.structure.effects.end(), kind_of<Presliding>(),
-                   kind);
-      if (!search_.fit(h, {point_of(current_.model, h.structure)})) continue;
+      auto& effects = h.structure.effects;
+      std::erase(effects, kind_of<FallingFriction>());
+      std::replace(effects.begin(), effects.end(), kind_of<Presliding>(), kind);
+      std::replace(effects.begin(), effects.end(), kind_of<CoulombFriction>(), kind);
+      if (std::find(effects.begin(), effects.end(), kind) == effects.end() ||
+          !search_.fit_friction(h, point_of(current_.model, h.structure)))
+        continue;
       search_.judge(h);
       steps_.push_back(text("  as %s %.4g um", identity_of(kind).id.data(), 1e6 * h.rms()));
+      // To say more than is known it must be clearly the better law.
+      if (!both && h.rms() > kClearly * current_.rms()) continue;
       if (h.rms() < kWorthIt * best.rms()) best = std::move(h), law = kind;
     }
     if (law == kEffectKinds) return;
     current_ = std::move(best);
-    presliding->second.kind = law;
+    // Both are in the law: each is named if the law says so.
     const double ratio = shape_of(current_.model, law, "breakaway_ratio");
-    const auto falls = found_.find("stribeck");
-    if (falls != found_.end()) {
-      falls->second.kind = law;
-    } else if (std::abs(ratio - 1.0) > kFalls) {
-      Found found{presliding->second.cause, law};
-      found.cause.id = "stribeck";
-      found_["stribeck"] = found;
+    for (const char* id : {"presliding", "stribeck"}) {
+      if (id == std::string("stribeck") && found_.count(id) == 0 && std::abs(ratio - 1.0) <= kFalls)
+        continue;
+      Found found{found_.count(id) > 0 ? found_.at(id).cause : friction.cause, law};
+      found.cause.id = id;
+      found_[id] = found;
     }
   }
 
@@ -323,11 +372,13 @@ class Selection {
 
   Search& search_;
   Hypothesis current_;  // polished
-  Hypothesis fitted_;   // the same by the means with which candidates are fitted
+  Hypothesis fitted_;   // the same by projection, with which candidates are fitted
+  Hypothesis as_is_;    // as polished, with its error on all blocks
   const DiagnoseOptions& options_;
   Channels channels_;
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS
+  double friction_ = 0.0;  // RMS that laws of friction have taken away
   std::map<std::string, Found> found_;
   std::string last_;  // that was added
   std::vector<std::string> steps_;

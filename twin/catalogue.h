@@ -13,6 +13,7 @@
 #include "twin/effects/added_friction.h"
 #include "twin/effects/asymmetric_friction.h"
 #include "twin/effects/backlash.h"
+#include "twin/effects/backlash_at_motor.h"
 #include "twin/effects/backlash_in_loop.h"
 #include "twin/effects/cogging.h"
 #include "twin/effects/compliance.h"
@@ -42,30 +43,33 @@
 #include "twin/effects/thermal_growth.h"
 #include "twin/effects/time_delay.h"
 #include "twin/effects/torque_saturation.h"
+#include "twin/effects/unexplained_force.h"
 #include "twin/effects/viscous_drift.h"
 
 namespace servotwin {
 
-using Catalogue = std::tuple<CoulombFriction,      //
-                             ConstantForce,        //
-                             FeedforwardMismatch,  //
-                             TimeDelay,            //
-                             Presliding,           //
-                             SmoothedPresliding,   //
-                             Gms,                  //
-                             LuGre,                //
-                             Dahl,                 //
-                             Stribeck,             //
-                             ModifiedStribeck,     //
-                             FrictionMap,          //
-                             AsymmetricFriction,   //
-                             PreslidingStribeck,   //
-                             FallingFriction,      //
-                             Cogging,              //
-                             PositionDependentFriction, AddedFriction, Backlash, BacklashInLoop,
-                             Compliance, CrossCoupling, CuttingForce, DwellStiction, EncoderError,
-                             GainChange, ImpulseDisturbance, InertiaChange, LeadError,
-                             PeriodicDisturbance, ThermalGrowth, TorqueSaturation, ViscousDrift>;
+using Catalogue =
+    std::tuple<CoulombFriction,      //
+               ConstantForce,        //
+               FeedforwardMismatch,  //
+               TimeDelay,            //
+               Presliding,           //
+               SmoothedPresliding,   //
+               Gms,                  //
+               LuGre,                //
+               Dahl,                 //
+               Stribeck,             //
+               ModifiedStribeck,     //
+               FrictionMap,          //
+               AsymmetricFriction,   //
+               PreslidingStribeck,   //
+               FallingFriction,      //
+               Cogging,              //
+               PositionDependentFriction, AddedFriction, Backlash, BacklashInLoop, Compliance,
+               CrossCoupling, CuttingForce, DwellStiction, EncoderError, GainChange,
+               ImpulseDisturbance, InertiaChange, LeadError, PeriodicDisturbance, ThermalGrowth,
+               TorqueSaturation, ViscousDrift, BacklashAtMotor, UnexplainedOverPosition,
+               UnexplainedOverVelocity, UnexplainedOverAcceleration>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model

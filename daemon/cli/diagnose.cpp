@@ -63,6 +63,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
   }
+  if (const std::string term = not_understood_text(diagnosis); !term.empty())
+    say(people, "not known   " + term + ": it predicts and explains nothing");
   if (details) {
     for (const std::string& step : diagnosis.steps) say(people, "search      " + step);
   }

@@ -1,0 +1,131 @@
+#include "diagnosis/variation.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "diagnosis/search.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kSettle_s = 0.25;  // of every stretch
+constexpr double kPiece_s = 0.25;   // that scores are summed over
+constexpr int kRounds = 12;         // of a fit
+constexpr double kEnough = 1e-4;    // relative decrease that ends it
+
+}  // namespace
+
+void Varied::add(const Change& change) {
+  const Eigen::Index n = values.size(), more = static_cast<Eigen::Index>(change.quantities.size());
+  values.conservativeResize(n + more);
+  for (Eigen::Index i = 0; i < more; ++i)
+    values(n + i) = change.quantities[static_cast<std::size_t>(i)].start;
+  changes.push_back(change);
+}
+
+Model Varied::of(const Model& base, const Eigen::VectorXd& at) const {
+  Model out = base;
+  Eigen::Index i = 0;
+  for (const Change& change : changes) {
+    const std::size_t count = change.quantities.size();
+    change.apply(out, {at.data() + i, count});
+    i += static_cast<Eigen::Index>(count);
+  }
+  return out;
+}
+
+double Varied::step(Eigen::Index value) const {
+  for (const Change& change : changes) {
+    const auto count = static_cast<Eigen::Index>(change.quantities.size());
+    if (value < count) return change.quantities[static_cast<std::size_t>(value)].step;
+    value -= count;
+  }
+  return 0.0;
+}
+
+bool Variation::fit(Varied& v) const {
+  std::optional<Eigen::VectorXd> r = left(v.of(base_), kSettle_s);
+  if (!r) return false;
+  v.cost = r->squaredNorm();
+  double damping = 1e-6;
+  for (int round = 0; round < kRounds && v.values.size() > 0; ++round) {
+    const std::optional<Eigen::MatrixXd> j = derivatives(v, kSettle_s);
+    if (!j) return false;
+    const Eigen::MatrixXd gram = j->transpose() * *j;
+    const Eigen::VectorXd gradient = j->transpose() * *r;
+    double gained = 0.0;
+    for (int attempt = 0; attempt < 6; ++attempt, damping *= 30.0) {
+      Eigen::MatrixXd damped = gram;
+      damped.diagonal() += damping * gram.diagonal().cwiseMax(1e-300);
+      const Eigen::VectorXd trial = v.values - damped.ldlt().solve(gradient);
+      const std::optional<Eigen::VectorXd> there = left(v.of(base_, trial), kSettle_s);
+      if (!there || there->squaredNorm() >= v.cost) continue;
+      gained = 1.0 - there->squaredNorm() / v.cost;
+      v.values = trial, v.cost = there->squaredNorm(), r = there;
+      damping = std::max(1e-9, damping * 0.1);
+      break;
+    }
+    if (gained < kEnough) break;
+  }
+  v.pieces = left_by(v.of(base_), training_);
+  return true;
+}
+
+Eigen::VectorXd Variation::deviations(const Varied& v) const {
+  const Eigen::Index n = v.values.size();
+  const std::optional<Eigen::VectorXd> r = left(v.of(base_), kSettle_s);
+  const std::optional<Eigen::MatrixXd> j = r ? derivatives(v, kSettle_s) : std::nullopt;
+  if (!j) return Eigen::VectorXd::Constant(n, kAbsent);
+  const auto piece =
+      static_cast<Eigen::Index>(std::lround(kPiece_s / training_.front().sample_time_s));
+  Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(n, n);
+  for (Eigen::Index k = 0; k < r->size(); k += piece) {
+    const Eigen::Index count = std::min(piece, r->size() - k);
+    const Eigen::VectorXd s = j->middleRows(k, count).transpose() * r->segment(k, count);
+    scores += s * s.transpose();
+  }
+  const Eigen::MatrixXd inverse =
+      (j->transpose() * *j).ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  return (inverse * scores * inverse).diagonal().cwiseMax(0.0).cwiseSqrt();
+}
+
+std::optional<Eigen::VectorXd> Variation::left(const Model& model, double settle_s) const {
+  if (!why_invalid(model).empty()) return std::nullopt;
+  Eigen::Index rows = 0, row = 0;
+  for (const Segment& s : training_) rows += s.size();
+  Eigen::VectorXd out = Eigen::VectorXd::Zero(rows);
+  for (const Segment& s : training_) {
+    const auto settle = std::min<Eigen::Index>(
+        s.size(),
+        std::max(s.lead, static_cast<Eigen::Index>(std::lround(settle_s / s.sample_time_s))));
+    const Eigen::Index n = s.size() - settle;
+    out.segment(row + settle, n) = (s.command - s.actual - simulate(model, s)).tail(n).matrix();
+    row += s.size();
+  }
+  if (!out.allFinite()) return std::nullopt;
+  return out;
+}
+
+std::optional<Eigen::MatrixXd> Variation::derivatives(const Varied& v, double settle_s,
+                                                      Eigen::Index first) const {
+  const std::optional<Eigen::VectorXd> here = left(v.of(base_), settle_s);
+  if (!here) return std::nullopt;
+  Eigen::MatrixXd out(here->size(), v.values.size() - first);
+  for (Eigen::Index i = first; i < v.values.size(); ++i) {
+    Eigen::VectorXd moved = v.values;
+    moved(i) += v.step(i);
+    std::optional<Eigen::VectorXd> there = left(v.of(base_, moved), settle_s);
+    if (!there) {  // beyond a bound
+      moved(i) -= 2.0 * v.step(i);
+      there = left(v.of(base_, moved), settle_s);
+    }
+    if (!there) return std::nullopt;
+    out.col(i - first) = (*there - *here) / (moved(i) - v.values(i));
+  }
+  return out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,71 @@
+// A model with changes, whose values are fitted in free simulation while everything else is held.
+//
+//   min sum (measured - simulated)^2 over the values of the changes   (Levenberg-Marquardt)
+//
+// Units: SI, rad for m on rotary axes. Any thread.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "diagnosis/change.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+/// Changes of a model, in the order in which they are applied, and their values.
+struct Varied {
+  std::vector<Change> changes;
+  Eigen::VectorXd values;
+  double cost = 1e300;         ///< sum of squares on the training data
+  std::vector<double> pieces;  ///< mean squares of quarter seconds [m^2]
+
+  void add(const Change& change);  ///< at its start
+  /// Without the changes for which this holds.
+  template <class Which>
+  [[nodiscard]] Varied without(const Which& which) const {
+    Varied out;
+    Eigen::Index at = 0;
+    for (const Change& change : changes) {
+      const auto count = static_cast<Eigen::Index>(change.quantities.size());
+      if (!which(change)) {
+        out.add(change);
+        out.values.tail(count) = values.segment(at, count);
+      }
+      at += count;
+    }
+    return out;
+  }
+  /// The model with these changes.
+  [[nodiscard]] Model of(const Model& base) const { return of(base, values); }
+  [[nodiscard]] Model of(const Model& base, const Eigen::VectorXd& at) const;
+  [[nodiscard]] double step(Eigen::Index value) const;
+};
+
+class Variation {
+ public:
+  Variation(Model base, std::vector<Segment> training)
+      : base_(std::move(base)), training_(std::move(training)) {}
+
+  /// From the values as they are. False where there is no valid model.
+  [[nodiscard]] bool fit(Varied& v) const;
+  /// Standard deviations of the values, robust against correlated residuals (sums over quarter
+  /// seconds; docs/theory.md 4.4).
+  [[nodiscard]] Eigen::VectorXd deviations(const Varied& v) const;
+  /// Measured minus simulated, one value per sample of the training data in its order; 0 for the
+  /// settling of every segment.
+  [[nodiscard]] std::optional<Eigen::VectorXd> left(const Model& model, double settle_s) const;
+  /// Its derivatives by the values from `first` on.
+  [[nodiscard]] std::optional<Eigen::MatrixXd> derivatives(const Varied& v, double settle_s,
+                                                           Eigen::Index first = 0) const;
+
+  [[nodiscard]] const Model& base() const { return base_; }
+  [[nodiscard]] const std::vector<Segment>& training() const { return training_; }
+
+ private:
+  Model base_;
+  std::vector<Segment> training_;
+};
+
+}  // namespace servotwin
