@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "diagnosis/cusum.h"
+#include "twin/sample.h"
 
 namespace servotwin {
 
@@ -34,9 +35,9 @@ struct AlarmOptions {
 
 /// One cycle of an axis as the alarm sees it.
 struct LiveResidual {
-  double residual = 0.0;     ///< measured - predicted, NaN where nothing is predicted
-  double holdout_rms = 0.0;  ///< of the model in force
-  int model_version = 0;     ///< 0: none
+  double residual = kAbsent;     ///< measured - predicted, NaN where nothing is predicted
+  double holdout_rms = kAbsent;  ///< of the model in force
+  int model_version = 0;         ///< 0: none
 };
 
 struct AlarmChange {

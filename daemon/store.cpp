@@ -23,6 +23,10 @@ constexpr const char* kSchema = R"(
   CREATE TABLE IF NOT EXISTS events (
     id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
     kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL);
+  CREATE TABLE IF NOT EXISTS diagnoses (
+    id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
+    reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL);
+  CREATE INDEX IF NOT EXISTS diagnoses_of_axis ON diagnoses (machine, axis, id);
 )";
 
 std::string system_error(int error) { return std::strerror(error); }
@@ -237,6 +241,39 @@ void Store::promote(ModelRecord& record, const Event& event) {
   insert_event(event);
   transaction.commit();
   record = std::move(stored);
+}
+
+void Store::add(const StoredDiagnosis& diagnosis, const Event& event) {
+  const std::lock_guard lock(mutex_);
+  Transaction transaction(*this);
+  Statement insert(*this,
+                   "INSERT INTO diagnoses (time, machine, axis, reason, verdict, json, "
+                   "extended_model) VALUES (?, ?, ?, ?, ?, ?, ?)");
+  insert.bind(diagnosis.time).bind(machine_).bind(diagnosis.axis).bind(diagnosis.reason);
+  insert.bind(diagnosis.verdict).bind(diagnosis.json).bind(diagnosis.extended_model);
+  insert.step("cannot be written");
+  Statement forget(*this,
+                   "DELETE FROM diagnoses WHERE machine = ?1 AND axis = ?2 AND id <= (SELECT id "
+                   "FROM diagnoses WHERE machine = ?1 AND axis = ?2 ORDER BY id DESC LIMIT 1 "
+                   "OFFSET ?3)");
+  forget.bind(machine_).bind(diagnosis.axis).bind(std::int64_t{kDiagnosesKept});
+  forget.step("cannot be written");
+  insert_event(event);
+  transaction.commit();
+}
+
+std::vector<StoredDiagnosis> Store::diagnoses(const std::string& axis, int most) const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT time, axis, reason, verdict, json, extended_model FROM diagnoses "
+                      "WHERE machine = ? AND axis = ? ORDER BY id DESC LIMIT ?");
+  statement.bind(machine_).bind(axis).bind(std::int64_t{most});
+  std::vector<StoredDiagnosis> out;
+  while (statement.step("cannot be read")) {
+    out.push_back({statement.text(0), statement.text(1), statement.text(2), statement.text(3),
+                   statement.text(4), statement.text(5)});
+  }
+  return out;
 }
 
 void Store::add(const Event& event) {
