@@ -57,8 +57,8 @@ void DiagnosisWorker::run(const std::stop_token& stop) {
 
 bool DiagnosisWorker::look(std::size_t axis) { return look(axis, config_.record_s); }
 
-void DiagnosisWorker::finish() {
-  for (std::size_t axis = 0; axis < axes_.size(); ++axis)
+void DiagnosisWorker::finish(const std::stop_token& stop) {
+  for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
     look(axis, kLeastShare * config_.record_s);
 }
 

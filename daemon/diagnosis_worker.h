@@ -44,7 +44,7 @@ class DiagnosisWorker {
   /// One look at one axis; true if it was diagnosed.
   bool look(std::size_t axis);
   /// No more motion will come: diagnoses what is due with half of the motion, too.
-  void finish();
+  void finish(const std::stop_token& stop = {});
 
  private:
   struct Axis {

@@ -294,7 +294,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   diagnosing.join();
   if (!stop.stop_requested()) {
     identification.finish();
-    diagnosis.finish();
+    diagnosis.finish(stop);
   }
   publishing.request_stop();
   publishing.join();
