@@ -5,12 +5,14 @@
 
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <random>
 #include <sstream>
 
 #include "drivers/csv.h"
 #include "tests/daemon/full_disk.h"
 #include "tests/daemon/support.h"
 #include "tests/hidden_effects/cases.h"
+#include "twin/twin.h"
 
 namespace servotwin {
 namespace {
@@ -166,6 +168,32 @@ TEST_F(DiagnosisWorkerTest, AtTheEndHalfOfTheMotionIsEnough) {
   run_machine(3.0);
   worker_->finish();
   EXPECT_THAT(events("diagnosis_begun"), SizeIs(1));
+}
+
+TEST_F(DiagnosisWorkerTest, OnAFullDiskItIsPublishedAllTheSameAndSaid) {
+  config_.record_s = 8.0;
+  restart();
+  std::mt19937_64 random(20);
+  std::normal_distribution<> noise(0.0, 1e-7);
+  Twin twin(drive());
+  for (int i = 0; i < 9000; ++i) {
+    CycleRow row;
+    const double command = command_at(i * kCycle_s);
+    if (i == 0) twin.start(command);
+    const double error = i == 0 ? 0.0 : twin.follow(command);
+    row.axes[0] = {command, command - error + noise(random), kAbsent};
+    append(row);
+  }
+  {
+    const FullDisk full;
+    ASSERT_TRUE(worker_->look(0));
+  }
+  EXPECT_THAT(announced_, SizeIs(1)) << said_.str();
+  EXPECT_THAT(said_.str(), HasSubstr("the diagnosis is published and not stored: store "));
+  EXPECT_TRUE(store_->diagnoses("X", 1).empty());
+  std::string last_error;
+  events_->update_last_error(last_error);
+  EXPECT_THAT(last_error, HasSubstr("full"));
 }
 
 // The rig of the benchmark shares no code with the twin. Its ripple was put in by other formulas.
