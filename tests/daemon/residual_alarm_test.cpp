@@ -7,6 +7,11 @@
 #include <random>
 #include <stdexcept>
 
+#include "identification/identify.h"
+#include "tests/virtual_machine/axis.h"
+#include "tests/virtual_machine/program.h"
+#include "twin/twin.h"
+
 namespace servotwin {
 namespace {
 
@@ -195,6 +200,55 @@ TEST(ResidualAlarm, AResidualOfNothingIsNoTrouble) {
   EXPECT_TRUE(alarm.watching());
   int delay = 1;
   while (!alarm.add({kRms, 0.0, 1})) ASSERT_LT(++delay, 20);
+}
+
+/// Production-like moves of a ball-screw axis with this much friction that slides after 60 um, from
+/// code that shares nothing with the twin.
+Segment moves(double seconds, double friction, std::uint64_t seed) {
+  namespace vm = virtual_machine;
+  vm::Axis axis;
+  axis.body.mass = 100.0;
+  axis.body.viscous = 240.0;
+  axis.body.friction = vm::gms_with_curve(friction, 60e-6, 3.0, 10);
+  axis.drive.position_gain = 60.0;
+  axis.drive.velocity_gain = 20'000.0;
+  axis.recorder.position_step = 1e-7;
+  vm::MoveMix mix;
+  mix.duration = seconds;
+  const vm::AxisRecord record = vm::record(axis, vm::moves(mix, seed));
+  Segment out;
+  out.sample_time_s = record.sample_time;
+  out.command = record.command;
+  out.actual = record.actual;
+  return out;
+}
+
+TEST(ResidualAlarm, FrictionThatHasGrownByATenthIsNoticedOnAMachineOfOtherCode) {
+  SegmentedAxis seen;
+  seen.axis = "X";
+  seen.sample_time_s = 1e-3;
+  seen.segments = {moves(24.0, 60.0, 1)};
+  IdentifyOptions options;
+  options.method = Method::kJoint;
+  options.order = 2;
+  options.delay_max_s = 0.0;
+  options.friction = kind_of<Presliding>();
+  const ModelRecord record = identify(seen, options).record;
+  ResidualAlarm alarm({.reference_s = 120.0}, 1e-3);
+  const auto feed = [&](const Segment& segment) {
+    const Eigen::ArrayXd left = segment.command - segment.actual - simulate(record.model, segment);
+    int motion = 0;
+    for (Eigen::Index i = 1; i < left.size(); ++i) {
+      if (segment.command(i) == segment.command(i - 1)) continue;
+      ++motion;
+      const auto change = alarm.add({left(i), record.holdout.rms, 1});
+      if (change) return motion * 1e-3;
+    }
+    return kAbsent;
+  };
+  EXPECT_TRUE(std::isnan(feed(moves(240.0, 60.0, 2))));
+  ASSERT_TRUE(alarm.watching());
+  EXPECT_LT(feed(moves(60.0, 66.0, 3)), 30.0) << "seconds of motion";
 }
 
 TEST(ResidualAlarm, OptionsThatMakeNoSenseAreRefused) {
