@@ -136,20 +136,25 @@ void Store::require_writable(const std::filesystem::path& directory) {
   }
 }
 
-Store::Store(const std::filesystem::path& directory, std::string machine)
+Store::Store(const std::filesystem::path& directory, std::string machine, StoreAccess access)
     : directory_(directory),
       file_(directory / "servotwin.sqlite"),
       machine_(std::move(machine)),
-      lock_(lock_directory(directory)) {
+      lock_(access == StoreAccess::kOwn ? lock_directory(directory) : -1) {
   try {
     sqlite3* database = nullptr;
-    const int opened = sqlite3_open_v2(file_.c_str(), &database,
-                                       SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
+    const int opened =
+        sqlite3_open_v2(file_.c_str(), &database,
+                        access == StoreAccess::kOwn ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE
+                                                    : SQLITE_OPEN_READONLY,
+                        nullptr);
     database_.reset(database);
     if (opened != SQLITE_OK) fail("cannot be opened");
     sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
-    execute("PRAGMA journal_mode=WAL");
-    execute("PRAGMA synchronous=FULL");
+    if (access == StoreAccess::kOwn) {
+      execute("PRAGMA journal_mode=WAL");
+      execute("PRAGMA synchronous=FULL");
+    }
     Statement version(*this, "PRAGMA user_version");
     const std::int64_t found = version.step("cannot be read") ? version.number(0) : 0;
     if (found > kSchemaVersion) {
@@ -157,19 +162,20 @@ Store::Store(const std::filesystem::path& directory, std::string machine)
           "store " + file_.string() + ": was written by a newer servotwind (layout " +
           std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
     }
+    if (access == StoreAccess::kRead) return;
     Transaction transaction(*this);
     execute(kSchema);
     execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
     transaction.commit();
   } catch (...) {
-    close(lock_);
+    if (lock_ >= 0) close(lock_);
     throw;
   }
 }
 
 Store::~Store() {
   database_.reset();
-  close(lock_);
+  if (lock_ >= 0) close(lock_);
 }
 
 void Store::fail(const std::string& what) const {

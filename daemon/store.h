@@ -2,8 +2,8 @@
 //
 // Nothing is acknowledged before it is on the disk: WAL journal, synchronous=FULL, one transaction
 // for a model or a diagnosis and its event. The version in force of an axis is its highest one. One
-// process per directory. Errors: std::runtime_error, one line with the file and the reason. Any
-// thread.
+// process per directory, and any number that read. Errors: std::runtime_error, one line with the
+// file and the reason. Any thread.
 #pragma once
 
 #include <filesystem>
@@ -42,6 +42,8 @@ struct StoredDiagnosis {
   std::string extended_model;  ///< servotwin.model/1
 };
 
+enum class StoreAccess { kOwn, kRead };
+
 class Store {
  public:
   /// The newest events that are kept; some months of decisions.
@@ -49,8 +51,10 @@ class Store {
   /// The newest diagnoses of an axis that are kept: seven months of one an hour.
   static constexpr int kDiagnosesKept = 5000;
 
-  /// Opens or makes `directory`/servotwin.sqlite.
-  Store(const std::filesystem::path& directory, std::string machine);
+  /// Opens or makes `directory`/servotwin.sqlite. To read it neither is made nor held, so that it
+  /// can be read beside the daemon; nothing can be written then.
+  Store(const std::filesystem::path& directory, std::string machine,
+        StoreAccess access = StoreAccess::kOwn);
   /// Throws if it could not be opened or made there, as far as that can be told from outside.
   static void require_writable(const std::filesystem::path& directory);
   Store(const Store&) = delete;

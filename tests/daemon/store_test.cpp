@@ -145,6 +145,20 @@ TEST(Store, OfEveryAxisTheNewestDiagnosesAreKept) {
             static_cast<std::size_t>(Store::kDiagnosesKept));
 }
 
+TEST(Store, IsReadBesideTheOneThatOwnsItAndNotWritten) {
+  TemporaryDirectory directory;
+  EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill", StoreAccess::kRead); }),
+              HasSubstr("cannot be opened"));
+  EXPECT_TRUE(std::filesystem::is_empty(directory.path())) << "nothing is made";
+  Store owner(directory.path(), "mill");
+  owner.add(diagnosis(1), event("diagnosis"));
+  Store reader(directory.path(), "mill", StoreAccess::kRead);
+  EXPECT_EQ(reader.diagnoses("X", 10).size(), 1U);
+  owner.add(diagnosis(2), event("diagnosis"));
+  EXPECT_EQ(reader.diagnoses("X", 10).size(), 2U);
+  EXPECT_THAT(message_of([&] { reader.add(event("not mine")); }), HasSubstr("readonly"));
+}
+
 TEST(Store, OneThatKnewNoDiagnosesIsOpened) {
   TemporaryDirectory directory;
   { Store store(directory.path(), "mill"); }
