@@ -1,7 +1,6 @@
 // servotwin history: what the daemon's diagnoses of an axis said, one after the other, so that a
 // drift over weeks is seen.
 #include <algorithm>
-#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -23,7 +22,10 @@ struct Arguments {
   int last = 100;
 };
 
-double number(const json& value) { return value.is_number() ? value.get<double>() : kAbsent; }
+/// In um or urad; "-" where it is not known.
+std::string micro_of(const json& value) {
+  return value.is_number() ? text("%.3g", 1e6 * value.get<double>()) : "-";
+}
 
 /// "cogging(period_m 0.0025, amplitude_mps2 0.0098)"; SI, as in the diagnosis file.
 std::string cause_line(const json& cause) {
@@ -37,8 +39,8 @@ std::string cause_line(const json& cause) {
 
 std::string line_of(const StoredDiagnosis& stored, const json& diagnosis) {
   std::string line = stored.time + text("  %-19s", stored.verdict.c_str());
-  line += text(" %8.3g -> %-8.3g", 1e6 * number(diagnosis.at("baseline").at("rms_m")),
-               1e6 * number(diagnosis.at("extended").at("rms_m")));
+  line += text(" %8s -> %-8s", micro_of(diagnosis.at("baseline").at("rms_m")).c_str(),
+               micro_of(diagnosis.at("extended").at("rms_m")).c_str());
   for (const json& cause : diagnosis.at("causes")) line += "  " + cause_line(cause);
   return line + (stored.reason == "on schedule" ? "" : "  [alarm]");
 }

@@ -35,10 +35,10 @@ TEST(History, IsALinePerDiagnosisTheNewestLastBesideTheDaemon) {
   const Answer answer = servotwin_says(asked);
   ASSERT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out,
-              HasSubstr("\n2026-01-02T12:00:00.000Z  explained                  2 -> nan "
-                        "       backlash(width_m 2e-06)\n"
-                        "2026-01-03T12:00:00.000Z  explained                  2 -> nan "
-                        "       backlash(width_m 3e-06)  [alarm]\n"));
+              HasSubstr("\n2026-01-02T12:00:00.000Z  explained                  2 -> -         "
+                        "backlash(width_m 2e-06)\n"
+                        "2026-01-03T12:00:00.000Z  explained                  2 -> -         "
+                        "backlash(width_m 3e-06)  [alarm]\n"));
   EXPECT_THAT(answer.out, testing::Not(HasSubstr("2026-01-01")));
 
   std::vector<std::string> as_json = asked;
