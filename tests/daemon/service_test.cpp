@@ -190,6 +190,7 @@ TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
   config_.source = SourceKind::kReplay;
   config_.replay.files = {directory_.path() / "machine.csv"};
   config_.replay.speed = 10.0;
+  config_.diagnose.every_s = 0.0;
 
   const auto run = [&] {
     serve(
