@@ -63,14 +63,16 @@ std::optional<AlarmChange> ResidualAlarm::on_piece(double mean_square, double ho
   ++learning_sum_.pieces;
   if (learning_.size() < reference_pieces_) return watch(y, mean_square);
 
-  const bool was_raised = cusum_.raised();
-  const double before = reference_ ? std::sqrt(reference_->mean_square) : 0.0;
+  AlarmChange change;
+  change.kind = AlarmChange::Kind::kReference;
+  change.ended = cusum_.raised();
   reference_ = learnt(holdout_rms);
   cusum_ = Cusum(kDrift, threshold_for(kDrift, options_.false_alarm_s / piece_s_));
   growth_ = {};
-  if (!was_raised) return std::nullopt;
-  return AlarmChange{AlarmChange::Kind::kNewReference, std::sqrt(reference_->mean_square), before,
-                     options_.reference_s, cusum_.threshold()};
+  change.rms = change.reference_rms = std::sqrt(reference_->mean_square);
+  change.motion_s = static_cast<double>(reference_pieces_) * piece_s_;
+  change.threshold = cusum_.threshold();
+  return change;
 }
 
 std::optional<AlarmChange> ResidualAlarm::watch(double y, double mean_square) {
@@ -80,9 +82,12 @@ std::optional<AlarmChange> ResidualAlarm::watch(double y, double mean_square) {
   cusum_.add(z);
   growth_.mean_square += mean_square;
   ++growth_.pieces;
-  const AlarmChange change{cusum_.raised() ? AlarmChange::Kind::kRaised : AlarmChange::Kind::kBack,
-                           growth_.rms(), std::sqrt(reference_->mean_square),
-                           static_cast<double>(growth_.pieces) * piece_s_, cusum_.threshold()};
+  AlarmChange change;
+  change.kind = cusum_.raised() ? AlarmChange::Kind::kRaised : AlarmChange::Kind::kBack;
+  change.rms = growth_.rms();
+  change.reference_rms = std::sqrt(reference_->mean_square);
+  change.motion_s = static_cast<double>(growth_.pieces) * piece_s_;
+  change.threshold = cusum_.threshold();
   if (cusum_.sum() == 0.0) growth_ = {};
   if (cusum_.raised() == was_raised) return std::nullopt;
   return change;

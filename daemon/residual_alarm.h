@@ -41,11 +41,12 @@ struct LiveResidual {
 };
 
 struct AlarmChange {
-  enum class Kind { kRaised, kBack, kNewReference };
+  enum class Kind { kRaised, kBack, kReference };
   Kind kind = Kind::kRaised;
-  double rms = 0.0;            ///< since the growth began; of the new reference where there is one
+  bool ended = false;          ///< kReference: an alarm by the one before
+  double rms = 0.0;            ///< since the growth began
   double reference_rms = 0.0;  ///< what is normal
-  double motion_s = 0.0;       ///< since the growth began
+  double motion_s = 0.0;       ///< since the growth began, or of the reference
   double threshold = 0.0;      ///< in deviations
 };
 
@@ -53,7 +54,8 @@ class ResidualAlarm {
  public:
   ResidualAlarm(const AlarmOptions& options, double cycle_s);
 
-  /// The next cycle in which the axis moved. Says if that raised the alarm or ended it.
+  /// The next cycle in which the axis moved. Says if that raised the alarm or ended it, or if it is
+  /// now known what is normal.
   std::optional<AlarmChange> add(const LiveResidual& cycle);
   [[nodiscard]] bool raised() const noexcept { return cusum_.raised(); }
   /// Whether there is a reference to compare with.

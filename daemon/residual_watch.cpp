@@ -52,10 +52,13 @@ void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
                    "alarm over: the residual is back at its normal " + normal + "; it was " + rms +
                        text(" over %.0f s of motion", change.motion_s));
       return;
-    case AlarmChange::Kind::kNewReference:
-      events_.note("alarm_cleared", state.name,
-                   "alarm over: the model in force has a reference of its own, " + rms +
-                       "; normal was " + normal);
+    case AlarmChange::Kind::kReference:
+      if (change.ended)
+        events_.note("alarm_cleared", state.name,
+                     "alarm over: the model in force has a reference of its own");
+      events_.note("alarm_reference", state.name,
+                   text("the residual is watched: %s RMS is normal, by %.0f s of motion",
+                        normal.c_str(), change.motion_s));
       return;
   }
 }

@@ -27,7 +27,7 @@ class ResidualWatchTest : public testing::Test {
       row.axis_count = 2;
       row.axes[0].command = static_cast<double>(++cycle_);
       row.axes[1].command = 1.0;
-      row.residuals[0] = {i % 2 == 0 ? residual : -residual, 1e-6, 1};
+      row.residuals[0] = {i % 2 == 0 ? residual : -residual, 1e-6, version_};
       row.residuals[1] = {1.0, 1e-6, 1};
       watch.append(row);
     }
@@ -46,13 +46,16 @@ class ResidualWatchTest : public testing::Test {
   std::ostringstream said_;
   Store store_{directory_.path(), "mill"};
   EventLog events_{store_, said_};
-  int cycle_ = 0;
+  int cycle_ = 0, version_ = 1;
 };
 
 TEST_F(ResidualWatchTest, AnAlarmIsAnEventWithItsFiguresAndIsTakenOnce) {
   ResidualWatch watch(machine_, config_, events_);
   run(watch, 61, 1e-6);
   EXPECT_FALSE(watch.take_alarm(0));
+  EXPECT_THAT(
+      events("alarm_reference"),
+      testing::ElementsAre("X: the residual is watched: 1 um RMS is normal, by 60 s of motion"));
   run(watch, 30, 3e-6);
   // y grows by 2 ln 3 = 2.2, which is 6 of the least deviation and counts 3; less the drift, six
   // pieces bring the sum from 0 to 15, beyond 12.9.
@@ -72,6 +75,19 @@ TEST_F(ResidualWatchTest, AnAlarmIsAnEventWithItsFiguresAndIsTakenOnce) {
                                                    "normal 1 um; it was "),
                                          HasSubstr("s of motion"))));
   EXPECT_FALSE(watch.take_alarm(0));
+}
+
+TEST_F(ResidualWatchTest, ANewModelsReferenceEndsTheAlarmAndIsSaid) {
+  ResidualWatch watch(machine_, config_, events_);
+  run(watch, 61, 1e-6);
+  version_ = 2;
+  run(watch, 60, 1.8e-6);
+  EXPECT_THAT(events("alarm_raised"), testing::SizeIs(1));
+  EXPECT_THAT(events("alarm_cleared"),
+              testing::ElementsAre("X: alarm over: the model in force has a reference of its own"));
+  EXPECT_THAT(events("alarm_reference"),
+              testing::Contains("X: the residual is watched: 1.8 um RMS is normal, by 60 s of "
+                                "motion"));
 }
 
 TEST_F(ResidualWatchTest, OnlyWhatFollowsACycleBeforeIsMotion) {
