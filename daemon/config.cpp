@@ -299,6 +299,14 @@ void read_identify(Section section, IdentifyConfig& identify) {
   section.refuse_unknown();
 }
 
+void read_diagnose(Section section, DiagnoseConfig& diagnose) {
+  section.number("every_s", 0.0, 1e7, "s", diagnose.every_s);
+  section.number("record_s", 5.0, 600.0, "s", diagnose.record_s);
+  section.number("false_alarm_days", 0.0, 36525.0, "days of motion", diagnose.false_alarm_days);
+  section.number("reference_s", 60.0, 86400.0, "s", diagnose.reference_s);
+  section.refuse_unknown();
+}
+
 void read_all(const toml::table& table, Config& config, Problems& problems) {
   Section root(&table, "", problems);
 
@@ -312,6 +320,7 @@ void read_all(const toml::table& table, Config& config, Problems& problems) {
   const std::vector<NamedSource> named = read_axes(root.find("axis"), config, problems);
   read_source(root.section("source"), named, config, problems);
   read_identify(root.section("identify"), config.identify);
+  read_diagnose(root.section("diagnose"), config.diagnose);
 
   Section store = root.section("store");
   std::string directory;

@@ -45,6 +45,13 @@ struct IdentifyConfig {
   IdentifyConfig() { options.method = Method::kJoint; }
 };
 
+struct DiagnoseConfig {
+  double every_s = 3600.0;         ///< of the machine's time, from diagnosis to diagnosis; 0: never
+  double record_s = 30.0;          ///< the most recent motion that is looked at
+  double false_alarm_days = 30.0;  ///< of motion, between false alarms; 0: there is no alarm
+  double reference_s = 900.0;      ///< motion that tells what a model leaves when all is well
+};
+
 struct StoreConfig {
   std::filesystem::path directory;  ///< empty: default_store()
   double recordings_mb =
@@ -59,6 +66,7 @@ struct Config {
   DdsConfig dds;
   ReplayConfig replay;
   IdentifyConfig identify;
+  DiagnoseConfig diagnose;
   StoreConfig store;
   int priority = 80;  ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
 };

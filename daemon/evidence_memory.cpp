@@ -43,7 +43,7 @@ EvidenceSeconds EvidenceMemory::take(const std::vector<Segment>& recent, double 
         kept.push_back({{old.stretch.shows, std::move(part)}, old.moved_s});
     }
   }
-  for (Stretch& stretch : sorted_by_evidence(recent, scale_)) {
+  for (EvidenceStretch& stretch : sorted_by_evidence(recent, scale_)) {
     const Segment& s = stretch.segment;
     fresh.of(stretch.shows) +=
         std::clamp(s.end_s() + s.sample_time_s - new_after_s, 0.0, length_s(s));

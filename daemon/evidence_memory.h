@@ -52,7 +52,7 @@ class EvidenceMemory {
 
  private:
   struct Kept {
-    Stretch stretch;
+    EvidenceStretch stretch;
     double moved_s = 0.0;  // of the axis when it was last part of the recent motion
   };
   void forget(double moved_s);

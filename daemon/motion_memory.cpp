@@ -113,6 +113,15 @@ double MotionMemory::newest_s() const {
 
 Recording MotionMemory::copy(std::size_t axis, double after_s, double until_s,
                              const std::string& source) const {
+  return copy_axes(axis, axis + 1, after_s, until_s, source);
+}
+
+Recording MotionMemory::copy(double after_s, double until_s, const std::string& source) const {
+  return copy_axes(0, machine_.axes.size(), after_s, until_s, source);
+}
+
+Recording MotionMemory::copy_axes(std::size_t first, std::size_t last, double after_s,
+                                  double until_s, const std::string& source) const {
   const std::lock_guard lock(mutex_);
   const auto begin = std::upper_bound(time_.begin(), time_.end(), after_s) - time_.begin();
   const auto end = std::upper_bound(time_.begin(), time_.end(), until_s) - time_.begin();
@@ -120,12 +129,14 @@ Recording MotionMemory::copy(std::size_t axis, double after_s, double until_s,
     if (column.empty() || end <= begin) return std::vector<double>();
     return std::vector<double>(column.begin() + begin, column.begin() + end);
   };
-  const AxisRecord& from = axes_[axis];
   Recording out;
   out.source = source;
   out.time = part(time_);
-  out.axes.push_back({from.name, from.rotary, part(from.command), part(from.actual),
-                      part(from.torque), from.torque_unit});
+  for (std::size_t i = first; i < last; ++i) {
+    const AxisRecord& from = axes_[i];
+    out.axes.push_back({from.name, from.rotary, part(from.command), part(from.actual),
+                        part(from.torque), from.torque_unit});
+  }
   return out;
 }
 

@@ -1,5 +1,5 @@
-// The last seconds of every axis, for identification. Written by the recorder, read by the
-// identification worker; a mutex, because neither is in a hurry.
+// The last seconds of every axis, for identification and diagnosis. Written by the recorder, read
+// by their workers; a mutex, because none of them is in a hurry.
 //
 // Time here is the machine's own, in seconds since its first frame, and never goes back: where the
 // stamps of the frames do (the source was restarted), it goes on one second later.
@@ -36,12 +36,16 @@ class MotionMemory {
   /// The rows of one axis after one time until another, as a recording named `source`.
   [[nodiscard]] Recording copy(std::size_t axis, double after_s, double until_s,
                                const std::string& source) const;
+  /// The same of all axes.
+  [[nodiscard]] Recording copy(double after_s, double until_s, const std::string& source) const;
   /// The times of the oldest and the newest row that are here.
   [[nodiscard]] double oldest_s() const;
   [[nodiscard]] double newest_s() const;
 
  private:
   void forget_old();
+  [[nodiscard]] Recording copy_axes(std::size_t first, std::size_t last, double after_s,
+                                    double until_s, const std::string& source) const;
 
   MachineDescription machine_;
   std::size_t most_rows_;

@@ -17,6 +17,7 @@ Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction
                      const WakeUp& wake_up, Status status)
     : prediction_writer_(node, cycle_s),
       model_writer_(node),
+      diagnosis_writer_(node),
       status_writer_(node),
       predictions_(predictions),
       wake_up_(wake_up),
@@ -33,10 +34,10 @@ void Publisher::run(const std::stop_token& stop) {
     wake_up_.wait(
         static_cast<int>(std::min(kStopPatience_ns, next_status - now + 1'000'000) / 1'000'000));
     send_predictions();
-    send_models();
+    send_announcements();
   }
   send_predictions();
-  send_models();
+  send_announcements();
   send_status();
 }
 
@@ -48,18 +49,28 @@ void Publisher::announce(const StoredModel& model) {
   waiting_.push_back(std::move(announcement));
 }
 
+void Publisher::announce(const StoredDiagnosis& diagnosis) {
+  const std::lock_guard lock(mutex_);
+  waiting_diagnoses_.push_back({diagnosis.axis, diagnosis.json});
+}
+
 void Publisher::send_predictions() {
   while (predictions_.pop(prediction_)) prediction_writer_.write(prediction_);
 }
 
-void Publisher::send_models() {
+void Publisher::send_announcements() {
   std::vector<ModelAnnouncement> models;
+  std::vector<DiagnosisAnnouncement> diagnoses;
   {
     // Predictions do not wait for a thread at idle priority; the next round comes soon.
     const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (lock.owns_lock()) models.swap(waiting_);
+    if (lock.owns_lock()) {
+      models.swap(waiting_);
+      diagnoses.swap(waiting_diagnoses_);
+    }
   }
   for (const ModelAnnouncement& model : models) model_writer_.write(model);
+  for (const DiagnosisAnnouncement& diagnosis : diagnoses) diagnosis_writer_.write(diagnosis);
 }
 
 void Publisher::send_status() {

@@ -1,7 +1,7 @@
 // The publisher: takes predictions from the real-time loop to the network, and says how things are.
 //
 // A prediction goes out as soon as the loop has it; the status once a second; a model when it comes
-// into force. One worker thread; announce() any thread.
+// into force, a diagnosis when it is made. One worker thread; announce() any thread.
 #pragma once
 
 #include <cstdint>
@@ -27,14 +27,16 @@ class Publisher {
 
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
+  void announce(const StoredDiagnosis& diagnosis);
 
  private:
   void send_predictions();
-  void send_models();
+  void send_announcements();
   void send_status();
 
   DdsWriter<MachinePrediction> prediction_writer_;
   DdsWriter<ModelAnnouncement> model_writer_;
+  DdsWriter<DiagnosisAnnouncement> diagnosis_writer_;
   DdsWriter<MachineStatus> status_writer_;
   Ring<MachinePrediction>& predictions_;
   const WakeUp& wake_up_;
@@ -44,6 +46,7 @@ class Publisher {
   std::uint64_t last_frames_ = 0;
   std::mutex mutex_;
   std::vector<ModelAnnouncement> waiting_;
+  std::vector<DiagnosisAnnouncement> waiting_diagnoses_;
 };
 
 }  // namespace servotwin

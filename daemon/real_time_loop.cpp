@@ -198,6 +198,8 @@ void RealTimeLoop::on_frame(const MachineFrame& frame) noexcept {
     AxisPrediction& axis = prediction_.axes[i];
     axis.measured_error = sample.command - sample.actual;  // NaN where there is no encoder value
     axis.residual = axis.measured_error - axis.predicted_error;
+    row_.residuals[i] = {axis.state == AxisState::kPredicting ? axis.residual : kAbsent,
+                         axis.standard_deviation, axis.model_version};
     if (axis.state == AxisState::kBadSample || std::isinf(sample.actual))
       count(counters_.not_finite);
   }

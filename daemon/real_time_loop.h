@@ -23,6 +23,7 @@
 #include "daemon/frame_source.h"
 #include "daemon/histogram.h"
 #include "daemon/latest_value.h"
+#include "daemon/residual_alarm.h"
 #include "daemon/ring.h"
 #include "daemon/wake_up.h"
 #include "drivers/messages.h"
@@ -41,12 +42,13 @@ struct TwinInForce {
 /// The cycles after which a wrong starting state has fallen below one percent.
 [[nodiscard]] int settling_cycles(const Model& model);
 
-/// One cycle as it is recorded.
+/// One cycle as it is recorded, and what the twins left of it.
 struct CycleRow {
   std::int64_t time_ns = 0;  ///< stamp of the frame
   bool after_gap = true;     ///< the cycle before is not the row before
   int axis_count = 0;
   std::array<AxisSample, kMaxAxes> axes{};
+  std::array<LiveResidual, kMaxAxes> residuals{};  ///< NaN but for AxisState::kPredicting
 };
 
 /// Written by the loop, read by any thread; numbers for people, so relaxed: they order nothing.

@@ -30,11 +30,12 @@ std::string name_of_file(const std::filesystem::path& directory) {
 
 Recorder::Recorder(const MachineDescription& machine, const std::string& machine_name,
                    const std::filesystem::path& directory, double budget_mb, Ring<CycleRow>& rows,
-                   MotionMemory& memory, EventLog& events)
+                   MotionMemory& memory, ResidualWatch& watch, EventLog& events)
     : directory_(directory / "recordings" / machine_name),
       budget_bytes_(budget_mb * 1e6),
       rows_(rows),
       memory_(memory),
+      watch_(watch),
       events_(events) {
   empty_.source = machine_name;
   for (const AxisDescription& axis : machine.axes) {
@@ -74,6 +75,7 @@ bool Recorder::drain() {
   while (rows_.pop(row)) {
     any = true;
     memory_.append(row);
+    watch_.append(row);
     if (budget_bytes_ > 0.0) collect(row);
   }
   return any;

@@ -1,4 +1,5 @@
-// The recorder: takes the rows from the real-time loop into the motion memory and into files.
+// The recorder: takes the rows from the real-time loop into the motion memory, past the residual
+// alarms and into files.
 //
 // Files: `directory`/recordings/<machine>/<start, UTC>.csv, 30 s each, as every recording of ours;
 // the oldest are deleted when all of them together are larger than the budget. A file appears when
@@ -15,6 +16,7 @@
 
 #include "daemon/event_log.h"
 #include "daemon/motion_memory.h"
+#include "daemon/residual_watch.h"
 #include "daemon/ring.h"
 
 namespace servotwin {
@@ -27,7 +29,7 @@ class Recorder {
   /// directory cannot be made.
   Recorder(const MachineDescription& machine, const std::string& machine_name,
            const std::filesystem::path& directory, double budget_mb, Ring<CycleRow>& rows,
-           MotionMemory& memory, EventLog& events);
+           MotionMemory& memory, ResidualWatch& watch, EventLog& events);
 
   /// Until asked to stop, and then until the ring is empty and the last file is written.
   void run(const std::stop_token& stop);
@@ -49,6 +51,7 @@ class Recorder {
   double budget_bytes_;
   Ring<CycleRow>& rows_;
   MotionMemory& memory_;
+  ResidualWatch& watch_;
   EventLog& events_;
   Recording empty_;  // the machine's columns
   Recording file_;

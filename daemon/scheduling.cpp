@@ -24,7 +24,7 @@ std::string become_idle() {
   const sched_param parameter{};
   const int error = pthread_setschedparam(pthread_self(), SCHED_IDLE, &parameter);
   if (error == 0) return {};
-  return "identification runs at normal priority: " + std::string(std::strerror(error));
+  return "background work runs at normal priority: " + std::string(std::strerror(error));
 }
 
 void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }

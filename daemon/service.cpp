@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/diagnosis_worker.h"
 #include "daemon/event_log.h"
 #include "daemon/frame_source.h"
 #include "daemon/identification_worker.h"
@@ -20,6 +21,7 @@
 #include "daemon/real_time_loop.h"
 #include "daemon/recorded_cycles.h"
 #include "daemon/recorder.h"
+#include "daemon/residual_watch.h"
 #include "daemon/scheduling.h"
 #include "daemon/store.h"
 #include "drivers/dds.h"
@@ -35,6 +37,15 @@ constexpr std::size_t kPredictionRing = 256;
 constexpr std::size_t kRowRing = 8192;
 // How much longer motion is remembered than a search and a judgement need, for a busy processor.
 constexpr double kLag_s = 30.0;
+// How much longer than the motion that a diagnosis looks at: an axis stands in between.
+constexpr double kStandingToo = 4.0;
+
+double remembered_s(const Config& config) {
+  const IdentifyConfig& identify = config.identify;
+  const double to_identify_s = identify.memory_s + identify.window_s + identify.judge_s + kLag_s;
+  const bool diagnoses = config.diagnose.every_s > 0.0 || config.diagnose.false_alarm_days > 0.0;
+  return std::max(to_identify_s, diagnoses ? kStandingToo * config.diagnose.record_s : 0.0);
+}
 
 MachineDescription described_by(const Config& config) {
   MachineDescription machine;
@@ -201,18 +212,20 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Ring<MachinePrediction> predictions(kPredictionRing);
   Ring<CycleRow> rows(kRowRing);
   WakeUp predicted;
-  MotionMemory memory(machine, config.identify.memory_s + config.identify.window_s +
-                                   config.identify.judge_s + kLag_s);
+  MotionMemory memory(machine, remembered_s(config));
+  ResidualWatch watch(machine, config.diagnose, events);
 
   // Who works.
   const auto loop =
       std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows, predicted);
   Recorder recorder(machine, config.machine, store.directory(), config.store.recordings_mb, rows,
-                    memory, events);
+                    memory, watch, events);
   Publisher* to_network = nullptr;
   IdentificationWorker identification(
       machine, config.identify, memory, store, events, models,
       [&](const StoredModel& model) { to_network->announce(model); });
+  DiagnosisWorker diagnosis(machine, config.diagnose, config.identify, memory, watch, store, events,
+                            [&](const StoredDiagnosis& made) { to_network->announce(made); });
   std::vector<AxisStatus> axes;
   std::string last_error;
   const auto status = [&] {
@@ -229,6 +242,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Publisher publisher(node, machine.cycle_s, predictions, predicted, status);
   to_network = &publisher;
   identification.restore();
+  diagnosis.restore();
 
   if (const std::string why = lock_memory(); !why.empty()) events.note("real_time", "", why);
   std::atomic<bool> stop_loop{false};
@@ -248,6 +262,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     name_thread("identification");
     if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
     identification.run(its_stop);
+  });
+  std::jthread diagnosing([&](const std::stop_token& its_stop) {
+    name_thread("diagnosis");
+    if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
+    diagnosis.run(its_stop);
   });
   std::jthread real_time([&] {
     name_thread("real-time loop");
@@ -270,8 +289,13 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   recording.request_stop();
   recording.join();
   identifying.request_stop();
+  diagnosing.request_stop();
   identifying.join();
-  if (!stop.stop_requested()) identification.finish();
+  diagnosing.join();
+  if (!stop.stop_requested()) {
+    identification.finish();
+    diagnosis.finish(stop);
+  }
   publishing.request_stop();
   publishing.join();
   const MachineStatus total = status();

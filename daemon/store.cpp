@@ -23,6 +23,10 @@ constexpr const char* kSchema = R"(
   CREATE TABLE IF NOT EXISTS events (
     id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
     kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL);
+  CREATE TABLE IF NOT EXISTS diagnoses (
+    id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
+    reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL);
+  CREATE INDEX IF NOT EXISTS diagnoses_of_axis ON diagnoses (machine, axis, id);
 )";
 
 std::string system_error(int error) { return std::strerror(error); }
@@ -132,20 +136,25 @@ void Store::require_writable(const std::filesystem::path& directory) {
   }
 }
 
-Store::Store(const std::filesystem::path& directory, std::string machine)
+Store::Store(const std::filesystem::path& directory, std::string machine, StoreAccess access)
     : directory_(directory),
       file_(directory / "servotwin.sqlite"),
       machine_(std::move(machine)),
-      lock_(lock_directory(directory)) {
+      lock_(access == StoreAccess::kOwn ? lock_directory(directory) : -1) {
   try {
     sqlite3* database = nullptr;
-    const int opened = sqlite3_open_v2(file_.c_str(), &database,
-                                       SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE, nullptr);
+    const int opened =
+        sqlite3_open_v2(file_.c_str(), &database,
+                        access == StoreAccess::kOwn ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE
+                                                    : SQLITE_OPEN_READONLY,
+                        nullptr);
     database_.reset(database);
     if (opened != SQLITE_OK) fail("cannot be opened");
     sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
-    execute("PRAGMA journal_mode=WAL");
-    execute("PRAGMA synchronous=FULL");
+    if (access == StoreAccess::kOwn) {
+      execute("PRAGMA journal_mode=WAL");
+      execute("PRAGMA synchronous=FULL");
+    }
     Statement version(*this, "PRAGMA user_version");
     const std::int64_t found = version.step("cannot be read") ? version.number(0) : 0;
     if (found > kSchemaVersion) {
@@ -153,19 +162,20 @@ Store::Store(const std::filesystem::path& directory, std::string machine)
           "store " + file_.string() + ": was written by a newer servotwind (layout " +
           std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
     }
+    if (access == StoreAccess::kRead) return;
     Transaction transaction(*this);
     execute(kSchema);
     execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
     transaction.commit();
   } catch (...) {
-    close(lock_);
+    if (lock_ >= 0) close(lock_);
     throw;
   }
 }
 
 Store::~Store() {
   database_.reset();
-  close(lock_);
+  if (lock_ >= 0) close(lock_);
 }
 
 void Store::fail(const std::string& what) const {
@@ -237,6 +247,39 @@ void Store::promote(ModelRecord& record, const Event& event) {
   insert_event(event);
   transaction.commit();
   record = std::move(stored);
+}
+
+void Store::add(const StoredDiagnosis& diagnosis, const Event& event) {
+  const std::lock_guard lock(mutex_);
+  Transaction transaction(*this);
+  Statement insert(*this,
+                   "INSERT INTO diagnoses (time, machine, axis, reason, verdict, json, "
+                   "extended_model) VALUES (?, ?, ?, ?, ?, ?, ?)");
+  insert.bind(diagnosis.time).bind(machine_).bind(diagnosis.axis).bind(diagnosis.reason);
+  insert.bind(diagnosis.verdict).bind(diagnosis.json).bind(diagnosis.extended_model);
+  insert.step("cannot be written");
+  Statement forget(*this,
+                   "DELETE FROM diagnoses WHERE machine = ?1 AND axis = ?2 AND id <= (SELECT id "
+                   "FROM diagnoses WHERE machine = ?1 AND axis = ?2 ORDER BY id DESC LIMIT 1 "
+                   "OFFSET ?3)");
+  forget.bind(machine_).bind(diagnosis.axis).bind(std::int64_t{kDiagnosesKept});
+  forget.step("cannot be written");
+  insert_event(event);
+  transaction.commit();
+}
+
+std::vector<StoredDiagnosis> Store::diagnoses(const std::string& axis, int most) const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT time, axis, reason, verdict, json, extended_model FROM diagnoses "
+                      "WHERE machine = ? AND axis = ? ORDER BY id DESC LIMIT ?");
+  statement.bind(machine_).bind(axis).bind(std::int64_t{most});
+  std::vector<StoredDiagnosis> out;
+  while (statement.step("cannot be read")) {
+    out.push_back({statement.text(0), statement.text(1), statement.text(2), statement.text(3),
+                   statement.text(4), statement.text(5)});
+  }
+  return out;
 }
 
 void Store::add(const Event& event) {

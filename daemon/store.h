@@ -1,8 +1,9 @@
-// What must outlive the daemon: every model that was in force, and every event (SQLite).
+// What must outlive the daemon: every model that was in force, diagnoses and events (SQLite).
 //
 // Nothing is acknowledged before it is on the disk: WAL journal, synchronous=FULL, one transaction
-// for a model and its event. The version in force of an axis is its highest one. One process per
-// directory. Errors: std::runtime_error, one line with the file and the reason. Any thread.
+// for a model or a diagnosis and its event. The version in force of an axis is its highest one. One
+// process per directory, and any number that read. Errors: std::runtime_error, one line with the
+// file and the reason. Any thread.
 #pragma once
 
 #include <filesystem>
@@ -31,13 +32,29 @@ struct StoredModel {
   std::string reason;
 };
 
+/// A diagnosis as it is kept and published.
+struct StoredDiagnosis {
+  std::string time;  ///< ISO 8601, UTC
+  std::string axis;
+  std::string reason;          ///< why it was made: "on schedule", or the alarm
+  std::string verdict;         ///< name_of(Verdict)
+  std::string json;            ///< servotwin.diagnosis/1
+  std::string extended_model;  ///< servotwin.model/1
+};
+
+enum class StoreAccess { kOwn, kRead };
+
 class Store {
  public:
   /// The newest events that are kept; some months of decisions.
   static constexpr int kEventsKept = 100'000;
+  /// The newest diagnoses of an axis that are kept: seven months of one an hour.
+  static constexpr int kDiagnosesKept = 5000;
 
-  /// Opens or makes `directory`/servotwin.sqlite.
-  Store(const std::filesystem::path& directory, std::string machine);
+  /// Opens or makes `directory`/servotwin.sqlite. To read it neither is made nor held, so that it
+  /// can be read beside the daemon; nothing can be written then.
+  Store(const std::filesystem::path& directory, std::string machine,
+        StoreAccess access = StoreAccess::kOwn);
   /// Throws if it could not be opened or made there, as far as that can be told from outside.
   static void require_writable(const std::filesystem::path& directory);
   Store(const Store&) = delete;
@@ -51,6 +68,11 @@ class Store {
   /// Stores a model as the axis' next version, with the event that tells of it; version and parent
   /// of `record` are set. When this returns it is on the disk; when it throws nothing has changed.
   void promote(ModelRecord& record, const Event& event);
+
+  /// Stores a diagnosis with the event that tells of it, and forgets what is too old.
+  void add(const StoredDiagnosis& diagnosis, const Event& event);
+  /// Of an axis, the newest first.
+  [[nodiscard]] std::vector<StoredDiagnosis> diagnoses(const std::string& axis, int most) const;
 
   void add(const Event& event);
   /// The newest first.

@@ -199,11 +199,13 @@ template class DdsReader<MachineFrame>;
 template class DdsReader<MachineDescription>;
 template class DdsReader<MachinePrediction>;
 template class DdsReader<ModelAnnouncement>;
+template class DdsReader<DiagnosisAnnouncement>;
 template class DdsReader<MachineStatus>;
 template class DdsWriter<MachineFrame>;
 template class DdsWriter<MachineDescription>;
 template class DdsWriter<MachinePrediction>;
 template class DdsWriter<ModelAnnouncement>;
+template class DdsWriter<DiagnosisAnnouncement>;
 template class DdsWriter<MachineStatus>;
 
 }  // namespace servotwin

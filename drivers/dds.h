@@ -75,7 +75,8 @@ struct ReaderCounts {
   std::uint64_t foreign = 0;    ///< of another machine
 };
 
-/// M is MachineFrame, MachineDescription, MachinePrediction, ModelAnnouncement or MachineStatus.
+/// M is MachineFrame, MachineDescription, MachinePrediction, ModelAnnouncement,
+/// DiagnosisAnnouncement or MachineStatus.
 template <class M>
 class DdsReader {
  public:

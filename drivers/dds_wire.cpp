@@ -177,6 +177,17 @@ void Wire<ModelAnnouncement>::encode(const ModelAnnouncement& model, Sample& sam
   assign(sample.model_json, model.model_json);
 }
 
+bool Wire<DiagnosisAnnouncement>::decode(const Sample& sample, DiagnosisAnnouncement& diagnosis) {
+  if (sample.axis[0] == '\0') return false;
+  diagnosis = {sample.axis, text(sample.diagnosis_json)};
+  return true;
+}
+
+void Wire<DiagnosisAnnouncement>::encode(const DiagnosisAnnouncement& diagnosis, Sample& sample) {
+  assign(sample.axis, diagnosis.axis, "axis name");
+  assign(sample.diagnosis_json, diagnosis.diagnosis_json);
+}
+
 bool Wire<MachineStatus>::decode(const Sample& sample, MachineStatus& status) {
   if (sample.axes._length > kMaxAxes) return false;
   status.time_ns = sample.time_ns;

@@ -49,6 +49,14 @@ struct Wire<ModelAnnouncement> {
 };
 
 template <>
+struct Wire<DiagnosisAnnouncement> {
+  using Sample = servotwin_msgs_Diagnosis;
+  static const Topic& topic() { return topics::kDiagnosis; }
+  static bool decode(const Sample& sample, DiagnosisAnnouncement& diagnosis);
+  static void encode(const DiagnosisAnnouncement& diagnosis, Sample& sample);
+};
+
+template <>
 struct Wire<MachineStatus> {
   using Sample = servotwin_msgs_Status;
   static const Topic& topic() { return topics::kStatus; }

@@ -71,6 +71,12 @@ struct ModelAnnouncement {
   std::string model_json;
 };
 
+/// The last diagnosis of an axis.
+struct DiagnosisAnnouncement {
+  std::string axis;
+  std::string diagnosis_json;  ///< servotwin.diagnosis/1
+};
+
 enum class DaemonState : std::uint8_t { kStarting, kWaiting, kRunning, kStopping };
 
 struct AxisStatus {

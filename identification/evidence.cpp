@@ -142,7 +142,7 @@ Segment part(const Segment& s, const Range& range) {
 }
 
 void sort_segment(const Segment& s, const MotionScale& scale, const EvidenceLimits& limits,
-                  std::vector<Stretch>& out) {
+                  std::vector<EvidenceStretch>& out) {
   const CommandedMotion motion = motion_of(s);
   if (motion.speed.size() == 0) return;
   const Eigen::Index response = samples(s, limits.response_s);
@@ -214,9 +214,10 @@ MotionScale wider(const MotionScale& left, const MotionScale& right) {
   return {std::max(left.velocity, right.velocity), std::max(left.acceleration, right.acceleration)};
 }
 
-std::vector<Stretch> sorted_by_evidence(const std::vector<Segment>& segments,
-                                        const MotionScale& scale, const EvidenceLimits& limits) {
-  std::vector<Stretch> out;
+std::vector<EvidenceStretch> sorted_by_evidence(const std::vector<Segment>& segments,
+                                                const MotionScale& scale,
+                                                const EvidenceLimits& limits) {
+  std::vector<EvidenceStretch> out;
   for (const Segment& s : segments) sort_segment(s, scale, limits, out);
   return out;
 }

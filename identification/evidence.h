@@ -45,15 +45,15 @@ struct EvidenceLimits {
   double rest_s = 2.0;        ///< of standing from which on it is standstill
 };
 
-struct Stretch {
+struct EvidenceStretch {
   Evidence shows = Evidence::kFastMotion;
   Segment segment;  ///< cut from the one it was found in, sample by sample
 };
 
 /// In order of time, no sample twice.
-[[nodiscard]] std::vector<Stretch> sorted_by_evidence(const std::vector<Segment>& segments,
-                                                      const MotionScale& scale,
-                                                      const EvidenceLimits& limits = {});
+[[nodiscard]] std::vector<EvidenceStretch> sorted_by_evidence(const std::vector<Segment>& segments,
+                                                              const MotionScale& scale,
+                                                              const EvidenceLimits& limits = {});
 
 /// Samples of slow reversals that begin anywhere until the end of the first long leg, which wipes
 /// out what friction remembers from before; until then nobody knows it (Segment::lead). Needs

@@ -31,6 +31,7 @@ struct Command {
 [[nodiscard]] Command add_sequence(CLI::App& app);
 [[nodiscard]] Command add_replay(CLI::App& app);
 [[nodiscard]] Command add_watch(CLI::App& app);
+[[nodiscard]] Command add_history(CLI::App& app);
 [[nodiscard]] Command add_check_config(CLI::App& app);
 
 }  // namespace servotwin::cli

@@ -101,6 +101,34 @@ void LiveRecord::on_model(const ModelAnnouncement& announcement) {
   set_model(*axis);
 }
 
+namespace {
+
+/// "explained: cogging, presliding (2026-01-31T12:00:00.000Z)", or why it cannot be shown.
+std::string line_of(const DiagnosisAnnouncement& announcement) {
+  try {
+    const auto json = nlohmann::json::parse(announcement.diagnosis_json);
+    std::string causes;
+    for (const auto& cause : json.at("causes"))
+      causes += (causes.empty() ? ": " : ", ") + cause.at("id").get<std::string>();
+    return json.at("verdict").get<std::string>() + causes + " (" + json.value("created", "") + ")";
+  } catch (const nlohmann::json::exception& error) {
+    return std::string("cannot be read: ") + error.what();
+  }
+}
+
+}  // namespace
+
+void LiveRecord::on_diagnosis(const DiagnosisAnnouncement& announcement) {
+  const auto axis = std::find_if(axes_.begin(), axes_.end(), [&](const LiveAxis& one) {
+    return one.name == announcement.axis;
+  });
+  if (axis == axes_.end()) {
+    unplaced_diagnoses_.push_back(announcement);
+  } else {
+    axis->diagnosis = line_of(announcement);
+  }
+}
+
 void LiveRecord::set_model(LiveAxis& axis) {
   axis.model.reset();
   axis.model_problem.clear();
@@ -133,6 +161,9 @@ void LiveRecord::on_status(const MachineStatus& status) {
   std::vector<ModelAnnouncement> waiting;
   waiting.swap(unplaced_);
   for (const ModelAnnouncement& announcement : waiting) on_model(announcement);
+  std::vector<DiagnosisAnnouncement> diagnoses;
+  diagnoses.swap(unplaced_diagnoses_);
+  for (const DiagnosisAnnouncement& announcement : diagnoses) on_diagnosis(announcement);
 }
 
 void LiveRecord::clear_lately() {

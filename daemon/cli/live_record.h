@@ -41,6 +41,7 @@ struct LiveAxis {
   std::string model_problem;                  ///< why the announced model cannot be shown
   std::vector<ModelAnnouncement> promotions;  ///< in the order they came
   std::string activity;                       ///< what its identification does now
+  std::string diagnosis;                      ///< the last one, in a line
   std::uint32_t refused = 0;                  ///< candidates, since the daemon started
   std::vector<std::string> refusals;          ///< why, as far as they were seen
   PredictionErrors since_promotion;           ///< settled cycles of this version
@@ -56,6 +57,7 @@ class LiveRecord {
   void on_frame(const MachineFrame& frame, std::int64_t written_ns);
   void on_prediction(const MachinePrediction& prediction, std::int64_t written_ns);
   void on_model(const ModelAnnouncement& announcement);
+  void on_diagnosis(const DiagnosisAnnouncement& announcement);
   void on_status(const MachineStatus& status);
   void clear_lately();
 
@@ -89,10 +91,11 @@ class LiveRecord {
   void set_model(LiveAxis& axis);
 
   std::vector<LiveAxis> axes_;
-  std::vector<std::vector<Cycles>> cycles_;             // per axis
-  std::vector<std::size_t> kept_;                       // cycles in them
-  std::vector<ModelAnnouncement> unplaced_;             // before the status told the axes' order
-  std::vector<Sent> frames_ = std::vector<Sent>(1024);  // by sequence
+  std::vector<std::vector<Cycles>> cycles_;                // per axis
+  std::vector<std::size_t> kept_;                          // cycles in them
+  std::vector<ModelAnnouncement> unplaced_;                // before the status told the axes' order
+  std::vector<DiagnosisAnnouncement> unplaced_diagnoses_;  // the same
+  std::vector<Sent> frames_ = std::vector<Sent>(1024);     // by sequence
   std::vector<std::int64_t> latencies_ns_;
   std::optional<MachineStatus> status_;
   std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;

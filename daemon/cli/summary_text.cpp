@@ -107,6 +107,7 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
   for (std::size_t i = axis.refusals.size() - shown; i < axis.refusals.size(); ++i) {
     lines.push_back("  " + axis.refusals[i]);
   }
+  if (!axis.diagnosis.empty()) lines.push_back("diagnosis   " + axis.diagnosis);
   if (!axis.activity.empty()) lines.push_back("now         " + axis.activity);
 }
 
@@ -188,6 +189,7 @@ json summary_json(const LiveRecord& record, const std::string& machine, double s
                            {"promotions", promotions},
                            {"refused", axis.refused},
                            {"refusals", axis.refusals},
+                           {"diagnosis", axis.diagnosis},
                            {"activity", axis.activity}});
   }
   return out;
@@ -243,6 +245,7 @@ std::vector<std::string> screen_lines(const LiveRecord& record, const std::strin
                     figures_text(axis.lately.tracking.figures(), rotary(axis)));
     lines.push_back("  since version, with model   " +
                     figures_text(axis.since_promotion.residual.figures(), rotary(axis)));
+    if (!axis.diagnosis.empty()) lines.push_back("  last diagnosis              " + axis.diagnosis);
   }
   return lines;
 }

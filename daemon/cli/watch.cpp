@@ -39,7 +39,12 @@ double since(std::chrono::steady_clock::time_point start) {
 class Subscriber {
  public:
   explicit Subscriber(const DdsPlace& place)
-      : node_(place), predictions_(node_), frames_(node_), models_(node_), statuses_(node_) {}
+      : node_(place),
+        predictions_(node_),
+        frames_(node_),
+        models_(node_),
+        diagnoses_(node_),
+        statuses_(node_) {}
 
   /// Waits a little for a prediction; true if any came.
   bool receive(LiveRecord& record) {
@@ -54,6 +59,7 @@ class Subscriber {
     take_frames(record);
     while (statuses_.receive(status_, 0.0)) record.on_status(status_);
     while (models_.receive(model_, 0.0)) record.on_model(model_);
+    while (diagnoses_.receive(diagnosis_, 0.0)) record.on_diagnosis(diagnosis_);
     return any;
   }
   /// Nothing more will come: the daemon is not there, or the machine that it listened to. A daemon
@@ -75,10 +81,12 @@ class Subscriber {
   DdsReader<MachinePrediction> predictions_;
   DdsReader<MachineFrame> frames_;
   DdsReader<ModelAnnouncement> models_;
+  DdsReader<DiagnosisAnnouncement> diagnoses_;
   DdsReader<MachineStatus> statuses_;
   MachinePrediction prediction_;
   MachineFrame frame_;
   ModelAnnouncement model_;
+  DiagnosisAnnouncement diagnosis_;
   MachineStatus status_;
   bool machine_seen_ = false;
 };

@@ -131,7 +131,9 @@ class Stage {
   [[nodiscard]] bool watched() const {
     return (!frames_ || frames_->wait_for_readers(1, kPatience_s)) &&
            predictions_.wait_for_readers(1, kPatience_s) &&
-           models_.wait_for_readers(1, kPatience_s) && statuses_.wait_for_readers(1, kPatience_s);
+           models_.wait_for_readers(1, kPatience_s) &&
+           diagnoses_.wait_for_readers(1, kPatience_s) &&
+           statuses_.wait_for_readers(1, kPatience_s);
   }
 
   void promote(int version, const std::string& reason) {
@@ -143,6 +145,7 @@ class Stage {
     models_.write({"X", version, version - 1, "2024-01-01T00:00:00Z", reason, model_json});
     version_ = version;
   }
+  void diagnose(const std::string& diagnosis_json) { diagnoses_.write({"X", diagnosis_json}); }
   void say(const MachineStatus& status) { statuses_.write(status); }
   [[nodiscard]] MachineStatus& status() { return status_; }
 
@@ -173,6 +176,7 @@ class Stage {
   std::optional<DdsWriter<MachineFrame>> frames_;
   DdsWriter<MachinePrediction> predictions_{node_};
   DdsWriter<ModelAnnouncement> models_{node_};
+  DdsWriter<DiagnosisAnnouncement> diagnoses_{node_};
   DdsWriter<MachineStatus> statuses_{node_};
   MachineFrame frame_;
   MachinePrediction prediction_;
@@ -340,6 +344,26 @@ TEST(Watch, WithoutAModelThereIsTheTrackingError) {
   const Answer answer = watch.answer();
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("X no model 5.0 um RMS tracking error  lost 0\n"));
+}
+
+TEST(Watch, TheLastDiagnosisIsALineOfItsAxis) {
+  for (const auto& [given, shown] :
+       {std::pair{R"({"verdict":"explained","causes":[{"id":"cogging"},{"id":"presliding"}],)"
+                  R"("created":"2026-01-31T12:00:00.000Z"})",
+                  "diagnosis   explained: cogging, presliding (2026-01-31T12:00:00.000Z)"},
+        {R"({"verdict":"nothing_significant","causes":[]})", "diagnosis   nothing_significant ()"},
+        {"{", "diagnosis   cannot be read: "}}) {
+    auto stage = std::make_unique<Stage>();
+    Program watch(over_dds("watch", {"--summary"}));
+    ASSERT_TRUE(stage->watched());
+    stage->diagnose(given);
+    stage->say(stage->status());
+    for (int k = 0; k < 50; ++k) stage->cycle(0.0, 5e-6, 2e-6);
+    stage.reset();
+    const Answer answer = watch.answer();
+    EXPECT_EQ(answer.status, 0) << answer;
+    EXPECT_THAT(answer.out, HasSubstr(shown));
+  }
 }
 
 TEST(Watch, AModelThatCannotBeReadIsSaidAndTheFiguresStay) {

@@ -31,6 +31,8 @@ TEST(Config, NothingSetIsTheDefaults) {
   EXPECT_EQ(checked.config.machine, "machine");
   EXPECT_EQ(checked.config.source, SourceKind::kDds);
   EXPECT_EQ(checked.config.identify.window_s, 8.0);
+  EXPECT_EQ(checked.config.diagnose.every_s, 3600.0);
+  EXPECT_EQ(checked.config.diagnose.false_alarm_days, 30.0);
   EXPECT_TRUE(checked.config.axes.empty());
 }
 
@@ -59,6 +61,11 @@ TEST(Config, EveryKeyIsRead) {
     omega_hz = [3.0, 200.0]
     zeta = [0.3, 1.5]
     delay_max_s = 0.01
+    [diagnose]
+    every_s = 600
+    record_s = 45.5
+    false_alarm_days = 7
+    reference_s = 1800
     [store]
     directory = "/var/lib/servotwin"
     recordings_mb = 50
@@ -90,6 +97,10 @@ TEST(Config, EveryKeyIsRead) {
   EXPECT_EQ(options.bounds.zeta_min, 0.3);
   EXPECT_EQ(options.bounds.zeta_max, 1.5);
   EXPECT_EQ(options.delay_max_s, 0.01);
+  EXPECT_EQ(config.diagnose.every_s, 600.0);
+  EXPECT_EQ(config.diagnose.record_s, 45.5);
+  EXPECT_EQ(config.diagnose.false_alarm_days, 7.0);
+  EXPECT_EQ(config.diagnose.reference_s, 1800.0);
   EXPECT_EQ(config.store.directory, "/var/lib/servotwin");
   EXPECT_EQ(config.store.recordings_mb, 50.0);
   EXPECT_EQ(config.priority, 70);
@@ -181,6 +192,17 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{"[identify]\nwindow_s = 30\n",
               "m.toml:2:12: identify.window_s = 30: a model is sought on the last memory_s = 24 s, "
               "which must not be less than window_s = 30 s"},
+        Wrong{"[diagnose]\nevery_s = -1\n",
+              "m.toml:2:11: diagnose.every_s = -1: must be a number from 0 to 1e+07 s"},
+        Wrong{"[diagnose]\nevery = 60\n",
+              "m.toml:2:1: diagnose.every: there is no such key; did you mean 'every_s'?"},
+        Wrong{"[diagnose]\nrecord_s = 2\n",
+              "m.toml:2:12: diagnose.record_s = 2: must be a number from 5 to 600 s"},
+        Wrong{"[diagnose]\nreference_s = 'long'\n",
+              "m.toml:2:15: diagnose.reference_s = 'long': must be a number from 60 to 86400 s"},
+        Wrong{"[diagnose]\nfalse_alarm_days = nan\n",
+              "m.toml:2:20: diagnose.false_alarm_days = nan: must be a number from 0 to 36525 days "
+              "of motion"},
         Wrong{"[real_time]\npriority = 99\n",
               "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
 

@@ -16,6 +16,8 @@
 #include <vector>
 
 #include "daemon/store.h"
+#include "drivers/dds.h"
+#include "tests/daemon/ball_screw.h"
 #include "tests/daemon/support.h"
 
 namespace servotwin {
@@ -248,6 +250,39 @@ TEST_F(ServotwindTest, TellsTheServiceManagerWhenItIsReadyAndWhenItStops) {
   daemon.send(SIGTERM);
   EXPECT_EQ(manager.next(), "STOPPING=1");
   EXPECT_EQ(daemon.wait().status, 0);
+}
+
+// One process watches the machine and diagnoses, another one is started on its store, a third
+// (this one) comes last.
+TEST_F(ServotwindTest, TheLastDiagnosisIsThereForWhoComesLateAfterARestart) {
+  const virtual_machine::AxisRecord record = ball_screw_record(12.0);
+  std::ofstream file(directory_.path() / "machine.csv");
+  file.precision(12);
+  file << "time[s],X.command[m],X.actual[m]\n";
+  for (Eigen::Index i = 0; i < record.command.size(); ++i)
+    file << static_cast<double>(i) * kCycle_s << ',' << record.command(i) << ',' << record.actual(i)
+         << '\n';
+  file.close();
+  const std::string config =
+      write("m.toml", "[identify]\nmethod = 'pole-search'\n[diagnose]\nrecord_s = 10\n");
+  const Ended first = Process(here_and({"--config", config, "--replay",
+                                        directory_.path() / "machine.csv", "--speed", "20"}))
+                          .wait();
+  ASSERT_EQ(first.status, 0) << first.said;
+  ASSERT_THAT(first.said, HasSubstr("servotwind: X: diagnosis of ")) << first.said;
+
+  Process second(here_and({"--config", write("n.toml", "[[axis]]\nname = 'X'\n")}));
+  const DdsNode node({"process-" + std::to_string(getpid()), 94, ""});
+  DdsReader<DiagnosisAnnouncement> diagnoses(node);
+  DiagnosisAnnouncement diagnosis;
+  ASSERT_TRUE(diagnoses.receive(diagnosis, 30.0));
+  EXPECT_EQ(diagnosis.axis, "X");
+  EXPECT_THAT(diagnosis.diagnosis_json, HasSubstr("servotwin.diagnosis/1"));
+  DdsReader<DiagnosisAnnouncement> later(node);
+  DiagnosisAnnouncement again;
+  ASSERT_TRUE(later.receive(again, 30.0));
+  EXPECT_EQ(again.diagnosis_json, diagnosis.diagnosis_json);
+  EXPECT_EQ(second.wait_after(SIGTERM).status, 0);
 }
 
 }  // namespace

@@ -43,7 +43,7 @@ class RecorderTest : public testing::Test {
     return out;
   }
   Recorder recorder(double budget_mb) {
-    return {machine_, "mill", directory_.path(), budget_mb, rows_, memory_, events_};
+    return {machine_, "mill", directory_.path(), budget_mb, rows_, memory_, watch_, events_};
   }
 
   TemporaryDirectory directory_;
@@ -53,6 +53,7 @@ class RecorderTest : public testing::Test {
   std::ostringstream said_;
   Store store_{directory_.path(), "mill"};
   EventLog events_{store_, said_};
+  ResidualWatch watch_{machine_, DiagnoseConfig(), events_};
 };
 
 TEST_F(RecorderTest, FilesReadBackBitForBit) {

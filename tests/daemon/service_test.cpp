@@ -7,6 +7,7 @@
 
 #include <future>
 #include <map>
+#include <random>
 #include <thread>
 
 #include "daemon/store.h"
@@ -189,6 +190,7 @@ TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
   config_.source = SourceKind::kReplay;
   config_.replay.files = {directory_.path() / "machine.csv"};
   config_.replay.speed = 10.0;
+  config_.diagnose.every_s = 0.0;
 
   const auto run = [&] {
     serve(
@@ -215,6 +217,60 @@ TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
   const Store store(directory_.path(), config_.machine);
   EXPECT_EQ(store.in_force()[0].record.version, 1) << "the same data makes no better model\n"
                                                    << said_.str();
+}
+
+// A drive that is what its model says for 80 s of motion, and then has twice the friction.
+TEST_F(ServiceTest, GrownFrictionRaisesTheAlarmAndADiagnosisWhoComesLateReads) {
+  store_model(drive());
+  Recording recording;
+  AxisRecord x;
+  x.name = "X";
+  Twin before(drive()), after(drive(20.0, 0.6));
+  std::mt19937_64 random(20);
+  std::normal_distribution<> noise(0.0, 2e-7);
+  for (int i = 0; i < 110'000; ++i) {
+    const double t = i * kCycle_s, command = command_at(t);
+    if (i == 0) {
+      before.start(command);
+      after.start(command);
+    }
+    const double error = i == 0 ? 0.0 : i < 80'000 ? before.follow(command) : after.follow(command);
+    recording.time.push_back(t);
+    x.command.push_back(command);
+    x.actual.push_back(command - error + noise(random));
+  }
+  recording.axes = {x};
+  write_recording_csv(directory_.path() / "machine.csv", recording);
+  config_.source = SourceKind::kReplay;
+  config_.replay.files = {directory_.path() / "machine.csv"};
+  config_.replay.speed = 50.0;
+  config_.identify.window_s = config_.identify.memory_s = 3600.0;  // the model stays
+  config_.diagnose.every_s = 0.0;
+  config_.diagnose.record_s = 10.0;
+  config_.diagnose.reference_s = 60.0;
+  serve(
+      config_, {}, [] {}, said_);
+  EXPECT_THAT(said_.str(), HasSubstr("X: alarm: the residual has grown: "));
+  EXPECT_THAT(said_.str(), HasSubstr("X: diagnosis begun, the residual has grown: "));
+  std::string last;
+  {
+    const Store store(directory_.path(), config_.machine);
+    const std::vector<StoredDiagnosis> made = store.diagnoses("X", 10);
+    ASSERT_EQ(made.size(), 1U) << said_.str();
+    EXPECT_THAT(made[0].reason, HasSubstr("the residual has grown: "));
+    last = made[0].json;
+  }
+  // The daemon is started again, and somebody comes after that.
+  config_.source = SourceKind::kDds;
+  config_.axes = {{"X", false, ""}};
+  start();
+  const DdsNode node(place_);
+  DdsReader<DiagnosisAnnouncement> diagnoses(node);
+  DiagnosisAnnouncement diagnosis;
+  ASSERT_TRUE(diagnoses.receive(diagnosis, kPatience_s));
+  EXPECT_EQ(diagnosis.axis, "X");
+  EXPECT_EQ(diagnosis.diagnosis_json, last);
+  stop();
 }
 
 TEST_F(ServiceTest, ReplaysEveryRowOfARecordingWithCoarseStamps) {
@@ -288,7 +344,7 @@ TEST(ThreadTable, NamesEveryThreadThatIsStarted) {
     EXPECT_THAT(table, HasSubstr("| " + source.substr(from, source.find('"', from) - from) + " |"));
     ++threads;
   }
-  EXPECT_EQ(threads, 4);
+  EXPECT_EQ(threads, 5);
 }
 
 }  // namespace

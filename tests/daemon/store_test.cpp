@@ -86,6 +86,89 @@ TEST(Store, EventsComeBackTheNewestFirst) {
   EXPECT_EQ(events[2].text, "event 2");
 }
 
+StoredDiagnosis diagnosis(int number, const std::string& axis = "X") {
+  return {"2026-01-31T12:00:00.000Z",
+          axis,
+          "on schedule",
+          "explained",
+          "{\"number\":" + std::to_string(number) + "}",
+          "{}"};
+}
+
+TEST(Store, DiagnosesComeBackTheNewestFirstAfterARestart) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    for (int i = 1; i <= 3; ++i) store.add(diagnosis(i), event("diagnosis"));
+    store.add(diagnosis(4, "Y"), event("diagnosis", "Y"));
+  }
+  const Store store(directory.path(), "mill");
+  const std::vector<StoredDiagnosis> found = store.diagnoses("X", 2);
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(found[0].json, R"({"number":3})");
+  EXPECT_EQ(found[1].json, R"({"number":2})");
+  EXPECT_EQ(found[0].time, "2026-01-31T12:00:00.000Z");
+  EXPECT_EQ(found[0].axis, "X");
+  EXPECT_EQ(found[0].reason, "on schedule");
+  EXPECT_EQ(found[0].verdict, "explained");
+  EXPECT_EQ(found[0].extended_model, "{}");
+  EXPECT_EQ(store.diagnoses("X", 100).size(), 3U);
+  EXPECT_EQ(store.diagnoses("Y", 100).size(), 1U);
+  EXPECT_TRUE(store.diagnoses("Z", 100).empty());
+  EXPECT_EQ(store.events(100).size(), 4U) << "each with its event";
+}
+
+TEST(Store, OfEveryAxisTheNewestDiagnosesAreKept) {
+  TemporaryDirectory directory;
+  { Store store(directory.path(), "mill"); }
+  // As many as are kept, of two axes and of another machine, by SQL because it is faster.
+  for (const char* whose : {"'mill', 'X'", "'mill', 'Y'", "'lathe', 'X'"}) {
+    spoil(directory.path(),
+          "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < " +
+              std::to_string(Store::kDiagnosesKept) +
+              ") INSERT INTO diagnoses (machine, axis, time, reason, verdict, json, "
+              "extended_model) SELECT " +
+              whose + ", '', '', '', i, '' FROM n");
+  }
+  {
+    Store store(directory.path(), "mill");
+    store.add(diagnosis(1), event("diagnosis"));
+    store.add(diagnosis(2), event("diagnosis"));
+    const std::vector<StoredDiagnosis> kept = store.diagnoses("X", 1'000'000);
+    ASSERT_EQ(kept.size(), static_cast<std::size_t>(Store::kDiagnosesKept));
+    EXPECT_EQ(kept.front().json, R"({"number":2})");
+    EXPECT_EQ(kept.back().json, "3") << "the two oldest are gone";
+    EXPECT_EQ(store.diagnoses("Y", 1'000'000).size(), kept.size());
+  }
+  const Store lathe(directory.path(), "lathe");
+  EXPECT_EQ(lathe.diagnoses("X", 1'000'000).size(),
+            static_cast<std::size_t>(Store::kDiagnosesKept));
+}
+
+TEST(Store, IsReadBesideTheOneThatOwnsItAndNotWritten) {
+  TemporaryDirectory directory;
+  EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill", StoreAccess::kRead); }),
+              HasSubstr("cannot be opened"));
+  EXPECT_TRUE(std::filesystem::is_empty(directory.path())) << "nothing is made";
+  Store owner(directory.path(), "mill");
+  owner.add(diagnosis(1), event("diagnosis"));
+  Store reader(directory.path(), "mill", StoreAccess::kRead);
+  EXPECT_EQ(reader.diagnoses("X", 10).size(), 1U);
+  owner.add(diagnosis(2), event("diagnosis"));
+  EXPECT_EQ(reader.diagnoses("X", 10).size(), 2U);
+  EXPECT_THAT(message_of([&] { reader.add(event("not mine")); }), HasSubstr("readonly"));
+}
+
+TEST(Store, OneThatKnewNoDiagnosesIsOpened) {
+  TemporaryDirectory directory;
+  { Store store(directory.path(), "mill"); }
+  spoil(directory.path(), "DROP TABLE diagnoses");
+  Store store(directory.path(), "mill");
+  EXPECT_TRUE(store.diagnoses("X", 1).empty());
+  store.add(diagnosis(1), event("diagnosis"));
+  EXPECT_EQ(store.diagnoses("X", 1).size(), 1U);
+}
+
 TEST(Store, IsHeldByOneProcess) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
@@ -163,12 +246,15 @@ TEST(StoreOnAFullDisk, KeepsWhatItHadAndGoesOnWhenThereIsSpaceAgain) {
     const FullDisk full;
     EXPECT_THAT(message_of([&] { store.promote(second, event("second")); }), HasSubstr("full"));
     EXPECT_THAT(message_of([&] { store.add(event("not stored")); }), HasSubstr("full"));
+    EXPECT_THAT(message_of([&] { store.add(diagnosis(1), event("not stored")); }),
+                HasSubstr("full"));
     EXPECT_EQ(second.version, 0) << "it was not acknowledged";
     ASSERT_EQ(store.in_force().size(), 1U);
     EXPECT_EQ(store.in_force()[0].record.version, 1);
   }
   store.promote(second, event("second"));
   EXPECT_EQ(second.version, 2);
+  EXPECT_TRUE(store.diagnoses("X", 1).empty());
   EXPECT_EQ(store.events(10).size(), 2U) << "one event per promotion, none of what was refused";
 }
 

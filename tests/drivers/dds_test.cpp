@@ -200,15 +200,18 @@ TEST(Dds, PredictionsArriveAsTheyWereSent) {
   EXPECT_EQ(came.ahead[1][2], 5e-6);
 }
 
-TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsAndTheStatus) {
+TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsTheDiagnosesAndTheStatus) {
   const DdsNode node(place("late"));
   DdsWriter<MachineDescription> machines(node);
   DdsWriter<ModelAnnouncement> models(node);
+  DdsWriter<DiagnosisAnnouncement> diagnoses(node);
   DdsWriter<MachineStatus> statuses(node);
   ASSERT_TRUE(machines.write({0.002, {{"X", false, "Nm"}, {"B", true, ""}}}));
   ASSERT_TRUE(models.write({"X", 1, 0, "t0", "first", "{}"}));
   ASSERT_TRUE(models.write({"B", 1, 0, "t0", "first", "{}"}));
   ASSERT_TRUE(models.write({"X", 2, 1, "t1", "better", R"({"schema":"servotwin.model/1"})"}));
+  ASSERT_TRUE(diagnoses.write({"X", "{}"}));
+  ASSERT_TRUE(diagnoses.write({"X", R"({"schema":"servotwin.diagnosis/1"})"}));
   MachineStatus status;
   status.state = DaemonState::kRunning;
   status.frames = 1000;
@@ -241,6 +244,12 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsAndTheStatus) {
     }
   }
   EXPECT_TRUE(x && b);
+
+  DdsReader<DiagnosisAnnouncement> diagnosis_reader(late);
+  DiagnosisAnnouncement diagnosis;
+  ASSERT_TRUE(diagnosis_reader.receive(diagnosis, kPatience_s));
+  EXPECT_EQ(diagnosis.axis, "X");
+  EXPECT_EQ(diagnosis.diagnosis_json, R"({"schema":"servotwin.diagnosis/1"})") << "the last one";
 
   DdsReader<MachineStatus> status_reader(late);
   MachineStatus now;

@@ -69,7 +69,7 @@ struct Found {
 };
 
 /// That the stretches are these, to within 30 ms: what the differences reach over.
-void expect_stretches(const std::vector<Stretch>& got, const std::vector<Found>& wanted) {
+void expect_stretches(const std::vector<EvidenceStretch>& got, const std::vector<Found>& wanted) {
   ASSERT_EQ(got.size(), wanted.size());
   for (std::size_t i = 0; i < got.size(); ++i) {
     SCOPED_TRACE(i);
@@ -79,7 +79,7 @@ void expect_stretches(const std::vector<Stretch>& got, const std::vector<Found>&
   }
 }
 
-std::vector<Stretch> sorted(const std::vector<Segment>& segments) {
+std::vector<EvidenceStretch> sorted(const std::vector<Segment>& segments) {
   return sorted_by_evidence(segments, motion_scale(segments));
 }
 
@@ -120,7 +120,8 @@ TEST(Evidence, WhatCreepsIsSlowOnlyBesideWhatIsFast) {
   Program program;
   program.creep(1e-3, 0.4, 20);
   // Of its own it is the fastest that this axis has shown.
-  for (const Stretch& s : sorted(program.segments())) EXPECT_EQ(s.shows, Evidence::kFastMotion);
+  for (const EvidenceStretch& s : sorted(program.segments()))
+    EXPECT_EQ(s.shows, Evidence::kFastMotion);
   expect_stretches(sorted_by_evidence(program.segments(), {0.3, 3.0}),
                    {{Evidence::kSlowReversals, 0.0, program.now()}});
   // Speed is relative as well.
@@ -170,7 +171,7 @@ TEST(Evidence, AShortRestDoesNotPartReversalsAndALongOneDoes) {
     return sorted_by_evidence(program.segments(), scale);
   };
   EXPECT_EQ(with_rest(1.0).size(), 1U);
-  const std::vector<Stretch> parted = with_rest(2.5);
+  const std::vector<EvidenceStretch> parted = with_rest(2.5);
   ASSERT_EQ(parted.size(), 3U);
   EXPECT_EQ(parted[1].shows, Evidence::kStandstill);
 }
@@ -187,9 +188,9 @@ TEST(Evidence, EveryStretchIsCutSampleBySampleAndInOrder) {
   segments[0].actual += 1e-6;
   segments[0].torque = 2.0 * segments[0].command;
   double end_s = 0.0;
-  const std::vector<Stretch> found = sorted(segments);
+  const std::vector<EvidenceStretch> found = sorted(segments);
   ASSERT_GE(found.size(), 9U);
-  for (const Stretch& stretch : found) {
+  for (const EvidenceStretch& stretch : found) {
     const Segment& s = stretch.segment;
     EXPECT_GT(s.start_s, end_s);
     end_s = s.end_s();
@@ -268,7 +269,7 @@ TEST(Evidence, TheExampleMachineShowsItsSlowReversals) {
           .segments;
   double fast_s = 0.0;
   std::vector<Segment> slow;
-  for (const Stretch& stretch : sorted(segments)) {
+  for (const EvidenceStretch& stretch : sorted(segments)) {
     EXPECT_NE(stretch.shows, Evidence::kStandstill);
     const Segment& s = stretch.segment;
     if (stretch.shows == Evidence::kFastMotion) fast_s += s.end_s() - s.start_s;
@@ -294,7 +295,7 @@ TEST(RealRecording, EmpsIsFastMotionFromBeginningToEnd) {
   ReadOptions read;
   read.columns = "X.command=qg[m],X.actual=qm[m],X.torque=vir[V]";
   const std::vector<Segment> segments = segment_axis(read_recording(file, read), "X").segments;
-  const std::vector<Stretch> found = sorted(segments);
+  const std::vector<EvidenceStretch> found = sorted(segments);
   ASSERT_EQ(found.size(), 1U);
   EXPECT_EQ(found[0].shows, Evidence::kFastMotion);
   EXPECT_GT(found[0].segment.size(), segments[0].size() - 400);

@@ -1,0 +1,71 @@
+// The diagnosis worker: says what the simulation of every axis gets wrong (diagnosis/diagnose.h),
+// on a schedule and when the residual alarm is raised.
+//
+//   every_s of the machine's time, or an alarm --> the axis has moved for record_s since the last
+//   diagnosis, and half of that is remembered --> the most recent record_s of its motion
+//   --> diagnose() --> store, with the extended model --> publisher
+//
+// The first diagnosis is due as soon as there is that much motion. All of this is counted in the
+// machine's time and motion, not in time of the worker. A diagnosis changes no model in force: it
+// is for people. Begun, finished, failed: every one is an event with its reason.
+//
+// One worker thread at idle priority, one axis at a time; a diagnosis that runs is finished before
+// the worker stops. The constructor and restore() before it starts, finish() after it.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "daemon/config.h"
+#include "daemon/event_log.h"
+#include "daemon/motion_memory.h"
+#include "daemon/residual_watch.h"
+#include "daemon/store.h"
+#include "diagnosis/diagnose.h"
+
+namespace servotwin {
+
+class DiagnosisWorker {
+ public:
+  using Announce = std::function<void(const StoredDiagnosis&)>;
+
+  /// `identify`: the poles' box and the longest delay are those of the identification. `announce`
+  /// is called with every diagnosis. All arguments outlive the worker.
+  DiagnosisWorker(const MachineDescription& machine, const DiagnoseConfig& config,
+                  const IdentifyConfig& identify, const MotionMemory& memory, ResidualWatch& watch,
+                  Store& store, EventLog& events, Announce announce);
+
+  /// Announces the last diagnosis of every axis that is in the store.
+  void restore();
+  void run(const std::stop_token& stop);
+  /// One look at one axis; true if it was diagnosed.
+  bool look(std::size_t axis);
+  /// No more motion will come: diagnoses what is due with half of the motion, too.
+  void finish(const std::stop_token& stop = {});
+
+ private:
+  struct Axis {
+    std::string name;
+    std::optional<std::string> alarm;   // not worked off yet
+    std::optional<double> diagnosed_s;  // the newest row at the last diagnosis
+    double moved_s = 0.0;               // of the axis by then
+  };
+
+  bool look(std::size_t axis, double least_motion_s);
+  void diagnose_now(std::size_t axis, const std::string& reason, double from_s, double until_s);
+  void keep(const StoredDiagnosis& diagnosis, const Event& event);
+
+  DiagnoseConfig config_;
+  DiagnoseOptions options_;
+  const MotionMemory& memory_;
+  ResidualWatch& watch_;
+  Store& store_;
+  EventLog& events_;
+  Announce announce_;
+  std::vector<Axis> axes_;
+};
+
+}  // namespace servotwin
