@@ -173,6 +173,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
   out.verdict = !out.causes.empty() ? Verdict::kExplained
                 : structured        ? Verdict::kUnexplained
                                     : Verdict::kNothingSignificant;
+  out.suggested_test = suggested_test(out, recorded);
   return out;
 }
 

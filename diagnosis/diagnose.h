@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "diagnosis/residual.h"
+#include "diagnosis/suggested_motion.h"
 #include "identification/identify.h"
 
 namespace servotwin {
@@ -47,6 +48,7 @@ struct Diagnosis {
   std::vector<Cause> causes;       ///< by their share of the error explained
   RegimeShares regimes;            ///< of what is left on the hold-out
   double unexplained_share = 0.0;  ///< of the baseline's squared error beyond the noise floor
+  std::optional<SuggestedTest> suggested_test;  ///< where something is left in doubt
   int fits = 0;
   std::vector<std::string> steps;  ///< what was tried, added and taken out, for people
 };

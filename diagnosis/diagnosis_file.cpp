@@ -118,6 +118,7 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
       {"verdict", name_of(diagnosis.verdict)},
       {"causes", causes},
       {"residual", {{"by_regime", regimes}, {"unexplained_share", diagnosis.unexplained_share}}},
+      {"suggested_test", diagnosis.suggested_test ? json(diagnosis.suggested_test->words) : json()},
       {"extended_model", extended_model.empty() ? json() : json(extended_model)}};
 }
 
