@@ -161,8 +161,11 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
 
   std::vector<Stretch> stretches;
   for (const Segment& s : holdout)
-    stretches.push_back({s.command, s.command - s.actual - simulate(extended, s), s.sample_time_s});
+    stretches.push_back(
+        {s.command, s.command - s.actual - simulate(extended, s), s.sample_time_s, s.start_s});
   out.regimes = by_regime(stretches);
+  out.regressors = by_regressor(stretches);
+  out.peaks = spectrum_peaks(stretches);
   const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
   const double all = out.baseline.holdout.rms * out.baseline.holdout.rms - noise;
   const double left = out.extended.holdout.rms * out.extended.holdout.rms - noise;

@@ -13,7 +13,9 @@
 #include <string>
 #include <vector>
 
+#include "diagnosis/regressor.h"
 #include "diagnosis/residual.h"
+#include "diagnosis/spectrum.h"
 #include "diagnosis/suggested_motion.h"
 #include "identification/identify.h"
 
@@ -43,11 +45,13 @@ struct Cause {
 
 struct Diagnosis {
   Verdict verdict = Verdict::kNothingSignificant;
-  ModelRecord baseline;            ///< judged on the hold-out
-  ModelRecord extended;            ///< with all causes; the baseline where there is none
-  std::vector<Cause> causes;       ///< by their share of the error explained
-  RegimeShares regimes;            ///< of what is left on the hold-out
-  double unexplained_share = 0.0;  ///< of the baseline's squared error beyond the noise floor
+  ModelRecord baseline;             ///< judged on the hold-out
+  ModelRecord extended;             ///< with all causes; the baseline where there is none
+  std::vector<Cause> causes;        ///< by their share of the error explained
+  RegimeShares regimes;             ///< of what is left on the hold-out
+  RegressorShares regressors;       ///< likewise
+  std::vector<SpectrumPeak> peaks;  ///< likewise
+  double unexplained_share = 0.0;   ///< of the baseline's squared error beyond the noise floor
   std::optional<SuggestedTest> suggested_test;  ///< where something is left in doubt
   int fits = 0;
   std::vector<std::string> steps;  ///< what was tried, added and taken out, for people

@@ -15,6 +15,8 @@ namespace servotwin {
 [[nodiscard]] std::string verdict_text(const Diagnosis& diagnosis);
 /// What the cause is, with its sizes, in one line.
 [[nodiscard]] std::string cause_text(const Diagnosis& diagnosis, const Cause& cause);
+/// What explains what is left, against chance; two lines.
+[[nodiscard]] std::vector<std::string> left_lines(const Diagnosis& diagnosis);
 /// What to look at on the machine.
 [[nodiscard]] std::string advice_for(const std::string& id);
 

@@ -22,11 +22,7 @@ Eigen::Index samples_in(double time_s, double h) {
 /// Half of what velocity and acceleration are taken over: whole samples.
 double span_s(double h) { return static_cast<double>(samples_in(kRegimeSpan_s, h)) * h; }
 
-/// Velocity and acceleration over the span; NaN where the span leaves the stretch or the command
-/// has a hole.
-struct CommandMotion {
-  Eigen::ArrayXd velocity, acceleration;
-};
+}  // namespace
 
 CommandMotion motion_of(const Stretch& stretch) {
   const Eigen::Index n = stretch.command.size();
@@ -42,6 +38,8 @@ CommandMotion motion_of(const Stretch& stretch) {
   }
   return motion;
 }
+
+namespace {
 
 double peak(const Eigen::ArrayXd& values) {
   double largest = 0.0;

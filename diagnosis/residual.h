@@ -44,8 +44,16 @@ using RegimeShares = std::array<RegimeShare, kRegimes>;  ///< in the order of th
 struct Stretch {
   Eigen::ArrayXd command;
   Eigen::ArrayXd residual;
-  double h = 0.0;  ///< sampling time [s] > 0
+  double h = 0.0;        ///< sampling time [s] > 0
+  double start_s = 0.0;  ///< of its first sample in the recording
 };
+
+/// Velocity and acceleration of the command over +-kRegimeSpan_s; NaN where the span leaves the
+/// stretch or the command has a hole.
+struct CommandMotion {
+  Eigen::ArrayXd velocity, acceleration;
+};
+[[nodiscard]] CommandMotion motion_of(const Stretch& stretch);
 
 /// Peak speed and acceleration are those of all stretches together.
 /// Throws std::invalid_argument where a stretch's arrays differ in length or its h is not positive.

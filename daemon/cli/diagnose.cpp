@@ -59,6 +59,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
   }
+  for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
   if (diagnosis.suggested_test) say(people, "test        " + diagnosis.suggested_test->words);
   if (details) {
     for (const std::string& step : diagnosis.steps) say(people, "search      " + step);
