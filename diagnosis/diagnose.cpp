@@ -119,12 +119,14 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
       Model at_once = extended;
       at_once.effects[i].shape[0] = 0.0;
       cause.gain = gain_of(at_once, extended, holdout);
+      cause.without = at_once;
       cause.statistic = paired_z(left_by(at_once, training), left_by(extended, training));
     } else {
       Hypothesis less;
       less.structure = without(current.structure, id, one.kind);
       if (!search.fit(less, {point_of(current.model, less.structure)})) continue;
       cause.gain = gain_of(less.model, extended, holdout);
+      cause.without = less.model;
       if (!named) {
         search.judge(less);
         cause.statistic = paired_z(less.pieces, current.pieces);

@@ -41,6 +41,7 @@ struct Cause {
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;
   Gain gain;
+  std::optional<Model> without;  ///< the extended model fitted again without it
 };
 
 struct Diagnosis {
