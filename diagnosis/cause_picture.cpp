@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 
-#include "diagnosis/plot.h"
 #include "diagnosis/regressor.h"
 #include "diagnosis/spectrum.h"
 #include "diagnosis/text.h"
@@ -49,12 +48,43 @@ bool is_friction(std::size_t kind) {
 
 /// The samples of all segments, with what is drawn of them; NaN where nothing is to be drawn.
 struct Drawn {
-  std::vector<double> velocity, acceleration, neighbour, position, time, travel, since_rest;
+  std::vector<double> velocity, acceleration, neighbour, position, time, since_rest;
+  std::vector<double> travel, direction;               // since the axis turned round
   std::vector<double> measured, without, with;         // force, length or error
   std::vector<double> left_without, left_with;         // measured less simulated [m | rad]
   std::vector<Stretch> stretch_without, stretch_with;  // the same
   double fastest = 0.0;
 };
+
+/// The way since the last turn of more than `least`, and the direction since; NaN before the first.
+struct Turns {
+  Eigen::ArrayXd travel, direction;
+};
+Turns turns_of(const Eigen::ArrayXd& x, double least) {
+  Turns out{Eigen::ArrayXd::Constant(x.size(), kNaN), Eigen::ArrayXd::Constant(x.size(), kNaN)};
+  double direction = 0.0;
+  bool turned = false;
+  Eigen::Index extreme = 0, turn = 0;
+  const auto put = [&](Eigen::Index k) {
+    out.travel(k) = std::max(0.0, direction * (x(k) - x(turn)));
+    out.direction(k) = direction;
+  };
+  for (Eigen::Index k = 0; k < x.size(); ++k) {
+    const double way = x(k) - x(extreme);
+    if (direction == 0.0 ? std::abs(way) > least : direction * way < -least) {
+      turned = direction != 0.0;
+      direction = way > 0.0 ? 1.0 : -1.0;
+      turn = extreme;
+      extreme = k;
+      // What lies between the turn and here has turned already.
+      for (Eigen::Index i = turn; turned && i < k; ++i) put(i);
+    } else if (direction * way > 0.0) {
+      extreme = k;
+    }
+    if (turned) put(k);
+  }
+  return out;
+}
 
 /// What an effect does along a motion, per sample.
 Eigen::ArrayXd along(const Effect& effect, const Signals& signals, const Spline& command) {
@@ -88,8 +118,8 @@ Eigen::ArrayXd force_of(const Loop& loop, const Eigen::ArrayXd& difference, doub
   return out;
 }
 
-Drawn drawn_of(const Diagnosis& diagnosis, const Cause& cause,
-               const std::vector<Segment>& segments) {
+Drawn drawn_of(const Diagnosis& diagnosis, const Cause& cause, const std::vector<Segment>& segments,
+               double scale) {
   Drawn out;
   const Model& with = diagnosis.extended.model;
   const Model& without = *cause.without;
@@ -127,7 +157,9 @@ Drawn drawn_of(const Diagnosis& diagnosis, const Cause& cause,
     const Stretch stretch{s.command, error - by_with, h, s.start_s};
     out.stretch_with.push_back(stretch);
     out.stretch_without.push_back({s.command, error - by_without, h, s.start_s});
-    const Variables v = variables_of(stretch);
+    // Effects live in where the axis is and not in where it was sent.
+    const Variables v = variables_of({signals.position, stretch.residual, h, s.start_s});
+    const Turns turns = turns_of(signals.position, 0.01 * scale);
     for (Eigen::Index k = skip; k + skip < s.size(); ++k) {
       if (!std::isfinite(v.velocity(k)) || !std::isfinite(v.acceleration(k))) continue;
       out.velocity.push_back(v.velocity(k));
@@ -137,7 +169,8 @@ Drawn drawn_of(const Diagnosis& diagnosis, const Cause& cause,
           signals.neighbour_acceleration.size() > 0 ? signals.neighbour_acceleration(k) : kNaN);
       out.position.push_back(v.position(k));
       out.time.push_back(v.time(k));
-      out.travel.push_back(v.travel(k));
+      out.travel.push_back(turns.travel(k));
+      out.direction.push_back(turns.direction(k));
       out.since_rest.push_back(v.since_rest_s(k));
       out.measured.push_back(measured(k));
       out.without.push_back(base(k));
@@ -153,12 +186,15 @@ Eigen::ArrayXd array(const std::vector<double>& values) {
   return Eigen::Map<const Eigen::ArrayXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
-/// Means of the three over x; `turned`: against the motion.
+/// With the sign of the motion: of the moment, or of the way since the axis turned round.
+enum class Turned { kNo, kMoving, kSinceTurn };
+
+/// Means of the three over x.
 struct Over {
   std::string title, x_label, y_label;
   std::vector<double> x;  // as drawn
   double scale = 1.0;     // of y as drawn
-  bool turned = false;
+  Turned turned = Turned::kNo;
   int bins = 24;
   std::vector<double> marks = {};
 };
@@ -169,11 +205,11 @@ PlotPanel panel_over(const Drawn& drawn, const Over& over) {
                           const char* colour, bool dashed) {
     std::vector<double> y(values.size());
     for (std::size_t i = 0; i < values.size(); ++i) {
-      const double v = drawn.velocity[i];
-      const double sign = !over.turned                              ? 1.0
-                          : std::abs(v) < kStanding * drawn.fastest ? kNaN
-                          : v > 0.0                                 ? 1.0
-                                                                    : -1.0;
+      const bool stands = std::abs(drawn.velocity[i]) < kStanding * drawn.fastest;
+      const double sign = over.turned == Turned::kNo          ? 1.0
+                          : over.turned == Turned::kSinceTurn ? drawn.direction[i]
+                          : stands                            ? kNaN
+                                   : std::copysign(1.0, drawn.velocity[i]);
       y[i] = over.scale * sign * values[i];
     }
     PlotSeries out{name, {}, {}, line, colour, {}, dashed};
@@ -282,8 +318,6 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
                         const std::vector<Segment>& segments) {
   const Model& model = diagnosis.extended.model;
   if (!cause.without || cause.place >= model.effects.size()) return {};
-  const Drawn drawn = drawn_of(diagnosis, cause, segments);
-  if (drawn.time.size() < 100) return {};
   const Effect& effect = model.effects[cause.place];
   const bool rotary = diagnosis.baseline.rotary;
   const std::string length = rotary ? "mrad" : "mm", micro = rotary ? "[urad]" : "[um]",
@@ -298,6 +332,12 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     }
     return kNaN;
   };
+  double scale = 20e-6;  // of the way in which friction turns over
+  for (const char* name : {"breakaway_displacement", "deflection", "width", "length"}) {
+    if (std::isfinite(shape(name))) scale = shape(name);
+  }
+  const Drawn drawn = drawn_of(diagnosis, cause, segments, scale);
+  if (drawn.time.size() < 100) return {};
   const std::string& id = cause.id;
   const std::string friction = is_friction(effect.kind) ? "friction " + force : "force " + force;
   const std::string turned = "friction against the motion " + force;
@@ -316,28 +356,26 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
         "Friction over speed; what grows with speed alike in both directions is in the loop and "
         "not drawn. Left of zero the axis moves backwards.";
   } else if (is(id, {"presliding", "backlash", "dwell_stiction"})) {
-    double scale = 20e-6;
-    for (const char* name : {"breakaway_displacement", "deflection", "width", "length"}) {
-      if (std::isfinite(shape(name))) scale = shape(name);
-    }
     const bool reading = identity_of(effect.kind).acts == Acts::kReading;
     Over over{"after a reversal",
               rotary ? "way since the reversal [urad]" : "way since the reversal [um]",
               reading ? "error of the reading with the motion " + micro : turned,
-              within(drawn.travel, 0.0, 8.0 * scale, 1e6)};
-    over.turned = true;
+              within(drawn.travel, 0.0, 5.0 * scale, 1e6)};
+    over.turned = Turned::kSinceTurn;
     over.scale = reading ? 1e6 : 1.0;
     panels.push_back(panel_over(drawn, over));
     if (id == "dwell_stiction")
-      panels.push_back(panel_over(drawn, {"after a rest", "time since the rest [s]", turned,
-                                          within(drawn.since_rest, 0.0, 0.5, 1.0), 1.0, true}));
+      panels.push_back(
+          panel_over(drawn, {"after a rest", "time since the rest [s]", turned,
+                             within(drawn.since_rest, 0.0, 0.5, 1.0), 1.0, Turned::kMoving}));
     caption = id == "backlash"
                   ? "A gap shows as a step right after the axis has turned round."
                   : "After the axis has turned round its friction changes over to the other side "
                     "within this way.";
   } else if (id == "position_dependent_friction") {
-    panels.push_back(panel_over(drawn, {"along the axis", "position [" + length + "]", turned,
-                                        within(drawn.position, -all, all, 1e3), 1.0, true}));
+    panels.push_back(
+        panel_over(drawn, {"along the axis", "position [" + length + "]", turned,
+                           within(drawn.position, -all, all, 1e3), 1.0, Turned::kMoving}));
     caption = "Friction where the axis is, both directions together.";
   } else if (is(id, {"cogging", "encoder_error", "lead_error"})) {
     const double period = shape("period");
@@ -348,15 +386,20 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     }
     const bool reading = identity_of(effect.kind).acts == Acts::kReading;
     const std::string y = reading ? "error of the reading " + micro : "force " + force;
+    const auto [low, high] = std::minmax_element(drawn.position.begin(), drawn.position.end());
+    // A period on some points, or it would be another.
+    const int bins = std::clamp(static_cast<int>(8.0 * (*high - *low) / period), 24, 240);
     panels.push_back(panel_over(
         drawn, {text("within a period of %.5g ", 1e3 * period) + length,
                 "position less whole periods [" + length + "]", y, place, reading ? 1e6 : 1.0}));
     if (reading)
-      panels.push_back(panel_over(drawn, {"along the axis", "position [" + length + "]", y,
-                                          within(drawn.position, -all, all, 1e3), 1e6}));
+      panels.push_back(
+          panel_over(drawn, {"along the axis", "position [" + length + "]", y,
+                             within(drawn.position, -all, all, 1e3), 1e6, Turned::kNo, bins}));
     caption = "All periods of the recording laid upon each other.";
   } else if (is(id, {"added_friction", "viscous_drift"})) {
-    Over over{"friction over time", "time in the recording [s]", turned, drawn.time, 1.0, true};
+    Over over{"friction over time", "time in the recording [s]", turned, drawn.time, 1.0,
+              Turned::kMoving};
     if (std::isfinite(shape("time_s"))) over.marks = {shape("time_s")};
     panels.push_back(panel_over(drawn, over));
     panels.push_back(error_over_time(drawn, micro, over.marks));
@@ -416,8 +459,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     return std::all_of(panel.series.begin(), panel.series.end(),
                        [](const PlotSeries& s) { return s.x.empty(); });
   });
-  if (panels.empty()) return {};
-  return {plot_svg(panels), caption};
+  return {panels, caption};
 }
 
 }  // namespace servotwin

@@ -18,13 +18,14 @@
 #include <vector>
 
 #include "diagnosis/diagnose.h"
+#include "diagnosis/plot.h"
 #include "twin/sample.h"
 
 namespace servotwin {
 
 struct CausePicture {
-  std::string svg;      ///< empty: the cause has no picture
-  std::string caption;  ///< what is seen
+  std::vector<PlotPanel> panels;  ///< none: the cause has no picture
+  std::string caption;            ///< what is seen
 };
 
 /// `segments`: the recording that was diagnosed.

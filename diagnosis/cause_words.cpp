@@ -41,6 +41,16 @@ constexpr std::array<std::pair<const char*, const char*>, 24> kNames{{
     {"dropped_samples", "samples lost by the recorder"},
 }};
 
+/// What one direction needs more than the other.
+std::string unlike_directions(double creeping, double per_speed, const char* force, bool rotary) {
+  const auto way = [](double more) { return more > 0.0 ? "forwards" : "backwards"; };
+  const bool alike = creeping * per_speed > 0.0;
+  return std::string(way(creeping)) +
+         text(" it needs %.3g %s more at creeping speed, and %s%.3g more for every %s",
+              std::abs(creeping), force, alike ? "" : (std::string(way(per_speed)) + " ").c_str(),
+              (rotary ? 1.0 : 0.1) * std::abs(per_speed), rotary ? "rad/s" : "100 mm/s");
+}
+
 }  // namespace
 
 std::string plain_name(const std::string& id) {
@@ -96,19 +106,19 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
     out = text("%.3g um per m, with a time constant of %.3g s", 1e6 * of("growth"),
                of("time_constant_s"));
   if (id == "asymmetric_friction")
-    out = text("forwards less backwards: %.3g %s, and %.3g more per m/s of speed",
-               2.0 * of("coulomb_difference"), force, 2.0 * of("viscous_difference"));
+    out = unlike_directions(2.0 * of("coulomb_difference"), 2.0 * of("viscous_difference"), force,
+                            rotary);
   if (id == "stribeck" && std::isfinite(of("drop")))
-    out = text("%.3g %s %s at creeping speed, gone above some %.2g %s/s", std::abs(of("drop")),
+    out = text("%.3g %s %s at creeping speed, gone above some %.3g %s/s", std::abs(of("drop")),
                force, of("drop") > 0.0 ? "more" : "less", 3e3 * of("stribeck_velocity"), milli);
   if (id == "stribeck" && std::isfinite(of("breakaway_ratio")))
-    out = text("%.3g times as high at creeping speed, gone above some %.2g %s/s",
+    out = text("%.3g times as high at creeping speed, gone above some %.3g %s/s",
                of("breakaway_ratio"), 3e3 * of("stribeck_velocity"), milli);
   if (id == "presliding") {
     const double level = std::isfinite(of("breakaway")) ? of("breakaway") : of("coulomb");
     const double way = std::isfinite(of("breakaway_displacement")) ? of("breakaway_displacement")
                                                                    : of("deflection");
-    out = text("%.3g %s, built up within some %.2g %s", level, force, 1e6 * way, micro);
+    out = text("%.3g %s, built up within some %.3g %s", level, force, 1e6 * way, micro);
   }
   // A key that this effect does not have would be no number.
   if (out.empty() || out.find("nan") != std::string::npos) out = cause_text(diagnosis, cause);

@@ -16,7 +16,7 @@ namespace {
 constexpr double kWidth = 560.0, kHeight = 380.0;  // of a panel
 constexpr double kLeft = 64.0, kRight = 16.0, kBottom = 48.0;
 constexpr double kTitle = 20.0, kLine = 18.0;  // of its baseline; from one line to the next
-constexpr double kLetter = 6.6;                // about as wide as one
+constexpr double kLetter = 7.4;                // about as wide as one
 constexpr std::array<const char*, 6> kPalette = {"#3b7dd8", "#d9542b", "#2f9e58",
                                                  "#9b59b6", "#c79a1b", "#6b7785"};
 

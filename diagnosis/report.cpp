@@ -53,8 +53,8 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
   const auto count = std::min<Eigen::Index>(
       s.size(), static_cast<Eigen::Index>(std::lround(kShown_s / s.sample_time_s)));
   const Eigen::Index begin = (s.size() - count) / 2;
-  PlotSeries measured{"measured", {}, {}, true, ""}, baseline{"before", {}, {}, true, ""},
-      extended{"with all that was found", {}, {}, true, ""};
+  PlotSeries measured{"measured", {}, {}, true, ""}, baseline{"before", {}, {}, true, "#d9542b"},
+      extended{"with all that was found", {}, {}, true, "#2f9e58"};
   for (Eigen::Index k = begin; k < begin + count; ++k) {
     const double t = s.start_s + s.sample_time_s * static_cast<double>(k);
     measured.x.push_back(t);
@@ -64,7 +64,7 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
     extended.x.push_back(t);
     extended.y.push_back(after(k));
   }
-  const std::string unit = rotary ? "[urad]" : "[um]";
+  const std::string unit = rotary ? "error [urad]" : "error [um]";
   return "<figure>" +
          plot_svg({{"tracking error: command less encoder",
                     "time in the recording [s]",
@@ -82,7 +82,8 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
 /// Why one believes it, in words.
 std::string how_sure(const Cause& cause, const char* unit) {
   if (cause.place == kNoEffect) return "counted in the recording, not inferred";
-  std::string out = text("%.0f %%", 100.0 * cause.confidence);
+  std::string out =
+      cause.confidence >= 0.995 ? "over 99 %" : text("%.0f %%", 100.0 * cause.confidence);
   out += cause.confidence >= 0.995 ? ": in every resampling of the recording it explains more than "
                                      "its nearest rival"
                                    : ": in that share of resamplings of the recording it explains "
@@ -107,8 +108,8 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
   const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
   std::string out = text("<section><h2>%zu. ", number + 1) + escaped(plain_name(cause.id)) +
                     "</h2>\n<p class='size'>" + escaped(plain_size(diagnosis, cause)) + "</p>\n";
-  if (const CausePicture picture = picture_of(diagnosis, cause, segments); !picture.svg.empty())
-    out += "<figure>" + picture.svg + "<figcaption>" + escaped(picture.caption) +
+  if (const CausePicture picture = picture_of(diagnosis, cause, segments); !picture.panels.empty())
+    out += "<figure>" + plot_svg(picture.panels) + "<figcaption>" + escaped(picture.caption) +
            " Points are measured, with 95 % bars where they are means.</figcaption></figure>\n";
   out += "<table>";
   if (const std::string advice = advice_for(cause.id); !advice.empty())
@@ -130,7 +131,7 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
 }
 
 /// What is left, over what the command does and over every variable.
-std::string left_of(const Diagnosis& diagnosis) {
+std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
   const char* unit = rotary ? "urad" : "um";
   std::string out =
@@ -144,17 +145,29 @@ std::string left_of(const Diagnosis& diagnosis) {
                 1e6 * share.rms, unit, 1e6 * share.max, unit, 100.0 * share.share,
                 100.0 * share.time_share);
   }
+  std::vector<Stretch> stretches;
+  for (const Segment& s : cut(segments, diagnosis.baseline.training_to_s + 1e-9, 1e300))
+    stretches.push_back({s.command, s.command - s.actual - simulate(diagnosis.baseline.model, s),
+                         s.sample_time_s, s.start_s});
+  const RegressorShares before = by_regressor(stretches);
   out +=
       "</table>\n<p>What could explain it, one variable at a time:</p>\n<table><tr><th>variable"
-      "</th><th>share of the squared error</th><th>chance alone reaches</th><th></th></tr>\n";
+      "</th><th>share of the squared error</th><th>chance alone reaches</th><th></th><th>before "
+      "the causes were named</th></tr>\n";
   for (const RegressorShare& share : diagnosis.regressors) {
+    const RegressorShare& then = before[static_cast<std::size_t>(share.regressor)];
     std::string name = spaced(name_of(share.regressor));
     if (share.regressor == Regressor::kPositionInPeriod)
       name = text("position within %.4g %s", 1e3 * share.period, rotary ? "mrad" : "mm");
     out += "<tr><td>" + name +
            text("</td><td>%.2g %%</td><td>%.2g %%</td><td>", 100.0 * share.share,
                 100.0 * share.chance) +
-           (share.significant ? "<b>beyond chance</b>" : "chance") + "</td></tr>\n";
+           (share.significant ? "<b>beyond chance</b>" : "chance") + "</td><td>" +
+           text("%.2g %%", 100.0 * then.share) + (then.significant ? ", beyond chance" : "") +
+           (share.regressor == Regressor::kPositionInPeriod && then.significant
+                ? text(", %.4g %s", 1e3 * then.period, rotary ? "mrad" : "mm")
+                : "") +
+           "</td></tr>\n";
   }
   out += "</table>\n<p>";
   for (const SpectrumPeak& peak : diagnosis.peaks)
@@ -210,7 +223,7 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
     }
     out += "</section>\n";
   }
-  out += left_of(diagnosis) +
+  out += left_of(diagnosis, segments) +
          "<section><details><summary>How this was found</summary><p>Candidates were fitted with "
          "the loop on the first part of the recording and had to predict blocks of it that they "
          "had not seen better than without them, by more than chance. All errors above are in "
@@ -219,8 +232,8 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
          "<table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
   for (const Cause& cause : diagnosis.causes) {
     if (cause.place == kNoEffect) continue;
-    out += "<tr><td>" + escaped(cause.id) +
-           text("</td><td>%.2f</td><td>%.2g</td></tr>", cause.statistic, cause.p);
+    out += "<tr><td>" + escaped(cause.id) + text("</td><td>%.2f</td><td>", cause.statistic) +
+           (std::isfinite(cause.p) ? text("%.2g", cause.p) : "") + "</td></tr>";
   }
   out += "</table><p>What was tried, in its order:</p><pre>";
   for (const std::string& step : diagnosis.steps) out += escaped(step) + "\n";

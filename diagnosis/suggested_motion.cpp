@@ -9,6 +9,7 @@
 
 #include "diagnosis/diagnose.h"
 #include "diagnosis/text.h"
+#include "identification/excitation.h"
 #include "identification/noise_floor.h"
 
 namespace servotwin {
@@ -404,9 +405,13 @@ std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const Se
       ++i;
     }
   }
-  if (diagnosis.verdict == Verdict::kUnexplained || !diagnosis.baseline.excitation.empty())
-    doubts.push_back({});
-  return suggested_test(doubts, seen_motion(axis.segments), sizes);
+  // Not what a model that lacks a cause leaves uncertain, but what the motion does not contain.
+  const std::vector<std::string> missing =
+      missing_motion(excitation_of(axis.segments), axis.rotary);
+  if (diagnosis.verdict == Verdict::kUnexplained || !missing.empty()) doubts.push_back({});
+  auto test = suggested_test(doubts, seen_motion(axis.segments), sizes);
+  for (const std::string& one : missing) test->words += " In the recording, " + one + ".";
+  return test;
 }
 
 }  // namespace servotwin
