@@ -49,10 +49,10 @@ bool is_friction(std::size_t kind) {
 /// The samples of all segments, with what is drawn of them; NaN where nothing is to be drawn.
 struct Drawn {
   std::vector<double> velocity, acceleration, neighbour, position, time, since_rest;
-  std::vector<double> travel, direction;               // since the axis turned round
-  std::vector<double> measured, without, with;         // force, length or error
-  std::vector<double> left_without, left_with;         // measured less simulated [m | rad]
-  std::vector<Stretch> stretch_without, stretch_with;  // the same
+  std::vector<double> travel, direction;                       // since the axis turned round
+  std::vector<double> measured, without, with;                 // force, length or error
+  std::vector<double> left_without, left_with;                 // measured less simulated [m | rad]
+  std::vector<ResidualStretch> stretch_without, stretch_with;  // the same
   double fastest = 0.0;
 };
 
@@ -154,7 +154,7 @@ Drawn drawn_of(const Diagnosis& diagnosis, const Cause& cause, const std::vector
       measured = one + force_of(with.loop, error - by_with, h);
       base = one + force_of(with.loop, by_without - by_with, h);
     }
-    const Stretch stretch{s.command, error - by_with, h, s.start_s};
+    const ResidualStretch stretch{s.command, error - by_with, h, s.start_s};
     out.stretch_with.push_back(stretch);
     out.stretch_without.push_back({s.command, error - by_without, h, s.start_s});
     // Effects live in where the axis is and not in where it was sent.
@@ -261,7 +261,7 @@ PlotPanel error_over_time(const Drawn& drawn, const std::string& unit,
 
 PlotPanel error_over_frequency(const Drawn& drawn, const std::string& unit,
                                const std::vector<double>& marks) {
-  const auto amplitude = [&](const std::vector<Stretch>& left, const char* name,
+  const auto amplitude = [&](const std::vector<ResidualStretch>& left, const char* name,
                              const char* colour) {
     const Spectrum spectrum = spectrum_of(left);
     PlotSeries out{name, {}, {}, true, colour};

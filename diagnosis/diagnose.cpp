@@ -161,7 +161,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     return worth(l.gain) > worth(r.gain);
   });
 
-  std::vector<Stretch> stretches;
+  std::vector<ResidualStretch> stretches;
   for (const Segment& s : holdout)
     stretches.push_back(
         {s.command, s.command - s.actual - simulate(extended, s), s.sample_time_s, s.start_s});

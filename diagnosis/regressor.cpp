@@ -25,15 +25,15 @@ struct Samples {
   double h = 0.0;
 };
 
-Samples samples_of(std::span<const Stretch> stretches) {
+Samples samples_of(std::span<const ResidualStretch> stretches) {
   Eigen::Index all = 0;
-  for (const Stretch& s : stretches) all += s.residual.size();
+  for (const ResidualStretch& s : stretches) all += s.residual.size();
   const Eigen::Index every = std::max<Eigen::Index>(1, (all + kSamples - 1) / kSamples);
   std::vector<double> residual;
   std::array<std::vector<double>, kRegressors> values;
   double fastest = 0.0;
   std::vector<Variables> variables;
-  for (const Stretch& s : stretches) {
+  for (const ResidualStretch& s : stretches) {
     variables.push_back(variables_of(s));
     for (const double v : variables.back().velocity) {
       if (std::isfinite(v)) fastest = std::max(fastest, std::abs(v));
@@ -190,7 +190,7 @@ std::string_view name_of(Regressor regressor) {
   return kNames[static_cast<std::size_t>(regressor)];
 }
 
-Variables variables_of(const Stretch& stretch) {
+Variables variables_of(const ResidualStretch& stretch) {
   Variables out;
   const Eigen::Index n = stretch.command.size();
   CommandMotion motion = motion_of(stretch);
@@ -225,7 +225,7 @@ Variables variables_of(const Stretch& stretch) {
   return out;
 }
 
-RegressorShares by_regressor(std::span<const Stretch> stretches) {
+RegressorShares by_regressor(std::span<const ResidualStretch> stretches) {
   RegressorShares out;
   for (std::size_t r = 0; r < kRegressors; ++r) out[r].regressor = static_cast<Regressor>(r);
   const Samples s = samples_of(stretches);

@@ -46,7 +46,7 @@ struct RegressorShare {
 };
 using RegressorShares = std::array<RegressorShare, kRegressors>;  ///< in the order above
 
-[[nodiscard]] RegressorShares by_regressor(std::span<const Stretch> stretches);
+[[nodiscard]] RegressorShares by_regressor(std::span<const ResidualStretch> stretches);
 
 /// Samples of a stretch by the variables; NaN where one has no value.
 struct Variables {
@@ -54,7 +54,7 @@ struct Variables {
   Eigen::ArrayXd since_reversal_s, since_rest_s;  ///< NaN before the first
   Eigen::ArrayXd travel;                          ///< since the last reversal [m | rad]
 };
-[[nodiscard]] Variables variables_of(const Stretch& stretch);
+[[nodiscard]] Variables variables_of(const ResidualStretch& stretch);
 
 /// Means of y over bins of x.
 struct Bin {

@@ -16,14 +16,14 @@ constexpr std::size_t kMost = 6;
 constexpr double kHigher =
     0.45;  // of the sampling rate: what is beyond is the filter of a recorder
 
-bool usable(const Stretch& s, double h) {
+bool usable(const ResidualStretch& s, double h) {
   return s.h == h && static_cast<double>(s.residual.size()) * h >= kLeast_s &&
          s.residual.isFinite().all();
 }
 
-double longest_s(std::span<const Stretch> stretches) {
+double longest_s(std::span<const ResidualStretch> stretches) {
   double out = 0.0;
-  for (const Stretch& s : stretches) {
+  for (const ResidualStretch& s : stretches) {
     if (usable(s, stretches.front().h))
       out = std::max(out, s.h * static_cast<double>(s.residual.size()));
   }
@@ -32,7 +32,7 @@ double longest_s(std::span<const Stretch> stretches) {
 
 }  // namespace
 
-Spectrum spectrum_of(std::span<const Stretch> stretches) {
+Spectrum spectrum_of(std::span<const ResidualStretch> stretches) {
   Spectrum out;
   const double longest = longest_s(stretches);
   if (!(longest > 0.0)) return out;
@@ -43,7 +43,7 @@ Spectrum spectrum_of(std::span<const Stretch> stretches) {
   out.amplitude.assign(padded / 2 + 1, 0.0);
   Eigen::FFT<double> fft;
   double weight = 0.0;
-  for (const Stretch& s : stretches) {
+  for (const ResidualStretch& s : stretches) {
     if (!usable(s, h)) continue;
     const auto n = static_cast<std::size_t>(s.residual.size());
     std::vector<double> windowed(padded, 0.0);
@@ -63,7 +63,7 @@ Spectrum spectrum_of(std::span<const Stretch> stretches) {
   return out;
 }
 
-std::vector<SpectrumPeak> spectrum_peaks(std::span<const Stretch> stretches) {
+std::vector<SpectrumPeak> spectrum_peaks(std::span<const ResidualStretch> stretches) {
   const Spectrum spectrum = spectrum_of(stretches);
   std::vector<SpectrumPeak> out;
   const std::size_t n = spectrum.amplitude.size();

@@ -26,9 +26,9 @@ struct Spectrum {
 };
 
 /// Of all stretches of at least half a second and one sampling time; empty where there is none.
-[[nodiscard]] Spectrum spectrum_of(std::span<const Stretch> stretches);
+[[nodiscard]] Spectrum spectrum_of(std::span<const ResidualStretch> stretches);
 
 /// The highest first, at most six.
-[[nodiscard]] std::vector<SpectrumPeak> spectrum_peaks(std::span<const Stretch> stretches);
+[[nodiscard]] std::vector<SpectrumPeak> spectrum_peaks(std::span<const ResidualStretch> stretches);
 
 }  // namespace servotwin

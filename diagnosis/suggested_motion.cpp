@@ -343,7 +343,7 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
   for (const Doubt& doubt : doubts) {
     if (doubt.cause.empty()) {
       pieces |= kSurvey;
-      add("Everything that an error can depend on changes for itself.");
+      add("In it everything that an error can depend on changes by itself.");
       continue;
     }
     const Nature& one = nature_of(doubt.cause);

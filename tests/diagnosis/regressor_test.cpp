@@ -18,8 +18,8 @@ constexpr double kStep = 1e-3;
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 /// Laps of unlike speed and way with rests, 24 s.
-Stretch motion() {
-  Stretch out;
+ResidualStretch motion() {
+  ResidualStretch out;
   out.h = kStep;
   out.start_s = 5.0;
   std::vector<double> x{0.0};
@@ -92,7 +92,7 @@ TEST_P(ADependence, IsFoundWithItsShare) {
       {Regressor::kTime, [](const auto& v, auto k) { return std::exp(-(v.time(k) - 5.0) / 8.0); }},
   }};
   const Dependence& one = all[static_cast<std::size_t>(GetParam())];
-  Stretch stretch = motion();
+  ResidualStretch stretch = motion();
   const Variables v = variables_of(stretch);
   for (Eigen::Index k = 0; k < stretch.command.size(); ++k) {
     const double value = one.value(v, k);
@@ -119,7 +119,7 @@ class Noise : public testing::TestWithParam<double> {};
 TEST_P(Noise, IsChance) {
   int found = 0;
   for (std::uint64_t seed = 1; seed <= 8; ++seed) {
-    Stretch stretch = motion();
+    ResidualStretch stretch = motion();
     stretch.residual = noise(stretch.command.size(), GetParam(), seed);
     for (const RegressorShare& s : by_regressor(std::span(&stretch, 1))) found += s.significant;
   }
@@ -129,12 +129,12 @@ INSTANTIATE_TEST_SUITE_P(Memories, Noise, testing::Values(0.0, 0.01, 0.1));
 
 TEST(ByRegressor, NothingIsExplainedOfNothing) {
   for (const RegressorShare& s : by_regressor({})) EXPECT_FALSE(s.significant);
-  Stretch stretch = motion();
+  ResidualStretch stretch = motion();
   for (const RegressorShare& s : by_regressor(std::span(&stretch, 1))) EXPECT_EQ(s.share, 0.0);
 }
 
 TEST(VariablesOf, CountsFromTheReversalAndFromTheRest) {
-  Stretch s;
+  ResidualStretch s;
   s.h = kStep;
   s.start_s = 2.0;
   s.command.resize(4000);
@@ -176,7 +176,7 @@ TEST(BinsOf, TakesMeansAndTheirDeviationFromRuns) {
 }
 
 TEST(Spectrum, ALineHasItsFrequencyAndAmplitude) {
-  Stretch s;
+  ResidualStretch s;
   s.h = kStep;
   s.residual = noise(12'345, 0.003, 9) * 1e-6;
   for (Eigen::Index k = 0; k < s.residual.size(); ++k)
@@ -188,17 +188,17 @@ TEST(Spectrum, ALineHasItsFrequencyAndAmplitude) {
   EXPECT_NEAR(peaks.front().amplitude, 0.3e-6, 0.05e-6);
   EXPECT_LT(peaks.front().significance, 1e-6);
   // Two stretches show the same line.
-  Stretch first = s, second = s;
+  ResidualStretch first = s, second = s;
   first.residual = s.residual.head(6000);
   second.residual = s.residual.tail(6000);
-  const std::vector<Stretch> both{first, second};
+  const std::vector<ResidualStretch> both{first, second};
   EXPECT_NEAR(spectrum_peaks(both).front().amplitude, 0.3e-6, 0.06e-6);
 }
 
 TEST(Spectrum, ColouredNoiseHasNoLine) {
   int lines = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
-    Stretch s;
+    ResidualStretch s;
     s.h = kStep;
     s.residual = noise(10'000, 0.01, seed);
     s.command = s.residual;

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <stdexcept>
 
+#include "diagnosis/diagnose.h"
 #include "identification/evidence.h"
 #include "tests/virtual_machine/program.h"
 #include "twin/catalogue.h"
@@ -135,6 +136,36 @@ TEST(SuggestedTest, RipplesAreRunAtTwoSpeedsOverSeveralPeriods) {
   const auto too_short =
       suggested_test({{"cogging", "encoder_error"}}, seen, {.period = seen.high - seen.low});
   EXPECT_THAT(too_short->words, HasSubstr("1.0 periods long"));
+}
+
+TEST(SuggestedTest, OfADiagnosisAsksAboutItsRivalsAtTheirSizes) {
+  SegmentedAxis axis;
+  axis.segments = recorded(2);
+  axis.segments.front().actual = axis.segments.front().command;
+  Diagnosis diagnosis;
+  EXPECT_FALSE(suggested_test(diagnosis, axis).has_value());
+  Effect ripple = make_effect<Cogging>();
+  ripple.shape[0] = 3e-3;
+  diagnosis.extended.model.effects = {ripple};
+  Cause cause;
+  cause.id = "cogging";
+  cause.confidence = 1.0;
+  diagnosis.causes = {cause};
+  EXPECT_FALSE(suggested_test(diagnosis, axis).has_value());
+  diagnosis.causes[0].ambiguous_with = {"encoder_error"};
+  const auto test = suggested_test(diagnosis, axis);
+  ASSERT_TRUE(test && test->motion);
+  EXPECT_THAT(test->words, HasSubstr("encoder_error"));
+  double longest = 0.0;  // of the strokes at the test's own speeds
+  for (std::size_t i = 1; i + 1 < test->motion->legs.size(); ++i)
+    longest = std::max(longest, std::abs(test->motion->legs[i].to - test->motion->legs[i - 1].to));
+  EXPECT_NEAR(longest, 8.0 * 3e-3, 1e-9);
+  diagnosis.causes[0].ambiguous_with.clear();
+  diagnosis.causes[0].confidence = 0.6;  // not sure, and no rival
+  EXPECT_TRUE(suggested_test(diagnosis, axis)->motion.has_value());
+  diagnosis.causes.clear();
+  diagnosis.verdict = Verdict::kUnexplained;
+  EXPECT_THAT(suggested_test(diagnosis, axis)->words, HasSubstr("everything that an error"));
 }
 
 TEST(SuggestedTest, AStandingAxisGetsWordsAndNoMotion) {
