@@ -59,8 +59,6 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
   }
-  for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
-  if (diagnosis.suggested_test) say(people, "test        " + diagnosis.suggested_test->words);
   if (details) {
     for (const std::string& step : diagnosis.steps) say(people, "search      " + step);
   }
@@ -71,6 +69,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
                      std::string(name_of(share.regime)).c_str(), 1e6 * share.rms, micro(rotary),
                      1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
   }
+  for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
+  if (diagnosis.suggested_test) say(people, "test        " + diagnosis.suggested_test->words);
 }
 
 /// BASE.csv and BASE.nc; their names, none where no motion is suggested.
