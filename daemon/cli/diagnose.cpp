@@ -70,7 +70,13 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
                      1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
   }
   for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
-  if (diagnosis.suggested_test) say(people, "test        " + diagnosis.suggested_test->words);
+  if (diagnosis.suggested_test) {
+    // A sentence a line.
+    std::string words = diagnosis.suggested_test->words;
+    for (std::size_t at = 0; (at = words.find(". ", at)) != std::string::npos; at += 14)
+      words.replace(at, 2, ".\n            ");
+    say(people, "test        " + words);
+  }
 }
 
 /// BASE.csv and BASE.nc; their names, none where no motion is suggested.
