@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iostream>
 #include <ostream>
 
 #include "diagnosis/extension.h"
@@ -120,6 +121,11 @@ TEST_P(SuggestedMotion, Decides) {
   const double apart_before = rms(simulate(truth, ordinary) - simulate(rival, ordinary)),
                apart = rms(by_truth - by_rival);
   const Eigen::ArrayXd error = test.command - test.actual;
+  std::cout << p.truth << " or " << p.rival << ": apart by " << apart_before / kNoise
+            << " times the noise in the recording, " << apart / kNoise << " on the test motion ("
+            << suggested->motion->duration_s() << " s); it leaves "
+            << rms(error - by_truth) / kNoise << ", the rival " << rms(error - by_rival) / kNoise
+            << '\n';
   EXPECT_LT(apart_before, 2.0 * kNoise);  // the ordinary recording does not decide
   EXPECT_GT(apart, 4.0 * std::max(kNoise, apart_before));
   EXPECT_LT(rms(error - by_truth), 1.5 * kNoise);
