@@ -336,13 +336,15 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   for (Cause& cause : out.causes) {
     const auto same = [&](const Change& change) { return change.cause == cause.id; };
     Varied less = current.without(same);
-    if (variation.fit(less))
-      cause.gain = gain_of(less.of(variation.base()), out.extended.model, holdout);
+    if (variation.fit(less)) {
+      cause.without = less.of(variation.base());
+      cause.gain = gain_of(*cause.without, out.extended.model, holdout);
+    }
     cause.gain.tracking_now = tracking_rms(out.extended.model, holdout);
     cause.gain.tracking_repaired =
         tracking_rms(current.without(same).of(variation.base()), holdout);
   }
-  conclude(out, holdout, floor);
+  conclude(out, axis, holdout, floor);
   return out;
 }
 

@@ -31,7 +31,8 @@ std::string_view name_of(Verdict verdict) {
   return "";
 }
 
-void conclude(Diagnosis& diagnosis, const std::vector<Segment>& holdout, const NoiseFloor& floor) {
+void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
+              const NoiseFloor& floor) {
   std::sort(diagnosis.causes.begin(), diagnosis.causes.end(), [](const Cause& l, const Cause& r) {
     const auto worth = [](const Gain& g) {
       return std::isfinite(g.before) ? g.before * g.before - g.after * g.after : 0.0;
@@ -39,11 +40,13 @@ void conclude(Diagnosis& diagnosis, const std::vector<Segment>& holdout, const N
     return worth(l.gain) > worth(r.gain);
   });
 
-  std::vector<Stretch> stretches;
+  std::vector<ResidualStretch> stretches;
   for (const Segment& s : holdout)
-    stretches.push_back(
-        {s.command, s.command - s.actual - simulate(diagnosis.extended.model, s), s.sample_time_s});
+    stretches.push_back({s.command, s.command - s.actual - simulate(diagnosis.extended.model, s),
+                         s.sample_time_s, s.start_s});
   diagnosis.regimes = by_regime(stretches);
+  diagnosis.regressors = by_regressor(stretches);
+  diagnosis.peaks = spectrum_peaks(stretches);
   const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
   // A cause that the baseline has already is explained by it.
   double without = diagnosis.baseline.holdout.rms;
@@ -66,6 +69,7 @@ void conclude(Diagnosis& diagnosis, const std::vector<Segment>& holdout, const N
                       : !diagnosis.causes.empty() ? Verdict::kExplained
                       : structured                ? Verdict::kUnexplained
                                                   : Verdict::kNothingSignificant;
+  diagnosis.suggested_test = suggested_test(diagnosis, axis);
 }
 
 Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
@@ -137,6 +141,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
       Model at_once = extended;
       at_once.effects[i].shape[0] = 0.0;
       cause.gain = gain_of(at_once, extended, holdout);
+      cause.without = at_once;
       cause.statistic = paired_z(left_by(at_once, training), left_by(extended, training));
     } else {
       Hypothesis less;
@@ -150,6 +155,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
         cause.gain.tracking_now = tracking_rms(extended, holdout);
         cause.gain.tracking_repaired = tracking_rms(repaired, holdout);
       }
+      cause.without = less.model;
       if (!named) {
         search.judge(less);
         cause.statistic = paired_z(less.pieces, current.pieces);
@@ -177,7 +183,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     out.causes.push_back(std::move(cause));
   }
   out.fits = search.fits();
-  conclude(out, holdout, floor);
+  conclude(out, recorded, holdout, floor);
   if (out.verdict != Verdict::kUnexplained) return out;
   if (const auto better = with_unexplained(out.extended.model, training)) {
     out.not_understood = out.extended.model.effects.size();
@@ -186,7 +192,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     out.extended.effect_deviations.emplace_back();
     out.extended.training = judge(*better, training);
     out.extended.holdout = judge(*better, holdout);
-    conclude(out, holdout, floor);
+    conclude(out, recorded, holdout, floor);
     out.verdict = Verdict::kUnexplained;
   }
   return out;

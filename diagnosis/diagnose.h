@@ -14,7 +14,10 @@
 #include <vector>
 
 #include "diagnosis/gain.h"
+#include "diagnosis/regressor.h"
 #include "diagnosis/residual.h"
+#include "diagnosis/spectrum.h"
+#include "diagnosis/suggested_motion.h"
 #include "identification/identify.h"
 #include "identification/noise_floor.h"
 
@@ -42,7 +45,8 @@ struct Cause {
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;
   Gain gain;
-  std::vector<Moved> moved;  ///< against an earlier model only
+  std::vector<Moved> moved;      ///< against an earlier model only
+  std::optional<Model> without;  ///< the extended model fitted again without it
 };
 
 struct Diagnosis {
@@ -54,8 +58,11 @@ struct Diagnosis {
   std::vector<Cause> causes;     ///< by their share of the error explained
   /// Place in the extended model of a term that predicts and explains nothing; kNoEffect: none.
   std::size_t not_understood = kNoEffect;
-  RegimeShares regimes;            ///< of what is left on the hold-out
-  double unexplained_share = 0.0;  ///< of the baseline's squared error beyond the noise floor
+  RegimeShares regimes;             ///< of what is left on the hold-out
+  RegressorShares regressors;       ///< likewise
+  std::vector<SpectrumPeak> peaks;  ///< likewise
+  double unexplained_share = 0.0;   ///< of the baseline's squared error beyond the noise floor
+  std::optional<SuggestedTest> suggested_test;  ///< where something is left in doubt
   int fits = 0;
   std::vector<std::string> steps;  ///< what was tried, added and taken out, for people
 };
@@ -68,7 +75,9 @@ struct DiagnoseOptions {
 /// Throws std::runtime_error as `identify` does. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
-/// Orders the causes of a search and says what is left: verdict, regimes, unexplained share.
-void conclude(Diagnosis& diagnosis, const std::vector<Segment>& holdout, const NoiseFloor& floor);
+/// Orders the causes of a search and says what is left: verdict, regimes, regressors, lines of the
+/// spectrum, unexplained share, and the motion that would decide what is in doubt.
+void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
+              const NoiseFloor& floor);
 
 }  // namespace servotwin

@@ -129,6 +129,17 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
                                                    {"time_share", share.time_share},
                                                    {"share", share.share}};
   }
+  json regressors = json::object(), peaks = json::array();
+  for (const RegressorShare& one : diagnosis.regressors) {
+    json& to = regressors[std::string(name_of(one.regressor))];
+    to = {{"share", one.share}, {"chance", one.chance}, {"significant", one.significant}};
+    if (one.regressor == Regressor::kPositionInPeriod)
+      to[diagnosis.baseline.rotary ? "period_rad" : "period_m"] = one.period;
+  }
+  for (const SpectrumPeak& peak : diagnosis.peaks)
+    peaks.push_back({{"frequency_hz", peak.frequency_hz},
+                     {"amplitude_m", peak.amplitude},
+                     {"significance", peak.significance}});
   return {
       {"schema", "servotwin.diagnosis/1"},
       {"axis", diagnosis.baseline.axis},
@@ -141,8 +152,13 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
         {"max_m", number_or_null(diagnosis.extended.holdout.max)}}},
       {"verdict", name_of(diagnosis.verdict)},
       {"causes", causes},
-      {"residual", {{"by_regime", regimes}, {"unexplained_share", diagnosis.unexplained_share}}},
       {"not_understood", not_understood(diagnosis)},
+      {"residual",
+       {{"by_regime", regimes},
+        {"by_regressor", regressors},
+        {"spectrum_peaks", peaks},
+        {"unexplained_share", diagnosis.unexplained_share}}},
+      {"suggested_test", diagnosis.suggested_test ? json(diagnosis.suggested_test->words) : json()},
       {"extended_model", extended_model.empty() ? json() : json(extended_model)}};
 }
 
@@ -233,6 +249,28 @@ std::string not_understood_text(const Diagnosis& diagnosis) {
   if (diagnosis.not_understood == kNoEffect) return {};
   const Effect& effect = diagnosis.extended.model.effects[diagnosis.not_understood];
   return std::string(identity_of(effect.kind).meaning) + " is in the extended model";
+}
+
+std::vector<std::string> left_lines(const Diagnosis& diagnosis) {
+  const bool rotary = diagnosis.baseline.rotary;
+  std::vector<RegressorShare> shares(diagnosis.regressors.begin(), diagnosis.regressors.end());
+  std::erase_if(shares, [](const RegressorShare& s) { return !s.significant; });
+  std::sort(shares.begin(), shares.end(),
+            [](const auto& l, const auto& r) { return l.share > r.share; });
+  std::string by, lines;
+  for (const RegressorShare& s : shares) {
+    std::string name(name_of(s.regressor));
+    std::replace(name.begin(), name.end(), '_', ' ');
+    if (s.regressor == Regressor::kPositionInPeriod)
+      name = text("place within %.4g %s", 1e3 * s.period, rotary ? "mrad" : "mm");
+    by += (by.empty() ? "" : ", ") + name +
+          text(" %.2g %% (chance %.2g %%)", 100.0 * s.share, 100.0 * s.chance);
+  }
+  for (const SpectrumPeak& peak : diagnosis.peaks)
+    lines += text("%s%.1f Hz %.2g %s", lines.empty() ? "" : ", ", peak.frequency_hz,
+                  1e6 * peak.amplitude, rotary ? "urad" : "um");
+  return {"by variable: " + (by.empty() ? "none explains more of it than chance" : by),
+          "by frequency: " + (lines.empty() ? "no line stands out" : lines)};
 }
 
 std::string advice_for(const std::string& id) {

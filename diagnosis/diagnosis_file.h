@@ -17,6 +17,8 @@ namespace servotwin {
 [[nodiscard]] std::string cause_text(const Diagnosis& diagnosis, const Cause& cause);
 /// The term that is not understood, in one line; empty: there is none.
 [[nodiscard]] std::string not_understood_text(const Diagnosis& diagnosis);
+/// What explains what is left, against chance; two lines.
+[[nodiscard]] std::vector<std::string> left_lines(const Diagnosis& diagnosis);
 /// What to look at on the machine.
 [[nodiscard]] std::string advice_for(const std::string& id);
 

@@ -16,7 +16,7 @@ namespace {
 constexpr double kWidth = 560.0, kHeight = 380.0;  // of a panel
 constexpr double kLeft = 64.0, kRight = 16.0, kBottom = 48.0;
 constexpr double kTitle = 20.0, kLine = 18.0;  // of its baseline; from one line to the next
-constexpr double kLetter = 6.6;                // about as wide as one
+constexpr double kLetter = 7.4;                // about as wide as one
 constexpr std::array<const char*, 6> kPalette = {"#3b7dd8", "#d9542b", "#2f9e58",
                                                  "#9b59b6", "#c79a1b", "#6b7785"};
 
@@ -90,8 +90,9 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
       const double place = x.logarithmic ? std::log10(s.x[i]) : s.x[i];
       x.low = std::min(x.low, place);
       x.high = std::max(x.high, place);
-      y.low = std::min(y.low, s.y[i]);
-      y.high = std::max(y.high, s.y[i]);
+      const double bar = i < s.error.size() && std::isfinite(s.error[i]) ? s.error[i] : 0.0;
+      y.low = std::min(y.low, s.y[i] - bar);
+      y.high = std::max(y.high, s.y[i] + bar);
     }
   }
   if (!(x.low <= x.high)) throw std::invalid_argument("plot '" + panel.title + "' has no points");
@@ -132,14 +133,20 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   label(offset + 16.0, middle, "middle", panel.y_label,
         text("transform='rotate(-90 %.1f %.1f)'", offset + 16.0, middle).c_str());
 
+  for (const double v : panel.marks) {
+    if (const double place = x.at(v); place >= x.begin && place <= x.end)
+      out += text("<line class='mark' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>\n", place, y.begin,
+                  place, y.end);
+  }
+
   std::size_t next = 0, entry = 0;
   for (const PlotSeries& s : panel.series) {
     const std::string colour = s.colour.empty() ? kPalette[next++ % kPalette.size()] : s.colour;
     std::string points;
     const auto end_line = [&] {
       if (!points.empty()) {
-        out += "<polyline fill='none' stroke='" + colour + "' stroke-width='1.5' points='" +
-               points + "'/>\n";
+        out += "<polyline fill='none' stroke='" + colour + "' stroke-width='" +
+               (s.dashed ? "2' stroke-dasharray='6 4" : "1.5") + "' points='" + points + "'/>\n";
       }
       points.clear();
     };
@@ -149,6 +156,10 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
       } else if (s.line) {
         points += text("%.1f,%.1f ", x.at(s.x[i]), y.at(s.y[i]));
       } else {
+        if (i < s.error.size() && s.error[i] > 0.0)
+          out += text("<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' ", x.at(s.x[i]),
+                      y.at(s.y[i] - s.error[i]), x.at(s.x[i]), y.at(s.y[i] + s.error[i])) +
+                 "stroke='" + colour + "' stroke-opacity='.6'/>\n";
         out += text("<circle r='2.6' cx='%.1f' cy='%.1f' ", x.at(s.x[i]), y.at(s.y[i])) + "fill='" +
                colour + "'/>\n";
       }
@@ -173,7 +184,8 @@ std::string plot_svg(const std::vector<PlotPanel>& panels) {
       width, kHeight, width, kHeight);
   out +=
       "<style>svg{background:#fff}text{font:12px sans-serif;fill:#222}.title{font-weight:bold;"
-      "font-size:13px}.grid{stroke:#888;stroke-opacity:.25}@media(prefers-color-scheme:dark){svg{"
+      "font-size:13px}.grid{stroke:#888;stroke-opacity:.25}.mark{"
+      "stroke:#888;stroke-dasharray:2 3}@media(prefers-color-scheme:dark){svg{"
       "background:#16181c}text{fill:#ddd}}</style>\n";
   for (std::size_t i = 0; i < panels.size(); ++i)
     out += panel_svg(panels[i], kWidth * static_cast<double>(i));

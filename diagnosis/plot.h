@@ -12,14 +12,17 @@ namespace servotwin {
 struct PlotSeries {
   std::string name;  ///< in the legend; empty: not there
   std::vector<double> x, y;
-  bool line = true;    ///< false: points
-  std::string colour;  ///< empty: the next of the palette
+  bool line = true;                ///< false: points
+  std::string colour;              ///< empty: the next of the palette
+  std::vector<double> error = {};  ///< half the length of a bar at each point; empty: none
+  bool dashed = false;             ///< a line of dashes
 };
 
 struct PlotPanel {
   std::string title, x_label, y_label;  ///< labels with their units
   bool logarithmic_x = false;           ///< then only x > 0 is shown
   std::vector<PlotSeries> series;
+  std::vector<double> marks = {};  ///< places in x that a vertical line shows
 };
 
 [[nodiscard]] std::string plot_svg(const std::vector<PlotPanel>& panels);

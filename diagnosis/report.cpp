@@ -1,7 +1,12 @@
 #include "diagnosis/report.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <string_view>
 
+#include "diagnosis/cause_picture.h"
+#include "diagnosis/cause_words.h"
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
@@ -13,9 +18,26 @@ namespace {
 
 constexpr double kShown_s = 4.0;  // of the hold-out, from its middle
 
-/// Nothing where it is not known.
-std::string in_micro(double value, const char* unit) {
-  return std::isfinite(value) ? text("%.3g %s", 1e6 * value, unit) : "";
+constexpr const char* kStyle =
+    ":root{color-scheme:light dark;--line:#8884;--soft:#8881}"
+    "body{font:16px/1.5 sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem}"
+    "table{border-collapse:collapse}td,th{padding:.3rem .8rem;text-align:left;"
+    "border-bottom:1px solid var(--line);vertical-align:top}"
+    "svg{max-width:100%;height:auto;border-radius:.3rem}"
+    ".verdict{font-size:1.25rem;border-left:.3rem solid #3b7dd8;padding:.2rem 1rem}"
+    "section{border-top:1px solid var(--line);margin-top:2rem}"
+    ".size{font-size:1.1rem}.note{background:var(--soft);padding:.5rem 1rem}"
+    "figure{margin:1rem 0}figcaption{opacity:.8}summary{cursor:pointer;font-weight:bold}"
+    "pre{overflow:auto}";
+
+std::string spaced(std::string_view id) {
+  std::string out(id);
+  std::replace(out.begin(), out.end(), '_', ' ');
+  return out;
+}
+
+std::string row(const char* name, const std::string& cell) {
+  return std::string("<tr><th>") + name + "</th><td>" + cell + "</td></tr>\n";
 }
 
 /// What the two models leave over a few seconds of the hold-out, on one scale.
@@ -31,9 +53,8 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
   const auto count = std::min<Eigen::Index>(
       s.size(), static_cast<Eigen::Index>(std::lround(kShown_s / s.sample_time_s)));
   const Eigen::Index begin = (s.size() - count) / 2;
-  PlotSeries measured{"measured", {}, {}, true, ""},
-      baseline{"left by the baseline", {}, {}, true, ""},
-      extended{"left by the extended model", {}, {}, true, ""};
+  PlotSeries measured{"measured", {}, {}, true, ""}, baseline{"before", {}, {}, true, "#d9542b"},
+      extended{"with all that was found", {}, {}, true, "#2f9e58"};
   for (Eigen::Index k = begin; k < begin + count; ++k) {
     const double t = s.start_s + s.sample_time_s * static_cast<double>(k);
     measured.x.push_back(t);
@@ -43,69 +64,180 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
     extended.x.push_back(t);
     extended.y.push_back(after(k));
   }
-  const std::string unit = rotary ? "[urad]" : "[um]";
-  return plot_svg({{"tracking error", "time [s]", unit, false, {measured}},
-                   {"measured minus simulated", "time [s]", unit, false, {baseline, extended}}});
+  const std::string unit = rotary ? "error [urad]" : "error [um]";
+  return "<figure>" +
+         plot_svg({{"tracking error: command less encoder",
+                    "time in the recording [s]",
+                    unit,
+                    false,
+                    {measured}},
+                   {"what the simulation is wrong by",
+                    "time in the recording [s]",
+                    unit,
+                    false,
+                    {baseline, extended}}}) +
+         "<figcaption>A few seconds of motion that no fit has seen.</figcaption></figure>\n";
+}
+
+/// Why one believes it, in words.
+std::string how_sure(const Cause& cause, const char* unit) {
+  if (cause.place == kNoEffect) return "counted in the recording, not inferred";
+  std::string out =
+      cause.confidence >= 0.995 ? "over 99 %" : text("%.0f %%", 100.0 * cause.confidence);
+  out += cause.confidence >= 0.995 ? ": in every resampling of the recording it explains more than "
+                                     "its nearest rival"
+                                   : ": in that share of resamplings of the recording it explains "
+                                     "more than its nearest rival";
+  if (std::isfinite(cause.gain.low)) {
+    out += cause.gain.low > 0.0
+               ? text(
+                     "; what it gains on motion that no fit has seen is beyond chance (%.2g to "
+                     "%.2g %s with 95 %%)",
+                     1e6 * cause.gain.low, 1e6 * cause.gain.high, unit)
+               : text(
+                     "; what it gains on motion that no fit has seen may be chance (%.2g to %.2g "
+                     "%s with 95 %%)",
+                     1e6 * cause.gain.low, 1e6 * cause.gain.high, unit);
+  }
+  return out + ".";
+}
+
+std::string section_of(const Diagnosis& diagnosis, std::size_t number,
+                       const std::vector<Segment>& segments) {
+  const Cause& cause = diagnosis.causes[number];
+  const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
+  std::string out = text("<section><h2>%zu. ", number + 1) + escaped(plain_name(cause.id)) +
+                    "</h2>\n<p class='size'>" + escaped(plain_size(diagnosis, cause)) + "</p>\n";
+  if (const CausePicture picture = picture_of(diagnosis, cause, segments); !picture.panels.empty())
+    out += "<figure>" + plot_svg(picture.panels) + "<figcaption>" + escaped(picture.caption) +
+           " Points are measured, with 95 % bars where they are means.</figcaption></figure>\n";
+  out += "<table>";
+  if (const std::string advice = advice_for(cause.id); !advice.empty())
+    out += row("check on the machine", escaped(advice));
+  if (std::isfinite(cause.gain.before))
+    out += row("what it brings",
+               text("without it the simulation is wrong by %.3g %s RMS, with it by %.3g %s",
+                    1e6 * cause.gain.before, unit, 1e6 * cause.gain.after, unit));
+  out += row("how sure", how_sure(cause, unit));
+  if (!cause.ambiguous_with.empty()) {
+    std::string rivals;
+    for (const std::string& rival : cause.ambiguous_with)
+      rivals += (rivals.empty() ? "" : "; ") + escaped(plain_name(rival));
+    out += row("it may also be", rivals + ": this recording cannot tell. See the test below.");
+  }
+  out += row("in the model",
+             "<code>" + escaped(cause.id) + "</code>: " + escaped(cause_text(diagnosis, cause)));
+  return out + "</table></section>\n";
+}
+
+/// What is left, over what the command does and over every variable.
+std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
+  const bool rotary = diagnosis.baseline.rotary;
+  const char* unit = rotary ? "urad" : "um";
+  std::string out =
+      "<section><h2>What is left</h2>\n<table><tr><th>while the axis</th><th>RMS</th><th>MAX</th>"
+      "<th>share of the squared error</th><th>share of the time</th></tr>\n";
+  for (const RegimeShare& share : diagnosis.regimes) {
+    if (share.samples == 0) continue;
+    constexpr std::array kDoes{"stands", "moves at constant speed", "accelerates", "turns round"};
+    out += std::string("<tr><td>") + kDoes[static_cast<std::size_t>(share.regime)] + "</td>" +
+           text("<td>%.3g %s</td><td>%.3g %s</td><td>%.0f %%</td><td>%.0f %%</td></tr>\n",
+                1e6 * share.rms, unit, 1e6 * share.max, unit, 100.0 * share.share,
+                100.0 * share.time_share);
+  }
+  std::vector<ResidualStretch> stretches;
+  for (const Segment& s : cut(segments, diagnosis.baseline.training_to_s + 1e-9, 1e300))
+    stretches.push_back({s.command, s.command - s.actual - simulate(diagnosis.baseline.model, s),
+                         s.sample_time_s, s.start_s});
+  const RegressorShares before = by_regressor(stretches);
+  out +=
+      "</table>\n<p>What could explain it, one variable at a time:</p>\n<table><tr><th>variable"
+      "</th><th>share of the squared error</th><th>chance alone reaches</th><th></th><th>before "
+      "the causes were named</th></tr>\n";
+  for (const RegressorShare& share : diagnosis.regressors) {
+    const RegressorShare& then = before[static_cast<std::size_t>(share.regressor)];
+    std::string name = spaced(name_of(share.regressor));
+    if (share.regressor == Regressor::kPositionInPeriod)
+      name = text("position within %.4g %s", 1e3 * share.period, rotary ? "mrad" : "mm");
+    out += "<tr><td>" + name +
+           text("</td><td>%.2g %%</td><td>%.2g %%</td><td>", 100.0 * share.share,
+                100.0 * share.chance) +
+           (share.significant ? "<b>beyond chance</b>" : "chance") + "</td><td>" +
+           text("%.2g %%", 100.0 * then.share) + (then.significant ? ", beyond chance" : "") +
+           (share.regressor == Regressor::kPositionInPeriod && then.significant
+                ? text(", %.4g %s", 1e3 * then.period, rotary ? "mrad" : "mm")
+                : "") +
+           "</td></tr>\n";
+  }
+  out += "</table>\n<p>";
+  for (const SpectrumPeak& peak : diagnosis.peaks)
+    out += text("%s%.1f Hz with %.2g %s", &peak == &diagnosis.peaks.front() ? "Vibration: " : ", ",
+                peak.frequency_hz, 1e6 * peak.amplitude, unit);
+  out += diagnosis.peaks.empty() ? "No frequency stands out.</p>" : ".</p>";
+  if (std::isfinite(diagnosis.baseline.noise_floor_rms))
+    out += text("<p>No model could do better than the noise of the recording, %.2g %s RMS.</p>",
+                1e6 * diagnosis.baseline.noise_floor_rms, unit);
+  return out + "</section>\n";
 }
 
 }  // namespace
 
 std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& segments,
                         const std::string& source) {
-  const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>Axis " +
-      escaped(diagnosis.baseline.axis) +
-      "</title>\n<style>body{font:16px sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem;"
-      "color-scheme:light dark}table{border-collapse:collapse}td,th{padding:.3rem .8rem;text-align:"
-      "left;border-bottom:1px solid #8884}svg{max-width:100%;height:auto}.verdict{font-size:1.3rem}"
-      "</style></head><body>\n";
+      escaped(diagnosis.baseline.axis) + "</title>\n<style>" + kStyle + "</style></head><body>\n";
   out += "<h1>Axis " + escaped(diagnosis.baseline.axis) + "</h1>\n<p class='verdict'>" +
-         escaped(verdict_text(diagnosis)) + ".</p>\n<p>" + escaped(source) + "</p>\n" +
-         picture(diagnosis, segments);
-  if (!diagnosis.causes.empty()) {
+         escaped(plain_verdict(diagnosis)) + "</p>\n";
+  if (diagnosis.suggested_test)
+    out += "<p class='note'>Something is left in doubt: see the test at the end.</p>\n";
+  out += "<p>From " + escaped(source);
+  if (!segments.empty())
     out +=
-        "<h2>What the simulation got wrong</h2>\n<table><tr><th>cause</th><th>how large</th>"
-        "<th>error without it</th><th>with it</th><th>gain, 95 %</th><th>sure</th>"
-        "<th>what to check</th></tr>\n";
-    for (const Cause& cause : diagnosis.causes) {
-      out += "<tr><td>" + escaped(cause.id) + "</td><td>" + escaped(cause_text(diagnosis, cause)) +
-             "</td><td>" + in_micro(cause.gain.before, unit) + "</td><td>" +
-             in_micro(cause.gain.after, unit) + "</td><td>" +
-             (std::isfinite(cause.gain.low)
-                  ? text("%.2g to %.2g %s", 1e6 * cause.gain.low, 1e6 * cause.gain.high, unit)
-                  : "") +
-             "</td><td>" +
-             (cause.place == kNoEffect ? "counted" : text("%.0f %%", 100.0 * cause.confidence));
-      for (const std::string& rival : cause.ambiguous_with) out += "<br>or " + escaped(rival);
-      out += "</td><td>" + escaped(advice_for(cause.id)) + "</td></tr>\n";
+        text(", %.4g to %.4g s; judged on what follows %.4g s, which no fit has seen",
+             segments.front().start_s, segments.back().end_s(), diagnosis.baseline.training_to_s);
+  out += ".</p>\n" + picture(diagnosis, segments);
+  for (std::size_t i = 0; i < diagnosis.causes.size(); ++i)
+    out += section_of(diagnosis, i, segments);
+  if (diagnosis.suggested_test) {
+    out += "<section><h2>The test that decides</h2>\n<p>" +
+           escaped(diagnosis.suggested_test->words) + "</p>\n";
+    if (const auto& motion = diagnosis.suggested_test->motion; motion) {
+      constexpr double kShown = 2000.0;
+      const double h = motion->duration_s() / kShown, scale = 1e3;
+      const Eigen::ArrayXd path = motion->command(h);
+      PlotSeries series{"", {}, {}, true, ""};
+      for (Eigen::Index k = 0; k < path.size(); ++k) {
+        series.x.push_back(h * static_cast<double>(k));
+        series.y.push_back(scale * path(k));
+      }
+      out += "<figure>" +
+             plot_svg({{"test motion",
+                        "time [s]",
+                        diagnosis.baseline.rotary ? "position [mrad]" : "position [mm]",
+                        false,
+                        {series}}}) +
+             "<figcaption>servotwin diagnose --suggested-test writes it as a path and as G-code."
+             "</figcaption></figure>\n";
     }
-    out += "</table>\n";
+    out += "</section>\n";
   }
-  out +=
-      "<h2>What is left, by what the command does</h2>\n<table><tr><th></th><th>RMS</th><th>MAX"
-      "</th><th>share of the squared error</th><th>share of the time</th></tr>\n";
-  for (const RegimeShare& share : diagnosis.regimes) {
-    out += "<tr><td>" + std::string(name_of(share.regime)) + "</td>" +
-           text("<td>%.3g %s</td><td>%.3g %s</td><td>%.0f %%</td><td>%.0f %%</td></tr>\n",
-                1e6 * share.rms, unit, 1e6 * share.max, unit, 100.0 * share.share,
-                100.0 * share.time_share);
-  }
-  out +=
-      "</table>\n<details><summary>How this was found</summary><p>Candidates were fitted with the "
-      "loop on the first part of the recording and had to predict blocks of it that they had not "
-      "seen better than without them, by more than chance. All errors above are in free "
-      "simulation on the rest, which decided nothing.</p><table><tr><th>cause</th><th>statistic"
-      "</th><th>p</th></tr>";
+  out += left_of(diagnosis, segments) +
+         "<section><details><summary>How this was found</summary><p>Candidates were fitted with "
+         "the loop on the first part of the recording and had to predict blocks of it that they "
+         "had not seen better than without them, by more than chance. All errors above are in "
+         "free simulation on the rest, which decided nothing. A force per moved mass in N/kg is "
+         "an acceleration in m/s^2; it is got back from the tracking error through the loop.</p>"
+         "<table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
   for (const Cause& cause : diagnosis.causes) {
     if (cause.place == kNoEffect) continue;
-    out += "<tr><td>" + escaped(cause.id) +
-           text("</td><td>%.2f</td><td>%.2g</td></tr>", cause.statistic, cause.p);
+    out += "<tr><td>" + escaped(cause.id) + text("</td><td>%.2f</td><td>", cause.statistic) +
+           (std::isfinite(cause.p) ? text("%.2g", cause.p) : "") + "</td></tr>";
   }
   out += "</table><p>What was tried, in its order:</p><pre>";
   for (const std::string& step : diagnosis.steps) out += escaped(step) + "\n";
-  return out + "</pre></details>\n</body></html>\n";
+  return out + "</pre></details></section>\n</body></html>\n";
 }
 
 }  // namespace servotwin

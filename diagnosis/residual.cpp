@@ -22,13 +22,9 @@ Eigen::Index samples_in(double time_s, double h) {
 /// Half of what velocity and acceleration are taken over: whole samples.
 double span_s(double h) { return static_cast<double>(samples_in(kRegimeSpan_s, h)) * h; }
 
-/// Velocity and acceleration over the span; NaN where the span leaves the stretch or the command
-/// has a hole.
-struct CommandMotion {
-  Eigen::ArrayXd velocity, acceleration;
-};
+}  // namespace
 
-CommandMotion motion_of(const Stretch& stretch) {
+CommandMotion motion_of(const ResidualStretch& stretch) {
   const Eigen::Index n = stretch.command.size();
   const Eigen::Index m = samples_in(kRegimeSpan_s, stretch.h);
   const double span = span_s(stretch.h);
@@ -42,6 +38,8 @@ CommandMotion motion_of(const Stretch& stretch) {
   }
   return motion;
 }
+
+namespace {
 
 double peak(const Eigen::ArrayXd& values) {
   double largest = 0.0;
@@ -89,11 +87,11 @@ std::string_view name_of(Regime regime) {
   return "";
 }
 
-RegimeShares by_regime(std::span<const Stretch> stretches) {
+RegimeShares by_regime(std::span<const ResidualStretch> stretches) {
   std::vector<CommandMotion> motions;
   motions.reserve(stretches.size());
   double moving = 0.0, accelerating = 0.0;
-  for (const Stretch& stretch : stretches) {
+  for (const ResidualStretch& stretch : stretches) {
     if (stretch.command.size() != stretch.residual.size()) {
       throw std::invalid_argument("by_regime: " + std::to_string(stretch.command.size()) +
                                   " commands but " + std::to_string(stretch.residual.size()) +
@@ -116,7 +114,7 @@ RegimeShares by_regime(std::span<const Stretch> stretches) {
   std::array<double, kRegimes> squares{};
   Eigen::Index samples = 0;
   for (std::size_t s = 0; s < stretches.size(); ++s) {
-    const Stretch& stretch = stretches[s];
+    const ResidualStretch& stretch = stretches[s];
     const CommandMotion& motion = motions[s];
     const auto reversal = reversals(motion.velocity, moving, stretch.h);
     for (Eigen::Index k = 0; k < stretch.residual.size(); ++k) {
@@ -146,7 +144,7 @@ RegimeShares by_regime(std::span<const Stretch> stretches) {
 }
 
 RegimeShares by_regime(const Eigen::ArrayXd& command, const Eigen::ArrayXd& residual, double h) {
-  const Stretch stretch{command, residual, h};
+  const ResidualStretch stretch{command, residual, h};
   return by_regime(std::span(&stretch, 1));
 }
 

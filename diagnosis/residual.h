@@ -41,15 +41,23 @@ struct RegimeShare {
 using RegimeShares = std::array<RegimeShare, kRegimes>;  ///< in the order of the enumeration
 
 /// An unbroken stretch of motion with what the model got wrong in it; both of one length.
-struct Stretch {
+struct ResidualStretch {
   Eigen::ArrayXd command;
   Eigen::ArrayXd residual;
-  double h = 0.0;  ///< sampling time [s] > 0
+  double h = 0.0;        ///< sampling time [s] > 0
+  double start_s = 0.0;  ///< of its first sample in the recording
 };
+
+/// Velocity and acceleration of the command over +-kRegimeSpan_s; NaN where the span leaves the
+/// stretch or the command has a hole.
+struct CommandMotion {
+  Eigen::ArrayXd velocity, acceleration;
+};
+[[nodiscard]] CommandMotion motion_of(const ResidualStretch& stretch);
 
 /// Peak speed and acceleration are those of all stretches together.
 /// Throws std::invalid_argument where a stretch's arrays differ in length or its h is not positive.
-[[nodiscard]] RegimeShares by_regime(std::span<const Stretch> stretches);
+[[nodiscard]] RegimeShares by_regime(std::span<const ResidualStretch> stretches);
 [[nodiscard]] RegimeShares by_regime(const Eigen::ArrayXd& command, const Eigen::ArrayXd& residual,
                                      double h);
 

@@ -20,6 +20,7 @@ namespace {
 struct Arguments {
   AxisOptions input;
   std::filesystem::path result, report, extended, earlier;
+  std::string test;  // what the files of the suggested test are called
   DiagnoseOptions options;
   bool details = false;
 };
@@ -75,6 +76,38 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
                      std::string(name_of(share.regime)).c_str(), 1e6 * share.rms, micro(rotary),
                      1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
   }
+  for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
+  if (diagnosis.suggested_test) {
+    // A sentence a line.
+    std::string words = diagnosis.suggested_test->words;
+    for (std::size_t at = 0; (at = words.find(". ", at)) != std::string::npos; at += 14)
+      words.replace(at, 2, ".\n            ");
+    say(people, "test        " + words);
+  }
+}
+
+/// BASE.csv and BASE.nc; their names, none where no motion is suggested.
+std::vector<std::string> write_test(const std::string& base, const Diagnosis& diagnosis, double h,
+                                    std::FILE* people) {
+  if (!diagnosis.suggested_test || !diagnosis.suggested_test->motion) {
+    say(people, diagnosis.suggested_test ? "test        no motion decides: no file is written"
+                                         : "test        none is needed: nothing is in doubt");
+    return {};
+  }
+  const TestMotion& motion = *diagnosis.suggested_test->motion;
+  const std::string& axis = diagnosis.baseline.axis;
+  const bool rotary = diagnosis.baseline.rotary;
+  const Eigen::ArrayXd command = motion.command(h);
+  Column time{"time[s]", {}}, path{axis + (rotary ? ".command[rad]" : ".command[mm]"), {}};
+  for (Eigen::Index i = 0; i < command.size(); ++i) {
+    constexpr double kDigits = 1e9;  // picometres
+    time.values.push_back(std::round(kDigits * h * static_cast<double>(i)) / kDigits);
+    path.values.push_back(std::round(kDigits * (rotary ? 1.0 : 1e3) * command(i)) / kDigits);
+  }
+  write_result(base + ".csv", csv({time, path}));
+  write_result(base + ".nc", gcode(motion, axis, rotary));
+  say(people, "written     " + base + ".csv, " + base + ".nc");
+  return {base + ".csv", base + ".nc"};
 }
 
 void run(const Arguments& arguments) {
@@ -91,8 +124,14 @@ void run(const Arguments& arguments) {
       arguments.input.recording.file.filename().string();
   say_diagnosis(people, diagnosis, arguments.details);
   if (!arguments.extended.empty()) write_json(arguments.extended, to_json(diagnosis.extended));
-  if (!arguments.result.empty())
-    write_json(arguments.result, to_json(diagnosis, arguments.extended.string()));
+  std::vector<std::string> test;
+  if (!arguments.test.empty())
+    test = write_test(arguments.test, diagnosis, axis.sample_time_s, people);
+  if (!arguments.result.empty()) {
+    nlohmann::json json = to_json(diagnosis, arguments.extended.string());
+    if (!test.empty()) json["suggested_test_files"] = test;
+    write_json(arguments.result, json);
+  }
   if (!arguments.report.empty())
     write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source));
 }
@@ -116,6 +155,11 @@ Command add_diagnose(CLI::App& app) {
       .add_option("--extended-model", arguments->extended,
                   "write the model with all causes here (servotwin.model/1)")
       ->type_name("M2.json");
+  command
+      .add_option("--suggested-test", arguments->test,
+                  "where causes cannot be told apart, write the motion that would decide: BASE.csv "
+                  "for servotwin simulate, BASE.nc as G-code")
+      ->type_name("BASE");
   command.add_flag("--details", arguments->details, "say what was tried, added and taken out");
   command.add_option("--leave-out", arguments->options.leave_out, "causes that are not looked for")
       ->delimiter(',')

@@ -186,10 +186,10 @@ double LiveRecord::rate_hz() const {
 }
 
 RegimeShares LiveRecord::regimes(std::size_t axis) const {
-  std::vector<Stretch> stretches;
+  std::vector<ResidualStretch> stretches;
   for (const Cycles& run : cycles_[axis]) {
     if (run.last_sequence == run.first_sequence || run.last_ns <= run.first_ns) continue;
-    Stretch stretch;
+    ResidualStretch stretch;
     const auto n = static_cast<Eigen::Index>(run.command.size());
     stretch.command = Eigen::Map<const Eigen::ArrayXd>(run.command.data(), n);
     stretch.residual = Eigen::Map<const Eigen::ArrayXd>(run.residual.data(), n);

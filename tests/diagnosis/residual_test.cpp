@@ -140,10 +140,10 @@ TEST(ByRegime, HolesAreLeftOut) {
 
 TEST(ByRegime, StretchesShareTheirPeaks) {
   // Alone, the slow stretch would be a motion of its own; beside the fast one it stands still.
-  Stretch fast{out_and_back(1.0), {}, kStep};
+  ResidualStretch fast{out_and_back(1.0), {}, kStep};
   fast.residual = Eigen::ArrayXd::Zero(fast.command.size());
-  Stretch slow{fast.command * 1e-3, Eigen::ArrayXd::Ones(fast.command.size()), kStep};
-  const std::vector<Stretch> both{fast, slow};
+  ResidualStretch slow{fast.command * 1e-3, Eigen::ArrayXd::Ones(fast.command.size()), kStep};
+  const std::vector<ResidualStretch> both{fast, slow};
   EXPECT_DOUBLE_EQ(of(by_regime(both), Regime::kStandstill).share, 1.0);
   EXPECT_LT(of(by_regime(slow.command, slow.residual, kStep), Regime::kStandstill).share, 0.7);
 }

@@ -1,0 +1,300 @@
+#include "diagnosis/suggested_motion.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <stdexcept>
+#include <utility>
+
+#include "diagnosis/cause_nature.h"
+#include "diagnosis/diagnose.h"
+#include "diagnosis/text.h"
+#include "identification/excitation.h"
+#include "identification/noise_floor.h"
+
+namespace servotwin {
+
+namespace {
+
+const CauseNature& nature_of(std::string_view id) {
+  const auto found = std::find_if(kNatures.begin(), kNatures.end(),
+                                  [&](const CauseNature& n) { return n.id == id; });
+  if (found == kNatures.end())
+    throw std::invalid_argument("suggested test: there is no cause '" + std::string(id) + "'");
+  return *found;
+}
+
+const PairNature* special_of(const Doubt& doubt) {
+  for (const PairNature& s : kPairNatures) {
+    if ((s.a == doubt.cause && s.b == doubt.rival) || (s.b == doubt.cause && s.a == doubt.rival))
+      return &s;
+  }
+  return nullptr;
+}
+
+const char* description(Piece piece) {
+  switch (piece) {
+    case kStandstill:
+      return "a rest of 10 s";
+    case kReversals:
+      return "slow reversals of growing amplitude under a small and a large acceleration";
+    case kRests:
+      return "one move after rests of 0.1 to 10 s";
+    case kSpeeds:
+      return "constant speeds from creeping to the fastest in both directions";
+    case kTwoSpeeds:
+      return "two constant speeds over several periods";
+    case kStrokes:
+      return "slow full strokes in both directions";
+    case kAccelerations:
+      return "one move under three accelerations";
+    case kSweep:
+      return "to and fro faster and faster over a shrinking way";
+    case kRepeats:
+      return "one cycle, fast and slow, six times with pauses";
+  }
+  return "";
+}
+
+/// Puts pieces together within the limits.
+class Builder {
+ public:
+  Builder(const SeenMotion& seen, const TestSizes& sizes) : seen_(seen), sizes_(sizes) {
+    // Between the samples of a command that was written with few digits the peaks are not known to
+    // more than this.
+    constexpr double kWithin = 0.97, kLeast_s = 0.02, kMost_s = 0.2;
+    v_ = kWithin * seen.velocity;
+    a_ = kWithin * seen.acceleration;
+    motion_.start = seen.start;
+    motion_.smoothing_s =
+        std::clamp(seen.jerk > 0.0 ? 2.0 * a_ / seen.jerk : kLeast_s, kLeast_s, kMost_s);
+    settle_ = motion_.smoothing_s + 0.1;
+    stroke_ = seen.high - seen.low;
+    centre_ = 0.5 * (seen.low + seen.high);
+  }
+
+  TestMotion of(unsigned pieces) {
+    for (unsigned bit = kStandstill; bit <= kRepeats; bit <<= 1u) {
+      if ((pieces & bit) == 0) continue;
+      begins_ = description(static_cast<Piece>(bit));
+      add(static_cast<Piece>(bit));
+    }
+    begins_.clear();
+    go(seen_.start, v_, a_, settle_);
+    return motion_;
+  }
+
+ private:
+  void go(double to, double velocity, double acceleration, double rest) {
+    const double place = std::clamp(to, seen_.low, seen_.high);
+    if (place == motion_.end() && rest <= 0.0) return;
+    motion_.legs.push_back({place, std::min(velocity, v_), std::min(acceleration, a_), rest,
+                            std::exchange(begins_, {})});
+  }
+  /// There and back over this way about the middle.
+  void lap(double way, double velocity, double acceleration, double rest) {
+    go(centre_ - 0.5 * way, v_, a_, rest);
+    go(centre_ + 0.5 * way, velocity, acceleration, rest);
+    go(centre_ - 0.5 * way, velocity, acceleration, rest);
+  }
+
+  void add(Piece piece) {
+    switch (piece) {
+      case kStandstill:
+        go(motion_.end(), v_, a_, 10.0);
+        break;
+      case kReversals:
+        reversals();
+        break;
+      case kRests:
+        for (const double rest : {0.1, 0.3, 1.0, 3.0, 10.0}) {
+          go(centre_ - 0.1 * stroke_, 0.2 * v_, a_, rest);
+          go(centre_ + 0.1 * stroke_, 0.2 * v_, a_, rest);
+        }
+        break;
+      case kSpeeds:
+        for (const double share : {1.0, 0.3, 0.1, 0.03, 0.01, 0.003}) {
+          constexpr double kEach_s = 2.0;
+          const double v = share * v_;
+          lap(std::min(stroke_, v * kEach_s + v * v / a_), v, a_, settle_);
+        }
+        break;
+      case kTwoSpeeds:
+        two_speeds();
+        break;
+      case kStrokes: {
+        constexpr double kEach_s = 6.0;
+        for (int i = 0; i < 2; ++i) lap(stroke_, stroke_ / kEach_s, a_, settle_);
+        break;
+      }
+      case kAccelerations:
+        for (const double share : {1.0, 1.0 / 3.0, 1.0 / 9.0}) {
+          // Slow enough for the hardest to have a steady middle on the same way.
+          const double way = std::min(stroke_, 2.0 * v_ * v_ / a_);
+          for (int i = 0; i < 2; ++i) lap(way, v_, share * a_, settle_);
+        }
+        break;
+      case kSweep:
+        sweep();
+        break;
+      case kRepeats:
+        for (int i = 0; i < 6; ++i) {
+          lap(stroke_, v_, a_, settle_);
+          lap(stroke_, std::max(0.2 * v_, stroke_ / 5.0), a_, 2.0);
+        }
+        break;
+    }
+  }
+
+  void reversals() {
+    // From what the encoder can just resolve to well beyond where friction slides.
+    const double least = std::max(4.0 * sizes_.encoder_step, 1e-6);
+    const double from = sizes_.travel > 0.0 ? std::max(least, 0.1 * sizes_.travel) : least;
+    const double to =
+        std::min(0.25 * stroke_, sizes_.travel > 0.0 ? 30.0 * sizes_.travel : 1000.0 * from);
+    for (const double share : {0.05, 1.0}) {
+      // A long way in one direction wipes out what friction remembers.
+      go(centre_ - 0.25 * stroke_, v_, a_, settle_);
+      go(centre_, v_, a_, settle_);
+      for (double way = from; way <= to; way *= 2.5) {
+        go(centre_ - way, std::max(0.1 * share * v_, way / 0.5), share * a_, settle_);
+        go(centre_, std::max(0.1 * share * v_, way / 0.5), share * a_, settle_);
+      }
+    }
+  }
+
+  void two_speeds() {
+    const double way = sizes_.period > 0.0 ? std::min(stroke_, 8.0 * sizes_.period) : stroke_;
+    // Half of the way at constant speed.
+    const double fast = std::min(v_, std::sqrt(0.5 * a_ * way));
+    for (const double v : {fast, fast / 5.0}) {
+      for (int i = 0; i < 2; ++i) lap(way, v, a_, settle_);
+    }
+  }
+
+  void sweep() {
+    const double least =
+        std::max(20.0 * sizes_.encoder_step, a_ * std::pow(motion_.smoothing_s, 2));
+    go(centre_, v_, a_, settle_);
+    for (double way = std::min(0.5 * stroke_, v_ * v_ / a_); way > least; way *= 0.75) {
+      for (int i = 0; i < 3; ++i) {
+        go(centre_ + 0.5 * way, v_, a_, 0.0);
+        go(centre_ - 0.5 * way, v_, a_, 0.0);
+      }
+    }
+    go(centre_, v_, a_, settle_);
+  }
+
+  const SeenMotion& seen_;
+  TestSizes sizes_;
+  TestMotion motion_;
+  double v_ = 0.0, a_ = 0.0, settle_ = 0.0, stroke_ = 0.0, centre_ = 0.0;
+  std::string begins_;
+};
+
+std::string described(unsigned pieces) {
+  std::string out;
+  for (unsigned bit = kStandstill; bit <= kRepeats; bit <<= 1u) {
+    if ((pieces & bit) == 0) continue;
+    out += (out.empty() ? "" : "; ") + std::string(description(static_cast<Piece>(bit)));
+  }
+  return out;
+}
+
+std::string one_shows(const CauseNature& nature) {
+  return std::string(nature.id) + " " + nature.shows + ".";
+}
+
+}  // namespace
+
+std::vector<std::string_view> contract_ids() {
+  std::vector<std::string_view> out;
+  for (const CauseNature& nature : kNatures) out.push_back(nature.id);
+  return out;
+}
+
+std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
+                                            const SeenMotion& seen, const TestSizes& sizes) {
+  if (doubts.empty()) return {};
+  constexpr unsigned kSurvey = kStandstill | kReversals | kSpeeds | kStrokes | kAccelerations;
+  unsigned pieces = 0;
+  std::string words;
+  std::set<std::string> said;
+  const auto add = [&](const std::string& sentence) {
+    if (said.insert(sentence).second) words += (words.empty() ? "" : " ") + sentence;
+  };
+  for (const Doubt& doubt : doubts) {
+    if (doubt.cause.empty()) {
+      pieces |= kSurvey;
+      add("In it everything that an error can depend on changes by itself.");
+      continue;
+    }
+    const CauseNature& one = nature_of(doubt.cause);
+    if (doubt.rival.empty()) {
+      pieces |= one.pieces;
+      add(one_shows(one));
+    } else {
+      const CauseNature& other = nature_of(doubt.rival);
+      const PairNature* special = special_of(doubt);
+      if (special != nullptr && special->pieces == 0) {
+        add(doubt.cause + " and " + doubt.rival +
+            " cannot be told apart with these sensors: " + special->words + ".");
+        continue;
+      }
+      pieces |= special != nullptr ? special->pieces : one.pieces | other.pieces;
+      add(one_shows(one));
+      add(one_shows(other));
+      if (special != nullptr)
+        add("Between " + doubt.cause + " and " + doubt.rival + ": " + special->words + ".");
+      if (*other.besides != '\0') add("For " + doubt.rival + ": " + other.besides + ".");
+    }
+    if (*one.besides != '\0') add("For " + doubt.cause + ": " + one.besides + ".");
+  }
+  if (pieces == 0) return SuggestedTest{words, {}};
+  if (!(seen.high > seen.low) || !(seen.velocity > 0.0) || !(seen.acceleration > 0.0))
+    return SuggestedTest{words + " The recording holds no motion within which a test could stay.",
+                         {}};
+  constexpr double kLeastPeriods = 3.0;
+  if ((pieces & kTwoSpeeds) != 0 && seen.high - seen.low < kLeastPeriods * sizes.period)
+    add(text("The way of this recording is %.1f periods long: a longer one decides better.",
+             (seen.high - seen.low) / sizes.period));
+  SuggestedTest out;
+  out.motion = Builder(seen, sizes).of(pieces);
+  out.words = "Run " + described(pieces) +
+              text(
+                  " (%.0f s, within the recorded way, speed and acceleration), record it and "
+                  "diagnose it. ",
+                  out.motion->duration_s()) +
+              words;
+  return out;
+}
+
+std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const SegmentedAxis& axis) {
+  constexpr double kUnsure = 0.9;  // confidence below which a cause is in doubt
+  std::vector<Doubt> doubts;
+  TestSizes sizes;
+  sizes.encoder_step = noise_floor(axis.segments).encoder_step;
+  for (const Cause& cause : diagnosis.causes) {
+    for (const std::string& rival : cause.ambiguous_with) doubts.push_back({cause.id, rival});
+    if (cause.ambiguous_with.empty() && cause.confidence < kUnsure)
+      doubts.push_back({cause.id, ""});
+    if (cause.place >= diagnosis.extended.model.effects.size()) continue;
+    const Effect& effect = diagnosis.extended.model.effects[cause.place];
+    std::size_t i = 0;
+    for (const Parameter& p : shapes_of(effect.kind)) {
+      if (p.scan == Scan::kPeriod && p.name == "period") sizes.period = effect.shape[i];
+      if (p.name == "width" || p.name == "breakaway_displacement" || p.name == "deflection")
+        sizes.travel = effect.shape[i];
+      ++i;
+    }
+  }
+  // Not what a model that lacks a cause leaves uncertain, but what the motion does not contain.
+  const std::vector<std::string> missing =
+      missing_motion(excitation_of(axis.segments), axis.rotary);
+  if (diagnosis.verdict == Verdict::kUnexplained || !missing.empty()) doubts.push_back({});
+  auto test = suggested_test(doubts, seen_motion(axis.segments), sizes);
+  for (const std::string& one : missing) test->words += " In the recording, " + one + ".";
+  return test;
+}
+
+}  // namespace servotwin
