@@ -51,7 +51,7 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
 }  // namespace
 
 std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& segments,
-                        const std::string& source) {
+                        const std::string& source, const std::string& more) {
   const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
@@ -83,6 +83,7 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
     }
     out += "</table>\n";
   }
+  out += more;
   out +=
       "<h2>What is left, by what the command does</h2>\n<table><tr><th></th><th>RMS</th><th>MAX"
       "</th><th>share of the squared error</th><th>share of the time</th></tr>\n";
