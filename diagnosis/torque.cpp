@@ -17,10 +17,11 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kWorthIt = 0.98;     // a cause must bring the error below this
-constexpr double kOfBaseline = 0.05;  // and take away this of the baseline's, in quadrature
-constexpr double kChance = 0.01;      // false causes of a clean machine
-constexpr double kAgrees = 2.0;       // z of the pieces that does not contradict
+constexpr double kWorthIt = 0.98;       // a cause must bring the error below this
+constexpr double kOfBaseline = 0.05;    // and take away this of the baseline's, in quadrature
+constexpr double kChance = 0.01;        // false causes of a clean machine
+constexpr double kChanceOfLine = 0.05;  // of a line of a cause that is named already
+constexpr double kAgrees = 2.0;         // z of the pieces that does not contradict
 constexpr double kDecisive = 0.95, kNearlyAsGood = 0.8, kAsGood = 0.9;
 constexpr double kBothWays = 0.15;    // of the path, in the rarer direction
 constexpr double kUneven = 0.1;       // of Coulomb friction: less is every guide's
@@ -155,7 +156,8 @@ class TorqueSearch {
     bool earned = false;
   };
   [[nodiscard]] Judgement judged(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added,
-                                 std::size_t candidates, std::size_t points) const {
+                                 std::size_t candidates, std::size_t points,
+                                 double chance = kChance) const {
     const BlockedRegression data = training();
     const Eigen::MatrixXd before = rows_.training(base), more = rows_.training(added);
     const std::vector<double> pieces = data.predicted(before);
@@ -171,7 +173,7 @@ class TorqueSearch {
     const double rms = root_mean(pieces);
     const double taken = std::sqrt(std::max(0.0, rms * rms - out.rms * out.rms));
     out.earned = out.rms < kWorthIt * rms && taken > kOfBaseline * baseline_ &&
-                 out.p < kChance / static_cast<double>(candidates);
+                 out.p < chance / static_cast<double>(candidates);
     return out;
   }
 
@@ -437,7 +439,8 @@ class TorqueSearch {
       TorqueTerm line;
       for (std::size_t i = 0; i < std::min(kLinesTried, rough.size()); ++i) {
         const TorqueTerm term{kind_of<Cogging>(), {rough[i].second}, 2};
-        Judgement judgement = judged(base, rows_.columns(term), kMostLines, periods.size());
+        Judgement judgement =
+            judged(base, rows_.columns(term), kLinesTried, periods.size(), kChanceOfLine);
         out_.steps.push_back(text("  line of period %.4g: %.4g, z %.1f, p %.1g%s", term.shapes[0],
                                   judgement.rms, judgement.z, judgement.p,
                                   judgement.earned ? "" : ": no"));
@@ -533,7 +536,8 @@ class TorqueSearch {
       return kAbsent;
     };
     if (part.id == "gravity_offset") {
-      out = {{"offset_" + unit_, sign * c(0)}};
+      out = {{"offset_" + unit_, sign * c(0)},
+             {"over_coulomb", out_.coulomb > 0.0 ? std::abs(c(0)) / out_.coulomb : kAbsent}};
     } else if (part.id == "asymmetric_friction") {
       const double level = out_.coulomb > 0.0 ? all(level_column()) : 0.0,
                    viscous = viscous_column() >= 0 ? all(viscous_column()) : 0.0;
