@@ -160,10 +160,11 @@ Plateau plateau_of(const std::vector<PositionForce>& stretches) {
   return out;
 }
 
-Eigen::ArrayXd force_through_gap(const Eigen::ArrayXd& position, double width, double give) {
+Eigen::ArrayXd force_through_gap(const Eigen::ArrayXd& position, double width, double give,
+                                 double start) {
   Eigen::ArrayXd out(position.size());
   const double most = 0.5 * width + give;
-  double inside = 0.0;  // of gap and spring
+  double inside = start * most;  // of gap and spring
   for (Eigen::Index k = 0; k < position.size(); ++k) {
     if (k > 0) inside = std::clamp(inside + position(k) - position(k - 1), -most, most);
     const double pressed = std::max(0.0, std::abs(inside) - 0.5 * width) / give;

@@ -49,8 +49,9 @@ struct PositionForce {
 [[nodiscard]] Plateau plateau_of(const std::vector<PositionForce>& stretches);
 
 /// The force of a body that is moved through play and a spring by a motion of `position`, per level
-/// of its friction: 0 within the gap, then rising over `give` to 1, where the body slides.
+/// of its friction: 0 within the gap, then rising over `give` to 1, where the body slides. `start`:
+/// -1 .. 1, how far it is pressed to one side before the motion begins.
 [[nodiscard]] Eigen::ArrayXd force_through_gap(const Eigen::ArrayXd& position, double width,
-                                               double give);
+                                               double give, double start);
 
 }  // namespace servotwin

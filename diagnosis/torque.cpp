@@ -195,11 +195,13 @@ class TorqueSearch {
     std::size_t points = 0;
     for (double give = 0.05 * plateau.width; give < 20.0 * plateau.width; give *= 1.25) {
       for (const double share : {0.0, 0.7, 0.85, 1.0, 1.2, 1.4}) {
-        const TorqueTerm term = TorqueTerm::gap(share * plateau.width, give);
-        const double explained = beside.explained(rows_.training(rows_.columns(term)));
-        double& best = share == 0.0 ? best_elastic : best_gap;
-        if (explained > best) best = explained, (share == 0.0 ? elastic : gap) = term;
-        ++points;
+        for (const double start : {-1.0, 0.0, 1.0}) {
+          const TorqueTerm term = TorqueTerm::gap(share * plateau.width, give, start);
+          const double explained = beside.explained(rows_.training(rows_.columns(term)));
+          double& best = share == 0.0 ? best_elastic : best_gap;
+          if (explained > best) best = explained, (share == 0.0 ? elastic : gap) = term;
+          ++points;
+        }
       }
     }
     Eigen::MatrixXd without = base_;

@@ -127,7 +127,8 @@ Eigen::MatrixXd TorqueRows::columns(const TorqueTerm& term) const {
       for (Eigen::Index k = 0; k < n; ++k)
         position(k) = motion[static_cast<std::size_t>(k)].position;
       // Unlike levels in the two directions.
-      const Eigen::ArrayXd unit = force_through_gap(position, term.shapes[0], term.shapes[1]);
+      const Eigen::ArrayXd unit =
+          force_through_gap(position, term.shapes[0], term.shapes[1], term.shapes[2]);
       force.resize(n, 2);
       force << unit.max(0.0), unit.min(0.0);
     } else {

@@ -15,13 +15,13 @@
 namespace servotwin {
 
 /// One effect at these shapes. Play is none of the catalogue's forces: kind is kEffectKinds, the
-/// shapes are width and give.
+/// shapes are width, give and start (plateau.h).
 struct TorqueTerm {
   std::size_t kind = kEffectKinds;
   std::vector<double> shapes;
   Eigen::Index first = 0;  ///< of its columns; 0: all of them
-  [[nodiscard]] static TorqueTerm gap(double width, double give) {
-    return {kEffectKinds, {width, give}, 0};
+  [[nodiscard]] static TorqueTerm gap(double width, double give, double start) {
+    return {kEffectKinds, {width, give, start}, 0};
   }
 };
 
