@@ -269,8 +269,11 @@ class TorqueSelection {
       if (of_rival.kind != best.kind && rms - rival.rms > kNearlyAsGood * (rms - judgement.rms))
         part.rivals.emplace_back(identity_of(of_rival.kind).cause, beaten(judgement, rival));
     }
-    if (best.kind == kind_of<Cogging>() && body_.one_speed)
+    if (best.kind == kind_of<Cogging>() && body_.one_speed) {
+      // Nothing in the recording tells them apart.
       part.ambiguous_with.emplace_back("periodic_disturbance");
+      part.confidence = std::min(part.confidence, 0.5);
+    }
     out_.steps.push_back(part.id + ": added");
     out_.parts.push_back(std::move(part));
     if (best.kind == kind_of<Cogging>()) lines();

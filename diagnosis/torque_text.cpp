@@ -7,6 +7,7 @@
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
+#include "twin/catalogue.h"
 
 namespace servotwin {
 
@@ -48,6 +49,12 @@ std::string body_of(const TorqueDiagnosis& torque) {
 const char* kAgainst =
     "counts against the position: a positive one drives the axis backwards; a constant force is "
     "given as recorded";
+
+/// Here play is anywhere between motor and load.
+std::string check_of(const TorqueCause& cause) {
+  return cause.id == "backlash" ? std::string(identity_of(kind_of<BacklashInLoop>()).check)
+                                : advice_for(cause.id);
+}
 
 std::string sizes_of(const TorqueCause& cause) {
   std::string out;
@@ -121,7 +128,7 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                               {"ambiguous_with", cause.ambiguous_with},
                               {"evidence", evidence},
                               {"gain", gain},
-                              {"check", advice_for(cause.id)}});
+                              {"check", check_of(cause)}});
   }
   if (!torque.causes.empty() && file["verdict"] == "nothing_significant")
     file["verdict"] = "explained";
@@ -165,7 +172,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
       out.push_back("              not to be told from " + rival + " by this recording" +
                     (rival == "periodic_disturbance" ? ": it has one speed; record another" : ""));
     }
-    if (const std::string advice = advice_for(cause.id); !advice.empty())
+    if (const std::string advice = check_of(cause); !advice.empty())
       out.push_back("              check " + advice);
   }
   if (details) {
@@ -195,7 +202,7 @@ std::string torque_section(const TorqueDiagnosis& torque) {
                 : "") +
            text("</td><td>%.0f %%", 100.0 * cause.confidence);
     for (const std::string& rival : cause.ambiguous_with) out += "<br>or " + escaped(rival);
-    out += "</td><td>" + escaped(advice_for(cause.id)) + "</td></tr>\n";
+    out += "</td><td>" + escaped(check_of(cause)) + "</td></tr>\n";
   }
   return out + "</table>\n";
 }

@@ -44,9 +44,10 @@ struct Body {
   double mass = 90.0, coulomb = 20.0, viscous = 200.0;
   double noise = 0.5;
   std::uint64_t seed = 1;
+  Eigen::Index samples = 20'000;  // 1 ms apart
 };
 
-/// 20 s of three sines that do not repeat, and more force by `more(x, v, t)`.
+/// Three sines that do not repeat, and more force by `more(x, v, t)`.
 template <class More>
 SegmentedAxis recorded(const Body& body, const More& more) {
   constexpr double kStep_s = 1e-3, kQuantum = 1e-7;
@@ -62,9 +63,9 @@ SegmentedAxis recorded(const Body& body, const More& more) {
   out.sample_time_s = kStep_s;
   Segment s;
   s.sample_time_s = kStep_s;
-  s.command.resize(20'000);
-  s.actual.resize(20'000);
-  s.torque.resize(20'000);
+  s.command.resize(body.samples);
+  s.actual.resize(body.samples);
+  s.torque.resize(body.samples);
   for (Eigen::Index k = 0; k < s.size(); ++k) {
     const double t = kStep_s * static_cast<double>(k);
     double x = 0.0, v = 0.0, a = 0.0;
@@ -100,6 +101,15 @@ TEST_P(ACleanBody, GetsNoCauseFromItsTorque) {
   EXPECT_EQ(diagnosis.baseline_rms, diagnosis.extended_rms);
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, ACleanBody, testing::Range<std::uint64_t>(1, 13));
+
+TEST(Torque, WhatABriefRecordHasByChanceIsNoCause) {
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    SCOPED_TRACE(seed);
+    const TorqueDiagnosis diagnosis = diagnose_torque(recorded(
+        {90.0, 20.0, 200.0, 20.0, seed, 4'000}, [](double, double, double) { return 0.0; }));
+    EXPECT_THAT(ids(diagnosis), IsEmpty()) << testing::PrintToString(diagnosis.steps);
+  }
+}
 
 TEST(Torque, NamesAConstantForceInTheRecordsOwnSign) {
   SegmentedAxis axis = recorded({}, [](double, double, double) { return 60.0; });
@@ -202,6 +212,7 @@ TEST(Plateau, PlayIsFoundInItsWidth) {
         driven([&](double s) { return through_gap(s, 500.0, 4e5, width); }), {}, false);
     EXPECT_THAT(ids(diagnosis), Contains("backlash")) << testing::PrintToString(diagnosis.steps);
     EXPECT_NEAR(value(diagnosis, "backlash", "width_m"), width, 0.05 * width);
+    for (const Reversal& reversal : diagnosis.plateau.reversals) EXPECT_GT(reversal.ratio, 2.0);
     EXPECT_LT(diagnosis.extended_rms, 0.2 * diagnosis.baseline_rms);
   }
 }
@@ -212,10 +223,13 @@ TEST(Plateau, FrictionThatGivesIsNoPlay) {
     const TorqueDiagnosis smooth = diagnose_torque(
         driven([&](double s) { return through_presliding(s, 500.0, scale); }), {}, false);
     EXPECT_FALSE(smooth.plateau.found()) << smooth.plateau.statistic;
+    for (const Reversal& reversal : smooth.plateau.reversals) EXPECT_LT(reversal.ratio, 1.0);
     EXPECT_THAT(ids(smooth), Not(Contains("backlash")));
     const TorqueDiagnosis straight = diagnose_torque(
         driven([&](double s) { return through_gap(s, 500.0, 500.0 / scale, 0.0); }), {}, false);
     EXPECT_FALSE(straight.plateau.found()) << straight.plateau.statistic;
+    for (const Reversal& reversal : straight.plateau.reversals)
+      EXPECT_NEAR(reversal.ratio, 1.0, 0.25);
     EXPECT_THAT(ids(straight), Not(Contains("backlash")));
   }
 }
@@ -319,6 +333,7 @@ TEST_P(AnOdriveRun, HasItsCoggingInTheCurrent) {
     orders.push_back(static_cast<int>(std::lround(2.0 * kPi / h.period)));
   EXPECT_THAT(orders, testing::UnorderedElementsAre(7, 14, 28, 12, 36));
   EXPECT_THAT(diagnosis.causes.front().ambiguous_with, ElementsAre("periodic_disturbance"));
+  EXPECT_LE(diagnosis.causes.front().confidence, 0.5);
   EXPECT_LT(diagnosis.extended_rms, 0.5 * diagnosis.baseline_rms);
 }
 INSTANTIATE_TEST_SUITE_P(Runs, AnOdriveRun,
