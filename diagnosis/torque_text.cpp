@@ -122,12 +122,16 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
       (*known)["gain"].update(gain);
       continue;
     }
+    json whole = {{"holdout_rms_before_m", json()},
+                  {"holdout_rms_after_m", json()},
+                  {"ci95", {json(), json()}}};
+    whole.update(gain);
     file["causes"].push_back({{"id", cause.id},
                               {"confidence", cause.confidence},
                               {"parameters", parameters},
                               {"ambiguous_with", cause.ambiguous_with},
                               {"evidence", evidence},
-                              {"gain", gain},
+                              {"gain", whole},
                               {"check", check_of(cause)}});
   }
   if (!torque.causes.empty() && file["verdict"] == "nothing_significant")
@@ -147,8 +151,11 @@ json torque_alone(const TorqueDiagnosis& torque, const std::string& reason) {
   json out = {{"schema", "servotwin.diagnosis/1"},
               {"axis", torque.axis},
               {"baseline", {{"rms_m", json()}, {"max_m", json()}, {"noise_floor_rms_m", json()}}},
+              {"extended", {{"rms_m", json()}, {"max_m", json()}}},
               {"verdict", "nothing_significant"},
               {"causes", json::array()},
+              {"residual", {{"by_regime", json::object()}, {"unexplained_share", json()}}},
+              {"extended_model", json()},
               {"position_loop", reason}};
   add_torque(out, torque);
   return out;

@@ -265,6 +265,8 @@ TEST(TorqueFile, ACauseOfBothHasTheEvidenceOfBoth) {
   EXPECT_EQ(alone["verdict"], "explained");
   EXPECT_EQ(alone["causes"][0]["id"], "gravity_offset");
   EXPECT_EQ(alone["position_loop"], "no command");
+  EXPECT_TRUE(alone["causes"][0]["gain"].at("holdout_rms_before_m").is_null());
+  EXPECT_TRUE(alone["baseline"].at("rms_m").is_null());
 }
 
 SegmentedAxis read(const std::filesystem::path& file, const std::string& axis,
