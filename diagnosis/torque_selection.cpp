@@ -1,5 +1,6 @@
 #include "diagnosis/torque_selection.h"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -23,8 +24,9 @@ constexpr double kAgrees = 2.0;         // z of the pieces that does not contrad
 constexpr double kDecisive = 0.95;      // share of resamples in which a rival is beaten
 constexpr double kNearlyAsGood = 0.8, kAsGood = 0.9;  // shares of the gain
 constexpr double kFalls = 0.12;                       // of Coulomb friction: as in selection.cpp
-constexpr double kUneven = 0.1;                       // of Coulomb friction: less is every guide's
-constexpr double kFundamental = 0.9;                  // share of what the double period explains
+constexpr double kOwnMotion = 0.8;    // of the squared velocity that a tone must leave
+constexpr double kUneven = 0.1;       // of Coulomb friction: less is every guide's
+constexpr double kFundamental = 0.9;  // share of what the double period explains
 constexpr int kMostCauses = 6, kMostHarmonic = 8;
 constexpr std::size_t kMostLines = 6, kLinesTried = 4;  // of cogging
 
@@ -300,8 +302,16 @@ class TorqueSelection {
     const Eigen::VectorXd theta = training_of(rows_).fit(rows_.training(all));
     const Eigen::VectorXd of_own = theta.tail(own.cols());
     if (term.kind == kind_of<AsymmetricFriction>()) return std::abs(of_own(0)) < body_.coulomb;
+    if (term.kind == kind_of<PeriodicDisturbance>()) {
+      // What the motion repeats with is its own.
+      const Eigen::MatrixXd wave = rows_.training(rows_.rough_waves(term.kind, term.shapes[0]));
+      const Eigen::VectorXd v = rows_.training(rows_.velocity());
+      const Eigen::VectorXd left = v - wave * wave.colPivHouseholderQr().solve(v);
+      return left.squaredNorm() > kOwnMotion * v.squaredNorm();
+    }
+    // Falling or rising, it stays friction at all speeds.
     if (term.kind == kind_of<FallingFriction>())
-      return std::abs(of_own(0)) > kFalls * body_.coulomb;
+      return std::abs(of_own(0)) > kFalls * body_.coulomb && of_own(0) > -body_.coulomb;
     if (term.kind == kind_of<AddedFriction>()) {
       const double fastest = rows_.velocity().cwiseAbs().maxCoeff();
       return of_own(0) * (of_own(0) + of_own(1) * fastest) > 0.0;

@@ -279,6 +279,23 @@ SegmentedAxis read(const std::filesystem::path& file, const std::string& axis,
   return segment_axis(recording, axis);
 }
 
+// The example machine, made by other code: constant loads of 8 and 25 N behind a screw of 20 mm
+// lead, friction that slides after 20 um, and on Y falls with speed.
+TEST(Torque, TellsTheLoadsAndTheFrictionOfTheExampleMachine) {
+  const Recording recording =
+      read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {});
+  const double per_newton = 0.02 / (2.0 * kPi);
+  const TorqueDiagnosis x = diagnose_torque(segment_axis(recording, "X")),
+                        y = diagnose_torque(segment_axis(recording, "Y"));
+  EXPECT_THAT(ids(x), testing::UnorderedElementsAre("gravity_offset", "presliding"));
+  EXPECT_THAT(ids(y), testing::UnorderedElementsAre("gravity_offset", "presliding", "stribeck"));
+  EXPECT_NEAR(value(x, "gravity_offset", "offset_nm"), 8.0 * per_newton, 0.02 * 8.0 * per_newton);
+  EXPECT_NEAR(value(y, "gravity_offset", "offset_nm"), 25.0 * per_newton, 0.02 * 25.0 * per_newton);
+  EXPECT_NEAR(value(x, "presliding", "breakaway_displacement"), 20e-6, 7e-6);
+  // Loads of less than the friction may as well be unlike directions.
+  EXPECT_THAT(x.causes.front().ambiguous_with, ElementsAre("asymmetric_friction"));
+}
+
 // -21 N m and 3.3 to 3.7 N m of Coulomb friction are seen in this record, its torque counting
 // against the position.
 TEST(RealTorque, SinumerikAxisY1HoldsAConstantForce) {
