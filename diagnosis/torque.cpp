@@ -31,6 +31,7 @@ class TorqueConclusion {
     const Eigen::MatrixXd all = columns_of(rows_, body_, parts_);
     theta_ = training_.fit(rows_.training(all));
     out_.time = rows_.holdout(rows_.time());
+    out_.position = rows_.holdout(rows_.position());
     out_.torque = sign * rows_.holdout(rows_.torque());
     out_.left_before = sign * left_by(body_.columns);
     out_.left_after = sign * left_by(all);

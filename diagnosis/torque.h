@@ -58,8 +58,8 @@ struct TorqueDiagnosis {
   std::vector<TorqueCause> causes;
   Plateau plateau;
   std::vector<std::string> steps;  ///< what was tried, for people
-  /// The hold-out: time [s], torque, and what the two models leave of it.
-  Eigen::VectorXd time, torque, left_before, left_after;
+  /// The hold-out: time [s], position, torque, and what the two models leave of it.
+  Eigen::VectorXd time, position, torque, left_before, left_after;
 };
 
 /// Where this axis has position and torque and no command, its position takes the place of the

@@ -89,8 +89,20 @@ std::string picture(const TorqueDiagnosis& torque) {
   }
   if (measured.x.empty()) return {};
   const std::string unit = "[" + torque.unit + "]";
-  return plot_svg({{"torque", "time [s]", unit, false, {measured}},
-                   {"measured minus modelled", "time [s]", unit, false, {before, after}}});
+  std::vector<PlotPanel> panels{
+      {"torque", "time [s]", unit, false, {measured}},
+      {"measured minus modelled", "time [s]", unit, false, {before, after}}};
+  if (torque.plateau.found()) {
+    // Where the force stays near zero while the axis moves.
+    measured.x.clear();
+    for (const double x : torque.position) measured.x.push_back(1e3 * x);
+    panels.push_back({"torque over position",
+                      torque.rotary ? "position [mrad]" : "position [mm]",
+                      unit,
+                      false,
+                      {measured}});
+  }
+  return plot_svg(panels);
 }
 
 }  // namespace
