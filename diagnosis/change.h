@@ -1,6 +1,6 @@
 // What can change on an axis whose model is known: mass, gains, feed-forward, friction, delay.
 //
-// Each is written as what it does to the loop and the forces of the model (docs/theory.md 10.6), in
+// Each is written as what it does to the loop and the forces of the model (docs/theory.md 10.2), in
 // the loop's own physics, order 3 (order 2 without the integral part):
 //
 //   s^2 x = k (1 + 1/(Ti s)) (Kp e + f x_r' - x') + g x_r'' - d

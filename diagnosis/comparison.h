@@ -1,4 +1,4 @@
-// What changed since an earlier model of the axis was identified (docs/theory.md 10.6).
+// What changed since an earlier model of the axis was identified (docs/theory.md 10.2).
 //
 // The earlier model is held. Changes (diagnosis/change.h: mass, gains, feed-forward, friction,
 // delay, and every effect of the catalogue that the model does not have) are added one by one: all

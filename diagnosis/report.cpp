@@ -183,7 +183,7 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
 }  // namespace
 
 std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& segments,
-                        const std::string& source) {
+                        const std::string& source, const std::string& more) {
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>Axis " +
@@ -223,7 +223,7 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
     }
     out += "</section>\n";
   }
-  out += left_of(diagnosis, segments) +
+  out += more + left_of(diagnosis, segments) +
          "<section><details><summary>How this was found</summary><p>Candidates were fitted with "
          "the loop on the first part of the recording and had to predict blocks of it that they "
          "had not seen better than without them, by more than chance. All errors above are in "

@@ -358,8 +358,12 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
     }
   }
 
-  if (std::none_of(layout.columns.begin(), layout.columns.end(),
-                   [](const auto& c) { return c.channel == Channel::kCommand; })) {
+  // Position and force without a command are a recording of a test rig.
+  const auto has = [&](Channel channel) {
+    return std::any_of(layout.columns.begin(), layout.columns.end(),
+                       [channel](const auto& c) { return c.channel == channel; });
+  };
+  if (!has(Channel::kCommand) && !(has(Channel::kActual) && has(Channel::kTorque))) {
     throw std::runtime_error(source +
                              ": no column is the command of an axis, such as X.command[mm]. " +
                              "The file has: " + listed(names));

@@ -50,7 +50,8 @@ std::vector<Segment> with_torque(const Segment& segment, Eigen::Index shortest) 
 }
 
 /// The motion of a spline through the positions, in `substeps` steps per sample.
-std::vector<Motion> motion_of(const Spline& position, const Spline& command, int substeps) {
+std::vector<Motion> motion_of(const Spline& position, const Spline& command, int substeps,
+                              double start_s) {
   const double step = position.h / substeps;
   const Eigen::Index n = position.value.size();
   std::vector<Motion> out;
@@ -66,6 +67,7 @@ std::vector<Motion> motion_of(const Spline& position, const Spline& command, int
       };
       Motion m;
       m.step_s = step;
+      m.time_s = start_s + position.h * static_cast<double>(k) + t;
       m.position = at(position);
       m.velocity = slope_at(position);
       m.displacement = out.empty() ? 0.0 : m.position - out.back().position;
@@ -105,13 +107,13 @@ ForceData ForceData::of_motion(const std::vector<Segment>& segments, double band
         const Eigen::ArrayXd position =
             smoothing.empty() ? part.actual : zero_phase(smoothing, part.actual);
         const Eigen::ArrayXd velocity = differentiated(position, h);
-        stretch.motion = motion_of(Spline::through(position, h), command, 1);
+        stretch.motion = motion_of(Spline::through(position, h), command, 1, part.start_s);
         for (Eigen::Index k = 0; k < position.size(); ++k)
           stretch.motion[static_cast<std::size_t>(k)].velocity = velocity(k);
         stretch.acceleration = differentiated(velocity, h);
       } else {
         const Spline position = Spline::through(part.actual, h);
-        stretch.motion = motion_of(position, command, substeps);
+        stretch.motion = motion_of(position, command, substeps, part.start_s);
         stretch.substeps = substeps;
         stretch.acceleration = position.second;
       }

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 
 #include "daemon/cli/command.h"
@@ -13,6 +14,8 @@
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/report.h"
+#include "diagnosis/torque.h"
+#include "diagnosis/torque_text.h"
 
 namespace servotwin::cli {
 namespace {
@@ -110,30 +113,71 @@ std::vector<std::string> write_test(const std::string& base, const Diagnosis& di
   return {base + ".csv", base + ".nc"};
 }
 
+/// Where there is no position loop to diagnose, for this reason.
+void run_on_torque(const Arguments& arguments, const SegmentedAxis& axis, bool commanded,
+                   const std::string& reason, std::FILE* people) {
+  say(people, "torque      alone: " + reason);
+  if (!arguments.extended.empty())
+    throw std::runtime_error("--extended-model: there is no model of the position loop: " + reason);
+  const TorqueDiagnosis torque = diagnose_torque(axis, arguments.options, commanded);
+  for (const std::string& line : torque_lines(torque, arguments.details)) say(people, line);
+  if (!arguments.result.empty()) write_json(arguments.result, torque_alone(torque, reason));
+  if (!arguments.report.empty()) write_result(arguments.report, torque_page(torque, axis.source));
+}
+
+/// Nothing where there is no torque, or too little of it, which is said.
+std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis, const Arguments& arguments,
+                                         std::FILE* people) {
+  if (!has_torque(axis)) return std::nullopt;
+  try {
+    return diagnose_torque(axis, arguments.options);
+  } catch (const std::runtime_error& error) {
+    say(people, std::string("torque      not explained: ") + error.what());
+    return std::nullopt;
+  }
+}
+
 void run(const Arguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.report, arguments.extended});
-  const SegmentedAxis axis = arguments.input.read(people);
+  Recording recording = arguments.input.recording.read(people);
+  const bool commanded = !without_command(recording, arguments.input.axis);
+  const SegmentedAxis axis = arguments.input.segmented(recording, people);
+  if (!commanded) {
+    run_on_torque(arguments, axis, false, "the recording has position and torque and no command",
+                  people);
+    return;
+  }
   Diagnosis diagnosis;
-  {
+  try {
     const Progress progress("diagnosing " + axis.axis);
     diagnosis = arguments.earlier.empty()
                     ? diagnose(axis, arguments.options)
                     : compare(axis, read_model(arguments.earlier), arguments.options);
+  } catch (const std::runtime_error& error) {
+    if (!has_torque(axis) || !arguments.earlier.empty()) throw;
+    run_on_torque(arguments, axis, true, error.what(), people);
+    return;
   }
+  const std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);
   diagnosis.baseline.source = diagnosis.extended.source =
       arguments.input.recording.file.filename().string();
   say_diagnosis(people, diagnosis, arguments.details);
+  if (torque) {
+    for (const std::string& line : torque_lines(*torque, arguments.details)) say(people, line);
+  }
   if (!arguments.extended.empty()) write_json(arguments.extended, to_json(diagnosis.extended));
   std::vector<std::string> test;
   if (!arguments.test.empty())
     test = write_test(arguments.test, diagnosis, axis.sample_time_s, people);
   if (!arguments.result.empty()) {
-    nlohmann::json json = to_json(diagnosis, arguments.extended.string());
-    if (!test.empty()) json["suggested_test_files"] = test;
-    write_json(arguments.result, json);
+    nlohmann::json result = to_json(diagnosis, arguments.extended.string());
+    if (!test.empty()) result["suggested_test_files"] = test;
+    if (torque) add_torque(result, *torque);
+    write_json(arguments.result, result);
   }
   if (!arguments.report.empty())
-    write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source));
+    write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source,
+                                               torque ? torque_section(*torque) : ""));
 }
 
 }  // namespace

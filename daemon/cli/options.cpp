@@ -43,7 +43,10 @@ void AxisOptions::declare(CLI::App& command) {
 }
 
 SegmentedAxis AxisOptions::read(std::FILE* people) const {
-  const Recording whole = recording.read(people);
+  return segmented(recording.read(people), people);
+}
+
+SegmentedAxis AxisOptions::segmented(const Recording& whole, std::FILE* people) const {
   std::string axes;
   for (const AxisRecord& one : whole.axes) axes += (axes.empty() ? "" : ", ") + one.name;
   say(people, "read " + whole.source + ": " + (whole.axes.size() == 1 ? "axis " : "axes ") + axes);

@@ -32,6 +32,8 @@ struct AxisOptions {
   void declare(CLI::App& command);
   /// Reads the axis and says on `people` what was read.
   [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
+  /// The same of a recording that was read before.
+  [[nodiscard]] SegmentedAxis segmented(const Recording& whole, std::FILE* people) const;
 };
 
 /// --dds --machine --domain --partition.

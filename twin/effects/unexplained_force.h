@@ -24,7 +24,7 @@ struct UnexplainedForce {
                  : over == Over::kVelocity ? "a force over velocity that is not understood"
                                            : "a force over acceleration that is not understood",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 10.7",
+      .source = "docs/theory.md 10.3",
       .confused = "everything that goes with the same regressor"};
   static constexpr const char* kUnit = over == Over::kPosition   ? "m"
                                        : over == Over::kVelocity ? "m/s"

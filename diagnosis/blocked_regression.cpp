@@ -1,0 +1,127 @@
+#include "diagnosis/blocked_regression.h"
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "diagnosis/chance.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kPiece_s = 0.25;
+constexpr int kBlocks = 5;
+constexpr double kUnseen = 0.03;  // of the information of all blocks
+constexpr double kRidge = 1e-10, kHeldAlready = 1e-7;
+
+Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
+  Eigen::MatrixXd ridged = gram;
+  ridged.diagonal() += kRidge * gram.diagonal().cwiseMax(1e-300);
+  return ridged.ldlt().solve(right);
+}
+
+/// Columns of unit length, and how long they were.
+Eigen::MatrixXd scaled(const Eigen::MatrixXd& columns, Eigen::VectorXd* length = nullptr) {
+  Eigen::VectorXd norms = columns.colwise().norm();
+  for (double& norm : norms) norm = norm > 0.0 ? norm : 1.0;
+  if (length != nullptr) *length = norms;
+  return columns * norms.cwiseInverse().asDiagonal();
+}
+
+}  // namespace
+
+BlockedRegression::BlockedRegression(Eigen::VectorXd y, const Eigen::VectorXd& time)
+    : y_(std::move(y)) {
+  const auto piece_at = [&](Eigen::Index k) { return std::floor(time(k) / kPiece_s); };
+  for (Eigen::Index k = 0; k < y_.size();) {
+    Eigen::Index end = k;
+    while (end < y_.size() && piece_at(end) == piece_at(k)) ++end;
+    pieces_.push_back({k, end - k, 0});
+    k = end;
+  }
+  for (Piece& piece : pieces_)
+    piece.block = static_cast<int>(piece.first * kBlocks / std::max<Eigen::Index>(1, y_.size()));
+}
+
+Eigen::VectorXd BlockedRegression::fit(const Eigen::MatrixXd& columns) const {
+  Eigen::VectorXd length;
+  const Eigen::MatrixXd a = scaled(columns, &length);
+  return solved(a.transpose() * a, a.transpose() * y_).cwiseQuotient(length);
+}
+
+std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
+                                                 const Eigen::MatrixXd& added) const {
+  // What is not seen stays near the base's fit with all rows.
+  const Eigen::VectorXd y = y_ - base * fit(base);
+  Eigen::MatrixXd both(base.rows(), base.cols() + added.cols());
+  both << base, added;
+  const Eigen::MatrixXd a = scaled(both);
+  const Eigen::MatrixXd gram = a.transpose() * a;
+  const Eigen::VectorXd right = a.transpose() * y;
+  // By their rows: a piece that the axis mostly rests in is a small one.
+  const double usual = static_cast<double>(y_.size()) / static_cast<double>(pieces_.size());
+  std::vector<double> out(pieces_.size());
+  for (int b = 0; b < kBlocks; ++b) {
+    Eigen::MatrixXd g = (1.0 + kUnseen) * gram;
+    Eigen::VectorXd x = right;
+    for (const Piece& piece : pieces_) {
+      if (piece.block != b) continue;
+      const auto part = a.middleRows(piece.first, piece.count);
+      g -= part.transpose() * part;
+      x -= part.transpose() * y.segment(piece.first, piece.count);
+    }
+    const Eigen::VectorXd theta = solved(g, x);
+    for (std::size_t i = 0; i < pieces_.size(); ++i) {
+      const Piece& piece = pieces_[i];
+      if (piece.block != b) continue;
+      out[i] =
+          (y.segment(piece.first, piece.count) - a.middleRows(piece.first, piece.count) * theta)
+              .squaredNorm() /
+          usual;
+    }
+  }
+  return out;
+}
+
+double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) const {
+  Eigen::MatrixXd both(base.rows(), base.cols() + added.cols());
+  both << base, added;
+  const Eigen::MatrixXd a = scaled(both);
+  const Eigen::MatrixXd gram = a.transpose() * a;
+  const Eigen::VectorXd theta = solved(gram, a.transpose() * y_);
+  const Eigen::VectorXd left = y_ - a * theta;
+  const Eigen::Index n = a.cols();
+  Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(n, n);
+  for (const Piece& piece : pieces_) {
+    const Eigen::VectorXd s =
+        a.middleRows(piece.first, piece.count).transpose() * left.segment(piece.first, piece.count);
+    scores += s * s.transpose();
+  }
+  const auto m = static_cast<double>(pieces_.size()), q = static_cast<double>(added.cols());
+  const double degrees = std::max(1.0, m - static_cast<double>(n));
+  const Eigen::MatrixXd inverse = solved(gram, Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd covariance =
+      (inverse * scores * inverse).bottomRightCorner(added.cols(), added.cols()) * (m / degrees);
+  const Eigen::VectorXd own = theta.tail(added.cols());
+  const double ratio = own.dot(covariance.ldlt().solve(own)) / q;
+  return std::isfinite(ratio) && ratio > 0.0 ? z_of_f_ratio(ratio, q, degrees) : 0.0;
+}
+
+BlockedRegression::Beside::Beside(const BlockedRegression& data, const Eigen::MatrixXd& base)
+    : left_(data.y_) {
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(scaled(base));
+  basis_ = qr.householderQ() * Eigen::MatrixXd::Identity(base.rows(), qr.rank());
+  left_ -= basis_ * (basis_.transpose() * data.y_);
+}
+
+double BlockedRegression::Beside::explained(const Eigen::MatrixXd& columns) const {
+  const Eigen::MatrixXd c = columns - basis_ * (basis_.transpose() * columns);
+  Eigen::MatrixXd gram = c.transpose() * c;
+  // A column that the base holds already explains nothing but rounding.
+  for (Eigen::Index i = 0; i < c.cols(); ++i)
+    gram(i, i) += kHeldAlready * columns.col(i).squaredNorm() + 1e-300;
+  const Eigen::VectorXd right = c.transpose() * left_;
+  return right.dot(gram.ldlt().solve(right));
+}
+
+}  // namespace servotwin

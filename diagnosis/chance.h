@@ -1,0 +1,37 @@
+// How likely a statistic is by chance. Any thread.
+#pragma once
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+namespace servotwin {
+
+/// Of a standard normal variable that is larger than z.
+[[nodiscard]] inline double chance_beyond(double z) {
+  return 0.5 * std::erfc(z / std::numbers::sqrt2);
+}
+
+/// z with the same chance as F(k, n) (Wilson and Hilferty 1931, Paulson 1942).
+[[nodiscard]] inline double z_of_f_ratio(double f, double k, double n) {
+  const double a = 2.0 / (9.0 * k), b = 2.0 / (9.0 * n), root = std::cbrt(f);
+  return ((1.0 - b) * root - (1.0 - a)) / std::sqrt(b * root * root + a);
+}
+
+/// z with the one-sided chance of the mean of these values being 0 (Student's t); 0 where there are
+/// fewer than four or where they do not differ.
+[[nodiscard]] inline double z_of_mean(const std::vector<double>& values) {
+  const auto n = static_cast<double>(values.size());
+  if (values.size() < 4) return 0.0;
+  double mean = 0.0, square = 0.0;
+  for (const double value : values) mean += value / n;
+  for (const double value : values) square += (value - mean) * (value - mean);
+  if (!(square > 0.0)) return 0.0;
+  const double t = mean / std::sqrt(square / (n - 1.0) / n);
+  // Student's t as a normal variable (Wallace 1959).
+  const double z = std::sqrt((n - 1.0) * std::log1p(t * t / (n - 1.0))) * (8.0 * (n - 1.0) + 1.0) /
+                   (8.0 * (n - 1.0) + 3.0);
+  return t > 0.0 ? z : -z;
+}
+
+}  // namespace servotwin

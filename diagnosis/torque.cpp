@@ -1,0 +1,255 @@
+#include "diagnosis/torque.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+#include "diagnosis/bootstrap.h"
+#include "diagnosis/torque_selection.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kDecisive = 0.95;  // share of resamples in which a rival is beaten
+constexpr double kPiece_s = 0.25;   // that are resampled,
+constexpr double kFewest = 10.0;    // or shorter ones where there were fewer
+
+double rms_of(const Eigen::VectorXd& left) {
+  return std::sqrt(left.squaredNorm() / std::max<double>(1.0, static_cast<double>(left.size())));
+}
+
+class TorqueConclusion {
+ public:
+  TorqueConclusion(const TorqueRows& rows, const TorqueBody& body, const TorqueSelected& selected,
+                   TorqueDiagnosis& out)
+      : rows_(rows), body_(body), parts_(selected.parts), training_(training_of(rows)), out_(out) {}
+
+  void run() {
+    const double sign = body_.opposite ? -1.0 : 1.0;
+    const Eigen::MatrixXd all = columns_of(rows_, body_, parts_);
+    theta_ = training_.fit(rows_.training(all));
+    out_.time = rows_.holdout(rows_.time());
+    out_.position = rows_.holdout(rows_.position());
+    out_.torque = sign * rows_.holdout(rows_.torque());
+    out_.left_before = sign * left_by(body_.columns);
+    out_.left_after = sign * left_by(all);
+    if (out_.time.size() > 0) {
+      out_.baseline_rms = rms_of(out_.left_before);
+      out_.extended_rms = rms_of(out_.left_after);
+    }
+    Eigen::Index column = body_.columns.cols();
+    for (std::size_t i = 0; i < parts_.size(); ++i) {
+      const TorquePart& part = parts_[i];
+      TorqueCause cause;
+      cause.id = part.id;
+      cause.evidence = part.evidence;
+      rivals(part, cause);
+      Eigen::Index count = 0;
+      for (const TorqueTerm& term : part.terms) count += rows_.columns(term).cols();
+      parameters(part, theta_.segment(column, count), cause);
+      column += count;
+      cause.gain = gain_of(i);
+      out_.causes.push_back(std::move(cause));
+    }
+    std::stable_sort(out_.causes.begin(), out_.causes.end(), [](const auto& l, const auto& r) {
+      const auto worth = [](const Gain& g) {
+        return std::isfinite(g.before) ? g.before * g.before - g.after * g.after : 0.0;
+      };
+      return worth(l.gain) > worth(r.gain);
+    });
+  }
+
+ private:
+  /// What a model leaves of the hold-out, its coefficients from the training data.
+  [[nodiscard]] Eigen::VectorXd left_by(const Eigen::MatrixXd& columns) const {
+    return rows_.holdout(rows_.torque()) -
+           rows_.holdout(columns) * training_.fit(rows_.training(columns));
+  }
+  [[nodiscard]] std::vector<double> pieces_of(const Eigen::VectorXd& left) const {
+    const Eigen::VectorXd time = rows_.holdout(rows_.time());
+    const double piece_s =
+        std::min(kPiece_s, static_cast<double>(left.size()) * rows_.step_s() / kFewest);
+    const auto piece_at = [&](Eigen::Index k) { return std::floor(time(k) / piece_s); };
+    std::vector<double> out;
+    for (Eigen::Index k = 0; k < left.size();) {
+      Eigen::Index end = k;
+      while (end < left.size() && piece_at(end) == piece_at(k)) ++end;
+      out.push_back(left.segment(k, end - k).squaredNorm() / static_cast<double>(end - k));
+      k = end;
+    }
+    return out;
+  }
+
+  /// What one cause is worth, everything else as it is.
+  [[nodiscard]] Gain gain_of(std::size_t i) const {
+    Eigen::MatrixXd without = columns_of(rows_, body_, parts_, i);
+    // Play against the same spring without a gap.
+    if (parts_[i].id == "backlash") append(without, rows_.columns(parts_[i].terms.front()));
+    const Eigen::VectorXd before = left_by(without),
+                          after = left_by(columns_of(rows_, body_, parts_));
+    Gain gain;
+    if (before.size() == 0) return gain;
+    gain.before = rms_of(before);
+    gain.after = rms_of(after);
+    const std::vector<double> was = pieces_of(before), is = pieces_of(after);
+    if (was.size() < 4) return gain;
+    const auto mean_of = [](const std::vector<double>& of, const std::vector<std::size_t>& places) {
+      double sum = 0.0;
+      for (const std::size_t p : places) sum += of[p];
+      return std::sqrt(sum / static_cast<double>(places.size()));
+    };
+    const auto differences = bootstrap(was.size(), [&](const std::vector<std::size_t>& places) {
+      return mean_of(was, places) - mean_of(is, places);
+    });
+    gain.low = differences[static_cast<std::size_t>(0.025 * kResamples)];
+    gain.high = differences[static_cast<std::size_t>(0.975 * kResamples)];
+    return gain;
+  }
+
+  void rivals(const TorquePart& part, TorqueCause& cause) const {
+    cause.confidence = part.confidence;
+    cause.ambiguous_with = part.ambiguous_with;
+    for (const auto& [rival, share] : part.rivals) {
+      const bool named =
+          std::any_of(parts_.begin(), parts_.end(),
+                      [&, &id = rival](const auto& other) { return other.id == id; });
+      if (named) continue;
+      cause.confidence = std::min(cause.confidence, share);
+      if (share < kDecisive) cause.ambiguous_with.push_back(rival);
+    }
+  }
+
+  /// The keys of the contract, from the coefficients of the cause.
+  void parameters(const TorquePart& part, const Eigen::VectorXd& c, TorqueCause& cause) const {
+    const TorqueTerm& term = part.terms.front();
+    const std::string unit = key_of_unit(out_.unit);
+    auto& out = cause.parameters;
+    const auto shape = [&](std::string_view name) {
+      std::size_t i = 0;
+      for (const Parameter& p : shapes_of(term.kind)) {
+        if (p.name == name) return term.shapes[i];
+        ++i;
+      }
+      return kAbsent;
+    };
+    if (part.id == "backlash") {
+      const Plateau& plateau = out_.plateau;
+      out = {{out_.rotary ? "width_rad" : "width_m", plateau.width},
+             {"deviation", plateau.deviation}};
+      if (plateau.forward > 0.0) out.emplace_back("width_forward", plateau.forward);
+      if (plateau.backward > 0.0) out.emplace_back("width_backward", plateau.backward);
+      out.emplace_back("reversals", static_cast<double>(plateau.reversals.size()));
+    } else if (part.id == "gravity_offset") {
+      out = {{"offset_" + unit, body_.opposite ? -c(0) : c(0)},
+             {"over_coulomb", body_.coulomb > 0.0 ? std::abs(c(0)) / body_.coulomb : kAbsent}};
+    } else if (part.id == "asymmetric_friction") {
+      const auto own = [&](Eigen::Index column) { return column < 0 ? 0.0 : theta_(column); };
+      const double level = own(body_.coulomb_column()), viscous = own(body_.viscous_column());
+      out = {{"ratio", (level + c(0)) / (level - c(0))},
+             {"coulomb_plus_" + unit, level + c(0)},
+             {"coulomb_minus_" + unit, level - c(0)},
+             {"viscous_plus", viscous + c(1)},
+             {"viscous_minus", viscous - c(1)}};
+    } else if (part.id == "stribeck") {
+      out = {{"drop_" + unit, c(0)}, {"stribeck_velocity", shape("stribeck_velocity")}};
+    } else if (part.id == "presliding") {
+      out = {{"breakaway_" + unit, c(0)},
+             {"breakaway_displacement", shape("breakaway_displacement")},
+             {"shape_factor", shape("shape_factor")}};
+    } else if (part.id == "cogging") {
+      cogging(part, c, cause);
+    } else if (part.id == "position_dependent_friction") {
+      out = {{"amplitude_" + unit, unevenness(rows_, term, c)}};
+    } else if (part.id == "added_friction") {
+      out = {{"time_s", shape("time_s")}, {"coulomb_" + unit, c(0)}, {"viscous", c(1)}};
+    } else if (part.id == "inertia_change") {
+      out = {{"time_s", shape("time_s")},
+             {"ratio", body_.mass > 0.0 ? 1.0 + c(0) / theta_(0) : kAbsent}};
+    } else if (part.id == "viscous_drift") {
+      out = {{"time_constant_s", shape("time_constant_s")}, {"cold", c(0)}};
+    } else if (part.id == "periodic_disturbance") {
+      out = {{"frequency_hz", shape("frequency_hz")},
+             {"amplitude_" + unit, std::hypot(c(0), c(1))}};
+    } else if (part.id == "dwell_stiction") {
+      out = {{"growth_" + unit, c(0)}, {"length", shape("length")}};
+    }
+  }
+
+  void cogging(const TorquePart& part, const Eigen::VectorXd& c, TorqueCause& cause) const {
+    const double period = part.terms.front().shapes[0];
+    std::vector<double> periods{period, 0.5 * period};
+    for (std::size_t t = 1; t < part.terms.size(); ++t) periods.push_back(part.terms[t].shapes[0]);
+    const std::vector<double> through = rows_.tracking_error_at(periods);
+    for (std::size_t i = 0; i < periods.size(); ++i) {
+      const auto at = static_cast<Eigen::Index>(2 * i);
+      cause.harmonics.push_back({periods[i], std::hypot(c(at), c(at + 1)), through[i]});
+    }
+    const std::string unit = key_of_unit(out_.unit);
+    cause.parameters = {{out_.rotary ? "period_rad" : "period_m", period},
+                        {"amplitude_" + unit, cause.harmonics[0].amplitude},
+                        {"amplitude_2_" + unit, cause.harmonics[1].amplitude}};
+    if (out_.rotary)
+      cause.parameters.emplace_back("order_per_rev", 2.0 * std::numbers::pi / period);
+  }
+
+  const TorqueRows& rows_;
+  const TorqueBody& body_;
+  const std::vector<TorquePart>& parts_;
+  BlockedRegression training_;
+  TorqueDiagnosis& out_;
+  Eigen::VectorXd theta_;  // of all columns
+};
+
+}  // namespace
+
+bool without_command(Recording& recording, std::string_view name) {
+  const auto known = [](const std::vector<double>& values) {
+    return std::any_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+  };
+  for (AxisRecord& axis : recording.axes) {
+    if (axis.name != name || known(axis.command)) continue;
+    if (!known(axis.actual) || !known(axis.torque)) continue;
+    axis.command = axis.actual;
+    return true;
+  }
+  return false;
+}
+
+bool has_torque(const SegmentedAxis& axis) {
+  return std::any_of(axis.segments.begin(), axis.segments.end(),
+                     [](const Segment& s) { return s.torque.size() > 0; });
+}
+
+std::string key_of_unit(const std::string& unit) {
+  if (unit == "N") return "n";
+  if (unit == "Nm") return "nm";
+  if (unit == "A") return "a";
+  if (unit == "V") return "v";
+  return "percent";
+}
+
+TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions& options,
+                                bool commanded) {
+  if (!has_torque(axis)) throw std::runtime_error(axis.axis + ": there is no torque");
+  TorqueRows rows(axis, options.identify.training_share, commanded);
+  const TorqueBody body = body_of(rows);
+  const TorqueSelected selected = select_torque_causes(rows, body, options, commanded, axis.rotary);
+  TorqueDiagnosis out;
+  out.axis = axis.axis;
+  out.unit = axis.torque_unit;
+  out.rotary = axis.rotary;
+  out.commanded = commanded;
+  out.opposite = body.opposite;
+  out.mass = body.mass;
+  out.coulomb = body.coulomb;
+  out.viscous = body.viscous;
+  out.training_to_s = rows.training_to_s();
+  out.plateau = selected.plateau;
+  out.steps = selected.steps;
+  TorqueConclusion(rows, body, selected, out).run();
+  return out;
+}
+
+}  // namespace servotwin

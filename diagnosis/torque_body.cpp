@@ -1,0 +1,93 @@
+#include "diagnosis/torque_body.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <vector>
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kBothWays = 0.15;  // of the path, in the rarer direction
+constexpr double kStraight = 0.02;  // of the travel: a position that is a line over time
+
+}  // namespace
+
+Eigen::Index TorqueBody::coulomb_column() const {
+  return coulomb > 0.0 ? (mass > 0.0 ? 1 : 0) : -1;
+}
+Eigen::Index TorqueBody::viscous_column() const {
+  return viscous > 0.0 ? (mass > 0.0 ? 1 : 0) + (coulomb > 0.0 ? 1 : 0) : -1;
+}
+
+BlockedRegression training_of(const TorqueRows& rows) {
+  return {rows.training(rows.torque()), rows.training(rows.time())};
+}
+
+void append(Eigen::MatrixXd& to, const Eigen::MatrixXd& columns) {
+  to.conservativeResize(columns.rows(), to.cols() + columns.cols());
+  to.rightCols(columns.cols()) = columns;
+}
+
+TorqueBody body_of(TorqueRows& rows) {
+  TorqueBody out;
+  const BlockedRegression data = training_of(rows);
+  const Eigen::VectorXd velocity = rows.training(rows.velocity());
+  const double forward = velocity.cwiseMax(0.0).sum() / velocity.cwiseAbs().sum();
+  out.both_ways = std::min(forward, 1.0 - forward) > kBothWays;
+  Eigen::MatrixXd line(velocity.size(), 2);
+  line << Eigen::VectorXd::Ones(velocity.size()), rows.training(rows.time());
+  const Eigen::VectorXd x = rows.training(rows.position());
+  out.one_speed = (x - line * line.colPivHouseholderQr().solve(x)).norm() <
+                  kStraight * rows.travel() * std::sqrt(static_cast<double>(x.size()));
+  // The velocity at which friction has its direction, beside a constant where there may be one.
+  double least = 1e300;
+  for (double limit = 2e-5; limit < 2.1e-2; limit *= 1.78) {
+    Eigen::MatrixXd trial = rows.body(limit);
+    if (out.both_ways) append(trial, Eigen::MatrixXd::Ones(trial.rows(), 1));
+    const Eigen::MatrixXd shown = rows.training(trial);
+    const double left = (rows.training(rows.torque()) - shown * data.fit(shown)).squaredNorm();
+    if (left < least) least = left, out.velocity_limit = limit, out.columns = trial;
+  }
+  const Eigen::MatrixXd shown = rows.training(out.columns);
+  const Eigen::VectorXd theta = data.fit(shown);
+  if (out.both_ways) {
+    // What moves a body works on it: mass and friction are positive, or the sign is the other.
+    const double work =
+        (theta.head(3).array() * shown.leftCols(3).colwise().norm().transpose().array()).sum();
+    out.opposite = work < 0.0;
+  }
+  if (out.opposite) rows.turn_torque();
+  out.columns = rows.body(out.velocity_limit);
+  // A mass or a friction that would be negative is not seen by this motion.
+  const BlockedRegression turned = training_of(rows);
+  std::vector<int> kept{0, 1, 2};
+  for (bool again = true; again && !kept.empty();) {
+    Eigen::MatrixXd c(out.columns.rows(), 0);
+    for (const int i : kept) append(c, out.columns.col(i));
+    if (out.both_ways) append(c, Eigen::MatrixXd::Ones(c.rows(), 1));
+    const Eigen::VectorXd all = turned.fit(rows.training(c));
+    again = false;
+    for (std::size_t i = 0; i < kept.size(); ++i) {
+      (kept[i] == 0   ? out.mass
+       : kept[i] == 1 ? out.coulomb
+                      : out.viscous) = std::max(0.0, all(static_cast<Eigen::Index>(i)));
+      if (all(static_cast<Eigen::Index>(i)) >= 0.0) continue;
+      kept.erase(kept.begin() + static_cast<std::ptrdiff_t>(i));
+      again = true;
+      break;
+    }
+  }
+  Eigen::MatrixXd c(out.columns.rows(), 0);
+  for (const int i : kept) append(c, out.columns.col(i));
+  if (kept.empty()) {
+    throw std::runtime_error(
+        "neither mass nor friction has a part in the torque: is it the torque of this axis?");
+  }
+  out.columns = c;
+  return out;
+}
+
+}  // namespace servotwin

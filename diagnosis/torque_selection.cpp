@@ -1,0 +1,413 @@
+#include "diagnosis/torque_selection.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "diagnosis/bootstrap.h"
+#include "diagnosis/chance.h"
+#include "diagnosis/extension.h"
+#include "diagnosis/search.h"
+#include "diagnosis/text.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kWorthIt = 0.98;       // a cause must bring the error below this
+constexpr double kOfBaseline = 0.05;    // and take away this of the baseline's, in quadrature
+constexpr double kOfFriction = 0.01;    // and this of Coulomb friction: no law is better than that
+constexpr double kChance = 0.01;        // false causes of a clean machine
+constexpr double kChanceOfLine = 0.05;  // of a line of a cause that is named already
+constexpr double kAgrees = 2.0;         // z of the pieces that does not contradict
+constexpr double kDecisive = 0.95;      // share of resamples in which a rival is beaten
+constexpr double kNearlyAsGood = 0.8, kAsGood = 0.9;  // shares of the gain
+constexpr double kFalls = 0.12;                       // of Coulomb friction: as in selection.cpp
+constexpr double kOwnMotion = 0.8;    // of the squared velocity that a tone must leave
+constexpr double kUneven = 0.1;       // of Coulomb friction: less is every guide's
+constexpr double kFundamental = 0.9;  // share of what the double period explains
+constexpr int kMostCauses = 6, kMostHarmonic = 8;
+constexpr std::size_t kMostLines = 6, kLinesTried = 4;  // of cogging
+
+double root_mean(const std::vector<double>& pieces) {
+  double sum = 0.0;
+  for (const double piece : pieces) sum += piece;
+  return std::sqrt(sum / std::max<double>(1.0, static_cast<double>(pieces.size())));
+}
+
+class TorqueSelection {
+ public:
+  TorqueSelection(const TorqueRows& rows, const TorqueBody& body, const DiagnoseOptions& options,
+                  bool commanded, bool rotary)
+      : rows_(rows), body_(body), options_(options), commanded_(commanded), rotary_(rotary) {}
+
+  TorqueSelected run() {
+    baseline_ = root_mean(training_of(rows_).predicted(rows_.training(body_.columns)));
+    out_.steps.push_back(text("rigid body: %.4g", baseline_));
+    play();
+    while (static_cast<int>(out_.parts.size()) < kMostCauses && add_one()) take_out_the_needless();
+    return std::move(out_);
+  }
+
+ private:
+  [[nodiscard]] bool wanted(std::string_view id) const {
+    return std::find(options_.leave_out.begin(), options_.leave_out.end(), id) ==
+           options_.leave_out.end();
+  }
+  [[nodiscard]] bool named(std::string_view id) const {
+    return std::any_of(out_.parts.begin(), out_.parts.end(),
+                       [&](const TorquePart& part) { return part.id == id; });
+  }
+  [[nodiscard]] Eigen::MatrixXd all(std::size_t but = kNoEffect) const {
+    return columns_of(rows_, body_, out_.parts, but);
+  }
+
+  struct Judgement {
+    double z = 0.0, p = 1.0, rms = 0.0;
+    std::vector<double> pieces;
+    bool earned = false;
+  };
+  [[nodiscard]] Judgement judged(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added,
+                                 std::size_t candidates, std::size_t points,
+                                 double chance = kChance) const {
+    const BlockedRegression data = training_of(rows_);
+    const Eigen::MatrixXd before = rows_.training(base), more = rows_.training(added);
+    const std::vector<double> pieces = data.predicted(before);
+    Judgement out;
+    out.pieces = data.predicted(before, more);
+    out.z = paired_z(pieces, out.pieces);
+    out.p = chance_beyond(out.z);
+    if (out.z > kAgrees) {
+      out.p = std::min(out.p, std::min(1.0, static_cast<double>(points) *
+                                                chance_beyond(data.wald(before, more))));
+    }
+    out.rms = root_mean(out.pieces);
+    const double rms = root_mean(pieces);
+    const double taken = std::sqrt(std::max(0.0, rms * rms - out.rms * out.rms));
+    out.earned = out.rms < kWorthIt * rms && taken > kOfBaseline * baseline_ &&
+                 taken > kOfFriction * body_.coulomb &&
+                 out.p < chance / static_cast<double>(candidates);
+    return out;
+  }
+
+  /// Play first, since all that has memory looks different beside it.
+  void play() {
+    if (!wanted("backlash")) return;
+    out_.plateau = plateau_of(rows_.stretches(body_.mass));
+    const Plateau& plateau = out_.plateau;
+    if (plateau.reversals.size() < 2) return;
+    out_.steps.push_back(text("plateau after reversals: %zu, width %.4g +- %.2g, z %.1f%s",
+                              plateau.reversals.size(), plateau.width, plateau.deviation,
+                              plateau.statistic, plateau.found() ? "" : ": none"));
+    if (!plateau.found()) return;
+    // The same spring without the gap is friction that gives, and no play.
+    const BlockedRegression data = training_of(rows_);
+    const BlockedRegression::Beside beside(data, rows_.training(body_.columns));
+    TorqueTerm elastic, gap;
+    double best_elastic = -1.0, best_gap = -1.0;
+    std::size_t points = 0;
+    for (double give = 0.05 * plateau.width; give < 20.0 * plateau.width; give *= 1.25) {
+      for (const double share : {0.0, 0.7, 0.85, 1.0, 1.2, 1.4}) {
+        for (const double start : {-1.0, 0.0, 1.0}) {
+          const TorqueTerm term = TorqueTerm::gap(share * plateau.width, give, start);
+          const double explained = beside.explained(rows_.training(rows_.columns(term)));
+          double& best = share == 0.0 ? best_elastic : best_gap;
+          if (explained > best) best = explained, (share == 0.0 ? elastic : gap) = term;
+          ++points;
+        }
+      }
+    }
+    Eigen::MatrixXd without = body_.columns;
+    append(without, rows_.columns(elastic));
+    const Judgement judgement = judged(without, rows_.columns(gap), 1, points);
+    out_.steps.push_back(text("  with a gap %.4g, z %.1f", judgement.rms, judgement.z));
+    if (!judgement.earned) return;
+    TorquePart part;
+    part.id = "backlash";
+    part.terms = {elastic, gap};
+    part.evidence = {
+        {"force plateau over the travel after reversals", plateau.statistic,
+         chance_beyond(plateau.statistic)},
+        {"torque residual, blocked cross-validation against the same spring without a gap",
+         judgement.z, judgement.p}};
+    part.confidence = 1.0 - std::max(judgement.p, chance_beyond(plateau.statistic));
+    out_.parts.push_back(std::move(part));
+  }
+
+  [[nodiscard]] std::vector<std::size_t> candidates() const {
+    static const std::vector<std::size_t> kActOnTheBody{
+        kind_of<ConstantForce>(),   kind_of<AsymmetricFriction>(),
+        kind_of<FallingFriction>(), kind_of<Presliding>(),
+        kind_of<Cogging>(),         kind_of<PositionDependentFriction>(),
+        kind_of<AddedFriction>(),   kind_of<InertiaChange>(),
+        kind_of<ViscousDrift>(),    kind_of<PeriodicDisturbance>(),
+        kind_of<DwellStiction>()};
+    std::vector<std::size_t> out;
+    for (const std::size_t kind : kActOnTheBody) {
+      const std::string_view id = identity_of(kind).cause;
+      if (!wanted(id) || named(id)) continue;
+      const bool unlike = kind == kind_of<ConstantForce>() || kind == kind_of<AsymmetricFriction>();
+      // In one direction a constant force is Coulomb friction, at one speed a place is a time.
+      if (unlike && (!body_.both_ways || named("gravity_offset") || named("asymmetric_friction")))
+        continue;
+      const bool by_speed = kind == kind_of<FallingFriction>() || kind == kind_of<ViscousDrift>() ||
+                            kind == kind_of<PeriodicDisturbance>();
+      if (body_.one_speed && by_speed) continue;
+      const bool by_reversals =
+          kind == kind_of<PositionDependentFriction>() || kind == kind_of<Presliding>();
+      if (by_reversals && !body_.both_ways) continue;
+      if (kind == kind_of<DwellStiction>() && !commanded_) continue;
+      out.push_back(kind);
+    }
+    return out;
+  }
+
+  /// The best shapes on the grid of a kind, refined about it; none where nothing fits.
+  struct Looked {
+    std::size_t kind = 0, points = 0;
+    double explained = 0.0;
+    TorqueTerm term;
+  };
+  [[nodiscard]] Looked looked(std::size_t kind, const BlockedRegression::Beside& beside) const {
+    Looked out{kind, 0, 0.0, {}};
+    const auto try_out = [&](const std::vector<double>& shapes) {
+      // The body has its viscous friction already.
+      const TorqueTerm term{kind, shapes, kind == kind_of<Presliding>() ? 1 : 0};
+      const double explained = beside.explained(rows_.training(rows_.columns(term)));
+      ++out.points;
+      if (explained > out.explained) out.explained = explained, out.term = term;
+    };
+    const std::vector<std::vector<double>> grid = rows_.grid(kind, body_.velocity_limit);
+    if (kind == kind_of<Cogging>() || kind == kind_of<PeriodicDisturbance>()) {
+      // Waves by their columns without filters, the best ones with them.
+      std::vector<std::pair<double, std::vector<double>>> rough;
+      for (const std::vector<double>& shapes : grid)
+        rough.emplace_back(-beside.explained(rows_.training(rows_.rough_waves(kind, shapes[0]))),
+                           shapes);
+      out.points = grid.size();
+      std::sort(rough.begin(), rough.end());
+      for (std::size_t i = 0; i < std::min<std::size_t>(6, rough.size()); ++i)
+        try_out(rough[i].second);
+    } else {
+      for (const std::vector<double>& shapes : grid) try_out(shapes);
+    }
+    if (out.explained <= 0.0 || shapes_of(kind).empty()) return out;
+    const bool whole_orders = rotary_ && kind == kind_of<Cogging>();
+    if (!whole_orders) refine(out, try_out);
+    while (kind == kind_of<Cogging>()) {
+      std::vector<double> half = out.term.shapes;
+      half[0] *= 0.5;
+      if (half[0] < shapes_of(kind)[0].lower) break;
+      const TorqueTerm term{kind, half, 0};
+      const double explained = beside.explained(rows_.training(rows_.columns(term)));
+      if (explained < kFundamental * out.explained) break;
+      out.explained = explained, out.term = term;
+      if (!whole_orders) refine(out, try_out);
+    }
+    return out;
+  }
+  template <class TryOut>
+  void refine(const Looked& best, const TryOut& try_out) const {
+    const Parameter& p = shapes_of(best.kind)[0];
+    // A period is known to a part of a turn over the travel, a scale to a part of itself.
+    double step = 0.3;
+    if (p.scan == Scan::kPeriod) step = std::min(0.2, 0.25 * best.term.shapes[0] / rows_.travel());
+    if (p.scan == Scan::kFrequency || p.scan == Scan::kTime) step = 0.01;
+    for (int round = 0; round < 4; ++round, step *= 0.35) {
+      const std::vector<double> centre = best.term.shapes;
+      for (const int i : {-2, -1, 1, 2}) {
+        std::vector<double> shapes = centre;
+        shapes[0] *= std::exp(step * i);
+        if (shapes[0] > p.lower && shapes[0] < p.upper) try_out(shapes);
+      }
+    }
+  }
+
+  bool add_one() {
+    const std::vector<std::size_t> kinds = candidates();
+    if (kinds.empty()) return false;
+    const BlockedRegression data = training_of(rows_);
+    const Eigen::MatrixXd base = all();
+    const BlockedRegression::Beside beside(data, rows_.training(base));
+    const double rms = root_mean(data.predicted(rows_.training(base)));
+    std::vector<std::pair<Judgement, Looked>> tried;
+    for (const std::size_t kind : kinds) {
+      Looked best = looked(kind, beside);
+      if (best.explained <= 0.0) continue;
+      const Judgement judgement = judged(base, rows_.columns(best.term), kinds.size(), best.points);
+      out_.steps.push_back(text("  %.4g with %s %.4g, z %.1f, p %.1g%s", rms,
+                                std::string(identity_of(kind).id).c_str(), judgement.rms,
+                                judgement.z, judgement.p, judgement.earned ? "" : ": no"));
+      if (judgement.earned && possible(best.term, base)) tried.emplace_back(judgement, best);
+    }
+    // What is still to be explained beside the cause before is no rival of it.
+    if (!out_.parts.empty()) {
+      std::erase_if(out_.parts.back().rivals, [&](const auto& rival) {
+        return std::any_of(tried.begin(), tried.end(), [&](const auto& one) {
+          return identity_of(one.second.kind).cause == rival.first;
+        });
+      });
+    }
+    if (tried.empty()) return false;
+    std::sort(tried.begin(), tried.end(),
+              [](const auto& l, const auto& r) { return l.first.rms < r.first.rms; });
+    auto chosen = tried.begin();
+    // Of two that the pieces cannot tell apart, the one that needs less.
+    for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
+      if (parameters_of(rival->second.kind) < parameters_of(chosen->second.kind) &&
+          rms - rival->first.rms > kAsGood * (rms - chosen->first.rms) &&
+          beaten(chosen->first, rival->first) < kDecisive)
+        chosen = rival;
+    }
+    const auto& [judgement, best] = *chosen;
+    TorquePart part;
+    part.id = identity_of(best.kind).cause;
+    part.terms = {best.term};
+    part.evidence = {{"torque residual, blocked cross-validation, paired over 0.25 s", judgement.z,
+                      judgement.p}};
+    part.confidence = 1.0 - judgement.p;
+    for (const auto& [rival, of_rival] : tried) {
+      if (of_rival.kind != best.kind && rms - rival.rms > kNearlyAsGood * (rms - judgement.rms))
+        part.rivals.emplace_back(identity_of(of_rival.kind).cause, beaten(judgement, rival));
+    }
+    if (best.kind == kind_of<Cogging>() && body_.one_speed) {
+      // Nothing in the recording tells them apart.
+      part.ambiguous_with.emplace_back("periodic_disturbance");
+      part.confidence = std::min(part.confidence, 0.5);
+    }
+    out_.steps.push_back(part.id + ": added");
+    out_.parts.push_back(std::move(part));
+    if (best.kind == kind_of<Cogging>()) lines();
+    return true;
+  }
+
+  static double beaten(const Judgement& best, const Judgement& rival) {
+    const auto differences =
+        bootstrap(best.pieces.size(), [&](const std::vector<std::size_t>& places) {
+          double sum = 0.0;
+          for (const std::size_t i : places) sum += rival.pieces[i] - best.pieces[i];
+          return sum;
+        });
+    return static_cast<double>(std::count_if(differences.begin(), differences.end(),
+                                             [](double d) { return d > 0.0; })) /
+           static_cast<double>(differences.size());
+  }
+
+  /// Friction that would push, or that is unlike by less than that of every guide, is none.
+  [[nodiscard]] bool possible(const TorqueTerm& term, const Eigen::MatrixXd& base) const {
+    Eigen::MatrixXd all = base;
+    const Eigen::MatrixXd own = rows_.columns(term);
+    append(all, own);
+    const Eigen::VectorXd theta = training_of(rows_).fit(rows_.training(all));
+    const Eigen::VectorXd of_own = theta.tail(own.cols());
+    if (term.kind == kind_of<AsymmetricFriction>()) return std::abs(of_own(0)) < body_.coulomb;
+    if (term.kind == kind_of<PeriodicDisturbance>()) {
+      // What the motion repeats with is its own.
+      const Eigen::MatrixXd wave = rows_.training(rows_.rough_waves(term.kind, term.shapes[0]));
+      const Eigen::VectorXd v = rows_.training(rows_.velocity());
+      const Eigen::VectorXd left = v - wave * wave.colPivHouseholderQr().solve(v);
+      return left.squaredNorm() > kOwnMotion * v.squaredNorm();
+    }
+    // Falling or rising, it stays friction at all speeds.
+    if (term.kind == kind_of<FallingFriction>())
+      return std::abs(of_own(0)) > kFalls * body_.coulomb && of_own(0) > -body_.coulomb;
+    if (term.kind == kind_of<AddedFriction>()) {
+      const double fastest = rows_.velocity().cwiseAbs().maxCoeff();
+      return of_own(0) * (of_own(0) + of_own(1) * fastest) > 0.0;
+    }
+    if (term.kind == kind_of<PositionDependentFriction>())
+      return unevenness(rows_, term, of_own) > kUneven * body_.coulomb;
+    for (Eigen::Index i = 0; i < own.cols(); ++i) {
+      if (coefficients_of(term.kind)[static_cast<std::size_t>(i)].lower == 0.0 && of_own(i) < 0.0)
+        return false;
+    }
+    return true;
+  }
+  /// What repeats beside the cogging that was added last, line by line: its harmonics, and other
+  /// periods, since a motor has slots beside its poles.
+  void lines() {
+    const double period = out_.parts.back().terms.front().shapes[0];
+    std::vector<double> periods;
+    for (int n = 3; n <= kMostHarmonic && !rotary_; ++n) periods.push_back(period / n);
+    for (const auto& shapes : rows_.grid(kind_of<Cogging>(), body_.velocity_limit))
+      periods.push_back(shapes[0]);
+    while (out_.parts.back().terms.size() < kMostLines) {
+      const BlockedRegression data = training_of(rows_);
+      const Eigen::MatrixXd base = all();
+      const BlockedRegression::Beside beside(data, rows_.training(base));
+      std::vector<std::pair<double, double>> rough;
+      for (const double one : periods) {
+        rough.emplace_back(
+            -beside.explained(rows_.training(rows_.rough_waves(kind_of<Cogging>(), one))), one);
+      }
+      std::sort(rough.begin(), rough.end());
+      Judgement best;
+      TorqueTerm line;
+      for (std::size_t i = 0; i < std::min(kLinesTried, rough.size()); ++i) {
+        const TorqueTerm term{kind_of<Cogging>(), {rough[i].second}, 2};
+        Judgement judgement =
+            judged(base, rows_.columns(term), kLinesTried, periods.size(), kChanceOfLine);
+        out_.steps.push_back(text("  line of period %.4g: %.4g, z %.1f, p %.1g%s", term.shapes[0],
+                                  judgement.rms, judgement.z, judgement.p,
+                                  judgement.earned ? "" : ": no"));
+        if (!judgement.earned || (best.earned && best.rms <= judgement.rms)) continue;
+        best = std::move(judgement);
+        line = term;
+      }
+      if (!best.earned) return;
+      out_.parts.back().terms.push_back(line);
+    }
+  }
+
+  /// A cause that another has made needless goes.
+  void take_out_the_needless() {
+    const BlockedRegression data = training_of(rows_);
+    const std::vector<double> with = data.predicted(rows_.training(all()));
+    for (std::size_t i = 0; i + 1 < out_.parts.size(); ++i) {
+      if (out_.parts[i].id == "backlash") continue;
+      const std::vector<double> without = data.predicted(rows_.training(all(i)));
+      if (root_mean(with) < kWorthIt * root_mean(without)) continue;
+      out_.steps.push_back(out_.parts[i].id + ": needless");
+      out_.parts.erase(out_.parts.begin() + static_cast<std::ptrdiff_t>(i));
+      return;
+    }
+  }
+
+  const TorqueRows& rows_;
+  const TorqueBody& body_;
+  const DiagnoseOptions& options_;
+  bool commanded_, rotary_;
+  TorqueSelected out_;
+  double baseline_ = 0.0;  // RMS
+};
+
+}  // namespace
+
+Eigen::MatrixXd columns_of(const TorqueRows& rows, const TorqueBody& body,
+                           const std::vector<TorquePart>& parts, std::size_t but) {
+  Eigen::MatrixXd out = body.columns;
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (i == but) continue;
+    for (const TorqueTerm& term : parts[i].terms) append(out, rows.columns(term));
+  }
+  return out;
+}
+
+double unevenness(const TorqueRows& rows, const TorqueTerm& term, const Eigen::VectorXd& c) {
+  double low = 1e300, high = -1e300;
+  for (const double x : rows.position()) {
+    const double angle = 2.0 * std::numbers::pi * x / term.shapes[0];
+    const double level = c(0) * x + c(1) * x * x + c(2) * std::sin(angle) + c(3) * std::cos(angle);
+    low = std::min(low, level);
+    high = std::max(high, level);
+  }
+  return 0.5 * (high - low);
+}
+
+TorqueSelected select_torque_causes(const TorqueRows& rows, const TorqueBody& body,
+                                    const DiagnoseOptions& options, bool commanded, bool rotary) {
+  return TorqueSelection(rows, body, options, commanded, rotary).run();
+}
+
+}  // namespace servotwin

@@ -1,0 +1,241 @@
+#include "diagnosis/torque_text.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "diagnosis/diagnosis_file.h"
+#include "diagnosis/plot.h"
+#include "diagnosis/text.h"
+#include "twin/catalogue.h"
+
+namespace servotwin {
+
+namespace {
+
+using nlohmann::json;
+
+json number_or_null(double value) { return std::isfinite(value) ? json(value) : json(); }
+
+json harmonics_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
+  const std::string unit = key_of_unit(torque.unit), length = torque.rotary ? "rad" : "m";
+  json out = json::array();
+  for (const Harmonic& harmonic : cause.harmonics) {
+    json one = {{"period_" + length, harmonic.period},
+                {"amplitude_" + unit, harmonic.amplitude},
+                {"tracking_error_" + length, number_or_null(harmonic.tracking_error)}};
+    if (torque.rotary) one["order_per_rev"] = 2.0 * std::numbers::pi / harmonic.period;
+    out.push_back(std::move(one));
+  }
+  return out;
+}
+
+std::string verdict_of(const TorqueDiagnosis& torque) {
+  const std::size_t n = torque.causes.size();
+  const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
+  if (n == 0)
+    return "nothing significant: the rigid body leaves " + left + " of data not seen by the fit";
+  return text("%zu cause%s named: of data not seen by the fit %.3g %s RMS are left in place of %s",
+              n, n == 1 ? "" : "s", torque.extended_rms, torque.unit.c_str(),
+              text("%.3g", torque.baseline_rms).c_str());
+}
+
+std::string body_of(const TorqueDiagnosis& torque) {
+  const char *unit = torque.unit.c_str(), *length = torque.rotary ? "rad" : "m";
+  return text("mass %.4g %s s^2/%s, Coulomb %.4g %s, viscous %.4g %s s/%s", torque.mass, unit,
+              length, torque.coulomb, unit, torque.viscous, unit, length);
+}
+
+const char* kAgainst =
+    "counts against the position: a positive one drives the axis backwards; a constant force is "
+    "given as recorded";
+
+/// Here play is anywhere between motor and load.
+std::string check_of(const TorqueCause& cause) {
+  return cause.id == "backlash" ? std::string(identity_of(kind_of<BacklashInLoop>()).check)
+                                : advice_for(cause.id);
+}
+
+std::string sizes_of(const TorqueCause& cause) {
+  std::string out;
+  for (const auto& [name, value] : cause.parameters)
+    out += (out.empty() ? "" : ", ") + name + text(" %.5g", value);
+  return out;
+}
+
+std::string line_of(const TorqueDiagnosis& torque, const Harmonic& harmonic) {
+  std::string out =
+      torque.rotary ? text("order %4.3g per revolution", 2.0 * std::numbers::pi / harmonic.period)
+                    : text("period %.5g mm", 1e3 * harmonic.period);
+  out += text(": %.4g %s", harmonic.amplitude, torque.unit.c_str());
+  if (std::isfinite(harmonic.tracking_error)) {
+    out += text(", of the tracking error %.4g %s", 1e6 * harmonic.tracking_error,
+                torque.rotary ? "urad" : "um");
+  }
+  return out;
+}
+
+std::string picture(const TorqueDiagnosis& torque) {
+  PlotSeries measured{"measured", {}, {}, false, ""}, before{"rigid body", {}, {}, false, ""},
+      after{"with the causes", {}, {}, false, ""};
+  for (Eigen::Index k = 0; k < torque.time.size(); ++k) {
+    const double t = torque.time(k);
+    measured.x.push_back(t);
+    measured.y.push_back(torque.torque(k));
+    before.x.push_back(t);
+    before.y.push_back(torque.left_before(k));
+    after.x.push_back(t);
+    after.y.push_back(torque.left_after(k));
+  }
+  if (measured.x.empty()) return {};
+  const std::string unit = "[" + torque.unit + "]";
+  std::vector<PlotPanel> panels{
+      {"torque", "time [s]", unit, false, {measured}},
+      {"measured minus modelled", "time [s]", unit, false, {before, after}}};
+  if (torque.plateau.found()) {
+    // Where the force stays near zero while the axis moves.
+    measured.x.clear();
+    for (const double x : torque.position) measured.x.push_back(1e3 * x);
+    panels.push_back({"torque over position",
+                      torque.rotary ? "position [mrad]" : "position [mm]",
+                      unit,
+                      false,
+                      {measured}});
+  }
+  return plot_svg(panels);
+}
+
+}  // namespace
+
+void add_torque(json& file, const TorqueDiagnosis& torque) {
+  const std::string unit = key_of_unit(torque.unit);
+  for (const TorqueCause& cause : torque.causes) {
+    json evidence = json::array();
+    for (const TorqueEvidence& one : cause.evidence) {
+      evidence.push_back(
+          {{"test", one.test}, {"statistic", one.statistic}, {"p", number_or_null(one.p)}});
+    }
+    json parameters = json::object();
+    for (const auto& [name, value] : cause.parameters) parameters[name] = number_or_null(value);
+    if (!cause.harmonics.empty()) parameters["harmonics"] = harmonics_of(torque, cause);
+    const json gain = {
+        {"holdout_rms_before_" + unit, number_or_null(cause.gain.before)},
+        {"holdout_rms_after_" + unit, number_or_null(cause.gain.after)},
+        {"ci95_" + unit, {number_or_null(cause.gain.low), number_or_null(cause.gain.high)}}};
+    json* known = nullptr;
+    for (json& other : file["causes"]) {
+      if (other["id"] == cause.id) known = &other;
+    }
+    if (known != nullptr) {
+      for (json& one : evidence) (*known)["evidence"].push_back(std::move(one));
+      for (const auto& [name, value] : parameters.items()) {
+        if (!(*known)["parameters"].contains(name)) (*known)["parameters"][name] = value;
+      }
+      (*known)["gain"].update(gain);
+      continue;
+    }
+    json whole = {{"holdout_rms_before_m", json()},
+                  {"holdout_rms_after_m", json()},
+                  {"ci95", {json(), json()}}};
+    whole.update(gain);
+    file["causes"].push_back({{"id", cause.id},
+                              {"confidence", cause.confidence},
+                              {"parameters", parameters},
+                              {"ambiguous_with", cause.ambiguous_with},
+                              {"evidence", evidence},
+                              {"gain", whole},
+                              {"check", check_of(cause)}});
+  }
+  if (!torque.causes.empty() && file["verdict"] == "nothing_significant")
+    file["verdict"] = "explained";
+  file["torque"] = {{"unit", torque.unit},
+                    {"counts_against_position", torque.opposite},
+                    {"training_to_s", torque.training_to_s},
+                    {"baseline",
+                     {{"rms_" + unit, number_or_null(torque.baseline_rms)},
+                      {"mass", torque.mass},
+                      {"coulomb_" + unit, torque.coulomb},
+                      {"viscous", torque.viscous}}},
+                    {"extended", {{"rms_" + unit, number_or_null(torque.extended_rms)}}}};
+}
+
+json torque_alone(const TorqueDiagnosis& torque, const std::string& reason) {
+  json out = {{"schema", "servotwin.diagnosis/1"},
+              {"axis", torque.axis},
+              {"baseline", {{"rms_m", json()}, {"max_m", json()}, {"noise_floor_rms_m", json()}}},
+              {"extended", {{"rms_m", json()}, {"max_m", json()}}},
+              {"verdict", "nothing_significant"},
+              {"causes", json::array()},
+              {"residual", {{"by_regime", json::object()}, {"unexplained_share", json()}}},
+              {"extended_model", json()},
+              {"position_loop", reason}};
+  add_torque(out, torque);
+  return out;
+}
+
+std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool details) {
+  std::vector<std::string> out{"torque      " + verdict_of(torque),
+                               "torque      rigid body: " + body_of(torque)};
+  if (torque.opposite) out.push_back(std::string("torque      ") + kAgainst);
+  for (const TorqueCause& cause : torque.causes) {
+    out.push_back(text("by torque   %-24s %12.4g -> %.4g %s without and with it", cause.id.c_str(),
+                       cause.gain.before, cause.gain.after, torque.unit.c_str()) +
+                  (std::isfinite(cause.gain.low)
+                       ? text(" (gain %.2g to %.2g)", cause.gain.low, cause.gain.high)
+                       : "") +
+                  text(", sure %.0f %%", 100.0 * cause.confidence));
+    out.push_back("              " + sizes_of(cause));
+    for (const Harmonic& harmonic : cause.harmonics)
+      out.push_back("              " + line_of(torque, harmonic));
+    for (const std::string& rival : cause.ambiguous_with) {
+      out.push_back("              not to be told from " + rival + " by this recording" +
+                    (rival == "periodic_disturbance" ? ": it has one speed; record another" : ""));
+    }
+    if (const std::string advice = check_of(cause); !advice.empty())
+      out.push_back("              check " + advice);
+  }
+  if (details) {
+    for (const std::string& step : torque.steps) out.push_back("by torque   " + step);
+  }
+  return out;
+}
+
+std::string torque_section(const TorqueDiagnosis& torque) {
+  std::string out = "<h2>What the torque says</h2>\n<p>" + escaped(verdict_of(torque)) +
+                    ".</p>\n<p>Rigid body: " + escaped(body_of(torque)) + ".</p>\n";
+  if (torque.opposite) out += std::string("<p>The recorded torque ") + kAgainst + ".</p>\n";
+  out += picture(torque);
+  if (torque.causes.empty()) return out;
+  out +=
+      "<table><tr><th>cause</th><th>how large</th><th>torque left without it</th><th>with it</th>"
+      "<th>gain, 95 %</th><th>sure</th><th>what to check</th></tr>\n";
+  for (const TorqueCause& cause : torque.causes) {
+    std::string sizes = escaped(sizes_of(cause));
+    for (const Harmonic& harmonic : cause.harmonics)
+      sizes += "<br>" + escaped(line_of(torque, harmonic));
+    out += "<tr><td>" + escaped(cause.id) + "</td><td>" + sizes + "</td>" +
+           text("<td>%.4g %s</td><td>%.4g %s</td><td>", cause.gain.before, torque.unit.c_str(),
+                cause.gain.after, torque.unit.c_str()) +
+           (std::isfinite(cause.gain.low)
+                ? text("%.2g to %.2g %s", cause.gain.low, cause.gain.high, torque.unit.c_str())
+                : "") +
+           text("</td><td>%.0f %%", 100.0 * cause.confidence);
+    for (const std::string& rival : cause.ambiguous_with) out += "<br>or " + escaped(rival);
+    out += "</td><td>" + escaped(check_of(cause)) + "</td></tr>\n";
+  }
+  return out + "</table>\n";
+}
+
+std::string torque_page(const TorqueDiagnosis& torque, const std::string& source) {
+  return "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
+         "content='width=device-width'>\n<title>Axis " +
+         escaped(torque.axis) +
+         "</title>\n<style>body{font:16px sans-serif;max-width:72rem;margin:2rem auto;padding:0 "
+         "1rem;color-scheme:light dark}table{border-collapse:collapse}td,th{padding:.3rem .8rem;"
+         "text-align:left;border-bottom:1px solid #8884}svg{max-width:100%;height:auto}</style>"
+         "</head><body>\n<h1>Axis " +
+         escaped(torque.axis) + "</h1>\n<p>" + escaped(source) + "</p>\n" + torque_section(torque) +
+         "</body></html>\n";
+}
+
+}  // namespace servotwin
