@@ -1,6 +1,7 @@
 #include "diagnosis/selection.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <set>
 
@@ -66,15 +67,15 @@ bool happened_once(std::size_t kind) {
   return !shapes_of(kind).empty() && shapes_of(kind).front().scan == Scan::kMoments;
 }
 
-/// Whether what a law of friction leaves could be taken for this: not what has a period of its own,
-/// in place or time, what happened at a few moments, nor what only the reading shows.
+/// Whether what a law of friction leaves could be taken for this: what acts at reversals and low
+/// speed all the time. A period, a moment or another signal is none of friction's.
 bool like_friction(std::size_t kind) {
-  if (identity_of(kind).acts == Acts::kReading) return false;
-  const auto shapes = shapes_of(kind);
-  if (shapes.empty()) return true;
-  const Scan scan = shapes.front().scan;
-  return !(scan == Scan::kMoments || (scan == Scan::kFrequency && shapes.size() == 1) ||
-           (scan == Scan::kPeriod && kind != kind_of<PositionDependentFriction>()));
+  constexpr std::array kAlike{kind_of<Presliding>(),         kind_of<FallingFriction>(),
+                              kind_of<AsymmetricFriction>(), kind_of<PositionDependentFriction>(),
+                              kind_of<Backlash>(),           kind_of<BacklashInLoop>(),
+                              kind_of<BacklashAtMotor>(),    kind_of<Compliance>(),
+                              kind_of<DwellStiction>(),      kind_of<TorqueSaturation>()};
+  return std::find(kAlike.begin(), kAlike.end(), kind) != kAlike.end();
 }
 
 /// Either by what the pieces say, or by the coefficients themselves, if the pieces agree.
@@ -115,9 +116,9 @@ class Selection {
         continue;
       }
       const std::size_t added = found_.at(last_).kind;
-      one_law_of_friction();
       settle();
       delay();
+      one_law_of_friction();
       // What better values of the parameters would have done as well is no cause.
       if (current_.rms() >= kHolds * current.rms()) {
         steps_.emplace_back("  no better after the polish: taken back");
@@ -336,6 +337,7 @@ class Selection {
     }
     if (law == kEffectKinds) return;
     current_ = std::move(best);
+    settle();
     // Both are in the law: each is named if the law says so.
     const double ratio = shape_of(current_.model, law, "breakaway_ratio");
     for (const char* id : {"presliding", "stribeck"}) {

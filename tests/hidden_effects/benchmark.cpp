@@ -13,6 +13,7 @@
 #include <thread>
 #include <vector>
 
+#include "tests/hidden_effects/changes.h"
 #include "tests/hidden_effects/score.h"
 
 namespace {
@@ -21,7 +22,7 @@ using namespace servotwin::hidden_effects;
 
 struct Options {
   std::string part = "dev";
-  int cases = 4, clean = 20, pairs = 20, faint = 1, blind = 2, first = 0;
+  int cases = 4, clean = 20, pairs = 20, faint = 1, blind = 2, outside = 0, changed = 0, first = 0;
   std::vector<std::string> effects;
   std::vector<std::string> leave_out;
   int jobs = 1;
@@ -31,7 +32,23 @@ struct Options {
 struct Job {
   Kind kind;
   std::function<Case()> make;
+  std::string left_out = {};            ///< of the catalogue, besides what the options say
+  std::function<Outcome()> whole = {};  ///< in place of all this
 };
+
+/// A machine before and after a change, and what the program says has changed.
+Outcome changed_outcome(Part part, const std::string& id, int index) {
+  const ChangedMachine machine = changed_machine(part, id, index);
+  Outcome out;
+  out.kind = Kind::kChanged;
+  out.made.name = "changed-" + (id.empty() ? "nothing" : id) + '/' + std::to_string(index);
+  out.made.own = machine.own;
+  out.made.noise_rms = machine.noise_rms;
+  out.made.machine = machine.machine;
+  if (!id.empty()) out.made.hidden.push_back({.id = id, .parameters = {{"ratio", machine.ratio}}});
+  out.answer = ask_what_changed(machine.before_csv, machine.after_csv);
+  return out;
+}
 
 std::vector<Job> jobs_of(const Options& options) {
   const Part part = options.part == "dev" ? Part::kDev : Part::kTest;
@@ -52,9 +69,20 @@ std::vector<Job> jobs_of(const Options& options) {
     add(Kind::kFaint, options.faint,
         [=](int i) { return single_case(part, id, Class::kFaint, i); });
   }
+  for (const std::string& id : effect_ids()) {
+    if (!wanted(id)) continue;
+    for (int i = options.first; i < options.first + options.outside; ++i)
+      out.push_back({Kind::kOutside, [=] { return single_case(part, id, Class::kClear, i); }, id});
+  }
   for (const std::string& id : blind_ids()) {
     if (wanted(id))
       add(Kind::kBlind, options.blind, [=](int i) { return blind_case(part, id, i); });
+  }
+  std::vector<std::string> changes = change_ids();
+  changes.emplace_back();
+  for (const std::string& id : changes) {
+    for (int i = options.first; i < options.first + options.changed; ++i)
+      out.push_back({Kind::kChanged, {}, {}, [=] { return changed_outcome(part, id, i); }});
   }
   add(Kind::kPair, options.pairs, [=](int i) { return pair_case(part, i); });
   add(Kind::kClean, options.clean, [=](int i) { return clean_case(part, i); });
@@ -89,10 +117,18 @@ std::vector<Outcome> run(const Options& options) {
     for (std::size_t i; (i = next++) < jobs.size();) {
       try {
         Outcome& outcome = outcomes[i];
+        if (jobs[i].whole) {
+          outcome = jobs[i].whole();
+          const std::scoped_lock lock(mutex);
+          if (list.is_open()) print_line(outcome, list), list.flush();
+          continue;
+        }
         outcome.kind = jobs[i].kind;
         outcome.made = jobs[i].make();
         if (!options.write.empty()) write(outcome.made, options.write);
-        outcome.answer = ask(outcome.made.csv, options.leave_out);
+        std::vector<std::string> left_out = options.leave_out;
+        if (!jobs[i].left_out.empty()) left_out.push_back(jobs[i].left_out);
+        outcome.answer = ask(outcome.made.csv, left_out);
         outcome.made.csv = {};
         const std::scoped_lock lock(mutex);
         if (list.is_open()) print_line(outcome, list), list.flush();
@@ -126,6 +162,11 @@ int main(int argc, char** argv) {
   app.add_option("--pairs", options.pairs, "machines with two effects")->check(count);
   app.add_option("--faint", options.faint, "faint cases of every effect")->check(count);
   app.add_option("--blind", options.blind, "cases of every effect that the encoder cannot see")
+      ->check(count);
+  app.add_option("--outside", options.outside,
+                 "clear cases of every effect, which is not in the catalogue")
+      ->check(count);
+  app.add_option("--changed", options.changed, "machines before and after a change, of every sort")
       ->check(count);
   app.add_option("--first", options.first, "index of the first case of every sort")->check(count);
   app.add_option("--effect", options.effects, "only these, of the cases with one effect")

@@ -129,6 +129,7 @@ void print_calibration(const std::vector<Outcome>& outcomes, std::ostream& out) 
   std::array<Bin, kEdges.size() - 1> bins{};
   int all = 0;
   for (const Outcome& o : outcomes) {
+    if (o.kind == Kind::kOutside || o.kind == Kind::kChanged) continue;
     for (const NamedCause& cause : o.named()) {
       const auto above = std::upper_bound(kEdges.begin() + 1, kEdges.end() - 1, cause.confidence);
       Bin& bin = bins[static_cast<std::size_t>(above - kEdges.begin()) - 1];
@@ -223,6 +224,37 @@ void print_confusion(const std::vector<const Outcome*>& singles, std::ostream& o
 }
 
 /// A cause outside the catalogue must not be given another name as if it were certain.
+void print_outside(const std::vector<const Outcome*>& outside, std::ostream& out) {
+  if (outside.empty()) return;
+  const auto unexplained = [](const Outcome& o) {
+    return o.first() == "unexplained" || o.answer.verdict == "unexplained";
+  };
+  const auto unsure = [&](const Outcome& o) {
+    const std::vector<NamedCause> all = o.named();
+    return !unexplained(o) && !all.empty() &&
+           (!all.front().ambiguous_with.empty() || all.front().confidence < 0.5);
+  };
+  out << "effects outside the catalogue: unexplained "
+      << shares(count_if(outside, unexplained), size_of(outside))
+      << ", named as ambiguous or with less than 0.5 "
+      << shares(count_if(outside, unsure), size_of(outside)) << '\n';
+}
+
+/// What changed between two recordings.
+void print_changed(const std::vector<const Outcome*>& changed, std::ostream& out) {
+  std::vector<const Outcome*> same, moved;
+  for (const Outcome* o : changed) (o->made.hidden.empty() ? same : moved).push_back(o);
+  if (changed.empty()) return;
+  const auto right = [](const Outcome& o) { return o.first() == o.made.hidden.front().id; };
+  const auto alone = [&](const Outcome& o) { return right(o) && o.named().size() == 1; };
+  out << "changed machines: named first        " << shares(count_if(moved, right), size_of(moved))
+      << ", alone " << shares(count_if(moved, alone), size_of(moved)) << '\n'
+      << "unchanged machines: a change is said "
+      << shares(count_if(same, [](const Outcome& o) { return !o.named().empty(); }), size_of(same))
+      << '\n';
+}
+
+/// The same where the user left it out.
 void print_left_out(const std::vector<const Outcome*>& singles,
                     const std::vector<std::string>& left_out, std::ostream& out) {
   for (const std::string& id : left_out) {
@@ -304,6 +336,8 @@ void print_scores(const std::vector<Outcome>& outcomes, const std::vector<std::s
         << '\n';
   }
   print_left_out(singles, left_out, out);
+  print_outside(of_kind(outcomes, Kind::kOutside), out);
+  print_changed(of_kind(outcomes, Kind::kChanged), out);
   print_calibration(outcomes, out);
   print_explained(singles, out);
   print_parameters(singles, out);

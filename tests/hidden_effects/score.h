@@ -16,7 +16,7 @@
 
 namespace servotwin::hidden_effects {
 
-enum class Kind { kSingle, kFaint, kPair, kClean, kBlind };
+enum class Kind { kSingle, kFaint, kPair, kClean, kBlind, kOutside, kChanged };
 
 struct Outcome {
   Kind kind = Kind::kClean;
