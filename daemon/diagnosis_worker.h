@@ -9,8 +9,8 @@
 // machine's time and motion, not in time of the worker. A diagnosis changes no model in force: it
 // is for people. Begun, finished, failed: every one is an event with its reason.
 //
-// One worker thread at idle priority, one axis at a time; a diagnosis that runs is finished before
-// the worker stops. The constructor and restore() before it starts, finish() after it.
+// One worker thread at idle priority, one axis at a time; a diagnosis that runs is given up before
+// its next fit when the worker stops. The constructor and restore() before it starts, finish() after it.
 #pragma once
 
 #include <functional>

@@ -10,6 +10,7 @@
 // one has made needless is taken out again. The hold-out decides nothing; gains are measured on it.
 #pragma once
 
+#include <stop_token>
 #include <string>
 #include <vector>
 
@@ -70,6 +71,7 @@ struct Diagnosis {
 struct DiagnoseOptions {
   IdentifyOptions identify;
   std::vector<std::string> leave_out;  ///< causes that are not looked for
+  std::stop_token stop;                ///< ends a diagnosis before its next fit: it throws
 };
 
 /// Throws std::runtime_error as `identify` does. Any thread.

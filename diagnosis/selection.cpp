@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <set>
+#include <stdexcept>
 
 #include "diagnosis/bootstrap.h"
 #include "diagnosis/text.h"
@@ -50,6 +51,14 @@ double taken(const Hypothesis& before, const Hypothesis& after) {
   return std::sqrt(std::max(0.0, before.rms() * before.rms() - after.rms() * after.rms()));
 }
 
+/// Whether the pieces do not contradict. What set in at a moment may be in few of them, and what
+/// happened at some moments is.
+bool agree(std::size_t added, double z) {
+  const auto shapes = shapes_of(added);
+  const Scan scan = shapes.empty() ? Scan::kNone : shapes.front().scan;
+  return scan == Scan::kMoments || z > (scan == Scan::kTime ? 0.0 : kAgrees);
+}
+
 struct Judgement {
   double z = 0.0, p = 1.0;
   bool earned = false;
@@ -63,18 +72,14 @@ struct Tried {
   [[nodiscard]] double left() const { return model.rms() / before->rms(); }
 };
 
-bool happened_once(std::size_t kind) {
-  return !shapes_of(kind).empty() && shapes_of(kind).front().scan == Scan::kMoments;
-}
-
 /// Whether what a law of friction leaves could be taken for this: what acts at reversals and low
 /// speed all the time. A period, a moment or another signal is none of friction's.
 bool like_friction(std::size_t kind) {
   constexpr std::array kAlike{kind_of<Presliding>(),         kind_of<FallingFriction>(),
                               kind_of<AsymmetricFriction>(), kind_of<PositionDependentFriction>(),
                               kind_of<Backlash>(),           kind_of<BacklashInLoop>(),
-                              kind_of<BacklashAtMotor>(),    kind_of<Compliance>(),
-                              kind_of<DwellStiction>(),      kind_of<TorqueSaturation>()};
+                              kind_of<Compliance>(),         kind_of<DwellStiction>(),
+                              kind_of<TorqueSaturation>()};
   return std::find(kAlike.begin(), kAlike.end(), kind) != kAlike.end();
 }
 
@@ -86,8 +91,7 @@ Judgement judged(const Hypothesis& before, const Hypothesis& after, double basel
   Judgement out;
   out.z = paired_z(before.pieces, after.pieces);
   out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
-  // What happened at a few moments is in a few pieces.
-  if (out.z > kAgrees || happened_once(added)) out.p = std::min(out.p, of_coefficients);
+  if (agree(added, out.z)) out.p = std::min(out.p, of_coefficients);
   out.earned =
       after.rms() < kWorthIt * before.rms() &&
       taken(before, after) >
@@ -137,8 +141,13 @@ class Selection {
   [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
 
  private:
+  void go_on() const {
+    if (options_.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
+  }
+
   /// The best that this structure can do, before it is asked what it lacks.
   void settle() {
+    go_on();
     search_.polish(current_);
     search_.follow(current_.model);
     as_is_ = current_;
@@ -242,6 +251,7 @@ class Selection {
     for (const Screened& s : promising) {
       // With the loop, which may have taken up a part of it; or beside the loop as it is, where the
       // measured motion says less than the simulated one.
+      go_on();
       Hypothesis h, beside;
       h.structure = beside.structure = extended_by(current_.structure, s.kind);
       const Point from = start_of(h.structure, s);
@@ -320,6 +330,7 @@ class Selection {
     Hypothesis best = current_;
     std::size_t law = kEffectKinds;
     for (const std::size_t kind : kLaws) {
+      go_on();
       Hypothesis h;
       h.structure = current_.structure;
       auto& effects = h.structure.effects;

@@ -13,7 +13,6 @@
 #include "twin/effects/added_friction.h"
 #include "twin/effects/asymmetric_friction.h"
 #include "twin/effects/backlash.h"
-#include "twin/effects/backlash_at_motor.h"
 #include "twin/effects/backlash_in_loop.h"
 #include "twin/effects/cogging.h"
 #include "twin/effects/compliance.h"
@@ -68,8 +67,8 @@ using Catalogue =
                PositionDependentFriction, AddedFriction, Backlash, BacklashInLoop, Compliance,
                CrossCoupling, CuttingForce, DwellStiction, EncoderError, GainChange,
                ImpulseDisturbance, InertiaChange, LeadError, PeriodicDisturbance, ThermalGrowth,
-               TorqueSaturation, ViscousDrift, BacklashAtMotor, UnexplainedOverPosition,
-               UnexplainedOverVelocity, UnexplainedOverAcceleration>;
+               TorqueSaturation, ViscousDrift, UnexplainedOverPosition, UnexplainedOverVelocity,
+               UnexplainedOverAcceleration>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model

@@ -86,6 +86,21 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
 
 // What the published symmetric model of this axis gets wrong, each with its gain on
 // the half that was not fitted.
+TEST(Diagnosis, ThatIsStoppedIsGivenUp) {
+  const SegmentedAxis axis = segment_axis(
+      read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
+  std::stop_source source;
+  source.request_stop();
+  DiagnoseOptions options;
+  options.stop = source.get_token();
+  try {
+    static_cast<void>(diagnose(axis, options));
+    FAIL() << "it was finished";
+  } catch (const std::runtime_error& error) {
+    EXPECT_STREQ(error.what(), "stopped before it was finished");
+  }
+}
+
 TEST(Diagnosis, NamesWhatThePublishedModelOfEmpsGetsWrong) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   ReadOptions read;

@@ -51,23 +51,6 @@ TEST(Compliance, RingsDownAtItsFrequencyAndDamping) {
   }
 }
 
-TEST(Compliance, IsDeflectedByTheFrictionThatItCarries) {
-  const double f = 24.0, zeta = 0.03, w = kTwoPi * f, wd = w * std::sqrt(1.0 - zeta * zeta);
-  Effect effect = make_effect<Compliance>();
-  effect.shape = {f, zeta};
-  effect.coefficient = {0.0, 0.0, 1.0 / w, 0.0};
-  Along mode(effect);
-  Motion m;
-  m.step_s = kH;
-  m.velocity = -0.2;  // sliding: the unit friction of the other direction
-  for (int k = 1; k <= 400; ++k) {
-    const double t = kH * k, fade = std::exp(-zeta * w * t);
-    const double expected =
-        1.0 / (w * w) * (1.0 - fade * (std::cos(wd * t) + zeta * w / wd * std::sin(wd * t)));
-    EXPECT_NEAR(mode(m), expected, 1e-15) << k;
-  }
-}
-
 TEST(EncoderError, IsMinusTheAccelerationOfTheError) {
   const double period = 4e-3, a = 3e-6, b = -2e-6, k = kTwoPi / period;
   Effect effect = make_effect<EncoderError>();
@@ -127,45 +110,6 @@ TEST(BacklashInLoop, PushesByTheWholeGapAtEveryReversal) {
   EXPECT_NEAR(sum, -10e-6, 1e-16);
   run(0.02, 100);
   EXPECT_NEAR(sum, 0.0, 1e-16);
-}
-
-/// The motor's travel from one flank of a gap of 10 um to the other and 5 um on, in steps of 0.7
-/// um.
-double over_the_gap(std::size_t coefficient, double acceleration, double weight_of_travel) {
-  Effect effect = make_effect<BacklashAtMotor>();
-  effect.shape = {10e-6};
-  Along play(effect);
-  Motion m;
-  m.step_s = kH;
-  m.command_acceleration = acceleration;
-  m.displacement = 20e-6;
-  play(m);
-  effect.coefficient = {};
-  effect.coefficient[coefficient] = 1.0;
-  Along judged(effect);
-  judged(m);
-  m.displacement = 0.0;
-  judged(m);  // what the blow on the first flank left
-  double sum = 0.0;
-  m.displacement = -0.7e-6;
-  for (int i = 0; i < 21; ++i) {
-    const double force = judged(m);
-    sum += force * (weight_of_travel > 0.0 ? std::abs(m.displacement) : kH);
-  }
-  return sum;
-}
-
-TEST(BacklashAtMotor, TakesTheTablesFrictionAwayOverTheGap) {
-  // Work that friction does not do: a unit force over 10 um, against the motion to the left.
-  EXPECT_NEAR(over_the_gap(0, 0.0, 1.0), 10e-6, 1e-17);
-}
-
-TEST(BacklashAtMotor, TakesTheTablesMassAwayOverTheGap) {
-  EXPECT_NEAR(over_the_gap(1, 3.0, 1.0), -3.0 * 10e-6, 1e-17);
-}
-
-TEST(BacklashAtMotor, EndsInABlowOfTheSpeedOfTheMotor) {
-  EXPECT_NEAR(over_the_gap(2, 0.0, 0.0), -0.7e-6 / kH, 1e-15);
 }
 
 TEST(UnexplainedForce, IsLinearBetweenItsKnotsAndConstantBeyond) {
