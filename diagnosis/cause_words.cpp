@@ -19,18 +19,18 @@ constexpr std::array<std::pair<const char*, const char*>, 24> kNames{{
     {"presliding", "friction that builds up over a short way after every reversal"},
     {"asymmetric_friction", "friction unlike in the two directions"},
     {"position_dependent_friction", "friction that depends on where the axis stands"},
-    {"added_friction", "friction that was added during the recording"},
+    {"added_friction", "friction that was added"},
     {"backlash", "play (backlash)"},
     {"compliance", "a part that swings when the axis accelerates"},
     {"cogging", "a force ripple that repeats along the axis"},
     {"lead_error", "an error of the screw's pitch"},
     {"encoder_error", "an error of the encoder that repeats along the axis"},
     {"gravity_offset", "a constant force (weight, counterbalance, cable)"},
-    {"inertia_change", "a moved mass that changed during the recording"},
+    {"inertia_change", "a moved mass that changed"},
     {"viscous_drift", "friction that changes as the axis warms up"},
     {"time_delay", "an encoder record that lags the command record"},
     {"feedforward_mismatch", "a feed-forward other than the model's"},
-    {"gain_change", "a position loop gain that changed during the recording"},
+    {"gain_change", "a position loop gain that changed"},
     {"torque_saturation", "a motor at its limit"},
     {"periodic_disturbance", "a vibration from outside"},
     {"impulse_disturbance", "single pushes"},
@@ -127,6 +127,7 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
 
 std::string plain_verdict(const Diagnosis& diagnosis) {
   const std::string axis = "Axis " + diagnosis.baseline.axis;
+  if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms;
   const char* micro = diagnosis.baseline.rotary ? "urad" : "um";

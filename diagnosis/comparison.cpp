@@ -340,9 +340,8 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       cause.without = less.of(variation.base());
       cause.gain = gain_of(*cause.without, out.extended.model, holdout);
     }
-    cause.gain.tracking_now = tracking_rms(out.extended.model, holdout);
-    cause.gain.tracking_repaired =
-        tracking_rms(current.without(same).of(variation.base()), holdout);
+    judge_repair(out.extended.model, current.without(same).of(variation.base()), holdout,
+                 cause.gain);
   }
   conclude(out, axis, holdout, floor);
   return out;

@@ -152,8 +152,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
       if (one.kind == kind_of<FallingFriction>() || identity_of(one.kind).replaces.empty()) {
         Model repaired = extended;
         repaired.effects.erase(repaired.effects.begin() + static_cast<std::ptrdiff_t>(i));
-        cause.gain.tracking_now = tracking_rms(extended, holdout);
-        cause.gain.tracking_repaired = tracking_rms(repaired, holdout);
+        judge_repair(extended, repaired, holdout, cause.gain);
       }
       cause.without = less.model;
       if (!named) {

@@ -110,7 +110,9 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
            {"holdout_rms_after_m", number_or_null(cause.gain.after)},
            {"ci95", {number_or_null(cause.gain.low), number_or_null(cause.gain.high)}},
            {"tracking_rms_now_m", number_or_null(cause.gain.tracking_now)},
-           {"tracking_rms_repaired_m", number_or_null(cause.gain.tracking_repaired)}}},
+           {"tracking_rms_repaired_m", number_or_null(cause.gain.tracking_repaired)},
+           {"contour_rms_now_m", number_or_null(cause.gain.contour_now)},
+           {"contour_rms_repaired_m", number_or_null(cause.gain.contour_repaired)}}},
          {"check", advice_for(cause.id)}});
     if (!diagnosis.against_earlier) continue;
     json moved = json::array();

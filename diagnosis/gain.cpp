@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include "diagnosis/bootstrap.h"
 #include "diagnosis/search.h"
 #include "identification/identify.h"
+#include "twin/hold.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -18,6 +20,39 @@ double root_mean(const std::vector<double>& pieces, const std::vector<std::size_
   double sum = 0.0;
   for (const std::size_t i : places) sum += pieces[i];
   return std::sqrt(sum / static_cast<double>(places.size()));
+}
+
+/// How much of an error of this axis is across the path, per unit; 0 at rest. To first order in the
+/// error, with the other axis on its command.
+Eigen::ArrayXd across_path(const Segment& s) {
+  constexpr double kAtRest = 0.01;  // of the largest speed along the path
+  const Eigen::ArrayXd own = Spline::through(s.command, s.sample_time_s).first,
+                       other = Spline::through(s.neighbour, s.sample_time_s).first;
+  const Eigen::ArrayXd speed = (own.square() + other.square()).sqrt();
+  const double rest = kAtRest * speed.maxCoeff();
+  return (speed > rest).select(other.abs() / speed.max(1e-300), 0.0);
+}
+
+/// Of the tracking error, and of its part across the path.
+std::pair<double, double> simulated_rms(const Model& model, const std::vector<Segment>& segments) {
+  double tracking = 0.0, contour = 0.0, count = 0.0, count_in_plane = 0.0;
+  for (Segment s : segments) {
+    // The state in which the encoder found the machine is not that of a repaired one.
+    s.actual.resize(0);
+    const Eigen::ArrayXd error = simulate(model, s);
+    const Eigen::Index settled =
+        std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
+    if (settled >= error.size()) continue;
+    const Eigen::Index n = error.size() - settled;
+    tracking += error.tail(n).square().sum();
+    count += static_cast<double>(n);
+    if (!s.in_plane || s.neighbour.size() != s.size()) continue;
+    const Eigen::ArrayXd across = across_path(s).tail(n);
+    contour += (across * error.tail(n)).square().sum();
+    count_in_plane += (across > 0.0).cast<double>().sum();
+  }
+  return {count > 0.0 ? std::sqrt(tracking / count) : kAbsent,
+          count_in_plane > 0.0 ? std::sqrt(contour / count_in_plane) : kAbsent};
 }
 
 }  // namespace
@@ -36,19 +71,10 @@ Gain gain_of(const Model& without, const Model& with, const std::vector<Segment>
   return gain;
 }
 
-double tracking_rms(const Model& model, const std::vector<Segment>& segments) {
-  double sum = 0.0, count = 0.0;
-  for (Segment s : segments) {
-    // The state in which the encoder found the machine is not that of a repaired one.
-    s.actual.resize(0);
-    const Eigen::ArrayXd error = simulate(model, s);
-    const Eigen::Index settled =
-        std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
-    if (settled >= error.size()) continue;
-    sum += error.tail(error.size() - settled).square().sum();
-    count += static_cast<double>(error.size() - settled);
-  }
-  return count > 0.0 ? std::sqrt(sum / count) : kAbsent;
+void judge_repair(const Model& now, const Model& repaired, const std::vector<Segment>& segments,
+                  Gain& gain) {
+  std::tie(gain.tracking_now, gain.contour_now) = simulated_rms(now, segments);
+  std::tie(gain.tracking_repaired, gain.contour_repaired) = simulated_rms(repaired, segments);
 }
 
 }  // namespace servotwin

@@ -15,13 +15,18 @@ struct Gain {
   /// Of the tracking error itself, simulated: as the machine is, and with the cause repaired on the
   /// machine. Absent where there is nothing to repair.
   double tracking_now = kAbsent, tracking_repaired = kAbsent;
+  /// Of the part of it that is across the path of this axis and its neighbour: what this axis
+  /// contributes to the contour error. Absent where no other linear axis was recorded.
+  double contour_now = kAbsent, contour_repaired = kAbsent;
 };
 
 /// Any thread.
 [[nodiscard]] Gain gain_of(const Model& without, const Model& with,
                            const std::vector<Segment>& holdout);
 
-/// RMS of the tracking error that the model simulates for these commands [m | rad].
-[[nodiscard]] double tracking_rms(const Model& model, const std::vector<Segment>& segments);
+/// Fills in what repair would bring: the tracking and contour error that the two models simulate
+/// for these commands.
+void judge_repair(const Model& now, const Model& repaired, const std::vector<Segment>& segments,
+                  Gain& gain);
 
 }  // namespace servotwin

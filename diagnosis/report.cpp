@@ -81,13 +81,14 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
 
 /// Why one believes it, in words.
 std::string how_sure(const Cause& cause, const char* unit) {
-  if (cause.place == kNoEffect) return "counted in the recording, not inferred";
+  if (!cause.counts.empty()) return "counted in the recording, not inferred";
   std::string out =
       cause.confidence >= 0.995 ? "over 99 %" : text("%.0f %%", 100.0 * cause.confidence);
-  out += cause.confidence >= 0.995 ? ": in every resampling of the recording it explains more than "
-                                     "its nearest rival"
-                                   : ": in that share of resamplings of the recording it explains "
-                                     "more than its nearest rival";
+  out += text(
+      ": it beats its nearest rival in %.0f %% of the resamplings of the recording, and what is "
+      "named "
+      "here is %.0f %% of what there is to explain",
+      100.0 * cause.beaten, cause.beaten > 0.0 ? 100.0 * cause.confidence / cause.beaten : 0.0);
   if (std::isfinite(cause.gain.low)) {
     out += cause.gain.low > 0.0
                ? text(
@@ -118,6 +119,15 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
     out += row("what it brings",
                text("without it the simulation is wrong by %.3g %s RMS, with it by %.3g %s",
                     1e6 * cause.gain.before, unit, 1e6 * cause.gain.after, unit));
+  const Gain& gain = cause.gain;
+  if (std::isfinite(gain.tracking_repaired)) {
+    std::string repair = text("tracking error %.4g %s RMS in place of %.4g",
+                              1e6 * gain.tracking_repaired, unit, 1e6 * gain.tracking_now);
+    if (std::isfinite(gain.contour_repaired))
+      repair += text(", across the path %.4g in place of %.4g", 1e6 * gain.contour_repaired,
+                     1e6 * gain.contour_now);
+    out += row("what repair would bring", repair + " (simulated)");
+  }
   out += row("how sure", how_sure(cause, unit));
   if (!cause.ambiguous_with.empty()) {
     std::string rivals;
@@ -231,7 +241,7 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
          "an acceleration in m/s^2; it is got back from the tracking error through the loop.</p>"
          "<table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
   for (const Cause& cause : diagnosis.causes) {
-    if (cause.place == kNoEffect) continue;
+    if (!cause.counts.empty()) continue;
     out += "<tr><td>" + escaped(cause.id) + text("</td><td>%.2f</td><td>", cause.statistic) +
            (std::isfinite(cause.p) ? text("%.2g", cause.p) : "") + "</td></tr>";
   }

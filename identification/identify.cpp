@@ -412,6 +412,7 @@ std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, do
     piece.actual = s.actual.segment(begin, count);
     if (s.torque.size() == s.size()) piece.torque = s.torque.segment(begin, count);
     if (s.neighbour.size() == s.size()) piece.neighbour = s.neighbour.segment(begin, count);
+    piece.in_plane = s.in_plane;
     if (s.in_cut.size() == s.size()) piece.in_cut = s.in_cut.segment(begin, count);
     piece.lead = std::clamp<Eigen::Index>(s.lead - begin, 0, count);
     out.push_back(std::move(piece));

@@ -61,6 +61,7 @@ struct Segment {
   Eigen::ArrayXd actual;       ///< [m | rad]
   Eigen::ArrayXd torque;       ///< empty, or one per sample
   Eigen::ArrayXd neighbour;    ///< command of another axis: empty, or one per sample
+  bool in_plane = false;       ///< this axis and the neighbour are linear: they draw a path
   Eigen::ArrayXd in_cut;       ///< 1 while the tool cuts: empty, or one per sample
   /// Samples at the start that lead in: what friction remembers from before is not known until they
   /// are over, so that no fit and no figure counts them.

@@ -58,10 +58,15 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     }
     say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
-    if (std::isfinite(cause.gain.tracking_repaired))
-      say(people,
-          text("              tracking error %.4g %s RMS, without the cause %.4g",
-               1e6 * cause.gain.tracking_now, micro(rotary), 1e6 * cause.gain.tracking_repaired));
+    if (std::isfinite(cause.gain.tracking_repaired)) {
+      std::string repair =
+          text("repaired: tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
+               1e6 * cause.gain.tracking_repaired, micro(rotary));
+      if (std::isfinite(cause.gain.contour_repaired))
+        repair += text(", across the path %.4g -> %.4g", 1e6 * cause.gain.contour_now,
+                       1e6 * cause.gain.contour_repaired);
+      say(people, "              " + repair);
+    }
     for (const std::string& rival : cause.ambiguous_with)
       say(people, "              not to be told from " + rival + " by this recording");
     if (const std::string advice = advice_for(cause.id); !advice.empty())

@@ -1,0 +1,55 @@
+// What repair would bring, against closed forms.
+#include "diagnosis/gain.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace servotwin {
+namespace {
+
+constexpr double kH = 1e-3;
+
+/// Order 2, a velocity lag of c1/a2 and no forces.
+Model lagging() {
+  Model model;
+  model.sample_time_s = kH;
+  model.loop.order = 2;
+  model.loop.denominator = {400.0, 40'000.0, 0.0};
+  model.loop.numerator = {0.0, 400.0, 0.0};
+  return model;
+}
+
+/// At constant speed along a line at this angle to the axis.
+Segment line(double angle, bool in_plane) {
+  Segment s;
+  s.sample_time_s = kH;
+  s.command = Eigen::ArrayXd::LinSpaced(4001, 0.0, 0.4) * std::cos(angle);
+  s.neighbour = Eigen::ArrayXd::LinSpaced(4001, 0.0, 0.4) * std::sin(angle);
+  s.in_plane = in_plane;
+  return s;
+}
+
+TEST(Repair, BringsTheLagAndItsPartAcrossThePath) {
+  Model repaired = lagging();
+  repaired.loop.numerator[1] = 100.0;
+  for (const double angle : {0.3, 0.8, 1.4}) {
+    Gain gain;
+    judge_repair(lagging(), repaired, {line(angle, true)}, gain);
+    const double lag = 0.1 * std::cos(angle) * 400.0 / 40'000.0;
+    EXPECT_NEAR(gain.tracking_now, lag, 1e-3 * lag);
+    EXPECT_NEAR(gain.tracking_repaired, 0.25 * lag, 1e-3 * lag);
+    EXPECT_NEAR(gain.contour_now, lag * std::sin(angle), 1e-3 * lag);
+    EXPECT_NEAR(gain.contour_repaired, 0.25 * lag * std::sin(angle), 1e-3 * lag);
+  }
+}
+
+TEST(Repair, SaysNothingAboutAPathWithARotaryNeighbour) {
+  Gain gain;
+  judge_repair(lagging(), lagging(), {line(0.8, false)}, gain);
+  EXPECT_TRUE(std::isfinite(gain.tracking_now));
+  EXPECT_TRUE(std::isnan(gain.contour_now));
+}
+
+}  // namespace
+}  // namespace servotwin
