@@ -339,6 +339,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     if (variation.fit(less)) {
       cause.without = less.of(variation.base());
       cause.gain = gain_of(*cause.without, out.extended.model, holdout);
+      cause.worth = worth_of(cause.gain);
     }
     judge_repair(out.extended.model, current.without(same).of(variation.base()), holdout,
                  cause.gain);

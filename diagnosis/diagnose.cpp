@@ -33,12 +33,8 @@ std::string_view name_of(Verdict verdict) {
 
 void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
               const NoiseFloor& floor) {
-  std::sort(diagnosis.causes.begin(), diagnosis.causes.end(), [](const Cause& l, const Cause& r) {
-    const auto worth = [](const Gain& g) {
-      return std::isfinite(g.before) ? g.before * g.before - g.after * g.after : 0.0;
-    };
-    return worth(l.gain) > worth(r.gain);
-  });
+  std::sort(diagnosis.causes.begin(), diagnosis.causes.end(),
+            [](const Cause& l, const Cause& r) { return l.worth > r.worth; });
 
   std::vector<ResidualStretch> stretches;
   for (const Segment& s : holdout)
@@ -136,18 +132,20 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     cause.id = id;
     while (extended.effects[cause.place].kind != one.kind) ++cause.place;
     const std::size_t i = cause.place;
+    Hypothesis less;
+    less.structure = without(current.structure, id, one.kind);
+    if (!search.fit(less, {point_of(current.model, less.structure)})) continue;
+    const Gain fitted_again = gain_of(less.model, extended, holdout);
+    cause.worth = worth_of(fitted_again);
     if (one.kind == kind_of<TimeDelay>()) {
-      // A loop that is fitted again would imitate it.
+      // A loop that is fitted again imitates it.
       Model at_once = extended;
       at_once.effects[i].shape[0] = 0.0;
       cause.gain = gain_of(at_once, extended, holdout);
       cause.without = at_once;
       cause.statistic = paired_z(left_by(at_once, training), left_by(extended, training));
     } else {
-      Hypothesis less;
-      less.structure = without(current.structure, id, one.kind);
-      if (!search.fit(less, {point_of(current.model, less.structure)})) continue;
-      cause.gain = gain_of(less.model, extended, holdout);
+      cause.gain = fitted_again;
       // A law that takes the place of another has nothing that could be taken off the machine.
       if (one.kind == kind_of<FallingFriction>() || identity_of(one.kind).replaces.empty()) {
         Model repaired = extended;
@@ -178,6 +176,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     if (dropped.held > 0) {  // what is not in the recording has no error
       cause.gain.before = judge(extended, as_recorded).rms;
       cause.gain.after = judge(extended, holdout).rms;
+      cause.worth = worth_of(cause.gain);
     }
     out.causes.push_back(std::move(cause));
   }

@@ -46,6 +46,7 @@ struct Cause {
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;
   Gain gain;
+  double worth = 0.0;  ///< squared error that it takes away, the rest fitted again [m^2 | rad^2]
   std::vector<Moved> moved;      ///< against an earlier model only
   std::optional<Model> without;  ///< the extended model fitted again without it
 };

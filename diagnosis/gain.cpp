@@ -57,6 +57,10 @@ std::pair<double, double> simulated_rms(const Model& model, const std::vector<Se
 
 }  // namespace
 
+double worth_of(const Gain& gain) {
+  return std::isfinite(gain.before) ? gain.before * gain.before - gain.after * gain.after : 0.0;
+}
+
 Gain gain_of(const Model& without, const Model& with, const std::vector<Segment>& holdout) {
   const std::vector<double> before = left_by(without, holdout), after = left_by(with, holdout);
   Gain gain;

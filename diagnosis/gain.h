@@ -20,6 +20,9 @@ struct Gain {
   double contour_now = kAbsent, contour_repaired = kAbsent;
 };
 
+/// before^2 - after^2; 0 where it was not measured.
+[[nodiscard]] double worth_of(const Gain& gain);
+
 /// Any thread.
 [[nodiscard]] Gain gain_of(const Model& without, const Model& with,
                            const std::vector<Segment>& holdout);

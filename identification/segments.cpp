@@ -350,9 +350,10 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
       continue;  // what cannot be cut into segments is no neighbour
     }
     if (!in_step(out, neighbour)) continue;
-    for (std::size_t i = 0; i < out.segments.size(); ++i)
+    for (std::size_t i = 0; i < out.segments.size(); ++i) {
       out.segments[i].neighbour = std::move(neighbour.segments[i].command);
       out.segments[i].in_plane = !out.rotary && !other.rotary;
+    }
     break;
   }
   return out;
