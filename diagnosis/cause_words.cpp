@@ -137,10 +137,10 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
              text(" does what its simulation says, to %.3g %s: there is nothing to look for.",
                   before, micro);
     case Verdict::kUnexplained:
-      return axis + text(
-                        " does something that none of the known causes explains: its simulation "
-                        "is wrong by %.3g %s.",
-                        before, micro);
+      return axis + text(" does something that %s: its simulation is wrong by %.3g %s.",
+                         diagnosis.causes.empty() ? "none of the known causes explains"
+                                                  : "the causes below explain but a part of",
+                         before, micro);
     case Verdict::kExplained:
       break;
   }

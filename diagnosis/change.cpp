@@ -66,18 +66,23 @@ std::vector<Change> changes_of(const Model& model) {
   out.push_back({"inertia_change", {ratio("mass")}, [](Model& m, std::span<const double> v) {
                    scale_mass(m, 1.0 + v[0]);
                  }});
-  out.push_back(
-      {"gain_change", {ratio("position_loop_gain")}, [](Model& m, std::span<const double> v) {
-         Gains gains = gains_of(m.loop);
-         gains.position *= 1.0 + v[0];
-         set_gains(m.loop, gains);
-       }});
+  // Of a complex pair the loop does not say which part is Kp and which 1/Ti.
+  const Loop& loop = model.loop;
+  const bool apart = loop.order == 2 || loop.denominator[1] * loop.denominator[1] >
+                                            4.0 * loop.denominator[0] * loop.denominator[2];
+  if (apart)
+    out.push_back(
+        {"gain_change", {ratio("position_loop_gain")}, [](Model& m, std::span<const double> v) {
+           Gains gains = gains_of(m.loop);
+           gains.position *= 1.0 + v[0];
+           set_gains(m.loop, gains);
+         }});
   out.push_back(
       {"gain_change", {ratio("velocity_loop_gain")}, [](Model& m, std::span<const double> v) {
          for (double& a : m.loop.denominator) a *= 1.0 + v[0];
          for (std::size_t i = 1; i < kMaxOrder; ++i) m.loop.numerator[i] *= 1.0 + v[0];
        }});
-  if (model.loop.order == 3)
+  if (model.loop.order == 3 && apart)
     out.push_back(
         {"gain_change", {ratio("integral_gain")}, [](Model& m, std::span<const double> v) {
            Gains gains = gains_of(m.loop);

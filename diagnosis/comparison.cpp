@@ -210,7 +210,8 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   // changes apart.
   const double own = std::isfinite(out.earlier_rms) ? kOwn * out.earlier_rms : 0.0;
   const double least = std::max(own, kIsRight * rms(current.pieces));
-  while (current.changes.size() < kMostChanges) {
+  for (std::size_t round = 0; round < kMostChanges; ++round) {
+    if (options.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
     auto promising = promising_changes(variation, current, options.leave_out);
     const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;
     if (promising.size() > kTried) promising.resize(kTried);
@@ -281,6 +282,12 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     }
   }
 
+  if (!(judge(current.of(variation.base()), holdout).rms < out.baseline.holdout.rms)) {
+    if (!current.changes.empty())
+      out.steps.emplace_back("on data not seen nothing of it is better: taken back");
+    current = Varied{};
+    evidence.clear();
+  }
   out.extended = out.baseline;
   if (!current.changes.empty()) {
     out.extended.model = current.of(variation.base());

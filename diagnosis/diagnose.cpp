@@ -7,6 +7,7 @@
 #include "diagnosis/dropped_samples.h"
 #include "diagnosis/selection.h"
 #include "diagnosis/unexplained.h"
+#include "identification/joint.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
 
@@ -58,8 +59,11 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     cause.confidence =
         cause.counts.empty() ? cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
   }
-  const bool structured =
-      std::isfinite(floor.rms) && diagnosis.extended.holdout.rms > kStructured * floor.rms;
+  // What an earlier model was wrong by of itself is no change of the machine.
+  double usual = kStructured * floor.rms;
+  if (std::isfinite(diagnosis.earlier_rms))
+    usual = std::max(usual, kStructured * diagnosis.earlier_rms);
+  const bool structured = std::isfinite(usual) && diagnosis.extended.holdout.rms > usual;
   const bool most_is_left = structured && diagnosis.unexplained_share > kMost;
   diagnosis.verdict = most_is_left                ? Verdict::kUnexplained
                       : !diagnosis.causes.empty() ? Verdict::kExplained
@@ -138,16 +142,23 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     const Gain fitted_again = gain_of(less.model, extended, holdout);
     cause.worth = worth_of(fitted_again);
     if (one.kind == kind_of<TimeDelay>()) {
-      // A loop that is fitted again imitates it.
+      // At once, or, where that is better, with a loop that imitates it.
       Model at_once = extended;
       at_once.effects[i].shape[0] = 0.0;
       cause.gain = gain_of(at_once, extended, holdout);
       cause.without = at_once;
       cause.statistic = paired_z(left_by(at_once, training), left_by(extended, training));
+      if (fitted_again.before < cause.gain.before) {
+        cause.gain = fitted_again;
+        cause.without = less.model;
+        cause.statistic = paired_z(left_by(less.model, training), left_by(extended, training));
+      }
     } else {
       cause.gain = fitted_again;
       // A law that takes the place of another has nothing that could be taken off the machine.
-      if (one.kind == kind_of<FallingFriction>() || identity_of(one.kind).replaces.empty()) {
+      const auto laws = friction_kinds();
+      if (identity_of(one.kind).replaces.empty() &&
+          std::find(laws.begin(), laws.end(), one.kind) == laws.end()) {
         Model repaired = extended;
         repaired.effects.erase(repaired.effects.begin() + static_cast<std::ptrdiff_t>(i));
         judge_repair(extended, repaired, holdout, cause.gain);

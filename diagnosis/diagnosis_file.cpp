@@ -49,7 +49,7 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   for (const auto& [name, count] : cause.counts) out[name] = count;
   for (const Moved& moved : cause.moved) {
     out[moved.name] = moved.after;
-    if (moved.before != 0.0) out["ratio"] = moved.after / moved.before;
+    if (moved.before != 0.0 && cause.moved.size() == 1) out["ratio"] = moved.after / moved.before;
   }
   if (cause.place == kNoEffect) return out;
   const Model& model = diagnosis.extended.model;
@@ -102,7 +102,9 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
          {"confidence", cause.confidence},
          {"parameters", parameters_of(diagnosis, cause)},
          {"ambiguous_with", cause.ambiguous_with},
-         {"evidence", json::array({{{"test", "blocked cross-validation, paired over 0.25 s"},
+         {"evidence", json::array({{{"test", diagnosis.against_earlier
+                                                 ? "free simulation, paired over 0.25 s"
+                                                 : "blocked cross-validation, paired over 0.25 s"},
                                     {"statistic", cause.statistic},
                                     {"p", number_or_null(cause.p)}}})},
          {"gain",
@@ -169,34 +171,50 @@ std::string verdict_text(const Diagnosis& diagnosis) {
                after = 1e6 * diagnosis.extended.holdout.rms,
                floor = 1e6 * diagnosis.baseline.noise_floor_rms;
   const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
-  if (diagnosis.against_earlier && diagnosis.verdict == Verdict::kExplained)
+  const std::string noise =
+      std::isfinite(floor) ? text("noise floor %.2g", floor) : std::string("noise floor not known");
+  const std::size_t count = diagnosis.causes.size();
+  const char* plural = count == 1 ? "" : "s";
+  if (diagnosis.against_earlier && diagnosis.verdict == Verdict::kNothingSignificant)
     return text(
-        "%zu change%s since the earlier model: it is wrong by %.3g %s RMS on data not seen by the "
-        "fit, with what changed by %.3g (noise floor %.2g)",
-        diagnosis.causes.size(), diagnosis.causes.size() == 1 ? "" : "s", before, unit, after,
-        floor);
+               "nothing changed that shows: the earlier model is wrong by %.3g %s RMS, by %.3g "
+               "when "
+               "it was identified (",
+               before, unit, 1e6 * diagnosis.earlier_rms) +
+           noise + ")";
+  if (diagnosis.against_earlier && diagnosis.verdict == Verdict::kUnexplained)
+    return text(
+               "something changed that is not explained: the earlier model is wrong by %.3g %s "
+               "RMS, "
+               "by %.3g when it was identified",
+               before, unit, 1e6 * diagnosis.earlier_rms) +
+           (count == 0 ? std::string()
+                       : text("; %zu change%s explain%s a part, %.3g are left", count, plural,
+                              count == 1 ? "s" : "", after)) +
+           " (" + noise + ")";
   if (diagnosis.against_earlier)
     return text(
-        "nothing changed that shows: the earlier model is wrong by %.3g %s RMS, by %.3g when it "
-        "was "
-        "identified (noise floor %.2g)",
-        before, unit, 1e6 * diagnosis.earlier_rms, floor);
+               "%zu change%s since the earlier model: it is wrong by %.3g %s RMS on data not seen "
+               "by the fit, with what changed by %.3g (",
+               count, plural, before, unit, after) +
+           noise + ")";
   switch (diagnosis.verdict) {
     case Verdict::kExplained:
       return text(
-          "%zu cause%s named: on data not seen by the fit the simulation is wrong by %.3g %s "
-          "RMS in place of %.3g (noise floor %.2g)",
-          diagnosis.causes.size(), diagnosis.causes.size() == 1 ? "" : "s", after, unit, before,
-          floor);
+                 "%zu cause%s named: on data not seen by the fit the simulation is wrong by %.3g "
+                 "%s "
+                 "RMS in place of %.3g (",
+                 count, plural, after, unit, before) +
+             noise + ")";
     case Verdict::kNothingSignificant:
-      return text("nothing significant: the simulation is wrong by %.3g %s RMS, noise floor %.2g",
-                  before, unit, floor);
+      return text("nothing significant: the simulation is wrong by %.3g %s RMS, ", before, unit) +
+             noise;
     case Verdict::kUnexplained:
       return text(
-          "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, and "
-          "%s of the catalogue explains it",
+          "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, "
+          "and %s of the catalogue explains it",
           before, unit, before / floor,
-          diagnosis.causes.empty() ? "no effect" : "none that was found in it but a part");
+          count == 0 ? "no effect" : "none that was found in it but a part");
   }
   return {};
 }
@@ -279,6 +297,8 @@ std::string advice_for(const std::string& id) {
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     if (identity_of(kind).cause == id) return std::string(identity_of(kind).check);
   }
+  if (id == "feedforward_mismatch")
+    return "feed-forward and its gains in the control, filters before it";
   if (id == "dropped_samples")
     return "load and clock of what records; the connection to the encoder";
   return {};

@@ -73,9 +73,8 @@ Eigen::Index block_of(const Samples& s) {
     if (!(c > 0.05)) break;
     area += c;
   }
-  const auto least = static_cast<Eigen::Index>(std::lround(0.25 / s.h));
-  return std::clamp<Eigen::Index>(static_cast<Eigen::Index>(20.0 * area),
-                                  std::max<Eigen::Index>(2, least),
+  const auto least = std::max<Eigen::Index>(2, std::lround(0.25 / s.h));
+  return std::clamp<Eigen::Index>(static_cast<Eigen::Index>(20.0 * area), least,
                                   std::max<Eigen::Index>(least, n / 20));
 }
 

@@ -78,7 +78,7 @@ void Screen::prepare() {
   begin_s_ = segments_.front().start_s;
   end_s_ = begin_s_;
   for (const Signals& s : segments_) {
-    const auto piece = static_cast<Eigen::Index>(std::lround(kPiece_s / s.h));
+    const auto piece = std::max<Eigen::Index>(1, std::lround(kPiece_s / s.h));
     const auto settle = std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.h)));
     for (Eigen::Index k = settle; k + piece <= s.size(); k += piece) {
       pieces_.push_back({row + k, piece, 0});
@@ -230,7 +230,7 @@ std::vector<double> Screen::moments(std::size_t kind, std::vector<double> shapes
     std::vector<std::pair<double, double>> peaks;
     Eigen::Index row = 0;
     for (const Signals& s : segments_) {
-      const auto window = static_cast<Eigen::Index>(std::lround(0.1 / s.h));
+      const auto window = std::max<Eigen::Index>(1, std::lround(0.1 / s.h));
       for (Eigen::Index k = 0; k + window <= s.size(); k += window) {
         Eigen::Index at = 0;
         const double peak = rest.segment(row + k, window).cwiseAbs().maxCoeff(&at);

@@ -82,7 +82,7 @@ std::vector<double> left_by(const Model& model, const std::vector<Segment>& segm
   std::vector<double> out;
   for (const Segment& s : segments) {
     const Eigen::ArrayXd left = s.command - s.actual - simulate(model, s);
-    const auto piece = static_cast<Eigen::Index>(std::lround(kPiece_s / s.sample_time_s));
+    const auto piece = std::max<Eigen::Index>(1, std::lround(kPiece_s / s.sample_time_s));
     const auto skip =
         std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
     for (Eigen::Index at = skip; at + piece <= left.size(); at += piece)

@@ -34,18 +34,6 @@ constexpr double kAsGood = 0.9;        // share of the gain that makes the simpl
 constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
 constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
 
-double share_beaten(const Hypothesis& best, const Hypothesis& rival) {
-  const std::size_t n = std::min(best.pieces.size(), rival.pieces.size());
-  const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
-    double sum = 0.0;
-    for (const std::size_t i : places) sum += rival.pieces[i] - best.pieces[i];
-    return sum;
-  });
-  return static_cast<double>(std::count_if(differences.begin(), differences.end(),
-                                           [](double d) { return d > 0.0; })) /
-         static_cast<double>(differences.size());
-}
-
 /// The error that an addition takes away, in quadrature.
 double taken(const Hypothesis& before, const Hypothesis& after) {
   return std::sqrt(std::max(0.0, before.rms() * before.rms() - after.rms() * after.rms()));
@@ -71,6 +59,23 @@ struct Tried {
   Screened screened;
   [[nodiscard]] double left() const { return model.rms() / before->rms(); }
 };
+
+/// Share of resamples in which the best takes more away than the rival, each from its own before.
+double share_beaten(const Tried& best, const Tried& rival) {
+  const auto taken_by = [](const Tried& one, std::size_t i) {
+    return one.before->pieces[i] - one.model.pieces[i];
+  };
+  const std::size_t n = std::min({best.model.pieces.size(), best.before->pieces.size(),
+                                  rival.model.pieces.size(), rival.before->pieces.size()});
+  const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
+    double sum = 0.0;
+    for (const std::size_t i : places) sum += taken_by(best, i) - taken_by(rival, i);
+    return sum;
+  });
+  return static_cast<double>(std::count_if(differences.begin(), differences.end(),
+                                           [](double d) { return d > 0.0; })) /
+         static_cast<double>(differences.size());
+}
 
 /// Whether what a law of friction leaves could be taken for this: what acts at reversals and low
 /// speed all the time. A period, a moment or another signal is none of friction's.
@@ -189,7 +194,10 @@ class Selection {
 
   /// A delay beside a velocity error, which the baseline's structures do not have.
   bool add_delay() {
-    if (current_.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0) return false;
+    const auto& left_out = options_.leave_out;
+    if (current_.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0 ||
+        std::find(left_out.begin(), left_out.end(), "time_delay") != left_out.end())
+      return false;
     Hypothesis best;
     best.cost = 1e300;
     for (const double cycles : {2.0, 6.0}) {
@@ -242,13 +250,14 @@ class Selection {
     std::vector<Screened> promising = search_.screen(current_, kinds);
     std::erase_if(promising,
                   [](const Screened& s) { return s.p > kPromising || s.gain < kLeastGain; });
-    if (promising.size() > kTried) promising.resize(kTried);
+    if (promising.size() > 2 * kTried) promising.resize(2 * kTried);
     std::string step = text("%.4g um, promising:", 1e6 * current_.rms());
     for (const Screened& s : promising)
       step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
     steps_.push_back(promising.empty() ? step + " nothing" : step);
     std::vector<Tried> tried;
     for (const Screened& s : promising) {
+      if (tried.size() == kTried) break;
       // With the loop, which may have taken up a part of it; or beside the loop as it is, where the
       // measured motion says less than the simulated one.
       go_on();
@@ -283,7 +292,7 @@ class Selection {
     // Of two that the pieces cannot tell apart, the one that needs less.
     for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
       if (parameters_of(rival->screened.kind) < parameters_of(chosen->screened.kind) &&
-          judgement_of(*rival).earned && share_beaten(chosen->model, rival->model) < kDecisive &&
+          judgement_of(*rival).earned && share_beaten(*chosen, *rival) < kDecisive &&
           1.0 - rival->left() > kAsGood * (1.0 - chosen->left()))
         chosen = rival;
     }
@@ -296,7 +305,7 @@ class Selection {
     cause.beaten = 1.0 - judgement.p;
     for (const Tried& rival : tried) {
       if (rival.screened.kind == screened.kind || rival.screened.p > kChance) continue;
-      const double beaten = share_beaten(chosen->model, rival.model);
+      const double beaten = share_beaten(*chosen, rival);
       cause.beaten = std::min(cause.beaten, beaten);
       if (beaten < kDecisive && 1.0 - rival.left() > kNearlyAsGood * (1.0 - chosen->left()))
         cause.ambiguous_with.push_back(cause_of(rival.screened.kind));

@@ -99,6 +99,8 @@ TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool co
     (time_(row) < training_to_s_ ? training_ : holdout_).push_back(row);
   if (static_cast<Eigen::Index>(training_.size()) < kFewestRows)
     throw std::runtime_error(axis.axis + ": the axis hardly moves in the part that is fitted");
+  if (holdout_.empty())
+    throw std::runtime_error(axis.axis + ": the axis does not move in the part that judges");
 }
 
 void TorqueRows::turn_torque() {

@@ -80,7 +80,7 @@ Eigen::VectorXd Variation::deviations(const Varied& v) const {
   const std::optional<Eigen::MatrixXd> j = r ? derivatives(v, kSettle_s) : std::nullopt;
   if (!j) return Eigen::VectorXd::Constant(n, kAbsent);
   const auto piece =
-      static_cast<Eigen::Index>(std::lround(kPiece_s / training_.front().sample_time_s));
+      std::max<Eigen::Index>(1, std::lround(kPiece_s / training_.front().sample_time_s));
   Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(n, n);
   for (Eigen::Index k = 0; k < r->size(); k += piece) {
     const Eigen::Index count = std::min(piece, r->size() - k);

@@ -19,6 +19,7 @@ namespace servotwin {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
+constexpr double kSlowest_s = 0.1;  // sampling time that still shows a servo loop
 // A richer structure must beat a simpler one by this much on data it was not fitted to.
 constexpr double kWorthIt = 0.97;
 // Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
@@ -444,6 +445,11 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
   }
   require_motion(axis);
+  if (axis.sample_time_s > kSlowest_s) {
+    throw std::runtime_error(say(axis.axis, ": one sample every ", axis.sample_time_s,
+                                 " s is too slow to see a servo loop; record at least every ",
+                                 kSlowest_s, " s"));
+  }
   const auto [training, holdout] = split(axis.segments, options.training_share, options.split_each);
   if (rows_of(training) < 300 || rows_of(holdout) < 100) {
     throw std::runtime_error(

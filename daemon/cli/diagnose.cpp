@@ -52,13 +52,15 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     if (std::isfinite(cause.gain.low))
       line += text(" (gain %.2g to %.2g)", 1e6 * cause.gain.low, 1e6 * cause.gain.high);
     if (cause.place == kNoEffect && cause.moved.empty()) {
-      line += "counted, not inferred";
+      line += std::string(std::isfinite(cause.gain.before) ? ", " : "") + "counted, not inferred";
     } else {
       line += text(", sure %.0f %%", 100.0 * cause.confidence);
     }
     say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
-    if (std::isfinite(cause.gain.tracking_repaired)) {
+    // Where repair changes less than a thousandth it is not worth a line.
+    if (std::abs(cause.gain.tracking_repaired - cause.gain.tracking_now) >
+        1e-3 * cause.gain.tracking_now) {
       std::string repair =
           text("repaired: tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
                1e6 * cause.gain.tracking_repaired, micro(rotary));
@@ -98,8 +100,10 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
 std::vector<std::string> write_test(const std::string& base, const Diagnosis& diagnosis, double h,
                                     std::FILE* people) {
   if (!diagnosis.suggested_test || !diagnosis.suggested_test->motion) {
-    say(people, diagnosis.suggested_test ? "test        no motion decides: no file is written"
-                                         : "test        none is needed: nothing is in doubt");
+    say(people,
+        diagnosis.suggested_test
+            ? "test        no motion decides: no file is written"
+            : "test        none is needed: nothing that the position loop says is in doubt");
     return {};
   }
   const TestMotion& motion = *diagnosis.suggested_test->motion;
