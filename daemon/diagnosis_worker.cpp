@@ -47,7 +47,6 @@ void DiagnosisWorker::restore() {
 }
 
 void DiagnosisWorker::run(const std::stop_token& stop) {
-  options_.stop = stop;
   while (!stop.stop_requested()) {
     bool any = false;
     for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
@@ -59,7 +58,6 @@ void DiagnosisWorker::run(const std::stop_token& stop) {
 bool DiagnosisWorker::look(std::size_t axis) { return look(axis, config_.record_s); }
 
 void DiagnosisWorker::finish(const std::stop_token& stop) {
-  options_.stop = stop;
   for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
     look(axis, kLeastShare * config_.record_s);
 }

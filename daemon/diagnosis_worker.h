@@ -9,8 +9,9 @@
 // machine's time and motion, not in time of the worker. A diagnosis changes no model in force: it
 // is for people. Begun, finished, failed: every one is an event with its reason.
 //
-// One worker thread at idle priority, one axis at a time; a diagnosis that runs is given up before
-// its next fit when the worker stops. The constructor and restore() before it starts, finish() after it.
+// One worker thread at idle priority, one axis at a time. When the daemon is asked to stop, a
+// diagnosis that runs is given up before its next fit; where the motion has ended it is finished.
+// The constructor and restore() before the thread, finish() after it.
 #pragma once
 
 #include <functional>
@@ -38,6 +39,8 @@ class DiagnosisWorker {
                   const IdentifyConfig& identify, const MotionMemory& memory, ResidualWatch& watch,
                   Store& store, EventLog& events, Announce announce);
 
+  /// When this stops, a diagnosis that runs is given up before its next fit. Before the thread.
+  void give_up_with(const std::stop_token& stop) { options_.stop = stop; }
   /// Announces the last diagnosis of every axis that is in the store.
   void restore();
   void run(const std::stop_token& stop);

@@ -243,6 +243,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   to_network = &publisher;
   identification.restore();
   diagnosis.restore();
+  diagnosis.give_up_with(stop);
 
   if (const std::string why = lock_memory(); !why.empty()) events.note("real_time", "", why);
   std::atomic<bool> stop_loop{false};

@@ -176,13 +176,16 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     throw std::runtime_error(axis.axis + ": the model is of a " +
                              (earlier.rotary ? "rotary" : "linear") + " axis, the recording of a " +
                              (axis.rotary ? "rotary" : "linear") + " one");
+  ModelRecord discretised = earlier;
+  discretised.model.sample_time_s = axis.sample_time_s;
+  if (const std::string why = why_invalid(discretised.model); !why.empty())
+    throw std::runtime_error(axis.axis + ": the earlier model cannot be used: " + why);
   Diagnosis out;
   out.against_earlier = true;
-  out.baseline = earlier;
+  out.baseline = discretised;
   out.earlier_rms = earlier.holdout.rms;
   const NoiseFloor floor = noise_floor(axis.segments);
   out.baseline.noise_floor_rms = floor.rms;
-  out.baseline.model.sample_time_s = axis.sample_time_s;
   std::vector<Segment> segments = axis.segments;
   std::vector<Eigen::ArrayXd> residuals;
   for (const Segment& s : segments)

@@ -53,6 +53,15 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   const double all = without * without - noise;
   const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
   diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
+  // What happens at unforeseeable moments is not to be predicted, and what it leaves on other
+  // motion is no evidence of another cause.
+  const auto unforeseeable = [&](const Cause& cause) {
+    if (cause.place >= diagnosis.extended.model.effects.size()) return false;
+    const auto shapes = shapes_of(diagnosis.extended.model.effects[cause.place].kind);
+    return !shapes.empty() && shapes.front().scan == Scan::kMoments;
+  };
+  if (std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), unforeseeable))
+    diagnosis.unexplained_share = 0.0;
   // As sure as it beats its rivals of the catalogue, and as all of them together explain: what is
   // left may be of a cause that is not in it.
   for (Cause& cause : diagnosis.causes) {
@@ -80,7 +89,11 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
   if (std::find(options.leave_out.begin(), options.leave_out.end(), "dropped_samples") ==
       options.leave_out.end())
     dropped = bridge_dropped(axis, floor.encoder_step);
-  const Identified identified = identify(axis, options.identify);
+  IdentifyOptions loop = options.identify;
+  if (std::find(options.leave_out.begin(), options.leave_out.end(), "time_delay") !=
+      options.leave_out.end())
+    loop.delay_max_s = 0.0;
+  const Identified identified = identify(axis, loop);
   if (!identified.refusals.empty())
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
   out.baseline = identified.record;

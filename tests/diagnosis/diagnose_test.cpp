@@ -70,6 +70,21 @@ TEST_P(ACleanMachine, GetsNoCause) {
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, ACleanMachine, testing::Values(3, 4, 5, 6));
 
+TEST(Diagnosis, ThatIsStoppedIsGivenUp) {
+  const SegmentedAxis axis = segment_axis(
+      read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
+  std::stop_source source;
+  source.request_stop();
+  DiagnoseOptions options;
+  options.stop = source.get_token();
+  try {
+    static_cast<void>(diagnose(axis, options));
+    FAIL() << "it was finished";
+  } catch (const std::runtime_error& error) {
+    EXPECT_STREQ(error.what(), "stopped before it was finished");
+  }
+}
+
 // The example machine: GMS friction of 0.524 m/s^2 that all slides after 20 um, made by other code.
 TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   const SegmentedAxis axis = segment_axis(
@@ -86,21 +101,6 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
 
 // What the published symmetric model of this axis gets wrong, each with its gain on
 // the half that was not fitted.
-TEST(Diagnosis, ThatIsStoppedIsGivenUp) {
-  const SegmentedAxis axis = segment_axis(
-      read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
-  std::stop_source source;
-  source.request_stop();
-  DiagnoseOptions options;
-  options.stop = source.get_token();
-  try {
-    static_cast<void>(diagnose(axis, options));
-    FAIL() << "it was finished";
-  } catch (const std::runtime_error& error) {
-    EXPECT_STREQ(error.what(), "stopped before it was finished");
-  }
-}
-
 TEST(Diagnosis, NamesWhatThePublishedModelOfEmpsGetsWrong) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   ReadOptions read;

@@ -55,5 +55,12 @@ TEST(LeaveOut, WithoutCoggingTheRippleIsNotExplained) {
   EXPECT_GT(without.after_rms, 1.5 * with.after_rms);
 }
 
+TEST(LeaveOut, ADelayThatIsLeftOutIsNotNamed) {
+  const Case asked = single_case(Part::kDev, "time_delay", Class::kClear, 1);
+  const Answer without = ask(asked.csv, {"time_delay"});
+  ASSERT_EQ(without.failure, "");
+  for (const NamedCause& cause : without.causes) EXPECT_NE(cause.id, "time_delay");
+}
+
 }  // namespace
 }  // namespace servotwin::hidden_effects

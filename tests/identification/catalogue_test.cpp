@@ -28,6 +28,9 @@ class EveryEffect : public ::testing::TestWithParam<std::tuple<std::size_t, int>
       // Moments while the axis moves, accelerations that it has.
       if (p.unit == "s" && p.upper > 1e6) effect.shape[i] = 2.5 * part(rng);
       if (p.unit == "m/s^2") effect.shape[i] = 0.1 * part(rng);
+      // A table over what it goes through.
+      if (p.name == "low") effect.shape[i] = -0.02 * part(rng);
+      if (p.name == "high") effect.shape[i] = 0.02 * part(rng);
       ++i;
     }
     i = 0;
