@@ -60,7 +60,8 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     const auto shapes = shapes_of(diagnosis.extended.model.effects[cause.place].kind);
     return !shapes.empty() && shapes.front().scan == Scan::kMoments;
   };
-  if (std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), unforeseeable))
+  const bool no_worse = diagnosis.extended.holdout.rms <= diagnosis.baseline.holdout.rms;
+  if (no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), unforeseeable))
     diagnosis.unexplained_share = 0.0;
   // As sure as it beats its rivals of the catalogue, and as all of them together explain: what is
   // left may be of a cause that is not in it.

@@ -118,7 +118,8 @@ std::vector<std::string> write_test(const std::string& base, const Diagnosis& di
   }
   write_result(base + ".csv", csv({time, path}));
   write_result(base + ".nc", gcode(motion, axis, rotary));
-  say(people, "written     " + base + ".csv, " + base + ".nc");
+  say(people, "written     " + base + ".csv, " + base +
+                  ".nc (accelerations are comments in it: set them in the control)");
   return {base + ".csv", base + ".nc"};
 }
 
