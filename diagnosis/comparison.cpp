@@ -261,11 +261,19 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       const double beaten = share_beaten(chosen.varied, tried[i].varied, own);
       const std::string& rival = tried[i].varied.changes.back().cause;
       if (rival == chosen.varied.changes.back().cause) continue;
-      chosen.evidence.beaten = std::min(chosen.evidence.beaten, beaten);
-      if (beaten < kDecisive && before - rms(tried[i].varied.pieces) >
-                                    kNearlyAsGood * (before - rms(chosen.varied.pieces)))
-        chosen.evidence.ambiguous_with.push_back(rival);
+      const bool as_good = before - rms(tried[i].varied.pieces) >
+                           kNearlyAsGood * (before - rms(chosen.varied.pieces));
+      auto& rivals = chosen.evidence.ambiguous_with;
+      if (beaten < kDecisive && as_good) {
+        if (std::find(rivals.begin(), rivals.end(), rival) == rivals.end()) rivals.push_back(rival);
+      } else {
+        chosen.evidence.beaten = std::min(chosen.evidence.beaten, beaten);
+      }
     }
+    // Which of them it is, nobody knows.
+    chosen.evidence.beaten =
+        std::min(chosen.evidence.beaten,
+                 1.0 / (1.0 + static_cast<double>(chosen.evidence.ambiguous_with.size())));
     chosen.evidence.beaten = std::min(chosen.evidence.beaten, 1.0 - chosen.evidence.p);
     out.steps.push_back("  " + chosen.varied.changes.back().cause + ": added");
     current = std::move(chosen.varied);
