@@ -57,7 +57,9 @@ TEST_F(Diagnose, WritesTheTestMotionWhereSomethingIsInDoubt) {
 TEST_F(Diagnose, SaysThatNoneIsNeeded) {
   const Answer answer = diagnosed(rich_motion);
   ASSERT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("test        none is needed: nothing that the position loop says is in doubt"));
+  EXPECT_THAT(
+      answer.out,
+      HasSubstr("test        none is needed: nothing that the position loop says is in doubt"));
   const json diagnosis = json::parse(content_of(folder_ / "diagnosis.json"));
   EXPECT_TRUE(diagnosis["suggested_test"].is_null());
   EXPECT_FALSE(diagnosis.contains("suggested_test_files"));
