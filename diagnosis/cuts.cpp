@@ -6,6 +6,8 @@
 #include <numbers>
 #include <unsupported/Eigen/FFT>
 
+#include "diagnosis/quantile.h"
+
 namespace servotwin {
 
 namespace {
@@ -32,14 +34,6 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
              static_cast<double>(to - from);
   }
   return out;
-}
-
-double quantile(const Eigen::ArrayXd& values, double at) {
-  std::vector<double> sorted(values.data(), values.data() + values.size());
-  const auto place =
-      sorted.begin() + static_cast<std::ptrdiff_t>(at * static_cast<double>(sorted.size() - 1));
-  std::nth_element(sorted.begin(), place, sorted.end());
-  return *place;
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <stdexcept>
 
+#include "diagnosis/quantile.h"
 #include "identification/unit_columns.h"
 
 namespace servotwin {
@@ -18,14 +19,6 @@ constexpr Eigen::Index kFewestRows = 40;
 constexpr double kMostTurns = 400.0, kSlowTurns = 5.0;  // over the travel
 constexpr double kLowest_hz = 0.5;
 constexpr double kHeard = 0.3;  // of the motion, within the bandwidth
-
-double quantile(const Eigen::ArrayXd& values, double at) {
-  std::vector<double> sorted(values.data(), values.data() + values.size());
-  const auto place =
-      sorted.begin() + static_cast<std::ptrdiff_t>(at * static_cast<double>(sorted.size() - 1));
-  std::nth_element(sorted.begin(), place, sorted.end());
-  return *place;
-}
 
 /// The same motion with the tracking error in place of the torque.
 std::vector<Segment> with_tracking_error(std::vector<Segment> segments) {

@@ -14,9 +14,7 @@ namespace servotwin::test {
 
 inline std::filesystem::path real_data_directory() {
   if (const char* given = std::getenv("SERVOTWIN_DATA")) return given;
-  const auto repository =
-      std::filesystem::absolute(__FILE__).parent_path().parent_path().parent_path();
-  return repository.parent_path() / "shared" / "data";
+  return std::filesystem::path(SERVOTWIN_SOURCE_DIR).parent_path() / "shared" / "data";
 }
 
 inline bool must_have_real_data() {
