@@ -17,6 +17,9 @@ constexpr double kHeard_s = 0.12;   // over which the envelope is taken, and the
 constexpr double kContrast = 4.0;   // of the envelope in the cut to outside of it
 constexpr double kLeast = 0.03, kMost = 0.9;  // of the time in the cut
 
+constexpr std::size_t kLines = 10, kStrongest = 4;  // frequencies that are listened to
+constexpr double kApart = 1.1;                      // ratio of two of the strongest
+
 /// |mean of x exp(-2 pi i f t)| over a window about every sample.
 Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
   const Eigen::Index n = x.size();
@@ -36,11 +39,13 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
   return out;
 }
 
-}  // namespace
+struct Spectrum {
+  std::vector<double> power;
+  double step_hz;
+};
 
-std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h,
-                             std::size_t most) {
-  // Windowed, and with zeros behind it: neighbours half a line apart.
+/// Windowed, and with zeros behind it: neighbours half a line apart.
+Spectrum spectrum_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h) {
   Eigen::Index length = 1;
   while (length < 2 * signal.size()) length *= 2;
   std::vector<double> x(static_cast<std::size_t>(length), 0.0);
@@ -52,16 +57,26 @@ std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal, do
   Eigen::FFT<double> fft;
   std::vector<std::complex<double>> spectrum;
   fft.fwd(spectrum, x);
-  const auto half = static_cast<std::size_t>(length / 2);
-  std::vector<double> power(half);
-  for (std::size_t i = 0; i < half; ++i) power[i] = std::norm(spectrum[i]);
+  std::vector<double> power(static_cast<std::size_t>(length / 2));
+  for (std::size_t i = 0; i < power.size(); ++i) power[i] = std::norm(spectrum[i]);
+  return {std::move(power), 1.0 / (h * static_cast<double>(length))};
+}
+
+bool is_peak(const std::vector<double>& power, std::size_t i) {
+  return power[i] >= power[i - 1] && power[i] >= power[i + 1];
+}
+
+}  // namespace
+
+std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h,
+                             std::size_t most) {
+  const auto [power, step_hz] = spectrum_of(signal, h);
   // A line stands out from its own neighbourhood, not from the whole spectrum.
   std::vector<std::pair<double, double>> lines;
-  const double step_hz = 1.0 / (h * static_cast<double>(length));
-  for (std::size_t i = 2; i + 2 < half; ++i) {
-    if (power[i] < power[i - 1] || power[i] < power[i + 1]) continue;
+  for (std::size_t i = 2; i + 2 < power.size(); ++i) {
+    if (!is_peak(power, i)) continue;
     const std::size_t reach = std::max<std::size_t>(20, i / 5);
-    const std::size_t from = i > reach ? i - reach : 1, to = std::min(half, i + reach);
+    const std::size_t from = i > reach ? i - reach : 1, to = std::min(power.size(), i + reach);
     double sum = 0.0;
     for (std::size_t j = from; j < to; j += 2) sum += power[j];
     const double around = sum / static_cast<double>((to - from + 1) / 2);
@@ -73,14 +88,35 @@ std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal, do
   return out;
 }
 
+std::vector<double> strongest_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h) {
+  const auto [power, step_hz] = spectrum_of(signal, h);
+  std::vector<std::pair<double, double>> peaks;
+  for (std::size_t i = 2; i + 2 < power.size(); ++i) {
+    const double f = step_hz * static_cast<double>(i);
+    if (f >= kLowest_hz && is_peak(power, i)) peaks.emplace_back(-power[i], f);
+  }
+  std::sort(peaks.begin(), peaks.end());
+  std::vector<double> out;
+  for (const auto& [negative, f] : peaks) {
+    if (out.size() == kStrongest) break;
+    if (std::none_of(out.begin(), out.end(),
+                     [f = f](double other) { return f < kApart * other && other < kApart * f; }))
+      out.push_back(f);
+  }
+  return out;
+}
+
 bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>& left) {
   const auto longest = static_cast<std::size_t>(
       std::max_element(segments.begin(), segments.end(),
                        [](const auto& l, const auto& r) { return l.size() < r.size(); }) -
       segments.begin());
   const double h = segments[longest].sample_time_s;
-  double best = kContrast, tone = 0.0, level = 0.0;
-  for (const double f : lines_of(left[longest].matrix(), h, 10)) {
+  double best = 0.0, tone = 0.0, level = 0.0;
+  // A tone that is there part of the time is broader than a line.
+  std::vector<double> tones = lines_of(left[longest].matrix(), h, kLines);
+  for (const double f : strongest_of(left[longest].matrix(), h)) tones.push_back(f);
+  for (const double f : tones) {
     if (f < kLowest_hz || f > 0.45 / h) continue;
     const Eigen::ArrayXd heard = envelope(left[longest], h, f);
     const double threshold = 0.5 * quantile(heard, 0.95);
@@ -89,7 +125,8 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
     if (share < kLeast || share > kMost) continue;
     const double contrast = (heard * on).sum() / on.sum() /
                             std::max(1e-300, (heard * (1.0 - on)).sum() / (1.0 - on).sum());
-    if (contrast > best) best = contrast, tone = f, level = threshold;
+    const double energy = (heard.square() * on).sum();
+    if (contrast > kContrast && energy > best) best = energy, tone = f, level = threshold;
   }
   if (tone == 0.0) return false;
   for (std::size_t i = 0; i < segments.size(); ++i)

@@ -15,6 +15,10 @@ namespace servotwin {
 [[nodiscard]] std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal,
                                            double h, std::size_t most);
 
+/// Those that have most power: a tone that is there a part of the time is broader than a line.
+[[nodiscard]] std::vector<double> strongest_of(const Eigen::Ref<const Eigen::VectorXd>& signal,
+                                               double h);
+
 /// Sets `in_cut` of every segment, where `left` has a tone that comes and goes. False: there is
 /// none.
 bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>& left);

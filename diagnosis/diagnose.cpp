@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "diagnosis/cuts.h"
 #include "diagnosis/dropped_samples.h"
 #include "diagnosis/selection.h"
 #include "diagnosis/unexplained.h"
@@ -86,41 +85,38 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
   Diagnosis out;
   SegmentedAxis axis = recorded;
   const NoiseFloor floor = noise_floor(recorded.segments);
+  const auto is_left_out = [&](std::string_view cause) {
+    const auto& all = options.leave_out;
+    return std::find(all.begin(), all.end(), cause) != all.end();
+  };
   DroppedSamples dropped;
-  if (std::find(options.leave_out.begin(), options.leave_out.end(), "dropped_samples") ==
-      options.leave_out.end())
-    dropped = bridge_dropped(axis, floor.encoder_step);
+  if (!is_left_out("dropped_samples")) dropped = bridge_dropped(axis, floor.encoder_step);
   IdentifyOptions loop = options.identify;
-  if (std::find(options.leave_out.begin(), options.leave_out.end(), "time_delay") !=
-      options.leave_out.end())
-    loop.delay_max_s = 0.0;
+  if (is_left_out("time_delay")) loop.delay_max_s = 0.0;
   const Identified identified = identify(axis, loop);
   if (!identified.refusals.empty())
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
   out.baseline = identified.record;
-  std::vector<Eigen::ArrayXd> residuals;
-  for (const Segment& s : axis.segments)
-    residuals.emplace_back(s.command - s.actual - simulate(out.baseline.model, s));
-  find_cuts(axis.segments, residuals);
-  const std::vector<Segment> training = cut(axis.segments, -1e300, out.baseline.training_to_s);
-  const std::vector<Segment> holdout =
-      cut(axis.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
-
-  Search search(training, options.identify.bounds, floor);
+  Search search(axis.segments, out.baseline.training_to_s, options.identify.bounds, floor);
   Hypothesis baseline;
   baseline.structure.order = out.baseline.model.loop.order;
   baseline.structure.matched_feedforward = out.baseline.model.find(kind_of<TimeDelay>()) != nullptr;
-  for (const Effect& effect : out.baseline.model.effects)
-    baseline.structure.effects.push_back(effect.kind);
+  for (const Effect& effect : out.baseline.model.effects) {
+    if (!is_left_out(cause_of(effect.kind))) baseline.structure.effects.push_back(effect.kind);
+  }
   if (!search.fit(baseline, {point_of(out.baseline.model, baseline.structure)}))
     throw std::runtime_error(axis.axis + ": the baseline model could not be fitted again");
+  if (baseline.structure.effects.size() < out.baseline.model.effects.size())
+    out.baseline.model = baseline.model;
 
-  const Channels channels(axis.segments);
   const std::vector<std::size_t> baseline_effects = baseline.structure.effects;
-  Selected selected = select_causes(search, std::move(baseline), options, channels);
+  Selected selected = select_causes(search, std::move(baseline), options);
   const Hypothesis& current = selected.model;
   const auto& found = selected.found;
   out.steps = std::move(selected.steps);
+  const std::vector<Segment>& training = search.training();
+  const std::vector<Segment> holdout =
+      cut(search.recorded(), out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
 
   out.baseline.holdout =
       judge(out.baseline.model,

@@ -18,6 +18,8 @@ constexpr double kRidge = 1e-10;
 constexpr double kUnseen = 0.03;      // of the information of all blocks
 constexpr double kFundamental = 0.9;  // share of what the double period explains
 constexpr std::size_t kTones = 10;    // highest lines of the spectrum that are looked at
+constexpr double kOfALine = 0.02;     // of a line of the spectrum, to which a tone is sought
+constexpr int kLinesAround = 24;      // quarters of a line, about the best
 constexpr std::size_t kMoments = 8;   // largest peaks in time
 constexpr double kStandsOut = 2.5;    // peaks that moments explain, over those that remain
 
@@ -216,7 +218,9 @@ std::vector<double> Screen::tones() const {
     if (&other == &s) break;
     first += other.size();
   }
-  return lines_of(left_.segment(first, s.size()), s.h, kTones);
+  std::vector<double> out = lines_of(left_.segment(first, s.size()), s.h, kTones);
+  for (const double f : strongest_of(left_.segment(first, s.size()), s.h)) out.push_back(f);
+  return out;
 }
 
 /// The moments one by one: each where one more push explains most of what is left at the largest
@@ -340,6 +344,25 @@ Screened Screen::look(std::size_t kind) const {
     if (square > best) best = square, out.shapes = point, of_best = std::move(c);
   }
   if (best <= 0.0) return out;
+  if (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kFrequency) {
+    // To a small part of a line, and not on the next one: a tone that is there now and then must be
+    // in phase each time.
+    const double line = 1.0 / (end_s_ - begin_s_);
+    const auto better = [&](double to) {
+      if (!(to > shapes_of(kind)[0].lower) || !(to < shapes_of(kind)[0].upper)) return;
+      std::vector<double> point = out.shapes;
+      point[0] = to;
+      Eigen::MatrixXd c = columns(kind, point);
+      const double square = c.allFinite() ? explained(c) : 0.0;
+      if (square > best) best = square, out.shapes = point, of_best = std::move(c);
+    };
+    const double middle = out.shapes[0];
+    for (int i = -kLinesAround; i <= kLinesAround; ++i) better(middle + 0.25 * line * i);
+    for (double step = 0.125 * line; step > kOfALine * line; step *= 0.5) {
+      better(out.shapes[0] - step);
+      better(out.shapes[0] + step);
+    }
+  }
   // The period itself and not its double, which has it as second harmonic.
   while (shapes_of(kind).size() > 0 && shapes_of(kind)[0].scan == Scan::kPeriod) {
     std::vector<double> half = out.shapes;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "diagnosis/cuts.h"
 #include "diagnosis/variation.h"
 #include "identification/identify.h"
 #include "identification/joint.h"
@@ -16,7 +17,7 @@ namespace {
 constexpr int kBlocks = 4;
 constexpr double kPiece_s = 0.25;
 constexpr double kSettle_s = 0.25;  // of every stretch; does not count
-constexpr double kNear = 4.0;       // times the noise: the simulated motion is trusted
+constexpr double kKnows = 0.7;      // of the squared error: a simulated motion is trusted
 constexpr double kFitted_s = 1e-3;  // of the data that hypotheses are fitted to
 constexpr double kCoarse_s = 2e-3;  // step of the data that candidates are screened on
 
@@ -100,8 +101,41 @@ double paired_z(const std::vector<double>& before, const std::vector<double>& af
   return sd > 0.0 ? d.mean() / (sd / std::sqrt(static_cast<double>(n))) : 0.0;
 }
 
-Search::Search(std::vector<Segment> training, const PoleBounds& bounds, const NoiseFloor& floor)
-    : training_(std::move(training)), bounds_(bounds), floor_(floor) {
+double signed_rank_z(const std::vector<double>& before, const std::vector<double>& after) {
+  std::vector<double> d;
+  for (std::size_t i = 0; i < std::min(before.size(), after.size()); ++i) {
+    if (before[i] != after[i]) d.push_back(before[i] - after[i]);
+  }
+  if (d.size() < 10) return 0.0;
+  std::sort(d.begin(), d.end(), [](double l, double r) { return std::abs(l) < std::abs(r); });
+  double sum = 0.0, squares = 0.0;
+  for (std::size_t i = 0; i < d.size(); ++i) {
+    const double rank = static_cast<double>(i) + 1.0;
+    sum += d[i] > 0.0 ? rank : -rank;
+    squares += rank * rank;
+  }
+  return sum / std::sqrt(squares);
+}
+
+Search::Search(std::vector<Segment> recorded, double training_to_s, const PoleBounds& bounds,
+               const NoiseFloor& floor)
+    : recorded_(std::move(recorded)),
+      training_to_s_(training_to_s),
+      bounds_(bounds),
+      floor_(floor) {
+  divide();
+}
+
+void Search::listen(const Model& model) {
+  std::vector<Eigen::ArrayXd> left;
+  for (const Segment& s : recorded_) left.emplace_back(s.command - s.actual - simulate(model, s));
+  if (find_cuts(recorded_, left)) divide();
+}
+
+void Search::divide() {
+  training_ = cut(recorded_, -1e300, training_to_s_);
+  held_.clear();
+  rest_.clear();
   // Blocks of equal time of the recording; a gap costs its block.
   const double from = training_.front().start_s, to = training_.back().end_s();
   for (int b = 0; b < kBlocks; ++b) {
@@ -114,8 +148,16 @@ Search::Search(std::vector<Segment> training, const PoleBounds& bounds, const No
   }
 }
 
-void Search::follow(const Model& model) {
-  followed_ = Driver{model, servotwin::judge(model, training_).rms};
+void Search::follow(const Hypothesis& h) {
+  followed_ = Driver{h.model, servotwin::judge(h.model, training_).rms, false};
+  const auto left = [&] {
+    return thinned(Projection(signals(training_, followed_), h.structure), kFitted_s)
+        .solve(h.point)
+        .cost;
+  };
+  const double by_encoder = left();
+  followed_->knows_motion = true;
+  followed_->knows_motion = left() < kKnows * by_encoder;
 }
 
 std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
@@ -128,7 +170,7 @@ std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
     std::erase_if(loop.effects,
                   [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
     out.back().loop_position = s.command - simulate(loop, s);
-    if (!(driver->rms < kNear * floor_.rms)) continue;
+    if (!driver->knows_motion) continue;
     out.back().position = out.back().loop_position;
     out.back().velocity = measured_velocity(out.back().position, s.sample_time_s, 0);
   }
@@ -220,7 +262,7 @@ void Search::judge(Hypothesis& h) const {
   // The motion of the better model: a law of friction is not to be judged by one without it.
   std::optional<Driver> driver = followed_;
   const double own = servotwin::judge(h.model, training_).rms;
-  if (!driver || own < driver->rms) driver = Driver{h.model, own};
+  if (!driver || own < driver->rms) driver = Driver{h.model, own, driver && driver->knows_motion};
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
     const Projection rest(signals(rest_[b], driver), h.structure);

@@ -34,10 +34,16 @@ struct Hypothesis {
 
 /// z of the mean of paired differences; 0 where there are fewer than four.
 [[nodiscard]] double paired_z(const std::vector<double>& before, const std::vector<double>& after);
+/// z of the signed ranks of paired differences (Wilcoxon, Biometrics Bulletin 1 (1945) 80), which
+/// does not fall when a few pieces hold most of the error; 0 where there are fewer than ten.
+[[nodiscard]] double signed_rank_z(const std::vector<double>& before,
+                                   const std::vector<double>& after);
 
 class Search {
  public:
-  Search(std::vector<Segment> training, const PoleBounds& bounds, const NoiseFloor& floor);
+  /// `recorded`: hypotheses are fitted to what lies before `training_to_s`.
+  Search(std::vector<Segment> recorded, double training_to_s, const PoleBounds& bounds,
+         const NoiseFloor& floor);
 
   /// Refines from this point on the training data; from the grid of the poles where `from` is
   /// empty. False where there is no valid fit.
@@ -59,11 +65,15 @@ class Search {
                                              const std::vector<std::size_t>& kinds) const;
   /// Polishes in free simulation, where that predicts the training data better.
   void polish(Hypothesis& h);
-  /// From here on effects are driven by the motion of this model: those on the reading always, all
-  /// where it is right to a few times the noise, since then it knows the motion better than the
-  /// encoder.
-  void follow(const Model& model);
+  /// From here on effects are driven by the motion of this hypothesis: those on the reading always,
+  /// all where less is left of it by its own motion than by the encoder's. A coarse encoder or a
+  /// long sampling time does not say when the axis turned.
+  void follow(const Hypothesis& h);
+  /// Listens for the cuts of the tool in what this model leaves.
+  void listen(const Model& model);
 
+  /// All that was recorded, with the cuts as they were heard last.
+  [[nodiscard]] const std::vector<Segment>& recorded() const { return recorded_; }
   [[nodiscard]] const std::vector<Segment>& training() const { return training_; }
   [[nodiscard]] int fits() const { return fits_; }
 
@@ -72,11 +82,16 @@ class Search {
   struct Driver {
     Model model;
     double rms = 1e300;  ///< that it leaves on the training data
+    bool knows_motion = false;
   };
   [[nodiscard]] std::vector<Signals> signals(const std::vector<Segment>& segments,
                                              const std::optional<Driver>& driver) const;
 
-  std::vector<Segment> training_;
+  /// Cuts the training data and their blocks out of the recording.
+  void divide();
+
+  std::vector<Segment> recorded_, training_;
+  double training_to_s_;
   PoleBounds bounds_;
   std::vector<std::vector<Segment>> held_, rest_;
   NoiseFloor floor_;

@@ -41,9 +41,12 @@ double taken(const Hypothesis& before, const Hypothesis& after) {
 
 /// Whether the pieces do not contradict. What set in at a moment may be in few of them, and what
 /// happened at some moments is.
-bool agree(std::size_t added, double z) {
+bool agree(std::size_t added, const Hypothesis& before, const Hypothesis& after) {
   const auto shapes = shapes_of(added);
   const Scan scan = shapes.empty() ? Scan::kNone : shapes.front().scan;
+  // A few breakaways may hold most of the error: then the mean is uncertain, and the ranks decide.
+  const double z =
+      std::max(paired_z(before.pieces, after.pieces), signed_rank_z(before.pieces, after.pieces));
   return scan == Scan::kMoments || z > (scan == Scan::kTime ? 0.0 : kAgrees);
 }
 
@@ -96,7 +99,7 @@ Judgement judged(const Hypothesis& before, const Hypothesis& after, double basel
   Judgement out;
   out.z = paired_z(before.pieces, after.pieces);
   out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
-  if (agree(added, out.z)) out.p = std::min(out.p, of_coefficients);
+  if (agree(added, before, after)) out.p = std::min(out.p, of_coefficients);
   out.earned =
       after.rms() < kWorthIt * before.rms() &&
       taken(before, after) >
@@ -108,9 +111,8 @@ Judgement judged(const Hypothesis& before, const Hypothesis& after, double basel
 /// The causes one by one, while they earn their place.
 class Selection {
  public:
-  Selection(Search& search, Hypothesis baseline, const DiagnoseOptions& options,
-            const Channels& channels)
-      : search_(search), current_(std::move(baseline)), options_(options), channels_(channels) {}
+  Selection(Search& search, Hypothesis baseline, const DiagnoseOptions& options)
+      : search_(search), current_(std::move(baseline)), options_(options) {}
 
   void run() {
     settle();
@@ -133,7 +135,7 @@ class Selection {
         steps_.emplace_back("  no better after the polish: taken back");
         current_ = current, fitted_ = fitted, found_ = found;
         rejected_.insert(added);
-        search_.follow(current_.model);
+        search_.follow(current_);
         continue;
       }
       if (last_ == "presliding" || last_ == "stribeck")
@@ -154,7 +156,7 @@ class Selection {
   void settle() {
     go_on();
     search_.polish(current_);
-    search_.follow(current_.model);
+    search_.follow(current_);
     as_is_ = current_;
     search_.judge_as_is(as_is_);
     search_.judge(current_);
@@ -222,7 +224,7 @@ class Selection {
     settle();
     if (current_.rms() < kWorthIt * current.rms()) return true;
     current_ = current, fitted_ = fitted;
-    search_.follow(current_.model);
+    search_.follow(current_);
     return false;
   }
 
@@ -242,10 +244,11 @@ class Selection {
   }
 
   bool add_one() {
+    if (!current_.has(kind_of<CuttingForce>())) search_.listen(current_.model);
     std::vector<std::string> known;
     for (const auto& [id, one] : found_) known.push_back(id);
     std::vector<std::size_t> kinds =
-        candidates_of(current_.structure, known, options_.leave_out, channels_);
+        candidates_of(current_.structure, known, options_.leave_out, Channels(search_.recorded()));
     std::erase_if(kinds, [&](std::size_t kind) { return rejected_.count(kind) > 0; });
     std::vector<Screened> promising = search_.screen(current_, kinds);
     std::erase_if(promising,
@@ -397,7 +400,6 @@ class Selection {
   Hypothesis fitted_;   // the same by projection, with which candidates are fitted
   Hypothesis as_is_;    // as polished, with its error on all blocks
   const DiagnoseOptions& options_;
-  Channels channels_;
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS
   double friction_ = 0.0;  // RMS that laws of friction have taken away
@@ -408,9 +410,8 @@ class Selection {
 
 }  // namespace
 
-Selected select_causes(Search& search, Hypothesis baseline, const DiagnoseOptions& options,
-                       const Channels& channels) {
-  Selection selection(search, std::move(baseline), options, channels);
+Selected select_causes(Search& search, Hypothesis baseline, const DiagnoseOptions& options) {
+  Selection selection(search, std::move(baseline), options);
   selection.run();
   return {selection.current(), selection.found(), selection.steps()};
 }

@@ -25,6 +25,6 @@ struct Selected {
 
 /// From a baseline that the search has fitted.
 [[nodiscard]] Selected select_causes(Search& search, Hypothesis baseline,
-                                     const DiagnoseOptions& options, const Channels& channels);
+                                     const DiagnoseOptions& options);
 
 }  // namespace servotwin
