@@ -15,6 +15,7 @@ namespace {
 constexpr double kLowest_hz = 8.0;  // a tone; below it is motion
 constexpr double kHeard_s = 0.12;   // over which the envelope is taken, and the shortest cut
 constexpr double kContrast = 4.0;   // of the envelope in the cut to outside of it
+constexpr double kTellsOf = 0.2;    // of the squared error, the tone in the cut
 constexpr double kLeast = 0.03, kMost = 0.9;  // of the time in the cut
 
 constexpr std::size_t kLines = 10, kStrongest = 4;  // frequencies that are listened to
@@ -112,6 +113,8 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
                        [](const auto& l, const auto& r) { return l.size() < r.size(); }) -
       segments.begin());
   const double h = segments[longest].sample_time_s;
+  // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2.
+  const double least = kTellsOf * 0.5 * left[longest].square().sum();
   double best = 0.0, tone = 0.0, level = 0.0;
   // A tone that is there part of the time is broader than a line.
   std::vector<double> tones = lines_of(left[longest].matrix(), h, kLines);
@@ -126,7 +129,8 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
     const double contrast = (heard * on).sum() / on.sum() /
                             std::max(1e-300, (heard * (1.0 - on)).sum() / (1.0 - on).sum());
     const double energy = (heard.square() * on).sum();
-    if (contrast > kContrast && energy > best) best = energy, tone = f, level = threshold;
+    if (contrast > kContrast && energy > std::max(best, least))
+      best = energy, tone = f, level = threshold;
   }
   if (tone == 0.0) return false;
   for (std::size_t i = 0; i < segments.size(); ++i)

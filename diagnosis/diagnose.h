@@ -41,7 +41,8 @@ struct Cause {
   std::size_t place = 0;  ///< of the effect in the extended model; kNoEffect: of the record alone
   std::vector<std::pair<std::string, double>> counts;  ///< where there is no effect
   double beaten = 0.0;      ///< share of bootstrap samples in which it beats its nearest rival
-  double confidence = 0.0;  ///< the same times the share that all causes explain; 1: it is counted
+  double confidence = 0.0;  ///< the same times the share that all causes explain and the share of
+                            ///< such causes that were right; 1: it is counted
   double statistic = 0.0;   ///< of the paired test when it was added; 0: it was in the baseline
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;

@@ -210,11 +210,16 @@ std::string verdict_text(const Diagnosis& diagnosis) {
       return text("nothing significant: the simulation is wrong by %.3g %s RMS, ", before, unit) +
              noise;
     case Verdict::kUnexplained:
+      if (count > 0)
+        return text(
+            "unexplained: %zu cause%s named, which leave%s too much; on data not seen by the fit "
+            "the "
+            "simulation is wrong by %.3g %s RMS in place of %.3g, %.1f times the noise floor",
+            count, plural, count == 1 ? "s" : "", after, unit, before, after / floor);
       return text(
-          "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, "
-          "and %s of the catalogue explains it",
-          before, unit, before / floor,
-          count == 0 ? "no effect" : "none that was found in it but a part");
+          "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, and no "
+          "effect of the catalogue explains it",
+          before, unit, before / floor);
   }
   return {};
 }

@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 
 namespace servotwin {
 
 namespace {
+
+constexpr double kPiece_s = 0.25;
 
 /// The encoder's step: what neighbouring readings differ by multiples of, of all the record in
 /// order of position. Motion may be too fast to pass through single steps in time; somewhere on the
@@ -46,7 +49,30 @@ double encoder_step(const std::vector<Segment>& segments) {
   return 0.0;
 }
 
-void standstill(const Segment& s, double& sum, Eigen::Index& count) {
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Mean squares of pieces of a signal. Their median is the noise: a push at rest or a lap unlike
+/// the others is in few of them.
+class Pieces {
+ public:
+  void add(const Eigen::ArrayXd& signal, Eigen::Index length) {
+    length = std::min(length, signal.size());
+    for (Eigen::Index at = 0; at + length <= signal.size(); at += length)
+      squares_.push_back(signal.segment(at, length).square().mean());
+  }
+  [[nodiscard]] double rms() const {
+    return squares_.empty() ? std::nan("") : std::sqrt(median(squares_));
+  }
+
+ private:
+  std::vector<double> squares_;
+};
+
+void standstill(const Segment& s, Pieces& pieces) {
   const auto settle = static_cast<Eigen::Index>(std::ceil(0.15 / s.sample_time_s));
   const auto least = static_cast<Eigen::Index>(std::ceil(0.05 / s.sample_time_s));
   Eigen::Index begin = 0;
@@ -57,8 +83,7 @@ void standstill(const Segment& s, double& sum, Eigen::Index& count) {
       // From the first reading on: readings that are all the same then leave 0, not its rounding.
       const Eigen::ArrayXd rest =
           s.actual.segment(begin + settle, length) - s.actual(begin + settle);
-      sum += (rest - rest.mean()).square().sum();
-      count += length;
+      pieces.add(rest - median({rest.begin(), rest.end()}), least);
     }
     begin = i;
   }
@@ -100,24 +125,20 @@ NoiseFloor noise_floor(const std::vector<Segment>& segments) {
   NoiseFloor floor;
   floor.encoder_step = encoder_step(segments);
   if (floor.encoder_step > 0.0) floor.rms = floor.encoder_step / std::sqrt(12.0);
-  double sum = 0.0;
-  Eigen::Index count = 0;
-  double repeat_sum = 0.0;
-  Eigen::Index repeat_count = 0;
+  Pieces at_rest, from_lap_to_lap;
   for (const Segment& s : segments) {
     if (s.size() < 200) continue;
-    standstill(s, sum, count);
+    standstill(s, at_rest);
     if (const Eigen::Index lap = lap_of(s); lap > 0) {
       const Eigen::ArrayXd error = s.command - s.actual;
       const Eigen::Index overlap = s.size() - lap;
-      repeat_sum += (error.tail(overlap) - error.head(overlap)).square().sum();
-      repeat_count += overlap;
+      from_lap_to_lap.add(error.tail(overlap) - error.head(overlap),
+                          static_cast<Eigen::Index>(std::ceil(kPiece_s / s.sample_time_s)));
       floor.lap_s = static_cast<double>(lap) * s.sample_time_s;
     }
   }
-  if (count > 0) floor.standstill_rms = std::sqrt(sum / static_cast<double>(count));
-  if (repeat_count > 0)
-    floor.repeat_rms = std::sqrt(repeat_sum / static_cast<double>(repeat_count) / 2.0);
+  floor.standstill_rms = at_rest.rms();
+  floor.repeat_rms = from_lap_to_lap.rms() / std::numbers::sqrt2;
   for (double value : {floor.standstill_rms, floor.repeat_rms}) {
     // A record that shows no change at all is coarser than its noise, not free of it.
     if (value > 0.0 && !(value <= floor.rms)) floor.rms = value;

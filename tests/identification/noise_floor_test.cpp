@@ -93,5 +93,20 @@ TEST(NoiseFloor, StandstillShowsTheEncoderNoise) {
   EXPECT_NEAR(noise_floor({s}).standstill_rms, 0.7e-6, 0.05e-6);
 }
 
+// A push at rest is no noise of the encoder, nor is a lap that was disturbed one of the record.
+TEST(NoiseFloor, APushIsNoNoise) {
+  std::mt19937_64 rng{6};
+  std::normal_distribution<double> normal(0.0, 0.7e-6);
+  Segment rest = laps(0.0, 0.0, 1);
+  rest.command.tail(1500).setConstant(rest.command(1499));
+  for (Eigen::Index i = 1500; i < rest.size(); ++i)
+    rest.actual(i) = rest.command(i) + normal(rng) + (i / 40 == 55 ? 50e-6 : 0.0);
+  EXPECT_NEAR(noise_floor({rest}).standstill_rms, 0.7e-6, 0.1e-6);
+
+  Segment four = laps(0.0, 0.4e-6, 4);
+  four.actual.segment(4000, 60) += 80e-6;
+  EXPECT_NEAR(noise_floor({four}).repeat_rms, 0.4e-6, 0.03e-6);
+}
+
 }  // namespace
 }  // namespace servotwin
