@@ -132,8 +132,8 @@ RealTimeLoop::RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> m
 void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexcept {
   // relaxed: the flag orders nothing; whoever sets it joins this thread.
   while (!stop.load(std::memory_order_relaxed)) {
-    count(counters_.turns);
     const Received received = source.receive(frame_, kPatience_s);
+    count(counters_.turns);
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();
