@@ -135,6 +135,8 @@ HttpResponse Api::get(const HttpRequest& request) {
   if (path == "/api/v1/events") return events(request);
   if (const auto axis = rest(path, "/api/v1/models/")) return versions(*axis, request);
   if (const auto axis = rest(path, "/api/v1/diagnoses/")) return diagnoses(*axis, request);
+  if (const auto axis = rest(path, "/api/v1/report/"))
+    return know_only(request, {"of"}), report(*axis);
   know_only(request, {});
   if (path == "/healthz") return healthz();
   if (path == "/metrics") return metrics();
@@ -144,7 +146,6 @@ HttpResponse Api::get(const HttpRequest& request) {
     out.stream = true;
     return out;
   }
-  if (const auto axis = rest(path, "/api/v1/report/")) return report(*axis);
   return http_error(404, "there is nothing at " + in_quotes(path));
 }
 

@@ -17,7 +17,7 @@ export class Figures {
       this.peaks.clear();
       this.show(this.last, this.axis);
     });
-    fill(at("figures"), tile("measured", "Tracking error, last second"), tile("residual", "Prediction wrong by, last second"),
+    fill(at("figures"), tile("measured", "Tracking error, 1 s"), tile("residual", "Prediction wrong by, 1 s"),
       tile("model", "Model in force"), tile("peak", "Peak error", reset));
   }
 

@@ -134,11 +134,11 @@ export class PathPicture {
   tell(measured, predicted) {
     const live = this.recording.contour.filter((value) => value !== null);
     const last = live.length > 0 ? error(live.at(-1)) : "not available";
-    const pair = (name, found) => make("div", {}, make("dt", {}, name), make("dd", {}, found ? `${error(found.rms)} RMS, ${error(found.max)} max` : "–"));
+    const pair = (name, found) => make("div", {}, make("dt", {}, name), make("dd", {}, found ? `${error(found.rms)} RMS, max ${error(found.max)}` : "–"));
     fill(at("contour"),
-      pair(`Contour error measured, last ${this.window_s} s`, figures(measured)),
-      pair("From the predicted axis errors", figures(predicted)),
-      make("div", {}, make("dt", {}, "Contour error predicted by the daemon"), make("dd", {}, last)));
+      pair(`Contour error, ${this.window_s} s`, figures(measured)),
+      pair("of the predicted axes", figures(predicted)),
+      make("div", {}, make("dt", {}, "predicted by the daemon"), make("dd", {}, last)));
   }
 }
 

@@ -30,8 +30,8 @@ export function showService(status) {
   const row = (words, ...spans) => make("tr", {}, make("th", { scope: "row" }, words), ...spans.map((value) => make("td", { class: "number" }, span(value))));
   fill(at("latency"),
     make("thead", {}, make("tr", {}, make("th", {}, ""), ...["half below", "99 % below", "longest"].map((name) => make("th", { scope: "col", class: "number" }, name)))),
-    make("tbody", {}, row("from sending to the loop", status.wake_p50_s, status.wake_p99_s, null),
-      row("the loop's work", status.work_p50_s, status.work_p99_s, status.work_max_s)));
+    make("tbody", {}, row("frame sent to loop", status.wake_p50_s, status.wake_p99_s, null),
+      row("work of the loop", status.work_p50_s, status.work_p99_s, status.work_max_s)));
   fill(at("alarms"), make("tbody", {}, ...status.axes.map((axis) => {
     const [words, kind] = kAlarms[axis.alarm];
     return make("tr", {}, make("th", { scope: "row" }, `axis ${axis.name}`), make("td", {}, make("span", { class: `tag ${kind}` }, words)));
