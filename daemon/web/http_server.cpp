@@ -18,6 +18,8 @@ namespace {
 // A little more than a batch of 8000 points a second; what is longer goes in parts.
 constexpr std::size_t kStreamBlock = 32 * 1024;
 
+constexpr int kLastTurns = 10;
+
 constexpr const char* kPageSecurity =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src "
     "'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -40,7 +42,10 @@ MHD_Result add_argument(void* to, MHD_ValueKind, const char* key, const char* va
 
 /// "host:8402", "[::1]:8402" without the port and the brackets.
 std::string name_in(const std::string& host) {
-  if (!host.empty() && host.front() == '[') return host.substr(1, host.find(']') - 1);
+  if (!host.empty() && host.front() == '[') {
+    const std::size_t end = host.find(']');
+    return end == host.npos ? "" : host.substr(1, end - 1);
+  }
   return host.substr(0, host.find(':'));
 }
 
@@ -169,6 +174,8 @@ HttpServer::~HttpServer() {
     if (reader->suspended) MHD_resume_connection(reader->connection);
     reader->suspended = false;
   }
+  // Streams end as they should, for who reads them.
+  for (int turn = 0; turn < kLastTurns && !readers_.empty(); ++turn) poll(10);
   MHD_stop_daemon(daemon_);
 }
 

@@ -5,12 +5,12 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 
 export class Daemon {
-  /** `options`: {port, store, recordings, config} */
+  /** `options`: {port, store, recordings, config, machine} */
   static async start(program, options) {
     const daemon = new Daemon();
     daemon.ownStore = options.store === undefined;
     daemon.store = options.store ?? mkdtempSync(join(tmpdir(), "servotwin-page-"));
-    const given = ["--store", daemon.store, "--machine", `page-${process.pid}`, "--domain", "97", "--http", `127.0.0.1:${options.port ?? 0}`];
+    const given = ["--store", daemon.store, "--machine", options.machine ?? `page-${process.pid}`, "--domain", "97", "--http", `127.0.0.1:${options.port ?? 0}`];
     if (options.config) given.push("--config", options.config);
     if (options.recordings.length > 0) given.push("--replay", ...options.recordings);
     daemon.process = spawn(program, given, { stdio: ["ignore", "ignore", "pipe"] });
