@@ -30,8 +30,8 @@ test("shows live cycles of the axes, and asks nobody else", async () => {
   for (const chart of ["#chart-command canvas", "#chart-error canvas", "#path canvas"]) {
     await changes(page, chart, await picture(page, chart));
   }
-  await shows(page, "#contour", /predicted by the daemonnot available/);
-  await shows(page, "#contour", /Contour error, 10 s[\d.]+ µm RMS/);
+  await shows(page, "#contour", /by the daemonnot available/);
+  await shows(page, "#contour", /measured[\d.]+ µm RMS/);
   assert.deepEqual(requests.filter((url) => !url.startsWith(daemon.url)), []);
   assert.deepEqual(complaints, []);
   // The whole view fits a tablet: nothing is cut off, nothing scrolls.

@@ -223,12 +223,12 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST(Config, AllProblemsAreReportedAtOnceInTheOrderOfTheFile) {
   const std::vector<std::string> problems =
-      problems_of("[machine]\nnam = 'x'\ncycle_s = -1\n[store]\ndirectory = 3\n[http]\n");
+      problems_of("[machine]\nnam = 'x'\ncycle_s = -1\n[store]\ndirectory = 3\n[htp]\n");
   ASSERT_EQ(problems.size(), 4U);
   EXPECT_THAT(problems[0], HasSubstr("m.toml:2:1: machine.nam"));
   EXPECT_THAT(problems[1], HasSubstr("m.toml:3:11: machine.cycle_s"));
   EXPECT_THAT(problems[2], HasSubstr("m.toml:5:13: store.directory"));
-  EXPECT_THAT(problems[3], HasSubstr("m.toml:6:2: http"));
+  EXPECT_THAT(problems[3], HasSubstr("m.toml:6:2: htp"));
 }
 
 TEST(Config, WhatIsNotTomlIsOneProblemWithItsPlace) {

@@ -138,9 +138,10 @@ class NotifySocket {
 
 class ServotwindTest : public testing::Test {
  protected:
-  [[nodiscard]] std::vector<std::string> here() const {
-    return {"--store",   directory_.path() / "store",          "--domain", "94",
-            "--machine", "process-" + std::to_string(getpid())};
+  /// Without a page, unless it is asked for: a test beside this one may have its address.
+  [[nodiscard]] std::vector<std::string> here(const std::string& page = "none") const {
+    return {"--store",   directory_.path() / "store",           "--domain", "94",
+            "--machine", "process-" + std::to_string(getpid()), "--http",   page};
   }
   [[nodiscard]] std::vector<std::string> here_and(const std::vector<std::string>& more) const {
     std::vector<std::string> all = here();
@@ -194,7 +195,7 @@ TEST_F(ServotwindTest, WhatItCannotStartWithIsOneClearLine) {
       here_and({"--config", directory_.path() / "none.toml"}),
       here_and({"--replay", directory_.path() / "none.csv"}),
       {"--store", directory_.path() / "file" / "store", "--domain", "94"},
-      {"--store", directory_.path() / "store", "--machine", "a/b"},
+      {"--store", directory_.path() / "store", "--machine", "a/b", "--http", "none"},
   };
   for (const auto& arguments : cases) {
     const Ended ended = Process(arguments).wait();
@@ -224,7 +225,7 @@ TEST_F(ServotwindTest, ASecondOneOnTheSameStoreDoesNotStart) {
 }
 
 TEST_F(ServotwindTest, AnAddressThatIsTakenIsOneClearLineIfItWasAskedFor) {
-  Process first(here_and({"--http", "127.0.0.1:0"}));
+  Process first(here("127.0.0.1:0"));
   ASSERT_TRUE(first.has_said("waiting for machine"));
   const std::string address = first.said_after("page at http://");
   const std::string place = address.substr(0, address.find('/'));

@@ -36,12 +36,13 @@ export class Charts {
     const scale = chart.isCommand ? commandScale(this.rotary) : kErrorScale;
     const title = make("figcaption", { class: "title" }, make("b", {}, `${chart.title} [${unit}]`),
       ...chart.series.map(([name]) => make("span", { class: `swatch ${name}` }, name)));
-    fill(figure, title);
-    const one = { chart, figure, unit, scale, limit: new SteadyLimit(), range: [-1, 1] };
+    const place = make("div", { class: "plot" });
+    fill(figure, title, place);
+    const one = { chart, figure, place, unit, scale, limit: new SteadyLimit(), range: [-1, 1] };
     const axis = { stroke: colour("text"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1 }, font: "12px system-ui, sans-serif" };
     one.plot = new uPlot(
       {
-        ...size(figure),
+        ...size(place),
         legend: { show: false },
         cursor: { sync: { key: "live" }, drag: { x: false, y: false }, points: { show: false } },
         scales: { x: { time: false, range: () => [this.now - this.window_s, this.now] }, y: { range: () => one.range } },
@@ -53,7 +54,7 @@ export class Charts {
         hooks: { setCursor: [(plot) => this.read(plot)] },
       },
       [[], ...chart.series.map(() => [])],
-      figure,
+      place,
     );
     return one;
   }
@@ -113,11 +114,11 @@ export class Charts {
   }
 
   resize() {
-    for (const { plot, figure } of this.plots) plot.setSize(size(figure));
+    for (const { plot, place } of this.plots) plot.setSize(size(place));
   }
 }
 
-const size = (figure) => ({ width: Math.max(200, figure.clientWidth), height: Math.max(90, figure.clientHeight) });
+const size = (place) => ({ width: Math.max(200, place.clientWidth), height: Math.max(80, place.clientHeight) });
 
 function symmetric(data, limit, now) {
   let needed = 0;

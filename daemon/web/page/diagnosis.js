@@ -1,7 +1,7 @@
 // The last diagnosis of an axis: verdict, causes with how sure and what to check, and its pictures.
 import { get, post } from "./api.js";
 import { at, fill, make, write } from "./dom.js";
-import { clock, digits, error, percent, words } from "./units.js";
+import { clock, error, percent, quantity, words } from "./units.js";
 
 const kVerdicts = {
   explained: "Explained: what is wrong has names.",
@@ -36,7 +36,7 @@ function causeItem(cause, rotary) {
   const facts = [];
   const fact = (name, ...value) => facts.push(make("dt", {}, name), make("dd", {}, ...value));
   fact("sure", make("meter", { min: "0", max: "1", value: String(cause.confidence), "aria-hidden": "true" }), ` ${percent(cause.confidence)}`);
-  const sizes = Object.entries(cause.parameters).filter(([, value]) => value !== null).map(([name, value]) => `${words(name)} ${digits(value)}`);
+  const sizes = Object.entries(cause.parameters).filter(([, value]) => value !== null).map(([name, value]) => quantity(name, value));
   if (sizes.length > 0) fact("size", sizes.join(", "));
   if (gain.holdout_rms_before_m !== null)
     fact("brings", `${error(gain.holdout_rms_before_m, rotary)} without it, ${error(gain.holdout_rms_after_m, rotary)} with it`);
@@ -56,8 +56,15 @@ function showReport(axis, time) {
     const fit = () => { frame.style.height = `${page.documentElement.scrollHeight + 8}px`; };
     new ResizeObserver(fit).observe(page.body);
     fit();
+    colourReport();
   };
   frame.setAttribute("src", source);
+}
+
+/** The report is light or dark as the page is. */
+export function colourReport() {
+  const page = at("report").contentDocument;
+  if (page?.documentElement) page.documentElement.style.colorScheme = document.documentElement.dataset.theme;
 }
 
 /** `axis()` names the axis that is shown. */

@@ -1,6 +1,6 @@
 // The page: what comes over the stream goes to what shows it.
 import { Charts } from "./charts.js";
-import { startAsking, showDiagnosis } from "./diagnosis.js";
+import { colourReport, startAsking, showDiagnosis } from "./diagnosis.js";
 import { at, fill, make, write } from "./dom.js";
 import { Figures } from "./figures.js";
 import { showActivity, showModels } from "./models.js";
@@ -157,6 +157,7 @@ startAsking(() => axis);
 startTheme(() => {
   if (axisNow()) charts.show(axis, axisNow().rotary);
   path.draw();
+  colourReport();
 });
 addEventListener("hashchange", showView);
 setInterval(refresh, 10_000);

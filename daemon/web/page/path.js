@@ -1,7 +1,7 @@
 // The path of two axes in their plane, with the way from it magnified: what lies beside the
 // commanded path is drawn so many times further away, what lies along it is left out.
 import { Deviations, figures } from "./contour.js";
-import { at, fill, make } from "./dom.js";
+import { at, fill, make, write } from "./dom.js";
 import { roundUp } from "./scale.js";
 import { colour } from "./theme.js";
 import { digits, error } from "./units.js";
@@ -135,10 +135,11 @@ export class PathPicture {
     const live = this.recording.contour.filter((value) => value !== null);
     const last = live.length > 0 ? error(live.at(-1)) : "not available";
     const pair = (name, found) => make("div", {}, make("dt", {}, name), make("dd", {}, found ? `${error(found.rms)} RMS, max ${error(found.max)}` : "–"));
+    write(at("contour-title"), `Contour error, ${this.window_s} s`);
     fill(at("contour"),
-      pair(`Contour error, ${this.window_s} s`, figures(measured)),
-      pair("of the predicted axes", figures(predicted)),
-      make("div", {}, make("dt", {}, "predicted by the daemon"), make("dd", {}, last)));
+      pair("measured", figures(measured)),
+      pair("by the predicted axes", figures(predicted)),
+      make("div", {}, make("dt", {}, "by the daemon"), make("dd", {}, last)));
   }
 }
 

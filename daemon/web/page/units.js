@@ -29,4 +29,15 @@ export const count = (value) => (value ?? 0).toLocaleString("en").replaceAll(","
 export const percent = (share) => (share >= 0.995 && share < 1 ? "over 99 %" : `${Math.round(share * 100)} %`);
 /** An instant of the daemon, by the clock of whoever looks. */
 export const clock = (iso) => new Date(iso).toLocaleString("sv");
+// Parameters carry their unit at the end of their name.
+const kUnits = { m: ["µm", 1e6], rad: ["µrad", 1e6], s: ["ms", 1e3], hz: ["Hz", 1], n: ["N", 1], nm: ["N m", 1], mps2: ["m/s²", 1] };
+
+/** A parameter by its name: "width 4.10 µm"; without a unit in the name as it is, in SI. */
+export function quantity(name, value) {
+  const [, stem, unit] = name.match(/^(.*)_([a-z0-9]+)$/) ?? [];
+  if (!(unit in kUnits)) return `${words(name)} ${+value.toPrecision(3)}`;
+  const [symbol, scale] = kUnits[unit];
+  return `${words(stem)} ${digits(scale * value)} ${symbol}`;
+}
+
 export const words = (id) => id.replaceAll("_", " ");
