@@ -67,13 +67,13 @@ class WebService {
   Store reading_;
   Health health_;
   Api api_;
-  HttpServer server_;
-
   std::mutex mutex_;        // held while anything below is used
   Shown* shown_ = nullptr;  // null: no machine is known
   LiveStatus live_;
   std::uint64_t batches_dropped_ = 0;
   std::int64_t said_ns_ = 0;  // the last status to the streams
+
+  HttpServer server_;  // its last answers use what is above
   std::jthread thread_;
 };
 

@@ -138,7 +138,7 @@ export class PathPicture {
     write(at("contour-title"), `Contour error, ${this.window_s} s`);
     fill(at("contour"),
       pair("measured", figures(measured)),
-      pair("by the predicted axes", figures(predicted)),
+      pair("predicted axes", figures(predicted)),
       make("div", {}, make("dt", {}, "by the daemon"), make("dd", {}, last)));
   }
 }

@@ -1,10 +1,11 @@
-// The geometry of the path picture, against closed forms.
+// What the page draws: the geometry of the path against closed forms, scales, breaks.
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
 const page = process.env.SERVOTWIN_PAGE;
 const { Deviations, figures, nearestOnSegment } = await import(`${page}/contour.js`);
 const { History } = await import(`${page}/history.js`);
+const { Recording } = await import(`${page}/recording.js`);
 const { SteadyLimit, roundUp } = await import(`${page}/scale.js`);
 
 /** A circle of radius `r`, cut by axes that lag it by an angle and run on a radius larger by `wide`. */
@@ -72,4 +73,35 @@ test("scales are round, grow at once and shrink late", () => {
   assert.equal(limit.of(4.4, 1), 5);
   assert.equal(limit.of(0.9, 2), 5);
   assert.equal(limit.of(0.9, 4.5), 1);
+});
+
+/** A batch of one axis, as the daemon sends it. */
+function batch(first, values, { several = false, gap = false, time_s = first * 1e-3 } = {}) {
+  const axis = {};
+  for (const name of ["command", "measured", "predicted", "residual"]) {
+    axis[name] = values;
+    if (several) Object.assign(axis, { [`${name}_min`]: values.map((v) => v - 1), [`${name}_max`]: values.map((v) => v + 1) });
+  }
+  return { first_sequence: first, first_time_ns: time_s * 1e9, point_s: 1e-3, cycles_per_point: several ? 4 : 1, after_gap: gap, contour: values.map(() => null), axes: [axis] };
+}
+
+test("where a point is several cycles its least and greatest values are drawn", () => {
+  const recording = new Recording();
+  recording.clear(["X"]);
+  recording.add(batch(0, [10, 20], { several: true, gap: true }));
+  assert.deepEqual(recording.charts.columns["X.measured"], [9, 11, 19, 21]);
+  assert.deepEqual(recording.path.columns["X.measured"], [10, 20]);
+});
+
+test("a gap is a break in the line, and time only grows", () => {
+  const recording = new Recording();
+  recording.clear(["X"]);
+  recording.add(batch(0, [1, 2], { gap: true }));
+  recording.add(batch(2, [3], { time_s: 0.0019 })); // a stamp that jitters
+  recording.add(batch(500, [4], { gap: true }));
+  recording.add(batch(0, [5], { gap: true, time_s: -9 })); // the machine's clock was set back
+  assert.deepEqual(recording.charts.columns["X.command"], [1, 2, 3, null, 4, null, 5]);
+  const { time } = recording.charts.columns;
+  assert.ok(Math.abs(time[2] - 0.002) < 1e-12 && Math.abs(time[4] - 0.5) < 1e-6, String(time));
+  time.slice(1).forEach((t, i) => assert.ok(t > time[i], String(time)));
 });
