@@ -9,6 +9,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "daemon/web/listen_address.h"
 #include "drivers/file_handle.h"
 #include "drivers/messages.h"
 #include "drivers/text.h"
@@ -307,6 +308,22 @@ void read_diagnose(Section section, DiagnoseConfig& diagnose) {
   section.refuse_unknown();
 }
 
+void read_http(Section section, HttpConfig& http) {
+  section.text("listen", 1, 64, http.listen);
+  if (!http.listen.empty() && http.listen != "none" && !parse_listen_address(http.listen))
+    section.report("listen", kListenRule);
+  section.text("token", 16, 256, http.token);
+  if (const toml::node* names = section.find("names")) {
+    const toml::array* list = names->as_array();
+    if (list == nullptr || (!list->empty() && !list->is_homogeneous(toml::node_type::string))) {
+      section.report("names", "must be a list of host names in quotes");
+    } else {
+      for (const toml::node& name : *list) http.names.push_back(*name.value<std::string>());
+    }
+  }
+  section.refuse_unknown();
+}
+
 void read_all(const toml::table& table, Config& config, Problems& problems) {
   Section root(&table, "", problems);
 
@@ -328,6 +345,8 @@ void read_all(const toml::table& table, Config& config, Problems& problems) {
   config.store.directory = directory;
   store.number("recordings_mb", 0.0, 1e9, "MB", config.store.recordings_mb);
   store.refuse_unknown();
+
+  read_http(root.section("http"), config.http);
 
   Section real_time = root.section("real_time");
   real_time.integer("priority", 0, 98, config.priority);

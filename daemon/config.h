@@ -58,6 +58,14 @@ struct StoreConfig {
       1024.0;  ///< the oldest recordings go when there are more; 0: none are kept
 };
 
+/// The page and its API.
+struct HttpConfig {
+  std::string listen;              ///< ADDRESS:PORT; empty or "none": nowhere
+  std::string token;               ///< of who may change something; empty: nobody
+  std::vector<std::string> names;  ///< what this host is called besides its host name
+  bool needed = true;              ///< where it cannot listen the daemon does not start
+};
+
 struct Config {
   std::string machine = "machine";  ///< 1..63 characters
   std::optional<double> cycle_s;    ///< absent: the source says it
@@ -68,6 +76,7 @@ struct Config {
   IdentifyConfig identify;
   DiagnoseConfig diagnose;
   StoreConfig store;
+  HttpConfig http;
   int priority = 80;  ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
 };
 

@@ -5,7 +5,9 @@
 #include <utility>
 
 #include "daemon/clock.h"
+#include "daemon/report_file.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/report.h"
 #include "diagnosis/text.h"
 #include "identification/segments.h"
 
@@ -100,11 +102,21 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     nlohmann::json json = to_json(diagnosis, "");
     json["created"] = event.time;
     json["reason"] = reason;
+    keep_report(name,
+                report_html(diagnosis, motion.segments, "what the daemon saw until " + event.time));
     keep({event.time, name, reason, std::string(name_of(diagnosis.verdict)), json.dump(),
           to_json(diagnosis.extended).dump()},
          event);
   } catch (const std::exception& error) {
     events_.note("diagnosis_failed", name, std::string("no diagnosis: ") + error.what());
+  }
+}
+
+void DiagnosisWorker::keep_report(const std::string& axis, const std::string& html) {
+  try {
+    write_report(store_.directory(), store_.machine(), axis, html);
+  } catch (const std::runtime_error& error) {
+    events_.error("not_stored", axis, error.what());
   }
 }
 

@@ -59,6 +59,7 @@ class DiagnosisWorker {
 
   bool look(std::size_t axis, double least_motion_s);
   void diagnose_now(std::size_t axis, const std::string& reason, double from_s, double until_s);
+  void keep_report(const std::string& axis, const std::string& html);
   void keep(const StoredDiagnosis& diagnosis, const Event& event);
 
   DiagnoseConfig config_;

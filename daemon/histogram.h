@@ -20,6 +20,7 @@ class Histogram {
     const std::uint64_t value = ns > 0 ? static_cast<std::uint64_t>(ns) : 0;
     bump(bins_[bin_of(value)]);
     // relaxed throughout: numbers for people; they order nothing, and one thread writes.
+    sum_.store(sum_.load(std::memory_order_relaxed) + value, std::memory_order_relaxed);
     if (value > max_.load(std::memory_order_relaxed)) max_.store(value, std::memory_order_relaxed);
   }
 
@@ -36,6 +37,22 @@ class Histogram {
       if (static_cast<double>(seen) >= wanted) return static_cast<double>(end_of(i)) * 1e-9;
     }
     return max_s();
+  }
+  /// How many values were below 2^`octave` ns; 2^kBits at least. The bins end there, so this is
+  /// exact.
+  [[nodiscard]] std::uint64_t below_octave(int octave) const noexcept {
+    const std::size_t end = bin_of(std::uint64_t{1} << octave);
+    std::uint64_t seen = 0;
+    for (std::size_t i = 0; i < end; ++i) seen += bins_[i].load(std::memory_order_relaxed);
+    return seen;
+  }
+  [[nodiscard]] std::uint64_t count() const noexcept {
+    std::uint64_t seen = 0;
+    for (const auto& bin : bins_) seen += bin.load(std::memory_order_relaxed);
+    return seen;
+  }
+  [[nodiscard]] double sum_s() const noexcept {
+    return static_cast<double>(sum_.load(std::memory_order_relaxed)) * 1e-9;
   }
   [[nodiscard]] double max_s() const noexcept {
     return static_cast<double>(max_.load(std::memory_order_relaxed)) * 1e-9;
@@ -65,6 +82,7 @@ class Histogram {
 
   std::array<std::atomic<std::uint64_t>, kBins> bins_{};
   std::atomic<std::uint64_t> max_{0};
+  std::atomic<std::uint64_t> sum_{0};  // [ns]; full after 584 years
 };
 
 }  // namespace servotwin

@@ -16,6 +16,7 @@
 
 #include "daemon/config.h"
 #include "daemon/service.h"
+#include "daemon/web/listen_address.h"
 
 namespace servotwin {
 namespace {
@@ -68,7 +69,7 @@ class Signals {
 };
 
 struct Arguments {
-  std::string config, store, machine, columns;
+  std::string config, store, machine, columns, http;
   std::optional<std::uint32_t> domain;
   std::optional<std::string> partition;
   std::vector<std::filesystem::path> replay;
@@ -87,6 +88,11 @@ Config configured(const Arguments& arguments) {
     config.replay.columns = arguments.columns;
   }
   if (arguments.speed) config.replay.speed = *arguments.speed;
+  if (!arguments.http.empty()) config.http.listen = arguments.http;
+  if (config.http.listen.empty()) {  // nobody asked: another daemon may have it
+    config.http.listen = kDefaultListen;
+    config.http.needed = false;
+  }
   return config;
 }
 
@@ -108,6 +114,11 @@ int run(int argc, char** argv) {
   app.add_option("--speed", arguments.speed, "Times as fast as recorded")
       ->needs(replay)
       ->check(CLI::Range(0.01, 1000.0));
+  app.add_option("--http", arguments.http,
+                 "Where the page is, ADDRESS:PORT, or none (127.0.0.1:8402)")
+      ->check([](const std::string& given) {
+        return given == "none" || parse_listen_address(given) ? std::string() : kListenRule;
+      });
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {

@@ -14,14 +14,15 @@ constexpr std::int64_t kStopPatience_ns =
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-                     const WakeUp& wake_up, Status status)
+                     const WakeUp& wake_up, Status status, LiveFeed* page)
     : prediction_writer_(node, cycle_s),
       model_writer_(node),
       diagnosis_writer_(node),
       status_writer_(node),
       predictions_(predictions),
       wake_up_(wake_up),
-      status_(std::move(status)) {}
+      status_(std::move(status)),
+      page_(page) {}
 
 void Publisher::run(const std::stop_token& stop) {
   std::int64_t next_status = steady_ns();
@@ -55,7 +56,10 @@ void Publisher::announce(const StoredDiagnosis& diagnosis) {
 }
 
 void Publisher::send_predictions() {
-  while (predictions_.pop(prediction_)) prediction_writer_.write(prediction_);
+  while (predictions_.pop(prediction_)) {
+    prediction_writer_.write(prediction_);
+    if (page_ != nullptr) page_->add(prediction_);
+  }
 }
 
 void Publisher::send_announcements() {
@@ -69,8 +73,14 @@ void Publisher::send_announcements() {
       diagnoses.swap(waiting_diagnoses_);
     }
   }
-  for (const ModelAnnouncement& model : models) model_writer_.write(model);
-  for (const DiagnosisAnnouncement& diagnosis : diagnoses) diagnosis_writer_.write(diagnosis);
+  for (const ModelAnnouncement& model : models) {
+    model_writer_.write(model);
+    if (page_ != nullptr) page_->add(model);
+  }
+  for (const DiagnosisAnnouncement& diagnosis : diagnoses) {
+    diagnosis_writer_.write(diagnosis);
+    if (page_ != nullptr) page_->add(diagnosis);
+  }
 }
 
 void Publisher::send_status() {
@@ -85,6 +95,7 @@ void Publisher::send_status() {
   last_status_ns_ = now;
   last_frames_ = status.frames;
   status_writer_.write(status);
+  if (page_ != nullptr) page_->add(status);
 }
 
 }  // namespace servotwin

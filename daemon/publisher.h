@@ -13,6 +13,7 @@
 #include "daemon/ring.h"
 #include "daemon/store.h"
 #include "daemon/wake_up.h"
+#include "daemon/web/live_feed.h"
 #include "drivers/dds.h"
 
 namespace servotwin {
@@ -21,9 +22,10 @@ class Publisher {
  public:
   using Status = std::function<MachineStatus()>;
 
-  /// `cycle_s`: the deadline that is offered for predictions. All arguments outlive the publisher.
+  /// `cycle_s`: the deadline that is offered for predictions; `page`: who shows the same, or null.
+  /// All arguments outlive the publisher.
   Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-            const WakeUp& wake_up, Status status);
+            const WakeUp& wake_up, Status status, LiveFeed* page = nullptr);
 
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
@@ -41,6 +43,7 @@ class Publisher {
   Ring<MachinePrediction>& predictions_;
   const WakeUp& wake_up_;
   Status status_;
+  LiveFeed* page_;
   MachinePrediction prediction_;
   std::int64_t last_status_ns_ = 0;
   std::uint64_t last_frames_ = 0;

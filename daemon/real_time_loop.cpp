@@ -133,6 +133,7 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
   // relaxed: the flag orders nothing; whoever sets it joins this thread.
   while (!stop.load(std::memory_order_relaxed)) {
     const Received received = source.receive(frame_, kPatience_s);
+    count(counters_.turns);
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();
@@ -196,6 +197,7 @@ void RealTimeLoop::on_frame(const MachineFrame& frame) noexcept {
   for (std::size_t i = 0; i < models_.size(); ++i) {
     const AxisSample& sample = frame.axes[i];
     AxisPrediction& axis = prediction_.axes[i];
+    axis.command = sample.command;
     axis.measured_error = sample.command - sample.actual;  // NaN where there is no encoder value
     axis.residual = axis.measured_error - axis.predicted_error;
     row_.residuals[i] = {axis.state == AxisState::kPredicting ? axis.residual : kAbsent,

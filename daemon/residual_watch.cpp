@@ -9,7 +9,11 @@ namespace servotwin {
 
 ResidualWatch::ResidualWatch(const MachineDescription& machine, const DiagnoseConfig& config,
                              EventLog& events)
-    : false_alarm_days_(config.false_alarm_days), events_(events), raised_(machine.axes.size()) {
+    : false_alarm_days_(config.false_alarm_days),
+      events_(events),
+      raised_(machine.axes.size()),
+      states_(machine.axes.size(),
+              config.false_alarm_days > 0.0 ? AlarmState::kLearning : AlarmState::kOff) {
   if (false_alarm_days_ <= 0.0) return;
   const AlarmOptions options{86400.0 * false_alarm_days_, config.reference_s};
   for (const AxisDescription& axis : machine.axes)
@@ -45,27 +49,44 @@ void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
                             change.threshold, false_alarm_days_));
       const std::lock_guard lock(mutex_);
       raised_[axis] = what;
+      states_[axis] = AlarmState::kRaised;
       return;
     }
-    case AlarmChange::Kind::kBack:
+    case AlarmChange::Kind::kBack: {
       events_.note("alarm_cleared", state.name,
                    "alarm over: the residual is back at its normal " + normal + "; it was " + rms +
                        text(" over %.0f s of motion", change.motion_s));
+      const std::lock_guard lock(mutex_);
+      states_[axis] = AlarmState::kWatching;
       return;
-    case AlarmChange::Kind::kReference:
+    }
+    case AlarmChange::Kind::kReference: {
       if (change.ended)
         events_.note("alarm_cleared", state.name,
                      "alarm over: the model in force has a reference of its own");
       events_.note("alarm_reference", state.name,
                    text("the residual is watched: %s RMS is normal, by %.0f s of motion",
                         normal.c_str(), change.motion_s));
+      const std::lock_guard lock(mutex_);
+      states_[axis] = AlarmState::kWatching;
       return;
+    }
   }
 }
 
 std::optional<std::string> ResidualWatch::take_alarm(std::size_t axis) {
   const std::lock_guard lock(mutex_);
   return std::exchange(raised_[axis], std::nullopt);
+}
+
+void ResidualWatch::ask(std::size_t axis, const std::string& why) {
+  const std::lock_guard lock(mutex_);
+  if (!raised_[axis]) raised_[axis] = why;
+}
+
+AlarmState ResidualWatch::state(std::size_t axis) const {
+  const std::lock_guard lock(mutex_);
+  return states_[axis];
 }
 
 }  // namespace servotwin

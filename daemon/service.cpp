@@ -24,6 +24,7 @@
 #include "daemon/residual_watch.h"
 #include "daemon/scheduling.h"
 #include "daemon/store.h"
+#include "daemon/web/web_service.h"
 #include "drivers/dds.h"
 #include "drivers/recording_file.h"
 #include "drivers/replay.h"
@@ -144,6 +145,20 @@ std::string amiss(const MachineStatus& status) {
   return out;
 }
 
+/// The page, if it is wanted and can be.
+std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog& events) {
+  if (config.http.listen.empty() || config.http.listen == "none") return nullptr;
+  try {
+    auto web = std::make_unique<WebService>(config.http, config.machine, store);
+    events.note("http", "", "page at " + web->url());
+    return web;
+  } catch (const std::runtime_error& error) {
+    if (config.http.needed) throw;
+    events.note("http", "", std::string("there is no page: ") + error.what());
+    return nullptr;
+  }
+}
+
 std::filesystem::path store_of(const Config& config) {
   return config.store.directory.empty() ? default_store() : config.store.directory;
 }
@@ -179,6 +194,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
   const DdsNode node({config.machine, config.dds.domain, config.dds.partition});
+  const std::unique_ptr<WebService> web = page_of(config, store, events);
   // Kept for as long as we listen: whoever introduces a machine waits to see it.
   DdsReader<MachineDescription> descriptions(node);
   ready();
@@ -221,6 +237,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Recorder recorder(machine, config.machine, store.directory(), config.store.recordings_mb, rows,
                     memory, watch, events);
   Publisher* to_network = nullptr;
+  const auto shown =
+      web == nullptr ? nullptr
+                     : std::make_unique<WebService::Shown>(*web, machine, loop->counters(), watch);
   IdentificationWorker identification(
       machine, config.identify, memory, store, events, models,
       [&](const StoredModel& model) { to_network->announce(model); });
@@ -239,7 +258,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     now.last_error = last_error;
     return now;
   };
-  Publisher publisher(node, machine.cycle_s, predictions, predicted, status);
+  Publisher publisher(node, machine.cycle_s, predictions, predicted, status,
+                      shown == nullptr ? nullptr : &shown->feed());
   to_network = &publisher;
   identification.restore();
   diagnosis.restore();
@@ -287,6 +307,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // Downstream, so that nothing is left in a ring.
   stop_loop = true;
   real_time.join();
+  if (shown != nullptr) shown->loop_has_ended();
   recording.request_stop();
   recording.join();
   identifying.request_stop();

@@ -220,12 +220,12 @@ std::vector<StoredModel> Store::in_force() const {
   return read_models(statement.bind(machine_));
 }
 
-std::vector<StoredModel> Store::versions(const std::string& axis) const {
+std::vector<StoredModel> Store::versions(const std::string& axis, int most) const {
   const std::lock_guard lock(mutex_);
   Statement statement(*this,
                       "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = "
-                      "? ORDER BY version DESC");
-  return read_models(statement.bind(machine_).bind(axis));
+                      "? ORDER BY version DESC LIMIT ?");
+  return read_models(statement.bind(machine_).bind(axis).bind(std::int64_t{most}));
 }
 
 void Store::promote(ModelRecord& record, const Event& event) {
@@ -287,6 +287,11 @@ void Store::add(const Event& event) {
   Transaction transaction(*this);
   insert_event(event);
   transaction.commit();
+}
+
+void Store::try_writing() {
+  const std::lock_guard lock(mutex_);
+  execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
 }
 
 void Store::insert_event(const Event& event) {

@@ -63,8 +63,8 @@ class Store {
 
   /// The model in force of every axis. Throws if one of them cannot be read, with what to do.
   [[nodiscard]] std::vector<StoredModel> in_force() const;
-  /// All versions of an axis, the newest first.
-  [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis) const;
+  /// The versions of an axis, the newest first; -1: all of them.
+  [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis, int most = -1) const;
   /// Stores a model as the axis' next version, with the event that tells of it; version and parent
   /// of `record` are set. When this returns it is on the disk; when it throws nothing has changed.
   void promote(ModelRecord& record, const Event& event);
@@ -75,10 +75,13 @@ class Store {
   [[nodiscard]] std::vector<StoredDiagnosis> diagnoses(const std::string& axis, int most) const;
 
   void add(const Event& event);
+  /// Writes to the disk what is there already. Throws if that fails.
+  void try_writing();
   /// The newest first.
   [[nodiscard]] std::vector<Event> events(int most) const;
 
   [[nodiscard]] const std::filesystem::path& directory() const noexcept { return directory_; }
+  [[nodiscard]] const std::string& machine() const noexcept { return machine_; }
 
  private:
   struct Close {

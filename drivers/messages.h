@@ -46,6 +46,7 @@ struct AxisPrediction {
   double residual = kAbsent;            ///< measured - predicted
   std::int32_t model_version = 0;       ///< 0: none
   AxisState state = AxisState::kNoModel;
+  double command = kAbsent;  ///< of the frame, where subscribers find it: not sent
 };
 
 /// What is said about one servo cycle. Fixed size and trivially copyable: it crosses threads by

@@ -43,6 +43,7 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
   if (frame != nullptr && latencies_ns_.size() < kMostCycles)
     latencies_ns_.push_back(written_ns - frame->written_ns);
 
+  contour_.add(prediction.contour_error);
   const auto count = static_cast<std::size_t>(prediction.axis_count);
   while (axes_.size() < count) {
     axes_.emplace_back().name = "axis " + std::to_string(axes_.size());
@@ -67,6 +68,7 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
     for (PredictionErrors* errors : {&axis.since_promotion, &axis.lately}) {
       errors->residual.add(one.residual);
       errors->tracking.add(one.measured_error);
+      errors->predicted.add(one.predicted_error);
     }
     if (frame != nullptr && i < static_cast<std::size_t>(frame->axis_count))
       keep(i, prediction, frame->command[i]);
@@ -168,6 +170,7 @@ void LiveRecord::on_status(const MachineStatus& status) {
 
 void LiveRecord::clear_lately() {
   for (LiveAxis& axis : axes_) axis.lately = {};
+  contour_ = {};
 }
 
 double LiveRecord::latency_s(double quantile) const {

@@ -29,8 +29,9 @@ class RunningError {
 
 /// Predictions of one axis: what was left, and what there would be to predict.
 struct PredictionErrors {
-  RunningError residual;  ///< measured - predicted
-  RunningError tracking;  ///< measured, of the same cycles
+  RunningError residual;     ///< measured - predicted
+  RunningError tracking;     ///< measured, of the same cycles
+  RunningError predicted{};  ///< likewise
 };
 
 struct LiveAxis {
@@ -62,6 +63,8 @@ class LiveRecord {
   void clear_lately();
 
   [[nodiscard]] const std::vector<LiveAxis>& axes() const { return axes_; }
+  /// Predicted contour error since clear_lately.
+  [[nodiscard]] const RunningError& contour() const { return contour_; }
   [[nodiscard]] const std::optional<MachineStatus>& status() const { return status_; }
   [[nodiscard]] std::uint64_t predictions() const { return predictions_; }
   /// Cycles without a prediction between the first and the last one that came.
@@ -98,6 +101,7 @@ class LiveRecord {
   std::vector<Sent> frames_ = std::vector<Sent>(1024);     // by sequence
   std::vector<std::int64_t> latencies_ns_;
   std::optional<MachineStatus> status_;
+  RunningError contour_;
   std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;
   std::int64_t first_written_ns_ = 0, last_written_ns_ = 0;
 };

@@ -111,6 +111,20 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
   if (!axis.activity.empty()) lines.push_back("now         " + axis.activity);
 }
 
+/// The last second of an axis.
+std::string table_row(const LiveAxis& axis) {
+  std::string row = text("%-6s %-10s", axis.name.c_str(), micro(rotary(axis)));
+  for (const RunningError* errors :
+       {&axis.lately.tracking, &axis.lately.predicted, &axis.lately.residual}) {
+    const ErrorFigures figures = errors->figures();
+    for (const double value : {figures.rms, figures.max}) {
+      const std::string shown = std::isfinite(value) ? text("%.4g", 1e6 * value) : "-";
+      row += text("%11s", shown.c_str());
+    }
+  }
+  return row + "   " + (axis.version > 0 ? text("v%d, ", axis.version) : "") + name_of(axis.state);
+}
+
 json status_json(const MachineStatus& status) {
   return {{"frames", status.frames},
           {"frame_rate_hz", figure(status.frame_rate_hz)},
@@ -234,18 +248,23 @@ std::vector<std::string> screen_lines(const LiveRecord& record, const std::strin
                                seconds, static_cast<unsigned long long>(record.predictions()),
                                static_cast<unsigned long long>(record.missed())));
   if (record.status()) add_status(*record.status(), lines);
+  lines.push_back("latency     frame sent to prediction sent p50 " +
+                  microseconds(record.latency_s(0.5)) + ", p99 " +
+                  microseconds(record.latency_s(0.99)));
+  lines.emplace_back();
+  lines.emplace_back(
+      "last second          measured error       predicted error          residual           "
+      "model");
+  lines.emplace_back(
+      "                      RMS        MAX        RMS        MAX        RMS        MAX");
+  for (const LiveAxis& axis : record.axes()) lines.push_back(table_row(axis));
+  const ErrorFigures contour = record.contour().figures();
+  lines.push_back("contour error, predicted: " + (std::isfinite(contour.rms)
+                                                      ? figures_text(contour, false)
+                                                      : std::string("not available")));
   for (const LiveAxis& axis : record.axes()) {
-    lines.emplace_back();
-    lines.push_back("axis " + axis.name +
-                    (axis.version > 0 ? text(", version %d, ", axis.version) : ", ") +
-                    name_of(axis.state) + (axis.activity.empty() ? "" : "; " + axis.activity));
-    lines.push_back("  last second, with model     " +
-                    figures_text(axis.lately.residual.figures(), rotary(axis)));
-    lines.push_back("  last second, without        " +
-                    figures_text(axis.lately.tracking.figures(), rotary(axis)));
-    lines.push_back("  since version, with model   " +
-                    figures_text(axis.since_promotion.residual.figures(), rotary(axis)));
-    if (!axis.diagnosis.empty()) lines.push_back("  last diagnosis              " + axis.diagnosis);
+    if (!axis.activity.empty()) lines.push_back(axis.name + " now        " + axis.activity);
+    if (!axis.diagnosis.empty()) lines.push_back(axis.name + " diagnosis  " + axis.diagnosis);
   }
   return lines;
 }

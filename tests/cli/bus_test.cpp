@@ -2,11 +2,14 @@
 // and machine to the other. Recordings run at 100 Hz, so that a busy host does not overrun a
 // reader's 64 messages.
 #include <gmock/gmock.h>
+#include <pty.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
@@ -320,6 +323,46 @@ TEST(Watch, APipeGetsALinePerSecondUntilItIsInterrupted) {
   EXPECT_EQ(last["axes"][0]["state"], "predicting");
   EXPECT_NEAR(last["axes"][0]["with_model"]["rms_m"].get<double>(), 2e-6, 1e-15);
   EXPECT_NEAR(last["axes"][0]["without_model"]["rms_m"].get<double>(), 5e-6, 1e-15);
+}
+
+/// What the tool writes to a terminal, until it ends.
+std::string on_a_terminal(const std::vector<std::string>& arguments,
+                          const std::function<void()>& meanwhile) {
+  std::vector<std::string> all{SERVOTWIN_BINARY};
+  all.insert(all.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& one : all) argv.push_back(one.data());
+  argv.push_back(nullptr);
+  int terminal = -1;
+  const pid_t id = forkpty(&terminal, nullptr, nullptr, nullptr);
+  if (id == 0) {
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  meanwhile();
+  std::string out;
+  char block[4096];
+  // At its end a terminal is an error (EIO).
+  for (ssize_t count = 0; (count = read(terminal, block, sizeof block)) > 0;)
+    out.append(block, static_cast<std::size_t>(count));
+  close(terminal);
+  waitpid(id, nullptr, 0);
+  return out;
+}
+
+TEST(Watch, OnATerminalThereIsATableThatIsWrittenOver) {
+  Stage stage;
+  const std::string out = on_a_terminal(over_dds("watch", {"--seconds", "4"}), [&] {
+    ASSERT_TRUE(stage.watched());
+    stage.say(stage.status());
+    stage.promote(1, "first");
+    for (int k = 0; k < 320; ++k) stage.cycle(0.0, 5e-6, 2e-6);
+  });
+  EXPECT_THAT(out, testing::ContainsRegex("X      um +5 +5 +3 +3 +2 +2   v1, predicting"));
+  EXPECT_THAT(out, HasSubstr("contour error, predicted: not available"));
+  EXPECT_THAT(out, HasSubstr("latency     frame sent to prediction sent p50 "));
+  EXPECT_THAT(out, HasSubstr("lost 0"));
+  EXPECT_THAT(out, HasSubstr("A\x1b[J"));  // the lines before it
 }
 
 TEST(Watch, PlainLinesNameAxisVersionAndErrors) {

@@ -69,6 +69,10 @@ TEST(Config, EveryKeyIsRead) {
     [store]
     directory = "/var/lib/servotwin"
     recordings_mb = 50
+    [http]
+    listen = "0.0.0.0:80"
+    token = "sixteen letters."
+    names = ["mill-7.example", "mill"]
     [real_time]
     priority = 70
   )",
@@ -103,6 +107,9 @@ TEST(Config, EveryKeyIsRead) {
   EXPECT_EQ(config.diagnose.reference_s, 1800.0);
   EXPECT_EQ(config.store.directory, "/var/lib/servotwin");
   EXPECT_EQ(config.store.recordings_mb, 50.0);
+  EXPECT_EQ(config.http.listen, "0.0.0.0:80");
+  EXPECT_EQ(config.http.token, "sixteen letters.");
+  EXPECT_EQ(config.http.names, (std::vector<std::string>{"mill-7.example", "mill"}));
   EXPECT_EQ(config.priority, 70);
 }
 
@@ -203,17 +210,25 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{"[diagnose]\nfalse_alarm_days = nan\n",
               "m.toml:2:20: diagnose.false_alarm_days = nan: must be a number from 0 to 36525 days "
               "of motion"},
+        Wrong{"[http]\nlisten = 'localhost:80'\n",
+              "m.toml:2:10: http.listen = 'localhost:80': must be ADDRESS:PORT, such as "
+              "'127.0.0.1:8402', '[::1]:8402' or, for everybody on the network, "
+              "'0.0.0.0:8402'; or 'none'"},
+        Wrong{"[http]\ntoken = 'short'\n",
+              "m.toml:2:9: http.token = 'short': must be a text of 16 to 256 characters in quotes"},
+        Wrong{"[http]\nnames = [1]\n",
+              "m.toml:2:9: http.names = [ 1 ]: must be a list of host names in quotes"},
         Wrong{"[real_time]\npriority = 99\n",
               "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
 
 TEST(Config, AllProblemsAreReportedAtOnceInTheOrderOfTheFile) {
   const std::vector<std::string> problems =
-      problems_of("[machine]\nnam = 'x'\ncycle_s = -1\n[store]\ndirectory = 3\n[http]\n");
+      problems_of("[machine]\nnam = 'x'\ncycle_s = -1\n[store]\ndirectory = 3\n[htp]\n");
   ASSERT_EQ(problems.size(), 4U);
   EXPECT_THAT(problems[0], HasSubstr("m.toml:2:1: machine.nam"));
   EXPECT_THAT(problems[1], HasSubstr("m.toml:3:11: machine.cycle_s"));
   EXPECT_THAT(problems[2], HasSubstr("m.toml:5:13: store.directory"));
-  EXPECT_THAT(problems[3], HasSubstr("m.toml:6:2: http"));
+  EXPECT_THAT(problems[3], HasSubstr("m.toml:6:2: htp"));
 }
 
 TEST(Config, WhatIsNotTomlIsOneProblemWithItsPlace) {

@@ -72,6 +72,11 @@ class Process {
     }
     return true;
   }
+  /// What it has said behind this so far.
+  [[nodiscard]] std::string said_after(const std::string& text) const {
+    const std::size_t at = text_.find(text);
+    return at == text_.npos ? "" : text_.substr(at + text.size());
+  }
   void send(int signal) const { kill(id_, signal); }
   Ended wait_after(int signal) {
     send(signal);
@@ -133,9 +138,10 @@ class NotifySocket {
 
 class ServotwindTest : public testing::Test {
  protected:
-  [[nodiscard]] std::vector<std::string> here() const {
-    return {"--store",   directory_.path() / "store",          "--domain", "94",
-            "--machine", "process-" + std::to_string(getpid())};
+  /// Without a page, unless it is asked for: a test beside this one may have its address.
+  [[nodiscard]] std::vector<std::string> here(const std::string& page = "none") const {
+    return {"--store",   directory_.path() / "store",           "--domain", "94",
+            "--machine", "process-" + std::to_string(getpid()), "--http",   page};
   }
   [[nodiscard]] std::vector<std::string> here_and(const std::vector<std::string>& more) const {
     std::vector<std::string> all = here();
@@ -162,6 +168,9 @@ TEST_F(ServotwindTest, WrongUsageIsTwo) {
     EXPECT_THAT(ended.said, StartsWith("servotwind: "));
     EXPECT_EQ(ended.lines(), 1) << ended.said;
   }
+  const Ended listen = Process({"--http", "localhost:80"}).wait();
+  EXPECT_EQ(listen.status, 2);
+  EXPECT_THAT(listen.said, HasSubstr("must be ADDRESS:PORT"));
   const Ended help = Process({"--help"}).wait();
   EXPECT_EQ(help.status, 0);
   EXPECT_THAT(help.said, HasSubstr("--replay"));
@@ -186,7 +195,7 @@ TEST_F(ServotwindTest, WhatItCannotStartWithIsOneClearLine) {
       here_and({"--config", directory_.path() / "none.toml"}),
       here_and({"--replay", directory_.path() / "none.csv"}),
       {"--store", directory_.path() / "file" / "store", "--domain", "94"},
-      {"--store", directory_.path() / "store", "--machine", "a/b"},
+      {"--store", directory_.path() / "store", "--machine", "a/b", "--http", "none"},
   };
   for (const auto& arguments : cases) {
     const Ended ended = Process(arguments).wait();
@@ -212,6 +221,25 @@ TEST_F(ServotwindTest, ASecondOneOnTheSameStoreDoesNotStart) {
   const Ended second = Process(here()).wait();
   EXPECT_EQ(second.status, 1);
   EXPECT_THAT(second.said, HasSubstr("is in use by another servotwind"));
+  EXPECT_EQ(first.wait_after(SIGTERM).status, 0);
+}
+
+TEST_F(ServotwindTest, AnAddressThatIsTakenIsOneClearLineIfItWasAskedFor) {
+  Process first(here("127.0.0.1:0"));
+  ASSERT_TRUE(first.has_said("waiting for machine"));
+  const std::string address = first.said_after("page at http://");
+  const std::string place = address.substr(0, address.find('/'));
+  const std::vector<std::string> other{
+      "--store", directory_.path() / "other", "--domain", "94", "--machine", "another", "--http",
+      place};
+  const Ended second = Process(other).wait();
+  EXPECT_EQ(second.status, 1);
+  EXPECT_EQ(second.said, "servotwind: http.listen = '" + place +
+                             "': Address already in use; give another address with --http\n");
+  Process none(std::vector<std::string>{"--store", directory_.path() / "other", "--domain", "94",
+                                        "--machine", "another", "--http", "none"});
+  ASSERT_TRUE(none.has_said("waiting for machine"));
+  EXPECT_THAT(none.wait_after(SIGTERM).said, testing::Not(HasSubstr("page at")));
   EXPECT_EQ(first.wait_after(SIGTERM).status, 0);
 }
 

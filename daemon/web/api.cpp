@@ -1,0 +1,265 @@
+#include "daemon/web/api.h"
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
+#include <string_view>
+
+#include "daemon/clock.h"
+#include "daemon/report_file.h"
+#include "daemon/web/live_json.h"
+#include "daemon/web/page.h"
+#include "drivers/text.h"
+#include "identification/model_file.h"
+
+namespace servotwin {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kMostVersions = 1000, kMostDiagnoses = 1000, kMostEvents = 10'000;
+
+/// What a request gets wrong, with the status that says so.
+struct Refused : std::runtime_error {
+  Refused(int the_status, const std::string& what) : std::runtime_error(what), status(the_status) {}
+  int status;
+};
+
+HttpResponse answer_json(const json& body, int status = 200) {
+  return {status, "application/json",
+          body.dump(-1, ' ', false, json::error_handler_t::replace) + "\n"};
+}
+
+/// `name`=N of the query.
+int whole_number(const HttpRequest& request, const std::string& name, int otherwise, int most) {
+  const auto found = request.query.find(name);
+  if (found == request.query.end()) return otherwise;
+  const std::string& text = found->second;
+  int value = 0;
+  const auto read = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (read.ec != std::errc{} || read.ptr != text.data() + text.size() || value < 1 || value > most)
+    throw Refused(400, name + " = " + in_quotes(text) + ": must be a whole number from 1 to " +
+                           std::to_string(most));
+  return value;
+}
+
+void know_only(const HttpRequest& request, const std::vector<std::string>& names) {
+  for (const auto& [name, value] : request.query) {
+    if (std::find(names.begin(), names.end(), name) == names.end())
+      throw Refused(400, "there is no parameter " + in_quotes(name) +
+                             (names.empty() ? std::string() : did_you_mean(name, names)));
+  }
+}
+
+HttpResponse page_file(const HttpRequest& request, const PageFile& file) {
+  HttpResponse out{200, std::string(file.type), {}};
+  out.headers = {{"ETag", std::string(file.tag)}, {"Cache-Control", "no-cache"}};
+  if (request.if_none_match == file.tag) {
+    out.status = 304;
+  } else {
+    out.body = file.content;
+  }
+  return out;
+}
+
+/// Takes the same time wherever they differ.
+bool same_secret(const std::string& a, const std::string& b) {
+  unsigned difference = a.size() == b.size() ? 0 : 1;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    difference |= static_cast<unsigned char>(a[i]) ^
+                  static_cast<unsigned char>(b.empty() ? 0 : b[i % b.size()]);
+  return difference == 0;
+}
+
+json version_json(const StoredModel& model) {
+  const ModelRecord& record = model.record;
+  json out = to_json(record);
+  return {{"version", record.version}, {"parent", record.parent}, {"created", record.created},
+          {"reason", model.reason},    {"fit", out["fit"]},       {"loop", out["loop"]},
+          {"effects", out["effects"]}};
+}
+
+/// A diagnosis as it was published, and when and why.
+json diagnosis_json(const StoredDiagnosis& diagnosis) {
+  json out{{"time", diagnosis.time}, {"reason", diagnosis.reason}, {"verdict", diagnosis.verdict}};
+  out["diagnosis"] = json::parse(diagnosis.json);
+  return out;
+}
+
+/// The rest of `path` behind `prefix`, where there is one and it is one name.
+std::optional<std::string> rest(const std::string& path, std::string_view prefix) {
+  if (!path.starts_with(prefix) || path.size() == prefix.size()) return std::nullopt;
+  std::string name = path.substr(prefix.size());
+  if (name.find('/') != name.npos) return std::nullopt;
+  return name;
+}
+
+std::vector<std::string> names_of(const std::vector<AxisDescription>& axes) {
+  std::vector<std::string> out;
+  for (const AxisDescription& axis : axes) out.push_back(axis.name);
+  return out;
+}
+
+/// The number of an axis. Its name stands in file names, so this is more than a courtesy.
+std::size_t number_of(const std::string& axis, const MachineDescription& machine) {
+  const std::vector<std::string> names = names_of(machine.axes);
+  const auto found = std::find(names.begin(), names.end(), axis);
+  if (found == names.end())
+    throw Refused(
+        404, "there is no axis " + in_quotes(axis) +
+                 (names.empty() ? "; no machine is known yet" : "; there are " + listed(names)));
+  return static_cast<std::size_t>(found - names.begin());
+}
+
+}  // namespace
+
+HttpResponse Api::answer(const HttpRequest& request) {
+  try {
+    return request.method == "POST" ? post(request) : get(request);
+  } catch (const Refused& refused) {
+    return http_error(refused.status, refused.what());
+  } catch (const std::exception& error) {
+    return http_error(500, error.what());
+  }
+}
+
+HttpResponse Api::get(const HttpRequest& request) {
+  const std::string& path = request.path;
+  for (const PageFile& file : page_files()) {
+    if (file.path == path) return page_file(request, file);
+  }
+  if (path == "/api/v1/models") return know_only(request, {}), models();
+  if (path == "/api/v1/events") return events(request);
+  if (const auto axis = rest(path, "/api/v1/models/")) return versions(*axis, request);
+  if (const auto axis = rest(path, "/api/v1/diagnoses/")) return diagnoses(*axis, request);
+  if (const auto axis = rest(path, "/api/v1/report/"))
+    return know_only(request, {"of"}), report(*axis);
+  know_only(request, {});
+  if (path == "/healthz") return healthz();
+  if (path == "/metrics") return metrics();
+  if (path == "/api/v1/status") return status();
+  if (path == "/api/v1/stream") {
+    HttpResponse out;
+    out.stream = true;
+    return out;
+  }
+  return http_error(404, "there is nothing at " + in_quotes(path));
+}
+
+HttpResponse Api::post(const HttpRequest& request) {
+  const auto axis = rest(request.path, "/api/v1/diagnoses/");
+  if (!axis) return http_error(405, in_quotes(request.path) + " cannot be changed");
+  if (sources_.token.empty())
+    return http_error(403, "nothing can be changed over HTTP: no http.token is configured");
+  if (!same_secret(request.authorization, "Bearer " + sources_.token)) {
+    HttpResponse refused = http_error(401, "needs Authorization: Bearer with the http.token");
+    refused.headers.emplace_back("WWW-Authenticate", "Bearer");
+    return refused;
+  }
+  return know_only(request, {}), ask(*axis);
+}
+
+HttpResponse Api::healthz() {
+  const std::vector<std::string> problems = sources_.health.problems(steady_ns());
+  return answer_json({{"schema", "servotwin.health/1"},
+                      {"status", problems.empty() ? "ok" : "ill"},
+                      {"problems", problems}},
+                     problems.empty() ? 200 : 503);
+}
+
+HttpResponse Api::metrics() {
+  MetricsInput now = sources_.now();
+  now.healthy = sources_.health.problems(steady_ns()).empty();
+  std::error_code ignored;
+  const auto recordings = sources_.store.directory() / "recordings" / sources_.machine;
+  for (const auto& file : std::filesystem::directory_iterator(recordings, ignored)) {
+    const std::uintmax_t size = file.file_size(ignored);
+    if (ignored) continue;  // it was the oldest, and is gone by now
+    now.recordings_bytes += static_cast<double>(size);
+    now.recordings_files += 1.0;
+  }
+  return {200, "text/plain; version=0.0.4; charset=utf-8", metrics_text(now)};
+}
+
+HttpResponse Api::status() {
+  const MetricsInput now = sources_.now();
+  json out = status_json(now.live, now.description, now.alarms);
+  out["machine"] = now.machine;
+  out["version"] = now.version;
+  out["uptime_s"] = now.uptime_s;
+  return answer_json(out);
+}
+
+HttpResponse Api::models() {
+  json axes = json::array();
+  for (const StoredModel& model : sources_.store.in_force()) {
+    axes.push_back(version_json(model));
+    axes.back()["axis"] = model.record.axis;
+  }
+  return answer_json(
+      {{"schema", "servotwin.models/1"}, {"machine", sources_.machine}, {"axes", axes}});
+}
+
+HttpResponse Api::versions(const std::string& axis, const HttpRequest& request) {
+  know_only(request, {"most"});
+  const int most = whole_number(request, "most", 100, kMostVersions);
+  number_of(axis, sources_.now().description);
+  json versions = json::array();
+  for (const StoredModel& model : sources_.store.versions(axis, most))
+    versions.push_back(version_json(model));
+  return answer_json({{"schema", "servotwin.versions/1"}, {"axis", axis}, {"versions", versions}});
+}
+
+HttpResponse Api::diagnoses(const std::string& axis, const HttpRequest& request) {
+  know_only(request, {"most"});
+  const int most = whole_number(request, "most", 10, kMostDiagnoses);
+  number_of(axis, sources_.now().description);
+  json diagnoses = json::array();
+  for (const StoredDiagnosis& diagnosis : sources_.store.diagnoses(axis, most))
+    diagnoses.push_back(diagnosis_json(diagnosis));
+  return answer_json(
+      {{"schema", "servotwin.diagnoses/1"}, {"axis", axis}, {"diagnoses", diagnoses}});
+}
+
+HttpResponse Api::events(const HttpRequest& request) {
+  know_only(request, {"most"});
+  const int most = whole_number(request, "most", 100, kMostEvents);
+  json events = json::array();
+  for (const Event& event : sources_.store.events(most)) {
+    json detail;
+    if (!event.detail.empty()) detail = json::parse(event.detail, nullptr, false);
+    events.push_back({{"time", event.time},
+                      {"axis", event.axis},
+                      {"kind", event.kind},
+                      {"text", event.text},
+                      {"detail", detail.is_discarded() ? json(event.detail) : detail}});
+  }
+  return answer_json({{"schema", "servotwin.events/1"}, {"events", events}});
+}
+
+HttpResponse Api::report(const std::string& axis) {
+  number_of(axis, sources_.now().description);
+  const std::optional<std::string> html =
+      read_report(sources_.store.directory(), sources_.machine, axis);
+  if (!html) return http_error(404, "axis " + in_quotes(axis) + " has not been diagnosed yet");
+  HttpResponse out{200, "text/html; charset=utf-8", *html};
+  // It is shown inside the page; its style stands in it, and it needs nothing else.
+  out.headers = {{"Content-Security-Policy",
+                  "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action "
+                  "'none'; frame-ancestors 'self'"},
+                 {"X-Frame-Options", "SAMEORIGIN"}};
+  return out;
+}
+
+HttpResponse Api::ask(const std::string& axis) {
+  sources_.ask_diagnosis(number_of(axis, sources_.now().description));
+  return answer_json({{"schema", "servotwin.request/1"},
+                      {"axis", axis},
+                      {"text", "a diagnosis is made as soon as there is motion enough"}},
+                     202);
+}
+
+}  // namespace servotwin

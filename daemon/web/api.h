@@ -1,0 +1,52 @@
+// What is asked over HTTP, and what is answered: the page, /healthz, /metrics and /api/v1
+// (daemon/README.md).
+//
+// Every JSON has a schema. What cannot be answered is a servotwin.error/1 that says why. One
+// thread.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "daemon/residual_watch.h"
+#include "daemon/store.h"
+#include "daemon/web/health.h"
+#include "daemon/web/http_message.h"
+#include "daemon/web/metrics.h"
+
+namespace servotwin {
+
+/// What the endpoints answer from.
+struct ApiSources {
+  std::string machine, token;  ///< an empty token: nothing may be changed
+  Store& store;                ///< opened to be read
+  Health& health;
+  std::function<MetricsInput()> now;
+  /// Asks for a diagnosis of an axis, by its number.
+  std::function<void(std::size_t)> ask_diagnosis;
+};
+
+class Api {
+ public:
+  explicit Api(ApiSources sources) : sources_(std::move(sources)) {}
+
+  [[nodiscard]] HttpResponse answer(const HttpRequest& request);
+
+ private:
+  [[nodiscard]] HttpResponse get(const HttpRequest& request);
+  [[nodiscard]] HttpResponse post(const HttpRequest& request);
+  [[nodiscard]] HttpResponse healthz();
+  [[nodiscard]] HttpResponse metrics();
+  [[nodiscard]] HttpResponse status();
+  [[nodiscard]] HttpResponse models();
+  [[nodiscard]] HttpResponse versions(const std::string& axis, const HttpRequest& request);
+  [[nodiscard]] HttpResponse diagnoses(const std::string& axis, const HttpRequest& request);
+  [[nodiscard]] HttpResponse events(const HttpRequest& request);
+  [[nodiscard]] HttpResponse report(const std::string& axis);
+  [[nodiscard]] HttpResponse ask(const std::string& axis);
+
+  ApiSources sources_;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,14 @@
+#include "daemon/web/event_stream.h"
+
+namespace servotwin {
+
+void EventStream::add(std::string_view event, std::string_view json) {
+  std::string message = "event: ";
+  message.append(event).append("\ndata: ").append(json).append("\n\n");
+  messages_.push_back(std::move(message));
+  if (messages_.size() <= kKept) return;
+  messages_.pop_front();
+  ++first_;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,139 @@
+#include "daemon/web/live_json.h"
+
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+namespace servotwin {
+namespace {
+
+using nlohmann::json;
+
+// A nanometre in ten metres; an error of a metre to 0.1 um, one of a millimetre to 0.1 nm.
+constexpr int kCommandDigits = 11;
+constexpr int kErrorDigits = 7;
+
+void append(std::string& out, double value, int digits) {
+  if (!std::isfinite(value)) {
+    out += "null";
+    return;
+  }
+  char text[40];
+  const auto end =
+      std::to_chars(text, text + sizeof text, value, std::chars_format::general, digits);
+  out.append(text, end.ptr);
+}
+
+void append(std::string& out, const char* name, const std::vector<double>& values, int digits) {
+  out.append(",\"").append(name).append("\":[");
+  for (const double value : values) {
+    append(out, value, digits);
+    out += ',';
+  }
+  if (!values.empty()) out.pop_back();
+  out += ']';
+}
+
+void append(std::string& out, const std::string& name, const LiveSeries& series, int digits) {
+  append(out, name.c_str(), series.value, digits);
+  if (series.least.empty()) return;
+  append(out, (name + "_min").c_str(), series.least, digits);
+  append(out, (name + "_max").c_str(), series.greatest, digits);
+}
+
+json figures_json(const LiveFigures& figures) {
+  return {{"rms_m", number_json(figures.rms)}, {"max_m", number_json(figures.max)}};
+}
+
+json axis_json(const AxisDescription& axis) {
+  return {{"name", axis.name}, {"rotary", axis.rotary}, {"torque_unit", axis.torque_unit}};
+}
+
+}  // namespace
+
+json number_json(double value) { return std::isfinite(value) ? json(value) : json(); }
+
+const char* name_of(AlarmState state) noexcept {
+  constexpr const char* kNames[]{"off", "learning", "watching", "raised"};
+  return kNames[static_cast<std::size_t>(state)];
+}
+
+const char* state_name(DaemonState state) noexcept {
+  constexpr const char* kNames[]{"starting", "waiting", "running", "stopping"};
+  return kNames[static_cast<std::size_t>(state)];
+}
+
+const char* state_name(AxisState state) noexcept {
+  constexpr const char* kNames[]{"no model", "settling", "predicting", "bad sample"};
+  return kNames[static_cast<std::size_t>(state)];
+}
+
+json status_json(const LiveStatus& live, const MachineDescription& machine,
+                 const std::vector<AlarmState>& alarms) {
+  const MachineStatus& status = live.status;
+  json axes = json::array();
+  for (std::size_t i = 0; i < machine.axes.size(); ++i) {
+    json axis = axis_json(machine.axes[i]);
+    axis["alarm"] = i < alarms.size() ? name_of(alarms[i]) : "off";
+    if (i < status.axes.size()) {
+      const AxisStatus& known = status.axes[i];
+      axis["model_version"] = known.model_version;
+      axis["holdout_rms_m"] = number_json(known.holdout_rms);
+      axis["activity"] = known.activity;
+      axis["refused"] = known.refused;
+      axis["last_refusal"] = known.last_refusal;
+    }
+    const LiveAxisFigures figures = i < live.axes.size() ? live.axes[i] : LiveAxisFigures{};
+    axis["last_second"] = {{"measured", figures_json(figures.measured)},
+                           {"predicted", figures_json(figures.predicted)},
+                           {"residual", figures_json(figures.residual)}};
+    axes.push_back(axis);
+  }
+  return {{"schema", "servotwin.status/1"},
+          {"state", state_name(status.state)},
+          {"time_ns", status.time_ns},
+          {"cycle_s", number_json(machine.axes.empty() ? kAbsent : machine.cycle_s)},
+          {"frame_rate_hz", number_json(status.frame_rate_hz)},
+          {"frames", status.frames},
+          {"lost", status.lost},
+          {"repeated", status.repeated},
+          {"malformed", status.malformed},
+          {"time_jumps", status.time_jumps},
+          {"not_finite", status.not_finite},
+          {"overruns", status.overruns},
+          {"predictions_dropped", status.predictions_dropped},
+          {"rows_dropped", status.rows_dropped},
+          {"wake_p50_s", number_json(status.wake_p50_s)},
+          {"wake_p99_s", number_json(status.wake_p99_s)},
+          {"work_p50_s", number_json(status.work_p50_s)},
+          {"work_p99_s", number_json(status.work_p99_s)},
+          {"work_max_s", number_json(status.work_max_s)},
+          {"contour_last_second", figures_json(live.contour)},
+          {"last_error", status.last_error},
+          {"axes", axes}};
+}
+
+std::string batch_json(const LiveBatch& batch) {
+  std::string out = "{\"schema\":\"servotwin.live/1\",\"first_sequence\":";
+  out += std::to_string(batch.first_sequence);
+  out += ",\"first_time_ns\":" + std::to_string(batch.first_time_ns);
+  out += ",\"point_s\":";
+  append(out, batch.point_s, 12);
+  out += ",\"cycles_per_point\":" + std::to_string(batch.cycles_per_point);
+  out += std::string(",\"after_gap\":") + (batch.after_gap ? "true" : "false");
+  append(out, "contour", batch.contour, kErrorDigits);
+  out += ",\"axes\":[";
+  for (const LiveAxisBatch& axis : batch.axes) {
+    out += "{\"model_version\":" + std::to_string(axis.model_version);
+    out.append(",\"state\":\"").append(state_name(axis.state)).append("\"");
+    append(out, "command", axis.command, kCommandDigits);
+    append(out, "measured", axis.measured, kErrorDigits);
+    append(out, "predicted", axis.predicted, kErrorDigits);
+    append(out, "residual", axis.residual, kErrorDigits);
+    out += "},";
+  }
+  if (!batch.axes.empty()) out.pop_back();
+  return out + "]}";
+}
+
+}  // namespace servotwin

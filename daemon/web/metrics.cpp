@@ -1,0 +1,173 @@
+#include "daemon/web/metrics.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <functional>
+#include <utility>
+
+#include "daemon/web/live_json.h"
+
+namespace servotwin {
+namespace {
+
+constexpr int kFirstOctave = 10, kLastOctave = 30;  // 2^10 ns: 1.024 us, 2^30 ns: 1.07 s
+
+std::string value_text(double value) {
+  if (std::isnan(value)) return "NaN";
+  if (std::isinf(value)) return value > 0.0 ? "+Inf" : "-Inf";
+  char text[40];
+  const auto end = std::to_chars(text, text + sizeof text, value);
+  return {text, end.ptr};
+}
+
+/// In a label's quotes.
+std::string escaped_label(const std::string& text) {
+  std::string out;
+  for (const char c : text) {
+    if (c == '\n') {
+      out += "\\n";
+      continue;
+    }
+    if (c == '\\' || c == '"') out += '\\';
+    out += c;
+  }
+  return out;
+}
+
+std::string label(const char* name, const std::string& value) {
+  return std::string(name) + "=\"" + escaped_label(value) + "\"";
+}
+
+class Text {
+ public:
+  /// What follows is of this metric.
+  void family(const std::string& name, const char* type, const char* help) {
+    name_ = "servotwin_" + name;
+    out_ += "# HELP " + name_ + " " + help + "\n# TYPE " + name_ + " " + type + "\n";
+  }
+  void sample(double value, const std::string& labels = "", const char* suffix = "") {
+    out_ += name_ + suffix + (labels.empty() ? "" : "{" + labels + "}") + " " + value_text(value) +
+            "\n";
+  }
+  void gauge(const char* name, const char* help, double value) {
+    family(name, "gauge", help);
+    sample(value);
+  }
+  void counter(const char* name, const char* help, std::uint64_t value) {
+    family(name, "counter", help);
+    sample(static_cast<double>(value));
+  }
+  void histogram(const char* name, const char* help, const Histogram& histogram) {
+    family(name, "histogram", help);
+    std::uint64_t below = 0;
+    for (int octave = kFirstOctave; octave <= kLastOctave; ++octave) {
+      below = histogram.below_octave(octave);
+      sample(static_cast<double>(below), label("le", value_text(std::ldexp(1e-9, octave))),
+             "_bucket");
+    }
+    // The loop goes on counting meanwhile: no bucket may hold less than the one before.
+    const auto all = static_cast<double>(std::max(below, histogram.count()));
+    sample(all, label("le", "+Inf"), "_bucket");
+    sample(histogram.sum_s(), "", "_sum");
+    sample(all, "", "_count");
+  }
+  std::string take() { return std::move(out_); }
+
+ private:
+  std::string name_, out_;
+};
+
+void write_counters(const MachineStatus& status, Text& text) {
+  text.counter("frames_total", "Servo cycles that came.", status.frames);
+  text.counter("frames_lost_total", "Servo cycles that never came, by the sequence numbers.",
+               status.lost);
+  text.counter("frames_repeated_total",
+               "Frames with the sequence number of the one before; ignored.", status.repeated);
+  text.counter("frames_malformed_total", "Frames refused on receipt.", status.malformed);
+  text.counter("time_jumps_total", "Stamps or sequence numbers that do not follow.",
+               status.time_jumps);
+  text.counter("not_finite_total", "Commands or encoder values that are no numbers, by axis.",
+               status.not_finite);
+  text.counter("overruns_total", "Cycles whose work took longer than the cycle.", status.overruns);
+  text.counter("predictions_dropped_total",
+               "Predictions that the publisher was too slow for, or that the network refused.",
+               status.predictions_dropped);
+  text.counter("rows_dropped_total", "Cycles that were not recorded.", status.rows_dropped);
+}
+
+void write_axes(const MetricsInput& input, Text& text) {
+  const std::vector<AxisDescription>& axes = input.description.axes;
+  const auto each = [&](const char* name, const char* type, const char* help,
+                        const std::function<double(std::size_t)>& value) {
+    text.family(name, type, help);
+    for (std::size_t i = 0; i < axes.size(); ++i)
+      text.sample(value(i), label("axis", axes[i].name));
+  };
+  const auto known = [&](std::size_t i) {
+    return i < input.live.status.axes.size() ? input.live.status.axes[i] : AxisStatus{};
+  };
+  const auto seen = [&](std::size_t i) {
+    return i < input.live.axes.size() ? input.live.axes[i] : LiveAxisFigures{};
+  };
+  each("model_version", "gauge", "Version of the model in force; 0: none.",
+       [&](std::size_t i) { return known(i).model_version; });
+  each("model_holdout_rms", "gauge",
+       "RMS that the model in force left on motion its fit had not seen, in m or rad.",
+       [&](std::size_t i) { return known(i).holdout_rms; });
+  each("models_refused_total", "counter", "Candidates that did not come into force.",
+       [&](std::size_t i) { return known(i).refused; });
+  each("tracking_error_rms", "gauge",
+       "RMS of command less encoder over the last second, in m or rad.",
+       [&](std::size_t i) { return seen(i).measured.rms; });
+  each("tracking_error_max", "gauge",
+       "Greatest distance of command and encoder over the last second, in m or rad.",
+       [&](std::size_t i) { return seen(i).measured.max; });
+  each("predicted_error_rms", "gauge",
+       "RMS of the predicted error over the last second, in m or rad.",
+       [&](std::size_t i) { return seen(i).predicted.rms; });
+  each("residual_rms", "gauge",
+       "RMS of measured less predicted error over the last second, in m or rad.",
+       [&](std::size_t i) { return seen(i).residual.rms; });
+  each("residual_max", "gauge", "Greatest residual over the last second, in m or rad.",
+       [&](std::size_t i) { return seen(i).residual.max; });
+  text.family("alarm", "gauge", "State of the residual alarm: 1 for the one that holds.");
+  for (std::size_t i = 0; i < input.alarms.size() && i < axes.size(); ++i) {
+    for (const AlarmState state :
+         {AlarmState::kOff, AlarmState::kLearning, AlarmState::kWatching, AlarmState::kRaised}) {
+      text.sample(input.alarms[i] == state ? 1.0 : 0.0,
+                  label("axis", axes[i].name) + "," + label("state", name_of(state)));
+    }
+  }
+}
+
+}  // namespace
+
+std::string metrics_text(const MetricsInput& input) {
+  Text text;
+  text.family("build_info", "gauge", "The program and the machine that it is the twin of.");
+  text.sample(1.0, label("machine", input.machine) + "," + label("version", input.version));
+  text.gauge("uptime_seconds", "Since the daemon started.", input.uptime_s);
+  text.gauge("healthy", "1 where /healthz says 200.", input.healthy ? 1.0 : 0.0);
+  text.gauge("frame_rate_hz", "Servo cycles per second, over the last second.",
+             input.live.status.frame_rate_hz);
+  write_counters(input.live.status, text);
+  if (input.wake != nullptr)
+    text.histogram("wake_seconds", "From a frame being due or sent to the real-time loop.",
+                   *input.wake);
+  if (input.work != nullptr)
+    text.histogram("work_seconds", "Of the real-time loop, for one cycle.", *input.work);
+  write_axes(input, text);
+  text.gauge("contour_error_rms", "RMS of the predicted contour error over the last second, in m.",
+             input.live.contour.rms);
+  text.gauge("recordings_bytes", "Of all recorded files of this machine.", input.recordings_bytes);
+  text.gauge("recordings_files", "Recorded files of this machine.", input.recordings_files);
+  text.gauge("streams", "Live streams that are open.", static_cast<double>(input.streams));
+  text.counter("streams_dropped_total", "Live streams ended because their reader was too slow.",
+               input.slow_streams);
+  text.counter("live_batches_dropped_total", "Batches of live cycles that the page did not take.",
+               input.batches_dropped);
+  return text.take();
+}
+
+}  // namespace servotwin

@@ -1,0 +1,33 @@
+// The figures of the daemon as Prometheus text (exposition format 0.0.4).
+//
+// Counters end in _total, everything is in SI units, histograms have a bucket per octave of
+// nanoseconds from 1 us to 1 s. Any thread.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "daemon/histogram.h"
+#include "daemon/residual_watch.h"
+#include "daemon/web/live_feed.h"
+#include "drivers/messages.h"
+
+namespace servotwin {
+
+struct MetricsInput {
+  std::string machine, version;
+  double uptime_s = 0.0;
+  LiveStatus live;
+  MachineDescription description;   ///< without axes: not known yet
+  std::vector<AlarmState> alarms;   ///< one per axis
+  const Histogram* wake = nullptr;  ///< null: there is no loop yet
+  const Histogram* work = nullptr;
+  double recordings_bytes = 0.0, recordings_files = 0.0;
+  bool healthy = true;
+  std::uint64_t streams = 0, slow_streams = 0, batches_dropped = 0;
+};
+
+[[nodiscard]] std::string metrics_text(const MetricsInput& input);
+
+}  // namespace servotwin

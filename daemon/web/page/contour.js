@@ -1,0 +1,76 @@
+// How far the axes are from the commanded path: from every measured point to the nearest point of
+// the path, which is where the tool should have been at some moment nearby.
+
+/** The nearest point to (px, py) on the segment from (ax, ay) to (bx, by). */
+export function nearestOnSegment(px, py, ax, ay, bx, by) {
+  const dx = bx - ax;
+  const dy = by - ay;
+  const square = dx * dx + dy * dy;
+  const share = square > 0 ? Math.min(1, Math.max(0, ((px - ax) * dx + (py - ay) * dy) / square)) : 0;
+  const x = ax + share * dx;
+  const y = ay + share * dy;
+  return { x, y, distance: Math.hypot(px - x, py - y) };
+}
+
+/**
+ * The nearest point to (pu, pv) of the path through us[j], vs[j], of the segments that end at `first`
+ * to `last`; null marks a gap. {u, v, du, dv, distance}: where it is, and the way from there.
+ */
+export function nearestOnPath(pu, pv, us, vs, first, last) {
+  let best = null;
+  for (let j = Math.max(1, first); j <= last; ++j) {
+    if (us[j] === null || us[j - 1] === null || vs[j] === null || vs[j - 1] === null) continue;
+    const near = nearestOnSegment(pu, pv, us[j - 1], vs[j - 1], us[j], vs[j]);
+    if (best === null || near.distance <= best.distance) best = near;
+  }
+  return best && { u: best.x, v: best.y, du: pu - best.x, dv: pv - best.y, distance: best.distance };
+}
+
+/**
+ * Deviations of the points that are so much (`quantity`: an error) off the command, row by row of a
+ * History, each found once. Looked at is what was commanded from `back` rows before to `ahead` after.
+ */
+export class Deviations {
+  constructor(history, u, v, quantity, { back, ahead = 20 }) {
+    Object.assign(this, { history, u, v, quantity, back, ahead });
+    this.first = history.forgotten; // the row that found[0] is of, counted from the start
+    this.found = [];
+  }
+
+  /** Of the rows from this one on; the newest `ahead` rows have to wait. */
+  from(row) {
+    const { history, ahead } = this;
+    const column = (axis, name) => history.columns[`${axis}.${name}`];
+    const us = column(this.u, "command");
+    const vs = column(this.v, "command");
+    const eu = column(this.u, this.quantity);
+    const ev = column(this.v, this.quantity);
+    if (this.first + this.found.length < history.forgotten) {
+      this.first = history.forgotten;
+      this.found = [];
+    }
+    for (let k = this.first + this.found.length - history.forgotten; k < history.length - ahead; ++k) {
+      const there = us[k] !== null && vs[k] !== null && eu[k] !== null && ev[k] !== null;
+      this.found.push(there ? nearestOnPath(us[k] - eu[k], vs[k] - ev[k], us, vs, k - this.back, k + ahead) : null);
+    }
+    if (history.forgotten > this.first) {
+      this.found.splice(0, history.forgotten - this.first);
+      this.first = history.forgotten;
+    }
+    return this.found.slice(row);
+  }
+}
+
+/** {rms, max} of what there is; null where there is nothing. */
+export function figures(distances) {
+  let squares = 0;
+  let max = 0;
+  let count = 0;
+  for (const one of distances) {
+    if (one === null) continue;
+    squares += one.distance ** 2;
+    max = Math.max(max, one.distance);
+    ++count;
+  }
+  return count === 0 ? null : { rms: Math.sqrt(squares / count), max };
+}

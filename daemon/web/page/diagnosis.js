@@ -1,0 +1,81 @@
+// The last diagnosis of an axis: verdict, causes with how sure and what to check, and its pictures.
+import { get, post } from "./api.js";
+import { at, fill, make, write } from "./dom.js";
+import { clock, error, percent, quantity, words } from "./units.js";
+
+const kVerdicts = {
+  explained: "Explained: what is wrong has names.",
+  nothing_significant: "Nothing significant: the model leaves little more than the noise.",
+  unexplained: "Unexplained: something is wrong that nothing in the catalogue explains.",
+};
+
+export async function showDiagnosis(axis, rotary) {
+  const { diagnoses } = await get(`/api/v1/diagnoses/${encodeURIComponent(axis)}?most=1`);
+  at("report-panel").hidden = diagnoses.length === 0;
+  fill(at("causes"));
+  fill(at("doubt"));
+  if (diagnoses.length === 0) {
+    fill(at("verdict"), "No diagnosis has been made yet. One is due as soon as the axis has moved long enough.");
+    at("report").removeAttribute("src");
+    return;
+  }
+  const [{ time, reason, diagnosis }] = diagnoses;
+  const { baseline, extended, causes } = diagnosis;
+  fill(at("verdict"), make("b", {}, kVerdicts[diagnosis.verdict] ?? diagnosis.verdict),
+    make("p", {}, `The simulation is wrong by ${error(baseline.rms_m, rotary)} RMS on motion it has not seen` +
+      (causes.length > 0 ? `, and by ${error(extended.rms_m, rotary)} with what is named below` : "") +
+      `; the noise floor is ${error(baseline.noise_floor_rms_m, rotary)}.`),
+    make("p", {}, `${clock(time)}, ${reason}`));
+  fill(at("causes"), ...causes.map((cause) => causeItem(cause, rotary)));
+  if (diagnosis.suggested_test) fill(at("doubt"), make("h3", {}, "The test that decides"), make("p", {}, diagnosis.suggested_test));
+  showReport(axis, time);
+}
+
+function causeItem(cause, rotary) {
+  const { gain } = cause;
+  const facts = [];
+  const fact = (name, ...value) => facts.push(make("dt", {}, name), make("dd", {}, ...value));
+  fact("sure", make("meter", { min: "0", max: "1", value: String(cause.confidence), "aria-hidden": "true" }), ` ${percent(cause.confidence)}`);
+  const sizes = Object.entries(cause.parameters).filter(([, value]) => value !== null).map(([name, value]) => quantity(name, value));
+  if (sizes.length > 0) fact("size", sizes.join(", "));
+  if (gain.holdout_rms_before_m !== null)
+    fact("brings", `${error(gain.holdout_rms_before_m, rotary)} without it, ${error(gain.holdout_rms_after_m, rotary)} with it`);
+  if (cause.check) fact("check", cause.check);
+  if (cause.ambiguous_with.length > 0) fact("or it is", cause.ambiguous_with.map(words).join(", "));
+  return make("li", {}, make("h3", {}, words(cause.id)), make("dl", {}, ...facts));
+}
+
+/** The report's height is its own: one scroll bar is enough. */
+function showReport(axis, time) {
+  const frame = at("report");
+  const source = `/api/v1/report/${encodeURIComponent(axis)}?of=${encodeURIComponent(time)}`;
+  if (frame.getAttribute("src") === source) return;
+  frame.onload = () => {
+    const page = frame.contentDocument;
+    if (!page?.body) return;
+    const fit = () => { frame.style.height = `${page.documentElement.scrollHeight + 8}px`; };
+    new ResizeObserver(fit).observe(page.body);
+    fit();
+    colourReport();
+  };
+  frame.setAttribute("src", source);
+}
+
+/** The report is light or dark as the page is. */
+export function colourReport() {
+  const page = at("report").contentDocument;
+  if (page?.documentElement) page.documentElement.style.colorScheme = document.documentElement.dataset.theme;
+}
+
+/** `axis()` names the axis that is shown. */
+export function startAsking(axis) {
+  at("ask-form").addEventListener("submit", async (event) => {
+    event.preventDefault();
+    try {
+      const answer = await post(`/api/v1/diagnoses/${encodeURIComponent(axis())}`, at("token").value);
+      write(at("asked"), `Asked: ${answer.text}.`);
+    } catch (problem) {
+      write(at("asked"), `Not asked: ${problem.message}`);
+    }
+  });
+}

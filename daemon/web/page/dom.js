@@ -1,0 +1,20 @@
+// Elements from values. Text is always text: nothing that came from outside is read as HTML.
+
+/** The element with this id. */
+export const at = (id) => document.getElementById(id);
+
+/** make("td", {class: "number"}, "3"); children are strings or elements. */
+export function make(name, attributes = {}, ...children) {
+  const element = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  element.append(...children);
+  return element;
+}
+
+/** Puts these children in place of those that are there. */
+export const fill = (element, ...children) => element.replaceChildren(...children);
+
+/** Sets the text of an element, if it is another one: screen readers read what changes. */
+export function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}

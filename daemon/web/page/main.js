@@ -1,0 +1,164 @@
+// The page: what comes over the stream goes to what shows it.
+import { Charts } from "./charts.js";
+import { colourReport, startAsking, showDiagnosis } from "./diagnosis.js";
+import { at, fill, make, write } from "./dom.js";
+import { Figures } from "./figures.js";
+import { showActivity, showModels } from "./models.js";
+import { PathPicture } from "./path.js";
+import { Recording } from "./recording.js";
+import { showEvents, showService } from "./service.js";
+import { Stream } from "./stream.js";
+import { startTheme } from "./theme.js";
+import { count } from "./units.js";
+
+const kViews = ["live", "models", "diagnosis", "service"];
+const kPath_ms = 250; // the path is drawn less often than the charts: it costs more
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
+const recording = new Recording();
+const charts = new Charts(recording);
+const path = new PathPicture(recording, () => path.draw());
+const figures = new Figures();
+let status = null;
+let axis = null; // that is shown
+let paused = false;
+let drawn = false;
+let pathDrawn_ms = 0;
+let chartsDrawn_ms = 0;
+
+const view = () => kViews.find((name) => `#${name}` === location.hash) ?? "live";
+const axisNow = () => status?.axes.find((one) => one.name === axis);
+
+function chooseAxis(name) {
+  axis = name;
+  const one = axisNow();
+  for (const place of document.querySelectorAll(".axis-name")) place.textContent = name;
+  charts.show(name, one.rotary);
+  figures.show(status, name);
+  refresh();
+}
+
+function offerAxes() {
+  const names = status.axes.map((one) => one.name);
+  if (names.join() === recording.axes.join()) return;
+  recording.clear(names);
+  fill(at("axes"), make("legend", {}, "Axis"), ...names.map((name) => {
+    const input = make("input", { type: "radio", name: "axis", value: name });
+    input.addEventListener("change", () => chooseAxis(name));
+    return make("label", {}, input, make("span", {}, name));
+  }));
+  path.offer(status.axes);
+  if (names.length === 0) return;
+  const name = names.includes(axis) ? axis : names[0];
+  at("axes").querySelector(`input[value="${CSS.escape(name)}"]`).checked = true;
+  chooseAxis(name);
+}
+
+/** What is fetched for the view that is open. */
+async function refresh() {
+  const one = axisNow();
+  try {
+    if (view() === "models" && one) await showModels(axis, one.rotary);
+    if (view() === "diagnosis" && one) await showDiagnosis(axis, one.rotary);
+    if (view() === "service") await showEvents();
+  } catch (problem) {
+    // The stream says when the daemon is gone; what is shown stays until it is back.
+    if (!(problem instanceof TypeError)) throw problem;
+  }
+}
+
+function showView() {
+  for (const name of kViews) at(name).hidden = name !== view();
+  for (const link of document.querySelectorAll("nav a")) {
+    if (link.hash === `#${view()}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  refresh();
+  draw();
+}
+
+function draw() {
+  if (drawn || paused || view() !== "live") return;
+  drawn = true;
+  requestAnimationFrame(() => {
+    drawn = false;
+    const now = performance.now();
+    if (now - chartsDrawn_ms < (calm.matches ? 1000 : 0)) return;
+    chartsDrawn_ms = now;
+    charts.draw();
+    if (now - pathDrawn_ms < kPath_ms) return;
+    pathDrawn_ms = now;
+    path.draw();
+  });
+}
+
+/** How it is, in the header; and what is wrong, in a banner. */
+function showState(state) {
+  document.body.classList.toggle("stale", state !== "live");
+  at("state").dataset.state = state;
+  const waiting = status?.state === "waiting";
+  const words = {
+    connecting: "connecting",
+    live: `live, ${count(Math.round(status?.frame_rate_hz ?? 0))} Hz`,
+    silent: waiting ? "waiting for the machine" : "no cycles",
+    lost: "no daemon",
+  };
+  write(at("state").querySelector("b"), words[state]);
+  const since = new Date().toLocaleTimeString("sv");
+  const banners = {
+    silent: waiting ? "The daemon waits for its machine." : `No cycles have come from the machine since ${since}; what is shown is old.`,
+    lost: `No connection to the daemon since ${since}; what is shown is old. Trying again.`,
+  };
+  at("banner").hidden = !(state in banners);
+  if (state in banners) write(at("banner"), banners[state]);
+}
+
+const stream = new Stream({
+  opened() {
+    recording.clear([]);
+    status = null;
+  },
+  live(batch) {
+    recording.add(batch);
+    draw();
+  },
+  status(now) {
+    const version = status?.version ?? now.version;
+    const known = status?.state;
+    status = now;
+    if (now.version !== version) location.reload();
+    document.title = `${now.machine} – Servotwin`;
+    write(at("machine"), now.machine);
+    offerAxes();
+    figures.show(now, axis);
+    const one = axisNow();
+    if (one) showActivity(one);
+    showService(now);
+    if (stream.state === "live") write(at("state").querySelector("b"), `live, ${count(Math.round(now.frame_rate_hz))} Hz`);
+    else if (known !== now.state) showState(stream.state);
+  },
+  model: refresh,
+  diagnosis: refresh,
+  state: showState,
+});
+
+at("window").addEventListener("change", () => {
+  charts.window_s = path.window_s = Number(at("window").value);
+  charts.draw();
+  path.draw();
+});
+at("pause").addEventListener("click", () => {
+  paused = !paused;
+  at("pause").setAttribute("aria-pressed", String(paused));
+  write(at("pause"), paused ? "Go on" : "Pause");
+  draw();
+});
+startAsking(() => axis);
+startTheme(() => {
+  if (axisNow()) charts.show(axis, axisNow().rotary);
+  path.draw();
+  colourReport();
+});
+addEventListener("hashchange", showView);
+setInterval(refresh, 10_000);
+showView();

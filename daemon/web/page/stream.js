@@ -1,0 +1,64 @@
+// The live stream of the daemon: opens it, notices when it falls silent, opens it again.
+//
+// States: connecting, live, silent (the daemon is there, and no cycles come), lost (no daemon).
+
+const kSilent_ms = 2000; // cycles come twenty times a second
+const kDead_ms = 6000; // a status comes every second: the connection is dead without being closed
+const kRetry_ms = 1500;
+
+export class Stream {
+  /** `on`: {opened(), live(batch), status(status), model(m), diagnosis(d), state(state, since_ms)} */
+  constructor(on) {
+    this.on = on;
+    this.state = "connecting";
+    this.lastLive = 0;
+    this.open();
+    setInterval(() => this.look(), 500);
+    document.addEventListener("visibilitychange", () => this.look());
+  }
+
+  open() {
+    this.source?.close();
+    this.lastMessage = performance.now();
+    const source = new EventSource("/api/v1/stream");
+    this.source = source;
+    source.onopen = () => {
+      this.lastMessage = performance.now();
+      this.on.opened();
+    };
+    source.onerror = () => {
+      this.become("lost");
+      // A browser tries again by itself, but not after an answer that was no stream.
+      if (source.readyState === EventSource.CLOSED) setTimeout(() => this.open(), kRetry_ms);
+    };
+    for (const kind of ["live", "status", "model", "diagnosis"])
+      source.addEventListener(kind, (message) => this.take(kind, JSON.parse(message.data)));
+  }
+
+  take(kind, value) {
+    this.lastMessage = performance.now();
+    if (kind === "live") {
+      this.lastLive = this.lastMessage;
+      this.become("live");
+    } else if (this.state !== "live") {
+      this.become("silent");
+    }
+    this.on[kind](value);
+  }
+
+  look() {
+    const now = performance.now();
+    if (this.source.readyState === EventSource.OPEN && now - this.lastMessage > kDead_ms) {
+      this.become("lost");
+      this.open();
+    } else if (this.state === "live" && now - this.lastLive > kSilent_ms) {
+      this.become("silent");
+    }
+  }
+
+  become(state) {
+    if (state === this.state) return;
+    this.state = state;
+    this.on.state(state);
+  }
+}

@@ -1,0 +1,131 @@
+#include "daemon/web/web_service.h"
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "daemon/clock.h"
+#include "daemon/scheduling.h"
+#include "daemon/web/live_json.h"
+
+namespace servotwin {
+namespace {
+
+constexpr int kTurn_ms = 20;  // as often as the page can be told something new
+constexpr std::int64_t kStatus_ns = 1'000'000'000;
+
+ListenAddress address_of(const HttpConfig& config) {
+  const auto address = parse_listen_address(config.listen);
+  if (!address) throw std::runtime_error("http.listen = '" + config.listen + "': " + kListenRule);
+  return *address;
+}
+
+}  // namespace
+
+WebService::Shown::Shown(WebService& service, const MachineDescription& machine,
+                         const LoopCounters& counters, ResidualWatch& watch)
+    : service_(service),
+      machine_(machine),
+      counters_(counters),
+      watch_(watch),
+      feed_(machine.cycle_s, machine.axes.size()) {
+  const std::lock_guard lock(service_.mutex_);
+  service_.shown_ = this;
+}
+
+WebService::Shown::~Shown() {
+  const std::lock_guard lock(service_.mutex_);
+  service_.shown_ = nullptr;
+}
+
+WebService::WebService(const HttpConfig& config, const std::string& machine, Store& store)
+    : machine_(machine),
+      started_ns_(steady_ns()),
+      reading_(store.directory(), machine, StoreAccess::kRead),
+      health_(store),
+      api_({machine, config.token, reading_, health_, [this] { return now(); },
+            [this](std::size_t axis) {
+              if (shown_ != nullptr) shown_->watch_.ask(axis, "asked for over HTTP");
+            }}),
+      server_(address_of(config), config.names, [this](const HttpRequest& request) {
+        const std::lock_guard lock(mutex_);
+        return api_.answer(request);
+      }) {
+  live_.status.state = DaemonState::kWaiting;
+  thread_ = std::jthread([this](const std::stop_token& stop) {
+    name_thread("http");
+    run(stop);
+  });
+}
+
+WebService::~WebService() {
+  thread_.request_stop();
+  thread_.join();
+}
+
+std::string WebService::url() const { return "http://" + server_.address().text() + "/"; }
+
+void WebService::run(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    look();
+    server_.poll(kTurn_ms);
+  }
+}
+
+void WebService::look() {
+  const std::lock_guard lock(mutex_);
+  std::optional<std::uint64_t> turns;
+  if (shown_ != nullptr) {
+    // relaxed: the number is compared with itself, the flag orders nothing.
+    if (!shown_->ended_.load(std::memory_order_relaxed))
+      turns = shown_->counters_.turns.load(std::memory_order_relaxed);
+    pass_on(shown_->feed_.take());
+  }
+  health_.on_turns(turns, steady_ns());
+  if (shown_ == nullptr && steady_ns() - said_ns_ >= kStatus_ns) say_status();
+}
+
+void WebService::pass_on(LiveFeed::News news) {
+  batches_dropped_ = news.dropped;
+  for (const LiveBatch& batch : news.batches) server_.send("live", batch_json(batch));
+  for (const ModelAnnouncement& model : news.models)
+    server_.send("model", nlohmann::json{{"schema", "servotwin.promotion/1"},
+                                         {"axis", model.axis},
+                                         {"version", model.version},
+                                         {"parent", model.parent},
+                                         {"created", model.created},
+                                         {"reason", model.reason}}
+                              .dump());
+  for (const DiagnosisAnnouncement& diagnosis : news.diagnoses)
+    server_.send("diagnosis", diagnosis.diagnosis_json);
+  if (!news.status) return;
+  live_ = std::move(*news.status);
+  say_status();
+}
+
+void WebService::say_status() {
+  said_ns_ = steady_ns();
+  if (shown_ == nullptr) live_.status.time_ns = wall_ns();
+  const HttpResponse status = api_.answer({"GET", "/api/v1/status", {}, {}, {}});
+  server_.send("status", std::string_view(status.body).substr(0, status.body.size() - 1));
+}
+
+MetricsInput WebService::now() {
+  MetricsInput out;
+  out.machine = machine_;
+  out.version = SERVOTWIN_VERSION;
+  out.uptime_s = 1e-9 * static_cast<double>(steady_ns() - started_ns_);
+  out.live = live_;
+  out.streams = server_.streams();
+  out.slow_streams = server_.slow_streams();
+  out.batches_dropped = batches_dropped_;
+  if (shown_ == nullptr) return out;
+  out.description = shown_->machine_;
+  for (std::size_t i = 0; i < out.description.axes.size(); ++i)
+    out.alarms.push_back(shown_->watch_.state(i));
+  out.wake = &shown_->counters_.wake;
+  out.work = &shown_->counters_.work;
+  return out;
+}
+
+}  // namespace servotwin

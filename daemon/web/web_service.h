@@ -1,0 +1,80 @@
+// The page and its programs' side, in a thread of its own at normal priority: HTTP in, what the
+// publisher publishes and what the store holds out.
+//
+// The real-time loop knows nothing of it. What it counts is read in passing (LoopCounters); its
+// cycles come through the publisher and daemon/web/live_feed.h; the store is opened once more, to
+// be read. Errors: the constructor throws std::runtime_error where it cannot listen.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "daemon/config.h"
+#include "daemon/real_time_loop.h"
+#include "daemon/residual_watch.h"
+#include "daemon/store.h"
+#include "daemon/web/api.h"
+#include "daemon/web/health.h"
+#include "daemon/web/http_server.h"
+#include "daemon/web/live_feed.h"
+
+namespace servotwin {
+
+class WebService {
+ public:
+  /// `store` outlives the service.
+  WebService(const HttpConfig& config, const std::string& machine, Store& store);
+  ~WebService();
+
+  /// What there is to see once the machine is known. While this lives it is shown; what it refers
+  /// to outlives it.
+  class Shown {
+   public:
+    Shown(WebService& service, const MachineDescription& machine, const LoopCounters& counters,
+          ResidualWatch& watch);
+    Shown(const Shown&) = delete;
+    Shown& operator=(const Shown&) = delete;
+    ~Shown();
+    /// The publisher's end.
+    [[nodiscard]] LiveFeed& feed() noexcept { return feed_; }
+    /// From now on the loop need not make progress.
+    void loop_has_ended() noexcept { ended_.store(true, std::memory_order_relaxed); }
+
+   private:
+    friend WebService;
+    WebService& service_;
+    const MachineDescription& machine_;
+    const LoopCounters& counters_;
+    ResidualWatch& watch_;
+    LiveFeed feed_;
+    std::atomic<bool> ended_{false};
+  };
+
+  /// "http://127.0.0.1:8402/"
+  [[nodiscard]] std::string url() const;
+
+ private:
+  void run(const std::stop_token& stop);
+  void look();
+  void pass_on(LiveFeed::News news);
+  void say_status();
+  [[nodiscard]] MetricsInput now();
+
+  std::string machine_;
+  std::int64_t started_ns_;
+  Store reading_;
+  Health health_;
+  Api api_;
+  std::mutex mutex_;        // held while anything below is used
+  Shown* shown_ = nullptr;  // null: no machine is known
+  LiveStatus live_;
+  std::uint64_t batches_dropped_ = 0;
+  std::int64_t said_ns_ = 0;  // the last status to the streams
+
+  HttpServer server_;  // its last answers use what is above
+  std::jthread thread_;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,30 @@
+// Debian's Chromium, and a page in it whose complaints and requests are kept.
+import { chromium } from "playwright-core";
+
+export const launch = () =>
+  chromium.launch({ executablePath: process.env.SERVOTWIN_CHROMIUM ?? "/usr/bin/chromium", args: process.getuid() === 0 ? ["--no-sandbox"] : [] });
+
+/** `options` as of Playwright's newPage; `{page, complaints, requests}`. */
+export async function open(browser, url, options = {}) {
+  const page = await browser.newPage({ viewport: { width: 1024, height: 768 }, ...options });
+  const complaints = [];
+  const requests = [];
+  page.on("console", (message) => { if (["error", "warning"].includes(message.type())) complaints.push(message.text()); });
+  page.on("pageerror", (error) => complaints.push(error.stack));
+  page.on("request", (request) => requests.push(request.url()));
+  await page.goto(url);
+  return { page, complaints, requests };
+}
+
+/** Waits until the page says it gets cycles. */
+export const live = (page) => page.waitForFunction(() => document.querySelector("#state")?.dataset.state === "live", null, { timeout: 60_000 });
+
+/** The text of an element, once it is what is wanted. */
+export const shows = (page, selector, pattern) =>
+  page.waitForFunction(([where, source]) => new RegExp(source).test(document.querySelector(where)?.textContent ?? ""), [selector, pattern.source], { timeout: 120_000 });
+
+/** A picture of a canvas as text, to see that it changes. */
+export const picture = (page, selector) => page.evaluate((where) => document.querySelector(where).toDataURL(), selector);
+
+export const changes = (page, selector, from) =>
+  page.waitForFunction(([where, before]) => document.querySelector(where).toDataURL() !== before, [selector, from], { timeout: 60_000 });

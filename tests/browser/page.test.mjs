@@ -1,0 +1,202 @@
+// The page in a real browser, on a real daemon that replays a recording.
+import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { after, before, test } from "node:test";
+import { changes, launch, live, open, picture, shows } from "./browser.mjs";
+import { Daemon } from "./daemon.mjs";
+
+const { SERVOTWIND: program, SERVOTWIN_RECORDING: recording } = process.env;
+let browser;
+let daemon;
+const recordings = Array(20).fill(recording);
+
+before(async () => {
+  browser = await launch();
+  daemon = await Daemon.start(program, { recordings });
+});
+after(async () => {
+  await browser.close();
+  await daemon.stop("SIGKILL");
+  daemon.forget();
+});
+
+test("shows live cycles of the axes, and asks nobody else", async () => {
+  const { page, complaints, requests } = await open(browser, daemon.url);
+  await live(page);
+  await shows(page, "#machine", /^page-\d+$/);
+  assert.deepEqual(await page.locator("#axes input").evaluateAll((all) => all.map((one) => one.value)), ["X", "Y"]);
+  await shows(page, "#figure-measured", /\d µm RMS/);
+  for (const chart of ["#chart-command canvas", "#chart-error canvas", "#path canvas"]) {
+    await changes(page, chart, await picture(page, chart));
+  }
+  await shows(page, "#contour", /by the daemonnot available/);
+  await shows(page, "#contour", /measured[\d.]+ µm RMS/);
+  assert.deepEqual(requests.filter((url) => !url.startsWith(daemon.url)), []);
+  assert.deepEqual(complaints, []);
+  // The whole view fits a tablet: nothing is cut off, nothing scrolls.
+  for (const size of [{ width: 1024, height: 768 }, { width: 1280, height: 800 }]) {
+    await page.setViewportSize(size);
+    const overflow = await page.evaluate(() => [document.documentElement.scrollWidth - innerWidth, document.documentElement.scrollHeight - innerHeight]);
+    assert.deepEqual(overflow, [0, 0], JSON.stringify(size));
+  }
+  for (const box of await page.locator("header a, button:visible, select:visible, #axes label").evaluateAll((all) => all.map((one) => one.getBoundingClientRect().height)))
+    assert.ok(box >= 44, `a touch target of ${box} pixels`);
+  await page.setViewportSize({ width: 390, height: 844 });
+  assert.ok((await page.evaluate(() => document.documentElement.scrollWidth)) <= 390);
+  await page.close();
+});
+
+test("what the page shows is what the stream says", async () => {
+  const { page } = await open(browser, daemon.url);
+  await live(page);
+  const batch = await page.evaluate(() => new Promise((resolve) => {
+    const source = new EventSource("/api/v1/stream");
+    source.addEventListener("live", (message) => { source.close(); resolve(JSON.parse(message.data)); });
+  }));
+  assert.equal(batch.schema, "servotwin.live/1");
+  assert.equal(batch.axes.length, 2);
+  assert.equal(batch.cycles_per_point, 1);
+  const [x] = batch.axes;
+  x.residual.forEach((value, i) => { if (value !== null) assert.ok(Math.abs(value - (x.measured[i] - x.predicted[i])) < 2e-9); });
+  await page.getByRole("button", { name: "Pause" }).click();
+  await page.waitForFunction(() => /command/.test(document.querySelector("#chart-command").getAttribute("aria-label") ?? ""));
+  const label = await page.locator("#chart-command").getAttribute("aria-label");
+  assert.match(label, /Command of axis X, last 10 s: now command -?[\d.]+ mm/);
+  await page.close();
+});
+
+test("everything can be done with the keyboard, and focus is seen", async () => {
+  const { page } = await open(browser, daemon.url);
+  await live(page);
+  const reached = new Set();
+  for (let i = 0; i < 30; ++i) {
+    await page.keyboard.press("Tab");
+    reached.add(await page.evaluate(() => {
+      const one = document.activeElement;
+      const style = getComputedStyle(one.matches("#axes input") ? one.nextElementSibling : one);
+      if (one !== document.body && (style.outlineStyle === "none" || parseFloat(style.outlineWidth) < 2)) return `no focus on ${one.id || one.outerHTML}`;
+      return one.id || one.textContent.trim() || one.name;
+    }));
+  }
+  const missing = ["Live", "Models", "Diagnosis", "Service", "theme", "window", "pause", "chart-error", "path-factor"].filter((name) => !reached.has(name));
+  assert.deepEqual(missing, []);
+  assert.deepEqual([...reached].filter((name) => name.startsWith("no focus")), []);
+  await page.locator("#axes input[value=X]").focus();
+  await page.keyboard.press("ArrowRight");
+  await page.waitForFunction(() => document.querySelector("#axes input:checked").value === "Y");
+  await page.locator("#chart-error").focus();
+  await page.keyboard.press("ArrowLeft");
+  await shows(page, "#readout", /measured -?[\d.]+ µm/);
+  await page.getByRole("link", { name: "Service" }).focus();
+  await page.keyboard.press("Enter");
+  await page.locator("#losses").waitFor();
+  assert.equal(await page.locator("nav a[aria-current]").textContent(), "Service");
+  await page.close();
+});
+
+test("is light or dark as the system says, and as the button says", async () => {
+  const { page, complaints } = await open(browser, daemon.url, { colorScheme: "dark" });
+  const brightness = () => page.evaluate(() => getComputedStyle(document.body).backgroundColor.match(/\d+/g).slice(0, 3).reduce((sum, part) => sum + Number(part), 0));
+  await page.waitForFunction(() => document.documentElement.dataset.theme === "dark");
+  assert.ok((await brightness()) < 150);
+  await page.locator("#theme").click();
+  assert.ok((await brightness()) > 600);
+  await page.reload();
+  await page.waitForFunction(() => document.documentElement.dataset.theme === "light");
+  assert.deepEqual(complaints, []);
+  await page.close();
+});
+
+test("words stand out from what is behind them", async () => {
+  for (const colorScheme of ["light", "dark"]) {
+    const { page } = await open(browser, daemon.url, { colorScheme });
+    await page.waitForFunction((theme) => document.documentElement.dataset.theme === theme, colorScheme);
+    const ratios = await page.evaluate(() => {
+      const style = getComputedStyle(document.documentElement);
+      const luminance = (name) => {
+        const probe = document.createElement("i");
+        probe.style.color = style.getPropertyValue(`--${name}`);
+        document.body.append(probe);
+        const parts = getComputedStyle(probe).color.match(/\d+/g).slice(0, 3).map((part) => part / 255);
+        probe.remove();
+        const [r, g, b] = parts.map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+      };
+      const ratio = (a, b) => (Math.max(luminance(a), luminance(b)) + 0.05) / (Math.min(luminance(a), luminance(b)) + 0.05);
+      return {
+        words: ["text", "soft", "strong", "good", "warn", "bad"].flatMap((name) => [["panel", name, ratio(name, "panel")], ["back", name, ratio(name, "back")]]),
+        lines: ["command", "measured", "predicted", "residual"].map((name) => ["panel", name, ratio(name, "panel")]),
+      };
+    });
+    for (const one of ratios.words) assert.ok(one[2] >= 4.5, `${colorScheme} ${one}`); // WCAG 1.4.3
+    for (const one of ratios.lines) assert.ok(one[2] >= 3, `${colorScheme} ${one}`); // WCAG 1.4.11
+    await page.close();
+  }
+});
+
+test("models and diagnoses come with their reasons and pictures", async () => {
+  const config = join(daemon.store, "short.toml");
+  writeFileSync(config, "[http]\ntoken = 'a token of the test'\n[identify]\nmethod = 'pole-search'\n[diagnose]\nrecord_s = 10\n");
+  const other = await Daemon.start(program, { recordings, config });
+  const { page, complaints } = await open(browser, `${other.url}#models`);
+  try {
+    await shows(page, "#versions tbody", /in force.*model 1 is in force: leaves/);
+    await other.says(/X: diagnosis of/);
+    await page.getByRole("link", { name: "Diagnosis" }).click();
+    await shows(page, "#verdict", /The simulation is wrong by [\d.]+ µm RMS/);
+    await shows(page, "#causes", /check.+/);
+    await page.frameLocator("#report").locator("figure svg").first().waitFor();
+    await page.locator("#ask summary").click();
+    await page.locator("#token").fill("a wrong token");
+    await page.getByRole("button", { name: "Ask" }).click();
+    await shows(page, "#asked", /^Not asked: needs Authorization/);
+    complaints.length = 0; // the browser complains of the 401, which was wanted
+    await page.locator("#token").fill("a token of the test");
+    await page.keyboard.press("Enter");
+    await shows(page, "#asked", /^Asked: a diagnosis is made/);
+    await page.getByRole("link", { name: "Service" }).click();
+    await shows(page, "#events", /diagnosis of/);
+    assert.deepEqual(complaints, []);
+  } finally {
+    await page.close();
+    await other.stop("SIGKILL");
+    other.forget();
+  }
+});
+
+test("says when the daemon is gone, and goes on when it is back", async () => {
+  let other = await Daemon.start(program, { recordings });
+  const { port, store } = other;
+  const { page } = await open(browser, other.url);
+  await live(page);
+  await page.evaluate(() => { window.same = true; });
+  await other.stop("SIGKILL");
+  await page.waitForFunction(() => document.querySelector("#state").dataset.state === "lost");
+  await shows(page, "#banner", /No connection to the daemon since .* Trying again/);
+  assert.ok(await page.locator("#banner").isVisible());
+  assert.equal(await page.locator("#banner").getAttribute("role"), "status");
+  other = await Daemon.start(program, { recordings, port, store });
+  await live(page);
+  assert.equal(await page.locator("#banner").isVisible(), false);
+  assert.equal(await page.evaluate(() => window.same), true); // by itself, without a new page
+  await changes(page, "#chart-command canvas", await picture(page, "#chart-command canvas"));
+  await page.close();
+  await other.stop("SIGKILL");
+  other.forget();
+});
+
+test("says when the machine falls silent", async () => {
+  const config = join(daemon.store, "waiting.toml");
+  writeFileSync(config, "[[axis]]\nname = 'X'\n");
+  const other = await Daemon.start(program, { recordings: [], config });
+  const { page } = await open(browser, other.url);
+  try {
+    await shows(page, "#state", /waiting for the machine/);
+    await shows(page, "#banner", /The daemon waits for its machine/);
+  } finally {
+    await page.close();
+    await other.stop("SIGKILL");
+    other.forget();
+  }
+});

@@ -1,0 +1,115 @@
+// /metrics: the format, by a strict reader, and what the figures say.
+#include "daemon/web/metrics.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "tests/daemon/prometheus_text.h"
+
+namespace servotwin {
+namespace {
+
+MetricsInput an_input() {
+  MetricsInput input;
+  input.machine = "a \"quoted\\ name\nin two lines";
+  input.version = "1.2.3";
+  input.live.status.frames = 12345678901ULL;
+  input.live.status.lost = 3;
+  input.description.axes = {{"X", false, ""}, {"Y", false, ""}};
+  input.live.status.axes = {{"X", 17, 1.5e-6, "", 2, ""}, {"Y", 0, kAbsent, "", 0, ""}};
+  input.live.axes = {{{2e-3, 3e-3}, {1e-3, 2e-3}, {4e-8, 5e-7}}, {}};
+  input.alarms = {AlarmState::kRaised, AlarmState::kLearning};
+  input.recordings_bytes = 4096;
+  return input;
+}
+
+double one(const std::map<std::string, PrometheusFamily>& all, const std::string& name,
+           const std::map<std::string, std::string>& labels = {}) {
+  for (const PrometheusSample& sample : all.at(name).samples) {
+    if (sample.labels == labels) return sample.value;
+  }
+  ADD_FAILURE() << name << " has no such sample";
+  return 0.0;
+}
+
+TEST(Metrics, AreWhatAStrictReaderAccepts) {
+  Histogram wake, work;
+  MetricsInput input = an_input();
+  input.wake = &wake;
+  input.work = &work;
+  const auto all = read_prometheus(metrics_text(input));
+  EXPECT_GE(all.size(), 30U);
+  for (const auto& [name, family] : all) {
+    EXPECT_TRUE(name.starts_with("servotwin_")) << name;
+    EXPECT_FALSE(family.help.empty()) << name;
+    EXPECT_EQ(family.type == "counter", name.ends_with("_total")) << name;
+    EXPECT_FALSE(family.samples.empty()) << name;
+  }
+  EXPECT_EQ(one(all, "servotwin_build_info", {{"machine", input.machine}, {"version", "1.2.3"}}),
+            1);
+  EXPECT_EQ(one(all, "servotwin_frames_total"), 12345678901.0);
+  EXPECT_EQ(one(all, "servotwin_frames_lost_total"), 3);
+  EXPECT_EQ(one(all, "servotwin_model_version", {{"axis", "X"}}), 17);
+  EXPECT_EQ(one(all, "servotwin_model_holdout_rms", {{"axis", "X"}}), 1.5e-6);
+  EXPECT_TRUE(std::isnan(one(all, "servotwin_model_holdout_rms", {{"axis", "Y"}})));
+  EXPECT_EQ(one(all, "servotwin_tracking_error_rms", {{"axis", "X"}}), 2e-3);
+  EXPECT_EQ(one(all, "servotwin_residual_rms", {{"axis", "X"}}), 4e-8);
+  EXPECT_EQ(one(all, "servotwin_recordings_bytes"), 4096);
+  EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "X"}, {"state", "raised"}}), 1);
+  EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "X"}, {"state", "learning"}}), 0);
+  EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "Y"}, {"state", "learning"}}), 1);
+}
+
+TEST(Metrics, WithoutAMachineHaveNoAxesAndNoHistogram) {
+  const auto all = read_prometheus(metrics_text({}));
+  EXPECT_FALSE(all.contains("servotwin_wake_seconds"));
+  EXPECT_TRUE(all.at("servotwin_model_version").samples.empty());
+}
+
+// Every bucket holds exactly the values below its limit: counted here one by one.
+TEST(Metrics, HistogramsHoldWhatWentIn) {
+  std::mt19937_64 rng{7};
+  std::uniform_real_distribution<double> decade(1.0, 10.5);
+  Histogram work;
+  std::vector<std::int64_t> values;
+  double sum_s = 0.0;
+  for (int i = 0; i < 5000; ++i) {
+    values.push_back(static_cast<std::int64_t>(std::pow(10.0, decade(rng))));
+    work.add(values.back());
+    sum_s += 1e-9 * static_cast<double>(values.back());
+  }
+  MetricsInput input;
+  input.work = &work;
+  const auto all = read_prometheus(metrics_text(input));
+  const PrometheusFamily& family = all.at("servotwin_work_seconds");
+  EXPECT_EQ(family.type, "histogram");
+  double before = 0.0, count = 0.0;
+  int buckets = 0;
+  for (const PrometheusSample& sample : family.samples) {
+    if (sample.name.ends_with("_bucket")) {
+      ++buckets;
+      const std::string& le = sample.labels.at("le");
+      const double limit_s = le == "+Inf" ? std::numeric_limits<double>::infinity() : std::stod(le);
+      EXPECT_EQ(sample.value,
+                static_cast<double>(std::count_if(
+                    values.begin(), values.end(),
+                    [&](std::int64_t v) { return static_cast<double>(v) < limit_s * 1e9; })))
+          << le;
+      EXPECT_GE(sample.value, before);
+      before = sample.value;
+    } else if (sample.name.ends_with("_count")) {
+      count = sample.value;
+    } else {
+      EXPECT_NEAR(sample.value, sum_s, 1e-9 * sum_s);
+    }
+  }
+  EXPECT_EQ(buckets, 22);
+  EXPECT_EQ(count, 5000.0);
+  EXPECT_EQ(before, count);
+}
+
+}  // namespace
+}  // namespace servotwin
