@@ -98,6 +98,24 @@ class Section {
     }
   }
 
+  void integers(const std::string& key, int lower, int upper, std::vector<int>& to) {
+    const toml::node* node = find(key);
+    if (node == nullptr) return;
+    const toml::array* list = node->as_array();
+    std::vector<int> values;
+    bool good = list != nullptr;
+    for (std::size_t i = 0; good && i < list->size(); ++i) {
+      const auto value = (*list)[i].is_integer() ? (*list)[i].value<std::int64_t>() : std::nullopt;
+      good = value && *value >= lower && *value <= upper;
+      if (good) values.push_back(static_cast<int>(*value));
+    }
+    if (good) {
+      to = std::move(values);
+    } else {
+      report(key, "must be a list of whole numbers from " + bounds(lower, upper, ""));
+    }
+  }
+
   void text(const std::string& key, std::size_t shortest, std::size_t longest, std::string& to) {
     const toml::node* node = find(key);
     if (node == nullptr) return;
@@ -307,6 +325,23 @@ void read_diagnose(Section section, DiagnoseConfig& diagnose) {
   section.refuse_unknown();
 }
 
+/// Every key with its value as text; a list, also one of tables, is one value.
+void flatten(const toml::table& table, const std::string& path,
+             std::map<std::string, std::string>& out) {
+  for (const auto& [key, node] : table) {
+    const std::string name = path + std::string(key.str());
+    if (const toml::table* inner = node.as_table()) {
+      flatten(*inner, name + ".", out);
+      continue;
+    }
+    std::ostringstream shown;
+    node.visit([&](const auto& value) { shown << value; });
+    std::string text = shown.str();
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    out[name] = std::move(text);
+  }
+}
+
 void read_all(const toml::table& table, Config& config, Problems& problems) {
   Section root(&table, "", problems);
 
@@ -331,6 +366,7 @@ void read_all(const toml::table& table, Config& config, Problems& problems) {
 
   Section real_time = root.section("real_time");
   real_time.integer("priority", 0, 98, config.priority);
+  real_time.integers("cpus", 0, 1023, config.cpus);
   real_time.refuse_unknown();
   root.refuse_unknown();
 }
@@ -347,7 +383,9 @@ CheckedConfig check_config(std::string_view text, const std::string& name) {
   CheckedConfig out;
   Problems problems(name, out.problems);
   try {
-    read_all(toml::parse(text, name), out.config, problems);
+    const toml::table table = toml::parse(text, name);
+    read_all(table, out.config, problems);
+    flatten(table, "", out.config.given);
     problems.sort();
   } catch (const toml::parse_error& error) {
     problems.add(error.source(), std::string(error.description()));

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -68,7 +69,9 @@ struct Config {
   IdentifyConfig identify;
   DiagnoseConfig diagnose;
   StoreConfig store;
-  int priority = 80;  ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
+  int priority = 80;      ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
+  std::vector<int> cpus;  ///< that the real-time loop may use; empty: all
+  std::map<std::string, std::string> given;  ///< the keys of the file as they stand there
 };
 
 struct ConfigProblem {

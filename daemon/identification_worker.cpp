@@ -142,7 +142,21 @@ void IdentificationWorker::run(const std::stop_token& stop) {
   }
 }
 
+void IdentificationWorker::reconfigure(const IdentifyConfig& config) {
+  const std::lock_guard lock(config_mutex_);
+  newer_config_ = config;
+}
+
+void IdentificationWorker::take_newer_config() {
+  const std::lock_guard lock(config_mutex_);
+  if (!newer_config_) return;
+  config_ = *std::exchange(newer_config_, std::nullopt);
+  config_.options.training_share = kTrainingShare;
+  for (Axis& axis : axes_) axis.evidence.keep(bounds_of(config_));
+}
+
 bool IdentificationWorker::look(std::size_t axis) {
+  take_newer_config();
   Axis& state = axes_[axis];
   const double moved_s = memory_.moved_s(axis);
   if (state.candidate) {

@@ -53,6 +53,8 @@ class IdentificationWorker {
   /// read.
   void restore();
   void run(const std::stop_token& stop);
+  /// From the next look on; the step that runs ends as it began. Any thread.
+  void reconfigure(const IdentifyConfig& config);
   /// One look at one axis; true if there was something to do.
   bool look(std::size_t axis);
   /// No more motion will come: works off what is there, and says what stays undecided.
@@ -79,6 +81,7 @@ class IdentificationWorker {
     std::string last_step;  // for people
   };
 
+  void take_newer_config();
   SegmentedAxis sort(std::size_t axis, double until_s);
   void step(std::size_t axis, double until_s);
   void seek(std::size_t axis, double until_s, SegmentedAxis motion, const IdentifyOptions& options);
@@ -97,6 +100,8 @@ class IdentificationWorker {
   std::span<LatestValue<TwinInForce>> in_force_;
   Announce announce_;
   std::vector<Axis> axes_;
+  std::mutex config_mutex_;
+  std::optional<IdentifyConfig> newer_config_;
   mutable std::mutex status_mutex_;
   std::vector<AxisStatus> status_;
 };

@@ -133,6 +133,7 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
   // relaxed: the flag orders nothing; whoever sets it joins this thread.
   while (!stop.load(std::memory_order_relaxed)) {
     const Received received = source.receive(frame_, kPatience_s);
+    count(counters_.turns);
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();

@@ -53,6 +53,7 @@ struct CycleRow {
 
 /// Written by the loop, read by any thread; numbers for people, so relaxed: they order nothing.
 struct LoopCounters {
+  std::atomic<std::uint64_t> turns{0};  ///< returns from receive, with a frame or without
   std::atomic<std::uint64_t> frames{0};
   std::atomic<std::uint64_t> lost{0};  ///< cycles that never came, by the sequence numbers
   std::atomic<std::uint64_t> repeated{

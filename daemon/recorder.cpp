@@ -90,6 +90,9 @@ void Recorder::collect(const CycleRow& row) {
     finish_file();
   }
   if (file_.time.empty()) {
+    // There is none yet where nothing was to be recorded at first; what is wrong shows in writing.
+    std::error_code ignored;
+    std::filesystem::create_directories(directory_, ignored);
     file_start_ns_ = row.time_ns;
     file_name_ = name_of_file(directory_);
   }

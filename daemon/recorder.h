@@ -33,6 +33,10 @@ class Recorder {
 
   /// Until asked to stop, and then until the ring is empty and the last file is written.
   void run(const std::stop_token& stop);
+  /// From the next row on. Any thread.
+  void keep(double budget_mb) noexcept {
+    budget_bytes_.store(budget_mb * 1e6, std::memory_order_relaxed);  // orders nothing
+  }
   /// Takes what waits in the ring; true if there was something.
   bool drain();
   /// Writes what has been collected.
@@ -48,7 +52,7 @@ class Recorder {
   void delete_oldest();
 
   std::filesystem::path directory_;
-  double budget_bytes_;
+  std::atomic<double> budget_bytes_;
   Ring<CycleRow>& rows_;
   MotionMemory& memory_;
   ResidualWatch& watch_;

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <optional>
 #include <ostream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -21,12 +22,15 @@
 #include "daemon/real_time_loop.h"
 #include "daemon/recorded_cycles.h"
 #include "daemon/recorder.h"
+#include "daemon/reload.h"
 #include "daemon/residual_watch.h"
 #include "daemon/scheduling.h"
+#include "daemon/service_manager.h"
 #include "daemon/store.h"
 #include "drivers/dds.h"
 #include "drivers/recording_file.h"
 #include "drivers/replay.h"
+#include "drivers/text.h"
 
 namespace servotwin {
 namespace {
@@ -144,6 +148,30 @@ std::string amiss(const MachineStatus& status) {
   return out;
 }
 
+/// Asks for what is to be done while it lives.
+class WhileServing {
+ public:
+  using Handler = std::function<void(const std::function<Config()>& load)>;
+  WhileServing(Reloads* reloads, Handler handler) : reloads_(reloads) {
+    if (reloads_ != nullptr) reloads_->serve_with(std::move(handler));
+  }
+  WhileServing(const WhileServing&) = delete;
+  WhileServing& operator=(const WhileServing&) = delete;
+  ~WhileServing() {
+    if (reloads_ != nullptr) reloads_->serve_with(nullptr);
+  }
+
+ private:
+  Reloads* reloads_;
+};
+
+/// Each line of a message that has several is an event.
+void note_refused(EventLog& events, const std::string& problems) {
+  std::istringstream lines(problems);
+  for (std::string line; std::getline(lines, line);) events.error("config_refused", "", line);
+  events.error("config_refused", "", "the new configuration is refused; the one before holds");
+}
+
 std::filesystem::path store_of(const Config& config) {
   return config.store.directory.empty() ? default_store() : config.store.directory;
 }
@@ -173,15 +201,22 @@ std::vector<std::string> obstacles(const Config& config) {
 }
 
 void serve(const Config& config, const std::stop_token& stop, const std::function<void()>& ready,
-           std::ostream& out) {
+           std::ostream& out, const Surroundings& surroundings) {
   Store store(store_of(config), config.machine);
-  EventLog events(store, out);
+  EventLog events(store, out, surroundings.journal, config.machine);
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
   const DdsNode node({config.machine, config.dds.domain, config.dds.partition});
   // Kept for as long as we listen: whoever introduces a machine waits to see it.
   DdsReader<MachineDescription> descriptions(node);
   ready();
+  const ServiceManager nobody;
+  Watchdog watchdog(
+      surroundings.manager != nullptr ? *surroundings.manager : nobody, [&](double silent_s) {
+        events.print(event_now("stalled", "",
+                               "the real-time loop has not moved for " + number(silent_s) +
+                                   " s; the service manager will start it again"));
+      });
 
   // Where the frames come from, and of what machine.
   Input input;
@@ -271,12 +306,33 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   });
   std::jthread real_time([&] {
     name_thread("real-time loop");
-    if (const std::string why = become_real_time(config.priority); !why.empty())
-      events.note("real_time", "", why);
+    for (const std::string& why : {keep_to(config.cpus), become_real_time(config.priority)}) {
+      if (!why.empty()) events.note("real_time", "", why);
+    }
+    prefault_stack();
+    watchdog.watch(&loop->counters().turns);
     loop->run(*input.source, stop_loop);
+    watchdog.watch(nullptr);
     const std::lock_guard lock(mutex);
     ended = true;
     ended_changed.notify_all();
+  });
+
+  // What the configuration may change on the way. The loop and its rings have no part in it.
+  Config running = config;
+  const WhileServing reloading(surroundings.reloads, [&](const std::function<Config()>& load) {
+    try {
+      const Config newer = load();
+      const ConfigChanges changes = changes_between(running, newer);
+      running = reloaded(running, newer);
+      identification.reconfigure(running.identify);
+      diagnosis.reconfigure(running.diagnose, running.identify);
+      recorder.keep(running.store.recordings_mb);
+      memory.remember(remembered_s(running));
+      events.note("reloaded", "", changes.text());
+    } catch (const std::exception& error) {
+      note_refused(events, error.what());
+    }
   });
 
   {
