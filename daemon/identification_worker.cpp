@@ -239,6 +239,15 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   seek(axis, until_s, std::move(motion), options);
 }
 
+void IdentificationWorker::cite(Pending& candidate, double from_s, double until_s) const {
+  if (!files_with_) return;
+  for (std::string& name : files_with_(from_s, until_s)) {
+    if (std::find(candidate.recordings.begin(), candidate.recordings.end(), name) ==
+        candidate.recordings.end())
+      candidate.recordings.push_back(std::move(name));
+  }
+}
+
 void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   try {
@@ -268,6 +277,7 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, SegmentedAxis 
   Pending candidate;
   candidate.until_s = until_s;
   candidate.moved_s = state.moved_s;
+  for (const Segment& segment : motion.segments) cite(candidate, segment.start_s, segment.end_s());
   try {
     const std::int64_t begin = steady_ns();
     candidate.identified = identify(motion, options);
@@ -318,6 +328,7 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     candidate.identified.record.holdout = left_by(&model, unseen, skip_s);
     candidacy.rms = candidate.identified.record.holdout.rms;
     candidacy.rms_in_force = left_by(other, unseen, skip_s).rms;
+    cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
     note_refusal(axis, std::string("a candidate was not judged: ") + error.what());
     return;
@@ -339,7 +350,7 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
       event_now("model_promoted", state.name,
                 "model " + std::to_string(next) + " is in force: " + decision.reason);
   try {
-    store_.promote(model.record, event);
+    store_.promote(model.record, event, candidate.recordings);
   } catch (const std::runtime_error& error) {
     events_.error(
         "not_stored", state.name,

@@ -276,6 +276,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   };
   Publisher publisher(node, machine.cycle_s, predictions, predicted, status);
   to_network = &publisher;
+  recorder.spare([&] { return store.cited(); });
+  identification.cite_with(
+      [&](double from_s, double until_s) { return recorder.files_with(from_s, until_s); });
   identification.restore();
   diagnosis.restore();
   diagnosis.give_up_with(stop);

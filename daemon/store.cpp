@@ -26,6 +26,9 @@ constexpr const char* kSchema = R"(
   CREATE TABLE IF NOT EXISTS diagnoses (
     id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
     reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL);
+  CREATE TABLE IF NOT EXISTS citations (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, recording TEXT NOT NULL,
+    PRIMARY KEY (machine, axis, version, recording)) WITHOUT ROWID;
   CREATE INDEX IF NOT EXISTS diagnoses_of_axis ON diagnoses (machine, axis, id);
 )";
 
@@ -228,7 +231,8 @@ std::vector<StoredModel> Store::versions(const std::string& axis) const {
   return read_models(statement.bind(machine_).bind(axis));
 }
 
-void Store::promote(ModelRecord& record, const Event& event) {
+void Store::promote(ModelRecord& record, const Event& event,
+                    const std::vector<std::string>& recordings) {
   const std::lock_guard lock(mutex_);
   Transaction transaction(*this);
   ModelRecord stored = record;
@@ -244,9 +248,28 @@ void Store::promote(ModelRecord& record, const Event& event) {
                    "?, ?, ?, ?, ?)");
   insert.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(stored.created);
   insert.bind(event.text).bind(to_json(stored).dump()).step("cannot be written");
+  for (const std::string& recording : recordings) {
+    Statement cite(*this,
+                   "INSERT OR IGNORE INTO citations (machine, axis, version, recording) VALUES (?, "
+                   "?, ?, ?)");
+    cite.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(recording);
+    cite.step("cannot be written");
+  }
   insert_event(event);
   transaction.commit();
   record = std::move(stored);
+}
+
+std::map<std::string, bool> Store::cited() const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT recording, max(version = (SELECT max(version) FROM models WHERE "
+                      "models.machine = citations.machine AND models.axis = citations.axis)) FROM "
+                      "citations WHERE machine = ? GROUP BY recording");
+  statement.bind(machine_);
+  std::map<std::string, bool> out;
+  while (statement.step("cannot be read")) out[statement.text(0)] = statement.number(1) != 0;
+  return out;
 }
 
 void Store::add(const StoredDiagnosis& diagnosis, const Event& event) {

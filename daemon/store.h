@@ -7,6 +7,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -67,7 +68,11 @@ class Store {
   [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis) const;
   /// Stores a model as the axis' next version, with the event that tells of it; version and parent
   /// of `record` are set. When this returns it is on the disk; when it throws nothing has changed.
-  void promote(ModelRecord& record, const Event& event);
+  /// `recordings`: the files of recordings/<machine> that it was found and judged on.
+  void promote(ModelRecord& record, const Event& event,
+               const std::vector<std::string>& recordings = {});
+  /// The recordings that models were found and judged on, and whether one of these is in force.
+  [[nodiscard]] std::map<std::string, bool> cited() const;
 
   /// Stores a diagnosis with the event that tells of it, and forgets what is too old.
   void add(const StoredDiagnosis& diagnosis, const Event& event);

@@ -75,6 +75,26 @@ TEST(Store, KeepsMachinesApart) {
   EXPECT_TRUE(store.events(10).empty());
 }
 
+TEST(Store, KnowsWhichRecordingsModelsCiteAndWhetherTheseAreInForce) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    ModelRecord first = record_of(drive()), second = record_of(drive()),
+                other = record_of(drive(), "Y");
+    store.promote(first, event("first"), {"a.csv", "b.csv"});
+    store.promote(second, event("second"), {"b.csv", "c.csv"});
+    store.promote(other, event("of another axis"), {"a.csv"});
+    EXPECT_EQ(store.cited(),
+              (std::map<std::string, bool>{{"a.csv", true}, {"b.csv", true}, {"c.csv", true}}));
+    ModelRecord third = record_of(drive());
+    store.promote(third, event("third"), {"d.csv"});
+  }
+  const Store store(directory.path(), "mill");
+  EXPECT_EQ(store.cited(),
+            (std::map<std::string, bool>{
+                {"a.csv", true}, {"b.csv", false}, {"c.csv", false}, {"d.csv", true}}));
+}
+
 TEST(Store, EventsComeBackTheNewestFirst) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
