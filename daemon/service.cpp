@@ -206,13 +206,15 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   EventLog events(store, out, surroundings.journal, config.machine);
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
+  if (!store.lost().empty()) events.error("store", "", store.lost());
   const DdsNode node({config.machine, config.dds.domain, config.dds.partition});
   // Kept for as long as we listen: whoever introduces a machine waits to see it.
   DdsReader<MachineDescription> descriptions(node);
   ready();
   const ServiceManager nobody;
   Watchdog watchdog(
-      surroundings.manager != nullptr ? *surroundings.manager : nobody, [&](double silent_s) {
+      surroundings.manager != nullptr ? *surroundings.manager : nobody, config.priority,
+      [&](double silent_s) {
         events.print(event_now("stalled", "",
                                "the real-time loop has not moved for " + number(silent_s) +
                                    " s; the service manager will start it again"));

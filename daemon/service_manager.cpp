@@ -46,8 +46,9 @@ void ServiceManager::notify(const std::string& state) const noexcept {
   close(socket);
 }
 
-Watchdog::Watchdog(const ServiceManager& manager, std::function<void(double silent_s)> stalled)
-    : manager_(manager), stalled_(std::move(stalled)) {
+Watchdog::Watchdog(const ServiceManager& manager, int loop_priority,
+                   std::function<void(double silent_s)> stalled)
+    : manager_(manager), loop_priority_(loop_priority), stalled_(std::move(stalled)) {
   if (manager_.watchdog_s() > 0.0)
     thread_ = std::jthread([this](const std::stop_token& stop) { run(stop); });
 }
@@ -59,6 +60,8 @@ void Watchdog::watch(const std::atomic<std::uint64_t>* turns) {
 
 void Watchdog::run(const std::stop_token& stop) {
   name_thread("watchdog");
+  // Where this is not permitted, it is not for the loop either, and that is said.
+  if (loop_priority_ > 0) (void)become_real_time(loop_priority_ + 1);
   const std::chrono::duration<double> look(manager_.watchdog_s() / kLooks);
   const std::atomic<std::uint64_t>* watched = nullptr;
   std::uint64_t seen = 0;

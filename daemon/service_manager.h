@@ -6,6 +6,8 @@
 // busy identification does not count at all. Where no loop runs, before a machine has come and
 // while the workers finish, there is nothing that could stall. A manager that hears nothing for
 // WatchdogSec starts the daemon again.
+// The thread runs above the loop: one that is overloaded and never sleeps is no stall either, its
+// overruns are counted.
 #pragma once
 
 #include <atomic>
@@ -36,7 +38,8 @@ class ServiceManager {
 class Watchdog {
  public:
   /// `stalled` is called once when the loop stops getting on. Both outlive the watchdog.
-  Watchdog(const ServiceManager& manager, std::function<void(double silent_s)> stalled);
+  Watchdog(const ServiceManager& manager, int loop_priority,
+           std::function<void(double silent_s)> stalled);
   Watchdog(const Watchdog&) = delete;
   Watchdog& operator=(const Watchdog&) = delete;
 
@@ -47,6 +50,7 @@ class Watchdog {
   void run(const std::stop_token& stop);
 
   const ServiceManager& manager_;
+  int loop_priority_;
   std::function<void(double)> stalled_;
   std::mutex mutex_;
   std::condition_variable_any wake_;

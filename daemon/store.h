@@ -2,8 +2,11 @@
 //
 // Nothing is acknowledged before it is on the disk: WAL journal, synchronous=FULL, one transaction
 // for a model or a diagnosis and its event. The version in force of an axis is its highest one. One
-// process per directory, and any number that read. Errors: std::runtime_error, one line with the
-// file and the reason. Any thread.
+// process per directory, and any number that read.
+//
+// The model in force of every axis is beside the database, too: models/<machine>/<axis>.json. A
+// database that is damaged is put aside, and the models in force come back from there. Errors:
+// std::runtime_error, one line with the file and the reason. Any thread.
 #pragma once
 
 #include <filesystem>
@@ -84,6 +87,8 @@ class Store {
   [[nodiscard]] std::vector<Event> events(int most) const;
 
   [[nodiscard]] const std::filesystem::path& directory() const noexcept { return directory_; }
+  /// What was lost when it was opened, and where it is kept; empty if nothing was.
+  [[nodiscard]] const std::string& lost() const noexcept { return lost_; }
 
  private:
   struct Close {
@@ -92,6 +97,14 @@ class Store {
   class Statement;
   class Transaction;
 
+  void open(StoreAccess access);
+  /// Why the database cannot be used; empty if it can. Throws where it is none of ours.
+  [[nodiscard]] std::string damage() const;
+  void put_aside(const std::string& why);
+  void restore_models();
+  void complete_copies() const;
+  [[nodiscard]] std::filesystem::path copy_of(const std::string& machine,
+                                              const std::string& axis) const;
   [[noreturn]] void fail(const std::string& what) const;
   void execute(const char* sql) const;
   void insert_event(const Event& event);
@@ -99,6 +112,7 @@ class Store {
 
   std::filesystem::path directory_, file_;
   std::string machine_;
+  std::string lost_;
   int lock_ = -1;
   std::unique_ptr<sqlite3, Close> database_;
   mutable std::mutex mutex_;
