@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -320,6 +321,49 @@ TEST_F(ServotwindTest, ReadingTheConfigurationAgainLosesNoSample) {
   const Ended ended = daemon.wait();
   EXPECT_EQ(ended.status, 0);
   EXPECT_THAT(ended.said, HasSubstr("servotwind: stopped after 20000 frames\n"));
+}
+
+// The whole daemon, while it finds models; the store alone is killed a hundred times in
+// store_damage_test.cpp. SERVOTWIN_KILLS: how often.
+TEST_F(ServotwindTest, KilledAtRandomMomentsItComesBackWithTheModelItSaidWasInForce) {
+  const virtual_machine::AxisRecord record = ball_screw_record(20.0);
+  std::ofstream file(directory_.path() / "machine.csv");
+  file.precision(12);
+  file << "time[s],X.command[m],X.actual[m]\n";
+  for (Eigen::Index i = 0; i < record.command.size(); ++i)
+    file << static_cast<double>(i) * kCycle_s << ',' << record.command(i) << ',' << record.actual(i)
+         << '\n';
+  file.close();
+  const std::string config =
+      write("m.toml",
+            "[identify]\nmethod = 'pole-search'\nwindow_s = 1\njudge_s = 0.5\nmin_improvement = 0\n"
+            "[diagnose]\nevery_s = 0\n[store]\nrecordings_mb = 1\n");
+  const char* asked = std::getenv("SERVOTWIN_KILLS");
+  const int kills = asked == nullptr ? 8 : std::atoi(asked);
+  std::mt19937_64 random(3);
+  int in_force = 0;
+  for (int kill_number = 1; kill_number <= kills; ++kill_number) {
+    Process daemon(here_and(
+        {"--config", config, "--replay", directory_.path() / "machine.csv", "--speed", "20"}));
+    if (in_force > 0) {
+      ASSERT_TRUE(daemon.has_said("model " + std::to_string(in_force) + " is in force again"))
+          << "kill " << kill_number;
+    } else {
+      ASSERT_TRUE(daemon.has_said("servotwind: X: model 1 is in force: "));
+    }
+    usleep(static_cast<useconds_t>(random() % 700'000));
+    const Ended ended = daemon.wait_after(SIGKILL);
+    ASSERT_EQ(ended.status, 128 + SIGKILL) << ended.said;
+    const Store store(directory_.path() / "store", "process-" + std::to_string(getpid()));
+    ASSERT_EQ(store.lost(), "");
+    const int stored = store.in_force().at(0).record.version;
+    for (int version = stored + 1; version < stored + 100; ++version) {
+      ASSERT_THAT(ended.said,
+                  testing::Not(HasSubstr("model " + std::to_string(version) + " is in force: ")))
+          << "it was said, and is not there";
+    }
+    in_force = stored;
+  }
 }
 
 // One process watches the machine and diagnoses, another one is started on its store, a third
