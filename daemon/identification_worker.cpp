@@ -170,6 +170,15 @@ bool IdentificationWorker::look(std::size_t axis) {
                 (state.last_step.empty() ? "" : "; last: " + state.last_step));
   const std::optional<double> until_s =
       memory_.time_when_moved(axis, state.moved_s + config_.window_s);
+  // A worker that got no processor for so long goes on with what there is.
+  if (until_s && *until_s <= memory_.oldest_s() && moved_s - config_.window_s > state.moved_s) {
+    events_.note("motion_skipped", state.name,
+                 tenths(moved_s - config_.window_s - state.moved_s) +
+                     " of motion were not looked at while they were remembered; the processor is "
+                     "too busy");
+    state.moved_s = moved_s - config_.window_s;
+    return true;
+  }
   // Without a model there is nothing whose noise floor could be renewed.
   const std::optional<double> stood_s =
       state.in_force ? memory_.time_when_stood(axis, state.sorted_s, standing_s(config_))
