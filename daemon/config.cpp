@@ -1,188 +1,17 @@
 #include "daemon/config.h"
 
-#include <fcntl.h>
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <cstdlib>
-#include <initializer_list>
-#include <sstream>
 #include <stdexcept>
 
 #include "drivers/file_handle.h"
 #include "drivers/messages.h"
 #include "drivers/text.h"
+#include "drivers/toml_section.h"
 #include "twin/catalogue.h"
 
 namespace servotwin {
 namespace {
-
-/// The problems of one file, as they are found.
-class Problems {
- public:
-  Problems(std::string file, std::vector<ConfigProblem>& found)
-      : file_(std::move(file)), found_(found) {}
-
-  void add(const toml::source_region& where, std::string what) {
-    found_.push_back({file_, static_cast<int>(where.begin.line),
-                      static_cast<int>(where.begin.column), std::move(what)});
-  }
-  void add(const std::string& key, const toml::node& value, const std::string& rule) {
-    if (value.is_table()) {
-      add(value.source(), key + ": " + rule);
-      return;
-    }
-    std::ostringstream shown;
-    value.visit([&](const auto& node) { shown << node; });
-    std::string text = shown.str();
-    std::replace(text.begin(), text.end(), '\n', ' ');
-    add(value.source(), key + " = " + text + ": " + rule);
-  }
-  void sort() {
-    std::stable_sort(found_.begin(), found_.end(),
-                     [](const ConfigProblem& a, const ConfigProblem& b) {
-                       return a.line != b.line ? a.line < b.line : a.column < b.column;
-                     });
-  }
-
- private:
-  std::string file_;
-  std::vector<ConfigProblem>& found_;
-};
-
-std::string bounds(double lower, double upper, const std::string& unit) {
-  return number(lower) + " to " + number(upper) + (unit.empty() ? "" : " " + unit);
-}
-
-/// One table of the file: hands out its keys, and knows in the end which were never asked for.
-class Section {
- public:
-  Section(const toml::table* table, std::string path, Problems& problems)
-      : table_(table), path_(std::move(path)), problems_(problems) {}
-
-  [[nodiscard]] bool given() const { return table_ != nullptr; }
-
-  /// The value of a key, if it is there.
-  const toml::node* find(const std::string& key) {
-    known_.push_back(key);
-    return table_ == nullptr ? nullptr : table_->get(key);
-  }
-
-  Section section(const std::string& key) {
-    const toml::node* node = find(key);
-    if (node != nullptr && !node->is_table())
-      report(key, "must be a table: [" + name_of(key) + "]");
-    return {node == nullptr ? nullptr : node->as_table(), name_of(key), problems_};
-  }
-
-  void number(const std::string& key, double lower, double upper, const std::string& unit,
-              double& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->is_number() ? node->value<double>() : std::nullopt;
-    if (value && *value >= lower && *value <= upper) {
-      to = *value;
-    } else {
-      report(key, "must be a number from " + bounds(lower, upper, unit));
-    }
-  }
-
-  void integer(const std::string& key, int lower, int upper, int& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->is_integer() ? node->value<std::int64_t>() : std::nullopt;
-    if (value && *value >= lower && *value <= upper) {
-      to = static_cast<int>(*value);
-    } else {
-      report(key, "must be a whole number from " + bounds(lower, upper, ""));
-    }
-  }
-
-  void text(const std::string& key, std::size_t shortest, std::size_t longest, std::string& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->value_exact<std::string>();
-    if (value && value->size() >= shortest && value->size() <= longest) {
-      to = *value;
-    } else {
-      report(key, "must be a text of " + std::to_string(shortest) + " to " +
-                      std::to_string(longest) + " characters in quotes");
-    }
-  }
-
-  /// A text that can stand in file names, column names and messages.
-  void name(const std::string& key, std::size_t longest, std::string& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->value_exact<std::string>();
-    if (value && value->size() <= longest && usable_name(*value)) {
-      to = *value;
-    } else {
-      report(key, "must be 1 to " + std::to_string(longest) +
-                      " letters, digits or any of . _ -, not beginning with a dot");
-    }
-  }
-
-  void one_of(const std::string& key, std::initializer_list<std::string> allowed, std::string& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->value_exact<std::string>();
-    if (value && std::find(allowed.begin(), allowed.end(), *value) != allowed.end()) {
-      to = *value;
-    } else {
-      std::string list;
-      for (const std::string& one : allowed) list += (list.empty() ? "'" : ", '") + one + "'";
-      report(key, "must be one of " + list);
-    }
-  }
-
-  /// [lowest, highest] of something that is searched between them.
-  void range(const std::string& key, double lower, double upper, const std::string& unit,
-             double& from, double& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const toml::array* pair = node->as_array();
-    std::optional<double> a, b;
-    if (pair != nullptr && pair->size() == 2 && (*pair)[0].is_number() && (*pair)[1].is_number()) {
-      a = (*pair)[0].value<double>();
-      b = (*pair)[1].value<double>();
-    }
-    if (a && b && *a >= lower && *b <= upper && *a < *b) {
-      from = *a;
-      to = *b;
-    } else {
-      report(key, "must be [lowest, highest] within " + bounds(lower, upper, unit));
-    }
-  }
-
-  /// A key that is there breaks this rule.
-  void report(const std::string& key, const std::string& rule) {
-    problems_.add(name_of(key), *table_->get(key), rule);
-  }
-  void report_missing(const std::string& key, const std::string& why) {
-    problems_.add(table_->source(), name_of(key) + ": " + why);
-  }
-
-  void refuse_unknown() const {
-    if (table_ == nullptr) return;
-    for (const auto& [key, node] : *table_) {
-      const std::string name(key.str());
-      if (std::find(known_.begin(), known_.end(), name) != known_.end()) continue;
-      problems_.add(key.source(),
-                    name_of(name) + ": there is no such key" + did_you_mean(name, known_));
-    }
-  }
-
- private:
-  [[nodiscard]] std::string name_of(const std::string& key) const {
-    return path_.empty() ? key : path_ + "." + key;
-  }
-
-  const toml::table* table_;
-  std::string path_;
-  Problems& problems_;
-  std::vector<std::string> known_;
-};
 
 /// The source that an axis names, with the place where it does.
 struct NamedSource {
@@ -337,12 +166,6 @@ void read_all(const toml::table& table, Config& config, Problems& problems) {
 
 }  // namespace
 
-std::string ConfigProblem::message() const {
-  const std::string place =
-      line == 0 ? "" : ":" + std::to_string(line) + ":" + std::to_string(column);
-  return file + place + ": " + what;
-}
-
 CheckedConfig check_config(std::string_view text, const std::string& name) {
   CheckedConfig out;
   Problems problems(name, out.problems);
@@ -356,22 +179,13 @@ CheckedConfig check_config(std::string_view text, const std::string& name) {
 }
 
 CheckedConfig check_config(const std::filesystem::path& file) {
-  const FileHandle handle = FileHandle::open(file, O_RDONLY);
-  std::string text;
-  char block[4096];
-  while (const std::size_t count = handle.read(block, sizeof block)) text.append(block, count);
-  return check_config(text, file.string());
+  return check_config(read_text(file), file.string());
 }
 
 Config load_config(const std::filesystem::path& file) {
   CheckedConfig checked = check_config(file);
   if (checked.problems.empty()) return checked.config;
-  std::string message;
-  for (const ConfigProblem& problem : checked.problems) {
-    if (!message.empty()) message += '\n';
-    message += problem.message();
-  }
-  throw std::runtime_error(message);
+  throw std::runtime_error(messages(checked.problems));
 }
 
 std::filesystem::path default_store() {

@@ -12,6 +12,7 @@
 #include <string_view>
 #include <vector>
 
+#include "drivers/config_problem.h"
 #include "identification/identify.h"
 
 namespace servotwin {
@@ -69,15 +70,6 @@ struct Config {
   DiagnoseConfig diagnose;
   StoreConfig store;
   int priority = 80;  ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
-};
-
-struct ConfigProblem {
-  std::string file;
-  int line = 0, column = 0;  ///< from 1; 0: the file as a whole
-  std::string what;          ///< key, value, rule and what to do
-
-  /// "file:line:column: what"
-  [[nodiscard]] std::string message() const;
 };
 
 struct CheckedConfig {
