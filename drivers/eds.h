@@ -22,10 +22,11 @@ namespace servotwin {
 struct PdoObject {
   std::uint16_t index = 0;  ///< below 0x20: bits that nothing is in
   std::uint8_t sub = 0;
-  int start = 0;                 ///< first bit in the PDO
-  int bits = 0;                  ///< 1..64
-  std::optional<Coding> coding;  ///< absent: the file does not describe the object, or it is no number
-  std::string name;              ///< of the object in the file
+  int start = 0;  ///< first bit in the PDO
+  int bits = 0;   ///< 1..64
+  std::optional<Coding>
+      coding;        ///< absent: the file does not describe the object, or it is no number
+  std::string name;  ///< of the object in the file
 };
 
 struct Pdo {
@@ -33,7 +34,7 @@ struct Pdo {
   int number = 1;        ///< 1..512
   std::uint32_t id = 0;
   bool extended = false;
-  bool valid = false;              ///< it is switched on
+  bool valid = false;               ///< it is switched on
   std::optional<int> transmission;  ///< 0..240: with SYNC; 254, 255: when the drive likes
   std::vector<PdoObject> objects;
 
