@@ -73,8 +73,8 @@ Recording read_candump(const std::filesystem::path& file, const ReadOptions& opt
   }
   CanMap map = load_can_map(options.can_map);
   Rows rows(file, map);
-  Interfaces interfaces(map);
   CanAssembly assembly(std::move(map));
+  Interfaces interfaces(assembly.map());
   const CanCounts none = assembly.counts();
   CandumpReader reader(file);
   CandumpLine line;
