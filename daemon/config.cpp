@@ -1,8 +1,10 @@
 #include "daemon/config.h"
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <stdexcept>
+#include <utility>
 
 #include "drivers/file_handle.h"
 #include "drivers/messages.h"
@@ -28,7 +30,7 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   section.name("name", 31, axis.name);
   section.one_of("units", {"m", "rad"}, units);
   section.one_of("torque_unit", {"N", "Nm", "A", "V", "%"}, axis.torque_unit);
-  section.one_of("source", {"dds", "replay"}, source.name);
+  section.one_of("source", {"dds", "replay", "can", "udp"}, source.name);
   section.refuse_unknown();
   if (!source.name.empty()) source.where = table.get("source")->source();
   axis.rotary = units == "rad";
@@ -59,7 +61,15 @@ std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Probl
   return sources;
 }
 
-void read_replay(Section& replay, ReplayConfig& config) {
+/// A file beside the configuration.
+void read_map(Section& section, const std::string& key, const std::filesystem::path& folder,
+              std::filesystem::path& to) {
+  std::string file;
+  section.text(key, 1, 4096, file);
+  if (!file.empty()) to = folder / file;
+}
+
+void read_replay(Section& replay, const std::filesystem::path& folder, ReplayConfig& config) {
   if (const toml::node* files = replay.find("files")) {
     const toml::array* list = files->as_array();
     if (list == nullptr || list->empty() || !list->is_homogeneous(toml::node_type::string)) {
@@ -71,27 +81,55 @@ void read_replay(Section& replay, ReplayConfig& config) {
     replay.report_missing("files", "is missing; which recordings are to be replayed?");
   }
   replay.text("columns", 0, 4096, config.columns);
+  read_map(replay, "can_map", folder, config.can_map);
   replay.number("speed", 0.01, 1000.0, "", config.speed);
   replay.refuse_unknown();
 }
 
-void read_source(Section source, const std::vector<NamedSource>& named, Config& config,
-                 Problems& problems) {
-  Section dds = source.section("dds");
-  int domain = static_cast<int>(config.dds.domain);
-  dds.integer("domain", 0, 230, domain);
-  config.dds.domain = static_cast<std::uint32_t>(domain);
-  dds.text("partition", 0, 255, config.dds.partition);
-  dds.refuse_unknown();
-  Section replay = source.section("replay");
-  read_replay(replay, config.replay);
-  source.refuse_unknown();
+void read_can(Section& can, const std::filesystem::path& folder, CanConfig& config) {
+  read_map(can, "map", folder, config.map);
+  if (can.given() && !can.has("map"))
+    can.report_missing("map", "is missing; which file says which bits are which signal?");
+  if (const toml::node* names = can.find("interfaces")) {
+    const toml::array* list = names->as_array();
+    if (list == nullptr || list->empty() || list->size() > 8 ||
+        !list->is_homogeneous(toml::node_type::string)) {
+      can.report("interfaces", "must be a list of 1 to 8 names in quotes, such as [\"can0\"]");
+    } else {
+      for (const toml::node& name : *list) config.interfaces.push_back(*name.value<std::string>());
+    }
+  }
+  can.flag("filter", config.filter);
+  can.refuse_unknown();
+}
 
-  std::string chosen = replay.given() && !dds.given() ? "replay" : "dds";
+void read_udp(Section& udp, const std::filesystem::path& folder, UdpConfig& config) {
+  read_map(udp, "map", folder, config.map);
+  if (udp.given() && !udp.has("map"))
+    udp.report_missing("map", "is missing; which file says which bits are which signal?");
+  udp.text("listen", 3, 255, config.listen);
+  udp.text("peer", 3, 255, config.peer);
+  udp.refuse_unknown();
+}
+
+/// Which of the sources that are given it is.
+void choose_source(Section& source, const std::vector<NamedSource>& named, Config& config,
+                   Problems& problems) {
+  constexpr std::array<std::pair<const char*, SourceKind>, 4> kKinds{
+      {{"dds", SourceKind::kDds},
+       {"replay", SourceKind::kReplay},
+       {"can", SourceKind::kCan},
+       {"udp", SourceKind::kUdp}}};
+  std::vector<std::string> given;
+  for (const auto& [name, kind] : kKinds) {
+    if (source.has(name)) given.emplace_back(name);
+  }
+  std::string chosen = given.empty() ? "dds" : given.front();
   if (!named.empty()) {
     chosen = named.front().name;
-  } else if (replay.given() && dds.given()) {
-    source.report("replay", "there is a source.dds as well; say which one with axis.source");
+  } else if (given.size() > 1) {
+    source.report(given.back(), "there is a source." + given.front() +
+                                    " as well; say which one with axis.source");
   }
   for (const NamedSource& other : named) {
     if (other.name != chosen) {
@@ -99,10 +137,31 @@ void read_source(Section source, const std::vector<NamedSource>& named, Config& 
                                     "', and all axes of a machine come from one source");
     }
   }
-  if (chosen == "replay" && !replay.given()) {
-    problems.add(named.front().where, "axis.source = 'replay': there is no [source.replay]");
+  if (chosen != "dds" && !source.has(chosen)) {
+    problems.add(named.front().where,
+                 "axis.source = '" + chosen + "': there is no [source." + chosen + "]");
   }
-  config.source = chosen == "replay" ? SourceKind::kReplay : SourceKind::kDds;
+  for (const auto& [name, kind] : kKinds) {
+    if (chosen == name) config.source = kind;
+  }
+}
+
+void read_source(Section source, const std::vector<NamedSource>& named,
+                 const std::filesystem::path& folder, Config& config, Problems& problems) {
+  Section dds = source.section("dds");
+  int domain = static_cast<int>(config.dds.domain);
+  dds.integer("domain", 0, 230, domain);
+  config.dds.domain = static_cast<std::uint32_t>(domain);
+  dds.text("partition", 0, 255, config.dds.partition);
+  dds.refuse_unknown();
+  Section replay = source.section("replay");
+  read_replay(replay, folder, config.replay);
+  Section can = source.section("can");
+  read_can(can, folder, config.can);
+  Section udp = source.section("udp");
+  read_udp(udp, folder, config.udp);
+  source.refuse_unknown();
+  choose_source(source, named, config, problems);
 }
 
 void read_identify(Section section, IdentifyConfig& identify) {
@@ -136,7 +195,8 @@ void read_diagnose(Section section, DiagnoseConfig& diagnose) {
   section.refuse_unknown();
 }
 
-void read_all(const toml::table& table, Config& config, Problems& problems) {
+void read_all(const toml::table& table, const std::filesystem::path& folder, Config& config,
+              Problems& problems) {
   Section root(&table, "", problems);
 
   Section machine = root.section("machine");
@@ -147,7 +207,7 @@ void read_all(const toml::table& table, Config& config, Problems& problems) {
   machine.refuse_unknown();
 
   const std::vector<NamedSource> named = read_axes(root.find("axis"), config, problems);
-  read_source(root.section("source"), named, config, problems);
+  read_source(root.section("source"), named, folder, config, problems);
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
 
@@ -170,7 +230,8 @@ CheckedConfig check_config(std::string_view text, const std::string& name) {
   CheckedConfig out;
   Problems problems(name, out.problems);
   try {
-    read_all(toml::parse(text, name), out.config, problems);
+    read_all(toml::parse(text, name), std::filesystem::path(name).parent_path(), out.config,
+             problems);
     problems.sort();
   } catch (const toml::parse_error& error) {
     problems.add(error.source(), std::string(error.description()));

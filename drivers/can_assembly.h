@@ -47,6 +47,10 @@ class CanAssembly {
 
   [[nodiscard]] const CanMap& map() const noexcept { return map_; }
   [[nodiscard]] CanCounts counts() const;
+  /// Frames of a message that were refused for their length. Any thread.
+  [[nodiscard]] std::uint64_t wrong_length(std::size_t message) const noexcept {
+    return messages_[message].wrong_length.load(std::memory_order_relaxed);
+  }
 
  private:
   enum class Arrival : std::uint8_t { kAwaited, kCame, kLate };

@@ -204,6 +204,14 @@ bool is_candump(std::string_view beginning) {
   return false;
 }
 
+bool is_can_log(const std::filesystem::path& file) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;
+  std::string start(4096, '\0');
+  start.resize(FileHandle::open(file, O_RDONLY).read(start.data(), start.size()));
+  return is_candump(start);
+}
+
 CandumpReader::CandumpReader(const std::filesystem::path& file)
     : name_(file.string()), file_(FileHandle::open(file, O_RDONLY)) {}
 

@@ -32,6 +32,9 @@ struct CandumpLine {
 /// Whether a file that begins like this is such a log.
 [[nodiscard]] bool is_candump(std::string_view beginning);
 
+/// The same of a file; false if it cannot be read.
+[[nodiscard]] bool is_can_log(const std::filesystem::path& file);
+
 /// Reads a log line by line. Empty lines and lines that begin with # are passed over.
 class CandumpReader {
  public:
