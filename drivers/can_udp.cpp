@@ -27,6 +27,11 @@ CanUdp::Address CanUdp::resolved(const std::string& place, bool ours) {
   const std::size_t colon = place.rfind(':');
   if (colon == std::string::npos || colon + 1 == place.size())
     throw std::runtime_error(in_quotes(place) + ": must be ADDRESS:PORT, such as 127.0.0.1:20000");
+  const std::string digits = place.substr(colon + 1);
+  if (digits.size() > 5 || digits.find_first_not_of("0123456789") != std::string::npos ||
+      std::stoi(digits) > 65535) {
+    throw std::runtime_error(in_quotes(place) + ": the port must be 0 to 65535");
+  }
   std::string host = place.substr(0, colon);
   if (host.size() > 1 && host.front() == '[' && host.back() == ']')
     host = host.substr(1, host.size() - 2);
@@ -34,8 +39,8 @@ CanUdp::Address CanUdp::resolved(const std::string& place, bool ours) {
   hints.ai_socktype = SOCK_DGRAM;
   hints.ai_flags = AI_NUMERICSERV | (ours ? AI_PASSIVE : 0);
   addrinfo* found = nullptr;
-  const int error = getaddrinfo(host.empty() ? nullptr : host.c_str(),
-                                place.substr(colon + 1).c_str(), &hints, &found);
+  const int error =
+      getaddrinfo(host.empty() ? nullptr : host.c_str(), digits.c_str(), &hints, &found);
   if (error != 0)
     throw std::runtime_error(in_quotes(place) +
                              ": there is no such address: " + gai_strerror(error));
