@@ -116,9 +116,55 @@ class MapReader {
       if (!node.has("eds"))
         node.report_missing("eds", "is missing; which file describes the node?");
       node.text("eds", 1, 4096, file);
-      if (!file.empty()) attempt(node, "eds", [&] { sources_.add_node(bus, id, file); });
+      bool there = false;
+      if (!file.empty())
+        there = attempt(node, "eds", [&] { id = sources_.add_node(bus, id, file); });
+      for (const char* kind : {"tpdo", "rpdo"}) {
+        for (const toml::table* pdo : tables(node, kind)) {
+          Section section(pdo, std::string("node.") + kind, problems_);
+          if (there) read_pdo(section, bus, id, kind[0] == 't');
+        }
+      }
       node.refuse_unknown();
     }
+  }
+
+  /// A PDO that the controller maps when it starts.
+  void read_pdo(Section& section, std::size_t bus, int node, bool transmit) {
+    int number = 0, can_id = 0;
+    for (const char* key : {"number", "objects"}) {
+      if (!section.has(key))
+        section.report_missing(key, "is missing; which objects are in which PDO?");
+    }
+    section.integer("number", 1, 512, number);
+    section.integer("id", 1, static_cast<int>(kExtendedIds - 1), can_id);
+    std::vector<std::pair<int, int>> objects;
+    if (const toml::node* given = section.find("objects")) {
+      constexpr const char* kRule =
+          "must be a list of objects such as 0x6064 or, with a sub-index, [0x60C1, 1]";
+      const toml::array* list = given->as_array();
+      bool good = list != nullptr && !list->empty();
+      for (std::size_t i = 0; good && i < list->size(); ++i) {
+        const toml::node& entry = *list->get(i);
+        const toml::array* pair = entry.as_array();
+        const auto part = [&](std::size_t k) {
+          const toml::node* one = pair == nullptr ? (k == 0 ? &entry : nullptr) : pair->get(k);
+          return one == nullptr ? std::optional<std::int64_t>(k) : one->value_exact<std::int64_t>();
+        };
+        const auto index = part(0),
+                   sub = pair == nullptr ? std::optional<std::int64_t>(0) : part(1);
+        good = index && sub && *index >= 0x1000 && *index <= 0xFFFF && *sub >= 0 && *sub <= 255;
+        if (good) objects.emplace_back(static_cast<int>(*index), static_cast<int>(*sub));
+      }
+      if (!good) section.report("objects", kRule);
+    }
+    section.refuse_unknown();
+    if (number == 0 || objects.empty()) return;
+    attempt(section, "objects", [&] {
+      sources_.map_pdo(
+          bus, node, transmit, number,
+          can_id == 0 ? std::nullopt : std::optional(static_cast<std::uint32_t>(can_id)), objects);
+    });
   }
 
   void read_start(Section& root) {

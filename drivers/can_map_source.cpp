@@ -102,7 +102,7 @@ void SignalSources::add_dbc(std::size_t bus, const std::string& file) {
   dbcs_[bus] = {file, read_dbc(folder_ / file)};
 }
 
-void SignalSources::add_node(std::size_t bus, int id, const std::string& file) {
+int SignalSources::add_node(std::size_t bus, int id, const std::string& file) {
   EdsDevice device = read_eds(folder_ / file, id);
   notes_.insert(notes_.end(), device.notes.begin(), device.notes.end());
   const std::pair key{bus, device.node_id};
@@ -111,6 +111,53 @@ void SignalSources::add_node(std::size_t bus, int id, const std::string& file) {
                              " on this bus already");
   }
   nodes_[key] = {file, std::move(device)};
+  return key.second;
+}
+
+void SignalSources::map_pdo(std::size_t bus, int id, bool transmit, int number,
+                            const std::optional<std::uint32_t>& can_id,
+                            const std::vector<std::pair<int, int>>& objects) {
+  Node& node = nodes_.at({bus, id});
+  std::vector<Pdo>& pdos = node.device.pdos;
+  auto pdo = std::find_if(pdos.begin(), pdos.end(), [&](const Pdo& one) {
+    return one.transmit == transmit && one.number == number;
+  });
+  const std::string which = (transmit ? "TPDO" : "RPDO") + std::to_string(number);
+  if (pdo == pdos.end()) {
+    if (!can_id) {
+      throw std::runtime_error(node.file + " has no " + which +
+                               "; give its id, or one of the PDOs of the file" + pdos_of(bus, id));
+    }
+    pdo = pdos.insert(pdos.end(), Pdo{});
+    pdo->transmit = transmit;
+    pdo->number = number;
+  }
+  if (can_id) {
+    pdo->id = *can_id;
+    pdo->extended = *can_id >= kStandardIds;
+  }
+  pdo->valid = true;
+  pdo->objects.clear();
+  int start = 0;
+  for (const auto& [index, sub] : objects) {
+    const auto type = node.device.objects.find({index, sub});
+    if (type == node.device.objects.end()) {
+      throw std::runtime_error(node.file + " does not describe object " + object_text(index, sub) +
+                               " as a number");
+    }
+    PdoObject object;
+    object.index = static_cast<std::uint16_t>(index);
+    object.sub = static_cast<std::uint8_t>(sub);
+    object.start = start;
+    object.bits = type->second.bits;
+    object.coding = type->second.coding;
+    start += object.bits;
+    pdo->objects.push_back(std::move(object));
+  }
+  if (pdo->bytes() > static_cast<int>(CanFrame::kMaxBytes)) {
+    throw std::runtime_error(which + " would have " + std::to_string(pdo->bytes()) +
+                             " bytes; a frame has at most 64");
+  }
 }
 
 std::string SignalSources::pdos_of(std::size_t bus, int id) const {

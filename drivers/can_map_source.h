@@ -58,8 +58,13 @@ class SignalSources {
       : folder_(std::move(folder)), notes_(notes) {}
 
   void add_dbc(std::size_t bus, const std::string& file);
-  /// `id` 0: that of the DCF.
-  void add_node(std::size_t bus, int id, const std::string& file);
+  /// `id` 0: that of the DCF. Returns the id.
+  int add_node(std::size_t bus, int id, const std::string& file);
+  /// The controller maps a PDO when it starts, other than the file says: these objects, one after
+  /// the other. `can_id`: nothing where the file's holds.
+  void map_pdo(std::size_t bus, int id, bool transmit, int number,
+               const std::optional<std::uint32_t>& can_id,
+               const std::vector<std::pair<int, int>>& objects);
   [[nodiscard]] bool has_node(std::size_t bus, int id) const { return nodes_.contains({bus, id}); }
   /// "; drive.eds maps TPDO1 (0x181): ...", for messages.
   [[nodiscard]] std::string pdos_of(std::size_t bus, int id) const;

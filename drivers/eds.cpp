@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <charconv>
 #include <cstdio>
-#include <map>
 #include <stdexcept>
 
 #include "drivers/can_frame.h"
@@ -88,6 +87,9 @@ class Sheet {
     return entry == nullptr ? "" : entry->value;
   }
   [[nodiscard]] std::vector<std::string>& notes() { return notes_; }
+  [[nodiscard]] const std::map<std::string, Keys, std::less<>>& sections() const {
+    return sections_;
+  }
 
   [[noreturn]] void fail(int line, const std::string& what) const {
     throw std::runtime_error(name_ + ":" + std::to_string(line) + ": " + what);
@@ -140,6 +142,56 @@ std::optional<std::uint32_t> number_of(std::string_view text, int node_id) {
   return static_cast<std::uint32_t>(sum);
 }
 
+/// CiA 301, the static data types.
+std::optional<ObjectType> type_of(std::uint32_t data_type) {
+  constexpr auto kSigned = Coding::kSigned, kUnsigned = Coding::kUnsigned;
+  switch (data_type) {
+    case 0x01:
+      return ObjectType{1, kUnsigned};
+    case 0x02:
+      return ObjectType{8, kSigned};
+    case 0x03:
+      return ObjectType{16, kSigned};
+    case 0x04:
+      return ObjectType{32, kSigned};
+    case 0x05:
+      return ObjectType{8, kUnsigned};
+    case 0x06:
+      return ObjectType{16, kUnsigned};
+    case 0x07:
+      return ObjectType{32, kUnsigned};
+    case 0x08:
+      return ObjectType{32, Coding::kFloat};
+    case 0x10:
+      return ObjectType{24, kSigned};
+    case 0x11:
+      return ObjectType{64, Coding::kFloat};
+    case 0x12:
+    case 0x13:
+    case 0x14:
+      return ObjectType{40 + 8 * static_cast<int>(data_type - 0x12), kSigned};
+    case 0x15:
+      return ObjectType{64, kSigned};
+    case 0x16:
+      return ObjectType{24, kUnsigned};
+    case 0x18:
+    case 0x19:
+    case 0x1a:
+    case 0x1b:
+      return ObjectType{40 + 8 * static_cast<int>(data_type - 0x18), kUnsigned};
+    default:
+      return std::nullopt;
+  }
+}
+
+std::optional<int> whole_hex(std::string_view digits) {
+  int value = 0;
+  const auto [end, error] =
+      std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
+  if (error != std::errc() || end != digits.data() + digits.size()) return std::nullopt;
+  return value;
+}
+
 /// The objects of one device.
 class Dictionary {
  public:
@@ -176,33 +228,28 @@ class Dictionary {
     const std::string section = described_in(index, sub);
     const Entry* entry = sheet_.find(section, "datatype");
     if (entry == nullptr) return std::nullopt;
-    switch (read(section, "datatype", *entry)) {
-      case 0x02:  // INTEGER8, 16, 32, 24, 40, 48, 56, 64
-      case 0x03:
-      case 0x04:
-      case 0x10:
-      case 0x12:
-      case 0x13:
-      case 0x14:
-      case 0x15:
-        return Coding::kSigned;
-      case 0x01:  // BOOLEAN, UNSIGNED8, 16, 32, 24, 40, 48, 56, 64
-      case 0x05:
-      case 0x06:
-      case 0x07:
-      case 0x16:
-      case 0x18:
-      case 0x19:
-      case 0x1a:
-      case 0x1b:
-        return Coding::kUnsigned;
-      case 0x08:
-        return bits == 32 ? std::optional(Coding::kFloat) : std::nullopt;
-      case 0x11:
-        return bits == 64 ? std::optional(Coding::kFloat) : std::nullopt;
-      default:
-        return std::nullopt;
+    const auto type = type_of(read(section, "datatype", *entry));
+    if (!type || (type->coding == Coding::kFloat && type->bits != bits)) return std::nullopt;
+    return type->coding;
+  }
+
+  /// Every object that is a number.
+  [[nodiscard]] std::map<std::pair<int, int>, ObjectType> objects() const {
+    std::map<std::pair<int, int>, ObjectType> out;
+    for (const auto& [section, keys] : sheet_.sections()) {
+      const std::size_t sub = section.find("sub");
+      const auto index = whole_hex(section.substr(0, std::min<std::size_t>(sub, 4)));
+      const auto part = sub == section.npos ? std::optional(0) : whole_hex(section.substr(sub + 3));
+      const auto entry = keys.find("datatype");
+      if ((sub != section.npos ? sub : section.size()) != 4 || !index || !part ||
+          entry == keys.end()) {
+        continue;
+      }
+      const auto number = number_of(entry->second.value, 0);
+      if (const auto type = number ? type_of(*number) : std::nullopt)
+        out.try_emplace({*index, *part}, *type);
     }
+    return out;
   }
 
   [[nodiscard]] bool has(unsigned index) const {
@@ -325,6 +372,7 @@ EdsDevice parse_eds(std::string_view text, const std::string& name, int node_id)
   const Dictionary dictionary(sheet, device.node_id);
   read_pdos(dictionary, true, device.pdos);
   read_pdos(dictionary, false, device.pdos);
+  device.objects = dictionary.objects();
   device.notes = sheet.notes();
   return device;
 }

@@ -10,9 +10,11 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "drivers/can_signal.h"
@@ -41,10 +43,17 @@ struct Pdo {
   [[nodiscard]] int bytes() const noexcept;
 };
 
+/// What an object of the dictionary is, if it is a number.
+struct ObjectType {
+  int bits = 0;
+  Coding coding = Coding::kUnsigned;
+};
+
 struct EdsDevice {
   std::string product;
   int node_id = 0;
-  std::vector<Pdo> pdos;  ///< TPDO1.., then RPDO1..
+  std::map<std::pair<int, int>, ObjectType> objects;  ///< by index and sub-index
+  std::vector<Pdo> pdos;                              ///< TPDO1.., then RPDO1..
   std::vector<std::string> notes;
 };
 
