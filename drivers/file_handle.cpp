@@ -83,8 +83,6 @@ void FileHandle::close() {
 }
 
 std::string read_text(const std::filesystem::path& file, std::size_t most) {
-  if (std::filesystem::is_directory(file))
-    throw std::runtime_error(file.string() + ": is a directory, not a file");
   const FileHandle handle = FileHandle::open(file, O_RDONLY);
   std::string text;
   char block[4096];
