@@ -1,6 +1,7 @@
 #include "daemon/service.h"
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <memory>
 #include <mutex>
@@ -13,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/can_source.h"
+#include "daemon/clock.h"
 #include "daemon/diagnosis_worker.h"
 #include "daemon/event_log.h"
 #include "daemon/frame_source.h"
@@ -27,9 +30,12 @@
 #include "daemon/scheduling.h"
 #include "daemon/service_manager.h"
 #include "daemon/store.h"
+#include "drivers/can_udp.h"
+#include "drivers/candump.h"
 #include "drivers/dds.h"
 #include "drivers/recording_file.h"
 #include "drivers/replay.h"
+#include "drivers/socketcan.h"
 #include "drivers/text.h"
 
 namespace servotwin {
@@ -43,6 +49,8 @@ constexpr std::size_t kRowRing = 8192;
 constexpr double kLag_s = 30.0;
 // How much longer than the motion that a diagnosis looks at: an axis stands in between.
 constexpr double kStandingToo = 4.0;
+// How often it is asked what happened at the source.
+constexpr std::chrono::milliseconds kNews{500};
 
 double remembered_s(const Config& config) {
   const IdentifyConfig& identify = config.identify;
@@ -73,6 +81,7 @@ struct ReadReplay {
 ReadReplay read_replay(const Config& config, const std::filesystem::path& file) {
   ReadOptions options;
   options.columns = config.replay.columns;
+  if (is_can_log(file)) options.can_map = config.replay.can_map;
   RecordedCycles cycles = recorded_cycles(read_recording(file, options));
   std::vector<std::string> notes = cycles.recording.notes;
   notes.insert(notes.end(), cycles.notes.begin(), cycles.notes.end());
@@ -89,6 +98,50 @@ Input replaying(const Config& config, EventLog& events) {
   auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.speed);
   const MachineDescription machine = source->machine();
   return {std::move(source), machine};
+}
+
+/// The mapping of the source that is configured, held against the rest of the configuration.
+CanMap mapping(const Config& config) {
+  CanMap map = load_can_map(config.source == SourceKind::kUdp ? config.udp.map : config.can.map);
+  if (config.cycle_s && *config.cycle_s != map.machine.cycle_s) {
+    throw std::runtime_error("machine.cycle_s is " + number(*config.cycle_s) +
+                             " s, and cycle_s of the CAN mapping " + number(map.machine.cycle_s) +
+                             " s; leave it out here");
+  }
+  if (config.source == SourceKind::kUdp && map.buses.size() > 1) {
+    throw std::runtime_error("CAN over UDP is one bus, and the mapping has " +
+                             std::to_string(map.buses.size()) + ": " + listed(map.buses));
+  }
+  if (config.source == SourceKind::kCan && !config.can.interfaces.empty()) {
+    if (config.can.interfaces.size() != map.buses.size()) {
+      throw std::runtime_error("source.can.interfaces names " +
+                               std::to_string(config.can.interfaces.size()) +
+                               ", and the mapping has the buses " + listed(map.buses));
+    }
+    map.buses = config.can.interfaces;
+  }
+  return map;
+}
+
+Input listening(const Config& config, EventLog& events) {
+  CanMap map = mapping(config);
+  for (const std::string& note : map.notes) events.note("source", "", note);
+  std::vector<std::unique_ptr<CanBus>> buses;
+  Pacing pacing = Pacing::kByStamp;
+  if (config.source == SourceKind::kUdp) {
+    buses.push_back(std::make_unique<CanUdp>(CanUdpPlace{config.udp.listen, config.udp.peer}));
+    map.buses.front() = config.udp.listen;
+    pacing = Pacing::kByCount;
+  } else {
+    for (std::size_t i = 0; i < map.buses.size(); ++i) {
+      SocketCanOptions options;
+      if (config.can.filter) options.only = ids_of(map, i);
+      buses.push_back(std::make_unique<SocketCan>(map.buses[i], std::move(options)));
+    }
+  }
+  const MachineDescription machine = map.machine;
+  events.note("source", "", "listening to " + listed(map.buses));
+  return {std::make_unique<CanSource>(std::move(map), std::move(buses), pacing), machine};
 }
 
 /// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
@@ -114,7 +167,8 @@ void check_names(const Config& config, const MachineDescription& machine) {
     const std::string here = i < wanted.axes.size() ? wanted.axes[i].name : "none";
     if (there == here) continue;
     throw std::runtime_error("axis " + std::to_string(i + 1) + " is '" + here +
-                             "' in the configuration and '" + there + "' in the recording");
+                             "' in the configuration and '" + there + "' in the " +
+                             (config.source == SourceKind::kReplay ? "recording" : "CAN mapping"));
   }
 }
 
@@ -184,10 +238,14 @@ std::vector<std::string> obstacles(const Config& config) {
     try {
       action();
     } catch (const std::exception& error) {
-      found.emplace_back(error.what());
+      // Every problem of a mapping is a line of its own.
+      std::istringstream lines(error.what());
+      for (std::string line; std::getline(lines, line);) found.push_back(line);
     }
   };
   attempt([&] { Store::require_writable(store_of(config)); });
+  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp)
+    attempt([&] { check_names(config, mapping(config).machine); });
   if (config.source != SourceKind::kReplay) return found;
   std::vector<Replay> recordings;
   for (const std::filesystem::path& file : config.replay.files)
@@ -224,6 +282,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Input input;
   if (config.source == SourceKind::kReplay) {
     input = replaying(config, events);
+    check_names(config, input.machine);
+  } else if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
+    input = listening(config, events);
     check_names(config, input.machine);
   } else {
     if (config.axes.empty()) {
@@ -309,6 +370,17 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
     diagnosis.run(its_stop);
   });
+  std::jthread reporting([&](const std::stop_token& its_stop) {
+    name_thread("source events");
+    std::mutex its_mutex;
+    std::condition_variable_any never;
+    std::unique_lock its_lock(its_mutex);
+    while (!its_stop.stop_requested()) {
+      never.wait_for(its_lock, its_stop, kNews, [] { return false; });
+      for (const std::string& line : input.source->news(steady_ns()))
+        events.error("source", "", line);
+    }
+  });
   std::jthread real_time([&] {
     name_thread("real-time loop");
     for (const std::string& why : {keep_to(config.cpus), become_real_time(config.priority)}) {
@@ -348,6 +420,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // Downstream, so that nothing is left in a ring.
   stop_loop = true;
   real_time.join();
+  reporting.request_stop();
+  reporting.join();
   recording.request_stop();
   recording.join();
   identifying.request_stop();

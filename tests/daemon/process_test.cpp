@@ -81,7 +81,7 @@ class Process {
     return wait();
   }
   Ended wait() {
-    while (read_more(60'000)) {
+    while (read_more(240'000)) {  // a diagnosis beside a whole suite
     }
     int status = 0;
     waitpid(id_, &status, 0);
