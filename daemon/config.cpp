@@ -1,189 +1,21 @@
 #include "daemon/config.h"
 
-#include <fcntl.h>
-#include <toml++/toml.h>
-
 #include <algorithm>
+#include <array>
 #include <cstdlib>
-#include <initializer_list>
 #include <sstream>
 #include <stdexcept>
+#include <utility>
 
 #include "daemon/web/listen_address.h"
 #include "drivers/file_handle.h"
 #include "drivers/messages.h"
 #include "drivers/text.h"
+#include "drivers/toml_section.h"
 #include "twin/catalogue.h"
 
 namespace servotwin {
 namespace {
-
-/// The problems of one file, as they are found.
-class Problems {
- public:
-  Problems(std::string file, std::vector<ConfigProblem>& found)
-      : file_(std::move(file)), found_(found) {}
-
-  void add(const toml::source_region& where, std::string what) {
-    found_.push_back({file_, static_cast<int>(where.begin.line),
-                      static_cast<int>(where.begin.column), std::move(what)});
-  }
-  void add(const std::string& key, const toml::node& value, const std::string& rule) {
-    if (value.is_table()) {
-      add(value.source(), key + ": " + rule);
-      return;
-    }
-    std::ostringstream shown;
-    value.visit([&](const auto& node) { shown << node; });
-    std::string text = shown.str();
-    std::replace(text.begin(), text.end(), '\n', ' ');
-    add(value.source(), key + " = " + text + ": " + rule);
-  }
-  void sort() {
-    std::stable_sort(found_.begin(), found_.end(),
-                     [](const ConfigProblem& a, const ConfigProblem& b) {
-                       return a.line != b.line ? a.line < b.line : a.column < b.column;
-                     });
-  }
-
- private:
-  std::string file_;
-  std::vector<ConfigProblem>& found_;
-};
-
-std::string bounds(double lower, double upper, const std::string& unit) {
-  return number(lower) + " to " + number(upper) + (unit.empty() ? "" : " " + unit);
-}
-
-/// One table of the file: hands out its keys, and knows in the end which were never asked for.
-class Section {
- public:
-  Section(const toml::table* table, std::string path, Problems& problems)
-      : table_(table), path_(std::move(path)), problems_(problems) {}
-
-  [[nodiscard]] bool given() const { return table_ != nullptr; }
-
-  /// The value of a key, if it is there.
-  const toml::node* find(const std::string& key) {
-    known_.push_back(key);
-    return table_ == nullptr ? nullptr : table_->get(key);
-  }
-
-  Section section(const std::string& key) {
-    const toml::node* node = find(key);
-    if (node != nullptr && !node->is_table())
-      report(key, "must be a table: [" + name_of(key) + "]");
-    return {node == nullptr ? nullptr : node->as_table(), name_of(key), problems_};
-  }
-
-  void number(const std::string& key, double lower, double upper, const std::string& unit,
-              double& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->is_number() ? node->value<double>() : std::nullopt;
-    if (value && *value >= lower && *value <= upper) {
-      to = *value;
-    } else {
-      report(key, "must be a number from " + bounds(lower, upper, unit));
-    }
-  }
-
-  void integer(const std::string& key, int lower, int upper, int& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->is_integer() ? node->value<std::int64_t>() : std::nullopt;
-    if (value && *value >= lower && *value <= upper) {
-      to = static_cast<int>(*value);
-    } else {
-      report(key, "must be a whole number from " + bounds(lower, upper, ""));
-    }
-  }
-
-  void text(const std::string& key, std::size_t shortest, std::size_t longest, std::string& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->value_exact<std::string>();
-    if (value && value->size() >= shortest && value->size() <= longest) {
-      to = *value;
-    } else {
-      report(key, "must be a text of " + std::to_string(shortest) + " to " +
-                      std::to_string(longest) + " characters in quotes");
-    }
-  }
-
-  /// A text that can stand in file names, column names and messages.
-  void name(const std::string& key, std::size_t longest, std::string& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->value_exact<std::string>();
-    if (value && value->size() <= longest && usable_name(*value)) {
-      to = *value;
-    } else {
-      report(key, "must be 1 to " + std::to_string(longest) +
-                      " letters, digits or any of . _ -, not beginning with a dot");
-    }
-  }
-
-  void one_of(const std::string& key, std::initializer_list<std::string> allowed, std::string& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const auto value = node->value_exact<std::string>();
-    if (value && std::find(allowed.begin(), allowed.end(), *value) != allowed.end()) {
-      to = *value;
-    } else {
-      std::string list;
-      for (const std::string& one : allowed) list += (list.empty() ? "'" : ", '") + one + "'";
-      report(key, "must be one of " + list);
-    }
-  }
-
-  /// [lowest, highest] of something that is searched between them.
-  void range(const std::string& key, double lower, double upper, const std::string& unit,
-             double& from, double& to) {
-    const toml::node* node = find(key);
-    if (node == nullptr) return;
-    const toml::array* pair = node->as_array();
-    std::optional<double> a, b;
-    if (pair != nullptr && pair->size() == 2 && (*pair)[0].is_number() && (*pair)[1].is_number()) {
-      a = (*pair)[0].value<double>();
-      b = (*pair)[1].value<double>();
-    }
-    if (a && b && *a >= lower && *b <= upper && *a < *b) {
-      from = *a;
-      to = *b;
-    } else {
-      report(key, "must be [lowest, highest] within " + bounds(lower, upper, unit));
-    }
-  }
-
-  /// A key that is there breaks this rule.
-  void report(const std::string& key, const std::string& rule) {
-    problems_.add(name_of(key), *table_->get(key), rule);
-  }
-  void report_missing(const std::string& key, const std::string& why) {
-    problems_.add(table_->source(), name_of(key) + ": " + why);
-  }
-
-  void refuse_unknown() const {
-    if (table_ == nullptr) return;
-    for (const auto& [key, node] : *table_) {
-      const std::string name(key.str());
-      if (std::find(known_.begin(), known_.end(), name) != known_.end()) continue;
-      problems_.add(key.source(),
-                    name_of(name) + ": there is no such key" + did_you_mean(name, known_));
-    }
-  }
-
- private:
-  [[nodiscard]] std::string name_of(const std::string& key) const {
-    return path_.empty() ? key : path_ + "." + key;
-  }
-
-  const toml::table* table_;
-  std::string path_;
-  Problems& problems_;
-  std::vector<std::string> known_;
-};
 
 /// The source that an axis names, with the place where it does.
 struct NamedSource {
@@ -200,7 +32,7 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   section.name("name", 31, axis.name);
   section.one_of("units", {"m", "rad"}, units);
   section.one_of("torque_unit", {"N", "Nm", "A", "V", "%"}, axis.torque_unit);
-  section.one_of("source", {"dds", "replay"}, source.name);
+  section.one_of("source", {"dds", "replay", "can", "udp"}, source.name);
   section.refuse_unknown();
   if (!source.name.empty()) source.where = table.get("source")->source();
   axis.rotary = units == "rad";
@@ -231,7 +63,15 @@ std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Probl
   return sources;
 }
 
-void read_replay(Section& replay, ReplayConfig& config) {
+/// A file beside the configuration.
+void read_map(Section& section, const std::string& key, const std::filesystem::path& folder,
+              std::filesystem::path& to) {
+  std::string file;
+  section.text(key, 1, 4096, file);
+  if (!file.empty()) to = folder / file;
+}
+
+void read_replay(Section& replay, const std::filesystem::path& folder, ReplayConfig& config) {
   if (const toml::node* files = replay.find("files")) {
     const toml::array* list = files->as_array();
     if (list == nullptr || list->empty() || !list->is_homogeneous(toml::node_type::string)) {
@@ -243,27 +83,55 @@ void read_replay(Section& replay, ReplayConfig& config) {
     replay.report_missing("files", "is missing; which recordings are to be replayed?");
   }
   replay.text("columns", 0, 4096, config.columns);
+  read_map(replay, "can_map", folder, config.can_map);
   replay.number("speed", 0.01, 1000.0, "", config.speed);
   replay.refuse_unknown();
 }
 
-void read_source(Section source, const std::vector<NamedSource>& named, Config& config,
-                 Problems& problems) {
-  Section dds = source.section("dds");
-  int domain = static_cast<int>(config.dds.domain);
-  dds.integer("domain", 0, 230, domain);
-  config.dds.domain = static_cast<std::uint32_t>(domain);
-  dds.text("partition", 0, 255, config.dds.partition);
-  dds.refuse_unknown();
-  Section replay = source.section("replay");
-  read_replay(replay, config.replay);
-  source.refuse_unknown();
+void read_can(Section& can, const std::filesystem::path& folder, CanConfig& config) {
+  read_map(can, "map", folder, config.map);
+  if (can.given() && !can.has("map"))
+    can.report_missing("map", "is missing; which file says which bits are which signal?");
+  if (const toml::node* names = can.find("interfaces")) {
+    const toml::array* list = names->as_array();
+    if (list == nullptr || list->empty() || list->size() > 8 ||
+        !list->is_homogeneous(toml::node_type::string)) {
+      can.report("interfaces", "must be a list of 1 to 8 names in quotes, such as [\"can0\"]");
+    } else {
+      for (const toml::node& name : *list) config.interfaces.push_back(*name.value<std::string>());
+    }
+  }
+  can.flag("filter", config.filter);
+  can.refuse_unknown();
+}
 
-  std::string chosen = replay.given() && !dds.given() ? "replay" : "dds";
+void read_udp(Section& udp, const std::filesystem::path& folder, UdpConfig& config) {
+  read_map(udp, "map", folder, config.map);
+  if (udp.given() && !udp.has("map"))
+    udp.report_missing("map", "is missing; which file says which bits are which signal?");
+  udp.text("listen", 3, 255, config.listen);
+  udp.text("peer", 3, 255, config.peer);
+  udp.refuse_unknown();
+}
+
+/// Which of the sources that are given it is.
+void choose_source(Section& source, const std::vector<NamedSource>& named, Config& config,
+                   Problems& problems) {
+  constexpr std::array<std::pair<const char*, SourceKind>, 4> kKinds{
+      {{"dds", SourceKind::kDds},
+       {"replay", SourceKind::kReplay},
+       {"can", SourceKind::kCan},
+       {"udp", SourceKind::kUdp}}};
+  std::vector<std::string> given;
+  for (const auto& [name, kind] : kKinds) {
+    if (source.has(name)) given.emplace_back(name);
+  }
+  std::string chosen = given.empty() ? "dds" : given.front();
   if (!named.empty()) {
     chosen = named.front().name;
-  } else if (replay.given() && dds.given()) {
-    source.report("replay", "there is a source.dds as well; say which one with axis.source");
+  } else if (given.size() > 1) {
+    source.report(given.back(), "there is a source." + given.front() +
+                                    " as well; say which one with axis.source");
   }
   for (const NamedSource& other : named) {
     if (other.name != chosen) {
@@ -271,10 +139,31 @@ void read_source(Section source, const std::vector<NamedSource>& named, Config& 
                                     "', and all axes of a machine come from one source");
     }
   }
-  if (chosen == "replay" && !replay.given()) {
-    problems.add(named.front().where, "axis.source = 'replay': there is no [source.replay]");
+  if (chosen != "dds" && !source.has(chosen)) {
+    problems.add(named.front().where,
+                 "axis.source = '" + chosen + "': there is no [source." + chosen + "]");
   }
-  config.source = chosen == "replay" ? SourceKind::kReplay : SourceKind::kDds;
+  for (const auto& [name, kind] : kKinds) {
+    if (chosen == name) config.source = kind;
+  }
+}
+
+void read_source(Section source, const std::vector<NamedSource>& named,
+                 const std::filesystem::path& folder, Config& config, Problems& problems) {
+  Section dds = source.section("dds");
+  int domain = static_cast<int>(config.dds.domain);
+  dds.integer("domain", 0, 230, domain);
+  config.dds.domain = static_cast<std::uint32_t>(domain);
+  dds.text("partition", 0, 255, config.dds.partition);
+  dds.refuse_unknown();
+  Section replay = source.section("replay");
+  read_replay(replay, folder, config.replay);
+  Section can = source.section("can");
+  read_can(can, folder, config.can);
+  Section udp = source.section("udp");
+  read_udp(udp, folder, config.udp);
+  source.refuse_unknown();
+  choose_source(source, named, config, problems);
 }
 
 void read_identify(Section section, IdentifyConfig& identify) {
@@ -324,7 +213,25 @@ void read_http(Section section, HttpConfig& http) {
   section.refuse_unknown();
 }
 
-void read_all(const toml::table& table, Config& config, Problems& problems) {
+/// Every key with its value as text; a list, also one of tables, is one value.
+void flatten(const toml::table& table, const std::string& path,
+             std::map<std::string, std::string>& out) {
+  for (const auto& [key, node] : table) {
+    const std::string name = path + std::string(key.str());
+    if (const toml::table* inner = node.as_table()) {
+      flatten(*inner, name + ".", out);
+      continue;
+    }
+    std::ostringstream shown;
+    node.visit([&](const auto& value) { shown << value; });
+    std::string text = shown.str();
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    out[name] = std::move(text);
+  }
+}
+
+void read_all(const toml::table& table, const std::filesystem::path& folder, Config& config,
+              Problems& problems) {
   Section root(&table, "", problems);
 
   Section machine = root.section("machine");
@@ -335,7 +242,7 @@ void read_all(const toml::table& table, Config& config, Problems& problems) {
   machine.refuse_unknown();
 
   const std::vector<NamedSource> named = read_axes(root.find("axis"), config, problems);
-  read_source(root.section("source"), named, config, problems);
+  read_source(root.section("source"), named, folder, config, problems);
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
 
@@ -350,23 +257,20 @@ void read_all(const toml::table& table, Config& config, Problems& problems) {
 
   Section real_time = root.section("real_time");
   real_time.integer("priority", 0, 98, config.priority);
+  real_time.integers("cpus", 0, 1023, config.cpus);
   real_time.refuse_unknown();
   root.refuse_unknown();
 }
 
 }  // namespace
 
-std::string ConfigProblem::message() const {
-  const std::string place =
-      line == 0 ? "" : ":" + std::to_string(line) + ":" + std::to_string(column);
-  return file + place + ": " + what;
-}
-
 CheckedConfig check_config(std::string_view text, const std::string& name) {
   CheckedConfig out;
   Problems problems(name, out.problems);
   try {
-    read_all(toml::parse(text, name), out.config, problems);
+    const toml::table table = toml::parse(text, name);
+    read_all(table, std::filesystem::path(name).parent_path(), out.config, problems);
+    flatten(table, "", out.config.given);
     problems.sort();
   } catch (const toml::parse_error& error) {
     problems.add(error.source(), std::string(error.description()));
@@ -375,22 +279,13 @@ CheckedConfig check_config(std::string_view text, const std::string& name) {
 }
 
 CheckedConfig check_config(const std::filesystem::path& file) {
-  const FileHandle handle = FileHandle::open(file, O_RDONLY);
-  std::string text;
-  char block[4096];
-  while (const std::size_t count = handle.read(block, sizeof block)) text.append(block, count);
-  return check_config(text, file.string());
+  return check_config(read_text(file), file.string());
 }
 
 Config load_config(const std::filesystem::path& file) {
   CheckedConfig checked = check_config(file);
   if (checked.problems.empty()) return checked.config;
-  std::string message;
-  for (const ConfigProblem& problem : checked.problems) {
-    if (!message.empty()) message += '\n';
-    message += problem.message();
-  }
-  throw std::runtime_error(message);
+  throw std::runtime_error(messages(checked.problems));
 }
 
 std::filesystem::path default_store() {

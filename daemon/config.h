@@ -7,11 +7,13 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "drivers/config_problem.h"
 #include "identification/identify.h"
 
 namespace servotwin {
@@ -22,7 +24,7 @@ struct AxisConfig {
   std::string torque_unit;  ///< of what the machine sends; empty: it sends none
 };
 
-enum class SourceKind : std::uint8_t { kDds, kReplay };
+enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
 
 struct DdsConfig {
   std::uint32_t domain = 0;  ///< 0..230
@@ -31,8 +33,21 @@ struct DdsConfig {
 
 struct ReplayConfig {
   std::vector<std::filesystem::path> files;
-  std::string columns;  ///< names for foreign files, as on the command line
-  double speed = 1.0;   ///< times as fast as recorded
+  std::string columns;            ///< names for foreign files, as on the command line
+  std::filesystem::path can_map;  ///< for CAN logs
+  double speed = 1.0;             ///< times as fast as recorded
+};
+
+struct CanConfig {
+  std::filesystem::path map;            ///< which bits are which signal (drivers/can_map.h)
+  std::vector<std::string> interfaces;  ///< one per bus of the mapping; empty: as they are called
+  bool filter = false;                  ///< only ids of the mapping are listened to
+};
+
+struct UdpConfig {
+  std::filesystem::path map;
+  std::string listen = "127.0.0.1:20000";
+  std::string peer;  ///< HOST:PORT; empty: anybody
 };
 
 struct IdentifyConfig {
@@ -73,20 +88,15 @@ struct Config {
   SourceKind source = SourceKind::kDds;
   DdsConfig dds;
   ReplayConfig replay;
+  CanConfig can;
+  UdpConfig udp;
   IdentifyConfig identify;
   DiagnoseConfig diagnose;
   StoreConfig store;
   HttpConfig http;
-  int priority = 80;  ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
-};
-
-struct ConfigProblem {
-  std::string file;
-  int line = 0, column = 0;  ///< from 1; 0: the file as a whole
-  std::string what;          ///< key, value, rule and what to do
-
-  /// "file:line:column: what"
-  [[nodiscard]] std::string message() const;
+  int priority = 80;      ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
+  std::vector<int> cpus;  ///< that the real-time loop may use; empty: all
+  std::map<std::string, std::string> given;  ///< the keys of the file as they stand there
 };
 
 struct CheckedConfig {

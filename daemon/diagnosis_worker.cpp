@@ -57,7 +57,25 @@ void DiagnosisWorker::run(const std::stop_token& stop) {
   }
 }
 
-bool DiagnosisWorker::look(std::size_t axis) { return look(axis, config_.record_s); }
+void DiagnosisWorker::reconfigure(const DiagnoseConfig& config, const IdentifyConfig& identify) {
+  const std::lock_guard lock(config_mutex_);
+  newer_config_ = {config, identify};
+}
+
+void DiagnosisWorker::take_newer_config() {
+  const std::lock_guard lock(config_mutex_);
+  if (!newer_config_) return;
+  const auto& [diagnose, identify] = *newer_config_;
+  config_ = diagnose;
+  options_.identify.bounds = identify.options.bounds;
+  options_.identify.delay_max_s = identify.options.delay_max_s;
+  newer_config_.reset();
+}
+
+bool DiagnosisWorker::look(std::size_t axis) {
+  take_newer_config();
+  return look(axis, config_.record_s);
+}
 
 void DiagnosisWorker::finish(const std::stop_token& stop) {
   for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)

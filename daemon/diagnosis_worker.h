@@ -15,9 +15,11 @@
 #pragma once
 
 #include <functional>
+#include <mutex>
 #include <optional>
 #include <stop_token>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "daemon/config.h"
@@ -44,6 +46,8 @@ class DiagnosisWorker {
   /// Announces the last diagnosis of every axis that is in the store.
   void restore();
   void run(const std::stop_token& stop);
+  /// From the next diagnosis on. Any thread.
+  void reconfigure(const DiagnoseConfig& config, const IdentifyConfig& identify);
   /// One look at one axis; true if it was diagnosed.
   bool look(std::size_t axis);
   /// No more motion will come: diagnoses what is due with half of the motion, too.
@@ -57,6 +61,7 @@ class DiagnosisWorker {
     double moved_s = 0.0;               // of the axis by then
   };
 
+  void take_newer_config();
   bool look(std::size_t axis, double least_motion_s);
   void diagnose_now(std::size_t axis, const std::string& reason, double from_s, double until_s);
   void keep_report(const std::string& axis, const std::string& html);
@@ -70,6 +75,8 @@ class DiagnosisWorker {
   EventLog& events_;
   Announce announce_;
   std::vector<Axis> axes_;
+  std::mutex config_mutex_;
+  std::optional<std::pair<DiagnoseConfig, IdentifyConfig>> newer_config_;
 };
 
 }  // namespace servotwin

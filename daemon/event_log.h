@@ -7,7 +7,9 @@
 #include <mutex>
 #include <ostream>
 #include <string>
+#include <utility>
 
+#include "daemon/journal.h"
 #include "daemon/store.h"
 
 namespace servotwin {
@@ -16,6 +18,10 @@ class EventLog {
  public:
   /// Both outlive the log.
   EventLog(Store& store, std::ostream& out) : store_(store), out_(out) {}
+  /// With a journal, lines go there instead, with fields: MACHINE, AXIS, EVENT, DETAIL. It outlives
+  /// the log, too.
+  EventLog(Store& store, std::ostream& out, const Journal* journal, std::string machine)
+      : store_(store), out_(out), journal_(journal), machine_(std::move(machine)) {}
 
   void note(const std::string& kind, const std::string& axis, const std::string& text,
             const std::string& detail = "");
@@ -27,8 +33,13 @@ class EventLog {
   void update_last_error(std::string& text) const;
 
  private:
+  void add(const Event& event, Priority priority);
+  void print(const Event& event, Priority priority);
+
   Store& store_;
   std::ostream& out_;
+  const Journal* journal_ = nullptr;
+  std::string machine_;
   mutable std::mutex mutex_;
   std::string last_error_;
 };

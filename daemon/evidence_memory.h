@@ -40,6 +40,8 @@ class EvidenceMemory {
  public:
   explicit EvidenceMemory(const EvidenceBounds& bounds) : bounds_(bounds) {}
 
+  /// From now on this much is kept.
+  void keep(const EvidenceBounds& bounds) { bounds_ = bounds; }
   /// Sorts the most recent motion, unbroken from its first segment on; replaces what was kept of
   /// that time. `moved_s`: how long the axis has moved by its end. Returns what it shows after
   /// `new_after_s`.

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "drivers/dds.h"
@@ -30,6 +31,9 @@ class FrameSource {
   [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
   /// Frames refused so far. Any thread.
   [[nodiscard]] virtual std::uint64_t malformed() const noexcept { return 0; }
+  /// What happened since the last call, one line each, for people. `now_ns`: steady. Any one thread
+  /// but that of receive().
+  [[nodiscard]] virtual std::vector<std::string> news(std::int64_t /*now_ns*/) { return {}; }
 };
 
 /// No machine: nothing ever comes.

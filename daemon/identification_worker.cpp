@@ -142,7 +142,21 @@ void IdentificationWorker::run(const std::stop_token& stop) {
   }
 }
 
+void IdentificationWorker::reconfigure(const IdentifyConfig& config) {
+  const std::lock_guard lock(config_mutex_);
+  newer_config_ = config;
+}
+
+void IdentificationWorker::take_newer_config() {
+  const std::lock_guard lock(config_mutex_);
+  if (!newer_config_) return;
+  config_ = *std::exchange(newer_config_, std::nullopt);
+  config_.options.training_share = kTrainingShare;
+  for (Axis& axis : axes_) axis.evidence.keep(bounds_of(config_));
+}
+
 bool IdentificationWorker::look(std::size_t axis) {
+  take_newer_config();
   Axis& state = axes_[axis];
   const double moved_s = memory_.moved_s(axis);
   if (state.candidate) {
@@ -156,6 +170,15 @@ bool IdentificationWorker::look(std::size_t axis) {
                 (state.last_step.empty() ? "" : "; last: " + state.last_step));
   const std::optional<double> until_s =
       memory_.time_when_moved(axis, state.moved_s + config_.window_s);
+  // A worker that got no processor for so long goes on with what there is.
+  if (until_s && *until_s <= memory_.oldest_s() && moved_s - config_.window_s > state.moved_s) {
+    events_.note("motion_skipped", state.name,
+                 tenths(moved_s - config_.window_s - state.moved_s) +
+                     " of motion were not looked at while they were remembered; the processor is "
+                     "too busy");
+    state.moved_s = moved_s - config_.window_s;
+    return true;
+  }
   // Without a model there is nothing whose noise floor could be renewed.
   const std::optional<double> stood_s =
       state.in_force ? memory_.time_when_stood(axis, state.sorted_s, standing_s(config_))
@@ -225,6 +248,15 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   seek(axis, until_s, std::move(motion), options);
 }
 
+void IdentificationWorker::cite(Pending& candidate, double from_s, double until_s) const {
+  if (!files_with_) return;
+  for (std::string& name : files_with_(from_s, until_s)) {
+    if (std::find(candidate.recordings.begin(), candidate.recordings.end(), name) ==
+        candidate.recordings.end())
+      candidate.recordings.push_back(std::move(name));
+  }
+}
+
 void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
   try {
@@ -254,6 +286,7 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, SegmentedAxis 
   Pending candidate;
   candidate.until_s = until_s;
   candidate.moved_s = state.moved_s;
+  for (const Segment& segment : motion.segments) cite(candidate, segment.start_s, segment.end_s());
   try {
     const std::int64_t begin = steady_ns();
     candidate.identified = identify(motion, options);
@@ -304,6 +337,7 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     candidate.identified.record.holdout = left_by(&model, unseen, skip_s);
     candidacy.rms = candidate.identified.record.holdout.rms;
     candidacy.rms_in_force = left_by(other, unseen, skip_s).rms;
+    cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
     note_refusal(axis, std::string("a candidate was not judged: ") + error.what());
     return;
@@ -325,7 +359,7 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
       event_now("model_promoted", state.name,
                 "model " + std::to_string(next) + " is in force: " + decision.reason);
   try {
-    store_.promote(model.record, event);
+    store_.promote(model.record, event, candidate.recordings);
   } catch (const std::runtime_error& error) {
     events_.error(
         "not_stored", state.name,

@@ -49,10 +49,17 @@ class IdentificationWorker {
                        const MotionMemory& memory, Store& store, EventLog& events,
                        std::span<LatestValue<TwinInForce>> in_force, Announce announce);
 
+  /// Asks this for the recordings of a time, to be stored with a model as what it was found and
+  /// judged on. Before the thread.
+  void cite_with(std::function<std::vector<std::string>(double from_s, double until_s)> files) {
+    files_with_ = std::move(files);
+  }
   /// Puts the models of the store in force. Throws std::runtime_error if one of them cannot be
   /// read.
   void restore();
   void run(const std::stop_token& stop);
+  /// From the next look on; the step that runs ends as it began. Any thread.
+  void reconfigure(const IdentifyConfig& config);
   /// One look at one axis; true if there was something to do.
   bool look(std::size_t axis);
   /// No more motion will come: works off what is there, and says what stays undecided.
@@ -64,8 +71,9 @@ class IdentificationWorker {
  private:
   struct Pending {
     Identified identified;
-    double until_s = 0.0;  // the newest data that it has seen
-    double moved_s = 0.0;  // of the axis by then
+    std::vector<std::string> recordings;  // that it was found on
+    double until_s = 0.0;                 // the newest data that it has seen
+    double moved_s = 0.0;                 // of the axis by then
   };
   struct Axis {
     std::string name;
@@ -79,6 +87,8 @@ class IdentificationWorker {
     std::string last_step;  // for people
   };
 
+  void take_newer_config();
+  void cite(Pending& candidate, double from_s, double until_s) const;
   SegmentedAxis sort(std::size_t axis, double until_s);
   void step(std::size_t axis, double until_s);
   void seek(std::size_t axis, double until_s, SegmentedAxis motion, const IdentifyOptions& options);
@@ -96,7 +106,10 @@ class IdentificationWorker {
   EventLog& events_;
   std::span<LatestValue<TwinInForce>> in_force_;
   Announce announce_;
+  std::function<std::vector<std::string>(double, double)> files_with_;
   std::vector<Axis> axes_;
+  std::mutex config_mutex_;
+  std::optional<IdentifyConfig> newer_config_;
   mutable std::mutex status_mutex_;
   std::vector<AxisStatus> status_;
 };

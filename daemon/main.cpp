@@ -2,56 +2,44 @@
 // why; 2 wrong usage.
 #include <pthread.h>
 #include <signal.h>
-#include <sys/socket.h>
-#include <sys/un.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <cstdlib>
-#include <cstring>
 #include <iostream>
+#include <optional>
 #include <sstream>
 #include <stop_token>
 #include <thread>
 
+#include "daemon/clock.h"
 #include "daemon/config.h"
+#include "daemon/journal.h"
+#include "daemon/reload.h"
 #include "daemon/service.h"
 #include "daemon/web/listen_address.h"
+#include "daemon/service_manager.h"
 
 namespace servotwin {
 namespace {
 
-/// Tells systemd how far we are (sd_notify(3): one datagram to $NOTIFY_SOCKET).
-void notify_service_manager(const char* state) {
-  const char* path = std::getenv("NOTIFY_SOCKET");
-  sockaddr_un address{};
-  address.sun_family = AF_UNIX;
-  if (path == nullptr || *path == '\0' || std::strlen(path) >= sizeof address.sun_path) return;
-  std::memcpy(address.sun_path, path, std::strlen(path));
-  if (address.sun_path[0] == '@') address.sun_path[0] = '\0';  // the abstract namespace
-  const int socket = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (socket < 0) return;
-  const auto length = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + std::strlen(path));
-  sendto(socket, state, std::strlen(state), MSG_NOSIGNAL,
-         reinterpret_cast<const sockaddr*>(&address), length);
-  close(socket);
-}
-
-/// Signals become a request to stop. To be made before any other thread, so that all of them block
-/// them.
+/// Signals become a request to stop, or to read the configuration again. To be made before any
+/// other thread, so that all of them block them. All arguments outlive it.
 class Signals {
  public:
-  explicit Signals(const std::stop_source& stop) {
-    signal(SIGHUP, SIG_IGN);
+  Signals(const std::stop_source& stop, const ServiceManager& manager, Reloads& reloads) {
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);  // a file too large is an error of write(), not the end of the daemon
     sigemptyset(&wanted_);
-    for (const int number : {SIGTERM, SIGINT, SIGUSR1}) sigaddset(&wanted_, number);
+    for (const int number : {SIGTERM, SIGINT, SIGHUP, SIGUSR1}) sigaddset(&wanted_, number);
     pthread_sigmask(SIG_BLOCK, &wanted_, nullptr);
-    thread_ = std::thread([this, stop]() mutable {
+    thread_ = std::thread([this, stop, &manager, &reloads]() mutable {
       int number = 0;
-      sigwait(&wanted_, &number);
-      if (number != SIGUSR1) notify_service_manager("STOPPING=1");
+      while (sigwait(&wanted_, &number) == 0 && number == SIGHUP) {
+        manager.notify("RELOADING=1\nMONOTONIC_USEC=" + std::to_string(steady_ns() / 1000));
+        reloads.request();
+        manager.notify("READY=1");
+      }
+      if (number != SIGUSR1) manager.notify("STOPPING=1");
       stop.request_stop();
     });
   }
@@ -96,7 +84,7 @@ Config configured(const Arguments& arguments) {
   return config;
 }
 
-int run(int argc, char** argv) {
+int run(int argc, char** argv, const Journal* journal) {
   CLI::App app("The always-on digital twin of a machine's servo drives.", "servotwind");
   app.set_version_flag("--version", SERVOTWIN_VERSION);
   Arguments arguments;
@@ -127,11 +115,16 @@ int run(int argc, char** argv) {
     std::cerr << "servotwind: " << error.what() << " (see servotwind --help)\n";
     return 2;
   }
+  const ServiceManager manager;
+  Reloads reloads([&] {
+    if (arguments.config.empty())
+      throw std::runtime_error("there is no configuration to read again; give --config");
+    return configured(arguments);
+  });
   std::stop_source stop;
-  const Signals signals(stop);
-  serve(
-      configured(arguments), stop.get_token(), [] { notify_service_manager("READY=1"); },
-      std::cerr);
+  const Signals signals(stop, manager, reloads);
+  serve(configured(arguments), stop.get_token(), [&] { manager.notify("READY=1"); }, std::cerr,
+        {&manager, journal, &reloads});
   return 0;
 }
 
@@ -139,12 +132,17 @@ int run(int argc, char** argv) {
 }  // namespace servotwin
 
 int main(int argc, char** argv) {
+  std::optional<servotwin::Journal> journal;
+  if (servotwin::Journal::is_behind(STDERR_FILENO)) journal.emplace();
   try {
-    return servotwin::run(argc, argv);
+    return servotwin::run(argc, argv, journal ? &*journal : nullptr);
   } catch (const std::exception& error) {
     // Every problem of a configuration is a line of its own.
     std::istringstream lines(error.what());
-    for (std::string line; std::getline(lines, line);) std::cerr << "servotwind: " << line << '\n';
+    for (std::string line; std::getline(lines, line);) {
+      if (!journal || !journal->send(servotwin::Priority::kError, line, {{"EVENT", "not_started"}}))
+        std::cerr << "servotwind: " << line << '\n';
+    }
     return 1;
   }
 }

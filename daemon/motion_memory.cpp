@@ -17,11 +17,15 @@ void drop_front(Column& column, std::size_t rows) {
                column.begin() + static_cast<std::ptrdiff_t>(std::min(rows, column.size())));
 }
 
+std::size_t rows_of(double seconds, double cycle_s) {
+  return static_cast<std::size_t>(std::ceil(seconds / cycle_s)) + 1;
+}
+
 }  // namespace
 
 MotionMemory::MotionMemory(const MachineDescription& machine, double remembered_s)
     : machine_(machine),
-      most_rows_(static_cast<std::size_t>(std::ceil(remembered_s / machine.cycle_s)) + 1),
+      most_rows_(rows_of(remembered_s, machine.cycle_s)),
       moved_s_(machine.axes.size()) {
   for (const AxisDescription& axis : machine.axes) {
     AxisRecord record;
@@ -30,6 +34,11 @@ MotionMemory::MotionMemory(const MachineDescription& machine, double remembered_
     record.torque_unit = axis.torque_unit;
     axes_.push_back(std::move(record));
   }
+}
+
+void MotionMemory::remember(double remembered_s) {
+  const std::lock_guard lock(mutex_);
+  most_rows_ = rows_of(remembered_s, machine_.cycle_s);
 }
 
 void MotionMemory::append(const CycleRow& row) {

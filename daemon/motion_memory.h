@@ -23,6 +23,8 @@ class MotionMemory {
   MotionMemory(const MachineDescription& machine, double remembered_s);
 
   void append(const CycleRow& row);
+  /// From now on this much is kept, at least.
+  void remember(double remembered_s);
 
   /// How long an axis has moved since its first frame: time with the command changing [s].
   [[nodiscard]] double moved_s(std::size_t axis) const;

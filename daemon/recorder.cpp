@@ -90,8 +90,17 @@ void Recorder::collect(const CycleRow& row) {
     finish_file();
   }
   if (file_.time.empty()) {
+    // There is none yet where nothing was to be recorded at first; what is wrong shows in writing.
+    std::error_code ignored;
+    std::filesystem::create_directories(directory_, ignored);
     file_start_ns_ = row.time_ns;
     file_name_ = name_of_file(directory_);
+    const std::lock_guard lock(spans_mutex_);
+    spans_.push_back({file_name_, memory_.newest_s(), memory_.newest_s()});
+  }
+  {
+    const std::lock_guard lock(spans_mutex_);
+    spans_.back().until_s = memory_.newest_s();
   }
   file_.time.push_back(since_start_s());
   for (std::size_t i = 0; i < file_.axes.size(); ++i) {
@@ -123,6 +132,15 @@ void Recorder::finish_file() {
   keep_within_budget();
 }
 
+std::vector<std::string> Recorder::files_with(double from_s, double until_s) const {
+  const std::lock_guard lock(spans_mutex_);
+  std::vector<std::string> out;
+  for (const Span& span : spans_) {
+    if (span.from_s <= until_s && from_s <= span.until_s) out.push_back(span.name);
+  }
+  return out;
+}
+
 void Recorder::keep_within_budget() {
   try {
     delete_oldest();
@@ -137,21 +155,38 @@ void Recorder::keep_within_budget() {
 }
 
 void Recorder::delete_oldest() {
-  std::vector<std::pair<std::filesystem::path, double>> files;  // with its bytes
+  struct File {
+    int rank;  // 0: no model cites it; 1: one that is not in force any more does; 2: one in force
+    std::filesystem::path path;
+    double bytes;
+  };
+  std::vector<File> files;
   double bytes = 0.0;
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
     if (!entry.is_regular_file() || entry.path().extension() != ".csv") continue;
     std::error_code gone;  // somebody else may tidy up here, too
     const auto size = static_cast<double>(entry.file_size(gone));
     if (gone) continue;
-    files.emplace_back(entry.path(), size);
+    files.push_back({0, entry.path(), size});
     bytes += size;
   }
-  std::sort(files.begin(), files.end());
-  for (std::size_t i = 0; i + 1 < files.size() && bytes > budget_bytes_; ++i) {
-    const auto& [file, size] = files[i];
-    bytes -= size;
-    std::filesystem::remove(file);
+  if (bytes <= budget_bytes_ || files.empty()) return;
+  std::sort(files.begin(), files.end(),
+            [](const File& a, const File& b) { return a.path < b.path; });
+  files.pop_back();  // the newest stays
+  const std::map<std::string, bool> cited = cited_ ? cited_() : std::map<std::string, bool>();
+  for (File& file : files) {
+    const auto found = cited.find(file.path.filename());
+    if (found != cited.end()) file.rank = found->second ? 2 : 1;
+  }
+  std::stable_sort(files.begin(), files.end(),
+                   [](const File& a, const File& b) { return a.rank < b.rank; });
+  for (const File& file : files) {
+    if (bytes <= budget_bytes_ || file.rank == 2) break;
+    bytes -= file.bytes;
+    std::filesystem::remove(file.path);
+    const std::lock_guard lock(spans_mutex_);
+    std::erase_if(spans_, [&](const Span& span) { return span.name == file.path.filename(); });
     if (!deleted_) {
       events_.note("recording", "",
                    "the oldest recordings are deleted, to stay within " +
@@ -159,6 +194,13 @@ void Recorder::delete_oldest() {
     }
     deleted_ = true;
   }
+  const bool over = bytes > budget_bytes_ && !cited.empty();
+  if (over && !spared_) {
+    events_.note(
+        "recording", "",
+        "the recordings that models in force were found on are kept beyond store.recordings_mb");
+  }
+  spared_ = over;
 }
 
 }  // namespace servotwin

@@ -20,6 +20,21 @@ std::string become_real_time(int priority) {
          "; needs CAP_SYS_NICE or LimitRTPRIO=" + std::to_string(priority);
 }
 
+std::string keep_to(const std::vector<int>& cpus) {
+  if (cpus.empty()) return {};
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  std::string list;
+  for (const int cpu : cpus) {
+    CPU_SET(static_cast<std::size_t>(cpu), &set);
+    list += (list.empty() ? "" : ", ") + std::to_string(cpu);
+  }
+  const int error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+  if (error == 0) return {};
+  return "the real-time loop runs on any processor: real_time.cpus = [" + list +
+         "]: " + std::strerror(error) + "; /proc/self/status names those that are allowed";
+}
+
 std::string become_idle() {
   const sched_param parameter{};
   const int error = pthread_setschedparam(pthread_self(), SCHED_IDLE, &parameter);
@@ -28,6 +43,14 @@ std::string become_idle() {
 }
 
 void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }
+
+void prefault_stack() noexcept {
+  constexpr std::size_t kDeepest = 128 * 1024;  // of 8 MB; the loop itself needs some kB
+  constexpr std::size_t kPage = 4096;
+  volatile char stack[kDeepest];
+  for (std::size_t i = 0; i < kDeepest; i += kPage) stack[i] = 0;
+  (void)stack[0];
+}
 
 std::string lock_memory() {
   // Not under a limit: what is locked now would leave too little for later, and an allocation would

@@ -4,16 +4,21 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 namespace servotwin {
 
 /// SCHED_FIFO at this priority (1..98); 0: nothing is done.
 [[nodiscard]] std::string become_real_time(int priority);
+/// Only on these processors; none: on all.
+[[nodiscard]] std::string keep_to(const std::vector<int>& cpus);
 /// SCHED_IDLE: runs only where nobody else wants to.
 [[nodiscard]] std::string become_idle();
 /// The name that top and gdb show; at most 15 characters.
 void name_thread(const char* name);
 /// No page of the process is swapped out once it has been touched.
 [[nodiscard]] std::string lock_memory();
+/// Touches the stack that the real-time loop may come to use, so that it is in memory.
+void prefault_stack() noexcept;
 
 }  // namespace servotwin

@@ -1,17 +1,21 @@
 #include "daemon/service.h"
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <ostream>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "daemon/can_source.h"
+#include "daemon/clock.h"
 #include "daemon/diagnosis_worker.h"
 #include "daemon/event_log.h"
 #include "daemon/frame_source.h"
@@ -21,13 +25,19 @@
 #include "daemon/real_time_loop.h"
 #include "daemon/recorded_cycles.h"
 #include "daemon/recorder.h"
+#include "daemon/reload.h"
 #include "daemon/residual_watch.h"
 #include "daemon/scheduling.h"
+#include "daemon/service_manager.h"
 #include "daemon/store.h"
 #include "daemon/web/web_service.h"
+#include "drivers/can_udp.h"
+#include "drivers/candump.h"
 #include "drivers/dds.h"
 #include "drivers/recording_file.h"
 #include "drivers/replay.h"
+#include "drivers/socketcan.h"
+#include "drivers/text.h"
 
 namespace servotwin {
 namespace {
@@ -40,6 +50,8 @@ constexpr std::size_t kRowRing = 8192;
 constexpr double kLag_s = 30.0;
 // How much longer than the motion that a diagnosis looks at: an axis stands in between.
 constexpr double kStandingToo = 4.0;
+// How often it is asked what happened at the source.
+constexpr std::chrono::milliseconds kNews{500};
 
 double remembered_s(const Config& config) {
   const IdentifyConfig& identify = config.identify;
@@ -70,6 +82,7 @@ struct ReadReplay {
 ReadReplay read_replay(const Config& config, const std::filesystem::path& file) {
   ReadOptions options;
   options.columns = config.replay.columns;
+  if (is_can_log(file)) options.can_map = config.replay.can_map;
   RecordedCycles cycles = recorded_cycles(read_recording(file, options));
   std::vector<std::string> notes = cycles.recording.notes;
   notes.insert(notes.end(), cycles.notes.begin(), cycles.notes.end());
@@ -86,6 +99,50 @@ Input replaying(const Config& config, EventLog& events) {
   auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.speed);
   const MachineDescription machine = source->machine();
   return {std::move(source), machine};
+}
+
+/// The mapping of the source that is configured, held against the rest of the configuration.
+CanMap mapping(const Config& config) {
+  CanMap map = load_can_map(config.source == SourceKind::kUdp ? config.udp.map : config.can.map);
+  if (config.cycle_s && *config.cycle_s != map.machine.cycle_s) {
+    throw std::runtime_error("machine.cycle_s is " + number(*config.cycle_s) +
+                             " s, and cycle_s of the CAN mapping " + number(map.machine.cycle_s) +
+                             " s; leave it out here");
+  }
+  if (config.source == SourceKind::kUdp && map.buses.size() > 1) {
+    throw std::runtime_error("CAN over UDP is one bus, and the mapping has " +
+                             std::to_string(map.buses.size()) + ": " + listed(map.buses));
+  }
+  if (config.source == SourceKind::kCan && !config.can.interfaces.empty()) {
+    if (config.can.interfaces.size() != map.buses.size()) {
+      throw std::runtime_error("source.can.interfaces names " +
+                               std::to_string(config.can.interfaces.size()) +
+                               ", and the mapping has the buses " + listed(map.buses));
+    }
+    map.buses = config.can.interfaces;
+  }
+  return map;
+}
+
+Input listening(const Config& config, EventLog& events) {
+  CanMap map = mapping(config);
+  for (const std::string& note : map.notes) events.note("source", "", note);
+  std::vector<std::unique_ptr<CanBus>> buses;
+  Pacing pacing = Pacing::kByStamp;
+  if (config.source == SourceKind::kUdp) {
+    buses.push_back(std::make_unique<CanUdp>(CanUdpPlace{config.udp.listen, config.udp.peer}));
+    map.buses.front() = config.udp.listen;
+    pacing = Pacing::kByCount;
+  } else {
+    for (std::size_t i = 0; i < map.buses.size(); ++i) {
+      SocketCanOptions options;
+      if (config.can.filter) options.only = ids_of(map, i);
+      buses.push_back(std::make_unique<SocketCan>(map.buses[i], std::move(options)));
+    }
+  }
+  const MachineDescription machine = map.machine;
+  events.note("source", "", "listening to " + listed(map.buses));
+  return {std::make_unique<CanSource>(std::move(map), std::move(buses), pacing), machine};
 }
 
 /// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
@@ -111,7 +168,8 @@ void check_names(const Config& config, const MachineDescription& machine) {
     const std::string here = i < wanted.axes.size() ? wanted.axes[i].name : "none";
     if (there == here) continue;
     throw std::runtime_error("axis " + std::to_string(i + 1) + " is '" + here +
-                             "' in the configuration and '" + there + "' in the recording");
+                             "' in the configuration and '" + there + "' in the " +
+                             (config.source == SourceKind::kReplay ? "recording" : "CAN mapping"));
   }
 }
 
@@ -159,6 +217,30 @@ std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog
   }
 }
 
+/// Asks for what is to be done while it lives.
+class WhileServing {
+ public:
+  using Handler = std::function<void(const std::function<Config()>& load)>;
+  WhileServing(Reloads* reloads, Handler handler) : reloads_(reloads) {
+    if (reloads_ != nullptr) reloads_->serve_with(std::move(handler));
+  }
+  WhileServing(const WhileServing&) = delete;
+  WhileServing& operator=(const WhileServing&) = delete;
+  ~WhileServing() {
+    if (reloads_ != nullptr) reloads_->serve_with(nullptr);
+  }
+
+ private:
+  Reloads* reloads_;
+};
+
+/// Each line of a message that has several is an event.
+void note_refused(EventLog& events, const std::string& problems) {
+  std::istringstream lines(problems);
+  for (std::string line; std::getline(lines, line);) events.error("config_refused", "", line);
+  events.error("config_refused", "", "the new configuration is refused; the one before holds");
+}
+
 std::filesystem::path store_of(const Config& config) {
   return config.store.directory.empty() ? default_store() : config.store.directory;
 }
@@ -171,10 +253,14 @@ std::vector<std::string> obstacles(const Config& config) {
     try {
       action();
     } catch (const std::exception& error) {
-      found.emplace_back(error.what());
+      // Every problem of a mapping is a line of its own.
+      std::istringstream lines(error.what());
+      for (std::string line; std::getline(lines, line);) found.push_back(line);
     }
   };
   attempt([&] { Store::require_writable(store_of(config)); });
+  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp)
+    attempt([&] { check_names(config, mapping(config).machine); });
   if (config.source != SourceKind::kReplay) return found;
   std::vector<Replay> recordings;
   for (const std::filesystem::path& file : config.replay.files)
@@ -188,21 +274,33 @@ std::vector<std::string> obstacles(const Config& config) {
 }
 
 void serve(const Config& config, const std::stop_token& stop, const std::function<void()>& ready,
-           std::ostream& out) {
+           std::ostream& out, const Surroundings& surroundings) {
   Store store(store_of(config), config.machine);
-  EventLog events(store, out);
+  EventLog events(store, out, surroundings.journal, config.machine);
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
+  if (!store.lost().empty()) events.error("store", "", store.lost());
   const DdsNode node({config.machine, config.dds.domain, config.dds.partition});
   const std::unique_ptr<WebService> web = page_of(config, store, events);
   // Kept for as long as we listen: whoever introduces a machine waits to see it.
   DdsReader<MachineDescription> descriptions(node);
   ready();
+  const ServiceManager nobody;
+  Watchdog watchdog(
+      surroundings.manager != nullptr ? *surroundings.manager : nobody, config.priority,
+      [&](double silent_s) {
+        events.print(event_now("stalled", "",
+                               "the real-time loop has not moved for " + number(silent_s) +
+                                   " s; the service manager will start it again"));
+      });
 
   // Where the frames come from, and of what machine.
   Input input;
   if (config.source == SourceKind::kReplay) {
     input = replaying(config, events);
+    check_names(config, input.machine);
+  } else if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
+    input = listening(config, events);
     check_names(config, input.machine);
   } else {
     if (config.axes.empty()) {
@@ -261,6 +359,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Publisher publisher(node, machine.cycle_s, predictions, predicted, status,
                       shown == nullptr ? nullptr : &shown->feed());
   to_network = &publisher;
+  recorder.spare([&] { return store.cited(); });
+  identification.cite_with(
+      [&](double from_s, double until_s) { return recorder.files_with(from_s, until_s); });
   identification.restore();
   diagnosis.restore();
   diagnosis.give_up_with(stop);
@@ -289,14 +390,46 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
     diagnosis.run(its_stop);
   });
+  std::jthread reporting([&](const std::stop_token& its_stop) {
+    name_thread("source events");
+    std::mutex its_mutex;
+    std::condition_variable_any never;
+    std::unique_lock its_lock(its_mutex);
+    while (!its_stop.stop_requested()) {
+      never.wait_for(its_lock, its_stop, kNews, [] { return false; });
+      for (const std::string& line : input.source->news(steady_ns()))
+        events.error("source", "", line);
+    }
+  });
   std::jthread real_time([&] {
     name_thread("real-time loop");
-    if (const std::string why = become_real_time(config.priority); !why.empty())
-      events.note("real_time", "", why);
+    for (const std::string& why : {keep_to(config.cpus), become_real_time(config.priority)}) {
+      if (!why.empty()) events.note("real_time", "", why);
+    }
+    prefault_stack();
+    watchdog.watch(&loop->counters().turns);
     loop->run(*input.source, stop_loop);
+    watchdog.watch(nullptr);
     const std::lock_guard lock(mutex);
     ended = true;
     ended_changed.notify_all();
+  });
+
+  // What the configuration may change on the way. The loop and its rings have no part in it.
+  Config running = config;
+  const WhileServing reloading(surroundings.reloads, [&](const std::function<Config()>& load) {
+    try {
+      const Config newer = load();
+      const ConfigChanges changes = changes_between(running, newer);
+      running = reloaded(running, newer);
+      identification.reconfigure(running.identify);
+      diagnosis.reconfigure(running.diagnose, running.identify);
+      recorder.keep(running.store.recordings_mb);
+      memory.remember(remembered_s(running));
+      events.note("reloaded", "", changes.text());
+    } catch (const std::exception& error) {
+      note_refused(events, error.what());
+    }
   });
 
   {
@@ -308,6 +441,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   stop_loop = true;
   real_time.join();
   if (shown != nullptr) shown->loop_has_ended();
+  reporting.request_stop();
+  reporting.join();
   recording.request_stop();
   recording.join();
   identifying.request_stop();

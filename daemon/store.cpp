@@ -5,16 +5,22 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <ctime>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
+#include <string_view>
+
+#include "drivers/file_handle.h"
 
 namespace servotwin {
 namespace {
 
 constexpr int kSchemaVersion = 1;
+constexpr std::string_view kMagic("SQLite format 3\0", 16);
 constexpr const char* kSchema = R"(
   CREATE TABLE IF NOT EXISTS models (
     machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL,
@@ -26,6 +32,9 @@ constexpr const char* kSchema = R"(
   CREATE TABLE IF NOT EXISTS diagnoses (
     id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
     reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL);
+  CREATE TABLE IF NOT EXISTS citations (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, recording TEXT NOT NULL,
+    PRIMARY KEY (machine, axis, version, recording)) WITHOUT ROWID;
   CREATE INDEX IF NOT EXISTS diagnoses_of_axis ON diagnoses (machine, axis, id);
 )";
 
@@ -142,40 +151,149 @@ Store::Store(const std::filesystem::path& directory, std::string machine, StoreA
       machine_(std::move(machine)),
       lock_(access == StoreAccess::kOwn ? lock_directory(directory) : -1) {
   try {
-    sqlite3* database = nullptr;
-    const int opened =
-        sqlite3_open_v2(file_.c_str(), &database,
-                        access == StoreAccess::kOwn ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE
-                                                    : SQLITE_OPEN_READONLY,
-                        nullptr);
-    database_.reset(database);
-    if (opened != SQLITE_OK) fail("cannot be opened");
-    sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
-    if (access == StoreAccess::kOwn) {
-      execute("PRAGMA journal_mode=WAL");
-      execute("PRAGMA synchronous=FULL");
+    if (access == StoreAccess::kRead) {
+      open(access);
+      return;
     }
-    Statement version(*this, "PRAGMA user_version");
-    const std::int64_t found = version.step("cannot be read") ? version.number(0) : 0;
-    if (found > kSchemaVersion) {
-      throw std::runtime_error(
-          "store " + file_.string() + ": was written by a newer servotwind (layout " +
-          std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
-    }
-    if (access == StoreAccess::kRead) return;
-    Transaction transaction(*this);
-    execute(kSchema);
-    execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
-    transaction.commit();
+    if (const std::string why = damage(); !why.empty()) put_aside(why);
+    open(access);
+    if (!lost_.empty()) restore_models();
+    complete_copies();
   } catch (...) {
     if (lock_ >= 0) close(lock_);
     throw;
   }
 }
 
+void Store::open(StoreAccess access) {
+  sqlite3* database = nullptr;
+  const int opened =
+      sqlite3_open_v2(file_.c_str(), &database,
+                      access == StoreAccess::kOwn ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE
+                                                  : SQLITE_OPEN_READONLY,
+                      nullptr);
+  database_.reset(database);
+  if (opened != SQLITE_OK) fail("cannot be opened");
+  sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
+  if (access == StoreAccess::kOwn) {
+    execute("PRAGMA journal_mode=WAL");
+    execute("PRAGMA synchronous=FULL");
+  }
+  Statement version(*this, "PRAGMA user_version");
+  const std::int64_t found = version.step("cannot be read") ? version.number(0) : 0;
+  if (found > kSchemaVersion) {
+    throw std::runtime_error(
+        "store " + file_.string() + ": was written by a newer servotwind (layout " +
+        std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
+  }
+  if (access == StoreAccess::kRead) return;
+  Transaction transaction(*this);
+  execute(kSchema);
+  execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
+  transaction.commit();
+}
+
 Store::~Store() {
   database_.reset();
   if (lock_ >= 0) close(lock_);
+}
+
+std::string Store::damage() const {
+  std::error_code error;
+  const bool copies = std::filesystem::exists(directory_ / "models", error);
+  if (!std::filesystem::exists(file_, error)) return copies ? "the database is gone" : "";
+  std::array<char, kMagic.size() + 2> start{};  // with the size of a page
+  const FileHandle file = FileHandle::open(file_, O_RDONLY);
+  const std::size_t size = file.read(start.data(), start.size());
+  // What begins otherwise is somebody else's file; opening it says so. What is shorter than a page
+  // SQLite takes for a new one; but that was before the first copy.
+  if (!std::string_view(start.data(), size).starts_with(kMagic.substr(0, size))) return "";
+  constexpr std::uintmax_t kSmallestPage = 512;
+  if (const std::uintmax_t bytes = std::filesystem::file_size(file_); bytes < kSmallestPage)
+    return copies ? "of the database there are " + std::to_string(bytes) + " bytes" : "";
+  // A page of which a part is missing reads as zeros, and that may be within a model.
+  const std::filesystem::path journal = file_.string() + "-wal";
+  const auto high = static_cast<unsigned char>(start[16]),
+             low = static_cast<unsigned char>(start[17]);
+  const unsigned page = high == 0 && low == 1 ? 65'536U : 256U * high + low;
+  const bool journaled = std::filesystem::exists(journal) && !std::filesystem::is_empty(journal);
+  if (!journaled && page != 0 && std::filesystem::file_size(file_) % page != 0)
+    return "the database ends within a page";
+  sqlite3* database = nullptr;
+  sqlite3_open_v2(file_.c_str(), &database, SQLITE_OPEN_READWRITE, nullptr);
+  const std::unique_ptr<sqlite3, Close> closed(database);
+  sqlite3_stmt* check = nullptr;
+  int result = sqlite3_prepare_v2(database, "PRAGMA quick_check(1)", -1, &check, nullptr);
+  std::string why;
+  if (result == SQLITE_OK) {
+    result = sqlite3_step(check);
+    if (result == SQLITE_ROW) {
+      const auto* text = reinterpret_cast<const char*>(sqlite3_column_text(check, 0));
+      if (text != nullptr && std::string_view(text) != "ok") why = text;
+    }
+  }
+  if (result == SQLITE_CORRUPT || result == SQLITE_NOTADB) why = sqlite3_errmsg(database);
+  sqlite3_finalize(check);
+  std::replace(why.begin(), why.end(), '\n', ' ');
+  return why;
+}
+
+void Store::put_aside(const std::string& why) {
+  std::error_code error;
+  std::string aside;
+  for (int i = 1; aside.empty() || std::filesystem::exists(directory_ / aside, error); ++i)
+    aside = "servotwin.sqlite.damaged-" + std::to_string(i);
+  for (const char* part : {"", "-wal", "-shm"}) {
+    const std::filesystem::path from = file_.string() + part;
+    if (std::filesystem::exists(from, error))
+      std::filesystem::rename(from, directory_ / (aside + part));
+  }
+  lost_ = "the store was damaged (" + why +
+          "): older models, diagnoses and events are lost; what is left of them is in " +
+          (directory_ / aside).string();
+}
+
+std::filesystem::path Store::copy_of(const std::string& machine, const std::string& axis) const {
+  return directory_ / "models" / machine / (axis + ".json");
+}
+
+void Store::restore_models() {
+  int restored = 0;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(directory_ / "models")) {
+    if (entry.path().extension() != ".json") continue;
+    try {
+      const ModelRecord record = read_model(entry.path());
+      Statement insert(*this,
+                       "INSERT INTO models (machine, axis, version, created, reason, json) VALUES "
+                       "(?, ?, ?, ?, ?, ?)");
+      insert.bind(entry.path().parent_path().filename()).bind(record.axis);
+      insert.bind(std::int64_t{record.version}).bind(record.created);
+      insert.bind("restored from " + entry.path().string()).bind(to_json(record).dump());
+      insert.step("cannot be written");
+      ++restored;
+    } catch (const std::exception& error) {
+      lost_ += "; a model in force is lost, too: " + std::string(error.what());
+    }
+  }
+  lost_ += "; models in force that are back: " + std::to_string(restored);
+}
+
+/// Of stores that were made before there were copies, and where a crash came between the two.
+void Store::complete_copies() const {
+  Statement newest(*this,
+                   "SELECT machine, axis, max(version), json FROM models GROUP BY machine, axis");
+  while (newest.step("cannot be read")) {
+    const std::filesystem::path copy = copy_of(newest.text(0), newest.text(1));
+    try {
+      if (std::filesystem::exists(copy) && read_model(copy).version == newest.number(2)) continue;
+    } catch (const std::exception&) {
+      // It is written again.
+    }
+    std::filesystem::create_directories(copy.parent_path());
+    AtomicFile file(copy);
+    file.write(newest.text(3));
+    file.commit();
+  }
 }
 
 void Store::fail(const std::string& what) const {
@@ -228,7 +346,8 @@ std::vector<StoredModel> Store::versions(const std::string& axis, int most) cons
   return read_models(statement.bind(machine_).bind(axis).bind(std::int64_t{most}));
 }
 
-void Store::promote(ModelRecord& record, const Event& event) {
+void Store::promote(ModelRecord& record, const Event& event,
+                    const std::vector<std::string>& recordings) {
   const std::lock_guard lock(mutex_);
   Transaction transaction(*this);
   ModelRecord stored = record;
@@ -244,9 +363,38 @@ void Store::promote(ModelRecord& record, const Event& event) {
                    "?, ?, ?, ?, ?)");
   insert.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(stored.created);
   insert.bind(event.text).bind(to_json(stored).dump()).step("cannot be written");
+  for (const std::string& recording : recordings) {
+    Statement cite(*this,
+                   "INSERT OR IGNORE INTO citations (machine, axis, version, recording) VALUES (?, "
+                   "?, ?, ?)");
+    cite.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(recording);
+    cite.step("cannot be written");
+  }
   insert_event(event);
+  // All that could fail for want of space comes before the commit.
+  const std::filesystem::path copy = copy_of(machine_, stored.axis);
+  std::filesystem::create_directories(copy.parent_path());
+  AtomicFile file(copy);
+  file.write(to_json(stored).dump());
   transaction.commit();
+  try {
+    file.commit();
+  } catch (const std::runtime_error&) {
+    // It is stored; the next start completes the copy.
+  }
   record = std::move(stored);
+}
+
+std::map<std::string, bool> Store::cited() const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT recording, max(version = (SELECT max(version) FROM models WHERE "
+                      "models.machine = citations.machine AND models.axis = citations.axis)) FROM "
+                      "citations WHERE machine = ? GROUP BY recording");
+  statement.bind(machine_);
+  std::map<std::string, bool> out;
+  while (statement.step("cannot be read")) out[statement.text(0)] = statement.number(1) != 0;
+  return out;
 }
 
 void Store::add(const StoredDiagnosis& diagnosis, const Event& event) {

@@ -2,11 +2,15 @@
 //
 // Nothing is acknowledged before it is on the disk: WAL journal, synchronous=FULL, one transaction
 // for a model or a diagnosis and its event. The version in force of an axis is its highest one. One
-// process per directory, and any number that read. Errors: std::runtime_error, one line with the
-// file and the reason. Any thread.
+// process per directory, and any number that read.
+//
+// The model in force of every axis is beside the database, too: models/<machine>/<axis>.json. A
+// database that is damaged is put aside, and the models in force come back from there. Errors:
+// std::runtime_error, one line with the file and the reason. Any thread.
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -67,7 +71,11 @@ class Store {
   [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis, int most = -1) const;
   /// Stores a model as the axis' next version, with the event that tells of it; version and parent
   /// of `record` are set. When this returns it is on the disk; when it throws nothing has changed.
-  void promote(ModelRecord& record, const Event& event);
+  /// `recordings`: the files of recordings/<machine> that it was found and judged on.
+  void promote(ModelRecord& record, const Event& event,
+               const std::vector<std::string>& recordings = {});
+  /// The recordings that models were found and judged on, and whether one of these is in force.
+  [[nodiscard]] std::map<std::string, bool> cited() const;
 
   /// Stores a diagnosis with the event that tells of it, and forgets what is too old.
   void add(const StoredDiagnosis& diagnosis, const Event& event);
@@ -82,6 +90,8 @@ class Store {
 
   [[nodiscard]] const std::filesystem::path& directory() const noexcept { return directory_; }
   [[nodiscard]] const std::string& machine() const noexcept { return machine_; }
+  /// What was lost when it was opened, and where it is kept; empty if nothing was.
+  [[nodiscard]] const std::string& lost() const noexcept { return lost_; }
 
  private:
   struct Close {
@@ -90,6 +100,14 @@ class Store {
   class Statement;
   class Transaction;
 
+  void open(StoreAccess access);
+  /// Why the database cannot be used; empty if it can. Throws where it is none of ours.
+  [[nodiscard]] std::string damage() const;
+  void put_aside(const std::string& why);
+  void restore_models();
+  void complete_copies() const;
+  [[nodiscard]] std::filesystem::path copy_of(const std::string& machine,
+                                              const std::string& axis) const;
   [[noreturn]] void fail(const std::string& what) const;
   void execute(const char* sql) const;
   void insert_event(const Event& event);
@@ -97,6 +115,7 @@ class Store {
 
   std::filesystem::path directory_, file_;
   std::string machine_;
+  std::string lost_;
   int lock_ = -1;
   std::unique_ptr<sqlite3, Close> database_;
   mutable std::mutex mutex_;

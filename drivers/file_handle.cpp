@@ -82,6 +82,20 @@ void FileHandle::close() {
   if (::close(std::exchange(descriptor_, -1)) != 0) fail(shown_, "cannot be written");
 }
 
+std::string read_text(const std::filesystem::path& file, std::size_t most) {
+  const FileHandle handle = FileHandle::open(file, O_RDONLY);
+  std::string text;
+  char block[4096];
+  while (const std::size_t count = handle.read(block, sizeof block)) {
+    text.append(block, count);
+    if (text.size() > most) {
+      throw std::runtime_error(file.string() + ": has more than " + std::to_string(most >> 20) +
+                               " MB; this cannot be meant");
+    }
+  }
+  return text;
+}
+
 AtomicFile::AtomicFile(std::filesystem::path file)
     : file_(std::move(file)),
       beside_(name_beside(file_)),

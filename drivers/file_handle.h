@@ -36,6 +36,10 @@ class FileHandle {
   int descriptor_ = -1;
 };
 
+/// A small file as a whole; throws if it has more than `most` bytes.
+[[nodiscard]] std::string read_text(const std::filesystem::path& file,
+                                    std::size_t most = std::size_t{64} << 20);
+
 /// A file that appears whole or not at all: written beside its place, flushed, renamed by commit().
 class AtomicFile {
  public:

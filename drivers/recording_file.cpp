@@ -7,6 +7,8 @@
 #include <stdexcept>
 #include <string_view>
 
+#include "drivers/can_recording.h"
+#include "drivers/candump.h"
 #include "drivers/column_map.h"
 #include "drivers/csv.h"
 #include "drivers/file_handle.h"
@@ -39,10 +41,13 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
     return read_mat(file, options);
   }
   if (file.extension() == ".mat") refuse("is named .mat but is no MATLAB file of version 5 or 7.3");
+  if (is_candump(start)) return read_candump(file, options);
   if (file.extension() == ".log") {
     refuse(
-        "CAN logs (candump) are not read here; convert it to CSV with time and position columns");
+        "is named .log but its first line is none of a CAN log, such as (12.345678) can0 181#00");
   }
+  if (!options.can_map.empty())
+    throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is none");
   if (start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff")) {
     refuse("the text is UTF-16; save it as UTF-8");
   }

@@ -1,4 +1,4 @@
-// Recordings from files: CSV with units in its header, foreign CSV, MATLAB v5 and v7.3.
+// Recordings from files: CSV with units in its header, foreign CSV, MATLAB v5 and v7.3, CAN logs.
 //
 //   time[s],X.command[mm],X.actual[mm],X.torque[Nm],Y.command[mm],Y.actual[mm]
 //
@@ -24,6 +24,8 @@ struct ReadOptions {
   std::string columns;
   /// Rows per second [Hz] of a file that carries no time.
   std::optional<double> rate_hz;
+  /// What the messages of a CAN log mean (drivers/can_map.h).
+  std::filesystem::path can_map;
   /// The part to read, in seconds after the first stamp of the file, both ends included.
   double from_s = 0.0;
   double to_s = std::numeric_limits<double>::infinity();

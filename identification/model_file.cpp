@@ -329,11 +329,15 @@ ModelRecord read_model(const std::filesystem::path& path) {
     throw std::runtime_error(
         path.string() + ": model file: is no whole JSON document (it ends or breaks at byte " +
         std::to_string(error.byte) + " of " + std::to_string(content.str().size()) + ")");
+  } catch (const json::exception& error) {  // a number beyond all bounds
+    throw std::runtime_error(path.string() + ": model file: " + error.what());
   }
   try {
     return model_from_json(j);
   } catch (const std::runtime_error& error) {
     throw std::runtime_error(path.string() + ": " + error.what());
+  } catch (const json::exception& error) {  // a field of another type where no rule names it
+    throw std::runtime_error(path.string() + ": model file: " + error.what());
   }
 }
 

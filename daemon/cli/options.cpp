@@ -17,6 +17,10 @@ void RecordingOptions::declare(CLI::App& command, const std::string& name,
           "names for the columns of a foreign file: \"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
       ->type_name("MAP");
   command
+      .add_option("--can-map", read_options.can_map,
+                  "which bits of a CAN log (candump -l) are which signal")
+      ->type_name("F.toml");
+  command
       .add_option("--from", read_options.from_s, "start of the part to take [s of the recording]")
       ->type_name("S");
   command.add_option("--to", read_options.to_s, "end of the part to take [s of the recording]")
@@ -37,8 +41,10 @@ Recording RecordingOptions::read(std::FILE* people) const {
 }
 
 void AxisOptions::declare(CLI::App& command) {
-  recording.declare(command, "REC",
-                    "recording: CSV with units, foreign CSV with --columns, or MATLAB .mat");
+  recording.declare(
+      command, "REC",
+      "recording: CSV with units, foreign CSV with --columns, MATLAB .mat, or a CAN log "
+      "with --can-map");
   command.add_option("--axis", axis, "axis of the recording")->type_name("X")->required();
 }
 

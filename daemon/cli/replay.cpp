@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 
+#include "daemon/cli/can_replay.h"
 #include "daemon/cli/command.h"
 #include "daemon/cli/interrupt.h"
 #include "daemon/cli/options.h"
@@ -22,8 +23,9 @@ constexpr double kPatience_s = 0.2;  // how long an interrupt may wait
 struct Arguments {
   RecordingOptions recording;
   BusOptions bus;
-  std::string can;
-  bool udp = false;
+  std::vector<std::string> can;
+  std::string udp;
+  bool targets = false;
   double speed = 1.0;
   int look_ahead = 0;
   double wait_s = 10.0;  // a daemon that has just been started needs about one
@@ -45,10 +47,14 @@ bool daemon_ready(const DdsNode& node, double patience_s) {
 }
 
 void run(const Arguments& arguments) {
-  if (!arguments.can.empty())
-    throw UsageError("--can is not in this version; replay onto DDS with --dds");
-  if (arguments.udp) throw UsageError("--udp is not in this version; replay onto DDS with --dds");
-  if (!arguments.bus.dds) throw UsageError("name the bus: --dds");
+  const bool can = !arguments.can.empty() || !arguments.udp.empty();
+  if (arguments.bus.dds == can) throw UsageError("name one bus: --dds, --can or --udp");
+  if (can) {
+    replay_onto_can({arguments.recording.file, arguments.recording.read_options, arguments.can,
+                     arguments.udp, arguments.targets, arguments.speed});
+    return;
+  }
+  if (arguments.targets) throw UsageError("--targets is for --can and --udp");
 
   RecordedCycles cycles = recorded_cycles(arguments.recording.read(stdout));
   for (const std::string& note : cycles.notes) say(stdout, "note: " + note);
@@ -112,10 +118,17 @@ void run(const Arguments& arguments) {
 Command add_replay(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand("replay", "A recording as a machine on a live bus.");
-  arguments->recording.declare(command, "LOG", "recording: CSV or MATLAB .mat");
+  arguments->recording.declare(command, "LOG", "recording: CSV, MATLAB .mat, or a CAN log");
   arguments->bus.declare(command);
-  command.add_option("--can", arguments->can)->type_name("IF")->group("");
-  command.add_flag("--udp", arguments->udp)->group("");
+  command
+      .add_option("--can", arguments->can,
+                  "onto CAN interfaces, one per bus of the log or of the mapping")
+      ->type_name("IF,..")
+      ->delimiter(',');
+  command.add_option("--udp", arguments->udp, "onto CAN over UDP (cannelloni's format)")
+      ->type_name("HOST:PORT");
+  command.add_flag("--targets", arguments->targets,
+                   "onto CAN as the controller: the commands as target positions of the mapping");
   command.add_option("--speed", arguments->speed, "times as fast as recorded (default 1)")
       ->type_name("F")
       ->check(CLI::Range(1e-3, 1e3).name(""));

@@ -4,6 +4,7 @@
 #include <memory>
 #include <random>
 
+#include "daemon/cli/can_drive.h"
 #include "daemon/cli/command.h"
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/options.h"
@@ -28,6 +29,8 @@ struct Arguments {
   std::filesystem::path table;
   Encoder encoder;
   std::uint64_t seed = 1;
+  std::vector<std::string> can;
+  double seconds = 0.0;
 };
 
 struct ModelFile {
@@ -88,6 +91,15 @@ Segment unbroken(const Recording& table, const std::string& axis, std::FILE* peo
 }
 
 void run(const Arguments& arguments) {
+  if (!arguments.can.empty()) {
+    if (!arguments.path.file.empty() || !arguments.table.empty())
+      throw UsageError("with --can the commands come from the bus, and the answers go there");
+    drive_on_can(
+        {arguments.models, arguments.can, arguments.path.read_options.can_map, arguments.seconds});
+    return;
+  }
+  if (arguments.path.file.empty()) throw UsageError("PATH is required");
+  if (arguments.seconds > 0.0) throw UsageError("--seconds is for --can");
   std::FILE* people = people_beside({arguments.table});
   const std::vector<ModelFile> models = read_models(arguments.models);
   Recording table = arguments.path.read(people);
@@ -173,6 +185,7 @@ Command add_simulate(CLI::App& app) {
   arguments->path.declare(
       command, "PATH",
       "table of commands: CSV with units, or a recording whose encoders are ignored");
+  command.get_option("PATH")->required(false);
   command
       .add_option("--model", arguments->models, "model file of an axis of the table; once per axis")
       ->type_name("M.json")
@@ -189,6 +202,14 @@ Command add_simulate(CLI::App& app) {
           [arguments](const std::string& given) { arguments->encoder = parse_noise(given); },
           "encoder step, and standard deviation of Gaussian noise before it [um | urad]")
       ->type_name("STEP[:SIGMA]");
+  command
+      .add_option("--can", arguments->can,
+                  "be the drives on CAN interfaces, one per bus of --can-map: answer on SYNC")
+      ->type_name("IF,..")
+      ->delimiter(',');
+  command.add_option("--seconds", arguments->seconds, "with --can: end after this time")
+      ->type_name("S")
+      ->check(CLI::Range(1e-3, 1e9).name(""));
   command.add_option("--seed", arguments->seed, "seed of the noise (default 1)")->type_name("N");
   return {&command, [arguments] { run(*arguments); }};
 }

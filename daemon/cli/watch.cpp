@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "daemon/cli/can_watch.h"
 #include "daemon/cli/command.h"
 #include "daemon/cli/interrupt.h"
 #include "daemon/cli/live_record.h"
@@ -28,6 +29,8 @@ struct Arguments {
   bool summary = false;
   double seconds = 0.0;
   std::filesystem::path result;
+  std::vector<std::string> can;
+  std::filesystem::path can_map;
 };
 
 double since(std::chrono::steady_clock::time_point start) {
@@ -118,6 +121,13 @@ class Display {
 };
 
 void run(const Arguments& arguments) {
+  if (!arguments.can.empty()) {
+    if (arguments.summary || !arguments.result.empty() || arguments.bus.dds)
+      throw UsageError("--summary, --json and --dds are not for --can, where nothing is predicted");
+    watch_can({arguments.can, arguments.can_map, arguments.seconds});
+    return;
+  }
+  if (!arguments.can_map.empty()) throw UsageError("--can-map is for --can");
   if (!arguments.summary && !arguments.result.empty() && !is_stdout(arguments.result)) {
     throw UsageError(
         "--json without --summary writes a line per second to standard output; give no file");
@@ -161,8 +171,16 @@ void run(const Arguments& arguments) {
 
 Command add_watch(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand("watch", "Live predicted error of a machine, over DDS.");
+  CLI::App& command = *app.add_subcommand(
+      "watch", "Live predicted error of a machine over DDS, or what it says on CAN.");
   arguments->bus.declare(command);
+  command
+      .add_option("--can", arguments->can, "listen to CAN interfaces, one per bus of the mapping")
+      ->type_name("IF,..")
+      ->delimiter(',');
+  command
+      .add_option("--can-map", arguments->can_map, "which bits of which frames are which signal")
+      ->type_name("F.toml");
   command.add_flag("--summary", arguments->summary,
                    "collect until machine or daemon leave the bus, then print one screen");
   command.add_option("--seconds", arguments->seconds, "end after this time")

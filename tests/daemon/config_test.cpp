@@ -260,5 +260,36 @@ TEST(Config, TheStoreIsWhereTheServiceManagerSays) {
   unsetenv("XDG_STATE_HOME");
 }
 
+TEST(Config, CanAndUdpAreSourcesWithAMapping) {
+  const CheckedConfig can = check_config(
+      "[source.can]\nmap = \"m.toml\"\ninterfaces = [\"can1\"]\nfilter = true\n", "/etc/st/a.toml");
+  EXPECT_TRUE(can.problems.empty());
+  EXPECT_EQ(can.config.source, SourceKind::kCan);
+  EXPECT_EQ(can.config.can.map, "/etc/st/m.toml");
+  EXPECT_EQ(can.config.can.interfaces, std::vector<std::string>{"can1"});
+  EXPECT_TRUE(can.config.can.filter);
+  const CheckedConfig udp = check_config(
+      "[[axis]]\nname = \"X\"\nsource = \"udp\"\n[source.dds]\n[source.udp]\nmap = \"/m.toml\"\n"
+      "listen = \"0.0.0.0:4\"\npeer = \"plc:5\"\n",
+      "a.toml");
+  EXPECT_TRUE(udp.problems.empty());
+  EXPECT_EQ(udp.config.source, SourceKind::kUdp);
+  EXPECT_EQ(udp.config.udp.map, "/m.toml");
+  EXPECT_EQ(udp.config.udp.peer, "plc:5");
+}
+
+TEST(Config, MistakesOfTheBusesAreNamed) {
+  EXPECT_THAT(problem_of("[source.can]\n"), HasSubstr("source.can.map: is missing"));
+  EXPECT_THAT(problem_of("[source.udp]\n"), HasSubstr("source.udp.map: is missing"));
+  EXPECT_THAT(problem_of("[source.can]\nmap = \"m\"\ninterface = [\"a\"]\n"),
+              HasSubstr("did you mean 'interfaces'?"));
+  EXPECT_THAT(problem_of("[source.can]\nmap = \"m\"\ninterfaces = \"a\"\n"),
+              HasSubstr("a list of 1 to 8 names"));
+  EXPECT_THAT(problem_of("[source.can]\nmap = \"m\"\n[source.udp]\nmap = \"m\"\n"),
+              HasSubstr("there is a source.can as well"));
+  EXPECT_THAT(problem_of("[[axis]]\nname = \"X\"\nsource = \"can\"\n"),
+              HasSubstr("there is no [source.can]"));
+}
+
 }  // namespace
 }  // namespace servotwin

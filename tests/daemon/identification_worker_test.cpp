@@ -37,7 +37,7 @@ class WorkerTest : public testing::Test {
     worker_.reset();
     events_.reset();
     store_.reset();
-    memory_ = std::make_unique<MotionMemory>(machine_, 100.0);
+    memory_ = std::make_unique<MotionMemory>(machine_, remembered_s_);
     store_ = std::make_unique<Store>(directory_.path(), "mill");
     events_ = std::make_unique<EventLog>(*store_, said_);
     worker_ = std::make_unique<IdentificationWorker>(
@@ -94,6 +94,7 @@ class WorkerTest : public testing::Test {
 
   TemporaryDirectory directory_;
   MachineDescription machine_ = one_axis();
+  double remembered_s_ = 100.0;
   IdentifyConfig config_;
   std::vector<LatestValue<TwinInForce>> in_force_{1};
   std::vector<StoredModel> announced_;
@@ -166,6 +167,7 @@ TEST_F(WorkerTest, AWorkerThatLagsDecidesTheSame) {
   ASSERT_GE(in_time.size(), 2U) << said_.str();
 
   std::filesystem::remove(directory_.path() / "servotwin.sqlite");
+  std::filesystem::remove_all(directory_.path() / "models");
   row_ = 0;
   restart();
   run_machine(20.0);
@@ -175,6 +177,20 @@ TEST_F(WorkerTest, AWorkerThatLagsDecidesTheSame) {
     if (event.text.find("undecided") == event.text.npos) later.push_back(event.text);
   }
   EXPECT_EQ(later, in_time);
+}
+
+TEST_F(WorkerTest, AWorkerThatLagsBeyondTheMemorySaysSoOnceAndGoesOnWithWhatThereIs) {
+  remembered_s_ = 8.0;
+  restart();
+  run_machine(25.0);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "motion_skipped");
+  EXPECT_THAT(newest_event().text, HasSubstr("19.0 s of motion were not looked at"));
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "identification_step");
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(announced_.size(), 1U) << said_.str();
 }
 
 TEST_F(WorkerTest, TheModelIsInForceAgainAfterARestart) {

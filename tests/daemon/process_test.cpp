@@ -12,12 +12,14 @@
 
 #include <algorithm>
 #include <cstring>
+#include <random>
 #include <string>
 #include <vector>
 
 #include "daemon/store.h"
 #include "drivers/dds.h"
 #include "tests/daemon/ball_screw.h"
+#include "tests/daemon/stalled_thread.h"
 #include "tests/daemon/support.h"
 
 namespace servotwin {
@@ -77,13 +79,14 @@ class Process {
     const std::size_t at = text_.find(text);
     return at == text_.npos ? "" : text_.substr(at + text.size());
   }
+  [[nodiscard]] int id() const { return id_; }
   void send(int signal) const { kill(id_, signal); }
   Ended wait_after(int signal) {
     send(signal);
     return wait();
   }
   Ended wait() {
-    while (read_more(60'000)) {
+    while (read_more(240'000)) {  // a diagnosis beside a whole suite
     }
     int status = 0;
     waitpid(id_, &status, 0);
@@ -124,9 +127,15 @@ class NotifySocket {
     unsetenv("NOTIFY_SOCKET");
     close(socket_);
   }
-  std::string next() const {
+  std::string next() const { return next_within(30'000); }
+  /// What came already does not count.
+  void forget() const {
+    while (next_within(0) != "nothing") {
+    }
+  }
+  std::string next_within(int timeout_ms) const {
     pollfd waiting{socket_, POLLIN, 0};
-    if (poll(&waiting, 1, 30'000) <= 0) return "nothing";
+    if (poll(&waiting, 1, timeout_ms) <= 0) return "nothing";
     char text[100];
     const ssize_t count = recv(socket_, text, sizeof text, 0);
     return std::string(text, count > 0 ? static_cast<std::size_t>(count) : 0);
@@ -278,6 +287,111 @@ TEST_F(ServotwindTest, TellsTheServiceManagerWhenItIsReadyAndWhenItStops) {
   daemon.send(SIGTERM);
   EXPECT_EQ(manager.next(), "STOPPING=1");
   EXPECT_EQ(daemon.wait().status, 0);
+}
+
+TEST_F(ServotwindTest, TheWatchdogIsFedAsLongAsTheLoopTurnsAlsoInSilence) {
+  setenv("WATCHDOG_USEC", "800000", 1);
+  const NotifySocket manager(directory_.path() / "notify");
+  Process daemon(here_and({"--config", write("m.toml", "[[axis]]\nname = 'X'\n")}));
+  ASSERT_EQ(manager.next(), "READY=1");
+  unsetenv("WATCHDOG_USEC");
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(manager.next(), "WATCHDOG=1");
+  {
+    const StalledThread stalled(daemon.id(), "real-time loop");
+    ASSERT_TRUE(daemon.has_said("the real-time loop has not moved for 0.4 s"));
+    manager.forget();
+    EXPECT_EQ(manager.next_within(2000), "nothing") << "all threads but the loop run";
+  }
+  EXPECT_EQ(manager.next(), "WATCHDOG=1") << "it gets on again";
+  EXPECT_EQ(daemon.wait_after(SIGTERM).status, 0);
+}
+
+TEST_F(ServotwindTest, TheConfigurationIsReadAgainOnAHangup) {
+  const NotifySocket manager(directory_.path() / "notify");
+  const std::string text = "[[axis]]\nname = 'X'\n[identify]\nwindow_s = ";
+  const std::string file = write("m.toml", text + "8\n");
+  Process daemon(here_and({"--config", file}));
+  ASSERT_EQ(manager.next(), "READY=1");
+  write("m.toml", text + "9\n[real_time]\npriority = 0\n");
+  daemon.send(SIGHUP);
+  ASSERT_TRUE(
+      daemon.has_said("identify.window_s = 9 (was 8); only a restart brings "
+                      "real_time.priority = 0 (was its default)\n"));
+  EXPECT_THAT(manager.next(), testing::MatchesRegex("RELOADING=1\nMONOTONIC_USEC=[0-9]+"));
+  EXPECT_EQ(manager.next(), "READY=1");
+  write("m.toml", text + "'nine'\nwindow = 1\n");
+  daemon.send(SIGHUP);
+  ASSERT_TRUE(daemon.has_said("the new configuration is refused; the one before holds"));
+  const Ended ended = daemon.wait_after(SIGTERM);
+  EXPECT_EQ(ended.status, 0);
+  EXPECT_THAT(ended.said, HasSubstr("m.toml:4:12: identify.window_s = 'nine': must be a number"));
+  EXPECT_THAT(ended.said, HasSubstr("m.toml:5:1: identify.window: there is no such key"));
+}
+
+// As many hangups as come in while a recording is played: every one of its frames goes through.
+TEST_F(ServotwindTest, ReadingTheConfigurationAgainLosesNoSample) {
+  std::ofstream recording(directory_.path() / "machine.csv");
+  recording.precision(12);
+  recording << "time[s],X.command[m],X.actual[m]\n";
+  for (int i = 0; i < 20'000; ++i)
+    recording << i * kCycle_s << ',' << command_at(i * kCycle_s) << ",0\n";
+  recording.close();
+  const std::string text = "[identify]\nmethod = 'pole-search'\n[diagnose]\nevery_s = 0\n";
+  const std::string file = write("m.toml", text);
+  Process daemon(
+      here_and({"--config", file, "--replay", directory_.path() / "machine.csv", "--speed", "10"}));
+  ASSERT_TRUE(daemon.has_said("X: "));
+  for (int i = 0; i < 20; ++i) {
+    write("m.toml", text + "[store]\nrecordings_mb = " + std::to_string(i + 1) + "\n");
+    daemon.send(SIGHUP);
+    ASSERT_TRUE(daemon.has_said("recordings_mb = " + std::to_string(i + 1) + " (was "));
+  }
+  const Ended ended = daemon.wait();
+  EXPECT_EQ(ended.status, 0);
+  EXPECT_THAT(ended.said, HasSubstr("servotwind: stopped after 20000 frames\n"));
+}
+
+// The whole daemon, while it finds models; the store alone is killed a hundred times in
+// store_damage_test.cpp. SERVOTWIN_KILLS: how often.
+TEST_F(ServotwindTest, KilledAtRandomMomentsItComesBackWithTheModelItSaidWasInForce) {
+  const virtual_machine::AxisRecord record = ball_screw_record(20.0);
+  std::ofstream file(directory_.path() / "machine.csv");
+  file.precision(12);
+  file << "time[s],X.command[m],X.actual[m]\n";
+  for (Eigen::Index i = 0; i < record.command.size(); ++i)
+    file << static_cast<double>(i) * kCycle_s << ',' << record.command(i) << ',' << record.actual(i)
+         << '\n';
+  file.close();
+  const std::string config =
+      write("m.toml",
+            "[identify]\nmethod = 'pole-search'\nwindow_s = 1\njudge_s = 0.5\nmin_improvement = 0\n"
+            "[diagnose]\nevery_s = 0\n[store]\nrecordings_mb = 1\n");
+  const char* asked = std::getenv("SERVOTWIN_KILLS");
+  const int kills = asked == nullptr ? 8 : std::atoi(asked);
+  std::mt19937_64 random(3);
+  int in_force = 0;
+  for (int kill_number = 1; kill_number <= kills; ++kill_number) {
+    Process daemon(here_and(
+        {"--config", config, "--replay", directory_.path() / "machine.csv", "--speed", "20"}));
+    if (in_force > 0) {
+      ASSERT_TRUE(daemon.has_said("model " + std::to_string(in_force) + " is in force again"))
+          << "kill " << kill_number;
+    } else {
+      ASSERT_TRUE(daemon.has_said("servotwind: X: model 1 is in force: "));
+    }
+    usleep(static_cast<useconds_t>(random() % 700'000));
+    const Ended ended = daemon.wait_after(SIGKILL);
+    ASSERT_EQ(ended.status, 128 + SIGKILL) << ended.said;
+    const Store store(directory_.path() / "store", "process-" + std::to_string(getpid()));
+    ASSERT_EQ(store.lost(), "");
+    const int stored = store.in_force().at(0).record.version;
+    for (int version = stored + 1; version < stored + 100; ++version) {
+      ASSERT_THAT(ended.said,
+                  testing::Not(HasSubstr("model " + std::to_string(version) + " is in force: ")))
+          << "it was said, and is not there";
+    }
+    in_force = stored;
+  }
 }
 
 // One process watches the machine and diagnoses, another one is started on its store, a third

@@ -6,6 +6,8 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "drivers/recording_file.h"
@@ -126,6 +128,57 @@ TEST_F(RecorderTest, TheOldestGoWhereTheBudgetIsSpentAndItIsSaid) {
   EXPECT_LT(files().size(), 5U);
   EXPECT_EQ(read_recording(files().back()).time.size(), 5'000U) << "the newest is there";
   EXPECT_THAT(said_.str(), HasSubstr("the oldest recordings are deleted, to stay within 2 MB"));
+}
+
+// Five files of about a megabyte each; the first is of a model in force, the second of one before.
+TEST_F(RecorderTest, WhatModelsCiteGoesLastAndWhatIsInForceNever) {
+  Recorder recorder = this->recorder(100.0);
+  std::map<std::string, bool> cited;
+  recorder.spare([&] { return cited; });
+  feed(recorder, 0, 150'000);
+  recorder.finish_file();
+  const std::vector<std::filesystem::path> all = files();
+  ASSERT_EQ(all.size(), 5U);
+  const double size = static_cast<double>(std::filesystem::file_size(all[0]));
+  cited = {{all[0].filename(), true}, {all[1].filename(), false}};
+
+  recorder.keep(4.9e-6 * size);  // room for four, when the next one has come
+  feed(recorder, 150'000, 180'000);
+  recorder.finish_file();
+  std::vector<std::filesystem::path> kept = files();
+  ASSERT_EQ(kept.size(), 4U);
+  EXPECT_EQ(kept[0], all[0]);
+  EXPECT_EQ(kept[1], all[1]);
+  EXPECT_EQ(kept[2], all[4]) << "the oldest that nobody cites are gone";
+
+  recorder.keep(2.9e-6 * size);
+  feed(recorder, 180'000, 210'000);
+  recorder.finish_file();
+  kept = files();
+  ASSERT_EQ(kept.size(), 2U);
+  EXPECT_EQ(kept[0], all[0]) << "a model before goes before a model in force";
+  EXPECT_THAT(said_.str(), testing::Not(HasSubstr("are kept beyond")));
+
+  recorder.keep(0.5e-6 * size);
+  feed(recorder, 210'000, 240'000);
+  recorder.finish_file();
+  kept = files();
+  ASSERT_EQ(kept.size(), 2U);
+  EXPECT_EQ(kept[0], all[0]);
+  EXPECT_THAT(said_.str(), HasSubstr("the recordings that models in force were found on are kept "
+                                     "beyond store.recordings_mb"));
+}
+
+TEST_F(RecorderTest, KnowsWhichFilesHaveTheRowsOfATime) {
+  Recorder recorder = this->recorder(100.0);
+  feed(recorder, 0, 65'000);
+  EXPECT_EQ(recorder.files_with(0.0, 29.0).size(), 1U);
+  EXPECT_EQ(recorder.files_with(29.0, 31.0).size(), 2U);
+  const std::vector<std::string> open = recorder.files_with(64.0, 64.0);
+  recorder.finish_file();
+  ASSERT_EQ(open.size(), 1U) << "the file that is being collected has its name already";
+  EXPECT_EQ(open[0], files().back().filename());
+  EXPECT_TRUE(recorder.files_with(70.0, 80.0).empty());
 }
 
 TEST_F(RecorderTest, WithoutABudgetRemembersButWritesNothing) {

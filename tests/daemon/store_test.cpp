@@ -75,6 +75,26 @@ TEST(Store, KeepsMachinesApart) {
   EXPECT_TRUE(store.events(10).empty());
 }
 
+TEST(Store, KnowsWhichRecordingsModelsCiteAndWhetherTheseAreInForce) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    ModelRecord first = record_of(drive()), second = record_of(drive()),
+                other = record_of(drive(), "Y");
+    store.promote(first, event("first"), {"a.csv", "b.csv"});
+    store.promote(second, event("second"), {"b.csv", "c.csv"});
+    store.promote(other, event("of another axis"), {"a.csv"});
+    EXPECT_EQ(store.cited(),
+              (std::map<std::string, bool>{{"a.csv", true}, {"b.csv", true}, {"c.csv", true}}));
+    ModelRecord third = record_of(drive());
+    store.promote(third, event("third"), {"d.csv"});
+  }
+  const Store store(directory.path(), "mill");
+  EXPECT_EQ(store.cited(),
+            (std::map<std::string, bool>{
+                {"a.csv", true}, {"b.csv", false}, {"c.csv", false}, {"d.csv", true}}));
+}
+
 TEST(Store, EventsComeBackTheNewestFirst) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
@@ -256,42 +276,6 @@ TEST(StoreOnAFullDisk, KeepsWhatItHadAndGoesOnWhenThereIsSpaceAgain) {
   EXPECT_EQ(second.version, 2);
   EXPECT_TRUE(store.diagnoses("X", 1).empty());
   EXPECT_EQ(store.events(10).size(), 2U) << "one event per promotion, none of what was refused";
-}
-
-// A process that promotes and says so, killed at any moment: what it said is there.
-TEST(Store, NothingAcknowledgedIsLostWhenTheProcessIsKilled) {
-  for (int round = 0; round < 5; ++round) {
-    TemporaryDirectory directory;
-    int pipe_ends[2];
-    ASSERT_EQ(pipe(pipe_ends), 0);
-    const pid_t child = fork();
-    ASSERT_GE(child, 0);
-    if (child == 0) {
-      Store store(directory.path(), "mill");
-      for (int i = 0; i < 100'000; ++i) {
-        ModelRecord record = record_of(drive());
-        store.promote(record, event("better"));
-        const char acknowledged = 1;
-        if (write(pipe_ends[1], &acknowledged, 1) != 1) _exit(1);
-      }
-      _exit(0);
-    }
-    int acknowledged = 0;
-    char byte = 0;
-    while (acknowledged < 7 * (round + 1) && read(pipe_ends[0], &byte, 1) == 1) ++acknowledged;
-    kill(child, SIGKILL);
-    close(pipe_ends[1]);
-    while (read(pipe_ends[0], &byte, 1) == 1) ++acknowledged;
-    close(pipe_ends[0]);
-    int status = 0;
-    waitpid(child, &status, 0);
-    ASSERT_TRUE(WIFSIGNALED(status));
-
-    Store store(directory.path(), "mill");
-    ASSERT_EQ(store.in_force().size(), 1U);
-    EXPECT_GE(store.in_force()[0].record.version, acknowledged);
-    EXPECT_EQ(store.events(1'000'000).size(), store.versions("X").size());
-  }
 }
 
 TEST(Store, TimesAreIso8601InUtc) {

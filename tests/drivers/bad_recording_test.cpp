@@ -84,7 +84,10 @@ TEST_F(BadRecording, Utf16) {
   refuses(std::string_view("\xff\xfet\0i\0m\0e\0", 10), {"UTF-16", "UTF-8"});
 }
 TEST_F(BadRecording, CanLog) {
-  refuses("(0.1) can0 181#00\n", {"CAN logs", "not read"}, {}, "run.log");
+  refuses("  can0  181   [1]  00\n", {"first line is none of a CAN log"}, {}, "run.log");
+  const auto file = directory_.file("run.log", "(0.1) can0 181#00\n");
+  expect_error<std::invalid_argument>([&] { (void)read_recording(file); },
+                                      {"run.log", "--can-map F.toml"});
 }
 TEST_F(BadRecording, NamedMatButText) {
   refuses("time[s],X.command[mm]\n0,1\n", {"no MATLAB file"}, {}, "run.mat");

@@ -175,7 +175,38 @@ TEST(RealTimePath, AllocatesNothingWithFramesFromTheNetwork) {
   EXPECT_GT(running.loop.counters().frames, 0U);
 }
 
-/// What this file would see if the loop did it.
+// A bus allocates nothing even while a frame is received.
+TEST(RealTimePath, ReceivingFromABusAllocatesNothing) {
+  CheckedCanMap checked = check_can_map(
+      "cycle_s = 0.001\n[[axis]]\nname = \"X\"\ncommand = {id = 1, start_bit = 0, length = 32, "
+      "unit = "
+      "\"nm\"}\nactual = {id = 2, start_bit = 0, length = 32, unit = \"nm\"}\n",
+      "m.toml", "");
+  ASSERT_TRUE(checked.problems.empty());
+  auto listener = std::make_unique<CanUdp>(CanUdpPlace{"127.0.0.1:0", ""});
+  CanUdp machine({"127.0.0.1:0", "127.0.0.1:" + std::to_string(listener->port())});
+  const CanEncoder encoder(checked.map);
+  // Whole cycles, one without its actual value, an id that nobody knows, a frame too short.
+  for (int k = 0; k < 100; ++k) {
+    std::vector<CanFrame> frames{encoder.start(), encoder.frame(0)};
+    if (k != 50) frames.push_back(encoder.frame(1));
+    frames.push_back(encoder.frame(1));
+    if (k == 60) frames.back().id = 0x700;
+    if (k == 70) frames[1].length = 1;
+    ASSERT_EQ(machine.send(frames), frames.size());
+  }
+  std::vector<std::unique_ptr<CanBus>> buses;
+  buses.push_back(std::move(listener));
+  CanSource source(std::move(checked.map), std::move(buses), Pacing::kByCount);
+  MachineFrame frame;
+  int cycles = 0;
+  EXPECT_EQ(seen([&] {
+              while (source.receive(frame, 0.05) == Received::kFrame) ++cycles;
+            }),
+            kNone);
+  EXPECT_EQ(cycles, 100);
+}
+
 Violations seen(const std::function<void()>& action) {
   const Violations before = violations();
   {

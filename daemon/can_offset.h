@@ -1,0 +1,36 @@
+// Live corrections to a drive: position offsets (0x60B0) in a receive PDO, behind the safety gate.
+//
+// What the gate does not send, nothing here sends. The drive must drop an offset that is not
+// renewed; an RPDO has no expiry of its own, so that a correction that is over is sent as 0 by the
+// gate's fade. One thread; send() allocates nothing and throws nothing. Source: CiA 402-2,
+// ilc/gate.h.
+#pragma once
+
+#include <cstdint>
+
+#include "drivers/can_bus.h"
+#include "drivers/can_encoder.h"
+#include "ilc/gate.h"
+
+namespace servotwin {
+
+class CanOffset {
+ public:
+  /// Throws std::runtime_error if the mapping has no offset of this axis, or if its message carries
+  /// anything else: that would be overwritten with 0.
+  CanOffset(const CanMap& map, std::size_t axis);
+
+  /// True if the offset left; false if the gate does not let it, its bits cannot carry it (counted)
+  /// or the bus did not take it.
+  bool send(const GateOutput& output, CanBus& bus) noexcept;
+  [[nodiscard]] std::uint64_t not_carried() const noexcept { return not_carried_; }
+  [[nodiscard]] const CanFrame& frame() const noexcept { return encoder_.frame(message_); }
+
+ private:
+  CanEncoder encoder_;
+  std::size_t axis_;
+  std::size_t message_;
+  std::uint64_t not_carried_ = 0;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,71 @@
+// A machine on its CAN buses, as a source of frames: waits on all of them at once, merges what came
+// by its stamps, and assembles cycles (drivers/can_assembly.h).
+//
+// After its construction receive() allocates nothing and takes no lock. news() and the counts may
+// be called by another thread.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "daemon/frame_source.h"
+#include "drivers/can_assembly.h"
+#include "drivers/can_bus.h"
+
+namespace servotwin {
+
+class CanSource final : public FrameSource {
+ public:
+  /// One bus per bus of the map; throws std::invalid_argument if there are more or fewer.
+  CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing);
+
+  Received receive(MachineFrame& frame, double timeout_s) noexcept override;
+  [[nodiscard]] std::int64_t age_ns() const noexcept override;
+  [[nodiscard]] std::uint64_t malformed() const noexcept override;
+  [[nodiscard]] std::vector<std::string> news(std::int64_t now_ns) override;
+
+  [[nodiscard]] const CanMap& map() const noexcept { return assembly_.map(); }
+  [[nodiscard]] CanCounts counts() const { return assembly_.counts(); }
+  [[nodiscard]] CanBusCounts counts(std::size_t bus) const noexcept {
+    return buses_[bus]->counts();
+  }
+
+ private:
+  struct Queue {
+    std::array<CanFrame, 64> frames;
+    std::size_t next = 0, count = 0;
+    bool may_have_more = false;
+  };
+  /// Everything that was counted, at one moment.
+  struct Snapshot {
+    CanCounts counts;
+    std::vector<CanBusCounts> buses;
+    bool stalled = false;
+  };
+
+  void refill(std::size_t bus) noexcept;
+  /// The bus whose next frame is the oldest one that is here; none if nothing is.
+  [[nodiscard]] int oldest() noexcept;
+  void wait(double timeout_s) noexcept;
+  void follow_clock() noexcept;
+  [[nodiscard]] Snapshot snapshot() const;
+
+  CanAssembly assembly_;
+  std::vector<std::unique_ptr<CanBus>> buses_;
+  std::vector<std::size_t> order_;  // in which they are read: the one with the cycles' start last
+  std::vector<Queue> queues_;
+  std::int64_t clock_offset_ns_ = 0;  // of the clock of the stamps to the steady one
+  std::int64_t completed_ns_ = 0;     // when the cycle that came last was whole or over
+  std::int64_t last_cycle_ns_ = 0;    // steady
+  std::int64_t patience_ns_;          // for a cycle to begin
+  std::atomic<bool> stalled_{false};
+
+  // Of news().
+  Snapshot told_;
+  std::int64_t told_ns_ = 0;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,95 @@
+#include "daemon/cli/can_watch.h"
+
+#include <memory>
+
+#include "daemon/can_source.h"
+#include "daemon/cli/command.h"
+#include "daemon/cli/interrupt.h"
+#include "daemon/cli/live_record.h"
+#include "daemon/cli/output.h"
+#include "daemon/clock.h"
+#include "drivers/can_map.h"
+#include "drivers/socketcan.h"
+#include "drivers/text.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr std::int64_t kRefresh_ns = 1'000'000'000;
+constexpr double kMicro = 1e-6;
+
+struct Second {
+  MachineFrame last;
+  std::vector<RunningError> tracking;
+  std::uint64_t cycles = 0;
+};
+
+std::string line_of(const Second& second, const CanMap& map, const CanCounts& now,
+                    const CanCounts& before, double seconds) {
+  std::string line =
+      text("%.0f s: %zu cycles, %zu incomplete", seconds, static_cast<std::size_t>(second.cycles),
+           static_cast<std::size_t>(now.incomplete - before.incomplete));
+  for (std::size_t i = 0; i < map.machine.axes.size() && second.cycles > 0; ++i) {
+    const AxisDescription& axis = map.machine.axes[i];
+    const ErrorFigures figures = second.tracking[i].figures();
+    const double shown = axis.rotary ? 1.0 : 1e-3;
+    line += text("; %s %.4f %s, error %.3f %s RMS %.3f MAX", axis.name.c_str(),
+                 second.last.axes[i].actual / shown, axis.rotary ? "rad" : "mm",
+                 figures.rms / kMicro, axis.rotary ? "urad" : "um", figures.max / kMicro);
+  }
+  return line;
+}
+
+}  // namespace
+
+void watch_can(const CanWatchOptions& options) {
+  if (options.map.empty())
+    throw UsageError("say with --can-map F.toml which bits of which frames are which signal");
+  CanMap map = load_can_map(options.map);
+  if (map.buses.size() != options.interfaces.size()) {
+    throw UsageError(text("the mapping has %zu buses (%s), and --can names %zu", map.buses.size(),
+                          listed(map.buses).c_str(), options.interfaces.size()));
+  }
+  map.buses = options.interfaces;
+  std::vector<std::unique_ptr<CanBus>> buses;
+  for (const std::string& interface : options.interfaces)
+    buses.push_back(std::make_unique<SocketCan>(interface));
+  CanSource source(std::move(map), std::move(buses), Pacing::kByStamp);
+
+  const Interrupt interrupt;
+  const std::int64_t begin = steady_ns();
+  std::int64_t next = begin + kRefresh_ns;
+  Second second;
+  second.tracking.resize(source.map().machine.axes.size());
+  CanCounts before = source.counts();
+  std::uint64_t total = 0;
+  while (!interrupt.came()) {
+    if (source.receive(second.last, 0.05) == Received::kFrame) {
+      ++second.cycles;
+      ++total;
+      for (std::size_t i = 0; i < second.tracking.size(); ++i)
+        second.tracking[i].add(second.last.axes[i].command - second.last.axes[i].actual);
+    }
+    const std::int64_t now = steady_ns();
+    const double seconds = static_cast<double>(now - begin) * 1e-9;
+    const bool over = options.seconds > 0.0 && seconds >= options.seconds;
+    if (now >= next || over) {
+      next += kRefresh_ns;
+      const CanCounts counts = source.counts();
+      for (const std::string& line : source.news(now)) say(stdout, "note: " + line);
+      say(stdout, line_of(second, source.map(), counts, before, seconds));
+      std::fflush(stdout);
+      before = counts;
+      second.cycles = 0;
+      for (RunningError& error : second.tracking) error = {};
+    }
+    if (over) break;
+  }
+  if (total == 0) {
+    throw std::runtime_error("no cycle came on " + listed(options.interfaces) + "; begun by " +
+                             can_id_text(source.map().start.id, source.map().start.extended) +
+                             " as the mapping says?");
+  }
+}
+
+}  // namespace servotwin::cli

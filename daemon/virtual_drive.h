@@ -1,0 +1,70 @@
+// Drives that are not there: they answer on the bus as CiA 402 nodes do, and move as a model says.
+//
+// On every cycle's start (SYNC) an axis takes the target position that came last, adds the position
+// offset, lets the twin follow, and sends what the mapping says that drives send: demand, actual
+// value, following error, torque (0), status word. Where a control word is mapped, it is obeyed:
+// the axis holds its place until operation is enabled. Process data only: there is no object
+// dictionary to be read (SDO) and no network management. One thread; on_frame allocates nothing.
+// Source: CiA 402-2 (state machine), CiA 301 (synchronous PDOs).
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "drivers/can_encoder.h"
+#include "drivers/can_frame.h"
+#include "drivers/can_map.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+/// The states of a drive, and how the words tell them.
+class DriveState {
+ public:
+  enum class State : std::uint8_t { kSwitchOnDisabled, kReadyToSwitchOn, kSwitchedOn, kEnabled };
+  void command(std::uint16_t control_word) noexcept;
+  void enable() noexcept { state_ = State::kEnabled; }
+  [[nodiscard]] bool enabled() const noexcept { return state_ == State::kEnabled; }
+  [[nodiscard]] std::uint16_t status_word() const noexcept;
+
+ private:
+  State state_ = State::kSwitchOnDisabled;
+};
+
+class VirtualDrive {
+ public:
+  struct Answer {
+    std::size_t bus = 0;
+    CanFrame frame;
+  };
+
+  /// One twin per axis of the map. Throws std::runtime_error if an axis has no target, or a message
+  /// of the drives begins the cycles: they could never begin.
+  VirtualDrive(const CanMap& map, std::vector<Twin> twins);
+
+  /// What the drives send upon this frame; valid until the next call.
+  [[nodiscard]] std::span<const Answer> on_frame(std::size_t bus, const CanFrame& frame) noexcept;
+  [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
+  /// Values that their bits could not carry.
+  [[nodiscard]] std::uint64_t not_carried() const noexcept { return not_carried_; }
+
+ private:
+  struct Axis {
+    Twin twin;
+    DriveState state;
+    bool started = false;
+    bool has_target = false;
+    double target = 0.0, offset = 0.0, demand = 0.0, actual = 0.0;
+  };
+  void take(std::size_t bus, const CanFrame& frame) noexcept;
+  void step(std::size_t axis) noexcept;
+
+  const CanMap& map_;
+  CanEncoder encoder_;
+  std::vector<Axis> axes_;
+  std::vector<Answer> answers_;
+  std::uint64_t cycles_ = 0, not_carried_ = 0;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,15 @@
+// A CAN log as a recording, through a mapping: one row per cycle, as the daemon would have seen it
+// (drivers/can_assembly.h). Errors: as drivers/recording_file.h. Any thread.
+#pragma once
+
+#include <filesystem>
+
+#include "drivers/recording_file.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+/// The mapping is options.can_map.
+[[nodiscard]] Recording read_candump(const std::filesystem::path& file, const ReadOptions& options);
+
+}  // namespace servotwin

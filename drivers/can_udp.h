@@ -1,0 +1,64 @@
+// A CAN bus over UDP in cannelloni's format, for hosts without a CAN interface.
+//
+// Stamps are the kernel's of the packet: frames that were sent together come with one stamp, so
+// that cycles are counted (Pacing::kByCount) and packets that are lost are told by their numbers.
+// Source: drivers/cannelloni.h. Threads: CanBus.
+#pragma once
+
+#include <sys/socket.h>
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "drivers/can_bus.h"
+#include "drivers/cannelloni.h"
+#include "drivers/socket_batch.h"
+
+namespace servotwin {
+
+struct CanUdpPlace {
+  std::string listen = "127.0.0.1:20000";  ///< ADDRESS:PORT of ours; port 0: any
+  std::string peer;  ///< HOST:PORT; empty: frames come from anybody, and none is sent
+};
+
+class CanUdp final : public CanBus {
+ public:
+  /// Throws std::runtime_error with the address and what is wrong with it.
+  explicit CanUdp(const CanUdpPlace& place);
+  ~CanUdp() override;
+
+  std::size_t receive(std::span<CanFrame> batch, double timeout_s) noexcept override;
+  std::size_t send(std::span<const CanFrame> frames) noexcept override;
+  [[nodiscard]] int descriptor() const noexcept override { return socket_; }
+  /// The port that it listens on.
+  [[nodiscard]] int port() const noexcept;
+
+ private:
+  // cannelloni's own packets fill an Ethernet frame; nothing larger is taken.
+  static constexpr std::size_t kPacketBytes = 9000;
+  struct Address {
+    sockaddr_storage storage{};
+    socklen_t size = 0;
+  };
+  [[nodiscard]] static Address resolved(const std::string& place, bool ours);
+  [[nodiscard]] bool is_peer(const sockaddr_storage& from) const noexcept;
+  /// The next packet of the batch, if it is one.
+  bool open_packet() noexcept;
+
+  int socket_ = -1;
+  Address peer_;
+  bool has_peer_ = false;
+  SocketBatch batch_;
+  std::size_t next_ = 0, came_ = 0;  // in batch_
+  std::optional<CannelloniPacket> packet_;
+  std::int64_t packet_ns_ = 0;
+  std::optional<std::uint8_t> last_sequence_;
+  std::uint32_t dropped_ = 0;
+  bool after_gap_ = false;
+  std::uint8_t sequence_ = 0;  // of what is sent
+  std::array<std::uint8_t, 1400> out_{};
+};
+
+}  // namespace servotwin

@@ -1,0 +1,271 @@
+#include "drivers/candump.h"
+
+#include <fcntl.h>
+#include <linux/can.h>
+
+#include <charconv>
+#include <cstdio>
+#include <stdexcept>
+
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+
+constexpr std::string_view kHex = "0123456789ABCDEF";
+
+int digit_of(char c) noexcept {
+  if (c >= '0' && c <= '9') return c - '0';
+  if (c >= 'a' && c <= 'f') return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F') return c - 'A' + 10;
+  return -1;
+}
+
+/// The parts of a line, from its beginning.
+class Cursor {
+ public:
+  explicit Cursor(std::string_view line) : line_(line) {}
+
+  [[nodiscard]] bool done() const { return at_ >= line_.size(); }
+  [[nodiscard]] char peek() const { return done() ? '\0' : line_[at_]; }
+  bool take(char c) {
+    if (peek() != c) return false;
+    ++at_;
+    return true;
+  }
+  void skip_blanks() {
+    while (peek() == ' ' || peek() == '\t') ++at_;
+  }
+  std::string_view until(std::string_view stops) {
+    const std::size_t begin = at_;
+    at_ = std::min(line_.find_first_of(stops, at_), line_.size());
+    return line_.substr(begin, at_ - begin);
+  }
+  [[noreturn]] void fail(const std::string& rule) const {
+    throw std::runtime_error("column " + std::to_string(at_ + 1) + ": " +
+                             in_quotes(line_.substr(std::min(at_, line_.size()))) + ": " + rule);
+  }
+
+ private:
+  std::string_view line_;
+  std::size_t at_ = 0;
+};
+
+std::int64_t stamp_in(Cursor& at) {
+  constexpr const char* kRule =
+      "must be a time in brackets, (seconds.fraction); record with candump -l";
+  if (!at.take('(')) at.fail(kRule);
+  const auto whole = at.until(".)");
+  std::int64_t seconds = 0;
+  const auto [end, error] = std::from_chars(whole.data(), whole.data() + whole.size(), seconds);
+  // Above 9e9 s nanoseconds do not fit into 64 bits.
+  if (error != std::errc() || end != whole.data() + whole.size() || seconds < 0 ||
+      seconds > 9'000'000'000) {
+    at.fail(kRule);
+  }
+  std::int64_t fraction = 0;
+  if (at.take('.')) {
+    int digits = 0;
+    for (; digit_of(at.peek()) >= 0 && digit_of(at.peek()) < 10; ++digits) {
+      if (digits < 9) fraction = 10 * fraction + digit_of(at.peek());
+      at.take(at.peek());
+    }
+    if (digits == 0) at.fail(kRule);
+    for (; digits < 9; ++digits) fraction *= 10;
+  }
+  if (!at.take(')')) at.fail(kRule);
+  return seconds * 1'000'000'000 + fraction;
+}
+
+void read_id(Cursor& at, CanFrame& frame) {
+  const std::string_view digits = at.until("# \t");
+  std::uint32_t id = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), id, 16);
+  if (error != std::errc() || end != digits.data() + digits.size() ||
+      (digits.size() != 3 && digits.size() != 8)) {
+    at.fail("before it must stand an id of 3 or 8 hexadecimal digits, not " + in_quotes(digits));
+  }
+  if (digits.size() == 3) {
+    if (id >= kStandardIds) at.fail("an id of 3 digits is at most 7FF, not " + in_quotes(digits));
+    frame.id = id;
+    return;
+  }
+  frame.error = (id & CAN_ERR_FLAG) != 0;
+  frame.extended = !frame.error;
+  // Eight digits with the flags of <linux/can.h> above the id.
+  frame.id = id & CAN_EFF_MASK;
+}
+
+void read_data(Cursor& at, CanFrame& frame) {
+  const std::size_t most = frame.fd ? CanFrame::kMaxBytes : CanFrame::kClassicBytes;
+  std::size_t length = 0;
+  while (digit_of(at.peek()) >= 0) {
+    if (length == most)
+      at.fail("a frame of this kind has at most " + std::to_string(most) + " bytes");
+    const int high = digit_of(at.peek());
+    at.take(at.peek());
+    const int low = digit_of(at.peek());
+    if (low < 0) at.fail("a byte has two hexadecimal digits");
+    at.take(at.peek());
+    frame.data[length++] = static_cast<std::uint8_t>(high << 4 | low);
+    at.take('.');
+  }
+  if (can_length_at_least(length, frame.fd) != length) {
+    at.fail(std::to_string(length) +
+            " bytes; an FD frame beyond 8 has 12, 16, 20, 24, 32, 48 or 64");
+  }
+  frame.length = static_cast<std::uint8_t>(length);
+  if (at.take('_') && digit_of(at.peek()) > 8) at.take(at.peek());  // a length code above 8
+}
+
+void read_body(Cursor& at, CanFrame& frame) {
+  if (!at.take('#')) at.fail("must be # between id and data");
+  if (at.take('#')) {
+    if (at.peek() == '#') at.fail("CAN XL frames are not read");
+    const int flags = digit_of(at.peek());
+    if (flags < 0) at.fail("an FD frame has one digit of flags after ##");
+    at.take(at.peek());
+    frame.fd = true;
+    frame.fast = (flags & CANFD_BRS) != 0;
+    frame.passive = (flags & CANFD_ESI) != 0;
+  } else if (at.take('R') || at.take('r')) {
+    frame.remote = true;
+    const int asked = digit_of(at.peek());
+    if (asked >= 0) at.take(at.peek());
+    frame.length = static_cast<std::uint8_t>(asked < 0 ? 0 : std::min(asked, 8));
+    return;
+  }
+  read_data(at, frame);
+}
+
+}  // namespace
+
+CandumpLine parse_candump_line(std::string_view line) {
+  if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
+  CandumpLine out;
+  Cursor at(line);
+  at.skip_blanks();
+  out.frame.time_ns = stamp_in(at);
+  at.skip_blanks();
+  out.interface = std::string(at.until(" \t"));
+  if (out.interface.empty() || out.interface.size() > 32) {
+    at.fail("before it must stand the name of the interface");
+  }
+  at.skip_blanks();
+  read_id(at, out.frame);
+  read_body(at, out.frame);
+  at.skip_blanks();
+  if (!at.take('R')) at.take('T');
+  at.skip_blanks();
+  if (!at.done()) at.fail("is more than a frame has");
+  return out;
+}
+
+std::string candump_line(const CanFrame& frame, std::string_view interface) {
+  char head[96];
+  const std::uint32_t id = frame.id | (frame.error ? CAN_ERR_FLAG : 0U);
+  std::snprintf(
+      head, sizeof head,
+      frame.extended || frame.error ? "(%lld.%09lld) %.*s %08X#" : "(%lld.%09lld) %.*s %03X#",
+      static_cast<long long>(frame.time_ns / 1'000'000'000),
+      static_cast<long long>(frame.time_ns % 1'000'000'000),
+      static_cast<int>(std::min<std::size_t>(interface.size(), 32)), interface.data(),
+      static_cast<unsigned>(id));
+  std::string line = head;
+  if (frame.remote) {
+    line += 'R';
+    if (frame.length > 0) line += kHex[frame.length & 0xFU];
+    return line;
+  }
+  if (frame.fd) {
+    line += '#';
+    line += kHex[(frame.fast ? CANFD_BRS : 0U) | (frame.passive ? CANFD_ESI : 0U)];
+  }
+  for (std::size_t i = 0; i < frame.length && i < frame.data.size(); ++i) {
+    line += kHex[frame.data[i] >> 4];
+    line += kHex[frame.data[i] & 0xFU];
+  }
+  return line;
+}
+
+bool is_candump(std::string_view beginning) {
+  while (!beginning.empty()) {
+    const std::string_view line = trimmed(beginning.substr(0, beginning.find('\n')));
+    if (!line.empty() && line.front() != '#' && line != "\r") {
+      try {
+        (void)parse_candump_line(line);
+        return true;
+      } catch (const std::runtime_error&) {
+        return false;
+      }
+    }
+    beginning.remove_prefix(std::min(beginning.find('\n'), beginning.size() - 1) + 1);
+  }
+  return false;
+}
+
+bool is_can_log(const std::filesystem::path& file) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error)) return false;
+  std::string start(4096, '\0');
+  start.resize(FileHandle::open(file, O_RDONLY).read(start.data(), start.size()));
+  return is_candump(start);
+}
+
+CandumpReader::CandumpReader(const std::filesystem::path& file)
+    : name_(file.string()), file_(FileHandle::open(file, O_RDONLY)) {}
+
+bool CandumpReader::next_text(std::string_view& text) {
+  constexpr std::size_t kBlock = 1 << 16;
+  std::size_t end = block_.find('\n', begin_);
+  while (end == std::string::npos && !at_end_) {
+    const std::size_t searched = block_.size() - begin_;
+    block_.erase(0, begin_);
+    begin_ = 0;
+    if (block_.size() > kBlock) {
+      throw std::runtime_error(name_ + ":" + std::to_string(line_ + 1) +
+                               ": a line of more than 65536 characters is no line of a CAN log");
+    }
+    const std::size_t kept = block_.size();
+    block_.resize(kept + kBlock);
+    const std::size_t count = file_.read(block_.data() + kept, kBlock);
+    block_.resize(kept + count);
+    at_end_ = count == 0;
+    end = block_.find('\n', searched);
+  }
+  whole_ = end != std::string::npos;
+  if (!whole_) end = block_.size();
+  if (begin_ >= block_.size()) return false;
+  text = std::string_view(block_).substr(begin_, end - begin_);
+  begin_ = std::min(end + 1, block_.size());
+  ++line_;
+  return true;
+}
+
+bool CandumpReader::next(CandumpLine& line) {
+  std::string_view text;
+  while (next_text(text)) {
+    const std::string_view content = trimmed(text);
+    if (content.empty() || content.front() == '#' || content == "\r") continue;
+    try {
+      line = parse_candump_line(content);
+    } catch (const std::runtime_error& error) {
+      // A recorder that was killed leaves half a line.
+      if (!whole_) {
+        notes_.push_back(name_ + ":" + std::to_string(line_) +
+                         ": the last line is cut off and dropped");
+        return false;
+      }
+      throw std::runtime_error(name_ + ":" + std::to_string(line_) + ": " + error.what());
+    }
+    if (!whole_) {
+      notes_.push_back(name_ + ":" + std::to_string(line_) +
+                       ": the last line has no end and is dropped: its data may be cut off");
+      return false;
+    }
+    return true;
+  }
+  return false;
+}
+
+}  // namespace servotwin

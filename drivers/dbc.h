@@ -1,0 +1,55 @@
+// Which bits of which frame are what, from a .dbc file.
+//
+//   BO_ 385 Drive1_Status: 8 Drive1
+//    SG_ PositionActual : 0|32@1- (0.001,0) [0|0] "mm" Controller
+//   SIG_VALTYPE_ 385 PositionActual : 1;
+//
+// Read are BO_, SG_, SIG_VALTYPE_ and SG_MUL_VAL_; all else is passed over, comments over several
+// lines with it. @1 is little endian, @0 big endian (drivers/can_signal.h numbers bits as DBC
+// does),
+// + unsigned, - signed. Any thread. Errors: std::runtime_error with file, line, value and rule.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "drivers/can_signal.h"
+
+namespace servotwin {
+
+enum class Multiplexing : std::uint8_t {
+  kNone,
+  kSelector,  ///< tells which of the others are in the frame
+  kSelected,  ///< is in the frame where the selector has `selected_by`
+  kExtended,  ///< of several layers or ranges: not read
+};
+
+struct DbcSignal {
+  std::string name;
+  CanSignal signal;
+  std::string unit;
+  Multiplexing multiplexing = Multiplexing::kNone;
+  std::uint64_t selected_by = 0;
+  int line = 0;
+};
+
+struct DbcMessage {
+  std::string name;
+  std::uint32_t id = 0;
+  bool extended = false;
+  int length = 0;  ///< bytes, 0..64
+  std::vector<DbcSignal> signals;
+};
+
+struct Dbc {
+  std::vector<DbcMessage> messages;
+};
+
+/// `name` stands in messages.
+[[nodiscard]] Dbc parse_dbc(std::string_view text, const std::string& name);
+[[nodiscard]] Dbc read_dbc(const std::filesystem::path& file);
+
+}  // namespace servotwin

@@ -1,0 +1,75 @@
+// The tables of a TOML file as sections that hand out their keys: a wrong type, a value out of its
+// range or a key that does not exist is a problem with its place, and the others go on being read.
+// One thread; errors: none, problems are collected.
+#pragma once
+
+#include <toml++/toml.h>
+
+#include <cstddef>
+#include <initializer_list>
+#include <string>
+#include <vector>
+
+#include "drivers/config_problem.h"
+
+namespace servotwin {
+
+/// The problems of one file, as they are found.
+class Problems {
+ public:
+  Problems(std::string file, std::vector<ConfigProblem>& found)
+      : file_(std::move(file)), found_(found) {}
+
+  void add(const toml::source_region& where, std::string what);
+  void add(const std::string& key, const toml::node& value, const std::string& rule);
+  /// Into the order of the file.
+  void sort();
+
+ private:
+  std::string file_;
+  std::vector<ConfigProblem>& found_;
+};
+
+/// One table of the file: hands out its keys, and knows in the end which were never asked for.
+class Section {
+ public:
+  Section(const toml::table* table, std::string path, Problems& problems)
+      : table_(table), path_(std::move(path)), problems_(problems) {}
+
+  [[nodiscard]] bool given() const { return table_ != nullptr; }
+  [[nodiscard]] bool has(const std::string& key) const {
+    return table_ != nullptr && table_->contains(key);
+  }
+
+  /// The value of a key, if it is there.
+  const toml::node* find(const std::string& key);
+  Section section(const std::string& key);
+  void number(const std::string& key, double lower, double upper, const std::string& unit,
+              double& to);
+  void integer(const std::string& key, int lower, int upper, int& to);
+  void integers(const std::string& key, int lower, int upper, std::vector<int>& to);
+  void flag(const std::string& key, bool& to);
+  void text(const std::string& key, std::size_t shortest, std::size_t longest, std::string& to);
+  /// A text that can stand in file names, column names and messages.
+  void name(const std::string& key, std::size_t longest, std::string& to);
+  void one_of(const std::string& key, std::initializer_list<std::string> allowed, std::string& to);
+  /// [lowest, highest] of something that is searched between them.
+  void range(const std::string& key, double lower, double upper, const std::string& unit,
+             double& from, double& to);
+
+  /// A key that is there breaks this rule.
+  void report(const std::string& key, const std::string& rule);
+  void report_missing(const std::string& key, const std::string& why);
+  void refuse_unknown() const;
+  [[nodiscard]] std::string name_of(const std::string& key) const {
+    return path_.empty() ? key : path_ + "." + key;
+  }
+
+ private:
+  const toml::table* table_;
+  std::string path_;
+  Problems& problems_;
+  std::vector<std::string> known_;
+};
+
+}  // namespace servotwin

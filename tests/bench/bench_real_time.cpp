@@ -1,0 +1,160 @@
+// The real-time loop's wake-up and work, with and without identification and diagnosis beside it.
+//
+//   bench_real_time [SECONDS] [HZ] [CPU]
+//
+// One virtual machine with one axis, its cycles on a timer; the loop, the recorder and the two
+// workers as in daemon/service.cpp, at the priorities that are permitted. Prints both histograms as
+// quantiles: "wake" from the moment the cycle was due to the loop running, "work" from there to the
+// end of its cycle. Load from outside is the caller's (tests/bench/real_time).
+#include <time.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <iostream>
+#include <memory>
+#include <sstream>
+#include <string>
+#include <thread>
+
+#include "daemon/clock.h"
+#include "daemon/diagnosis_worker.h"
+#include "daemon/identification_worker.h"
+#include "daemon/real_time_loop.h"
+#include "daemon/recorder.h"
+#include "daemon/scheduling.h"
+#include "tests/bench/record.h"
+
+namespace {
+
+using namespace servotwin;
+
+/// A record that repeats, on a timer.
+class TimedSource final : public FrameSource {
+ public:
+  TimedSource(const Segment& record, double seconds, double hz)
+      : record_(record), cycles_(static_cast<std::uint64_t>(seconds * hz)), hz_(hz) {}
+
+  Received receive(MachineFrame& frame, double) noexcept override {
+    if (next_ == cycles_) return Received::kEnd;
+    if (next_ == 0) start_ns_ = steady_ns();
+    due_ns_ = start_ns_ + std::llround(1e9 * static_cast<double>(next_) / hz_);
+    const timespec until{static_cast<time_t>(due_ns_ / 1'000'000'000),
+                         static_cast<long>(due_ns_ % 1'000'000'000)};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) != 0) {
+    }
+    const auto size = static_cast<std::uint64_t>(record_.command.size());
+    const auto at = static_cast<Eigen::Index>(next_ % size);
+    frame.sequence = next_ + next_ / size;  // a gap where the record begins again
+    frame.time_ns = std::llround(1e9 * static_cast<double>(frame.sequence) / hz_);
+    frame.axis_count = 1;
+    frame.axes[0] = {record_.command(at), record_.actual(at), kAbsent};
+    ++next_;
+    return Received::kFrame;
+  }
+  [[nodiscard]] std::int64_t age_ns() const noexcept override { return steady_ns() - due_ns_; }
+
+ private:
+  const Segment& record_;
+  std::uint64_t cycles_, next_ = 0;
+  double hz_;
+  std::int64_t start_ns_ = 0, due_ns_ = 0;
+};
+
+void print(const char* what, const Histogram& histogram) {
+  std::printf("  %-5s", what);
+  for (const double q : {0.5, 0.99, 0.999, 0.9999})
+    std::printf("  p%-6g %8.1f us", 100.0 * q, 1e6 * histogram.quantile_s(q));
+  std::printf("  max %8.1f us\n", 1e6 * histogram.max_s());
+}
+
+void measure(bool background, double seconds, double hz, int cpu, const Segment& record) {
+  const MachineDescription machine{1.0 / hz, {{"X", false, ""}}};
+  const std::filesystem::path place =
+      std::filesystem::temp_directory_path() / ("bench_real_time-" + std::to_string(getpid()));
+  {
+    Store store(place, "bench");
+    std::ostringstream said;
+    EventLog events(store, said);
+    std::vector<LatestValue<TwinInForce>> models(1);
+    Ring<MachinePrediction> predictions(256);
+    Ring<CycleRow> rows(8192);
+    WakeUp predicted;
+    MotionMemory memory(machine, 120.0);
+    DiagnoseConfig diagnose;
+    diagnose.every_s = 1.0;  // always due: it never rests
+    diagnose.record_s = 10.0;
+    ResidualWatch watch(machine, diagnose, events);
+    Recorder recorder(machine, "bench", place, 100.0, rows, memory, watch, events);
+    IdentifyConfig identify;
+    identify.window_s = 2.0;
+    IdentificationWorker identification(machine, identify, memory, store, events, models,
+                                        [](const StoredModel&) {});
+    DiagnosisWorker diagnosis(machine, diagnose, identify, memory, watch, store, events,
+                              [](const StoredDiagnosis&) {});
+    const auto loop =
+        std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows, predicted);
+    (void)lock_memory();
+
+    std::stop_source stop;
+    diagnosis.give_up_with(stop.get_token());
+    std::vector<std::thread> workers;
+    workers.emplace_back([&] { recorder.run(stop.get_token()); });
+    workers.emplace_back([&] {
+      MachinePrediction prediction;
+      while (!stop.stop_requested()) {
+        predicted.wait(100);
+        while (predictions.pop(prediction)) {
+        }
+      }
+    });
+    if (background) {
+      workers.emplace_back([&] {
+        (void)become_idle();
+        identification.run(stop.get_token());
+      });
+      workers.emplace_back([&] {
+        (void)become_idle();
+        diagnosis.run(stop.get_token());
+      });
+    }
+    std::string refused;
+    std::thread real_time([&] {
+      if (cpu >= 0) refused = keep_to({cpu});
+      if (const std::string why = become_real_time(80); !why.empty()) refused = why;
+      prefault_stack();
+      TimedSource source(record, seconds, hz);
+      const std::atomic<bool> never{false};
+      loop->run(source, never);
+    });
+    real_time.join();
+    stop.request_stop();
+    for (std::thread& worker : workers) worker.join();
+    const LoopCounters& counters = loop->counters();
+    std::size_t steps = 0, diagnoses = 0;
+    for (const Event& event : store.events(100'000)) {
+      steps += event.kind == "identification_step" ? 1U : 0U;
+      diagnoses += event.kind == "diagnosis_begun" ? 1U : 0U;
+    }
+    std::printf("%s: %llu cycles, %llu overruns, %zu identifications, %zu diagnoses%s%s\n",
+                background ? "with identification and diagnosis" : "alone",
+                static_cast<unsigned long long>(counters.frames),
+                static_cast<unsigned long long>(counters.overruns), steps, diagnoses,
+                refused.empty() ? "" : "; ", refused.c_str());
+    print("wake", counters.wake);
+    print("work", counters.work);
+    std::fflush(stdout);
+  }
+  std::filesystem::remove_all(place);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const double seconds = argc > 1 ? std::atof(argv[1]) : 30.0;
+  const double hz = argc > 2 ? std::atof(argv[2]) : 1000.0;
+  const int cpu = argc > 3 ? std::atoi(argv[3]) : -1;
+  const servotwin::Segment record = servotwin::bench::production_record();
+  for (const bool background : {false, true}) measure(background, seconds, hz, cpu, record);
+}

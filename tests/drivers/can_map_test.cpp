@@ -1,0 +1,250 @@
+// Mappings: signals by hand, from DBC and EDS; units, gear, lead and sign; and what is said of
+// mistakes.
+#include "drivers/can_map.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "drivers/can_frame.h"
+#include "tests/support/real_data.h"
+#include "tests/support/temporary_directory.h"
+
+namespace servotwin {
+namespace {
+
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+const std::filesystem::path kEds =
+    std::filesystem::path(SERVOTWIN_SOURCE_DIR) / "tests/drivers/eds";
+
+std::vector<std::string> problems_of(const std::string& text, const std::filesystem::path& folder) {
+  std::vector<std::string> out;
+  for (const ConfigProblem& problem : check_can_map(text, "m.toml", folder).problems)
+    out.push_back(problem.message());
+  return out;
+}
+
+CanMap map_of(const std::string& text, const std::filesystem::path& folder = "") {
+  CheckedCanMap checked = check_can_map(text, "m.toml", folder);
+  EXPECT_TRUE(checked.problems.empty()) << messages(checked.problems);
+  return std::move(checked.map);
+}
+
+/// What the signal makes of this number.
+double value_of(const CanMap& map, CanChannel channel, double raw, std::size_t axis = 0) {
+  const MappedSignal* signal = map.find(axis, channel);
+  if (signal == nullptr) return std::nan("");
+  return raw * signal->signal.scale + signal->signal.offset;
+}
+
+std::string by_hand(const std::string& axis, const std::string& command) {
+  return "cycle_s = 0.002\n[[axis]]\nname = \"X\"\n" + axis +
+         "\n[axis.command]\nid = 0x181\nstart_bit = 0\nlength = 32\n" + command;
+}
+
+TEST(CanMap, ByHand) {
+  const CanMap map = map_of(by_hand("", "unit = \"um\"\nscale = 0.1\noffset = 5\n"));
+  EXPECT_EQ(map.machine.cycle_s, 0.002);
+  EXPECT_DOUBLE_EQ(map.deadline_s, 0.0018);
+  EXPECT_EQ(map.start.id, 0x80U);
+  EXPECT_THAT(map.buses, ElementsAre("can0"));
+  ASSERT_EQ(map.messages.size(), 1U);
+  EXPECT_EQ(map.messages[0].id, 0x181U);
+  EXPECT_EQ(map.messages[0].length, 4);
+  EXPECT_TRUE(map.messages[0].at_least);
+  EXPECT_EQ(map.messages[0].name, "0x181 of axis X");
+  EXPECT_NEAR(value_of(map, CanChannel::kCommand, 100.0), 15e-6, 1e-18);
+  EXPECT_NEAR(map.find(0, CanChannel::kCommand)->turn, std::ldexp(1e-7, 32), 1e-9);
+}
+
+TEST(CanMap, TheMotorsAngleGoesThroughGearAndLead) {
+  // 8192 steps per turn of the motor, 2 turns of it per turn of the screw, 10 mm per turn of that.
+  const CanMap map =
+      map_of(by_hand("lead_mm = 10\ngear_ratio = 2\ninvert = true", "unit = \"rev/8192\"\n"));
+  EXPECT_NEAR(value_of(map, CanChannel::kCommand, 8192.0), -0.005, 1e-15);
+  const CanMap rotary =
+      map_of(by_hand("units = \"rad\"\ngear_ratio = 90", "unit = \"deg\"\nrollover = 360\n"));
+  EXPECT_NEAR(value_of(rotary, CanChannel::kCommand, 90.0), std::numbers::pi / 180.0, 1e-15);
+  EXPECT_NEAR(rotary.find(0, CanChannel::kCommand)->turn, 2.0 * std::numbers::pi / 90.0, 1e-12);
+  EXPECT_TRUE(rotary.machine.axes[0].rotary);
+}
+
+TEST(CanMap, ARealDriveByItsConfigurationAndTheControllersMapping) {
+  // As it is, the drive sends no position demand; the controller maps it when it starts.
+  const std::string text = R"(
+cycle_s = 0.001
+[[node]]
+id = 3
+eds = "Elmo.dcf"
+[[node.tpdo]]
+number = 3
+objects = [0x6062, 0x6064]
+[[node.tpdo]]
+number = 1
+objects = [0x6041, 0x6077]
+[[node.rpdo]]
+number = 4
+id = 0x503
+objects = [0x60B0]
+[[axis]]
+name = "X"
+node = 3
+position_unit = "um"
+)";
+  const CanMap map = map_of(text, kEds);
+  const MappedSignal* actual = map.find(0, CanChannel::kActual);
+  ASSERT_NE(actual, nullptr);
+  EXPECT_EQ(actual->signal.start, 32);
+  EXPECT_EQ(actual->signal.coding, Coding::kSigned);
+  EXPECT_EQ(map.messages[actual->message].id, 0x383U);
+  EXPECT_EQ(map.messages[actual->message].length, 8);
+  EXPECT_FALSE(map.messages[actual->message].at_least);
+  EXPECT_THAT(map.messages[actual->message].name, AllOf(HasSubstr("0x383"), HasSubstr("TPDO3"),
+                                                        HasSubstr("node 3"), HasSubstr("axis X")));
+  // CiA 402: 0.1 % of rated torque.
+  EXPECT_DOUBLE_EQ(value_of(map, CanChannel::kTorque, 1000.0), 100.0);
+  EXPECT_EQ(map.machine.axes[0].torque_unit, "%");
+  EXPECT_EQ(map.messages[map.find(0, CanChannel::kTarget)->message].id, 0x403U);  // RPDO3
+  EXPECT_EQ(map.messages[map.find(0, CanChannel::kOffset)->message].id, 0x503U);
+  EXPECT_EQ(map.messages[map.find(0, CanChannel::kControlWord)->message].id, 0x203U);
+}
+
+TEST(CanMap, WhatADriveDoesNotSendIsNamedWithWhatItSends) {
+  const std::string text =
+      "cycle_s = 0.001\n[[node]]\nid = 3\neds = \"Schunk_0_63.dcf\"\n"
+      "[[axis]]\nname = \"X\"\nnode = 3\nposition_unit = \"um\"\n";
+  EXPECT_THAT(
+      problems_of(text, kEds),
+      ElementsAre(AllOf(HasSubstr("m.toml:5"), HasSubstr("'X'"), HasSubstr("following_error"),
+                        HasSubstr("TPDO3 (0x383): 0x6064 32 bits, 0x606C 32 bits"))));
+  EXPECT_THAT(problems_of(text + "[axis.command]\nobject = 0x6062\n", kEds),
+              ElementsAre(AllOf(HasSubstr("m.toml:9"), HasSubstr("0x6062"), HasSubstr("TPDO3"),
+                                HasSubstr(".dcf"))));
+}
+
+class DbcMap : public testing::Test {
+ protected:
+  DbcMap() {
+    (void)directory_.file("m.dbc", R"(BU_: D
+BO_ 385 Status: 8 D
+ SG_ Demand : 0|32@1- (0.1,0) [0|0] "um" X
+ SG_ Actual : 39|32@0- (0.1,0) [0|0] "furlong" X
+BO_ 641 Mux: 4 D
+ SG_ Which M : 0|8@1+ (1,0) [0|0] "" X
+ SG_ Torque m3 : 8|16@1- (0.01,0) [0|0] "Nm" X
+ SG_ Far : 24|16@1- (1,0) [0|0] "" X
+)");
+  }
+  [[nodiscard]] std::string with(const std::string& rest) const {
+    return "cycle_s = 0.001\n[[bus]]\nname = \"can0\"\ndbc = \"m.dbc\"\n[[axis]]\nname = \"X\"\n"
+           "command = {message = \"Status\", signal = \"Demand\"}\n" +
+           rest;
+  }
+  test::TemporaryDirectory directory_;
+};
+
+TEST_F(DbcMap, UnitsOfTheFileAndMultiplexing) {
+  const CanMap map = map_of(with("actual = {message = \"Status\", signal = \"Actual\", unit = "
+                                 "\"mm\"}\ntorque = {message = \"Mux\", signal = \"Torque\"}\n"),
+                            directory_.path());
+  EXPECT_NEAR(value_of(map, CanChannel::kCommand, 10.0), 1e-6, 1e-18);
+  EXPECT_NEAR(value_of(map, CanChannel::kActual, 10.0), 1e-3, 1e-15);
+  EXPECT_EQ(map.machine.axes[0].torque_unit, "Nm");
+  const MappedMessage& mux = map.messages[map.find(0, CanChannel::kTorque)->message];
+  ASSERT_TRUE(mux.selector);
+  EXPECT_EQ(mux.selector->value, 3U);
+}
+
+TEST_F(DbcMap, MistakesAreNamedWithTheNearest) {
+  const auto problem = [&](const std::string& rest) {
+    const auto all = problems_of(with(rest), directory_.path());
+    EXPECT_EQ(all.size(), 1U) << testing::PrintToString(all);
+    return all.empty() ? std::string() : all[0];
+  };
+  EXPECT_THAT(problem("actual = {message = \"Status\", signal = \"Actual\"}\n"),
+              AllOf(HasSubstr("m.toml:8"), HasSubstr("'furlong'")));
+  EXPECT_THAT(problem("actual = {message = \"Statsu\", signal = \"Actual\"}\n"),
+              HasSubstr("did you mean 'Status'?"));
+  EXPECT_THAT(problem("actual = {message = \"Status\", signal = \"Actul\"}\n"),
+              HasSubstr("did you mean 'Actual'?"));
+  EXPECT_THAT(problem("torque = {message = \"Mux\", signal = \"Far\", unit = \"Nm\"}\n"),
+              AllOf(HasSubstr("m.dbc:8"), HasSubstr("4 bytes")));
+}
+
+TEST(CanMap, SeveralBusesNodesAndAxes) {
+  const CanMap map = map_of(R"(
+cycle_s = 0.001
+sync = 0x185
+sync_bus = "b"
+deadline_s = 0.0005
+[[bus]]
+name = "a"
+[[bus]]
+name = "b"
+[[axis]]
+name = "X"
+command = {id = 0x185, start_bit = 0, length = 32, unit = "um"}
+[[axis]]
+name = "Y"
+bus = "b"
+command = {id = 0x185, start_bit = 0, length = 32, unit = "um"}
+actual = {bus = "a", id = 0x18000000, start_bit = 7, length = 16, byte_order = "big", signed = false, unit = "um"}
+)");
+  EXPECT_EQ(map.start.bus, 1U);
+  EXPECT_EQ(map.messages.size(), 3U);
+  EXPECT_EQ(map.messages[map.find(0, CanChannel::kCommand)->message].bus, 0U);
+  EXPECT_EQ(map.messages[map.find(1, CanChannel::kCommand)->message].bus, 1U);
+  const MappedMessage& actual = map.messages[map.find(1, CanChannel::kActual)->message];
+  EXPECT_EQ(actual.bus, 0U);
+  EXPECT_TRUE(actual.extended);
+  EXPECT_EQ(actual.name, "0x18000000 on a of axis Y");
+}
+
+TEST(CanMap, EveryMistakeHasItsPlaceAndItsCure) {
+  const auto problem = [](const std::string& text, auto what) {
+    EXPECT_THAT(problems_of(text, ""), testing::Contains(what)) << text;
+  };
+  problem("", AllOf(HasSubstr("cycle_s"), HasSubstr("missing")));
+  problem("cycle_s = 2\n", AllOf(HasSubstr("m.toml:1"), HasSubstr("1e-05 to 1 s")));
+  problem("cycle_s = 0.001\n", HasSubstr("at least one [[axis]]"));
+  problem(by_hand("", ""), AllOf(HasSubstr("m.toml:5"), HasSubstr("no unit"), HasSubstr("um*0.1")));
+  problem(by_hand("", "unit = \"parsec\"\n"), HasSubstr("'parsec'"));
+  problem(by_hand("", "unit = \"rev/8192\"\n"), HasSubstr("give lead_mm"));
+  problem(by_hand("units = \"rad\"", "unit = \"mm\"\n"), HasSubstr("needs an angle"));
+  problem(by_hand("lead_mm = 5", "unit = \"mm\"\n"),
+          AllOf(HasSubstr("m.toml:4"), HasSubstr("has no effect")));
+  problem(by_hand("", "unit = \"Nm\"\n"), HasSubstr("a length or an angle"));
+  problem(by_hand("", "unit = \"mm\"\nscale = 0\n"), HasSubstr("must not be 0"));
+  problem(by_hand("", "unit = \"mm\"\nmessage_bytes = 2\n"), HasSubstr("byte 4"));
+  problem(by_hand("", "unit = \"mm\"\nbyteorder = \"big\"\n"),
+          HasSubstr("did you mean 'byte_order'?"));
+  problem(by_hand("comand = 1", "unit = \"mm\"\n"), HasSubstr("did you mean 'command'?"));
+  problem(by_hand("node = 4", "unit = \"mm\"\n"), HasSubstr("no [[node]]"));
+  problem(by_hand("bus = \"x\"", "unit = \"mm\"\n"), HasSubstr("there is can0"));
+  problem("cycle_s = 0.001\n[[node]]\nid = 1\neds = \"nowhere.eds\"\n[[axis]]\nname = \"X\"\n",
+          AllOf(HasSubstr("m.toml:4"), HasSubstr("nowhere.eds")));
+  problem(
+      "cycle_s = 0.001\n[[axis]]\nname = \"X\"\ncommand = {id = 1, start_bit = 500, length = 32, "
+      "unit = \"mm\"}\n",
+      HasSubstr("beyond 64 bytes"));
+  problem("cycle_s = \n", HasSubstr("m.toml:1"));
+}
+
+TEST(CanMap, AFollowingErrorStandsForTheCommand) {
+  const CanMap map = map_of(
+      "cycle_s = 0.001\n[[axis]]\nname = \"X\"\nactual = {id = 1, start_bit = 0, length = 32, unit "
+      "= "
+      "\"um\"}\nfollowing_error = {id = 1, start_bit = 32, length = 32, unit = \"um\"}\n");
+  EXPECT_EQ(map.find(0, CanChannel::kCommand), nullptr);
+  EXPECT_EQ(map.find(0, CanChannel::kFollowingError)->turn, 0.0);
+  EXPECT_EQ(map.messages[0].length, 8);
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,17 @@
+// The daemon's configuration: every problem is a line with its place, and what is read twice is the
+// same.
+//
+// Sources: daemon/config.cpp drivers/toml_section.cpp drivers/file_handle.cpp drivers/text.cpp
+#include "daemon/config.h"
+
+#include "tests/fuzz/fuzz.h"
+
+int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace servotwin;
+  const CheckedConfig checked = check_config(fuzz::text(data, size), "input.toml");
+  for (const ConfigProblem& problem : checked.problems) fuzz::require(!problem.what.empty());
+  const CheckedConfig again = check_config(fuzz::text(data, size), "input.toml");
+  fuzz::require(again.problems.size() == checked.problems.size() &&
+                again.config.given == checked.config.given);
+  return 0;
+}
