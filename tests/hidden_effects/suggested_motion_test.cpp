@@ -110,7 +110,7 @@ TEST_P(SuggestedMotion, Decides) {
   Rig rig = machine();
   p.put(rig);
   const Segment ordinary = recorded(rig, one_speed());
-  Search search({ordinary}, PoleBounds{}, noise_floor({ordinary}));
+  Search search({ordinary}, 1e300, PoleBounds{}, noise_floor({ordinary}));
   const Model truth = fitted(search, p.truth_kind), rival = fitted(search, p.rival_kind);
 
   const auto suggested = suggested_test({{p.truth, p.rival}}, seen_motion({ordinary}),
