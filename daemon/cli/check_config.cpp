@@ -7,6 +7,7 @@
 #include "daemon/cli/output.h"
 #include "daemon/config.h"
 #include "daemon/service.h"
+#include "drivers/text.h"
 
 namespace servotwin::cli {
 namespace {
@@ -37,6 +38,12 @@ void run(const std::filesystem::path& file) {
   std::string source = "DDS domain " + std::to_string(config.dds.domain);
   if (config.source == SourceKind::kReplay)
     source = text("replay of %zu recordings", config.replay.files.size());
+  if (config.source == SourceKind::kCan) {
+    source = "CAN " + (config.can.interfaces.empty() ? "as named" : listed(config.can.interfaces)) +
+             " in " + config.can.map.string();
+  } else if (config.source == SourceKind::kUdp) {
+    source = "CAN over UDP at " + config.udp.listen + ", " + config.udp.map.string();
+  }
   say(stdout, "source      " + source);
   const auto store = config.store.directory.empty() ? default_store() : config.store.directory;
   say(stdout, "store       " + store.string());

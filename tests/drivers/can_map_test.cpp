@@ -246,5 +246,17 @@ TEST(CanMap, AFollowingErrorStandsForTheCommand) {
   EXPECT_EQ(map.messages[0].length, 8);
 }
 
+TEST(CanMap, TheExampleIsOne) {
+  const CanMap map =
+      load_can_map(std::filesystem::path(SERVOTWIN_SOURCE_DIR) / "examples/can_machine.toml");
+  ASSERT_EQ(map.machine.axes.size(), 2U);
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    for (const CanChannel channel :
+         {CanChannel::kCommand, CanChannel::kActual, CanChannel::kTorque, CanChannel::kTarget}) {
+      EXPECT_NE(map.find(axis, channel), nullptr) << name_of(channel);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace servotwin

@@ -8,7 +8,10 @@
 #include <mutex>
 #include <thread>
 
+#include "daemon/can_source.h"
 #include "daemon/real_time_loop.h"
+#include "drivers/can_encoder.h"
+#include "drivers/can_udp.h"
 #include "tests/daemon/rt/forbid_heap.h"
 #include "tests/daemon/support.h"
 
@@ -175,6 +178,17 @@ TEST(RealTimePath, AllocatesNothingWithFramesFromTheNetwork) {
   EXPECT_GT(running.loop.counters().frames, 0U);
 }
 
+/// What this file would see if the loop did it.
+Violations seen(const std::function<void()>& action) {
+  const Violations before = violations();
+  {
+    const ForbidHeap forbid;
+    action();
+  }
+  const Violations after = violations();
+  return {after.heap - before.heap, after.locks - before.locks};
+}
+
 // A bus allocates nothing even while a frame is received.
 TEST(RealTimePath, ReceivingFromABusAllocatesNothing) {
   CheckedCanMap checked = check_can_map(
@@ -205,16 +219,6 @@ TEST(RealTimePath, ReceivingFromABusAllocatesNothing) {
             }),
             kNone);
   EXPECT_EQ(cycles, 100);
-}
-
-Violations seen(const std::function<void()>& action) {
-  const Violations before = violations();
-  {
-    const ForbidHeap forbid;
-    action();
-  }
-  const Violations after = violations();
-  return {after.heap - before.heap, after.locks - before.locks};
 }
 
 // The guard sees each of the things that it is there for: without this the tests above prove
