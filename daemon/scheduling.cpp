@@ -42,6 +42,11 @@ std::string become_idle() {
   return "background work runs at normal priority: " + std::string(std::strerror(error));
 }
 
+void hasten(pthread_t thread) noexcept {
+  const sched_param parameter{};
+  (void)pthread_setschedparam(thread, SCHED_OTHER, &parameter);
+}
+
 void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }
 
 void prefault_stack() noexcept {

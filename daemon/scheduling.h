@@ -3,6 +3,8 @@
 // latency.
 #pragma once
 
+#include <pthread.h>
+
 #include <string>
 #include <vector>
 
@@ -14,6 +16,8 @@ namespace servotwin {
 [[nodiscard]] std::string keep_to(const std::vector<int>& cpus);
 /// SCHED_IDLE: runs only where nobody else wants to.
 [[nodiscard]] std::string become_idle();
+/// Another thread that became idle runs as all others do, where that is permitted.
+void hasten(pthread_t thread) noexcept;
 /// The name that top and gdb show; at most 15 characters.
 void name_thread(const char* name);
 /// No page of the process is swapped out once it has been touched.

@@ -447,6 +447,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   recording.join();
   identifying.request_stop();
   diagnosing.request_stop();
+  // What they have begun is waited for now; on a busy host that could be for ever.
+  hasten(identifying.native_handle());
+  hasten(diagnosing.native_handle());
   identifying.join();
   diagnosing.join();
   if (!stop.stop_requested()) {

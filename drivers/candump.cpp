@@ -151,6 +151,10 @@ CandumpLine parse_candump_line(std::string_view line) {
   if (out.interface.empty() || out.interface.size() > 32) {
     at.fail("before it must stand the name of the interface");
   }
+  for (const char c : out.interface) {
+    if (static_cast<unsigned char>(c) < '!' || c == '\x7f')
+      at.fail("before it stands a name with a character that no interface has");
+  }
   at.skip_blanks();
   read_id(at, out.frame);
   read_body(at, out.frame);
