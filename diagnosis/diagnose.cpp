@@ -14,9 +14,10 @@ namespace servotwin {
 
 namespace {
 
-// Of causes that beat all others of the catalogue, on machines whose causes are known
-// (docs/measurements.md 11, development part): what no catalogue knows is not in its own figures.
-constexpr double kRight = 0.8;
+// How often a cause was right that takes all of the error away, and how much less one that takes
+// next to nothing, on machines whose causes are known (docs/measurements.md 11, development part):
+// what the catalogue does not know is not in its own figures.
+constexpr double kRight = 0.97, kLessRight = 0.4;
 constexpr double kStructured = 2.0;       // of the noise floor: more is not chance
 constexpr double kFar = 5.0;              // of the noise floor: there is more than what is named
 constexpr double kLeavesOfItself = 0.15;  // of the error that it takes away, any model
@@ -70,8 +71,11 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   // As sure as such a cause has been right, as it beats its rivals of the catalogue, and as all of
   // them together explain: what is left may be of a cause that is not in it.
   for (Cause& cause : diagnosis.causes) {
+    const double stays = cause.gain.after / cause.gain.before;
+    const double right =
+        std::isfinite(stays) ? kRight - kLessRight * std::min(1.0, stays * stays) : kRight;
     cause.confidence =
-        cause.counts.empty() ? kRight * cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
+        cause.counts.empty() ? right * cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
   }
   // What an earlier model was wrong by of itself is no change of the machine.
   double usual = kStructured * floor.rms;

@@ -80,15 +80,16 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
 }
 
 /// Why one believes it, in words.
-std::string how_sure(const Cause& cause, const char* unit) {
+std::string how_sure(const Cause& cause, double unexplained_share, const char* unit) {
   if (!cause.counts.empty()) return "counted in the recording, not inferred";
   std::string out =
       cause.confidence >= 0.995 ? "over 99 %" : text("%.0f %%", 100.0 * cause.confidence);
   out += text(
       ": it beats its nearest rival in %.0f %% of the resamplings of the recording, and what is "
-      "named "
-      "here is %.0f %% of what there is to explain",
-      100.0 * cause.beaten, cause.beaten > 0.0 ? 100.0 * cause.confidence / cause.beaten : 0.0);
+      "named here is %.0f %% of what there is to explain; a cause that takes less away is less "
+      "often "
+      "right",
+      100.0 * cause.beaten, 100.0 * (1.0 - unexplained_share));
   if (std::isfinite(cause.gain.low)) {
     out += cause.gain.low > 0.0
                ? text(
@@ -128,7 +129,7 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
                      1e6 * gain.contour_now);
     out += row("what repair would bring", repair + " (simulated)");
   }
-  out += row("how sure", how_sure(cause, unit));
+  out += row("how sure", how_sure(cause, diagnosis.unexplained_share, unit));
   if (!cause.ambiguous_with.empty()) {
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with)

@@ -270,7 +270,7 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
 }
 
 std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const SegmentedAxis& axis) {
-  constexpr double kUnsure = 0.9;  // confidence below which a cause is in doubt
+  constexpr double kUnsure = 0.6;  // confidence below which a cause is in doubt
   std::vector<Doubt> doubts;
   TestSizes sizes;
   sizes.encoder_step = noise_floor(axis.segments).encoder_step;

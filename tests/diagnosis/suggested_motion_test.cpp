@@ -161,7 +161,7 @@ TEST(SuggestedTest, OfADiagnosisAsksAboutItsRivalsAtTheirSizes) {
     longest = std::max(longest, std::abs(test->motion->legs[i].to - test->motion->legs[i - 1].to));
   EXPECT_NEAR(longest, 8.0 * 3e-3, 1e-9);
   diagnosis.causes[0].ambiguous_with.clear();
-  diagnosis.causes[0].confidence = 0.6;  // not sure, and no rival
+  diagnosis.causes[0].confidence = 0.5;  // not sure, and no rival
   EXPECT_TRUE(suggested_test(diagnosis, axis)->motion.has_value());
   diagnosis.causes.clear();
   diagnosis.verdict = Verdict::kUnexplained;
