@@ -1,5 +1,6 @@
 #include "daemon/cli/can_watch.h"
 
+#include <cmath>
 #include <memory>
 
 #include "daemon/can_source.h"
@@ -20,6 +21,7 @@ constexpr double kMicro = 1e-6;
 
 struct Second {
   MachineFrame last;
+  std::vector<double> actual;  // the last one that came, per axis
   std::vector<RunningError> tracking;
   std::uint64_t cycles = 0;
 };
@@ -34,8 +36,8 @@ std::string line_of(const Second& second, const CanMap& map, const CanCounts& no
     const ErrorFigures figures = second.tracking[i].figures();
     const double shown = axis.rotary ? 1.0 : 1e-3;
     line += text("; %s %.4f %s, error %.3f %s RMS %.3f MAX", axis.name.c_str(),
-                 second.last.axes[i].actual / shown, axis.rotary ? "rad" : "mm",
-                 figures.rms / kMicro, axis.rotary ? "urad" : "um", figures.max / kMicro);
+                 second.actual[i] / shown, axis.rotary ? "rad" : "mm", figures.rms / kMicro,
+                 axis.rotary ? "urad" : "um", figures.max / kMicro);
   }
   return line;
 }
@@ -61,14 +63,18 @@ void watch_can(const CanWatchOptions& options) {
   std::int64_t next = begin + kRefresh_ns;
   Second second;
   second.tracking.resize(source.map().machine.axes.size());
+  second.actual.resize(second.tracking.size(), kAbsent);
   CanCounts before = source.counts();
   std::uint64_t total = 0;
   while (!interrupt.came()) {
     if (source.receive(second.last, 0.05) == Received::kFrame) {
       ++second.cycles;
       ++total;
-      for (std::size_t i = 0; i < second.tracking.size(); ++i)
-        second.tracking[i].add(second.last.axes[i].command - second.last.axes[i].actual);
+      for (std::size_t i = 0; i < second.tracking.size(); ++i) {
+        const AxisSample& axis = second.last.axes[i];
+        second.tracking[i].add(axis.command - axis.actual);
+        if (std::isfinite(axis.actual)) second.actual[i] = axis.actual;
+      }
     }
     const std::int64_t now = steady_ns();
     const double seconds = static_cast<double>(now - begin) * 1e-9;

@@ -81,13 +81,21 @@ TEST_F(CanOnTheCommandLine, ALogWithoutAMappingAndAMappingWithoutALog) {
   says({"identify", no_sync, "--axis", "X", "--can-map", kMap}, 1, "no frame with id 0x080");
 }
 
-/// What comes on the bus while the program runs.
-std::vector<CanFrame> heard(CanUdp& bus, Program& program, Answer& answer) {
+/// What comes on the bus while the program runs. A busy host may hold it up for seconds, so that
+/// the wait ends with the frames that are expected; what comes beyond them is heard too.
+std::vector<CanFrame> heard(CanUdp& bus, Program& program, std::size_t expected, Answer& answer) {
   std::vector<CanFrame> all;
   std::array<CanFrame, 64> batch;
-  while (const std::size_t count = bus.receive(batch, all.empty() ? 10.0 : 1.0))
+  const auto take = [&](double timeout_s) {
+    const std::size_t count = bus.receive(batch, timeout_s);
     all.insert(all.end(), batch.begin(), batch.begin() + static_cast<std::ptrdiff_t>(count));
+    return count > 0;
+  };
+  while (all.size() < expected && take(60.0)) {
+  }
   answer = program.answer();
+  while (take(0.0)) {
+  }
   return all;
 }
 
@@ -99,7 +107,7 @@ TEST_F(CanOnTheCommandLine, ReplaysALogAsItIs) {
   CanUdp bus({"127.0.0.1:0", ""});
   Program program({"replay", log, "--udp", "127.0.0.1:" + std::to_string(bus.port())});
   Answer answer;
-  const auto frames = heard(bus, program, answer);
+  const auto frames = heard(bus, program, 4, answer);
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("sent 4 frames"));
   EXPECT_THAT(answer.out, HasSubstr("1 error frames not sent"));
@@ -114,7 +122,7 @@ TEST_F(CanOnTheCommandLine, ReplaysARecordingThroughAMapping) {
   Program program({"replay", kTable, "--can-map", kMap, "--to", "0.5", "--udp",
                    "127.0.0.1:" + std::to_string(bus.port())});
   Answer answer;
-  const auto frames = heard(bus, program, answer);
+  const auto frames = heard(bus, program, 501U * 5, answer);
   EXPECT_EQ(answer.status, 0) << answer;
   ASSERT_EQ(frames.size(), 501U * 5);  // SYNC and two messages per axis
   EXPECT_EQ(frames[0].id, 0x80U);
