@@ -29,27 +29,27 @@ void LiveFeed::add(const MachinePrediction& cycle) {
     sums_[i].residual.add(cycle.axes[i].residual);
   }
   contour_.add(cycle.contour_error);
-  hand_over(batcher_.add(cycle));
+  collect(batcher_.add(cycle));
 }
 
 void LiveFeed::add(const MachineStatus& status) {
-  // Where the machine has fallen silent the last cycles are not held back.
-  hand_over(batcher_.flush());
   LiveStatus live{status, {}, contour_.take()};
   for (AxisSums& sums : sums_)
     live.axes.push_back({sums.measured.take(), sums.predicted.take(), sums.residual.take()});
-  const std::lock_guard lock(mutex_);
-  news_.status = std::move(live);
+  collected_.status = std::move(live);
+  // Where the machine has fallen silent the last cycles are not held back.
+  collect(batcher_.flush());
+  hand_over();
 }
 
 void LiveFeed::add(const ModelAnnouncement& model) {
-  const std::lock_guard lock(mutex_);
-  news_.models.push_back(model);
+  collected_.models.push_back(model);
+  hand_over();
 }
 
 void LiveFeed::add(const DiagnosisAnnouncement& diagnosis) {
-  const std::lock_guard lock(mutex_);
-  news_.diagnoses.push_back(diagnosis);
+  collected_.diagnoses.push_back(diagnosis);
+  hand_over();
 }
 
 LiveFeed::News LiveFeed::take() {
@@ -59,14 +59,27 @@ LiveFeed::News LiveFeed::take() {
   return std::exchange(news_, std::move(next));
 }
 
-void LiveFeed::hand_over(std::optional<LiveBatch> batch) {
+void LiveFeed::collect(std::optional<LiveBatch> batch) {
   if (!batch) return;
-  const std::lock_guard lock(mutex_);
-  if (news_.batches.size() == kMostWaiting) {
-    news_.batches.pop_front();
-    ++news_.dropped;
+  collected_.batches.push_back(std::move(*batch));
+  hand_over();
+}
+
+void LiveFeed::hand_over() {
+  const std::unique_lock lock(mutex_, std::try_to_lock);
+  News& to = lock.owns_lock() ? news_ : collected_;
+  if (lock.owns_lock()) {
+    const News from = std::exchange(collected_, {});
+    const auto append = [](auto& all, const auto& more) {
+      all.insert(all.end(), more.begin(), more.end());
+    };
+    append(news_.batches, from.batches);
+    append(news_.models, from.models);
+    append(news_.diagnoses, from.diagnoses);
+    if (from.status) news_.status = from.status;
+    news_.dropped += from.dropped;
   }
-  news_.batches.push_back(std::move(*batch));
+  for (; to.batches.size() > kMostWaiting; ++to.dropped) to.batches.pop_front();
 }
 
 }  // namespace servotwin

@@ -1,9 +1,9 @@
 // What the publisher publishes, for whoever looks at the page: cycles in batches, the status with
 // the figures of the last second, models and diagnoses.
 //
-// Two threads: the publisher adds, the web thread takes. The publisher collects on its own side and
-// holds the lock only to hand over what is complete, twenty times a second; if nobody takes, the
-// oldest batches are dropped and counted.
+// Two threads: the publisher adds, the web thread takes. The publisher collects on its own side,
+// hands over what is complete, and does not wait for that: where the web thread is just taking, it
+// hands over with the next batch. If nobody takes, the oldest batches are dropped and counted.
 #pragma once
 
 #include <cstdint>
@@ -71,11 +71,13 @@ class LiveFeed {
     Sum measured, predicted, residual;
   };
 
-  void hand_over(std::optional<LiveBatch> batch);
+  void collect(std::optional<LiveBatch> batch);
+  void hand_over();
 
   LiveBatcher batcher_;         // the publisher's
   std::vector<AxisSums> sums_;  // likewise
   Sum contour_;                 // likewise
+  News collected_;              // likewise
   std::mutex mutex_;
   News news_;
 };

@@ -1,12 +1,15 @@
 // Debian's Chromium, and a page in it whose complaints and requests are kept.
 import { chromium } from "playwright-core";
 
+const kPatience_ms = 180_000;
+
 export const launch = () =>
   chromium.launch({ executablePath: process.env.SERVOTWIN_CHROMIUM ?? "/usr/bin/chromium", args: process.getuid() === 0 ? ["--no-sandbox"] : [] });
 
 /** `options` as of Playwright's newPage; `{page, complaints, requests}`. */
 export async function open(browser, url, options = {}) {
   const page = await browser.newPage({ viewport: { width: 1024, height: 768 }, ...options });
+  page.setDefaultTimeout(kPatience_ms); // a busy host is no failure; where all is well nothing waits that long
   const complaints = [];
   const requests = [];
   page.on("console", (message) => { if (["error", "warning"].includes(message.type())) complaints.push(message.text()); });
@@ -17,14 +20,14 @@ export async function open(browser, url, options = {}) {
 }
 
 /** Waits until the page says it gets cycles. */
-export const live = (page) => page.waitForFunction(() => document.querySelector("#state")?.dataset.state === "live", null, { timeout: 60_000 });
+export const live = (page) => page.waitForFunction(() => document.querySelector("#state")?.dataset.state === "live");
 
 /** The text of an element, once it is what is wanted. */
 export const shows = (page, selector, pattern) =>
-  page.waitForFunction(([where, source]) => new RegExp(source).test(document.querySelector(where)?.textContent ?? ""), [selector, pattern.source], { timeout: 120_000 });
+  page.waitForFunction(([where, source]) => new RegExp(source).test(document.querySelector(where)?.textContent ?? ""), [selector, pattern.source]);
 
 /** A picture of a canvas as text, to see that it changes. */
 export const picture = (page, selector) => page.evaluate((where) => document.querySelector(where).toDataURL(), selector);
 
 export const changes = (page, selector, from) =>
-  page.waitForFunction(([where, before]) => document.querySelector(where).toDataURL() !== before, [selector, from], { timeout: 60_000 });
+  page.waitForFunction(([where, before]) => document.querySelector(where).toDataURL() !== before, [selector, from]);

@@ -4,6 +4,9 @@ import { mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 
+// Whoever ends this ends the daemons with it.
+process.once("SIGTERM", () => process.exit(1));
+
 export class Daemon {
   /** `options`: {port, store, recordings, config, machine} */
   static async start(program, options) {
@@ -14,6 +17,7 @@ export class Daemon {
     if (options.config) given.push("--config", options.config);
     if (options.recordings.length > 0) given.push("--replay", ...options.recordings);
     daemon.process = spawn(program, given, { stdio: ["ignore", "ignore", "pipe"] });
+    process.once("exit", () => daemon.process.kill("SIGKILL"));
     daemon.said = "";
     daemon.ended = new Promise((resolve) => daemon.process.once("exit", resolve));
     daemon.process.stderr.on("data", (text) => { daemon.said += text; daemon.wake?.(); });
