@@ -18,7 +18,8 @@ namespace {
 // next to nothing, on machines whose causes are known (docs/measurements.md 11, development part):
 // what the catalogue does not know is not in its own figures.
 constexpr double kRight = 0.97, kLessRight = 0.4;
-constexpr double kStructured = 2.0;       // of the noise floor: more is not chance
+constexpr double kGrown = 2.0;            // times what the earlier model left: something changed
+constexpr double kStructured = 4.0;       // of the noise floor: more is not chance
 constexpr double kFar = 5.0;              // of the noise floor: there is more than what is named
 constexpr double kLeavesOfItself = 0.15;  // of the error that it takes away, any model
 constexpr double kMost = 0.5;  // of the squared error beyond the floor: then nothing is explained
@@ -79,8 +80,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   }
   // What an earlier model was wrong by of itself is no change of the machine.
   double usual = kStructured * floor.rms;
-  if (std::isfinite(diagnosis.earlier_rms))
-    usual = std::max(usual, kStructured * diagnosis.earlier_rms);
+  if (std::isfinite(diagnosis.earlier_rms)) usual = std::max(usual, kGrown * diagnosis.earlier_rms);
   const bool structured = std::isfinite(usual) && diagnosis.extended.holdout.rms > usual;
   // What is named takes most away, and as models of friction go what they leave is not of another
   // cause.
