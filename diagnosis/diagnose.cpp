@@ -67,8 +67,9 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     return !shapes.empty() && shapes.front().scan == Scan::kMoments;
   };
   const bool no_worse = diagnosis.extended.holdout.rms <= diagnosis.baseline.holdout.rms;
-  if (no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), unforeseeable))
-    diagnosis.unexplained_share = 0.0;
+  const bool pushed =
+      no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), unforeseeable);
+  if (pushed) diagnosis.unexplained_share = 0.0;
   // As sure as such a cause has been right, as it beats its rivals of the catalogue, and as all of
   // them together explain: what is left may be of a cause that is not in it.
   for (Cause& cause : diagnosis.causes) {
