@@ -31,7 +31,7 @@ constexpr double kPromising = 0.05;    // p of a candidate that is worth fitting
 constexpr double kLeastGain = 0.004;   // of squared error, likewise
 constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
 constexpr double kAsGood = 0.9;        // share of the gain that makes the simpler one do
-constexpr double kDoesAsWell = 1.1;    // of the error with a mode, a delay in its place
+constexpr double kDoesBetter = 0.8;    // of the error with a mode, a delay in its place
 constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
 constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
 
@@ -230,10 +230,10 @@ class Selection {
   }
 
   /// The poles and zeros of a mode imitate a delay, which needs one parameter in place of four.
-  bool delay_does_as_well(double rms) {
+  bool delay_does_better(double rms) {
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     if (!add_delay()) return false;
-    if (current_.rms() < kDoesAsWell * rms) return true;
+    if (current_.rms() < kDoesBetter * rms) return true;
     current_ = current, fitted_ = fitted, as_is_ = as_is;
     search_.follow(current_);
     return false;
@@ -310,7 +310,7 @@ class Selection {
           1.0 - rival->left() > kAsGood * (1.0 - chosen->left()))
         chosen = rival;
     }
-    if (chosen->screened.kind == kind_of<Compliance>() && delay_does_as_well(chosen->model.rms()))
+    if (chosen->screened.kind == kind_of<Compliance>() && delay_does_better(chosen->model.rms()))
       return add_one();
     const Judgement judgement = judgement_of(*chosen);
     const Screened& screened = chosen->screened;
