@@ -82,8 +82,7 @@ template <class M>
 class DdsReader {
  public:
   /// `deadline_s`: the longest silence between two messages that is no news; 0: none. Not shorter
-  /// than what the writer offers, or they do not find each other. Where a topic has one owner, the
-  /// next writer speaks when it is over.
+  /// than what the writer offers, or they do not find each other.
   explicit DdsReader(const DdsNode& node, double deadline_s = 0.0);
 
   /// Waits for at most `timeout_s` for the next message of this machine; false if none came.

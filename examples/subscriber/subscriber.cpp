@@ -4,8 +4,7 @@
 //   subscriber MACHINE [DOMAIN [SILENCE_S]]
 //
 // SILENCE_S (0.1) is asked for as the deadline of the predictions: a silence that is longer is
-// told, and where two daemons speak for the machine, the standby is heard after it. It must not be
-// shorter than the machine's cycle, which the daemon offers.
+// told. It must not be shorter than the machine's cycle, which the daemon offers.
 #include <chrono>
 #include <csignal>
 #include <cstdio>
