@@ -25,6 +25,9 @@ class CanSource final : public FrameSource {
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] std::uint64_t malformed() const noexcept override;
+  [[nodiscard]] bool silent(std::int64_t /*now_ns*/) const noexcept override {
+    return stalled_.load(std::memory_order_relaxed);
+  }
   [[nodiscard]] std::vector<std::string> news(std::int64_t now_ns) override;
 
   [[nodiscard]] const CanMap& map() const noexcept { return assembly_.map(); }

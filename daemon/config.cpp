@@ -155,6 +155,7 @@ void read_source(Section source, const std::vector<NamedSource>& named,
   dds.integer("domain", 0, 230, domain);
   config.dds.domain = static_cast<std::uint32_t>(domain);
   dds.text("partition", 0, 255, config.dds.partition);
+  dds.integer("strength", 0, 1000, config.dds.strength);
   dds.refuse_unknown();
   Section replay = source.section("replay");
   read_replay(replay, folder, config.replay);

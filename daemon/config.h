@@ -29,6 +29,7 @@ enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
 struct DdsConfig {
   std::uint32_t domain = 0;  ///< 0..230
   std::string partition;     ///< empty: the default one
+  int strength = 0;          ///< of two daemons of a machine the stronger one is heard
 };
 
 struct ReplayConfig {

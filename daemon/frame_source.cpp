@@ -14,6 +14,9 @@
 namespace servotwin {
 namespace {
 
+// A second writer that goes on is told of no more often than this.
+constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
+
 void sleep_until(std::int64_t steady) noexcept {
   const timespec until{static_cast<time_t>(steady / 1'000'000'000),
                        static_cast<long>(steady % 1'000'000'000)};
@@ -73,7 +76,55 @@ std::int64_t ReplaySource::age_ns() const noexcept { return steady_ns() - due_ns
 Received DdsSource::receive(MachineFrame& frame, double timeout_s) noexcept {
   const bool came = reader_.receive(frame, timeout_s);
   malformed_.store(reader_.counts().malformed, std::memory_order_relaxed);
-  return came ? Received::kFrame : Received::kNothing;
+  return came && accept(steady_ns()) ? Received::kFrame : Received::kNothing;
+}
+
+bool DdsSource::accept(std::int64_t now_ns) noexcept {
+  const std::int64_t last_ns = last_ns_.load(std::memory_order_relaxed);
+  const bool silent_before = last_ns != 0 && now_ns - last_ns >= kSilence_ns;
+  const dds_instance_handle_t writer = reader_.writer();
+  if (followed_ != 0 && writer != followed_ && !silent_before && reader_.matched(followed_)) {
+    ignored_.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
+  followed_ = writer;
+  if (silent_before) {
+    silence_ns_.store(now_ns - last_ns, std::memory_order_relaxed);
+    silences_.fetch_add(1, std::memory_order_release);
+  }
+  last_ns_.store(now_ns, std::memory_order_relaxed);
+  return true;
+}
+
+bool DdsSource::silent(std::int64_t now_ns) const noexcept {
+  const std::int64_t last_ns = last_ns_.load(std::memory_order_relaxed);
+  return last_ns != 0 && now_ns - last_ns >= kSilence_ns;
+}
+
+std::vector<std::string> DdsSource::news(std::int64_t now_ns) {
+  std::vector<std::string> lines;
+  if (const std::uint64_t over = silences_.load(std::memory_order_acquire);
+      over != told_silences_) {
+    told_silences_ = over;
+    told_silent_ = false;
+    const auto length_s = static_cast<double>(silence_ns_.load(std::memory_order_relaxed)) * 1e-9;
+    lines.push_back("frames again after " + number(std::round(10.0 * length_s) / 10.0) + " s");
+  }
+  if (!told_silent_ && silent(now_ns)) {
+    told_silent_ = true;
+    lines.push_back(std::string("no frame for 1 s: ") + (reader_.matched()
+                                                             ? "who sends them is there and silent"
+                                                             : "nobody sends frames any more"));
+  }
+  const std::uint64_t ignored = ignored_.load(std::memory_order_relaxed);
+  if (ignored != told_ignored_ &&
+      (told_ignored_ == 0 || now_ns - told_ignored_ns_ >= kTellEvery_ns)) {
+    lines.push_back("a second writer says that it is this machine; " +
+                    std::to_string(ignored - told_ignored_) + " of its frames are ignored");
+    told_ignored_ = ignored;
+    told_ignored_ns_ = now_ns;
+  }
+  return lines;
 }
 
 std::int64_t DdsSource::age_ns() const noexcept { return wall_ns() - reader_.written_ns(); }

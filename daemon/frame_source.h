@@ -31,6 +31,8 @@ class FrameSource {
   [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
   /// Frames refused so far. Any thread.
   [[nodiscard]] virtual std::uint64_t malformed() const noexcept { return 0; }
+  /// True while frames that came before have stopped. `now_ns`: steady. Any thread.
+  [[nodiscard]] virtual bool silent(std::int64_t /*now_ns*/) const noexcept { return false; }
   /// What happened since the last call, one line each, for people. `now_ns`: steady. Any one thread
   /// but that of receive().
   [[nodiscard]] virtual std::vector<std::string> news(std::int64_t /*now_ns*/) { return {}; }
@@ -68,19 +70,37 @@ class ReplaySource final : public FrameSource {
   MachineFrame next_;
 };
 
-/// A machine on the network.
+/// A machine on the network. Where several writers say that they are the machine, the first is
+/// followed until it leaves or is silent; the frames of the others are ignored, and that is said.
 class DdsSource final : public FrameSource {
  public:
+  /// Without a frame for this long the machine is silent [ns].
+  static constexpr std::int64_t kSilence_ns = 1'000'000'000;
+
   explicit DdsSource(const DdsNode& node) : reader_(node) {}
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] std::uint64_t malformed() const noexcept override {
     return malformed_.load(std::memory_order_relaxed);  // a number for people; orders nothing
   }
+  [[nodiscard]] bool silent(std::int64_t now_ns) const noexcept override;
+  [[nodiscard]] std::vector<std::string> news(std::int64_t now_ns) override;
 
  private:
+  bool accept(std::int64_t now_ns) noexcept;
+
   DdsReader<MachineFrame> reader_;
+  dds_instance_handle_t followed_ = 0;
   std::atomic<std::uint64_t> malformed_{0};
+  std::atomic<std::int64_t> last_ns_{0};     // steady; 0: no frame has come
+  std::atomic<std::uint64_t> silences_{0};   // that are over
+  std::atomic<std::int64_t> silence_ns_{0};  // how long the last of them was
+  std::atomic<std::uint64_t> ignored_{0};    // frames of other writers
+
+  // Of news().
+  bool told_silent_ = false;
+  std::uint64_t told_silences_ = 0, told_ignored_ = 0;
+  std::int64_t told_ignored_ns_ = 0;
 };
 
 }  // namespace servotwin

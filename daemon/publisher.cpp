@@ -11,6 +11,8 @@ namespace {
 constexpr std::int64_t kStatusPeriod_ns = 1'000'000'000;
 constexpr std::int64_t kStopPatience_ns =
     100'000'000;  // until it is seen that the publisher is to stop
+// Readers notice up to a lease later than we do that we speak now.
+constexpr int kSayAgain = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeriod_ns);
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
@@ -19,6 +21,7 @@ Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction
       model_writer_(node),
       diagnosis_writer_(node),
       status_writer_(node),
+      heard_(node),
       predictions_(predictions),
       wake_up_(wake_up),
       status_(std::move(status)),
@@ -30,12 +33,14 @@ void Publisher::run(const std::stop_token& stop) {
     const std::int64_t now = steady_ns();
     if (now >= next_status) {
       send_status();
+      say_again();
       next_status = now + kStatusPeriod_ns;
     }
     wake_up_.wait(
         static_cast<int>(std::min(kStopPatience_ns, next_status - now + 1'000'000) / 1'000'000));
     send_predictions();
     send_announcements();
+    look_who_is_heard();
   }
   send_predictions();
   send_announcements();
@@ -75,12 +80,36 @@ void Publisher::send_announcements() {
   }
   for (const ModelAnnouncement& model : models) {
     model_writer_.write(model);
+    models_[model.axis] = model;
     if (page_ != nullptr) page_->add(model);
   }
   for (const DiagnosisAnnouncement& diagnosis : diagnoses) {
     diagnosis_writer_.write(diagnosis);
+    diagnoses_[diagnosis.axis] = diagnosis;
     if (page_ != nullptr) page_->add(diagnosis);
   }
+}
+
+// Our own reader hears what every reader does: the status of the one that speaks.
+void Publisher::look_who_is_heard() {
+  MachineStatus status;
+  while (heard_.receive(status, 0.0)) {
+    const bool ours = heard_.writer() == status_writer_.handle();
+    if (!ours && speaks_.value_or(true))
+      tell_("standing by: another daemon speaks for this machine");
+    if (ours && !speaks_.value_or(true)) {
+      tell_("this daemon speaks for the machine now: the other one is gone or weaker");
+      says_again_ = kSayAgain;
+    }
+    speaks_ = ours;
+  }
+}
+
+void Publisher::say_again() {
+  if (says_again_ == 0) return;
+  --says_again_;
+  for (const auto& [axis, model] : models_) model_writer_.write(model);
+  for (const auto& [axis, diagnosis] : diagnoses_) diagnosis_writer_.write(diagnosis);
 }
 
 void Publisher::send_status() {

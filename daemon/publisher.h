@@ -1,13 +1,18 @@
 // The publisher: takes predictions from the real-time loop to the network, and says how things are.
 //
 // A prediction goes out as soon as the loop has it; the status once a second; a model when it comes
-// into force, a diagnosis when it is made. One worker thread; announce() any thread.
+// into force, a diagnosis when it is made. Where there is another daemon of this machine the
+// stronger one is heard; a daemon that takes over says its models and diagnoses again, because
+// readers have dropped what it said before. One worker thread; announce() any thread.
 #pragma once
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <mutex>
+#include <optional>
 #include <stop_token>
+#include <string>
 #include <vector>
 
 #include "daemon/ring.h"
@@ -30,16 +35,21 @@ class Publisher {
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
   void announce(const StoredDiagnosis& diagnosis);
+  /// Whom to tell that another daemon is heard, or this one again; before run().
+  void tell_with(std::function<void(const std::string&)> tell) { tell_ = std::move(tell); }
 
  private:
   void send_predictions();
   void send_announcements();
   void send_status();
+  void look_who_is_heard();
+  void say_again();
 
   DdsWriter<MachinePrediction> prediction_writer_;
   DdsWriter<ModelAnnouncement> model_writer_;
   DdsWriter<DiagnosisAnnouncement> diagnosis_writer_;
   DdsWriter<MachineStatus> status_writer_;
+  DdsReader<MachineStatus> heard_;
   Ring<MachinePrediction>& predictions_;
   const WakeUp& wake_up_;
   Status status_;
@@ -50,6 +60,11 @@ class Publisher {
   std::mutex mutex_;
   std::vector<ModelAnnouncement> waiting_;
   std::vector<DiagnosisAnnouncement> waiting_diagnoses_;
+  std::map<std::string, ModelAnnouncement> models_;  // the last one of every axis
+  std::map<std::string, DiagnosisAnnouncement> diagnoses_;
+  std::optional<bool> speaks_;  // this daemon is the one that is heard
+  int says_again_ = 0;          // so many times more
+  std::function<void(const std::string&)> tell_ = [](const std::string&) {};
 };
 
 }  // namespace servotwin

@@ -52,6 +52,8 @@ constexpr double kLag_s = 30.0;
 constexpr double kStandingToo = 4.0;
 // How often it is asked what happened at the source.
 constexpr std::chrono::milliseconds kNews{500};
+// Frames of another machine that go on are told of no more often than this.
+constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
 
 double remembered_s(const Config& config) {
   const IdentifyConfig& identify = config.identify;
@@ -280,7 +282,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
   if (!store.lost().empty()) events.error("store", "", store.lost());
-  const DdsNode node({config.machine, config.dds.domain, config.dds.partition});
+  const DdsNode node(
+      {config.machine, config.dds.domain, config.dds.partition, config.dds.strength});
   const std::unique_ptr<WebService> web = page_of(config, store, events);
   // Kept for as long as we listen: whoever introduces a machine waits to see it.
   DdsReader<MachineDescription> descriptions(node);
@@ -347,6 +350,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   std::string last_error;
   const auto status = [&] {
     MachineStatus now = counted(loop->counters());
+    if (input.source->silent(steady_ns())) now.state = DaemonState::kWaiting;
     if (stop.stop_requested()) now.state = DaemonState::kStopping;
     now.malformed += input.source->malformed();
     now.rows_dropped = rows.drops() + recorder.rows_not_recorded();
@@ -359,6 +363,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Publisher publisher(node, machine.cycle_s, predictions, predicted, status,
                       shown == nullptr ? nullptr : &shown->feed());
   to_network = &publisher;
+  publisher.tell_with([&](const std::string& text) { events.note("network", "", text); });
   recorder.spare([&] { return store.cited(); });
   identification.cite_with(
       [&](double from_s, double until_s) { return recorder.files_with(from_s, until_s); });
@@ -392,6 +397,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   });
   std::jthread reporting([&](const std::stop_token& its_stop) {
     name_thread("source events");
+    std::uint64_t told_malformed = 0;
+    std::int64_t told_malformed_ns = 0;
     std::mutex its_mutex;
     std::condition_variable_any never;
     std::unique_lock its_lock(its_mutex);
@@ -399,6 +406,17 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
       never.wait_for(its_lock, its_stop, kNews, [] { return false; });
       for (const std::string& line : input.source->news(steady_ns()))
         events.error("source", "", line);
+      const std::uint64_t malformed = loop->counters().malformed;
+      if (malformed > told_malformed &&
+          (told_malformed == 0 || steady_ns() - told_malformed_ns >= kTellEvery_ns)) {
+        events.error("source", "",
+                     std::to_string(malformed - told_malformed) + " frames do not have the " +
+                         std::to_string(machine.axes.size()) +
+                         " axes of the machine and are ignored; start the daemon again if the "
+                         "machine has changed");
+        told_malformed = malformed;
+        told_malformed_ns = steady_ns();
+      }
     }
   });
   std::jthread real_time([&] {

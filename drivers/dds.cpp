@@ -71,6 +71,17 @@ dds_entity_t topic_of(const DdsNode& node, const Topic& topic) {
 
 dds_duration_t nanoseconds(double seconds) { return static_cast<dds_duration_t>(seconds * 1e9); }
 
+Qos with_deadline(Qos qos, double deadline_s) {
+  if (deadline_s > 0.0) dds_qset_deadline(qos.get(), nanoseconds(deadline_s));
+  return qos;
+}
+
+Qos writer_qos(const Topic& topic, const DdsPlace& place, double deadline_s) {
+  Qos qos = with_deadline(topic.qos(), deadline_s);
+  dds_qset_ownership_strength(qos.get(), place.strength);
+  return qos;
+}
+
 }  // namespace
 
 DdsEntity::DdsEntity(dds_entity_t result, const std::string& what) : entity_(result) {
@@ -97,11 +108,11 @@ DdsSample::DdsSample(const dds_topic_descriptor_t& type)
 DdsSample::~DdsSample() { dds_sample_free(bytes_, type_, DDS_FREE_ALL); }
 
 template <class M>
-DdsReader<M>::DdsReader(const DdsNode& node)
+DdsReader<M>::DdsReader(const DdsNode& node, double deadline_s)
     : machine_(node.place().machine),
       sample_(*Wire<M>::topic().type),
       reader_(dds_create_reader(node.subscriber(), topic_of(node, Wire<M>::topic()),
-                                Wire<M>::topic().qos().get(), nullptr),
+                                with_deadline(Wire<M>::topic().qos(), deadline_s).get(), nullptr),
               std::string("read ") + Wire<M>::topic().name),
       condition_(dds_create_readcondition(reader_.get(), DDS_ANY_STATE), "wait for DDS data"),
       waitset_(dds_create_waitset(node.participant()), "wait for DDS data") {
@@ -127,6 +138,8 @@ auto DdsReader<M>::take(M& message) -> Taken {
   }
   ++counts_.received;
   written_ns_ = info.source_timestamp;
+  writer_ = info.publication_handle;
+  instance_ = info.instance_handle;
   return Taken::kMessage;
 }
 
@@ -154,21 +167,31 @@ bool DdsReader<M>::matched() const {
   return dds_get_matched_publications(reader_.get(), nullptr, 0) > 0;
 }
 
-namespace {
-Qos writer_qos(const Topic& topic, double deadline_s) {
-  Qos qos = topic.qos();
-  if (deadline_s > 0.0) dds_qset_deadline(qos.get(), nanoseconds(deadline_s));
-  return qos;
+template <class M>
+bool DdsReader<M>::matched(dds_instance_handle_t writer) const {
+  dds_builtintopic_endpoint_t* endpoint = dds_get_matched_publication_data(reader_.get(), writer);
+  if (endpoint == nullptr) return false;
+  dds_builtintopic_free_endpoint(endpoint);
+  return true;
 }
-}  // namespace
+
+template <class M>
+bool DdsReader<M>::deadline_missed() const {
+  // It is told again with every deadline that passes, so that another machine's silence hides ours
+  // for a moment only.
+  dds_requested_deadline_missed_status_t status;
+  return dds_get_requested_deadline_missed_status(reader_.get(), &status) == DDS_RETCODE_OK &&
+         status.total_count_change > 0 && status.last_instance_handle == instance_;
+}
 
 template <class M>
 DdsWriter<M>::DdsWriter(const DdsNode& node, double deadline_s)
     : machine_(node.place().machine),
       sample_(*Wire<M>::topic().type),
-      writer_(dds_create_writer(node.publisher(), topic_of(node, Wire<M>::topic()),
-                                writer_qos(Wire<M>::topic(), deadline_s).get(), nullptr),
-              std::string("write ") + Wire<M>::topic().name) {}
+      writer_(
+          dds_create_writer(node.publisher(), topic_of(node, Wire<M>::topic()),
+                            writer_qos(Wire<M>::topic(), node.place(), deadline_s).get(), nullptr),
+          std::string("write ") + Wire<M>::topic().name) {}
 
 template <class M>
 bool DdsWriter<M>::write(const M& message) {
@@ -178,6 +201,13 @@ bool DdsWriter<M>::write(const M& message) {
   if (dds_write(writer_.get(), &sample) == DDS_RETCODE_OK) return true;
   ++failed_;
   return false;
+}
+
+template <class M>
+dds_instance_handle_t DdsWriter<M>::handle() const noexcept {
+  dds_instance_handle_t handle = 0;
+  dds_get_instance_handle(writer_.get(), &handle);
+  return handle;
 }
 
 template <class M>

@@ -38,6 +38,7 @@ struct DdsPlace {
   std::string machine = "machine";  ///< 1..63 characters
   std::uint32_t domain = 0;         ///< 0..230
   std::string partition;            ///< of a cell; empty: the default one
+  std::int32_t strength = 0;        ///< of what a daemon says, where there are several of a machine
 };
 
 /// A participant in a domain, with one publisher and one subscriber.
@@ -80,15 +81,23 @@ struct ReaderCounts {
 template <class M>
 class DdsReader {
  public:
-  explicit DdsReader(const DdsNode& node);
+  /// `deadline_s`: the longest silence between two messages that is no news; 0: none. Not shorter
+  /// than what the writer offers, or they do not find each other.
+  explicit DdsReader(const DdsNode& node, double deadline_s = 0.0);
 
   /// Waits for at most `timeout_s` for the next message of this machine; false if none came.
   bool receive(M& message, double timeout_s);
   /// When the last message was written, by its writer's clock [ns since 1970].
   [[nodiscard]] std::int64_t written_ns() const noexcept { return written_ns_; }
   [[nodiscard]] const ReaderCounts& counts() const noexcept { return counts_; }
-  /// True while a writer of this topic is there.
+  /// Who wrote the last message.
+  [[nodiscard]] dds_instance_handle_t writer() const noexcept { return writer_; }
+  /// True while a writer of this topic is there. Any thread.
   [[nodiscard]] bool matched() const;
+  /// True while this writer is there.
+  [[nodiscard]] bool matched(dds_instance_handle_t writer) const;
+  /// True if this machine has been silent for longer than the deadline since the last call.
+  [[nodiscard]] bool deadline_missed() const;
 
  private:
   enum class Taken { kMessage, kOther, kNothing };
@@ -98,6 +107,7 @@ class DdsReader {
   DdsSample sample_;
   DdsEntity reader_, condition_, waitset_;
   std::int64_t written_ns_ = 0;
+  dds_instance_handle_t writer_ = 0, instance_ = 0;
   ReaderCounts counts_;
 };
 
@@ -110,6 +120,8 @@ class DdsWriter {
   /// False, and counted, if it could not be sent.
   bool write(const M& message);
   [[nodiscard]] std::uint64_t failed() const noexcept { return failed_; }
+  /// As DdsReader::writer() of a reader in the same process calls it.
+  [[nodiscard]] dds_instance_handle_t handle() const noexcept;
   /// Waits until `count` readers are there; false if they did not come in time.
   [[nodiscard]] bool wait_for_readers(int count, double timeout_s) const;
   /// Waits until the readers have everything; false if they did not get it in time.

@@ -12,10 +12,17 @@ Qos reliable_stream() {
   return qos;
 }
 
+/// Of several daemons of a machine only the strongest that is alive is heard.
+void let_one_speak(Qos& qos) {
+  dds_qset_ownership(qos.get(), DDS_OWNERSHIP_EXCLUSIVE);
+  dds_qset_liveliness(qos.get(), DDS_LIVELINESS_AUTOMATIC, kLivelinessLease_ns);
+}
+
 Qos newest_best_effort() {
   Qos qos(dds_create_qos());
   dds_qset_reliability(qos.get(), DDS_RELIABILITY_BEST_EFFORT, 0);
   dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, 64);  // a reader may fall behind by 64 cycles
+  let_one_speak(qos);
   return qos;
 }
 
@@ -27,9 +34,9 @@ Qos for_late_joiners() {
   return qos;
 }
 
-Qos alive() {
+Qos of_one_daemon() {
   Qos qos = for_late_joiners();
-  dds_qset_liveliness(qos.get(), DDS_LIVELINESS_AUTOMATIC, kLivelinessLease_ns);
+  let_one_speak(qos);
   return qos;
 }
 
@@ -42,9 +49,9 @@ const Topic kMachine{"servotwin/machine", &servotwin_msgs_MachineDescription_des
                      for_late_joiners};
 const Topic kPrediction{"servotwin/prediction", &servotwin_msgs_Prediction_desc,
                         newest_best_effort};
-const Topic kModel{"servotwin/model", &servotwin_msgs_AxisModel_desc, for_late_joiners};
-const Topic kDiagnosis{"servotwin/diagnosis", &servotwin_msgs_Diagnosis_desc, for_late_joiners};
-const Topic kStatus{"servotwin/status", &servotwin_msgs_Status_desc, alive};
+const Topic kModel{"servotwin/model", &servotwin_msgs_AxisModel_desc, of_one_daemon};
+const Topic kDiagnosis{"servotwin/diagnosis", &servotwin_msgs_Diagnosis_desc, of_one_daemon};
+const Topic kStatus{"servotwin/status", &servotwin_msgs_Status_desc, of_one_daemon};
 }  // namespace topics
 
 }  // namespace servotwin

@@ -1,6 +1,7 @@
 // The topics: names, types and QoS in one place. What is sent: msgs/servotwin.idl.
 //
-// A reader and a writer of a topic are made from the same entry, so that their QoS match.
+// A reader and a writer of a topic are made from the same entry, so that their QoS match. All that
+// a daemon says has one owner: of several daemons of a machine the strongest one that is alive.
 // Any thread. Errors: none.
 #pragma once
 
@@ -27,7 +28,7 @@ extern const Topic kMachine;       ///< in: who the machine is; reliable, for la
 extern const Topic kPrediction;  ///< out: best effort; its writer offers the cycle as the deadline
 extern const Topic kModel;       ///< out: the model in force; reliable, for late joiners
 extern const Topic kDiagnosis;   ///< out: the last diagnosis; reliable, for late joiners
-extern const Topic kStatus;      ///< out: reliable, for late joiners, with liveliness
+extern const Topic kStatus;      ///< out: how the daemon is; reliable, for late joiners
 }  // namespace topics
 
 /// A daemon that does not show itself for this long is taken for dead [ns].

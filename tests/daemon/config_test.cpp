@@ -51,6 +51,7 @@ TEST(Config, EveryKeyIsRead) {
     [source.dds]
     domain = 12
     partition = "cell-3"
+    strength = 7
     [identify]
     method = "pole-search"
     window_s = 10
@@ -88,6 +89,7 @@ TEST(Config, EveryKeyIsRead) {
   EXPECT_TRUE(config.axes[1].rotary);
   EXPECT_EQ(config.dds.domain, 12U);
   EXPECT_EQ(config.dds.partition, "cell-3");
+  EXPECT_EQ(config.dds.strength, 7);
   EXPECT_EQ(config.identify.window_s, 10.0);
   EXPECT_EQ(config.identify.memory_s, 30.5);
   EXPECT_EQ(config.identify.judge_s, 5.0);
@@ -181,6 +183,8 @@ INSTANTIATE_TEST_SUITE_P(
               "m.toml:3:10: axis.source = 'replay': there is no [source.replay]"},
         Wrong{"[source.dds]\ndomain = 231\n",
               "m.toml:2:10: source.dds.domain = 231: must be a whole number from 0 to 230"},
+        Wrong{"[source.dds]\nstrength = -1\n",
+              "m.toml:2:12: source.dds.strength = -1: must be a whole number from 0 to 1000"},
         Wrong{"[source.dds]\ndomain = 1.5\n",
               "m.toml:2:10: source.dds.domain = 1.5: must be a whole number from 0 to 230"},
         Wrong{"[source.replay]\n",

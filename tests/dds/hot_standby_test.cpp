@@ -1,0 +1,82 @@
+// Two daemons of one machine: one is heard, and when it dies the other.
+#include <gmock/gmock.h>
+
+#include <cstdio>
+#include <map>
+
+#include "daemon/clock.h"
+#include "tests/dds/support.h"
+
+namespace servotwin::test {
+namespace {
+
+TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
+  const DdsPlace place = place_of("standby");
+  const Home strong_home(place, drive(), 10, "of the strong one"),
+      weak_home(place, drive(), 1, "of the standby");
+  const DdsNode node(place);
+  DdsWriter<MachineFrame> frames(node);
+  DdsReader<MachinePrediction> predictions(node);
+  DdsReader<ModelAnnouncement> models(node);
+  auto strong = std::make_unique<Process>(strong_home.daemon());
+  Process weak(weak_home.daemon());
+  ASSERT_TRUE(frames.wait_for_readers(2, kPatience_s));
+  ASSERT_TRUE(weak.says("standing by: another daemon speaks")) << weak.said();
+  // Both write predictions to us from now on, and only one may be heard.
+  std::map<std::uint64_t, dds_instance_handle_t> writer_of;
+  std::map<dds_instance_handle_t, int> heard;
+  std::int64_t last_ns = 0, longest_ns = 0;
+  MachinePrediction prediction;
+  const auto listen = [&] {
+    while (predictions.receive(prediction, 0.0)) {
+      const auto [seen, first] = writer_of.emplace(prediction.sequence, predictions.writer());
+      EXPECT_TRUE(first || seen->second == predictions.writer())
+          << "cycle " << prediction.sequence << " from two daemons";
+      ++heard[predictions.writer()];
+      const std::int64_t now_ns = steady_ns();
+      if (last_ns != 0) longest_ns = std::max(longest_ns, now_ns - last_ns);
+      last_ns = now_ns;
+    }
+  };
+  std::uint64_t k = send_until(frames, 0, [&] {
+    listen();
+    return writer_of.size() >= 1000;
+  });
+  ASSERT_EQ(heard.size(), 1U) << "one of the two";
+  const dds_instance_handle_t first = heard.begin()->first;
+
+  longest_ns = 0;
+  ASSERT_EQ(strong->end(SIGKILL), 128 + SIGKILL);
+  k = send_until(frames, k, [&] {
+    listen();
+    return heard.size() > 1 && heard.rbegin()->second + heard.begin()->second > heard[first] + 500;
+  });
+  ASSERT_EQ(heard.size(), 2U);
+  std::printf("gap at kill -9: %.0f ms, with a lease of %.0f ms\n",
+              1e-6 * static_cast<double>(longest_ns), 1e-6 * kLivelinessLease_ns);
+
+  EXPECT_TRUE(weak.says("this daemon speaks for the machine now")) << weak.said();
+  ModelAnnouncement model;
+  do {
+    ASSERT_TRUE(models.receive(model, kPatience_s)) << "the standby's model is never heard";
+  } while (model.reason != "of the standby");
+
+  // Back again, it takes over again, and may say a few cycles that the standby has said.
+  const auto standbys = [&] {
+    int count = 0;
+    const std::string& said = weak.said();
+    for (std::size_t at = 0; (at = said.find("standing by", at)) != std::string::npos; ++at)
+      ++count;
+    return count;
+  };
+  strong = std::make_unique<Process>(strong_home.daemon());
+  send_until(frames, k, [&] {
+    while (predictions.receive(prediction, 0.0)) ++heard[predictions.writer()];
+    return standbys() == 2 && heard.size() == 3;
+  });
+  EXPECT_EQ(strong->end(SIGTERM), 0);
+  EXPECT_EQ(weak.end(SIGTERM), 0);
+}
+
+}  // namespace
+}  // namespace servotwin::test

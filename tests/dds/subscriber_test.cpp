@@ -1,0 +1,125 @@
+// The example subscribers, and silence on either side: what people see of it.
+#include <gmock/gmock.h>
+
+#include <cstdio>
+
+#include "tests/dds/support.h"
+#include "twin/twin.h"
+
+namespace servotwin::test {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+/// What the twin alone says of cycle k.
+double predicted(std::uint64_t k) {
+  Twin twin(drive());
+  twin.start(command_of(0));
+  double error = command_of(0) - twin.position();
+  for (std::uint64_t i = 1; i <= k; ++i) error = twin.follow(command_of(i));
+  return error;
+}
+
+std::string line_of(std::uint64_t k, const char* axis, double error) {
+  char text[100];
+  std::snprintf(text, sizeof text, "cycle %llu: %s %.3f um,", static_cast<unsigned long long>(k),
+                axis, error / 1e-6);
+  return text;
+}
+
+class Subscriber : public testing::TestWithParam<std::pair<const char*, const char*>> {};
+
+TEST_P(Subscriber, PrintsThePredictionsAndSaysThatTheDaemonIsGoneAndBack) {
+  const auto& [program, axis] = GetParam();
+  const DdsPlace place = place_of("subscriber");
+  const Home home(place, drive());
+  const DdsNode node(place);
+  DdsWriter<MachineFrame> frames(node);
+  DdsReader<MachineStatus> statuses(node);
+  auto daemon = std::make_unique<Process>(home.daemon());
+  Process subscriber({program, place.machine, std::to_string(place.domain), "0.5"});
+  ASSERT_TRUE(frames.wait_for_readers(1, kPatience_s)) << daemon->said();
+  MachineStatus status;
+  while (status.axes.empty()) ASSERT_TRUE(statuses.receive(status, kPatience_s));
+  const std::uint64_t k =
+      send_until(frames, 0, [&] { return subscriber.said().find("cycle ") != std::string::npos; });
+  DdsReader<MachinePrediction> predictions(node);
+  MachinePrediction prediction;
+  const std::uint64_t last = k + 500;
+  for (std::uint64_t i = k; i <= last; ++i) {
+    frames.write(frame_of(i));
+    do {
+      ASSERT_TRUE(predictions.receive(prediction, kPatience_s)) << i;
+    } while (prediction.sequence < i);
+  }
+  // It may have missed the first frames, and has forgotten that.
+  EXPECT_NEAR(prediction.axes[0].predicted_error, predicted(last), 1e-9);
+  EXPECT_TRUE(subscriber.says(line_of(last, axis, prediction.axes[0].predicted_error)))
+      << subscriber.said();
+  EXPECT_THAT(subscriber.said(), HasSubstr(" contour "));
+
+  ASSERT_EQ(daemon->end(SIGKILL), 128 + SIGKILL);
+  EXPECT_TRUE(subscriber.says("silent: no prediction for more than 0.5 s")) << subscriber.said();
+  EXPECT_TRUE(subscriber.says("gone: no daemon is there")) << subscriber.said();
+
+  daemon = std::make_unique<Process>(home.daemon());
+  send_until(frames, last + 1,
+             [&] { return subscriber.said().find("again after ") != std::string::npos; });
+  const std::string said = subscriber.said();  // no frames from here on: silence again
+  EXPECT_EQ(said.find("silent:"), said.rfind("silent:")) << "said once";
+  EXPECT_EQ(subscriber.end(SIGTERM), 0);
+  EXPECT_EQ(daemon->end(SIGTERM), 0);
+}
+
+INSTANTIATE_TEST_SUITE_P(, Subscriber,
+                         testing::Values(std::pair{"servotwin-subscriber", "X"},
+                                         std::pair{"servotwin-subscriber-c", "axis 1"}),
+                         [](const auto& one) {
+                           return one.index == 0 ? std::string("InCpp") : std::string("InC");
+                         });
+
+TEST(Silence, OfTheMachineIsToldOnceAndItsEndWithItsLength) {
+  const DdsPlace place = place_of("silence");
+  const Home home(place, drive());
+  const DdsNode node(place);
+  DdsReader<MachineStatus> statuses(node);
+  DdsReader<MachinePrediction> predictions(node);
+  Process daemon(home.daemon());
+  MachineStatus status;
+  MachinePrediction prediction;
+  std::uint64_t k = 0;
+  const auto until_state = [&](DaemonState wanted) {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    do {
+      if (statuses.receive(status, 1.0) && status.state == wanted) return true;
+    } while (std::chrono::steady_clock::now() < until);
+    return false;
+  };
+  {
+    DdsWriter<MachineFrame> frames(node);
+    ASSERT_TRUE(frames.wait_for_readers(1, kPatience_s));
+    k = send_until(frames, 0, [&] { return predictions.receive(prediction, 0.0); });
+    k = send_until(frames, k, [&] {
+      return statuses.receive(status, 0.0) && status.state == DaemonState::kRunning;
+    });
+    ASSERT_TRUE(daemon.says("no frame for 1 s: who sends them is there and silent"))
+        << daemon.said();
+    EXPECT_TRUE(until_state(DaemonState::kWaiting));
+    k = send_until(frames, k,
+                   [&] { return daemon.said().find("frames again after ") != std::string::npos; });
+    k = send_until(frames, k, [&] {
+      return statuses.receive(status, 0.0) && status.state == DaemonState::kRunning;
+    });
+  }
+  EXPECT_TRUE(daemon.says("no frame for 1 s: nobody sends frames any more")) << daemon.said();
+  EXPECT_TRUE(until_state(DaemonState::kWaiting));
+  EXPECT_EQ(daemon.end(SIGTERM), 0);
+  const std::string& said = daemon.said();
+  EXPECT_EQ(said.find("is there and silent"), said.rfind("is there and silent")) << said;
+  EXPECT_EQ(said.find("frames again"), said.rfind("frames again")) << said;
+  EXPECT_THAT(said, Not(HasSubstr("second writer")));
+}
+
+}  // namespace
+}  // namespace servotwin::test
