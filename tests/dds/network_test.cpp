@@ -64,7 +64,8 @@ class Network : public testing::Test {
        "<General><Interfaces><NetworkInterface name=\"plant0\" presence_required=\"false\"/>"
        "<NetworkInterface name=\"office0\" presence_required=\"false\"/></Interfaces>"
        "<AllowMulticast>false</AllowMulticast></General><Discovery>"
-       "<ParticipantIndex>auto</ParticipantIndex><Peers><Peer address=\"10.77.0.1\"/>"
+       "<ParticipantIndex>auto</ParticipantIndex><SPDPInterval>1s</SPDPInterval><Peers><Peer "
+       "address=\"10.77.0.1\"/>"
        "<Peer address=\"10.77.0.2\"/></Peers></Discovery>"}};
   TemporaryDirectory folder_;
   DdsPlace place_ = place_of("network");
