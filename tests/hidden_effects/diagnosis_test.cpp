@@ -25,7 +25,9 @@ TEST_P(AHiddenEffect, IsNamedFirst) {
   ASSERT_EQ(answer.failure, "");
   // The pushes of the part that no fit has seen are not to be predicted: what they leave may be
   // called unexplained beside the cause that is named.
-  if (GetParam() != std::string("impulse_disturbance")) EXPECT_EQ(answer.verdict, "explained");
+  if (GetParam() != std::string("impulse_disturbance")) {
+    EXPECT_EQ(answer.verdict, "explained");
+  }
   ASSERT_FALSE(named(answer, asked).empty());
   EXPECT_EQ(named(answer, asked).front(), GetParam());
 }
