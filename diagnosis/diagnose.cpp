@@ -14,9 +14,9 @@ namespace servotwin {
 
 namespace {
 
-// How often a cause was right that takes all of the error away, and how much less one that takes
-// next to nothing, on machines whose causes are known (docs/measurements.md 11, development part):
-// what the catalogue does not know is not in its own figures.
+// How often a cause is right that takes all of the error away, and how much less one that takes
+// next to nothing: what the catalogue does not know is not in its own figures. Chosen, not fitted;
+// how well it holds is measured (docs/measurements.md 11, calibration error).
 constexpr double kRight = 0.97, kLessRight = 0.4;
 constexpr double kNoWorse = 1.05;
 constexpr double kGrown = 2.0;            // times what the earlier model left: something changed
