@@ -18,7 +18,6 @@ namespace {
 // next to nothing: what the catalogue does not know is not in its own figures. Chosen, not fitted;
 // how well it holds is measured (docs/measurements.md 11, calibration error).
 constexpr double kRight = 0.97, kLessRight = 0.4;
-constexpr double kNoWorse = 1.05;
 constexpr double kGrown = 2.0;            // times what the earlier model left: something changed
 constexpr double kStructured = 4.0;       // of the noise floor: more is not chance
 constexpr double kFar = 5.0;              // of the noise floor: there is more than what is named
@@ -67,8 +66,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     const auto shapes = shapes_of(diagnosis.extended.model.effects[cause.place].kind);
     return !shapes.empty() && shapes.front().scan == Scan::kMoments;
   };
-  // Pushes of the hold-out that no model foresees answer each model a little differently.
-  const bool no_worse = diagnosis.extended.holdout.rms <= kNoWorse * diagnosis.baseline.holdout.rms;
+  const bool no_worse = diagnosis.extended.holdout.rms <= diagnosis.baseline.holdout.rms;
   const bool pushed =
       no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), unforeseeable);
   if (pushed) diagnosis.unexplained_share = 0.0;
