@@ -48,8 +48,10 @@ Eigen::VectorXd thinned(const Eigen::VectorXd& all, const std::vector<Segment>& 
 }
 
 /// What could be added to this, the best first.
-std::vector<std::pair<Change, Screened>> promising_changes(
-    const Variation& variation, const Varied& v, const std::vector<std::string>& leave_out) {
+std::vector<std::pair<Change, Screened>> promising_changes(const Variation& variation,
+                                                           const Varied& v,
+                                                           const DiagnoseOptions& options) {
+  const std::vector<std::string>& leave_out = options.leave_out;
   const std::vector<Segment>& training = variation.training();
   const Model model = v.of(variation.base());
   const int every =
@@ -61,6 +63,7 @@ std::vector<std::pair<Change, Screened>> promising_changes(
     std::erase_if(loop.effects,
                   [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
     all.loop_position = s.command - simulate(loop, s);
+    add_demand(model, all);
     signals.push_back(decimated(all, every));
   }
   const std::optional<Eigen::VectorXd> fine = variation.left(model, 0.0);
@@ -94,7 +97,7 @@ std::vector<std::pair<Change, Screened>> promising_changes(
       c.col(i) = -thinned(columns->col(i), training, every);
     out.emplace_back(change, screen.look(c));
   }
-  const Channels channels(training);
+  const Channels channels(training, options.encoder_in_loop);
   Structure structure;
   structure.order = model.loop.order;
   for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
@@ -215,7 +218,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   const double least = std::max(own, kIsRight * rms(current.pieces));
   for (std::size_t round = 0; round < kMostChanges; ++round) {
     if (options.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
-    auto promising = promising_changes(variation, current, options.leave_out);
+    auto promising = promising_changes(variation, current, options);
     const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;
     if (promising.size() > kTried) promising.resize(kTried);
     std::string step = text("%.4g um, promising:", 1e6 * rms(current.pieces));
@@ -362,7 +365,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     judge_repair(out.extended.model, current.without(same).of(variation.base()), holdout,
                  cause.gain);
   }
-  conclude(out, axis, holdout, floor);
+  conclude(out, axis, holdout, floor, options);
   return out;
 }
 

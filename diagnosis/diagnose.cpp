@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "diagnosis/dropped_samples.h"
+#include "diagnosis/extension.h"
 #include "diagnosis/selection.h"
+#include "diagnosis/text.h"
 #include "diagnosis/unexplained.h"
 #include "identification/joint.h"
 #include "identification/noise_floor.h"
@@ -18,6 +21,8 @@ namespace {
 // next to nothing: what the catalogue does not know is not in its own figures. Chosen, not fitted;
 // how well it holds is measured (docs/measurements.md 11, calibration error).
 constexpr double kRight = 0.97, kLessRight = 0.4;
+// A cause that is more likely wrong than right is no answer.
+constexpr double kNamed = 0.5;
 constexpr double kGrown = 2.0;            // times what the earlier model left: something changed
 constexpr double kStructured = 4.0;       // of the noise floor: more is not chance
 constexpr double kFar = 5.0;              // of the noise floor: there is more than what is named
@@ -38,15 +43,53 @@ std::string_view name_of(Verdict verdict) {
   return "";
 }
 
+namespace {
+
+/// What happens at moments that nothing foretells is not to be predicted.
+bool unforeseeable(const Diagnosis& diagnosis, const Cause& cause) {
+  if (cause.place >= diagnosis.extended.model.effects.size()) return false;
+  const auto shapes = shapes_of(diagnosis.extended.model.effects[cause.place].kind);
+  return !shapes.empty() && shapes.front().scan == Scan::kMoments;
+}
+
+/// Where the motor is at its limit: by its torque, or by the limit that is in the model.
+Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::ArrayXd& simulated) {
+  const Effect* limit = model.find(kind_of<TorqueSaturation>());
+  if (limit == nullptr) return at_limit(s.torque, s.sample_time_s);
+  Signals signals = signals_of(s);
+  signals.position = s.command - simulated;
+  signals.velocity = measured_velocity(signals.position, s.sample_time_s, 0);
+  add_demand(model, signals);
+  EffectMemory<double> memory;
+  start_memory(limit->kind, limit->shape.data(), memory);
+  Eigen::ArrayXd out(s.size());
+  for (Eigen::Index k = 0; k < s.size(); ++k) {
+    double missing = 0.0;
+    unit_forces<double>(limit->kind, limit->shape.data(), memory,
+                        motion_of(signals, signals.command, Acts::kForce, k), &missing);
+    // What is given then is the limit.
+    const double given = signals.demand(k) - missing + limit->shape[2] * signals.velocity(k);
+    out(k) = std::abs(given) > (1.0 - 1e-9) * limit->shape[0] ? 1.0 : 0.0;
+  }
+  return out;
+}
+
+}  // namespace
+
 void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
-              const NoiseFloor& floor) {
+              const NoiseFloor& floor, const DiagnoseOptions& options) {
+  for (Cause& cause : diagnosis.suspected) diagnosis.causes.push_back(std::move(cause));
+  diagnosis.suspected.clear();
   std::sort(diagnosis.causes.begin(), diagnosis.causes.end(),
             [](const Cause& l, const Cause& r) { return l.worth > r.worth; });
 
   std::vector<ResidualStretch> stretches;
-  for (const Segment& s : holdout)
-    stretches.push_back({s.command, s.command - s.actual - simulate(diagnosis.extended.model, s),
-                         s.sample_time_s, s.start_s});
+  for (const Segment& s : holdout) {
+    const Model& model = diagnosis.extended.model;
+    const Eigen::ArrayXd simulated = simulate(model, s);
+    stretches.push_back({s.command, s.command - s.actual - simulated, s.sample_time_s, s.start_s,
+                         saturated(model, s, simulated)});
+  }
   diagnosis.regimes = by_regime(stretches);
   diagnosis.regressors = by_regressor(stretches);
   diagnosis.peaks = spectrum_peaks(stretches);
@@ -59,16 +102,12 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   const double all = without * without - noise;
   const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
   diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
-  // What happens at unforeseeable moments is not to be predicted, and what it leaves on other
-  // motion is no evidence of another cause.
-  const auto unforeseeable = [&](const Cause& cause) {
-    if (cause.place >= diagnosis.extended.model.effects.size()) return false;
-    const auto shapes = shapes_of(diagnosis.extended.model.effects[cause.place].kind);
-    return !shapes.empty() && shapes.front().scan == Scan::kMoments;
-  };
+  // What happens at unforeseeable moments leaves on other motion what is no evidence of another
+  // cause.
   const bool no_worse = diagnosis.extended.holdout.rms <= diagnosis.baseline.holdout.rms;
   const bool pushed =
-      no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), unforeseeable);
+      no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
+                              [&](const Cause& cause) { return unforeseeable(diagnosis, cause); });
   if (pushed) diagnosis.unexplained_share = 0.0;
   // As sure as such a cause has been right, as it beats its rivals of the catalogue, and as all of
   // them together explain: what is left may be of a cause that is not in it.
@@ -79,6 +118,10 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     cause.confidence =
         cause.counts.empty() ? right * cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
   }
+  const auto unsure = std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(),
+                                            [](const Cause& c) { return c.confidence >= kNamed; });
+  std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
+  diagnosis.causes.erase(unsure, diagnosis.causes.end());
   // What an earlier model was wrong by of itself is no change of the machine.
   double usual = kStructured * floor.rms;
   if (std::isfinite(diagnosis.earlier_rms)) usual = std::max(usual, kGrown * diagnosis.earlier_rms);
@@ -94,10 +137,42 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
                       : !diagnosis.causes.empty() ? Verdict::kExplained
                       : structured                ? Verdict::kUnexplained
                                                   : Verdict::kNothingSignificant;
+  diagnosis.not_observable =
+      not_observable(axis, {diagnosis.against_earlier, options.encoder_in_loop,
+                            diagnosis.extended.model.loop.order == 3, Channels(holdout).in_cut});
+  std::erase_if(diagnosis.not_observable, [&](const NotObservable& one) {
+    const auto is_it = [&](const Cause& cause) { return cause.id == one.id; };
+    return std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), is_it) ||
+           std::any_of(diagnosis.suspected.begin(), diagnosis.suspected.end(), is_it);
+  });
   diagnosis.suggested_test = suggested_test(diagnosis, axis);
 }
 
-Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
+namespace {
+
+/// The share of time that holds this share of the squared error, where the error is so uneven over
+/// the recording that one of the parts would have next to none of it.
+double balanced_share(const Model& model, const std::vector<Segment>& segments, double noise,
+                      double share) {
+  constexpr double kFew = 0.35, kMany = 0.85;   // of the squared error, in the training data
+  constexpr double kFirst = 0.3, kLast = 0.85;  // of the time
+  const double floor = std::isfinite(noise) ? noise * noise : 0.0;
+  std::vector<double> sums{0.0};
+  for (const double piece : left_by(model, segments))
+    sums.push_back(sums.back() + std::max(0.0, piece - floor));
+  const auto n = static_cast<double>(sums.size() - 1);
+  const double there = sums[static_cast<std::size_t>(share * n)] / sums.back();
+  if (!(there < kFew) && !(there > kMany)) return share;
+  const auto at = std::lower_bound(sums.begin(), sums.end(), share * sums.back());
+  return std::clamp(static_cast<double>(at - sums.begin()) / n, kFirst, kLast);
+}
+
+}  // namespace
+
+namespace {
+
+/// By this division of the recording.
+Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
   Diagnosis out;
   SegmentedAxis axis = recorded;
   const NoiseFloor floor = noise_floor(recorded.segments);
@@ -129,7 +204,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
   Selected selected = select_causes(search, std::move(baseline), options);
   const Hypothesis& current = selected.model;
   const auto& found = selected.found;
-  out.steps = std::move(selected.steps);
+  out.steps.insert(out.steps.end(), selected.steps.begin(), selected.steps.end());
   const std::vector<Segment>& training = search.training();
   const std::vector<Segment> holdout =
       cut(search.recorded(), out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
@@ -218,7 +293,7 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     out.causes.push_back(std::move(cause));
   }
   out.fits = search.fits();
-  conclude(out, recorded, holdout, floor);
+  conclude(out, recorded, holdout, floor, options);
   if (out.verdict != Verdict::kUnexplained) return out;
   if (const auto better = with_unexplained(out.extended.model, training)) {
     out.not_understood = out.extended.model.effects.size();
@@ -227,9 +302,33 @@ Diagnosis diagnose(const SegmentedAxis& recorded, const DiagnoseOptions& options
     out.extended.effect_deviations.emplace_back();
     out.extended.training = judge(*better, training);
     out.extended.holdout = judge(*better, holdout);
-    conclude(out, recorded, holdout, floor);
+    conclude(out, recorded, holdout, floor, options);
     out.verdict = Verdict::kUnexplained;
   }
+  return out;
+}
+
+}  // namespace
+
+Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
+  const Diagnosis first = diagnose_divided(axis, options);
+  if (!options.balance || first.verdict != Verdict::kUnexplained ||
+      std::any_of(first.causes.begin(), first.causes.end(),
+                  [&](const Cause& cause) { return unforeseeable(first, cause); }))
+    return first;
+  const double share =
+      balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms,
+                     options.identify.training_share);
+  if (share == options.identify.training_share) return first;
+  DiagnoseOptions other = options;
+  other.identify.training_share = share;
+  Diagnosis out = diagnose_divided(axis, other);
+  if (out.verdict == Verdict::kUnexplained && out.causes.size() <= first.causes.size())
+    return first;
+  out.steps.insert(out.steps.begin(),
+                   text("training data: %.0f %% of the time, as what is left after a first "
+                        "diagnosis is nearly all in one part",
+                        100.0 * share));
   return out;
 }
 

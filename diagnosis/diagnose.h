@@ -7,7 +7,8 @@
 // within the training data. It earns its place if the error falls by kWorthIt, in most blocks, and
 // by more than chance: a paired test over quarter-second pieces whose threshold is divided by the
 // number of candidates (Bonferroni), so that a clean machine gets no cause. An effect that another
-// one has made needless is taken out again. The hold-out decides nothing; gains are measured on it.
+// one has made needless is taken out again. The hold-out decides nothing but where it begins; gains
+// are measured on it.
 #pragma once
 
 #include <stop_token>
@@ -15,6 +16,7 @@
 #include <vector>
 
 #include "diagnosis/gain.h"
+#include "diagnosis/observability.h"
 #include "diagnosis/regressor.h"
 #include "diagnosis/residual.h"
 #include "diagnosis/spectrum.h"
@@ -59,6 +61,9 @@ struct Diagnosis {
   ModelRecord baseline;          ///< judged on the hold-out
   ModelRecord extended;          ///< with all causes; the baseline where there is none
   std::vector<Cause> causes;     ///< by their share of the error explained
+  /// Too unsure to be named: in the extended model, where they predict better, and no answer.
+  std::vector<Cause> suspected;
+  std::vector<NotObservable> not_observable;  ///< of what is neither named nor suspected
   /// Place in the extended model of a term that predicts and explains nothing; kNoEffect: none.
   std::size_t not_understood = kNoEffect;
   RegimeShares regimes;             ///< of what is left on the hold-out
@@ -73,15 +78,22 @@ struct Diagnosis {
 struct DiagnoseOptions {
   IdentifyOptions identify;
   std::vector<std::string> leave_out;  ///< causes that are not looked for
-  std::stop_token stop;                ///< ends a diagnosis before its next fit: it throws
+  /// The recorded encoder is the one that the position loop uses, which cannot show what the loop
+  /// makes right; false: not known.
+  bool encoder_in_loop = false;
+  /// The training data end where they hold their share of what the baseline leaves as well, so that
+  /// what happens late in a recording is in them; false: by time alone.
+  bool balance = true;
+  std::stop_token stop;  ///< ends a diagnosis before its next fit: it throws
 };
 
 /// Throws std::runtime_error as `identify` does. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
 /// Orders the causes of a search and says what is left: verdict, regimes, regressors, lines of the
-/// spectrum, unexplained share, and the motion that would decide what is in doubt.
+/// spectrum, unexplained share, what could not show, and the motion that would decide what is in
+/// doubt. `holdout` with its cuts.
 void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
-              const NoiseFloor& floor);
+              const NoiseFloor& floor, const DiagnoseOptions& options);
 
 }  // namespace servotwin

@@ -83,6 +83,38 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   return out;
 }
 
+json cause_json(const Diagnosis& diagnosis, const Cause& cause) {
+  json out = {
+      {"id", cause.id},
+      {"confidence", cause.confidence},
+      {"parameters", parameters_of(diagnosis, cause)},
+      {"ambiguous_with", cause.ambiguous_with},
+      {"evidence", json::array({{{"test", diagnosis.against_earlier
+                                              ? "free simulation, paired over 0.25 s"
+                                              : "blocked cross-validation, paired over 0.25 s"},
+                                 {"statistic", cause.statistic},
+                                 {"p", number_or_null(cause.p)}}})},
+      {"gain",
+       {{"holdout_rms_before_m", number_or_null(cause.gain.before)},
+        {"holdout_rms_after_m", number_or_null(cause.gain.after)},
+        {"ci95", {number_or_null(cause.gain.low), number_or_null(cause.gain.high)}},
+        {"tracking_rms_now_m", number_or_null(cause.gain.tracking_now)},
+        {"tracking_rms_repaired_m", number_or_null(cause.gain.tracking_repaired)},
+        {"contour_rms_now_m", number_or_null(cause.gain.contour_now)},
+        {"contour_rms_repaired_m", number_or_null(cause.gain.contour_repaired)}}},
+      {"check", advice_for(cause.id)}};
+  if (!diagnosis.against_earlier) return out;
+  json moved = json::array();
+  for (const Moved& m : cause.moved)
+    moved.push_back({{"name", m.name},
+                     {"unit", m.unit},
+                     {"before", m.before},
+                     {"after", m.after},
+                     {"deviation", number_or_null(m.deviation)}});
+  out["moved"] = moved;
+  return out;
+}
+
 json not_understood(const Diagnosis& diagnosis) {
   if (diagnosis.not_understood == kNoEffect) return nullptr;
   const Effect& effect = diagnosis.extended.model.effects[diagnosis.not_understood];
@@ -95,37 +127,14 @@ json not_understood(const Diagnosis& diagnosis) {
 }  // namespace
 
 json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
-  json causes = json::array();
-  for (const Cause& cause : diagnosis.causes) {
-    causes.push_back(
-        {{"id", cause.id},
-         {"confidence", cause.confidence},
-         {"parameters", parameters_of(diagnosis, cause)},
-         {"ambiguous_with", cause.ambiguous_with},
-         {"evidence", json::array({{{"test", diagnosis.against_earlier
-                                                 ? "free simulation, paired over 0.25 s"
-                                                 : "blocked cross-validation, paired over 0.25 s"},
-                                    {"statistic", cause.statistic},
-                                    {"p", number_or_null(cause.p)}}})},
-         {"gain",
-          {{"holdout_rms_before_m", number_or_null(cause.gain.before)},
-           {"holdout_rms_after_m", number_or_null(cause.gain.after)},
-           {"ci95", {number_or_null(cause.gain.low), number_or_null(cause.gain.high)}},
-           {"tracking_rms_now_m", number_or_null(cause.gain.tracking_now)},
-           {"tracking_rms_repaired_m", number_or_null(cause.gain.tracking_repaired)},
-           {"contour_rms_now_m", number_or_null(cause.gain.contour_now)},
-           {"contour_rms_repaired_m", number_or_null(cause.gain.contour_repaired)}}},
-         {"check", advice_for(cause.id)}});
-    if (!diagnosis.against_earlier) continue;
-    json moved = json::array();
-    for (const Moved& m : cause.moved)
-      moved.push_back({{"name", m.name},
-                       {"unit", m.unit},
-                       {"before", m.before},
-                       {"after", m.after},
-                       {"deviation", number_or_null(m.deviation)}});
-    causes.back()["moved"] = moved;
-  }
+  const auto list = [&](const std::vector<Cause>& given) {
+    json out = json::array();
+    for (const Cause& cause : given) out.push_back(cause_json(diagnosis, cause));
+    return out;
+  };
+  json not_observable = json::array();
+  for (const NotObservable& one : diagnosis.not_observable)
+    not_observable.push_back({{"id", one.id}, {"why", one.why}});
   json regimes = json::object();
   for (const RegimeShare& share : diagnosis.regimes) {
     regimes[std::string(name_of(share.regime))] = {{"rms_m", share.rms},
@@ -155,7 +164,9 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
        {{"rms_m", number_or_null(diagnosis.extended.holdout.rms)},
         {"max_m", number_or_null(diagnosis.extended.holdout.max)}}},
       {"verdict", name_of(diagnosis.verdict)},
-      {"causes", causes},
+      {"causes", list(diagnosis.causes)},
+      {"suspected", list(diagnosis.suspected)},
+      {"not_observable", not_observable},
       {"not_understood", not_understood(diagnosis)},
       {"residual",
        {{"by_regime", regimes},

@@ -28,6 +28,7 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
       continue;
     if (kind == kind_of<CrossCoupling>() && !channels.neighbour) continue;
     if (kind == kind_of<CuttingForce>() && !channels.in_cut) continue;
+    if (identity.acts == Acts::kReading && !channels.reading) continue;
     out.push_back(kind);
   }
   return out;

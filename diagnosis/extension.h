@@ -9,10 +9,12 @@
 
 namespace servotwin {
 
-/// What the segments tell beside command and encoder.
+/// What the segments tell beside command and encoder, and whether the encoder shows more than the
+/// loop makes right.
 struct Channels {
-  bool neighbour = true, in_cut = true;
-  explicit Channels(const std::vector<Segment>& segments) {
+  bool neighbour = true, in_cut = true, reading = true;
+  explicit Channels(const std::vector<Segment>& segments, bool encoder_in_loop = false)
+      : reading(!encoder_in_loop) {
     for (const Segment& s : segments) {
       neighbour = neighbour && s.neighbour.size() == s.size();
       in_cut = in_cut && s.in_cut.size() == s.size();

@@ -150,7 +150,8 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
       "<th>share of the squared error</th><th>share of the time</th></tr>\n";
   for (const RegimeShare& share : diagnosis.regimes) {
     if (share.samples == 0) continue;
-    constexpr std::array kDoes{"stands", "moves at constant speed", "accelerates", "turns round"};
+    constexpr std::array kDoes{"stands", "moves at constant speed", "accelerates", "turns round",
+                               "has its motor at the limit"};
     out += std::string("<tr><td>") + kDoes[static_cast<std::size_t>(share.regime)] + "</td>" +
            text("<td>%.3g %s</td><td>%.3g %s</td><td>%.0f %%</td><td>%.0f %%</td></tr>\n",
                 1e6 * share.rms, unit, 1e6 * share.max, unit, 100.0 * share.share,
@@ -233,6 +234,24 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
              "</figcaption></figure>\n";
     }
     out += "</section>\n";
+  }
+  if (!diagnosis.suspected.empty()) {
+    out +=
+        "<section><h2>Suspected</h2>\n<p>Too unsure to be named; they are in the extended model, "
+        "which predicts better with them.</p>\n<table>";
+    for (const Cause& cause : diagnosis.suspected)
+      out += row(
+          escaped(plain_name(cause.id)).c_str(),
+          text("sure %.0f %%: ", 100.0 * cause.confidence) + escaped(cause_text(diagnosis, cause)));
+    out += "</table></section>\n";
+  }
+  if (!diagnosis.not_observable.empty()) {
+    out +=
+        "<section><h2>What this recording cannot show</h2>\n<p>That these are not named says "
+        "nothing.</p>\n<table>";
+    for (const NotObservable& one : diagnosis.not_observable)
+      out += row(escaped(plain_name(one.id)).c_str(), escaped(one.why));
+    out += "</table></section>\n";
   }
   out += more + left_of(diagnosis, segments) +
          "<section><details><summary>How this was found</summary><p>Candidates were fitted with "

@@ -15,6 +15,9 @@ constexpr double kAccelerating = 0.05;  // of the peak acceleration
 // rounding.
 constexpr double kSteady = 0.001;
 
+constexpr double kCutOff = 5.0;
+constexpr double kStays_s = 0.003;
+
 Eigen::Index samples_in(double time_s, double h) {
   return std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::lround(time_s / h)));
 }
@@ -73,6 +76,29 @@ std::vector<bool> reversals(const Eigen::ArrayXd& velocity, double moving, doubl
 
 }  // namespace
 
+Eigen::ArrayXd at_limit(const Eigen::ArrayXd& torque, double h) {
+  Eigen::ArrayXd out;
+  const Eigen::Index shortest = std::max<Eigen::Index>(3, samples_in(kStays_s, h));
+  for (const double sign : {1.0, -1.0}) {
+    double most = -std::numeric_limits<double>::infinity(), next = most;
+    for (const double value : sign* torque) {
+      if (value > most) next = most, most = value;
+      if (value < most && value > next) next = value;
+    }
+    const auto count = [&](double value) {
+      return static_cast<double>((sign * torque == value).count());
+    };
+    if (!(count(most) > kCutOff * count(next))) continue;
+    for (Eigen::Index k = 0, run = 0; k < torque.size(); ++k) {
+      run = sign * torque(k) == most ? run + 1 : 0;
+      if (run < shortest) continue;
+      if (out.size() == 0) out = Eigen::ArrayXd::Zero(torque.size());
+      out.segment(k - run + 1, run).setOnes();
+    }
+  }
+  return out;
+}
+
 std::string_view name_of(Regime regime) {
   switch (regime) {
     case Regime::kStandstill:
@@ -83,6 +109,8 @@ std::string_view name_of(Regime regime) {
       return "acceleration";
     case Regime::kReversal:
       return "reversal";
+    case Regime::kSaturation:
+      return "saturation";
   }
   return "";
 }
@@ -121,10 +149,12 @@ RegimeShares by_regime(std::span<const ResidualStretch> stretches) {
       const double r = stretch.residual(k);
       const double v = std::abs(motion.velocity(k)), a = std::abs(motion.acceleration(k));
       if (!std::isfinite(r) || !std::isfinite(v) || !std::isfinite(a)) continue;
-      const Regime regime = reversal[static_cast<std::size_t>(k)] ? Regime::kReversal
-                            : v <= moving                         ? Regime::kStandstill
-                            : a <= accelerating                   ? Regime::kConstantSpeed
-                                                                  : Regime::kAcceleration;
+      const bool saturated = stretch.saturated.size() > k && stretch.saturated(k) > 0.0;
+      const Regime regime = saturated                               ? Regime::kSaturation
+                            : reversal[static_cast<std::size_t>(k)] ? Regime::kReversal
+                            : v <= moving                           ? Regime::kStandstill
+                            : a <= accelerating                     ? Regime::kConstantSpeed
+                                                                    : Regime::kAcceleration;
       const auto i = static_cast<std::size_t>(regime);
       ++shares[i].samples;
       ++samples;

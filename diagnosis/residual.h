@@ -3,9 +3,10 @@
 //   residual r = measured - predicted tracking error [m | rad]
 //   share      = sum of r^2 in a regime / sum of all
 //
-// The regime comes from the command alone, over a span of +-kRegimeSpan_s, so that a quantised
-// command does not look like acceleration. The first of these that holds:
+// The regime comes from the command, over a span of +-kRegimeSpan_s, so that a quantised command
+// does not look like acceleration. The first of these that holds:
 //
+// - saturation: the motor is at its limit, where that is known.
 // - reversal: within 50 ms of the command turning round; after a longer stop, of the restart.
 // - standstill: |v| is at most 0.5 % of the peak speed.
 // - constant speed: |a| is at most 5 % of the peak acceleration, or too small to change the speed
@@ -23,8 +24,8 @@
 
 namespace servotwin {
 
-enum class Regime { kStandstill, kConstantSpeed, kAcceleration, kReversal };
-inline constexpr std::size_t kRegimes = 4;
+enum class Regime { kStandstill, kConstantSpeed, kAcceleration, kReversal, kSaturation };
+inline constexpr std::size_t kRegimes = 5;
 inline constexpr double kRegimeSpan_s = 0.008;     // a 1 um command step reads as 0.016 m/s^2
 inline constexpr double kReversalWindow_s = 0.05;  // some time constants of a usual position loop
 
@@ -46,7 +47,14 @@ struct ResidualStretch {
   Eigen::ArrayXd residual;
   double h = 0.0;        ///< sampling time [s] > 0
   double start_s = 0.0;  ///< of its first sample in the recording
+  /// 1 where the motor gives all it can; empty: not known.
+  Eigen::ArrayXd saturated = {};
 };
+
+/// Where a recorded torque is cut off at its largest or least value: 1 in runs of that value over 3
+/// samples and 3 ms or more. At its peak a torque of few digits has up to 2.4 times as many samples
+/// as one digit below (of a sine); a limit has kCutOff times as many. Empty where none is cut off.
+[[nodiscard]] Eigen::ArrayXd at_limit(const Eigen::ArrayXd& torque, double h);
 
 /// Velocity and acceleration of the command over +-kRegimeSpan_s; NaN where the span leaves the
 /// stretch or the command has a hole.

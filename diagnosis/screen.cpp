@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "diagnosis/cuts.h"
+#include "diagnosis/quantile.h"
 
 namespace servotwin {
 
@@ -313,10 +314,21 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
     case Scan::kMoments:
       out.push_back(moments(kind, start));
       break;
-    case Scan::kAcceleration: {
-      double most = 0.0;
-      for (const Signals& s : segments_) most = std::max(most, s.command.second.abs().maxCoeff());
-      for (double share = 0.3; share < 1.2; share += 0.05) add(share * most);
+    case Scan::kDemand: {
+      // Viscous friction may make up much of what is asked for, or nothing; a limit is met at the
+      // peaks first.
+      for (const double viscous : {p.lower, 0.3, 1.0, 2.0, 4.0}) {
+        start[2] = viscous;
+        Eigen::ArrayXd asked(0);
+        for (const Signals& s : segments_) {
+          if (s.demand.size() == 0) continue;
+          asked.conservativeResize(asked.size() + s.size());
+          asked.tail(s.size()) = (s.demand + viscous * s.velocity).abs();
+        }
+        if (asked.size() == 0) break;
+        for (const double beyond : {5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 0.016, 0.03, 0.06, 0.12, 0.2})
+          add(quantile(asked, 1.0 - beyond));
+      }
       break;
     }
   }

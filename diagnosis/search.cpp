@@ -170,9 +170,11 @@ std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
     std::erase_if(loop.effects,
                   [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
     out.back().loop_position = s.command - simulate(loop, s);
-    if (!driver->knows_motion) continue;
-    out.back().position = out.back().loop_position;
-    out.back().velocity = measured_velocity(out.back().position, s.sample_time_s, 0);
+    if (driver->knows_motion) {
+      out.back().position = out.back().loop_position;
+      out.back().velocity = measured_velocity(out.back().position, s.sample_time_s, 0);
+    }
+    add_demand(loop, out.back());
   }
   return out;
 }

@@ -259,7 +259,8 @@ class Selection {
     std::vector<std::string> known;
     for (const auto& [id, one] : found_) known.push_back(id);
     std::vector<std::size_t> kinds =
-        candidates_of(current_.structure, known, options_.leave_out, Channels(search_.recorded()));
+        candidates_of(current_.structure, known, options_.leave_out,
+                      Channels(search_.recorded(), options_.encoder_in_loop));
     std::erase_if(kinds, [&](std::size_t kind) { return rejected_.count(kind) > 0; });
     std::vector<Screened> promising = search_.screen(current_, kinds);
     std::erase_if(promising,

@@ -274,7 +274,9 @@ std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const Se
   std::vector<Doubt> doubts;
   TestSizes sizes;
   sizes.encoder_step = noise_floor(axis.segments).encoder_step;
-  for (const Cause& cause : diagnosis.causes) {
+  std::vector<Cause> all = diagnosis.causes;
+  all.insert(all.end(), diagnosis.suspected.begin(), diagnosis.suspected.end());
+  for (const Cause& cause : all) {
     for (const std::string& rival : cause.ambiguous_with) doubts.push_back({cause.id, rival});
     if (cause.ambiguous_with.empty() && cause.confidence < kUnsure)
       doubts.push_back({cause.id, ""});

@@ -110,6 +110,7 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
     Signals signals = signals_of(s);
     signals.position = s.command - simulate(model, s);
     signals.velocity = measured_velocity(signals.position, s.sample_time_s, 0);
+    add_demand(model, signals);
     out.push_back(std::move(signals));
   }
   return out;

@@ -127,6 +127,11 @@ Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Inde
   m.tracking_error = command.value(k) - x(k);
   m.time_s = s.start_s + s.h * static_cast<double>(k);
   if (s.in_cut.size() > 0) m.in_cut = s.in_cut(k);
+  if (s.demand.size() > 0) {
+    m.demand = s.demand(k);
+    m.demand_rate = s.demand_rate(k);
+    m.demand_damping = s.demand_damping(k);
+  }
   if (s.neighbour_acceleration.size() > 0) m.neighbour_acceleration = s.neighbour_acceleration(k);
   return m;
 }

@@ -19,6 +19,24 @@ Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h, int h
   return velocity;
 }
 
+void add_demand(const Model& model, Signals& s) {
+  const auto& c = model.loop.numerator;
+  const auto& a = model.loop.denominator;
+  const Spline command = Spline::through(s.command.delayed(model.command_delay_s()), s.h);
+  const Eigen::ArrayXd error = command.value - s.position;
+  s.demand = (1.0 - c[0]) * command.second - c[1] * command.first +
+             a[0] * (command.first - s.velocity) + a[1] * error;
+  s.demand_rate = s.demand_damping = Eigen::ArrayXd::Zero(s.size());
+  if (model.loop.order != 3) return;
+  s.demand_damping = a[0] * (command.first - s.velocity);
+  s.demand_rate = a[2] * error - c[2] * command.first;
+  double integral = 0.0;
+  for (Eigen::Index k = 1; k < s.size(); ++k) {
+    integral += 0.5 * s.h * (s.demand_rate(k - 1) + s.demand_rate(k));
+    s.demand(k) += integral;
+  }
+}
+
 Signals signals_of(const Segment& segment, int half_window) {
   Signals s;
   s.h = segment.sample_time_s;
@@ -53,6 +71,9 @@ Signals decimated(const Signals& signals, int every) {
   s.loop_position = thin(signals.loop_position);
   s.in_cut = thin(signals.in_cut);
   s.neighbour_acceleration = thin(signals.neighbour_acceleration);
+  s.demand = thin(signals.demand);
+  s.demand_rate = thin(signals.demand_rate);
+  s.demand_damping = thin(signals.demand_damping);
   s.lead = (signals.lead + every - 1) / every;
   return s;
 }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "twin/hold.h"
+#include "twin/model.h"
 #include "twin/sample.h"
 
 namespace servotwin {
@@ -23,6 +24,7 @@ struct Signals {
   Eigen::ArrayXd loop_position;
   Eigen::ArrayXd in_cut;                  ///< as of the segment
   Eigen::ArrayXd neighbour_acceleration;  ///< commanded, of another axis; empty: none known
+  Eigen::ArrayXd demand, demand_rate, demand_damping;  ///< as of a Motion; empty: no loop is known
 
   Eigen::Index lead = 0;  ///< as of the segment
 
@@ -33,6 +35,10 @@ struct Signals {
 [[nodiscard]] Signals signals_of(const Segment& segment, int half_window = 5);
 /// The same with every `every`-th sample: for a coarse search. The velocity is taken before.
 [[nodiscard]] Signals decimated(const Signals& signals, int every);
+
+/// Adds what the control of this model's loop asks of the motor along the signals' motion
+/// (docs/theory.md 3.11), as Twin::demand has it along its own.
+void add_demand(const Model& model, Signals& signals);
 
 /// Central difference (ends 0), then a centred mean of 2 m + 1 samples that shrinks at the ends.
 [[nodiscard]] Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h,

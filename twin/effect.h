@@ -38,6 +38,11 @@ struct Motion {
   double time_s = 0.0;                  ///< in the recording [s]
   double neighbour_acceleration = 0.0;  ///< commanded, of another axis; 0 where none is known
   double in_cut = 0.0;                  ///< 1 while the tool cuts; 0 where that is not known
+  /// What the control asks of the motor, over the moved mass [m/s^2 | rad/s^2]; 0 where not known.
+  double demand = 0.0;
+  /// What an integrator of the control adds to it per second by the position, and what the control
+  /// asks for by the velocity, which the integrator sees as well; 0 without one.
+  double demand_rate = 0.0, demand_damping = 0.0;
 };
 
 /// Where an effect enters: as a disturbance force, by delaying the command against the feedback, or
@@ -52,7 +57,7 @@ enum class Scan {
   kFrequency,     ///< frequencies, up to a fifth of the sampling rate
   kTime,          ///< the time of the recording
   kMoments,       ///< the moments at which most is left, this and the next parameters together
-  kAcceleration,  ///< shares of the largest commanded acceleration
+  kDemand,        ///< shares of the largest demand
 };
 
 struct Identity {

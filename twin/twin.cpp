@@ -99,6 +99,7 @@ void Twin::start(double command, double time_s) noexcept {
   const auto miss_at = [&](double trial) {
     rest.tracking_error = give * trial;
     rest.position = command - give * trial;
+    rest.demand = trial;
     copy_memories(memory_, trial_);
     return trial - disturbance(rest, trial_);
   };
@@ -106,6 +107,7 @@ void Twin::start(double command, double time_s) noexcept {
   copy_memories(trial_, memory_);
   for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
   velocity_ = 0.0;
+  demand_ = force_;
   position_ = command - (order_ >= 2 ? z_[static_cast<std::size_t>(order_ - 2)] : 0.0);
   rest.position = position_;
   reading_ = read(rest);
@@ -169,6 +171,17 @@ double Twin::step(const CommandPiece& piece) noexcept {
   }
   error_rate = numerator_[0] * top;
   for (std::size_t i = 1; i < n; ++i) error_rate += numerator_[i] * y[n - i];
+  // What the control asks for: the acceleration of a motor that nothing disturbs and that gives it
+  // all, x_r'' - e'', of which the disturbance itself is no part (docs/theory.md 3.11).
+  double above = piece.end_acceleration - denominator_[0] * top;
+  for (std::size_t i = 1; i < n; ++i) above -= denominator_[n - i] * y[i];
+  double demand_free = piece.end_acceleration - numerator_[0] * above - numerator_[1] * top;
+  for (std::size_t i = 2; i < n; ++i) demand_free -= numerator_[i] * y[n + 1 - i];
+  double demand_given = 0.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    demand_free += denominator_[n - 1 - i] * z[i];
+    demand_given += denominator_[n - 1 - i] * g_end_[i];
+  }
 
   // The motion at the end of the step and the force there depend on each other
   // (docs/theory.md 2.3):
@@ -190,6 +203,11 @@ double Twin::step(const CommandPiece& piece) noexcept {
     m.velocity = velocity_free - g_end_[n - 1] * trial;
     m.displacement = m.position - position_;
     m.tracking_error = piece.end_position - m.position;
+    m.demand = demand_free + demand_given * trial;
+    if (n == 3) {
+      m.demand_rate = denominator_[2] * m.tracking_error - numerator_[2] * piece.end_velocity;
+      m.demand_damping = denominator_[0] * (piece.end_velocity - m.velocity);
+    }
     copy_memories(memory_, trial_);
     return trial - disturbance(m, trial_);
   };
@@ -201,6 +219,7 @@ double Twin::step(const CommandPiece& piece) noexcept {
   force_ = force;
   position_ = m.position;
   velocity_ = m.velocity;
+  demand_ = m.demand;
   reading_ = reading_count_ > 0 ? read(m) : 0.0;
   return error + z[n - 2] - reading_;
 }

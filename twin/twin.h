@@ -38,6 +38,8 @@ class Twin {
   [[nodiscard]] double loop_position() const noexcept { return position_; }
   /// and velocity [m/s | rad/s].
   [[nodiscard]] double velocity() const noexcept { return velocity_; }
+  /// What the control asks of the motor then, over the moved mass [m/s^2 | rad/s^2].
+  [[nodiscard]] double demand() const noexcept { return demand_; }
 
   /// Puts the axis at rest at this command, with constant forces already held by the loop.
   void start(double command, double time_s = 0.0) noexcept;
@@ -78,6 +80,7 @@ class Twin {
   Memories memory_{};
   Memories trial_{};       // of a step that is being solved
   double force_ = 0.0;     // disturbance at the end of the cycle before
+  double demand_ = 0.0;
   double position_ = 0.0;  // simulated position there
   double velocity_ = 0.0;
   double reading_ = 0.0;  // less the position

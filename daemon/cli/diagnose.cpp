@@ -74,6 +74,9 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
   }
+  for (const Cause& cause : diagnosis.suspected)
+    say(people, text("suspected   %-24s sure %.0f %%: too little to name it", cause.id.c_str(),
+                     100.0 * cause.confidence));
   if (const std::string term = not_understood_text(diagnosis); !term.empty())
     say(people, "not known   " + term + ": it predicts and explains nothing");
   if (details) {
@@ -87,6 +90,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
                      1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
   }
   for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
+  for (const NotObservable& one : diagnosis.not_observable)
+    say(people, text("cannot show %-24s ", one.id.c_str()) + one.why);
   if (diagnosis.suggested_test) {
     // A sentence a line.
     std::string words = diagnosis.suggested_test->words;
@@ -219,9 +224,18 @@ Command add_diagnose(CLI::App& app) {
       ->delimiter(',')
       ->check(CLI::IsMember(known_causes()).name(""))
       ->type_name("ID,..");
+  command.add_flag("--encoder-in-loop", arguments->options.encoder_in_loop,
+                   "the recorded encoder is the one that the position loop uses: it cannot show "
+                   "lead_error, thermal_growth or a gap behind it");
   command
-      .add_option("--training-share", arguments->options.identify.training_share,
-                  "share of the data that is fitted (default 0.6); the rest measures the gain")
+      .add_option_function<double>(
+          "--training-share",
+          [arguments](double share) {
+            arguments->options.identify.training_share = share;
+            arguments->options.balance = false;
+          },
+          "share of the data that is fitted (default 0.6 of the time, or of the error where that "
+          "is uneven over the recording); the rest measures the gain")
       ->type_name("SHARE")
       ->check(CLI::Range(0.1, 0.95).name(""));
   command

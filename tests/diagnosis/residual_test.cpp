@@ -62,6 +62,7 @@ TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
     sum += regime.samples;
     time += regime.time_share;
     share += regime.share;
+    if (regime.samples == 0) continue;  // saturation, of which nothing is known here
     EXPECT_DOUBLE_EQ(regime.rms, 1.0);
     EXPECT_DOUBLE_EQ(regime.max, 1.0);
     EXPECT_DOUBLE_EQ(regime.share, regime.time_share);  // a residual of one size everywhere
@@ -158,6 +159,34 @@ TEST(ByRegime, RefusesWhatDoesNotFit) {
                std::invalid_argument);
   EXPECT_THROW((void)by_regime(Eigen::ArrayXd::Zero(3), Eigen::ArrayXd::Zero(3), 0.0),
                std::invalid_argument);
+}
+
+TEST(AtLimit, IsWhereATorqueIsCutOffAndNotWhereItOnlyPeaks) {
+  const Eigen::Index n = 4000;
+  Eigen::ArrayXd sine(n);
+  for (Eigen::Index k = 0; k < n; ++k)
+    sine(k) = 10.0 * std::sin(2.0 * std::numbers::pi * 0.5 * kStep * static_cast<double>(k));
+  EXPECT_EQ(at_limit(sine, kStep).size(), 0);
+  EXPECT_EQ(at_limit(sine.round(), kStep).size(), 0) << "a torque of few digits stays at its peak";
+  EXPECT_EQ(at_limit({}, kStep).size(), 0);
+  // Cut off above only: where the sine is above 8.
+  const Eigen::ArrayXd limit = at_limit(sine.min(8.0), kStep);
+  ASSERT_EQ(limit.size(), n);
+  EXPECT_EQ((limit > 0.0).count(), (sine >= 8.0).count());
+  EXPECT_TRUE(((limit > 0.0) == (sine >= 8.0)).all());
+}
+
+TEST(ByRegime, SaturationComesBeforeAllOthers) {
+  const Eigen::ArrayXd x = out_and_back(1.0);
+  ResidualStretch stretch{x, Eigen::ArrayXd::Ones(x.size()), kStep, 0.0};
+  stretch.saturated = Eigen::ArrayXd::Zero(x.size());
+  stretch.saturated.segment(900, 300).setOnes();  // rest, ramp and constant speed
+  const auto with = by_regime(std::span(&stretch, 1));
+  EXPECT_EQ(of(with, Regime::kSaturation).samples, 300);
+  const auto without = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  EXPECT_EQ(of(without, Regime::kSaturation).samples, 0);
+  EXPECT_NEAR(samples_of(without, Regime::kStandstill) - samples_of(with, Regime::kStandstill), 100,
+              kBlur);
 }
 
 }  // namespace

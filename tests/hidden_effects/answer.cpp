@@ -32,7 +32,7 @@ void read(const nlohmann::json& file, Answer& answer) {
   answer.verdict = file.at("verdict").get<std::string>();
   answer.before_rms = number(file.at("baseline").at("rms_m"));
   answer.after_rms = number(file.at("extended").at("rms_m"));
-  for (const nlohmann::json& cause : file.at("causes")) {
+  const auto one = [](const nlohmann::json& cause) {
     NamedCause named;
     named.id = cause.at("id").get<std::string>();
     named.confidence = number(cause.at("confidence"));
@@ -40,8 +40,10 @@ void read(const nlohmann::json& file, Answer& answer) {
     for (const auto& [key, value] : cause.at("parameters").items()) {
       if (value.is_number()) named.parameters[key] = value.get<double>();
     }
-    answer.causes.push_back(named);
-  }
+    return named;
+  };
+  for (const nlohmann::json& cause : file.at("causes")) answer.causes.push_back(one(cause));
+  for (const nlohmann::json& cause : file.at("suspected")) answer.suspected.push_back(one(cause));
 }
 
 /// `diagnosis` is what is timed.

@@ -20,7 +20,7 @@ struct NamedCause {
 struct Answer {
   std::string failure;  ///< what was thrown; empty: there is an answer
   std::string verdict;  ///< of the contract
-  std::vector<NamedCause> causes;
+  std::vector<NamedCause> causes, suspected;
   double before_rms = 0.0, after_rms = 0.0;  ///< on the hold-out, baseline and extended [m]
   double seconds = 0.0;                      ///< of the processor, for the diagnosis alone
   double wall_seconds = 0.0;                 ///< the same by the clock

@@ -363,6 +363,9 @@ void print_line(const Outcome& o, std::ostream& out) {
     for (const auto& [key, value] : cause.parameters) line << ' ' << key << ' ' << value;
     line << " )";
   }
+  for (const NamedCause& cause : o.answer.suspected)
+    line << " suspected " << cause.id << ' ' << cause.confidence
+         << (o.made.owns(cause.id) ? " own" : "");
   line << " | rms " << 1e6 * o.answer.before_rms << " -> " << 1e6 * o.answer.after_rms
        << " um, noise " << 1e6 * o.made.noise_rms << " | " << o.answer.seconds << " s | "
        << o.made.machine;

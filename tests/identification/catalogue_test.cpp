@@ -78,6 +78,8 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     signals.in_cut = segment.in_cut;
     signals.neighbour_acceleration = Spline::through(segment.neighbour, h).second;
     signals.velocity = Eigen::ArrayXd::Zero(3000);
+    signals.demand = Eigen::ArrayXd::Constant(3000, twin.demand());
+    signals.demand_rate = signals.demand_damping = Eigen::ArrayXd::Zero(3000);
     for (Eigen::Index k = 1; k < 3000; ++k) {
       CommandPiece piece{motion.first(k - 1),
                          motion.second(k - 1),
@@ -91,6 +93,12 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
       signals.position(k) = twin.loop_position();
       reading(k) = twin.position();
       signals.velocity(k) = twin.velocity();
+      signals.demand(k) = twin.demand();
+      if (order == 3) {
+        signals.demand_damping(k) = model.loop.denominator[0] * (motion.first(k) - twin.velocity());
+        signals.demand_rate(k) = model.loop.denominator[2] * (delayed(k) - twin.loop_position()) -
+                                 model.loop.numerator[2] * motion.first(k);
+      }
     }
     const Eigen::ArrayXd error = segment.command - reading;
     signals.error = error;
@@ -123,6 +131,50 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
   }
 }
 
+/// The demand along a motion is the one that the twin has, to the rule by which it is integrated.
+TEST(Demand, IsTheTwinsOwnAlongItsMotion) {
+  const double h = 1e-3;
+  for (const int order : {2, 3}) {
+    Model model;
+    model.sample_time_s = h;
+    model.loop.order = order;
+    model.loop.denominator = denominator_of({8.0 * kTwoPi, 25.0 * kTwoPi, 0.5}, order);
+    model.loop.numerator = {0.4, 0.3 * model.loop.denominator[0],
+                            order == 3 ? 0.2 * model.loop.denominator[1] : 0.0};
+    Effect friction = make_effect<CoulombFriction>();
+    friction.shape[0] = 1e-3;
+    friction.coefficient[0] = 0.4;
+    model.effects = {friction};
+    Segment segment;
+    segment.sample_time_s = h;
+    segment.command.resize(3000);
+    for (Eigen::Index k = 0; k < 3000; ++k) {
+      const double t = std::max(0.0, h * static_cast<double>(k) - 0.05);
+      segment.command(k) = 0.02 * std::pow(std::sin(kTwoPi * 0.8 * t), 3) * std::min(1.0, t);
+    }
+    const Spline motion = Spline::through(segment.command, h);
+    Twin twin(model);
+    twin.start(segment.command(0));
+    Eigen::ArrayXd position = Eigen::ArrayXd::Constant(3000, twin.position()),
+                   velocity = Eigen::ArrayXd::Zero(3000),
+                   demand = Eigen::ArrayXd::Constant(3000, twin.demand());
+    for (Eigen::Index k = 1; k < 3000; ++k) {
+      twin.step({motion.first(k - 1), motion.second(k - 1), motion.third(k - 1), segment.command(k),
+                 motion.first(k), motion.second(k)});
+      position(k) = twin.position();
+      velocity(k) = twin.velocity();
+      demand(k) = twin.demand();
+    }
+    segment.actual = position;
+    Signals signals = signals_of(segment);
+    signals.velocity = velocity;
+    add_demand(model, signals);
+    const Eigen::ArrayXd along = signals.demand;
+    EXPECT_LT((along - demand).abs().maxCoeff(), order == 2 ? 1e-9 : 1e-3 * demand.abs().maxCoeff())
+        << "order " << order;
+  }
+}
+
 TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
   const std::size_t kind = std::get<0>(GetParam());
   using Jet = ceres::Jet<double, kMaxShapes>;
@@ -143,6 +195,9 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       m.command_acceleration = 10.0 * uniform(rng);
       m.tracking_error = 1e-4 * uniform(rng);
       m.neighbour_acceleration = uniform(rng);
+      m.demand = 0.2 * uniform(rng);
+      m.demand_rate = uniform(rng);
+      m.demand_damping = 0.01 * uniform(rng);
       m.time_s = 0.5 + 0.4 * uniform(rng);
     }
     std::array<Jet, kMaxShapes> shape{};

@@ -161,19 +161,42 @@ TEST(Onset, EffectsOfAMomentAreNotThereBeforeIt) {
 
 TEST(TorqueSaturation, IsWhatTheDemandExceedsTheLimitBy) {
   Effect effect = make_effect<TorqueSaturation>();
-  effect.shape = {2.0, 0.5};
-  effect.coefficient = {1.0};
+  effect.shape = {2.0, 60.0, 0.5};
+  effect.coefficient = {0.5};
   Along along(effect);
-  const auto at = [&](double acceleration, double velocity) {
+  const auto at = [&](double demand) {
     Motion m;
-    m.command_acceleration = acceleration;
-    m.command_velocity = velocity;
+    m.demand = demand;
     return along(m);
   };
-  EXPECT_EQ(at(1.4, 0.1), 0.0);
-  EXPECT_DOUBLE_EQ(at(1.8, 0.1), 0.3);  // friction takes 0.5 of it
-  EXPECT_EQ(at(-1.8, 0.1), 0.0);        // and helps to brake
-  EXPECT_DOUBLE_EQ(at(-1.8, -0.1), -0.3);
+  EXPECT_EQ(at(1.9), 0.0);
+  EXPECT_DOUBLE_EQ(at(2.6), 0.3);
+  EXPECT_EQ(at(-1.9), 0.0);
+  EXPECT_DOUBLE_EQ(at(-2.6), -0.3);
+  Motion creeping;
+  creeping.demand = 1.9;
+  creeping.velocity = 0.4;  // viscous friction takes 0.2
+  EXPECT_NEAR(along(creeping), 0.05, 1e-15);
+}
+
+TEST(TorqueSaturation, HoldsTheIntegratorWhileThatLeadsFurtherBeyond) {
+  Effect effect = make_effect<TorqueSaturation>();
+  effect.shape = {2.0, 60.0, 0.5};
+  effect.coefficient = {1.0};
+  Along along(effect);
+  Motion m;
+  m.step_s = 0.01;
+  m.demand_damping = 0.05;  // 3 m/s^3 by 1/Ti
+  const auto at = [&](double demand, double rate) {
+    m.demand = demand;
+    m.demand_rate = rate;
+    return along(m);
+  };
+  EXPECT_EQ(at(1.0, 2.0), 0.0) << "below the limit nothing is held";
+  EXPECT_DOUBLE_EQ(at(2.5, 2.0), 0.5);
+  // 0.05 are held from now on: of 2.5 the control asks for 2.45.
+  EXPECT_DOUBLE_EQ(at(2.5, -5.0), 0.45 + 0.05) << "what leads back is not held";
+  EXPECT_DOUBLE_EQ(at(1.0, 2.0), 0.05) << "and what was held stays away";
 }
 
 TEST(DwellStiction, GrowsWithTheLogarithmOfTheRestAndIsLostWithTravel) {

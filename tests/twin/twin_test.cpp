@@ -254,5 +254,83 @@ TEST(Twin, RefusesAModelByTheNameOfTheField) {
   EXPECT_EQ(why(plain_drive(1e-3)), "accepted");
 }
 
+/// What the control asks for and what the axis does, of a motion of up to 8 m/s^2.
+struct Asked {
+  Eigen::ArrayXd demand, position, command, velocity;
+};
+Asked asked_of(const Model& m, double seconds) {
+  Twin twin(m);
+  twin.start(0.0);
+  const auto n = static_cast<Eigen::Index>(std::lround(seconds / m.sample_time_s));
+  Asked out{Eigen::ArrayXd(n), Eigen::ArrayXd(n), Eigen::ArrayXd(n), Eigen::ArrayXd(n)};
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const double t = m.sample_time_s * static_cast<double>(k);
+    const double w = kTwoPi * 2.0;
+    out.command(k) = 8.0 / (w * w) * (w * t - std::sin(w * t));
+    twin.follow(out.command(k));
+    out.demand(k) = twin.demand();
+    out.position(k) = twin.position();
+    out.velocity(k) = twin.velocity();
+  }
+  return out;
+}
+
+// Newton: x'' = demand - d.
+TEST(Twin, WhatNothingDisturbsAcceleratesAsTheControlAsks) {
+  const double h = 1e-4;
+  for (Model m : {plain_drive(h), integrating_drive(h)}) {
+    m.effects.clear();
+    const Asked asked = asked_of(m, 1.0);
+    for (Eigen::Index k = 2000; k + 2 < asked.demand.size(); ++k) {
+      const double acceleration =
+          (asked.position(k + 1) - 2.0 * asked.position(k) + asked.position(k - 1)) / (h * h);
+      ASSERT_NEAR(acceleration, asked.demand(k), 2e-3) << "order " << m.loop.order << ", " << k;
+    }
+  }
+}
+
+TEST(Twin, AMotorAtItsLimitGivesThatAndNoMoreUntilTheErrorIsMadeGood) {
+  const double h = 1e-4, limit = 8.5, offset = 1.0, reset = 60.0, viscous = 0.1;
+  for (Model m : {plain_drive(h), integrating_drive(h)}) {
+    m.effects.clear();
+    Effect constant = make_effect<ConstantForce>();
+    constant.coefficient[0] = offset;
+    Effect saturation = make_effect<TorqueSaturation>();
+    saturation.shape = {limit, reset, viscous};
+    saturation.coefficient[0] = 1.0;
+    m.effects = {constant, saturation};
+    const Asked asked = asked_of(m, 1.0);
+    const auto& a = m.loop.denominator;
+    Eigen::Index limited = 0, beyond = 0;
+    double held = 0.0;
+    for (Eigen::Index k = 2; k + 2 < asked.demand.size(); ++k) {
+      const double acceleration =
+          (asked.position(k + 1) - 2.0 * asked.position(k) + asked.position(k - 1)) / (h * h);
+      const double t = h * static_cast<double>(k), w = kTwoPi * 2.0;
+      const double speed = 8.0 / w * (1.0 - std::cos(w * t));
+      const double drag = viscous * asked.velocity(k);
+      double wanted = asked.demand(k) - held + drag;
+      if (m.loop.order == 3 && std::abs(wanted) > limit) {
+        const double rate = a[2] * (asked.command(k) - asked.position(k)) -
+                            m.loop.numerator[2] * speed +
+                            reset * a[0] * (speed - asked.velocity(k));
+        if (rate * wanted > 0.0) held += h * rate;
+      }
+      // A corner of the force within three samples is seen as a mean.
+      const bool corner = std::abs(std::abs(wanted) - limit) < 1.0;
+      if (!corner) {
+        ASSERT_NEAR(acceleration + offset + drag, std::clamp(wanted, -limit, limit), 0.05)
+            << "order " << m.loop.order << ", " << k;
+      }
+      if (std::abs(wanted) > limit) {
+        ++limited;
+        beyond += std::abs(8.0 * std::sin(w * t)) + offset < limit ? 1 : 0;
+      }
+    }
+    EXPECT_GT(limited, 500);
+    EXPECT_GT(beyond, 50) << "the error that was left is asked for after the command";
+  }
+}
+
 }  // namespace
 }  // namespace servotwin

@@ -1,7 +1,13 @@
-// A motor that cannot give what the acceleration needs.
+// A motor that cannot give what the control asks for.
 //
-//   demand = x_r'' + drag sgn(x_r');   d = share (demand - limit)  above the limit, and likewise
-//   below its negative
+//   asked = demand - held + viscous x',   d = share (asked - limit + held)  above the limit,
+//   likewise below its negative, and share held between them;   held' = a3 e - c2 x_r' + reset a1
+//   e'  while that leads further beyond
+//
+// The demand is the loop's own, with what friction and the tracking error add to the commanded
+// acceleration, so that the limit is met for as long as the error takes to be made good. A control
+// holds its integrator meanwhile, which the linear loop does not: `held` is what that would have
+// added, reset = 1/Ti of a PI velocity control.
 #pragma once
 
 #include <array>
@@ -13,28 +19,35 @@ namespace servotwin {
 struct TorqueSaturation {
   static constexpr Identity kIdentity{
       .id = "torque_saturation",
-      .meaning = "acceleration beyond what the motor can give",
+      .meaning = "more asked for than the motor can give",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
       .confused = "gain_change and feedforward_mismatch, which small accelerations show as well",
       .cause = "torque_saturation",
       .check = "acceleration limits of the program against what the motor gives"};
-  static constexpr std::array<Parameter, 2> kShapes{
+  static constexpr std::array<Parameter, 3> kShapes{
       {{"limit_mps2", "m/s^2", 0.01, 1000.0, 1.0, "acceleration that the motor can give", true,
-        false, Scan::kAcceleration},
-       {"drag_mps2", "m/s^2", 1e-3, 100.0, 0.1, "of it that friction takes"}}};
+        false, Scan::kDemand},
+       {"reset", "1/s", 0.1, 1000.0, 60.0, "of the velocity control's integrator, 1/Ti"},
+       {"viscous", "1/s", 1e-3, 100.0, 0.3,
+        "viscous friction that the motor has to give as well, which the poles hold"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"share", "1", -10.0, 10.0, 0.0, "of the acceleration beyond the limit that is missing"}}};
+      {{"share", "1", -10.0, 10.0, 0.0, "of the demand beyond the limit that is missing"}}};
   template <class T>
-  using Memory = NoMemory;
+  struct Memory {
+    explicit Memory(const T* /*shape*/) {}
+    T held = T(0.0);
+  };
 
   template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
-                          T* force) noexcept {
-    const double sign = m.command_velocity > 0.0 ? 1.0 : (m.command_velocity < 0.0 ? -1.0 : 0.0);
-    const T demand = m.command_acceleration + sign * shape[1];
-    force[0] =
-        demand > shape[0] ? demand - shape[0] : (demand < -shape[0] ? demand + shape[0] : T(0.0));
+  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+    const T asked = m.demand - memory.held + shape[2] * m.velocity;
+    const T missing = asked > shape[0]    ? asked - shape[0]
+                      : asked < -shape[0] ? asked + shape[0]
+                                          : T(0.0);
+    force[0] = missing + memory.held;
+    const T rate = m.demand_rate + shape[1] * m.demand_damping;
+    if (rate * missing > T(0.0)) memory.held += m.step_s * rate;
   }
 };
 

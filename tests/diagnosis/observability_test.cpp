@@ -1,0 +1,74 @@
+// What a recording cannot show is said with its reason; what it can show is not.
+#include "diagnosis/observability.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace servotwin {
+namespace {
+
+constexpr double kH = 1e-3;
+
+/// `duration_s` of there and back with rests, or in one direction only.
+SegmentedAxis axis(double duration_s, bool one_way) {
+  const auto n = static_cast<Eigen::Index>(duration_s / kH);
+  Segment s;
+  s.sample_time_s = kH;
+  s.command.resize(n);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const double t = kH * static_cast<double>(k), u = t - std::floor(t);
+    const double move = 0.05 * (1.0 - std::cos(std::numbers::pi * std::min(1.0, u / 0.8)));
+    const bool back = static_cast<int>(t) % 2 == 1 && !one_way;
+    s.command(k) = one_way ? 0.1 * std::floor(t) + move : (back ? 0.1 - move : move);
+  }
+  s.actual = s.command;
+  SegmentedAxis out;
+  out.axis = "X";
+  out.sample_time_s = kH;
+  out.segments = {s};
+  return out;
+}
+
+bool says(const std::vector<NotObservable>& all, const std::string& id) {
+  return std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.id == id; });
+}
+
+TEST(NotObservable, WithoutItsSensor) {
+  SegmentedAxis plain = axis(20.0, false);
+  const auto all = not_observable(plain, {});
+  EXPECT_TRUE(says(all, "cross_coupling"));
+  EXPECT_TRUE(says(all, "cutting_force"));
+  EXPECT_TRUE(says(all, "feedforward_mismatch"));
+  EXPECT_EQ(all.size(), 3U);
+  for (const NotObservable& one : all) EXPECT_FALSE(one.why.empty());
+
+  plain.segments.front().neighbour = plain.segments.front().command;
+  EXPECT_TRUE(not_observable(plain, {.earlier_model = true, .cuts_heard = true}).empty());
+}
+
+TEST(NotObservable, BehindTheLoop) {
+  SegmentedAxis plain = axis(20.0, false);
+  const auto in_loop = not_observable(plain, {.encoder_in_loop = true, .integrator = true});
+  EXPECT_TRUE(says(in_loop, "lead_error"));
+  EXPECT_TRUE(says(in_loop, "thermal_growth"));
+  EXPECT_TRUE(says(in_loop, "gravity_offset"));
+  EXPECT_FALSE(says(in_loop, "encoder_error")) << "the loop follows it";
+  EXPECT_FALSE(says(in_loop, "cogging"));
+}
+
+TEST(NotObservable, WithoutItsMotion) {
+  const auto one_way = not_observable(axis(20.0, true), {});
+  for (const char* id : {"presliding", "backlash", "asymmetric_friction"})
+    EXPECT_TRUE(says(one_way, id)) << id;
+  EXPECT_FALSE(says(one_way, "dwell_stiction"));
+  const auto brief = not_observable(axis(6.0, false), {});
+  EXPECT_TRUE(says(brief, "viscous_drift"));
+  EXPECT_TRUE(says(brief, "thermal_growth"));
+  EXPECT_FALSE(says(brief, "presliding"));
+}
+
+}  // namespace
+}  // namespace servotwin
