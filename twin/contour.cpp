@@ -1,0 +1,122 @@
+#include "twin/contour.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace servotwin {
+namespace {
+
+PathPoint minus(const PathPoint& a, const PathPoint& b) noexcept {
+  PathPoint out;
+  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out[i] = a[i] - b[i];
+  return out;
+}
+
+double dot(const PathPoint& a, const PathPoint& b) noexcept {
+  double out = 0.0;
+  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out += a[i] * b[i];
+  return out;
+}
+
+double length(const PathPoint& a) noexcept { return std::sqrt(dot(a, a)); }
+
+bool finite(const PathPoint& a) noexcept {
+  return std::all_of(a.begin(), a.end(), [](double x) { return std::isfinite(x); });
+}
+
+}  // namespace
+
+/// The nearest point so far, with the direction of travel there.
+class ContourError::Nearest {
+ public:
+  Nearest(const PathPoint& point, const PathPoint& first) noexcept
+      : point_(point), from_path_(minus(point, first)), square_(dot(from_path_, from_path_)) {}
+
+  /// Looks at `from` + t `along`, t = 0..`most`.
+  void look(const PathPoint& from, const PathPoint& along, double most) noexcept {
+    const double square = dot(along, along);
+    if (square == 0.0) return;
+    const PathPoint seen = minus(point_, from);
+    const double t = std::clamp(dot(seen, along) / square, 0.0, most);
+    PathPoint rest;
+    for (std::size_t i = 0; i < kMaxPathAxes; ++i) rest[i] = seen[i] - t * along[i];
+    const double distance = dot(rest, rest);
+    // The first direction also where another point is not nearer: a corner has two.
+    if (distance < square_ || !directed_) {
+      along_ = along;
+      directed_ = true;
+    }
+    if (distance < square_) {
+      from_path_ = rest;
+      square_ = distance;
+    }
+  }
+
+  [[nodiscard]] double distance() const noexcept { return std::sqrt(square_); }
+  /// The axes 0 and 1: P is on the left of the direction of travel.
+  [[nodiscard]] bool left() const noexcept {
+    return along_[0] * from_path_[1] - along_[1] * from_path_[0] > 0.0;
+  }
+
+ private:
+  PathPoint point_, from_path_;
+  double square_;
+  PathPoint along_{};
+  bool directed_ = false;
+};
+
+void ContourError::move(const PathPoint& command) noexcept {
+  if (!finite(command)) {
+    forget();
+    return;
+  }
+  if (corners_ == 0) {
+    moves_ = false;
+  } else {
+    const PathPoint& last = corner(corners_ - 1);
+    moves_ = command != last;
+    if (!moves_) return;
+    // The last corner goes along until it is far enough from the one before.
+    if (corners_ > 1 && length(minus(last, corner(corners_ - 2))) < kResolution) --corners_;
+  }
+  path_[corners_ % kCorners] = command;
+  ++corners_;
+}
+
+double ContourError::of(const PathPoint& point, std::span<const PathPoint> ahead) const noexcept {
+  if (corners_ == 0 || !finite(point)) return kAbsent;
+  const PathPoint& here = corner(corners_ - 1);
+  Nearest nearest(point, here);
+  const double reach = kReach * nearest.distance();
+
+  double way = 0.0;
+  const std::uint64_t kept = std::min<std::uint64_t>(corners_, kCorners);
+  std::uint64_t last = corners_ - 1;
+  for (; last > corners_ - kept && way <= reach; --last) {
+    const PathPoint along = minus(corner(last), corner(last - 1));
+    nearest.look(corner(last - 1), along, 1.0);
+    way += length(along);
+  }
+  const bool forgotten = way <= reach && last > 0;  // there was more of it
+  if (forgotten && length(minus(point, corner(last))) <= nearest.distance()) return kAbsent;
+
+  way = 0.0;
+  PathPoint from = here;
+  PathPoint along{};
+  if (moves_) along = minus(here, corner(corners_ - 2));
+  for (const PathPoint& next : ahead) {
+    if (way > reach || !finite(next)) break;
+    along = minus(next, from);
+    nearest.look(from, along, 1.0);
+    way += length(along);
+    from = next;
+  }
+  // A point beyond the end is the nearest only where the path goes on to it.
+  if (way <= reach) nearest.look(from, along, HUGE_VAL);
+
+  const double distance = nearest.distance();
+  if (!std::isfinite(distance)) return kAbsent;  // of a command beyond all bounds
+  return axes_ == 2 && nearest.left() ? -distance : distance;
+}
+
+}  // namespace servotwin
