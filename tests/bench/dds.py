@@ -212,7 +212,14 @@ def beside_ddsperf(build, scratch, load=Load(), seconds=SECONDS):
 def on_one_core(build, scratch, loads, seconds):
     """Every load with the daemon on a core of its own."""
     domain = domain_of_this_run()
-    return {load: through_the_daemon(build, scratch, domain, load, seconds, CORE) for load in loads}
+    runs = {}
+    for load in loads:
+        if sys.stderr.isatty():
+            print(f"\r  {len(runs) + 1} of {len(loads)}: {load}   ", end="", file=sys.stderr)
+        runs[load] = through_the_daemon(build, scratch, domain, load, seconds, CORE)
+    if sys.stderr.isatty():
+        print("\r" + " " * 40, end="\r", file=sys.stderr)
+    return runs
 
 
 def cycle_us(load):
