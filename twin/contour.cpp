@@ -53,6 +53,12 @@ class ContourError::Nearest {
   }
 
   [[nodiscard]] double distance() const noexcept { return std::sqrt(square_); }
+  /// By how much a point is further away than the nearest one.
+  [[nodiscard]] double further(const PathPoint& other) const noexcept {
+    const PathPoint way = minus(point_, other);
+    const double square = dot(way, way);
+    return square > square_ ? std::sqrt(square) - distance() : 0.0;
+  }
   /// The axes 0 and 1: P is on the left of the direction of travel.
   [[nodiscard]] bool left() const noexcept {
     return along_[0] * from_path_[1] - along_[1] * from_path_[0] > 0.0;
@@ -70,40 +76,44 @@ void ContourError::move(const PathPoint& command) noexcept {
     forget();
     return;
   }
-  if (corners_ == 0) {
-    moves_ = false;
-  } else {
-    const PathPoint& last = corner(corners_ - 1);
-    moves_ = command != last;
+  double way = 0.0;
+  moves_ = corners_ > 0 && command != corner(corners_ - 1).at;
+  if (corners_ > 0) {
     if (!moves_) return;
     // The last corner goes along until it is far enough from the one before.
-    if (corners_ > 1 && length(minus(last, corner(corners_ - 2))) < kResolution) --corners_;
+    const bool goes_along =
+        corners_ > 1 && corner(corners_ - 1).way - corner(corners_ - 2).way < kResolution;
+    if (goes_along) --corners_;
+    const Corner& before = corner(corners_ - 1);
+    way = before.way + length(minus(command, before.at));
   }
-  path_[corners_ % kCorners] = command;
+  path_[corners_ % kCorners] = {command, way};
   ++corners_;
 }
 
 double ContourError::of(const PathPoint& point, std::span<const PathPoint> ahead) const noexcept {
   if (corners_ == 0 || !finite(point)) return kAbsent;
-  const PathPoint& here = corner(corners_ - 1);
-  Nearest nearest(point, here);
+  const Corner& here = corner(corners_ - 1);
+  Nearest nearest(point, here.at);
   const double reach = kReach * nearest.distance();
 
-  double way = 0.0;
-  const std::uint64_t kept = std::min<std::uint64_t>(corners_, kCorners);
-  std::uint64_t last = corners_ - 1;
-  for (; last > corners_ - kept && way <= reach; --last) {
-    const PathPoint along = minus(corner(last), corner(last - 1));
-    nearest.look(corner(last - 1), along, 1.0);
-    way += length(along);
+  const std::uint64_t oldest = corners_ - std::min<std::uint64_t>(corners_, kCorners);
+  std::uint64_t at = corners_ - 1;
+  while (at > oldest && here.way - corner(at).way <= reach) {
+    const PathPoint& from = corner(at - 1).at;
+    nearest.look(from, minus(corner(at).at, from), 1.0);
+    --at;
+    // By the way along the path it can come nearer, and by no more; so much of it is passed over.
+    const double until = corner(at).way - nearest.further(from);
+    while (at > oldest && corner(at - 1).way > until) --at;
   }
-  const bool forgotten = way <= reach && last > 0;  // there was more of it
-  if (forgotten && length(minus(point, corner(last))) <= nearest.distance()) return kAbsent;
+  const bool forgotten = at == oldest && at > 0 && here.way - corner(at).way <= reach;
+  if (forgotten && nearest.further(corner(at).at) <= 0.0) return kAbsent;
 
-  way = 0.0;
-  PathPoint from = here;
+  double way = 0.0;
+  PathPoint from = here.at;
   PathPoint along{};
-  if (moves_) along = minus(here, corner(corners_ - 2));
+  if (moves_) along = minus(from, corner(corners_ - 2).at);
   for (const PathPoint& next : ahead) {
     if (way > reach || !finite(next)) break;
     along = minus(next, from);

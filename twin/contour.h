@@ -52,14 +52,18 @@ class ContourError {
 
  private:
   class Nearest;
-  [[nodiscard]] const PathPoint& corner(std::uint64_t number) const noexcept {
+  struct Corner {
+    PathPoint at{};
+    double way = 0.0;  // along the path since the last gap
+  };
+  [[nodiscard]] const Corner& corner(std::uint64_t number) const noexcept {
     return path_[number % kCorners];
   }
 
   int axes_;
   std::uint64_t corners_ = 0;  // since the last gap; the last one is this cycle's command
   bool moves_ = false;         // the last command was another than the one before
-  std::array<PathPoint, kCorners> path_{};
+  std::array<Corner, kCorners> path_{};
 };
 
 }  // namespace servotwin
