@@ -118,6 +118,21 @@ TEST(ContourError, AtACornerIsThatOfTheNearerLegOrOfTheCornerItself) {
   EXPECT_NEAR(contour.of({1.03e-3, -0.04e-3}, {}), 0.05e-3, 1e-18) << "outside of the corner";
 }
 
+// The path came past the point, went away from it, and comes back: the first look is not the last.
+TEST(ContourError, WhatIsNearerFurtherBackIsFound) {
+  constexpr double kUnit = 1e-5;
+  const std::vector<PathPoint> ends{{15.0, 0.5}, {2.0, 0.5}, {0.0, 13.0}, {0.0, 10.0}};
+  ContourError contour(2);
+  for (std::size_t leg = 1; leg < ends.size(); ++leg) {
+    for (int k = 0; k <= 100; ++k) {
+      const double t = k / 100.0;
+      contour.move(kUnit * ((1.0 - t) * ends[leg - 1] + t * ends[leg]));
+    }
+  }
+  contour.move(kUnit * ends.back());  // it stands, or it would go on to the point
+  EXPECT_NEAR(std::abs(contour.of({0.0, 0.0}, {})), kUnit * std::sqrt(4.25), 1e-17);
+}
+
 TEST(ContourError, APathThatCrossesItselfIsMeasuredWhereTheAxesAre) {
   // A loop of 10 mm, then across its start at a right angle.
   std::vector<PathPoint> path;
