@@ -19,6 +19,7 @@
 #include <atomic>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "daemon/frame_source.h"
 #include "daemon/histogram.h"
@@ -27,6 +28,7 @@
 #include "daemon/ring.h"
 #include "daemon/wake_up.h"
 #include "drivers/messages.h"
+#include "twin/contour.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -95,10 +97,12 @@ class AxisLoop {
 
 class RealTimeLoop {
  public:
-  /// `models`: one per axis; throws std::invalid_argument if that is none or too many. The rings
-  /// and the rest outlive the loop.
+  /// `models`: one per axis; throws std::invalid_argument if that is none or too many. `path`: the
+  /// axes, by number, whose commands draw the path of the contour error; none, or 2 to
+  /// kMaxPathAxes. The rings and the rest outlive the loop.
   RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> models,
-               Ring<MachinePrediction>& predictions, Ring<CycleRow>& rows, const WakeUp& publisher);
+               Ring<MachinePrediction>& predictions, Ring<CycleRow>& rows, const WakeUp& publisher,
+               std::vector<std::size_t> path = {});
 
   /// Until the source ends or `stop` is set.
   void run(FrameSource& source, const std::atomic<bool>& stop) noexcept;
@@ -108,6 +112,7 @@ class RealTimeLoop {
  private:
   enum class Order { kFollows, kAfterGap, kRepeats };
   Order order_of(const MachineFrame& frame) noexcept;
+  [[nodiscard]] double contour_error(const MachineFrame& frame, Order order) noexcept;
 
   std::int64_t cycle_ns_;
   std::span<LatestValue<TwinInForce>> models_;
@@ -116,6 +121,9 @@ class RealTimeLoop {
   const WakeUp& publisher_;
 
   std::array<AxisLoop, kMaxAxes> axes_;
+  std::vector<std::size_t> path_;
+  ContourError contour_;
+  std::array<PathPoint, kMaxLookAhead> path_ahead_{};
   MachineFrame frame_;
   MachinePrediction prediction_;
   CycleRow row_;

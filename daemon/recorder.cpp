@@ -9,6 +9,7 @@
 
 #include "daemon/clock.h"
 #include "drivers/csv.h"
+#include "drivers/text.h"
 
 namespace servotwin {
 namespace {
@@ -156,7 +157,6 @@ void Recorder::keep_within_budget() {
 
 void Recorder::delete_oldest() {
   struct File {
-    int rank;  // 0: no model cites it; 1: one that is not in force any more does; 2: one in force
     std::filesystem::path path;
     double bytes;
   };
@@ -167,40 +167,46 @@ void Recorder::delete_oldest() {
     std::error_code gone;  // somebody else may tidy up here, too
     const auto size = static_cast<double>(entry.file_size(gone));
     if (gone) continue;
-    files.push_back({0, entry.path(), size});
+    files.push_back({entry.path(), size});
     bytes += size;
   }
-  if (bytes <= budget_bytes_ || files.empty()) return;
-  std::sort(files.begin(), files.end(),
-            [](const File& a, const File& b) { return a.path < b.path; });
-  files.pop_back();  // the newest stays
-  const std::map<std::string, bool> cited = cited_ ? cited_() : std::map<std::string, bool>();
-  for (File& file : files) {
-    const auto found = cited.find(file.path.filename());
-    if (found != cited.end()) file.rank = found->second ? 2 : 1;
-  }
-  std::stable_sort(files.begin(), files.end(),
-                   [](const File& a, const File& b) { return a.rank < b.rank; });
-  for (const File& file : files) {
-    if (bytes <= budget_bytes_ || file.rank == 2) break;
-    bytes -= file.bytes;
-    std::filesystem::remove(file.path);
-    const std::lock_guard lock(spans_mutex_);
-    std::erase_if(spans_, [&](const Span& span) { return span.name == file.path.filename(); });
-    if (!deleted_) {
-      events_.note("recording", "",
-                   "the oldest recordings are deleted, to stay within " +
-                       std::to_string(static_cast<long>(budget_bytes_ / 1e6)) + " MB");
+  const double budget = budget_bytes_;
+  std::size_t spared = 0;
+  if (bytes > budget && !files.empty()) {
+    std::sort(files.begin(), files.end(),
+              [](const File& a, const File& b) { return a.path < b.path; });
+    files.pop_back();  // the newest stays
+    const std::set<std::string> cited = cited_ ? cited_() : std::set<std::string>();
+    spared = std::erase_if(files,
+                           [&](const File& file) { return cited.contains(file.path.filename()); });
+    for (const File& file : files) {
+      if (bytes <= budget) break;
+      bytes -= file.bytes;
+      remove(file.path);
     }
-    deleted_ = true;
   }
-  const bool over = bytes > budget_bytes_ && !cited.empty();
+  const bool over = bytes > budget && spared > 0;
   if (over && !spared_) {
-    events_.note(
-        "recording", "",
-        "the recordings that models in force were found on are kept beyond store.recordings_mb");
+    events_.note("recording", "",
+                 "the " + std::to_string(spared) +
+                     " recordings that models were found or judged on are kept beyond "
+                     "store.recordings_mb = " +
+                     number(budget / 1e6) +
+                     "; give more room, or delete by hand what nobody will ask for");
   }
   spared_ = over;
+}
+
+void Recorder::remove(const std::filesystem::path& file) {
+  std::filesystem::remove(file);
+  const std::lock_guard lock(spans_mutex_);
+  std::erase_if(spans_, [&](const Span& span) { return span.name == file.filename(); });
+  if (!deleted_) {
+    events_.note("recording", "",
+                 "the oldest recordings are deleted, to stay within " +
+                     std::to_string(static_cast<long>(budget_bytes_ / 1e6)) + " MB");
+  }
+  deleted_ = true;
 }
 
 }  // namespace servotwin

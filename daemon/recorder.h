@@ -2,11 +2,11 @@
 // alarms and into files.
 //
 // Files: `directory`/recordings/<machine>/<start, UTC>.csv, 30 s each, as every recording of ours;
-// the oldest are deleted when all of them together are larger than the budget, those that models
-// were found on last, and those of models in force never. A file appears when it is complete: a
-// crash loses at most the last 30 s of raw rows, never a model. If the disk refuses, the machine is
-// watched as before, and what was not recorded is counted and said. One worker thread; errors while
-// running are events.
+// the oldest are deleted when all of them together are larger than the budget, but none that a
+// model was found or judged on: where these alone are more than the budget, that is said. A file
+// appears when it is complete: a crash loses at most the last 30 s of raw rows, never a model. If
+// the disk refuses, the machine is watched as before, and what was not recorded is counted and
+// said. One worker thread; errors while running are events.
 #pragma once
 
 #include <atomic>
@@ -14,8 +14,8 @@
 #include <deque>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <mutex>
+#include <set>
 #include <stop_token>
 #include <string>
 #include <utility>
@@ -51,8 +51,8 @@ class Recorder {
   /// The files with rows of this time of the motion memory, also the one that is being collected.
   /// Any thread.
   [[nodiscard]] std::vector<std::string> files_with(double from_s, double until_s) const;
-  /// Asks this which files models cite, and whether they are in force (Store::cited). Before run().
-  void spare(std::function<std::map<std::string, bool>()> cited) { cited_ = std::move(cited); }
+  /// Asks this which files models cite (Store::cited). Before run().
+  void spare(std::function<std::set<std::string>()> cited) { cited_ = std::move(cited); }
   /// Rows that are in no file though they should be. Any thread.
   [[nodiscard]] std::uint64_t rows_not_recorded() const noexcept {
     return not_recorded_.load(std::memory_order_relaxed);  // a number for people; orders nothing
@@ -62,6 +62,7 @@ class Recorder {
   void collect(const CycleRow& row);
   void keep_within_budget();
   void delete_oldest();
+  void remove(const std::filesystem::path& file);
 
   std::filesystem::path directory_;
   std::atomic<double> budget_bytes_;
@@ -79,11 +80,11 @@ class Recorder {
   };
   mutable std::mutex spans_mutex_;
   std::deque<Span> spans_;  // of this run, as long as the files are there
-  std::function<std::map<std::string, bool>()> cited_;
+  std::function<std::set<std::string>()> cited_;
   bool failing_ = false;
   bool over_budget_ = false;  // and nothing could be done about it
   bool deleted_ = false;
-  bool spared_ = false;  // more than the budget, because models in force cite it
+  bool spared_ = false;  // more than the budget, because models cite it
   std::atomic<std::uint64_t> not_recorded_{0};
 };
 

@@ -17,7 +17,8 @@
 namespace servotwin {
 
 struct ConfigChanges {
-  std::vector<std::string> at_once, by_restart;  ///< "store.recordings_mb = 100 (was 1024)"
+  /// "store.recordings_mb = 100 (was 1024)"; of a secret only that it is another.
+  std::vector<std::string> at_once, by_restart;
   /// One line for people.
   [[nodiscard]] std::string text() const;
 };

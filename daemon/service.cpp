@@ -70,6 +70,17 @@ MachineDescription described_by(const Config& config) {
   return machine;
 }
 
+/// The axes that draw the path: the linear ones. Of more than a path can have it is not known
+/// which.
+std::vector<std::size_t> path_of(const MachineDescription& machine) {
+  std::vector<std::size_t> path;
+  for (std::size_t i = 0; i < machine.axes.size(); ++i) {
+    if (!machine.axes[i].rotary) path.push_back(i);
+  }
+  if (path.size() < 2 || path.size() > kMaxPathAxes) path.clear();
+  return path;
+}
+
 struct Input {
   std::unique_ptr<FrameSource> source;
   MachineDescription machine;
@@ -333,8 +344,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   ResidualWatch watch(machine, config.diagnose, events);
 
   // Who works.
-  const auto loop =
-      std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows, predicted);
+  const auto loop = std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows,
+                                                   predicted, path_of(machine));
   Recorder recorder(machine, config.machine, store.directory(), config.store.recordings_mb, rows,
                     memory, watch, events);
   Publisher* to_network = nullptr;

@@ -40,6 +40,16 @@ constexpr const char* kSchema = R"(
 
 std::string system_error(int error) { return std::strerror(error); }
 
+/// The recordings that a stored model cites.
+std::vector<std::string> recordings_of(const nlohmann::json& model) {
+  std::vector<std::string> out;
+  const nlohmann::json data = model.value("data", nlohmann::json::object());
+  for (const nlohmann::json& name : data.value("recordings", nlohmann::json::array())) {
+    if (name.is_string()) out.push_back(name.get<std::string>());
+  }
+  return out;
+}
+
 /// Holds the directory for this process; given back by the kernel when the process ends.
 int lock_directory(const std::filesystem::path& directory) {
   std::error_code error;
@@ -268,8 +278,12 @@ void Store::restore_models() {
                        "(?, ?, ?, ?, ?, ?)");
       insert.bind(entry.path().parent_path().filename()).bind(record.axis);
       insert.bind(std::int64_t{record.version}).bind(record.created);
-      insert.bind("restored from " + entry.path().string()).bind(to_json(record).dump());
-      insert.step("cannot be written");
+      insert.bind("restored from " + entry.path().string());
+      const nlohmann::json json = nlohmann::json::parse(read_text(entry.path()));
+      insert.bind(json.dump()).step("cannot be written");
+      for (const std::string& recording : recordings_of(json))
+        insert_citation(entry.path().parent_path().filename(), record.axis, record.version,
+                        recording);
       ++restored;
     } catch (const std::exception& error) {
       lost_ += "; a model in force is lost, too: " + std::string(error.what());
@@ -362,20 +376,17 @@ void Store::promote(ModelRecord& record, const Event& event,
                    "INSERT INTO models (machine, axis, version, created, reason, json) VALUES (?, "
                    "?, ?, ?, ?, ?)");
   insert.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(stored.created);
-  insert.bind(event.text).bind(to_json(stored).dump()).step("cannot be written");
-  for (const std::string& recording : recordings) {
-    Statement cite(*this,
-                   "INSERT OR IGNORE INTO citations (machine, axis, version, recording) VALUES (?, "
-                   "?, ?, ?)");
-    cite.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(recording);
-    cite.step("cannot be written");
-  }
+  nlohmann::json json = to_json(stored);
+  if (!recordings.empty()) json["data"]["recordings"] = recordings;
+  insert.bind(event.text).bind(json.dump()).step("cannot be written");
+  for (const std::string& recording : recordings)
+    insert_citation(machine_, stored.axis, stored.version, recording);
   insert_event(event);
   // All that could fail for want of space comes before the commit.
   const std::filesystem::path copy = copy_of(machine_, stored.axis);
   std::filesystem::create_directories(copy.parent_path());
   AtomicFile file(copy);
-  file.write(to_json(stored).dump());
+  file.write(json.dump());
   transaction.commit();
   try {
     file.commit();
@@ -385,15 +396,21 @@ void Store::promote(ModelRecord& record, const Event& event,
   record = std::move(stored);
 }
 
-std::map<std::string, bool> Store::cited() const {
+void Store::insert_citation(const std::string& machine, const std::string& axis, int version,
+                            const std::string& recording) const {
+  Statement cite(*this,
+                 "INSERT OR IGNORE INTO citations (machine, axis, version, recording) VALUES (?, "
+                 "?, ?, ?)");
+  cite.bind(machine).bind(axis).bind(std::int64_t{version}).bind(recording);
+  cite.step("cannot be written");
+}
+
+std::set<std::string> Store::cited() const {
   const std::lock_guard lock(mutex_);
-  Statement statement(*this,
-                      "SELECT recording, max(version = (SELECT max(version) FROM models WHERE "
-                      "models.machine = citations.machine AND models.axis = citations.axis)) FROM "
-                      "citations WHERE machine = ? GROUP BY recording");
+  Statement statement(*this, "SELECT DISTINCT recording FROM citations WHERE machine = ?");
   statement.bind(machine_);
-  std::map<std::string, bool> out;
-  while (statement.step("cannot be read")) out[statement.text(0)] = statement.number(1) != 0;
+  std::set<std::string> out;
+  while (statement.step("cannot be read")) out.insert(statement.text(0));
   return out;
 }
 

@@ -5,14 +5,15 @@
 // process per directory, and any number that read.
 //
 // The model in force of every axis is beside the database, too: models/<machine>/<axis>.json. A
-// database that is damaged is put aside, and the models in force come back from there. Errors:
-// std::runtime_error, one line with the file and the reason. Any thread.
+// database that is damaged is put aside, and the models in force come back from there, with the
+// recordings that they cite. Errors: std::runtime_error, one line with the file and the reason. Any
+// thread.
 #pragma once
 
 #include <filesystem>
-#include <map>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -71,11 +72,12 @@ class Store {
   [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis, int most = -1) const;
   /// Stores a model as the axis' next version, with the event that tells of it; version and parent
   /// of `record` are set. When this returns it is on the disk; when it throws nothing has changed.
-  /// `recordings`: the files of recordings/<machine> that it was found and judged on.
+  /// `recordings`: the files of recordings/<machine> that it was found and judged on; its JSON
+  /// names them, too, as data.recordings.
   void promote(ModelRecord& record, const Event& event,
                const std::vector<std::string>& recordings = {});
-  /// The recordings that models were found and judged on, and whether one of these is in force.
-  [[nodiscard]] std::map<std::string, bool> cited() const;
+  /// The recordings that models were found and judged on. Every model is kept, in force or not.
+  [[nodiscard]] std::set<std::string> cited() const;
 
   /// Stores a diagnosis with the event that tells of it, and forgets what is too old.
   void add(const StoredDiagnosis& diagnosis, const Event& event);
@@ -111,6 +113,8 @@ class Store {
   [[noreturn]] void fail(const std::string& what) const;
   void execute(const char* sql) const;
   void insert_event(const Event& event);
+  void insert_citation(const std::string& machine, const std::string& axis, int version,
+                       const std::string& recording) const;
   [[nodiscard]] std::vector<StoredModel> read_models(Statement& statement) const;
 
   std::filesystem::path directory_, file_;

@@ -231,11 +231,13 @@ template class DdsReader<MachinePrediction>;
 template class DdsReader<ModelAnnouncement>;
 template class DdsReader<DiagnosisAnnouncement>;
 template class DdsReader<MachineStatus>;
+template class DdsReader<MachineOffset>;
 template class DdsWriter<MachineFrame>;
 template class DdsWriter<MachineDescription>;
 template class DdsWriter<MachinePrediction>;
 template class DdsWriter<ModelAnnouncement>;
 template class DdsWriter<DiagnosisAnnouncement>;
 template class DdsWriter<MachineStatus>;
+template class DdsWriter<MachineOffset>;
 
 }  // namespace servotwin

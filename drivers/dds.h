@@ -77,7 +77,7 @@ struct ReaderCounts {
 };
 
 /// M is MachineFrame, MachineDescription, MachinePrediction, ModelAnnouncement,
-/// DiagnosisAnnouncement or MachineStatus.
+/// DiagnosisAnnouncement, MachineStatus or MachineOffset.
 template <class M>
 class DdsReader {
  public:

@@ -248,4 +248,28 @@ void Wire<MachineStatus>::encode(const MachineStatus& status, Sample& sample) {
   sample.repeated = status.repeated;
 }
 
+// Others' numbers pass as they are; this one would move an axis.
+bool Wire<MachineOffset>::decode(const Sample& sample, MachineOffset& offset) noexcept {
+  if (sample.axes._length < 1 || sample.axes._length > kMaxAxes) return false;
+  offset.sequence = sample.sequence_number;
+  offset.time_ns = sample.time_ns;
+  offset.axis_count = static_cast<int>(sample.axes._length);
+  for (std::size_t i = 0; i < sample.axes._length; ++i) {
+    const auto& from = sample.axes._buffer[i];
+    if (!std::isfinite(from.offset_m)) return false;
+    offset.axes[i] = {from.offset_m, from.expires_ns, from.send, from.refusal};
+  }
+  return true;
+}
+
+void Wire<MachineOffset>::encode(const MachineOffset& offset, Sample& sample) {
+  sample.sequence_number = offset.sequence;
+  sample.time_ns = offset.time_ns;
+  resize(sample.axes, static_cast<std::size_t>(offset.axis_count), kMaxAxes);
+  for (std::size_t i = 0; i < sample.axes._length; ++i) {
+    const AxisOffset& from = offset.axes[i];
+    sample.axes._buffer[i] = {from.offset, from.expires_ns, from.send, from.refusal};
+  }
+}
+
 }  // namespace servotwin

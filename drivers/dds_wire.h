@@ -64,4 +64,12 @@ struct Wire<MachineStatus> {
   static void encode(const MachineStatus& status, Sample& sample);
 };
 
+template <>
+struct Wire<MachineOffset> {
+  using Sample = servotwin_msgs_Offset;
+  static const Topic& topic() { return topics::kOffset; }
+  static bool decode(const Sample& sample, MachineOffset& offset) noexcept;
+  static void encode(const MachineOffset& offset, Sample& sample);
+};
+
 }  // namespace servotwin

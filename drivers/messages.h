@@ -56,10 +56,26 @@ struct MachinePrediction {
   std::int64_t time_ns = 0;    ///< of the frame
   int axis_count = 0;
   int ahead_count = 0;
-  double contour_error = kAbsent;  ///< where axes form a path
+  double contour_error = kAbsent;  ///< predicted, where axes form a path (twin/contour.h)
   std::array<AxisPrediction, kMaxAxes> axes{};
   std::array<std::array<double, kMaxLookAhead>, kMaxAxes>
       ahead{};  ///< predicted errors of coming cycles
+};
+
+/// What the drive of one axis is to add to its command (ilc/gate.h).
+struct AxisOffset {
+  double offset = 0.0;          ///< [m | rad], finite
+  std::int64_t expires_ns = 0;  ///< when the drive must drop it, by the clock of the frames
+  bool send = false;            ///< false: advice that no drive must apply
+  std::uint32_t refusal = 0;    ///< as the gate numbers them; 0: none
+};
+
+/// The live offsets of one servo cycle.
+struct MachineOffset {
+  std::uint64_t sequence = 0;  ///< of the frame
+  std::int64_t time_ns = 0;    ///< of the frame
+  int axis_count = 0;
+  std::array<AxisOffset, kMaxAxes> axes{};
 };
 
 /// A model that came into force.

@@ -1,6 +1,7 @@
 #include "drivers/toml_section.h"
 
 #include <algorithm>
+#include <cctype>
 #include <optional>
 #include <sstream>
 
@@ -32,6 +33,9 @@ std::string messages(std::span<const ConfigProblem> problems) {
 }
 
 void Problems::add(const toml::source_region& where, std::string what) {
+  // One line each: where a word ends the parser quotes the end of the line, too.
+  std::replace_if(
+      what.begin(), what.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, ' ');
   found_.push_back({file_, static_cast<int>(where.begin.line), static_cast<int>(where.begin.column),
                     std::move(what)});
 }
@@ -43,9 +47,7 @@ void Problems::add(const std::string& key, const toml::node& value, const std::s
   }
   std::ostringstream shown;
   value.visit([&](const auto& node) { shown << node; });
-  std::string text = shown.str();
-  std::replace(text.begin(), text.end(), '\n', ' ');
-  add(value.source(), key + " = " + text + ": " + rule);
+  add(value.source(), key + " = " + shown.str() + ": " + rule);
 }
 
 void Problems::sort() {

@@ -26,6 +26,16 @@ Qos newest_best_effort() {
   return qos;
 }
 
+/// What comes late must not be applied, so it does not come at all.
+Qos newest_while_it_lasts() {
+  Qos qos(dds_create_qos());
+  dds_qset_reliability(qos.get(), DDS_RELIABILITY_BEST_EFFORT, 0);
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, 1);
+  dds_qset_lifespan(qos.get(), kOffsetLifespan_ns);
+  let_one_speak(qos);
+  return qos;
+}
+
 Qos for_late_joiners() {
   Qos qos(dds_create_qos());
   dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
@@ -52,6 +62,7 @@ const Topic kPrediction{"servotwin/prediction", &servotwin_msgs_Prediction_desc,
 const Topic kModel{"servotwin/model", &servotwin_msgs_AxisModel_desc, of_one_daemon};
 const Topic kDiagnosis{"servotwin/diagnosis", &servotwin_msgs_Diagnosis_desc, of_one_daemon};
 const Topic kStatus{"servotwin/status", &servotwin_msgs_Status_desc, of_one_daemon};
+const Topic kOffset{"servotwin/offset", &servotwin_msgs_Offset_desc, newest_while_it_lasts};
 }  // namespace topics
 
 }  // namespace servotwin

@@ -29,9 +29,14 @@ extern const Topic kPrediction;  ///< out: best effort; its writer offers the cy
 extern const Topic kModel;       ///< out: the model in force; reliable, for late joiners
 extern const Topic kDiagnosis;   ///< out: the last diagnosis; reliable, for late joiners
 extern const Topic kStatus;      ///< out: how the daemon is; reliable, for late joiners
+extern const Topic kOffset;      ///< out: best effort, the newest, not older than its lifespan
 }  // namespace topics
 
 /// A daemon that does not show itself for this long is taken for dead [ns].
 inline constexpr dds_duration_t kLivelinessLease_ns = DDS_SECS(2);
+
+/// A live offset that has not been read after this long is of no use to anybody [ns]. When a drive
+/// must drop one that it has says the offset itself, to the cycle.
+inline constexpr dds_duration_t kOffsetLifespan_ns = DDS_MSECS(100);
 
 }  // namespace servotwin

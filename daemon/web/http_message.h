@@ -1,4 +1,5 @@
-// A request and its answer, as the endpoints see them.
+// A request and its answer, as the endpoints see them, and whom a request may be for. Any thread;
+// errors: none.
 #pragma once
 
 #include <map>
@@ -25,5 +26,10 @@ struct HttpResponse {
 
 /// {"schema":"servotwin.error/1","status":..,"error":".."}
 [[nodiscard]] HttpResponse http_error(int status, const std::string& error);
+
+/// Whether a Host field ("mill:8402", "[::1]:8402") is a number or one of `names`, which are in
+/// lower case.
+[[nodiscard]] bool is_for(const std::string& host, const std::vector<std::string>& names);
+[[nodiscard]] std::string in_lower_case(std::string text);
 
 }  // namespace servotwin

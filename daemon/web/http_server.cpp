@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 namespace servotwin {
@@ -24,12 +23,6 @@ constexpr const char* kPageSecurity =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src "
     "'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-std::string lower(std::string text) {
-  std::transform(text.begin(), text.end(), text.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  return text;
-}
-
 std::string header(MHD_Connection* connection, const char* name) {
   const char* value = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
   return value == nullptr ? "" : value;
@@ -38,21 +31,6 @@ std::string header(MHD_Connection* connection, const char* name) {
 MHD_Result add_argument(void* to, MHD_ValueKind, const char* key, const char* value) {
   (*static_cast<std::map<std::string, std::string>*>(to))[key] = value == nullptr ? "" : value;
   return MHD_YES;
-}
-
-/// "host:8402", "[::1]:8402" without the port and the brackets.
-std::string name_in(const std::string& host) {
-  if (!host.empty() && host.front() == '[') {
-    const std::size_t end = host.find(']');
-    return end == host.npos ? "" : host.substr(1, end - 1);
-  }
-  return host.substr(0, host.find(':'));
-}
-
-bool is_number(const std::string& host) {
-  unsigned char bytes[sizeof(in6_addr)];
-  return inet_pton(AF_INET, host.c_str(), bytes) == 1 ||
-         inet_pton(AF_INET6, host.c_str(), bytes) == 1;
 }
 
 int listening_socket(const ListenAddress& address, std::uint16_t& port) {
@@ -84,13 +62,6 @@ int listening_socket(const ListenAddress& address, std::uint16_t& port) {
 }
 
 }  // namespace
-
-HttpResponse http_error(int status, const std::string& error) {
-  const nlohmann::json json{{"schema", "servotwin.error/1"}, {"status", status}, {"error", error}};
-  // What was asked for may be quoted, and may be anything.
-  return {status, "application/json",
-          json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
-}
 
 /// Who reads the live stream.
 struct HttpServer::Reader {
@@ -145,9 +116,10 @@ struct HttpServer::Callbacks {
 HttpServer::HttpServer(const ListenAddress& address, std::vector<std::string> names,
                        Handler handler)
     : address_(address), names_(std::move(names)), handler_(std::move(handler)) {
-  for (std::string& name : names_) name = lower(name);
+  for (std::string& name : names_) name = in_lower_case(name);
   char host[256] = "";
-  if (gethostname(host, sizeof host - 1) == 0 && host[0] != '\0') names_.push_back(lower(host));
+  if (gethostname(host, sizeof host - 1) == 0 && host[0] != '\0')
+    names_.push_back(in_lower_case(host));
   names_.emplace_back("localhost");
   listen_on(address);
 }
@@ -189,14 +161,9 @@ void HttpServer::send(std::string_view event, std::string_view json) {
   }
 }
 
-bool HttpServer::host_allowed(const std::string& host) const {
-  const std::string name = lower(name_in(host));
-  return is_number(name) || std::find(names_.begin(), names_.end(), name) != names_.end();
-}
-
 HttpResponse HttpServer::answer(MHD_Connection* connection, const HttpRequest& request,
                                 bool has_body) {
-  if (const std::string host = header(connection, "Host"); !host_allowed(host)) {
+  if (const std::string host = header(connection, "Host"); !is_for(host, names_)) {
     return http_error(
         421, "this is not '" + host + "'; ask by address, or name this host in http.names");
   }

@@ -58,7 +58,6 @@ class HttpServer {
   struct Callbacks;
 
   void listen_on(const ListenAddress& address);
-  [[nodiscard]] bool host_allowed(const std::string& host) const;
   [[nodiscard]] HttpResponse answer(MHD_Connection* connection, const HttpRequest& request,
                                     bool has_body);
   int respond(MHD_Connection* connection, const HttpResponse& response);

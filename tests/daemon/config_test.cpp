@@ -155,6 +155,8 @@ TEST_P(ConfigRefuses, WithPlaceValueAndRule) {
 INSTANTIATE_TEST_SUITE_P(
     EachRule, ConfigRefuses,
     testing::Values(
+        Wrong{"[identify]\nmethod = tru\n",
+              "m.toml:2:13: Error while parsing boolean: expected 'true', saw 'tru '"},
         Wrong{"[identify]\ndelay_max_s = 0.0625\n",
               "m.toml:2:15: identify.delay_max_s = 0.0625: must be a number from 0 to 0.05 s"},
         Wrong{"[machine]\nname = ''\n",

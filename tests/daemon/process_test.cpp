@@ -312,11 +312,14 @@ TEST_F(ServotwindTest, TheConfigurationIsReadAgainOnAHangup) {
   const std::string file = write("m.toml", text + "8\n");
   Process daemon(here_and({"--config", file}));
   ASSERT_EQ(manager.next(), "READY=1");
-  write("m.toml", text + "9\n[real_time]\npriority = 0\n");
+  write("m.toml", text +
+                      "9\n[http]\nnames = ['mill']\ntoken = 'for the foreman alone'\n"
+                      "[real_time]\npriority = 0\n");
   daemon.send(SIGHUP);
-  ASSERT_TRUE(
-      daemon.has_said("identify.window_s = 9 (was 8); only a restart brings "
-                      "real_time.priority = 0 (was its default)\n"));
+  ASSERT_TRUE(daemon.has_said(
+      "identify.window_s = 9 (was 8); only a restart brings http.names = [ 'mill' ] "
+      "(was its default), another http.token, real_time.priority = 0 (was its "
+      "default)\n"));
   EXPECT_THAT(manager.next(), testing::MatchesRegex("RELOADING=1\nMONOTONIC_USEC=[0-9]+"));
   EXPECT_EQ(manager.next(), "READY=1");
   write("m.toml", text + "'nine'\nwindow = 1\n");
@@ -324,6 +327,7 @@ TEST_F(ServotwindTest, TheConfigurationIsReadAgainOnAHangup) {
   ASSERT_TRUE(daemon.has_said("the new configuration is refused; the one before holds"));
   const Ended ended = daemon.wait_after(SIGTERM);
   EXPECT_EQ(ended.status, 0);
+  EXPECT_THAT(ended.said, testing::Not(HasSubstr("foreman")));
   EXPECT_THAT(ended.said, HasSubstr("m.toml:4:12: identify.window_s = 'nine': must be a number"));
   EXPECT_THAT(ended.said, HasSubstr("m.toml:5:1: identify.window: there is no such key"));
 }

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <complex>
+#include <utility>
 #include <vector>
 
 #include "tests/daemon/support.h"
@@ -16,8 +18,11 @@ TwinInForce in_force(const Model& model, int version = 1) {
 /// A loop with its rings, and frames to put in.
 class Loop {
  public:
-  explicit Loop(std::size_t axes = 1, std::size_t row_room = 16'384)
-      : models(axes), rows(row_room), loop(kCycle_s, models, predictions, rows, wake_up) {}
+  explicit Loop(std::size_t axes = 1, std::size_t row_room = 16'384,
+                std::vector<std::size_t> path = {})
+      : models(axes),
+        rows(row_room),
+        loop(kCycle_s, models, predictions, rows, wake_up, std::move(path)) {}
 
   [[nodiscard]] MachineFrame frame(std::uint64_t k) const {
     MachineFrame out;
@@ -135,6 +140,98 @@ TEST(RealTimeLoop, WhatIsPredictedAheadComesTrue) {
       ASSERT_EQ(all[k].ahead[0][i], all[k + 1 + i].axes[0].predicted_error) << k << " + " << i + 1;
     }
   }
+}
+
+/// A P-P drive without friction, and |T| of it: T = 1 - e / x_command.
+Model linear_drive() {
+  Model model = drive();
+  model.effects.clear();
+  return model;
+}
+double amplification(const Model& model, double omega) {
+  const std::complex<double> s(0.0, omega);
+  const auto& c = model.loop.numerator;
+  const auto& a = model.loop.denominator;
+  return std::abs(1.0 - s * (c[0] * s + c[1]) / (s * s + a[0] * s + a[1]));
+}
+
+// Linear loops, both alike, on a circle: eps = R (|T(j omega)| - 1).
+TEST(RealTimeLoop, TheContourErrorOfACircleIsThatOfTheLoops) {
+  constexpr double kRadius = 5e-3, kOmega = 40.0, kChord = 0.2e-3 * 0.2e-3 / (8.0 * kRadius);
+  const double expected = kRadius * (amplification(linear_drive(), kOmega) - 1.0);
+  ASSERT_GT(std::abs(expected), 5.0 * kChord);
+  for (const std::size_t ahead : {0U, 10U}) {
+    Loop loop(3, 16'384, {2, 0});  // 2 is cosine, 0 is sine: counter-clockwise
+    for (const std::size_t axis : {0U, 2U}) loop.models[axis].publish(in_force(linear_drive()));
+    const auto angle = [](std::uint64_t k) { return kOmega * static_cast<double>(k) * kCycle_s; };
+    for (std::uint64_t k = 0; k < 1500; ++k) {
+      MachineFrame frame = loop.frame(k);
+      frame.ahead_count = static_cast<int>(ahead);
+      frame.axes[2].command = kRadius * std::cos(angle(k));
+      frame.axes[0].command = kRadius * std::sin(angle(k));
+      for (std::size_t i = 0; i < ahead; ++i) {
+        frame.ahead[2][i] = kRadius * std::cos(angle(k + 1 + i));
+        frame.ahead[0][i] = kRadius * std::sin(angle(k + 1 + i));
+      }
+      const double contour_error = loop.put(frame).contour_error;
+      if (k < 1000) continue;
+      ASSERT_NEAR(contour_error, expected, kChord + 2e-3 * std::abs(expected)) << k;
+    }
+  }
+}
+
+TEST(RealTimeLoop, TheContourErrorIsPredictedAndNotMeasured) {
+  Loop with(2, 16'384, {0, 1}), without(2, 16'384, {0, 1});
+  for (Loop* loop : {&with, &without}) {
+    for (auto& model : loop->models) model.publish(in_force(drive()));
+  }
+  for (std::uint64_t k = 0; k < 500; ++k) {
+    MachineFrame none = without.frame(k);
+    none.axes[0].actual = none.axes[1].actual = kAbsent;
+    const double contour_error = with.put(k).contour_error;
+    ASSERT_TRUE(std::isfinite(contour_error));
+    ASSERT_EQ(contour_error, without.put(none).contour_error);
+  }
+}
+
+TEST(RealTimeLoop, ThereIsNoContourErrorWithoutAPathAModelOrACommand) {
+  Loop none(2), one_model(2, 16'384, {0, 1}), both(2, 16'384, {0, 1});
+  for (Loop* loop : {&none, &one_model, &both}) loop->models[0].publish(in_force(drive()));
+  for (Loop* loop : {&none, &both}) loop->models[1].publish(in_force(drive()));
+  for (std::uint64_t k = 0; k < 100; ++k) {
+    ASSERT_TRUE(std::isnan(none.put(k).contour_error));
+    ASSERT_TRUE(std::isnan(one_model.put(k).contour_error));
+    ASSERT_TRUE(std::isfinite(both.put(k).contour_error));
+  }
+  MachineFrame broken = both.frame(100);
+  broken.axes[1].command = kAbsent;
+  EXPECT_TRUE(std::isnan(both.put(broken).contour_error));
+  EXPECT_TRUE(std::isfinite(both.put(101).contour_error)) << "a path of one point";
+}
+
+// A constant force holds the axis back from where it starts, which after lost cycles is no point of
+// the line from where it was.
+TEST(RealTimeLoop, AfterLostCyclesThePathBeginsAgain) {
+  Model held = linear_drive();
+  Effect force = make_effect<ConstantForce>();
+  force.coefficient[0] = 0.5;
+  held.effects.push_back(force);
+  Loop loop(2, 16'384, {0, 1});
+  for (auto& model : loop.models) model.publish(in_force(held));
+  for (std::uint64_t k = 0; k < 100; ++k) loop.put(k);
+  MachineFrame elsewhere = loop.frame(200);
+  elsewhere.axes[0].command += 1.0;
+  const MachinePrediction prediction = loop.put(elsewhere);
+  const double e = prediction.axes[0].predicted_error;
+  ASSERT_GT(e, 1e-6);
+  EXPECT_DOUBLE_EQ(prediction.contour_error, std::hypot(e, prediction.axes[1].predicted_error));
+}
+
+TEST(RealTimeLoop, APathHasTwoToFiveOfTheAxes) {
+  for (const std::vector<std::size_t>& path :
+       {std::vector<std::size_t>{0}, {0, 6}, {0, 1, 2, 3, 4, 5}})
+    EXPECT_THROW(Loop(6, 16, path), std::invalid_argument);
+  EXPECT_NO_THROW(Loop(6, 16, {1, 2, 3, 4, 5}));
 }
 
 TEST(RealTimeLoop, SaysWhenTheStartingStateIsForgotten) {

@@ -50,6 +50,22 @@ TEST(Reload, WhatNeedsARestartIsNamedUntilThereWasOne) {
             "configuration read again; only a restart brings machine.name = 'lathe' (was 'mill')");
 }
 
+TEST(Reload, ThePageNeedsARestartAndNobodyReadsItsTokenInTheLog) {
+  const Config before = config_of("[http]\nlisten='127.0.0.1:8402'\ntoken='0123456789abcdef'\n"),
+               newer = config_of(
+                   "[http]\nlisten='0.0.0.0:8402'\ntoken='fedcba9876543210'\nnames=['mill']\n");
+  const ConfigChanges changes = changes_between(before, newer);
+  EXPECT_THAT(changes.at_once, IsEmpty());
+  EXPECT_EQ(changes.text(),
+            "configuration read again; only a restart brings http.listen = '0.0.0.0:8402' (was "
+            "'127.0.0.1:8402'), http.names = [ 'mill' ] (was its default), another http.token");
+  const Config after = reloaded(before, newer);
+  EXPECT_EQ(after.http.listen, "127.0.0.1:8402");
+  EXPECT_EQ(after.http.token, "0123456789abcdef");
+  EXPECT_THAT(changes_between(config_of(""), newer).text(),
+              testing::Not(testing::HasSubstr("fedcba")));
+}
+
 TEST(Reload, NothingIsChangedByTheSame) {
   const Config config = config_of("[identify]\nwindow_s=9\n");
   EXPECT_EQ(changes_between(config, config).text(), "configuration read again: nothing changed");

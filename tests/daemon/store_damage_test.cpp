@@ -16,6 +16,7 @@
 namespace servotwin {
 namespace {
 
+using testing::ElementsAre;
 using testing::HasSubstr;
 namespace fs = std::filesystem;
 
@@ -132,6 +133,27 @@ TEST(StoreAfterDamage, ADatabaseThatIsGoneIsSaidAndTheModelComesBack) {
   EXPECT_EQ(store.in_force().size(), 1U);
 }
 
+// Or the recorder would delete what the model that is back was found on.
+TEST(StoreAfterDamage, TheModelThatComesBackStillCitesItsRecordings) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    ModelRecord record = numbered(1);
+    store.promote(record, event("first"), {"a.csv"});
+    store.promote(record, event("second"), {"b.csv", "c.csv"});
+  }
+  fs::remove(database(directory.path()));
+  {
+    const Store store(directory.path(), "mill");
+    ASSERT_THAT(store.lost(), HasSubstr("the database is gone"));
+    EXPECT_THAT(store.cited(), ElementsAre("b.csv", "c.csv"));
+  }
+  fs::remove(directory.path() / "models" / "mill" / "X.json");
+  { const Store completes_the_copy(directory.path(), "mill"); }
+  fs::remove(database(directory.path()));
+  EXPECT_THAT(Store(directory.path(), "mill").cited(), ElementsAre("b.csv", "c.csv"));
+}
+
 TEST(StoreAfterDamage, ACopyThatIsDamagedTooIsNamed) {
   TemporaryDirectory directory;
   {
@@ -176,16 +198,18 @@ TEST(StoreAfterDamage, AStoreThatIsWellLosesNothingAndIsCopied) {
   Recorder recorder(machine, "mill", directory, 0.02, rows, memory, watch, events);
   recorder.spare([&] { return store.cited(); });
   for (std::int64_t i = 0;; ++i) {
-    for (std::int64_t k = 0; k < 50; ++k) {
-      CycleRow row;
-      row.time_ns = (50 * i + k) * 1'000'000;
-      row.axis_count = 1;
-      rows.push(row);
+    for (std::int64_t file : {2 * i, 2 * i + 1}) {
+      for (std::int64_t k = 0; k < 50; ++k) {
+        CycleRow row;
+        row.time_ns = (50 * file + k) * 1'000'000;
+        row.axis_count = 1;
+        rows.push(row);
+      }
+      recorder.drain();
+      recorder.finish_file();
     }
-    recorder.drain();
-    recorder.finish_file();
     ModelRecord record = numbered(static_cast<int>(i));
-    store.promote(record, event("better"), recorder.files_with(0.0, 1e9));
+    store.promote(record, event("better"), recorder.files_with(memory.newest_s(), 1e9));
     if (write(acknowledge, &record.version, sizeof record.version) != sizeof record.version)
       _exit(1);
   }
@@ -233,8 +257,12 @@ TEST(StoreAfterKill, NothingAcknowledgedIsLostInAHundredKillsAtRandomMoments) {
       const int copied = read_model(directory.path() / "models" / "mill" / "X.json").version;
       ASSERT_EQ(copied, last);
     }
-    // The recordings that the model in force cites are whole, as all that are there.
-    for (const auto& entry : fs::directory_iterator(directory.path() / "recordings" / "mill")) {
+    // The recordings that the models cite are there, and whole as all that are.
+    const fs::path recordings = directory.path() / "recordings" / "mill";
+    const std::set<std::string> cited = store.cited();
+    ASSERT_EQ(cited.size(), static_cast<std::size_t>(last)) << "one each";
+    for (const std::string& name : cited) ASSERT_TRUE(fs::exists(recordings / name)) << name;
+    for (const auto& entry : fs::directory_iterator(recordings)) {
       if (entry.path().extension() != ".csv") continue;
       std::ifstream file(entry.path());
       std::string line;

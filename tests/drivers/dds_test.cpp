@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "servotwin.h"
 
@@ -198,6 +199,104 @@ TEST(Dds, PredictionsArriveAsTheyWereSent) {
   EXPECT_TRUE(std::isnan(came.axes[1].predicted_error));
   EXPECT_EQ(came.axes[1].state, AxisState::kBadSample);
   EXPECT_EQ(came.ahead[1][2], 5e-6);
+}
+
+MachineOffset offset_of(int axes) {
+  MachineOffset offset;
+  offset.sequence = 11;
+  offset.time_ns = 1'769'860'800'123'456'789;
+  offset.axis_count = axes;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(axes); ++i) {
+    const auto a = static_cast<double>(i);
+    offset.axes[i] = {1e-6 * a - 1.0 / 3.0, offset.time_ns + static_cast<std::int64_t>(i),
+                      i % 2 == 0, static_cast<std::uint32_t>(i % 11)};
+  }
+  return offset;
+}
+
+/// Best effort: what is lost is written again.
+bool exchange(DdsWriter<MachineOffset>& writer, DdsReader<MachineOffset>& reader,
+              const MachineOffset& sent, MachineOffset& came) {
+  for (int attempt = 0; attempt < 20; ++attempt) {
+    if (!writer.write(sent)) return false;
+    if (reader.receive(came, 0.5)) return true;
+  }
+  return false;
+}
+
+TEST(Dds, OffsetsArriveAsTheyWereSentWhateverTheirSize) {
+  const DdsNode node(place("offsets"));
+  DdsReader<MachineOffset> reader(node);
+  DdsWriter<MachineOffset> writer(node);
+  ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
+  for (const int axes : {32, 1, 3}) {
+    const MachineOffset sent = offset_of(axes);
+    MachineOffset came;
+    ASSERT_TRUE(exchange(writer, reader, sent, came));
+    EXPECT_EQ(came.sequence, sent.sequence);
+    EXPECT_EQ(came.time_ns, sent.time_ns);
+    ASSERT_EQ(came.axis_count, axes);
+    for (std::size_t i = 0; i < static_cast<std::size_t>(axes); ++i) {
+      EXPECT_EQ(came.axes[i].offset, sent.axes[i].offset);
+      EXPECT_EQ(came.axes[i].expires_ns, sent.axes[i].expires_ns);
+      EXPECT_EQ(came.axes[i].send, sent.axes[i].send);
+      EXPECT_EQ(came.axes[i].refusal, sent.axes[i].refusal);
+    }
+  }
+}
+
+TEST(Dds, AnOffsetThatIsNoNumberIsCountedAndNotGiven) {
+  const DdsNode node(place("wild-offsets"));
+  DdsReader<MachineOffset> reader(node);
+  DdsWriter<MachineOffset> writer(node);
+  ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
+  for (const double wild : {kAbsent, std::numeric_limits<double>::infinity()}) {
+    MachineOffset offset = offset_of(3);
+    offset.axes[2].offset = wild;
+    const std::uint64_t before = reader.counts().malformed;
+    MachineOffset came;
+    for (int attempt = 0; attempt < 20 && reader.counts().malformed == before; ++attempt) {
+      ASSERT_TRUE(writer.write(offset));
+      ASSERT_FALSE(reader.receive(came, 0.05));
+    }
+    EXPECT_GT(reader.counts().malformed, before);
+  }
+  EXPECT_EQ(reader.counts().received, 0U);
+}
+
+TEST(Dds, AnOffsetThatNobodyTookInTimeIsGone) {
+  const DdsNode node(place("old-offsets"));
+  DdsReader<MachineOffset> reader(node);
+  DdsWriter<MachineOffset> writer(node);
+  ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
+  MachineOffset came;
+  ASSERT_TRUE(exchange(writer, reader, offset_of(1), came)) << "they hear each other";
+  while (reader.receive(came, 0.05)) {
+  }
+  const std::uint64_t taken = reader.counts().received;
+  for (int i = 0; i < 5; ++i) ASSERT_TRUE(writer.write(offset_of(1)));
+  dds_sleepfor(2 * kOffsetLifespan_ns);
+  EXPECT_FALSE(reader.receive(came, 0.02));
+  EXPECT_EQ(reader.counts().received, taken);
+}
+
+TEST(Dds, OfTwoThatSendOffsetsTheStrongerIsHeard) {
+  DdsPlace strong = place("offset-owners"), weak = strong;
+  strong.strength = 2;
+  weak.strength = 1;
+  const DdsNode strong_node(strong), weak_node(weak);
+  DdsReader<MachineOffset> reader(strong_node);
+  DdsWriter<MachineOffset> owner(strong_node), standby(weak_node);
+  ASSERT_TRUE(owner.wait_for_readers(1, kPatience_s));
+  ASSERT_TRUE(standby.wait_for_readers(1, kPatience_s));
+  MachineOffset came;
+  ASSERT_TRUE(exchange(owner, reader, offset_of(1), came));
+  MachineOffset other = offset_of(1);
+  other.sequence = 12;
+  for (int i = 0; i < 5; ++i) {
+    ASSERT_TRUE(standby.write(other));
+    while (reader.receive(came, 0.05)) EXPECT_EQ(came.sequence, 11U);
+  }
 }
 
 TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsTheDiagnosesAndTheStatus) {

@@ -9,7 +9,8 @@
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace servotwin;
   const CheckedConfig checked = check_config(fuzz::text(data, size), "input.toml");
-  for (const ConfigProblem& problem : checked.problems) fuzz::require(!problem.what.empty());
+  for (const ConfigProblem& problem : checked.problems)
+    fuzz::require(!problem.what.empty() && problem.message().find('\n') == std::string::npos);
   const CheckedConfig again = check_config(fuzz::text(data, size), "input.toml");
   fuzz::require(again.problems.size() == checked.problems.size() &&
                 again.config.given == checked.config.given);

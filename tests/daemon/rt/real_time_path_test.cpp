@@ -38,7 +38,10 @@ class ForbiddingSource final : public FrameSource {
 /// recorder do.
 class Running {
  public:
-  explicit Running(std::size_t axes) : models(axes) {}
+  explicit Running(std::size_t axes)
+      : models(axes),
+        loop(kCycle_s, models, predictions, rows, wake_up,
+             axes < 3 ? std::vector<std::size_t>() : std::vector<std::size_t>{0, 1, 2}) {}
 
   Violations run(FrameSource& source) {
     const Violations before = violations();
@@ -53,7 +56,7 @@ class Running {
   Ring<MachinePrediction> predictions{256};
   Ring<CycleRow> rows{256};
   WakeUp wake_up;
-  RealTimeLoop loop{kCycle_s, models, predictions, rows, wake_up};
+  RealTimeLoop loop;
   std::atomic<bool> stop{false};
   std::jthread workers{[this](const std::stop_token& its_stop) {
     MachinePrediction prediction;
