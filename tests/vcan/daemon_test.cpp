@@ -154,21 +154,22 @@ std::uint64_t missing_on_the_wire(const std::vector<CandumpLine>& log, double cy
   return missing;
 }
 
-/// The example recording at 200 Hz, which every guest holds: each fifth row of it.
-std::string at_200_hz(std::size_t cycles) {
+/// The example recording at 50 Hz, which a guest holds on a busy host too: each twentieth row of
+/// it.
+std::string at_50_hz(std::size_t cycles) {
   std::ifstream in(kRecording);
   std::string text, line;
   std::size_t row = 0;
-  while (row < 5 * cycles && std::getline(in, line)) {
+  while (row < 20 * cycles && std::getline(in, line)) {
     const bool is_row = line[0] >= '0' && line[0] <= '9';
-    if (!is_row || row++ % 5 == 0) text += line + "\n";
+    if (!is_row || row++ % 20 == 0) text += line + "\n";
   }
   return text;
 }
 
 TEST_F(DaemonOnCan, TakesInAReplayedMachineWithoutLossPredictsItAndItsLogReadsBack) {
-  constexpr std::size_t kCycles = 2400;
-  constexpr double kCycle = 0.005;
+  constexpr std::size_t kCycles = 1000;
+  constexpr double kCycle = 0.02;
   for (const std::string axis : {"X", "Y"}) {
     Process identify({built("servotwin"), "identify", kRecording, "--axis", axis, "--method",
                       "pole-search", "--model", file(axis + ".json")});
@@ -179,7 +180,7 @@ TEST_F(DaemonOnCan, TakesInAReplayedMachineWithoutLossPredictsItAndItsLogReadsBa
   }
   Candump candump(file("whole.log"));
   start(kCycle);
-  const std::string motion = write("motion.csv", at_200_hz(kCycles));
+  const std::string motion = write("motion.csv", at_50_hz(kCycles));
   Process replay({built("servotwin"), "replay", motion, "--can", "vcan0", "--can-map", map_});
   // A second in which the machine moves and most of its error is predicted.
   json seen;
@@ -213,7 +214,7 @@ TEST_F(DaemonOnCan, TakesInAReplayedMachineWithoutLossPredictsItAndItsLogReadsBa
   EXPECT_GT(published, 0.9 * kCycles);
   EXPECT_GT(now["publish_p50_s"].get<double>(), 0.0);
   stop();
-  EXPECT_THAT(daemon_->said(), HasSubstr("stopped after 2400 frames"));
+  EXPECT_THAT(daemon_->said(), HasSubstr("stopped after 1000 frames"));
 
   ReadOptions of_log;
   of_log.can_map = map_;
