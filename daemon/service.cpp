@@ -385,6 +385,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
 
   std::jthread publishing([&](const std::stop_token& its_stop) {
     name_thread("publisher");
+    // A prediction is of use when it is out. Where this is not permitted the loop says so for both.
+    (void)become_real_time(std::max(config.priority - 1, 0));
     publisher.run(its_stop);
   });
   std::jthread recording([&](const std::stop_token& its_stop) {
