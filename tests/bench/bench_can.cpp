@@ -29,8 +29,6 @@ using namespace servotwin;
 // Above what else there is, and below the daemon: on one processor a sender that has fallen behind
 // must not hold up its twin, as no real machine does.
 constexpr int kPriority = 70;
-// Of a cycle: what fell behind is caught up no faster, because a bus has only so many bits.
-constexpr double kShortest = 0.9;
 
 void sleep_until(std::int64_t steady) {
   const timespec until{steady / 1'000'000'000, steady % 1'000'000'000};
@@ -82,9 +80,7 @@ nlohmann::json run(const std::string& map_file, double seconds, const std::strin
   const auto cycles = std::llround(seconds / map.machine.cycle_s);
   std::uint64_t frames = 0, sent = 0, late = 0;
   std::int64_t latest_ns = 0;
-  const auto shortest_ns = std::llround(kShortest * static_cast<double>(cycle_ns));
   const std::int64_t begin = steady_ns() + cycle_ns;
-  std::int64_t earliest = begin;
   for (std::int64_t k = 0; k < cycles; ++k) {
     const std::vector<CanFrame>& batch = machine.cycle(k);
     const std::int64_t due = begin + k * cycle_ns;
@@ -92,8 +88,6 @@ nlohmann::json run(const std::string& map_file, double seconds, const std::strin
     const std::int64_t behind = steady_ns() - due;
     late += behind > cycle_ns / 2;
     latest_ns = std::max(latest_ns, behind);
-    sleep_until(earliest);
-    earliest = steady_ns() + shortest_ns;
     frames += batch.size();
     sent += bus->send(batch);
   }
