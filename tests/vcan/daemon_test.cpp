@@ -236,7 +236,7 @@ ModelRecord slow_axis(const std::string& axis) {
   Model model;
   model.sample_time_s = 0.05;
   model.loop.order = 2;
-  model.loop.denominator = denominator_of({0.0, 2.5 * 2.0 * std::numbers::pi, 0.6}, 2);
+  model.loop.denominator = denominator_of({0.0, 8.0 * 2.0 * std::numbers::pi, 0.6}, 2);
   model.loop.numerator = {1.0, model.loop.denominator[0], 0.0};
   return record_of(model, axis);
 }
@@ -257,7 +257,7 @@ std::string slow_motion(int cycles, double cycle_s) {
 }
 
 TEST_F(DaemonOnCan, DrivesThatAnswerAControllerArePredictedByTheirModels) {
-  constexpr int kCycles = 240;
+  constexpr int kCycles = 400;
   constexpr double kCycle = 0.05;  // of which a busy host leaves some whole
   std::vector<std::string> drives{built("servotwin"), "simulate",      "--can", "vcan0",
                                   "--can-map",        file("map.toml")};
@@ -275,16 +275,20 @@ TEST_F(DaemonOnCan, DrivesThatAnswerAControllerArePredictedByTheirModels) {
   ASSERT_TRUE(watch.has_said("0 cycles, 0 incomplete")) << watch.said();
   Process replay({built("servotwin"), "replay", write("motion.csv", slow_motion(kCycles, kCycle)),
                   "--can", "vcan0", "--can-map", map_, "--targets"});
-  // A second in which both move and are predicted to half a step of the encoder: all else is
+  // Of each a second in which it moves and is predicted to half a step of the encoder: all else is
   // as the model says.
   json now;
+  std::vector<bool> predicted(2, false);
   EXPECT_TRUE(wait_for([&] {
     now = status();
-    return std::all_of(now["axes"].begin(), now["axes"].end(), [](const json& axis) {
-      const json& seen = axis["last_second"];
-      return seen["residual"]["max_m"].is_number() && seen["measured"]["max_m"] > 5e-4 &&
-             seen["residual"]["max_m"] < 0.051e-6;
-    });
+    for (std::size_t i = 0; i < 2; ++i) {
+      const json& seen = now["axes"][i]["last_second"];
+      if (seen["residual"]["max_m"].is_number() && seen["measured"]["max_m"] > 1e-4 &&
+          seen["residual"]["max_m"] < 0.051e-6) {
+        predicted[i] = true;
+      }
+    }
+    return predicted[0] && predicted[1];
   })) << now.dump(1);
   EXPECT_EQ(replay.end(), 0) << replay.said();
   now = after_cycles(kCycles);
@@ -300,7 +304,7 @@ TEST_F(DaemonOnCan, DrivesThatAnswerAControllerArePredictedByTheirModels) {
                                      "not predicted [0-9.]+ um RMS"));
   EXPECT_EQ(simulate.end(SIGINT), 0);
   EXPECT_THAT(simulate.said(),
-              HasSubstr("answered in 240 cycles, 0 frames not sent, 0 values did not fit"));
+              HasSubstr("answered in 400 cycles, 0 frames not sent, 0 values did not fit"));
   stop();
 }
 
@@ -339,7 +343,8 @@ TEST_F(DaemonOnCan, ANodeThatFallsSilentIsNamedAndTheOtherAxisGoesOn) {
   json silent;
   EXPECT_TRUE(wait_for([&] {
     silent = status();
-    return silent["axes"][1]["last_second"]["measured"]["rms_m"].is_null();
+    return silent["axes"][1]["last_second"]["measured"]["rms_m"].is_null() &&
+           silent["axes"][0]["last_second"]["measured"]["rms_m"].is_number();
   })) << silent.dump(1);
   EXPECT_NEAR(silent["axes"][0]["last_second"]["measured"]["rms_m"].get<double>(), 3e-6, 0.1e-6);
   EXPECT_EQ(silent["state"], "running");
