@@ -69,7 +69,10 @@ int CanSource::oldest() noexcept {
 }
 
 void CanSource::follow_clock() noexcept {
-  const std::int64_t offset = wall_ns() - steady_ns();
+  const std::int64_t before = steady_ns();
+  const std::int64_t offset = wall_ns() - before;
+  // A busy host may take its time between two readings; that is no step of a clock.
+  if (steady_ns() - before > kClockSet_ns / 2) return;
   const std::int64_t step = offset - clock_offset_ns_;
   if (std::abs(step) > kClockSet_ns) assembly_.on_clock_set(step);
   clock_offset_ns_ = offset;
@@ -130,6 +133,31 @@ std::uint64_t CanSource::malformed() const noexcept {
     total += assembly_.wrong_length(i);
   for (const auto& bus : buses_) total += bus->counts().malformed;
   return total;
+}
+
+std::vector<BusStatus> CanSource::buses() const {
+  const CanMap& known = assembly_.map();
+  const CanCounts counts = assembly_.counts();
+  std::vector<BusStatus> out;
+  for (std::size_t i = 0; i < buses_.size(); ++i) {
+    const CanBusCounts bus = buses_[i]->counts();
+    BusStatus status;
+    status.name = known.buses[i];
+    status.up = bus.up;
+    status.frames = bus.received;
+    status.dropped = bus.dropped;
+    status.packets_lost = bus.lost;
+    status.downs = bus.downs;
+    status.unexpected = counts.buses[i].unexpected;
+    status.error_frames = counts.buses[i].error_frames;
+    out.push_back(std::move(status));
+  }
+  for (std::size_t i = 0; i < counts.messages.size(); ++i) {
+    BusStatus& status = out[known.messages[i].bus];
+    status.missing += counts.messages[i].missing;
+    status.late += counts.messages[i].late;
+  }
+  return out;
 }
 
 CanSource::Snapshot CanSource::snapshot() const {

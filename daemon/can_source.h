@@ -29,6 +29,7 @@ class CanSource final : public FrameSource {
     return stalled_.load(std::memory_order_relaxed);
   }
   [[nodiscard]] std::vector<std::string> news(std::int64_t now_ns) override;
+  [[nodiscard]] std::vector<BusStatus> buses() const override;
 
   [[nodiscard]] const CanMap& map() const noexcept { return assembly_.map(); }
   [[nodiscard]] CanCounts counts() const { return assembly_.counts(); }

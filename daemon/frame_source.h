@@ -36,6 +36,8 @@ class FrameSource {
   /// What happened since the last call, one line each, for people. `now_ns`: steady. Any one thread
   /// but that of receive().
   [[nodiscard]] virtual std::vector<std::string> news(std::int64_t /*now_ns*/) { return {}; }
+  /// The buses that it assembles frames from. Any thread.
+  [[nodiscard]] virtual std::vector<BusStatus> buses() const { return {}; }
 };
 
 /// No machine: nothing ever comes.

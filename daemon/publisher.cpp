@@ -16,7 +16,7 @@ constexpr int kSayAgain = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeri
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-                     const WakeUp& wake_up, Status status, LiveFeed* page)
+                     const WakeUp& wake_up, Histogram& published, Status status, LiveFeed* page)
     : prediction_writer_(node, cycle_s),
       model_writer_(node),
       diagnosis_writer_(node),
@@ -24,6 +24,7 @@ Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction
       heard_(node),
       predictions_(predictions),
       wake_up_(wake_up),
+      published_(published),
       status_(std::move(status)),
       page_(page) {}
 
@@ -63,6 +64,7 @@ void Publisher::announce(const StoredDiagnosis& diagnosis) {
 void Publisher::send_predictions() {
   while (predictions_.pop(prediction_)) {
     prediction_writer_.write(prediction_);
+    if (prediction_.due_ns != 0) published_.add(steady_ns() - prediction_.due_ns);
     if (page_ != nullptr) page_->add(prediction_);
   }
 }

@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/histogram.h"
 #include "daemon/ring.h"
 #include "daemon/store.h"
 #include "daemon/wake_up.h"
@@ -27,10 +28,11 @@ class Publisher {
  public:
   using Status = std::function<MachineStatus()>;
 
-  /// `cycle_s`: the deadline that is offered for predictions; `page`: who shows the same, or null.
+  /// `cycle_s`: the deadline that is offered for predictions; `published`: how long after its frame
+  /// each was handed to the network; `page`: who shows the same, or null.
   /// All arguments outlive the publisher.
   Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-            const WakeUp& wake_up, Status status, LiveFeed* page = nullptr);
+            const WakeUp& wake_up, Histogram& published, Status status, LiveFeed* page = nullptr);
 
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
@@ -52,6 +54,7 @@ class Publisher {
   DdsReader<MachineStatus> heard_;
   Ring<MachinePrediction>& predictions_;
   const WakeUp& wake_up_;
+  Histogram& published_;
   Status status_;
   LiveFeed* page_;
   MachinePrediction prediction_;

@@ -146,7 +146,9 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();
-    counters_.wake.add(source.age_ns());
+    const std::int64_t age = source.age_ns();
+    counters_.wake.add(age);
+    prediction_.due_ns = begin - age;
     on_frame(frame_);
     const std::int64_t taken = steady_ns() - begin;
     counters_.work.add(taken);

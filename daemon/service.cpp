@@ -340,6 +340,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Ring<MachinePrediction> predictions(kPredictionRing);
   Ring<CycleRow> rows(kRowRing);
   WakeUp predicted;
+  Histogram published;
   MotionMemory memory(machine, remembered_s(config));
   ResidualWatch watch(machine, config.diagnose, events);
 
@@ -349,9 +350,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Recorder recorder(machine, config.machine, store.directory(), config.store.recordings_mb, rows,
                     memory, watch, events);
   Publisher* to_network = nullptr;
-  const auto shown =
-      web == nullptr ? nullptr
-                     : std::make_unique<WebService::Shown>(*web, machine, loop->counters(), watch);
+  const auto shown = web == nullptr ? nullptr
+                                    : std::make_unique<WebService::Shown>(
+                                          *web, machine, loop->counters(), published, watch);
   IdentificationWorker identification(
       machine, config.identify, memory, store, events, models,
       [&](const StoredModel& model) { to_network->announce(model); });
@@ -364,6 +365,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     if (input.source->silent(steady_ns())) now.state = DaemonState::kWaiting;
     if (stop.stop_requested()) now.state = DaemonState::kStopping;
     now.malformed += input.source->malformed();
+    now.buses = input.source->buses();
+    now.publish_p50_s = published.quantile_s(0.5);
+    now.publish_p99_s = published.quantile_s(0.99);
+    now.publish_p999_s = published.quantile_s(0.999);
+    now.publish_max_s = published.count() > 0 ? published.max_s() : kAbsent;
     now.rows_dropped = rows.drops() + recorder.rows_not_recorded();
     identification.update(axes);
     events.update_last_error(last_error);
@@ -371,7 +377,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     now.last_error = last_error;
     return now;
   };
-  Publisher publisher(node, machine.cycle_s, predictions, predicted, status,
+  Publisher publisher(node, machine.cycle_s, predictions, predicted, published, status,
                       shown == nullptr ? nullptr : &shown->feed());
   to_network = &publisher;
   publisher.tell_with([&](const std::string& text) { events.note("network", "", text); });
@@ -390,6 +396,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
 
   std::jthread publishing([&](const std::stop_token& its_stop) {
     name_thread("publisher");
+    // A prediction is of use when it is out. Where this is not permitted the loop says so for both.
+    (void)become_real_time(std::max(config.priority - 1, 0));
     publisher.run(its_stop);
   });
   std::jthread recording([&](const std::stop_token& its_stop) {

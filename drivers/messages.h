@@ -60,6 +60,8 @@ struct MachinePrediction {
   std::array<AxisPrediction, kMaxAxes> axes{};
   std::array<std::array<double, kMaxLookAhead>, kMaxAxes>
       ahead{};  ///< predicted errors of coming cycles
+  std::int64_t due_ns =
+      0;  ///< when the frame was due, sent or whole; steady, 0: not known. Not sent
 };
 
 /// What the drive of one axis is to add to its command (ilc/gate.h).
@@ -105,6 +107,20 @@ struct AxisStatus {
   std::string last_refusal{};  ///< why the last of them did not
 };
 
+/// What was counted on a bus from whose frames cycles are assembled (drivers/README.md).
+struct BusStatus {
+  std::string name;
+  bool up = true;
+  std::uint64_t frames = 0;
+  std::uint64_t dropped = 0;       ///< by the kernel, because they were not taken in time
+  std::uint64_t packets_lost = 0;  ///< CAN over UDP
+  std::uint64_t downs = 0;         ///< how often the interface went down or away
+  std::uint64_t missing = 0;       ///< messages that did not come in their cycle
+  std::uint64_t late = 0;          ///< messages after the deadline of their cycle
+  std::uint64_t unexpected = 0;    ///< frames of ids that the mapping does not have
+  std::uint64_t error_frames = 0;
+};
+
 struct MachineStatus {
   std::int64_t time_ns = 0;
   DaemonState state = DaemonState::kStarting;
@@ -116,6 +132,11 @@ struct MachineStatus {
   std::vector<AxisStatus> axes;
   std::string last_error;
   std::uint64_t repeated = 0;  ///< frames with the sequence number of the one before; ignored
+  // For the page and programs that ask over HTTP; not sent over DDS.
+  /// From a frame being due, sent or whole to its prediction being handed to the network.
+  double publish_p50_s = kAbsent, publish_p99_s = kAbsent, publish_p999_s = kAbsent,
+         publish_max_s = kAbsent;
+  std::vector<BusStatus> buses;
 };
 
 }  // namespace servotwin

@@ -18,22 +18,12 @@ namespace {
 
 constexpr double kPatience_s = 0.1;
 
-std::vector<Twin> twins_of(const CanMap& map, const std::vector<std::filesystem::path>& models) {
-  std::vector<Twin> twins(map.machine.axes.size());
-  for (const std::filesystem::path& file : models) {
-    const ModelRecord record = read_model(file);
-    std::size_t axis = 0;
-    while (axis < twins.size() && map.machine.axes[axis].name != record.axis) ++axis;
-    if (axis == twins.size()) {
-      throw std::runtime_error(file.string() + ": is a model of axis " + in_quotes(record.axis) +
-                               ", which the mapping has not");
-    }
-    require_kind(record, file, record.axis, map.machine.axes[axis].rotary);
-    twins[axis] = Twin(model_at(record, map.machine.cycle_s, stdout));
-  }
-  for (std::size_t i = 0; i < twins.size(); ++i) {
-    if (!twins[i].loaded())
-      throw UsageError("there is no --model of axis " + in_quotes(map.machine.axes[i].name));
+std::vector<Twin> twins_of(const CanMap& map, const std::vector<std::filesystem::path>& files) {
+  std::vector<Twin> twins;
+  for (const std::optional<ModelRecord>& record : models_of(map.machine, files, stdout)) {
+    const std::string& axis = map.machine.axes[twins.size()].name;
+    if (!record) throw UsageError("there is no --model of axis " + in_quotes(axis));
+    twins.emplace_back(record->model);
   }
   return twins;
 }

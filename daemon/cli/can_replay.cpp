@@ -22,6 +22,9 @@ namespace {
 
 constexpr double kPatience_s = 0.2;  // how long an interrupt may wait
 constexpr double kLate_s = 1e-3;     // a frame of a log that goes later than this is late
+// After a hold-up the cycles of a recording catch up no faster than this: drives must have their
+// time to answer, and a bus has only so many bits.
+constexpr double kShortestCycle = 0.9;
 constexpr std::uint16_t kOperationEnabled = 0x1237;  // what a drive that moves says of itself
 
 using Buses = std::vector<std::unique_ptr<CanBus>>;
@@ -61,6 +64,11 @@ void report(const Sent& sent, double seconds) {
              "acknowledge, and does it know FD?",
              static_cast<std::size_t>(sent.refused)));
   }
+}
+
+void sleep_until(std::int64_t steady) {
+  const std::int64_t left = steady - steady_ns();
+  if (left > 0) std::this_thread::sleep_for(std::chrono::nanoseconds(left));
 }
 
 /// The place of a name in a list, where it is put if it is not there.
@@ -208,9 +216,12 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
   const std::int64_t begin = steady_ns();
   MachineFrame frame;
   Received received = Received::kNothing;
+  std::int64_t earliest = begin;
   while (!interrupt.came() && (received = machine.receive(frame, kPatience_s)) != Received::kEnd) {
     if (received == Received::kNothing) continue;
     if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / options.speed) ++sent.late;
+    sleep_until(earliest);
+    earliest = steady_ns() + std::llround(1e9 * kShortestCycle * cycle_s / options.speed);
     sender.send_cycle(frame, sent);
   }
   if (sender.not_carried() > 0) {

@@ -1,4 +1,5 @@
-// servotwin watch --can: what a machine says on its buses, and how well it says it.
+// servotwin watch --can: what a machine says on its buses, how well it says it, and what of its
+// errors models predict.
 #pragma once
 
 #include <filesystem>
@@ -10,7 +11,8 @@ namespace servotwin::cli {
 struct CanWatchOptions {
   std::vector<std::string> interfaces;
   std::filesystem::path map;
-  double seconds = 0.0;  ///< 0: until it is interrupted
+  std::vector<std::filesystem::path> models;  ///< of axes whose error is to be predicted
+  double seconds = 0.0;                       ///< 0: until it is interrupted
 };
 
 void watch_can(const CanWatchOptions& options);

@@ -126,4 +126,23 @@ Model model_at(const ModelRecord& record, double sample_time_s, std::FILE* peopl
   return model;
 }
 
+std::vector<std::optional<ModelRecord>> models_of(const MachineDescription& machine,
+                                                  const std::vector<std::filesystem::path>& files,
+                                                  std::FILE* people) {
+  std::vector<std::optional<ModelRecord>> models(machine.axes.size());
+  for (const std::filesystem::path& file : files) {
+    ModelRecord record = read_model(file);
+    std::size_t axis = 0;
+    while (axis < models.size() && machine.axes[axis].name != record.axis) ++axis;
+    if (axis == models.size()) {
+      throw std::runtime_error(file.string() + ": is a model of axis " + in_quotes(record.axis) +
+                               ", which the mapping has not");
+    }
+    require_kind(record, file, record.axis, machine.axes[axis].rotary);
+    record.model = model_at(record, machine.cycle_s, people);
+    models[axis] = std::move(record);
+  }
+  return models;
+}
+
 }  // namespace servotwin::cli

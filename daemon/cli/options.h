@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -58,6 +59,12 @@ void require_kind(const ModelRecord& record, const std::filesystem::path& file,
 /// A model file for an axis of this kind; throws if it is of the other kind.
 [[nodiscard]] ModelRecord read_model_for(const std::filesystem::path& file, const std::string& axis,
                                          bool rotary);
+
+/// The models of a machine on CAN: one per axis, at its cycle; nothing where no file is of the
+/// axis. Throws if a file is of none, or of the other kind.
+[[nodiscard]] std::vector<std::optional<ModelRecord>> models_of(
+    const MachineDescription& machine, const std::vector<std::filesystem::path>& files,
+    std::FILE* people);
 
 /// The model of a record for data of another rate: its loop is continuous in time, so that it only
 /// has to be discretised for the new step, which is said on `people`. Throws if it cannot run at

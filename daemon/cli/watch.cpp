@@ -31,6 +31,7 @@ struct Arguments {
   std::filesystem::path result;
   std::vector<std::string> can;
   std::filesystem::path can_map;
+  std::vector<std::filesystem::path> models;
 };
 
 double since(std::chrono::steady_clock::time_point start) {
@@ -123,10 +124,12 @@ class Display {
 void run(const Arguments& arguments) {
   if (!arguments.can.empty()) {
     if (arguments.summary || !arguments.result.empty() || arguments.bus.dds)
-      throw UsageError("--summary, --json and --dds are not for --can, where nothing is predicted");
-    watch_can({arguments.can, arguments.can_map, arguments.seconds});
+      throw UsageError("--summary, --json and --dds are not for --can, where no daemon speaks");
+    watch_can({arguments.can, arguments.can_map, arguments.models, arguments.seconds});
     return;
   }
+  if (!arguments.models.empty())
+    throw UsageError("--model is for --can; over DDS the daemon says what it predicts");
   if (!arguments.can_map.empty()) throw UsageError("--can-map is for --can");
   if (!arguments.summary && !arguments.result.empty() && !is_stdout(arguments.result)) {
     throw UsageError(
@@ -181,6 +184,10 @@ Command add_watch(CLI::App& app) {
   command
       .add_option("--can-map", arguments->can_map, "which bits of which frames are which signal")
       ->type_name("F.toml");
+  command
+      .add_option("--model", arguments->models,
+                  "with --can: models of axes whose errors are to be predicted")
+      ->type_name("M.json");
   command.add_flag("--summary", arguments->summary,
                    "collect until machine or daemon leave the bus, then print one screen");
   command.add_option("--seconds", arguments->seconds, "end after this time")

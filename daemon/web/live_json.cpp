@@ -89,6 +89,19 @@ json status_json(const LiveStatus& live, const MachineDescription& machine,
                            {"residual", figures_json(figures.residual)}};
     axes.push_back(axis);
   }
+  json buses = json::array();
+  for (const BusStatus& bus : status.buses) {
+    buses.push_back({{"name", bus.name},
+                     {"up", bus.up},
+                     {"frames", bus.frames},
+                     {"dropped", bus.dropped},
+                     {"packets_lost", bus.packets_lost},
+                     {"downs", bus.downs},
+                     {"missing", bus.missing},
+                     {"late", bus.late},
+                     {"unexpected", bus.unexpected},
+                     {"error_frames", bus.error_frames}});
+  }
   return {{"schema", "servotwin.status/1"},
           {"state", state_name(status.state)},
           {"time_ns", status.time_ns},
@@ -108,6 +121,11 @@ json status_json(const LiveStatus& live, const MachineDescription& machine,
           {"work_p50_s", number_json(status.work_p50_s)},
           {"work_p99_s", number_json(status.work_p99_s)},
           {"work_max_s", number_json(status.work_max_s)},
+          {"publish_p50_s", number_json(status.publish_p50_s)},
+          {"publish_p99_s", number_json(status.publish_p99_s)},
+          {"publish_p999_s", number_json(status.publish_p999_s)},
+          {"publish_max_s", number_json(status.publish_max_s)},
+          {"buses", std::move(buses)},
           {"contour_last_second", figures_json(live.contour)},
           {"last_error", status.last_error},
           {"axes", axes}};

@@ -96,6 +96,30 @@ void write_counters(const MachineStatus& status, Text& text) {
   text.counter("rows_dropped_total", "Cycles that were not recorded.", status.rows_dropped);
 }
 
+void write_buses(const std::vector<BusStatus>& buses, Text& text) {
+  const auto each = [&](const char* name, const char* type, const char* help, auto member) {
+    text.family(name, type, help);
+    for (const BusStatus& bus : buses)
+      text.sample(static_cast<double>(bus.*member), label("bus", bus.name));
+  };
+  each("bus_up", "gauge", "1 where the interface is up.", &BusStatus::up);
+  each("bus_frames_total", "counter", "Frames that came.", &BusStatus::frames);
+  each("bus_frames_dropped_total", "counter",
+       "Frames dropped by the kernel: they were not taken in time.", &BusStatus::dropped);
+  each("bus_packets_lost_total", "counter", "Packets of CAN over UDP that never came.",
+       &BusStatus::packets_lost);
+  each("bus_messages_missing_total", "counter", "Messages that did not come in their cycle.",
+       &BusStatus::missing);
+  each("bus_messages_late_total", "counter", "Messages after the deadline of their cycle.",
+       &BusStatus::late);
+  each("bus_frames_unexpected_total", "counter", "Frames of ids that the mapping does not have.",
+       &BusStatus::unexpected);
+  each("bus_error_frames_total", "counter", "Error frames of the interface.",
+       &BusStatus::error_frames);
+  each("bus_downs_total", "counter", "How often the interface went down or away.",
+       &BusStatus::downs);
+}
+
 void write_axes(const MetricsInput& input, Text& text) {
   const std::vector<AxisDescription>& axes = input.description.axes;
   const auto each = [&](const char* name, const char* type, const char* help,
@@ -157,6 +181,11 @@ std::string metrics_text(const MetricsInput& input) {
                    *input.wake);
   if (input.work != nullptr)
     text.histogram("work_seconds", "Of the real-time loop, for one cycle.", *input.work);
+  if (input.published != nullptr)
+    text.histogram("publish_seconds",
+                   "From a frame being due, sent or whole to its prediction being handed on.",
+                   *input.published);
+  if (!input.live.status.buses.empty()) write_buses(input.live.status.buses, text);
   write_axes(input, text);
   text.gauge("contour_error_rms", "RMS of the predicted contour error over the last second, in m.",
              input.live.contour.rms);

@@ -23,6 +23,7 @@ struct MetricsInput {
   std::vector<AlarmState> alarms;   ///< one per axis
   const Histogram* wake = nullptr;  ///< null: there is no loop yet
   const Histogram* work = nullptr;
+  const Histogram* published = nullptr;
   double recordings_bytes = 0.0, recordings_files = 0.0;
   bool healthy = true;
   std::uint64_t streams = 0, slow_streams = 0, batches_dropped = 0;

@@ -23,10 +23,12 @@ ListenAddress address_of(const HttpConfig& config) {
 }  // namespace
 
 WebService::Shown::Shown(WebService& service, const MachineDescription& machine,
-                         const LoopCounters& counters, ResidualWatch& watch)
+                         const LoopCounters& counters, const Histogram& published,
+                         ResidualWatch& watch)
     : service_(service),
       machine_(machine),
       counters_(counters),
+      published_(published),
       watch_(watch),
       feed_(machine.cycle_s, machine.axes.size()) {
   const std::lock_guard lock(service_.mutex_);
@@ -125,6 +127,7 @@ MetricsInput WebService::now() {
     out.alarms.push_back(shown_->watch_.state(i));
   out.wake = &shown_->counters_.wake;
   out.work = &shown_->counters_.work;
+  out.published = &shown_->published_;
   return out;
 }
 

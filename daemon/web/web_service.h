@@ -33,7 +33,7 @@ class WebService {
   class Shown {
    public:
     Shown(WebService& service, const MachineDescription& machine, const LoopCounters& counters,
-          ResidualWatch& watch);
+          const Histogram& published, ResidualWatch& watch);
     Shown(const Shown&) = delete;
     Shown& operator=(const Shown&) = delete;
     ~Shown();
@@ -47,6 +47,7 @@ class WebService {
     WebService& service_;
     const MachineDescription& machine_;
     const LoopCounters& counters_;
+    const Histogram& published_;
     ResidualWatch& watch_;
     LiveFeed feed_;
     std::atomic<bool> ended_{false};

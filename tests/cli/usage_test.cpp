@@ -66,6 +66,7 @@ const std::vector<Typed> kTyped{
     {{"replay", "rec.csv", "--dds", "--targets"}, "--targets is for --can and --udp"},
     {{"watch", "--can", "vcan0"}, "--can-map F.toml"},
     {{"watch", "--can", "vcan0", "--summary"}, "not for --can"},
+    {{"watch", "--model", "m.json"}, "--model is for --can"},
     {{"simulate", "--model", "m.json", "--can", "vcan0"}, "--can-map F.toml"},
     {{"simulate", "path.csv", "--model", "m.json", "--can", "vcan0"}, "come from the bus"},
     {{"simulate", "--model", "m.json"}, "PATH is required"},

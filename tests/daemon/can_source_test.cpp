@@ -128,6 +128,33 @@ TEST(CanSource, MergesItsBusesByTheirStamps) {
   EXPECT_EQ(machine.source->counts().incomplete, 0U);
 }
 
+TEST(CanSource, EveryBusHasItsFigures) {
+  TwoBuses machine;
+  const std::int64_t now = wall_ns();
+  for (int k = 0; k < 2; ++k) {
+    machine.buses[0]->frames.push_back(frame_of(0x80, now + k * 1'000'000));
+    machine.buses[0]->frames.push_back(frame_of(0x181, now + k * 1'000'000 + 10, 1));
+  }
+  machine.buses[1]->frames.push_back(frame_of(0x181, now + 20, 1));  // and not in the second cycle
+  machine.buses[1]->frames.push_back(frame_of(0x555, now + 30));
+  MachineFrame frame;
+  while (machine.source->receive(frame, 0.1) == Received::kFrame) {
+  }
+  machine.buses[0]->frames.push_back(frame_of(0x80, now + 2'000'000));  // ends the second cycle
+  (void)machine.source->receive(frame, 0.1);
+  machine.buses[1]->set_up(false);
+  const std::vector<BusStatus> buses = machine.source->buses();
+  ASSERT_EQ(buses.size(), 2U);
+  EXPECT_EQ(buses[0].name, "a");
+  EXPECT_EQ(buses[0].missing, 0U);
+  EXPECT_TRUE(buses[0].up);
+  EXPECT_EQ(buses[1].name, "b");
+  EXPECT_EQ(buses[1].missing, 1U);
+  EXPECT_EQ(buses[1].unexpected, 1U);
+  EXPECT_FALSE(buses[1].up);
+  EXPECT_EQ(buses[1].downs, 1U);
+}
+
 TEST(CanSource, ACycleEndsAtItsDeadlineWithoutAnotherFrame) {
   TwoBuses machine;
   machine.buses[0]->frames.push_back(frame_of(0x80, wall_ns()));

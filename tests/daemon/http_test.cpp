@@ -36,7 +36,7 @@ class HttpTest : public testing::Test {
   /// From now on there is a machine with an axis X.
   void show() {
     watch_ = std::make_unique<ResidualWatch>(machine_, DiagnoseConfig{}, events_);
-    shown_ = std::make_unique<WebService::Shown>(*web_, machine_, counters_, *watch_);
+    shown_ = std::make_unique<WebService::Shown>(*web_, machine_, counters_, published_, *watch_);
   }
   void promote(const std::string& reason) {
     ModelRecord record = record_of(drive());
@@ -52,6 +52,7 @@ class HttpTest : public testing::Test {
   EventLog events_;
   MachineDescription machine_ = one_axis();
   LoopCounters counters_;
+  Histogram published_;
   std::unique_ptr<ResidualWatch> watch_;
   std::unique_ptr<WebService> web_;
   std::unique_ptr<WebService::Shown> shown_;

@@ -23,6 +23,14 @@ MetricsInput an_input() {
   input.live.axes = {{{2e-3, 3e-3}, {1e-3, 2e-3}, {4e-8, 5e-7}}, {}};
   input.alarms = {AlarmState::kRaised, AlarmState::kLearning};
   input.recordings_bytes = 4096;
+  BusStatus up, down;
+  up.name = "can0";
+  up.frames = 7000;
+  up.missing = 2;
+  down.name = "can1";
+  down.up = false;
+  down.dropped = 5;
+  input.live.status.buses = {up, down};
   return input;
 }
 
@@ -36,10 +44,12 @@ double one(const std::map<std::string, PrometheusFamily>& all, const std::string
 }
 
 TEST(Metrics, AreWhatAStrictReaderAccepts) {
-  Histogram wake, work;
+  Histogram wake, work, published;
+  published.add(3'000);
   MetricsInput input = an_input();
   input.wake = &wake;
   input.work = &work;
+  input.published = &published;
   const auto all = read_prometheus(metrics_text(input));
   EXPECT_GE(all.size(), 30U);
   for (const auto& [name, family] : all) {
@@ -53,6 +63,13 @@ TEST(Metrics, AreWhatAStrictReaderAccepts) {
   EXPECT_EQ(one(all, "servotwin_frames_total"), 12345678901.0);
   EXPECT_EQ(one(all, "servotwin_frames_lost_total"), 3);
   EXPECT_EQ(one(all, "servotwin_model_version", {{"axis", "X"}}), 17);
+  EXPECT_EQ(one(all, "servotwin_bus_frames_total", {{"bus", "can0"}}), 7000);
+  EXPECT_EQ(one(all, "servotwin_bus_messages_missing_total", {{"bus", "can0"}}), 2);
+  EXPECT_EQ(one(all, "servotwin_bus_frames_dropped_total", {{"bus", "can1"}}), 5);
+  EXPECT_EQ(one(all, "servotwin_bus_up", {{"bus", "can0"}}), 1);
+  EXPECT_EQ(one(all, "servotwin_bus_up", {{"bus", "can1"}}), 0);
+  const auto& latency = all.at("servotwin_publish_seconds").samples;
+  EXPECT_EQ(latency.back().value, 1) << "its count";
   EXPECT_EQ(one(all, "servotwin_model_holdout_rms", {{"axis", "X"}}), 1.5e-6);
   EXPECT_TRUE(std::isnan(one(all, "servotwin_model_holdout_rms", {{"axis", "Y"}})));
   EXPECT_EQ(one(all, "servotwin_tracking_error_rms", {{"axis", "X"}}), 2e-3);

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/clock.h"
 #include "tests/daemon/support.h"
 
 namespace servotwin {
@@ -507,9 +508,16 @@ TEST(RealTimeLoop, RunsUntilTheSourceEndsAndMeasuresItself) {
   Loop loop;
   Frames frames(loop, 1000);
   const std::atomic<bool> stop{false};
+  const std::int64_t before = steady_ns();
   loop.loop.run(frames, stop);
+  const std::int64_t after = steady_ns();
   const LoopCounters& counters = loop.loop.counters();
   EXPECT_EQ(counters.frames, 1000U);
+  // Every prediction knows when its frame was due.
+  MachinePrediction prediction;
+  ASSERT_TRUE(loop.predictions.pop(prediction));
+  EXPECT_GE(prediction.due_ns, before - 5'000);
+  EXPECT_LE(prediction.due_ns, after - 5'000);
   EXPECT_NEAR(counters.wake.quantile_s(0.5), 5e-6, 0.7e-6);
   EXPECT_GT(counters.work.quantile_s(0.5), 0.0);
   EXPECT_GE(counters.work.max_s(), 0.9 * counters.work.quantile_s(0.5));
