@@ -9,6 +9,7 @@
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/report.h"
 #include "diagnosis/text.h"
+#include "diagnosis/torque_text.h"
 #include "identification/segments.h"
 
 namespace servotwin {
@@ -22,6 +23,12 @@ std::string line_of(const Diagnosis& diagnosis) {
   std::string line = verdict_text(diagnosis);
   for (const Cause& cause : diagnosis.causes)
     line += "; " + cause.id + ": " + cause_text(diagnosis, cause);
+  return line;
+}
+
+std::string line_of(const TorqueDiagnosis& torque) {
+  std::string line;
+  for (const TorqueCause& cause : torque.causes) line += "; by torque " + cause.id;
   return line;
 }
 
@@ -111,22 +118,35 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     // With the other axes, whose motion may be what disturbs this one.
     const SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
     Diagnosis diagnosis = diagnose(motion, options_);
+    const std::optional<TorqueDiagnosis> torque = torque_of(motion);
     const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin);
     const Event event =
         event_now("diagnosis", name,
                   text("diagnosis of %.1f s, made in %.1f s: ", motion.report.duration_s, taken_s) +
-                      line_of(diagnosis));
+                      line_of(diagnosis) + (torque ? line_of(*torque) : ""));
     diagnosis.extended.created = event.time;
     nlohmann::json json = to_json(diagnosis, "");
+    if (torque) add_torque(json, *torque);
     json["created"] = event.time;
     json["reason"] = reason;
     keep_report(name,
-                report_html(diagnosis, motion.segments, "what the daemon saw until " + event.time));
-    keep({event.time, name, reason, std::string(name_of(diagnosis.verdict)), json.dump(),
+                report_html(diagnosis, motion.segments, "what the daemon saw until " + event.time,
+                            torque ? torque_section(*torque) : ""));
+    keep({event.time, name, reason, json.at("verdict").get<std::string>(), json.dump(),
           to_json(diagnosis.extended).dump()},
          event);
   } catch (const std::exception& error) {
     events_.note("diagnosis_failed", name, std::string("no diagnosis: ") + error.what());
+  }
+}
+
+std::optional<TorqueDiagnosis> DiagnosisWorker::torque_of(const SegmentedAxis& motion) {
+  if (!has_torque(motion)) return std::nullopt;
+  try {
+    return diagnose_torque(motion, options_);
+  } catch (const std::runtime_error& error) {
+    events_.note("torque_not_explained", motion.axis, error.what());
+    return std::nullopt;
   }
 }
 

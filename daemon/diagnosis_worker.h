@@ -3,7 +3,8 @@
 //
 //   every_s of the machine's time, or an alarm --> the axis has moved for record_s since the last
 //   diagnosis, and half of that is remembered --> the most recent record_s of its motion
-//   --> diagnose() --> store, with the extended model --> publisher
+//   --> diagnose(), and diagnose_torque() where there is a torque --> store, with the extended
+//   model --> publisher
 //
 // The first diagnosis is due as soon as there is that much motion. All of this is counted in the
 // machine's time and motion, not in time of the worker. A diagnosis changes no model in force: it
@@ -28,6 +29,7 @@
 #include "daemon/residual_watch.h"
 #include "daemon/store.h"
 #include "diagnosis/diagnose.h"
+#include "diagnosis/torque.h"
 
 namespace servotwin {
 
@@ -64,6 +66,8 @@ class DiagnosisWorker {
   void take_newer_config();
   bool look(std::size_t axis, double least_motion_s);
   void diagnose_now(std::size_t axis, const std::string& reason, double from_s, double until_s);
+  /// Nothing where there is no torque, or too little of it, which is noted.
+  [[nodiscard]] std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& motion);
   void keep_report(const std::string& axis, const std::string& html);
   void keep(const StoredDiagnosis& diagnosis, const Event& event);
 

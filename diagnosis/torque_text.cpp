@@ -138,6 +138,12 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                   {"holdout_rms_after_m", json()},
                   {"ci95", {json(), json()}}};
     whole.update(gain);
+    // What the position loop only suspects, the torque names.
+    json suspected = json::array();
+    for (const json& other : file["suspected"]) {
+      if (other["id"] != cause.id) suspected.push_back(other);
+    }
+    file["suspected"] = suspected;
     file["causes"].push_back({{"id", cause.id},
                               {"confidence", cause.confidence},
                               {"parameters", parameters},

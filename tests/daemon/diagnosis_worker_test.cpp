@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -239,6 +241,41 @@ TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
   ASSERT_EQ(announced_.size(), 1U);
   EXPECT_EQ(announced_[0].json, made.json);
   EXPECT_EQ(announced_[0].extended_model, made.extended_model);
+}
+
+// The torque of a body of 10 kg with 3 N of friction on the recorded way, and a ripple of its own
+// that the position loop is not asked about: by Newton, from differences of the command.
+TEST_F(DiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
+  using namespace hidden_effects;
+  const Case hidden = single_case(Part::kDev, "cogging", Class::kClear, 0);
+  std::ofstream(directory_.path() / "case.csv") << hidden.csv;
+  const Recording recording = read_csv(directory_.path() / "case.csv", {});
+  machine_ = {hidden.sample_time_s, {{"X", false, "N"}}};
+  config_.record_s = 10.0;
+  config_.every_s = 1e6;
+  restart();
+  const std::vector<double>& x = recording.axes[0].command;
+  const double h = hidden.sample_time_s, period = 0.004;
+  for (std::size_t i = 2; i + 2 < x.size(); ++i) {
+    const double v = (x[i + 1] - x[i - 1]) / (2.0 * h),
+                 a = (x[i + 2] - 2.0 * x[i] + x[i - 2]) / (4.0 * h * h);
+    const double torque =
+        10.0 * a + 3.0 * std::tanh(v / 1e-3) + 2.0 * std::sin(2.0 * M_PI * x[i] / period);
+    CycleRow row;
+    row.axes[0] = {x[i], recording.axes[0].actual[i], torque};
+    append(row);
+  }
+  ASSERT_TRUE(worker_->look(0)) << memory_->moved_s(0);
+  ASSERT_EQ(announced_.size(), 1U) << said_.str();
+  EXPECT_THAT(events("diagnosis"), ElementsAre(HasSubstr("; by torque cogging")));
+  const json told = json::parse(announced_[0].json);
+  const auto by_torque =
+      std::find_if(told["causes"].begin(), told["causes"].end(), [](const json& cause) {
+        return cause["id"] == "cogging" && cause["gain"].contains("holdout_rms_before_n");
+      });
+  ASSERT_NE(by_torque, told["causes"].end()) << told["causes"].dump(1);
+  EXPECT_LT((*by_torque)["gain"]["holdout_rms_after_n"].get<double>(),
+            0.5 * (*by_torque)["gain"]["holdout_rms_before_n"].get<double>());
 }
 
 }  // namespace
