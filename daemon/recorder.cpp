@@ -17,13 +17,13 @@ namespace {
 // The ring holds seconds of rows, identification waits for seconds of motion: no reason to hurry.
 constexpr auto kPause = std::chrono::milliseconds(20);
 
-/// A name that sorts by time and is not there yet.
+/// A name that sorts by time and is not there yet; '_' comes after the '.' of the extension.
 std::string name_of_file(const std::filesystem::path& directory) {
   std::string stamp = iso_time(wall_ns());
   std::erase(stamp, ':');
   std::string name = stamp + ".csv";
   for (int more = 2; std::filesystem::exists(directory / name); ++more)
-    name = stamp + "-" + std::to_string(more) + ".csv";
+    name = stamp + (more < 10 ? "_0" : "_") + std::to_string(more) + ".csv";
   return name;
 }
 
