@@ -255,7 +255,7 @@ TEST_F(DiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
   config_.every_s = 1e6;
   restart();
   const std::vector<double>& x = recording.axes[0].command;
-  const double h = hidden.sample_time_s, period = 0.004;
+  const double h = hidden.sample_time_s, period = 0.02;
   for (std::size_t i = 2; i + 2 < x.size(); ++i) {
     const double v = (x[i + 1] - x[i - 1]) / (2.0 * h),
                  a = (x[i + 2] - 2.0 * x[i] + x[i - 2]) / (4.0 * h * h);
@@ -274,8 +274,9 @@ TEST_F(DiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
         return cause["id"] == "cogging" && cause["gain"].contains("holdout_rms_before_n");
       });
   ASSERT_NE(by_torque, told["causes"].end()) << told["causes"].dump(1);
-  EXPECT_LT((*by_torque)["gain"]["holdout_rms_after_n"].get<double>(),
-            0.5 * (*by_torque)["gain"]["holdout_rms_before_n"].get<double>());
+  const json line = (*by_torque)["parameters"]["harmonics"][0];
+  EXPECT_NEAR(line["period_m"].get<double>(), period, 0.02 * period);
+  EXPECT_NEAR(line["amplitude_n"].get<double>(), 2.0, 0.2);
 }
 
 }  // namespace

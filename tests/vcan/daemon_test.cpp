@@ -198,8 +198,9 @@ TEST_F(DaemonOnCan, TakesInAReplayedMachineWithoutLossPredictsItAndItsLogReadsBa
   EXPECT_EQ(now["lost"], missing_on_the_wire(log, kCycle)) << replay.said();
   EXPECT_EQ(now["malformed"], 0);
   EXPECT_EQ(now["not_finite"], 0);
-  EXPECT_EQ(now["axes"][0]["model_version"], 1);
-  EXPECT_EQ(now["axes"][1]["model_version"], 1);
+  // Its own identification may have found a better one by then.
+  EXPECT_GE(now["axes"][0]["model_version"], 1);
+  EXPECT_GE(now["axes"][1]["model_version"], 1);
   const json bus = now["buses"][0];
   EXPECT_EQ(bus["name"], "vcan0");
   EXPECT_EQ(bus["frames"], 5 * kCycles);
