@@ -23,6 +23,7 @@ std::string line_of(const Diagnosis& diagnosis) {
   std::string line = verdict_text(diagnosis);
   for (const Cause& cause : diagnosis.causes)
     line += "; " + cause.id + ": " + cause_text(diagnosis, cause);
+  for (const Cause& cause : diagnosis.suspected) line += "; suspected " + cause.id;
   return line;
 }
 
@@ -119,6 +120,7 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     const SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
     Diagnosis diagnosis = diagnose(motion, options_);
     const std::optional<TorqueDiagnosis> torque = torque_of(motion);
+    if (torque) heed(*torque, diagnosis);
     const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin);
     const Event event =
         event_now("diagnosis", name,

@@ -21,8 +21,6 @@ namespace {
 // next to nothing: what the catalogue does not know is not in its own figures. Chosen, not fitted;
 // how well it holds is measured (docs/measurements.md 11, calibration error).
 constexpr double kRight = 0.97, kLessRight = 0.4;
-// A cause that is more likely wrong than right is no answer.
-constexpr double kNamed = 0.5;
 constexpr double kGrown = 2.0;            // times what the earlier model left: something changed
 constexpr double kStructured = 4.0;       // of the noise floor: more is not chance
 constexpr double kFar = 5.0;              // of the noise floor: there is more than what is named
@@ -125,7 +123,10 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   // What an earlier model was wrong by of itself is no change of the machine.
   double usual = kStructured * floor.rms;
   if (std::isfinite(diagnosis.earlier_rms)) usual = std::max(usual, kGrown * diagnosis.earlier_rms);
-  const bool structured = std::isfinite(usual) && diagnosis.extended.holdout.rms > usual;
+  // What is only suspected explains nothing.
+  const double stays =
+      (diagnosis.causes.empty() ? diagnosis.baseline : diagnosis.extended).holdout.rms;
+  const bool structured = std::isfinite(usual) && stays > usual;
   // What is named takes most away, and as models of friction go what they leave is not of another
   // cause.
   const double named = std::sqrt(std::max(
@@ -166,10 +167,6 @@ double balanced_share(const Model& model, const std::vector<Segment>& segments, 
   const auto at = std::lower_bound(sums.begin(), sums.end(), share * sums.back());
   return std::clamp(static_cast<double>(at - sums.begin()) / n, kFirst, kLast);
 }
-
-}  // namespace
-
-namespace {
 
 /// By this division of the recording.
 Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
@@ -311,25 +308,31 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
 }  // namespace
 
 Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
-  const Diagnosis first = diagnose_divided(axis, options);
+  Diagnosis first = diagnose_divided(axis, options);
+  const auto pushes = [&](const Cause& cause) { return unforeseeable(first, cause); };
   if (!options.balance || first.verdict != Verdict::kUnexplained ||
-      std::any_of(first.causes.begin(), first.causes.end(),
-                  [&](const Cause& cause) { return unforeseeable(first, cause); }))
+      std::any_of(first.causes.begin(), first.causes.end(), pushes) ||
+      std::any_of(first.suspected.begin(), first.suspected.end(), pushes))
     return first;
   const double share =
       balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms,
                      options.identify.training_share);
   if (share == options.identify.training_share) return first;
+  const std::string divided = text("divided anew: %.0f %% of the time is fitted", 100.0 * share);
   DiagnoseOptions other = options;
   other.identify.training_share = share;
-  Diagnosis out = diagnose_divided(axis, other);
-  if (out.verdict == Verdict::kUnexplained && out.causes.size() <= first.causes.size())
-    return first;
-  out.steps.insert(out.steps.begin(),
-                   text("training data: %.0f %% of the time, as what is left after a first "
-                        "diagnosis is nearly all in one part",
-                        100.0 * share));
-  return out;
+  try {
+    Diagnosis second = diagnose_divided(axis, other);
+    if (second.verdict == Verdict::kExplained || second.causes.size() > first.causes.size()) {
+      second.steps.insert(second.steps.begin(), divided);
+      return second;
+    }
+    first.steps.push_back(divided + ", and explains no more");
+  } catch (const std::runtime_error& error) {
+    if (options.stop.stop_requested()) throw;
+    first.steps.push_back(divided + ": " + error.what());
+  }
+  return first;
 }
 
 }  // namespace servotwin

@@ -29,6 +29,9 @@ namespace servotwin {
 enum class Verdict { kExplained, kNothingSignificant, kUnexplained };
 [[nodiscard]] std::string_view name_of(Verdict verdict);
 
+/// A cause that is more likely wrong than right is no answer: it is suspected.
+inline constexpr double kNamed = 0.5;
+
 inline constexpr std::size_t kNoEffect = static_cast<std::size_t>(-1);
 
 /// A quantity of the machine against an earlier model.
@@ -81,8 +84,8 @@ struct DiagnoseOptions {
   /// The recorded encoder is the one that the position loop uses, which cannot show what the loop
   /// makes right; false: not known.
   bool encoder_in_loop = false;
-  /// The training data end where they hold their share of what the baseline leaves as well, so that
-  /// what happens late in a recording is in them; false: by time alone.
+  /// Where too much is left and nearly all of it in one part, the recording is divided anew, so
+  /// that what happens late in it is in the training data; false: by time alone.
   bool balance = true;
   std::stop_token stop;  ///< ends a diagnosis before its next fit: it throws
 };

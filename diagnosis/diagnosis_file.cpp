@@ -159,6 +159,7 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
       {"baseline",
        {{"rms_m", number_or_null(diagnosis.baseline.holdout.rms)},
         {"max_m", number_or_null(diagnosis.baseline.holdout.max)},
+        {"training_to_s", diagnosis.baseline.training_to_s},
         {"noise_floor_rms_m", number_or_null(diagnosis.baseline.noise_floor_rms)}}},
       {"extended",
        {{"rms_m", number_or_null(diagnosis.extended.holdout.rms)},
@@ -228,9 +229,10 @@ std::string verdict_text(const Diagnosis& diagnosis) {
             "simulation is wrong by %.3g %s RMS in place of %.3g, %.1f times the noise floor",
             count, plural, count == 1 ? "s" : "", after, unit, before, after / floor);
       return text(
-          "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, and no "
-          "effect of the catalogue explains it",
-          before, unit, before / floor);
+                 "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, "
+                 "and no effect of the catalogue explains it",
+                 before, unit, before / floor) +
+             (diagnosis.suspected.empty() ? "" : " surely: what may is suspected");
   }
   return {};
 }

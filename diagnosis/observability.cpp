@@ -3,25 +3,29 @@
 #include "diagnosis/extension.h"
 #include "diagnosis/suggested_motion.h"
 #include "diagnosis/text.h"
+#include "diagnosis/torque.h"
 #include "identification/excitation.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kWarmUp_s = 10.0;     // less is no time for anything to warm up in
-constexpr double kHardlyRests = 0.01;  // of the time
-constexpr double kHardly = 0.02;       // of the time in a direction
+constexpr double kWarmUp_s = 10.0;  // less is no time for anything to warm up in
+constexpr double kHardlyRests =
+    0.02;                         // of the time; a turn of a smooth motion has more than half of it
+constexpr double kHardly = 0.02;  // of the time under way, in a direction
 
 /// Why this cause cannot show; empty: it can.
 std::string why_not(std::string_view id, const SegmentedAxis& axis, const Beside& beside) {
   const Channels channels(axis.segments);
   const Excitation e = excitation_of(axis.segments);
-  const bool one_way = e.reversals < 2 || e.forward_share < kHardly || e.backward_share < kHardly;
+  const double moving = e.forward_share + e.backward_share;
+  const bool one_way =
+      e.reversals < 2 || std::min(e.forward_share, e.backward_share) < kHardly * moving;
   const double duration_s = axis.segments.back().end_s() - axis.segments.front().start_s;
   if (id == "cross_coupling" && !channels.neighbour) return "no other axis is in the recording";
   if (id == "cutting_force" && !beside.cuts_heard) return "no cut is heard in the recording";
-  if (id == "gravity_offset" && beside.integrator)
+  if (id == "gravity_offset" && beside.integrator && !has_torque(axis))
     return "the integrator of the loop holds a constant force without an error: it takes the "
            "torque";
   if (id == "feedforward_mismatch" && !beside.earlier_model)

@@ -16,6 +16,7 @@ constexpr double kAccelerating = 0.05;  // of the peak acceleration
 constexpr double kSteady = 0.001;
 
 constexpr double kCutOff = 5.0;
+constexpr double kOfPeak = 0.5;  // of the largest torque in either direction
 constexpr double kStays_s = 0.003;
 
 Eigen::Index samples_in(double time_s, double h) {
@@ -88,7 +89,10 @@ Eigen::ArrayXd at_limit(const Eigen::ArrayXd& torque, double h) {
     const auto count = [&](double value) {
       return static_cast<double>((sign * torque == value).count());
     };
-    if (!(count(most) > kCutOff * count(next))) continue;
+    // A torque that does not vary, or is 0 at rest, has an extreme as well.
+    if (!std::isfinite(next) || !(most > kOfPeak * torque.abs().maxCoeff()) ||
+        !(count(most) > kCutOff * count(next)))
+      continue;
     for (Eigen::Index k = 0, run = 0; k < torque.size(); ++k) {
       run = sign * torque(k) == most ? run + 1 : 0;
       if (run < shortest) continue;

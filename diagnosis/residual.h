@@ -53,7 +53,8 @@ struct ResidualStretch {
 
 /// Where a recorded torque is cut off at its largest or least value: 1 in runs of that value over 3
 /// samples and 3 ms or more. At its peak a torque of few digits has up to 2.4 times as many samples
-/// as one digit below (of a sine); a limit has kCutOff times as many. Empty where none is cut off.
+/// as one digit below (of a sine); a limit has kCutOff times as many. What is below half of the
+/// largest in either direction is no limit. Empty where none is cut off.
 [[nodiscard]] Eigen::ArrayXd at_limit(const Eigen::ArrayXd& torque, double h);
 
 /// Velocity and acceleration of the command over +-kRegimeSpan_s; NaN where the span leaves the

@@ -317,8 +317,12 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
     case Scan::kDemand: {
       // Viscous friction may make up much of what is asked for, or nothing; a limit is met at the
       // peaks first.
-      for (const double viscous : {p.lower, 0.3, 1.0, 2.0, 4.0}) {
-        start[2] = viscous;
+      const auto of_viscous = static_cast<std::size_t>(
+          std::find_if(shapes.begin(), shapes.end(),
+                       [](const Parameter& q) { return q.name == "viscous"; }) -
+          shapes.begin());
+      for (const double viscous : {shapes[of_viscous].lower, 0.3, 1.0, 2.0, 4.0}) {
+        start[of_viscous] = viscous;
         Eigen::ArrayXd asked(0);
         for (const Signals& s : segments_) {
           if (s.demand.size() == 0) continue;

@@ -249,7 +249,21 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   out.plateau = selected.plateau;
   out.steps = selected.steps;
   TorqueConclusion(rows, body, selected, out).run();
+  const auto unsure = std::stable_partition(
+      out.causes.begin(), out.causes.end(),
+      [](const TorqueCause& c) { return c.confidence >= kNamed || !c.ambiguous_with.empty(); });
+  out.suspected.assign(unsure, out.causes.end());
+  out.causes.erase(unsure, out.causes.end());
   return out;
+}
+
+void heed(const TorqueDiagnosis& torque, Diagnosis& diagnosis) {
+  const auto names = [&](const auto& one) {
+    return std::any_of(torque.causes.begin(), torque.causes.end(),
+                       [&](const TorqueCause& cause) { return cause.id == one.id; });
+  };
+  std::erase_if(diagnosis.suspected, names);
+  std::erase_if(diagnosis.not_observable, names);
 }
 
 }  // namespace servotwin

@@ -56,6 +56,7 @@ struct TorqueDiagnosis {
   double training_to_s = 0.0;
   double baseline_rms = kAbsent, extended_rms = kAbsent;  ///< on the hold-out
   std::vector<TorqueCause> causes;
+  std::vector<TorqueCause> suspected;  ///< below kNamed and without a rival: no answer
   Plateau plateau;
   std::vector<std::string> steps;  ///< what was tried, for people
   /// The hold-out: time [s], position, torque, and what the two models leave of it.
@@ -74,6 +75,9 @@ struct TorqueDiagnosis {
 [[nodiscard]] TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis,
                                               const DiagnoseOptions& options = {},
                                               bool commanded = true);
+
+/// What the torque names is neither suspected any more nor beyond what the recording shows.
+void heed(const TorqueDiagnosis& torque, Diagnosis& diagnosis);
 
 /// "n", "nm", "a", "v" or "percent": the unit of the torque at the end of a key.
 [[nodiscard]] std::string key_of_unit(const std::string& unit);

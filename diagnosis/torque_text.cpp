@@ -30,6 +30,13 @@ json harmonics_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
   return out;
 }
 
+std::string suspected_of(const TorqueCause& cause) {
+  std::string out = text("suspected   by torque %s: sure %.0f %%, too little to name it",
+                         cause.id.c_str(), 100.0 * cause.confidence);
+  for (const std::string& rival : cause.ambiguous_with) out += ", or " + rival;
+  return out;
+}
+
 std::string verdict_of(const TorqueDiagnosis& torque) {
   const std::size_t n = torque.causes.size();
   const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
@@ -138,12 +145,6 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                   {"holdout_rms_after_m", json()},
                   {"ci95", {json(), json()}}};
     whole.update(gain);
-    // What the position loop only suspects, the torque names.
-    json suspected = json::array();
-    for (const json& other : file["suspected"]) {
-      if (other["id"] != cause.id) suspected.push_back(other);
-    }
-    file["suspected"] = suspected;
     file["causes"].push_back({{"id", cause.id},
                               {"confidence", cause.confidence},
                               {"parameters", parameters},
@@ -152,6 +153,10 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                               {"gain", whole},
                               {"check", check_of(cause)}});
   }
+  for (const TorqueCause& cause : torque.suspected)
+    file["suspected"].push_back({{"id", cause.id},
+                                 {"confidence", cause.confidence},
+                                 {"ambiguous_with", cause.ambiguous_with}});
   if (!torque.causes.empty() && file["verdict"] == "nothing_significant")
     file["verdict"] = "explained";
   file["torque"] = {{"unit", torque.unit},
@@ -200,6 +205,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
     if (const std::string advice = check_of(cause); !advice.empty())
       out.push_back("              check " + advice);
   }
+  for (const TorqueCause& cause : torque.suspected) out.push_back(suspected_of(cause));
   if (details) {
     for (const std::string& step : torque.steps) out.push_back("by torque   " + step);
   }
@@ -211,6 +217,8 @@ std::string torque_section(const TorqueDiagnosis& torque) {
                     ".</p>\n<p>Rigid body: " + escaped(body_of(torque)) + ".</p>\n";
   if (torque.opposite) out += std::string("<p>The recorded torque ") + kAgainst + ".</p>\n";
   out += picture(torque);
+  for (const TorqueCause& cause : torque.suspected)
+    out += "<p>" + escaped(suspected_of(cause)) + ".</p>\n";
   if (torque.causes.empty()) return out;
   out +=
       "<table><tr><th>cause</th><th>how large</th><th>torque left without it</th><th>with it</th>"

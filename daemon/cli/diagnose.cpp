@@ -41,7 +41,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
   say(people, "verdict     " + verdict_text(diagnosis));
   say(people, "baseline    " + structure_text(diagnosis.baseline.model));
   say(people, "            " + figures_text(diagnosis.baseline.holdout, rotary) +
-                  "   (hold-out, not seen by the fit)");
+                  text("   (hold-out, what follows %.4g s: not seen by the fit)",
+                       diagnosis.baseline.training_to_s));
   say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
   say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
   for (const Cause& cause : diagnosis.causes) {
@@ -59,8 +60,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
     // Where repair changes less than a thousandth it is not worth a line.
-    if (std::abs(cause.gain.tracking_repaired - cause.gain.tracking_now) >
-        1e-3 * cause.gain.tracking_now) {
+    // What a control does for the axis is not repaired by taking it away.
+    if (cause.gain.tracking_now - cause.gain.tracking_repaired > 1e-3 * cause.gain.tracking_now) {
       std::string repair =
           text("repaired: tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
                1e6 * cause.gain.tracking_repaired, micro(rotary));
@@ -74,9 +75,14 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
   }
-  for (const Cause& cause : diagnosis.suspected)
-    say(people, text("suspected   %-24s sure %.0f %%: too little to name it", cause.id.c_str(),
-                     100.0 * cause.confidence));
+  for (const Cause& cause : diagnosis.suspected) {
+    std::string rivals;
+    for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
+    say(people, text("suspected   %-24s sure %.0f %%, too little to name it", cause.id.c_str(),
+                     100.0 * cause.confidence) +
+                    rivals);
+    say(people, "              " + cause_text(diagnosis, cause));
+  }
   if (const std::string term = not_understood_text(diagnosis); !term.empty())
     say(people, "not known   " + term + ": it predicts and explains nothing");
   if (details) {
@@ -174,6 +180,7 @@ void run(const Arguments& arguments) {
     return;
   }
   const std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);
+  if (torque) heed(*torque, diagnosis);
   diagnosis.baseline.source = diagnosis.extended.source =
       arguments.input.recording.file.filename().string();
   say_diagnosis(people, diagnosis, arguments.details);

@@ -57,6 +57,9 @@ TEST(NotObservable, BehindTheLoop) {
   EXPECT_TRUE(says(in_loop, "gravity_offset"));
   EXPECT_FALSE(says(in_loop, "encoder_error")) << "the loop follows it";
   EXPECT_FALSE(says(in_loop, "cogging"));
+  plain.segments.front().torque = plain.segments.front().command;
+  EXPECT_FALSE(says(not_observable(plain, {.integrator = true}), "gravity_offset"))
+      << "the torque shows it";
 }
 
 TEST(NotObservable, WithoutItsMotion) {
@@ -64,6 +67,17 @@ TEST(NotObservable, WithoutItsMotion) {
   for (const char* id : {"presliding", "backlash", "asymmetric_friction"})
     EXPECT_TRUE(says(one_way, id)) << id;
   EXPECT_FALSE(says(one_way, "dwell_stiction"));
+  // The same without rests, and with the reason that is the case.
+  SegmentedAxis restless = axis(20.0, false);
+  for (Eigen::Index k = 0; k < restless.segments[0].size(); ++k)
+    restless.segments[0].command(k) =
+        0.05 * std::sin(std::numbers::pi * kH * static_cast<double>(k));
+  const auto all = not_observable(restless, {});
+  const auto dwell = std::find_if(all.begin(), all.end(),
+                                  [](const auto& one) { return one.id == "dwell_stiction"; });
+  ASSERT_NE(dwell, all.end());
+  EXPECT_NE(dwell->why.find("rests"), std::string::npos) << dwell->why;
+  EXPECT_FALSE(says(all, "presliding"));
   const auto brief = not_observable(axis(6.0, false), {});
   EXPECT_TRUE(says(brief, "viscous_drift"));
   EXPECT_TRUE(says(brief, "thermal_growth"));

@@ -169,6 +169,9 @@ TEST(AtLimit, IsWhereATorqueIsCutOffAndNotWhereItOnlyPeaks) {
   EXPECT_EQ(at_limit(sine, kStep).size(), 0);
   EXPECT_EQ(at_limit(sine.round(), kStep).size(), 0) << "a torque of few digits stays at its peak";
   EXPECT_EQ(at_limit({}, kStep).size(), 0);
+  EXPECT_EQ(at_limit(Eigen::ArrayXd::Zero(n), kStep).size(), 0) << "a drive that sends none";
+  EXPECT_EQ(at_limit(Eigen::ArrayXd::Constant(n, 3.0), kStep).size(), 0);
+  EXPECT_EQ(at_limit(sine.max(0.0), kStep).size(), 0) << "a load meter rests at 0";
   // Cut off above only: where the sine is above 8.
   const Eigen::ArrayXd limit = at_limit(sine.min(8.0), kStep);
   ASSERT_EQ(limit.size(), n);

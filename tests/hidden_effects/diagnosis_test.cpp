@@ -31,6 +31,17 @@ TEST_P(AHiddenEffect, IsNamedFirst) {
   ASSERT_FALSE(named(answer, asked).empty());
   EXPECT_EQ(named(answer, asked).front(), GetParam());
 }
+// The motor meets its limit in the last seconds only: by time alone no fit would have seen it.
+TEST(AMotorAtItsLimit, IsNamedWhereAllOfItIsLateInTheRecording) {
+  const Case asked = single_case(Part::kDev, "torque_saturation", Class::kClear, 1);
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  EXPECT_EQ(answer.verdict, "explained");
+  ASSERT_FALSE(named(answer, asked).empty());
+  EXPECT_EQ(named(answer, asked).front(), "torque_saturation");
+  EXPECT_LT(answer.after_rms, 0.1 * answer.before_rms);
+}
+
 INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect,
                          testing::Values("asymmetric_friction", "cogging", "cross_coupling",
                                          "encoder_error", "gain_change", "impulse_disturbance",
