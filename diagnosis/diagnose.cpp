@@ -116,8 +116,11 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     cause.confidence =
         cause.counts.empty() ? right * cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
   }
-  const auto unsure = std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(),
-                                            [](const Cause& c) { return c.confidence >= kNamed; });
+  // Pushes cannot be foretold, so that no other motion can confirm them: they are named by how far
+  // they stand out (diagnosis/screen.h).
+  const auto unsure = std::stable_partition(
+      diagnosis.causes.begin(), diagnosis.causes.end(),
+      [&](const Cause& c) { return c.confidence >= kNamed || unforeseeable(diagnosis, c); });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
   diagnosis.causes.erase(unsure, diagnosis.causes.end());
   // What an earlier model was wrong by of itself is no change of the machine.
