@@ -40,6 +40,22 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
   return out;
 }
 
+/// Less its mean over a window about every sample.
+Eigen::ArrayXd without_mean(const Eigen::ArrayXd& x, double h) {
+  const Eigen::Index n = x.size();
+  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * kHeard_s / h));
+  std::vector<double> sum(static_cast<std::size_t>(n) + 1, 0.0);
+  for (Eigen::Index k = 0; k < n; ++k)
+    sum[static_cast<std::size_t>(k) + 1] = sum[static_cast<std::size_t>(k)] + x(k);
+  Eigen::ArrayXd out(n);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const Eigen::Index from = std::max<Eigen::Index>(0, k - half), to = std::min(n, k + half + 1);
+    out(k) = x(k) - (sum[static_cast<std::size_t>(to)] - sum[static_cast<std::size_t>(from)]) /
+                        static_cast<double>(to - from);
+  }
+  return out;
+}
+
 struct Spectrum {
   std::vector<double> power;
   double step_hz;
@@ -113,8 +129,9 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
                        [](const auto& l, const auto& r) { return l.size() < r.size(); }) -
       segments.begin());
   const double h = segments[longest].sample_time_s;
-  // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2.
-  const double least = kTellsOf * 0.5 * left[longest].square().sum();
+  // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2. The mean force of the
+  // cut, which may push the axis farther than the teeth do, is no tone.
+  const double least = kTellsOf * 0.5 * without_mean(left[longest], h).square().sum();
   double best = 0.0, tone = 0.0, level = 0.0;
   // A tone that is there part of the time is broader than a line.
   std::vector<double> tones = lines_of(left[longest].matrix(), h, kLines);

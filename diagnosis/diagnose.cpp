@@ -95,7 +95,10 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   // A cause that the baseline has already is explained by it.
   double without = diagnosis.baseline.holdout.rms;
   for (const Cause& cause : diagnosis.causes) {
-    if (std::isfinite(cause.gain.before)) without = std::max(without, cause.gain.before);
+    if (cause.place < diagnosis.extended.model.effects.size() && std::isfinite(cause.gain.before) &&
+        diagnosis.baseline.model.find(diagnosis.extended.model.effects[cause.place].kind) !=
+            nullptr)
+      without = std::max(without, cause.gain.before);
   }
   const double all = without * without - noise;
   const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
@@ -206,6 +209,12 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   const auto& found = selected.found;
   out.steps.insert(out.steps.end(), selected.steps.begin(), selected.steps.end());
   const std::vector<Segment>& training = search.training();
+  // What better values of the same parameters do is no gain of a cause.
+  const ErrorFigures settled = judge(selected.settled, training);
+  if (settled.rms < judge(out.baseline.model, training).rms) {
+    out.baseline.model = selected.settled;
+    out.baseline.training = settled;
+  }
   const std::vector<Segment> holdout =
       cut(search.recorded(), out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
 

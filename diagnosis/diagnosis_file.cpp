@@ -168,6 +168,7 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
       {"causes", list(diagnosis.causes)},
       {"suspected", list(diagnosis.suspected)},
       {"not_observable", not_observable},
+      {"steps", diagnosis.steps},
       {"not_understood", not_understood(diagnosis)},
       {"residual",
        {{"by_regime", regimes},

@@ -117,6 +117,7 @@ class Selection {
 
   void run() {
     settle();
+    settled_ = current_.model;
     delay();
     baseline_ = current_.rms();
     integrator();
@@ -145,6 +146,7 @@ class Selection {
     }
   }
   [[nodiscard]] const Hypothesis& current() const { return current_; }
+  [[nodiscard]] const Model& settled() const { return settled_; }
   [[nodiscard]] const std::map<std::string, Found>& found() const { return found_; }
   [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
 
@@ -230,10 +232,12 @@ class Selection {
   }
 
   /// The poles and zeros of a mode imitate a delay, which needs one parameter in place of four.
-  bool delay_does_better(double rms) {
+  bool delay_does_better(Hypothesis mode) {
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     if (!add_delay()) return false;
-    if (current_.rms() < kDoesBetter * rms) return true;
+    search_.polish(mode);
+    search_.judge(mode);
+    if (current_.rms() < kDoesBetter * mode.rms()) return true;
     current_ = current, fitted_ = fitted, as_is_ = as_is;
     search_.follow(current_);
     return false;
@@ -311,7 +315,7 @@ class Selection {
           1.0 - rival->left() > kAsGood * (1.0 - chosen->left()))
         chosen = rival;
     }
-    if (chosen->screened.kind == kind_of<Compliance>() && delay_does_better(chosen->model.rms()))
+    if (chosen->screened.kind == kind_of<Compliance>() && delay_does_better(chosen->model))
       return add_one();
     const Judgement judgement = judgement_of(*chosen);
     const Screened& screened = chosen->screened;
@@ -414,6 +418,7 @@ class Selection {
   Hypothesis fitted_;   // the same by projection, with which candidates are fitted
   Hypothesis as_is_;    // as polished, with its error on all blocks
   const DiagnoseOptions& options_;
+  Model settled_;
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS
   double friction_ = 0.0;  // RMS that laws of friction have taken away
@@ -427,7 +432,7 @@ class Selection {
 Selected select_causes(Search& search, Hypothesis baseline, const DiagnoseOptions& options) {
   Selection selection(search, std::move(baseline), options);
   selection.run();
-  return {selection.current(), selection.found(), selection.steps()};
+  return {selection.settled(), selection.current(), selection.found(), selection.steps()};
 }
 
 }  // namespace servotwin

@@ -18,6 +18,7 @@ struct Found {
 };
 
 struct Selected {
+  Model settled;                       ///< the baseline's structure, polished
   Hypothesis model;                    ///< with all causes, polished
   std::map<std::string, Found> found;  ///< by cause
   std::vector<std::string> steps;      ///< what was tried, for people

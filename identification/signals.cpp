@@ -37,9 +37,10 @@ void add_demand(const Model& model, Signals& s) {
   }
 }
 
-Signals signals_of(const Segment& segment, int half_window) {
+Signals signals_of(const Segment& segment) {
   Signals s;
   s.h = segment.sample_time_s;
+  const auto half_window = std::min(5, static_cast<int>(0.5 * kVelocityMean_s / s.h));
   s.command = Spline::through(segment.command, s.h);
   s.error = segment.command - segment.actual;
   s.position = segment.actual;

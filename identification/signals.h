@@ -31,8 +31,10 @@ struct Signals {
   [[nodiscard]] Eigen::Index size() const { return error.size(); }
 };
 
-/// `half_window`: samples on each side of the centred mean of the velocity.
-[[nodiscard]] Signals signals_of(const Segment& segment, int half_window = 5);
+/// The velocity is the mean of at most 11 samples, over no more than kVelocityMean_s.
+[[nodiscard]] Signals signals_of(const Segment& segment);
+/// What is longer smears the reversals [s].
+inline constexpr double kVelocityMean_s = 0.011;
 /// The same with every `every`-th sample: for a coarse search. The velocity is taken before.
 [[nodiscard]] Signals decimated(const Signals& signals, int every);
 

@@ -12,6 +12,10 @@ static_assert(std::is_trivially_copyable_v<Twin>, "a twin crosses threads by val
 
 namespace {
 
+/// A force that jumps within a part is taken for linear there, which is wrong by up to half of it
+/// over the part [s].
+constexpr double kLongestPart_s = 0.6e-3;
+
 /// The force at which `miss` is 0, sought from `first`, exact where that is it already.
 template <class Miss>
 double balanced(double first, const Miss& miss_at) noexcept {
@@ -48,7 +52,11 @@ double balanced(double first, const Miss& miss_at) noexcept {
 
 Twin::Twin(const Model& model) {
   if (auto why = why_invalid(model); !why.empty()) throw std::invalid_argument(why);
-  h_ = model.sample_time_s;
+  parts_ = model.effects.empty()
+               ? 1
+               : static_cast<int>(std::ceil(model.sample_time_s / kLongestPart_s - 1e-9));
+  cycle_s_ = model.sample_time_s;
+  h_ = cycle_s_ / parts_;
   delay_s_ = model.command_delay_s();
   order_ = model.loop.order;
   const int n = order_;
@@ -107,6 +115,7 @@ void Twin::start(double command, double time_s) noexcept {
   copy_memories(trial_, memory_);
   for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
   velocity_ = 0.0;
+  neighbour_acceleration_ = 0.0;
   demand_ = force_;
   position_ = command - (order_ >= 2 ? z_[static_cast<std::size_t>(order_ - 2)] : 0.0);
   rest.position = position_;
@@ -148,7 +157,32 @@ double Twin::read(const Motion& m) noexcept {
   return sum;
 }
 
-double Twin::step(const CommandPiece& piece) noexcept {
+double Twin::step(const CommandPiece& whole) noexcept {
+  const double neighbour_before = neighbour_acceleration_;
+  neighbour_acceleration_ = whole.neighbour_acceleration;
+  CommandPiece part = whole;
+  for (int i = 1; i < parts_; ++i) {
+    const double to_end = h_ * (parts_ - i);
+    part.end_acceleration = whole.end_acceleration - to_end * whole.jerk;
+    part.end_velocity =
+        whole.end_velocity - to_end * (whole.end_acceleration - to_end * whole.jerk / 2);
+    part.end_position = whole.end_position -
+                        to_end * (whole.end_velocity -
+                                  to_end * (whole.end_acceleration / 2 - to_end * whole.jerk / 6));
+    part.neighbour_acceleration =
+        neighbour_before + (whole.neighbour_acceleration - neighbour_before) * i / parts_;
+    advance(part);
+    part.velocity = part.end_velocity;
+    part.acceleration = part.end_acceleration;
+  }
+  part.end_position = whole.end_position;
+  part.end_velocity = whole.end_velocity;
+  part.end_acceleration = whole.end_acceleration;
+  part.neighbour_acceleration = whole.neighbour_acceleration;
+  return advance(part);
+}
+
+double Twin::advance(const CommandPiece& piece) noexcept {
   const auto n = static_cast<std::size_t>(order_);
   std::array<double, kMaxOrder> y{}, z{};
   for (std::size_t r = 0; r < n; ++r) {
@@ -234,7 +268,8 @@ double Twin::follow(double command) noexcept {
   // The delayed commands at the end of this cycle and of the three before, by cubic interpolation
   // centred where later commands are known.
   std::array<double, 4> x{};
-  const double shift = delay_s_ / h_;
+  const double h = cycle_s_;
+  const double shift = delay_s_ / h;
   const auto whole = static_cast<std::uint32_t>(shift);
   const double t = shift - whole;  // the sought point lies t cycles before past(whole + i)
   for (std::uint32_t i = 0; i < 4; ++i) {
@@ -253,12 +288,12 @@ double Twin::follow(double command) noexcept {
   const double d2 = x[0] - 2 * x[1] + x[2];
   const double d3 = x[0] - 3 * x[1] + 3 * x[2] - x[3];
   CommandPiece piece;
-  piece.velocity = (d1 - d2 / 2 - d3 / 6) / h_;
-  piece.acceleration = d2 / (h_ * h_);
-  piece.jerk = d3 / (h_ * h_ * h_);
+  piece.velocity = (d1 - d2 / 2 - d3 / 6) / h;
+  piece.acceleration = d2 / (h * h);
+  piece.jerk = d3 / (h * h * h);
   piece.end_position = x[0];
-  piece.end_velocity = piece.velocity + h_ * (piece.acceleration + h_ * piece.jerk / 2);
-  piece.end_acceleration = piece.acceleration + h_ * piece.jerk;
+  piece.end_velocity = piece.velocity + h * (piece.acceleration + h * piece.jerk / 2);
+  piece.end_acceleration = piece.acceleration + h * piece.jerk;
   return step(piece) + (command - x[0]);
 }
 

@@ -1,8 +1,9 @@
 // The twin of one axis, stepped cycle by cycle in free simulation: it sees commands only.
 //
 // Source: exact filters (twin/hold.h), friction linear within the step and solved with it, so that
-// any step is stable (docs/theory.md 2.3). Trivially copyable; a copy is how one looks ahead. Any
-// one thread; `step`, `follow` and `predict` allocate nothing, take no lock and throw nothing.
+// any step is stable (docs/theory.md 2.3). Longer cycles are solved in parts, because friction
+// turns within them. Trivially copyable; a copy is how one looks ahead. Any one thread; `step`,
+// `follow` and `predict` allocate nothing, take no lock and throw nothing.
 #pragma once
 
 #include <array>
@@ -30,7 +31,7 @@ class Twin {
   explicit Twin(const Model& model);
 
   [[nodiscard]] bool loaded() const noexcept { return order_ > 0; }
-  [[nodiscard]] double sample_time_s() const noexcept { return h_; }
+  [[nodiscard]] double sample_time_s() const noexcept { return cycle_s_; }
   [[nodiscard]] double command_delay_s() const noexcept { return delay_s_; }
   /// The simulated reading at the end of the last cycle [m | rad],
   [[nodiscard]] double position() const noexcept { return position_ + reading_; }
@@ -56,6 +57,7 @@ class Twin {
 
  private:
   using Memories = std::array<EffectMemory<double>, kMaxEffects>;
+  double advance(const CommandPiece& piece) noexcept;
   double disturbance(const Motion& m, Memories& memory) const noexcept;
   double read(const Motion& m) noexcept;
   void copy_memories(const Memories& from, Memories& to) const noexcept;
@@ -65,7 +67,9 @@ class Twin {
 
   int order_ = 0;
   int effect_count_ = 0;
-  double h_ = 0.0;
+  double cycle_s_ = 0.0;
+  int parts_ = 1;   // that a cycle is solved in
+  double h_ = 0.0;  // of a part
   double delay_s_ = 0.0;
   std::array<double, kMaxOrder> numerator_{}, denominator_{};
   // Filters of the command velocity (y) and of the disturbance (z), both 1/P.
@@ -78,12 +82,13 @@ class Twin {
 
   std::array<double, kMaxOrder> y_{}, z_{};
   Memories memory_{};
-  Memories trial_{};       // of a step that is being solved
-  double force_ = 0.0;     // disturbance at the end of the cycle before
+  Memories trial_{};    // of a step that is being solved
+  double force_ = 0.0;  // disturbance at the end of the cycle before
   double demand_ = 0.0;
   double position_ = 0.0;  // simulated position there
   double velocity_ = 0.0;
   double reading_ = 0.0;  // less the position
+  double neighbour_acceleration_ = 0.0;
   double time_s_ = 0.0;
   std::array<double, kHistory> history_{};
   std::uint32_t newest_ = 0;

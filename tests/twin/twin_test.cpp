@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <vector>
@@ -44,6 +45,35 @@ Segment commanded(double h, double seconds, double (*x)(double)) {
   s.command.resize(n);
   for (Eigen::Index i = 0; i < n; ++i) s.command(i) = x(static_cast<double>(i) * h);
   return s;
+}
+
+// Friction turns within a cycle of 4 ms. Beside it the differential equation in steps of 2 us,
+// which shares nothing with the filters.
+TEST(Twin, FrictionTurnsWithinALongCycle) {
+  const double h = 4e-3, coulomb = 0.5, limit = 2e-4;
+  const Model model = plain_drive(h, coulomb, 0.0, limit);
+  const auto command = [](double t) { return 1e-3 * std::pow(std::sin(kTwoPi * 1.3 * t), 3); };
+  const Segment segment = commanded(h, 2.0, command);
+  const Eigen::ArrayXd error = simulate(model, segment);
+  const double a1 = model.loop.denominator[0], a2 = model.loop.denominator[1], step = 2e-6;
+  const auto steps = static_cast<int>(std::lround(h / step));
+  double x = 0.0, v = 0.0, apart = 0.0;
+  for (Eigen::Index k = 0; k < segment.size(); ++k) {
+    apart = std::max(apart, std::abs(segment.command(k) - x - error(k)));
+    for (int i = 0; i < steps; ++i) {
+      const double t = h * static_cast<double>(k) + step * (i + 0.5);
+      const double middle = x + 0.5 * step * v;
+      const auto acceleration = [&](double speed) {
+        return a2 * (command(t) - middle) - a1 * speed -
+               coulomb * std::clamp(speed / limit, -1.0, 1.0);
+      };
+      const double half = v + 0.5 * step * acceleration(v);
+      v += step * acceleration(half);
+      x = middle + 0.5 * step * v;
+    }
+  }
+  // Of what the friction does to the error.
+  EXPECT_LT(apart, 0.01 * coulomb / a2);
 }
 
 // At constant speed the error is c_(n-1) / a_n v, plus d / a2 where no integrator takes the force
