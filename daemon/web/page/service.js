@@ -42,7 +42,7 @@ export function showService(status) {
   showBuses(status.buses);
   const row = (words, ...spans) => make("tr", {}, make("th", { scope: "row" }, words), ...spans.map((value) => make("td", { class: "number" }, span(value))));
   fill(at("latency"),
-    make("thead", {}, make("tr", {}, make("th", {}, ""), ...["half below", "99 % below", "99.9 % below", "longest"].map((name) => make("th", { scope: "col", class: "number" }, name)))),
+    make("thead", {}, make("tr", {}, make("th", {}, "share below"), ...["half", "99 %", "99.9 %", "longest"].map((name) => make("th", { scope: "col", class: "number" }, name)))),
     make("tbody", {}, row("frame sent to loop", status.wake_p50_s, status.wake_p99_s, null, null),
       row("work of the loop", status.work_p50_s, status.work_p99_s, null, status.work_max_s),
       row("frame to prediction sent", status.publish_p50_s, status.publish_p99_s, status.publish_p999_s, status.publish_max_s)));
