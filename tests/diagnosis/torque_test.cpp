@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -260,7 +261,7 @@ TEST(TorqueFile, ACauseOfBothHasTheEvidenceOfBoth) {
   EXPECT_EQ(cause["gain"]["holdout_rms_after_m"], 1.0);
   EXPECT_LT(cause["gain"]["holdout_rms_after_n"], cause["gain"]["holdout_rms_before_n"]);
 
-  EXPECT_THAT(torque_beside(torque, "gravity_offset"), HasSubstr("by torque as well: "));
+  EXPECT_THAT(torque_beside(torque, "gravity_offset"), testing::HasSubstr("by torque as well: "));
   EXPECT_EQ(torque_beside(torque, "cogging"), "");
   const auto told_in = [](const std::vector<std::string>& lines) {
     return std::count_if(lines.begin(), lines.end(), [](const std::string& line) {
