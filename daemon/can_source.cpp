@@ -168,7 +168,7 @@ CanSource::Snapshot CanSource::snapshot() const {
   return out;
 }
 
-std::vector<std::string> CanSource::news(std::int64_t now_ns) {
+std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
   const Snapshot now = snapshot();
   bool changed = now.stalled != told_.stalled;
   for (std::size_t i = 0; i < buses_.size(); ++i) {
@@ -187,31 +187,32 @@ std::vector<std::string> CanSource::news(std::int64_t now_ns) {
   if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kTellEvery_ns) return {};
 
   const CanMap& known = assembly_.map();
-  std::vector<std::string> lines;
+  std::vector<SourceNews> lines;
   for (std::size_t i = 0; i < buses_.size(); ++i) {
     const CanBusCounts& a = told_.buses[i];
     const CanBusCounts& b = now.buses[i];
     const std::string& name = known.buses[i];
-    if (b.downs > a.downs) lines.push_back(name + ": the interface went down or away");
-    if (b.up && (!a.up || b.downs > a.downs)) lines.push_back(name + ": the interface is up again");
+    if (b.downs > a.downs) lines.push_back({name + ": the interface went down or away"});
+    if (b.up && (!a.up || b.downs > a.downs))
+      lines.push_back({name + ": the interface is up again", true});
     if (b.dropped > a.dropped) {
-      lines.push_back(name + ": " + std::to_string(b.dropped - a.dropped) +
-                      " frames dropped by the kernel: they were not taken in time");
+      lines.push_back({name + ": " + std::to_string(b.dropped - a.dropped) +
+                       " frames dropped by the kernel: they were not taken in time"});
     }
     if (b.lost > a.lost)
-      lines.push_back(name + ": " + std::to_string(b.lost - a.lost) + " packets lost");
+      lines.push_back({name + ": " + std::to_string(b.lost - a.lost) + " packets lost"});
     if (b.malformed > a.malformed) {
-      lines.push_back(name + ": " + std::to_string(b.malformed - a.malformed) +
-                      " packets that are none of CAN frames, or not from the peer");
+      lines.push_back({name + ": " + std::to_string(b.malformed - a.malformed) +
+                       " packets that are none of CAN frames, or not from the peer"});
     }
   }
   if (now.stalled != told_.stalled) {
     const std::string start =
         can_id_text(known.start.id, known.start.extended) + " on " + known.buses[known.start.bus];
-    lines.push_back(now.stalled ? "no cycle begins: " + start + " does not come"
-                                : "cycles begin again with " + start);
+    lines.push_back(now.stalled ? SourceNews{"no cycle begins: " + start + " does not come"}
+                                : SourceNews{"cycles begin again with " + start, true});
   }
-  for (std::string& line : happened(known, told_.counts, now.counts))
+  for (SourceNews& line : happened(known, told_.counts, now.counts))
     lines.push_back(std::move(line));
   // The minute counts from when there was something to tell.
   if (!lines.empty()) told_ns_ = now_ns;

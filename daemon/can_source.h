@@ -28,7 +28,7 @@ class CanSource final : public FrameSource {
   [[nodiscard]] bool silent(std::int64_t /*now_ns*/) const noexcept override {
     return stalled_.load(std::memory_order_relaxed);
   }
-  [[nodiscard]] std::vector<std::string> news(std::int64_t now_ns) override;
+  [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
   [[nodiscard]] std::vector<BusStatus> buses() const override;
 
   [[nodiscard]] const CanMap& map() const noexcept { return assembly_.map(); }

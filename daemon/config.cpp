@@ -13,6 +13,7 @@
 #include "drivers/text.h"
 #include "drivers/toml_section.h"
 #include "twin/catalogue.h"
+#include "twin/contour.h"
 
 namespace servotwin {
 namespace {
@@ -33,9 +34,14 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   section.one_of("units", {"m", "rad"}, units);
   section.one_of("torque_unit", {"N", "Nm", "A", "V", "%"}, axis.torque_unit);
   section.one_of("source", {"dds", "replay", "can", "udp"}, source.name);
+  section.name("path", 31, axis.path);
+  if (section.has("encoder_in_loop"))
+    section.flag("encoder_in_loop", config.diagnose.encoder_in_loop_of[axis.name]);
   section.refuse_unknown();
   if (!source.name.empty()) source.where = table.get("source")->source();
   axis.rotary = units == "rad";
+  if (axis.rotary && !axis.path.empty())
+    section.report("path", "is drawn by linear axes, and this one has units = 'rad'");
   for (const AxisConfig& other : config.axes) {
     if (!axis.name.empty() && other.name == axis.name) {
       section.report("name", "there is an axis of this name already");
@@ -43,6 +49,21 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   }
   config.axes.push_back(axis);
   return source;
+}
+
+/// A path has as many axes as its contour error can have.
+void check_paths(const toml::array& axes, const Config& config, Problems& problems) {
+  std::map<std::string, int> axes_of;
+  for (const AxisConfig& axis : config.axes) ++axes_of[axis.path];
+  for (std::size_t i = 0; i < config.axes.size(); ++i) {
+    const std::string& path = config.axes[i].path;
+    const int count = axes_of[path];
+    if (path.empty() || count == 0 || (count >= 2 && count <= kMaxPathAxes)) continue;
+    problems.add("axis.path", *axes[i].as_table()->get("path"),
+                 "a path has 2 to " + std::to_string(kMaxPathAxes) + " axes, and this one " +
+                     std::to_string(count));
+    axes_of[path] = 0;  // once is enough
+  }
 }
 
 std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Problems& problems) {
@@ -59,6 +80,7 @@ std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Probl
       NamedSource source = read_axis(*entry.as_table(), config, problems);
       if (!source.name.empty()) sources.push_back(std::move(source));
     }
+    check_paths(*axes, config, problems);
   }
   return sources;
 }
@@ -130,8 +152,10 @@ void choose_source(Section& source, const std::vector<NamedSource>& named, Confi
   if (!named.empty()) {
     chosen = named.front().name;
   } else if (given.size() > 1) {
-    source.report(given.back(), "there is a source." + given.front() +
-                                    " as well; say which one with axis.source");
+    source.report(given.back(),
+                  "there is a source." + given.front() +
+                      " as well; say which one with axis.source" +
+                      (source.has("dds") ? ", or put what the daemon says into [dds]" : ""));
   }
   for (const NamedSource& other : named) {
     if (other.name != chosen) {
@@ -148,15 +172,32 @@ void choose_source(Section& source, const std::vector<NamedSource>& named, Confi
   }
 }
 
-void read_source(Section source, const std::vector<NamedSource>& named,
-                 const std::filesystem::path& folder, Config& config, Problems& problems) {
-  Section dds = source.section("dds");
-  int domain = static_cast<int>(config.dds.domain);
+void read_dds(Section& dds, DdsConfig& config) {
+  int domain = static_cast<int>(config.domain);
   dds.integer("domain", 0, 230, domain);
-  config.dds.domain = static_cast<std::uint32_t>(domain);
-  dds.text("partition", 0, 255, config.dds.partition);
-  dds.integer("strength", 0, 1000, config.dds.strength);
-  dds.refuse_unknown();
+  config.domain = static_cast<std::uint32_t>(domain);
+  dds.text("partition", 0, 255, config.partition);
+  dds.integer("strength", 0, 1000, config.strength);
+}
+
+/// What one of the two sections does not say, the other one does: most machines have one place.
+void read_dds(Section out, Section in, Config& config) {
+  read_dds(in, config.dds);
+  DdsConfig frames = config.dds;
+  read_dds(out, config.dds);
+  if (!in.has("domain")) frames.domain = config.dds.domain;
+  if (!in.has("partition")) frames.partition = config.dds.partition;
+  if (frames.domain != config.dds.domain || frames.partition != config.dds.partition)
+    config.dds_in = frames;
+  if (in.has("strength") && out.has("strength"))
+    in.report("strength", "is that of what the daemon says, and dds.strength is given as well");
+  out.refuse_unknown();
+  in.refuse_unknown();
+}
+
+void read_source(Section source, Section out, const std::vector<NamedSource>& named,
+                 const std::filesystem::path& folder, Config& config, Problems& problems) {
+  read_dds(std::move(out), source.section("dds"), config);
   Section replay = source.section("replay");
   read_replay(replay, folder, config.replay);
   Section can = source.section("can");
@@ -195,6 +236,7 @@ void read_diagnose(Section section, DiagnoseConfig& diagnose) {
   section.number("record_s", 5.0, 600.0, "s", diagnose.record_s);
   section.number("false_alarm_days", 0.0, 36525.0, "days of motion", diagnose.false_alarm_days);
   section.number("reference_s", 60.0, 86400.0, "s", diagnose.reference_s);
+  section.flag("encoder_in_loop", diagnose.encoder_in_loop);
   section.refuse_unknown();
 }
 
@@ -243,7 +285,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   machine.refuse_unknown();
 
   const std::vector<NamedSource> named = read_axes(root.find("axis"), config, problems);
-  read_source(root.section("source"), named, folder, config, problems);
+  read_source(root.section("source"), root.section("dds"), named, folder, config, problems);
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
 
@@ -252,6 +294,12 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   store.text("directory", 1, 4096, directory);
   config.store.directory = directory;
   store.number("recordings_mb", 0.0, 1e9, "MB", config.store.recordings_mb);
+  double most_mb = config.store.recordings_mb;
+  store.number("recordings_max_mb", 0.0, 1e9, "MB", most_mb);
+  if (store.has("recordings_max_mb")) config.store.recordings_max_mb = most_mb;
+  if (most_mb < config.store.recordings_mb)
+    store.report("recordings_max_mb",
+                 "must not be less than recordings_mb = " + number(config.store.recordings_mb));
   store.refuse_unknown();
 
   read_http(root.section("http"), config.http);

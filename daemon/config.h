@@ -22,6 +22,7 @@ struct AxisConfig {
   std::string name;         ///< 1..31 characters
   bool rotary = false;      ///< units = "rad"; else "m"
   std::string torque_unit;  ///< of what the machine sends; empty: it sends none
+  std::string path{};       ///< that it draws together with others of this name; empty: none
 };
 
 enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
@@ -66,12 +67,18 @@ struct DiagnoseConfig {
   double record_s = 30.0;          ///< the most recent motion that is looked at
   double false_alarm_days = 30.0;  ///< of motion, between false alarms; 0: there is no alarm
   double reference_s = 900.0;      ///< motion that tells what a model leaves when all is well
+  /// What comes as the actual value is the encoder that the position loop uses, of every axis but
+  /// those that say it themselves.
+  bool encoder_in_loop = false;
+  std::map<std::string, bool> encoder_in_loop_of;
 };
 
 struct StoreConfig {
   std::filesystem::path directory;  ///< empty: default_store()
   double recordings_mb =
       1024.0;  ///< the oldest recordings go when there are more; 0: none are kept
+  std::optional<double> recordings_max_mb;  ///< with those that models cite, too, where recording
+                                            ///< stops; absent: four times as much
 };
 
 /// The page and its API.
@@ -87,7 +94,8 @@ struct Config {
   std::optional<double> cycle_s;    ///< absent: the source says it
   std::vector<AxisConfig> axes;     ///< in the order of the frames; empty: the source says them
   SourceKind source = SourceKind::kDds;
-  DdsConfig dds;
+  DdsConfig dds;  ///< where the daemon says what it has to say, wherever its frames come from
+  std::optional<DdsConfig> dds_in;  ///< where these are, if it is DDS and elsewhere
   ReplayConfig replay;
   CanConfig can;
   UdpConfig udp;

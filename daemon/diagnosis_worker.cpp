@@ -1,6 +1,7 @@
 #include "daemon/diagnosis_worker.h"
 
 #include <nlohmann/json.hpp>
+#include <set>
 #include <thread>
 #include <utility>
 
@@ -19,17 +20,20 @@ constexpr auto kPause = std::chrono::milliseconds(100);
 // Of the motion that is looked at; less shows too little.
 constexpr double kLeastShare = 0.5;
 
-std::string line_of(const Diagnosis& diagnosis) {
+/// Every cause once, whoever names it.
+std::string line_of(const Diagnosis& diagnosis, const TorqueDiagnosis& torque) {
   std::string line = verdict_text(diagnosis);
-  for (const Cause& cause : diagnosis.causes)
-    line += "; " + cause.id + ": " + cause_text(diagnosis, cause);
+  std::set<std::string> told, by_torque;
+  for (const TorqueCause& cause : torque.causes) by_torque.insert(cause.id);
+  for (const Cause& cause : diagnosis.causes) {
+    line += "; " + cause.id + (by_torque.contains(cause.id) ? " (by torque as well): " : ": ") +
+            cause_text(diagnosis, cause);
+    told.insert(cause.id);
+  }
   for (const Cause& cause : diagnosis.suspected) line += "; suspected " + cause.id;
-  return line;
-}
-
-std::string line_of(const TorqueDiagnosis& torque) {
-  std::string line;
-  for (const TorqueCause& cause : torque.causes) line += "; by torque " + cause.id;
+  for (const std::string& id : by_torque) {
+    if (!told.contains(id)) line += "; by torque " + id;
+  }
   return line;
 }
 
@@ -118,6 +122,9 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     const std::int64_t begin = steady_ns();
     // With the other axes, whose motion may be what disturbs this one.
     const SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
+    const auto own = config_.encoder_in_loop_of.find(name);
+    options_.encoder_in_loop =
+        own == config_.encoder_in_loop_of.end() ? config_.encoder_in_loop : own->second;
     Diagnosis diagnosis = diagnose(motion, options_);
     const std::optional<TorqueDiagnosis> torque = torque_of(motion);
     if (torque) heed(*torque, diagnosis);
@@ -125,7 +132,7 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     const Event event =
         event_now("diagnosis", name,
                   text("diagnosis of %.1f s, made in %.1f s: ", motion.report.duration_s, taken_s) +
-                      line_of(diagnosis) + (torque ? line_of(*torque) : ""));
+                      line_of(diagnosis, torque.value_or(TorqueDiagnosis())));
     diagnosis.extended.created = event.time;
     nlohmann::json json = to_json(diagnosis, "");
     if (torque) add_torque(json, *torque);

@@ -34,7 +34,7 @@ void EventLog::add(const Event& event, Priority priority) {
     const std::string why = std::string("this event is not stored: ") + failure.what();
     print({event.time, "", "not_stored", why, ""}, Priority::kError);
     const std::lock_guard lock(mutex_);
-    last_error_ = failure.what();
+    last_error_ = event.time + " " + failure.what();
   }
 }
 
@@ -45,11 +45,12 @@ void EventLog::note(const std::string& kind, const std::string& axis, const std:
 }
 
 void EventLog::error(const std::string& kind, const std::string& axis, const std::string& text) {
+  const Event event = event_now(kind, axis, text);
   {
     const std::lock_guard lock(mutex_);
-    last_error_ = axis.empty() ? text : axis + ": " + text;
+    last_error_ = event.time + " " + (axis.empty() ? text : axis + ": " + text);
   }
-  add(event_now(kind, axis, text), Priority::kError);
+  add(event, Priority::kError);
 }
 
 void EventLog::print(const Event& event) { print(event, priority_of(event.kind)); }

@@ -25,7 +25,7 @@ class EventLog {
 
   void note(const std::string& kind, const std::string& axis, const std::string& text,
             const std::string& detail = "");
-  /// The same for what somebody should look after; the status shows the last one.
+  /// The same for what somebody should look after; the status shows the last one with its time.
   void error(const std::string& kind, const std::string& axis, const std::string& text);
   /// Prints an event that is in the store already.
   void print(const Event& event);

@@ -101,26 +101,27 @@ bool DdsSource::silent(std::int64_t now_ns) const noexcept {
   return last_ns != 0 && now_ns - last_ns >= kSilence_ns;
 }
 
-std::vector<std::string> DdsSource::news(std::int64_t now_ns) {
-  std::vector<std::string> lines;
+std::vector<SourceNews> DdsSource::news(std::int64_t now_ns) {
+  std::vector<SourceNews> lines;
   if (const std::uint64_t over = silences_.load(std::memory_order_acquire);
       over != told_silences_) {
     told_silences_ = over;
     told_silent_ = false;
     const auto length_s = static_cast<double>(silence_ns_.load(std::memory_order_relaxed)) * 1e-9;
-    lines.push_back("frames again after " + number(std::round(10.0 * length_s) / 10.0) + " s");
+    lines.push_back(
+        {"frames again after " + number(std::round(10.0 * length_s) / 10.0) + " s", true});
   }
   if (!told_silent_ && silent(now_ns)) {
     told_silent_ = true;
-    lines.push_back(std::string("no frame for 1 s: ") + (reader_.matched()
-                                                             ? "who sends them is there and silent"
-                                                             : "nobody sends frames any more"));
+    lines.push_back({std::string("no frame for 1 s: ") + (reader_.matched()
+                                                              ? "who sends them is there and silent"
+                                                              : "nobody sends frames any more")});
   }
   const std::uint64_t ignored = ignored_.load(std::memory_order_relaxed);
   if (ignored != told_ignored_ &&
       (told_ignored_ == 0 || now_ns - told_ignored_ns_ >= kTellEvery_ns)) {
-    lines.push_back("a second writer says that it is this machine; " +
-                    std::to_string(ignored - told_ignored_) + " of its frames are ignored");
+    lines.push_back({"a second writer says that it is this machine; " +
+                     std::to_string(ignored - told_ignored_) + " of its frames are ignored"});
     told_ignored_ = ignored;
     told_ignored_ns_ = now_ns;
   }

@@ -33,9 +33,8 @@ class FrameSource {
   [[nodiscard]] virtual std::uint64_t malformed() const noexcept { return 0; }
   /// True while frames that came before have stopped. `now_ns`: steady. Any thread.
   [[nodiscard]] virtual bool silent(std::int64_t /*now_ns*/) const noexcept { return false; }
-  /// What happened since the last call, one line each, for people. `now_ns`: steady. Any one thread
-  /// but that of receive().
-  [[nodiscard]] virtual std::vector<std::string> news(std::int64_t /*now_ns*/) { return {}; }
+  /// What happened since the last call. `now_ns`: steady. Any one thread but that of receive().
+  [[nodiscard]] virtual std::vector<SourceNews> news(std::int64_t /*now_ns*/) { return {}; }
   /// The buses that it assembles frames from. Any thread.
   [[nodiscard]] virtual std::vector<BusStatus> buses() const { return {}; }
 };
@@ -86,7 +85,7 @@ class DdsSource final : public FrameSource {
     return malformed_.load(std::memory_order_relaxed);  // a number for people; orders nothing
   }
   [[nodiscard]] bool silent(std::int64_t now_ns) const noexcept override;
-  [[nodiscard]] std::vector<std::string> news(std::int64_t now_ns) override;
+  [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
 
  private:
   bool accept(std::int64_t now_ns) noexcept;

@@ -245,7 +245,7 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
       state.evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals});
   // Motion that is evidence of nothing is tried as it is, so that the refusal says what it lacks.
   if (!evidence.empty()) motion.segments = std::move(evidence);
-  seek(axis, until_s, std::move(motion), options);
+  seek(axis, until_s, motion, options);
 }
 
 void IdentificationWorker::cite(Pending& candidate, double from_s, double until_s) const {
@@ -280,7 +280,7 @@ void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
   events_.note("noise_floor", state.name, state.last_step + before);
 }
 
-void IdentificationWorker::seek(std::size_t axis, double until_s, SegmentedAxis motion,
+void IdentificationWorker::seek(std::size_t axis, double until_s, const SegmentedAxis& motion,
                                 const IdentifyOptions& options) {
   Axis& state = axes_[axis];
   Pending candidate;

@@ -91,7 +91,8 @@ class IdentificationWorker {
   void cite(Pending& candidate, double from_s, double until_s) const;
   SegmentedAxis sort(std::size_t axis, double until_s);
   void step(std::size_t axis, double until_s);
-  void seek(std::size_t axis, double until_s, SegmentedAxis motion, const IdentifyOptions& options);
+  void seek(std::size_t axis, double until_s, const SegmentedAxis& motion,
+            const IdentifyOptions& options);
   void renew_noise_floor(std::size_t axis, double until_s);
   void judge_candidate(std::size_t axis, double until_s);
   void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);

@@ -16,8 +16,8 @@
 #include "daemon/journal.h"
 #include "daemon/reload.h"
 #include "daemon/service.h"
-#include "daemon/web/listen_address.h"
 #include "daemon/service_manager.h"
+#include "daemon/web/listen_address.h"
 
 namespace servotwin {
 namespace {
@@ -68,8 +68,10 @@ Config configured(const Arguments& arguments) {
   Config config = arguments.config.empty() ? Config{} : load_config(arguments.config);
   if (!arguments.store.empty()) config.store.directory = arguments.store;
   if (!arguments.machine.empty()) config.machine = arguments.machine;
-  if (arguments.domain) config.dds.domain = *arguments.domain;
-  if (arguments.partition) config.dds.partition = *arguments.partition;
+  for (DdsConfig* dds : {&config.dds, config.dds_in ? &*config.dds_in : nullptr}) {
+    if (dds != nullptr && arguments.domain) dds->domain = *arguments.domain;
+    if (dds != nullptr && arguments.partition) dds->partition = *arguments.partition;
+  }
   if (!arguments.replay.empty()) {
     config.source = SourceKind::kReplay;
     config.replay.files = arguments.replay;

@@ -97,14 +97,20 @@ void Publisher::look_who_is_heard() {
   MachineStatus status;
   while (heard_.receive(status, 0.0)) {
     const bool ours = heard_.writer() == status_writer_.handle();
-    if (!ours && speaks_.value_or(true))
-      tell_("standing by: another daemon speaks for this machine");
-    if (ours && !speaks_.value_or(true)) {
-      tell_("this daemon speaks for the machine now: the other one is gone or weaker");
-      says_again_ = kSayAgain;
-    }
+    if (ours != speaks_.value_or(true)) turns_.push(ours);
+    if (ours && !speaks_.value_or(true)) says_again_ = kSayAgain;
     speaks_ = ours;
   }
+}
+
+std::vector<std::string> Publisher::news() {
+  std::vector<std::string> lines;
+  for (bool ours = false; turns_.pop(ours);) {
+    lines.emplace_back(
+        ours ? "this daemon speaks for the machine now: the other one is gone or weaker"
+             : "standing by: another daemon speaks for this machine");
+  }
+  return lines;
 }
 
 void Publisher::say_again() {

@@ -3,7 +3,8 @@
 // A prediction goes out as soon as the loop has it; the status once a second; a model when it comes
 // into force, a diagnosis when it is made. Where there is another daemon of this machine the
 // stronger one is heard; a daemon that takes over says its models and diagnoses again, because
-// readers have dropped what it said before. One worker thread; announce() any thread.
+// readers have dropped what it said before. One worker thread, which may be a real-time one: it
+// waits for the network and for nothing else. announce() any thread.
 #pragma once
 
 #include <cstdint>
@@ -37,8 +38,9 @@ class Publisher {
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
   void announce(const StoredDiagnosis& diagnosis);
-  /// Whom to tell that another daemon is heard, or this one again; before run().
-  void tell_with(std::function<void(const std::string&)> tell) { tell_ = std::move(tell); }
+  /// That another daemon is heard since the last call, or this one again: one line each, for
+  /// people. Any one thread; what is done with them is no business of the worker.
+  [[nodiscard]] std::vector<std::string> news();
 
  private:
   void send_predictions();
@@ -67,7 +69,7 @@ class Publisher {
   std::map<std::string, DiagnosisAnnouncement> diagnoses_;
   std::optional<bool> speaks_;  // this daemon is the one that is heard
   int says_again_ = 0;          // so many times more
-  std::function<void(const std::string&)> tell_ = [](const std::string&) {};
+  Ring<bool> turns_{16};        // this daemon began (true) or ceased to be heard; for news()
 };
 
 }  // namespace servotwin

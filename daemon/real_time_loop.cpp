@@ -118,23 +118,25 @@ void AxisLoop::look_ahead(std::span<const double> commands,
 
 RealTimeLoop::RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> models,
                            Ring<MachinePrediction>& predictions, Ring<CycleRow>& rows,
-                           const WakeUp& publisher, std::vector<std::size_t> path)
+                           const WakeUp& publisher,
+                           const std::vector<std::vector<std::size_t>>& paths)
     : cycle_ns_(std::llround(cycle_s * 1e9)),
       models_(models),
       predictions_(predictions),
       rows_(rows),
-      publisher_(publisher),
-      path_(std::move(path)),
-      contour_(static_cast<int>(path_.size())) {
+      publisher_(publisher) {
   if (models.empty() || models.size() > kMaxAxes || cycle_ns_ <= 0) {
     throw std::invalid_argument("a loop needs a cycle and 1 to " + std::to_string(kMaxAxes) +
                                 " axes");
   }
   const auto there = [&](std::size_t axis) { return axis < models_.size(); };
-  if (path_.size() == 1 || path_.size() > kMaxPathAxes ||
-      !std::all_of(path_.begin(), path_.end(), there)) {
-    throw std::invalid_argument("a path has 2 to " + std::to_string(kMaxPathAxes) +
-                                " of the machine's axes");
+  for (const std::vector<std::size_t>& path : paths) {
+    if (path.size() < 2 || path.size() > kMaxPathAxes ||
+        !std::all_of(path.begin(), path.end(), there)) {
+      throw std::invalid_argument("a path has 2 to " + std::to_string(kMaxPathAxes) +
+                                  " of the machine's axes");
+    }
+    paths_.emplace_back(path);
   }
 }
 
@@ -181,19 +183,18 @@ RealTimeLoop::Order RealTimeLoop::order_of(const MachineFrame& frame) noexcept {
   return Order::kAfterGap;
 }
 
-double RealTimeLoop::contour_error(const MachineFrame& frame, Order order) noexcept {
-  if (path_.empty()) return kAbsent;
+double RealTimeLoop::contour_error(Path& path, const MachineFrame& frame, Order order) noexcept {
   const auto ahead = static_cast<std::size_t>(prediction_.ahead_count);
   PathPoint command{}, predicted{};
-  for (std::size_t i = 0; i < path_.size(); ++i) {
-    const std::size_t axis = path_[i];
+  for (std::size_t i = 0; i < path.axes.size(); ++i) {
+    const std::size_t axis = path.axes[i];
     command[i] = frame.axes[axis].command;
     predicted[i] = command[i] - prediction_.axes[axis].predicted_error;
     for (std::size_t k = 0; k < ahead; ++k) path_ahead_[k][i] = frame.ahead[axis][k];
   }
-  if (order == Order::kAfterGap) contour_.forget();
-  contour_.move(command);
-  return contour_.of(predicted, {path_ahead_.data(), ahead});
+  if (order == Order::kAfterGap) path.contour.forget();
+  path.contour.move(command);
+  return path.contour.of(predicted, {path_ahead_.data(), ahead});
 }
 
 void RealTimeLoop::on_frame(const MachineFrame& frame) noexcept {
@@ -219,7 +220,12 @@ void RealTimeLoop::on_frame(const MachineFrame& frame) noexcept {
     prediction_.axes[i] = axis.predict(frame.axes[i].command);
     axis.look_ahead({frame.ahead[i].data(), ahead}, {prediction_.ahead[i].data(), ahead});
   }
-  prediction_.contour_error = contour_error(frame, order);
+  prediction_.contour_error = kAbsent;
+  for (Path& path : paths_) {
+    const double error = contour_error(path, frame, order);
+    double& farthest = prediction_.contour_error;
+    if (std::isnan(farthest) || std::abs(error) > std::abs(farthest)) farthest = error;
+  }
   // ... then what came.
   for (std::size_t i = 0; i < models_.size(); ++i) {
     const AxisSample& sample = frame.axes[i];

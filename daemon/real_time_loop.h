@@ -97,12 +97,13 @@ class AxisLoop {
 
 class RealTimeLoop {
  public:
-  /// `models`: one per axis; throws std::invalid_argument if that is none or too many. `path`: the
-  /// axes, by number, whose commands draw the path of the contour error; none, or 2 to
-  /// kMaxPathAxes. The rings and the rest outlive the loop.
+  /// `models`: one per axis; throws std::invalid_argument if that is none or too many. `paths`:
+  /// of every path the axes, by number, whose commands draw it, 2 to kMaxPathAxes; the contour
+  /// error is that of the axes that are farthest from theirs. The rings and the rest outlive the
+  /// loop.
   RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> models,
                Ring<MachinePrediction>& predictions, Ring<CycleRow>& rows, const WakeUp& publisher,
-               std::vector<std::size_t> path = {});
+               const std::vector<std::vector<std::size_t>>& paths = {});
 
   /// Until the source ends or `stop` is set.
   void run(FrameSource& source, const std::atomic<bool>& stop) noexcept;
@@ -112,7 +113,13 @@ class RealTimeLoop {
  private:
   enum class Order { kFollows, kAfterGap, kRepeats };
   Order order_of(const MachineFrame& frame) noexcept;
-  [[nodiscard]] double contour_error(const MachineFrame& frame, Order order) noexcept;
+  struct Path {
+    explicit Path(const std::vector<std::size_t>& of)
+        : axes(of), contour(static_cast<int>(of.size())) {}
+    std::vector<std::size_t> axes;
+    ContourError contour;
+  };
+  [[nodiscard]] double contour_error(Path& path, const MachineFrame& frame, Order order) noexcept;
 
   std::int64_t cycle_ns_;
   std::span<LatestValue<TwinInForce>> models_;
@@ -121,8 +128,7 @@ class RealTimeLoop {
   const WakeUp& publisher_;
 
   std::array<AxisLoop, kMaxAxes> axes_;
-  std::vector<std::size_t> path_;
-  ContourError contour_;
+  std::vector<Path> paths_;
   std::array<PathPoint, kMaxLookAhead> path_ahead_{};
   MachineFrame frame_;
   MachinePrediction prediction_;

@@ -17,6 +17,15 @@ namespace {
 // The ring holds seconds of rows, identification waits for seconds of motion: no reason to hurry.
 constexpr auto kPause = std::chrono::milliseconds(20);
 
+// "-2.2250738585072014e-308," is as long as a number gets.
+constexpr double kBytesPerNumber = 25.0;
+
+double largest_file(const MachineDescription& machine) {
+  double columns = 1.0;
+  for (const AxisDescription& axis : machine.axes) columns += axis.torque_unit.empty() ? 2.0 : 3.0;
+  return kBytesPerNumber * columns * (Recorder::kFile_s / machine.cycle_s + 1.0);
+}
+
 /// A name that sorts by time and is not there yet; '_' comes after the '.' of the extension.
 std::string name_of_file(const std::filesystem::path& directory) {
   std::string stamp = iso_time(wall_ns());
@@ -30,10 +39,13 @@ std::string name_of_file(const std::filesystem::path& directory) {
 }  // namespace
 
 Recorder::Recorder(const MachineDescription& machine, const std::string& machine_name,
-                   const std::filesystem::path& directory, double budget_mb, Ring<CycleRow>& rows,
-                   MotionMemory& memory, ResidualWatch& watch, EventLog& events)
+                   const std::filesystem::path& directory, const RecordingRoom& room,
+                   Ring<CycleRow>& rows, MotionMemory& memory, ResidualWatch& watch,
+                   EventLog& events)
     : directory_(directory / "recordings" / machine_name),
-      budget_bytes_(budget_mb * 1e6),
+      budget_bytes_(room.budget_mb * 1e6),
+      most_bytes_(room.most_mb * 1e6),
+      file_bytes_(largest_file(machine)),
       rows_(rows),
       memory_(memory),
       watch_(watch),
@@ -90,14 +102,9 @@ void Recorder::collect(const CycleRow& row) {
   if (!file_.time.empty() && (since_start_s() < file_.time.back() || since_start_s() >= kFile_s)) {
     finish_file();
   }
-  if (file_.time.empty()) {
-    // There is none yet where nothing was to be recorded at first; what is wrong shows in writing.
-    std::error_code ignored;
-    std::filesystem::create_directories(directory_, ignored);
-    file_start_ns_ = row.time_ns;
-    file_name_ = name_of_file(directory_);
-    const std::lock_guard lock(spans_mutex_);
-    spans_.push_back({file_name_, memory_.newest_s(), memory_.newest_s()});
+  if (file_.time.empty() && !begin_file(row)) {
+    not_recorded_.fetch_add(1, std::memory_order_relaxed);
+    return;
   }
   {
     const std::lock_guard lock(spans_mutex_);
@@ -112,22 +119,56 @@ void Recorder::collect(const CycleRow& row) {
   }
 }
 
+bool Recorder::begin_file(const CycleRow& row) {
+  // There is none yet where nothing was to be recorded at first; what is wrong shows in writing.
+  std::error_code ignored;
+  std::filesystem::create_directories(directory_, ignored);
+  const auto since_look_s = [&] {
+    return 1e-9 * static_cast<double>(between_ns(*looked_ns_, row.time_ns));
+  };
+  if (!looked_ns_ || (is(State::kFull) && (since_look_s() < 0.0 || since_look_s() >= kFile_s))) {
+    looked_ns_ = row.time_ns;
+    keep_within_budget();
+  }
+  if (is(State::kFull)) return false;
+  file_start_ns_ = row.time_ns;
+  file_name_ = name_of_file(directory_);
+  const std::lock_guard lock(spans_mutex_);
+  spans_.push_back({file_name_, memory_.newest_s(), memory_.newest_s()});
+  return true;
+}
+
+std::string Recorder::problem() const {
+  if (budget_bytes_ <= 0.0) return {};
+  switch (state_.load(std::memory_order_relaxed)) {
+    case State::kRefused:
+      return "cycles are not recorded: the disk refuses them";
+    case State::kFull:
+      return "cycles are not recorded: the recordings that models were found or judged on leave no "
+             "room below store.recordings_max_mb = " +
+             number(most_bytes_ / 1e6);
+    case State::kRecords:
+      break;
+  }
+  return {};
+}
+
 void Recorder::finish_file() {
   if (file_.time.empty()) return;
   const std::uint64_t rows = file_.time.size();
   try {
     write_recording_csv(directory_ / file_name_, file_);
-    if (failing_) {
+    if (is(State::kRefused)) {
       events_.note("recording", "",
                    "recordings are stored again; " + std::to_string(rows_not_recorded()) +
                        " rows are missing");
     }
-    failing_ = false;
+    become(State::kRecords);
   } catch (const std::exception& error) {
     not_recorded_.fetch_add(rows, std::memory_order_relaxed);
-    if (!failing_)
+    if (!is(State::kRefused))
       events_.error("recording", "", std::string("recordings are not stored: ") + error.what());
-    failing_ = true;
+    become(State::kRefused);
   }
   file_ = empty_;
   keep_within_budget();
@@ -170,9 +211,9 @@ void Recorder::delete_oldest() {
     files.push_back({entry.path(), size});
     bytes += size;
   }
-  const double budget = budget_bytes_;
+  const double budget = budget_bytes_, most = most_before_file();
   std::size_t spared = 0;
-  if (bytes > budget && !files.empty()) {
+  if (bytes > std::min(budget, most) && !files.empty()) {
     std::sort(files.begin(), files.end(),
               [](const File& a, const File& b) { return a.path < b.path; });
     files.pop_back();  // the newest stays
@@ -180,11 +221,12 @@ void Recorder::delete_oldest() {
     spared = std::erase_if(files,
                            [&](const File& file) { return cited.contains(file.path.filename()); });
     for (const File& file : files) {
-      if (bytes <= budget) break;
+      if (bytes <= std::min(budget, most)) break;
       bytes -= file.bytes;
       remove(file.path);
     }
   }
+  judge_room(bytes);
   const bool over = bytes > budget && spared > 0;
   if (over && !spared_) {
     events_.note("recording", "",
@@ -195,6 +237,25 @@ void Recorder::delete_oldest() {
                      "; give more room, or delete by hand what nobody will ask for");
   }
   spared_ = over;
+}
+
+void Recorder::judge_room(double bytes) {
+  const bool full = bytes > most_before_file();
+  if (full && !is(State::kFull)) {
+    events_.error("recording", "",
+                  "recording stops: there are " + number(std::round(bytes / 1e5) / 10.0) +
+                      " MB of recordings, and another one could make them more than "
+                      "store.recordings_max_mb = " +
+                      number(most_bytes_ / 1e6) +
+                      "; models go on as before. Give more room, or delete by hand what nobody "
+                      "will ask for: it goes on by itself");
+    become(State::kFull);
+  } else if (!full && is(State::kFull)) {
+    become(State::kRecords);
+    events_.note("recording", "",
+                 "recording goes on; " + std::to_string(rows_not_recorded()) +
+                     " rows are missing since the start");
+  }
 }
 
 void Recorder::remove(const std::filesystem::path& file) {

@@ -8,8 +8,9 @@
 namespace servotwin {
 namespace {
 
-constexpr std::array<std::string_view, 4> kAtOnce{"identify.", "diagnose.every_s",
-                                                  "diagnose.record_s", "store.recordings_mb"};
+constexpr std::array<std::string_view, 6> kAtOnce{"identify.",           "diagnose.every_s",
+                                                  "diagnose.record_s",   "diagnose.encoder_in_loop",
+                                                  "store.recordings_mb", "store.recordings_max_mb"};
 
 bool is_at_once(const std::string& key) {
   return std::any_of(kAtOnce.begin(), kAtOnce.end(), [&](std::string_view one) {
@@ -59,7 +60,9 @@ Config reloaded(const Config& running, const Config& newer) {
   out.identify = newer.identify;
   out.diagnose.every_s = newer.diagnose.every_s;
   out.diagnose.record_s = newer.diagnose.record_s;
+  out.diagnose.encoder_in_loop = newer.diagnose.encoder_in_loop;
   out.store.recordings_mb = newer.store.recordings_mb;
+  out.store.recordings_max_mb = newer.store.recordings_max_mb;
   std::erase_if(out.given, [](const auto& key) { return is_at_once(key.first); });
   for (const auto& key : newer.given) {
     if (is_at_once(key.first)) out.given.insert(key);

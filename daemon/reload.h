@@ -1,9 +1,9 @@
 // The configuration read again while the daemon runs (SIGHUP): what changes at once, and what only
 // a restart brings.
 //
-// At once: [identify] from its next step on, every_s and record_s of [diagnose], recordings_mb of
-// [store]. Everything else, whatever keys there will be, needs a restart and is named. A
-// configuration with a problem changes nothing.
+// At once: [identify] from its next step on, every_s, record_s and encoder_in_loop of [diagnose],
+// recordings_mb and recordings_max_mb of [store]. Everything else, whatever keys there will be,
+// needs a restart and is named. A configuration with a problem changes nothing.
 #pragma once
 
 #include <functional>

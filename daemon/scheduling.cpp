@@ -4,9 +4,11 @@
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
+#include <sys/sysinfo.h>
 
 #include <cerrno>
 #include <cstring>
+#include <thread>
 
 namespace servotwin {
 
@@ -20,6 +22,12 @@ std::string become_real_time(int priority) {
          "; needs CAP_SYS_NICE or LimitRTPRIO=" + std::to_string(priority);
 }
 
+std::string real_time_refused(int priority) {
+  std::string why;
+  std::thread([&] { why = become_real_time(priority); }).join();
+  return why;
+}
+
 std::string keep_to(const std::vector<int>& cpus) {
   if (cpus.empty()) return {};
   cpu_set_t set;
@@ -30,9 +38,24 @@ std::string keep_to(const std::vector<int>& cpus) {
     list += (list.empty() ? "" : ", ") + std::to_string(cpu);
   }
   const int error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
-  if (error == 0) return {};
+  if (error == 0) {
+    // The kernel takes those that it has and says nothing of the others.
+    const std::vector<int> missing = missing_processors(cpus);
+    return missing.empty() ? std::string()
+                           : "real_time.cpus = [" + list + "]: there is no processor " +
+                                 std::to_string(missing.front()) + " on this host";
+  }
   return "the real-time loop runs on any processor: real_time.cpus = [" + list +
          "]: " + std::strerror(error) + "; /proc/self/status names those that are allowed";
+}
+
+std::vector<int> missing_processors(const std::vector<int>& cpus) {
+  const int there = get_nprocs_conf();
+  std::vector<int> missing;
+  for (const int cpu : cpus) {
+    if (cpu >= there) missing.push_back(cpu);
+  }
+  return missing;
 }
 
 std::string become_idle() {

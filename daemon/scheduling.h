@@ -12,8 +12,13 @@ namespace servotwin {
 
 /// SCHED_FIFO at this priority (1..98); 0: nothing is done.
 [[nodiscard]] std::string become_real_time(int priority);
+/// Why a thread of this process could not become a real-time one at this priority; empty if it
+/// could. The calling thread stays what it is.
+[[nodiscard]] std::string real_time_refused(int priority);
 /// Only on these processors; none: on all.
 [[nodiscard]] std::string keep_to(const std::vector<int>& cpus);
+/// Of these processors those that this host does not have.
+[[nodiscard]] std::vector<int> missing_processors(const std::vector<int>& cpus);
 /// SCHED_IDLE: runs only where nobody else wants to.
 [[nodiscard]] std::string become_idle();
 /// Another thread that became idle runs as all others do, where that is permitted.

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -50,6 +51,8 @@ constexpr std::size_t kRowRing = 8192;
 constexpr double kLag_s = 30.0;
 // How much longer than the motion that a diagnosis looks at: an axis stands in between.
 constexpr double kStandingToo = 4.0;
+// The ceiling of all recordings where none is given, at least.
+constexpr double kLeastCeiling_mb = 1024.0;
 // How often it is asked what happened at the source.
 constexpr std::chrono::milliseconds kNews{500};
 // Frames of another machine that go on are told of no more often than this.
@@ -62,6 +65,28 @@ double remembered_s(const Config& config) {
   return std::max(to_identify_s, diagnoses ? kStandingToo * config.diagnose.record_s : 0.0);
 }
 
+RecordingRoom room_of(const Config& config) {
+  return {config.store.recordings_mb, config.store.recordings_max_mb.value_or(std::max(
+                                          kLeastCeiling_mb, 4.0 * config.store.recordings_mb))};
+}
+
+DdsPlace place_of(const Config& config, const DdsConfig& dds) {
+  // Frames come through Cyclone's threads: what the loop waits for is as urgent as the loop.
+  const bool urgent = config.source == SourceKind::kDds && config.priority > 0 &&
+                      real_time_refused(config.priority).empty();
+  return {config.machine, dds.domain, dds.partition, dds.strength, urgent ? config.priority : 0};
+}
+
+/// Why frames do not come through real-time threads; empty if they do.
+std::string slow_receipt(const Config& config, const DdsPlace& place) {
+  if (config.source != SourceKind::kDds || config.priority == 0) return {};
+  if (dds_configured_outside()) {
+    return "CYCLONEDDS_URI says at what priority DDS receives; [real_time] priority is not used "
+           "for that";
+  }
+  return place.receive_priority == 0 ? "DDS receives at normal priority, too" : "";
+}
+
 MachineDescription described_by(const Config& config) {
   MachineDescription machine;
   machine.cycle_s = config.cycle_s.value_or(0.001);
@@ -70,15 +95,28 @@ MachineDescription described_by(const Config& config) {
   return machine;
 }
 
-/// The axes that draw the path: the linear ones. Of more than a path can have it is not known
-/// which.
-std::vector<std::size_t> path_of(const MachineDescription& machine) {
-  std::vector<std::size_t> path;
-  for (std::size_t i = 0; i < machine.axes.size(); ++i) {
-    if (!machine.axes[i].rotary) path.push_back(i);
+/// The axes that draw a path, as the configuration says; else the linear ones draw one. Of more
+/// than a path can have it is not known which.
+std::vector<std::vector<std::size_t>> paths_of(const Config& config,
+                                               const MachineDescription& machine) {
+  std::map<std::string, std::vector<std::size_t>> named;
+  for (std::size_t i = 0; i < config.axes.size(); ++i) {
+    const AxisConfig& axis = config.axes[i];
+    if (axis.path.empty()) continue;
+    if (machine.axes[i].rotary)
+      throw std::runtime_error("axis " + axis.name + " is rotary, and path '" + axis.path +
+                               "' is drawn by linear axes");
+    named[axis.path].push_back(i);
   }
-  if (path.size() < 2 || path.size() > kMaxPathAxes) path.clear();
-  return path;
+  std::vector<std::vector<std::size_t>> paths;
+  for (auto& [name, axes] : named) paths.push_back(std::move(axes));
+  if (!paths.empty()) return paths;
+  std::vector<std::size_t> linear;
+  for (std::size_t i = 0; i < machine.axes.size(); ++i) {
+    if (!machine.axes[i].rotary) linear.push_back(i);
+  }
+  if (linear.size() >= 2 && linear.size() <= kMaxPathAxes) paths.push_back(std::move(linear));
+  return paths;
 }
 
 struct Input {
@@ -159,6 +197,7 @@ Input listening(const Config& config, EventLog& events) {
 }
 
 /// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
+/// `node`: where it is said meanwhile that this is waited for.
 std::optional<MachineDescription> introduced(const DdsNode& node,
                                              DdsReader<MachineDescription>& reader,
                                              const std::stop_token& stop) {
@@ -173,7 +212,7 @@ std::optional<MachineDescription> introduced(const DdsNode& node,
   return std::nullopt;
 }
 
-void check_names(const Config& config, const MachineDescription& machine) {
+void check_axes(const Config& config, const MachineDescription& machine) {
   if (config.axes.empty()) return;
   const MachineDescription wanted = described_by(config);
   for (std::size_t i = 0; i < std::max(wanted.axes.size(), machine.axes.size()); ++i) {
@@ -184,6 +223,7 @@ void check_names(const Config& config, const MachineDescription& machine) {
                              "' in the configuration and '" + there + "' in the " +
                              (config.source == SourceKind::kReplay ? "recording" : "CAN mapping"));
   }
+  (void)paths_of(config, machine);
 }
 
 /// The part of the status that the loop counts.
@@ -271,16 +311,23 @@ std::vector<std::string> obstacles(const Config& config) {
       for (std::string line; std::getline(lines, line);) found.push_back(line);
     }
   };
-  attempt([&] { Store::require_writable(store_of(config)); });
+  attempt([&] {
+    Store::require_writable(store_of(config));
+    Store::try_making(store_of(config));
+  });
+  for (const int cpu : missing_processors(config.cpus)) {
+    found.push_back("real_time.cpus: there is no processor " + std::to_string(cpu) +
+                    " on this host");
+  }
   if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp)
-    attempt([&] { check_names(config, mapping(config).machine); });
+    attempt([&] { check_axes(config, mapping(config).machine); });
   if (config.source != SourceKind::kReplay) return found;
   std::vector<Replay> recordings;
   for (const std::filesystem::path& file : config.replay.files)
     attempt([&] { recordings.push_back(read_replay(config, file).replay); });
   if (recordings.size() == config.replay.files.size()) {
     attempt([&] {
-      check_names(config, ReplaySource(std::move(recordings), config.replay.speed).machine());
+      check_axes(config, ReplaySource(std::move(recordings), config.replay.speed).machine());
     });
   }
   return found;
@@ -293,11 +340,14 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
   if (!store.lost().empty()) events.error("store", "", store.lost());
-  const DdsNode node(
-      {config.machine, config.dds.domain, config.dds.partition, config.dds.strength});
+  const DdsNode node(place_of(config, config.dds));
+  std::optional<DdsNode> apart;  // where the frames come from elsewhere
+  if (config.source == SourceKind::kDds && config.dds_in)
+    apart.emplace(place_of(config, *config.dds_in));
+  const DdsNode& node_in = apart ? *apart : node;
   const std::unique_ptr<WebService> web = page_of(config, store, events);
   // Kept for as long as we listen: whoever introduces a machine waits to see it.
-  DdsReader<MachineDescription> descriptions(node);
+  DdsReader<MachineDescription> descriptions(node_in);
   ready();
   const ServiceManager nobody;
   Watchdog watchdog(
@@ -312,15 +362,15 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Input input;
   if (config.source == SourceKind::kReplay) {
     input = replaying(config, events);
-    check_names(config, input.machine);
+    check_axes(config, input.machine);
   } else if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
     input = listening(config, events);
-    check_names(config, input.machine);
+    check_axes(config, input.machine);
   } else {
     if (config.axes.empty()) {
       events.note("source", "",
                   "waiting for machine '" + config.machine + "' on DDS domain " +
-                      std::to_string(config.dds.domain));
+                      std::to_string(node_in.place().domain));
       const std::optional<MachineDescription> machine = introduced(node, descriptions, stop);
       if (!machine) {
         events.note("stopped", "", "stopped before a machine came");
@@ -330,7 +380,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     } else {
       input.machine = described_by(config);
     }
-    input.source = std::make_unique<DdsSource>(node);
+    input.source = std::make_unique<DdsSource>(node_in);
   }
   if (config.cycle_s) input.machine.cycle_s = *config.cycle_s;
   const MachineDescription& machine = input.machine;
@@ -346,9 +396,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
 
   // Who works.
   const auto loop = std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows,
-                                                   predicted, path_of(machine));
-  Recorder recorder(machine, config.machine, store.directory(), config.store.recordings_mb, rows,
-                    memory, watch, events);
+                                                   predicted, paths_of(config, machine));
+  Recorder recorder(machine, config.machine, store.directory(), room_of(config), rows, memory,
+                    watch, events);
   Publisher* to_network = nullptr;
   const auto shown = web == nullptr ? nullptr
                                     : std::make_unique<WebService::Shown>(
@@ -371,16 +421,17 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     now.publish_p999_s = published.quantile_s(0.999);
     now.publish_max_s = published.count() > 0 ? published.max_s() : kAbsent;
     now.rows_dropped = rows.drops() + recorder.rows_not_recorded();
+    now.not_recording = recorder.problem();
     identification.update(axes);
     events.update_last_error(last_error);
     now.axes = axes;
+    for (std::size_t i = 0; i < now.axes.size(); ++i) now.axes[i].rotary = machine.axes[i].rotary;
     now.last_error = last_error;
     return now;
   };
   Publisher publisher(node, machine.cycle_s, predictions, predicted, published, status,
                       shown == nullptr ? nullptr : &shown->feed());
   to_network = &publisher;
-  publisher.tell_with([&](const std::string& text) { events.note("network", "", text); });
   recorder.spare([&] { return store.cited(); });
   identification.cite_with(
       [&](double from_s, double until_s) { return recorder.files_with(from_s, until_s); });
@@ -388,6 +439,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   diagnosis.restore();
   diagnosis.give_up_with(stop);
 
+  if (const std::string why = slow_receipt(config, node_in.place()); !why.empty())
+    events.note("real_time", "", why);
   if (const std::string why = lock_memory(); !why.empty()) events.note("real_time", "", why);
   std::atomic<bool> stop_loop{false};
   std::mutex mutex;
@@ -415,7 +468,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     diagnosis.run(its_stop);
   });
   std::jthread reporting([&](const std::stop_token& its_stop) {
-    name_thread("source events");
+    name_thread("events");
     std::uint64_t told_malformed = 0;
     std::int64_t told_malformed_ns = 0;
     std::mutex its_mutex;
@@ -423,8 +476,14 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     std::unique_lock its_lock(its_mutex);
     while (!its_stop.stop_requested()) {
       never.wait_for(its_lock, its_stop, kNews, [] { return false; });
-      for (const std::string& line : input.source->news(steady_ns()))
-        events.error("source", "", line);
+      for (const SourceNews& news : input.source->news(steady_ns())) {
+        if (news.good) {
+          events.note("source", "", news.text);
+        } else {
+          events.error("source", "", news.text);
+        }
+      }
+      for (const std::string& line : publisher.news()) events.note("network", "", line);
       const std::uint64_t malformed = loop->counters().malformed;
       if (malformed > told_malformed &&
           (told_malformed == 0 || steady_ns() - told_malformed_ns >= kTellEvery_ns)) {
@@ -440,9 +499,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   });
   std::jthread real_time([&] {
     name_thread("real-time loop");
-    for (const std::string& why : {keep_to(config.cpus), become_real_time(config.priority)}) {
-      if (!why.empty()) events.note("real_time", "", why);
-    }
+    // In this order: a real-time thread does not wait for the store.
+    if (const std::string why = keep_to(config.cpus); !why.empty())
+      events.note("real_time", "", why);
+    if (const std::string why = become_real_time(config.priority); !why.empty())
+      events.note("real_time", "", why);
     prefault_stack();
     watchdog.watch(&loop->counters().turns);
     loop->run(*input.source, stop_loop);
@@ -461,7 +522,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
       running = reloaded(running, newer);
       identification.reconfigure(running.identify);
       diagnosis.reconfigure(running.diagnose, running.identify);
-      recorder.keep(running.store.recordings_mb);
+      recorder.keep(room_of(running));
       memory.remember(remembered_s(running));
       events.note("reloaded", "", changes.text());
     } catch (const std::exception& error) {
@@ -495,6 +556,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   }
   publishing.request_stop();
   publishing.join();
+  for (const std::string& line : publisher.news()) events.note("network", "", line);
   const MachineStatus total = status();
   events.note("stopped", "",
               "stopped after " + std::to_string(total.frames) + " frames" + amiss(total));

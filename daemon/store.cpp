@@ -50,6 +50,23 @@ std::vector<std::string> recordings_of(const nlohmann::json& model) {
   return out;
 }
 
+/// What is not there yet will be made in the nearest directory that is.
+std::filesystem::path nearest(const std::filesystem::path& directory) {
+  std::error_code ignored;
+  std::filesystem::path place = directory;
+  while (!place.empty() && !std::filesystem::exists(place, ignored) &&
+         place != place.parent_path()) {
+    place = place.parent_path();
+  }
+  return place.empty() ? "." : place;
+}
+
+[[noreturn]] void refuse(const std::filesystem::path& directory, const std::filesystem::path& place,
+                         const std::string& why) {
+  const std::string where = place == directory ? "" : place.string() + ": ";
+  throw std::runtime_error("store " + directory.string() + ": cannot be written: " + where + why);
+}
+
 /// Holds the directory for this process; given back by the kernel when the process ends.
 int lock_directory(const std::filesystem::path& directory) {
   std::error_code error;
@@ -134,25 +151,24 @@ class Store::Transaction {
 void Store::Close::operator()(sqlite3* database) const noexcept { sqlite3_close(database); }
 
 void Store::require_writable(const std::filesystem::path& directory) {
-  const auto refuse = [&](const std::filesystem::path& place, const std::string& why) {
-    const std::string where = place == directory ? "" : place.string() + ": ";
-    throw std::runtime_error("store " + directory.string() + ": cannot be written: " + where + why);
-  };
+  const std::filesystem::path place = nearest(directory);
   std::error_code ignored;
-  // What is not there yet will be made in the nearest directory that is.
-  std::filesystem::path place = directory;
-  while (!place.empty() && !std::filesystem::exists(place, ignored) &&
-         place != place.parent_path()) {
-    place = place.parent_path();
-  }
-  if (place.empty()) place = ".";
-  if (!std::filesystem::is_directory(place, ignored)) refuse(place, system_error(ENOTDIR));
-  if (access(place.c_str(), W_OK | X_OK) != 0) refuse(place, system_error(errno));
+  if (!std::filesystem::is_directory(place, ignored))
+    refuse(directory, place, system_error(ENOTDIR));
+  if (access(place.c_str(), W_OK | X_OK) != 0) refuse(directory, place, system_error(errno));
   for (const char* name : {"lock", "servotwin.sqlite"}) {
     const std::filesystem::path file = directory / name;
     if (access(file.c_str(), W_OK) != 0 && errno != ENOENT && errno != ENOTDIR)
-      refuse(file, system_error(errno));
+      refuse(directory, file, system_error(errno));
   }
+}
+
+void Store::try_making(const std::filesystem::path& directory) {
+  const std::filesystem::path place = nearest(directory);
+  std::string name = place / ".servotwin-XXXXXX";
+  if (mkdtemp(name.data()) == nullptr)
+    refuse(directory, place, "nothing can be made there: " + system_error(errno));
+  rmdir(name.c_str());
 }
 
 Store::Store(const std::filesystem::path& directory, std::string machine, StoreAccess access)

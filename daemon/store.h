@@ -62,6 +62,8 @@ class Store {
         StoreAccess access = StoreAccess::kOwn);
   /// Throws if it could not be opened or made there, as far as that can be told from outside.
   static void require_writable(const std::filesystem::path& directory);
+  /// Throws if nothing can be made there, or where it would be made; leaves nothing behind.
+  static void try_making(const std::filesystem::path& directory);
   Store(const Store&) = delete;
   Store& operator=(const Store&) = delete;
   ~Store();

@@ -55,7 +55,11 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   const Model& model = diagnosis.extended.model;
   const Effect& effect = model.effects[cause.place];
   std::size_t i = 0;
-  for (const Parameter& p : shapes_of(effect.kind)) out[std::string(p.name)] = effect.shape[i++];
+  for (const Parameter& p : shapes_of(effect.kind)) {
+    out[std::string(p.name)] =
+        means_something(effect.kind, p, model.loop.order) ? json(effect.shape[i]) : json();
+    ++i;
+  }
   i = 0;
   for (const Parameter& p : coefficients_of(effect.kind)) {
     if (told_from_loop(p, model.loop.order)) out[std::string(p.name)] = effect.coefficient[i];
@@ -253,6 +257,10 @@ std::string moved_text(const Moved& moved, bool rotary) {
 
 }  // namespace
 
+bool means_something(std::size_t kind, const Parameter& shape, int order) {
+  return order == 3 || kind != kind_of<TorqueSaturation>() || shape.name != "reset";
+}
+
 std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
   if (cause.place == kNoEffect) {
     std::string out;
@@ -280,7 +288,11 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
     ++i;
   }
   i = 0;
-  for (const Parameter& p : shapes_of(effect.kind)) add(p, effect.shape[i++]);
+  for (const Parameter& p : shapes_of(effect.kind)) {
+    if (means_something(effect.kind, p, diagnosis.extended.model.loop.order))
+      add(p, effect.shape[i]);
+    ++i;
+  }
   return out;
 }
 

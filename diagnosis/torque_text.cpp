@@ -1,5 +1,6 @@
 #include "diagnosis/torque_text.h"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -177,6 +178,8 @@ json torque_alone(const TorqueDiagnosis& torque, const std::string& reason) {
               {"extended", {{"rms_m", json()}, {"max_m", json()}}},
               {"verdict", "nothing_significant"},
               {"causes", json::array()},
+              {"suspected", json::array()},
+              {"not_observable", json::array()},
               {"residual", {{"by_regime", json::object()}, {"unexplained_share", json()}}},
               {"extended_model", json()},
               {"position_loop", reason}};
@@ -184,11 +187,25 @@ json torque_alone(const TorqueDiagnosis& torque, const std::string& reason) {
   return out;
 }
 
-std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool details) {
+std::string torque_beside(const TorqueDiagnosis& torque, const std::string& id) {
+  for (const TorqueCause& cause : torque.causes) {
+    if (cause.id != id) continue;
+    std::string out =
+        text("by torque as well: %.4g -> %.4g %s without and with it, sure %.0f %%",
+             cause.gain.before, cause.gain.after, torque.unit.c_str(), 100.0 * cause.confidence);
+    if (const std::string sizes = sizes_of(cause); !sizes.empty()) out += "; " + sizes;
+    return out;
+  }
+  return {};
+}
+
+std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool details,
+                                      const std::vector<std::string>& told) {
   std::vector<std::string> out{"torque      " + verdict_of(torque),
                                "torque      rigid body: " + body_of(torque)};
   if (torque.opposite) out.push_back(std::string("torque      ") + kAgainst);
   for (const TorqueCause& cause : torque.causes) {
+    if (std::find(told.begin(), told.end(), cause.id) != told.end()) continue;
     out.push_back(text("by torque   %-24s %12.4g -> %.4g %s without and with it", cause.id.c_str(),
                        cause.gain.before, cause.gain.after, torque.unit.c_str()) +
                   (std::isfinite(cause.gain.low)

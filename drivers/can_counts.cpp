@@ -11,8 +11,12 @@ std::string times(std::uint64_t count) {
 }
 
 void about_message(const MappedMessage& message, const CanMessageCounts& before,
-                   const CanMessageCounts& now, std::vector<std::string>& lines) {
+                   const CanMessageCounts& now, std::vector<SourceNews>& lines) {
   std::string text;
+  // That it was missing until it came back is known; the rest would be new.
+  const bool only_missing = now.late == before.late && now.repeated == before.repeated &&
+                            now.wrong_length == before.wrong_length &&
+                            now.silences == before.silences;
   const auto add = [&](std::uint64_t was, std::uint64_t is, const std::string& what) {
     if (is > was) text += (text.empty() ? "" : ", ") + times(is - was) + " " + what;
   };
@@ -24,20 +28,21 @@ void about_message(const MappedMessage& message, const CanMessageCounts& before,
           (message.at_least ? " bytes or more)" : " bytes)"));
   if (now.silences > before.silences)
     text += (text.empty() ? "" : ", ") + std::string("fell silent");
-  if (!now.silent && (before.silent || now.silences > before.silences))
-    text += (text.empty() ? "" : ", ") + std::string("is back");
-  if (!text.empty()) lines.push_back(message.name + ": " + text);
+  const bool back = !now.silent && (before.silent || now.silences > before.silences);
+  if (back) text += (text.empty() ? "" : ", ") + std::string("is back");
+  if (!text.empty()) lines.push_back({message.name + ": " + text, back && only_missing});
 }
 
 void about_bus(const std::string& name, const CanTrafficCounts& before, const CanTrafficCounts& now,
-               std::vector<std::string>& lines) {
-  const auto add = [&](std::uint64_t was, std::uint64_t is, const std::string& what) {
-    if (is > was) lines.push_back(name + ": " + what + ", " + times(is - was));
+               std::vector<SourceNews>& lines) {
+  const auto add = [&](std::uint64_t was, std::uint64_t is, const std::string& what,
+                       bool good = false) {
+    if (is > was) lines.push_back({name + ": " + what + ", " + times(is - was), good});
   };
   add(before.bus_off, now.bus_off,
       "bus-off: the interface does not take part any more (ip link set " + name +
           " type can restart-ms 100 lets it come back by itself)");
-  add(before.restarted, now.restarted, "the interface takes part again after bus-off");
+  add(before.restarted, now.restarted, "the interface takes part again after bus-off", true);
   add(before.passive, now.passive, "error passive");
   add(before.lost_in_controller, now.lost_in_controller,
       "the controller's buffer ran over: frames are lost");
@@ -54,9 +59,8 @@ void about_bus(const std::string& name, const CanTrafficCounts& before, const Ca
 
 }  // namespace
 
-std::vector<std::string> happened(const CanMap& map, const CanCounts& before,
-                                  const CanCounts& now) {
-  std::vector<std::string> lines;
+std::vector<SourceNews> happened(const CanMap& map, const CanCounts& before, const CanCounts& now) {
+  std::vector<SourceNews> lines;
   for (std::size_t i = 0; i < map.buses.size(); ++i)
     about_bus(map.buses[i], before.buses[i], now.buses[i], lines);
   for (std::size_t i = 0; i < map.messages.size(); ++i)
@@ -67,7 +71,7 @@ std::vector<std::string> happened(const CanMap& map, const CanCounts& before,
     ids += (ids.empty() ? "" : ", ") + can_id_text(id.id, id.extended) +
            (map.buses.size() > 1 ? " on " + map.buses[id.bus] : "");
   }
-  if (!ids.empty()) lines.push_back("not in the mapping, and passed over: " + ids);
+  if (!ids.empty()) lines.push_back({"not in the mapping, and passed over: " + ids});
   return lines;
 }
 

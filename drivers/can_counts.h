@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "drivers/can_map.h"
+#include "drivers/messages.h"
 
 namespace servotwin {
 
@@ -43,7 +44,7 @@ struct CanCounts {
 };
 
 /// What happened from `before` to `now`, one line per matter; none if all is well. Both of `map`.
-[[nodiscard]] std::vector<std::string> happened(const CanMap& map, const CanCounts& before,
-                                                const CanCounts& now);
+[[nodiscard]] std::vector<SourceNews> happened(const CanMap& map, const CanCounts& before,
+                                               const CanCounts& now);
 
 }  // namespace servotwin

@@ -111,7 +111,7 @@ Recording read_candump(const std::filesystem::path& file, const ReadOptions& opt
   for (const std::string& odd : used.notes) notes.push_back(odd);
   notes.insert(notes.end(), reader.notes().begin(), reader.notes().end());
   const CanCounts counts = assembly.counts();
-  for (const std::string& matter : happened(used, none, counts)) note(matter);
+  for (const SourceNews& matter : happened(used, none, counts)) note(matter.text);
   if (counts.incomplete > 0) {
     note(std::to_string(counts.incomplete) + " of " + std::to_string(counts.cycles) +
          " cycles are without some of their messages");

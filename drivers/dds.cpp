@@ -22,17 +22,32 @@ constexpr const char* kLoopback = R"(<General>
   <Peers><Peer address="localhost"/></Peers>
 </Discovery>)";
 
+/// The threads between the socket and who waits for a message: what reads, what hands on what that
+/// does not, and what asks for a message again and says that all have come. Cyclone DDS 0.10 would
+/// read each kind of socket in a thread of its own, and takes no priority for those: one reads all.
+std::string real_time_threads(int priority) {
+  std::string out =
+      "<Internal><MultipleReceiveThreads>false</MultipleReceiveThreads></Internal><Threads>";
+  for (const char* name : {"recv", "dq.user", "tev"}) {
+    out += std::string("<Thread name=\"") + name +
+           "\"><Scheduling><Class>realtime</Class><Priority>" + std::to_string(priority) +
+           "</Priority></Scheduling></Thread>";
+  }
+  return out + "</Threads>";
+}
+
 /// The domain with our settings, shared by all nodes of this process; null where the environment
 /// rules.
-std::shared_ptr<DdsEntity> domain_of(std::uint32_t id) {
-  const char* configured = std::getenv("CYCLONEDDS_URI");
-  if (configured != nullptr && *configured != '\0') return nullptr;
+std::shared_ptr<DdsEntity> domain_of(std::uint32_t id, int receive_priority) {
+  if (dds_configured_outside()) return nullptr;
   static std::mutex mutex;
   static std::map<std::uint32_t, std::weak_ptr<DdsEntity>> domains;
   const std::lock_guard lock(mutex);
   std::shared_ptr<DdsEntity> domain = domains[id].lock();
   if (domain == nullptr) {
-    domain = std::make_shared<DdsEntity>(dds_create_domain(id, kLoopback),
+    const std::string settings =
+        kLoopback + (receive_priority > 0 ? real_time_threads(receive_priority) : std::string());
+    domain = std::make_shared<DdsEntity>(dds_create_domain(id, settings.c_str()),
                                          "open DDS domain " + std::to_string(id));
     domains[id] = domain;
   }
@@ -84,6 +99,11 @@ Qos writer_qos(const Topic& topic, const DdsPlace& place, double deadline_s) {
 
 }  // namespace
 
+bool dds_configured_outside() {
+  const char* configured = std::getenv("CYCLONEDDS_URI");
+  return configured != nullptr && *configured != '\0';
+}
+
 DdsEntity::DdsEntity(dds_entity_t result, const std::string& what) : entity_(result) {
   if (result < 0) throw std::runtime_error("cannot " + what + ": " + dds_strretcode(result));
 }
@@ -94,7 +114,7 @@ DdsEntity::~DdsEntity() {
 
 DdsNode::DdsNode(DdsPlace place)
     : place_(checked(std::move(place))),
-      domain_(domain_of(place_.domain)),
+      domain_(domain_of(place_.domain, place_.receive_priority)),
       participant_(dds_create_participant(place_.domain, nullptr, nullptr),
                    "join DDS domain " + std::to_string(place_.domain)),
       publisher_(dds_create_publisher(participant_.get(), partition_of(place_).get(), nullptr),

@@ -39,7 +39,13 @@ struct DdsPlace {
   std::uint32_t domain = 0;         ///< 0..230
   std::string partition;            ///< of a cell; empty: the default one
   std::int32_t strength = 0;        ///< of what a daemon says, where there are several of a machine
+  /// SCHED_FIFO priority of what Cyclone DDS receives with; 0: normal. It must be permitted. Of the
+  /// nodes of a domain the first one decides, and where CYCLONEDDS_URI is set, that.
+  int receive_priority = 0;
 };
+
+/// Whether CYCLONEDDS_URI says how Cyclone DDS works, in place of this program.
+[[nodiscard]] bool dds_configured_outside();
 
 /// A participant in a domain, with one publisher and one subscriber.
 class DdsNode {

@@ -212,6 +212,8 @@ bool Wire<MachineStatus>::decode(const Sample& sample, MachineStatus& status) {
     status.axes.push_back({from.name, from.model_version, from.holdout_rms_m, text(from.activity),
                            from.refused, text(from.last_refusal)});
   }
+  for (std::size_t i = 0; i < status.axes.size() && i < sample.rotary._length; ++i)
+    status.axes[i].rotary = sample.rotary._buffer[i];
   status.last_error = text(sample.last_error);
   status.repeated = sample.repeated;
   return true;
@@ -244,6 +246,9 @@ void Wire<MachineStatus>::encode(const MachineStatus& status, Sample& sample) {
     to.refused = status.axes[i].refused;
     assign(to.last_refusal, status.axes[i].last_refusal);
   }
+  resize(sample.rotary, status.axes.size(), kMaxAxes);
+  for (std::size_t i = 0; i < status.axes.size(); ++i)
+    sample.rotary._buffer[i] = status.axes[i].rotary;
   assign(sample.last_error, status.last_error);
   sample.repeated = status.repeated;
 }

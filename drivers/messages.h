@@ -105,6 +105,13 @@ struct AxisStatus {
   std::string activity;       ///< what the identification of this axis is doing
   std::uint32_t refused = 0;  ///< candidates that did not come into force, since the daemon started
   std::string last_refusal{};  ///< why the last of them did not
+  bool rotary = false;         ///< rad in place of m
+};
+
+/// What happened where the frames come from: one line for people.
+struct SourceNews {
+  std::string text;
+  bool good = false;  ///< something is again as it should be
 };
 
 /// What was counted on a bus from whose frames cycles are assembled (drivers/README.md).
@@ -137,6 +144,8 @@ struct MachineStatus {
   double publish_p50_s = kAbsent, publish_p99_s = kAbsent, publish_p999_s = kAbsent,
          publish_max_s = kAbsent;
   std::vector<BusStatus> buses;
+  std::string
+      not_recording;  ///< why cycles are not recorded though they should be; empty: they are
 };
 
 }  // namespace servotwin

@@ -134,7 +134,7 @@ void watch_can(const CanWatchOptions& options) {
     if (now >= next || over) {
       next += kRefresh_ns;
       const CanCounts counts = source.counts();
-      for (const std::string& line : source.news(now)) say(stdout, "note: " + line);
+      for (const SourceNews& line : source.news(now)) say(stdout, "note: " + line.text);
       say(stdout, line_of(second, source.map(), counts, before, seconds));
       std::fflush(stdout);
       before = counts;

@@ -12,6 +12,11 @@
 namespace servotwin::cli {
 namespace {
 
+std::string text_of(const DdsConfig& dds) {
+  return "DDS domain " + std::to_string(dds.domain) +
+         (dds.partition.empty() ? "" : ", partition " + in_quotes(dds.partition));
+}
+
 void run(const std::filesystem::path& file) {
   const CheckedConfig checked = check_config(file);
   std::vector<std::string> problems;
@@ -25,7 +30,7 @@ void run(const std::filesystem::path& file) {
     for (const std::string& problem : problems) say(stderr, problem);
     throw std::runtime_error(
         file.string() +
-        text(": %zu problems; the daemon would not start with it", problems.size()));
+        text(": %zu problems; the daemon would not run as it says there", problems.size()));
   }
   const Config& config = checked.config;
   say(stdout, file.string() + ": valid");
@@ -35,7 +40,7 @@ void run(const std::filesystem::path& file) {
   for (const AxisConfig& axis : config.axes)
     axes += (axes.empty() ? "" : ", ") + axis.name + (axis.rotary ? " (rotary)" : "");
   say(stdout, "axes        " + (axes.empty() ? "as the source says" : axes));
-  std::string source = "DDS domain " + std::to_string(config.dds.domain);
+  std::string source = text_of(config.dds_in.value_or(config.dds));
   if (config.source == SourceKind::kReplay)
     source = text("replay of %zu recordings", config.replay.files.size());
   if (config.source == SourceKind::kCan) {
@@ -45,6 +50,8 @@ void run(const std::filesystem::path& file) {
     source = "CAN over UDP at " + config.udp.listen + ", " + config.udp.map.string();
   }
   say(stdout, "source      " + source);
+  say(stdout, "output      " + text_of(config.dds) +
+                  (config.dds.strength == 0 ? "" : text(", strength %d", config.dds.strength)));
   const auto store = config.store.directory.empty() ? default_store() : config.store.directory;
   say(stdout, "store       " + store.string());
 }

@@ -36,7 +36,8 @@ std::set<std::string> known_causes() {
   return out;
 }
 
-void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) {
+void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
+                   const std::optional<TorqueDiagnosis>& torque, bool details) {
   const bool rotary = diagnosis.baseline.rotary;
   say(people, "verdict     " + verdict_text(diagnosis));
   say(people, "baseline    " + structure_text(diagnosis.baseline.model));
@@ -59,6 +60,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis, bool details) 
     }
     say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
+    if (const std::string also = torque ? torque_beside(*torque, cause.id) : ""; !also.empty())
+      say(people, "              " + also);
     // Where repair changes less than a thousandth it is not worth a line.
     // What a control does for the axis is not repaired by taking it away.
     if (cause.gain.tracking_now - cause.gain.tracking_repaired > 1e-3 * cause.gain.tracking_now) {
@@ -183,9 +186,12 @@ void run(const Arguments& arguments) {
   if (torque) heed(*torque, diagnosis);
   diagnosis.baseline.source = diagnosis.extended.source =
       arguments.input.recording.file.filename().string();
-  say_diagnosis(people, diagnosis, arguments.details);
+  say_diagnosis(people, diagnosis, torque, arguments.details);
   if (torque) {
-    for (const std::string& line : torque_lines(*torque, arguments.details)) say(people, line);
+    std::vector<std::string> told;
+    for (const Cause& cause : diagnosis.causes) told.push_back(cause.id);
+    for (const std::string& line : torque_lines(*torque, arguments.details, told))
+      say(people, line);
   }
   if (!arguments.extended.empty()) write_json(arguments.extended, to_json(diagnosis.extended));
   std::vector<std::string> test;

@@ -37,11 +37,21 @@ std::string cause_line(const json& cause) {
   return cause.at("id").get<std::string>() + "(" + parameters + ")";
 }
 
+/// "  suspected cogging, backlash"; nothing where the list is empty, as in files of before it was.
+std::string ids_line(const char* what, const json& diagnosis, const char* key) {
+  std::string ids;
+  for (const json& one : diagnosis.value(key, json::array()))
+    ids += (ids.empty() ? "" : ", ") + one.at("id").get<std::string>();
+  return ids.empty() ? "" : std::string("  ") + what + " " + ids;
+}
+
 std::string line_of(const StoredDiagnosis& stored, const json& diagnosis) {
   std::string line = stored.time + text("  %-19s", stored.verdict.c_str());
   line += text(" %8s -> %-8s", micro_of(diagnosis.at("baseline").at("rms_m")).c_str(),
                micro_of(diagnosis.at("extended").at("rms_m")).c_str());
   for (const json& cause : diagnosis.at("causes")) line += "  " + cause_line(cause);
+  line += ids_line("suspected", diagnosis, "suspected") +
+          ids_line("cannot show", diagnosis, "not_observable");
   return line + (stored.reason == "on schedule" ? "" : "  [alarm]");
 }
 

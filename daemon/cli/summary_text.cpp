@@ -6,6 +6,7 @@
 
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/output.h"
+#include "daemon/status_figures.h"
 
 namespace servotwin::cli {
 namespace {
@@ -15,9 +16,8 @@ using nlohmann::json;
 constexpr const char* kWatchSchema = "servotwin.watch/1";
 constexpr std::size_t kShownRefusals = 3;  // a summary is one screen
 
-json figure(double value) { return std::isfinite(value) ? json(value) : json(); }
 json figures_json(const ErrorFigures& figures) {
-  return {{"rms_m", figure(figures.rms)}, {"max_m", figure(figures.max)}};
+  return {{"rms_m", number_json(figures.rms)}, {"max_m", number_json(figures.max)}};
 }
 
 bool rotary(const LiveAxis& axis) { return axis.model && axis.model->rotary; }
@@ -41,12 +41,13 @@ std::string microseconds(double seconds) {
 }
 
 void add_status(const MachineStatus& status, std::vector<std::string>& lines) {
-  const auto n = [](std::uint64_t count) { return std::to_string(count); };
-  lines.push_back("frames      " + n(status.frames) + ", lost " + n(status.lost) + ", repeated " +
-                  n(status.repeated) + ", malformed " + n(status.malformed) + ", not finite " +
-                  n(status.not_finite) + ", time jumps " + n(status.time_jumps) + ", overruns " +
-                  n(status.overruns) + ", predictions dropped " + n(status.predictions_dropped) +
-                  ", rows dropped " + n(status.rows_dropped));
+  std::string counted;
+  for (const StatusCounter& counter : kStatusCounters) {
+    const std::string count = std::to_string(status.*counter.count);
+    counted += counted.empty() ? text("%-12s", counter.words) + count
+                               : std::string(", ") + counter.words + " " + count;
+  }
+  lines.push_back(counted);
   lines.push_back("daemon      frame sent to loop p50 " + microseconds(status.wake_p50_s) +
                   ", p99 " + microseconds(status.wake_p99_s) + "; loop's work p50 " +
                   microseconds(status.work_p50_s) + ", p99 " + microseconds(status.work_p99_s) +
@@ -125,29 +126,10 @@ std::string table_row(const LiveAxis& axis) {
   return row + "   " + (axis.version > 0 ? text("v%d, ", axis.version) : "") + name_of(axis.state);
 }
 
-json status_json(const MachineStatus& status) {
-  return {{"frames", status.frames},
-          {"frame_rate_hz", figure(status.frame_rate_hz)},
-          {"lost", status.lost},
-          {"repeated", status.repeated},
-          {"malformed", status.malformed},
-          {"time_jumps", status.time_jumps},
-          {"not_finite", status.not_finite},
-          {"overruns", status.overruns},
-          {"predictions_dropped", status.predictions_dropped},
-          {"rows_dropped", status.rows_dropped},
-          {"wake_p50_s", figure(status.wake_p50_s)},
-          {"wake_p99_s", figure(status.wake_p99_s)},
-          {"work_p50_s", figure(status.work_p50_s)},
-          {"work_p99_s", figure(status.work_p99_s)},
-          {"work_max_s", figure(status.work_max_s)},
-          {"last_error", status.last_error}};
-}
-
 json head_json(const LiveRecord& record, const std::string& machine, double seconds) {
   return {{"schema", kWatchSchema},    {"machine", machine},
           {"seconds", seconds},        {"predictions", record.predictions()},
-          {"missed", record.missed()}, {"rate_hz", figure(record.rate_hz())}};
+          {"missed", record.missed()}, {"rate_hz", number_json(record.rate_hz())}};
 }
 
 }  // namespace
@@ -171,10 +153,10 @@ std::vector<std::string> summary_lines(const LiveRecord& record, const std::stri
 
 json summary_json(const LiveRecord& record, const std::string& machine, double seconds) {
   json out = head_json(record, machine, seconds);
-  out["status"] = record.status() ? status_json(*record.status()) : json();
-  out["latency"] = {{"p50_s", figure(record.latency_s(0.5))},
-                    {"p99_s", figure(record.latency_s(0.99))},
-                    {"max_s", figure(record.latency_s(1.0))}};
+  out["status"] = record.status() ? figures_of(*record.status()) : json();
+  out["latency"] = {{"p50_s", number_json(record.latency_s(0.5))},
+                    {"p99_s", number_json(record.latency_s(0.99))},
+                    {"max_s", number_json(record.latency_s(1.0))}};
   out["axes"] = json::array();
   for (std::size_t i = 0; i < record.axes().size(); ++i) {
     const LiveAxis& axis = record.axes()[i];

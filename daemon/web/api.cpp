@@ -187,6 +187,7 @@ HttpResponse Api::metrics() {
 HttpResponse Api::status() {
   const MetricsInput now = sources_.now();
   json out = status_json(now.live, now.description, now.alarms);
+  if (now.published != nullptr) out["publish_octaves"] = octaves_json(*now.published);
   out["machine"] = now.machine;
   out["version"] = now.version;
   out["uptime_s"] = now.uptime_s;

@@ -29,6 +29,7 @@ std::vector<std::string> Health::problems(std::int64_t now_ns) {
     }
   }
   if (!store_problem_.empty()) out.push_back(store_problem_);
+  if (!recording_problem_.empty()) out.push_back(recording_problem_);
   return out;
 }
 

@@ -1,4 +1,5 @@
-// Whether the daemon does its work: does the real-time loop go on, can the store be written?
+// Whether the daemon does its work: does the real-time loop go on, can the store be written, are
+// cycles recorded?
 //
 // A machine that is silent is no illness of the daemon. One thread; the time is an argument.
 #pragma once
@@ -21,6 +22,8 @@ class Health {
 
   /// The turns of the loop so far; nothing while there is none. Some times a second.
   void on_turns(std::optional<std::uint64_t> turns, std::int64_t now_ns);
+  /// Why cycles are not recorded though they should be; empty: they are, or there are none.
+  void on_recording(const std::string& problem) { recording_problem_ = problem; }
   /// What is wrong; nothing if all is well.
   [[nodiscard]] std::vector<std::string> problems(std::int64_t now_ns);
 
@@ -29,7 +32,7 @@ class Health {
   std::optional<std::uint64_t> turns_;
   std::int64_t turned_ns_ = 0;
   std::optional<std::int64_t> tried_ns_;
-  std::string store_problem_;
+  std::string store_problem_, recording_problem_;
 };
 
 }  // namespace servotwin

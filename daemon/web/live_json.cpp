@@ -1,8 +1,11 @@
 #include "daemon/web/live_json.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <nlohmann/json.hpp>
+
+#include "daemon/status_figures.h"
 
 namespace servotwin {
 namespace {
@@ -12,6 +15,7 @@ using nlohmann::json;
 // A nanometre in ten metres; an error of a metre to 0.1 um, one of a millimetre to 0.1 nm.
 constexpr int kCommandDigits = 11;
 constexpr int kErrorDigits = 7;
+constexpr int kFirstOctave = 10, kLastOctave = 30;  // as in /metrics
 
 void append(std::string& out, double value, int digits) {
   if (!std::isfinite(value)) {
@@ -50,8 +54,6 @@ json axis_json(const AxisDescription& axis) {
 }
 
 }  // namespace
-
-json number_json(double value) { return std::isfinite(value) ? json(value) : json(); }
 
 const char* name_of(AlarmState state) noexcept {
   constexpr const char* kNames[]{"off", "learning", "watching", "raised"};
@@ -102,33 +104,37 @@ json status_json(const LiveStatus& live, const MachineDescription& machine,
                      {"unexpected", bus.unexpected},
                      {"error_frames", bus.error_frames}});
   }
-  return {{"schema", "servotwin.status/1"},
-          {"state", state_name(status.state)},
-          {"time_ns", status.time_ns},
-          {"cycle_s", number_json(machine.axes.empty() ? kAbsent : machine.cycle_s)},
-          {"frame_rate_hz", number_json(status.frame_rate_hz)},
-          {"frames", status.frames},
-          {"lost", status.lost},
-          {"repeated", status.repeated},
-          {"malformed", status.malformed},
-          {"time_jumps", status.time_jumps},
-          {"not_finite", status.not_finite},
-          {"overruns", status.overruns},
-          {"predictions_dropped", status.predictions_dropped},
-          {"rows_dropped", status.rows_dropped},
-          {"wake_p50_s", number_json(status.wake_p50_s)},
-          {"wake_p99_s", number_json(status.wake_p99_s)},
-          {"work_p50_s", number_json(status.work_p50_s)},
-          {"work_p99_s", number_json(status.work_p99_s)},
-          {"work_max_s", number_json(status.work_max_s)},
-          {"publish_p50_s", number_json(status.publish_p50_s)},
-          {"publish_p99_s", number_json(status.publish_p99_s)},
-          {"publish_p999_s", number_json(status.publish_p999_s)},
-          {"publish_max_s", number_json(status.publish_max_s)},
-          {"buses", std::move(buses)},
-          {"contour_last_second", figures_json(live.contour)},
-          {"last_error", status.last_error},
-          {"axes", axes}};
+  json out = figures_of(status);
+  out.update({{"schema", "servotwin.status/1"},
+              {"state", state_name(status.state)},
+              {"time_ns", status.time_ns},
+              {"cycle_s", number_json(machine.axes.empty() ? kAbsent : machine.cycle_s)},
+              {"publish_p50_s", number_json(status.publish_p50_s)},
+              {"publish_p99_s", number_json(status.publish_p99_s)},
+              {"publish_p999_s", number_json(status.publish_p999_s)},
+              {"publish_max_s", number_json(status.publish_max_s)},
+              {"buses", std::move(buses)},
+              {"contour_last_second", figures_json(live.contour)},
+              {"not_recording", status.not_recording},
+              {"axes", axes}});
+  return out;
+}
+
+json octaves_json(const Histogram& histogram) {
+  json out = json::array();
+  std::uint64_t below = 0;
+  for (int octave = kFirstOctave; octave <= kLastOctave + 1; ++octave) {
+    const bool last = octave > kLastOctave;
+    const std::uint64_t all =
+        last ? std::max(below, histogram.count()) : histogram.below_octave(octave);
+    out.push_back(
+        {{"below_s", last ? json() : json(std::ldexp(1e-9, octave))}, {"count", all - below}});
+    below = all;
+  }
+  const auto empty = [](const json& one) { return one["count"] == 0; };
+  while (!out.empty() && empty(out.back())) out.erase(out.size() - 1);
+  while (!out.empty() && empty(out.front())) out.erase(0);
+  return out;
 }
 
 std::string batch_json(const LiveBatch& batch) {

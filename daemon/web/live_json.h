@@ -6,18 +6,20 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
+#include "daemon/histogram.h"
 #include "daemon/residual_watch.h"
 #include "daemon/web/live_feed.h"
 #include "drivers/messages.h"
 
 namespace servotwin {
 
-/// A number for JSON: null where there is none.
-[[nodiscard]] nlohmann::json number_json(double value);
-
 /// `machine` without axes: not known yet; `alarms` one per axis.
 [[nodiscard]] nlohmann::json status_json(const LiveStatus& live, const MachineDescription& machine,
                                          const std::vector<AlarmState>& alarms);
+
+/// The octaves of a histogram from the first to the last that has something: [{"below_s", "count"},
+/// ..]; the last one may have no bound.
+[[nodiscard]] nlohmann::json octaves_json(const Histogram& histogram);
 
 /// servotwin.live/1 on one line, errors to 7 digits.
 [[nodiscard]] std::string batch_json(const LiveBatch& batch);

@@ -6,6 +6,7 @@
 #include <functional>
 #include <utility>
 
+#include "daemon/status_figures.h"
 #include "daemon/web/live_json.h"
 
 namespace servotwin {
@@ -79,21 +80,10 @@ class Text {
 };
 
 void write_counters(const MachineStatus& status, Text& text) {
-  text.counter("frames_total", "Servo cycles that came.", status.frames);
-  text.counter("frames_lost_total", "Servo cycles that never came, by the sequence numbers.",
-               status.lost);
-  text.counter("frames_repeated_total",
-               "Frames with the sequence number of the one before; ignored.", status.repeated);
-  text.counter("frames_malformed_total", "Frames refused on receipt.", status.malformed);
-  text.counter("time_jumps_total", "Stamps or sequence numbers that do not follow.",
-               status.time_jumps);
-  text.counter("not_finite_total", "Commands or encoder values that are no numbers, by axis.",
-               status.not_finite);
-  text.counter("overruns_total", "Cycles whose work took longer than the cycle.", status.overruns);
-  text.counter("predictions_dropped_total",
-               "Predictions that the publisher was too slow for, or that the network refused.",
-               status.predictions_dropped);
-  text.counter("rows_dropped_total", "Cycles that were not recorded.", status.rows_dropped);
+  for (const StatusCounter& counter : kStatusCounters)
+    text.counter(counter.metric, counter.help, status.*counter.count);
+  text.gauge("recording_stopped", "1 where cycles that should be recorded are not.",
+             status.not_recording.empty() ? 0.0 : 1.0);
 }
 
 void write_buses(const std::vector<BusStatus>& buses, Text& text) {

@@ -84,6 +84,7 @@ void WebService::look() {
     pass_on(shown_->feed_.take());
   }
   health_.on_turns(turns, steady_ns());
+  health_.on_recording(live_.status.not_recording);
   if (shown_ == nullptr && steady_ns() - said_ns_ >= kStatus_ns) say_status();
 }
 

@@ -5,6 +5,7 @@
  */
 #include <dds/dds.h>
 #include <signal.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -52,10 +53,40 @@ static dds_entity_t prediction_reader(dds_entity_t participant, dds_duration_t s
   return reader;
 }
 
+/* What an axis is is said in the status, also to who comes late. */
+static dds_entity_t status_reader(dds_entity_t participant) {
+  const dds_entity_t topic = must(
+      dds_create_topic(participant, &servotwin_msgs_Status_desc, "servotwin/status", NULL, NULL),
+      "make the topic");
+  dds_qos_t* qos = dds_create_qos();
+  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
+  dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
+  dds_qset_ownership(qos, DDS_OWNERSHIP_EXCLUSIVE);
+  const dds_entity_t reader = must(dds_create_reader(participant, topic, qos, NULL), "read");
+  dds_delete_qos(qos);
+  return reader;
+}
+
+static bool rotary[servotwin_msgs_kMaxAxes];
+
+static void look_at_axes(dds_entity_t reader, const char* machine) {
+  void* samples[ROOM] = {NULL};
+  dds_sample_info_t infos[ROOM];
+  const int count = must(dds_take(reader, samples, infos, ROOM, ROOM), "take");
+  for (int i = 0; i < count; ++i) {
+    const servotwin_msgs_Status* status = samples[i];
+    if (!infos[i].valid_data || strcmp(status->machine, machine) != 0) continue;
+    for (uint32_t k = 0; k < status->rotary._length; ++k) rotary[k] = status->rotary._buffer[k];
+  }
+  if (count > 0) dds_return_loan(reader, samples, count);
+}
+
 static void print(const servotwin_msgs_Prediction* prediction) {
   printf("cycle %llu:", (unsigned long long)prediction->sequence_number);
   for (uint32_t i = 0; i < prediction->axes._length; ++i)
-    printf(" axis %u %.3f um,", i + 1, 1e6 * prediction->axes._buffer[i].predicted_error_m);
+    printf(" axis %u %.3f %s,", i + 1, 1e6 * prediction->axes._buffer[i].predicted_error_m,
+           rotary[i] ? "urad" : "um");
   printf(" contour %.3f um\n", 1e6 * prediction->contour_error_m);
 }
 
@@ -105,12 +136,18 @@ int main(int argc, char** argv) {
     fputs("usage: subscriber MACHINE [DOMAIN [SILENCE_S]]\n", stderr);
     return 2;
   }
-  const dds_domainid_t domain = argc > 2 ? (dds_domainid_t)atoi(argv[2]) : 0;
-  const double silence_s = argc > 3 ? atof(argv[3]) : 0.1;
-  if (!(silence_s > 0.0)) {
-    fputs("subscriber: SILENCE_S must be a number above 0\n", stderr);
+  char* end = "";
+  const long domain_given = argc > 2 ? strtol(argv[2], &end, 10) : 0;
+  if (*end != '\0' || (argc > 2 && end == argv[2]) || domain_given < 0 || domain_given > 230) {
+    fprintf(stderr, "subscriber: DOMAIN = '%s': must be a whole number from 0 to 230\n", argv[2]);
     return 2;
   }
+  const double silence_s = argc > 3 ? strtod(argv[3], &end) : 0.1;
+  if (*end != '\0' || !(silence_s > 0.0)) {
+    fprintf(stderr, "subscriber: SILENCE_S = '%s': must be a number above 0\n", argv[3]);
+    return 2;
+  }
+  const dds_domainid_t domain = (dds_domainid_t)domain_given;
   signal(SIGINT, stop);
   signal(SIGTERM, stop);
   const char* configured = getenv("CYCLONEDDS_URI");
@@ -119,6 +156,7 @@ int main(int argc, char** argv) {
   const dds_entity_t participant =
       must(dds_create_participant(domain, NULL, NULL), "join the domain");
   const dds_entity_t reader = prediction_reader(participant, (dds_duration_t)(1e9 * silence_s));
+  const dds_entity_t statuses = status_reader(participant);
   const dds_entity_t waitset = must(dds_create_waitset(participant), "wait");
   must(dds_waitset_attach(waitset, reader, 0), "wait");
 
@@ -127,6 +165,7 @@ int main(int argc, char** argv) {
     dds_waitset_wait(waitset, NULL, 0, DDS_MSECS(100));
     uint32_t data = 0;
     must(dds_take_status(reader, &data, DDS_DATA_AVAILABLE_STATUS), "ask for the status");
+    look_at_axes(statuses, argv[1]);
     take(reader, argv[1], &daemon);
     notice_silence(reader, silence_s, &daemon);
     fflush(stdout);

@@ -5,11 +5,13 @@
 //
 // SILENCE_S (0.1) is asked for as the deadline of the predictions: a silence that is longer is
 // told. It must not be shorter than the machine's cycle, which the daemon offers.
+#include <charconv>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
+#include <cstring>
 #include <exception>
+#include <stdexcept>
 #include <string>
 
 #include "drivers/dds.h"
@@ -30,8 +32,9 @@ void print(const MachinePrediction& prediction, const MachineStatus& status) {
     const auto axis = static_cast<std::size_t>(i);
     const std::string name =
         axis < status.axes.size() ? status.axes[axis].name : "axis " + std::to_string(i + 1);
-    std::snprintf(text, sizeof text, " %s %.3f um,", name.c_str(),
-                  prediction.axes[axis].predicted_error / kMicro);
+    const bool rotary = axis < status.axes.size() && status.axes[axis].rotary;
+    std::snprintf(text, sizeof text, " %s %.3f %s,", name.c_str(),
+                  prediction.axes[axis].predicted_error / kMicro, rotary ? "urad" : "um");
     line += text;
   }
   std::snprintf(text, sizeof text, " contour %.3f um", prediction.contour_error / kMicro);
@@ -70,6 +73,16 @@ void listen(const DdsPlace& place, double silence_s) {
   }
 }
 
+/// The whole of a word as a number.
+template <class Number>
+Number number_in(const char* word, const char* name, const char* rule) {
+  Number value{};
+  const char* end = word + std::strlen(word);
+  const auto read = std::from_chars(word, end, value);
+  if (read.ec == std::errc{} && read.ptr == end) return value;
+  throw std::invalid_argument(std::string(name) + " = '" + word + "': must be " + rule);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -79,10 +92,15 @@ int main(int argc, char** argv) {
   }
   for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { asked_to_stop = 1; });
   try {
-    const auto domain = static_cast<std::uint32_t>(argc > 2 ? std::atoi(argv[2]) : 0);
-    const double silence_s = argc > 3 ? std::atof(argv[3]) : 0.1;
+    const auto domain =
+        argc > 2 ? number_in<std::uint32_t>(argv[2], "DOMAIN", "a whole number from 0 to 230") : 0;
+    const double silence_s =
+        argc > 3 ? number_in<double>(argv[3], "SILENCE_S", "a number above 0") : 0.1;
     if (!(silence_s > 0.0)) throw std::invalid_argument("SILENCE_S must be a number above 0");
     listen({argv[1], domain, ""}, silence_s);
+  } catch (const std::invalid_argument& error) {
+    std::fprintf(stderr, "subscriber: %s\n", error.what());
+    return 2;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "subscriber: %s\n", error.what());
     return 1;

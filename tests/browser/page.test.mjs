@@ -1,7 +1,8 @@
 // The page in a real browser, on a real daemon that replays a recording.
 import assert from "node:assert/strict";
+import { createSocket } from "node:dgram";
 import { writeFileSync } from "node:fs";
-import { join } from "node:path";
+import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
 import { changes, launch, live, open, picture, shows } from "./browser.mjs";
 import { Daemon } from "./daemon.mjs";
@@ -148,6 +149,7 @@ test("models and diagnoses come with their reasons and pictures", async () => {
     await page.getByRole("link", { name: "Diagnosis" }).click();
     await shows(page, "#verdict", /The simulation is wrong by [\d.]+ µm RMS/);
     await shows(page, "#causes", /check.+/);
+    await shows(page, "#doubt", /What this motion cannot show.*: ./);
     await page.frameLocator("#report").locator("figure svg").first().waitFor();
     await page.locator("#ask summary").click();
     await page.locator("#token").fill("a wrong token");
@@ -161,6 +163,44 @@ test("models and diagnoses come with their reasons and pictures", async () => {
     await shows(page, "#events", /diagnosis of/);
     assert.deepEqual(complaints, []);
   } finally {
+    await page.close();
+    await other.stop("SIGKILL");
+    other.forget();
+  }
+});
+
+test("shows how long predictions take, as a histogram too", async () => {
+  const { page, complaints } = await open(browser, `${daemon.url}#service`);
+  await shows(page, "#latency", /frame to prediction sent(\s*[\d.]+ [µm]?s){4}/);
+  await shows(page, "#octaves", /below [\d.]+ [µm]?s\d/);
+  assert.equal(await page.locator("#buses-part").isVisible(), false);
+  const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+  assert.equal(overflow, 0);
+  assert.deepEqual(complaints, []);
+  await page.close();
+});
+
+/** A packet of CAN over UDP, as cannelloni sends it, with one frame that has no data. */
+const packet = (sequence, id) => Buffer.from([2, 0, sequence, 0, 1, 0, 0, id >> 8, id & 0xff, 0]);
+
+test("shows what was lost on every bus", async () => {
+  const port = 20_000 + (process.pid % 10_000);
+  const config = join(daemon.store, "udp.toml");
+  writeFileSync(config, `[source.udp]\nmap = "${join(dirname(recording), "can_machine.toml")}"\nlisten = "127.0.0.1:${port}"\n`);
+  const other = await Daemon.start(program, { recordings: [], config });
+  const { page, complaints } = await open(browser, `${other.url}#service`);
+  const socket = createSocket("udp4");
+  try {
+    await shows(page, "#buses", /interfaceup/);
+    socket.send(packet(0, 0x7ff), port, "127.0.0.1");
+    socket.send(packet(5, 0x80), port, "127.0.0.1"); // four packets never came
+    await shows(page, "#buses", /frames that came2/);
+    await shows(page, "#buses", /packets lost4/);
+    await shows(page, "#buses", /frames not in the mapping1/);
+    await shows(page, "#buses th[scope=col]", new RegExp(`127.0.0.1:${port}`));
+    assert.deepEqual(complaints, []);
+  } finally {
+    socket.close();
     await page.close();
     await other.stop("SIGKILL");
     other.forget();

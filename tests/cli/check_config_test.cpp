@@ -49,6 +49,28 @@ TEST(CheckConfig, EveryRecordingThatIsMissingIsSaidAndAStoreInAFile) {
   EXPECT_THAT(answer.complaints()[3], HasSubstr("m.toml: 3 problems"));
 }
 
+TEST(CheckConfig, AStoreWhereNothingCanBeMadeAndProcessorsThatAreNotThereAreSaid) {
+  const Folder folder;
+  const std::string config =
+      folder.write("m.toml", "[store]\ndirectory = '/proc/x'\n[real_time]\ncpus = [0, 1023]\n");
+  const Answer answer = servotwin_says({"check-config", config});
+  EXPECT_EQ(answer.status, 1) << answer;
+  ASSERT_EQ(answer.complaints().size(), 3U) << answer;
+  EXPECT_THAT(answer.complaints()[0], HasSubstr("store /proc/x: cannot be written: "));
+  EXPECT_THAT(answer.complaints()[1], HasSubstr("real_time.cpus: there is no processor 1023"));
+}
+
+TEST(CheckConfig, SaysWhereTheDaemonListensAndWhereItSpeaks) {
+  const Folder folder;
+  const std::string config = folder.write(
+      "m.toml", "[store]\ndirectory = '" + folder / "store" +
+                    "'\n[source.dds]\ndomain = 3\n[dds]\ndomain = 5\npartition = 'cell'\n");
+  const Answer answer = servotwin_says({"check-config", config});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("source      DDS domain 3, partition 'cell'\n"));
+  EXPECT_THAT(answer.out, HasSubstr("output      DDS domain 5, partition 'cell'\n"));
+}
+
 TEST(CheckConfig, ARecordingOfOtherAxesIsSaid) {
   const Folder folder;
   const std::string recording = "'" + folder.write("y.csv", rows("Y")) + "'";

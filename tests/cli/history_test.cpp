@@ -50,6 +50,25 @@ TEST(History, IsALinePerDiagnosisTheNewestLastBesideTheDaemon) {
   EXPECT_EQ(told["diagnoses"][1]["causes"][0]["parameters"]["width_m"], 3e-6);
 }
 
+TEST(History, WhatIsSuspectedAndWhatCannotShowIsThere) {
+  const Folder folder;
+  Store store(folder / "store", "mill-7");
+  const json diagnosis{
+      {"schema", "servotwin.diagnosis/1"},
+      {"baseline", {{"rms_m", 2e-6}}},
+      {"extended", {{"rms_m", 2e-6}}},
+      {"causes", json::array()},
+      {"suspected", json::array({{{"id", "cogging"}, {"confidence", 0.4}}, {{"id", "backlash"}}})},
+      {"not_observable", json::array({{{"id", "stribeck"}, {"why", "it never moves slowly"}}})}};
+  const std::string time = "2026-01-01T12:00:00.000Z";
+  store.add({time, "X", "on schedule", "nothing_significant", diagnosis.dump(), ""},
+            {time, "X", "diagnosis", "", ""});
+  const Answer answer = servotwin_says(
+      {"history", "--store", folder / "store", "--machine", "mill-7", "--axis", "X"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("  suspected cogging, backlash  cannot show stribeck\n"));
+}
+
 TEST(History, WhatIsNotThereIsSaidAndNothingIsMade) {
   const Folder folder;
   Answer answer = servotwin_says({"history", "--store", folder / "store", "--axis", "X"});

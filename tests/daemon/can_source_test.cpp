@@ -26,6 +26,15 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
+auto good(const std::string& text) {
+  return testing::AllOf(testing::Field(&SourceNews::text, HasSubstr(text)),
+                        testing::Field(&SourceNews::good, true));
+}
+auto bad(const std::string& text) {
+  return testing::AllOf(testing::Field(&SourceNews::text, HasSubstr(text)),
+                        testing::Field(&SourceNews::good, false));
+}
+
 CanMap map_of(const std::string& text) {
   CheckedCanMap checked = check_can_map(text, "m.toml", "");
   EXPECT_TRUE(checked.problems.empty()) << messages(checked.problems);
@@ -180,30 +189,30 @@ TEST(CanSource, TellsWhatHappenedOnceAndWhatGoesOnOnceAMinute) {
   };
   constexpr std::int64_t kSecond = 1'000'000'000;
   cycle_with_wrong_length();
-  EXPECT_THAT(machine.source->news(kSecond), ElementsAre(HasSubstr("0x181 on b of axis Y")));
+  EXPECT_THAT(machine.source->news(kSecond), ElementsAre(bad("0x181 on b of axis Y")));
   EXPECT_EQ(machine.source->malformed(), 1U);
   cycle_with_wrong_length();
   EXPECT_THAT(machine.source->news(2 * kSecond), IsEmpty());
-  EXPECT_THAT(machine.source->news(62 * kSecond), ElementsAre(HasSubstr("of a wrong length")));
+  EXPECT_THAT(machine.source->news(62 * kSecond), ElementsAre(bad("of a wrong length")));
   // An interface that goes is told at once.
   machine.buses[1]->set_up(false);
   EXPECT_THAT(machine.source->news(63 * kSecond),
-              testing::Contains(HasSubstr("b: the interface went down")));
+              testing::Contains(bad("b: the interface went down")));
   machine.buses[1]->set_up(true);
-  EXPECT_THAT(machine.source->news(64 * kSecond), testing::Contains(HasSubstr("up again")));
+  EXPECT_THAT(machine.source->news(64 * kSecond), testing::Contains(good("up again")));
 }
 
 TEST(CanSource, SaysThatNoCycleBeginsAndThatTheyDoAgain) {
   TwoBuses machine;
   MachineFrame frame;
   EXPECT_EQ(machine.source->receive(frame, 0.6), Received::kNothing);
-  EXPECT_THAT(machine.source->news(1), ElementsAre(HasSubstr("no cycle begins: 0x080 on a")));
+  EXPECT_THAT(machine.source->news(1), ElementsAre(bad("no cycle begins: 0x080 on a")));
   const std::int64_t now = wall_ns();
   machine.buses[0]->frames.push_back(frame_of(0x80, now));
   machine.buses[0]->frames.push_back(frame_of(0x181, now));
   machine.buses[1]->frames.push_back(frame_of(0x181, now));
   EXPECT_EQ(machine.source->receive(frame, 0.1), Received::kFrame);
-  EXPECT_THAT(machine.source->news(2), ElementsAre(HasSubstr("cycles begin again")));
+  EXPECT_THAT(machine.source->news(2), ElementsAre(good("cycles begin again")));
 }
 
 TEST(CanSource, NeedsOneBusPerBusOfTheMap) {

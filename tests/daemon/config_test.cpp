@@ -45,9 +45,14 @@ TEST(Config, EveryKeyIsRead) {
     name = "X"
     torque_unit = "Nm"
     source = "dds"
+    path = "main"
     [[axis]]
     name = "B"
     units = "rad"
+    encoder_in_loop = false
+    [[axis]]
+    name = "Y"
+    path = "main"
     [source.dds]
     domain = 12
     partition = "cell-3"
@@ -67,9 +72,11 @@ TEST(Config, EveryKeyIsRead) {
     record_s = 45.5
     false_alarm_days = 7
     reference_s = 1800
+    encoder_in_loop = true
     [store]
     directory = "/var/lib/servotwin"
     recordings_mb = 50
+    recordings_max_mb = 500
     [http]
     listen = "0.0.0.0:80"
     token = "sixteen letters."
@@ -82,7 +89,12 @@ TEST(Config, EveryKeyIsRead) {
   const Config& config = checked.config;
   EXPECT_EQ(config.machine, "mill-7");
   EXPECT_EQ(config.cycle_s, 0.002);
-  ASSERT_EQ(config.axes.size(), 2U);
+  ASSERT_EQ(config.axes.size(), 3U);
+  EXPECT_EQ(config.axes[0].path, "main");
+  EXPECT_EQ(config.axes[1].path, "");
+  EXPECT_TRUE(config.diagnose.encoder_in_loop);
+  EXPECT_EQ(config.diagnose.encoder_in_loop_of, (std::map<std::string, bool>{{"B", false}}));
+  EXPECT_EQ(config.store.recordings_max_mb, 500.0);
   EXPECT_EQ(config.axes[0].name, "X");
   EXPECT_EQ(config.axes[0].torque_unit, "Nm");
   EXPECT_FALSE(config.axes[0].rotary);
@@ -113,6 +125,42 @@ TEST(Config, EveryKeyIsRead) {
   EXPECT_EQ(config.http.token, "sixteen letters.");
   EXPECT_EQ(config.http.names, (std::vector<std::string>{"mill-7.example", "mill"}));
   EXPECT_EQ(config.priority, 70);
+}
+
+TEST(Config, WhatTheDaemonSaysHasAPlaceWhateverTheSource) {
+  const Config can =
+      check_config("[dds]\ndomain = 5\nstrength = 3\n[source.can]\nmap = 'm.toml'\n", "m.toml")
+          .config;
+  EXPECT_EQ(can.source, SourceKind::kCan) << "no axis.source is needed";
+  EXPECT_EQ(can.dds.domain, 5U);
+  EXPECT_EQ(can.dds.strength, 3);
+
+  const Config one = check_config("[dds]\ndomain = 5\npartition = 'cell'\n", "m.toml").config;
+  EXPECT_EQ(one.source, SourceKind::kDds);
+  EXPECT_FALSE(one.dds_in) << "the frames are there, too";
+
+  const Config two =
+      check_config("[dds]\ndomain = 5\n[source.dds]\ndomain = 0\npartition = 'cell'\n", "m.toml")
+          .config;
+  EXPECT_EQ(two.dds.domain, 5U);
+  EXPECT_EQ(two.dds.partition, "cell") << "said once";
+  ASSERT_TRUE(two.dds_in);
+  EXPECT_EQ(two.dds_in->domain, 0U);
+  EXPECT_EQ(two.dds_in->partition, "cell");
+
+  const Config old = check_config(
+                         "[[axis]]\nname = 'X'\nsource = 'can'\n[source.can]\nmap = 'm.toml'\n"
+                         "[source.dds]\ndomain = 7\nstrength = 2\n",
+                         "m.toml")
+                         .config;
+  EXPECT_EQ(old.source, SourceKind::kCan);
+  EXPECT_EQ(old.dds.domain, 7U) << "as it was before there was [dds]";
+  EXPECT_EQ(old.dds.strength, 2);
+
+  EXPECT_THAT(problem_of("[dds]\nstrength = 1\n[source.dds]\nstrength = 2\n"),
+              HasSubstr("m.toml:4:12: source.dds.strength = 2: "));
+  EXPECT_THAT(problem_of("[dds]\ndomian = 1\n"), HasSubstr("dds.domian: there is no such key"));
+  EXPECT_THAT(problem_of("[source.can]\nmap = 'm.toml'\n[source.dds]\n"), HasSubstr("into [dds]"));
 }
 
 TEST(Config, ReplayIsReadWithItsFiles) {
@@ -181,6 +229,17 @@ INSTANTIATE_TEST_SUITE_P(
               "beginning with a dot"},
         Wrong{"[[axis]]\nname = 'X'\nunits = 'mm'\n",
               "m.toml:3:9: axis.units = 'mm': must be one of 'm', 'rad'"},
+        Wrong{"[[axis]]\nname = 'X'\npath = 'main'\n",
+              "m.toml:3:8: axis.path = 'main': a path has 2 to 5 axes, and this one 1"},
+        Wrong{"[[axis]]\nname = 'X'\npath = 'main'\n[[axis]]\nname = 'Y'\npath = 'main'\n"
+              "[[axis]]\nname = 'C'\nunits = 'rad'\npath = 'main'\n",
+              "m.toml:10:8: axis.path = 'main': is drawn by linear axes, and this one has units = "
+              "'rad'"},
+        Wrong{"[[axis]]\nname = 'X'\nencoder_in_loop = 'yes'\n",
+              "m.toml:3:19: axis.encoder_in_loop = 'yes': must be true or false"},
+        Wrong{"[store]\nrecordings_max_mb = 100\n",
+              "m.toml:2:21: store.recordings_max_mb = 100: must not be less than recordings_mb = "
+              "1024"},
         Wrong{"[[axis]]\nname = 'X'\nsource = 'replay'\n",
               "m.toml:3:10: axis.source = 'replay': there is no [source.replay]"},
         Wrong{"[source.dds]\ndomain = 231\n",
@@ -198,7 +257,7 @@ INSTANTIATE_TEST_SUITE_P(
               "quotes"},
         Wrong{"[source.dds]\n[source.replay]\nfiles = ['a']\n",
               "m.toml:2:1: source.replay: there is a source.dds as well; say "
-              "which one with axis.source"},
+              "which one with axis.source, or put what the daemon says into [dds]"},
         Wrong{"[identify]\nomega_hz = [210, 1]\n",
               "m.toml:2:12: identify.omega_hz = [ 210, 1 ]: must be [lowest, highest] within 0.001 "
               "to 100000 Hz"},

@@ -174,6 +174,7 @@ TEST_F(DiagnosisWorkerTest, AtTheEndHalfOfTheMotionIsEnough) {
 
 TEST_F(DiagnosisWorkerTest, OnAFullDiskItIsPublishedAllTheSameAndSaid) {
   config_.record_s = 8.0;
+  config_.encoder_in_loop_of["X"] = true;
   restart();
   std::mt19937_64 random(20);
   std::normal_distribution<> noise(0.0, 1e-7);
@@ -192,6 +193,13 @@ TEST_F(DiagnosisWorkerTest, OnAFullDiskItIsPublishedAllTheSameAndSaid) {
   }
   EXPECT_THAT(announced_, SizeIs(1)) << said_.str();
   EXPECT_THAT(said_.str(), HasSubstr("the diagnosis is published and not stored: store "));
+  std::string why;
+  const json made = json::parse(announced_.at(0).json);
+  for (const json& one : made["not_observable"]) {
+    if (one["id"] == "lead_error") why = one["why"];
+  }
+  EXPECT_THAT(why, HasSubstr("its own encoder"))
+      << "as the configuration says of this axis, in " << made;
   EXPECT_TRUE(store_->diagnoses("X", 1).empty());
   std::string last_error;
   events_->update_last_error(last_error);

@@ -215,7 +215,14 @@ TEST_F(HttpTest, StatusAndMetricsAreThereBeforeTheMachineIs) {
   EXPECT_EQ(read_prometheus(get("/metrics").body).at("servotwin_healthy").samples[0].value, 1.0);
   show();
   counters_.work.add(5'000);
+  published_.add(5'000);
+  published_.add(70'000);
   const nlohmann::json after = get("/api/v1/status").json();
+  const nlohmann::json& octaves = after["publish_octaves"];
+  ASSERT_EQ(octaves.size(), 5U) << "up to 8, 16, 32, 65 and 131 us";
+  EXPECT_EQ(octaves[0], (nlohmann::json{{"below_s", 8192e-9}, {"count", 1}}));
+  EXPECT_EQ(octaves[1]["count"], 0);
+  EXPECT_EQ(octaves[4], (nlohmann::json{{"below_s", 131072e-9}, {"count", 1}}));
   EXPECT_EQ(after["axes"][0]["name"], "X");
   EXPECT_EQ(after["axes"][0]["alarm"], "learning");
   const HttpAnswer metrics = get("/metrics");
@@ -342,6 +349,14 @@ TEST_F(HealthTest, ALoopThatStandsStillIsIllAndAMachineThatIsSilentIsNot) {
   EXPECT_TRUE(health_.problems(15 * kSecond).empty());
   health_.on_turns(std::nullopt, 20 * kSecond);  // it has ended
   EXPECT_TRUE(health_.problems(30 * kSecond).empty());
+}
+
+TEST_F(HealthTest, CyclesThatAreNotRecordedThoughTheyShouldBeAreIll) {
+  health_.on_recording("cycles are not recorded: there is no room");
+  EXPECT_EQ(health_.problems(0),
+            std::vector<std::string>{"cycles are not recorded: there is no room"});
+  health_.on_recording("");
+  EXPECT_TRUE(health_.problems(0).empty());
 }
 
 TEST_F(HealthTest, AStoreThatCannotBeWrittenIsIllUntilItCan) {

@@ -18,6 +18,7 @@ MetricsInput an_input() {
   input.version = "1.2.3";
   input.live.status.frames = 12345678901ULL;
   input.live.status.lost = 3;
+  input.live.status.not_recording = "there is no room";
   input.description.axes = {{"X", false, ""}, {"Y", false, ""}};
   input.live.status.axes = {{"X", 17, 1.5e-6, "", 2, ""}, {"Y", 0, kAbsent, "", 0, ""}};
   input.live.axes = {{{2e-3, 3e-3}, {1e-3, 2e-3}, {4e-8, 5e-7}}, {}};
@@ -62,6 +63,7 @@ TEST(Metrics, AreWhatAStrictReaderAccepts) {
             1);
   EXPECT_EQ(one(all, "servotwin_frames_total"), 12345678901.0);
   EXPECT_EQ(one(all, "servotwin_frames_lost_total"), 3);
+  EXPECT_EQ(one(all, "servotwin_recording_stopped"), 1);
   EXPECT_EQ(one(all, "servotwin_model_version", {{"axis", "X"}}), 17);
   EXPECT_EQ(one(all, "servotwin_bus_frames_total", {{"bus", "can0"}}), 7000);
   EXPECT_EQ(one(all, "servotwin_bus_messages_missing_total", {{"bus", "can0"}}), 2);

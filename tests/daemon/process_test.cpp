@@ -21,6 +21,7 @@
 #include "tests/daemon/ball_screw.h"
 #include "tests/daemon/stalled_thread.h"
 #include "tests/daemon/support.h"
+#include "tests/support/process.h"
 
 namespace servotwin {
 namespace {
@@ -28,86 +29,33 @@ namespace {
 using testing::HasSubstr;
 using testing::StartsWith;
 
-/// The daemon that was built with this test.
-std::filesystem::path daemon_program() {
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / "servotwind";
-}
-
 struct Ended {
   int status = -1;  ///< exit status, or 128 + signal
   std::string said;
   [[nodiscard]] auto lines() const { return std::count(said.begin(), said.end(), '\n'); }
 };
 
-class Process {
+class Daemon : public test::Process {
  public:
-  explicit Process(
-      const std::vector<std::string>& arguments, void (*prepare)() = [] {}) {
-    int ends[2];
-    if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
-    said_ = ends[0];
-    std::vector<std::string> all{daemon_program().string()};
-    all.insert(all.end(), arguments.begin(), arguments.end());
-    std::vector<char*> argv(all.size() + 1, nullptr);
-    for (std::size_t i = 0; i < all.size(); ++i) argv[i] = all[i].data();
-    id_ = fork();
-    if (id_ == 0) {
-      dup2(ends[1], STDOUT_FILENO);
-      dup2(ends[1], STDERR_FILENO);
-      prepare();
-      execv(argv[0], argv.data());
-      _exit(127);
-    }
-    close(ends[1]);
-  }
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-  ~Process() {
-    if (id_ > 0) (void)wait_after(SIGKILL);
-    close(said_);
-  }
+  explicit Daemon(const std::vector<std::string>& arguments, void (*prepare)() = nullptr)
+      : Process(words(arguments), {.prepare = prepare}) {}
 
-  /// Reads on until it has said this; false if it ends before or needs half a minute.
-  bool has_said(const std::string& text) {
-    while (text_.find(text) == text_.npos) {
-      if (!read_more(30'000)) return false;
-    }
-    return true;
-  }
   /// What it has said behind this so far.
-  [[nodiscard]] std::string said_after(const std::string& text) const {
-    const std::size_t at = text_.find(text);
-    return at == text_.npos ? "" : text_.substr(at + text.size());
+  [[nodiscard]] std::string said_after(const std::string& text) {
+    const std::size_t at = said().find(text);
+    return at == std::string::npos ? "" : said().substr(at + text.size());
   }
-  [[nodiscard]] int id() const { return id_; }
-  void send(int signal) const { kill(id_, signal); }
   Ended wait_after(int signal) {
-    send(signal);
-    return wait();
+    const int status = end(signal);
+    return {status, said()};
   }
-  Ended wait() {
-    while (read_more(240'000)) {  // a diagnosis beside a whole suite
-    }
-    int status = 0;
-    waitpid(id_, &status, 0);
-    id_ = -1;
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), text_};
-  }
+  Ended wait() { return wait_after(0); }
 
  private:
-  bool read_more(int timeout_ms) {
-    pollfd waiting{said_, POLLIN, 0};
-    if (poll(&waiting, 1, timeout_ms) <= 0) return false;
-    char block[1024];
-    const ssize_t count = read(said_, block, sizeof block);
-    if (count <= 0) return false;
-    text_.append(block, static_cast<std::size_t>(count));
-    return true;
+  static std::vector<std::string> words(std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), test::built("servotwind"));
+    return arguments;
   }
-
-  pid_t id_ = -1;
-  int said_ = -1;
-  std::string text_;
 };
 
 /// What a service manager listens on.
@@ -171,26 +119,26 @@ TEST_F(ServotwindTest, WrongUsageIsTwo) {
                                              {"--domain", "x"},
                                              {"--columns", "a=b"},
                                              {"--speed", "2"}}) {
-    const Ended ended = Process(wrong).wait();
+    const Ended ended = Daemon(wrong).wait();
     EXPECT_EQ(ended.status, 2) << wrong[0] << "\n" << ended.said;
     EXPECT_THAT(ended.said, HasSubstr(wrong[0])) << ended.said;
     EXPECT_THAT(ended.said, StartsWith("servotwind: "));
     EXPECT_EQ(ended.lines(), 1) << ended.said;
   }
-  const Ended listen = Process({"--http", "localhost:80"}).wait();
+  const Ended listen = Daemon({"--http", "localhost:80"}).wait();
   EXPECT_EQ(listen.status, 2);
   EXPECT_THAT(listen.said, HasSubstr("must be ADDRESS:PORT"));
-  const Ended help = Process({"--help"}).wait();
+  const Ended help = Daemon({"--help"}).wait();
   EXPECT_EQ(help.status, 0);
   EXPECT_THAT(help.said, HasSubstr("--replay"));
-  const Ended version = Process({"--version"}).wait();
+  const Ended version = Daemon({"--version"}).wait();
   EXPECT_EQ(version.status, 0);
   EXPECT_THAT(version.said, testing::MatchesRegex("[0-9]+\\.[0-9]+\\.[0-9]+\n"));
 }
 
 TEST_F(ServotwindTest, AConfigurationThatIsWrongIsOneWithALinePerProblem) {
   const std::string file = write("m.toml", "[machine]\nnam = 'x'\n[identify]\nwindow_s = -1\n");
-  const Ended ended = Process(here_and({"--config", file})).wait();
+  const Ended ended = Daemon(here_and({"--config", file})).wait();
   EXPECT_EQ(ended.status, 1);
   EXPECT_EQ(ended.said, "servotwind: " + file +
                             ":2:1: machine.nam: there is no such key; did you mean 'name'?\n" +
@@ -207,7 +155,7 @@ TEST_F(ServotwindTest, WhatItCannotStartWithIsOneClearLine) {
       {"--store", directory_.path() / "store", "--machine", "a/b", "--http", "none"},
   };
   for (const auto& arguments : cases) {
-    const Ended ended = Process(arguments).wait();
+    const Ended ended = Daemon(arguments).wait();
     EXPECT_EQ(ended.status, 1) << ended.said;
     EXPECT_THAT(ended.said, StartsWith("servotwind: "));
     EXPECT_EQ(ended.lines(), 1) << ended.said;
@@ -215,7 +163,7 @@ TEST_F(ServotwindTest, WhatItCannotStartWithIsOneClearLine) {
 }
 
 TEST_F(ServotwindTest, OnADiskThatRefusesItDoesNotStart) {
-  const Ended ended = Process(here(), [] {
+  const Ended ended = Daemon(here(), [] {
                         const rlimit little{1024, 1024};  // no file may grow beyond
                         setrlimit(RLIMIT_FSIZE, &little);
                       }).wait();
@@ -225,29 +173,29 @@ TEST_F(ServotwindTest, OnADiskThatRefusesItDoesNotStart) {
 }
 
 TEST_F(ServotwindTest, ASecondOneOnTheSameStoreDoesNotStart) {
-  Process first(here());
-  ASSERT_TRUE(first.has_said("waiting for machine"));
-  const Ended second = Process(here()).wait();
+  Daemon first(here());
+  ASSERT_TRUE(first.says("waiting for machine"));
+  const Ended second = Daemon(here()).wait();
   EXPECT_EQ(second.status, 1);
   EXPECT_THAT(second.said, HasSubstr("is in use by another servotwind"));
   EXPECT_EQ(first.wait_after(SIGTERM).status, 0);
 }
 
 TEST_F(ServotwindTest, AnAddressThatIsTakenIsOneClearLineIfItWasAskedFor) {
-  Process first(here("127.0.0.1:0"));
-  ASSERT_TRUE(first.has_said("waiting for machine"));
+  Daemon first(here("127.0.0.1:0"));
+  ASSERT_TRUE(first.says("waiting for machine"));
   const std::string address = first.said_after("page at http://");
   const std::string place = address.substr(0, address.find('/'));
   const std::vector<std::string> other{
       "--store", directory_.path() / "other", "--domain", "94", "--machine", "another", "--http",
       place};
-  const Ended second = Process(other).wait();
+  const Ended second = Daemon(other).wait();
   EXPECT_EQ(second.status, 1);
   EXPECT_EQ(second.said, "servotwind: http.listen = '" + place +
                              "': Address already in use; give another address with --http\n");
-  Process none(std::vector<std::string>{"--store", directory_.path() / "other", "--domain", "94",
-                                        "--machine", "another", "--http", "none"});
-  ASSERT_TRUE(none.has_said("waiting for machine"));
+  Daemon none(std::vector<std::string>{"--store", directory_.path() / "other", "--domain", "94",
+                                       "--machine", "another", "--http", "none"});
+  ASSERT_TRUE(none.says("waiting for machine"));
   EXPECT_THAT(none.wait_after(SIGTERM).said, testing::Not(HasSubstr("page at")));
   EXPECT_EQ(first.wait_after(SIGTERM).status, 0);
 }
@@ -261,7 +209,7 @@ TEST_F(ServotwindTest, ADamagedModelStopsItWithTheWayOut) {
   }
   spoil(directory_.path() / "store", "UPDATE models SET json = substr(json, 1, 100)");
   const std::string config = write("m.toml", "[[axis]]\nname = 'X'\n");
-  const Ended ended = Process(here_and({"--config", config})).wait();
+  const Ended ended = Daemon(here_and({"--config", config})).wait();
   EXPECT_EQ(ended.status, 1);
   EXPECT_THAT(ended.said, HasSubstr("model of axis X, version 1, is damaged"));
   EXPECT_EQ(ended.lines(), 1) << ended.said;
@@ -271,7 +219,7 @@ TEST_F(ServotwindTest, StopsCleanlyWhenAskedToAndIgnoresAHangup) {
   const std::string config = write("m.toml", "[[axis]]\nname = 'X'\n");
   for (const int signal : {SIGTERM, SIGINT}) {
     const NotifySocket manager(directory_.path() / ("notify-" + std::to_string(signal)));
-    Process daemon(here_and({"--config", config}));
+    Daemon daemon(here_and({"--config", config}));
     ASSERT_EQ(manager.next(), "READY=1");
     daemon.send(SIGHUP);
     const Ended ended = daemon.wait_after(signal);
@@ -282,7 +230,7 @@ TEST_F(ServotwindTest, StopsCleanlyWhenAskedToAndIgnoresAHangup) {
 
 TEST_F(ServotwindTest, TellsTheServiceManagerWhenItIsReadyAndWhenItStops) {
   const NotifySocket manager(directory_.path() / "notify");
-  Process daemon(here());
+  Daemon daemon(here());
   EXPECT_EQ(manager.next(), "READY=1");
   daemon.send(SIGTERM);
   EXPECT_EQ(manager.next(), "STOPPING=1");
@@ -292,13 +240,13 @@ TEST_F(ServotwindTest, TellsTheServiceManagerWhenItIsReadyAndWhenItStops) {
 TEST_F(ServotwindTest, TheWatchdogIsFedAsLongAsTheLoopTurnsAlsoInSilence) {
   setenv("WATCHDOG_USEC", "800000", 1);
   const NotifySocket manager(directory_.path() / "notify");
-  Process daemon(here_and({"--config", write("m.toml", "[[axis]]\nname = 'X'\n")}));
+  Daemon daemon(here_and({"--config", write("m.toml", "[[axis]]\nname = 'X'\n")}));
   ASSERT_EQ(manager.next(), "READY=1");
   unsetenv("WATCHDOG_USEC");
   for (int i = 0; i < 10; ++i) EXPECT_EQ(manager.next(), "WATCHDOG=1");
   {
     const StalledThread stalled(daemon.id(), "real-time loop");
-    ASSERT_TRUE(daemon.has_said("the real-time loop has not moved for 0.4 s"));
+    ASSERT_TRUE(daemon.says("the real-time loop has not moved for 0.4 s"));
     manager.forget();
     EXPECT_EQ(manager.next_within(2000), "nothing") << "all threads but the loop run";
   }
@@ -310,21 +258,21 @@ TEST_F(ServotwindTest, TheConfigurationIsReadAgainOnAHangup) {
   const NotifySocket manager(directory_.path() / "notify");
   const std::string text = "[[axis]]\nname = 'X'\n[identify]\nwindow_s = ";
   const std::string file = write("m.toml", text + "8\n");
-  Process daemon(here_and({"--config", file}));
+  Daemon daemon(here_and({"--config", file}));
   ASSERT_EQ(manager.next(), "READY=1");
   write("m.toml", text +
                       "9\n[http]\nnames = ['mill']\ntoken = 'for the foreman alone'\n"
                       "[real_time]\npriority = 0\n");
   daemon.send(SIGHUP);
-  ASSERT_TRUE(daemon.has_said(
-      "identify.window_s = 9 (was 8); only a restart brings http.names = [ 'mill' ] "
-      "(was its default), another http.token, real_time.priority = 0 (was its "
-      "default)\n"));
+  ASSERT_TRUE(
+      daemon.says("identify.window_s = 9 (was 8); only a restart brings http.names = [ 'mill' ] "
+                  "(was its default), another http.token, real_time.priority = 0 (was its "
+                  "default)\n"));
   EXPECT_THAT(manager.next(), testing::MatchesRegex("RELOADING=1\nMONOTONIC_USEC=[0-9]+"));
   EXPECT_EQ(manager.next(), "READY=1");
   write("m.toml", text + "'nine'\nwindow = 1\n");
   daemon.send(SIGHUP);
-  ASSERT_TRUE(daemon.has_said("the new configuration is refused; the one before holds"));
+  ASSERT_TRUE(daemon.says("the new configuration is refused; the one before holds"));
   const Ended ended = daemon.wait_after(SIGTERM);
   EXPECT_EQ(ended.status, 0);
   EXPECT_THAT(ended.said, testing::Not(HasSubstr("foreman")));
@@ -342,13 +290,13 @@ TEST_F(ServotwindTest, ReadingTheConfigurationAgainLosesNoSample) {
   recording.close();
   const std::string text = "[identify]\nmethod = 'pole-search'\n[diagnose]\nevery_s = 0\n";
   const std::string file = write("m.toml", text);
-  Process daemon(
+  Daemon daemon(
       here_and({"--config", file, "--replay", directory_.path() / "machine.csv", "--speed", "10"}));
-  ASSERT_TRUE(daemon.has_said("X: "));
+  ASSERT_TRUE(daemon.says("X: "));
   for (int i = 0; i < 20; ++i) {
     write("m.toml", text + "[store]\nrecordings_mb = " + std::to_string(i + 1) + "\n");
     daemon.send(SIGHUP);
-    ASSERT_TRUE(daemon.has_said("recordings_mb = " + std::to_string(i + 1) + " (was "));
+    ASSERT_TRUE(daemon.says("recordings_mb = " + std::to_string(i + 1) + " (was "));
   }
   const Ended ended = daemon.wait();
   EXPECT_EQ(ended.status, 0);
@@ -375,13 +323,13 @@ TEST_F(ServotwindTest, KilledAtRandomMomentsItComesBackWithTheModelItSaidWasInFo
   std::mt19937_64 random(3);
   int in_force = 0;
   for (int kill_number = 1; kill_number <= kills; ++kill_number) {
-    Process daemon(here_and(
+    Daemon daemon(here_and(
         {"--config", config, "--replay", directory_.path() / "machine.csv", "--speed", "20"}));
     if (in_force > 0) {
-      ASSERT_TRUE(daemon.has_said("model " + std::to_string(in_force) + " is in force again"))
+      ASSERT_TRUE(daemon.says("model " + std::to_string(in_force) + " is in force again"))
           << "kill " << kill_number;
     } else {
-      ASSERT_TRUE(daemon.has_said("servotwind: X: model 1 is in force: "));
+      ASSERT_TRUE(daemon.says("servotwind: X: model 1 is in force: "));
     }
     usleep(static_cast<useconds_t>(random() % 700'000));
     const Ended ended = daemon.wait_after(SIGKILL);
@@ -411,13 +359,13 @@ TEST_F(ServotwindTest, TheLastDiagnosisIsThereForWhoComesLateAfterARestart) {
   file.close();
   const std::string config =
       write("m.toml", "[identify]\nmethod = 'pole-search'\n[diagnose]\nrecord_s = 10\n");
-  const Ended first = Process(here_and({"--config", config, "--replay",
-                                        directory_.path() / "machine.csv", "--speed", "20"}))
+  const Ended first = Daemon(here_and({"--config", config, "--replay",
+                                       directory_.path() / "machine.csv", "--speed", "20"}))
                           .wait();
   ASSERT_EQ(first.status, 0) << first.said;
   ASSERT_THAT(first.said, HasSubstr("servotwind: X: diagnosis of ")) << first.said;
 
-  Process second(here_and({"--config", write("n.toml", "[[axis]]\nname = 'X'\n")}));
+  Daemon second(here_and({"--config", write("n.toml", "[[axis]]\nname = 'X'\n")}));
   const DdsNode node({"process-" + std::to_string(getpid()), 94, ""});
   DdsReader<DiagnosisAnnouncement> diagnoses(node);
   DiagnosisAnnouncement diagnosis;

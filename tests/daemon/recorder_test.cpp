@@ -6,6 +6,7 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -43,8 +44,25 @@ class RecorderTest : public testing::Test {
     std::sort(out.begin(), out.end());
     return out;
   }
-  Recorder recorder(double budget_mb) {
-    return {machine_, "mill", directory_.path(), budget_mb, rows_, memory_, watch_, events_};
+  Recorder recorder(double budget_mb) { return recorder(RecordingRoom{budget_mb}); }
+  Recorder recorder(const RecordingRoom& room) {
+    return {machine_, "mill", directory_.path(), room, rows_, memory_, watch_, events_};
+  }
+  [[nodiscard]] double megabytes() const {
+    double bytes = 0.0;
+    for (const auto& file : files()) bytes += static_cast<double>(std::filesystem::file_size(file));
+    return 1e-6 * bytes;
+  }
+  [[nodiscard]] std::set<std::string> names() const {
+    std::set<std::string> out;
+    for (const auto& file : files()) out.insert(file.filename());
+    return out;
+  }
+  [[nodiscard]] long times_said(const std::string& text) const {
+    const std::string said = said_.str();
+    long times = 0;
+    for (std::size_t at = said.find(text); at != said.npos; at = said.find(text, at + 1)) ++times;
+    return times;
   }
 
   TemporaryDirectory directory_;
@@ -145,7 +163,7 @@ TEST_F(RecorderTest, WhatAnyModelCitesIsNeverDeleted) {
                    {cited.filename()});
   }
 
-  recorder.keep(4.9e-6 * size);  // room for four, when the next one has come
+  recorder.keep({4.9e-6 * size});  // room for four, when the next one has come
   feed(recorder, 150'000, 180'000);
   recorder.finish_file();
   std::vector<std::filesystem::path> kept = files();
@@ -154,14 +172,14 @@ TEST_F(RecorderTest, WhatAnyModelCitesIsNeverDeleted) {
   EXPECT_EQ(kept[1], all[1]);
   EXPECT_EQ(kept[2], all[4]) << "the oldest that nobody cites are gone";
 
-  recorder.keep(3.1e-6 * size);
+  recorder.keep({3.1e-6 * size});
   feed(recorder, 180'000, 210'000);
   recorder.finish_file();
   EXPECT_EQ(files().size(), 3U);
   EXPECT_THAT(said_.str(), testing::Not(HasSubstr("are kept beyond")));
 
   for (const double room : {1.9, 0.5}) {
-    recorder.keep(1e-6 * room * size);
+    recorder.keep({1e-6 * room * size});
     feed(recorder, 210'000, 240'000);
     recorder.finish_file();
     kept = files();
@@ -184,6 +202,62 @@ TEST_F(RecorderTest, WithoutCitationsTheNewestAloneMayBeMoreThanTheBudget) {
   recorder.finish_file();
   EXPECT_EQ(files().size(), 1U);
   EXPECT_THAT(said_.str(), testing::Not(HasSubstr("are kept beyond")));
+}
+
+// No file of this machine is more than 4.5 MB, so that none is begun beyond 5.5 MB here; those that
+// come are of 2 MB.
+TEST_F(RecorderTest, AtTheCeilingItStopsAndGoesOnWhenThereIsRoom) {
+  constexpr double kMost_mb = 10.0;
+  Recorder recorder = this->recorder(RecordingRoom{1.0, kMost_mb});
+  recorder.spare([&] { return names(); });  // models cite all of them
+  feed(recorder, 0, 30'001);
+  EXPECT_EQ(recorder.problem(), "");
+  feed(recorder, 30'001, 200'000);
+  EXPECT_LE(megabytes(), kMost_mb);
+  const std::size_t kept = files().size();
+  EXPECT_GE(kept, 2U);
+  EXPECT_LT(kept, 6U);
+  EXPECT_EQ(recorder.rows_not_recorded(), 200'000U - kept * 30'000U)
+      << "every row is accounted for";
+  EXPECT_EQ(times_said("recording stops: "), 1) << said_.str();
+  EXPECT_THAT(recorder.problem(), HasSubstr("store.recordings_max_mb = 10"));
+  EXPECT_NEAR(memory_.newest_s(), 199.999, 1e-9) << "the machine is watched as before";
+  EXPECT_TRUE(recorder.files_with(190.0, 200.0).empty()) << "no model cites what is not there";
+
+  std::filesystem::remove(files().front());  // by hand
+  feed(recorder, 200'000, 232'000);
+  EXPECT_EQ(recorder.problem(), "");
+  EXPECT_EQ(times_said("recording goes on; "), 1) << said_.str();
+  recorder.finish_file();
+  std::uint64_t rows = 30'000U + recorder.rows_not_recorded();  // what was removed, and never there
+  for (const auto& file : files()) rows += read_recording(file).time.size();
+  EXPECT_EQ(rows, 232'000U);
+}
+
+TEST_F(RecorderTest, WhereNoModelCitesThemTheOldestMakeRoomBelowTheCeiling) {
+  Recorder recorder = this->recorder(RecordingRoom{10.0, 10.0});
+  feed(recorder, 0, 200'000);
+  recorder.finish_file();
+  EXPECT_EQ(recorder.rows_not_recorded(), 0U);
+  EXPECT_LE(megabytes(), 10.0);
+  EXPECT_EQ(recorder.problem(), "");
+}
+
+TEST_F(RecorderTest, WhatIsThereAtTheStartCounts) {
+  {
+    Recorder before = this->recorder(100.0);
+    feed(before, 0, 150'000);
+    before.finish_file();
+  }
+  Recorder recorder = this->recorder(RecordingRoom{1.0, 6.5});
+  recorder.spare([&] { return names(); });
+  feed(recorder, 0, 1000);
+  EXPECT_EQ(recorder.rows_not_recorded(), 1000U);
+  EXPECT_NE(recorder.problem(), "");
+  recorder.keep({1.0, 100.0});
+  feed(recorder, 1000, 31'000);
+  EXPECT_EQ(recorder.rows_not_recorded(), 30'000U) << "it looks for room every 30 s";
+  EXPECT_EQ(recorder.problem(), "");
 }
 
 TEST_F(RecorderTest, KnowsWhichFilesHaveTheRowsOfATime) {

@@ -21,11 +21,14 @@ TEST(Reload, WhatChangesAtOnceIsToldFromWhatNeedsARestart) {
       "[diagnose]\nreference_s=900\n[[axis]]\nname='X'\n");
   const Config newer = config_of(
       "[machine]\nname='lathe'\n[identify]\nwindow_s=9\nzeta=[0.3,2.0]\n"
-      "[diagnose]\nreference_s=800\nrecord_s=20\n[store]\nrecordings_mb=5\n[[axis]]\nname='Y'\n");
+      "[diagnose]\nreference_s=800\nrecord_s=20\nencoder_in_loop=true\n"
+      "[store]\nrecordings_mb=5\nrecordings_max_mb=50\n[[axis]]\nname='Y'\n");
   const ConfigChanges changes = changes_between(running, newer);
   EXPECT_THAT(changes.at_once,
-              ElementsAre("diagnose.record_s = 20 (was its default)",
+              ElementsAre("diagnose.encoder_in_loop = true (was its default)",
+                          "diagnose.record_s = 20 (was its default)",
                           "identify.window_s = 9 (was 8)", testing::StartsWith("identify.zeta = "),
+                          "store.recordings_max_mb = 50 (was its default)",
                           "store.recordings_mb = 5 (was its default)"));
   EXPECT_THAT(changes.by_restart,
               ElementsAre(testing::StartsWith("axis = "), "diagnose.reference_s = 800 (was 900)",
@@ -35,6 +38,8 @@ TEST(Reload, WhatChangesAtOnceIsToldFromWhatNeedsARestart) {
   EXPECT_EQ(after.identify.options.bounds.zeta_min, 0.3);
   EXPECT_EQ(after.diagnose.record_s, 20.0);
   EXPECT_EQ(after.store.recordings_mb, 5.0);
+  EXPECT_EQ(after.store.recordings_max_mb, 50.0);
+  EXPECT_TRUE(after.diagnose.encoder_in_loop);
   EXPECT_EQ(after.machine, "mill");
   EXPECT_EQ(after.diagnose.reference_s, 900.0);
   EXPECT_EQ(after.axes[0].name, "X");

@@ -3,13 +3,17 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sched.h>
 #include <unistd.h>
 
+#include <filesystem>
+#include <fstream>
 #include <future>
 #include <map>
 #include <random>
 #include <thread>
 
+#include "daemon/scheduling.h"
 #include "daemon/store.h"
 #include "drivers/csv.h"
 #include "drivers/dds.h"
@@ -134,6 +138,64 @@ TEST_F(ServiceTest, PredictsWithTheModelItHadForAMachineThatIntroducesItself) {
               HasSubstr("waiting for machine '" + config_.machine + "' on DDS domain 93"));
   EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is in force again"));
   EXPECT_THAT(said_.str(), HasSubstr("stopped after 500 frames"));
+}
+
+TEST_F(ServiceTest, SpeaksElsewhereThanWhereItsFramesComeFrom) {
+  store_model(drive());
+  config_.dds_in = DdsConfig{config_.dds.domain, "machines", 0};
+  start();
+  DdsPlace there = place_;
+  there.partition = "machines";
+  const DdsNode machines(there), people(place_);
+  DdsWriter<MachineDescription> descriptions(machines);
+  DdsWriter<MachineFrame> frames(machines);
+  DdsReader<MachinePrediction> predictions(people), none(machines);
+  ASSERT_TRUE(descriptions.write(one_axis()));
+  ASSERT_TRUE(frames.wait_for_readers(1, kPatience_s));
+  MachineFrame frame;
+  frame.axis_count = 1;
+  frame.axes[0].command = frame.axes[0].actual = 0.0;
+  MachinePrediction prediction;
+  for (int i = 0; i < 1000 && !predictions.receive(prediction, 0.05); ++i) {
+    ++frame.sequence;
+    frame.time_ns += 1'000'000;
+    ASSERT_TRUE(frames.write(frame));
+  }
+  EXPECT_EQ(prediction.axes[0].model_version, 1);
+  EXPECT_FALSE(none.receive(prediction, 0.05));
+  stop();
+  EXPECT_EQ(failure_, "");
+}
+
+/// Scheduling of the threads of this process whose name begins so.
+std::vector<std::pair<int, int>> scheduling_of(const std::string& name) {
+  std::vector<std::pair<int, int>> out;
+  for (const auto& thread : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::ifstream comm(thread.path() / "comm");
+    std::string its_name;
+    std::getline(comm, its_name);
+    const int id = std::stoi(thread.path().filename());
+    sched_param parameter{};
+    if (!its_name.starts_with(name) || sched_getparam(id, &parameter) != 0) continue;
+    out.emplace_back(sched_getscheduler(id), parameter.sched_priority);
+  }
+  return out;
+}
+
+TEST_F(ServiceTest, FramesComeThroughRealTimeThreadsWhereThatIsPermitted) {
+  config_.axes = {{"X", false, ""}};
+  config_.priority = 40;
+  start();
+  const auto receiving = scheduling_of("recv");
+  const bool permitted = real_time_refused(config_.priority).empty();
+  stop();
+  ASSERT_FALSE(receiving.empty());
+  for (const auto& [policy, priority] : receiving) {
+    EXPECT_EQ(policy, permitted ? SCHED_FIFO : SCHED_OTHER);
+    EXPECT_EQ(priority, permitted ? 40 : 0);
+  }
+  EXPECT_EQ(said_.str().find("DDS receives at normal priority") == std::string::npos, permitted)
+      << said_.str();
 }
 
 TEST_F(ServiceTest, SaysHowItIs) {
@@ -336,9 +398,9 @@ TEST(ThreadTable, NamesEveryThreadThatIsStarted) {
     text << std::ifstream(std::string(SERVOTWIN_SOURCE_DIR) + "/daemon/" + file).rdbuf();
     return text.str();
   };
-  const std::string table = content("README.md"),
-                    source = content("service.cpp") + content("service_manager.cpp") +
-                             content("web/web_service.cpp");
+  const std::string table = content("README.md"), source = content("service.cpp") +
+                                                           content("service_manager.cpp") +
+                                                           content("web/web_service.cpp");
   const std::string begin = "name_thread(\"";
   int threads = 0;
   for (std::size_t at = source.find(begin); at != source.npos; at = source.find(begin, at + 1)) {

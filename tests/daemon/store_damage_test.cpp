@@ -195,7 +195,7 @@ TEST(StoreAfterDamage, AStoreThatIsWellLosesNothingAndIsCopied) {
   Ring<CycleRow> rows(64);
   MotionMemory memory(machine, 10.0);
   ResidualWatch watch(machine, DiagnoseConfig(), events);
-  Recorder recorder(machine, "mill", directory, 0.02, rows, memory, watch, events);
+  Recorder recorder(machine, "mill", directory, RecordingRoom{0.02}, rows, memory, watch, events);
   recorder.spare([&] { return store.cited(); });
   for (std::int64_t i = 0;; ++i) {
     for (std::int64_t file : {2 * i, 2 * i + 1}) {

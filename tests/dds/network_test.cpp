@@ -59,7 +59,7 @@ class Network : public testing::Test {
     return {"servotwin-subscriber", place_.machine, std::to_string(place_.domain), "0.5"};
   }
 
-  const Process::Environment link_{
+  const Environment link_{
       {"CYCLONEDDS_URI",
        "<General><Interfaces><NetworkInterface name=\"plant0\" presence_required=\"false\"/>"
        "<NetworkInterface name=\"office0\" presence_required=\"false\"/></Interfaces>"
@@ -82,9 +82,9 @@ std::vector<std::uint64_t> cycles_in(const std::string& said) {
 
 TEST_F(Network, EveryFrameComesOverALinkThatLosesOrIsCountedAsLost) {
   disturb("loss 5% delay 5ms 1ms");
-  Process daemon(on("office", home_.daemon()), link_);
-  Process subscriber(on("plant", this->subscriber()), link_);
-  Process machine(on("plant", replay("0.25")), link_);
+  Process daemon(on("office", home_.daemon()), {link_});
+  Process subscriber(on("plant", this->subscriber()), {link_});
+  Process machine(on("plant", replay("0.25")), {link_});
   EXPECT_EQ(machine.end(0), 0) << machine.said() << daemon.said();
   EXPECT_THAT(machine.said(), HasSubstr("sent 3000 of 3000 frames"));
   dds_sleepfor(DDS_MSECS(500));
@@ -108,9 +108,9 @@ TEST_F(Network, EveryFrameComesOverALinkThatLosesOrIsCountedAsLost) {
 }
 
 TEST_F(Network, AfterASplitBothSidesFindEachOtherAgain) {
-  Process daemon(on("office", home_.daemon()), link_);
-  Process subscriber(on("plant", this->subscriber()), link_);
-  Process machine(on("plant", replay("0.05")), link_);  // a minute
+  Process daemon(on("office", home_.daemon()), {link_});
+  Process subscriber(on("plant", this->subscriber()), {link_});
+  Process machine(on("plant", replay("0.05")), {link_});  // a minute
   ASSERT_TRUE(subscriber.says("cycle 1")) << subscriber.said() << daemon.said();
   disturb("loss 100%");
   EXPECT_TRUE(daemon.says("no frame for 1 s")) << daemon.said();

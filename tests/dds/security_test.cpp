@@ -31,8 +31,7 @@ class Security : public testing::Test {
     }
   }
   /// The environment of a role; `authority` empty: without security, on the same interface.
-  [[nodiscard]] Process::Environment as(const std::string& authority,
-                                        const std::string& role = "") const {
+  [[nodiscard]] Environment as(const std::string& authority, const std::string& role = "") const {
     if (authority.empty()) return {{"CYCLONEDDS_URI", ""}};
     return {
         {"CYCLONEDDS_URI", "file://" + (folder_.path() / authority / (role + ".xml")).string()}};
@@ -52,18 +51,17 @@ class Security : public testing::Test {
 };
 
 TEST_F(Security, AStrangerNeitherReadsPredictionsNorWritesFrames) {
-  Process daemon(home_.daemon(), as("ours", "daemon"));
-  Process viewer(subscriber(), as("ours", "viewer"));
-  Process plain(subscriber(), as("")), stranger(subscriber(), as("strangers", "viewer"));
+  Process daemon(home_.daemon(), {as("ours", "daemon")});
+  Process viewer(subscriber(), {as("ours", "viewer")});
+  Process plain(subscriber(), {as("")}), stranger(subscriber(), {as("strangers", "viewer")});
   // Who may not write frames: nobody we know, somebody of another authority, and one who may only
   // read.
-  for (const Process::Environment& who :
-       {as(""), as("strangers", "machine"), as("ours", "viewer")}) {
-    Process intruder(replay("3"), who);
+  for (const Environment& who : {as(""), as("strangers", "machine"), as("ours", "viewer")}) {
+    Process intruder(replay("3"), {who});
     EXPECT_NE(intruder.end(0), 0) << intruder.said();
     EXPECT_THAT(intruder.said(), Not(HasSubstr("sent 3000")));
   }
-  Process machine(replay("60"), as("ours", "machine"));
+  Process machine(replay("60"), {as("ours", "machine")});
   EXPECT_EQ(machine.end(0), 0) << machine.said();
   EXPECT_THAT(machine.said(), HasSubstr("sent 3000 of 3000 frames"));
   EXPECT_TRUE(viewer.says("cycle 2")) << viewer.said();

@@ -78,6 +78,42 @@ TEST_P(Subscriber, PrintsThePredictionsAndSaysThatTheDaemonIsGoneAndBack) {
   EXPECT_EQ(daemon->end(SIGTERM), 0);
 }
 
+TEST_P(Subscriber, GivesARotaryAxisInItsUnit) {
+  const DdsPlace place = place_of("rotary");
+  TemporaryDirectory directory;
+  std::ofstream(directory.path() / "m.toml")
+      << "[machine]\nname = '" << place.machine << "'\ncycle_s = 0.001\n[[axis]]\nname = 'X'\n"
+      << "[[axis]]\nname = 'C'\nunits = 'rad'\n[dds]\ndomain = " << place.domain
+      << "\n[store]\ndirectory = '" << (directory.path() / "store").string()
+      << "'\n[http]\nlisten = 'none'\n[real_time]\npriority = 0\n";
+  const DdsNode node(place);
+  DdsWriter<MachineFrame> frames(node);
+  Process daemon({"servotwind", "--config", directory.path() / "m.toml"});
+  Process subscriber({GetParam().first, place.machine, std::to_string(place.domain)});
+  ASSERT_TRUE(frames.wait_for_readers(1, kPatience_s)) << daemon.said();
+  MachineFrame frame;
+  frame.axis_count = 2;
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (subscriber.said().find(" urad, contour ") == std::string::npos) {
+    ASSERT_LT(std::chrono::steady_clock::now(), until) << subscriber.said();
+    ++frame.sequence;
+    frame.time_ns += 1'000'000;
+    frames.write(frame);
+    dds_sleepfor(DDS_MSECS(5));
+  }
+  const std::string last = subscriber.said().substr(0, subscriber.said().rfind(" urad, contour "));
+  EXPECT_THAT(last.substr(last.rfind("cycle ")), HasSubstr(" um,")) << "X is linear";
+}
+
+TEST_P(Subscriber, RefusesADomainThatIsNone) {
+  for (const char* wrong : {"x", "", "12a", "-1"}) {
+    Process subscriber({GetParam().first, "mill", wrong});
+    EXPECT_EQ(subscriber.end(0), 2) << wrong;
+    EXPECT_THAT(subscriber.said(),
+                HasSubstr(std::string("DOMAIN = '") + wrong + "': must be a whole number"));
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(, Subscriber,
                          testing::Values(std::pair{"servotwin-subscriber", "X"},
                                          std::pair{"servotwin-subscriber-c", "axis 1"}),
@@ -120,6 +156,9 @@ TEST(Silence, OfTheMachineIsToldOnceAndItsEndWithItsLength) {
   }
   EXPECT_TRUE(daemon.says("no frame for 1 s: nobody sends frames any more")) << daemon.said();
   EXPECT_TRUE(until_state(DaemonState::kWaiting));
+  // What is well again is no error; the error says when it was.
+  EXPECT_THAT(status.last_error,
+              testing::MatchesRegex("20..-..-..T..:..:......Z no frame for 1 s: .*"));
   EXPECT_EQ(daemon.end(SIGTERM), 0);
   const std::string& said = daemon.said();
   EXPECT_EQ(said.find("is there and silent"), said.rfind("is there and silent")) << said;

@@ -1,108 +1,27 @@
-// What the tests over DDS share: programs of this build as processes, and a machine for them.
+// What the tests over DDS share: a machine, and the home of its daemon.
 #pragma once
 
-#include <fcntl.h>
 #include <gtest/gtest.h>
-#include <poll.h>
-#include <signal.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <chrono>
 #include <filesystem>
+#include <fstream>
 #include <stdexcept>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "daemon/store.h"
 #include "drivers/dds.h"
 #include "tests/daemon/support.h"
+#include "tests/support/process.h"
 
 namespace servotwin::test {
-
-inline constexpr double kPatience_s = 60.0;  // of a busy host; nothing waits that long otherwise
-
-/// A program that was built with this test, or of the system; ended with this object.
-class Process {
- public:
-  using Environment = std::vector<std::pair<std::string, std::string>>;
-
-  explicit Process(std::vector<std::string> words, const Environment& environment = {}) {
-    if (words[0].find('/') == std::string::npos) {
-      const auto built = std::filesystem::read_symlink("/proc/self/exe").parent_path() / words[0];
-      if (exists(built)) words[0] = built;
-    }
-    int ends[2];
-    if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("pipe");
-    out_ = ends[0];
-    std::vector<char*> argv(words.size() + 1, nullptr);
-    for (std::size_t i = 0; i < words.size(); ++i) argv[i] = words[i].data();
-    id_ = fork();
-    if (id_ == 0) {
-      dup2(ends[1], STDOUT_FILENO);
-      dup2(ends[1], STDERR_FILENO);
-      for (const auto& [name, value] : environment) setenv(name.c_str(), value.c_str(), 1);
-      execvp(argv[0], argv.data());
-      _exit(127);
-    }
-    close(ends[1]);
-  }
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-  ~Process() {
-    if (id_ > 0) (void)end(SIGKILL);
-    close(out_);
-  }
-
-  /// Reads on until it has said this; false if it does not in time.
-  bool says(const std::string& text, double timeout_s = kPatience_s) {
-    const auto until = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
-    while (said_.find(text) == std::string::npos) {
-      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
-          until - std::chrono::steady_clock::now());
-      if (left.count() <= 0 || !read_more(static_cast<int>(left.count()))) return false;
-    }
-    return true;
-  }
-  /// What it has said so far.
-  const std::string& said() {
-    while (read_more(0)) {
-    }
-    return said_;
-  }
-  void send(int signal) const { kill(id_, signal); }
-  /// Its exit status, or 128 + the signal that ended it.
-  int end(int signal) {
-    if (signal != 0) send(signal);
-    while (read_more(-1)) {
-    }
-    int status = 0;
-    waitpid(id_, &status, 0);
-    id_ = -1;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  }
-
- private:
-  bool read_more(int timeout_ms) {
-    pollfd waiting{out_, POLLIN, 0};
-    if (poll(&waiting, 1, timeout_ms) <= 0) return false;
-    char block[4096];
-    const ssize_t count = read(out_, block, sizeof block);
-    if (count <= 0) return false;
-    said_.append(block, static_cast<std::size_t>(count));
-    return true;
-  }
-
-  pid_t id_ = -1;
-  int out_ = -1;
-  std::string said_;
-};
 
 /// Runs a command of the shell; throws with what it said if it fails.
 inline void run(const std::string& command) {
   Process process({"sh", "-c", command});
-  if (const int status = process.end(0); status != 0) {
+  if (const int status = process.end(); status != 0) {
     throw std::runtime_error(command + ": " + process.said() + " (" + std::to_string(status) + ")");
   }
 }

@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -260,7 +261,19 @@ TEST(TorqueFile, ACauseOfBothHasTheEvidenceOfBoth) {
   EXPECT_EQ(cause["gain"]["holdout_rms_after_m"], 1.0);
   EXPECT_LT(cause["gain"]["holdout_rms_after_n"], cause["gain"]["holdout_rms_before_n"]);
 
+  EXPECT_THAT(torque_beside(torque, "gravity_offset"), testing::HasSubstr("by torque as well: "));
+  EXPECT_EQ(torque_beside(torque, "cogging"), "");
+  const auto told_in = [](const std::vector<std::string>& lines) {
+    return std::count_if(lines.begin(), lines.end(), [](const std::string& line) {
+      return line.find("gravity_offset") != line.npos;
+    });
+  };
+  EXPECT_EQ(told_in(torque_lines(torque, false)), 1);
+  EXPECT_EQ(told_in(torque_lines(torque, false, {"gravity_offset"})), 0);
+
   const nlohmann::json alone = torque_alone(torque, "no command");
+  EXPECT_TRUE(alone["suspected"].is_array());
+  EXPECT_TRUE(alone["not_observable"].is_array()) << "as in every diagnosis file";
   EXPECT_EQ(alone["schema"], "servotwin.diagnosis/1");
   EXPECT_EQ(alone["verdict"], "explained");
   EXPECT_EQ(alone["causes"][0]["id"], "gravity_offset");

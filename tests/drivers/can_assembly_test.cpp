@@ -61,7 +61,12 @@ class Assembly : public testing::Test {
   }
   [[nodiscard]] std::vector<std::string> told() const {
     CanAssembly fresh(assembly_->map());
-    return happened(assembly_->map(), fresh.counts(), assembly_->counts());
+    std::vector<std::string> out;
+    for (const SourceNews& news : told_since(fresh.counts())) out.push_back(news.text);
+    return out;
+  }
+  [[nodiscard]] std::vector<SourceNews> told_since(const CanCounts& before) const {
+    return happened(assembly_->map(), before, assembly_->counts());
   }
   /// Whole cycles from..to-1 in which X and Y stand at the cycle's number [um].
   void whole(int from, int to) {
@@ -179,9 +184,14 @@ TEST_F(Assembly, ASilentNodeIsToldAndComesBack) {
   }
   EXPECT_TRUE(assembly_->counts().messages[1].silent);
   EXPECT_THAT(told(), ElementsAre(HasSubstr("0x182 of axis Y: 114 times missing, fell silent")));
+  const CanCounts silent = assembly_->counts();
   whole(120, 123);
   EXPECT_FALSE(assembly_->counts().messages[1].silent);
+  ASSERT_EQ(told_since(silent).size(), 1U);
+  EXPECT_TRUE(told_since(silent)[0].good) << "what was known, and that it is over";
   EXPECT_THAT(told(), ElementsAre(HasSubstr("is back")));
+  CanAssembly fresh(assembly_->map());
+  EXPECT_FALSE(told_since(fresh.counts())[0].good) << "nobody has been told of the silence";
   EXPECT_EQ(cycles_.size(), 123U);
 }
 

@@ -315,7 +315,8 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsTheDiagnosesAndTheStatus) {
   status.state = DaemonState::kRunning;
   status.frames = 1000;
   status.work_p99_s = 12e-6;
-  status.axes = {{"X", 2, 1.5e-6, "judging"}};
+  status.axes = {{"X", 2, 1.5e-6, "judging"}, {"B", 0, kAbsent, ""}};
+  status.axes[1].rotary = true;
   status.last_error = "disk is full";
   status.repeated = 9;
   ASSERT_TRUE(statuses.write(status));
@@ -357,8 +358,10 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsTheDiagnosesAndTheStatus) {
   EXPECT_EQ(now.frames, 1000U);
   EXPECT_EQ(now.work_p99_s, 12e-6);
   EXPECT_TRUE(std::isnan(now.wake_p50_s));
-  ASSERT_EQ(now.axes.size(), 1U);
+  ASSERT_EQ(now.axes.size(), 2U);
   EXPECT_EQ(now.axes[0].activity, "judging");
+  EXPECT_FALSE(now.axes[0].rotary);
+  EXPECT_TRUE(now.axes[1].rotary);
   EXPECT_EQ(now.last_error, "disk is full");
   EXPECT_EQ(now.repeated, 9U);
 }

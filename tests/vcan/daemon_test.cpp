@@ -21,7 +21,7 @@
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/prometheus_text.h"
 #include "tests/daemon/support.h"
-#include "tests/vcan/process.h"
+#include "tests/support/process.h"
 #include "tests/vcan/support.h"
 
 namespace servotwin {
@@ -115,7 +115,7 @@ class DaemonOnCan : public testing::Test {
     daemon_.emplace(std::vector<std::string>{built("servotwind"), "--config", config, "--store",
                                              file("store"), "--machine", kMachine, "--domain", "97",
                                              "--http", "127.0.0.1:0"});
-    ASSERT_TRUE(daemon_->has_said("listening to vcan0")) << daemon_->said();
+    ASSERT_TRUE(daemon_->says("listening to vcan0")) << daemon_->said();
     const std::string place = "page at http://127.0.0.1:";
     const std::string& said = daemon_->said();
     ASSERT_NE(said.find(place), said.npos) << said;
@@ -271,9 +271,9 @@ TEST_F(DaemonOnCan, DrivesThatAnswerAControllerArePredictedByTheirModels) {
   }
   start(kCycle);
   Process simulate(drives);
-  ASSERT_TRUE(simulate.has_said("answering on vcan0")) << simulate.said();
+  ASSERT_TRUE(simulate.says("answering on vcan0")) << simulate.said();
   Process watch(beside);
-  ASSERT_TRUE(watch.has_said("0 cycles, 0 incomplete")) << watch.said();
+  ASSERT_TRUE(watch.says("0 cycles, 0 incomplete")) << watch.said();
   Process replay({built("servotwin"), "replay", write("motion.csv", slow_motion(kCycles, kCycle)),
                   "--can", "vcan0", "--can-map", map_, "--targets"});
   // Of each a second in which it moves and is predicted to half a step of the encoder: all else is
@@ -339,7 +339,7 @@ TEST_F(DaemonOnCan, ANodeThatFallsSilentIsNamedAndTheOtherAxisGoesOn) {
   start(0.01);
   Process replay({built("servotwin"), "replay",
                   write("run.log", log_of_a_machine(map_, kCycles, kFrom, kTo)), "--can", "vcan0"});
-  ASSERT_TRUE(daemon_->has_said("fell silent")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("fell silent")) << daemon_->said();
   // The last second holds cycles of the silence only after a second of it.
   json silent;
   EXPECT_TRUE(wait_for([&] {
@@ -350,7 +350,7 @@ TEST_F(DaemonOnCan, ANodeThatFallsSilentIsNamedAndTheOtherAxisGoesOn) {
   EXPECT_NEAR(silent["axes"][0]["last_second"]["measured"]["rms_m"].get<double>(), 3e-6, 0.1e-6);
   EXPECT_EQ(silent["state"], "running");
   EXPECT_GT(bus()["missing"], 0);
-  ASSERT_TRUE(daemon_->has_said("is back")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("is back")) << daemon_->said();
   EXPECT_EQ(replay.end(), 0) << replay.said();
   const json now = after_cycles(kCycles);
   EXPECT_EQ(now["frames"], kCycles);
@@ -374,8 +374,8 @@ TEST_F(DaemonOnCan, TheInterfaceGoesDownAndUpAndTheMachineIsThereAgain) {
   play();
   EXPECT_EQ(after_cycles(200)["frames"], 200);
   ip("link set vcan0 down");
-  ASSERT_TRUE(daemon_->has_said("vcan0: the interface went down or away")) << daemon_->said();
-  ASSERT_TRUE(daemon_->has_said("no cycle begins: 0x080 on vcan0")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("vcan0: the interface went down or away")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("no cycle begins: 0x080 on vcan0")) << daemon_->said();
   json down;
   EXPECT_TRUE(wait_for([&] { return (down = status())["state"] == "waiting"; })) << down.dump(1);
   EXPECT_EQ(down["buses"][0]["up"], false);
@@ -387,8 +387,8 @@ TEST_F(DaemonOnCan, TheInterfaceGoesDownAndUpAndTheMachineIsThereAgain) {
   EXPECT_THAT(nobody.said(), HasSubstr("the bus did not take 30 frames"));
   ip("link set vcan0 up");
   play();
-  ASSERT_TRUE(daemon_->has_said("vcan0: the interface is up again")) << daemon_->said();
-  ASSERT_TRUE(daemon_->has_said("cycles begin again with 0x080 on vcan0")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("vcan0: the interface is up again")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("cycles begin again with 0x080 on vcan0")) << daemon_->said();
   const json now = after_cycles(400);
   EXPECT_EQ(now["frames"], 400);
   EXPECT_EQ(now["state"], "running");

@@ -27,8 +27,19 @@ export async function showDiagnosis(axis, rotary) {
       `; the noise floor is ${error(baseline.noise_floor_rms_m, rotary)}.`),
     make("p", {}, `${clock(time)}, ${reason}`));
   fill(at("causes"), ...causes.map((cause) => causeItem(cause, rotary)));
-  if (diagnosis.suggested_test) fill(at("doubt"), make("h3", {}, "The test that decides"), make("p", {}, diagnosis.suggested_test));
+  fill(at("doubt"), ...doubts(diagnosis));
   showReport(axis, time);
+}
+
+/** What is suspected, what the motion could not show, and the test that would. */
+function doubts({ suspected = [], not_observable: hidden = [], suggested_test: test }) {
+  const part = (title, list) => list.length === 0 ? [] : [make("h3", {}, title), make("ul", {}, ...list.map((line) => make("li", {}, line)))];
+  return [
+    ...part("Suspected, and too unsure to be named", suspected.map((one) =>
+      [`${words(one.id)}, sure ${percent(one.confidence)}`, ...one.ambiguous_with.map(words)].join(", or "))),
+    ...part("What this motion cannot show", hidden.map((one) => `${words(one.id)}: ${one.why}`)),
+    ...(test ? [make("h3", {}, "The test that decides"), make("p", {}, test)] : []),
+  ];
 }
 
 function causeItem(cause, rotary) {

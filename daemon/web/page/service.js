@@ -1,6 +1,6 @@
 // What was lost, how long things take, and what happened.
 import { get } from "./api.js";
-import { at, fill, make } from "./dom.js";
+import { at, fill, make, write } from "./dom.js";
 import { clock, count, span } from "./units.js";
 
 const kLosses = [
@@ -12,6 +12,17 @@ const kLosses = [
   ["overruns", "cycles that took too long"],
   ["predictions_dropped", "predictions not sent"],
   ["rows_dropped", "cycles not recorded"],
+];
+
+/** What is counted on a bus that should not be there. */
+const kBusLosses = [
+  ["missing", "messages missing"],
+  ["late", "messages late"],
+  ["dropped", "frames dropped by the kernel"],
+  ["packets_lost", "packets lost"],
+  ["error_frames", "error frames"],
+  ["unexpected", "frames not in the mapping"],
+  ["downs", "times down or away"],
 ];
 
 const kAlarms = {
@@ -27,14 +38,45 @@ export function showService(status) {
     ...kLosses.map(([key, words]) =>
       make("tr", {}, make("th", { scope: "row" }, words), make("td", { class: "number" }, count(status[key])),
         make("td", {}, make("span", { class: status[key] > 0 ? "tag warn" : "good" }, status[key] > 0 ? "some" : "none"))))));
+  write(at("not-recording"), status.not_recording);
+  showBuses(status.buses);
   const row = (words, ...spans) => make("tr", {}, make("th", { scope: "row" }, words), ...spans.map((value) => make("td", { class: "number" }, span(value))));
   fill(at("latency"),
-    make("thead", {}, make("tr", {}, make("th", {}, ""), ...["half below", "99 % below", "longest"].map((name) => make("th", { scope: "col", class: "number" }, name)))),
-    make("tbody", {}, row("frame sent to loop", status.wake_p50_s, status.wake_p99_s, null),
-      row("work of the loop", status.work_p50_s, status.work_p99_s, status.work_max_s)));
+    make("thead", {}, make("tr", {}, make("th", {}, "share below"), ...["half", "99 %", "99.9 %", "longest"].map((name) => make("th", { scope: "col", class: "number" }, name)))),
+    make("tbody", {}, row("frame sent to loop", status.wake_p50_s, status.wake_p99_s, null, null),
+      row("work of the loop", status.work_p50_s, status.work_p99_s, null, status.work_max_s),
+      row("frame to prediction sent", status.publish_p50_s, status.publish_p99_s, status.publish_p999_s, status.publish_max_s)));
+  showOctaves(status.publish_octaves ?? []);
   fill(at("alarms"), make("tbody", {}, ...status.axes.map((axis) => {
     const [words, kind] = kAlarms[axis.alarm];
     return make("tr", {}, make("th", { scope: "row" }, `axis ${axis.name}`), make("td", {}, make("span", { class: `tag ${kind}` }, words)));
+  })));
+}
+
+/** A column per bus. */
+function showBuses(buses) {
+  at("buses-part").hidden = buses.length === 0;
+  const number = (value, bad) => make("td", { class: bad ? "number warn" : "number" }, count(value));
+  fill(at("buses"),
+    make("thead", {}, make("tr", {}, make("th", {}, ""), ...buses.map((bus) => make("th", { scope: "col", class: "number" }, bus.name)))),
+    make("tbody", {},
+      make("tr", {}, make("th", { scope: "row" }, "interface"), ...buses.map((bus) =>
+        make("td", { class: "number" }, make("span", { class: `tag ${bus.up ? "good" : "bad"}` }, bus.up ? "up" : "down")))),
+      make("tr", {}, make("th", { scope: "row" }, "frames that came"), ...buses.map((bus) => number(bus.frames, false))),
+      ...kBusLosses.map(([key, words]) =>
+        make("tr", {}, make("th", { scope: "row" }, words), ...buses.map((bus) => number(bus[key], bus[key] > 0))))));
+}
+
+/** A histogram; the bars are logarithmic, because what is rare is what one looks for. */
+function showOctaves(octaves) {
+  at("octaves-part").hidden = octaves.length === 0;
+  const most = Math.max(1, ...octaves.map((one) => one.count));
+  fill(at("octaves"), make("tbody", {}, ...octaves.map((one, i) => {
+    const words = one.below_s === null ? `${span(octaves[i - 1]?.below_s)} and more` : `below ${span(one.below_s)}`;
+    const bar = Math.log(1 + one.count) / Math.log(1 + most);
+    return make("tr", {}, make("th", { scope: "row" }, words),
+      make("td", {}, make("meter", { min: "0", max: "1", value: String(bar), "aria-hidden": "true" })),
+      make("td", { class: "number" }, count(one.count)));
   })));
 }
 
