@@ -28,13 +28,10 @@ double from_chord(const Path& path, Index first, Index last, Index k) {
   return out;
 }
 
-double way(const Path& path, Index first, Index last) {
+/// Between two rows, squared.
+double distance(const Path& path, Index from, Index to) {
   double out = 0.0;
-  for (Index k = first + 1; k <= last; ++k) {
-    double square = 0.0;
-    for (const auto& axis : path) square += std::pow(axis(k) - axis(k - 1), 2.0);
-    out += std::sqrt(square);
-  }
+  for (const auto& axis : path) out += std::pow(axis(to) - axis(from), 2.0);
   return out;
 }
 
@@ -51,7 +48,7 @@ std::vector<Stretch> stretches_of(const Path& original, double h) {
   Index begin = 0;  // of what moves
   for (Index k = 0; k < n;) {
     Index end = k;
-    while (end + 1 < n && way(original, end, end + 1) == 0.0) ++end;
+    while (end + 1 < n && distance(original, end, end + 1) == 0.0) ++end;
     if (end - k >= shortest) {
       if (k > begin) out.push_back({begin, k, false});
       out.push_back({k, end, true});
@@ -105,18 +102,20 @@ PathGcode path_gcode(const std::vector<PathAxisText>& axes, const Path& original
              "(feed in mm/min or deg/min; G4 P in seconds: where the control counts otherwise, "
              "convert)\nG90 G94 G21\nG1 F1000" +
              words(0) + "\n";
+  Index at = 0;  // where the last move ended
   for (const Stretch& stretch : stretches_of(original, sample_time_s)) {
-    const double rest_s = sample_time_s * static_cast<double>(stretch.last - stretch.first);
-    if (stretch.rests) out.text += text("G4 P%.3f\n", rest_s);
-    // A path may still move while the original rests: towards its next start.
+    // A path may move while the original rests: towards its next start, or settling.
     const std::vector<Index> ends = chord_ends(path, stretch.first, stretch.last, tolerance);
     for (std::size_t i = 1; i < ends.size(); ++i) {
-      if (way(path, ends[i - 1], ends[i]) <= tolerance && stretch.rests) continue;
       const double seconds = sample_time_s * static_cast<double>(ends[i] - ends[i - 1]);
-      const Path& paced = stretch.rests ? path : original;
-      const double speed = way(paced, ends[i - 1], ends[i]) / seconds;
-      const double feed = 60.0 * speed * (all_rotary ? 180.0 / std::numbers::pi : 1e3);
-      out.text += "G1" + words(ends[i]) + text(" F%.3f\n", std::max(feed, 1e-3));
+      const double length = std::sqrt(distance(path, at, ends[i]));
+      if (length <= (stretch.rests ? tolerance : 0.0)) {
+        out.text += text("G4 P%.3f\n", seconds);
+        continue;
+      }
+      const double feed = 60.0 * length / seconds * (all_rotary ? 180.0 / std::numbers::pi : 1e3);
+      out.text += "G1" + words(ends[i]) + text(" F%.4f\n", feed);
+      at = ends[i];
       ++out.moves;
     }
   }

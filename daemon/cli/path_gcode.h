@@ -1,10 +1,10 @@
-// A path as G-code: straight moves (G1) that stay within a tolerance of it, with the feed that the
-// program had, and its rests.
+// A path as G-code: straight moves (G1) that stay within a tolerance of it, with feeds that take
+// the time the original program took, and its rests.
 //
 // Between two rests of the original command the path is cut into as few chords as stay within the
-// chord tolerance of every one of its points (Douglas and Peucker 1973). The feed of a chord is the
-// mean speed of the original command over it; a correction changes where the path goes, not how
-// long it takes. Rests of kRest_s and more become dwells (G4).
+// chord tolerance of every one of its points (Douglas and Peucker 1973). A chord takes as long as
+// the commands that it stands for: a correction is right only at its time. Where the path stays
+// within the tolerance of where it is while the original rests, it dwells (G4).
 //
 // Positions [m | rad] become mm and degrees. Any thread.
 #pragma once
