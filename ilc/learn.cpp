@@ -211,7 +211,9 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
     run = run_of(axes, plant, u);
     out.trials.push_back(run.trial);
     const double left = left_of(run.trial, out.trials.front(), options.aim);
-    if (left < least) {
+    // A correction that leaves the path worse than none is none, whatever it does for the axes.
+    const bool harms = run.contour && run.trial.contour.rms > out.trials.front().contour.rms;
+    if (left < least && !harms) {
       least = left;
       worse = 0;
       out.best = out.trials.size() - 1;

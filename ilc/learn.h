@@ -13,7 +13,8 @@
 // along the path is left to itself, which takes far smaller corrections.
 //
 // The correction is 0 at both ends, rises within `ramp_s`, and obeys the limits in every trial. The
-// best trial is kept, which is that of the smallest error of the aim; `patience` trials in a row
+// best trial is kept, which is that of the smallest error of the aim, but none that leaves the path
+// worse than no correction; `patience` trials in a row
 // that are worse than the best end it: friction is not linear, and too much bandwidth lets small
 // errors grow after a while.
 //

@@ -14,8 +14,8 @@ constexpr double kResidual = 1e-10;  // of the conjugate gradients, against the 
 constexpr int kMostSteps = 300;
 constexpr double kRoundResidual = 1e-6;  // likewise, within the splitting
 constexpr double kPull = 0.05;           // of the splitting, against the largest eigenvalue
-constexpr int kMostRounds = 200;         // of the splitting
-constexpr double kSettled = 1e-4;        // of the limits, by how much a round may still miss them
+constexpr int kMostRounds = 100;          // of the splitting
+constexpr double kSettled = 3e-4;        // of the limits, by how much a round may still miss them
 
 double dot(const Signal& a, const Signal& b) { return a.matrix().dot(b.matrix()); }
 
@@ -116,20 +116,22 @@ Signal NormOptimal::next(const Signal& u, const Signal& e) {
   };
   if (obeys(best)) return best;
 
-  // u' and its steps, stretched, are copied to a and s, which obey; both pull at each other.
+  // u' and its steps, stretched, are copied to a and s, which obey; both pull at each other. What
+  // they owe each other changes little from trial to trial.
   const double pull = kPull * symbol_.maxCoeff(), most = stretch_ * step;
-  Signal x = best, a = x, s = stretch_ * steps(x), owed_a = Signal::Zero(samples_), owed_s = owed_a;
+  if (owed_a_.size() == 0) owed_a_ = owed_s_ = Signal::Zero(samples_);
+  Signal x = best, a, s;
   const auto settled = [](const Signal& miss, double bound) {
     return !std::isfinite(bound) || miss.abs().maxCoeff() <= kSettled * bound;
   };
   for (int round = 0; round < kMostRounds; ++round) {
-    a = (x + owed_a).max(-peak).min(peak);
-    s = (stretch_ * steps(x) + owed_s).max(-most).min(most);
-    x = solved(right + pull * (a - owed_a + stretch_ * steps_transposed(s - owed_s)), x, pull,
+    a = (x + owed_a_).max(-peak).min(peak);
+    s = (stretch_ * steps(x) + owed_s_).max(-most).min(most);
+    x = solved(right + pull * (a - owed_a_ + stretch_ * steps_transposed(s - owed_s_)), x, pull,
                kRoundResidual);
     const Signal miss_a = x - a, miss_s = stretch_ * steps(x) - s;
-    owed_a += miss_a;
-    owed_s += miss_s;
+    owed_a_ += miss_a;
+    owed_s_ += miss_s;
     if (settled(miss_a, peak) && settled(miss_s, most)) break;
   }
   return limited(x, limits_, h_);

@@ -53,6 +53,7 @@ class NormOptimal {
   Eigen::ArrayXcd weight_;  // of W
   Eigen::ArrayXd symbol_;   // of T^T T + rho + W as if it were circulant
   Eigen::ArrayXd slope_;    // of D^T D
+  Signal owed_a_, owed_s_;  // by values and steps to those that obey, of the trial before
 };
 
 }  // namespace servotwin

@@ -151,6 +151,11 @@ void print(const Correction& correction, std::FILE* people) {
     if (learned.before) line += text("%10.4g", 1e6 * learned.trials[t].contour.rms);
     say(people, line);
   }
+  if (learned.best == 0) {
+    say(people,
+        "note: no trial was better than no correction, the path is left as it is; where limits "
+        "are close, --aim contour spends them on the path");
+  }
   say(people, learned.ending == Ending::kGrew
                   ? "            * kept; ended, since the errors grew again"
                   : "            * kept");

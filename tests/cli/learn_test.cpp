@@ -172,7 +172,7 @@ TEST_F(Learn, TheGcodeStaysWithinItsToleranceAndKeepsTheTime) {
   }
   EXPECT_THAT(content_of(file), HasSubstr("G90 G94 G21"));
   ASSERT_GT(corners.size(), 20U);
-  EXPECT_NEAR(seconds, 3.0, 0.06);
+  EXPECT_NEAR(seconds, 3.0, 0.005);
   const Recording path = read_recording(corrected);
   double furthest = 0.0;
   for (std::size_t k = 0; k < path.time.size(); ++k) {

@@ -274,6 +274,18 @@ TEST(CrossCoupled, WithoutLimitsBothReachTheContour) {
   }
 }
 
+// Axis by axis, what one axis may correct and the other may not turns into an error across the
+// path.
+TEST(CrossCoupled, NothingIsKeptThatLeavesThePathWorse) {
+  std::vector<LearnAxis> axes = diamond(1e-3);
+  axes[1].limits.peak = 1e-6;
+  const Learned learned = learn(axes, on_twins(axes), {});
+  for (std::size_t trial = 1; trial < learned.trials.size(); ++trial)
+    EXPECT_GT(learned.trials[trial].contour.rms, learned.trials.front().contour.rms);
+  EXPECT_EQ(learned.best, 0U);
+  EXPECT_EQ(learned.axes[0].correction.abs().maxCoeff(), 0.0);
+}
+
 TEST(CrossCoupled, NeedsTwoLinearAxes) {
   std::vector<LearnAxis> axes = diamond(1e-3);
   axes[1].rotary = true;
