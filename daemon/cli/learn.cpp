@@ -60,6 +60,10 @@ TransferUncertainty uncertainty_of(const Arguments& arguments, const CommandedAx
         out.delay_s = record.effect_deviations[i].shape[0];
     }
     words = "two standard deviations of the model";
+    if (record.holdout.rms > 0.0) {
+      out.seen = seen_of_model(axis.path.command, axis.path.sample_time_s, record.holdout.rms);
+      words += ", what it missed of its hold-out,";
+    }
   }
   out.timing_s = record.model.sample_time_s;
   words += " and a cycle of its recording";

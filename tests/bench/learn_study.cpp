@@ -222,6 +222,7 @@ LearnAxis learner(const ModelRecord& record, const ArrayXd& command, bool basis)
   uncertainty.poles = record.pole_deviation;
   uncertainty.numerator = record.numerator_deviation;
   uncertainty.timing_s = kCycle_s;
+  uncertainty.seen = seen_of_model(command, kCycle_s, record.holdout.rms);
   const std::vector<Transfer> models = models_within(axis.law.model, uncertainty);
   axis.law.bandwidth_hz = robust_bandwidth(axis.law, models, kCycle_s);
   if (basis) axis.basis_bandwidth_hz = harmless_bandwidth(axis.law, models, kCycle_s);
@@ -314,7 +315,7 @@ int main(int argc, char** argv) {
       std::string effects;
       for (const Effect& effect : record.model.effects)
         effects += (effects.empty() ? "" : ", ") + std::string(identity_of(effect.kind).id);
-      const LearnAxis learning = learner(record, ArrayXd::Zero(8), true);
+      const LearnAxis learning = learner(record, circle()[name[0] == 'X' ? 0 : 1], true);
       std::printf("  %s, %-24s %7.3f um RMS missed on its hold-out, bandwidth %3.0f Hz (%s)\n",
                   name, one.name.c_str(), 1e6 * record.holdout.rms, learning.law.bandwidth_hz,
                   effects.c_str());

@@ -121,6 +121,38 @@ TEST(Uncertainty, KeepsWhatIsCertain) {
   }
 }
 
+// A model whose deviations are stated one by one, as if poles and numerator were not estimated
+// together: what it was seen to miss keeps the models to those that would have missed no more.
+TEST(Uncertainty, WhatWasSeenKeepsTheModelsToThoseThatCouldNotHaveBeenTold) {
+  const Transfer model = transfer_of(study::plant());
+  TransferUncertainty alone = relative_uncertainty(model, 0.05);
+  const Eigen::ArrayXd command = study::moves().command;
+  TransferUncertainty seen = alone;
+  seen.seen = seen_of_model(command, kStep_s, 1e-6);
+  const auto misses_um = [&](const std::vector<Transfer>& models) {
+    ZeroPhase filter(command.size(), kStep_s);
+    double most = 0.0;
+    for (const Transfer& t : models) {
+      const Eigen::ArrayXcd change =
+          filter.omega().unaryExpr([&](double w) { return t.at(w) - model.at(w); });
+      const Eigen::ArrayXd missed = filter.filtered(command, change);
+      most = std::max(most, 1e6 * std::sqrt(missed.square().mean()));
+    }
+    return most;
+  };
+  EXPECT_GT(misses_um(models_within(model, alone, 30)), 25.0);
+  const double seen_um = misses_um(models_within(model, seen, 30));
+  EXPECT_LT(seen_um, 2.0 * 1.2) << "two deviations of 1 um, and what is not linear in the poles";
+  EXPECT_GT(seen_um, 1.0) << "they do use what room there is";
+  LearningLaw law = law_of(Law::kInverse, 0.0);
+  law.model = model;
+  alone = relative_uncertainty(model, 0.2);
+  seen = alone;
+  seen.seen = seen_of_model(command, kStep_s, 1e-6);
+  EXPECT_GT(robust_bandwidth(law, models_within(model, seen), kStep_s),
+            2.0 * robust_bandwidth(law, models_within(model, alone), kStep_s));
+}
+
 // T against the twin itself: a sine through it, linear parts of effects with it.
 TEST(Transfer, IsWhatTheTwinDoes) {
   Model model = study::plant();
