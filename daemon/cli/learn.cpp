@@ -113,7 +113,9 @@ std::string figures(const ErrorSize& size, bool rotary) {
 }
 
 std::string times_smaller(double before, double after) {
-  return after > 0.0 ? text("  %.3g times smaller", before / after) : "";
+  const double times = before / after;
+  return after > 0.0 ? text(times < 100.0 ? "  %.3g times smaller" : "  %.0f times smaller", times)
+                     : "";
 }
 
 void print(const Correction& correction, std::FILE* people) {
