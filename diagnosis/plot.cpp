@@ -57,7 +57,8 @@ struct Scale {
 };
 
 bool shown(const PlotPanel& panel, double x, double y) {
-  return std::isfinite(x) && std::isfinite(y) && (!panel.logarithmic_x || x > 0.0);
+  return std::isfinite(x) && std::isfinite(y) && (!panel.logarithmic_x || x > 0.0) &&
+         (!panel.logarithmic_y || y > 0.0);
 }
 
 struct Place {
@@ -82,6 +83,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   const std::vector<Place> legend = legend_of(panel);
   Scale x, y;
   x.logarithmic = panel.logarithmic_x;
+  y.logarithmic = panel.logarithmic_y;
   x.low = y.low = std::numeric_limits<double>::infinity();
   x.high = y.high = -x.low;
   for (const PlotSeries& s : panel.series) {
@@ -91,8 +93,9 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
       x.low = std::min(x.low, place);
       x.high = std::max(x.high, place);
       const double bar = i < s.error.size() && std::isfinite(s.error[i]) ? s.error[i] : 0.0;
-      y.low = std::min(y.low, s.y[i] - bar);
-      y.high = std::max(y.high, s.y[i] + bar);
+      const double low = s.y[i] - bar > 0.0 ? s.y[i] - bar : s.y[i];
+      y.low = std::min(y.low, y.logarithmic ? std::log10(low) : s.y[i] - bar);
+      y.high = std::max(y.high, y.logarithmic ? std::log10(s.y[i] + bar) : s.y[i] + bar);
     }
   }
   if (!(x.low <= x.high)) throw std::invalid_argument("plot '" + panel.title + "' has no points");

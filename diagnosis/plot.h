@@ -23,6 +23,7 @@ struct PlotPanel {
   bool logarithmic_x = false;           ///< then only x > 0 is shown
   std::vector<PlotSeries> series;
   std::vector<double> marks = {};  ///< places in x that a vertical line shows
+  bool logarithmic_y = false;      ///< then only y > 0 is shown
 };
 
 [[nodiscard]] std::string plot_svg(const std::vector<PlotPanel>& panels);

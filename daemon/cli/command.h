@@ -26,6 +26,7 @@ struct Command {
 [[nodiscard]] Command add_predict(CLI::App& app);
 [[nodiscard]] Command add_diagnose(CLI::App& app);
 [[nodiscard]] Command add_simulate(CLI::App& app);
+[[nodiscard]] Command add_learn(CLI::App& app);
 [[nodiscard]] Command add_motion_law(CLI::App& app);
 [[nodiscard]] Command add_characterize(CLI::App& app);
 [[nodiscard]] Command add_sequence(CLI::App& app);

@@ -6,6 +6,7 @@
 
 #include "daemon/cli/can_drive.h"
 #include "daemon/cli/command.h"
+#include "daemon/cli/command_table.h"
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
@@ -33,63 +34,6 @@ struct Arguments {
   double seconds = 0.0;
 };
 
-struct ModelFile {
-  std::filesystem::path file;
-  ModelRecord record;
-};
-
-/// The models, one per axis.
-std::vector<ModelFile> read_models(const std::vector<std::filesystem::path>& files) {
-  std::vector<ModelFile> models;
-  for (const auto& file : files) {
-    ModelRecord record = read_model(file);
-    for (const ModelFile& other : models) {
-      if (other.record.axis == record.axis) {
-        throw UsageError(file.string() + " is a second model of axis " + in_quotes(record.axis) +
-                         ", beside " + other.file.string());
-      }
-    }
-    models.push_back({file, std::move(record)});
-  }
-  return models;
-}
-
-/// Leaves the commands alone, and says what of the table will not be in the result.
-void keep_commands(Recording& table, const std::vector<ModelFile>& models, std::FILE* people) {
-  std::string left_out;
-  const auto leave_out = [&](const std::string& what) {
-    left_out += (left_out.empty() ? "" : ", ") + what;
-  };
-  for (AxisRecord& axis : table.axes) {
-    const bool modelled = std::any_of(models.begin(), models.end(), [&](const ModelFile& model) {
-      return model.record.axis == axis.name;
-    });
-    if (!modelled) {
-      leave_out("axis " + axis.name + " (no --model of it)");
-    } else if (!axis.torque.empty()) {
-      leave_out(axis.name + ".torque");
-    }
-    axis.actual.clear();  // nor may a hole in it be one in the command
-    axis.torque.clear();
-  }
-  if (!left_out.empty()) say(people, "note: not simulated: " + left_out);
-}
-
-/// The one unbroken command of an axis; a path is made, not recorded, so that a gap in it is a
-/// mistake. What was repaired in it is said on `people`.
-Segment unbroken(const Recording& table, const std::string& axis, std::FILE* people) {
-  const SegmentedAxis segmented = segment_axis(table, axis);
-  const SegmentReport& report = segmented.report;
-  if (segmented.segments.size() != 1 || report.short_stretches > 0) {
-    throw std::runtime_error(
-        table.source + ": " + axis + ".command breaks off" +
-        (report.splits.empty() ? "" : text(" at %.6g s", report.splits.front().time_s)) +
-        "; a path must be unbroken, take one part with --from and --to");
-  }
-  for (const std::string& line : report.lines()) say(people, line);
-  return segmented.segments.front();
-}
-
 void run(const Arguments& arguments) {
   if (!arguments.can.empty()) {
     if (!arguments.path.file.empty() || !arguments.table.empty())
@@ -101,42 +45,11 @@ void run(const Arguments& arguments) {
   if (arguments.path.file.empty()) throw UsageError("PATH is required");
   if (arguments.seconds > 0.0) throw UsageError("--seconds is for --can");
   std::FILE* people = people_beside({arguments.table});
-  const std::vector<ModelFile> models = read_models(arguments.models);
-  Recording table = arguments.path.read(people);
-  keep_commands(table, models, people);
-
   std::vector<Column> columns;
-  Segment first;
-  std::string first_axis;
-  for (const auto& [file, record] : models) {
-    const auto axis =
-        std::find_if(table.axes.begin(), table.axes.end(),
-                     [&name = record.axis](const AxisRecord& one) { return one.name == name; });
-    if (axis == table.axes.end()) {
-      std::vector<std::string> names;
-      for (const AxisRecord& one : table.axes) names.push_back(one.name);
-      throw std::runtime_error(table.source + ": has no axis " + in_quotes(record.axis) +
-                               ", which " + file.string() + " is a model of; it has " +
-                               listed(names));
-    }
-    require_kind(record, file, axis->name, axis->rotary);
-    const std::string unit = axis->rotary ? "[rad]" : "[m]";
-
-    const Segment segment = unbroken(table, record.axis, people);
-    const Model model = model_at(record, segment.sample_time_s, people);
-    if (columns.empty()) {
-      first = segment;
-      first_axis = record.axis;
-      columns.push_back({"time[s]", {}});
-      for (Eigen::Index i = 0; i < segment.size(); ++i) {
-        columns[0].values.push_back(segment.start_s +
-                                    segment.sample_time_s * static_cast<double>(i));
-      }
-    } else if (segment.size() != first.size() || segment.start_s != first.start_s) {
-      throw std::runtime_error(table.source + ": the commands of " + first_axis + " and " +
-                               record.axis + " are not there for the same rows");
-    }
-
+  for (const auto& [record, model, segment] :
+       read_commands(arguments.path, read_models(arguments.models), "simulated", people)) {
+    if (columns.empty()) columns.push_back({"time[s]", times_of(segment)});
+    const std::string unit = record.rotary ? "[rad]" : "[m]";
     const Eigen::ArrayXd error = simulate(model, segment);
     // One stream of numbers per axis, so that an axis does not depend on which others are
     // simulated.

@@ -243,6 +243,12 @@ class Controller {
 }  // namespace
 
 Trace simulate(const Rig& rig, const Command& command) {
+  return simulate(
+      rig, [&](double time) { return command.at(time); }, command.duration());
+}
+
+Trace simulate(const Rig& rig, const std::function<virtual_machine::Setpoint(double)>& command,
+               double duration) {
   check(rig);
   const Reading& reading = rig.reading;
   const bool loop_on_load = rig.drive.position_from == Encoder::kLoad;
@@ -250,9 +256,8 @@ Trace simulate(const Rig& rig, const Command& command) {
   const double standing = rig.drive.integral_time > 0.0
                               ? 0.0
                               : held / (rig.drive.velocity_gain * rig.drive.position_gain);
-  const double start = command.at(0.0).position - standing;
-  const auto rows =
-      static_cast<std::size_t>(std::floor(command.duration() / reading.sample_time + 1e-9)) + 1;
+  const double start = command(0.0).position - standing;
+  const auto rows = static_cast<std::size_t>(std::floor(duration / reading.sample_time + 1e-9)) + 1;
 
   Plant plant(rig, start);
   const auto encoder = [&](double x) {
@@ -281,7 +286,7 @@ Trace simulate(const Rig& rig, const Command& command) {
     const bool stuck = row > 0 && row < reading.stuck.size() && reading.stuck[row];
     const double exact = stuck ? trace.exact.back() : recorded(motor, load, time);
     const double noisy = exact + reading.noise * noise.normal();
-    trace.command.push_back(command.at(time).position);
+    trace.command.push_back(command(time).position);
     trace.exact.push_back(exact);
     trace.actual.push_back(stuck ? trace.actual.back()
                            : reading.step > 0.0
@@ -303,7 +308,7 @@ Trace simulate(const Rig& rig, const Command& command) {
     const double time = static_cast<double>(n) * kStep;
     if (n % kSteps == 0) {
       const auto k = static_cast<std::size_t>(n / kSteps);
-      const virtual_machine::Setpoint wanted = command.at(time);
+      const virtual_machine::Setpoint wanted = command(time);
       force = controller.act(wanted, encoder(plant.motor.x),
                              encoder(loop_on_load ? plant.load.x : plant.motor.x), time);
       external = k < rig.external_force.size() ? rig.external_force[k] : 0.0;

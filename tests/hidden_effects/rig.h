@@ -25,6 +25,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <vector>
 
@@ -134,6 +135,10 @@ struct Trace {
 };
 
 [[nodiscard]] Trace simulate(const Rig& rig, const Command& command);
+/// The same of any command as a function of time.
+[[nodiscard]] Trace simulate(const Rig& rig,
+                             const std::function<virtual_machine::Setpoint(double)>& command,
+                             double duration);
 
 /// RMS of the difference of `exact`; infinite where one of them ran away.
 [[nodiscard]] double rms_apart(const Trace& a, const Trace& b);

@@ -1,0 +1,127 @@
+#include "daemon/cli/correction.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "daemon/cli/model_text.h"
+#include "daemon/cli/output.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+json number(double value) { return std::isfinite(value) ? json(value) : json(); }
+
+json size_json(const ErrorSize& size, bool rotary) {
+  const std::string unit = rotary ? "_rad" : "_m";
+  return {{"rms" + unit, size.rms}, {"max" + unit, size.max}};
+}
+
+json axis_json(const Correction& correction, std::size_t i) {
+  const CorrectedAxis& axis = correction.axes[i];
+  const LearnedAxis& learned = correction.learned.axes[i];
+  const bool rotary = axis.learning.rotary;
+  const std::string unit = rotary ? "_rad" : "_m";
+  const double h = axis.learning.path.sample_time_s;
+  const Eigen::ArrayXd& u = learned.correction;
+  const double steepest = (u.tail(u.size() - 1) - u.head(u.size() - 1)).abs().maxCoeff() / h;
+  const auto best = correction.learned.best;
+  return {
+      {"axis", axis.learning.name},
+      {"kind", rotary ? "rotary" : "linear"},
+      {"model_version", axis.commanded.record.version},
+      {"bandwidth_hz", axis.learning.law.bandwidth_hz},
+      {"feedforward_bandwidth_hz", axis.learning.basis_bandwidth_hz},
+      {"contraction", axis.contraction.most()},
+      {"contraction_at_hz", axis.contraction.most_at_hz()},
+      {"models_within_uncertainty", axis.models},
+      {"limit_peak" + unit, number(axis.learning.limits.peak)},
+      {"limit_rate" + unit + "_per_s", number(axis.learning.limits.rate)},
+      {"peak" + unit, u.abs().maxCoeff()},
+      {"rate" + unit + "_per_s", steepest},
+      {"before", size_json(correction.learned.trials.front().axis[i], rotary)},
+      {"after", size_json(correction.learned.trials[best].axis[i], rotary)},
+      {"expected_rms" + unit, number(expected_rms(correction, i))},
+      {"limited_by", limited_by(correction, i)},
+      {"offset" + unit, std::vector<double>(u.begin(), u.end())},
+  };
+}
+
+}  // namespace
+
+double expected_rms(const Correction& correction, std::size_t axis) {
+  const double missed = correction.axes[axis].commanded.record.holdout.rms;
+  return std::hypot(size_of(correction.learned.axes[axis].error_after).rms, missed);
+}
+
+std::string limited_by(const Correction& correction, std::size_t i) {
+  const CorrectedAxis& axis = correction.axes[i];
+  const LearnedAxis& learned = correction.learned.axes[i];
+  const bool rotary = axis.learning.rotary;
+  const double left = size_of(learned.error_after).rms;
+  const double missed = axis.commanded.record.holdout.rms;
+  if (learned.at_limit_share > 0.005)
+    return text("the limits: they bind in %.0f %% of the motion", 100.0 * learned.at_limit_share);
+  if (correction.options.aim == Aim::kContour)
+    return "its aim: the path is followed, the lag along it is left as it is";
+  if (std::isfinite(missed) && missed > left)
+    return text("the model: on motion it had not seen it missed %.3g %s RMS", 1e6 * missed,
+                micro(rotary));
+  if (learned.beyond_bandwidth_rms > 0.7 * left)
+    return text("the bandwidth: %.0f %% of what is left lies beyond it",
+                100.0 * learned.beyond_bandwidth_rms / left);
+  return correction.learned.ending == Ending::kGrew
+             ? "friction, which is not linear: more trials made it worse"
+             : "the number of trials";
+}
+
+std::string shares_text(const Correction& correction) {
+  std::string out;
+  for (const ContourShare& share : correction.shares) {
+    if (std::abs(share.share) < 0.005) continue;
+    out += (out.empty() ? "" : ", ") +
+           (share.what.empty() ? std::string("together")
+                               : correction.axes[share.axis].learning.name + " " + share.what) +
+           text(" %.0f %%", 100.0 * share.share);
+  }
+  return out;
+}
+
+json to_json(const Correction& correction) {
+  const Learned& learned = correction.learned;
+  json axes = json::array(), trials = json::array(), shares = json::array();
+  for (std::size_t i = 0; i < correction.axes.size(); ++i) axes.push_back(axis_json(correction, i));
+  const bool has_contour = learned.before.has_value();
+  for (const Trial& trial : learned.trials) {
+    json one = json::object();
+    for (std::size_t i = 0; i < trial.axis.size(); ++i)
+      one["axes"][correction.axes[i].learning.name] =
+          size_json(trial.axis[i], correction.axes[i].learning.rotary);
+    if (has_contour) one["contour"] = size_json(trial.contour, false);
+    if (has_contour && learned.before->turned.size() > 0)
+      one["orientation"] = size_json(trial.turned, true);
+    trials.push_back(std::move(one));
+  }
+  for (const ContourShare& share : correction.shares) {
+    shares.push_back(
+        {{"axis", share.what.empty() ? json() : json(correction.axes[share.axis].learning.name)},
+         {"what", share.what.empty() ? json("together") : json(share.what)},
+         {"share", share.share}});
+  }
+  const Segment& path = correction.axes.front().learning.path;
+  return {{"schema", kCorrectionSchema},
+          {"source", correction.source},
+          {"method", correction.method},
+          {"aim", correction.options.aim == Aim::kContour ? "contour" : "tracking"},
+          {"from_s", path.start_s},
+          {"sample_time_s", path.sample_time_s},
+          {"rows", path.size()},
+          {"best_trial", learned.best},
+          {"ended", learned.ending == Ending::kGrew ? "errors_grew" : "all_trials"},
+          {"trials", trials},
+          {"contour_shares", shares},
+          {"axes", axes}};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,320 @@
+// servotwin learn: a corrected path, learned on the twin.
+#include <cmath>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "daemon/cli/command.h"
+#include "daemon/cli/correction.h"
+#include "daemon/cli/model_text.h"
+#include "daemon/cli/output.h"
+#include "daemon/cli/path_gcode.h"
+#include "ilc/feedforward.h"
+#include "ilc/uncertainty.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr double kMicro = 1e-6, kMilli = 1e-3;
+
+const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
+                                          {"norm-optimal", Law::kNormOptimal},
+                                          {"p", Law::kP},
+                                          {"pd", Law::kPd},
+                                          {"feedforward", Law::kInverse}};
+constexpr double kUnstated = 0.05;  // of every pole, where a model does not state deviations
+
+struct Arguments {
+  RecordingOptions path;
+  std::vector<std::filesystem::path> models;
+  std::filesystem::path table, result, gcode, report;
+  std::string method = "inverse";
+  std::string aim = "tracking";
+  int trials = 10;
+  double bandwidth_hz = 0.0;      // 0: the largest that contracts
+  double uncertainty = 0.0;       // percent; 0: the model's own
+  double peak = 0.0, rate = 0.0;  // um, mm/s; 0: none
+  double chord_um = 1.0;
+};
+
+/// What a model file says of its own uncertainty, or a share where it says nothing.
+TransferUncertainty uncertainty_of(const Arguments& arguments, const CommandedAxis& axis,
+                                   const Transfer& transfer, std::string& words) {
+  const ModelRecord& record = axis.record;
+  TransferUncertainty out;
+  double known = 0.0;
+  for (const double sd : {record.pole_deviation.omega, record.pole_deviation.zeta})
+    known = std::max(known, std::isfinite(sd) ? sd : 0.0);
+  if (arguments.uncertainty > 0.0 || known == 0.0) {
+    const double share = arguments.uncertainty > 0.0 ? arguments.uncertainty / 100.0 : kUnstated;
+    out = relative_uncertainty(transfer, share);
+    out.deviations = 1.0;
+    words = text("%.3g %% of every pole and coefficient", 100.0 * share) +
+            (arguments.uncertainty > 0.0 ? "" : " (the model states no deviations)");
+  } else {
+    out.poles = record.pole_deviation;
+    out.numerator = record.numerator_deviation;
+    for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+      if (record.model.effects[i].kind == kind_of<TimeDelay>() &&
+          i < record.effect_deviations.size())
+        out.delay_s = record.effect_deviations[i].shape[0];
+    }
+    words = "two standard deviations of the model";
+    if (record.holdout.rms > 0.0) {
+      out.seen = seen_of_model(axis.path.command, axis.path.sample_time_s, record.holdout.rms);
+      words += ", what it missed of its hold-out,";
+    }
+  }
+  out.timing_s = record.model.sample_time_s;
+  words += " and a cycle of its recording";
+  return out;
+}
+
+CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
+  CorrectedAxis out;
+  LearnAxis& axis = out.learning;
+  axis.name = commanded.record.axis;
+  axis.rotary = commanded.record.rotary;
+  axis.model = commanded.model;
+  axis.path = commanded.path;
+  axis.law.law = kMethods.at(arguments.method);
+  axis.law.model = transfer_of(axis.model);
+  axis.law.derivative_s = axis.law.model.lag_s();
+  if (arguments.peak > 0.0) axis.limits.peak = kMicro * arguments.peak;
+  if (arguments.rate > 0.0) axis.limits.rate = kMilli * arguments.rate;
+
+  const double h = axis.path.sample_time_s;
+  const std::vector<Transfer> models = models_within(
+      axis.law.model, uncertainty_of(arguments, commanded, axis.law.model, out.uncertainty));
+  out.models = models.size();
+  axis.law.bandwidth_hz =
+      arguments.bandwidth_hz > 0.0 ? arguments.bandwidth_hz : robust_bandwidth(axis.law, models, h);
+  if (axis.law.bandwidth_hz == 0.0) {
+    throw std::runtime_error("axis " + axis.name +
+                             text(": no bandwidth from %.3g Hz on keeps |Q (1 - L T)| below %.2g "
+                                  "for every model within ",
+                                  kLeastBandwidth_hz, kContraction) +
+                             out.uncertainty +
+                             "; take --method inverse, or a model from richer motion");
+  }
+  if (const std::string why = why_refused(axis.law, models, h); !why.empty())
+    throw std::runtime_error("axis " + axis.name + ": " + why);
+  LearningLaw inverse = axis.law;
+  inverse.law = Law::kInverse;
+  axis.basis_bandwidth_hz = harmless_bandwidth(inverse, models, h);
+  if (axis.law.law == Law::kNormOptimal) axis.basis_bandwidth_hz = 0.0;
+  out.contraction = contraction(axis.law, models, h);
+  out.commanded = std::move(commanded);
+  return out;
+}
+
+std::string figures(const ErrorSize& size, bool rotary) {
+  return figures_text({size.rms, size.max}, rotary);
+}
+
+std::string times_smaller(double before, double after) {
+  const double times = before / after;
+  return after > 0.0 ? text(times < 100.0 ? "  %.3g times smaller" : "  %.0f times smaller", times)
+                     : "";
+}
+
+void print(const Correction& correction, std::FILE* people) {
+  const Learned& learned = correction.learned;
+  const Trial &first = learned.trials.front(), &best = learned.trials[learned.best];
+  for (const CorrectedAxis& axis : correction.axes) {
+    say(people, axis.learning.name + text(": bandwidth %.1f Hz, ", axis.learning.law.bandwidth_hz) +
+                    text("|Q (1 - L T)| at most %.2f (at %.0f Hz) for %zu models within ",
+                         axis.contraction.most(), axis.contraction.most_at_hz(), axis.models) +
+                    axis.uncertainty);
+  }
+  say(people, "tracking error, on the twin:");
+  for (std::size_t i = 0; i < correction.axes.size(); ++i) {
+    const bool rotary = correction.axes[i].learning.rotary;
+    const std::string name = correction.axes[i].learning.name;
+    say(people, text("  %-9s before ", name.c_str()) + figures(first.axis[i], rotary));
+    say(people, "            after  " + figures(best.axis[i], rotary) +
+                    times_smaller(first.axis[i].rms, best.axis[i].rms));
+  }
+  if (learned.before) {
+    say(people, "contour error, the distance from the path:");
+    say(people, "            before " + figures(first.contour, false));
+    say(people, "            after  " + figures(best.contour, false) +
+                    times_smaller(first.contour.rms, best.contour.rms));
+    if (const std::string shares = shares_text(correction); !shares.empty())
+      say(people, "            made of: " + shares);
+    if (learned.before->turned.size() > 0) {
+      say(people, "orientation before " + figures(first.turned, true));
+      say(people, "            after  " + figures(best.turned, true));
+    }
+  }
+  std::string head = "trial      ";
+  for (const CorrectedAxis& axis : correction.axes)
+    head += text("%10s", (axis.learning.name + " RMS").c_str());
+  say(people, head + (learned.before ? "   contour" : "") + "  [um]");
+  for (std::size_t t = 0; t < learned.trials.size(); ++t) {
+    std::string line = text("%5zu%s     ", t, t == learned.best ? "*" : " ");
+    for (const ErrorSize& size : learned.trials[t].axis) line += text("%10.4g", 1e6 * size.rms);
+    if (learned.before) line += text("%10.4g", 1e6 * learned.trials[t].contour.rms);
+    say(people, line);
+  }
+  if (learned.best == 0) {
+    say(people,
+        "note: no trial was better than no correction, the path is left as it is; where limits "
+        "are close, --aim contour spends them on the path");
+  }
+  say(people, learned.ending == Ending::kGrew
+                  ? "            * kept; ended, since the errors grew again"
+                  : "            * kept");
+  for (std::size_t i = 0; i < correction.axes.size(); ++i) {
+    const CorrectedAxis& axis = correction.axes[i];
+    const Eigen::ArrayXd& u = learned.axes[i].correction;
+    const double steepest = (u.tail(u.size() - 1) - u.head(u.size() - 1)).abs().maxCoeff() /
+                            axis.learning.path.sample_time_s;
+    const CorrectionLimits& limits = axis.learning.limits;
+    const bool rotary = axis.learning.rotary;
+    say(people, axis.learning.name +
+                    text(": correction up to %.4g %s", 1e6 * u.abs().maxCoeff(), micro(rotary)) +
+                    (std::isfinite(limits.peak) ? text(" of %.4g", 1e6 * limits.peak) : "") +
+                    text(" and %.4g %s/s", 1e3 * steepest, rotary ? "mrad" : "mm") +
+                    (std::isfinite(limits.rate) ? text(" of %.4g", 1e3 * limits.rate) : ""));
+    const double expected = expected_rms(correction, i);
+    say(people,
+        axis.learning.name + ": limited by " + limited_by(correction, i) +
+            (std::isfinite(expected) && correction.options.aim == Aim::kTracking
+                 ? text("; expect %.3g %s RMS on the machine", 1e6 * expected, micro(rotary))
+                 : ""));
+  }
+}
+
+void write_gcode(const Arguments& arguments, const Correction& correction,
+                 const std::vector<Eigen::ArrayXd>& corrected, std::FILE* people) {
+  std::vector<PathAxisText> names;
+  std::vector<Eigen::ArrayXd> original;
+  for (const CorrectedAxis& axis : correction.axes) {
+    names.push_back({axis.learning.name, axis.learning.rotary});
+    original.push_back(axis.learning.path.command);
+  }
+  const PathGcode gcode =
+      path_gcode(names, original, corrected, correction.axes.front().learning.path.sample_time_s,
+                 kMicro * arguments.chord_um);
+  write_result(arguments.gcode, gcode.text);
+  say(people, text("G-code: %ld moves within %.4g um of the corrected path", gcode.moves,
+                   arguments.chord_um));
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people =
+      people_beside({arguments.table, arguments.result, arguments.gcode, arguments.report});
+  Correction correction;
+  correction.source = arguments.path.file.filename().string();
+  correction.method = arguments.method;
+  correction.options.aim = arguments.aim == "contour" ? Aim::kContour : Aim::kTracking;
+  correction.options.trials = arguments.trials;
+  correction.options.feedforward_only = arguments.method == "feedforward";
+  for (CommandedAxis& axis :
+       read_commands(arguments.path, read_models(arguments.models), "corrected", people)) {
+    if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
+      throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
+    correction.axes.push_back(axis_of(arguments, std::move(axis)));
+  }
+  std::vector<LearnAxis> axes;
+  for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+  {
+    const Progress progress("learning");
+    correction.learned = learn(axes, on_twins(axes), correction.options);
+    if (correction.learned.before) {
+      std::vector<Model> models;
+      std::vector<Segment> paths;
+      for (const LearnAxis& axis : axes) {
+        if (axis.rotary) continue;
+        models.push_back(axis.model);
+        paths.push_back(axis.path);
+      }
+      correction.shares = contour_shares(models, paths, *correction.learned.before);
+    }
+  }
+  print(correction, people);
+
+  std::vector<Column> columns{{"time[s]", times_of(axes.front().path)}};
+  std::vector<Eigen::ArrayXd> corrected;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    corrected.push_back(axes[i].path.command + correction.learned.axes[i].correction);
+    columns.push_back({axes[i].name + ".command" + (axes[i].rotary ? "[rad]" : "[m]"),
+                       {corrected.back().begin(), corrected.back().end()}});
+  }
+  if (!arguments.table.empty()) write_result(arguments.table, csv(columns));
+  if (!arguments.gcode.empty()) write_gcode(arguments, correction, corrected, people);
+  if (!arguments.report.empty()) write_result(arguments.report, report_html(correction));
+  if (!arguments.result.empty()) write_json(arguments.result, to_json(correction));
+}
+
+}  // namespace
+
+Command add_learn(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "learn", "A path corrected in advance: learned in virtual trials on the twin.");
+  arguments->path.declare(
+      command, "PATH",
+      "table of commands: CSV with units, or a recording whose encoders are ignored");
+  command
+      .add_option("--model", arguments->models, "model file of an axis of the table; once per axis")
+      ->type_name("M.json")
+      ->required()
+      ->expected(1)
+      ->take_all();
+  command.add_option("--out", arguments->table, "write the corrected commands")
+      ->type_name("CORRECTED.csv");
+  command
+      .add_option("--json", arguments->result,
+                  "write the correction with all figures (servotwin.correction/1)")
+      ->type_name("OUT");
+  command.add_option("--gcode", arguments->gcode, "write the corrected path as G1 moves")
+      ->type_name("OUT.nc");
+  command
+      .add_option("--chord-tolerance", arguments->chord_um,
+                  "how far the G1 moves may be from the corrected path [um] (default 1)")
+      ->type_name("UM")
+      ->check(CLI::Range(1e-3, 1e4).name(""));
+  command.add_option("--report", arguments->report, "write a page for people")
+      ->type_name("OUT.html");
+  command
+      .add_option(
+          "--method", arguments->method,
+          "inverse (default), norm-optimal, p, pd: how trials teach; feedforward: no trial, "
+          "the model turned round")
+      ->type_name("NAME")
+      ->check(CLI::IsMember({"inverse", "norm-optimal", "p", "pd", "feedforward"}));
+  command
+      .add_option("--aim", arguments->aim,
+                  "tracking (default): every axis on its command; contour: all axes on the path, "
+                  "whatever the lag along it")
+      ->type_name("NAME")
+      ->check(CLI::IsMember({"tracking", "contour"}));
+  command.add_option("--trials", arguments->trials, "virtual trials at most (default 10)")
+      ->type_name("N")
+      ->check(CLI::Range(1, 1000).name(""));
+  command
+      .add_option("--limits-peak", arguments->peak, "the largest correction of an axis [um | urad]")
+      ->type_name("UM")
+      ->check(CLI::Range(1e-3, 1e6).name(""));
+  command
+      .add_option("--limits-rate", arguments->rate,
+                  "the fastest change of a correction [mm/s | mrad/s]")
+      ->type_name("MM/S")
+      ->check(CLI::Range(1e-6, 1e6).name(""));
+  command
+      .add_option("--bandwidth", arguments->bandwidth_hz,
+                  "of learning [Hz] (default: the largest one at which every model within the "
+                  "uncertainty contracts)")
+      ->type_name("HZ")
+      ->check(CLI::Range(kLeastBandwidth_hz, 1e5).name(""));
+  command
+      .add_option("--uncertainty", arguments->uncertainty,
+                  "of every pole and coefficient [%] (default: the model's own deviations)")
+      ->type_name("PERCENT")
+      ->check(CLI::Range(1e-3, 90.0).name(""));
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

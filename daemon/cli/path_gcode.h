@@ -1,0 +1,42 @@
+// A path as G-code: straight moves (G1) that stay within a tolerance of it, with feeds that take
+// the time the original program took, and its rests.
+//
+// Between two rests of the original command the path is cut into as few chords as stay within the
+// chord tolerance of every one of its points (Douglas and Peucker 1973). A chord takes as long as
+// the commands that it stands for: a correction is right only at its time. Where the path stays
+// within the tolerance of where it is while the original rests, it dwells (G4).
+//
+// Positions [m | rad] become mm and degrees. Any thread.
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+namespace servotwin::cli {
+
+struct PathAxisText {
+  std::string name;  ///< one letter
+  bool rotary = false;
+};
+
+inline constexpr double kRest_s = 0.02;
+
+/// Rows of `path` that chords end at, with the first and the last: no row is further than
+/// `tolerance` [m | rad] from the chord over it.
+[[nodiscard]] std::vector<Eigen::Index> chord_ends(const std::vector<Eigen::ArrayXd>& path,
+                                                   Eigen::Index first, Eigen::Index last,
+                                                   double tolerance);
+
+struct PathGcode {
+  std::string text;
+  long moves = 0;
+};
+
+/// `original`: the commands, `path`: where to go instead; one array per axis.
+[[nodiscard]] PathGcode path_gcode(const std::vector<PathAxisText>& axes,
+                                   const std::vector<Eigen::ArrayXd>& original,
+                                   const std::vector<Eigen::ArrayXd>& path, double sample_time_s,
+                                   double tolerance);
+
+}  // namespace servotwin::cli

@@ -1,0 +1,236 @@
+#include "ilc/learn.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <stdexcept>
+
+#include "ilc/feedforward.h"
+#include "ilc/norm_optimal.h"
+#include "ilc/reversals.h"
+#include "ilc/zero_phase.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+namespace {
+
+using Signal = Eigen::ArrayXd;
+
+/// From 0 to 1 and back, by half cosines at both ends.
+Signal ends(Eigen::Index samples, double h, double ramp_s) {
+  const auto ramp =
+      std::clamp<Eigen::Index>(std::lround(ramp_s / h), 1, std::max<Eigen::Index>(1, samples / 4));
+  Signal out = Signal::Ones(samples);
+  for (Eigen::Index k = 0; k < std::min(ramp, samples); ++k) {
+    const double w =
+        0.5 - 0.5 * std::cos(std::numbers::pi * static_cast<double>(k) / static_cast<double>(ramp));
+    out(k) = std::min(out(k), w);
+    out(samples - 1 - k) = std::min(out(samples - 1 - k), w);
+  }
+  return out;
+}
+
+/// What one axis needs from trial to trial.
+class Learner {
+ public:
+  Learner(const LearnAxis& axis, double ramp_s)
+      : axis_(axis),
+        filter_(axis.path.size(), axis.path.sample_time_s),
+        ends_(ends(axis.path.size(), axis.path.sample_time_s, ramp_s)) {
+    const Signal& omega = filter_.omega();
+    q_ = axis.law.q(omega).cast<std::complex<double>>();
+    learned_ = axis.law.l(omega);
+    basis_ = Signal::Zero(axis.path.size());
+    if (axis.law.law == Law::kNormOptimal) {
+      optimal_ = std::make_unique<NormOptimal>(axis.law, axis.limits, axis.path.size(),
+                                               axis.path.sample_time_s);
+      return;
+    }
+    if (axis.basis_bandwidth_hz > 0.0) {
+      LearningLaw inverse;
+      inverse.model = axis.law.model;
+      inverse.bandwidth_hz = axis.basis_bandwidth_hz;
+      basis_ = feedforward(axis.model, inverse, axis.path, filter_);
+    }
+    if (axis.reversal_bandwidth_hz > 0.0) {
+      LearningLaw wide = axis.law;
+      wide.bandwidth_hz = axis.reversal_bandwidth_hz;
+      q_reversal_ = wide.q(omega).cast<std::complex<double>>();
+      weight_ = reversal_weight(axis.path.command, axis.path.sample_time_s);
+    }
+  }
+
+  [[nodiscard]] Signal next(const Signal& u, const Signal& e) {
+    if (optimal_) return optimal_->next(u, e);
+    const Signal whole = u - basis_ + filter_.filtered(e, learned_);
+    return within(basis_ + robust(whole));
+  }
+
+  [[nodiscard]] Signal basis() const { return within(basis_); }
+
+  [[nodiscard]] double beyond_bandwidth_rms(const Signal& error) {
+    return size_of(error - filter_.filtered(error, q_)).rms;
+  }
+
+  /// Where peak or rate is reached, of the samples at which the command moves.
+  [[nodiscard]] double at_limit_share(const Signal& u) const {
+    const double peak = 0.999 * axis_.limits.peak,
+                 step = 0.999 * axis_.limits.rate * axis_.path.sample_time_s;
+    double moves = 0.0, held = 0.0;
+    for (Eigen::Index k = 1; k < u.size(); ++k) {
+      if (axis_.path.command(k) == axis_.path.command(k - 1)) continue;
+      moves += 1.0;
+      if (std::abs(u(k)) >= peak || std::abs(u(k) - u(k - 1)) >= step) held += 1.0;
+    }
+    return moves > 0.0 ? held / moves : 0.0;
+  }
+
+ private:
+  [[nodiscard]] Signal robust(const Signal& signal) {
+    const Signal narrow = filter_.filtered(signal, q_);
+    if (weight_.size() == 0) return narrow;
+    return weight_ * filter_.filtered(signal, q_reversal_) + (1.0 - weight_) * narrow;
+  }
+  [[nodiscard]] Signal within(const Signal& u) const {
+    return limited(ends_ * u, axis_.limits, axis_.path.sample_time_s);
+  }
+
+  const LearnAxis& axis_;
+  ZeroPhase filter_;
+  Signal ends_, basis_, weight_;
+  Eigen::ArrayXcd q_, q_reversal_, learned_;
+  std::unique_ptr<NormOptimal> optimal_;
+};
+
+/// One run of the plant, and what it was wrong by.
+struct Run {
+  std::vector<Signal> error;
+  std::optional<ProgramError> contour;
+  Trial trial;
+};
+
+Run run_of(const std::vector<LearnAxis>& axes, const Plant& plant,
+           const std::vector<Signal>& corrections) {
+  std::vector<Signal> commands;
+  for (std::size_t i = 0; i < axes.size(); ++i)
+    commands.push_back(axes[i].path.command + corrections[i]);
+  const std::vector<Signal> positions = plant(commands);
+  Run out;
+  std::vector<Signal> linear, linear_actual, rotary, rotary_actual;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    const Signal& command = axes[i].path.command;
+    out.error.push_back(command - positions[i]);
+    out.trial.axis.push_back(size_of(out.error.back()));
+    (axes[i].rotary ? rotary : linear).push_back(command);
+    (axes[i].rotary ? rotary_actual : linear_actual).push_back(positions[i]);
+  }
+  if (linear.size() >= 2 && linear.size() <= kMaxPathAxes) {
+    out.contour = program_error(linear, linear_actual, rotary, rotary_actual);
+    out.trial.contour = size_of(out.contour->distance);
+    if (!rotary.empty()) out.trial.turned = size_of(out.contour->turned);
+  }
+  return out;
+}
+
+/// What the aim makes smaller, against the trial without correction.
+double left_of(const Trial& trial, const Trial& first, Aim aim) {
+  if (aim == Aim::kContour) return trial.contour.rms;
+  double sum = 0.0;
+  for (std::size_t i = 0; i < trial.axis.size(); ++i) {
+    if (first.axis[i].rms > 0.0) sum += std::pow(trial.axis[i].rms / first.axis[i].rms, 2.0);
+  }
+  return std::sqrt(sum);
+}
+
+void require_usable(const std::vector<LearnAxis>& axes) {
+  if (axes.empty()) throw std::invalid_argument("there is no axis to learn");
+  for (const LearnAxis& axis : axes) {
+    if (axis.path.size() != axes.front().path.size() || axis.path.size() < 4)
+      throw std::invalid_argument("the commands of " + axis.name + " and " + axes.front().name +
+                                  " are not of one length of at least 4 samples");
+  }
+}
+
+}  // namespace
+
+ErrorSize size_of(const Signal& error) {
+  if (error.size() == 0) return {};
+  return {std::sqrt(error.square().mean()), error.abs().maxCoeff()};
+}
+
+Plant on_twins(const std::vector<LearnAxis>& axes) {
+  return [axes](const std::vector<Signal>& commands) {
+    std::vector<Signal> out;
+    for (std::size_t i = 0; i < axes.size(); ++i) {
+      Segment segment = axes[i].path;
+      segment.actual.resize(0);
+      segment.command = commands[i];
+      out.push_back(commands[i] - simulate(axes[i].model, segment));
+    }
+    return out;
+  };
+}
+
+Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const LearnOptions& options) {
+  require_usable(axes);
+  std::vector<std::unique_ptr<Learner>> learners;
+  for (const LearnAxis& axis : axes)
+    learners.push_back(std::make_unique<Learner>(axis, options.ramp_s));
+
+  std::vector<Signal> u;
+  for (const LearnAxis& axis : axes) u.push_back(Signal::Zero(axis.path.size()));
+  Run run = run_of(axes, plant, u);
+  if (options.aim == Aim::kContour && !run.contour)
+    throw std::invalid_argument("the contour error needs two to five linear axes");
+  Learned out;
+  out.trials.push_back(run.trial);
+  out.before = out.after = run.contour;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    out.axes.push_back({u[i], run.error[i], run.error[i], 0.0, 0.0});
+  }
+
+  double least = left_of(run.trial, run.trial, options.aim);
+  int worse = 0;
+  const int trials = options.feedforward_only ? 1 : options.trials;
+  for (int trial = 1; trial <= trials; ++trial) {
+    std::size_t line = 0;
+    for (std::size_t i = 0; i < axes.size(); ++i) {
+      if (options.feedforward_only) {
+        u[i] = learners[i]->basis();
+        continue;
+      }
+      Signal error = run.error[i];
+      if (options.aim == Aim::kContour && !axes[i].rotary) {
+        for (Eigen::Index k = 0; k < error.size(); ++k)
+          error(k) = -run.contour->away[static_cast<std::size_t>(k)][line];
+        ++line;
+      }
+      u[i] = learners[i]->next(u[i], error);
+    }
+    run = run_of(axes, plant, u);
+    out.trials.push_back(run.trial);
+    const double left = left_of(run.trial, out.trials.front(), options.aim);
+    // A correction that leaves the path worse than none is none, whatever it does for the axes.
+    const bool harms = run.contour && run.trial.contour.rms > out.trials.front().contour.rms;
+    if (left < least && !harms) {
+      least = left;
+      worse = 0;
+      out.best = out.trials.size() - 1;
+      out.after = run.contour;
+      for (std::size_t i = 0; i < axes.size(); ++i) {
+        out.axes[i].correction = u[i];
+        out.axes[i].error_after = run.error[i];
+        out.axes[i].at_limit_share = learners[i]->at_limit_share(u[i]);
+      }
+    } else if (++worse == options.patience) {
+      out.ending = Ending::kGrew;
+      break;
+    }
+  }
+  for (std::size_t i = 0; i < axes.size(); ++i)
+    out.axes[i].beyond_bandwidth_rms = learners[i]->beyond_bandwidth_rms(out.axes[i].error_after);
+  return out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,59 @@
+// Norm-optimal learning in lifted form, within limits, without a matrix.
+//
+//   min over u'   |e - T (u' - u)|^2 + rho |u' - u|^2 + u'^T W u'
+//   with          |u'_k| <= peak,  |u'_k - u'_(k-1)| <= rate h,  u'_0 = u'_(N-1) = 0
+//
+// T is the lower triangular Toeplitz matrix of the impulse response, W the one whose symbol is
+// |T|^2 (f/f_c)^4: without limits, and but for the ends, u' = Q (u + L e) of the law kNormOptimal
+// (ilc/learning_law.h). Products with T and T^T are convolutions by FFT, systems are solved by
+// conjugate gradients behind a circulant preconditioner, and the limits by splitting (alternating
+// directions, Boyd et al. 2011): memory and time per iteration grow as N log N, nothing as N^2. T
+// itself is singular to working precision for a few hundred samples already; rho and W make the
+// problem solvable.
+//
+// One thread per object; allocates.
+#pragma once
+
+#include "ilc/learning_law.h"
+#include "ilc/limits.h"
+#include "ilc/zero_phase.h"
+
+namespace servotwin {
+
+class NormOptimal {
+ public:
+  /// `law` of kind kNormOptimal. Samples h [s] apart.
+  NormOptimal(const LearningLaw& law, const CorrectionLimits& limits, Eigen::Index samples,
+              double h);
+
+  /// The correction after `u` left the error `e`. It obeys the limits.
+  [[nodiscard]] Eigen::ArrayXd next(const Eigen::ArrayXd& u, const Eigen::ArrayXd& e);
+  /// What is minimised, of a correction that follows u and e.
+  [[nodiscard]] double cost(const Eigen::ArrayXd& next, const Eigen::ArrayXd& u,
+                            const Eigen::ArrayXd& e);
+
+ private:
+  using Signal = Eigen::ArrayXd;
+  Signal convolved(const Signal& x, const Eigen::ArrayXcd& symbol);
+  Signal times_t(const Signal& x) { return convolved(x, t_); }
+  Signal times_t_transposed(const Signal& x) { return convolved(x, t_.conjugate()); }
+  Signal weighted(const Signal& x) { return convolved(x, weight_); }
+  /// T^T T + rho + W, and `pull` (1 + stretch^2 D^T D) for the splitting; the ends are held at 0.
+  Signal hessian(const Signal& x, double pull);
+  Signal solved(const Signal& right, const Signal& from, double pull, double exactness);
+
+  Eigen::Index samples_, padded_;
+  double rho_, h_;
+  double stretch_;  // makes steps as large as values, at the bandwidth
+  CorrectionLimits limits_;
+  Eigen::FFT<double> fft_;
+  std::vector<double> time_;
+  std::vector<std::complex<double>> spectrum_;
+  Eigen::ArrayXcd t_;       // of the impulse response
+  Eigen::ArrayXcd weight_;  // of W
+  Eigen::ArrayXd symbol_;   // of T^T T + rho + W as if it were circulant
+  Eigen::ArrayXd slope_;    // of D^T D
+  Signal owed_a_, owed_s_;  // by values and steps to those that obey, of the trial before
+};
+
+}  // namespace servotwin

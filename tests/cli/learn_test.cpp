@@ -1,0 +1,218 @@
+// servotwin learn: from a table of commands to a corrected one that does better on the twin.
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "drivers/recording_file.h"
+#include "program.h"
+#include "recordings.h"
+
+namespace servotwin {
+namespace {
+
+using nlohmann::json;
+using testing::HasSubstr;
+using testing::Not;
+
+/// Two axes on circles of 8 mm, at rest at both ends.
+double angle_at(double t) {
+  const double part = std::clamp((t - 0.3) / 2.4, 0.0, 1.0);
+  return 4.0 * M_PI * part * part * part * (10.0 - part * (15.0 - 6.0 * part));
+}
+std::string circles() {
+  std::string out = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k <= 3000; ++k) {
+    const double t = 0.001 * k;
+    out += cell(t) + "," + cell(8.0 * std::cos(angle_at(t)) - 8.0) + "," +
+           cell(8.0 * std::sin(angle_at(t))) + "\n";
+  }
+  return out;
+}
+
+class Learn : public testing::Test {
+ protected:
+  void SetUp() override {
+    write_model(x_, known_axis("X"));
+    ModelRecord y = known_axis("Y");
+    y.model.loop.denominator = {80.0, 9000.0, 0.0};
+    y.model.loop.numerator = {1.0, 80.0, 0.0};
+    write_model(y_, y);
+  }
+  Answer learn(std::vector<std::string> options) {
+    std::vector<std::string> words{"learn", table_, "--model", x_, "--model", y_};
+    words.insert(words.end(), options.begin(), options.end());
+    return servotwin_says(words);
+  }
+  json learned(std::vector<std::string> options = {}) {
+    options.insert(options.end(), {"--json", "-"});
+    const Answer answer = learn(options);
+    EXPECT_EQ(answer.status, 0) << answer;
+    return json::parse(answer.out);
+  }
+
+  Folder folder_;
+  std::string x_ = folder_ / "x.json", y_ = folder_ / "y.json";
+  std::string table_ = folder_.write("path.csv", circles());
+};
+
+// The corrected table, simulated by the other command, is where the learning says it is.
+TEST_F(Learn, WhatItWritesDoesOnTheTwinWhatItSays) {
+  const std::string corrected = folder_ / "corrected.csv";
+  const json result = learned({"--out", corrected});
+  EXPECT_EQ(result["schema"], "servotwin.correction/1");
+  const Answer simulated = servotwin_says(
+      {"simulate", corrected, "--model", x_, "--model", y_, "--out", folder_ / "sim.csv"});
+  ASSERT_EQ(simulated.status, 0) << simulated;
+  const Recording wanted = read_recording(table_), got = read_recording(folder_ / "sim.csv");
+  for (std::size_t i = 0; i < 2; ++i) {
+    double sum = 0.0;
+    for (std::size_t k = 0; k < wanted.time.size(); ++k)
+      sum += std::pow(wanted.axes[i].command[k] - got.axes[i].actual[k], 2.0);
+    const double rms = std::sqrt(sum / static_cast<double>(wanted.time.size()));
+    const json& axis = result["axes"][i];
+    EXPECT_NEAR(rms, axis["after"]["rms_m"].get<double>(), 1e-9);
+    EXPECT_LT(rms, 0.01 * axis["before"]["rms_m"].get<double>());
+    EXPECT_LT(axis["contraction"].get<double>(), 1.0);
+    const std::vector<double> offset = axis["offset_m"];
+    ASSERT_EQ(offset.size(), wanted.time.size());
+    EXPECT_EQ(offset.front(), 0.0);
+    EXPECT_EQ(offset.back(), 0.0);
+    const Recording table = read_recording(corrected);
+    for (std::size_t k = 0; k < offset.size(); k += 100)
+      EXPECT_NEAR(table.axes[i].command[k], wanted.axes[i].command[k] + offset[k], 1e-12);
+  }
+  const json& trials = result["trials"];
+  const std::size_t best = result["best_trial"];
+  EXPECT_LT(trials[best]["contour"]["rms_m"], 0.05 * trials[0]["contour"]["rms_m"].get<double>());
+}
+
+TEST_F(Learn, EveryMethodMakesItBetterAndObeysTheLimits) {
+  for (const char* method : {"inverse", "norm-optimal", "p", "pd", "feedforward"}) {
+    const json result = learned({"--method", method, "--limits-peak", "60", "--limits-rate", "5"});
+    EXPECT_EQ(result["method"], method);
+    for (const json& axis : result["axes"]) {
+      EXPECT_LT(axis["after"]["rms_m"], 0.9 * axis["before"]["rms_m"].get<double>()) << method;
+      EXPECT_LE(axis["peak_m"].get<double>(), 400e-6 * (1.0 + 1e-12)) << method;
+      EXPECT_LE(axis["rate_m_per_s"].get<double>(), 30e-3 * (1.0 + 1e-9)) << method;
+      EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("the limits")) << method;
+    }
+  }
+}
+
+TEST_F(Learn, TheAimOfTheContourLeavesTheLag) {
+  const json by_axis = learned({"--limits-peak", "60"}),
+             contour = learned({"--limits-peak", "60", "--aim", "contour"});
+  const auto left = [](const json& result) {
+    return result["trials"][result["best_trial"].get<std::size_t>()]["contour"]["rms_m"]
+        .get<double>();
+  };
+  EXPECT_EQ(contour["aim"], "contour");
+  EXPECT_LT(left(contour), 0.5 * left(by_axis));
+}
+
+TEST_F(Learn, SaysWhatItDidOnOneScreen) {
+  const Answer answer = learn({});
+  ASSERT_EQ(answer.status, 0) << answer;
+  for (const char* words :
+       {"|Q (1 - L T)| at most", "tracking error, on the twin:", "contour error", "times smaller",
+        "trial", "* kept", "correction up to", "limited by", "made of: "})
+    EXPECT_THAT(answer.out, HasSubstr(words));
+  EXPECT_LT(std::count(answer.out.begin(), answer.out.end(), '\n'), 45);
+}
+
+TEST_F(Learn, RefusesABandwidthThatNeedNotConverge) {
+  const Answer answer = learn({"--method", "p", "--bandwidth", "200"});
+  EXPECT_EQ(answer.status, 1);
+  ASSERT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("|Q (1 - L T)| reaches"));
+  EXPECT_THAT(answer.err, HasSubstr("take a bandwidth of at most"));
+}
+
+TEST_F(Learn, RefusesWhatCannotBeMeant) {
+  EXPECT_EQ(learn({"--method", "magic"}).status, 2);
+  EXPECT_EQ(learn({"--limits-peak", "-1"}).status, 2);
+  EXPECT_EQ(learn({"--trials", "0"}).status, 2);
+  const Answer alone = servotwin_says({"learn", table_, "--model", x_, "--aim", "contour"});
+  EXPECT_NE(alone.status, 0);
+  EXPECT_THAT(alone.err, HasSubstr("two to five linear axes"));
+  write_model(folder_ / "long.json", known_axis("AXIS"));
+  std::string table = "time[s],AXIS.command[mm]\n";
+  for (int k = 0; k < 500; ++k) table += cell(0.001 * k) + "," + cell(0.01 * k) + "\n";
+  const Answer letter = servotwin_says({"learn", folder_.write("long.csv", table), "--model",
+                                        folder_ / "long.json", "--gcode", folder_ / "out.nc"});
+  EXPECT_EQ(letter.status, 2);
+  EXPECT_THAT(letter.err, HasSubstr("one letter"));
+}
+
+// Read back as a path: no point of the corrected one is further from the moves than the tolerance,
+// and the moves take as long as the program did.
+TEST_F(Learn, TheGcodeStaysWithinItsToleranceAndKeepsTheTime) {
+  const std::string file = folder_ / "out.nc", corrected = folder_ / "corrected.csv";
+  const Answer answer = learn({"--gcode", file, "--chord-tolerance", "2", "--out", corrected});
+  ASSERT_EQ(answer.status, 0) << answer;
+  std::vector<std::array<double, 2>> corners;
+  double seconds = 0.0;
+  std::istringstream lines(content_of(file));
+  std::array<double, 2> at{};
+  for (std::string line; std::getline(lines, line);) {
+    if (double rest = 0.0; std::sscanf(line.c_str(), "G4 P%lf", &rest) == 1) seconds += rest;
+    double x = 0.0, y = 0.0, feed = 0.0;
+    if (std::sscanf(line.c_str(), "G1 F%lf X%lf Y%lf", &feed, &x, &y) == 3) {
+      at = {x, y};
+      corners.push_back(at);
+    } else if (std::sscanf(line.c_str(), "G1 X%lf Y%lf F%lf", &x, &y, &feed) == 3) {
+      seconds += 60.0 * std::hypot(x - at[0], y - at[1]) / feed;
+      at = {x, y};
+      corners.push_back(at);
+    }
+  }
+  EXPECT_THAT(content_of(file), HasSubstr("G90 G94 G21"));
+  ASSERT_GT(corners.size(), 20U);
+  EXPECT_NEAR(seconds, 3.0, 0.005);
+  const Recording path = read_recording(corrected);
+  double furthest = 0.0;
+  for (std::size_t k = 0; k < path.time.size(); ++k) {
+    const double x = 1e3 * path.axes[0].command[k], y = 1e3 * path.axes[1].command[k];
+    double nearest = 1e9;
+    for (std::size_t i = 1; i < corners.size(); ++i) {
+      const double cx = corners[i][0] - corners[i - 1][0], cy = corners[i][1] - corners[i - 1][1];
+      const double square = cx * cx + cy * cy;
+      const double t =
+          square > 0.0
+              ? std::clamp(((x - corners[i - 1][0]) * cx + (y - corners[i - 1][1]) * cy) / square,
+                           0.0, 1.0)
+              : 0.0;
+      nearest = std::min(
+          nearest, std::hypot(x - corners[i - 1][0] - t * cx, y - corners[i - 1][1] - t * cy));
+    }
+    furthest = std::max(furthest, nearest);
+  }
+  EXPECT_LT(furthest, 2e-3 + 2e-6) << "mm";
+  EXPECT_GT(furthest, 0.5e-3) << "chords are not shorter than they must be";
+}
+
+TEST_F(Learn, ThePageStandsAlone) {
+  const std::string file = folder_ / "out.html";
+  ASSERT_EQ(learn({"--report", file}).status, 0);
+  const std::string page = content_of(file);
+  for (const char* words : {"<!doctype html>", "Contour error", "learning curve", "|Q (1 - L T)|",
+                            "deviation, ", "X: correction added"})
+    EXPECT_THAT(page, HasSubstr(words));
+  for (const char* words : {"<script", "src=", "href=", "@import", "nan", "inf"})
+    EXPECT_THAT(page, Not(HasSubstr(words)));
+}
+
+TEST_F(Learn, AModelWithoutDeviationsSaysWhatIsTakenInstead) {
+  EXPECT_THAT(learn({}).out, HasSubstr("the model states no deviations"));
+  EXPECT_THAT(learn({"--uncertainty", "10"}).out, HasSubstr("10 % of every pole"));
+  const double narrow = learned({"--uncertainty", "20"})["axes"][0]["bandwidth_hz"],
+               wide = learned({"--uncertainty", "2"})["axes"][0]["bandwidth_hz"];
+  EXPECT_LT(narrow, wide);
+}
+
+}  // namespace
+}  // namespace servotwin
