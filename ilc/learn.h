@@ -9,7 +9,7 @@
 // takes from learning it leaves to the model, at reversals above all; 0 if none is wanted.
 //
 // Aim: the tracking error of every axis by itself; or the contour error, shared by the axes
-// (cross-coupled): then e is what is across the path, C - P of ilc's nearest point, and the lag
+// (cross-coupled): then e is what is across the path, C - P of its nearest point, and the lag
 // along the path is left to itself, which takes far smaller corrections.
 //
 // The correction is 0 at both ends, rises within `ramp_s`, and obeys the limits in every trial. The

@@ -14,7 +14,7 @@ constexpr double kResidual = 1e-10;  // of the conjugate gradients, against the 
 constexpr int kMostSteps = 300;
 constexpr double kRoundResidual = 1e-6;  // likewise, within the splitting
 constexpr double kPull = 0.05;           // of the splitting, against the largest eigenvalue
-constexpr int kMostRounds = 100;          // of the splitting
+constexpr int kMostRounds = 100;         // of the splitting
 constexpr double kSettled = 3e-4;        // of the limits, by how much a round may still miss them
 
 double dot(const Signal& a, const Signal& b) { return a.matrix().dot(b.matrix()); }
