@@ -86,7 +86,7 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
     diagnose.every_s = 1.0;  // always due: it never rests
     diagnose.record_s = 10.0;
     ResidualWatch watch(machine, diagnose, events);
-    Recorder recorder(machine, "bench", place, 100.0, rows, memory, watch, events);
+    Recorder recorder(machine, "bench", place, {.budget_mb = 100.0}, rows, memory, watch, events);
     IdentifyConfig identify;
     identify.window_s = 2.0;
     IdentificationWorker identification(machine, identify, memory, store, events, models,

@@ -62,7 +62,8 @@ bool wait_for(const std::function<bool()>& condition) {
 class Candump {
  public:
   explicit Candump(std::string file)
-      : file_(std::move(file)), process_({"candump", "-L", "-r", "8388608", "vcan0"}, file_) {
+      : file_(std::move(file)),
+        process_({"candump", "-L", "-r", "8388608", "vcan0"}, {.output = file_}) {
     // It listens when it has seen a frame of ours, which the log then begins with.
     SocketCan bus("vcan0");
     const CanFrame knock = test::frame_of(0x7FF, {});

@@ -41,7 +41,8 @@ class Running {
   explicit Running(std::size_t axes)
       : models(axes),
         loop(kCycle_s, models, predictions, rows, wake_up,
-             axes < 3 ? std::vector<std::size_t>() : std::vector<std::size_t>{0, 1, 2}) {}
+             axes < 3 ? std::vector<std::vector<std::size_t>>{}
+                      : std::vector<std::vector<std::size_t>>{{0, 1, 2}}) {}
 
   Violations run(FrameSource& source) {
     const Violations before = violations();
