@@ -20,19 +20,20 @@ constexpr auto kPause = std::chrono::milliseconds(100);
 // Of the motion that is looked at; less shows too little.
 constexpr double kLeastShare = 0.5;
 
-/// Every cause once, whoever names it.
+/// Every cause once, whoever names it; what the torque says of it beside what the position does,
+/// since two ripples may be two.
 std::string line_of(const Diagnosis& diagnosis, const TorqueDiagnosis& torque) {
   std::string line = verdict_text(diagnosis);
-  std::set<std::string> told, by_torque;
-  for (const TorqueCause& cause : torque.causes) by_torque.insert(cause.id);
+  std::set<std::string> told;
   for (const Cause& cause : diagnosis.causes) {
-    line += "; " + cause.id + (by_torque.contains(cause.id) ? " (by torque as well): " : ": ") +
-            cause_text(diagnosis, cause);
+    line += "; " + cause.id + ": " + cause_text(diagnosis, cause);
+    if (const std::string also = torque_beside(torque, cause.id); !also.empty())
+      line += ", " + also;
     told.insert(cause.id);
   }
   for (const Cause& cause : diagnosis.suspected) line += "; suspected " + cause.id;
-  for (const std::string& id : by_torque) {
-    if (!told.contains(id)) line += "; by torque " + id;
+  for (const TorqueCause& cause : torque.causes) {
+    if (told.insert(cause.id).second) line += "; by torque " + cause.id;
   }
   return line;
 }

@@ -17,6 +17,8 @@ namespace {
 
 using Signal = Eigen::ArrayXd;
 
+constexpr double kNothing = 1e-5;  // of the tracking error: a contour error that does not count
+
 /// From 0 to 1 and back, by half cosines at both ends.
 Signal ends(Eigen::Index samples, double h, double ramp_s) {
   const auto ramp =
@@ -211,8 +213,12 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
     run = run_of(axes, plant, u);
     out.trials.push_back(run.trial);
     const double left = left_of(run.trial, out.trials.front(), options.aim);
-    // A correction that leaves the path worse than none is none, whatever it does for the axes.
-    const bool harms = run.contour && run.trial.contour.rms > out.trials.front().contour.rms;
+    // A correction that leaves the path worse than none is none, whatever it does for the axes; of
+    // a contour error that is nothing beside the tracking errors, nothing is to be said.
+    double lag = 0.0;
+    for (const ErrorSize& axis : out.trials.front().axis) lag = std::max(lag, axis.rms);
+    const bool harms =
+        run.contour && run.trial.contour.rms > out.trials.front().contour.rms + kNothing * lag;
     if (left < least && !harms) {
       least = left;
       worse = 0;

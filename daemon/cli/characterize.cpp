@@ -478,7 +478,7 @@ Command add_characterize(CLI::App& app) {
       .add_option("--training-share", arguments->training_share,
                   "motion: share of the data that is fitted (default 0.6); the rest judges")
       ->type_name("SHARE")
-      ->check(CLI::Range(0.1, 0.9).name(""));
+      ->check(between(0.1, 0.9));
   command
       .add_option("--bandwidth", arguments->bandwidth_hz,
                   "up to which torque and model are compared [Hz] (default 40); 0: all")

@@ -250,12 +250,12 @@ Command add_diagnose(CLI::App& app) {
           "share of the data that is fitted (default 0.6 of the time, or of the error where that "
           "is uneven over the recording); the rest measures the gain")
       ->type_name("SHARE")
-      ->check(CLI::Range(0.1, 0.95).name(""));
+      ->check(between(0.1, 0.95));
   command
       .add_option("--delay-max", arguments->options.identify.delay_max_s,
                   "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
       ->type_name("S")
-      ->check(CLI::Range(0.0, 0.05).name(""));
+      ->check(between(0.0, 0.05));
   return {&command, [arguments] { run(*arguments); }};
 }
 

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/cli/command.h"
+#include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
 #include "daemon/config.h"
 #include "daemon/store.h"
@@ -106,7 +107,7 @@ Command add_history(CLI::App& app) {
   command.add_option("--axis", arguments->axis, "axis of the machine")->type_name("X")->required();
   command.add_option("--last", arguments->last, "how many (default: 100)")
       ->type_name("N")
-      ->check(CLI::Range(1, 1'000'000).name(""));
+      ->check(between(1, 1'000'000));
   command
       .add_option("--json", arguments->result,
                   "write them here (servotwin.history/1); - is standard output")

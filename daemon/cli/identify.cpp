@@ -189,7 +189,7 @@ Command add_identify(CLI::App& app) {
       .add_option("--training-share", arguments->identify.training_share,
                   "share of the data that is fitted (default 0.6); the rest judges")
       ->type_name("SHARE")
-      ->check(CLI::Range(0.1, 0.95).name(""));
+      ->check(between(0.1, 0.95));
   command.add_option("--order", arguments->identify.order, "2 or 3 (default: what the data say)")
       ->type_name("N")
       ->check(CLI::IsMember({2, 3}).name(""));
@@ -197,7 +197,7 @@ Command add_identify(CLI::App& app) {
       .add_option("--delay-max", arguments->identify.delay_max_s,
                   "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
       ->type_name("S")
-      ->check(CLI::Range(0.0, 0.05).name(""));
+      ->check(between(0.0, 0.05));
   command.add_flag("--no-pole-constraints", arguments->no_pole_constraints,
                    "full-ls: accept any poles");
   return {&command, [arguments] { run(*arguments); }};

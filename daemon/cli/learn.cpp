@@ -7,6 +7,7 @@
 #include "daemon/cli/command.h"
 #include "daemon/cli/correction.h"
 #include "daemon/cli/model_text.h"
+#include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
 #include "daemon/cli/path_gcode.h"
 #include "ilc/feedforward.h"
@@ -225,12 +226,15 @@ void run(const Arguments& arguments) {
     if (correction.learned.before) {
       std::vector<Model> models;
       std::vector<Segment> paths;
-      for (const LearnAxis& axis : axes) {
-        if (axis.rotary) continue;
-        models.push_back(axis.model);
-        paths.push_back(axis.path);
+      std::vector<std::size_t> linear;
+      for (std::size_t i = 0; i < axes.size(); ++i) {
+        if (axes[i].rotary) continue;
+        models.push_back(axes[i].model);
+        paths.push_back(axes[i].path);
+        linear.push_back(i);
       }
       correction.shares = contour_shares(models, paths, *correction.learned.before);
+      for (ContourShare& share : correction.shares) share.axis = linear[share.axis];
     }
   }
   print(correction, people);
@@ -275,7 +279,7 @@ Command add_learn(CLI::App& app) {
       .add_option("--chord-tolerance", arguments->chord_um,
                   "how far the G1 moves may be from the corrected path [um] (default 1)")
       ->type_name("UM")
-      ->check(CLI::Range(1e-3, 1e4).name(""));
+      ->check(between(1e-3, 1e4));
   command.add_option("--report", arguments->report, "write a page for people")
       ->type_name("OUT.html");
   command
@@ -293,27 +297,27 @@ Command add_learn(CLI::App& app) {
       ->check(CLI::IsMember({"tracking", "contour"}));
   command.add_option("--trials", arguments->trials, "virtual trials at most (default 10)")
       ->type_name("N")
-      ->check(CLI::Range(1, 1000).name(""));
+      ->check(between(1, 1000));
   command
       .add_option("--limits-peak", arguments->peak, "the largest correction of an axis [um | urad]")
       ->type_name("UM")
-      ->check(CLI::Range(1e-3, 1e6).name(""));
+      ->check(between(1e-3, 1e6));
   command
       .add_option("--limits-rate", arguments->rate,
                   "the fastest change of a correction [mm/s | mrad/s]")
       ->type_name("MM/S")
-      ->check(CLI::Range(1e-6, 1e6).name(""));
+      ->check(between(1e-6, 1e6));
   command
       .add_option("--bandwidth", arguments->bandwidth_hz,
                   "of learning [Hz] (default: the largest one at which every model within the "
                   "uncertainty contracts)")
       ->type_name("HZ")
-      ->check(CLI::Range(kLeastBandwidth_hz, 1e5).name(""));
+      ->check(between(kLeastBandwidth_hz, 1e5));
   command
       .add_option("--uncertainty", arguments->uncertainty,
                   "of every pole and coefficient [%] (default: the model's own deviations)")
       ->type_name("PERCENT")
-      ->check(CLI::Range(1e-3, 90.0).name(""));
+      ->check(between(1e-3, 90.0));
   return {&command, [arguments] { run(*arguments); }};
 }
 

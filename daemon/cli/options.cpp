@@ -70,7 +70,7 @@ void BusOptions::declare(CLI::App& command) {
       ->type_name("NAME");
   command.add_option("--domain", place.domain, "DDS domain (default: 0)")
       ->type_name("N")
-      ->check(CLI::Range(0, 230).name(""));
+      ->check(between(0, 230));
   command.add_option("--partition", place.partition, "DDS partition of the cell (default: none)")
       ->type_name("NAME");
 }

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,18 @@
 #include "identification/segments.h"
 
 namespace servotwin::cli {
+
+/// A number within these, which nan is not (CLI::Range lets it pass).
+[[nodiscard]] inline CLI::Validator between(double low, double high) {
+  return {[low, high](std::string& input) -> std::string {
+            double value = 0.0;
+            if (CLI::detail::lexical_cast(input, value) && value >= low && value <= high) return {};
+            std::ostringstream out;
+            out << "Value " << input << " not in range [" << low << " - " << high << "]";
+            return out.str();
+          },
+          ""};
+}
 
 /// REC --columns --from --to --rate: a recording and the part of it that is wanted.
 struct RecordingOptions {

@@ -13,15 +13,11 @@ namespace {
 using Path = std::vector<Eigen::ArrayXd>;
 using Eigen::Index;
 
-/// Of row k from the chord between two others, squared.
-double from_chord(const Path& path, Index first, Index last, Index k) {
-  double along = 0.0, square = 0.0;
-  for (const auto& axis : path) {
-    const double chord = axis(last) - axis(first);
-    along += (axis(k) - axis(first)) * chord;
-    square += chord * chord;
-  }
-  const double t = square > 0.0 ? std::clamp(along / square, 0.0, 1.0) : 0.0;
+/// Of row k from where a move at constant feed between two others is at that time, squared: on the
+/// chord is not enough, since a correction is right at its time only, and a path may turn back on
+/// itself.
+double from_move(const Path& path, Index first, Index last, Index k) {
+  const double t = static_cast<double>(k - first) / static_cast<double>(last - first);
   double out = 0.0;
   for (const auto& axis : path)
     out += std::pow(axis(k) - axis(first) - t * (axis(last) - axis(first)), 2.0);
@@ -71,7 +67,7 @@ std::vector<Index> chord_ends(const Path& path, Index first, Index last, double 
     double furthest = tolerance * tolerance;
     Index at = -1;
     for (Index k = from + 1; k < to; ++k) {
-      const double d = from_chord(path, from, to, k);
+      const double d = from_move(path, from, to, k);
       if (d > furthest) furthest = d, at = k;
     }
     if (at < 0) continue;
@@ -85,36 +81,48 @@ std::vector<Index> chord_ends(const Path& path, Index first, Index last, double 
 
 PathGcode path_gcode(const std::vector<PathAxisText>& axes, const Path& original, const Path& path,
                      double sample_time_s, double tolerance) {
+  // In mm and degrees, as it is written: times hang on what the control reads.
+  const auto word = [&](std::size_t axis, Index k) {
+    constexpr double kDigits = 1e6;
+    const double unit = axes[axis].rotary ? 180.0 / std::numbers::pi : 1e3;
+    return std::round(kDigits * unit * path[axis](k)) / kDigits;
+  };
   const auto words = [&](Index k) {
     std::string out;
-    for (std::size_t i = 0; i < axes.size(); ++i) {
-      const double unit = axes[i].rotary ? 180.0 / std::numbers::pi : 1e3;
-      out += text(" %s%.6f", axes[i].name.c_str(), unit * path[i](k));
-    }
+    for (std::size_t i = 0; i < axes.size(); ++i)
+      out += text(" %s%.6f", axes[i].name.c_str(), word(i, k));
     return out;
   };
-  const bool all_rotary =
-      std::all_of(axes.begin(), axes.end(), [](const PathAxisText& axis) { return axis.rotary; });
+  // A feed counts along the linear axes; along the rotary ones where no other moves.
+  const auto way = [&](Index from, Index to) {
+    double linear = 0.0, rotary = 0.0;
+    for (std::size_t i = 0; i < axes.size(); ++i)
+      (axes[i].rotary ? rotary : linear) += std::pow(word(i, to) - word(i, from), 2.0);
+    return std::sqrt(linear > 0.0 ? linear : rotary);
+  };
   PathGcode out;
-  out.text = text("(corrected path; chords within %.4g um or urad of it)\n", 1e6 * tolerance) +
+  out.text = text("(corrected path; at any time within %.4g um or urad of it)\n", 1e6 * tolerance) +
              text("(original program: %.3f s)\n",
                   sample_time_s * static_cast<double>(path.front().size() - 1)) +
              "(feed in mm/min or deg/min; G4 P in seconds: where the control counts otherwise, "
              "convert)\nG90 G94 G21\nG1 F1000" +
              words(0) + "\n";
+  // A move after a dwell begins where the one before it ended.
+  const double settled = 0.25 * tolerance;
   Index at = 0;  // where the last move ended
   for (const Stretch& stretch : stretches_of(original, sample_time_s)) {
     // A path may move while the original rests: towards its next start, or settling.
-    const std::vector<Index> ends = chord_ends(path, stretch.first, stretch.last, tolerance);
+    const std::vector<Index> ends =
+        chord_ends(path, stretch.first, stretch.last, tolerance - settled);
     for (std::size_t i = 1; i < ends.size(); ++i) {
       const double seconds = sample_time_s * static_cast<double>(ends[i] - ends[i - 1]);
       const double length = std::sqrt(distance(path, at, ends[i]));
-      if (length <= (stretch.rests ? tolerance : 0.0)) {
-        out.text += text("G4 P%.3f\n", seconds);
+      if (length <= (stretch.rests ? settled : 0.0) || way(at, ends[i]) == 0.0) {
+        out.text += text("G4 P%.6g\n", seconds);
         continue;
       }
-      const double feed = 60.0 * length / seconds * (all_rotary ? 180.0 / std::numbers::pi : 1e3);
-      out.text += "G1" + words(ends[i]) + text(" F%.4f\n", feed);
+      const double feed = 60.0 * way(at, ends[i]) / seconds;
+      out.text += "G1" + words(ends[i]) + text(" F%.7g\n", feed);
       at = ends[i];
       ++out.moves;
     }

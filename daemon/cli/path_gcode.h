@@ -1,12 +1,14 @@
-// A path as G-code: straight moves (G1) that stay within a tolerance of it, with feeds that take
-// the time the original program took, and its rests.
+// A path as G-code: straight moves (G1) that are within a tolerance of it at any time, and its
+// rests.
 //
-// Between two rests of the original command the path is cut into as few chords as stay within the
-// chord tolerance of every one of its points (Douglas and Peucker 1973). A chord takes as long as
-// the commands that it stands for: a correction is right only at its time. Where the path stays
-// within the tolerance of where it is while the original rests, it dwells (G4).
+// Between two rests of the original command the path is cut into chords (Douglas and Peucker 1973),
+// each run at a constant feed in the time of the commands that it stands for, such that no command
+// is further than the tolerance from where the move is then: a correction is right only at its
+// time, and a path may turn back on itself. Where the path stays within the tolerance of where it
+// is while the original rests, it dwells (G4).
 //
-// Positions [m | rad] become mm and degrees. Any thread.
+// Positions [m | rad] become mm and degrees; feeds count along the linear axes, along the rotary
+// ones where no other moves. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -22,8 +24,8 @@ struct PathAxisText {
 
 inline constexpr double kRest_s = 0.02;
 
-/// Rows of `path` that chords end at, with the first and the last: no row is further than
-/// `tolerance` [m | rad] from the chord over it.
+/// Rows of `path` that moves end at, with the first and the last: no row is further than
+/// `tolerance` [m | rad] from the move over it, at its time.
 [[nodiscard]] std::vector<Eigen::Index> chord_ends(const std::vector<Eigen::ArrayXd>& path,
                                                    Eigen::Index first, Eigen::Index last,
                                                    double tolerance);

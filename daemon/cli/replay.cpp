@@ -131,18 +131,18 @@ Command add_replay(CLI::App& app) {
                    "onto CAN as the controller: the commands as target positions of the mapping");
   command.add_option("--speed", arguments->speed, "times as fast as recorded (default 1)")
       ->type_name("F")
-      ->check(CLI::Range(1e-3, 1e3).name(""));
+      ->check(between(1e-3, 1e3));
   command
       .add_option("--look-ahead", arguments->look_ahead,
                   "cycles whose commands are sent ahead of time (default 0)")
       ->type_name("N")
-      ->check(CLI::Range(0, kMaxLookAhead).name(""));
+      ->check(between(0, kMaxLookAhead));
   command
       .add_option(
           "--wait", arguments->wait_s,
           "how long to wait for a listener, and at the end for its confirmation (default 10)")
       ->type_name("S")
-      ->check(CLI::Range(0.0, 1e9).name(""));
+      ->check(between(0.0, 1e9));
   return {&command, [arguments] { run(*arguments); }};
 }
 

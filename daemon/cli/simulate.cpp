@@ -122,7 +122,7 @@ Command add_simulate(CLI::App& app) {
       ->delimiter(',');
   command.add_option("--seconds", arguments->seconds, "with --can: end after this time")
       ->type_name("S")
-      ->check(CLI::Range(1e-3, 1e9).name(""));
+      ->check(between(1e-3, 1e9));
   command.add_option("--seed", arguments->seed, "seed of the noise (default 1)")->type_name("N");
   return {&command, [arguments] { run(*arguments); }};
 }

@@ -192,7 +192,7 @@ Command add_watch(CLI::App& app) {
                    "collect until machine or daemon leave the bus, then print one screen");
   command.add_option("--seconds", arguments->seconds, "end after this time")
       ->type_name("S")
-      ->check(CLI::Range(1e-3, 1e9).name(""));
+      ->check(between(1e-3, 1e9));
   command
       .add_option_function<std::string>(
           "--json",

@@ -275,7 +275,10 @@ TEST_F(DiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
   }
   ASSERT_TRUE(worker_->look(0)) << memory_->moved_s(0);
   ASSERT_EQ(announced_.size(), 1U) << said_.str();
-  EXPECT_THAT(events("diagnosis"), ElementsAre(HasSubstr("; by torque cogging")));
+  // The position's ripple is another one, and both are told.
+  EXPECT_THAT(events("diagnosis"),
+              ElementsAre(AllOf(HasSubstr("; cogging: period 3.399"),
+                                HasSubstr("by torque as well: "), HasSubstr("period_m 0.0"))));
   const json told = json::parse(announced_[0].json);
   const auto by_torque =
       std::find_if(told["causes"].begin(), told["causes"].end(), [](const json& cause) {
