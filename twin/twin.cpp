@@ -13,8 +13,9 @@ static_assert(std::is_trivially_copyable_v<Twin>, "a twin crosses threads by val
 namespace {
 
 /// A force that jumps within a part is taken for linear there, which is wrong by up to half of it
-/// over the part [s].
-constexpr double kLongestPart_s = 0.6e-3;
+/// over the part [s]. Up to here a cycle is one part, so that the least squares problem, whose
+/// columns know the cycle only, and the simulation are one scheme.
+constexpr double kLongestPart_s = 1e-3;
 
 /// The force at which `miss` is 0, sought from `first`, exact where that is it already.
 template <class Miss>

@@ -46,7 +46,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
   const auto [kind, order] = GetParam();
   std::mt19937_64 rng{20 + kind};
   for (int round = 0; round < 5; ++round) {
-    const double h = 5e-4;
+    const double h = 1e-3;
     Model model;
     model.sample_time_s = h;
     model.loop.order = order;
@@ -57,8 +57,8 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
 
     Segment segment;
     segment.sample_time_s = h;
-    segment.command.resize(6000);
-    for (Eigen::Index k = 0; k < 6000; ++k) {
+    segment.command.resize(3000);
+    for (Eigen::Index k = 0; k < 3000; ++k) {
       const double t = std::max(0.0, h * static_cast<double>(k) - 0.05);  // from rest
       segment.command(k) =
           0.02 * std::pow(std::sin(kTwoPi * (0.6 + 0.2 * round) * t), 3) * std::min(1.0, t);
@@ -71,16 +71,16 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     const Spline motion = Spline::through(delayed, h);
     Twin twin(model);
     twin.start(delayed(0));
-    signals.position = Eigen::ArrayXd::Constant(6000, twin.loop_position());
-    Eigen::ArrayXd reading = Eigen::ArrayXd::Constant(6000, twin.position());
+    signals.position = Eigen::ArrayXd::Constant(3000, twin.loop_position());
+    Eigen::ArrayXd reading = Eigen::ArrayXd::Constant(3000, twin.position());
     segment.neighbour = 0.5 * segment.command.square();
     segment.in_cut = (segment.command > 0.0).cast<double>();
     signals.in_cut = segment.in_cut;
     signals.neighbour_acceleration = Spline::through(segment.neighbour, h).second;
-    signals.velocity = Eigen::ArrayXd::Zero(6000);
-    signals.demand = Eigen::ArrayXd::Constant(6000, twin.demand());
-    signals.demand_rate = signals.demand_damping = Eigen::ArrayXd::Zero(6000);
-    for (Eigen::Index k = 1; k < 6000; ++k) {
+    signals.velocity = Eigen::ArrayXd::Zero(3000);
+    signals.demand = Eigen::ArrayXd::Constant(3000, twin.demand());
+    signals.demand_rate = signals.demand_damping = Eigen::ArrayXd::Zero(3000);
+    for (Eigen::Index k = 1; k < 3000; ++k) {
       CommandPiece piece{motion.first(k - 1),
                          motion.second(k - 1),
                          motion.third(k - 1),
