@@ -17,7 +17,7 @@ namespace {
 
 using Signal = Eigen::ArrayXd;
 
-constexpr double kNothing = 1e-5;  // of the tracking error: a contour error that does not count
+constexpr double kNothing = 1e-3;  // of the tracking error: a contour error that does not count
 
 /// From 0 to 1 and back, by half cosines at both ends.
 Signal ends(Eigen::Index samples, double h, double ramp_s) {
@@ -135,12 +135,20 @@ Run run_of(const std::vector<LearnAxis>& axes, const Plant& plant,
   return out;
 }
 
+/// Of the trial without correction: what is far below it is nothing.
+double nothing_beside(const Trial& first) {
+  double most = 0.0;
+  for (const ErrorSize& axis : first.axis) most = std::max(most, axis.rms);
+  return kNothing * most;
+}
+
 /// What the aim makes smaller, against the trial without correction.
 double left_of(const Trial& trial, const Trial& first, Aim aim) {
   if (aim == Aim::kContour) return trial.contour.rms;
   double sum = 0.0;
   for (std::size_t i = 0; i < trial.axis.size(); ++i) {
-    if (first.axis[i].rms > 0.0) sum += std::pow(trial.axis[i].rms / first.axis[i].rms, 2.0);
+    const double scale = std::max(first.axis[i].rms, nothing_beside(first));
+    if (scale > 0.0) sum += std::pow(trial.axis[i].rms / scale, 2.0);
   }
   return std::sqrt(sum);
 }
@@ -215,10 +223,9 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
     const double left = left_of(run.trial, out.trials.front(), options.aim);
     // A correction that leaves the path worse than none is none, whatever it does for the axes; of
     // a contour error that is nothing beside the tracking errors, nothing is to be said.
-    double lag = 0.0;
-    for (const ErrorSize& axis : out.trials.front().axis) lag = std::max(lag, axis.rms);
     const bool harms =
-        run.contour && run.trial.contour.rms > out.trials.front().contour.rms + kNothing * lag;
+        run.contour && run.trial.contour.rms > std::max(out.trials.front().contour.rms,
+                                                        nothing_beside(out.trials.front()));
     if (left < least && !harms) {
       least = left;
       worse = 0;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "ilc/feedforward.h"
 #include "ilc/uncertainty.h"
@@ -284,6 +285,23 @@ TEST(CrossCoupled, NothingIsKeptThatLeavesThePathWorse) {
     EXPECT_GT(learned.trials[trial].contour.rms, learned.trials.front().contour.rms);
   EXPECT_EQ(learned.best, 0U);
   EXPECT_EQ(learned.axes[0].correction.abs().maxCoeff(), 0.0);
+}
+
+// Of an axis that stands beside one that moves, nanometres more are no reason to leave the other
+// one with its error; micrometres are.
+TEST(CrossCoupled, AContourErrorOfNothingTakesNothingBack) {
+  std::vector<LearnAxis> axes{axis_of(plant(), 100.0), axis_of(plant(), 100.0)};
+  axes[1].path.command.setZero();
+  for (const auto& [grows, best] : {std::pair{1e-9, true}, std::pair{1e-6, false}}) {
+    int trial = 0;
+    const Plant twins = on_twins(axes);
+    const Learned learned = learn(axes, [&, by = grows](const auto& commands) {
+      auto positions = twins(commands);
+      positions[1] += by * ++trial;
+      return positions;
+    });
+    EXPECT_EQ(learned.best > 0, best) << grows;
+  }
 }
 
 TEST(CrossCoupled, NeedsTwoLinearAxes) {
