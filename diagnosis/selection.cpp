@@ -84,10 +84,15 @@ double share_beaten(const Tried& best, const Tried& rival) {
 /// Whether what a law of friction leaves could be taken for this: what acts at reversals and low
 /// speed all the time. A period, a moment or another signal is none of friction's.
 bool like_friction(std::size_t kind) {
-  constexpr std::array kAlike{kind_of<Presliding>(),         kind_of<FallingFriction>(),
-                              kind_of<AsymmetricFriction>(), kind_of<PositionDependentFriction>(),
-                              kind_of<Backlash>(),           kind_of<BacklashInLoop>(),
-                              kind_of<Compliance>(),         kind_of<DwellStiction>(),
+  constexpr std::array kAlike{kind_of<Presliding>(),
+                              kind_of<FallingFriction>(),
+                              kind_of<AsymmetricFriction>(),
+                              kind_of<PositionDependentFriction>(),
+                              kind_of<Backlash>(),
+                              kind_of<BacklashInLoop>(),
+                              kind_of<BacklashBehindEncoder>(),
+                              kind_of<Compliance>(),
+                              kind_of<DwellStiction>(),
                               kind_of<TorqueSaturation>()};
   return std::find(kAlike.begin(), kAlike.end(), kind) != kAlike.end();
 }
@@ -325,7 +330,9 @@ class Selection {
     cause.p = judgement.p;
     cause.beaten = 1.0 - judgement.p;
     for (const Tried& rival : tried) {
-      if (rival.screened.kind == screened.kind || rival.screened.p > kChance) continue;
+      // Two laws of one cause are no rivals.
+      if (cause_of(rival.screened.kind) == cause_of(screened.kind) || rival.screened.p > kChance)
+        continue;
       const double beaten = share_beaten(*chosen, rival);
       cause.beaten = std::min(cause.beaten, beaten);
       if (beaten < kDecisive && 1.0 - rival.left() > kNearlyAsGood * (1.0 - chosen->left()))

@@ -13,6 +13,7 @@
 #include "twin/effects/added_friction.h"
 #include "twin/effects/asymmetric_friction.h"
 #include "twin/effects/backlash.h"
+#include "twin/effects/backlash_behind_encoder.h"
 #include "twin/effects/backlash_in_loop.h"
 #include "twin/effects/cogging.h"
 #include "twin/effects/compliance.h"
@@ -64,11 +65,11 @@ using Catalogue =
                PreslidingStribeck,   //
                FallingFriction,      //
                Cogging,              //
-               PositionDependentFriction, AddedFriction, Backlash, BacklashInLoop, Compliance,
-               CrossCoupling, CuttingForce, DwellStiction, EncoderError, GainChange,
-               ImpulseDisturbance, InertiaChange, LeadError, PeriodicDisturbance, ThermalGrowth,
-               TorqueSaturation, ViscousDrift, UnexplainedOverPosition, UnexplainedOverVelocity,
-               UnexplainedOverAcceleration>;
+               PositionDependentFriction, AddedFriction, Backlash, BacklashInLoop,
+               BacklashBehindEncoder, Compliance, CrossCoupling, CuttingForce, DwellStiction,
+               EncoderError, GainChange, ImpulseDisturbance, InertiaChange, LeadError,
+               PeriodicDisturbance, ThermalGrowth, TorqueSaturation, ViscousDrift,
+               UnexplainedOverPosition, UnexplainedOverVelocity, UnexplainedOverAcceleration>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model

@@ -51,6 +51,25 @@ TEST(Compliance, RingsDownAtItsFrequencyAndDamping) {
   }
 }
 
+TEST(Compliance, IsStruckByFrictionAtAReversal) {
+  const double f = 24.0, zeta = 0.03, w = kTwoPi * f, wd = w * std::sqrt(1.0 - zeta * zeta);
+  Effect effect = make_effect<Compliance>();
+  effect.shape = {f, zeta, 1e-3};
+  effect.coefficient = {0.0, 0.0, 1.0, 0.0};  // the deflection beyond that at rest
+  Along mode(effect);
+  Motion m;
+  m.step_s = kH;
+  // Of a step of the friction from 0 to -1 a mode at rest has
+  // q / q_rest = 1 - e^(-zeta w t) (cos wd t + zeta w / wd sin wd t).
+  m.velocity = 0.1;
+  for (int k = 1; k <= 400; ++k) {
+    const double t = kH * k;
+    const double expected =
+        std::exp(-zeta * w * t) * (std::cos(wd * t) + zeta * w / wd * std::sin(wd * t));
+    EXPECT_NEAR(mode(m), expected, 1e-9) << k;
+  }
+}
+
 TEST(EncoderError, IsMinusTheAccelerationOfTheError) {
   const double period = 4e-3, a = 3e-6, b = -2e-6, k = kTwoPi / period;
   Effect effect = make_effect<EncoderError>();
@@ -110,6 +129,56 @@ TEST(BacklashInLoop, PushesByTheWholeGapAtEveryReversal) {
   EXPECT_NEAR(sum, -10e-6, 1e-16);
   run(0.02, 100);
   EXPECT_NEAR(sum, 0.0, 1e-16);
+}
+
+/// What acts on a motor that slows down from speed: the load runs on against it.
+TEST(BacklashBehindEncoder, TheLoadCrossesTheGapByItselfAndIsCaught) {
+  const double width = 20e-6, friction = 0.5, slows = 2.5, speed = 0.1;
+  Effect effect = make_effect<BacklashBehindEncoder>();
+  effect.shape = {width, 1e-3, friction};
+  effect.coefficient = {7.0, 1.0};
+  Along play(effect);
+  Motion m;
+  m.step_s = kH;
+  const auto move_to = [&](double velocity) {
+    m.displacement = 0.5 * kH * (m.velocity + velocity);
+    m.velocity = velocity;
+    return play(m);
+  };
+  m.velocity = speed;
+  for (int k = 0; k < 50; ++k) EXPECT_NEAR(move_to(speed), 0.0, 1e-12) << k;
+  // x_load - x = (slows - friction) t^2 / 2 until it is the width of the gap.
+  const double across = std::sqrt(2.0 * width / (slows - friction));
+  double sum = 0.0;
+  for (int k = 1; k <= 30; ++k) {
+    const double d = move_to(speed - slows * kH * k);
+    if (kH * k < across) {
+      EXPECT_NEAR(d, slows - friction, 1e-9) << k;
+    } else if (kH * (k - 2) > across) {
+      EXPECT_NEAR(d, 0.0, 1e-9) << k;
+    }
+    sum += kH * d;
+  }
+  EXPECT_NEAR(sum, 0.0, 1e-12);  // what its inertia was short of comes back in the impact
+}
+
+TEST(BacklashBehindEncoder, InTheGapTheMotorHasNoFriction) {
+  Effect effect = make_effect<BacklashBehindEncoder>();
+  effect.shape = {50e-6, 1e-3, 10.0};  // friction holds the load where it is
+  effect.coefficient = {0.4, 0.0};
+  Along play(effect);
+  double gone = 0.0;  // way without friction
+  const auto run = [&](double velocity, int cycles) {
+    Motion m;
+    m.step_s = kH;
+    m.velocity = velocity;
+    m.displacement = kH * velocity;
+    for (int k = 0; k < cycles; ++k) gone += play(m) / 0.4 * std::abs(m.displacement);
+  };
+  run(5e-3, 40);
+  gone = 0.0;
+  run(-5e-3, 40);
+  EXPECT_NEAR(gone, 50e-6, 5e-6);  // a cycle's way
 }
 
 TEST(UnexplainedForce, IsLinearBetweenItsKnotsAndConstantBeyond) {

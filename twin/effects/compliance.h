@@ -1,8 +1,12 @@
-// A mass that swings on a spring, driven by the commanded acceleration: table, column, screw.
+// A mass that swings on a spring, driven by the commanded acceleration and by friction, which
+// strikes it at reversals: table, column, screw.
 //
-//   q'' + 2 zeta w q' + w^2 q = - x_r'',   d = spring w q + damper q'
+//   q'' + 2 zeta w q' + w^2 q = - x_r''
+//   r'' + 2 zeta w r' + w^2 r = - w^2 s,   s = sat(v / velocity_limit)
+//   d = spring w q + damper q' + ringing (r + s) + fading r' / w
 //
-// By exact steps of the mode with the acceleration held over the cycle.
+// By exact steps of the mode with both held over the cycle. All coefficients are free, because the
+// loop moves the zeros of a mode that it feels (docs/theory.md 3.11).
 #pragma once
 
 #include <array>
@@ -10,6 +14,7 @@
 #include <numbers>
 
 #include "twin/effect.h"
+#include "twin/effects/saturated.h"
 
 namespace servotwin {
 
@@ -22,18 +27,28 @@ struct Compliance {
       .confused = "periodic_disturbance, which goes on at rest; the loop's own pair of poles",
       .cause = "compliance",
       .check = "what swings at this frequency: table, column, foundation; filters of the control"};
-  static constexpr std::array<Parameter, 2> kShapes{
+  static constexpr std::array<Parameter, 3> kShapes{
       {{"frequency_hz", "Hz", 2.0, 2000.0, 50.0, "of the mode, undamped", true, false,
         Scan::kFrequency},
-       {"damping_ratio", "1", 0.002, 0.2, 0.03, "zeta; more is no mode but a filter"}}};
-  static constexpr std::array<Parameter, 2> kCoefficients{
+       {"damping_ratio", "1", 0.002, 0.2, 0.03, "zeta; more is no mode but a filter"},
+       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
+        "velocity at which the friction force is fully developed"}}};
+  static constexpr std::array<Parameter, 4> kCoefficients{
       {{"spring", "1/s", -1e6, 1e6, 0.0, "force per deflection and angular frequency"},
-       {"damper", "1/s", -1e6, 1e6, 0.0, "force per speed of deflection"}}};
+       {"damper", "1/s", -1e6, 1e6, 0.0, "force per speed of deflection"},
+       {"ringing", "m/s^2", -100.0, 100.0, 0.0, "force of the deflection by friction, beyond rest"},
+       {"fading", "m/s^2", -100.0, 100.0, 0.0, "force of its rate, over the angular frequency"}}};
+  /// A deflection and its rate.
+  template <class T>
+  struct Swing {
+    T q = T(0.0), rate = T(0.0);
+  };
   template <class T>
   struct Memory {
     Memory() = default;
     explicit Memory(const T* /*shape*/) noexcept {}
-    T q = T(0.0), rate = T(0.0);  // deflection [m] and its rate [m/s]
+    Swing<T> by_command;   // [m], [m/s]
+    Swing<T> by_friction;  // r [1], [1/s]
   };
 
   template <class T>
@@ -45,14 +60,20 @@ struct Compliance {
     const T w = 2.0 * std::numbers::pi * shape[0], zeta = shape[1];
     const T damped = w * sqrt(1.0 - zeta * zeta), fade = exp(-zeta * w * m.step_s);
     const T s = sin(damped * m.step_s), c = cos(damped * m.step_s);
-    // About the deflection at which it would rest.
-    const T rest = -m.command_acceleration / (w * w), q = memory.q - rest;
-    const T along = (memory.rate + zeta * w * q) / damped;
-    memory.q = rest + fade * (q * c + along * s);
-    memory.rate =
-        fade * (memory.rate * c - (w * q * w / damped + zeta * w * memory.rate / damped) * s);
-    force[0] = w * memory.q;
-    force[1] = memory.rate;
+    const auto advance = [&](Swing<T>& swing, const T& rest) {
+      const T q = swing.q - rest;  // about the deflection at which it would rest
+      const T along = (swing.rate + zeta * w * q) / damped;
+      swing.q = rest + fade * (q * c + along * s);
+      swing.rate =
+          fade * (swing.rate * c - (w * q * w / damped + zeta * w * swing.rate / damped) * s);
+    };
+    const T direction = saturated(m.velocity, shape[2]);
+    advance(memory.by_command, -m.command_acceleration / (w * w));
+    advance(memory.by_friction, -direction);
+    force[0] = w * memory.by_command.q;
+    force[1] = memory.by_command.rate;
+    force[2] = memory.by_friction.q + direction;
+    force[3] = memory.by_friction.rate / w;
   }
 };
 

@@ -9,6 +9,7 @@
 #include <array>
 
 #include "twin/effect.h"
+#include "twin/effects/saturated.h"
 
 namespace servotwin {
 
@@ -31,8 +32,7 @@ struct CoulombFriction {
   template <class T>
   static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
                           T* force) noexcept {
-    const T q = m.velocity / shape[0];
-    force[0] = q > 1.0 ? T(1.0) : (q < -1.0 ? T(-1.0) : q);
+    force[0] = saturated(m.velocity, shape[0]);
     force[1] = T(m.velocity);
   }
 };

@@ -11,6 +11,7 @@
 #include <numbers>
 
 #include "twin/effect.h"
+#include "twin/effects/saturated.h"
 
 namespace servotwin {
 
@@ -40,8 +41,7 @@ struct PositionDependentFriction {
                           T* force) noexcept {
     using std::cos;
     using std::sin;
-    const T q = m.velocity / shape[1];
-    const T direction = q > 1.0 ? T(1.0) : (q < -1.0 ? T(-1.0) : q);
+    const T direction = saturated(m.velocity, shape[1]);
     const T angle = 2.0 * std::numbers::pi * m.position / shape[0];
     force[0] = direction * m.position;
     force[1] = force[0] * m.position;
