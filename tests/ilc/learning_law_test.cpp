@@ -161,7 +161,7 @@ TEST(Transfer, IsWhatTheTwinDoes) {
   Effect mismatch = make_effect<FeedforwardMismatch>(), mode = make_effect<Compliance>(),
          delay = make_effect<TimeDelay>();
   mismatch.coefficient = {30.0, 0.2};
-  mode.shape = {45.0, 0.05};
+  mode.shape = {45.0, 0.05, 1e-3};
   mode.coefficient = {40.0, 3.0};
   delay.shape[0] = 1.7e-3;
   for (const int order : {3, 2}) {
