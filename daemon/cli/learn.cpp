@@ -38,36 +38,41 @@ struct Arguments {
   double chord_um = 1.0;
 };
 
-/// What a model file says of its own uncertainty, or a share where it says nothing.
-TransferUncertainty uncertainty_of(const Arguments& arguments, const CommandedAxis& axis,
+/// What a model file says of its own uncertainty, or a share where it says nothing. The path has no
+/// say in it.
+TransferUncertainty uncertainty_of(const Arguments& arguments, const ModelRecord& record,
                                    const Transfer& transfer, std::string& words) {
-  const ModelRecord& record = axis.record;
   TransferUncertainty out;
-  double known = 0.0;
-  for (const double sd : {record.pole_deviation.omega, record.pole_deviation.zeta})
-    known = std::max(known, std::isfinite(sd) ? sd : 0.0);
-  if (arguments.uncertainty > 0.0 || known == 0.0) {
+  const PoleSet& poles = record.pole_deviation;
+  if (arguments.uncertainty > 0.0 || !(poles.omega > 0.0 || poles.zeta > 0.0)) {
     const double share = arguments.uncertainty > 0.0 ? arguments.uncertainty / 100.0 : kUnstated;
     out = relative_uncertainty(transfer, share);
     out.deviations = 1.0;
     words = text("%.3g %% of every pole and coefficient", 100.0 * share) +
             (arguments.uncertainty > 0.0 ? "" : " (the model states no deviations)");
   } else {
-    out.poles = record.pole_deviation;
-    out.numerator = record.numerator_deviation;
-    for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
-      if (record.model.effects[i].kind == kind_of<TimeDelay>() &&
-          i < record.effect_deviations.size())
-        out.delay_s = record.effect_deviations[i].shape[0];
-    }
     words = "two standard deviations of the model";
-    if (record.holdout.rms > 0.0) {
-      out.seen = seen_of_model(axis.path.command, axis.path.sample_time_s, record.holdout.rms);
-      words += ", what it missed of its hold-out,";
+    if (record.loop_covariance) {
+      out.covariance = *record.loop_covariance;
+    } else {
+      double delay_s = 0.0;
+      for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+        if (record.model.effects[i].kind == kind_of<TimeDelay>())
+          delay_s = record.effect_deviations[i].shape[0];
+      }
+      out.covariance = one_by_one(poles, record.numerator_deviation, delay_s);
+      words += ", one by one since its file has no covariance (identify it anew)";
+    }
+    // The deviations are of the scatter in what was fitted. What was not fitted may show more.
+    const double more = record.holdout.rms / record.training.rms;
+    if (more > 1.0 && std::isfinite(more)) {
+      out.covariance *= more * more;
+      words += text(", %.3g times as large since it missed that much more of its hold-out", more);
     }
   }
   out.timing_s = record.model.sample_time_s;
-  words += " and a cycle of its recording";
+  words += words.find(',') == words.npos ? " and a cycle of its recording"
+                                         : ", and a cycle of its recording";
   return out;
 }
 
@@ -86,7 +91,7 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
 
   const double h = axis.path.sample_time_s;
   const std::vector<Transfer> models = models_within(
-      axis.law.model, uncertainty_of(arguments, commanded, axis.law.model, out.uncertainty));
+      axis.law.model, uncertainty_of(arguments, commanded.record, axis.law.model, out.uncertainty));
   out.models = models.size();
   axis.law.bandwidth_hz =
       arguments.bandwidth_hz > 0.0 ? arguments.bandwidth_hz : robust_bandwidth(axis.law, models, h);

@@ -219,10 +219,9 @@ LearnAxis learner(const ModelRecord& record, const ArrayXd& command, bool basis)
   axis.path.command = command;
   axis.law.model = transfer_of(record.model);
   TransferUncertainty uncertainty;
-  uncertainty.poles = record.pole_deviation;
-  uncertainty.numerator = record.numerator_deviation;
+  const double more = std::max(1.0, record.holdout.rms / record.training.rms);
+  uncertainty.covariance = more * more * record.loop_covariance.value();
   uncertainty.timing_s = kCycle_s;
-  uncertainty.seen = seen_of_model(command, kCycle_s, record.holdout.rms);
   const std::vector<Transfer> models = models_within(axis.law.model, uncertainty);
   axis.law.bandwidth_hz = robust_bandwidth(axis.law, models, kCycle_s);
   if (basis) axis.basis_bandwidth_hz = harmless_bandwidth(axis.law, models, kCycle_s);

@@ -259,5 +259,50 @@ TEST_F(Learn, AModelWithoutDeviationsSaysWhatIsTakenInstead) {
   EXPECT_LT(narrow, wide);
 }
 
+/// A model whose identification states how far it may be off.
+ModelRecord stated(ModelRecord record) {
+  record.pole_deviation = {0.0, 8.0, 0.01};
+  record.numerator_deviation = {0.01, 12.0, 0.0};
+  record.loop_covariance = LoopCovariance::Zero();
+  record.loop_covariance->diagonal() << 0.0, 64.0, 1e-4, 1e-4, 144.0, 0.0, 0.0;
+  (*record.loop_covariance)(1, 4) = (*record.loop_covariance)(4, 1) = 95.0;
+  record.training = {1e-6, 4e-6};
+  record.holdout = {1e-6, 4e-6};
+  return record;
+}
+
+// The motion that a model was found from is its evidence, not the one that is to be corrected.
+TEST_F(Learn, APathOfTenTimesTheSizeMakesAModelNoSurer) {
+  write_model(x_, stated(known_axis("X")));
+  const auto bandwidth_of = [&](double size) {
+    std::string table = "time[s],X.command[mm]\n";
+    for (int k = 0; k <= 3000; ++k)
+      table += cell(0.001 * k) + "," + cell(size * (std::cos(angle_at(0.001 * k)) - 1.0)) + "\n";
+    const Answer answer = servotwin_says({"learn", folder_.write("sized.csv", table), "--model", x_,
+                                          "--trials", "1", "--json", "-"});
+    EXPECT_EQ(answer.status, 0) << answer;
+    return json::parse(answer.out)["axes"][0]["bandwidth_hz"].get<double>();
+  };
+  EXPECT_EQ(bandwidth_of(0.8), bandwidth_of(8.0));
+}
+
+TEST_F(Learn, AModelsUncertaintyIsOfItsOwnFile) {
+  const auto bandwidth_of = [&](const ModelRecord& record, const std::string& words) {
+    write_model(x_, record);
+    const Answer answer =
+        servotwin_says({"learn", table_, "--model", x_, "--trials", "1", "--json", "-"});
+    EXPECT_EQ(answer.status, 0) << answer;
+    EXPECT_THAT(answer.err, HasSubstr(words));
+    return json::parse(answer.out)["axes"][0]["bandwidth_hz"].get<double>();
+  };
+  ModelRecord record = stated(known_axis("X"));
+  const double together = bandwidth_of(record, "two standard deviations of the model and a cycle");
+  record.holdout.rms = 1.5e-6;
+  EXPECT_LT(bandwidth_of(record, "1.5 times as large"), together);
+  record.holdout.rms = 1e-6;
+  record.loop_covariance.reset();
+  EXPECT_LT(bandwidth_of(record, "its file has no covariance"), together);
+}
+
 }  // namespace
 }  // namespace servotwin
