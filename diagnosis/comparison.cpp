@@ -312,6 +312,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     out.extended.denominator_deviation.fill(kAbsent);
     out.extended.numerator_deviation.fill(kAbsent);
     out.extended.pole_deviation = {kAbsent, kAbsent, kAbsent};
+    out.extended.loop_covariance.reset();
   }
   const Eigen::VectorXd deviations = variation.deviations(current);
   for (std::size_t i = 0, at = 0; i < current.changes.size(); ++i) {

@@ -204,16 +204,15 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
       by_poles(i, j) = (a_up[row] - a_down[row]) / (2.0 * d);
     }
   }
-  const Eigen::MatrixXd inverse = by_poles.fullPivLu().inverse();
-  const Eigen::MatrixXd spread =
-      inverse * all.block(nonlinear, nonlinear, n, n) * inverse.transpose();
-  const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, spread(i, i))); };
-  record.pole_deviation =
-      n == 3 ? PoleSet{pole_sd(0), pole_sd(1), pole_sd(2)} : PoleSet{0.0, pole_sd(0), pole_sd(1)};
+  // The values of loop_covariance.h by those of `all`.
+  Eigen::MatrixXd values = Eigen::MatrixXd::Zero(kLoopValues, all.cols());
+  values.block(3 - n, nonlinear, n, n) = by_poles.fullPivLu().inverse();
+  for (int i = 0; i < n; ++i) values(3 + i, i) = 1.0;
 
   Eigen::Index shape = nonlinear + n, linear = n;
   for (const Effect& effect : record.model.effects) {
     EffectDeviations deviations;
+    if (effect.kind == kind_of<TimeDelay>()) values(kLoopValues - 1, shape) = 1.0;
     for (std::size_t p = 0; p < shapes_of(effect.kind).size(); ++p)
       deviations.shape[p] = sd(shape++);
     std::size_t c = 0;
@@ -223,6 +222,10 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
     }
     record.effect_deviations.push_back(deviations);
   }
+  const LoopCovariance covariance = values * all * values.transpose();
+  if (covariance.allFinite()) record.loop_covariance = 0.5 * (covariance + covariance.transpose());
+  const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, covariance(i, i))); };
+  record.pole_deviation = {pole_sd(0), pole_sd(1), pole_sd(2)};
 }
 
 /// The figure a model has to beat: the error left if nothing is predicted.

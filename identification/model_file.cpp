@@ -93,6 +93,53 @@ json deviations(const std::array<double, kMaxOrder>& sd, int order) {
   return out;
 }
 
+/// Of the values that a loop of this order has: the poles as they are named, c0.., the delay.
+std::vector<int> covariance_rows(int order) {
+  std::vector<int> out;
+  for (int i = 0; i < kLoopValues; ++i) {
+    if (order == 3 || (i != 0 && i != 3 + 2)) out.push_back(i);
+  }
+  return out;
+}
+
+json covariance_json(const ModelRecord& record) {
+  if (!record.loop_covariance) return nullptr;
+  const std::vector<int> rows = covariance_rows(record.model.loop.order);
+  json out = json::array();
+  for (const int i : rows) {
+    json row = json::array();
+    for (const int k : rows) row.push_back(number((*record.loop_covariance)(i, k)));
+    out.push_back(std::move(row));
+  }
+  return out;
+}
+
+std::optional<LoopCovariance> covariance_from(const json& loop, int order) {
+  const auto found = loop.find("covariance");
+  if (found == loop.end() || found->is_null()) return std::nullopt;
+  constexpr const char* kField = "loop.covariance";
+  const std::vector<int> rows = covariance_rows(order);
+  const std::size_t n = rows.size();
+  const std::string size = std::to_string(n);
+  LoopCovariance out = LoopCovariance::Zero();
+  if (!found->is_array() || found->size() != n)
+    refuse(kField, "must be a list of " + size + " rows, is " + found->dump());
+  for (std::size_t i = 0; i < n; ++i) {
+    const json& row = (*found)[i];
+    const std::string field = kField + ("[" + std::to_string(i) + "]");
+    if (!row.is_array() || row.size() != n)
+      refuse(field, "must be a list of " + size + " numbers, is " + row.dump());
+    for (std::size_t k = 0; k < n; ++k) {
+      if (!row[k].is_number()) refuse(field, "must hold numbers, holds " + row[k].dump());
+      out(rows[i], rows[k]) = row[k].get<double>();
+    }
+  }
+  if (out != out.transpose()) refuse(kField, "must be symmetric, is " + found->dump());
+  if (!(out.diagonal().minCoeff() >= 0.0))
+    refuse(kField, "must have no negative variance on its diagonal, is " + found->dump());
+  return out;
+}
+
 json figures(const ErrorFigures& f) { return {{"rms_m", number(f.rms)}, {"max_m", number(f.max)}}; }
 
 ErrorFigures figures_from(const json& fit, const char* key) {
@@ -124,7 +171,8 @@ json loop_json(const ModelRecord& record) {
            {"natural_frequency_sd_hz", number(record.pole_deviation.omega / kTwoPi)},
            {"damping_ratio_sd", number(record.pole_deviation.zeta)},
            {"denominator_sd", deviations(record.denominator_deviation, loop.order)},
-           {"tracking_error_numerator_sd", deviations(record.numerator_deviation, loop.order)}};
+           {"tracking_error_numerator_sd", deviations(record.numerator_deviation, loop.order)},
+           {"covariance", covariance_json(record)}};
   if (loop.order == 3) {
     out["real_pole_hz"] = named.real / kTwoPi;
     out["real_pole_sd_hz"] = number(record.pole_deviation.real / kTwoPi);
@@ -275,7 +323,8 @@ ModelRecord model_from_json(const json& j) {
       refuse(std::string("loop.") + key,
              "contradicts the rest of the file; " + want.dump() + " would agree");
   };
-  same("poles");
+  for (const char* key : {"poles", "natural_frequency_hz", "damping_ratio", "real_pole_hz"})
+    same(key);
   same("disturbance_gain");
 
   const auto deviation_list = [&](const char* key) {
@@ -293,6 +342,7 @@ ModelRecord model_from_json(const json& j) {
   record.pole_deviation = {optional(loop, "real_pole_sd_hz") * kTwoPi,
                            optional(loop, "natural_frequency_sd_hz") * kTwoPi,
                            optional(loop, "damping_ratio_sd")};
+  record.loop_covariance = covariance_from(loop, model.loop.order);
   const json fit = j.value("fit", json::object());
   record.training = figures_from(fit, "training");
   record.holdout = figures_from(fit, "holdout");

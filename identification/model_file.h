@@ -4,10 +4,12 @@
 
 #include <filesystem>
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "twin/loop_covariance.h"
 #include "twin/model.h"
 #include "twin/sample.h"
 
@@ -38,6 +40,7 @@ struct ModelRecord {
   std::array<double, kMaxOrder> numerator_deviation{};
   PoleSet pole_deviation;                           ///< of the first label of the poles
   std::vector<EffectDeviations> effect_deviations;  ///< one per effect
+  std::optional<LoopCovariance> loop_covariance;    ///< nothing where not estimated
 
   std::string method;              ///< pole-search | full-ls
   ErrorFigures training, holdout;  ///< free simulation; holdout on data the fit has not seen

@@ -11,9 +11,7 @@
 namespace servotwin {
 namespace {
 
-constexpr double kFirst_hz = 0.1, kRatio = 1.015;  // frequencies that are looked at
 constexpr double kMostOfNyquist = 0.8;
-constexpr double kLeastQ = 0.1;  // what Q lets pass where every correction is wrong
 
 /// The model without what is not linear in the command.
 Model linear_part(const Model& model) {
@@ -73,23 +71,36 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
 }
 
 double harmless_bandwidth(LearningLaw law, std::span<const Transfer> models, double h) {
-  // Q moves L T_i towards 0 along a straight line: it is harmless while L T_i is within the circle
-  // about 1, or Q keeps it so: |1 - q z|^2 <= 1 where q |z|^2 <= 2 Re z.
+  // With z = L T_i: |1 - q z|^2 <= b^2 for q from 0 to where it is b^2, and q falls with f/f_c.
+  constexpr double kRoom = kHarmless * kHarmless - 1.0;
   law.bandwidth_hz = std::numeric_limits<double>::infinity();
-  const double nyquist_hz = 0.5 / h;
-  double most = kMostOfNyquist * nyquist_hz;
-  for (double f = kFirst_hz; f < nyquist_hz; f *= kRatio) {
+  double most = kMostOfNyquist * 0.5 / h;
+  for (const double f : frequencies_hz(h)) {
     const double omega = 2.0 * std::numbers::pi * f;
     const std::complex<double> l = law.l(omega);
     for (const Transfer& t : models) {
       const std::complex<double> z = l * t.at(omega);
-      const double q = 2.0 * z.real() / std::norm(z);
-      if (q >= 1.0) continue;
-      // 1 / (1 + (f/f_c)^4) = q; where nothing is harmless, a tenth of an error is let be.
-      most = std::min(most, f / std::pow(1.0 / std::max(q, kLeastQ) - 1.0, 0.25));
+      const double square = std::norm(z);
+      const double q = (z.real() + std::sqrt(z.real() * z.real() + kRoom * square)) / square;
+      if (q < 1.0) most = std::min(most, f / std::pow(1.0 / q - 1.0, 0.25));
     }
   }
   return most;
+}
+
+ContractionCurve left_by_feedforward(const LearningLaw& law, std::span<const Transfer> models,
+                                     double h) {
+  ContractionCurve out;
+  out.frequency_hz = frequencies_hz(h);
+  const Eigen::ArrayXd omega = 2.0 * std::numbers::pi * out.frequency_hz;
+  const Eigen::ArrayXcd applied = law.q(omega).cast<std::complex<double>>() * law.l(omega);
+  const auto left = [&](const Transfer& t) -> Eigen::ArrayXd {
+    return (1.0 - applied * omega.unaryExpr([&](double w) { return t.at(w); })).abs();
+  };
+  out.of_model = left(law.model);
+  out.worst = out.of_model;
+  for (const Transfer& t : models) out.worst = out.worst.max(left(t));
+  return out;
 }
 
 Eigen::ArrayXd feedforward(const Model& model, const LearningLaw& law, const Segment& segment,

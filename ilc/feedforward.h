@@ -6,8 +6,10 @@
 // motion itself, and y what effects add to the reading alone. With the right model and without
 // limits the error that is left is that of Q. A command is smooth and has no noise, so that Q may
 // be wide: the bandwidth is the largest one at which no model within the uncertainty becomes worse
-// at any frequency than without correction, |1 - Q L T_i| <= 1. What friction does at a reversal is
-// met with that bandwidth too.
+// at any frequency than without correction by more than a fiftieth, |1 - Q L T_i| <= kHarmless. At
+// 1 itself Q would have to be nothing wherever a model may turn more than 90 degrees from the one
+// that was learned on, which no low-pass is. What friction does at a reversal is met with that
+// bandwidth too.
 //
 // The same is the basis that learning may start from: beyond Q it has what Q takes from learning
 // (ilc/learn.h).
@@ -29,10 +31,14 @@ struct CommandedEffects {
 };
 [[nodiscard]] CommandedEffects commanded_effects(const Model& model, const Segment& segment);
 
-/// The largest bandwidth with |1 - Q L T_i| <= 1 for all models, up to 0.8 of the Nyquist
+inline constexpr double kHarmless = 1.02;
+/// The largest bandwidth with |1 - Q L T_i| <= kHarmless for all models, up to 0.8 of the Nyquist
 /// frequency. `law` of kind kInverse.
 [[nodiscard]] double harmless_bandwidth(LearningLaw law, std::span<const Transfer> models,
                                         double h);
+/// |1 - Q L T| over the frequency: what the correction leaves.
+[[nodiscard]] ContractionCurve left_by_feedforward(const LearningLaw& law,
+                                                   std::span<const Transfer> models, double h);
 
 /// `law` of kind kInverse, with the bandwidth that the correction shall have.
 [[nodiscard]] Eigen::ArrayXd feedforward(const Model& model, const LearningLaw& law,

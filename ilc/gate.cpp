@@ -32,9 +32,18 @@ constexpr double kRounding = 1.0 + 1e-9;
 }  // namespace
 
 std::string_view name_of(Refusal refusal) noexcept {
-  constexpr std::array<std::string_view, kRefusals> kNames{
-      "none", "no_limits", "model_not_validated", "model_stale", "other_axis_state", "not_finite",
-      "peak", "rate",      "bandwidth",           "expired",     "time_stands"};
+  constexpr std::array<std::string_view, kRefusals> kNames{"none",
+                                                           "no_limits",
+                                                           "model_not_validated",
+                                                           "model_stale",
+                                                           "other_axis_state",
+                                                           "not_finite",
+                                                           "peak",
+                                                           "rate",
+                                                           "bandwidth",
+                                                           "expired",
+                                                           "time_stands",
+                                                           "ends_too_soon"};
   const auto index = static_cast<std::size_t>(refusal);
   return index < kRefusals ? kNames[index] : "unknown";
 }
@@ -67,7 +76,15 @@ Refusal Gate::judge(const GateRequest& request, double step_s) noexcept {
   const double omega = 2.0 * std::numbers::pi * limits_.bandwidth_hz;
   if (std::abs(slope) > omega * limits_.peak * kRounding) return Refusal::kBandwidth;
   if (std::abs(curvature) > omega * omega * limits_.peak * kRounding) return Refusal::kBandwidth;
-  return Refusal::kNone;
+  return ends_too_soon(request, step_s) ? Refusal::kEndsTooSoon : Refusal::kNone;
+}
+
+bool Gate::ends_too_soon(const GateRequest& request, double step_s) const noexcept {
+  if (request.expires_ns >= ends_ns_) return false;  // what is out fades out by then
+  const double left_s = seconds(difference(request.expires_ns, request.now_ns));
+  const double fastest = std::min(limits_.rate, limits_.peak / limits_.ramp_s);
+  return gain_ * limits_.ramp_s - step_s > left_s ||
+         std::abs(out_) - limits_.rate * step_s > fastest * left_s;
 }
 
 GateOutput Gate::refused(Refusal refusal) noexcept {
@@ -81,6 +98,7 @@ GateOutput Gate::pass(const GateRequest& request) noexcept {
   const bool starts = first_ || request.now_ns > expires_ns_;
   if (starts) {
     out_ = gain_ = 0.0;
+    ends_ns_ = kForever;
     requests_ = 0;
   } else if (request.now_ns <= last_ns_) {
     return refused(
@@ -93,16 +111,20 @@ GateOutput Gate::pass(const GateRequest& request) noexcept {
   const double fade = step_s / limits_.ramp_s;
   if (refusal == Refusal::kNone) {
     held_ = request.offset;
+    ends_ns_ = request.expires_ns;
     gain_ = std::min(1.0, gain_ + fade);
   } else {
     gain_ = std::max(0.0, gain_ - fade);
   }
-  const double most = limits_.rate * step_s;
-  out_ += std::clamp(gain_ * held_ - out_, -most, most);
+  const double left_s = seconds(difference(ends_ns_, request.now_ns));
+  gain_ = std::min(gain_, left_s / limits_.ramp_s);
+  const double most = limits_.rate * step_s, last = limits_.rate * left_s;
+  out_ += std::clamp(std::clamp(gain_ * held_, -last, last) - out_, -most, most);
   out_ = std::clamp(out_, -limits_.peak, limits_.peak);
   first_ = false;
   last_ns_ = request.now_ns;
-  expires_ns_ = sum(request.now_ns, static_cast<std::int64_t>(limits_.validity_s * 1e9));
+  expires_ns_ =
+      std::min(ends_ns_, sum(request.now_ns, static_cast<std::int64_t>(limits_.validity_s * 1e9)));
   return {out_, expires_ns_, limits_.live, refusal};
 }
 

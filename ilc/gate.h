@@ -1,14 +1,21 @@
 // The safety gate of one axis: the only way for a position correction out of the program.
 //
-// Whatever comes in, what goes out obeys
-//   |y_k| <= peak   and   |y_k - y_(k-1)| <= rate (t_k - t_(k-1)),
-// where y_(k-1) is what the drive still applies at t_k: 0 if its validity is over by then, because
-// the drive drops an offset that is not renewed. A permitted request is faded in within ramp_s;
-// whatever is not permitted is refused by name, counted, and the offset that is out is faded out
-// within the same time. A request above the limits is refused, not clipped: a clipped correction is
-// not the one that was learned. Bandwidth: of a signal that is limited to B and to a peak,
-// Bernstein's inequality bounds the slope by 2 pi B peak and the curvature by (2 pi B)^2 peak; a
-// request beyond is refused. Default is dry run: the output is advice, `send` is false.
+// Whatever comes in, what goes out at t_k, valid until V_k, obeys
+//   |y_k| <= peak,   |y_k - y_(k-1)| <= rate (t_k - t_(k-1)),
+//   V_k <= min(t_k + validity, E_k),   |y_k| <= min(peak / ramp_s, rate) (E_k - t_k),
+// where E_k is when the last permitted request expires (none: no bound), and y_(k-1) is what the
+// drive still applies at t_k: 0 if its validity is over by then, because the drive drops an offset
+// that is not renewed. So nothing is applied for longer than whoever asked allowed, not even if
+// nobody renews it, and nothing is left to drop then: the fade ends with the request. It is of
+//   gain_k <= (E_k - t_k) / ramp_s,
+// so that only a request that is valid for ramp_s or more is ever applied as a whole.
+//
+// A permitted request is faded in within ramp_s; whatever is not permitted is refused by name,
+// counted, and the offset that is out is faded out within the same time. A request above the limits
+// is refused, not clipped: a clipped correction is not the one that was learned. So is one that
+// ends before what is out can be faded out. Bandwidth: of a signal that is limited to B and to a
+// peak, Bernstein's inequality bounds the slope by 2 pi B peak and the curvature by (2 pi B)^2
+// peak; a request beyond is refused. Default is dry run: the output is advice, `send` is false.
 //
 // Units of position are the axis' own [m | rad]; times in ns by one clock. No dependencies,
 // allocates nothing, throws nothing. One thread.
@@ -43,10 +50,11 @@ enum class Refusal : std::uint8_t {
   kPeak = 6,
   kRate = 7,
   kBandwidth = 8,
-  kExpired = 9,      ///< the request was for an earlier time
-  kTimeStands = 10,  ///< the clock did not advance
+  kExpired = 9,       ///< the request was for an earlier time
+  kTimeStands = 10,   ///< the clock did not advance
+  kEndsTooSoon = 11,  ///< before what is out can be faded out
 };
-inline constexpr std::size_t kRefusals = 11;
+inline constexpr std::size_t kRefusals = 12;
 [[nodiscard]] std::string_view name_of(Refusal refusal) noexcept;
 
 struct GateRequest {
@@ -76,13 +84,15 @@ class Gate {
 
  private:
   [[nodiscard]] Refusal judge(const GateRequest& request, double step_s) noexcept;
+  [[nodiscard]] bool ends_too_soon(const GateRequest& request, double step_s) const noexcept;
   [[nodiscard]] GateOutput refused(Refusal refusal) noexcept;
 
   GateLimits limits_;
   bool usable_;
   bool first_ = true;
   std::int64_t last_ns_ = 0;
-  std::int64_t expires_ns_ = 0;  // of the offset that is out
+  std::int64_t expires_ns_ = 0;  // V, of the offset that is out
+  std::int64_t ends_ns_ = 0;     // E, of the request it is from
   double out_ = 0.0;             // the offset that is out
   double gain_ = 0.0;            // of the fade, 0..1
   double held_ = 0.0;            // the permitted offset that is faded

@@ -53,19 +53,23 @@ double ContractionCurve::most_at_hz() const {
   return frequency_hz(at);
 }
 
-ContractionCurve contraction(const LearningLaw& law, std::span<const Transfer> models, double h) {
+Eigen::ArrayXd frequencies_hz(double h) {
   const double nyquist = 0.5 / h;
   const auto count =
       static_cast<Eigen::Index>(std::log(nyquist / kFirst_hz) / std::log(kRatio)) + 2;
+  return Eigen::ArrayXd::NullaryExpr(count, [&](Eigen::Index k) {
+    return std::min(nyquist, kFirst_hz * std::pow(kRatio, static_cast<double>(k)));
+  });
+}
+
+ContractionCurve contraction(const LearningLaw& law, std::span<const Transfer> models, double h) {
   ContractionCurve out;
-  out.frequency_hz.resize(count);
-  out.of_model.resize(count);
-  out.worst.resize(count);
-  for (Eigen::Index k = 0; k < count; ++k) {
-    const double f = std::min(nyquist, kFirst_hz * std::pow(kRatio, static_cast<double>(k)));
-    const double omega = kTwoPi * f, q = law.q(omega);
+  out.frequency_hz = frequencies_hz(h);
+  out.of_model.resize(out.frequency_hz.size());
+  out.worst.resize(out.frequency_hz.size());
+  for (Eigen::Index k = 0; k < out.frequency_hz.size(); ++k) {
+    const double omega = kTwoPi * out.frequency_hz(k), q = law.q(omega);
     const std::complex<double> l = law.l(omega);
-    out.frequency_hz(k) = f;
     out.of_model(k) = q * std::abs(1.0 - l * law.model.at(omega));
     double worst = 0.0;
     for (const Transfer& t : models) worst = std::max(worst, std::abs(1.0 - l * t.at(omega)));

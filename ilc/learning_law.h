@@ -57,7 +57,9 @@ struct ContractionCurve {
   [[nodiscard]] double most_at_hz() const;
 };
 
-/// From 0.1 Hz to the Nyquist frequency of `h`, in steps of the same ratio.
+/// What is looked at: from 0.1 Hz to the Nyquist frequency of `h`, in steps of the same ratio.
+[[nodiscard]] Eigen::ArrayXd frequencies_hz(double h);
+
 [[nodiscard]] ContractionCurve contraction(const LearningLaw& law, std::span<const Transfer> models,
                                            double h);
 

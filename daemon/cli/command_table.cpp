@@ -9,6 +9,27 @@
 namespace servotwin::cli {
 namespace {
 
+struct ModelFile {
+  std::filesystem::path file;
+  ModelRecord record;
+};
+
+/// The models, one per axis.
+std::vector<ModelFile> read_models(const std::vector<std::filesystem::path>& files) {
+  std::vector<ModelFile> models;
+  for (const auto& file : files) {
+    ModelRecord record = read_model(file);
+    for (const ModelFile& other : models) {
+      if (other.record.axis == record.axis) {
+        throw UsageError(file.string() + " is a second model of axis " + in_quotes(record.axis) +
+                         ", beside " + other.file.string());
+      }
+    }
+    models.push_back({file, std::move(record)});
+  }
+  return models;
+}
+
 /// Leaves the commands alone, and says what of the table will not be in the result.
 void keep_commands(Recording& table, const std::vector<ModelFile>& models, const std::string& done,
                    std::FILE* people) {
@@ -43,30 +64,32 @@ Segment unbroken(const Recording& table, const std::string& axis, std::FILE* peo
         "; a path must be unbroken, take one part with --from and --to");
   }
   for (const std::string& line : report.lines()) say(people, line);
-  return segmented.segments.front();
+  const Segment& segment = segmented.segments.front();
+  if (report.spacing == Spacing::kUneven ||
+      static_cast<std::size_t>(segment.size()) != report.rows) {
+    say(people,
+        text("note: %s: the result has %td rows every %.9g ms, not the %zu rows of the table",
+             axis.c_str(), segment.size(), 1e3 * segment.sample_time_s, report.rows));
+  }
+  return segment;
 }
 
 }  // namespace
 
-std::vector<ModelFile> read_models(const std::vector<std::filesystem::path>& files) {
-  std::vector<ModelFile> models;
-  for (const auto& file : files) {
-    ModelRecord record = read_model(file);
-    for (const ModelFile& other : models) {
-      if (other.record.axis == record.axis) {
-        throw UsageError(file.string() + " is a second model of axis " + in_quotes(record.axis) +
-                         ", beside " + other.file.string());
-      }
-    }
-    models.push_back({file, std::move(record)});
-  }
-  return models;
+void TableOptions::declare(CLI::App& command) {
+  path.declare(command, "PATH",
+               "table of commands: CSV with units, or a recording whose encoders are ignored");
+  command.add_option("--model", models, "model file of an axis of the table; once per axis")
+      ->type_name("M.json")
+      ->required()
+      ->expected(1)
+      ->take_all();
 }
 
-std::vector<CommandedAxis> read_commands(const RecordingOptions& path,
-                                         const std::vector<ModelFile>& models,
-                                         const std::string& done, std::FILE* people) {
-  Recording table = path.read(people);
+std::vector<CommandedAxis> read_commands(const TableOptions& options, const std::string& done,
+                                         std::FILE* people) {
+  const std::vector<ModelFile> models = read_models(options.models);
+  Recording table = options.path.read(people);
   keep_commands(table, models, done, people);
   std::vector<CommandedAxis> out;
   for (const auto& [file, record] : models) {

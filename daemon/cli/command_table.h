@@ -10,13 +10,13 @@
 
 namespace servotwin::cli {
 
-struct ModelFile {
-  std::filesystem::path file;
-  ModelRecord record;
-};
+/// PATH, what a recording may need, and --model.
+struct TableOptions {
+  RecordingOptions path;
+  std::vector<std::filesystem::path> models;
 
-/// The models, one per axis; throws UsageError for two of one axis.
-[[nodiscard]] std::vector<ModelFile> read_models(const std::vector<std::filesystem::path>& files);
+  void declare(CLI::App& command);
+};
 
 /// One axis of the table with its model, at the rate of the table.
 struct CommandedAxis {
@@ -25,11 +25,11 @@ struct CommandedAxis {
   Segment path;  ///< without encoder and torque
 };
 
-/// The commands of every axis that has a model, over the same rows. What of the table is left out
-/// ("note: not DONE: ..") and what was repaired is said on `people`. Throws std::runtime_error for
-/// a path that breaks off, axes that the table has not, models of another kind.
-[[nodiscard]] std::vector<CommandedAxis> read_commands(const RecordingOptions& path,
-                                                       const std::vector<ModelFile>& models,
+/// The commands of every axis that has a model, over the same rows, evenly spaced. What of the
+/// table is left out ("note: not DONE: ..") and what was repaired is said on `people`. Throws
+/// UsageError for two models of one axis, std::runtime_error for a path that breaks off, axes that
+/// the table has not, models of another kind.
+[[nodiscard]] std::vector<CommandedAxis> read_commands(const TableOptions& table,
                                                        const std::string& done, std::FILE* people);
 
 /// The times of a path's rows, as the first column of a table.

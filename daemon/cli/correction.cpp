@@ -55,7 +55,16 @@ double expected_rms(const Correction& correction, std::size_t axis) {
   return std::hypot(size_of(correction.learned.axes[axis].error_after).rms, missed);
 }
 
+std::string bandwidth_text(const Correction& correction, const CorrectedAxis& axis) {
+  return text("bandwidth %.1f Hz, %s at most %.2f (at %.0f Hz) for %zu models within ",
+              axis.learning.law.bandwidth_hz,
+              correction.options.feedforward_only ? "|1 - Q L T|" : "|Q (1 - L T)|",
+              axis.contraction.most(), axis.contraction.most_at_hz(), axis.models) +
+         axis.uncertainty;
+}
+
 std::string limited_by(const Correction& correction, std::size_t i) {
+  if (correction.learned.best == 0) return "nothing is kept: no trial was better than none";
   const CorrectedAxis& axis = correction.axes[i];
   const LearnedAxis& learned = correction.learned.axes[i];
   const bool rotary = axis.learning.rotary;
@@ -63,7 +72,7 @@ std::string limited_by(const Correction& correction, std::size_t i) {
   const double missed = axis.commanded.record.holdout.rms;
   if (learned.at_limit_share > 0.005)
     return text("the limits: they bind in %.0f %% of the motion", 100.0 * learned.at_limit_share);
-  if (correction.options.aim == Aim::kContour)
+  if (correction.options.aim == Aim::kContour && !rotary)
     return "its aim: the path is followed, the lag along it is left as it is";
   if (std::isfinite(missed) && missed > left)
     return text("the model: on motion it had not seen it missed %.3g %s RMS", 1e6 * missed,
@@ -71,6 +80,9 @@ std::string limited_by(const Correction& correction, std::size_t i) {
   if (learned.beyond_bandwidth_rms > 0.7 * left)
     return text("the bandwidth: %.0f %% of what is left lies beyond it",
                 100.0 * learned.beyond_bandwidth_rms / left);
+  if (correction.options.feedforward_only)
+    return "there being no trial: it is what the model says of the commanded motion, not of the "
+           "corrected one";
   return correction.learned.ending == Ending::kGrew
              ? "friction, which is not linear: more trials made it worse"
              : "the number of trials";

@@ -17,9 +17,9 @@ inline constexpr const char* kCorrectionSchema = "servotwin.correction/1";
 struct CorrectedAxis {
   CommandedAxis commanded;
   LearnAxis learning;
-  ContractionCurve contraction;
-  std::size_t models = 0;   ///< within the uncertainty
-  std::string uncertainty;  ///< where it is from, in words
+  ContractionCurve contraction;  ///< |1 - Q L T| without a trial
+  std::size_t models = 0;        ///< within the uncertainty
+  std::string uncertainty;       ///< where it is from, in words
 };
 
 struct Correction {
@@ -34,6 +34,8 @@ struct Correction {
 /// What is to be expected on the machine: what the twin leaves, and what it is known to miss [m |
 /// rad]; NaN where the model does not say how well it predicts.
 [[nodiscard]] double expected_rms(const Correction& correction, std::size_t axis);
+/// "bandwidth 138.0 Hz, |Q (1 - L T)| at most 0.50 (at 105 Hz) for 245 models within ..".
+[[nodiscard]] std::string bandwidth_text(const Correction& correction, const CorrectedAxis& axis);
 /// What limits it, in a sentence.
 [[nodiscard]] std::string limited_by(const Correction& correction, std::size_t axis);
 /// "X loop 41 %, Y coulomb_friction 30 %, ..".

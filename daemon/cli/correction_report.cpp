@@ -116,8 +116,13 @@ PlotPanel learning_panel(const Correction& correction) {
 }
 
 PlotPanel contraction_panel(const Correction& correction) {
+  const bool trials = !correction.options.feedforward_only;
   PlotPanel panel{
-      "what a trial leaves: |Q (1 - L T)|", "frequency [Hz]", "share of the error", true, {}};
+      trials ? "what a trial leaves: |Q (1 - L T)|" : "what the correction leaves: |1 - Q L T|",
+      "frequency [Hz]",
+      "share of the error",
+      true,
+      {}};
   for (const CorrectedAxis& axis : correction.axes) {
     const ContractionCurve& curve = axis.contraction;
     PlotSeries series{axis.learning.name + ", the worst model", {}, {}, true, ""};
@@ -126,8 +131,13 @@ PlotPanel contraction_panel(const Correction& correction) {
     panel.series.push_back(std::move(series));
   }
   const Eigen::ArrayXd& f = correction.axes.front().contraction.frequency_hz;
-  panel.series.push_back(
-      {"must stay below", {f(0), f(f.size() - 1)}, {1.0, 1.0}, true, "#6b7785", {}, true});
+  panel.series.push_back({trials ? "must stay below" : "no correction",
+                          {f(0), f(f.size() - 1)},
+                          {1.0, 1.0},
+                          true,
+                          "#6b7785",
+                          {},
+                          true});
   return panel;
 }
 
@@ -141,16 +151,19 @@ std::string report_html(const Correction& correction) {
       "content='width=device-width'>\n<title>Corrected path</title>\n<style>";
   out += std::string(kStyle) + "</style></head><body>\n<h1>Corrected path of " +
          escaped(correction.source) + "</h1>\n<p class='verdict'>";
+  const bool trials = !correction.options.feedforward_only;
+  const std::string how = trials ? text("after %zu virtual trials on the twin.", learned.best)
+                                 : "on the twin, without a trial.";
   if (learned.best == 0) {
     out += "No correction makes it better: the path is left as it is.";
   } else if (learned.before) {
-    out += text("Contour error %.3g um RMS in place of %.3g; ", 1e6 * best.contour.rms,
+    out += text("Contour error %.3g um RMS in place of %.3g, ", 1e6 * best.contour.rms,
                 1e6 * first.contour.rms) +
-           text("%zu virtual trials on the twin.", learned.best);
+           how;
   } else {
-    out += text("Tracking error %.3g %s RMS in place of %.3g, after %zu virtual trials.",
-                1e6 * best.axis[0].rms, micro(correction.axes[0].learning.rotary),
-                1e6 * first.axis[0].rms, learned.best);
+    out += text("Tracking error %.3g %s RMS in place of %.3g, ", 1e6 * best.axis[0].rms,
+                micro(correction.axes[0].learning.rotary), 1e6 * first.axis[0].rms) +
+           how;
   }
   out +=
       "</p>\n<table><tr><th></th><th>before, RMS</th><th>MAX</th><th>after, RMS</th><th>MAX</th>"
@@ -199,14 +212,12 @@ std::string report_html(const Correction& correction) {
          figure(plot_svg({learning_panel(correction), contraction_panel(correction)}),
                 "Left: error of every virtual trial; the dotted line marks the one that was kept. "
                 "Right: the largest share of the error that any model within the uncertainty "
-                "leaves after a trial, frequency by frequency. Below 1 everywhere, learning "
-                "converges.");
+                "leaves, frequency by frequency. " +
+                    std::string(trials ? "Below 1 everywhere, learning converges."
+                                       : "Up to 1 the correction harms no model."));
   for (const CorrectedAxis& axis : correction.axes) {
-    out += "<p>" + escaped(axis.learning.name) +
-           text(": bandwidth %.1f Hz, at most %.2f at %.0f Hz for %zu models within ",
-                axis.learning.law.bandwidth_hz, axis.contraction.most(),
-                axis.contraction.most_at_hz(), axis.models) +
-           escaped(axis.uncertainty) + ".</p>\n";
+    out +=
+        "<p>" + escaped(axis.learning.name + ": " + bandwidth_text(correction, axis)) + ".</p>\n";
   }
   return out + "</section>\n</body></html>\n";
 }

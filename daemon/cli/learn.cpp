@@ -24,51 +24,106 @@ const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
                                           {"pd", Law::kPd},
                                           {"feedforward", Law::kInverse}};
 constexpr double kUnstated = 0.05;  // of every pole, where a model does not state deviations
+constexpr double kEndRest_s = 0.1;  // a correction starts and ends at 0, and looks ahead
+constexpr double kStands = 1e-8;    // [m | rad]
 
 struct Arguments {
-  RecordingOptions path;
-  std::vector<std::filesystem::path> models;
+  TableOptions commands;
   std::filesystem::path table, result, gcode, report;
   std::string method = "inverse";
-  std::string aim = "tracking";
-  int trials = 10;
+  std::string aim;                // empty: tracking
+  int trials = 0;                 // 0: ten
   double bandwidth_hz = 0.0;      // 0: the largest that contracts
   double uncertainty = 0.0;       // percent; 0: the model's own
   double peak = 0.0, rate = 0.0;  // um, mm/s; 0: none
   double chord_um = 1.0;
 };
 
-/// What a model file says of its own uncertainty, or a share where it says nothing.
-TransferUncertainty uncertainty_of(const Arguments& arguments, const CommandedAxis& axis,
+/// What a model file says of its own uncertainty, or a share where it says nothing. The path has no
+/// say in it.
+TransferUncertainty uncertainty_of(const Arguments& arguments, const ModelRecord& record,
                                    const Transfer& transfer, std::string& words) {
-  const ModelRecord& record = axis.record;
   TransferUncertainty out;
-  double known = 0.0;
-  for (const double sd : {record.pole_deviation.omega, record.pole_deviation.zeta})
-    known = std::max(known, std::isfinite(sd) ? sd : 0.0);
-  if (arguments.uncertainty > 0.0 || known == 0.0) {
+  const PoleSet& poles = record.pole_deviation;
+  if (arguments.uncertainty > 0.0 || !(poles.omega > 0.0 || poles.zeta > 0.0)) {
     const double share = arguments.uncertainty > 0.0 ? arguments.uncertainty / 100.0 : kUnstated;
     out = relative_uncertainty(transfer, share);
     out.deviations = 1.0;
     words = text("%.3g %% of every pole and coefficient", 100.0 * share) +
             (arguments.uncertainty > 0.0 ? "" : " (the model states no deviations)");
   } else {
-    out.poles = record.pole_deviation;
-    out.numerator = record.numerator_deviation;
-    for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
-      if (record.model.effects[i].kind == kind_of<TimeDelay>() &&
-          i < record.effect_deviations.size())
-        out.delay_s = record.effect_deviations[i].shape[0];
-    }
     words = "two standard deviations of the model";
-    if (record.holdout.rms > 0.0) {
-      out.seen = seen_of_model(axis.path.command, axis.path.sample_time_s, record.holdout.rms);
-      words += ", what it missed of its hold-out,";
+    if (record.loop_covariance) {
+      out.covariance = *record.loop_covariance;
+    } else {
+      double delay_s = 0.0;
+      for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+        if (record.model.effects[i].kind == kind_of<TimeDelay>())
+          delay_s = record.effect_deviations[i].shape[0];
+      }
+      out.covariance = one_by_one(poles, record.numerator_deviation, delay_s);
+      words += ", one by one since its file has no covariance (identify it anew)";
+    }
+    // The deviations are of the scatter in what was fitted. What was not fitted may show more.
+    const double more = record.holdout.rms / record.training.rms;
+    if (more > 1.0 && std::isfinite(more)) {
+      out.covariance *= more * more;
+      words += text(", %.3g times as large since it missed that much more of its hold-out", more);
     }
   }
   out.timing_s = record.model.sample_time_s;
-  words += " and a cycle of its recording";
+  words += words.find(',') == words.npos ? " and a cycle of its recording"
+                                         : ", and a cycle of its recording";
   return out;
+}
+
+/// What of `arguments` the feed-forward has no use for.
+void require_meant(const Arguments& arguments) {
+  if (arguments.method != "feedforward") return;
+  const auto refuse = [](bool given, const char* option, const char* why) {
+    if (given)
+      throw UsageError(std::string("--method feedforward ") + why + ": leave " + option + " out");
+  };
+  refuse(!arguments.aim.empty(), "--aim", "corrects every axis by itself");
+  refuse(arguments.bandwidth_hz > 0.0, "--bandwidth",
+         "learns nothing, and is as wide as harms no model within the uncertainty");
+  refuse(arguments.trials > 0, "--trials", "makes no trial");
+}
+
+/// From the first or to the last row, how long an axis stands [s].
+double rest_of(const Segment& path, bool at_end) {
+  const Eigen::Index n = path.size();
+  Eigen::Index k = 0;
+  while (k + 1 < n) {
+    const Eigen::Index next = at_end ? n - 2 - k : k + 1;
+    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStands) break;
+    ++k;
+  }
+  return path.sample_time_s * static_cast<double>(k);
+}
+
+/// Throws where nothing moves; says where the ends leave no room.
+void look_at_path(const std::string& source, const std::vector<CommandedAxis>& axes,
+                  std::FILE* people) {
+  bool moves = false;
+  for (const CommandedAxis& axis : axes)
+    moves = moves || rest_of(axis.path, false) <
+                         axis.path.sample_time_s * (static_cast<double>(axis.path.size()) - 1.5);
+  if (!moves)
+    throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
+  for (const bool at_end : {false, true}) {
+    const auto shortest = std::min_element(
+        axes.begin(), axes.end(), [&](const CommandedAxis& a, const CommandedAxis& b) {
+          return rest_of(a.path, at_end) < rest_of(b.path, at_end);
+        });
+    const double rest_s = rest_of(shortest->path, at_end);
+    if (rest_s > kEndRest_s - 0.5 * shortest->path.sample_time_s) continue;
+    say(people, "warning: " + shortest->record.axis +
+                    text(" rests %.3g s at the path's %s, less than %.3g s: the correction is 0 "
+                         "there and looks ahead, so that the error next to it stays; let the path "
+                         "%s with a dwell",
+                         rest_s, at_end ? "end" : "start", kEndRest_s, at_end ? "end" : "begin"));
+  }
 }
 
 CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
@@ -86,8 +141,18 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
 
   const double h = axis.path.sample_time_s;
   const std::vector<Transfer> models = models_within(
-      axis.law.model, uncertainty_of(arguments, commanded, axis.law.model, out.uncertainty));
+      axis.law.model, uncertainty_of(arguments, commanded.record, axis.law.model, out.uncertainty));
   out.models = models.size();
+  LearningLaw inverse = axis.law;
+  inverse.law = Law::kInverse;
+  axis.basis_bandwidth_hz =
+      axis.law.law == Law::kNormOptimal ? 0.0 : harmless_bandwidth(inverse, models, h);
+  if (arguments.method == "feedforward") {
+    axis.law.bandwidth_hz = axis.basis_bandwidth_hz;
+    out.contraction = left_by_feedforward(axis.law, models, h);
+    out.commanded = std::move(commanded);
+    return out;
+  }
   axis.law.bandwidth_hz =
       arguments.bandwidth_hz > 0.0 ? arguments.bandwidth_hz : robust_bandwidth(axis.law, models, h);
   if (axis.law.bandwidth_hz == 0.0) {
@@ -100,10 +165,6 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
   }
   if (const std::string why = why_refused(axis.law, models, h); !why.empty())
     throw std::runtime_error("axis " + axis.name + ": " + why);
-  LearningLaw inverse = axis.law;
-  inverse.law = Law::kInverse;
-  axis.basis_bandwidth_hz = harmless_bandwidth(inverse, models, h);
-  if (axis.law.law == Law::kNormOptimal) axis.basis_bandwidth_hz = 0.0;
   out.contraction = contraction(axis.law, models, h);
   out.commanded = std::move(commanded);
   return out;
@@ -114,19 +175,17 @@ std::string figures(const ErrorSize& size, bool rotary) {
 }
 
 std::string times_smaller(double before, double after) {
-  const double times = before / after;
-  return after > 0.0 ? text(times < 100.0 ? "  %.3g times smaller" : "  %.0f times smaller", times)
-                     : "";
+  if (!(after > 0.0) || after == before) return "";
+  if (after > before) return text("  %.3g times larger", after / before);
+  return text(before < 100.0 * after ? "  %.3g times smaller" : "  %.0f times smaller",
+              before / after);
 }
 
 void print(const Correction& correction, std::FILE* people) {
   const Learned& learned = correction.learned;
   const Trial &first = learned.trials.front(), &best = learned.trials[learned.best];
   for (const CorrectedAxis& axis : correction.axes) {
-    say(people, axis.learning.name + text(": bandwidth %.1f Hz, ", axis.learning.law.bandwidth_hz) +
-                    text("|Q (1 - L T)| at most %.2f (at %.0f Hz) for %zu models within ",
-                         axis.contraction.most(), axis.contraction.most_at_hz(), axis.models) +
-                    axis.uncertainty);
+    say(people, axis.learning.name + ": " + bandwidth_text(correction, axis));
   }
   say(people, "tracking error, on the twin:");
   for (std::size_t i = 0; i < correction.axes.size(); ++i) {
@@ -148,10 +207,13 @@ void print(const Correction& correction, std::FILE* people) {
       say(people, "            after  " + figures(best.turned, true));
     }
   }
-  std::string head = "trial      ";
-  for (const CorrectedAxis& axis : correction.axes)
+  std::string head = "trial      ", units = "           ";
+  for (const CorrectedAxis& axis : correction.axes) {
     head += text("%10s", (axis.learning.name + " RMS").c_str());
-  say(people, head + (learned.before ? "   contour" : "") + "  [um]");
+    units += text("%10s", text("[%s]", micro(axis.learning.rotary)).c_str());
+  }
+  say(people, head + (learned.before ? "   contour" : ""));
+  say(people, units + (learned.before ? "      [um]" : ""));
   for (std::size_t t = 0; t < learned.trials.size(); ++t) {
     std::string line = text("%5zu%s     ", t, t == learned.best ? "*" : " ");
     for (const ErrorSize& size : learned.trials[t].axis) line += text("%10.4g", 1e6 * size.rms);
@@ -159,9 +221,14 @@ void print(const Correction& correction, std::FILE* people) {
     say(people, line);
   }
   if (learned.best == 0) {
-    say(people,
-        "note: no trial was better than no correction, the path is left as it is; where limits "
-        "are close, --aim contour spends them on the path");
+    const bool limited =
+        std::any_of(correction.axes.begin(), correction.axes.end(), [](const CorrectedAxis& axis) {
+          return std::isfinite(axis.learning.limits.peak + axis.learning.limits.rate);
+        });
+    const bool other_aim = limited && learned.before && correction.options.aim == Aim::kTracking;
+    say(people, std::string("note: no trial was better than no correction, the path is left as it "
+                            "is") +
+                    (other_aim ? "; --aim contour spends limits on the path alone" : ""));
   }
   say(people, learned.ending == Ending::kGrew
                   ? "            * kept; ended, since the errors grew again"
@@ -178,6 +245,7 @@ void print(const Correction& correction, std::FILE* people) {
                     (std::isfinite(limits.peak) ? text(" of %.4g", 1e6 * limits.peak) : "") +
                     text(" and %.4g %s/s", 1e3 * steepest, rotary ? "mrad" : "mm") +
                     (std::isfinite(limits.rate) ? text(" of %.4g", 1e3 * limits.rate) : ""));
+    if (learned.best == 0) continue;
     const double expected = expected_rms(correction, i);
     say(people,
         axis.learning.name + ": limited by " + limited_by(correction, i) +
@@ -204,16 +272,23 @@ void write_gcode(const Arguments& arguments, const Correction& correction,
 }
 
 void run(const Arguments& arguments) {
+  require_meant(arguments);
   std::FILE* people =
       people_beside({arguments.table, arguments.result, arguments.gcode, arguments.report});
   Correction correction;
-  correction.source = arguments.path.file.filename().string();
+  correction.source = arguments.commands.path.file.filename().string();
   correction.method = arguments.method;
   correction.options.aim = arguments.aim == "contour" ? Aim::kContour : Aim::kTracking;
-  correction.options.trials = arguments.trials;
+  if (arguments.trials > 0) correction.options.trials = arguments.trials;
   correction.options.feedforward_only = arguments.method == "feedforward";
-  for (CommandedAxis& axis :
-       read_commands(arguments.path, read_models(arguments.models), "corrected", people)) {
+  std::vector<CommandedAxis> commanded = read_commands(arguments.commands, "corrected", people);
+  look_at_path(arguments.commands.path.file.string(), commanded, people);
+  for (CommandedAxis& axis : commanded) {
+    if (correction.options.aim == Aim::kContour && axis.record.rotary) {
+      say(people, "note: " + axis.record.axis +
+                      " is a rotary axis and has no part in the distance from the path: it learns "
+                      "from its own tracking error");
+    }
     if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
       throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
     correction.axes.push_back(axis_of(arguments, std::move(axis)));
@@ -258,15 +333,7 @@ Command add_learn(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
       "learn", "A path corrected in advance: learned in virtual trials on the twin.");
-  arguments->path.declare(
-      command, "PATH",
-      "table of commands: CSV with units, or a recording whose encoders are ignored");
-  command
-      .add_option("--model", arguments->models, "model file of an axis of the table; once per axis")
-      ->type_name("M.json")
-      ->required()
-      ->expected(1)
-      ->take_all();
+  arguments->commands.declare(command);
   command.add_option("--out", arguments->table, "write the corrected commands")
       ->type_name("CORRECTED.csv");
   command

@@ -102,7 +102,7 @@ PathGcode path_gcode(const std::vector<PathAxisText>& axes, const Path& original
   };
   PathGcode out;
   out.text = text("(corrected path; at any time within %.4g um or urad of it)\n", 1e6 * tolerance) +
-             text("(original program: %.3f s)\n",
+             text("(original program: %.9g s)\n",
                   sample_time_s * static_cast<double>(path.front().size() - 1)) +
              "(feed in mm/min or deg/min; G4 P in seconds: where the control counts otherwise, "
              "convert)\nG90 G94 G21\nG1 F1000" +
@@ -118,7 +118,7 @@ PathGcode path_gcode(const std::vector<PathAxisText>& axes, const Path& original
       const double seconds = sample_time_s * static_cast<double>(ends[i] - ends[i - 1]);
       const double length = std::sqrt(distance(path, at, ends[i]));
       if (length <= (stretch.rests ? settled : 0.0) || way(at, ends[i]) == 0.0) {
-        out.text += text("G4 P%.6g\n", seconds);
+        out.text += text("G4 P%.9g\n", seconds);
         continue;
       }
       const double feed = 60.0 * way(at, ends[i]) / seconds;

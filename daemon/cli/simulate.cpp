@@ -25,8 +25,7 @@ struct Encoder {
 };
 
 struct Arguments {
-  RecordingOptions path;
-  std::vector<std::filesystem::path> models;
+  TableOptions commands;
   std::filesystem::path table;
   Encoder encoder;
   std::uint64_t seed = 1;
@@ -36,18 +35,18 @@ struct Arguments {
 
 void run(const Arguments& arguments) {
   if (!arguments.can.empty()) {
-    if (!arguments.path.file.empty() || !arguments.table.empty())
+    if (!arguments.commands.path.file.empty() || !arguments.table.empty())
       throw UsageError("with --can the commands come from the bus, and the answers go there");
-    drive_on_can(
-        {arguments.models, arguments.can, arguments.path.read_options.can_map, arguments.seconds});
+    drive_on_can({arguments.commands.models, arguments.can,
+                  arguments.commands.path.read_options.can_map, arguments.seconds});
     return;
   }
-  if (arguments.path.file.empty()) throw UsageError("PATH is required");
+  if (arguments.commands.path.file.empty()) throw UsageError("PATH is required");
   if (arguments.seconds > 0.0) throw UsageError("--seconds is for --can");
   std::FILE* people = people_beside({arguments.table});
   std::vector<Column> columns;
   for (const auto& [record, model, segment] :
-       read_commands(arguments.path, read_models(arguments.models), "simulated", people)) {
+       read_commands(arguments.commands, "simulated", people)) {
     if (columns.empty()) columns.push_back({"time[s]", times_of(segment)});
     const std::string unit = record.rotary ? "[rad]" : "[m]";
     const Eigen::ArrayXd error = simulate(model, segment);
@@ -95,16 +94,8 @@ Command add_simulate(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
       "simulate", "The twin as a machine: what the encoders would say to these commands.");
-  arguments->path.declare(
-      command, "PATH",
-      "table of commands: CSV with units, or a recording whose encoders are ignored");
+  arguments->commands.declare(command);
   command.get_option("PATH")->required(false);
-  command
-      .add_option("--model", arguments->models, "model file of an axis of the table; once per axis")
-      ->type_name("M.json")
-      ->required()
-      ->expected(1)
-      ->take_all();
   command
       .add_option("--out", arguments->table,
                   "write the table with the simulated encoders; - is standard output")

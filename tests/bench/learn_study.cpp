@@ -39,50 +39,56 @@ using virtual_machine::Setpoint;
 constexpr double kCycle_s = 1e-3, kPi = std::numbers::pi;
 constexpr double kNoise = 3e-8, kEncoderStep = 1e-7;
 
-Rig x_axis() {
+/// What both machines say alike of an axis of the example.
+Rig rig_of(const virtual_machine::Axis& axis) {
   Rig rig;
+  rig.friction.viscous = axis.body.viscous;
+  rig.body.mass = axis.body.mass;
+  rig.body.motor_share = 0.55;
+  rig.body.damping_ratio = 0.05;
+  rig.body.constant_force = axis.body.constant_force;
+  rig.body.cogging = 12.0;
+  rig.drive.position_gain = axis.drive.position_gain;
+  rig.drive.velocity_gain = axis.drive.velocity_gain;
+  rig.drive.integral_time = axis.drive.velocity_gain / axis.drive.integral_gain;
+  rig.drive.velocity_feedforward = axis.drive.velocity_feedforward;
+  rig.drive.force_limit = axis.drive.force_limit;
+  rig.reading.noise = kNoise;
+  rig.reading.step = kEncoderStep;
+  rig.reading.noise_seed = axis.name == "X" ? 1 : 2;
+  return rig;
+}
+
+Rig x_axis() {
+  Rig rig = rig_of(virtual_machine::example_x_axis());
   rig.friction.family = hidden_effects::Friction::Family::kMaxwell;
   rig.friction.level = 110.0;
-  rig.friction.viscous = 700.0;
   rig.friction.presliding_distance = 20e-6;
   rig.friction.curve = 4.0;
   rig.friction.stribeck_rise = 0.15;
   rig.friction.stribeck_velocity = 6e-3;
   rig.friction.direction_ratio = 1.1;
-  rig.body.mass = 210.0;
-  rig.body.motor_share = 0.55;
   rig.body.spring_frequency_hz = 90.0;
-  rig.body.damping_ratio = 0.05;
-  rig.body.constant_force = 8.0;
-  rig.body.cogging = 12.0;
   rig.body.cogging_period = 8e-3;
-  rig.drive.position_gain = 75.0;
-  rig.drive.velocity_gain = 48'000.0;
-  rig.drive.integral_time = 8e-3;
-  rig.drive.force_limit = 3000.0;
-  rig.reading.noise = kNoise;
-  rig.reading.step = kEncoderStep;
   return rig;
 }
 
 Rig y_axis() {
-  Rig rig = x_axis();
+  Rig rig = rig_of(virtual_machine::example_y_axis());
   rig.friction.family = hidden_effects::Friction::Family::kLuGre;
   rig.friction.level = 150.0;
-  rig.friction.viscous = 1100.0;
   rig.friction.presliding_distance = 12e-6;
   rig.friction.bristle_damping = 2e-4;
-  rig.friction.direction_ratio = 1.0;
-  rig.body.mass = 340.0;
+  rig.friction.stribeck_rise = 0.15;
+  rig.friction.stribeck_velocity = 6e-3;
   rig.body.spring_frequency_hz = 75.0;
-  rig.body.constant_force = 25.0;
   rig.body.cogging_period = 10e-3;
-  rig.drive.position_gain = 55.0;
-  rig.drive.velocity_gain = 61'000.0;
-  rig.drive.integral_time = 13.5e-3;
-  rig.drive.velocity_feedforward = 0.5;
-  rig.reading.noise_seed = 2;
   return rig;
+}
+
+const std::array<Rig, 2>& rigs() {
+  static const std::array out{x_axis(), y_axis()};
+  return out;
 }
 
 /// What the drive makes of the commands of the cycles: a cubic with the slopes of the chords over
@@ -111,12 +117,11 @@ ArrayXd as_array(const std::vector<double>& values) {
 
 /// The true motor positions of both axes.
 std::vector<ArrayXd> machine(const std::vector<ArrayXd>& commands) {
-  const std::array rigs{x_axis(), y_axis()};
   std::vector<ArrayXd> out;
-  for (std::size_t i = 0; i < rigs.size(); ++i) {
+  for (std::size_t i = 0; i < rigs().size(); ++i) {
     const double duration = kCycle_s * static_cast<double>(commands[i].size() - 1);
     out.push_back(
-        as_array(hidden_effects::simulate(rigs[i], interpolated(commands[i]), duration).motor));
+        as_array(hidden_effects::simulate(rigs()[i], interpolated(commands[i]), duration).motor));
   }
   return out;
 }
@@ -188,12 +193,11 @@ struct Named {
 
 Recording production() {
   const PlanePath path = virtual_machine::example_program();
-  const std::array rigs{x_axis(), y_axis()};
   const std::array commands{path.x(), path.y()};
   Recording out;
   out.source = "production";
-  for (std::size_t i = 0; i < rigs.size(); ++i) {
-    const hidden_effects::Trace trace = hidden_effects::simulate(rigs[i], commands[i]);
+  for (std::size_t i = 0; i < commands.size(); ++i) {
+    const hidden_effects::Trace trace = hidden_effects::simulate(rigs()[i], commands[i]);
     AxisRecord axis;
     axis.name = i == 0 ? "X" : "Y";
     axis.command = trace.command;
@@ -219,10 +223,9 @@ LearnAxis learner(const ModelRecord& record, const ArrayXd& command, bool basis)
   axis.path.command = command;
   axis.law.model = transfer_of(record.model);
   TransferUncertainty uncertainty;
-  uncertainty.poles = record.pole_deviation;
-  uncertainty.numerator = record.numerator_deviation;
+  const double more = std::max(1.0, record.holdout.rms / record.training.rms);
+  uncertainty.covariance = more * more * record.loop_covariance.value();
   uncertainty.timing_s = kCycle_s;
-  uncertainty.seen = seen_of_model(command, kCycle_s, record.holdout.rms);
   const std::vector<Transfer> models = models_within(axis.law.model, uncertainty);
   axis.law.bandwidth_hz = robust_bandwidth(axis.law, models, kCycle_s);
   if (basis) axis.basis_bandwidth_hz = harmless_bandwidth(axis.law, models, kCycle_s);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <sstream>
+#include <tuple>
 
 #include "drivers/recording_file.h"
 #include "program.h"
@@ -118,6 +119,122 @@ TEST_F(Learn, TightLimitsLeaveThePathAsItIsAndSaySo) {
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("the path is left as it is"));
   EXPECT_THAT(answer.out, HasSubstr("--aim contour"));
+  EXPECT_THAT(answer.out, Not(HasSubstr("limited by")));
+  const json result = learned({"--limits-peak", "60", "--limits-rate", "5"});
+  EXPECT_EQ(result["best_trial"], 0);
+  for (const json& axis : result["axes"])
+    EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("nothing is kept"));
+}
+
+TEST_F(Learn, TheFeedForwardIsJudgedByWhatItIs) {
+  const Answer answer = learn({"--method", "feedforward"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("|1 - Q L T| at most 1.02"));
+  const json result = learned({"--method", "feedforward"});
+  for (const json& axis : result["axes"]) {
+    EXPECT_THAT(axis["limited_by"].get<std::string>(), Not(HasSubstr("number of trials")));
+    EXPECT_EQ(axis["bandwidth_hz"], axis["feedforward_bandwidth_hz"]);
+    EXPECT_LE(axis["contraction"].get<double>(), 1.02 * (1.0 + 1e-9));
+  }
+  const std::vector<std::vector<std::string>> useless{
+      {"--aim", "tracking"}, {"--aim", "contour"}, {"--bandwidth", "20"}, {"--trials", "3"}};
+  for (std::vector<std::string> options : useless) {
+    const std::string option = options[0];
+    options.insert(options.end(), {"--method", "feedforward"});
+    const Answer refused = learn(options);
+    EXPECT_EQ(refused.status, 2) << option;
+    EXPECT_THAT(refused.err, HasSubstr(option));
+  }
+}
+
+/// X and Y move between these times of three seconds [s].
+std::string moving(double from, double to) {
+  std::string out = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k <= 3000; ++k) {
+    const double part = std::clamp((0.001 * k - from) / (to - from), 0.0, 1.0);
+    const double way = 8.0 * part * part * part * (10.0 - part * (15.0 - 6.0 * part));
+    out += cell(0.001 * k) + "," + cell(way) + "," + cell(0.5 * way) + "\n";
+  }
+  return out;
+}
+
+TEST_F(Learn, SaysWhereThePathLeavesItNoRoom) {
+  for (const auto& [from, to, words] :
+       {std::tuple{0.05, 2.5, "path's start"}, std::tuple{0.3, 2.95, "path's end"}}) {
+    table_ = folder_.write("ends.csv", moving(from, to));
+    const Answer answer = learn({});
+    EXPECT_EQ(answer.status, 0) << answer;
+    EXPECT_THAT(answer.out, HasSubstr(words));
+    EXPECT_EQ(answer.out.find("warning:"), answer.out.rfind("warning:")) << answer;
+  }
+  table_ = folder_.write("ends.csv", moving(0.1, 2.9));
+  EXPECT_THAT(learn({}).out, Not(HasSubstr("warning:")));
+}
+
+TEST_F(Learn, APathThatNeverMovesIsRefused) {
+  std::string table = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k < 1000; ++k) table += cell(0.001 * k) + ",3,4\n";
+  table_ = folder_.write("still.csv", table);
+  const Answer answer = learn({"--report", folder_ / "still.html"});
+  EXPECT_EQ(answer.status, 1);
+  EXPECT_THAT(answer.err, HasSubstr("still.csv: no axis with a model moves"));
+  EXPECT_THAT(answer.err, HasSubstr("nothing to correct"));
+}
+
+// Rows that were bridged or resampled are not those of the table.
+TEST_F(Learn, SaysWhereItsRowsAreNotThoseOfTheTable) {
+  EXPECT_THAT(learn({"--trials", "1"}).out, Not(HasSubstr("rows of the table")));
+  const auto without_rows = [&](int gap) {
+    std::istringstream all(circles());
+    std::string out, line;
+    for (int row = -1; std::getline(all, line); ++row) {
+      if (row < 1000 || row >= 1000 + gap) out += line + "\n";
+    }
+    return out;
+  };
+  table_ = folder_.write("gap.csv", without_rows(2));
+  EXPECT_THAT(learn({"--trials", "1"}).out,
+              HasSubstr("the result has 3001 rows every 1 ms, not the 2999 rows of the table"));
+  std::string uneven = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k <= 3000; ++k) {
+    const double t = 0.001 * k + (k % 2 == 0 ? 0.0 : 0.0003);
+    uneven += cell(t) + "," + cell(8.0 * std::cos(angle_at(t)) - 8.0) + "," +
+              cell(8.0 * std::sin(angle_at(t))) + "\n";
+  }
+  table_ = folder_.write("uneven.csv", uneven);
+  EXPECT_THAT(learn({"--trials", "1"}).out, HasSubstr("not the 3001 rows of the table"));
+}
+
+TEST_F(Learn, ADwellIsWrittenWithAllItsTime) {
+  std::string table = "time[s],X.command[mm]\n";
+  for (int k = 0; k <= 16'000; ++k) {
+    const double part = std::clamp((k - 8001) / 4000.0, 0.0, 1.0);
+    table += cell(k / 8000.0) + "," +
+             cell(8.0 * part * part * part * (10.0 - part * (15.0 - 6.0 * part))) + "\n";
+  }
+  const std::string file = folder_ / "dwell.nc";
+  const Answer answer =
+      servotwin_says({"learn", folder_.write("dwell.csv", table), "--model", x_, "--trials", "1",
+                      "--gcode", file, "--chord-tolerance", "200"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(content_of(file), HasSubstr("G4 P1.000125\n"));
+}
+
+TEST_F(Learn, ARotaryAxisHasItsUnitAndNoPartInTheContour) {
+  ModelRecord turn = known_axis("A");
+  turn.rotary = true;
+  const std::string a = folder_ / "a.json";
+  write_model(a, turn);
+  std::istringstream all(circles());
+  std::string table, line;
+  for (int row = -1; std::getline(all, line); ++row)
+    table += line + (row < 0 ? ",A.command[deg]" : "," + cell(10.0 * angle_at(0.001 * row))) + "\n";
+  table_ = folder_.write("turning.csv", table);
+  const Answer answer = learn({"--model", a, "--aim", "contour"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("[um]      [um]    [urad]      [um]"));
+  EXPECT_THAT(answer.out, HasSubstr("A is a rotary axis and has no part in the distance"));
+  EXPECT_THAT(answer.out, Not(HasSubstr("A: limited by its aim")));
 }
 
 TEST_F(Learn, TheAimOfTheContourLeavesTheLag) {
@@ -257,6 +374,51 @@ TEST_F(Learn, AModelWithoutDeviationsSaysWhatIsTakenInstead) {
   const double narrow = learned({"--uncertainty", "20"})["axes"][0]["bandwidth_hz"],
                wide = learned({"--uncertainty", "2"})["axes"][0]["bandwidth_hz"];
   EXPECT_LT(narrow, wide);
+}
+
+/// A model whose identification states how far it may be off.
+ModelRecord stated(ModelRecord record) {
+  record.pole_deviation = {0.0, 8.0, 0.01};
+  record.numerator_deviation = {0.01, 12.0, 0.0};
+  record.loop_covariance = LoopCovariance::Zero();
+  record.loop_covariance->diagonal() << 0.0, 64.0, 1e-4, 1e-4, 144.0, 0.0, 0.0;
+  (*record.loop_covariance)(1, 4) = (*record.loop_covariance)(4, 1) = 95.0;
+  record.training = {1e-6, 4e-6};
+  record.holdout = {1e-6, 4e-6};
+  return record;
+}
+
+// The motion that a model was found from is its evidence, not the one that is to be corrected.
+TEST_F(Learn, APathOfTenTimesTheSizeMakesAModelNoSurer) {
+  write_model(x_, stated(known_axis("X")));
+  const auto bandwidth_of = [&](double size) {
+    std::string table = "time[s],X.command[mm]\n";
+    for (int k = 0; k <= 3000; ++k)
+      table += cell(0.001 * k) + "," + cell(size * (std::cos(angle_at(0.001 * k)) - 1.0)) + "\n";
+    const Answer answer = servotwin_says({"learn", folder_.write("sized.csv", table), "--model", x_,
+                                          "--trials", "1", "--json", "-"});
+    EXPECT_EQ(answer.status, 0) << answer;
+    return json::parse(answer.out)["axes"][0]["bandwidth_hz"].get<double>();
+  };
+  EXPECT_EQ(bandwidth_of(0.8), bandwidth_of(8.0));
+}
+
+TEST_F(Learn, AModelsUncertaintyIsOfItsOwnFile) {
+  const auto bandwidth_of = [&](const ModelRecord& record, const std::string& words) {
+    write_model(x_, record);
+    const Answer answer =
+        servotwin_says({"learn", table_, "--model", x_, "--trials", "1", "--json", "-"});
+    EXPECT_EQ(answer.status, 0) << answer;
+    EXPECT_THAT(answer.err, HasSubstr(words));
+    return json::parse(answer.out)["axes"][0]["bandwidth_hz"].get<double>();
+  };
+  ModelRecord record = stated(known_axis("X"));
+  const double together = bandwidth_of(record, "two standard deviations of the model and a cycle");
+  record.holdout.rms = 1.5e-6;
+  EXPECT_LT(bandwidth_of(record, "1.5 times as large"), together);
+  record.holdout.rms = 1e-6;
+  record.loop_covariance.reset();
+  EXPECT_LT(bandwidth_of(record, "its file has no covariance"), together);
 }
 
 }  // namespace

@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Dense>
 #include <cmath>
 #include <numbers>
+#include <random>
 
 #include "drivers/recording_file.h"
 #include "tests/support/expect_error.h"
@@ -101,6 +103,54 @@ TEST(Identify, FindsTheConstantForceOfALoopWithoutIntegrator) {
   const Effect* constant = found.record.model.find(kind_of<ConstantForce>());
   ASSERT_NE(constant, nullptr);
   EXPECT_NEAR(constant->coefficient[0], 12.0 / 120.0, 0.002);
+}
+
+// The same motion with other noise, again and again: the values scatter together as is stated.
+TEST(Identify, TheCovarianceIsThatOfTheScatter) {
+  vm::MoveMix mix;
+  mix.duration = 6.0;
+  SegmentedAxis axis = as_segments(vm::record(virtual_axis(false), vm::moves(mix, 5)));
+  Model truth;
+  truth.sample_time_s = axis.sample_time_s;
+  truth.loop.order = 2;
+  truth.loop.denominator = denominator_of({0.0, kTwoPi * 20.0, 0.6}, 2);
+  truth.loop.numerator = {1.0, 130.0, 0.0};
+  Effect friction = make_effect<CoulombFriction>();
+  friction.coefficient[0] = 0.25;
+  truth.effects = {friction};
+  Segment& segment = axis.segments[0];
+  segment.actual.resize(0);
+  const Eigen::ArrayXd clean = segment.command - simulate(truth, segment);
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> noise(0.0, 1e-6);
+  IdentifyOptions options;
+  options.order = 2;
+  options.delay_max_s = 0.0;
+  constexpr int kRuns = 30;
+  constexpr int kRows[] = {1, 2, 3, 4};  // natural frequency, damping ratio, c0, c1
+  Eigen::Matrix4d stated = Eigen::Matrix4d::Zero();
+  Eigen::Matrix<double, kRuns, 4> found;
+  for (int run = 0; run < kRuns; ++run) {
+    segment.actual = clean.unaryExpr([&](double x) { return x + noise(random); });
+    const ModelRecord record = identify(axis, options).record;
+    ASSERT_TRUE(record.loop_covariance);
+    stated += (*record.loop_covariance)(kRows, kRows) / kRuns;
+    const PoleSet poles = labels_of(record.model.loop).set[0];
+    found.row(run) << poles.omega, poles.zeta, record.model.loop.numerator[0],
+        record.model.loop.numerator[1];
+  }
+  const auto off = (found.rowwise() - found.colwise().mean()).eval();
+  const Eigen::Matrix4d scatter = off.transpose() * off / (kRuns - 1);
+  const auto correlation = [](const Eigen::Matrix4d& c) -> Eigen::Matrix4d {
+    const Eigen::Vector4d unit = c.diagonal().cwiseSqrt().cwiseInverse();
+    return unit.asDiagonal() * c * unit.asDiagonal();
+  };
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_LT(scatter(i, i), 2.2 * stated(i, i)) << i;
+    EXPECT_GT(scatter(i, i), stated(i, i) / 2.2) << i;
+  }
+  EXPECT_LT((correlation(scatter) - correlation(stated)).cwiseAbs().maxCoeff(), 0.4);
+  EXPECT_GT((correlation(stated) - Eigen::Matrix4d::Identity()).cwiseAbs().maxCoeff(), 0.5);
 }
 
 TEST(Identify, TheHoldOutIsNotInTheFit) {

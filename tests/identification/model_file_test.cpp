@@ -39,6 +39,12 @@ ModelRecord random_record(std::mt19937_64& rng) {
   delay.shape[0] = 0.01 * u(rng);
   record.model.effects = {friction, constant, delay};
   record.effect_deviations.resize(3);
+  if (u(rng) < 0.8) {
+    LoopCovariance root = LoopCovariance::NullaryExpr([&] { return u(rng); });
+    if (loop.order == 2) root.row(0).setZero(), root.row(5).setZero();
+    const LoopCovariance square = root * root.transpose();
+    record.loop_covariance = 0.5 * (square + square.transpose());
+  }
   record.training = {1e-6 * u(rng), 1e-5};
   record.holdout = {1e-6 * u(rng), 1e-5};
   record.source = "test";
@@ -62,6 +68,7 @@ TEST(ModelFile, ReadsBackToTheSamePredictionsBitForBit) {
       ASSERT_EQ(a.follow(command), b.follow(command)) << round << " " << i;
     }
     EXPECT_EQ(to_json(record), to_json(back));
+    EXPECT_EQ(record.loop_covariance, back.loop_covariance);
   }
 }
 
@@ -95,6 +102,13 @@ TEST(ModelFile, RefusalsNameTheField) {
           {"loop.tracking_error_numerator[1]", "number"});
   refused("/loop/poles/0/0", -1.0, {"loop.poles", "contradicts"});
   refused("/loop/disturbance_gain", 99.0, {"loop.disturbance_gain", "contradicts"});
+  refused("/loop/damping_ratio", -0.2, {"loop.damping_ratio", "contradicts", "would agree"});
+  refused("/loop/natural_frequency_hz", 1e4, {"loop.natural_frequency_hz", "contradicts"});
+  refused("/loop/covariance", 1.0, {"loop.covariance", "list of"});
+  refused("/loop/covariance/1", json::array({1.0}), {"loop.covariance[1]", "numbers"});
+  refused("/loop/covariance/1/0", nullptr, {"loop.covariance[1]", "null"});
+  refused("/loop/covariance/1/0", 7.0, {"loop.covariance", "symmetric"});
+  refused("/loop/covariance/0/0", -1e-9, {"loop.covariance", "negative"});
   refused("/effects", 1, {"effects", "list"});
   refused("/effects/0/id", "phlogiston", {"effects[0].id", "phlogiston"});
   refused("/effects/0/parameters/velocity_limit/value", 7.0,

@@ -265,6 +265,26 @@ TEST(CrossCoupled, UnderLimitsMakesTheContourBetterThanAxisByAxis) {
       << "the lag is left to itself";
 }
 
+// Nothing can be moved across the path by more than n_x peak + n_y peak.
+TEST(CrossCoupled, UnderLimitsItReachesWhatTheyAllow) {
+  constexpr double kPeak = 20e-6;
+  const std::vector<LearnAxis> axes = diamond(kPeak);
+  LearnOptions options;
+  options.aim = Aim::kContour;
+  const Learned learned = learn(axes, on_twins(axes), options);
+  Eigen::ArrayXd least = learned.before->distance.abs();
+  for (Eigen::Index k = 0; k < least.size(); ++k) {
+    const PathPoint& away = learned.before->away[static_cast<std::size_t>(k)];
+    const double reach =
+        kPeak * (std::abs(away[0]) + std::abs(away[1])) / std::max(least(k), 1e-12);
+    least(k) = std::max(0.0, least(k) - reach);
+  }
+  const double allowed = size_of(least).rms, found = learned.trials[learned.best].contour.rms;
+  EXPECT_GT(allowed, 0.2 * learned.trials.front().contour.rms) << "the limits do bind";
+  EXPECT_GT(found, 0.95 * allowed);
+  EXPECT_LT(found, 1.1 * allowed);
+}
+
 TEST(CrossCoupled, WithoutLimitsBothReachTheContour) {
   const std::vector<LearnAxis> axes = diamond(std::numeric_limits<double>::infinity());
   for (const Aim aim : {Aim::kTracking, Aim::kContour}) {
