@@ -93,7 +93,7 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
     out = text("%.3g %s more from %.3g s on", of("coulomb"), force, of("time_s"));
   if (id == "periodic_disturbance")
     out = text("%.4g Hz, +-%.3g %s", of("frequency_hz"), of("amplitude_mps2"), force);
-  if (id == "compliance")
+  if (id == "compliance" && std::isfinite(of("frequency_hz")))
     out = text("%.4g Hz, damping %.2g", of("frequency_hz"), of("damping_ratio"));
   if (id == "cutting_force")
     out = text("%.3g %s, teeth at %.4g Hz", of("mean"), force, of("tooth_frequency_hz"));

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "diagnosis/text.h"
 #include "identification/joint.h"
@@ -56,8 +58,7 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   const Effect& effect = model.effects[cause.place];
   std::size_t i = 0;
   for (const Parameter& p : shapes_of(effect.kind)) {
-    out[std::string(p.name)] =
-        means_something(effect.kind, p, model.loop.order) ? json(effect.shape[i]) : json();
+    out[std::string(p.name)] = means_something(effect, p, model) ? json(effect.shape[i]) : json();
     ++i;
   }
   i = 0;
@@ -80,6 +81,13 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
     out["amplitude_mps2"] = std::hypot(c[0], c[1]);
   } else if (cause.id == "backlash") {
     out["width_m"] = effect.shape[0];
+  } else if (effect.kind == kind_of<Compliance>() && out["frequency_hz"].is_null()) {
+    // Loop and mode have changed their places: what swings are the poles of the loop, if any.
+    for (const std::complex<double>& root : roots_of(model.loop)) {
+      if (!(root.imag() > 0.0)) continue;
+      out["frequency_hz"] = std::abs(root) / (2.0 * std::numbers::pi);
+      out["damping_ratio"] = -root.real() / std::abs(root);
+    }
   } else if (cause.id == "inertia_change" || cause.id == "gain_change" ||
              cause.id == "asymmetric_friction") {
     out["ratio"] = ratio_of(model, effect, cause.id);
@@ -257,8 +265,13 @@ std::string moved_text(const Moved& moved, bool rotary) {
 
 }  // namespace
 
-bool means_something(std::size_t kind, const Parameter& shape, int order) {
-  return order == 3 || kind != kind_of<TorqueSaturation>() || shape.name != "reset";
+bool means_something(const Effect& effect, const Parameter& shape, const Model& model) {
+  constexpr double kNyquist = 0.5;  // of the sampling rate
+  if (effect.kind == kind_of<TorqueSaturation>())
+    return model.loop.order == 3 || shape.name != "reset";
+  if (effect.kind == kind_of<Compliance>() && shape.name != "velocity_limit")
+    return effect.shape[0] * model.sample_time_s < kNyquist;
+  return true;
 }
 
 std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
@@ -289,8 +302,7 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
   }
   i = 0;
   for (const Parameter& p : shapes_of(effect.kind)) {
-    if (means_something(effect.kind, p, diagnosis.extended.model.loop.order))
-      add(p, effect.shape[i]);
+    if (means_something(effect, p, diagnosis.extended.model)) add(p, effect.shape[i]);
     ++i;
   }
   return out;

@@ -13,9 +13,10 @@ namespace servotwin {
 
 /// One sentence for a person on the shop floor.
 [[nodiscard]] std::string verdict_text(const Diagnosis& diagnosis);
-/// Whether a shape of an effect says something beside a loop of this order: what resets the
-/// integrator of a control does not where there is none.
-[[nodiscard]] bool means_something(std::size_t kind, const Parameter& shape, int order);
+/// Whether a shape of an effect says something in this model: what resets the integrator of a
+/// control does not where there is none, nor a mode that swings faster than the recording can show.
+[[nodiscard]] bool means_something(const Effect& effect, const Parameter& shape,
+                                   const Model& model);
 /// What the cause is, with its sizes, in one line.
 [[nodiscard]] std::string cause_text(const Diagnosis& diagnosis, const Cause& cause);
 /// The term that is not understood, in one line; empty: there is none.

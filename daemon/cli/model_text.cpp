@@ -47,7 +47,8 @@ std::string numerator_line(const ModelRecord& record) {
   return line;
 }
 
-std::string effect_line(const Effect& effect, const EffectDeviations& sd, int order, bool rotary) {
+std::string effect_line(const Effect& effect, const EffectDeviations& sd, const Model& model,
+                        bool rotary) {
   const Identity& identity = identity_of(effect.kind);
   if (identity.acts == Acts::kCommandDelay) {
     return text("%s %.2f", std::string(identity.id).c_str(), 1e3 * effect.shape[0]) +
@@ -72,8 +73,7 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, int or
   }
   k = 0;
   for (const Parameter& parameter : shapes_of(effect.kind)) {
-    if (means_something(effect.kind, parameter, order))
-      add(parameter, effect.shape[k], sd.shape[k]);
+    if (means_something(effect, parameter, model)) add(parameter, effect.shape[k], sd.shape[k]);
     ++k;
   }
   return line;
@@ -119,8 +119,8 @@ std::vector<std::string> parameter_lines(const ModelRecord& record) {
   for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
     const EffectDeviations sd =
         i < record.effect_deviations.size() ? record.effect_deviations[i] : EffectDeviations{};
-    lines.push_back("effect      " + effect_line(record.model.effects[i], sd,
-                                                 record.model.loop.order, record.rotary));
+    lines.push_back("effect      " +
+                    effect_line(record.model.effects[i], sd, record.model, record.rotary));
   }
   return lines;
 }
