@@ -78,6 +78,15 @@ CanMap mapping(const Config& config) {
   return map;
 }
 
+/// The axes whose offsets go to drives.
+std::vector<std::size_t> corrected_axes(const Config& config) {
+  std::vector<std::size_t> out;
+  for (std::size_t i = 0; config.ilc.live && i < config.axes.size(); ++i) {
+    if (config.axes[i].correction) out.push_back(i);
+  }
+  return out;
+}
+
 MachineInput listening(const Config& config, EventLog& events) {
   CanMap map = mapping(config);
   for (const std::string& note : map.notes) events.note("source", "", note);
@@ -96,7 +105,9 @@ MachineInput listening(const Config& config, EventLog& events) {
   }
   const MachineDescription machine = map.machine;
   events.note("source", "", "listening to " + listed(map.buses));
-  return {std::make_unique<CanSource>(std::move(map), std::move(buses), pacing), machine};
+  auto source = std::make_unique<CanSource>(std::move(map), std::move(buses), pacing);
+  source->carry_offsets(corrected_axes(config));
+  return {std::move(source), machine};
 }
 
 /// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
@@ -193,8 +204,13 @@ std::vector<std::string> input_obstacles(const Config& config) {
       for (std::string line; std::getline(lines, line);) found.push_back(line);
     }
   };
-  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp)
-    attempt([&] { check_axes(config, mapping(config).machine); });
+  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
+    attempt([&] {
+      const CanMap map = mapping(config);
+      check_axes(config, map.machine);
+      for (const std::size_t axis : corrected_axes(config)) CanOffset(map, axis);
+    });
+  }
   if (config.source != SourceKind::kReplay) return found;
   std::vector<Replay> recordings;
   for (const std::filesystem::path& file : config.replay.files)

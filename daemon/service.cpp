@@ -14,10 +14,13 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/arming.h"
 #include "daemon/clock.h"
 #include "daemon/diagnosis_worker.h"
 #include "daemon/event_log.h"
 #include "daemon/identification_worker.h"
+#include "daemon/learning_worker.h"
+#include "daemon/live_offsets.h"
 #include "daemon/machine_input.h"
 #include "daemon/motion_memory.h"
 #include "daemon/publisher.h"
@@ -39,6 +42,8 @@ namespace {
 // eight seconds for the recorder, which may have to wait for a disk.
 constexpr std::size_t kPredictionRing = 256;
 constexpr std::size_t kRowRing = 8192;
+// What is older is of no use to a drive.
+constexpr std::size_t kOffsetRing = 64;
 // How much longer motion is remembered than a search and a judgement need, for a busy processor.
 constexpr double kLag_s = 30.0;
 // How much longer than the motion that a diagnosis looks at: an axis stands in between.
@@ -147,6 +152,12 @@ void note_refused(EventLog& events, const std::string& problems) {
   events.error("config_refused", "", "the new configuration is refused; the one before holds");
 }
 
+/// A position demand of a drive has its offset in it, a path of an interpolator has not.
+bool offset_in_command(const Config& config) {
+  return config.ilc.in_command.value_or(config.source == SourceKind::kCan ||
+                                        config.source == SourceKind::kUdp);
+}
+
 std::filesystem::path store_of(const Config& config) {
   return config.store.directory.empty() ? default_store() : config.store.directory;
 }
@@ -209,6 +220,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   std::vector<LatestValue<TwinInForce>> models(machine.axes.size());
   Ring<MachinePrediction> predictions(kPredictionRing);
   Ring<CycleRow> rows(kRowRing);
+  Ring<MachineOffset> offsets(kOffsetRing);
+  OffsetHandOver hand_over;
   WakeUp predicted;
   Histogram published;
   MotionMemory memory(machine, remembered_s(config));
@@ -217,17 +230,27 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // Who works.
   const auto loop = std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows,
                                                    predicted, paths_of(config, machine));
+  const LearningRules rules = learning_rules(config, machine);
+  const auto live_offsets =
+      std::make_unique<LiveOffsets>(rules, offset_in_command(config), hand_over);
+  loop->give_back(*live_offsets, offsets);
+  Arming arming(config.ilc.live, hand_over.armed, events);
   Recorder recorder(machine, config.machine, store.directory(), room_of(config), rows, memory,
                     watch, events);
   Publisher* to_network = nullptr;
-  const auto shown = web == nullptr ? nullptr
-                                    : std::make_unique<WebService::Shown>(
-                                          *web, machine, loop->counters(), published, watch);
+  const auto shown = web == nullptr
+                         ? nullptr
+                         : std::make_unique<WebService::Shown>(*web, machine, loop->counters(),
+                                                               published, watch, &arming);
   IdentificationWorker identification(
       machine, config.identify, memory, store, events, models,
       [&](const StoredModel& model) { to_network->announce(model); });
   DiagnosisWorker diagnosis(machine, config.diagnose, config.identify, memory, watch, store, events,
                             [&](const StoredDiagnosis& made) { to_network->announce(made); });
+  DdsReader<ProgramChunk> programs(node_in);
+  DdsWriter<CorrectionChunk> corrections(node);
+  LearningWorker learner(rules, store, events, hand_over,
+                         [&](const CorrectionChunk& chunk) { corrections.write(chunk); });
   std::vector<AxisStatus> axes;
   std::string last_error;
   const auto status = [&] {
@@ -249,7 +272,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     now.last_error = last_error;
     return now;
   };
-  Publisher publisher(node, machine.cycle_s, predictions, predicted, published, status,
+  Publisher publisher(node, machine.cycle_s, predictions, offsets, predicted, published, status,
                       shown == nullptr ? nullptr : &shown->feed());
   to_network = &publisher;
   recorder.spare([&] { return store.cited(); });
@@ -258,6 +281,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   identification.restore();
   diagnosis.restore();
   diagnosis.give_up_with(stop);
+  learner.give_up_with(stop);
 
   if (const std::string why = slow_receipt(config, node_in.place()); !why.empty())
     events.note("real_time", "", why);
@@ -286,6 +310,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     name_thread("diagnosis");
     if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
     diagnosis.run(its_stop);
+  });
+  std::jthread learning([&](const std::stop_token& its_stop) {
+    name_thread("learning");
+    if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
+    learner.run(its_stop, programs);
   });
   std::jthread reporting([&](const std::stop_token& its_stop) {
     name_thread("events");
@@ -365,11 +394,14 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   recording.join();
   identifying.request_stop();
   diagnosing.request_stop();
+  learning.request_stop();
   // What they have begun is waited for now; on a busy host that could be for ever.
   hasten(identifying.native_handle());
   hasten(diagnosing.native_handle());
+  hasten(learning.native_handle());
   identifying.join();
   diagnosing.join();
+  learning.join();
   if (!stop.stop_requested()) {
     identification.finish();
     diagnosis.finish(stop);
