@@ -27,9 +27,9 @@ std::size_t message_of(const CanMap& map, std::size_t axis) {
 CanOffset::CanOffset(const CanMap& map, std::size_t axis)
     : encoder_(map), axis_(axis), message_(message_of(map, axis)) {}
 
-bool CanOffset::send(const GateOutput& output, CanBus& bus) noexcept {
-  if (!output.send) return false;
-  if (!encoder_.set(axis_, CanChannel::kOffset, output.offset)) {
+bool CanOffset::send(const AxisOffset& offset, CanBus& bus) noexcept {
+  if (!offset.send) return false;
+  if (!encoder_.set(axis_, CanChannel::kOffset, offset.offset)) {
     ++not_carried_;
     return false;
   }

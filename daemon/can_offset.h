@@ -10,7 +10,7 @@
 
 #include "drivers/can_bus.h"
 #include "drivers/can_encoder.h"
-#include "ilc/gate.h"
+#include "drivers/messages.h"
 
 namespace servotwin {
 
@@ -22,7 +22,7 @@ class CanOffset {
 
   /// True if the offset left; false if the gate does not let it, its bits cannot carry it (counted)
   /// or the bus did not take it.
-  bool send(const GateOutput& output, CanBus& bus) noexcept;
+  bool send(const AxisOffset& offset, CanBus& bus) noexcept;
   [[nodiscard]] std::uint64_t not_carried() const noexcept { return not_carried_; }
   [[nodiscard]] const CanFrame& frame() const noexcept { return encoder_.frame(message_); }
 

@@ -125,6 +125,23 @@ Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
   }
 }
 
+void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
+  const CanMap& known = assembly_.map();
+  for (const std::size_t axis : axes) {
+    CanOffset offset(known, axis);
+    const std::size_t message = known.find(axis, CanChannel::kOffset)->message;
+    carried_.push_back({axis, known.messages[message].bus, std::move(offset)});
+  }
+}
+
+void CanSource::send(const MachineOffset& offset) noexcept {
+  for (Carried& one : carried_) {
+    const AxisOffset& axis = offset.axes[one.axis];
+    // What does not leave is counted by the bus; the drive drops what is not renewed.
+    (void)one.offset.send(axis, *buses_[one.bus]);
+  }
+}
+
 std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_ns_; }
 
 std::uint64_t CanSource::malformed() const noexcept {

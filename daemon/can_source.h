@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/can_offset.h"
 #include "daemon/frame_source.h"
 #include "drivers/can_assembly.h"
 #include "drivers/can_bus.h"
@@ -22,7 +23,12 @@ class CanSource final : public FrameSource {
   /// One bus per bus of the map; throws std::invalid_argument if there are more or fewer.
   CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing);
 
+  /// Offsets of these axes are sent from now on. Throws std::runtime_error if the mapping has no
+  /// place for one (daemon/can_offset.h). Before the first frame.
+  void carry_offsets(const std::vector<std::size_t>& axes);
+
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
+  void send(const MachineOffset& offset) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] std::uint64_t malformed() const noexcept override;
   [[nodiscard]] bool silent(std::int64_t /*now_ns*/) const noexcept override {
@@ -59,6 +65,11 @@ class CanSource final : public FrameSource {
 
   CanAssembly assembly_;
   std::vector<std::unique_ptr<CanBus>> buses_;
+  struct Carried {
+    std::size_t axis, bus;
+    CanOffset offset;
+  };
+  std::vector<Carried> carried_;
   std::vector<std::size_t> order_;  // in which they are read: the one with the cycles' start last
   std::vector<Queue> queues_;
   std::int64_t clock_offset_ns_ = 0;  // of the clock of the stamps to the steady one

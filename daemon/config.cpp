@@ -18,6 +18,21 @@
 namespace servotwin {
 namespace {
 
+/// The limits of an axis' correction, all of them or none. Units are those of the axis.
+void read_correction(Section section, std::optional<OffsetLimits>& to) {
+  if (!section.given()) return;
+  OffsetLimits limits;
+  for (const char* key : {"peak", "rate", "bandwidth"}) {
+    if (!section.has(key))
+      section.report_missing(key, "a correction needs peak, rate and bandwidth");
+  }
+  section.number("peak", 1e-9, 1.0, "of the axis", limits.peak);
+  section.number("rate", 1e-9, 100.0, "of the axis per second", limits.rate);
+  section.number("bandwidth", 0.5, 1e5, "Hz", limits.bandwidth_hz);
+  section.refuse_unknown();
+  to = limits;
+}
+
 /// The source that an axis names, with the place where it does.
 struct NamedSource {
   std::string name;
@@ -35,6 +50,7 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   section.one_of("torque_unit", {"N", "Nm", "A", "V", "%"}, axis.torque_unit);
   section.one_of("source", {"dds", "replay", "can", "udp"}, source.name);
   section.name("path", 31, axis.path);
+  read_correction(section.section("correction"), axis.correction);
   if (section.has("encoder_in_loop"))
     section.flag("encoder_in_loop", config.diagnose.encoder_in_loop_of[axis.name]);
   section.refuse_unknown();
@@ -240,6 +256,26 @@ void read_diagnose(Section section, DiagnoseConfig& diagnose) {
   section.refuse_unknown();
 }
 
+void read_ilc(Section section, IlcConfig& ilc) {
+  std::string aim = "tracking";
+  section.one_of("aim", {"tracking", "contour"}, aim);
+  ilc.contour = aim == "contour";
+  section.integer("trials", 1, 100, ilc.trials);
+  section.flag("live", ilc.live);
+  section.number("ramp_s", 1e-3, 10.0, "s", ilc.ramp_s);
+  section.number("validity_s", 1e-3, 1.0, "s", ilc.validity_s);
+  section.number("model_age_s", 1.0, 1e9, "s", ilc.model_age_s);
+  section.number("match_tolerance", 1e-12, 1e-2, "m or rad", ilc.match_tolerance);
+  section.number("residual_band", 1.0, 1000.0, "standard deviations", ilc.residual_band);
+  section.integer("delay_cycles", 1, 100, ilc.delay_cycles);
+  if (section.has("offset_in_command")) {
+    bool in_command = false;
+    section.flag("offset_in_command", in_command);
+    ilc.in_command = in_command;
+  }
+  section.refuse_unknown();
+}
+
 void read_http(Section section, HttpConfig& http) {
   section.text("listen", 1, 64, http.listen);
   if (!http.listen.empty() && http.listen != "none" && !parse_listen_address(http.listen))
@@ -288,6 +324,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   read_source(root.section("source"), root.section("dds"), named, folder, config, problems);
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
+  read_ilc(root.section("ilc"), config.ilc);
 
   Section store = root.section("store");
   std::string directory;

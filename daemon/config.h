@@ -18,11 +18,19 @@
 
 namespace servotwin {
 
+/// What a correction of an axis may be (ilc/gate.h); all positive.
+struct OffsetLimits {
+  double peak = 0.0;          ///< [m | rad]
+  double rate = 0.0;          ///< [m/s | rad/s]
+  double bandwidth_hz = 0.0;  ///< [Hz]
+};
+
 struct AxisConfig {
   std::string name;         ///< 1..31 characters
   bool rotary = false;      ///< units = "rad"; else "m"
   std::string torque_unit;  ///< of what the machine sends; empty: it sends none
   std::string path{};       ///< that it draws together with others of this name; empty: none
+  std::optional<OffsetLimits> correction{};  ///< absent: it is never sent one
 };
 
 enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
@@ -73,6 +81,21 @@ struct DiagnoseConfig {
   std::map<std::string, bool> encoder_in_loop_of;
 };
 
+/// Corrections of programs: how they are learned, and how they may be given back.
+struct IlcConfig {
+  bool contour = false;            ///< aim = "contour": on the path; else every axis on its command
+  int trials = 10;                 ///< virtual ones, at most
+  bool live = false;               ///< false: offsets are advice, whoever arms them
+  double ramp_s = 0.1;             ///< from nothing to the whole offset, and back
+  double validity_s = 0.02;        ///< after which a drive must drop an offset
+  double model_age_s = 604800.0;   ///< the oldest model whose corrections are sent
+  double match_tolerance = 2e-6;   ///< of a command that belongs to a program [m | rad]
+  double residual_band = 8.0;      ///< standard deviations of the model; beyond it offsets go out
+  int delay_cycles = 1;            ///< from a frame to the offset that answers it being applied
+  std::optional<bool> in_command;  ///< whether the frames' command has the offset in it; absent: on
+                                   ///< CAN it has, elsewhere not
+};
+
 struct StoreConfig {
   std::filesystem::path directory;  ///< empty: default_store()
   double recordings_mb =
@@ -101,6 +124,7 @@ struct Config {
   UdpConfig udp;
   IdentifyConfig identify;
   DiagnoseConfig diagnose;
+  IlcConfig ilc;
   StoreConfig store;
   HttpConfig http;
   int priority = 80;      ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none

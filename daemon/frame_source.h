@@ -27,6 +27,8 @@ class FrameSource {
   virtual ~FrameSource() = default;
   /// Waits for the next frame for at most `timeout_s`.
   virtual Received receive(MachineFrame& frame, double timeout_s) noexcept = 0;
+  /// Sends offsets to the drives where these are on its buses. The thread of receive().
+  virtual void send(const MachineOffset& /*offset*/) noexcept {}
   /// How long ago the frame that came last was due or sent [ns], by the clocks of this host.
   [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
   /// Frames refused so far. Any thread.

@@ -16,13 +16,16 @@ constexpr int kSayAgain = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeri
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-                     const WakeUp& wake_up, Histogram& published, Status status, LiveFeed* page)
+                     Ring<MachineOffset>& offsets, const WakeUp& wake_up, Histogram& published,
+                     Status status, LiveFeed* page)
     : prediction_writer_(node, cycle_s),
+      offset_writer_(node),
       model_writer_(node),
       diagnosis_writer_(node),
       status_writer_(node),
       heard_(node),
       predictions_(predictions),
+      offsets_(offsets),
       wake_up_(wake_up),
       published_(published),
       status_(std::move(status)),
@@ -39,10 +42,12 @@ void Publisher::run(const std::stop_token& stop) {
     }
     wake_up_.wait(
         static_cast<int>(std::min(kStopPatience_ns, next_status - now + 1'000'000) / 1'000'000));
+    send_offsets();
     send_predictions();
     send_announcements();
     look_who_is_heard();
   }
+  send_offsets();
   send_predictions();
   send_announcements();
   send_status();
@@ -59,6 +64,10 @@ void Publisher::announce(const StoredModel& model) {
 void Publisher::announce(const StoredDiagnosis& diagnosis) {
   const std::lock_guard lock(mutex_);
   waiting_diagnoses_.push_back({diagnosis.axis, diagnosis.json});
+}
+
+void Publisher::send_offsets() {
+  while (offsets_.pop(offset_)) offset_writer_.write(offset_);
 }
 
 void Publisher::send_predictions() {

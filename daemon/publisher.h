@@ -1,10 +1,10 @@
 // The publisher: takes predictions from the real-time loop to the network, and says how things are.
 //
-// A prediction goes out as soon as the loop has it; the status once a second; a model when it comes
-// into force, a diagnosis when it is made. Where there is another daemon of this machine the
-// stronger one is heard; a daemon that takes over says its models and diagnoses again, because
-// readers have dropped what it said before. One worker thread, which may be a real-time one: it
-// waits for the network and for nothing else. announce() any thread.
+// A prediction and live offsets go out as soon as the loop has them; the status once a second; a
+// model when it comes into force, a diagnosis when it is made. Where there is another daemon of
+// this machine the stronger one is heard; a daemon that takes over says its models and diagnoses
+// again, because readers have dropped what it said before. One worker thread, which may be a
+// real-time one: it waits for the network and for nothing else. announce() any thread.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +33,8 @@ class Publisher {
   /// each was handed to the network; `page`: who shows the same, or null.
   /// All arguments outlive the publisher.
   Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-            const WakeUp& wake_up, Histogram& published, Status status, LiveFeed* page = nullptr);
+            Ring<MachineOffset>& offsets, const WakeUp& wake_up, Histogram& published,
+            Status status, LiveFeed* page = nullptr);
 
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
@@ -43,6 +44,7 @@ class Publisher {
   [[nodiscard]] std::vector<std::string> news();
 
  private:
+  void send_offsets();
   void send_predictions();
   void send_announcements();
   void send_status();
@@ -50,16 +52,19 @@ class Publisher {
   void say_again();
 
   DdsWriter<MachinePrediction> prediction_writer_;
+  DdsWriter<MachineOffset> offset_writer_;
   DdsWriter<ModelAnnouncement> model_writer_;
   DdsWriter<DiagnosisAnnouncement> diagnosis_writer_;
   DdsWriter<MachineStatus> status_writer_;
   DdsReader<MachineStatus> heard_;
   Ring<MachinePrediction>& predictions_;
+  Ring<MachineOffset>& offsets_;
   const WakeUp& wake_up_;
   Histogram& published_;
   Status status_;
   LiveFeed* page_;
   MachinePrediction prediction_;
+  MachineOffset offset_;
   std::int64_t last_status_ns_ = 0;
   std::uint64_t last_frames_ = 0;
   std::mutex mutex_;

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "daemon/clock.h"
+#include "daemon/live_offsets.h"
 
 namespace servotwin {
 namespace {
@@ -140,6 +141,11 @@ RealTimeLoop::RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> m
   }
 }
 
+void RealTimeLoop::give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) noexcept {
+  offsets_ = &offsets;
+  said_ = &said;
+}
+
 void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexcept {
   // relaxed: the flag orders nothing; whoever sets it joins this thread.
   while (!stop.load(std::memory_order_relaxed)) {
@@ -151,7 +157,7 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
     const std::int64_t age = source.age_ns();
     counters_.wake.add(age);
     prediction_.due_ns = begin - age;
-    on_frame(frame_);
+    if (const MachineOffset* offset = on_frame(frame_)) source.send(*offset);
     const std::int64_t taken = steady_ns() - begin;
     counters_.work.add(taken);
     if (taken > cycle_ns_) count(counters_.overruns);
@@ -188,8 +194,8 @@ double RealTimeLoop::contour_error(Path& path, const MachineFrame& frame, Order 
   PathPoint command{}, predicted{};
   for (std::size_t i = 0; i < path.axes.size(); ++i) {
     const std::size_t axis = path.axes[i];
-    command[i] = frame.axes[axis].command;
-    predicted[i] = command[i] - prediction_.axes[axis].predicted_error;
+    command[i] = offsets_ != nullptr ? offsets_->nominal(axis) : frame.axes[axis].command;
+    predicted[i] = frame.axes[axis].command - prediction_.axes[axis].predicted_error;
     for (std::size_t k = 0; k < ahead; ++k) path_ahead_[k][i] = frame.ahead[axis][k];
   }
   if (order == Order::kAfterGap) path.contour.forget();
@@ -197,14 +203,16 @@ double RealTimeLoop::contour_error(Path& path, const MachineFrame& frame, Order 
   return path.contour.of(predicted, {path_ahead_.data(), ahead});
 }
 
-void RealTimeLoop::on_frame(const MachineFrame& frame) noexcept {
+const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came) noexcept {
   count(counters_.frames);
-  if (frame.axis_count != static_cast<int>(models_.size())) {
+  if (came.axis_count != static_cast<int>(models_.size())) {
     count(counters_.malformed);
-    return;
+    return nullptr;
   }
-  const Order order = order_of(frame);
-  if (order == Order::kRepeats) return;
+  const Order order = order_of(came);
+  if (order == Order::kRepeats) return nullptr;
+  const MachineFrame& frame =
+      offsets_ != nullptr ? offsets_->seen(came, order == Order::kFollows) : came;
 
   prediction_.sequence = frame.sequence;
   prediction_.time_ns = frame.time_ns;
@@ -238,6 +246,9 @@ void RealTimeLoop::on_frame(const MachineFrame& frame) noexcept {
     if (axis.state == AxisState::kBadSample || std::isinf(sample.actual))
       count(counters_.not_finite);
   }
+  const MachineOffset* offset =
+      offsets_ != nullptr ? offsets_->answer(frame, prediction_) : nullptr;
+  if (offset != nullptr) said_->push(*offset);
   predictions_.push(prediction_);
   publisher_.notify();
 
@@ -246,6 +257,7 @@ void RealTimeLoop::on_frame(const MachineFrame& frame) noexcept {
   row_.axis_count = frame.axis_count;
   row_.axes = frame.axes;
   row_dropped_ = !rows_.push(row_);
+  return offset;
 }
 
 }  // namespace servotwin

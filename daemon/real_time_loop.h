@@ -10,6 +10,10 @@
 // starts again at rest at the next command, and says so (AxisState::kSettling) until the model's
 // slowest mode has died out.
 //
+// Where corrections are given back (daemon/live_offsets.h), what a frame commands is what the
+// drives follow: the program's command with the offset. The offsets of a cycle leave with its
+// prediction.
+//
 // One thread. It sleeps only in FrameSource::receive; on_frame takes no lock and no memory, writes
 // no log or file and throws nothing (tests/daemon/rt). What it has to say leaves through the two
 // rings.
@@ -32,6 +36,8 @@
 #include "twin/twin.h"
 
 namespace servotwin {
+
+class LiveOffsets;
 
 /// A model as the loop uses it.
 struct TwinInForce {
@@ -105,9 +111,13 @@ class RealTimeLoop {
                Ring<MachinePrediction>& predictions, Ring<CycleRow>& rows, const WakeUp& publisher,
                const std::vector<std::vector<std::size_t>>& paths = {});
 
+  /// Corrections are given back, and each cycle's offsets go to the source and into this ring.
+  /// Before the first frame; both outlive the loop.
+  void give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) noexcept;
   /// Until the source ends or `stop` is set.
   void run(FrameSource& source, const std::atomic<bool>& stop) noexcept;
-  void on_frame(const MachineFrame& frame) noexcept;
+  /// The offsets that are to be sent for this cycle; null: none. Valid until the next call.
+  const MachineOffset* on_frame(const MachineFrame& frame) noexcept;
   [[nodiscard]] const LoopCounters& counters() const noexcept { return counters_; }
 
  private:
@@ -119,6 +129,7 @@ class RealTimeLoop {
     std::vector<std::size_t> axes;
     ContourError contour;
   };
+  /// `frame`: as the drives follow it. The path is that of the program.
   [[nodiscard]] double contour_error(Path& path, const MachineFrame& frame, Order order) noexcept;
 
   std::int64_t cycle_ns_;
@@ -126,6 +137,8 @@ class RealTimeLoop {
   Ring<MachinePrediction>& predictions_;
   Ring<CycleRow>& rows_;
   const WakeUp& publisher_;
+  LiveOffsets* offsets_ = nullptr;
+  Ring<MachineOffset>* said_ = nullptr;
 
   std::array<AxisLoop, kMaxAxes> axes_;
   std::vector<Path> paths_;

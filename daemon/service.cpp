@@ -1,30 +1,30 @@
 #include "daemon/service.h"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
-#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <ostream>
 #include <sstream>
-#include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
 #include <vector>
 
-#include "daemon/can_source.h"
+#include "daemon/arming.h"
 #include "daemon/clock.h"
 #include "daemon/diagnosis_worker.h"
 #include "daemon/event_log.h"
-#include "daemon/frame_source.h"
 #include "daemon/identification_worker.h"
+#include "daemon/learning_worker.h"
+#include "daemon/live_offsets.h"
+#include "daemon/machine_input.h"
 #include "daemon/motion_memory.h"
 #include "daemon/publisher.h"
 #include "daemon/real_time_loop.h"
-#include "daemon/recorded_cycles.h"
 #include "daemon/recorder.h"
 #include "daemon/reload.h"
 #include "daemon/residual_watch.h"
@@ -32,12 +32,7 @@
 #include "daemon/service_manager.h"
 #include "daemon/store.h"
 #include "daemon/web/web_service.h"
-#include "drivers/can_udp.h"
-#include "drivers/candump.h"
 #include "drivers/dds.h"
-#include "drivers/recording_file.h"
-#include "drivers/replay.h"
-#include "drivers/socketcan.h"
 #include "drivers/text.h"
 
 namespace servotwin {
@@ -47,6 +42,8 @@ namespace {
 // eight seconds for the recorder, which may have to wait for a disk.
 constexpr std::size_t kPredictionRing = 256;
 constexpr std::size_t kRowRing = 8192;
+// What is older is of no use to a drive.
+constexpr std::size_t kOffsetRing = 64;
 // How much longer motion is remembered than a search and a judgement need, for a busy processor.
 constexpr double kLag_s = 30.0;
 // How much longer than the motion that a diagnosis looks at: an axis stands in between.
@@ -85,145 +82,6 @@ std::string slow_receipt(const Config& config, const DdsPlace& place) {
            "for that";
   }
   return place.receive_priority == 0 ? "DDS receives at normal priority, too" : "";
-}
-
-MachineDescription described_by(const Config& config) {
-  MachineDescription machine;
-  machine.cycle_s = config.cycle_s.value_or(0.001);
-  for (const AxisConfig& axis : config.axes)
-    machine.axes.push_back({axis.name, axis.rotary, axis.torque_unit});
-  return machine;
-}
-
-/// The axes that draw a path, as the configuration says; else the linear ones draw one. Of more
-/// than a path can have it is not known which.
-std::vector<std::vector<std::size_t>> paths_of(const Config& config,
-                                               const MachineDescription& machine) {
-  std::map<std::string, std::vector<std::size_t>> named;
-  for (std::size_t i = 0; i < config.axes.size(); ++i) {
-    const AxisConfig& axis = config.axes[i];
-    if (axis.path.empty()) continue;
-    if (machine.axes[i].rotary)
-      throw std::runtime_error("axis " + axis.name + " is rotary, and path '" + axis.path +
-                               "' is drawn by linear axes");
-    named[axis.path].push_back(i);
-  }
-  std::vector<std::vector<std::size_t>> paths;
-  for (auto& [name, axes] : named) paths.push_back(std::move(axes));
-  if (!paths.empty()) return paths;
-  std::vector<std::size_t> linear;
-  for (std::size_t i = 0; i < machine.axes.size(); ++i) {
-    if (!machine.axes[i].rotary) linear.push_back(i);
-  }
-  if (linear.size() >= 2 && linear.size() <= kMaxPathAxes) paths.push_back(std::move(linear));
-  return paths;
-}
-
-struct Input {
-  std::unique_ptr<FrameSource> source;
-  MachineDescription machine;
-};
-
-/// One of the recordings to replay, and what there is to say about it.
-struct ReadReplay {
-  Replay replay;
-  std::vector<std::string> notes;
-};
-
-ReadReplay read_replay(const Config& config, const std::filesystem::path& file) {
-  ReadOptions options;
-  options.columns = config.replay.columns;
-  if (is_can_log(file)) options.can_map = config.replay.can_map;
-  RecordedCycles cycles = recorded_cycles(read_recording(file, options));
-  std::vector<std::string> notes = cycles.recording.notes;
-  notes.insert(notes.end(), cycles.notes.begin(), cycles.notes.end());
-  return {Replay(std::move(cycles.recording), cycles.cycle_s), std::move(notes)};
-}
-
-Input replaying(const Config& config, EventLog& events) {
-  std::vector<Replay> recordings;
-  for (const std::filesystem::path& file : config.replay.files) {
-    ReadReplay read = read_replay(config, file);
-    for (const std::string& note : read.notes) events.note("source", "", note);
-    recordings.push_back(std::move(read.replay));
-  }
-  auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.speed);
-  const MachineDescription machine = source->machine();
-  return {std::move(source), machine};
-}
-
-/// The mapping of the source that is configured, held against the rest of the configuration.
-CanMap mapping(const Config& config) {
-  CanMap map = load_can_map(config.source == SourceKind::kUdp ? config.udp.map : config.can.map);
-  if (config.cycle_s && *config.cycle_s != map.machine.cycle_s) {
-    throw std::runtime_error("machine.cycle_s is " + number(*config.cycle_s) +
-                             " s, and cycle_s of the CAN mapping " + number(map.machine.cycle_s) +
-                             " s; leave it out here");
-  }
-  if (config.source == SourceKind::kUdp && map.buses.size() > 1) {
-    throw std::runtime_error("CAN over UDP is one bus, and the mapping has " +
-                             std::to_string(map.buses.size()) + ": " + listed(map.buses));
-  }
-  if (config.source == SourceKind::kCan && !config.can.interfaces.empty()) {
-    if (config.can.interfaces.size() != map.buses.size()) {
-      throw std::runtime_error("source.can.interfaces names " +
-                               std::to_string(config.can.interfaces.size()) +
-                               ", and the mapping has the buses " + listed(map.buses));
-    }
-    map.buses = config.can.interfaces;
-  }
-  return map;
-}
-
-Input listening(const Config& config, EventLog& events) {
-  CanMap map = mapping(config);
-  for (const std::string& note : map.notes) events.note("source", "", note);
-  std::vector<std::unique_ptr<CanBus>> buses;
-  Pacing pacing = Pacing::kByStamp;
-  if (config.source == SourceKind::kUdp) {
-    buses.push_back(std::make_unique<CanUdp>(CanUdpPlace{config.udp.listen, config.udp.peer}));
-    map.buses.front() = config.udp.listen;
-    pacing = Pacing::kByCount;
-  } else {
-    for (std::size_t i = 0; i < map.buses.size(); ++i) {
-      SocketCanOptions options;
-      if (config.can.filter) options.only = ids_of(map, i);
-      buses.push_back(std::make_unique<SocketCan>(map.buses[i], std::move(options)));
-    }
-  }
-  const MachineDescription machine = map.machine;
-  events.note("source", "", "listening to " + listed(map.buses));
-  return {std::make_unique<CanSource>(std::move(map), std::move(buses), pacing), machine};
-}
-
-/// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
-/// `node`: where it is said meanwhile that this is waited for.
-std::optional<MachineDescription> introduced(const DdsNode& node,
-                                             DdsReader<MachineDescription>& reader,
-                                             const std::stop_token& stop) {
-  DdsWriter<MachineStatus> writer(node);
-  MachineStatus status;
-  status.state = DaemonState::kWaiting;
-  writer.write(status);
-  MachineDescription machine;
-  while (!stop.stop_requested()) {
-    if (reader.receive(machine, 0.1)) return machine;
-  }
-  return std::nullopt;
-}
-
-void check_axes(const Config& config, const MachineDescription& machine) {
-  if (config.axes.empty()) return;
-  const MachineDescription wanted = described_by(config);
-  for (std::size_t i = 0; i < std::max(wanted.axes.size(), machine.axes.size()); ++i) {
-    const std::string there = i < machine.axes.size() ? machine.axes[i].name : "none";
-    const std::string here = i < wanted.axes.size() ? wanted.axes[i].name : "none";
-    if (there == here) continue;
-    throw std::runtime_error("axis " + std::to_string(i + 1) + " is '" + here +
-                             "' in the configuration and '" + there + "' in the " +
-                             (config.source == SourceKind::kReplay ? "recording" : "CAN mapping"));
-  }
-  (void)paths_of(config, machine);
 }
 
 /// The part of the status that the loop counts.
@@ -294,6 +152,12 @@ void note_refused(EventLog& events, const std::string& problems) {
   events.error("config_refused", "", "the new configuration is refused; the one before holds");
 }
 
+/// A position demand of a drive has its offset in it, a path of an interpolator has not.
+bool offset_in_command(const Config& config) {
+  return config.ilc.in_command.value_or(config.source == SourceKind::kCan ||
+                                        config.source == SourceKind::kUdp);
+}
+
 std::filesystem::path store_of(const Config& config) {
   return config.store.directory.empty() ? default_store() : config.store.directory;
 }
@@ -302,34 +166,17 @@ std::filesystem::path store_of(const Config& config) {
 
 std::vector<std::string> obstacles(const Config& config) {
   std::vector<std::string> found;
-  const auto attempt = [&](const auto& action) {
-    try {
-      action();
-    } catch (const std::exception& error) {
-      // Every problem of a mapping is a line of its own.
-      std::istringstream lines(error.what());
-      for (std::string line; std::getline(lines, line);) found.push_back(line);
-    }
-  };
-  attempt([&] {
+  try {
     Store::require_writable(store_of(config));
     Store::try_making(store_of(config));
-  });
+  } catch (const std::exception& error) {
+    found.emplace_back(error.what());
+  }
   for (const int cpu : missing_processors(config.cpus)) {
     found.push_back("real_time.cpus: there is no processor " + std::to_string(cpu) +
                     " on this host");
   }
-  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp)
-    attempt([&] { check_axes(config, mapping(config).machine); });
-  if (config.source != SourceKind::kReplay) return found;
-  std::vector<Replay> recordings;
-  for (const std::filesystem::path& file : config.replay.files)
-    attempt([&] { recordings.push_back(read_replay(config, file).replay); });
-  if (recordings.size() == config.replay.files.size()) {
-    attempt([&] {
-      check_axes(config, ReplaySource(std::move(recordings), config.replay.speed).machine());
-    });
-  }
+  for (std::string& obstacle : input_obstacles(config)) found.push_back(std::move(obstacle));
   return found;
 }
 
@@ -359,29 +206,13 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
       });
 
   // Where the frames come from, and of what machine.
-  Input input;
-  if (config.source == SourceKind::kReplay) {
-    input = replaying(config, events);
-    check_axes(config, input.machine);
-  } else if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
-    input = listening(config, events);
-    check_axes(config, input.machine);
-  } else {
-    if (config.axes.empty()) {
-      events.note("source", "",
-                  "waiting for machine '" + config.machine + "' on DDS domain " +
-                      std::to_string(node_in.place().domain));
-      const std::optional<MachineDescription> machine = introduced(node, descriptions, stop);
-      if (!machine) {
-        events.note("stopped", "", "stopped before a machine came");
-        return;
-      }
-      input.machine = *machine;
-    } else {
-      input.machine = described_by(config);
-    }
-    input.source = std::make_unique<DdsSource>(node_in);
+  std::optional<MachineInput> opened =
+      open_input(config, node, node_in, descriptions, stop, events);
+  if (!opened) {
+    events.note("stopped", "", "stopped before a machine came");
+    return;
   }
+  MachineInput& input = *opened;
   if (config.cycle_s) input.machine.cycle_s = *config.cycle_s;
   const MachineDescription& machine = input.machine;
 
@@ -389,6 +220,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   std::vector<LatestValue<TwinInForce>> models(machine.axes.size());
   Ring<MachinePrediction> predictions(kPredictionRing);
   Ring<CycleRow> rows(kRowRing);
+  Ring<MachineOffset> offsets(kOffsetRing);
+  OffsetHandOver hand_over;
   WakeUp predicted;
   Histogram published;
   MotionMemory memory(machine, remembered_s(config));
@@ -397,17 +230,27 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // Who works.
   const auto loop = std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows,
                                                    predicted, paths_of(config, machine));
+  const LearningRules rules = learning_rules(config, machine);
+  const auto live_offsets =
+      std::make_unique<LiveOffsets>(rules, offset_in_command(config), hand_over);
+  loop->give_back(*live_offsets, offsets);
+  Arming arming(config.ilc.live, hand_over.armed, events);
   Recorder recorder(machine, config.machine, store.directory(), room_of(config), rows, memory,
                     watch, events);
   Publisher* to_network = nullptr;
-  const auto shown = web == nullptr ? nullptr
-                                    : std::make_unique<WebService::Shown>(
-                                          *web, machine, loop->counters(), published, watch);
+  const auto shown = web == nullptr
+                         ? nullptr
+                         : std::make_unique<WebService::Shown>(*web, machine, loop->counters(),
+                                                               published, watch, &arming);
   IdentificationWorker identification(
       machine, config.identify, memory, store, events, models,
       [&](const StoredModel& model) { to_network->announce(model); });
   DiagnosisWorker diagnosis(machine, config.diagnose, config.identify, memory, watch, store, events,
                             [&](const StoredDiagnosis& made) { to_network->announce(made); });
+  DdsReader<ProgramChunk> programs(node_in);
+  DdsWriter<CorrectionChunk> corrections(node);
+  LearningWorker learner(rules, store, events, hand_over,
+                         [&](const CorrectionChunk& chunk) { corrections.write(chunk); });
   std::vector<AxisStatus> axes;
   std::string last_error;
   const auto status = [&] {
@@ -429,7 +272,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     now.last_error = last_error;
     return now;
   };
-  Publisher publisher(node, machine.cycle_s, predictions, predicted, published, status,
+  Publisher publisher(node, machine.cycle_s, predictions, offsets, predicted, published, status,
                       shown == nullptr ? nullptr : &shown->feed());
   to_network = &publisher;
   recorder.spare([&] { return store.cited(); });
@@ -438,6 +281,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   identification.restore();
   diagnosis.restore();
   diagnosis.give_up_with(stop);
+  learner.give_up_with(stop);
 
   if (const std::string why = slow_receipt(config, node_in.place()); !why.empty())
     events.note("real_time", "", why);
@@ -466,6 +310,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     name_thread("diagnosis");
     if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
     diagnosis.run(its_stop);
+  });
+  std::jthread learning([&](const std::stop_token& its_stop) {
+    name_thread("learning");
+    if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
+    learner.run(its_stop, programs);
   });
   std::jthread reporting([&](const std::stop_token& its_stop) {
     name_thread("events");
@@ -545,11 +394,14 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   recording.join();
   identifying.request_stop();
   diagnosing.request_stop();
+  learning.request_stop();
   // What they have begun is waited for now; on a busy host that could be for ever.
   hasten(identifying.native_handle());
   hasten(diagnosing.native_handle());
+  hasten(learning.native_handle());
   identifying.join();
   diagnosing.join();
+  learning.join();
   if (!stop.stop_requested()) {
     identification.finish();
     diagnosis.finish(stop);

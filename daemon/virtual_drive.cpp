@@ -1,5 +1,6 @@
 #include "daemon/virtual_drive.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -79,14 +80,25 @@ void VirtualDrive::take(std::size_t bus, const CanFrame& frame) noexcept {
       axis.has_target = true;
     } else if (signal.channel == CanChannel::kOffset) {
       axis.offset = value;
+      axis.offset_age = 0;
     } else if (signal.channel == CanChannel::kControlWord) {
       axis.state.command(static_cast<std::uint16_t>(raw_bits(signal.signal, data)));
     }
   }
 }
 
+void VirtualDrive::drop_stale_offset(Axis& axis) const noexcept {
+  const double cycle_s = map_.machine.cycle_s;
+  if (++axis.offset_age * cycle_s <= kOffsetValidity_s) {
+    axis.fade_step = std::abs(axis.offset) * cycle_s / kOffsetRamp_s;
+  } else {
+    axis.offset -= std::clamp(axis.offset, -axis.fade_step, axis.fade_step);
+  }
+}
+
 void VirtualDrive::step(std::size_t index) noexcept {
   Axis& axis = axes_[index];
+  drop_stale_offset(axis);
   if (axis.state.enabled() && axis.has_target) axis.demand = axis.target + axis.offset;
   if (!axis.started && axis.has_target) {
     axis.demand = axis.target;

@@ -3,7 +3,9 @@
 // On every cycle's start (SYNC) an axis takes the target position that came last, adds the position
 // offset, lets the twin follow, and sends what the mapping says that drives send: demand, actual
 // value, following error, torque (0), status word. Where a control word is mapped, it is obeyed:
-// the axis holds its place until operation is enabled. Process data only: there is no object
+// the axis holds its place until operation is enabled. An offset that is not renewed for
+// kOffsetValidity_s is dropped: it goes to nothing in a straight line within kOffsetRamp_s, whoever
+// has sent it. Process data only: there is no object
 // dictionary to be read (SDO) and no network management. One thread; on_frame allocates nothing.
 // Source: CiA 402-2 (state machine), CiA 301 (synchronous PDOs).
 #pragma once
@@ -34,6 +36,9 @@ class DriveState {
 
 class VirtualDrive {
  public:
+  static constexpr double kOffsetValidity_s = 0.02;
+  static constexpr double kOffsetRamp_s = 0.1;
+
   struct Answer {
     std::size_t bus = 0;
     CanFrame frame;
@@ -56,8 +61,11 @@ class VirtualDrive {
     bool started = false;
     bool has_target = false;
     double target = 0.0, offset = 0.0, demand = 0.0, actual = 0.0;
+    int offset_age = 0;      // cycles since it came
+    double fade_step = 0.0;  // of an offset that is dropped, per cycle
   };
   void take(std::size_t bus, const CanFrame& frame) noexcept;
+  void drop_stale_offset(Axis& axis) const noexcept;
   void step(std::size_t axis) noexcept;
 
   const CanMap& map_;

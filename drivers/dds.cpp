@@ -252,6 +252,8 @@ template class DdsReader<ModelAnnouncement>;
 template class DdsReader<DiagnosisAnnouncement>;
 template class DdsReader<MachineStatus>;
 template class DdsReader<MachineOffset>;
+template class DdsReader<ProgramChunk>;
+template class DdsReader<CorrectionChunk>;
 template class DdsWriter<MachineFrame>;
 template class DdsWriter<MachineDescription>;
 template class DdsWriter<MachinePrediction>;
@@ -259,5 +261,7 @@ template class DdsWriter<ModelAnnouncement>;
 template class DdsWriter<DiagnosisAnnouncement>;
 template class DdsWriter<MachineStatus>;
 template class DdsWriter<MachineOffset>;
+template class DdsWriter<ProgramChunk>;
+template class DdsWriter<CorrectionChunk>;
 
 }  // namespace servotwin

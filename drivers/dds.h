@@ -83,7 +83,7 @@ struct ReaderCounts {
 };
 
 /// M is MachineFrame, MachineDescription, MachinePrediction, ModelAnnouncement,
-/// DiagnosisAnnouncement, MachineStatus or MachineOffset.
+/// DiagnosisAnnouncement, MachineStatus, MachineOffset, ProgramChunk or CorrectionChunk.
 template <class M>
 class DdsReader {
  public:

@@ -10,6 +10,10 @@ namespace {
 
 static_assert(kMaxAxes == servotwin_msgs_kMaxAxes && kMaxLookAhead == servotwin_msgs_kMaxLookAhead,
               "the program and the wire agree on the largest machine");
+static_assert(kMaxChunkSamples == servotwin_msgs_kMaxChunkSamples &&
+                  kMaxChunkValues == servotwin_msgs_kMaxChunkValues &&
+                  kMaxProgramChunks == servotwin_msgs_kMaxProgramChunks,
+              "the program and the wire agree on the largest path");
 
 /// Makes a sequence this long, with room for `most` that is allocated once.
 template <class Sequence>
@@ -35,6 +39,29 @@ void assign(char (&to)[N], const std::string& from, const char* what) {
                                 std::to_string(N - 1) + " characters");
   }
   std::memcpy(to, from.c_str(), from.size() + 1);
+}
+
+std::vector<double> values(const dds_sequence_double& from) {
+  return {from._buffer, from._buffer + from._length};
+}
+void assign(dds_sequence_double& to, const std::vector<double>& from, std::size_t most,
+            const char* what) {
+  if (from.size() > most) {
+    throw std::invalid_argument(std::string(what) + ": " + std::to_string(from.size()) +
+                                " values in a chunk, at most " + std::to_string(most) + " fit");
+  }
+  resize(to, from.size(), most);
+  std::copy(from.begin(), from.end(), to._buffer);
+}
+
+/// Allocated once for the largest machine.
+template <class Sequence>
+void resize_axes(Sequence& axes, std::size_t count) {
+  if (count > kMaxAxes) {
+    throw std::invalid_argument("a machine has at most " + std::to_string(kMaxAxes) +
+                                " axes, not " + std::to_string(count));
+  }
+  resize(axes, count, kMaxAxes);
 }
 
 std::string text(const char* from) { return from == nullptr ? std::string() : std::string(from); }
@@ -109,12 +136,8 @@ bool Wire<MachineDescription>::decode(const Sample& sample, MachineDescription& 
 }
 
 void Wire<MachineDescription>::encode(const MachineDescription& description, Sample& sample) {
-  if (description.axes.size() > kMaxAxes) {
-    throw std::invalid_argument("a machine has at most " + std::to_string(kMaxAxes) +
-                                " axes, not " + std::to_string(description.axes.size()));
-  }
+  resize_axes(sample.axes, description.axes.size());
   sample.cycle_s = description.cycle_s;
-  resize(sample.axes, description.axes.size(), kMaxAxes);
   for (std::size_t i = 0; i < description.axes.size(); ++i) {
     auto& to = sample.axes._buffer[i];
     if (!usable_name(description.axes[i].name)) {
@@ -275,6 +298,101 @@ void Wire<MachineOffset>::encode(const MachineOffset& offset, Sample& sample) {
     const AxisOffset& from = offset.axes[i];
     sample.axes._buffer[i] = {from.offset, from.expires_ns, from.send, from.refusal};
   }
+}
+
+bool Wire<ProgramChunk>::decode(const Sample& sample, ProgramChunk& chunk) {
+  if (!usable_name(sample.program)) return false;
+  chunk.program = sample.program;
+  chunk.revision = sample.revision;
+  chunk.chunk = sample.chunk;
+  chunk.chunks = sample.chunks;
+  chunk.learn = sample.learn;
+  chunk.axes.clear();
+  for (std::size_t i = 0; i < sample.axes._length; ++i)
+    chunk.axes.emplace_back(sample.axes._buffer[i].name);
+  chunk.time_s = values(sample.time_s);
+  chunk.command = values(sample.command_m);
+  return true;
+}
+
+void Wire<ProgramChunk>::encode(const ProgramChunk& chunk, Sample& sample) {
+  assign(sample.program, chunk.program, "program name");
+  sample.revision = chunk.revision;
+  sample.chunk = chunk.chunk;
+  sample.chunks = chunk.chunks;
+  sample.learn = chunk.learn;
+  resize_axes(sample.axes, chunk.axes.size());
+  for (std::size_t i = 0; i < chunk.axes.size(); ++i)
+    assign(sample.axes._buffer[i].name, chunk.axes[i], "axis name");
+  assign(sample.time_s, chunk.time_s, kMaxChunkSamples, "time_s");
+  assign(sample.command_m, chunk.command, kMaxChunkValues, "command_m");
+}
+
+bool Wire<CorrectionChunk>::decode(const Sample& sample, CorrectionChunk& chunk) {
+  const std::uint32_t count = sample.corrected_m._length;
+  if (sample.error_before_m._length != count || sample.error_after_m._length != count ||
+      sample.contour_before_m._length != sample.contour_after_m._length ||
+      sample.chunk >= sample.chunks) {
+    return false;
+  }
+  chunk.program = sample.program;
+  chunk.revision = sample.revision;
+  chunk.chunk = sample.chunk;
+  chunk.chunks = sample.chunks;
+  chunk.state = static_cast<CorrectionState>(sample.state);
+  chunk.reason = text(sample.reason);
+  chunk.created_ns = sample.created_ns;
+  chunk.valid_until_ns = sample.valid_until_ns;
+  chunk.cycle_s = sample.cycle_s;
+  chunk.axes.clear();
+  for (std::size_t i = 0; i < sample.axes._length; ++i) {
+    const auto& from = sample.axes._buffer[i];
+    chunk.axes.push_back({from.name, from.rotary, from.model_version, from.before_rms_m,
+                          from.before_max_m, from.after_rms_m, from.after_max_m});
+  }
+  chunk.contour_before_rms = sample.contour_before_rms_m;
+  chunk.contour_before_max = sample.contour_before_max_m;
+  chunk.contour_after_rms = sample.contour_after_rms_m;
+  chunk.contour_after_max = sample.contour_after_max_m;
+  chunk.corrected = values(sample.corrected_m);
+  chunk.error_before = values(sample.error_before_m);
+  chunk.error_after = values(sample.error_after_m);
+  chunk.contour_before = values(sample.contour_before_m);
+  chunk.contour_after = values(sample.contour_after_m);
+  return true;
+}
+
+void Wire<CorrectionChunk>::encode(const CorrectionChunk& chunk, Sample& sample) {
+  assign(sample.program, chunk.program, "program name");
+  sample.revision = chunk.revision;
+  sample.chunk = chunk.chunk;
+  sample.chunks = chunk.chunks;
+  sample.state = static_cast<servotwin_msgs_CorrectionState>(chunk.state);
+  assign(sample.reason, chunk.reason);
+  sample.created_ns = chunk.created_ns;
+  sample.valid_until_ns = chunk.valid_until_ns;
+  sample.cycle_s = chunk.cycle_s;
+  resize_axes(sample.axes, chunk.axes.size());
+  for (std::size_t i = 0; i < chunk.axes.size(); ++i) {
+    const AxisCorrectionFigures& from = chunk.axes[i];
+    auto& to = sample.axes._buffer[i];
+    assign(to.name, from.name, "axis name");
+    to.rotary = from.rotary;
+    to.model_version = from.model_version;
+    to.before_rms_m = from.before_rms;
+    to.before_max_m = from.before_max;
+    to.after_rms_m = from.after_rms;
+    to.after_max_m = from.after_max;
+  }
+  sample.contour_before_rms_m = chunk.contour_before_rms;
+  sample.contour_before_max_m = chunk.contour_before_max;
+  sample.contour_after_rms_m = chunk.contour_after_rms;
+  sample.contour_after_max_m = chunk.contour_after_max;
+  assign(sample.corrected_m, chunk.corrected, kMaxChunkValues, "corrected_m");
+  assign(sample.error_before_m, chunk.error_before, kMaxChunkValues, "error_before_m");
+  assign(sample.error_after_m, chunk.error_after, kMaxChunkValues, "error_after_m");
+  assign(sample.contour_before_m, chunk.contour_before, kMaxChunkSamples, "contour_before_m");
+  assign(sample.contour_after_m, chunk.contour_after, kMaxChunkSamples, "contour_after_m");
 }
 
 }  // namespace servotwin

@@ -72,4 +72,20 @@ struct Wire<MachineOffset> {
   static void encode(const MachineOffset& offset, Sample& sample);
 };
 
+template <>
+struct Wire<ProgramChunk> {
+  using Sample = servotwin_msgs_ProgramChunk;
+  static const Topic& topic() { return topics::kProgram; }
+  static bool decode(const Sample& sample, ProgramChunk& chunk);
+  static void encode(const ProgramChunk& chunk, Sample& sample);
+};
+
+template <>
+struct Wire<CorrectionChunk> {
+  using Sample = servotwin_msgs_CorrectionChunk;
+  static const Topic& topic() { return topics::kCorrection; }
+  static bool decode(const Sample& sample, CorrectionChunk& chunk);
+  static void encode(const CorrectionChunk& chunk, Sample& sample);
+};
+
 }  // namespace servotwin

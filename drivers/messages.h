@@ -80,6 +80,51 @@ struct MachineOffset {
   std::array<AxisOffset, kMaxAxes> axes{};
 };
 
+/// The largest chunk of a program or a correction, and how many there are at most.
+inline constexpr std::size_t kMaxChunkSamples = 1024;
+inline constexpr std::size_t kMaxChunkValues = kMaxAxes * kMaxChunkSamples;
+inline constexpr std::uint32_t kMaxProgramChunks = 256;
+
+/// A part of a commanded path that is to be previewed or learned, as it came: nothing of it is
+/// checked but the name, and that it fits.
+struct ProgramChunk {
+  std::string program;  ///< usable_name, up to 63 characters
+  std::uint64_t revision = 0;
+  std::uint32_t chunk = 0, chunks = 1;
+  bool learn = false;
+  std::vector<std::string> axes;
+  std::vector<double> time_s;   ///< at most kMaxChunkSamples
+  std::vector<double> command;  ///< [axis * samples + sample], at most kMaxChunkValues [m | rad]
+};
+
+enum class CorrectionState : std::uint8_t { kRefused, kPreviewed, kLearned, kWithdrawn };
+
+/// Predicted tracking error of one axis over a program [m | rad].
+struct AxisCorrectionFigures {
+  std::string name;
+  bool rotary = false;
+  int model_version = 0;
+  double before_rms = kAbsent, before_max = kAbsent, after_rms = kAbsent, after_max = kAbsent;
+};
+
+/// What came of a program, in chunks of samples as it came. A refusal and a withdrawal are one
+/// chunk without samples.
+struct CorrectionChunk {
+  std::string program;
+  std::uint64_t revision = 0;
+  std::uint32_t chunk = 0, chunks = 1;
+  CorrectionState state = CorrectionState::kRefused;
+  std::string reason;               ///< one line for people
+  std::int64_t created_ns = 0;      ///< since 1970
+  std::int64_t valid_until_ns = 0;  ///< since 1970
+  double cycle_s = 0.0;
+  std::vector<AxisCorrectionFigures> axes;
+  double contour_before_rms = kAbsent, contour_before_max = kAbsent;  ///< [m]
+  double contour_after_rms = kAbsent, contour_after_max = kAbsent;    ///< [m]
+  std::vector<double> corrected, error_before, error_after;           ///< [axis * samples + sample]
+  std::vector<double> contour_before, contour_after;  ///< [sample]; empty without a path
+};
+
 /// A model that came into force.
 struct ModelAnnouncement {
   std::string axis;

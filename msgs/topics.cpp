@@ -50,7 +50,26 @@ Qos of_one_daemon() {
   return qos;
 }
 
+/// Of every program the chunks of a whole one, also for who comes late.
+Qos chunks_for_late_joiners() {
+  Qos qos = for_late_joiners();
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, kProgramDepth);
+  dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, kProgramDepth,
+                              DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
+  return qos;
+}
+
+Qos chunks_of_one_daemon() {
+  Qos qos(dds_create_qos());
+  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, kProgramDepth);
+  let_one_speak(qos);
+  return qos;
+}
+
 }  // namespace
+
+static_assert(kProgramDepth == servotwin_msgs_kMaxProgramChunks);
 
 namespace topics {
 const Topic kMachineFrame{"servotwin/machine_frame", &servotwin_msgs_MachineFrame_desc,
@@ -62,6 +81,10 @@ const Topic kPrediction{"servotwin/prediction", &servotwin_msgs_Prediction_desc,
 const Topic kModel{"servotwin/model", &servotwin_msgs_AxisModel_desc, of_one_daemon};
 const Topic kDiagnosis{"servotwin/diagnosis", &servotwin_msgs_Diagnosis_desc, of_one_daemon};
 const Topic kStatus{"servotwin/status", &servotwin_msgs_Status_desc, of_one_daemon};
+const Topic kProgram{"servotwin/program", &servotwin_msgs_ProgramChunk_desc,
+                     chunks_for_late_joiners};
+const Topic kCorrection{"servotwin/correction", &servotwin_msgs_CorrectionChunk_desc,
+                        chunks_of_one_daemon};
 const Topic kOffset{"servotwin/offset", &servotwin_msgs_Offset_desc, newest_while_it_lasts};
 }  // namespace topics
 

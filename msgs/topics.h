@@ -29,8 +29,13 @@ extern const Topic kPrediction;  ///< out: best effort; its writer offers the cy
 extern const Topic kModel;       ///< out: the model in force; reliable, for late joiners
 extern const Topic kDiagnosis;   ///< out: the last diagnosis; reliable, for late joiners
 extern const Topic kStatus;      ///< out: how the daemon is; reliable, for late joiners
+extern const Topic kProgram;     ///< in: paths to preview or learn; reliable, for late joiners
+extern const Topic kCorrection;  ///< out: what came of a program; reliable
 extern const Topic kOffset;      ///< out: best effort, the newest, not older than its lifespan
 }  // namespace topics
+
+/// The chunks of one program that are kept: as many as it can have.
+inline constexpr int kProgramDepth = 256;
 
 /// A daemon that does not show itself for this long is taken for dead [ns].
 inline constexpr dds_duration_t kLivelinessLease_ns = DDS_SECS(2);

@@ -141,6 +141,7 @@ HttpResponse Api::get(const HttpRequest& request) {
   if (path == "/healthz") return healthz();
   if (path == "/metrics") return metrics();
   if (path == "/api/v1/status") return status();
+  if (path == "/api/v1/offsets") return offsets();
   if (path == "/api/v1/stream") {
     HttpResponse out;
     out.stream = true;
@@ -151,7 +152,10 @@ HttpResponse Api::get(const HttpRequest& request) {
 
 HttpResponse Api::post(const HttpRequest& request) {
   const auto axis = rest(request.path, "/api/v1/diagnoses/");
-  if (!axis) return http_error(405, in_quotes(request.path) + " cannot be changed");
+  const bool arms = request.path == "/api/v1/offsets/arm";
+  const bool disarms = request.path == "/api/v1/offsets/disarm";
+  if (!axis && !arms && !disarms)
+    return http_error(405, in_quotes(request.path) + " cannot be changed");
   if (sources_.token.empty())
     return http_error(403, "nothing can be changed over HTTP: no http.token is configured");
   if (!same_secret(request.authorization, "Bearer " + sources_.token)) {
@@ -159,7 +163,8 @@ HttpResponse Api::post(const HttpRequest& request) {
     refused.headers.emplace_back("WWW-Authenticate", "Bearer");
     return refused;
   }
-  return know_only(request, {}), ask(*axis);
+  know_only(request, {});
+  return axis ? ask(*axis) : arm(arms);
 }
 
 HttpResponse Api::healthz() {
@@ -261,6 +266,24 @@ HttpResponse Api::ask(const std::string& axis) {
                       {"axis", axis},
                       {"text", "a diagnosis is made as soon as there is motion enough"}},
                      202);
+}
+
+HttpResponse Api::offsets() {
+  const Arming* arming = sources_.arming();
+  return answer_json({{"schema", "servotwin.offsets/1"},
+                      {"live", arming != nullptr && arming->live()},
+                      {"armed", arming != nullptr && arming->armed()}});
+}
+
+HttpResponse Api::arm(bool wanted) {
+  Arming* arming = sources_.arming();
+  if (arming == nullptr) throw Refused(409, "no machine is known yet");
+  if (!wanted) {
+    arming->disarm();
+  } else if (const std::string why = arming->arm(); !why.empty()) {
+    throw Refused(409, why);
+  }
+  return offsets();
 }
 
 }  // namespace servotwin

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "daemon/arming.h"
 #include "daemon/residual_watch.h"
 #include "daemon/store.h"
 #include "daemon/web/health.h"
@@ -25,6 +26,8 @@ struct ApiSources {
   std::function<MetricsInput()> now;
   /// Asks for a diagnosis of an axis, by its number.
   std::function<void(std::size_t)> ask_diagnosis;
+  /// What arms live offsets; null where no machine is known.
+  std::function<Arming*()> arming;
 };
 
 class Api {
@@ -45,6 +48,8 @@ class Api {
   [[nodiscard]] HttpResponse events(const HttpRequest& request);
   [[nodiscard]] HttpResponse report(const std::string& axis);
   [[nodiscard]] HttpResponse ask(const std::string& axis);
+  [[nodiscard]] HttpResponse offsets();
+  [[nodiscard]] HttpResponse arm(bool wanted);
 
   ApiSources sources_;
 };

@@ -24,12 +24,13 @@ ListenAddress address_of(const HttpConfig& config) {
 
 WebService::Shown::Shown(WebService& service, const MachineDescription& machine,
                          const LoopCounters& counters, const Histogram& published,
-                         ResidualWatch& watch)
+                         ResidualWatch& watch, Arming* arming)
     : service_(service),
       machine_(machine),
       counters_(counters),
       published_(published),
       watch_(watch),
+      arming_(arming),
       feed_(machine.cycle_s, machine.axes.size()) {
   const std::lock_guard lock(service_.mutex_);
   service_.shown_ = this;
@@ -48,7 +49,8 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
       api_({machine, config.token, reading_, health_, [this] { return now(); },
             [this](std::size_t axis) {
               if (shown_ != nullptr) shown_->watch_.ask(axis, "asked for over HTTP");
-            }}),
+            },
+            [this] { return shown_ == nullptr ? nullptr : shown_->arming_; }}),
       server_(address_of(config), config.names, [this](const HttpRequest& request) {
         const std::lock_guard lock(mutex_);
         return api_.answer(request);

@@ -11,6 +11,7 @@
 #include <string>
 #include <thread>
 
+#include "daemon/arming.h"
 #include "daemon/config.h"
 #include "daemon/real_time_loop.h"
 #include "daemon/residual_watch.h"
@@ -33,7 +34,7 @@ class WebService {
   class Shown {
    public:
     Shown(WebService& service, const MachineDescription& machine, const LoopCounters& counters,
-          const Histogram& published, ResidualWatch& watch);
+          const Histogram& published, ResidualWatch& watch, Arming* arming = nullptr);
     Shown(const Shown&) = delete;
     Shown& operator=(const Shown&) = delete;
     ~Shown();
@@ -49,6 +50,7 @@ class WebService {
     const LoopCounters& counters_;
     const Histogram& published_;
     ResidualWatch& watch_;
+    Arming* arming_;  // null: nothing can be armed
     LiveFeed feed_;
     std::atomic<bool> ended_{false};
   };

@@ -255,7 +255,7 @@ TEST(CanOffset, SendsWhatTheGateSendsAndNothingElse) {
   const CanMap map = map_of(kDrive);
   CanOffset offset(map, 0);
   ScriptedBus bus;
-  GateOutput output;
+  AxisOffset output;
   output.offset = -1.234e-5;
   EXPECT_FALSE(offset.send(output, bus)) << "advice";
   EXPECT_THAT(bus.sent, IsEmpty());
@@ -276,6 +276,26 @@ TEST(CanOffset, SendsWhatTheGateSendsAndNothingElse) {
   bus.takes = false;
   output.offset = 0.0;
   EXPECT_FALSE(offset.send(output, bus));
+}
+
+TEST(CanOffset, TheSourceSendsThemOnTheBusOfTheAxis) {
+  auto owned = std::make_unique<ScriptedBus>();
+  ScriptedBus& bus = *owned;
+  std::vector<std::unique_ptr<CanBus>> buses;
+  buses.push_back(std::move(owned));
+  CanSource source(map_of(kDrive), std::move(buses), Pacing::kByStamp);
+  MachineOffset offset;
+  offset.axis_count = 1;
+  offset.axes[0] = {2e-5, 1, true, 0};
+  source.send(offset);
+  EXPECT_THAT(bus.sent, IsEmpty()) << "not asked to";
+  source.carry_offsets({0});
+  source.send(offset);
+  ASSERT_EQ(bus.sent.size(), 1U);
+  EXPECT_EQ(bus.sent[0].id, 0x401U);
+  offset.axes[0].send = false;
+  source.send(offset);
+  EXPECT_EQ(bus.sent.size(), 1U) << "a dry run";
 }
 
 TEST(CanOffset, AMessageWithMoreInItIsRefused) {
@@ -313,6 +333,29 @@ class Drives : public testing::Test {
   VirtualDrive drive_{map_, {Twin(drive())}};
   std::vector<CanFrame> sent_;
 };
+
+TEST_F(Drives, DropAnOffsetThatIsNotRenewedAndRampItOut) {
+  for (const int word : {0x06, 0x07, 0x0F}) tell(CanChannel::kControlWord, word);
+  tell(CanChannel::kTarget, 1e-3);
+  for (int k = 0; k < 50; ++k) {
+    tell(CanChannel::kOffset, -4e-5);
+    sync();
+  }
+  EXPECT_NEAR(said(CanChannel::kCommand), 1e-3 - 4e-5, 1e-9);
+  for (int k = 0; k < 19; ++k) sync();
+  EXPECT_NEAR(said(CanChannel::kCommand), 1e-3 - 4e-5, 1e-9) << "within 20 ms it holds";
+  double before = said(CanChannel::kCommand);
+  for (int k = 0; k < 103; ++k) {
+    sync();
+    const double now = said(CanChannel::kCommand);
+    EXPECT_LE(std::abs(now - before), 4e-5 / 100.0 + 1.1e-8) << "a straight line of 100 ms";
+    before = now;
+  }
+  EXPECT_NEAR(before, 1e-3, 1e-9) << "then it is gone";
+  tell(CanChannel::kOffset, 1e-5);
+  sync();
+  EXPECT_NEAR(said(CanChannel::kCommand), 1e-3 + 1e-5, 1e-9) << "and may come back";
+}
 
 TEST_F(Drives, GoThroughTheStatesOfCia402) {
   EXPECT_EQ(sync().size(), 2U);

@@ -237,6 +237,20 @@ INSTANTIATE_TEST_SUITE_P(
               "'rad'"},
         Wrong{"[[axis]]\nname = 'X'\nencoder_in_loop = 'yes'\n",
               "m.toml:3:19: axis.encoder_in_loop = 'yes': must be true or false"},
+        Wrong{"[[axis]]\nname = 'X'\ncorrection = { peak = 1e-4, rate = 0.01 }\n",
+              "m.toml:3:14: axis.correction.bandwidth: a correction needs peak, rate and "
+              "bandwidth"},
+        Wrong{"[[axis]]\nname = 'X'\ncorrection = { peak = 0, rate = 0.01, bandwidth = 50 }\n",
+              "m.toml:3:23: axis.correction.peak = 0: must be a number from 1e-09 to 1 of the "
+              "axis"},
+        Wrong{"[[axis]]\nname = 'X'\ncorrection = { peak = 1e-4, rate = 1, bandwidth = 50, "
+              "peek = 1 }\n",
+              "m.toml:3:55: axis.correction.peek: there is no such key; did you mean 'peak'?"},
+        Wrong{"[ilc]\nlives = true\n",
+              "m.toml:2:1: ilc.lives: there is no such key; did you mean 'live'?"},
+        Wrong{"[ilc]\nlive = 1\n", "m.toml:2:8: ilc.live = 1: must be true or false"},
+        Wrong{"[ilc]\nvalidity_s = 0\n",
+              "m.toml:2:14: ilc.validity_s = 0: must be a number from 0.001 to 1 s"},
         Wrong{"[store]\nrecordings_max_mb = 100\n",
               "m.toml:2:21: store.recordings_max_mb = 100: must not be less than recordings_mb = "
               "1024"},
@@ -285,6 +299,49 @@ INSTANTIATE_TEST_SUITE_P(
               "m.toml:2:9: http.names = [ 1 ]: must be a list of host names in quotes"},
         Wrong{"[real_time]\npriority = 99\n",
               "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
+
+TEST(Config, NoOffsetIsSentUnlessItIsAskedFor) {
+  const CheckedConfig checked = check_config("[[axis]]\nname = 'X'\n", "m.toml");
+  EXPECT_FALSE(checked.config.ilc.live);
+  EXPECT_FALSE(checked.config.axes[0].correction);
+}
+
+TEST(Config, CorrectionsAreReadWithTheirLimits) {
+  const CheckedConfig checked = check_config(R"(
+    [[axis]]
+    name = "X"
+    correction = { peak = 2e-4, rate = 0.01, bandwidth = 100 }
+    [ilc]
+    aim = "contour"
+    trials = 7
+    live = true
+    ramp_s = 0.2
+    validity_s = 0.05
+    model_age_s = 3600
+    match_tolerance = 1e-5
+    residual_band = 5.5
+    delay_cycles = 2
+    offset_in_command = false
+  )",
+                                             "m.toml");
+  ASSERT_TRUE(checked.problems.empty()) << checked.problems.front().what;
+  const std::optional<OffsetLimits>& limits = checked.config.axes[0].correction;
+  ASSERT_TRUE(limits);
+  EXPECT_EQ(limits->peak, 2e-4);
+  EXPECT_EQ(limits->rate, 0.01);
+  EXPECT_EQ(limits->bandwidth_hz, 100.0);
+  const IlcConfig& ilc = checked.config.ilc;
+  EXPECT_TRUE(ilc.contour);
+  EXPECT_EQ(ilc.trials, 7);
+  EXPECT_TRUE(ilc.live);
+  EXPECT_EQ(ilc.ramp_s, 0.2);
+  EXPECT_EQ(ilc.validity_s, 0.05);
+  EXPECT_EQ(ilc.model_age_s, 3600.0);
+  EXPECT_EQ(ilc.match_tolerance, 1e-5);
+  EXPECT_EQ(ilc.residual_band, 5.5);
+  EXPECT_EQ(ilc.delay_cycles, 2);
+  EXPECT_EQ(ilc.in_command, false);
+}
 
 TEST(Config, AllProblemsAreReportedAtOnceInTheOrderOfTheFile) {
   const std::vector<std::string> problems =

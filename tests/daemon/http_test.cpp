@@ -36,7 +36,8 @@ class HttpTest : public testing::Test {
   /// From now on there is a machine with an axis X.
   void show() {
     watch_ = std::make_unique<ResidualWatch>(machine_, DiagnoseConfig{}, events_);
-    shown_ = std::make_unique<WebService::Shown>(*web_, machine_, counters_, published_, *watch_);
+    shown_ = std::make_unique<WebService::Shown>(*web_, machine_, counters_, published_, *watch_,
+                                                 &arming_);
   }
   void promote(const std::string& reason) {
     ModelRecord record = record_of(drive());
@@ -53,6 +54,8 @@ class HttpTest : public testing::Test {
   MachineDescription machine_ = one_axis();
   LoopCounters counters_;
   Histogram published_;
+  std::atomic<bool> armed_{false};
+  Arming arming_{true, armed_, events_};
   std::unique_ptr<ResidualWatch> watch_;
   std::unique_ptr<WebService> web_;
   std::unique_ptr<WebService::Shown> shown_;
@@ -165,6 +168,41 @@ TEST_F(HttpTest, WithoutAConfiguredTokenNothingCanBeChanged) {
   const HttpAnswer answer = ask(port, "POST", "/api/v1/diagnoses/X", "Authorization: Bearer \r\n");
   EXPECT_EQ(answer.status, 403);
   EXPECT_THAT(answer.json()["error"].get<std::string>(), HasSubstr("http.token"));
+}
+
+TEST_F(HttpTest, APersonWithTheTokenArmsAndDisarms) {
+  const auto post = [&](const std::string& what, const std::string& token = kToken) {
+    return ask(port_, "POST", "/api/v1/offsets/" + what, "Authorization: Bearer " + token + "\r\n");
+  };
+  EXPECT_EQ(post("arm").status, 409) << "no machine is known yet";
+  show();
+  EXPECT_EQ(post("arm", "another token......").status, 401);
+  EXPECT_FALSE(armed_);
+  EXPECT_EQ(get("/api/v1/offsets").json()["armed"], false);
+  EXPECT_EQ(post("arm").status, 200);
+  EXPECT_TRUE(armed_);
+  const nlohmann::json now = get("/api/v1/offsets").json();
+  EXPECT_EQ(now["schema"], "servotwin.offsets/1");
+  EXPECT_EQ(now["live"], true);
+  EXPECT_EQ(now["armed"], true);
+  EXPECT_EQ(get("/api/v1/offsets/arm").status, 404) << "looking changes nothing";
+  EXPECT_EQ(post("disarm").json()["armed"], false);
+  EXPECT_FALSE(armed_);
+  EXPECT_THAT(said_.str(), HasSubstr("armed: from the next run on"));
+}
+
+TEST_F(HttpTest, WhatTheConfigurationDoesNotAllowIsNotArmed) {
+  Arming advice(false, armed_, events_);
+  shown_ = nullptr;
+  watch_ = std::make_unique<ResidualWatch>(machine_, DiagnoseConfig{}, events_);
+  shown_ =
+      std::make_unique<WebService::Shown>(*web_, machine_, counters_, published_, *watch_, &advice);
+  const HttpAnswer answer = ask(port_, "POST", "/api/v1/offsets/arm",
+                                std::string("Authorization: Bearer ") + kToken + "\r\n");
+  EXPECT_EQ(answer.status, 409);
+  EXPECT_THAT(answer.json()["error"].get<std::string>(), HasSubstr("ilc.live"));
+  EXPECT_FALSE(armed_);
+  shown_ = nullptr;
 }
 
 TEST_F(HttpTest, SaysWhatIsStored) {

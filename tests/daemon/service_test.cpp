@@ -408,7 +408,7 @@ TEST(ThreadTable, NamesEveryThreadThatIsStarted) {
     EXPECT_THAT(table, HasSubstr("| " + source.substr(from, source.find('"', from) - from) + " |"));
     ++threads;
   }
-  EXPECT_EQ(threads, 8);
+  EXPECT_EQ(threads, 9);
 }
 
 }  // namespace

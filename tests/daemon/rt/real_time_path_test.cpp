@@ -6,9 +6,11 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <numbers>
 #include <thread>
 
 #include "daemon/can_source.h"
+#include "daemon/live_offsets.h"
 #include "daemon/real_time_loop.h"
 #include "drivers/can_encoder.h"
 #include "drivers/can_udp.h"
@@ -28,6 +30,7 @@ class ForbiddingSource final : public FrameSource {
     forbid_heap_and_locks(received != Received::kEnd);
     return received;
   }
+  void send(const MachineOffset& offset) noexcept override { inner_.send(offset); }
   [[nodiscard]] std::int64_t age_ns() const noexcept override { return inner_.age_ns(); }
 
  private:
@@ -153,6 +156,73 @@ TEST(RealTimePath, AllocatesNothingWithARecordingReplayed) {
   running.models[0].publish(in_force(drive(), 1));
   EXPECT_EQ(running.run(source), kNone);
   EXPECT_EQ(running.loop.counters().frames, 3000U);
+}
+
+/// Two axes that stand, run a program, stand; three times, the last one with a pause in it.
+class Repeating final : public FrameSource {
+ public:
+  explicit Repeating(const Program& program) : program_(program) {}
+  Received receive(MachineFrame& frame, double) noexcept override {
+    const Eigen::Index rows = program_.rows(), whole = rows + 500;
+    const auto k = static_cast<Eigen::Index>(k_);
+    if (k >= 3 * whole) return Received::kEnd;
+    Eigen::Index row = std::max<Eigen::Index>(k % whole - 250, 0);
+    if (k >= 2 * whole) row = std::min<Eigen::Index>(row, rows / 2);
+    row = std::min(row, rows - 1);
+    frame.sequence = ++k_;
+    frame.time_ns = static_cast<std::int64_t>(k_) * 1'000'000;
+    frame.axis_count = 2;
+    for (std::size_t i = 0; i < 2; ++i)
+      frame.axes[i] = {program_.command[i](row), program_.command[i](row), kAbsent};
+    return Received::kFrame;
+  }
+  void send(const MachineOffset& offset) noexcept override {
+    for (const AxisOffset& axis : offset.axes) sent_ = std::max(sent_, std::abs(axis.offset));
+  }
+  [[nodiscard]] std::int64_t age_ns() const noexcept override { return 1000; }
+  [[nodiscard]] double sent() const { return sent_; }
+
+ private:
+  const Program& program_;
+  std::uint64_t k_ = 0;
+  double sent_ = 0.0;
+};
+
+TEST(RealTimePath, AllocatesNothingWhileCorrectionsAreGivenBack) {
+  auto learned = std::make_shared<LearnedProgram>();
+  constexpr Eigen::Index kRows = 2000;
+  const Eigen::ArrayXd time = Eigen::ArrayXd::LinSpaced(kRows, 0.0, 1.0);
+  const Eigen::ArrayXd bump = (std::numbers::pi * time).sin().square();
+  learned->program.axes = {0, 1};
+  for (const char* name : {"X", "Y"}) {
+    const double bent = name[0] == 'X' ? 0.0 : 1.0;
+    learned->program.command.emplace_back(0.01 * bump * (0.5 + bent * time));
+    learned->axes.push_back({name, false, 1});
+    learned->offset.emplace_back(1e-4 * bump * (4.0 * std::numbers::pi * time).sin().square());
+    learned->error_before.emplace_back(Eigen::ArrayXd::Constant(kRows, 1.0));
+    learned->error_after.emplace_back(Eigen::ArrayXd::Zero(kRows));
+  }
+  learned->contour_before = learned->error_before[0];
+  learned->contour_after = learned->error_after[0];
+  learned->contour_size_before = {1.0, 1.0};
+  LearningRules rules{{kCycle_s, {{"X", false, ""}, {"Y", false, ""}}}, {}, {}};
+  rules.limits.assign(2, OffsetLimits{1e-3, 0.1, 200.0});
+  rules.ilc.live = true;
+  rules.ilc.residual_band = 1e9;
+  OffsetHandOver hand_over;
+  const OffsetPlan plan{1, 0, {learned}};
+  hand_over.plans.publish(&plan);
+  hand_over.armed = true;
+  LiveOffsets offsets(rules, false, hand_over);
+  Ring<MachineOffset> said(4096);
+
+  Running running(2);
+  for (auto& model : running.models) model.publish(in_force(drive(), 1));
+  running.loop.give_back(offsets, said);
+  Repeating machine(learned->program);
+  EXPECT_EQ(running.run(machine), kNone);
+  EXPECT_GT(machine.sent(), 5e-5) << "offsets were given back";
+  EXPECT_EQ(hand_over.runs.waiting(), 3U);
 }
 
 TEST(RealTimePath, AllocatesNothingWithFramesFromTheNetwork) {

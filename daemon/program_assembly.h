@@ -1,0 +1,82 @@
+// Commanded paths as they come over the network, chunk by chunk, made whole and checked.
+//
+// A program is a path of some of the machine's axes in samples one cycle apart. What cannot be used
+// is refused by name: chunks that are missing or contradict each other, axes that the machine has
+// not, numbers that are none, rows that are not one cycle apart, too many of them. Each revision is
+// refused once; the rest of it is ignored. At most kMaxProgramsAtOnce programs are put together at
+// a time, the one that has waited longest makes room.
+//
+// SI units. One thread; errors: none are thrown.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "drivers/messages.h"
+
+namespace servotwin {
+
+/// Rows times axes of a program: 48 MB of what is known along it.
+inline constexpr std::size_t kMaxProgramValues = std::size_t{1} << 21U;
+inline constexpr std::size_t kLeastProgramRows = 16;
+inline constexpr std::size_t kMaxProgramsAtOnce = 16;
+/// A program whose next chunk has not come for this long is missing it [ns].
+inline constexpr std::int64_t kChunkPatience_ns = 10'000'000'000;
+
+struct Program {
+  std::string name;
+  std::uint64_t revision = 0;
+  bool learn = false;                   ///< false: preview only
+  std::vector<std::size_t> axes;        ///< of the machine, by number
+  std::vector<Eigen::ArrayXd> command;  ///< of each of them, one value per cycle [m | rad]
+
+  [[nodiscard]] Eigen::Index rows() const { return command.front().size(); }
+};
+
+struct ProgramRefusal {
+  std::string program;
+  std::uint64_t revision = 0;
+  std::string reason;  ///< one line: what, where, which value, which rule
+};
+
+class ProgramAssembly {
+ public:
+  explicit ProgramAssembly(MachineDescription machine) : machine_(std::move(machine)) {}
+
+  /// The program that this chunk completes, why it is refused, or neither. `now_ns`: any clock that
+  /// goes on.
+  using Outcome = std::variant<std::monostate, Program, ProgramRefusal>;
+  [[nodiscard]] Outcome take(const ProgramChunk& chunk, std::int64_t now_ns);
+  /// A program that waits for a chunk for too long; asked again until there is none.
+  [[nodiscard]] std::optional<ProgramRefusal> overdue(std::int64_t now_ns);
+
+ private:
+  struct Part {
+    std::string name;
+    std::uint64_t revision = 0;
+    bool done = false;  // complete or refused: the rest of this revision is ignored
+    bool learn = false;
+    std::uint32_t next = 0, chunks = 0;
+    std::vector<std::string> names;
+    std::vector<std::size_t> axes;
+    double last_time_s = 0.0;
+    std::vector<std::vector<double>> command;
+    std::int64_t last_ns = 0;
+  };
+
+  Part& part_of(const ProgramChunk& chunk);
+  /// Why the chunk cannot be used; empty if it can.
+  [[nodiscard]] std::string contradiction(const ProgramChunk& chunk, const Part& part) const;
+  [[nodiscard]] std::string unknown_axes(const ProgramChunk& chunk,
+                                         std::vector<std::size_t>& axes) const;
+  [[nodiscard]] std::string not_usable(const ProgramChunk& chunk, const Part& part) const;
+
+  MachineDescription machine_;
+  std::vector<Part> parts_;
+};
+
+}  // namespace servotwin

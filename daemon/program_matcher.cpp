@@ -1,0 +1,93 @@
+#include "daemon/program_matcher.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace servotwin {
+
+void ProgramMatcher::watch(std::span<const Program* const> programs) noexcept {
+  count_ = std::min(programs.size(), kMaxPrograms);
+  for (std::size_t i = 0; i < count_; ++i) {
+    Followed& one = programs_[i] = Followed();
+    one.program = programs[i];
+    const std::vector<Eigen::ArrayXd>& path = one.program->command;
+    const auto away = [&](Eigen::Index row) {
+      return std::any_of(path.begin(), path.end(), [&](const Eigen::ArrayXd& axis) {
+        return std::abs(axis(row) - axis(0)) > tolerance_;
+      });
+    };
+    while (one.first_motion < one.program->rows() && !away(one.first_motion)) ++one.first_motion;
+  }
+}
+
+void ProgramMatcher::forget() noexcept {
+  for (Followed& one : programs_) one.stood = one.cycles = 0;
+}
+
+bool ProgramMatcher::at(const Program& program, Eigen::Index row, std::span<const double> command,
+                        double& square) const noexcept {
+  for (std::size_t i = 0; i < program.axes.size(); ++i) {
+    const double away = command[program.axes[i]] - program.command[i](row);
+    if (!(std::abs(away) <= tolerance_)) return false;
+    square += away * away;
+  }
+  return true;
+}
+
+void ProgramMatcher::follow(Followed& one, std::span<const double> command) noexcept {
+  const Program& program = *one.program;
+  if (one.cycles == 0) {
+    double ignored = 0.0;
+    if (at(program, 0, command, ignored)) {
+      one.stood = std::min(one.stood + 1, kStanding);
+      return;
+    }
+    const bool begins = one.stood == kStanding && one.first_motion < program.rows();
+    one.stood = 0;
+    if (!begins) return;
+    for (int i = 0; i < kRows; ++i) {
+      const auto n = static_cast<std::size_t>(i);
+      // One less: they are moved on below, as in every cycle.
+      one.row[n] = one.first_motion + i - kAligned - 1;
+      one.alive[n] = one.row[n] >= -1;
+      one.square[n] = 0.0;
+    }
+  }
+  ++one.cycles;
+  bool any = false;
+  for (std::size_t n = 0; n < one.row.size(); ++n) {
+    if (!one.alive[n]) continue;
+    ++one.row[n];
+    one.alive[n] = one.row[n] < program.rows() && at(program, one.row[n], command, one.square[n]);
+    any = any || one.alive[n];
+  }
+  if (!any) {
+    one.cycles = 0;
+  } else if (one.cycles == kConfirmed) {
+    const std::size_t best = best_of(one);
+    for (std::size_t n = 0; n < one.alive.size(); ++n) one.alive[n] = n == best;
+  }
+}
+
+std::size_t ProgramMatcher::best_of(const Followed& one) noexcept {
+  std::size_t best = one.row.size();
+  for (std::size_t n = 0; n < one.row.size(); ++n) {
+    if (one.alive[n] && (best == one.row.size() || one.square[n] < one.square[best])) best = n;
+  }
+  return best;
+}
+
+std::optional<ProgramMatcher::Match> ProgramMatcher::see(std::span<const double> command) noexcept {
+  std::size_t followed = 0;
+  std::optional<Match> out;
+  for (std::size_t i = 0; i < count_; ++i) {
+    Followed& one = programs_[i];
+    follow(one, command);
+    if (one.cycles == 0) continue;
+    ++followed;
+    if (one.cycles >= kConfirmed) out = Match{i, one.row[best_of(one)]};
+  }
+  return followed == 1 ? out : std::nullopt;
+}
+
+}  // namespace servotwin
