@@ -10,8 +10,8 @@
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
 #include "daemon/cli/path_gcode.h"
+#include "daemon/model_uncertainty.h"
 #include "ilc/feedforward.h"
-#include "ilc/uncertainty.h"
 
 namespace servotwin::cli {
 namespace {
@@ -23,7 +23,6 @@ const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
                                           {"p", Law::kP},
                                           {"pd", Law::kPd},
                                           {"feedforward", Law::kInverse}};
-constexpr double kUnstated = 0.05;  // of every pole, where a model does not state deviations
 constexpr double kEndRest_s = 0.1;  // a correction starts and ends at 0, and looks ahead
 constexpr double kStands = 1e-8;    // [m | rad]
 
@@ -38,44 +37,6 @@ struct Arguments {
   double peak = 0.0, rate = 0.0;  // um, mm/s; 0: none
   double chord_um = 1.0;
 };
-
-/// What a model file says of its own uncertainty, or a share where it says nothing. The path has no
-/// say in it.
-TransferUncertainty uncertainty_of(const Arguments& arguments, const ModelRecord& record,
-                                   const Transfer& transfer, std::string& words) {
-  TransferUncertainty out;
-  const PoleSet& poles = record.pole_deviation;
-  if (arguments.uncertainty > 0.0 || !(poles.omega > 0.0 || poles.zeta > 0.0)) {
-    const double share = arguments.uncertainty > 0.0 ? arguments.uncertainty / 100.0 : kUnstated;
-    out = relative_uncertainty(transfer, share);
-    out.deviations = 1.0;
-    words = text("%.3g %% of every pole and coefficient", 100.0 * share) +
-            (arguments.uncertainty > 0.0 ? "" : " (the model states no deviations)");
-  } else {
-    words = "two standard deviations of the model";
-    if (record.loop_covariance) {
-      out.covariance = *record.loop_covariance;
-    } else {
-      double delay_s = 0.0;
-      for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
-        if (record.model.effects[i].kind == kind_of<TimeDelay>())
-          delay_s = record.effect_deviations[i].shape[0];
-      }
-      out.covariance = one_by_one(poles, record.numerator_deviation, delay_s);
-      words += ", one by one since its file has no covariance (identify it anew)";
-    }
-    // The deviations are of the scatter in what was fitted. What was not fitted may show more.
-    const double more = record.holdout.rms / record.training.rms;
-    if (more > 1.0 && std::isfinite(more)) {
-      out.covariance *= more * more;
-      words += text(", %.3g times as large since it missed that much more of its hold-out", more);
-    }
-  }
-  out.timing_s = record.model.sample_time_s;
-  words += words.find(',') == words.npos ? " and a cycle of its recording"
-                                         : ", and a cycle of its recording";
-  return out;
-}
 
 /// What of `arguments` the feed-forward has no use for.
 void require_meant(const Arguments& arguments) {
@@ -140,8 +101,10 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
   if (arguments.rate > 0.0) axis.limits.rate = kMilli * arguments.rate;
 
   const double h = axis.path.sample_time_s;
-  const std::vector<Transfer> models = models_within(
-      axis.law.model, uncertainty_of(arguments, commanded.record, axis.law.model, out.uncertainty));
+  const ModelUncertainty uncertainty =
+      uncertainty_of(commanded.record, axis.law.model, arguments.uncertainty / 100.0);
+  out.uncertainty = uncertainty.words;
+  const std::vector<Transfer> models = models_within(axis.law.model, uncertainty.of_transfer);
   out.models = models.size();
   LearningLaw inverse = axis.law;
   inverse.law = Law::kInverse;
