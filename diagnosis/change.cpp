@@ -157,17 +157,8 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
   effect.kind = kind;
   std::copy(shapes.begin(), shapes.end(), effect.shape.begin());
   const std::size_t replaced = kind_of(identity_of(kind).replaces);
-  if (const Effect* old = model.find(replaced); old != nullptr) {
+  if (const Effect* old = model.find(replaced); old != nullptr)
     effect.coefficient[0] = old->coefficient[0];
-  } else {
-    // What can only be there as a whole begins as that: next to nothing of it says nothing of its
-    // shapes.
-    std::size_t c = 0;
-    for (const Parameter& p : coefficients_of(kind)) {
-      if (p.lower > 0.0) effect.coefficient[c] = p.start;
-      ++c;
-    }
-  }
   Change out;
   out.cause = identity_of(kind).cause;
   out.kind = kind;

@@ -31,6 +31,10 @@ bool plausible(const Model& model, double begin_s, double end_s) {
     const double share = (effect.shape[0] - begin_s) / (end_s - begin_s);
     if (share < kEdge || share > 1.0 - kEdge) return false;
   }
+  // Of what a motor cannot give all is missing, and not a tenth.
+  constexpr double kAll = 0.5;
+  const Effect* limit = model.find(kind_of<TorqueSaturation>());
+  if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < kAll)) return false;
   // A gap is crossed at the gain of the velocity loop, which is most of the first coefficient.
   constexpr double kLeast = 0.3, kMost = 2.0;
   const Effect* play = model.find(kind_of<BacklashInLoop>());

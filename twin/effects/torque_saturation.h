@@ -32,8 +32,7 @@ struct TorqueSaturation {
        {"viscous", "1/s", 1e-3, 100.0, 0.3,
         "viscous friction that the motor has to give as well, which the poles hold"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"share", "1", 0.5, 1.5, 1.0,
-        "of the demand beyond the limit that is missing: all of it, or it is no limit"}}};
+      {{"share", "1", -10.0, 10.0, 0.0, "of the demand beyond the limit that is missing"}}};
   template <class T>
   struct Memory {
     explicit Memory(const T* /*shape*/) {}
