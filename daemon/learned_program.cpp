@@ -96,7 +96,7 @@ LearningRules learning_rules(const Config& config, const MachineDescription& mac
   return out;
 }
 
-LearnedProgram learned(const Program& program, const LearningRules& rules,
+LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
                        const std::vector<StoredModel>& in_force, std::int64_t wall_ns,
                        const std::stop_token& stop) {
   LearnedProgram out;

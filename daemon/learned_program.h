@@ -25,7 +25,7 @@ namespace servotwin {
 
 struct LearnedProgram {
   std::uint64_t number = 0;  ///< of whoever keeps it
-  Program program;
+  CommandedPath program;
   std::vector<double> missed;               ///< of each axis' model on its hold-out, RMS [m | rad]
   std::vector<AxisCorrectionFigures> axes;  ///< as program.axes
   std::vector<Eigen::ArrayXd> offset;       ///< of each of them; 0 if it was not learned
@@ -48,7 +48,7 @@ struct LearningRules {
 
 /// `in_force`: the models of the machine. When `stop` is requested it is given up before its next
 /// trial, by throwing.
-[[nodiscard]] LearnedProgram learned(const Program& program, const LearningRules& rules,
+[[nodiscard]] LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
                                      const std::vector<StoredModel>& in_force, std::int64_t wall_ns,
                                      const std::stop_token& stop = {});
 

@@ -39,14 +39,14 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
 void LearningWorker::take(const ProgramChunk& chunk, std::int64_t now_ns) {
   const ProgramAssembly::Outcome outcome = assembly_.take(chunk, now_ns);
   if (const auto* refusal = std::get_if<ProgramRefusal>(&outcome)) refuse(*refusal);
-  if (const auto* program = std::get_if<Program>(&outcome)) learn_now(*program);
+  if (const auto* program = std::get_if<CommandedPath>(&outcome)) learn_now(*program);
 }
 
 void LearningWorker::refuse_overdue(std::int64_t now_ns) {
   while (const std::optional<ProgramRefusal> refusal = assembly_.overdue(now_ns)) refuse(*refusal);
 }
 
-void LearningWorker::learn_now(const Program& program) {
+void LearningWorker::learn_now(const CommandedPath& program) {
   try {
     const std::int64_t begin_ns = steady_ns();
     LearnedProgram made = learned(program, rules_, store_.in_force(), wall_ns(), give_up_);

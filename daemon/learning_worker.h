@@ -55,7 +55,7 @@ class LearningWorker {
 
  private:
   using Kept = std::shared_ptr<const LearnedProgram>;
-  void learn_now(const Program& program);
+  void learn_now(const CommandedPath& program);
   void heed(const OffsetRun& run);
   void learn_anew(const Kept& learned);
   void withdraw(const Kept& learned, const std::string& why);

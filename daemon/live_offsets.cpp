@@ -64,7 +64,7 @@ void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
   plan_ = *fresh;
   plan_frame_ns_ = frame.time_ns;
   barred_ = nullptr;
-  std::array<const Program*, ProgramMatcher::kMaxPrograms> programs{};
+  std::array<const CommandedPath*, ProgramMatcher::kMaxPrograms> programs{};
   const std::size_t count = std::min(plan_->programs.size(), programs.size());
   for (std::size_t i = 0; i < count; ++i) programs[i] = &plan_->programs[i]->program;
   matcher_.watch({programs.data(), count});
@@ -109,7 +109,7 @@ void LiveOffsets::end(RunEnd end, int axis, Refusal refusal) noexcept {
 }
 
 void LiveOffsets::watch_residuals(const MachinePrediction& prediction) noexcept {
-  const Program& program = run_.learned->program;
+  const CommandedPath& program = run_.learned->program;
   for (std::size_t n = 0; n < program.axes.size(); ++n) {
     const AxisPrediction& axis = prediction.axes[program.axes[n]];
     // Without an encoder value nobody knows what the machine does.

@@ -137,7 +137,7 @@ ProgramAssembly::Outcome ProgramAssembly::take(const ProgramChunk& chunk, std::i
   if (part.command.front().size() < kLeastProgramRows)
     return refuse("too short: " + std::to_string(part.command.front().size()) + " rows, at least " +
                   std::to_string(kLeastProgramRows) + " are needed");
-  Program program{part.name, part.revision, part.learn, part.axes, {}};
+  CommandedPath program{part.name, part.revision, part.learn, part.axes, {}};
   for (const std::vector<double>& axis : part.command)
     program.command.emplace_back(
         Eigen::Map<const Eigen::ArrayXd>(axis.data(), static_cast<Eigen::Index>(axis.size())));

@@ -27,7 +27,7 @@ inline constexpr std::size_t kMaxProgramsAtOnce = 16;
 /// A program whose next chunk has not come for this long is missing it [ns].
 inline constexpr std::int64_t kChunkPatience_ns = 10'000'000'000;
 
-struct Program {
+struct CommandedPath {
   std::string name;
   std::uint64_t revision = 0;
   bool learn = false;                   ///< false: preview only
@@ -49,7 +49,7 @@ class ProgramAssembly {
 
   /// The program that this chunk completes, why it is refused, or neither. `now_ns`: any clock that
   /// goes on.
-  using Outcome = std::variant<std::monostate, Program, ProgramRefusal>;
+  using Outcome = std::variant<std::monostate, CommandedPath, ProgramRefusal>;
   [[nodiscard]] Outcome take(const ProgramChunk& chunk, std::int64_t now_ns);
   /// A program that waits for a chunk for too long; asked again until there is none.
   [[nodiscard]] std::optional<ProgramRefusal> overdue(std::int64_t now_ns);

@@ -5,7 +5,7 @@
 
 namespace servotwin {
 
-void ProgramMatcher::watch(std::span<const Program* const> programs) noexcept {
+void ProgramMatcher::watch(std::span<const CommandedPath* const> programs) noexcept {
   count_ = std::min(programs.size(), kMaxPrograms);
   for (std::size_t i = 0; i < count_; ++i) {
     Followed& one = programs_[i] = Followed();
@@ -24,8 +24,8 @@ void ProgramMatcher::forget() noexcept {
   for (Followed& one : programs_) one.stood = one.cycles = 0;
 }
 
-bool ProgramMatcher::at(const Program& program, Eigen::Index row, std::span<const double> command,
-                        double& square) const noexcept {
+bool ProgramMatcher::at(const CommandedPath& program, Eigen::Index row,
+                        std::span<const double> command, double& square) const noexcept {
   for (std::size_t i = 0; i < program.axes.size(); ++i) {
     const double away = command[program.axes[i]] - program.command[i](row);
     if (!(std::abs(away) <= tolerance_)) return false;
@@ -35,7 +35,7 @@ bool ProgramMatcher::at(const Program& program, Eigen::Index row, std::span<cons
 }
 
 void ProgramMatcher::follow(Followed& one, std::span<const double> command) noexcept {
-  const Program& program = *one.program;
+  const CommandedPath& program = *one.program;
   if (one.cycles == 0) {
     double ignored = 0.0;
     if (at(program, 0, command, ignored)) {

@@ -39,7 +39,7 @@ class ProgramMatcher {
 
   /// The programs to watch for, at most kMaxPrograms; they outlive the matcher or the next call.
   /// What was followed is forgotten.
-  void watch(std::span<const Program* const> programs) noexcept;
+  void watch(std::span<const CommandedPath* const> programs) noexcept;
   /// What came before does not count any more.
   void forget() noexcept;
   /// One cycle. `command`: of every axis of the machine, by number.
@@ -48,7 +48,7 @@ class ProgramMatcher {
  private:
   static constexpr int kRows = 2 * kAligned + 1;
   struct Followed {
-    const Program* program = nullptr;
+    const CommandedPath* program = nullptr;
     Eigen::Index first_motion = 0;  // the first row that is away from the start
     int stood = 0;                  // cycles at the start until now
     int cycles = 0;                 // followed; 0: it is not
@@ -57,8 +57,8 @@ class ProgramMatcher {
     std::array<double, kRows> square{};  // of the deviations so far
   };
 
-  [[nodiscard]] bool at(const Program& program, Eigen::Index row, std::span<const double> command,
-                        double& square) const noexcept;
+  [[nodiscard]] bool at(const CommandedPath& program, Eigen::Index row,
+                        std::span<const double> command, double& square) const noexcept;
   void follow(Followed& one, std::span<const double> command) noexcept;
   [[nodiscard]] static std::size_t best_of(const Followed& one) noexcept;
 

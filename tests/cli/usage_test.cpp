@@ -59,6 +59,8 @@ const std::vector<Typed> kTyped{
     {{"simulate", "path.csv"}, "--model is required"},
     {{"simulate", "path.csv", "--model", "m.json", "--noise", "much"}, "'much' is no STEP"},
     {{"simulate", "path.csv", "--model", "m.json", "--noise", "1:-1"}, "must not be negative"},
+    {{"preview", "rec.csv"}, "name the bus: --dds"},
+    {{"preview", "rec.csv", "--dds", "--name", "a/b"}, "--name a/b"},
     {{"replay", "rec.csv"}, "name one bus: --dds, --can or --udp"},
     {{"replay", "rec.csv", "--can", "vcan0", "--dds"}, "name one bus: --dds, --can or --udp"},
     {{"replay", "rec.csv", "--can", "vcan0", "--udp", "a:1"}, "name one bus: --can or --udp"},

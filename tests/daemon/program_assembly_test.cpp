@@ -48,7 +48,7 @@ TEST(ProgramAssembly, PutsChunksTogetherInTheirOrder) {
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 3), 1)));
   EXPECT_TRUE(waits(assembly.take(chunk_of(1, 3), 2)));
   const Outcome whole = assembly.take(chunk_of(2, 3), 3);
-  const auto* program = std::get_if<Program>(&whole);
+  const auto* program = std::get_if<CommandedPath>(&whole);
   ASSERT_NE(program, nullptr) << refusal(whole);
   EXPECT_EQ(program->name, "part");
   EXPECT_EQ(program->revision, 1U);
@@ -65,9 +65,9 @@ TEST(ProgramAssembly, ANewRevisionAndTheSameOnceMoreBeginAnew) {
   ProgramAssembly assembly(kMachine);
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 2, 20, 1), 1)));
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 2, 20, 2), 2)));
-  EXPECT_TRUE(std::holds_alternative<Program>(assembly.take(chunk_of(1, 2, 20, 2), 3)));
+  EXPECT_TRUE(std::holds_alternative<CommandedPath>(assembly.take(chunk_of(1, 2, 20, 2), 3)));
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 2, 20, 2), 4)));
-  EXPECT_TRUE(std::holds_alternative<Program>(assembly.take(chunk_of(1, 2, 20, 2), 5)));
+  EXPECT_TRUE(std::holds_alternative<CommandedPath>(assembly.take(chunk_of(1, 2, 20, 2), 5)));
 }
 
 struct Wrong {
@@ -194,7 +194,7 @@ TEST(ProgramAssembly, ManyNamesTakeNoMoreThanTheirRoom) {
   EXPECT_THAT(refusal(assembly.take(rest, 100)), HasSubstr("chunk 0 of 2 is missing"))
       << "the one that had waited longest made room";
   rest.program = "part16";
-  EXPECT_TRUE(std::holds_alternative<Program>(assembly.take(rest, 101)));
+  EXPECT_TRUE(std::holds_alternative<CommandedPath>(assembly.take(rest, 101)));
 }
 
 }  // namespace

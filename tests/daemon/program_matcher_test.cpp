@@ -12,8 +12,8 @@ namespace {
 constexpr double kTolerance = 2e-6;
 
 /// Stands for `dwell` cycles, then moves from rest for 300, then stands again.
-Program program_of(double turn, Eigen::Index dwell = 30, double until = 300.0) {
-  Program out;
+CommandedPath program_of(double turn, Eigen::Index dwell = 30, double until = 300.0) {
+  CommandedPath out;
   out.name = "part";
   out.axes = {1, 0};
   const Eigen::Index rows = dwell + 400;
@@ -30,15 +30,15 @@ Program program_of(double turn, Eigen::Index dwell = 30, double until = 300.0) {
 
 class ProgramMatcherTest : public testing::Test {
  protected:
-  void watch(const std::vector<const Program*>& programs) { matcher_.watch(programs); }
+  void watch(const std::vector<const CommandedPath*>& programs) { matcher_.watch(programs); }
   /// One cycle at a row of a program, with both axes off by `off`.
-  std::optional<ProgramMatcher::Match> at(const Program& program, Eigen::Index row,
+  std::optional<ProgramMatcher::Match> at(const CommandedPath& program, Eigen::Index row,
                                           double off = 0.0) {
     command_[1] = program.command[0](row) + off;
     command_[0] = program.command[1](row) - off;
     return matcher_.see(command_);
   }
-  void stand(const Program& program, int cycles) {
+  void stand(const CommandedPath& program, int cycles) {
     for (int i = 0; i < cycles; ++i) ASSERT_FALSE(at(program, 0)) << "nothing moves";
   }
   ProgramMatcher matcher_{kTolerance};
@@ -46,7 +46,7 @@ class ProgramMatcherTest : public testing::Test {
 };
 
 TEST_F(ProgramMatcherTest, KnowsTheRowAfterALongerOrShorterDwell) {
-  const Program program = program_of(0.0);
+  const CommandedPath program = program_of(0.0);
   for (const int stood : {10, 30, 5000}) {
     watch({&program});
     stand(program, stood);
@@ -67,7 +67,7 @@ TEST_F(ProgramMatcherTest, KnowsTheRowAfterALongerOrShorterDwell) {
 }
 
 TEST_F(ProgramMatcherTest, CommandsWithinTheToleranceAreTheProgramAndOthersAreNot) {
-  const Program program = program_of(0.0);
+  const CommandedPath program = program_of(0.0);
   for (const double off : {0.9 * kTolerance, 1.1 * kTolerance}) {
     watch({&program});
     stand(program, 20);
@@ -78,7 +78,7 @@ TEST_F(ProgramMatcherTest, CommandsWithinTheToleranceAreTheProgramAndOthersAreNo
 }
 
 TEST_F(ProgramMatcherTest, WhatLeavesTheProgramEndsTheMatchAtOnce) {
-  const Program program = program_of(0.0);
+  const CommandedPath program = program_of(0.0);
   watch({&program});
   stand(program, 20);
   for (Eigen::Index row = 30; row < 200; ++row) at(program, row);
@@ -89,8 +89,8 @@ TEST_F(ProgramMatcherTest, WhatLeavesTheProgramEndsTheMatchAtOnce) {
 }
 
 TEST_F(ProgramMatcherTest, AnotherFeedIsAnotherProgram) {
-  const Program program = program_of(0.0), faster = [] {
-    Program out = program_of(0.0);
+  const CommandedPath program = program_of(0.0), faster = [] {
+    CommandedPath out = program_of(0.0);
     for (Eigen::ArrayXd& axis : out.command) axis = axis(0) + 1.01 * (axis - axis(0));
     return out;
   }();
@@ -100,14 +100,14 @@ TEST_F(ProgramMatcherTest, AnotherFeedIsAnotherProgram) {
 }
 
 TEST_F(ProgramMatcherTest, PassingItsStartIsNotStandingThere) {
-  const Program program = program_of(0.0, 1);
+  const CommandedPath program = program_of(0.0, 1);
   watch({&program});
   for (int i = 0; i < ProgramMatcher::kStanding / 2; ++i) at(program, 0);
   for (Eigen::Index row = 1; row < program.rows(); ++row) ASSERT_FALSE(at(program, row));
 }
 
 TEST_F(ProgramMatcherTest, OfTwoThatBeginAlikeNoneIsKnownUntilTheyPart) {
-  const Program one = program_of(0.0), other = program_of(1.0);
+  const CommandedPath one = program_of(0.0), other = program_of(1.0);
   watch({&one, &other});
   stand(one, 20);
   int first = 0;
@@ -123,7 +123,7 @@ TEST_F(ProgramMatcherTest, OfTwoThatBeginAlikeNoneIsKnownUntilTheyPart) {
 }
 
 TEST_F(ProgramMatcherTest, ACommandThatIsNoNumberAndAGapEndTheMatch) {
-  const Program program = program_of(0.0);
+  const CommandedPath program = program_of(0.0);
   for (const bool gap : {false, true}) {
     watch({&program});
     stand(program, 20);
@@ -139,7 +139,7 @@ TEST_F(ProgramMatcherTest, ACommandThatIsNoNumberAndAGapEndTheMatch) {
 }
 
 TEST_F(ProgramMatcherTest, AProgramThatNeverMovesIsNeverRecognised) {
-  const Program program = program_of(0.0, 30, 0.0);
+  const CommandedPath program = program_of(0.0, 30, 0.0);
   watch({&program});
   stand(program, 100);
   command_[0] += 1e-3;

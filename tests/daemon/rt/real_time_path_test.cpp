@@ -161,7 +161,7 @@ TEST(RealTimePath, AllocatesNothingWithARecordingReplayed) {
 /// Two axes that stand, run a program, stand; three times, the last one with a pause in it.
 class Repeating final : public FrameSource {
  public:
-  explicit Repeating(const Program& program) : program_(program) {}
+  explicit Repeating(const CommandedPath& program) : program_(program) {}
   Received receive(MachineFrame& frame, double) noexcept override {
     const Eigen::Index rows = program_.rows(), whole = rows + 500;
     const auto k = static_cast<Eigen::Index>(k_);
@@ -183,7 +183,7 @@ class Repeating final : public FrameSource {
   [[nodiscard]] double sent() const { return sent_; }
 
  private:
-  const Program& program_;
+  const CommandedPath& program_;
   std::uint64_t k_ = 0;
   double sent_ = 0.0;
 };
