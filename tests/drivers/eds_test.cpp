@@ -30,10 +30,8 @@ TEST(Eds, SchunkConfigurationGoesBeforeItsDefaults) {
   const EdsDevice device = fixture("Schunk_0_63.dcf", 5);
   // 1800sub1 ParameterValue=$NODEID+0x180; 1400sub1 $NODEID+0x200.
   EXPECT_EQ(text_of(pdo_of(device, true, 1)), "TPDO1 (0x185): 0x6041 16 bits, 0x6061 8 bits");
-  EXPECT_EQ(text_of(pdo_of(device, false, 1)),
-            "RPDO1 (0x205): 0x6040 16 bits, 0x6042 16 bits");
-  EXPECT_EQ(text_of(pdo_of(device, false, 2)),
-            "RPDO2 (0x305): 0x607A 32 bits, 0x60C1:01 32 bits");
+  EXPECT_EQ(text_of(pdo_of(device, false, 1)), "RPDO1 (0x205): 0x6040 16 bits, 0x6042 16 bits");
+  EXPECT_EQ(text_of(pdo_of(device, false, 2)), "RPDO2 (0x305): 0x607A 32 bits, 0x60C1:01 32 bits");
   EXPECT_EQ(pdo_of(device, true, 1).transmission, 1);
   EXPECT_EQ(pdo_of(device, true, 1).bytes(), 3);
 }
@@ -77,8 +75,7 @@ TEST(Eds, MaxonIsConfiguredForNodeOne) {
   const EdsDevice device = read_eds(file, 7);
   // 1400sub1 ParameterValue=0x00000201 says node 1, whatever node it is said to be.
   EXPECT_EQ(pdo_of(device, false, 1).id, 0x201U);
-  EXPECT_EQ(text_of(pdo_of(device, false, 1)),
-            "RPDO1 (0x201): 0x6040 16 bits, 0x60FF 32 bits");
+  EXPECT_EQ(text_of(pdo_of(device, false, 1)), "RPDO1 (0x201): 0x6040 16 bits, 0x60FF 32 bits");
 }
 
 constexpr const char* kDrive = R"([DeviceInfo]
