@@ -229,6 +229,11 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.extended.method = "diagnosis";
     out.extended.training = judge(model, training);
     out.extended.holdout = judge(model, holdout);
+    // Those of the baseline are of other poles; these have none yet.
+    out.extended.denominator_deviation.fill(kAbsent);
+    out.extended.numerator_deviation.fill(kAbsent);
+    out.extended.pole_deviation = {kAbsent, kAbsent, kAbsent};
+    out.extended.loop_covariance.reset();
   }
   out.extended.effect_deviations.assign(out.extended.model.effects.size(), {});
 

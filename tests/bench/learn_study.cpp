@@ -20,11 +20,11 @@
 #include <string>
 #include <vector>
 
+#include "daemon/robust_axis.h"
 #include "diagnosis/diagnose.h"
 #include "identification/identify.h"
 #include "ilc/feedforward.h"
 #include "ilc/learn.h"
-#include "ilc/uncertainty.h"
 #include "tests/hidden_effects/rig.h"
 #include "tests/virtual_machine/example_machine.h"
 
@@ -215,20 +215,13 @@ struct Twins {
   std::vector<ModelRecord> axes;
 };
 
+/// As the program makes it ready.
 LearnAxis learner(const ModelRecord& record, const ArrayXd& command, bool basis) {
-  LearnAxis axis;
-  axis.name = record.axis;
-  axis.model = record.model;
-  axis.path.sample_time_s = kCycle_s;
-  axis.path.command = command;
-  axis.law.model = transfer_of(record.model);
-  TransferUncertainty uncertainty;
-  const double more = std::max(1.0, record.holdout.rms / record.training.rms);
-  uncertainty.covariance = more * more * record.loop_covariance.value();
-  uncertainty.timing_s = kCycle_s;
-  const std::vector<Transfer> models = models_within(axis.law.model, uncertainty);
-  axis.law.bandwidth_hz = robust_bandwidth(axis.law, models, kCycle_s);
-  if (basis) axis.basis_bandwidth_hz = harmless_bandwidth(axis.law, models, kCycle_s);
+  Segment path;
+  path.sample_time_s = kCycle_s;
+  path.command = command;
+  LearnAxis axis = robust_axis(record, path, {}).learning;
+  if (!basis) axis.basis_bandwidth_hz = 0.0;
   return axis;
 }
 
