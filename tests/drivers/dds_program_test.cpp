@@ -8,16 +8,12 @@
 
 #include "drivers/dds.h"
 #include "servotwin.h"
+#include "tests/drivers/dds_place.h"
 
 namespace servotwin {
 namespace {
 
 using testing::HasSubstr;
-
-constexpr double kPatience_s =
-    10.0;  // of a busy machine; nothing waits that long where all is well
-
-DdsPlace place(const std::string& name) { return {name + "-" + std::to_string(getpid()), 91, ""}; }
 
 ProgramChunk chunk_of(std::uint32_t chunk, std::uint32_t chunks, std::size_t rows) {
   ProgramChunk out;

@@ -9,17 +9,12 @@
 #include <limits>
 
 #include "servotwin.h"
+#include "tests/drivers/dds_place.h"
 
 namespace servotwin {
 namespace {
 
 using testing::HasSubstr;
-
-constexpr double kPatience_s =
-    10.0;  // of a busy machine; nothing waits that long where all is well
-
-/// A machine of this process alone.
-DdsPlace place(const std::string& name) { return {name + "-" + std::to_string(getpid()), 91, ""}; }
 
 MachineFrame frame_with(int axes, int ahead) {
   MachineFrame frame;

@@ -1,0 +1,20 @@
+// Where a test of this process speaks over DDS, and how long it waits there.
+#pragma once
+
+#include <unistd.h>
+
+#include <string>
+
+#include "drivers/dds.h"
+
+namespace servotwin {
+
+inline constexpr double kPatience_s =
+    10.0;  // of a busy machine; nothing waits that long where all is well
+
+/// A machine of this process alone.
+inline DdsPlace place(const std::string& name) {
+  return {name + "-" + std::to_string(getpid()), 91, ""};
+}
+
+}  // namespace servotwin
