@@ -174,6 +174,14 @@ double balanced_share(const Model& model, const std::vector<Segment>& segments, 
   return std::clamp(static_cast<double>(at - sums.begin()) / n, kFirst, kLast);
 }
 
+/// The model without its i-th effect; the baseline where that took the place of another one.
+Model taken_off(const Model& model, std::size_t i, const Model& baseline) {
+  if (!identity_of(model.effects[i].kind).replaces.empty()) return baseline;
+  Model out = model;
+  out.effects.erase(out.effects.begin() + static_cast<std::ptrdiff_t>(i));
+  return out;
+}
+
 /// By this division of the recording.
 Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
   Diagnosis out;
@@ -253,7 +261,9 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     const std::size_t i = cause.place;
     Hypothesis less;
     less.structure = without(current.structure, id, one.kind);
-    if (!search.fit(less, {point_of(current.model, less.structure)})) continue;
+    // Where nothing can be fitted without it, everything else stays as it is.
+    if (!search.fit(less, {point_of(current.model, less.structure)}))
+      less.model = taken_off(extended, i, out.baseline.model);
     const Gain fitted_again = gain_of(less.model, extended, holdout);
     cause.worth = worth_of(fitted_again);
     if (one.kind == kind_of<TimeDelay>()) {
@@ -274,9 +284,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
       const auto laws = friction_kinds();
       if (identity_of(one.kind).replaces.empty() &&
           std::find(laws.begin(), laws.end(), one.kind) == laws.end()) {
-        Model repaired = extended;
-        repaired.effects.erase(repaired.effects.begin() + static_cast<std::ptrdiff_t>(i));
-        judge_repair(extended, repaired, holdout, cause.gain);
+        judge_repair(extended, taken_off(extended, i, out.baseline.model), holdout, cause.gain);
       }
       cause.without = less.model;
       if (!named) {
@@ -322,32 +330,52 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   return out;
 }
 
+/// Another way to come to the same recording, where the first explains too little of it.
+struct Anew {
+  std::string words;
+  DiagnoseOptions options;
+};
+
+std::vector<Anew> other_ways(const Diagnosis& first, const SegmentedAxis& axis,
+                             const DiagnoseOptions& options) {
+  std::vector<Anew> out;
+  const double share =
+      balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms,
+                     options.identify.training_share);
+  if (options.balance && share != options.identify.training_share) {
+    out.push_back({text("divided anew: %.0f %% of the time is fitted", 100.0 * share), options});
+    out.back().options.identify.training_share = share;
+  }
+  // A cause that makes most of the error bends the loop that is fitted without it.
+  if (options.identify.order == 0) {
+    const int order = first.baseline.model.loop.order == 2 ? 3 : 2;
+    out.push_back({text("begun anew with a loop of order %d", order), options});
+    out.back().options.identify.order = order;
+  }
+  return out;
+}
+
 }  // namespace
 
 Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   Diagnosis first = diagnose_divided(axis, options);
   const auto pushes = [&](const Cause& cause) { return unforeseeable(first, cause); };
-  if (!options.balance || first.verdict != Verdict::kUnexplained ||
+  if (first.verdict != Verdict::kUnexplained ||
       std::any_of(first.causes.begin(), first.causes.end(), pushes) ||
       std::any_of(first.suspected.begin(), first.suspected.end(), pushes))
     return first;
-  const double share =
-      balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms,
-                     options.identify.training_share);
-  if (share == options.identify.training_share) return first;
-  const std::string divided = text("divided anew: %.0f %% of the time is fitted", 100.0 * share);
-  DiagnoseOptions other = options;
-  other.identify.training_share = share;
-  try {
-    Diagnosis second = diagnose_divided(axis, other);
-    if (second.verdict == Verdict::kExplained || second.causes.size() > first.causes.size()) {
-      second.steps.insert(second.steps.begin(), divided);
-      return second;
+  for (const Anew& anew : other_ways(first, axis, options)) {
+    try {
+      Diagnosis second = diagnose_divided(axis, anew.options);
+      if (second.verdict == Verdict::kExplained || second.causes.size() > first.causes.size()) {
+        second.steps.insert(second.steps.begin(), anew.words);
+        return second;
+      }
+      first.steps.push_back(anew.words + ", and explains no more");
+    } catch (const std::runtime_error& error) {
+      if (options.stop.stop_requested()) throw;
+      first.steps.push_back(anew.words + ": " + error.what());
     }
-    first.steps.push_back(divided + ", and explains no more");
-  } catch (const std::runtime_error& error) {
-    if (options.stop.stop_requested()) throw;
-    first.steps.push_back(divided + ": " + error.what());
   }
   return first;
 }

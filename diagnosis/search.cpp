@@ -43,6 +43,22 @@ bool plausible(const Model& model, double begin_s, double end_s) {
   return share > kLeast && share < kMost;
 }
 
+/// Along a motion that the model has wrong a small gap several times is what a large one looks
+/// like: it gets the width of all of them. True where that is another model.
+bool at_the_size_it_is_seen(Model& model) {
+  for (Effect& effect : model.effects) {
+    if (effect.kind != kind_of<Backlash>()) continue;
+    const Parameter& width = shapes_of(effect.kind)[0];
+    const Parameter& share = coefficients_of(effect.kind)[0];
+    double& seen = effect.coefficient[0];
+    if (!(seen > 0.0) || (seen > share.lower && seen < share.upper)) return false;
+    effect.shape[0] = std::clamp(effect.shape[0] * seen, width.lower, width.upper);
+    seen = 1.0;
+    return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 double Hypothesis::rms() const {
@@ -183,13 +199,21 @@ std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
   return out;
 }
 
-void Search::polish(Hypothesis& h) {
+namespace {
+
+OutputErrorOptions polishing(const NoiseFloor& floor) {
   OutputErrorOptions options;
-  options.encoder_step = floor_.encoder_step;
+  options.encoder_step = floor.encoder_step;
   options.rounds = 12;
   options.passes = 2;
   options.tolerance = 1e-3;
-  const auto polished = output_error(training_, h.structure, h.model, options);
+  return options;
+}
+
+}  // namespace
+
+void Search::polish(Hypothesis& h) {
+  const auto polished = output_error(training_, h.structure, h.model, polishing(floor_));
   if (!polished || !why_invalid(polished->model).empty()) return;
   if (servotwin::judge(polished->model, training_).rms >= servotwin::judge(h.model, training_).rms)
     return;
@@ -208,11 +232,13 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   if (!found) return false;
   h.model = all.model_of(found->point, found->solution.linear);
   h.model.sample_time_s = training_.front().sample_time_s;  // of the poles it is the same loop
+  const bool seen_otherwise = at_the_size_it_is_seen(h.model);
   if (!why_invalid(h.model).empty() ||
       !plausible(h.model, training_.front().start_s, training_.back().end_s()))
     return false;
-  h.point = found->point;
+  h.point = point_of(h.model, h.structure);
   h.cost = found->solution.cost;
+  if (seen_otherwise) polish(h);
   return true;
 }
 
@@ -281,6 +307,17 @@ void Search::judge(Hypothesis& h) const {
     }
     if (!why_invalid(model).empty()) model = h.model;
     const std::vector<double> left = left_by(model, held_[b]);
+    h.pieces.insert(h.pieces.end(), left.begin(), left.end());
+  }
+}
+
+void Search::judge_polished(Hypothesis& h) const {
+  h.pieces.clear();
+  for (std::size_t b = 0; b < held_.size(); ++b) {
+    if (held_[b].empty() || rest_[b].empty()) continue;
+    const auto polished = output_error(rest_[b], h.structure, h.model, polishing(floor_));
+    const bool valid = polished && why_invalid(polished->model).empty();
+    const std::vector<double> left = left_by(valid ? polished->model : h.model, held_[b]);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
   }
 }

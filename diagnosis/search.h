@@ -60,6 +60,9 @@ class Search {
   /// Predicts every block in free simulation by the coefficients that the other blocks say. Poles
   /// and shapes are those of all blocks: to search them in a part would judge the search.
   void judge(Hypothesis& h) const;
+  /// The same with poles, shapes and coefficients polished in free simulation on the other blocks,
+  /// where their measured motion is too coarse to say the coefficients. Takes a polish per block.
+  void judge_polished(Hypothesis& h) const;
   /// What each of these kinds could explain of what the hypothesis leaves.
   [[nodiscard]] std::vector<Screened> screen(const Hypothesis& h,
                                              const std::vector<std::size_t>& kinds) const;

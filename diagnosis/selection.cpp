@@ -31,8 +31,9 @@ constexpr double kPromising = 0.05;    // p of a candidate that is worth fitting
 constexpr double kLeastGain = 0.004;   // of squared error, likewise
 constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
 constexpr double kAsGood = 0.9;        // share of the gain that makes the simpler one do
-constexpr double kDoesBetter = 0.8;    // of the error with a mode, a delay in its place
+constexpr double kDoesBetter = 0.9;    // of the error with a mode, a delay in its place
 constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
+constexpr double kMuch = 0.7;          // of the squared error, and of the error: explains much
 constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
 
 /// The error that an addition takes away, in quadrature.
@@ -106,6 +107,11 @@ Judgement judged(const Hypothesis& before, const Hypothesis& after, double basel
   out.z = paired_z(before.pieces, after.pieces);
   out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
   if (agree(added, before, after)) out.p = std::min(out.p, of_coefficients);
+  const bool much = after.rms() < kMuch * before.rms();
+  // A few breakaways may hold most of the error: the mean is uncertain then, and the ranks decide.
+  if (much)
+    out.p = std::min(out.p,
+                     0.5 * std::erfc(signed_rank_z(before.pieces, after.pieces) / std::sqrt(2.0)));
   out.earned =
       after.rms() < kWorthIt * before.rms() &&
       taken(before, after) >
@@ -169,6 +175,8 @@ class Selection {
     search_.judge_as_is(as_is_);
     search_.judge(current_);
     fitted_ = current_;
+    // The coefficients that a coarse motion says are not those of the simulation.
+    if (as_is_.rms() < kMuch * current_.rms()) search_.judge_polished(current_);
     if (search_.fit(fitted_, {current_.point})) {
       search_.judge(fitted_);
     } else {
@@ -223,7 +231,9 @@ class Selection {
     if (delay_s < kLeastDelay * best.model.sample_time_s || delay_s > options_.identify.delay_max_s)
       return false;
     search_.judge(best);
-    if (best.rms() >= kWorthIt * fitted_.rms() || taken(fitted_, best) < kLawLeaves * friction_ ||
+    const bool little =
+        best.rms() >= kMuch * fitted_.rms() && taken(fitted_, best) < kLawLeaves * friction_;
+    if (best.rms() >= kWorthIt * fitted_.rms() || little ||
         paired_z(fitted_.pieces, best.pieces) < kAgrees)
       return false;
     steps_.push_back(text("with a delay of %.3g ms %.4g um", 1e3 * delay_s, 1e6 * best.rms()));
@@ -279,7 +289,7 @@ class Selection {
     for (const Screened& s : promising)
       step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
     steps_.push_back(promising.empty() ? step + " nothing" : step);
-    std::vector<Tried> tried;
+    std::vector<Tried> tried, doubted;
     for (const Screened& s : promising) {
       if (tried.size() == kTried) break;
       // With the loop, which may have taken up a part of it; or beside the loop as it is, where the
@@ -293,6 +303,8 @@ class Selection {
       if (fits) search_.judge(h);
       const bool varies = search_.vary(beside, current_.model, s.kind, s.shapes);
       if (!fits && !varies) continue;
+      // Fitted it explains much, and blocks that it is not fitted to disagree.
+      if (fits && h.cost < kMuch * fitted_.cost) doubted.push_back({h, &as_is_, s});
       const bool is_beside =
           varies && (!fits || beside.rms() * fitted_.rms() < h.rms() * as_is_.rms());
       tried.push_back(
@@ -309,6 +321,23 @@ class Selection {
     };
     auto chosen = std::find_if(tried.begin(), tried.end(),
                                [&](const Tried& one) { return judgement_of(one).earned; });
+    if (chosen == tried.end()) {
+      for (Tried& one : doubted) {
+        go_on();
+        search_.polish(one.model);
+        search_.judge_as_is(one.model);
+        if (one.left() > kMuch) continue;
+        search_.judge_polished(one.model);
+        steps_.push_back(text("  with %s, polished %.4g um, z %.1f",
+                              identity_of(one.screened.kind).id.data(), 1e6 * one.model.rms(),
+                              paired_z(one.before->pieces, one.model.pieces)));
+        tried.push_back(std::move(one));
+      }
+      std::sort(tried.begin(), tried.end(),
+                [](const Tried& l, const Tried& r) { return l.left() < r.left(); });
+      chosen = std::find_if(tried.begin(), tried.end(),
+                            [&](const Tried& one) { return judgement_of(one).earned; });
+    }
     if (chosen == tried.end()) {
       if (!tried.empty()) steps_.emplace_back("  none earns its place");
       return false;
@@ -406,7 +435,7 @@ class Selection {
       less.structure = without(current_.structure, id, one.kind);
       if (!search_.fit(less, {point_of(current_.model, less.structure)})) continue;
       search_.judge(less);
-      if (fitted_.rms() < kWorthIt * less.rms()) continue;
+      if (std::min(fitted_.rms(), current_.rms()) < kWorthIt * less.rms()) continue;
       steps_.push_back(text("  %s: needless", id.c_str()));
       current_ = std::move(less);
       found_.erase(id);

@@ -203,12 +203,13 @@ class ReadingCost final : public ceres::CostFunction {
     const Eigen::VectorXd r = at(x[0]);
     if (r.size() != rows || !r.allFinite()) return false;
     for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihood_.residual(r(k));
+    if (!Eigen::Map<const Eigen::VectorXd>(residuals, rows).allFinite()) return false;
     if (jacobians == nullptr || jacobians[0] == nullptr) return true;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<RowMajor> jacobian(jacobians[0], rows, count);
     if (!differentiate(x[0], r, jacobian)) return false;
     for (Eigen::Index k = 0; k < rows; ++k) jacobian.row(k) *= likelihood_.slope(r(k));
-    return true;
+    return jacobian.allFinite();
   }
 
   /// d r / d x by differences from r = at(x); the step is far above rounding and far below what the

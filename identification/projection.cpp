@@ -115,12 +115,13 @@ Projection::Projection(std::vector<Signals> segments, Structure structure, bool 
 }
 
 Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Index k) {
-  const Eigen::ArrayXd& x =
-      acts == Acts::kReading && s.loop_position.size() > 0 ? s.loop_position : s.position;
+  const bool simulated = acts == Acts::kReading && s.loop_position.size() > 0;
+  const Eigen::ArrayXd& x = simulated ? s.loop_position : s.position;
   Motion m;
   m.step_s = s.h;
   m.position = x(k);
-  m.velocity = s.velocity(k);
+  m.velocity =
+      simulated && k > 0 && k + 1 < s.size() ? (x(k + 1) - x(k - 1)) / (2.0 * s.h) : s.velocity(k);
   m.displacement = k > 0 ? x(k) - x(k - 1) : 0.0;
   m.command_velocity = command.first(k);
   m.command_acceleration = command.second(k);

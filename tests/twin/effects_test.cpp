@@ -91,22 +91,53 @@ TEST(EncoderError, IsMinusTheAccelerationOfTheError) {
   }
 }
 
+/// A load that friction holds where it is: the play of the textbooks.
 TEST(Backlash, LosesItsWidthAtAReversalAndNothingElse) {
   Effect effect = make_effect<Backlash>();
-  effect.shape = {10e-6};
+  effect.shape = {10e-6, 2e-5, 50.0};
   effect.coefficient = {1.0, 0.0};
   Along play(effect);
   const auto move = [&](double dx) {
     Motion m;
     m.step_s = kH;
     m.displacement = dx;
+    m.velocity = dx / kH;
     return play(m);
   };
-  EXPECT_NEAR(move(50e-6), -5e-6, 1e-18);  // the table follows half the gap behind
-  EXPECT_NEAR(move(20e-6), -5e-6, 1e-18);
-  EXPECT_NEAR(move(-4e-6), -1e-6, 1e-18);  // within the gap it stands
-  EXPECT_NEAR(move(-6e-6), 5e-6, 1e-18);
-  EXPECT_NEAR(move(-30e-6), 5e-6, 1e-18);
+  const auto creep = [&](double way) {
+    double reading = 0.0;
+    for (int k = 0; k < 1000; ++k) reading = move(way / 1000.0);
+    return reading;
+  };
+  EXPECT_NEAR(creep(50e-6), -5e-6, 1e-18);  // the table follows half the gap behind
+  EXPECT_NEAR(creep(20e-6), -5e-6, 1e-18);
+  const double cycle = 20e-6 / 1000.0;      // it runs on for a cycle
+  EXPECT_NEAR(creep(-4e-6), -1e-6, cycle);  // within the gap it stands
+  EXPECT_NEAR(creep(-8e-6), 5e-6, 1e-18);
+  EXPECT_NEAR(creep(-30e-6), 5e-6, 1e-18);
+}
+
+TEST(Backlash, TheLoadRunsOnWhereTheMotorSlowsDown) {
+  const double width = 20e-6, friction = 0.5, slows = 2.5, speed = 0.1;
+  Effect effect = make_effect<Backlash>();
+  effect.shape = {width, 1e-3, friction};
+  effect.coefficient = {1.0, 0.0};
+  Along play(effect);
+  Motion m;
+  m.step_s = kH;
+  const auto move_to = [&](double velocity) {
+    m.displacement = 0.5 * kH * (m.velocity + velocity);
+    m.velocity = velocity;
+    return play(m);
+  };
+  m.velocity = speed;
+  for (int k = 0; k < 50; ++k) move_to(speed);
+  EXPECT_NEAR(move_to(speed), -0.5 * width, 1e-15);
+  // x_load - x_motor = (slows - friction) t^2 / 2 - width / 2, until it is on the other side.
+  for (int k = 1; k <= 30; ++k) {
+    const double t = kH * k, way = 0.5 * (slows - friction) * t * t;
+    EXPECT_NEAR(move_to(speed - slows * t), std::min(way, width) - 0.5 * width, 1e-12) << k;
+  }
 }
 
 TEST(BacklashInLoop, PushesByTheWholeGapAtEveryReversal) {

@@ -1,11 +1,14 @@
 // Play between the loop's encoder and the one that is recorded.
 //
-//   play: p follows x within +- width / 2;   reading - x = p - x
+//   reading - x = -p,   p of the load in the gap (twin/effects/load_in_gap.h)
+//
+// A load whose friction stops it at once stays where it is until it is taken along: the play of the
+// textbooks.
 #pragma once
 
 #include <array>
 
-#include "twin/effect.h"
+#include "twin/effects/load_in_gap.h"
 
 namespace servotwin {
 
@@ -20,25 +23,17 @@ struct Backlash {
           "integrator",
       .cause = "backlash",
       .check = "play of coupling, nut and bearings between the two encoders"};
-  static constexpr std::array<Parameter, 1> kShapes{
-      {{"width", "m", 1e-7, 1e-2, 1e-5, "of the gap"}}};
+  static constexpr std::array<Parameter, 3> kShapes = kGapShapes;
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"share", "1", 0.7, 1.4, 1.0, "of the gap that is seen: 1, or it is no gap"},
        {"offset", "m", -1.0, 1.0, 0.0, "where the axis was set to 0", true, false, Scan::kNone,
         true}}};
   template <class T>
-  struct Memory {
-    Memory() = default;
-    explicit Memory(const T* /*shape*/) noexcept {}
-    T play = T(0.0);  // x - p
-  };
+  using Memory = LoadInGap<T>;
 
   template <class T>
   static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
-    const T half = 0.5 * shape[0];
-    memory.play += m.displacement;
-    if (memory.play > half) memory.play = half;
-    if (memory.play < -half) memory.play = -half;
+    memory.follow(shape, m);
     force[0] = -memory.play;
     force[1] = T(1.0);
   }

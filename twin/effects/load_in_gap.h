@@ -1,0 +1,57 @@
+// A load behind a gap. Where it need not be pushed or held it crosses the gap by itself, slowed by
+// its friction alone, and the motor moves without it; at the other side it is taken along at once.
+//
+//   u' = - deceleration sat(u / velocity_limit)     the load's velocity in the gap
+//   p' = v - u,   |p| <= width / 2                  there u becomes v
+//
+// docs/theory.md 3.11
+#pragma once
+
+#include <array>
+#include <cmath>
+
+#include "twin/effect.h"
+
+namespace servotwin {
+
+inline constexpr std::array<Parameter, 3> kGapShapes{
+    {{"width", "m", 1e-7, 1e-2, 1e-5, "of the gap"},
+     {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
+      "velocity at which the friction force is fully developed"},
+     {"deceleration", "m/s^2", 1e-2, 50.0, 0.5, "of the load by its friction alone"}}};
+
+template <class T>
+struct LoadInGap {
+  LoadInGap() = default;
+  explicit LoadInGap(const T* /*shape*/) noexcept {}
+  T play = T(0.0);   // p
+  T load = T(0.0);   // u
+  T alone = T(0.0);  // v - u
+  bool under_way = false;
+
+  /// `shape`: those of kGapShapes.
+  void follow(const T* shape, const Motion& m) noexcept {
+    using std::abs;
+    if (!under_way) load = T(m.velocity);  // at first it goes with the motor
+    under_way = true;
+    const T half = 0.5 * shape[0], slows = m.step_s * shape[2];
+    // Implicit, since friction is stiff about rest.
+    T slower = load / (1.0 + slows / shape[1]);
+    if (slower > shape[1]) slower = load - slows;
+    if (slower < -shape[1]) slower = load + slows;
+    T apart_rate = m.velocity - slower;
+    const T apart = m.displacement - 0.5 * m.step_s * (load + slower);
+    play += apart;
+    const T beyond = abs(play) - half;
+    if (beyond > 0.0) {
+      // At the side it meets the load with what is left of the cycle.
+      const T left = 1.0 - beyond / (abs(apart) + 1e-15);
+      apart_rate = left > 0.0 ? T(apart_rate * left) : T(0.0);
+      play = play > 0.0 ? half : T(-half);
+    }
+    alone = apart_rate;
+    load = m.velocity - alone;
+  }
+};
+
+}  // namespace servotwin
