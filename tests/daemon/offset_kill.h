@@ -1,0 +1,197 @@
+// A daemon that dies with offsets out: the real one as a process, a virtual drive on a bus of any
+// kind. What the drive does is counted in cycles.
+#pragma once
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "daemon/clock.h"
+#include "daemon/store.h"
+#include "daemon/virtual_drive.h"
+#include "drivers/can_bus.h"
+#include "drivers/can_encoder.h"
+#include "drivers/dds.h"
+#include "tests/daemon/http_client.h"
+#include "tests/daemon/support.h"
+#include "tests/support/process.h"
+
+namespace servotwin::test {
+
+class OffsetKill : public testing::Test {
+ protected:
+  /// `source`: the daemon's [source..] of this bus; the map is map.toml. It learns and is armed, it
+  /// is killed while its offset is out, and the drive is watched.
+  void kill_it_and_watch_the_drive(std::unique_ptr<CanBus> bus, const std::string& source,
+                                   double cycle_s) {
+    bus_ = std::move(bus);
+    cycle_s_ = cycle_s;
+    const std::string map = "cycle_s = " + std::to_string(cycle_s) + kAxis;
+    std::ofstream(directory_.path() / "map.toml") << map;
+    map_ = check_can_map(map, "map.toml", "").map;
+    Model model = drive();
+    model.sample_time_s = cycle_s;
+    controller_.emplace(map_);
+    drive_.emplace(map_, std::vector<Twin>{Twin(model)});
+    std::ofstream(directory_.path() / "m.toml")
+        << "[machine]\nname = \"" << name_
+        << "\"\n[[axis]]\nname = \"X\"\ncorrection = { peak = " << kPeak << ", rate = " << kRate
+        << ", bandwidth = 20 }\n"
+        << "[dds]\ndomain = 95\n"
+        << source
+        << "\n"
+        // A busy host may answer some cycles late: then the command is off by some of the offset.
+        << "[ilc]\nlive = true\nmatch_tolerance = 4e-4\n"
+        << "[http]\nlisten = \"127.0.0.1:0\"\ntoken = \"" << kToken << "\"\n";
+    {
+      Store store(directory_.path() / "store", name_);
+      ModelRecord record = record_of(model);
+      record.created = iso_time(wall_ns());
+      store.promote(record, {record.created, "X", "model_promoted", "made for this test", ""});
+    }
+    Process daemon({built("servotwind"), "--config", directory_.path() / "m.toml", "--store",
+                    directory_.path() / "store"});
+    ASSERT_TRUE(daemon.says("page at http://127.0.0.1:")) << daemon.said();
+    ASSERT_TRUE(daemon.says("X: model 1 is in force again")) << daemon.said();
+    const std::string at = "page at http://127.0.0.1:";
+    const auto port = static_cast<std::uint16_t>(
+        std::stoi(daemon.said().substr(daemon.said().find(at) + at.size())));
+    for (int k = 0; k < cycles(1.0); ++k) cycle(0.0);
+    send_program(DdsNode({name_, 95, ""}));
+    ASSERT_EQ(ask(port, "POST", "/api/v1/offsets/arm",
+                  std::string("Authorization: Bearer ") + kToken + "\r\n")
+                  .status,
+              200);
+    for (int k = 0; k < cycles(0.2); ++k) cycle(0.0);
+
+    // Until some of the correction has been out for a while; a host that held the bus up in the
+    // middle of a run has another one.
+    int k = 0, runs = 0;
+    for (int out = 0; out < cycles(0.2); ++k) {
+      if (k == cycles(kPath_s - 0.4)) {
+        ASSERT_LT(++runs, 5) << "no offset came\n" << daemon.said();
+        for (k = 0; k < cycles(1.0); ++k) cycle(0.0);
+        out = k = 0;
+      }
+      cycle(path_at(k));
+      out = std::abs(added(path_at(k))) > 0.25 * kPeak ? out + 1 : 0;
+    }
+    EXPECT_EQ(daemon.end(SIGKILL), 128 + SIGKILL);
+
+    const double left = added(path_at(k - 1));
+    EXPECT_GT(std::abs(left), 0.25 * kPeak);
+    const double most = kPeak / cycles(VirtualDrive::kOffsetRamp_s) + 2.1e-8;
+    double before = left;
+    int gone = 0;  // cycles until nothing is added
+    for (int after = 0; after < cycles(0.3); ++after, ++k) {
+      cycle(path_at(k));
+      const double now = added(path_at(k));
+      // The last one may still have been on its way.
+      if (after > 1) {
+        EXPECT_LE(std::abs(now - before), most) << after;
+      }
+      if (std::abs(now) > 1.1e-8) gone = after;
+      before = now;
+    }
+    EXPECT_LE(gone, cycles(VirtualDrive::kOffsetValidity_s + VirtualDrive::kOffsetRamp_s) + 3);
+    EXPECT_GE(gone, std::abs(left) / most - 1.0) << "a ramp, no step";
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr const char* kToken = "a token of the test";
+  static constexpr const char* kAxis = R"(
+[[axis]]
+name = "X"
+command = {id = 0x181, start_bit = 0, length = 32, unit = "nm*10"}
+actual = {id = 0x181, start_bit = 32, length = 32, unit = "nm*10"}
+target = {id = 0x301, start_bit = 0, length = 32, unit = "nm*10"}
+offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes = 4}
+)";
+  static constexpr double kPeak = 2e-4, kRate = 0.01;
+  static constexpr double kPath_s = 4.6;
+
+  [[nodiscard]] int cycles(double seconds) const {
+    return static_cast<int>(std::lround(seconds / cycle_s_));
+  }
+  /// 20 mm there and back, twice, between dwells.
+  [[nodiscard]] double path_at(int k) const {
+    const double t = cycle_s_ * k - 0.3;
+    return t < 0.0 || t > 4.0 ? 0.0 : 0.01 * (1.0 - std::cos(std::numbers::pi * t));
+  }
+
+  /// One cycle of the controller, the drive and the bus. What the daemon has sent by now is heard.
+  void cycle(double target) {
+    const auto tell = [&](const CanFrame& frame) {
+      for (const VirtualDrive::Answer& answer : drive_->on_frame(0, frame))
+        out_.push_back(answer.frame);
+    };
+    std::array<CanFrame, 64> batch;
+    for (std::size_t count = 1; count > 0;) {
+      count = bus_->receive(batch, 0.0);
+      for (std::size_t i = 0; i < count; ++i) tell(batch[i]);
+    }
+    ASSERT_TRUE(controller_->set(0, CanChannel::kTarget, target));
+    out_ = {controller_->frame(map_.find(0, CanChannel::kTarget)->message), controller_->start()};
+    for (const CanFrame& frame : std::vector<CanFrame>(out_)) tell(frame);
+    bus_->send(out_);
+    const MappedSignal* command = map_.find(0, CanChannel::kCommand);
+    demand_ = decoded(command->signal, out_.back().data);
+    const std::chrono::duration<double> period(cycle_s_);
+    next_ = std::max(next_, Clock::now()) + std::chrono::duration_cast<Clock::duration>(period);
+    std::this_thread::sleep_until(next_);
+  }
+  /// What the drive adds to its target.
+  [[nodiscard]] double added(double target) const { return demand_ - target; }
+
+  void send_program(const DdsNode& node) {
+    DdsWriter<ProgramChunk> writer(node);
+    DdsReader<CorrectionChunk> reader(node);
+    ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
+    ProgramChunk chunk;
+    chunk.program = "part";
+    chunk.learn = true;
+    chunk.axes = {"X"};
+    chunk.chunks = (cycles(kPath_s) + 999) / 1000;
+    const int rows = cycles(kPath_s);
+    for (int k = 0; k < rows; ++k) {
+      chunk.time_s.push_back(cycle_s_ * k);
+      chunk.command.push_back(path_at(k));
+      if (chunk.time_s.size() == 1000 || k == rows - 1) {
+        ASSERT_TRUE(writer.write(chunk));
+        ++chunk.chunk;
+        chunk.time_s.clear();
+        chunk.command.clear();
+      }
+    }
+    CorrectionChunk correction;
+    ASSERT_TRUE(reader.receive(correction, kPatience_s));
+    ASSERT_EQ(correction.state, CorrectionState::kLearned) << correction.reason;
+    ASSERT_EQ(correction.reason.find("not sent"), std::string::npos) << correction.reason;
+  }
+
+  TemporaryDirectory directory_;
+  std::string name_ = "kill-" + std::to_string(getpid());
+  std::unique_ptr<CanBus> bus_;
+  double cycle_s_ = 0.0;
+  CanMap map_;
+  std::optional<CanEncoder> controller_;
+  std::optional<VirtualDrive> drive_;
+  Clock::time_point next_ = Clock::now();
+  std::vector<CanFrame> out_;
+  double demand_ = 0.0;
+};
+
+}  // namespace servotwin::test

@@ -1,0 +1,16 @@
+#include "tests/daemon/offset_kill.h"
+
+#include "drivers/socketcan.h"
+
+namespace servotwin {
+namespace {
+
+using test::OffsetKill;
+
+TEST_F(OffsetKill, ADriveRampsOutWhatADaemonThatWasKilledHasLeft) {
+  kill_it_and_watch_the_drive(std::make_unique<SocketCan>("vcan0"),
+                              "[source.can]\nmap = \"map.toml\"\ninterfaces = [\"vcan0\"]", 0.01);
+}
+
+}  // namespace
+}  // namespace servotwin
