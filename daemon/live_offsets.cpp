@@ -195,8 +195,23 @@ void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& pred
   if (phase_ == Phase::kFading && !out) phase_ = Phase::kNone;
 }
 
+/// Of the time of the gates nothing is left. A drive drops what it does not hear anew.
+void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
+  end(RunEnd::kGap);
+  phase_ = Phase::kNone;
+  matched_ = false;
+  matcher_.forget();
+  for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = gate_of(rules_.limits[i], rules_.ilc);
+  std::fill(sent_.begin(), sent_.end(), MachineOffset());
+  plan_frame_ns_ = between_ns(between_ns(plan_frame_ns_, time_ns_), frame.time_ns);
+}
+
 const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
                                          const MachinePrediction& prediction) noexcept {
+  const bool went_back = frame.time_ns < time_ns_;
+  if (went_back) start_anew(frame);
+  time_ns_ = frame.time_ns;
+  if (went_back) return nullptr;
   if (phase_ == Phase::kNone) take_plan(frame);
   if (gap_) matcher_.forget();
   const std::optional<ProgramMatcher::Match> match = matcher_.see({nominal_.data(), gates_.size()});

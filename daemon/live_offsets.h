@@ -9,7 +9,9 @@
 // settled when it begins. A run begins only from nothing, and is given up, its offset fading out,
 // when a residual is beyond its band for kOutside cycles, when the path is followed worse than it
 // would be without, when a gate refuses, cycles are lost, the commands are others, or somebody
-// disarms. A program whose run was given up is not begun again until new plans come.
+// disarms. A program whose run was given up is not begun again until new plans come. Where the
+// clock of the frames goes back no gate knows how long what is out may stay: nothing is said any
+// more, so that the drives drop it as they do when a daemon has died, and all begins anew.
 //
 // One thread; nothing allocates, locks or throws after construction.
 #pragma once
@@ -17,6 +19,7 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -85,6 +88,7 @@ class LiveOffsets {
   };
 
   void take_plan(const MachineFrame& frame) noexcept;
+  void start_anew(const MachineFrame& frame) noexcept;
   void begin(Eigen::Index row, const LearnedProgram& learned, const MachineFrame& frame) noexcept;
   void end(RunEnd end, int axis = -1, Refusal refusal = Refusal::kNone) noexcept;
   void go_on(const MachineFrame& frame, const MachinePrediction& prediction) noexcept;
@@ -104,6 +108,7 @@ class LiveOffsets {
   const LearnedProgram* barred_ = nullptr;  // given up, until a new plan comes
   bool matched_ = false;                    // in the cycle before
   bool gap_ = true;
+  std::int64_t time_ns_ = std::numeric_limits<std::int64_t>::min();  // of the frame before
   Phase phase_ = Phase::kNone;
   Run run_;
   std::vector<std::size_t> path_;  // of the run: its linear axes, by number in the program

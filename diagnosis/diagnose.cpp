@@ -25,6 +25,9 @@ constexpr double kGrown = 2.0;            // times what the earlier model left: 
 constexpr double kStructured = 4.0;       // of the noise floor: more is not chance
 constexpr double kFar = 5.0;              // of the noise floor: there is more than what is named
 constexpr double kLeavesOfItself = 0.15;  // of the error that it takes away, any model
+// Of the squared error beyond the floor: another loop, and with it any neighbour of the cause,
+// may explain a part.
+constexpr double kNextToNothing = 0.1;
 constexpr double kMost = 0.5;  // of the squared error beyond the floor: then nothing is explained
 
 }  // namespace
@@ -334,6 +337,13 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
 struct Anew {
   std::string words;
   DiagnoseOptions options;
+  /// How much it may leave of the squared error beyond the floor to be believed.
+  double leaves = 1.0;
+
+  [[nodiscard]] bool explains(const Diagnosis& first, const Diagnosis& second) const {
+    return second.unexplained_share < leaves &&
+           (second.verdict == Verdict::kExplained || second.causes.size() > first.causes.size());
+  }
 };
 
 std::vector<Anew> other_ways(const Diagnosis& first, const SegmentedAxis& axis,
@@ -351,6 +361,7 @@ std::vector<Anew> other_ways(const Diagnosis& first, const SegmentedAxis& axis,
     const int order = first.baseline.model.loop.order == 2 ? 3 : 2;
     out.push_back({text("begun anew with a loop of order %d", order), options});
     out.back().options.identify.order = order;
+    out.back().leaves = kNextToNothing;
   }
   return out;
 }
@@ -367,7 +378,7 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   for (const Anew& anew : other_ways(first, axis, options)) {
     try {
       Diagnosis second = diagnose_divided(axis, anew.options);
-      if (second.verdict == Verdict::kExplained || second.causes.size() > first.causes.size()) {
+      if (anew.explains(first, second)) {
         second.steps.insert(second.steps.begin(), anew.words);
         return second;
       }

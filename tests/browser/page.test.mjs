@@ -1,13 +1,16 @@
 // The page in a real browser, on a real daemon that replays a recording.
 import assert from "node:assert/strict";
+import { execFile } from "node:child_process";
 import { createSocket } from "node:dgram";
 import { writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
+import { promisify } from "node:util";
 import { changes, launch, live, open, picture, shows } from "./browser.mjs";
 import { Daemon } from "./daemon.mjs";
 
 const { SERVOTWIND: program, SERVOTWIN_RECORDING: recording } = process.env;
+const run = promisify(execFile);
 let browser;
 let daemon;
 const recordings = Array(20).fill(recording);
@@ -70,7 +73,7 @@ test("everything can be done with the keyboard, and focus is seen", async () => 
   const { page } = await open(browser, daemon.url);
   await live(page);
   const reached = new Set();
-  for (let i = 0; i < 30; ++i) {
+  for (let i = 0; i < 32; ++i) {
     await page.keyboard.press("Tab");
     reached.add(await page.evaluate(() => {
       const one = document.activeElement;
@@ -79,7 +82,7 @@ test("everything can be done with the keyboard, and focus is seen", async () => 
       return one.id || one.textContent.trim() || one.name;
     }));
   }
-  const missing = ["Live", "Models", "Diagnosis", "Service", "theme", "window", "pause", "chart-error", "path-factor"].filter((name) => !reached.has(name));
+  const missing = ["Live", "Models", "Diagnosis", "Corrections", "Service", "theme", "window", "pause", "chart-error", "path-factor"].filter((name) => !reached.has(name));
   assert.deepEqual(missing, []);
   assert.deepEqual([...reached].filter((name) => name.startsWith("no focus")), []);
   await page.locator("#axes input[value=X]").focus();
@@ -161,6 +164,38 @@ test("models and diagnoses come with their reasons and pictures", async () => {
     await shows(page, "#asked", /^Asked: a diagnosis is made/);
     await page.getByRole("link", { name: "Service" }).click();
     await shows(page, "#events", /diagnosis of/);
+    assert.deepEqual(complaints, []);
+  } finally {
+    await page.close();
+    await other.stop("SIGKILL");
+    other.forget();
+  }
+});
+
+test("shows what was learned of a program, and what became of it", async () => {
+  const config = join(daemon.store, "learn.toml");
+  const axis = (name) => `[[axis]]\nname = "${name}"\ncorrection = { peak = 2e-3, rate = 0.05, bandwidth = 60 }\n`;
+  writeFileSync(config, `[http]\ntoken = "a token of the test"\n[identify]\nmethod = "pole-search"\n[diagnose]\nevery_s = 0\n[ilc]\nlive = true\nmatch_tolerance = 1e-4\n${axis("X")}${axis("Y")}`);
+  const machine = `learn-${process.pid}`;
+  const other = await Daemon.start(program, { recordings, config, machine });
+  const { page, complaints } = await open(browser, `${other.url}#corrections`);
+  try {
+    await shows(page, "#sending", /Not armed: nothing goes to the drives/);
+    await shows(page, "#programs", /No program has come yet/);
+    await other.says(/X: model \d+ is in force/);
+    await other.says(/Y: model \d+ is in force/);
+    await run(join(dirname(program), "servotwin"), ["preview", recording, "--dds", "--learn", "--name", "part", "--machine", machine, "--domain", "97"]);
+    await page.reload();
+    await shows(page, "#programs", /learnedprogram 'part'.*axis X[\d.]+ µm[\d.]+ µm–axis Y[\d.]+ µm[\d.]+ µm–path[\d.]+ µm[\d.]+ µm–/);
+    await page.locator("#do-arm").click();
+    await shows(page, "#arm-said", /^Not done: needs Authorization/);
+    complaints.length = 0; // the browser complains of the 401, which was wanted
+    await page.locator("#arm-token").fill("a token of the test");
+    await page.locator("#do-arm").click();
+    await shows(page, "#sending", /Armed: offsets go to the drives/);
+    await page.locator("#do-disarm").click();
+    await shows(page, "#sending", /Not armed/);
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), 0);
     assert.deepEqual(complaints, []);
   } finally {
     await page.close();

@@ -114,7 +114,7 @@ class GiveBack : public testing::Test {
       if (at) at(cycle);
       MachineFrame frame;
       frame.sequence = ++cycles_;
-      frame.time_ns = static_cast<std::int64_t>(cycles_) * 1'000'000 + 77;
+      frame.time_ns = static_cast<std::int64_t>(cycles_) * 1'000'000 + 77 - back_ns_;
       frame.axis_count = 2;
       for (std::size_t i = 0; i < 2; ++i) {
         const AxisOffset& offset = applied_.axes[i];
@@ -200,6 +200,7 @@ class GiveBack : public testing::Test {
   std::array<SteppedAxis, 2> axes_{SteppedAxis(stepped_axis()), SteppedAxis(stepped_axis())};
   MachineOffset applied_;
   std::uint64_t cycles_ = 0;
+  std::int64_t back_ns_ = 0;  ///< that the clock of the frames has gone back
 };
 
 TEST_F(GiveBack, ArmedTheRepeatedProgramIsFollowedAsWasPredictedAndTheGainIsKept) {
@@ -300,6 +301,26 @@ TEST_F(GiveBack, ALostCycleEndsARun) {
   learn(path);
   run(path, [&](Eigen::Index k) { cycles_ += k == 900 ? 1 : 0; });
   EXPECT_EQ(last_use()["ended"], "gap");
+}
+
+TEST_F(GiveBack, WhereTheClockGoesBackNothingIsSaidAndTheNextRunIsCorrectedAgain) {
+  start();
+  hand_over_->armed = true;
+  const Path path = circle_program();
+  learn(path);
+  double said = 0.0;
+  run(path, [&](Eigen::Index k) {
+    if (k == 900) back_ns_ = 3'600'000'000'000;
+    if (k > 900) said = std::max(said, std::abs(applied_.axes[0].offset));
+    if (k == 900) {
+      EXPECT_GT(std::abs(applied_.axes[0].offset), 1e-4);
+    }
+  });
+  EXPECT_EQ(said, 0.0);
+  EXPECT_EQ(last_use()["ended"], "gap");
+  run(Path{Eigen::ArrayXd::Zero(500), Eigen::ArrayXd::Zero(500)});
+  EXPECT_GT(run(path).sent_peak, 1e-4);
+  EXPECT_EQ(last_use()["ended"], "finished") << last_use();
 }
 
 TEST_F(GiveBack, AnotherModelInForceIsAnotherCorrection) {

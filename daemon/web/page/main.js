@@ -1,5 +1,6 @@
 // The page: what comes over the stream goes to what shows it.
 import { Charts } from "./charts.js";
+import { showCorrections, startArming } from "./corrections.js";
 import { colourReport, startAsking, showDiagnosis } from "./diagnosis.js";
 import { at, fill, make, write } from "./dom.js";
 import { Figures } from "./figures.js";
@@ -11,7 +12,7 @@ import { Stream } from "./stream.js";
 import { startTheme } from "./theme.js";
 import { count } from "./units.js";
 
-const kViews = ["live", "models", "diagnosis", "service"];
+const kViews = ["live", "models", "diagnosis", "corrections", "service"];
 const kPath_ms = 250; // the path is drawn less often than the charts: it costs more
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -60,6 +61,7 @@ async function refresh() {
   try {
     if (view() === "models" && one) await showModels(axis, one.rotary);
     if (view() === "diagnosis" && one) await showDiagnosis(axis, one.rotary);
+    if (view() === "corrections") await showCorrections();
     if (view() === "service") await showEvents();
   } catch (problem) {
     // The stream says when the daemon is gone; what is shown stays until it is back.
@@ -154,6 +156,7 @@ at("pause").addEventListener("click", () => {
   draw();
 });
 startAsking(() => axis);
+startArming();
 startTheme(() => {
   if (axisNow()) charts.show(axis, axisNow().rotary);
   path.draw();
