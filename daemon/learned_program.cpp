@@ -126,7 +126,9 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     axes.back().name = axis.name;
     axes.back().rotary = axis.rotary;
     out.axes.push_back({axis.name, axis.rotary, record.version});
-    out.missed.push_back(std::isfinite(record.holdout.rms) ? record.holdout.rms : 0.0);
+    const auto known = [](double value) { return std::isfinite(value) ? value : 0.0; };
+    out.missed.push_back(known(record.holdout.rms));
+    out.missed_most.push_back(known(record.holdout.max));
     out.validated_ns = std::min(out.validated_ns, wall_ns_of(record.created));
     linear += axis.rotary ? 0 : 1;
   }

@@ -113,8 +113,9 @@ void LiveOffsets::watch_residuals(const MachinePrediction& prediction) noexcept 
   for (std::size_t n = 0; n < program.axes.size(); ++n) {
     const AxisPrediction& axis = prediction.axes[program.axes[n]];
     // Without an encoder value nobody knows what the machine does.
-    const bool within =
-        std::abs(axis.residual) <= rules_.ilc.residual_band * axis.standard_deviation;
+    const double band = std::max(rules_.ilc.residual_band * axis.standard_deviation,
+                                 kBeyondMost * run_.learned->missed_most[n]);
+    const bool within = std::abs(axis.residual) <= band;
     run_.outside[n] = within ? 0 : run_.outside[n] + 1;
     if (run_.outside[n] >= kOutside)
       return end(RunEnd::kResidual, static_cast<int>(program.axes[n]));
@@ -195,7 +196,8 @@ void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& pred
   if (phase_ == Phase::kFading && !out) phase_ = Phase::kNone;
 }
 
-/// Of the time of the gates nothing is left. A drive drops what it does not hear anew.
+/// The clock went back by more than an offset is valid: what is out would stay until the clock has
+/// caught up. It is taken back, and nothing is left of the time of the gates.
 void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
   end(RunEnd::kGap);
   phase_ = Phase::kNone;
@@ -204,14 +206,25 @@ void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
   for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = gate_of(rules_.limits[i], rules_.ilc);
   std::fill(sent_.begin(), sent_.end(), MachineOffset());
   plan_frame_ns_ = between_ns(between_ns(plan_frame_ns_, time_ns_), frame.time_ns);
+  offset_ = MachineOffset();
+  offset_.sequence = frame.sequence;
+  offset_.time_ns = frame.time_ns;
+  offset_.axis_count = frame.axis_count;
+  for (AxisOffset& axis : offset_.axes) {
+    axis.expires_ns = frame.time_ns;
+    axis.refusal = static_cast<std::uint32_t>(Refusal::kTimeStands);
+  }
 }
 
 const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
                                          const MachinePrediction& prediction) noexcept {
-  const bool went_back = frame.time_ns < time_ns_;
+  const bool went_back =
+      between_ns(frame.time_ns, time_ns_) > ns_of(rules_.ilc.validity_s) && came_before_;
+  const bool said = phase_ != Phase::kNone;
   if (went_back) start_anew(frame);
   time_ns_ = frame.time_ns;
-  if (went_back) return nullptr;
+  came_before_ = true;
+  if (went_back) return said ? &offset_ : nullptr;
   if (phase_ == Phase::kNone) take_plan(frame);
   if (gap_) matcher_.forget();
   const std::optional<ProgramMatcher::Match> match = matcher_.see({nominal_.data(), gates_.size()});

@@ -10,8 +10,9 @@
 // when a residual is beyond its band for kOutside cycles, when the path is followed worse than it
 // would be without, when a gate refuses, cycles are lost, the commands are others, or somebody
 // disarms. A program whose run was given up is not begun again until new plans come. Where the
-// clock of the frames goes back no gate knows how long what is out may stay: nothing is said any
-// more, so that the drives drop it as they do when a daemon has died, and all begins anew.
+// clock of the frames goes back by more than an offset is valid, what is out is taken back by one
+// answer that sends nothing, and all begins anew; a drive that hears answers that send (CAN) drops
+// it as it does when a daemon has died.
 //
 // One thread; nothing allocates, locks or throws after construction.
 #pragma once
@@ -19,7 +20,6 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -54,6 +54,9 @@ struct OffsetHandOver {
 
 class LiveOffsets {
  public:
+  /// Times the most that the model missed on its hold-out: residuals have rare peaks, at reversals,
+  /// that no deviation tells.
+  static constexpr double kBeyondMost = 1.5;
   static constexpr int kOutside = 3;   ///< cycles beyond the band until the machine is another one
   static constexpr int kWindow = 100;  ///< cycles that a contour error is judged over
 
@@ -108,7 +111,8 @@ class LiveOffsets {
   const LearnedProgram* barred_ = nullptr;  // given up, until a new plan comes
   bool matched_ = false;                    // in the cycle before
   bool gap_ = true;
-  std::int64_t time_ns_ = std::numeric_limits<std::int64_t>::min();  // of the frame before
+  bool came_before_ = false;
+  std::int64_t time_ns_ = 0;  // of the frame before
   Phase phase_ = Phase::kNone;
   Run run_;
   std::vector<std::size_t> path_;  // of the run: its linear axes, by number in the program

@@ -21,8 +21,6 @@ constexpr double kFundamental = 0.9;  // share of what the double period explain
 constexpr std::size_t kTones = 10;    // highest lines of the spectrum that are looked at
 constexpr double kOfALine = 0.02;     // of a line of the spectrum, to which a tone is sought
 constexpr int kLinesAround = 24;      // quarters of a line, about the best
-constexpr int kTimes = 20;            // parts of the recording in which something may set in
-constexpr double kMomentIs_s = 0.02;  // to which that time is sought
 constexpr std::size_t kMoments = 8;   // largest peaks in time
 constexpr double kStandsOut = 2.5;    // peaks that moments explain, over those that remain
 
@@ -311,7 +309,7 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       }
       break;
     case Scan::kTime:
-      for (int i = 2; i < kTimes - 1; ++i) add(begin_s_ + (end_s_ - begin_s_) * i / kTimes);
+      for (int i = 2; i < 19; ++i) add(begin_s_ + (end_s_ - begin_s_) * i / 20.0);
       break;
     case Scan::kMoments:
       out.push_back(moments(kind, start));
@@ -362,30 +360,23 @@ Screened Screen::look(std::size_t kind) const {
     if (square > best) best = square, out.shapes = point, of_best = std::move(c);
   }
   if (best <= 0.0) return out;
-  const auto better = [&](double to) {
-    if (!(to > shapes_of(kind)[0].lower) || !(to < shapes_of(kind)[0].upper)) return;
-    std::vector<double> point = out.shapes;
-    point[0] = to;
-    Eigen::MatrixXd c = columns(kind, point);
-    const double square = c.allFinite() ? explained(c) : 0.0;
-    if (square > best) best = square, out.shapes = point, of_best = std::move(c);
-  };
   if (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kFrequency) {
     // To a small part of a line, and not on the next one: a tone that is there now and then must be
     // in phase each time.
     const double line = 1.0 / (end_s_ - begin_s_);
+    const auto better = [&](double to) {
+      if (!(to > shapes_of(kind)[0].lower) || !(to < shapes_of(kind)[0].upper)) return;
+      std::vector<double> point = out.shapes;
+      point[0] = to;
+      Eigen::MatrixXd c = columns(kind, point);
+      const double square = c.allFinite() ? explained(c) : 0.0;
+      if (square > best) best = square, out.shapes = point, of_best = std::move(c);
+    };
     const double middle = out.shapes[0];
     for (int i = -kLinesAround; i <= kLinesAround; ++i) better(middle + 0.25 * line * i);
     for (double step = 0.125 * line; step > kOfALine * line; step *= 0.5) {
       better(out.shapes[0] - step);
       better(out.shapes[0] + step);
-    }
-  }
-  if (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kTime) {
-    const double first = points.front()[0], last = points.back()[0];
-    for (double step = 0.5 * (end_s_ - begin_s_) / kTimes; step > kMomentIs_s; step *= 0.5) {
-      better(std::max(first, out.shapes[0] - step));
-      better(std::min(last, out.shapes[0] + step));
     }
   }
   // The period itself and not its double, which has it as second harmonic.

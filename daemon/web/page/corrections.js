@@ -14,6 +14,7 @@ const kKinds = {
   offsets_armed: ["armed", "warn"],
   offsets_disarmed: ["disarmed", "soft"],
 };
+const kRulings = { keep: "good", learn_anew: "warn", withdraw: "bad" };
 const kHeads = ["When", "What", "Error of", "Without correction", "With it", "Measured"];
 
 export async function showCorrections() {
@@ -37,15 +38,16 @@ function showState({ live, armed }) {
 
 /** An event with a row for every axis and the path that it has figures of, and one for its words. */
 function rowsOf({ time, kind, text, detail }) {
-  const figures = figuresOf(detail ?? {});
-  const [what, tag] = kKinds[kind];
+  // A run that was over before its correction was in as a whole has no figures.
+  const figures = detail?.cycles === 0 ? [] : figuresOf(detail ?? {});
+  const [what, tag] = detail?.ruling in kRulings ? [words(detail.ruling), kRulings[detail.ruling]] : kKinds[kind];
   const lines = [
     make("tr", {}, make("td", { colspan: kHeads.length - 2 }, text)),
     ...figures.map(({ name, rotary, before, after, measured }) => make("tr", {}, make("td", {}, name),
       ...[before, after, measured].map((value) => make("td", { class: "number" }, error(value, rotary))))),
   ];
   lines[0].prepend(make("td", { rowspan: lines.length }, clock(time)),
-    make("td", { rowspan: lines.length }, make("span", { class: `tag ${tag}` }, detail?.ruling ? words(detail.ruling) : what)));
+    make("td", { rowspan: lines.length }, make("span", { class: `tag ${tag}` }, what), detail?.live === false ? " dry run" : ""));
   return lines;
 }
 
