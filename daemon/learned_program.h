@@ -26,7 +26,7 @@ namespace servotwin {
 struct LearnedProgram {
   std::uint64_t number = 0;  ///< of whoever keeps it
   CommandedPath program;
-  /// Of each axis' model on its hold-out, RMS and MAX [m | rad]; 0 where it is not known.
+  /// Of each axis' model on its hold-out, as program.axes, RMS and MAX [m | rad]; 0: not known.
   std::vector<double> missed, missed_most;
   std::vector<AxisCorrectionFigures> axes;  ///< as program.axes
   std::vector<Eigen::ArrayXd> offset;       ///< of each of them; 0 if it was not learned
