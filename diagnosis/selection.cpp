@@ -133,7 +133,7 @@ class Selection {
     baseline_ = current_.rms();
     integrator();
     while (static_cast<int>(found_.size()) < kMostCauses) {
-      const Hypothesis current = current_, fitted = fitted_;
+      const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
       const auto found = found_;
       if (!add_one()) {
         if (!add_delay()) break;
@@ -146,7 +146,7 @@ class Selection {
       // What better values of the parameters would have done as well is no cause.
       if (current_.rms() >= kHolds * current.rms()) {
         steps_.emplace_back("  no better after the polish: taken back");
-        current_ = current, fitted_ = fitted, found_ = found;
+        current_ = current, fitted_ = fitted, as_is_ = as_is, found_ = found;
         rejected_.insert(added);
         search_.follow(current_);
         continue;
@@ -237,11 +237,11 @@ class Selection {
         paired_z(fitted_.pieces, best.pieces) < kAgrees)
       return false;
     steps_.push_back(text("with a delay of %.3g ms %.4g um", 1e3 * delay_s, 1e6 * best.rms()));
-    const Hypothesis current = current_, fitted = fitted_;
+    const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     current_ = std::move(best);
     settle();
     if (current_.rms() < kWorthIt * current.rms()) return true;
-    current_ = current, fitted_ = fitted;
+    current_ = current, fitted_ = fitted, as_is_ = as_is;
     search_.follow(current_);
     return false;
   }

@@ -91,6 +91,24 @@ TEST(EncoderError, IsMinusTheAccelerationOfTheError) {
   }
 }
 
+/// An effect along a motor that goes from one velocity to the next.
+class Driven {
+ public:
+  Driven(const Effect& effect, double velocity) : along_(effect) {
+    motion_.step_s = kH;
+    motion_.velocity = velocity;
+  }
+  double move_to(double velocity) {
+    motion_.displacement = 0.5 * kH * (motion_.velocity + velocity);
+    motion_.velocity = velocity;
+    return along_(motion_);
+  }
+
+ private:
+  Along along_;
+  Motion motion_;
+};
+
 /// A load that friction holds where it is: the play of the textbooks.
 TEST(Backlash, LosesItsWidthAtAReversalAndNothingElse) {
   Effect effect = make_effect<Backlash>();
@@ -122,21 +140,13 @@ TEST(Backlash, TheLoadRunsOnWhereTheMotorSlowsDown) {
   Effect effect = make_effect<Backlash>();
   effect.shape = {width, 1e-3, friction};
   effect.coefficient = {1.0, 0.0};
-  Along play(effect);
-  Motion m;
-  m.step_s = kH;
-  const auto move_to = [&](double velocity) {
-    m.displacement = 0.5 * kH * (m.velocity + velocity);
-    m.velocity = velocity;
-    return play(m);
-  };
-  m.velocity = speed;
-  for (int k = 0; k < 50; ++k) move_to(speed);
-  EXPECT_NEAR(move_to(speed), -0.5 * width, 1e-15);
+  Driven play(effect, speed);
+  for (int k = 0; k < 50; ++k) play.move_to(speed);
+  EXPECT_NEAR(play.move_to(speed), -0.5 * width, 1e-15);
   // x_load - x_motor = (slows - friction) t^2 / 2 - width / 2, until it is on the other side.
   for (int k = 1; k <= 30; ++k) {
     const double t = kH * k, way = 0.5 * (slows - friction) * t * t;
-    EXPECT_NEAR(move_to(speed - slows * t), std::min(way, width) - 0.5 * width, 1e-12) << k;
+    EXPECT_NEAR(play.move_to(speed - slows * t), std::min(way, width) - 0.5 * width, 1e-12) << k;
   }
 }
 
@@ -168,22 +178,14 @@ TEST(BacklashBehindEncoder, TheLoadCrossesTheGapByItselfAndIsCaught) {
   Effect effect = make_effect<BacklashBehindEncoder>();
   effect.shape = {width, 1e-3, friction};
   effect.coefficient = {7.0, 1.0};
-  Along play(effect);
-  Motion m;
-  m.step_s = kH;
-  const auto move_to = [&](double velocity) {
-    m.displacement = 0.5 * kH * (m.velocity + velocity);
-    m.velocity = velocity;
-    return play(m);
-  };
-  m.velocity = speed;
-  for (int k = 0; k < 50; ++k) move_to(speed);  // until it is pushed
-  EXPECT_NEAR(move_to(speed), 0.0, 1e-12);
+  Driven play(effect, speed);
+  for (int k = 0; k < 50; ++k) play.move_to(speed);  // until it is pushed
+  EXPECT_NEAR(play.move_to(speed), 0.0, 1e-12);
   // x_load - x = (slows - friction) t^2 / 2 until it is the width of the gap.
   const double across = std::sqrt(2.0 * width / (slows - friction));
   double sum = 0.0;
   for (int k = 1; k <= 30; ++k) {
-    const double d = move_to(speed - slows * kH * k);
+    const double d = play.move_to(speed - slows * kH * k);
     if (kH * k < across) {
       EXPECT_NEAR(d, slows - friction, 1e-9) << k;
     } else if (kH * (k - 2) > across) {
