@@ -14,6 +14,8 @@
 namespace servotwin {
 namespace {
 
+// How often somebody who was behind is looked at again.
+constexpr std::int64_t kBreath_ns = 1'000'000;
 // A second writer that goes on is told of no more often than this.
 constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
 
@@ -63,7 +65,16 @@ bool ReplaySource::next() noexcept {
 Received ReplaySource::receive(MachineFrame& frame, double timeout_s) noexcept {
   if (!waits_ && !next()) return Received::kEnd;
   waits_ = true;
-  const std::int64_t patience = steady_ns() + std::llround(timeout_s * 1e9);
+  const std::int64_t asked_ns = steady_ns();
+  const std::int64_t patience = asked_ns + std::llround(timeout_s * 1e9);
+  if (behind_()) {
+    while (behind_() && steady_ns() < patience) sleep_until(steady_ns() + kBreath_ns);
+    // The rest of the recording comes later by as much, rather than all at once.
+    const std::int64_t waited_ns = std::max(steady_ns() - std::max(asked_ns, due_ns_), 0L);
+    started_ns_ += waited_ns;
+    due_ns_ += waited_ns;
+    if (behind_()) return Received::kNothing;
+  }
   sleep_until(std::min(due_ns_, patience));
   if (due_ns_ > patience) return Received::kNothing;
   frame = next_;

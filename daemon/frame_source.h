@@ -6,8 +6,10 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "drivers/dds.h"
@@ -27,6 +29,9 @@ class FrameSource {
   virtual ~FrameSource() = default;
   /// Waits for the next frame for at most `timeout_s`.
   virtual Received receive(MachineFrame& frame, double timeout_s) noexcept = 0;
+  /// A source that need not go on when its time has come waits while `behind` says so: a recording
+  /// can, a machine cannot. Before the first receive(); `behind` is asked by its thread.
+  virtual void wait_while(std::function<bool()> /*behind*/) {}
   /// Sends offsets to the drives where these are on its buses. The thread of receive().
   virtual void send(const MachineOffset& /*offset*/) noexcept {}
   /// How long ago the frame that came last was due or sent [ns], by the clocks of this host.
@@ -55,6 +60,7 @@ class ReplaySource final : public FrameSource {
   /// `speed`: times as fast as recorded; 0: as fast as frames are asked for. The recordings must be
   /// of one machine: throws std::runtime_error if axes or cycle differ.
   ReplaySource(std::vector<Replay> recordings, double speed);
+  void wait_while(std::function<bool()> behind) override { behind_ = std::move(behind); }
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] const MachineDescription& machine() const noexcept {
@@ -66,6 +72,7 @@ class ReplaySource final : public FrameSource {
 
   std::vector<Replay> recordings_;
   double speed_;
+  std::function<bool()> behind_ = [] { return false; };
   std::size_t playing_ = 0;
   std::int64_t started_ns_ = 0;  // when the recording that is playing began
   std::int64_t due_ns_ = 0;

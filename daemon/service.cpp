@@ -108,7 +108,8 @@ std::string amiss(const MachineStatus& status) {
   std::string out;
   for (const auto& [count, what] : {std::pair{status.lost, "lost"},
                                     {status.repeated, "repeated and ignored"},
-                                    {status.malformed, "malformed and ignored"}}) {
+                                    {status.malformed, "malformed and ignored"},
+                                    {status.rows_dropped, "not recorded"}}) {
     if (count > 0) out += ", " + std::to_string(count) + " " + what;
   }
   return out;
@@ -234,6 +235,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   const auto live_offsets =
       std::make_unique<LiveOffsets>(rules, offset_in_command(config), hand_over);
   loop->give_back(*live_offsets, offsets);
+  input.source->wait_while([&] { return rows.waiting() > rows.capacity() / 2; });
   Arming arming(config.ilc.live, hand_over.armed, events);
   Recorder recorder(machine, config.machine, store.directory(), room_of(config), rows, memory,
                     watch, events);

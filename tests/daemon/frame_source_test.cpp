@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "daemon/clock.h"
 #include "tests/daemon/support.h"
 
 namespace servotwin {
@@ -54,6 +55,26 @@ TEST(ReplaySource, WaitsNoLongerThanItMayAndLosesNothingByThat) {
   EXPECT_EQ(frame.axes[0].command, 1.0);
   for (int i = 0; i < 3; ++i)
     EXPECT_EQ(source.receive(frame, 0.001), Received::kNothing) << "an hour too early";
+}
+
+TEST(ReplaySource, WaitsForThoseThatAreBehindAndCatchesUpWithNobody) {
+  ReplaySource source(list(recording_at({0.0, 0.001, 0.002, 0.050})), 1.0);
+  int asked = 0;
+  bool behind = false;
+  source.wait_while([&] { return ++asked, behind; });
+  MachineFrame frame;
+  ASSERT_EQ(source.receive(frame, 60.0), Received::kFrame);
+  behind = true;
+  for (int i = 0; i < 3; ++i)
+    EXPECT_EQ(source.receive(frame, 0.02), Received::kNothing) << "its time has come, ours has not";
+  EXPECT_GT(asked, 10) << "and somebody is looked at again and again";
+  behind = false;
+  const std::int64_t goes_on_ns = steady_ns();
+  for (const double command : {1.0, 2.0, 3.0}) {
+    ASSERT_EQ(source.receive(frame, 60.0), Received::kFrame);
+    EXPECT_EQ(frame.axes[0].command, command);
+  }
+  EXPECT_GE(steady_ns() - goes_on_ns, 48'000'000) << "what was recorded 48 ms apart";
 }
 
 TEST(ReplaySource, IsNeverEarly) {
