@@ -19,6 +19,8 @@ static_assert(std::is_trivially_copyable_v<TwinInForce> &&
 
 // How long the loop may wait before it looks whether it is to stop.
 constexpr double kPatience_s = 0.1;
+// What is older was on its way while the wall clock was set, and its age is that of nothing.
+constexpr std::int64_t kOldest_ns = 60'000'000'000;
 // Stamps of a PC's clock scatter by parts of a cycle; a lost cycle shows in the sequence numbers.
 constexpr std::int64_t kTimeToleranceCycles = 2;
 
@@ -154,7 +156,8 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();
-    const std::int64_t age = source.age_ns();
+    std::int64_t age = source.age_ns();
+    if (age > kOldest_ns) age = 0;
     counters_.wake.add(age);
     prediction_.due_ns = begin - age;
     if (const MachineOffset* offset = on_frame(frame_)) source.send(*offset);

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -26,14 +28,23 @@ double largest_file(const MachineDescription& machine) {
   return kBytesPerNumber * columns * (Recorder::kFile_s / machine.cycle_s + 1.0);
 }
 
-/// A name that sorts by time and is not there yet; '_' comes after the '.' of the extension.
+/// A name that sorts behind all that are there; '_' comes after the '.' of the extension. By the
+/// wall clock or, where that was set back, by the newest file's until it has caught up.
 std::string name_of_file(const std::filesystem::path& directory) {
   std::string stamp = iso_time(wall_ns());
   std::erase(stamp, ':');
-  std::string name = stamp + ".csv";
-  for (int more = 2; std::filesystem::exists(directory / name); ++more)
-    name = stamp + (more < 10 ? "_0" : "_") + std::to_string(more) + ".csv";
-  return name;
+  std::string newest;
+  for (const auto& entry : std::filesystem::directory_iterator(directory)) {
+    if (entry.path().extension() == ".csv")
+      newest = std::max(newest, entry.path().filename().string());
+  }
+  if (newest < stamp + ".csv") return stamp + ".csv";
+  // 2026-01-31T120000.000Z.csv, then 2026-01-31T120000.000Z_0002.csv
+  const std::string counted = newest.substr(std::min(stamp.size(), newest.size()));
+  const int last = counted.starts_with('_') ? std::atoi(counted.c_str() + 1) : 1;
+  char next[24];
+  std::snprintf(next, sizeof next, "_%04d.csv", last + 1);
+  return newest.substr(0, stamp.size()) + next;
 }
 
 }  // namespace

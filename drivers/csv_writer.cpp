@@ -23,9 +23,14 @@ bool all_absent(const std::vector<double>& values) {
 
 std::vector<Written> columns_of(const Recording& recording) {
   std::vector<Written> columns{{"time[s]", &recording.time}};
+  // Where nothing came at all the columns say of what.
+  const bool nothing =
+      std::all_of(recording.axes.begin(), recording.axes.end(), [](const AxisRecord& axis) {
+        return all_absent(axis.command) && all_absent(axis.actual) && all_absent(axis.torque);
+      });
   const auto add = [&](const std::string& name, const std::string& unit,
                        const std::vector<double>& values) {
-    if (all_absent(values)) return;
+    if (nothing ? values.empty() : all_absent(values)) return;
     if (values.size() != recording.time.size()) {
       throw std::invalid_argument(name + " has " + std::to_string(values.size()) + " values for " +
                                   std::to_string(recording.time.size()) + " rows");

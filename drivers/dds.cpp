@@ -1,5 +1,6 @@
 #include "drivers/dds.h"
 
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <map>
@@ -86,6 +87,20 @@ dds_entity_t topic_of(const DdsNode& node, const Topic& topic) {
 
 dds_duration_t nanoseconds(double seconds) { return static_cast<dds_duration_t>(seconds * 1e9); }
 
+/// How long to wait yet. Not by dds_time(): the wall clock may be set meanwhile.
+class Patience {
+ public:
+  explicit Patience(double timeout_s)
+      : end_(Clock::now() + std::chrono::nanoseconds(nanoseconds(timeout_s))) {}
+  [[nodiscard]] dds_duration_t left_ns() const {
+    return std::chrono::nanoseconds(end_ - Clock::now()).count();
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point end_;
+};
+
 Qos with_deadline(Qos qos, double deadline_s) {
   if (deadline_s > 0.0) dds_qset_deadline(qos.get(), nanoseconds(deadline_s));
   return qos;
@@ -165,16 +180,16 @@ auto DdsReader<M>::take(M& message) -> Taken {
 
 template <class M>
 bool DdsReader<M>::receive(M& message, double timeout_s) {
-  const dds_time_t until = dds_time() + nanoseconds(timeout_s);
+  const Patience patience(timeout_s);
   while (true) {
     switch (take(message)) {
       case Taken::kMessage:
         return true;
       case Taken::kOther:
-        if (dds_time() >= until) return false;
+        if (patience.left_ns() <= 0) return false;
         break;
       case Taken::kNothing: {
-        const dds_duration_t left = until - dds_time();
+        const dds_duration_t left = patience.left_ns();
         if (left <= 0) return false;
         dds_waitset_wait(waitset_.get(), nullptr, 0, left);
       }
@@ -232,9 +247,9 @@ dds_instance_handle_t DdsWriter<M>::handle() const noexcept {
 
 template <class M>
 bool DdsWriter<M>::wait_for_readers(int count, double timeout_s) const {
-  const dds_time_t until = dds_time() + nanoseconds(timeout_s);
+  const Patience patience(timeout_s);
   while (dds_get_matched_subscriptions(writer_.get(), nullptr, 0) < count) {
-    if (dds_time() >= until) return false;
+    if (patience.left_ns() <= 0) return false;
     dds_sleepfor(DDS_MSECS(5));
   }
   return true;

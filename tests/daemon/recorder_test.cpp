@@ -147,6 +147,22 @@ TEST_F(RecorderTest, TheOldestGoWhereTheBudgetIsSpentAndItIsSaid) {
   EXPECT_THAT(said_.str(), HasSubstr("the oldest recordings are deleted, to stay within 2 MB"));
 }
 
+// Where the clock was set back, the recording with the latest name is not the newest.
+TEST_F(RecorderTest, TheOldestGoFirstAlsoWhereTheClockWasSetBack) {
+  const std::filesystem::path place = directory_.path() / "recordings" / "mill";
+  std::filesystem::create_directories(place);
+  const std::string of_before = "2999-12-31T235959.000Z";
+  std::ofstream(place / (of_before + ".csv")) << std::string(1'000'000, '#');
+  Recorder recorder = this->recorder(1.5);
+  feed(recorder, 0, 25'000);
+  EXPECT_EQ(names(), (std::set<std::string>{of_before + ".csv"})) << "nothing is finished yet";
+  recorder.finish_file();
+  EXPECT_EQ(names(), (std::set<std::string>{of_before + "_0002.csv"}));
+  feed(recorder, 25'000, 26'000);
+  recorder.finish_file();
+  EXPECT_TRUE(names().contains(of_before + "_0003.csv")) << "the newest stays";
+}
+
 // Five files of about a megabyte each; the first is of a model in force, the second of one before:
 // the store does not tell them apart, because it keeps both models.
 TEST_F(RecorderTest, WhatAnyModelCitesIsNeverDeleted) {

@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <csignal>
@@ -53,6 +54,21 @@ bool same_bits(const std::vector<double>& a, const std::vector<double>& b) {
 std::size_t files_in(const std::filesystem::path& directory) {
   return static_cast<std::size_t>(
       std::distance(std::filesystem::directory_iterator(directory), {}));
+}
+
+TEST(WriteRecordingCsv, ARecordingOfNothingSaysOfWhatAndReadsBack) {
+  const test::TemporaryDirectory directory;
+  Recording written = recording(2);
+  for (AxisRecord& axis : written.axes) {
+    for (auto* channel : {&axis.command, &axis.actual, &axis.torque})
+      std::fill(channel->begin(), channel->end(), kAbsent);
+  }
+  write_recording_csv(directory.path() / "nothing.csv", written);
+  const Recording read = read_csv(directory.path() / "nothing.csv", {});
+  ASSERT_EQ(read.axes.size(), 2U);
+  EXPECT_EQ(read.axes[0].name, "X");
+  EXPECT_TRUE(same_bits(read.time, written.time));
+  EXPECT_TRUE(same_bits(read.axes[0].command, written.axes[0].command));
 }
 
 TEST(WriteRecordingCsv, ReadsBackBitForBit) {
