@@ -1,5 +1,7 @@
 #include "daemon/cli/options.h"
 
+#include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "daemon/cli/output.h"
@@ -77,6 +79,19 @@ void BusOptions::declare(CLI::App& command) {
 
 std::string BusOptions::text() const {
   return "machine '" + place.machine + "' in DDS domain " + std::to_string(place.domain);
+}
+
+bool daemon_ready(const DdsNode& node, double patience_s) {
+  DdsReader<MachineStatus> statuses(node);
+  const auto start = std::chrono::steady_clock::now();
+  MachineStatus status;
+  while (true) {
+    const double left_s =
+        patience_s -
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    if (!statuses.receive(status, std::max(left_s, 0.0))) return false;
+    if (!status.axes.empty() && status.state != DaemonState::kStopping) return true;
+  }
 }
 
 std::vector<double> parse_numbers(const std::string& option, const std::string& given,

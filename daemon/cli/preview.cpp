@@ -70,9 +70,11 @@ std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& argu
   return out;
 }
 
-/// Waits until a daemon reads programs, and its answers will be heard.
-bool daemon_hears(const DdsWriter<ProgramChunk>& programs,
+/// Waits until the daemon of this machine reads programs, and its answers will be heard. Topics are
+/// shared by all machines of a domain: that somebody reads programs is not enough.
+bool daemon_hears(const DdsNode& node, const DdsWriter<ProgramChunk>& programs,
                   const DdsReader<CorrectionChunk>& corrections, double patience_s) {
+  if (!daemon_ready(node, patience_s)) return false;
   const std::int64_t begin = steady_ns();
   while (!corrections.matched()) {
     if (static_cast<double>(steady_ns() - begin) * 1e-9 > patience_s) return false;
@@ -154,7 +156,7 @@ void run(const Arguments& arguments) {
   const DdsNode node(arguments.bus.place);
   DdsReader<CorrectionChunk> corrections(node);
   DdsWriter<ProgramChunk> programs(node);
-  if (!daemon_hears(programs, corrections, std::min(arguments.wait_s, kFind_s)))
+  if (!daemon_hears(node, programs, corrections, std::min(arguments.wait_s, kFind_s)))
     throw std::runtime_error("nobody listens to " + arguments.bus.text() +
                              "; start servotwind with this machine and domain first");
   for (const ProgramChunk& chunk : chunks) {

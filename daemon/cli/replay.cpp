@@ -31,21 +31,6 @@ struct Arguments {
   double wait_s = 10.0;  // a daemon that has just been started needs about one
 };
 
-/// Waits until a daemon has heard of the machine and made itself ready for its frames: it then
-/// tells the axes. That somebody reads frames is not enough, it may be a watcher.
-bool daemon_ready(const DdsNode& node, double patience_s) {
-  DdsReader<MachineStatus> statuses(node);
-  const auto start = std::chrono::steady_clock::now();
-  MachineStatus status;
-  while (true) {
-    const double left_s =
-        patience_s -
-        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    if (!statuses.receive(status, std::max(left_s, 0.0))) return false;
-    if (!status.axes.empty()) return true;
-  }
-}
-
 void run(const Arguments& arguments) {
   const bool can = !arguments.can.empty() || !arguments.udp.empty();
   if (arguments.bus.dds == can) throw UsageError("name one bus: --dds, --can or --udp");

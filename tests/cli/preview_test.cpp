@@ -21,6 +21,13 @@ DdsPlace place() {
 
 class Preview : public testing::Test {
  protected:
+  Preview() {
+    MachineStatus status;
+    status.state = DaemonState::kRunning;
+    status.axes.resize(1);
+    status.axes[0].name = "X";
+    EXPECT_TRUE(status_.write(status));
+  }
   /// Starts it on a table of 2.5 s, and takes what it asks.
   void ask(std::vector<std::string> more) {
     const std::vector<std::string> words{"preview",
@@ -50,6 +57,7 @@ class Preview : public testing::Test {
   DdsNode node_{place()};
   DdsReader<ProgramChunk> programs_{node_};
   DdsWriter<CorrectionChunk> corrections_{node_};
+  DdsWriter<MachineStatus> status_{node_};
   std::unique_ptr<Program> tool_;
   std::vector<ProgramChunk> asked_;
 };
@@ -99,6 +107,18 @@ TEST_F(Preview, ARefusalIsTheDaemonsReason) {
   const Answer said = tool_->answer();
   EXPECT_EQ(said.status, 1);
   EXPECT_THAT(said.err, HasSubstr("the daemon refused it: axis X has no model in force yet"));
+}
+
+// Its topics are there, and they are another machine's.
+TEST_F(Preview, AMachineThatNobodySpeaksForIsNamed) {
+  Program tool({"preview", folder_.write("path.csv", command_table(0.5)), "--dds", "--machine",
+                "misspelt", "--domain", std::to_string(place().domain), "--wait", "2"});
+  const Answer said = tool.answer();
+  EXPECT_EQ(said.status, 1);
+  EXPECT_THAT(said.err, HasSubstr("nobody listens to machine 'misspelt' in DDS domain " +
+                                  std::to_string(place().domain)));
+  ProgramChunk chunk;
+  EXPECT_FALSE(programs_.receive(chunk, 0.0)) << "and nothing is sent";
 }
 
 }  // namespace
