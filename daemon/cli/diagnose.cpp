@@ -140,10 +140,10 @@ std::vector<std::string> write_test(const std::string& base, const Diagnosis& di
 /// Where there is no position loop to diagnose, for this reason.
 void run_on_torque(const Arguments& arguments, const SegmentedAxis& axis, bool commanded,
                    const std::string& reason, std::FILE* people) {
-  say(people, "torque      alone: " + reason);
   if (!arguments.extended.empty())
     throw std::runtime_error("--extended-model: there is no model of the position loop: " + reason);
   const TorqueDiagnosis torque = diagnose_torque(axis, arguments.options, commanded);
+  say(people, "torque      alone: " + reason);
   for (const std::string& line : torque_lines(torque, arguments.details)) say(people, line);
   if (!arguments.result.empty()) write_json(arguments.result, torque_alone(torque, reason));
   if (!arguments.report.empty()) write_result(arguments.report, torque_page(torque, axis.source));
@@ -179,7 +179,12 @@ void run(const Arguments& arguments) {
                     : compare(axis, read_model(arguments.earlier), arguments.options);
   } catch (const std::runtime_error& error) {
     if (!has_torque(axis) || !arguments.earlier.empty()) throw;
-    run_on_torque(arguments, axis, true, error.what(), people);
+    const std::string reason = error.what();
+    try {
+      run_on_torque(arguments, axis, true, reason, people);
+    } catch (const std::runtime_error& also) {
+      throw std::runtime_error(reason + "; nor by torque: " + also.what());
+    }
     return;
   }
   const std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);

@@ -45,6 +45,17 @@ TEST(DiagnoseTorque, APlayIsFoundWithoutACommand) {
   EXPECT_THAT(content_of(folder / "d.html"), HasSubstr("torque over position"));
 }
 
+TEST(DiagnoseTorque, WhatShowsNothingInEitherWaySaysBothReasons) {
+  std::string table = "time[s],R.command[mm],R.actual[mm],R.torque[N]\n";
+  for (int k = 0; k < 200; ++k) table += cell(1e-3 * k) + ",0,0," + cell(k % 3) + "\n";
+  const Folder folder;
+  const Answer answer =
+      servotwin_says({"diagnose", folder.write("short.csv", table), "--axis", "R"});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("R.command does not move"));
+  EXPECT_THAT(answer.err, HasSubstr("; nor by torque: there is no stretch of 262 samples"));
+}
+
 TEST(DiagnoseTorque, WhatNeedsACommandSaysSo) {
   const Folder folder;
   const std::string file = folder.write("rig.csv", rig_table());
