@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 #include "daemon/clock.h"
 #include "drivers/text.h"
@@ -104,6 +105,7 @@ Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
       Queue& queue = queues_[static_cast<std::size_t>(bus)];
       const CanFrame& next = queue.frames[queue.next++];
       completed_ns_ = next.time_ns;
+      heed_other_sender(static_cast<std::size_t>(bus), next);
       assembly_.on_frame(static_cast<std::size_t>(bus), next);
       continue;
     }
@@ -130,15 +132,25 @@ void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
   for (const std::size_t axis : axes) {
     CanOffset offset(known, axis);
     const std::size_t message = known.find(axis, CanChannel::kOffset)->message;
-    carried_.push_back({axis, known.messages[message].bus, std::move(offset)});
+    carried_.push_back({axis, message, std::move(offset)});
+  }
+}
+
+void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
+  for (const Carried& one : carried_) {
+    const MappedMessage& ours = assembly_.map().messages[one.message];
+    // What a bus receives was sent by another: it never gives back what is sent on it.
+    if (ours.bus == bus && ours.id == frame.id && ours.extended == frame.extended)
+      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
   }
 }
 
 void CanSource::send(const MachineOffset& offset) noexcept {
+  if (rival_.load(std::memory_order_relaxed) >= 0) return;  // a fact for people; orders nothing
   for (Carried& one : carried_) {
     const AxisOffset& axis = offset.axes[one.axis];
     // What does not leave is counted by the bus; the drive drops what is not renewed.
-    (void)one.offset.send(axis, *buses_[one.bus]);
+    (void)one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
   }
 }
 
@@ -201,10 +213,17 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
     changed = changed || a.silent != b.silent || a.silences != b.silences;
   }
   changed = changed || now.counts.unexpected.size() != told_.counts.unexpected.size();
+  const int rival = rival_.load(std::memory_order_relaxed);
+  changed = changed || (rival >= 0 && !told_rival_);
   if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kTellEvery_ns) return {};
 
   const CanMap& known = assembly_.map();
   std::vector<SourceNews> lines;
+  if (rival >= 0 && !std::exchange(told_rival_, true)) {
+    lines.push_back({"somebody else sends offsets to the drive of axis " +
+                     known.machine.axes[static_cast<std::size_t>(rival)].name +
+                     ": ours are held back until this daemon is started again; arm one of them"});
+  }
   for (std::size_t i = 0; i < buses_.size(); ++i) {
     const CanBusCounts& a = told_.buses[i];
     const CanBusCounts& b = now.buses[i];

@@ -23,8 +23,9 @@ class CanSource final : public FrameSource {
   /// One bus per bus of the map; throws std::invalid_argument if there are more or fewer.
   CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing);
 
-  /// Offsets of these axes are sent from now on. Throws std::runtime_error if the mapping has no
-  /// place for one (daemon/can_offset.h). Before the first frame.
+  /// Offsets of these axes are sent from now on, until somebody else's are seen on the bus: then
+  /// none are, which is said, until the daemon is started again. Throws std::runtime_error if the
+  /// mapping has no place for one (daemon/can_offset.h). Before the first frame.
   void carry_offsets(const std::vector<std::size_t>& axes);
 
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
@@ -61,12 +62,14 @@ class CanSource final : public FrameSource {
   [[nodiscard]] int oldest() noexcept;
   void wait(double timeout_s) noexcept;
   void follow_clock() noexcept;
+  /// Two that send offsets to a drive would each give back half of what they see of the other.
+  void heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept;
   [[nodiscard]] Snapshot snapshot() const;
 
   CanAssembly assembly_;
   std::vector<std::unique_ptr<CanBus>> buses_;
   struct Carried {
-    std::size_t axis, bus;
+    std::size_t axis, message;  // of the map
     CanOffset offset;
   };
   std::vector<Carried> carried_;
@@ -77,9 +80,11 @@ class CanSource final : public FrameSource {
   std::int64_t last_cycle_ns_ = 0;    // steady
   std::int64_t patience_ns_;          // for a cycle to begin
   std::atomic<bool> stalled_{false};
+  std::atomic<int> rival_{-1};  // axis whose offsets somebody else sends; none of ours leave then
 
   // Of news().
   Snapshot told_;
+  bool told_rival_ = false;
   std::int64_t told_ns_ = 0;
 };
 

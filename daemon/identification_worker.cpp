@@ -352,6 +352,7 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
   StoredModel model{candidate.identified.record, decision.reason};
   if (!decision.promoted()) {
     note_refusal(axis, "candidate refused: " + decision.reason, to_json(model.record).dump());
+    validate(axis, candidacy);
     return;
   }
   const int next = candidacy.version_in_force + 1;
@@ -370,6 +371,18 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
   }
   put_in_force(axis, model);
   events_.print(event);
+}
+
+void IdentificationWorker::validate(std::size_t axis, const Candidacy& candidacy) {
+  const std::optional<StoredModel>& held = axes_[axis].in_force;
+  if (!held || !still_holds(candidacy, held->record.holdout.rms)) return;
+  try {
+    store_.validate(axes_[axis].name, held->record.version, iso_time(wall_ns()));
+  } catch (const std::runtime_error& error) {
+    events_.error(
+        "not_stored", axes_[axis].name,
+        std::string("that the model in force still holds is not stored: ") + error.what());
+  }
 }
 
 void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& model) {

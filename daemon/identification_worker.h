@@ -96,6 +96,8 @@ class IdentificationWorker {
   void renew_noise_floor(std::size_t axis, double until_s);
   void judge_candidate(std::size_t axis, double until_s);
   void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);
+  /// Keeps that the model in force still holds, if it does.
+  void validate(std::size_t axis, const Candidacy& candidacy);
   void put_in_force(std::size_t axis, const StoredModel& model);
   void say(std::size_t axis, const std::string& activity);
   void note_refusal(std::size_t axis, const std::string& why, const std::string& detail = "");

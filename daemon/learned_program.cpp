@@ -129,9 +129,10 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     const auto known = [](double value) { return std::isfinite(value) ? value : 0.0; };
     out.missed.push_back(known(record.holdout.rms));
     out.missed_most.push_back(known(record.holdout.max));
-    out.validated_ns = std::min(out.validated_ns, wall_ns_of(record.created));
     linear += axis.rotary ? 0 : 1;
   }
+
+  out.validated_ns = std::min(wall_ns, validated_ns(out, in_force).value_or(0));
 
   LearnOptions options;
   options.trials = program.learn ? rules.ilc.trials : 0;
@@ -180,6 +181,19 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
                !why.empty()) {
       out.why_not_live = "the gate would refuse axis " + axes[i].name + ": " + why;
     }
+  }
+  return out;
+}
+
+std::optional<std::int64_t> validated_ns(const LearnedProgram& learned,
+                                         const std::vector<StoredModel>& in_force) {
+  std::int64_t out = std::numeric_limits<std::int64_t>::max();
+  for (const AxisCorrectionFigures& axis : learned.axes) {
+    const auto model = std::find_if(in_force.begin(), in_force.end(), [&](const StoredModel& one) {
+      return one.record.axis == axis.name && one.record.version == axis.model_version;
+    });
+    if (model == in_force.end()) return std::nullopt;
+    out = std::min(out, std::max(wall_ns_of(model->record.created), wall_ns_of(model->validated)));
   }
   return out;
 }

@@ -11,6 +11,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -34,7 +35,7 @@ struct LearnedProgram {
   Eigen::ArrayXd contour_before, contour_after;           ///< predicted [m]; empty without a path
   ErrorSize contour_size_before, contour_size_after;
   std::int64_t created_ns = 0;
-  std::int64_t validated_ns = 0;  ///< when the oldest of its models came into force
+  std::int64_t validated_ns = 0;  ///< when the one of its models was that was so the longest ago
   std::string summary;            ///< what came of it, one line for people
   std::string why_not_live;       ///< why it must not be sent to drives; empty: it may
 };
@@ -52,6 +53,11 @@ struct LearningRules {
 [[nodiscard]] LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
                                      const std::vector<StoredModel>& in_force, std::int64_t wall_ns,
                                      const std::stop_token& stop = {});
+
+/// When of these models the one was last found to hold for which that is the longest ago; nothing
+/// where another version is in force by now.
+[[nodiscard]] std::optional<std::int64_t> validated_ns(const LearnedProgram& learned,
+                                                       const std::vector<StoredModel>& in_force);
 
 /// As it is published.
 [[nodiscard]] std::vector<CorrectionChunk> chunks_of(const LearnedProgram& learned,

@@ -26,6 +26,7 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
     if (programs.receive(chunk, kPatience_s)) take(chunk, steady_ns());
     refuse_overdue(steady_ns());
     heed_runs();
+    renew(steady_ns());
     if (const std::uint64_t malformed = programs.counts().malformed; malformed > told_malformed) {
       events_.error("program_refused", "",
                     std::to_string(malformed - told_malformed) +
@@ -67,6 +68,22 @@ void LearningWorker::learn_now(const CommandedPath& program) {
 
 void LearningWorker::heed_runs() {
   for (OffsetRun run; hand_over_.runs.pop(run);) heed(run);
+}
+
+void LearningWorker::renew(std::int64_t now_ns) {
+  if (kept_.empty() || between_ns(renewed_ns_, now_ns) < kRenewEvery_ns) return;
+  renewed_ns_ = now_ns;
+  const std::vector<StoredModel> in_force = store_.in_force();
+  bool any = false;
+  for (Kept& one : kept_) {
+    const std::optional<std::int64_t> validated = validated_ns(*one, in_force);
+    if (!validated || *validated <= one->validated_ns) continue;
+    LearnedProgram newer = *one;
+    newer.validated_ns = *validated;
+    one = std::make_shared<const LearnedProgram>(std::move(newer));
+    any = true;
+  }
+  if (any) hand_over_plan(true);
 }
 
 void LearningWorker::heed(const OffsetRun& run) {
@@ -141,8 +158,11 @@ void LearningWorker::forget(const std::string& program) {
   if (std::erase_if(kept_, named) > 0) hand_over_plan();
 }
 
-void LearningWorker::hand_over_plan() {
+void LearningWorker::hand_over_plan(bool renewed) {
   auto plan = std::make_unique<OffsetPlan>();
+  // One that was not taken yet may have come of a ruling; this one takes its place.
+  // acquire: pairs with the release of the loop.
+  plan->renewed = renewed && hand_over_.in_use.load(std::memory_order_acquire) == plans_made_;
   plan->generation = ++plans_made_;
   plan->wall_ns = wall_ns();
   for (const Kept& one : kept_) {

@@ -33,6 +33,7 @@ namespace servotwin {
 class LearningWorker {
  public:
   static constexpr std::size_t kMaxKept = ProgramMatcher::kMaxPrograms;
+  static constexpr std::int64_t kRenewEvery_ns = 600'000'000'000;
   using Announce = std::function<void(const CorrectionChunk&)>;
 
   /// All arguments outlive the worker.
@@ -48,6 +49,9 @@ class LearningWorker {
   void refuse_overdue(std::int64_t now_ns);
   /// Heeds what the real-time loop told of runs since the last call.
   void heed_runs();
+  /// What was learned is as fresh as its models, which are found to hold again and again. Looks
+  /// after that every kRenewEvery_ns; `now_ns` as above.
+  void renew(std::int64_t now_ns);
   /// The corrections that are kept, the newest last.
   [[nodiscard]] const std::vector<std::shared_ptr<const LearnedProgram>>& kept() const noexcept {
     return kept_;
@@ -62,7 +66,7 @@ class LearningWorker {
   void refuse(const ProgramRefusal& refusal);
   void keep(Kept learned);
   void forget(const std::string& program);
-  void hand_over_plan();
+  void hand_over_plan(bool renewed = false);
 
   LearningRules rules_;
   Store& store_;
@@ -72,6 +76,7 @@ class LearningWorker {
   ProgramAssembly assembly_;
   std::stop_token give_up_;
   std::uint64_t learned_ = 0, plans_made_ = 0;
+  std::int64_t renewed_ns_ = 0;
   std::vector<Kept> kept_;
   std::vector<std::unique_ptr<const OffsetPlan>> plans_;  // that the loop may still use
 };

@@ -63,7 +63,7 @@ void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
   if (fresh == nullptr) return;
   plan_ = *fresh;
   plan_frame_ns_ = frame.time_ns;
-  barred_ = nullptr;
+  if (!plan_->renewed) barred_ = 0;
   std::array<const CommandedPath*, ProgramMatcher::kMaxPrograms> programs{};
   const std::size_t count = std::min(plan_->programs.size(), programs.size());
   for (std::size_t i = 0; i < count; ++i) programs[i] = &plan_->programs[i]->program;
@@ -103,7 +103,7 @@ void LiveOffsets::end(RunEnd end, int axis, Refusal refusal) noexcept {
   run_.seen.refusal = static_cast<std::uint8_t>(refusal);
   run_.seen.at_s = static_cast<double>(run_.row) * rules_.machine.cycle_s;
   if (end == RunEnd::kResidual || end == RunEnd::kContour || end == RunEnd::kRefused)
-    barred_ = run_.learned;
+    barred_ = run_.learned->number;
   hand_over_.runs.push(run_.seen);
   phase_ = Phase::kFading;
 }
@@ -241,7 +241,7 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
     }
   } else if (phase_ == Phase::kNone && match && !matched_) {
     const LearnedProgram& learned = *plan_->programs[match->program];
-    if (&learned != barred_) begin(match->row, learned, frame);
+    if (learned.number != barred_) begin(match->row, learned, frame);
   }
   matched_ = match.has_value();
   if (phase_ == Phase::kRunning) {

@@ -42,6 +42,7 @@ struct OffsetPlan {
   std::uint64_t generation = 0;
   std::int64_t wall_ns = 0;                                     ///< when it was handed over
   std::vector<std::shared_ptr<const LearnedProgram>> programs;  ///< at most kMaxPrograms
+  bool renewed = false;  ///< as the one before, only validated later: what was given up stays so
 };
 
 /// What lies between the loop and the others. It outlives both.
@@ -107,9 +108,9 @@ class LiveOffsets {
   std::vector<Gate> gates_;
   ProgramMatcher matcher_;
   const OffsetPlan* plan_ = nullptr;
-  std::int64_t plan_frame_ns_ = 0;          // stamp of the frame with which it was taken
-  const LearnedProgram* barred_ = nullptr;  // given up, until a new plan comes
-  bool matched_ = false;                    // in the cycle before
+  std::int64_t plan_frame_ns_ = 0;  // stamp of the frame with which it was taken
+  std::uint64_t barred_ = 0;        // number of what was given up, until it was ruled on
+  bool matched_ = false;            // in the cycle before
   bool gap_ = true;
   bool came_before_ = false;
   std::int64_t time_ns_ = 0;  // of the frame before

@@ -26,6 +26,11 @@ std::string the_other(int version) {
 
 }  // namespace
 
+bool still_holds(const Candidacy& candidacy, double holdout_rms) {
+  constexpr double kMost = 2.0;
+  return candidacy.version_in_force > 0 && candidacy.rms_in_force <= kMost * holdout_rms;
+}
+
 Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
   if (!candidacy.invalid.empty()) return {Ruling::kInvalid, candidacy.invalid};
   if (!candidacy.refusals.empty()) {

@@ -47,6 +47,11 @@ struct Decision {
   [[nodiscard]] bool promoted() const noexcept { return ruling == Ruling::kPromoted; }
 };
 
+/// Whether the model in force, of this hold-out, was found to hold where a candidate was judged:
+/// it leaves no more than twice of what it left where it was judged itself. That is less than what
+/// a correction that was learned on it would have to lose before it is worth nothing.
+[[nodiscard]] bool still_holds(const Candidacy& candidacy, double holdout_rms);
+
 [[nodiscard]] Decision decide(const Candidacy& candidacy, const PromotionRule& rule);
 
 }  // namespace servotwin

@@ -35,6 +35,9 @@ constexpr const char* kSchema = R"(
   CREATE TABLE IF NOT EXISTS citations (
     machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, recording TEXT NOT NULL,
     PRIMARY KEY (machine, axis, version, recording)) WITHOUT ROWID;
+  CREATE TABLE IF NOT EXISTS validations (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, time TEXT NOT NULL,
+    PRIMARY KEY (machine, axis)) WITHOUT ROWID;
   CREATE INDEX IF NOT EXISTS diagnoses_of_axis ON diagnoses (machine, axis, id);
 )";
 
@@ -365,7 +368,28 @@ std::vector<StoredModel> Store::in_force() const {
   Statement statement(*this,
                       "SELECT axis, max(version), reason, json FROM models WHERE machine = ? GROUP "
                       "BY axis ORDER BY axis");
-  return read_models(statement.bind(machine_));
+  std::vector<StoredModel> models = read_models(statement.bind(machine_));
+  if (lock_ < 0) return models;  // one that was not opened by us may not have the table
+  for (StoredModel& model : models) {
+    Statement validated(*this,
+                        "SELECT time FROM validations WHERE machine = ? AND axis = ? AND version = "
+                        "?");
+    validated.bind(machine_).bind(model.record.axis).bind(std::int64_t{model.record.version});
+    if (validated.step("cannot be read")) model.validated = validated.text(0);
+  }
+  return models;
+}
+
+void Store::validate(const std::string& axis, int version, const std::string& time) {
+  const std::lock_guard lock(mutex_);
+  Statement replace(*this,
+                    "INSERT OR REPLACE INTO validations (machine, axis, version, time) VALUES (?, "
+                    "?, ?, ?)");
+  replace.bind(machine_)
+      .bind(axis)
+      .bind(std::int64_t{version})
+      .bind(time)
+      .step("cannot be written");
 }
 
 std::vector<StoredModel> Store::versions(const std::string& axis, int most) const {

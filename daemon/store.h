@@ -35,6 +35,9 @@ struct Event {
 struct StoredModel {
   ModelRecord record;
   std::string reason;
+  /// When it was last found to hold on motion that nobody was fitted to, ISO 8601; empty: when it
+  /// came into force, or not known where the store is only read.
+  std::string validated{};
 };
 
 /// A diagnosis as it is kept and published.
@@ -78,6 +81,8 @@ class Store {
   /// names them, too, as data.recordings.
   void promote(ModelRecord& record, const Event& event,
                const std::vector<std::string>& recordings = {});
+  /// The version in force of an axis was found to hold, at this time (ISO 8601).
+  void validate(const std::string& axis, int version, const std::string& time);
   /// The recordings that models were found and judged on. Every model is kept, in force or not.
   [[nodiscard]] std::set<std::string> cited() const;
 

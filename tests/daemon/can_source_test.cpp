@@ -298,6 +298,37 @@ TEST(CanOffset, TheSourceSendsThemOnTheBusOfTheAxis) {
   EXPECT_EQ(bus.sent.size(), 1U) << "a dry run";
 }
 
+// Two armed daemons on one bus: each would answer what the other adds.
+TEST(CanOffset, WhereSomebodyElseSendsThemOursAreHeldBackAndThatIsSaid) {
+  auto owned = std::make_unique<ScriptedBus>();
+  ScriptedBus& bus = *owned;
+  std::vector<std::unique_ptr<CanBus>> buses;
+  buses.push_back(std::move(owned));
+  CanSource source(map_of(kDrive), std::move(buses), Pacing::kByStamp);
+  source.carry_offsets({0});
+  MachineOffset offset;
+  offset.axis_count = 1;
+  offset.axes[0] = {2e-5, 1, true, 0};
+  MachineFrame frame;
+  bus.frames = {frame_of(0x301, 1'000'000)};
+  EXPECT_EQ(source.receive(frame, 0.002), Received::kNothing);
+  source.send(offset);
+  EXPECT_EQ(bus.sent.size(), 1U) << "a target is the controller's";
+  EXPECT_THAT(source.news(1'000'000), IsEmpty());
+
+  bus.frames = {frame_of(0x401, 2'000'000)};
+  EXPECT_EQ(source.receive(frame, 0.002), Received::kNothing);
+  source.send(offset);
+  EXPECT_EQ(bus.sent.size(), 1U);
+  const std::vector<SourceNews> news = source.news(2'000'000);
+  ASSERT_EQ(news.size(), 1U);
+  EXPECT_THAT(news[0].text, HasSubstr("somebody else sends offsets to the drive of axis X"));
+  EXPECT_FALSE(news[0].good);
+  EXPECT_THAT(source.news(3'000'000), IsEmpty()) << "once";
+  source.send(offset);
+  EXPECT_EQ(bus.sent.size(), 1U) << "not even when the other is quiet again";
+}
+
 TEST(CanOffset, AMessageWithMoreInItIsRefused) {
   std::string text = kDrive;
   text.replace(text.find("message_bytes = 4"), 17, "message_bytes = 8");

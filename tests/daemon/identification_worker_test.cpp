@@ -153,6 +153,19 @@ TEST_F(WorkerTest, AModelOfWorseDataIsRefusedWithTheFigures) {
   EXPECT_EQ(newest_event().kind, "model_refused");
   EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: "));
   EXPECT_THAT(newest_event().detail, HasSubstr("servotwin.model/1")) << "it can be looked at later";
+  EXPECT_NE(store_->in_force()[0].validated, "") << "and the model in force was found to hold";
+}
+
+TEST_F(WorkerTest, AModelThatLeavesMoreThanTwiceIsNotFoundToHoldEvenIfNothingIsBetter) {
+  restart();
+  promote_one();
+  run_machine(2.0, 20e-6);
+  ASSERT_TRUE(worker_->look(0));
+  run_machine(3.5, 20e-6);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(announced_.size(), 1U);
+  EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: leaves 19.5 um"));
+  EXPECT_EQ(store_->in_force()[0].validated, "");
 }
 
 TEST_F(WorkerTest, AWorkerThatLagsDecidesTheSame) {

@@ -113,6 +113,48 @@ TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
   EXPECT_EQ(events("program_previewed").size(), 1U);
 }
 
+// Models are validated again as long as the machine works; what was learned on them stays usable.
+TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels) {
+  const std::int64_t now = wall_ns(), hour = 3'600'000'000'000;
+  put_in_force(model_of(stepped_axis()), "X");
+  put_in_force(model_of(stepped_axis()), "Y");
+  start();
+  send({circle_program()[0], circle_program()[1]}, true);
+  ASSERT_EQ(worker_->kept().size(), 1U) << said_.str();
+  const auto fresh_for_h = [&] {
+    return static_cast<double>(worker_->kept()[0]->validated_ns - now) / static_cast<double>(hour);
+  };
+  const auto take = [&] {
+    const OffsetPlan* const* fresh = hand_over_.plans.fresh();
+    if (fresh != nullptr) hand_over_.in_use = (*fresh)->generation;
+    return fresh == nullptr ? nullptr : *fresh;
+  };
+  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1);
+  const OffsetPlan* const first = take();
+  ASSERT_NE(first, nullptr);
+  EXPECT_FALSE(first->renewed);
+
+  store_.validate("X", 1, iso_time(now + 2 * hour));
+  worker_->renew(LearningWorker::kRenewEvery_ns);
+  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "Y was not";
+  take();
+  store_.validate("Y", 1, iso_time(now + hour));
+  worker_->renew(LearningWorker::kRenewEvery_ns + 1);
+  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "not looked after all the time";
+  worker_->renew(2 * LearningWorker::kRenewEvery_ns);
+  EXPECT_NEAR(fresh_for_h(), 1.0, 1e-6);
+  const OffsetPlan* const renewed = take();
+  ASSERT_NE(renewed, nullptr);
+  EXPECT_TRUE(renewed->renewed) << "what was given up stays so";
+  EXPECT_EQ(renewed->programs[0], worker_->kept()[0]);
+
+  put_in_force(model_of(stepped_axis()), "X");
+  store_.validate("X", 2, iso_time(now + 3 * hour));
+  store_.validate("Y", 1, iso_time(now + 3 * hour));
+  worker_->renew(3 * LearningWorker::kRenewEvery_ns);
+  EXPECT_NEAR(fresh_for_h(), 1.0, 1e-6) << "it was learned on another version of X";
+}
+
 // The corrected path, run on a machine that shares no code with the twin.
 TEST_F(LearningWorkerTest, ACorrectedPathIsFollowedByTheMachineAsWasPredicted) {
   put_in_force(model_of(stepped_axis()), "X");

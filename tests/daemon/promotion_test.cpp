@@ -117,5 +117,18 @@ TEST(Promotion, RotaryAxesAreJudgedInMicroradians) {
   EXPECT_THAT(decide(candidacy, kRule).reason, HasSubstr("1.5 urad"));
 }
 
+// The model in force left 1 um where it was judged itself.
+TEST(Promotion, AModelHoldsWhereItLeavesNoMoreThanTwiceOfWhatItDid) {
+  Candidacy c = good();
+  EXPECT_TRUE(still_holds(c, 1.0e-6));
+  EXPECT_FALSE(still_holds(c, 0.99e-6));
+  EXPECT_FALSE(still_holds(c, kAbsent)) << "nobody knows what it left";
+  c.rms_in_force = kAbsent;
+  EXPECT_FALSE(still_holds(c, 1.0e-6)) << "nobody looked";
+  c = good();
+  c.version_in_force = 0;
+  EXPECT_FALSE(still_holds(c, 1.0e-6)) << "there is none";
+}
+
 }  // namespace
 }  // namespace servotwin

@@ -65,6 +65,28 @@ TEST(Store, ComesBackWithTheModelsInForceBitForBit) {
   EXPECT_EQ(before, after);
 }
 
+TEST(Store, KnowsWhenTheVersionInForceWasLastFoundToHold) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    ModelRecord first = record_of(drive());
+    store.promote(first, event("first"));
+    EXPECT_EQ(store.in_force()[0].validated, "");
+    store.validate("X", 1, "2026-01-31T12:00:00.000Z");
+    store.validate("X", 1, "2026-02-01T12:00:00.000Z");
+    EXPECT_EQ(store.in_force()[0].validated, "2026-02-01T12:00:00.000Z");
+  }
+  {
+    const Store other(directory.path(), "lathe", StoreAccess::kRead);
+    EXPECT_THAT(other.in_force(), testing::IsEmpty());
+  }
+  Store store(directory.path(), "mill");
+  EXPECT_EQ(store.in_force()[0].validated, "2026-02-01T12:00:00.000Z");
+  ModelRecord second = record_of(drive());
+  store.promote(second, event("second"));
+  EXPECT_EQ(store.in_force()[0].validated, "") << "that was another version";
+}
+
 TEST(Store, KeepsMachinesApart) {
   TemporaryDirectory directory;
   {
