@@ -1,7 +1,8 @@
 // The daemon's configuration: every problem is a line with its place, and what is read twice is the
 // same.
 //
-// Sources: daemon/config.cpp drivers/toml_section.cpp drivers/file_handle.cpp drivers/text.cpp
+// Sources: daemon/config.cpp daemon/web/listen_address.cpp drivers/toml_section.cpp
+// Sources: drivers/file_handle.cpp drivers/text.cpp
 #include "daemon/config.h"
 
 #include "tests/fuzz/fuzz.h"

@@ -4,6 +4,7 @@
 //
 // Sources: daemon/web/api.cpp daemon/web/health.cpp daemon/web/http_message.cpp
 // Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/report_file.cpp daemon/store.cpp
+// Sources: daemon/event_log.cpp daemon/journal.cpp daemon/status_figures.cpp
 // Sources: drivers/file_handle.cpp drivers/text.cpp identification/model_file.cpp
 // Sources: twin/hold.cpp twin/loop.cpp twin/low_pass.cpp twin/model.cpp twin/twin.cpp
 #include <cstdlib>
