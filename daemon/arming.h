@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <mutex>
 #include <string>
 
 #include "daemon/event_log.h"
@@ -20,6 +21,10 @@ class Arming {
   [[nodiscard]] bool armed() const noexcept { return armed_.load(std::memory_order_relaxed); }
   /// Why it cannot be armed; empty: it is.
   std::string arm() {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!forbidden_.empty()) return forbidden_;
+    }
     if (!live_) return "offsets are advice: the configuration does not say ilc.live = true";
     if (!armed_.exchange(true, std::memory_order_relaxed))
       events_.note("offsets_armed", "", "armed: from the next run on, offsets are sent to drives");
@@ -30,9 +35,21 @@ class Arming {
     if (armed_.exchange(false, std::memory_order_relaxed))
       events_.note("offsets_disarmed", "", "disarmed: offsets are not sent to drives");
   }
+  /// It is disarmed and stays so, for this reason, which is told once.
+  void forbid(const std::string& why) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!forbidden_.empty()) return;
+      forbidden_ = why;
+    }
+    events_.error("offsets_held_back", "", why);
+    disarm();
+  }
 
  private:
   bool live_;
+  std::mutex mutex_;
+  std::string forbidden_;
   std::atomic<bool>& armed_;
   EventLog& events_;
 };

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
-#include <utility>
 
 #include "daemon/clock.h"
 #include "drivers/text.h"
@@ -140,18 +139,35 @@ void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexce
   for (const Carried& one : carried_) {
     const MappedMessage& ours = assembly_.map().messages[one.message];
     // What a bus receives was sent by another: it never gives back what is sent on it.
-    if (ours.bus == bus && ours.id == frame.id && ours.extended == frame.extended)
+    if (ours.bus != bus || ours.id != frame.id || ours.extended != frame.extended) continue;
+    rival_ns_ = steady_ns();
+    if (sent_ns_ && *rival_ns_ - *sent_ns_ < kTogether_ns)
       rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
   }
 }
 
 void CanSource::send(const MachineOffset& offset) noexcept {
-  if (rival_.load(std::memory_order_relaxed) >= 0) return;  // a fact for people; orders nothing
+  // relaxed: a fact for people; it orders nothing.
+  if (rival_.load(std::memory_order_relaxed) >= 0) return;
   for (Carried& one : carried_) {
     const AxisOffset& axis = offset.axes[one.axis];
+    if (!axis.send) continue;
+    sent_ns_ = steady_ns();
+    if (rival_ns_ && *sent_ns_ - *rival_ns_ < kTogether_ns) {
+      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
+      return;
+    }
     // What does not leave is counted by the bus; the drive drops what is not renewed.
     (void)one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
   }
+}
+
+std::string CanSource::offsets_held_back() const {
+  const int axis = rival_.load(std::memory_order_relaxed);
+  if (axis < 0) return {};
+  return "somebody else sends offsets to the drive of axis " +
+         assembly_.map().machine.axes[static_cast<std::size_t>(axis)].name +
+         ", too: ours are held back; leave one of them armed, and start this daemon again";
 }
 
 std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_ns_; }
@@ -203,6 +219,7 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
   for (std::size_t i = 0; i < buses_.size(); ++i) {
     const CanTrafficCounts& a = told_.counts.buses[i];
     const CanTrafficCounts& b = now.counts.buses[i];
+    changed = changed || (now.buses[i].malformed > 0 && told_.buses[i].malformed == 0);
     changed = changed || now.buses[i].up != told_.buses[i].up ||
               now.buses[i].downs != told_.buses[i].downs || a.bus_off != b.bus_off ||
               a.restarted != b.restarted;
@@ -213,17 +230,10 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
     changed = changed || a.silent != b.silent || a.silences != b.silences;
   }
   changed = changed || now.counts.unexpected.size() != told_.counts.unexpected.size();
-  const int rival = rival_.load(std::memory_order_relaxed);
-  changed = changed || (rival >= 0 && !told_rival_);
   if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kTellEvery_ns) return {};
 
   const CanMap& known = assembly_.map();
   std::vector<SourceNews> lines;
-  if (rival >= 0 && !std::exchange(told_rival_, true)) {
-    lines.push_back({"somebody else sends offsets to the drive of axis " +
-                     known.machine.axes[static_cast<std::size_t>(rival)].name +
-                     ": ours are held back until this daemon is started again; arm one of them"});
-  }
   for (std::size_t i = 0; i < buses_.size(); ++i) {
     const CanBusCounts& a = told_.buses[i];
     const CanBusCounts& b = now.buses[i];

@@ -8,6 +8,7 @@
 #include <array>
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -23,9 +24,10 @@ class CanSource final : public FrameSource {
   /// One bus per bus of the map; throws std::invalid_argument if there are more or fewer.
   CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing);
 
-  /// Offsets of these axes are sent from now on, until somebody else's are seen on the bus: then
-  /// none are, which is said, until the daemon is started again. Throws std::runtime_error if the
-  /// mapping has no place for one (daemon/can_offset.h). Before the first frame.
+  /// Offsets of these axes are sent from now on, until somebody else sends some at the same time:
+  /// then none are until the daemon is started again, and offsets_held_back() says why. Throws
+  /// std::runtime_error if the mapping has no place for one (daemon/can_offset.h). Before the first
+  /// frame.
   void carry_offsets(const std::vector<std::size_t>& axes);
 
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
@@ -36,6 +38,7 @@ class CanSource final : public FrameSource {
     return stalled_.load(std::memory_order_relaxed);
   }
   [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
+  [[nodiscard]] std::string offsets_held_back() const override;
   [[nodiscard]] std::vector<BusStatus> buses() const override;
 
   [[nodiscard]] const CanMap& map() const noexcept { return assembly_.map(); }
@@ -62,7 +65,8 @@ class CanSource final : public FrameSource {
   [[nodiscard]] int oldest() noexcept;
   void wait(double timeout_s) noexcept;
   void follow_clock() noexcept;
-  /// Two that send offsets to a drive would each give back half of what they see of the other.
+  /// Notes who else sends offsets to a drive of ours: two that do would each correct what the other
+  /// adds.
   void heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept;
   [[nodiscard]] Snapshot snapshot() const;
 
@@ -80,11 +84,14 @@ class CanSource final : public FrameSource {
   std::int64_t last_cycle_ns_ = 0;    // steady
   std::int64_t patience_ns_;          // for a cycle to begin
   std::atomic<bool> stalled_{false};
-  std::atomic<int> rival_{-1};  // axis whose offsets somebody else sends; none of ours leave then
+  static constexpr std::int64_t kTogether_ns = 1'000'000'000;
+  // Of offsets [steady]: when ours left, when somebody else's came. Both within a second: two at
+  // once.
+  std::optional<std::int64_t> sent_ns_, rival_ns_;
+  std::atomic<int> rival_{-1};  // axis to whose drive two have sent; none of ours leave then
 
   // Of news().
   Snapshot told_;
-  bool told_rival_ = false;
   std::int64_t told_ns_ = 0;
 };
 

@@ -42,6 +42,8 @@ class FrameSource {
   [[nodiscard]] virtual bool silent(std::int64_t /*now_ns*/) const noexcept { return false; }
   /// What happened since the last call. `now_ns`: steady. Any one thread but that of receive().
   [[nodiscard]] virtual std::vector<SourceNews> news(std::int64_t /*now_ns*/) { return {}; }
+  /// Why no offset is sent any more; empty: they are. Any thread.
+  [[nodiscard]] virtual std::string offsets_held_back() const { return {}; }
   /// The buses that it assembles frames from. Any thread.
   [[nodiscard]] virtual std::vector<BusStatus> buses() const { return {}; }
 };

@@ -76,10 +76,11 @@ void LearningWorker::renew(std::int64_t now_ns) {
   const std::vector<StoredModel> in_force = store_.in_force();
   bool any = false;
   for (Kept& one : kept_) {
-    const std::optional<std::int64_t> validated = validated_ns(*one, in_force);
+    std::optional<std::int64_t> validated = validated_ns(*one, in_force);
     if (!validated || *validated <= one->validated_ns) continue;
     LearnedProgram newer = *one;
-    newer.validated_ns = *validated;
+    // The clock may have been set back since.
+    newer.validated_ns = std::min(wall_ns(), *validated);
     one = std::make_shared<const LearnedProgram>(std::move(newer));
     any = true;
   }

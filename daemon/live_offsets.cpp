@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "daemon/clock.h"
 
@@ -59,10 +60,15 @@ const MachineFrame& LiveOffsets::seen(const MachineFrame& frame, bool follows) n
 }
 
 void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
-  const OffsetPlan* const* fresh = hand_over_.plans.fresh();
-  if (fresh == nullptr) return;
-  plan_ = *fresh;
-  plan_frame_ns_ = frame.time_ns;
+  if (const OffsetPlan* const* fresh = hand_over_.plans.fresh(); fresh != nullptr) {
+    next_ = *fresh;
+    next_frame_ns_ = frame.time_ns;
+  }
+  // What has begun would not be known again before its next start: a reason to wait with what is
+  // only fresher, not with what may take a correction away.
+  if (next_ == nullptr || (next_->renewed && matcher_.follows())) return;
+  plan_ = std::exchange(next_, nullptr);
+  plan_frame_ns_ = next_frame_ns_;
   if (!plan_->renewed) barred_ = 0;
   std::array<const CommandedPath*, ProgramMatcher::kMaxPrograms> programs{};
   const std::size_t count = std::min(plan_->programs.size(), programs.size());

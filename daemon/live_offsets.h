@@ -108,9 +108,11 @@ class LiveOffsets {
   std::vector<Gate> gates_;
   ProgramMatcher matcher_;
   const OffsetPlan* plan_ = nullptr;
-  std::int64_t plan_frame_ns_ = 0;  // stamp of the frame with which it was taken
-  std::uint64_t barred_ = 0;        // number of what was given up, until it was ruled on
-  bool matched_ = false;            // in the cycle before
+  const OffsetPlan* next_ = nullptr;  // takes its place when that costs nothing
+  std::int64_t plan_frame_ns_ = 0;    // stamp of the frame with which it came
+  std::int64_t next_frame_ns_ = 0;
+  std::uint64_t barred_ = 0;  // number of what was given up, until it was ruled on
+  bool matched_ = false;      // in the cycle before
   bool gap_ = true;
   bool came_before_ = false;
   std::int64_t time_ns_ = 0;  // of the frame before

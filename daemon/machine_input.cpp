@@ -211,6 +211,17 @@ std::vector<std::string> input_obstacles(const Config& config) {
       for (const std::size_t axis : corrected_axes(config)) CanOffset(map, axis);
     });
   }
+  if (config.source == SourceKind::kUdp) {
+    const auto address = [&](const char* key, const std::string& place, bool ours) {
+      try {
+        CanUdp::require_address(place, ours);
+      } catch (const std::runtime_error& error) {
+        found.push_back(std::string("source.udp.") + key + ": " + error.what());
+      }
+    };
+    address("listen", config.udp.listen, true);
+    if (!config.udp.peer.empty()) address("peer", config.udp.peer, false);
+  }
   if (config.source != SourceKind::kReplay) return found;
   std::vector<Replay> recordings;
   for (const std::filesystem::path& file : config.replay.files)

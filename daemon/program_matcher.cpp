@@ -20,6 +20,11 @@ void ProgramMatcher::watch(std::span<const CommandedPath* const> programs) noexc
   }
 }
 
+bool ProgramMatcher::follows() const noexcept {
+  return std::any_of(programs_.begin(), programs_.begin() + static_cast<std::ptrdiff_t>(count_),
+                     [](const Followed& one) { return one.cycles > 0; });
+}
+
 void ProgramMatcher::forget() noexcept {
   for (Followed& one : programs_) one.stood = one.cycles = 0;
 }

@@ -42,6 +42,8 @@ class ProgramMatcher {
   void watch(std::span<const CommandedPath* const> programs) noexcept;
   /// What came before does not count any more.
   void forget() noexcept;
+  /// Whether one of them has begun and is followed.
+  [[nodiscard]] bool follows() const noexcept;
   /// One cycle. `command`: of every axis of the machine, by number.
   [[nodiscard]] std::optional<Match> see(std::span<const double> command) noexcept;
 

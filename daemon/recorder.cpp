@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <compare>
 #include <cstdio>
-#include <cstdlib>
+#include <optional>
+#include <regex>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -18,6 +20,8 @@ namespace {
 
 // The ring holds seconds of rows, identification waits for seconds of motion: no reason to hurry.
 constexpr auto kPause = std::chrono::milliseconds(20);
+// Without a row for this long the file is finished.
+constexpr auto kSilence_ns = static_cast<std::int64_t>(Recorder::kFile_s * 1e9);
 
 // "-2.2250738585072014e-308," is as long as a number gets.
 constexpr double kBytesPerNumber = 25.0;
@@ -28,23 +32,37 @@ double largest_file(const MachineDescription& machine) {
   return kBytesPerNumber * columns * (Recorder::kFile_s / machine.cycle_s + 1.0);
 }
 
+/// "2026-01-31T120000.000Z.csv", and "2026-01-31T120000.000Z_000002.csv" for the second of one
+/// stamp.
+struct FileName {
+  std::string stamp;
+  int number = 1;
+
+  auto operator<=>(const FileName&) const = default;
+};
+
+/// Nothing for what is none of ours.
+std::optional<FileName> parsed(const std::string& name) {
+  static const std::regex ours(R"((\d{4}-\d\d-\d\dT\d{6}\.\d{3}Z)(?:_(\d{2,9}))?\.csv)");
+  std::smatch parts;
+  if (!std::regex_match(name, parts, ours)) return std::nullopt;
+  return FileName{parts[1], parts[2].matched ? std::stoi(parts[2]) : 1};
+}
+
 /// A name that sorts behind all that are there; '_' comes after the '.' of the extension. By the
 /// wall clock or, where that was set back, by the newest file's until it has caught up.
 std::string name_of_file(const std::filesystem::path& directory) {
   std::string stamp = iso_time(wall_ns());
   std::erase(stamp, ':');
-  std::string newest;
+  FileName next{stamp, 1};
   for (const auto& entry : std::filesystem::directory_iterator(directory)) {
-    if (entry.path().extension() == ".csv")
-      newest = std::max(newest, entry.path().filename().string());
+    const std::optional<FileName> there = parsed(entry.path().filename());
+    if (there && *there >= next) next = {there->stamp, there->number + 1};
   }
-  if (newest < stamp + ".csv") return stamp + ".csv";
-  // 2026-01-31T120000.000Z.csv, then 2026-01-31T120000.000Z_0002.csv
-  const std::string counted = newest.substr(std::min(stamp.size(), newest.size()));
-  const int last = counted.starts_with('_') ? std::atoi(counted.c_str() + 1) : 1;
-  char next[24];
-  std::snprintf(next, sizeof next, "_%04d.csv", last + 1);
-  return newest.substr(0, stamp.size()) + next;
+  if (next.number == 1) return next.stamp + ".csv";
+  char number[16];
+  std::snprintf(number, sizeof number, "_%06d.csv", next.number);
+  return next.stamp + number;
 }
 
 }  // namespace
@@ -85,8 +103,15 @@ Recorder::Recorder(const MachineDescription& machine, const std::string& machine
 }
 
 void Recorder::run(const std::stop_token& stop) {
+  std::int64_t last_ns = steady_ns();
   while (!stop.stop_requested()) {
-    if (!drain()) std::this_thread::sleep_for(kPause);
+    if (drain()) {
+      last_ns = steady_ns();
+    } else {
+      // A machine that is switched off in the evening has its last rows on the disk before.
+      if (steady_ns() - last_ns > kSilence_ns) finish_file();
+      std::this_thread::sleep_for(kPause);
+    }
   }
   while (drain()) {
   }
@@ -215,7 +240,7 @@ void Recorder::delete_oldest() {
   std::vector<File> files;
   double bytes = 0.0;
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
-    if (!entry.is_regular_file() || entry.path().extension() != ".csv") continue;
+    if (!entry.is_regular_file() || !parsed(entry.path().filename())) continue;
     std::error_code gone;  // somebody else may tidy up here, too
     const auto size = static_cast<double>(entry.file_size(gone));
     if (gone) continue;

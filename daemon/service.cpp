@@ -334,6 +334,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
           events.error("source", "", news.text);
         }
       }
+      if (const std::string why = input.source->offsets_held_back(); !why.empty())
+        arming.forbid(why);
       for (const std::string& line : publisher.news()) events.note("network", "", line);
       const std::uint64_t malformed = loop->counters().malformed;
       if (malformed > told_malformed &&

@@ -25,6 +25,8 @@ struct CanUdpPlace {
 
 class CanUdp final : public CanBus {
  public:
+  /// Throws std::runtime_error if this is no address. `ours`: to listen on.
+  static void require_address(const std::string& place, bool ours) { (void)resolved(place, ours); }
   /// Throws std::runtime_error with the address and what is wrong with it.
   explicit CanUdp(const CanUdpPlace& place);
   ~CanUdp() override;

@@ -81,7 +81,8 @@ std::string BusOptions::text() const {
   return "machine '" + place.machine + "' in DDS domain " + std::to_string(place.domain);
 }
 
-bool daemon_ready(const DdsNode& node, double patience_s) {
+DaemonThere wait_for_daemon(const DdsNode& node, double patience_s) {
+  DaemonThere there = DaemonThere::kNobody;
   DdsReader<MachineStatus> statuses(node);
   const auto start = std::chrono::steady_clock::now();
   MachineStatus status;
@@ -89,8 +90,10 @@ bool daemon_ready(const DdsNode& node, double patience_s) {
     const double left_s =
         patience_s -
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    if (!statuses.receive(status, std::max(left_s, 0.0))) return false;
-    if (!status.axes.empty() && status.state != DaemonState::kStopping) return true;
+    if (!statuses.receive(status, std::max(left_s, 0.0))) return there;
+    if (status.state == DaemonState::kStopping) continue;
+    if (!status.axes.empty()) return DaemonThere::kReady;
+    there = DaemonThere::kKnowsNoAxes;
   }
 }
 

@@ -60,9 +60,10 @@ struct BusOptions {
   [[nodiscard]] std::string text() const;
 };
 
+enum class DaemonThere : std::uint8_t { kNobody, kKnowsNoAxes, kReady };
 /// Waits until a daemon has heard of the machine of this node and made itself ready for its frames:
 /// it then tells the axes. That somebody reads frames is not enough, it may be a watcher.
-[[nodiscard]] bool daemon_ready(const DdsNode& node, double patience_s);
+[[nodiscard]] DaemonThere wait_for_daemon(const DdsNode& node, double patience_s);
 
 /// The numbers in "A:B"; throws CLI::ValidationError "OPTION: 'given' is no FORM" unless there are
 /// least..most.

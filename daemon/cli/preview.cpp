@@ -70,17 +70,29 @@ std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& argu
   return out;
 }
 
-/// Waits until the daemon of this machine reads programs, and its answers will be heard. Topics are
-/// shared by all machines of a domain: that somebody reads programs is not enough.
-bool daemon_hears(const DdsNode& node, const DdsWriter<ProgramChunk>& programs,
-                  const DdsReader<CorrectionChunk>& corrections, double patience_s) {
-  if (!daemon_ready(node, patience_s)) return false;
+/// Waits until the daemon of this machine reads programs, and its answers will be heard; throws if
+/// none does. Topics are shared by all machines of a domain: that somebody reads programs is not
+/// enough.
+void find_daemon(const DdsNode& node, const std::string& machine,
+                 const DdsWriter<ProgramChunk>& programs,
+                 const DdsReader<CorrectionChunk>& corrections, double patience_s) {
+  const std::runtime_error nobody("nobody listens to " + machine +
+                                  "; start servotwind with this machine and domain first");
+  switch (wait_for_daemon(node, patience_s)) {
+    case DaemonThere::kNobody:
+      throw nobody;
+    case DaemonThere::kKnowsNoAxes:
+      throw std::runtime_error("the daemon of " + machine +
+                               " has not heard of its axes yet; it does when the machine runs");
+    case DaemonThere::kReady:
+      break;
+  }
   const std::int64_t begin = steady_ns();
   while (!corrections.matched()) {
-    if (static_cast<double>(steady_ns() - begin) * 1e-9 > patience_s) return false;
+    if (static_cast<double>(steady_ns() - begin) * 1e-9 > patience_s) throw nobody;
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  return programs.wait_for_readers(1, patience_s);
+  if (!programs.wait_for_readers(1, patience_s)) throw nobody;
 }
 
 /// What the daemon answers to this revision, whole; throws what it refuses it for.
@@ -156,9 +168,8 @@ void run(const Arguments& arguments) {
   const DdsNode node(arguments.bus.place);
   DdsReader<CorrectionChunk> corrections(node);
   DdsWriter<ProgramChunk> programs(node);
-  if (!daemon_hears(node, programs, corrections, std::min(arguments.wait_s, kFind_s)))
-    throw std::runtime_error("nobody listens to " + arguments.bus.text() +
-                             "; start servotwind with this machine and domain first");
+  find_daemon(node, arguments.bus.text(), programs, corrections,
+              std::min(arguments.wait_s, kFind_s));
   for (const ProgramChunk& chunk : chunks) {
     if (!programs.write(chunk)) throw std::runtime_error("DDS refused a part of the program");
   }

@@ -59,7 +59,7 @@ void run(const Arguments& arguments) {
   DdsWriter<MachineFrame> frames(node);
   if (!descriptions.write(replay.machine()))
     throw std::runtime_error("DDS refused the description of the machine");
-  if (!daemon_ready(node, arguments.wait_s)) {
+  if (wait_for_daemon(node, arguments.wait_s) != DaemonThere::kReady) {
     if (!frames.wait_for_readers(1, 0.0)) {
       throw std::runtime_error(text(
           "nobody listens to %s after %.3g s; start servotwind with this machine and domain first",

@@ -57,11 +57,15 @@ class Subscriber {
     while (predictions_.receive(prediction_, wait_s)) {
       take_frames(record);
       record.on_prediction(prediction_, predictions_.written_ns());
+      predicts_ = predictions_.writer();
       any = true;
       wait_s = 0.0;
     }
     take_frames(record);
-    while (statuses_.receive(status_, 0.0)) record.on_status(status_);
+    while (statuses_.receive(status_, 0.0)) {
+      record.on_status(status_);
+      daemon_ = statuses_.writer();
+    }
     while (models_.receive(model_, 0.0)) record.on_model(model_);
     while (diagnoses_.receive(diagnosis_, 0.0)) record.on_diagnosis(diagnosis_);
     return any;
@@ -69,15 +73,19 @@ class Subscriber {
   /// Nothing more will come: the daemon is not there, or the machine that it listened to. A daemon
   /// that replays recordings itself has no machine on the bus, and ends with them.
   [[nodiscard]] bool over() const {
-    return !daemon_there() || (machine_seen_ && !frames_.matched());
+    return !daemon_there() || (machine_ != 0 && !frames_.matched(machine_));
   }
-  [[nodiscard]] bool daemon_there() const { return predictions_.matched(); }
+  /// That somebody writes predictions is not enough: topics are shared by all machines of a domain.
+  [[nodiscard]] bool daemon_there() const {
+    return (daemon_ != 0 && statuses_.matched(daemon_)) ||
+           (predicts_ != 0 && predictions_.matched(predicts_));
+  }
 
  private:
   void take_frames(LiveRecord& record) {
     while (frames_.receive(frame_, 0.0)) {
       record.on_frame(frame_, frames_.written_ns());
-      machine_seen_ = true;
+      machine_ = frames_.writer();
     }
   }
 
@@ -92,7 +100,7 @@ class Subscriber {
   ModelAnnouncement model_;
   DiagnosisAnnouncement diagnosis_;
   MachineStatus status_;
-  bool machine_seen_ = false;
+  dds_instance_handle_t daemon_ = 0, predicts_ = 0, machine_ = 0;  // who spoke last; 0: nobody yet
 };
 
 /// Shows the last second; on a terminal over what was shown before.

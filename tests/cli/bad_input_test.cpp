@@ -232,6 +232,18 @@ TEST(CheckConfig, SaysWhatItFound) {
   ASSERT_EQ(two.complaints().size(), 3U) << two;  // one line each, and what it means
   EXPECT_THAT(two.err, HasSubstr("2 problems"));
 
+  (void)folder.write("map.toml",
+                     "cycle_s = 0.001\n[[axis]]\nname = \"X\"\n"
+                     "command = {id = 0x181, start_bit = 0, length = 32, unit = \"nm*10\"}\n"
+                     "actual = {id = 0x181, start_bit = 32, length = 32, unit = \"nm*10\"}\n");
+  const Answer places =
+      servotwin_says({"check-config", folder.write("udp.toml",
+                                                   "[source.udp]\nmap = \"map.toml\"\nlisten = "
+                                                   "\"127.0.0.1:99999\"\npeer = \"no port\"\n")});
+  EXPECT_EQ(places.status, 1) << places;
+  EXPECT_THAT(places.err, HasSubstr("source.udp.listen: '127.0.0.1:99999': the port must be"));
+  EXPECT_THAT(places.err, HasSubstr("source.udp.peer: 'no port': must be ADDRESS:PORT"));
+
   expect_one_complaint(servotwin_says({"check-config", folder / "none.toml"}), "none.toml");
   expect_one_complaint(servotwin_says({"check-config", folder.write("no.toml", "[machine\n")}),
                        "no.toml:1");

@@ -109,6 +109,18 @@ TEST_F(Preview, ARefusalIsTheDaemonsReason) {
   EXPECT_THAT(said.err, HasSubstr("the daemon refused it: axis X has no model in force yet"));
 }
 
+TEST_F(Preview, ADaemonThatKnowsNoAxesYetIsNotDenied) {
+  DdsNode other({"waiting", place().domain, ""});
+  DdsWriter<MachineStatus> status(other);
+  ASSERT_TRUE(status.write(MachineStatus{}));
+  Program tool({"preview", folder_.write("path.csv", command_table(0.5)), "--dds", "--machine",
+                "waiting", "--domain", std::to_string(place().domain), "--wait", "2"});
+  const Answer said = tool.answer();
+  EXPECT_EQ(said.status, 1);
+  EXPECT_THAT(said.err, HasSubstr("the daemon of machine 'waiting' in DDS domain"));
+  EXPECT_THAT(said.err, HasSubstr("has not heard of its axes yet"));
+}
+
 // Its topics are there, and they are another machine's.
 TEST_F(Preview, AMachineThatNobodySpeaksForIsNamed) {
   Program tool({"preview", folder_.write("path.csv", command_table(0.5)), "--dds", "--machine",

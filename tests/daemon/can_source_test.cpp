@@ -85,6 +85,7 @@ class ScriptedBus final : public CanBus {
     return takes ? out.size() : 0;
   }
   [[nodiscard]] int descriptor() const noexcept override { return -1; }
+  void refuse() { count(counters_.malformed); }
   void set_up(bool up) {
     if (!up) count(counters_.downs);
     counters_.up = up;
@@ -194,7 +195,12 @@ TEST(CanSource, TellsWhatHappenedOnceAndWhatGoesOnOnceAMinute) {
   cycle_with_wrong_length();
   EXPECT_THAT(machine.source->news(2 * kSecond), IsEmpty());
   EXPECT_THAT(machine.source->news(62 * kSecond), ElementsAre(bad("of a wrong length")));
-  // An interface that goes is told at once.
+  // So is what the first packet is refused for, and an interface that goes.
+  machine.buses[0]->refuse();
+  EXPECT_THAT(machine.source->news(62 * kSecond + 1),
+              ElementsAre(bad("1 packets that are none of CAN frames, or not from the peer")));
+  machine.buses[0]->refuse();
+  EXPECT_THAT(machine.source->news(62 * kSecond + 2), IsEmpty());
   machine.buses[1]->set_up(false);
   EXPECT_THAT(machine.source->news(63 * kSecond),
               testing::Contains(bad("b: the interface went down")));
@@ -298,35 +304,61 @@ TEST(CanOffset, TheSourceSendsThemOnTheBusOfTheAxis) {
   EXPECT_EQ(bus.sent.size(), 1U) << "a dry run";
 }
 
-// Two armed daemons on one bus: each would answer what the other adds.
-TEST(CanOffset, WhereSomebodyElseSendsThemOursAreHeldBackAndThatIsSaid) {
-  auto owned = std::make_unique<ScriptedBus>();
-  ScriptedBus& bus = *owned;
-  std::vector<std::unique_ptr<CanBus>> buses;
-  buses.push_back(std::move(owned));
-  CanSource source(map_of(kDrive), std::move(buses), Pacing::kByStamp);
-  source.carry_offsets({0});
-  MachineOffset offset;
-  offset.axis_count = 1;
-  offset.axes[0] = {2e-5, 1, true, 0};
-  MachineFrame frame;
-  bus.frames = {frame_of(0x301, 1'000'000)};
-  EXPECT_EQ(source.receive(frame, 0.002), Received::kNothing);
-  source.send(offset);
-  EXPECT_EQ(bus.sent.size(), 1U) << "a target is the controller's";
-  EXPECT_THAT(source.news(1'000'000), IsEmpty());
+/// A drive's bus, with a source that carries its offsets.
+struct CarriedOffsets {
+  ScriptedBus* bus = nullptr;
+  std::unique_ptr<CanSource> source;
+  CarriedOffsets() {
+    auto owned = std::make_unique<ScriptedBus>();
+    bus = owned.get();
+    std::vector<std::unique_ptr<CanBus>> buses;
+    buses.push_back(std::move(owned));
+    source = std::make_unique<CanSource>(map_of(kDrive), std::move(buses), Pacing::kByStamp);
+    source->carry_offsets({0});
+  }
+  void send(bool armed) const {
+    MachineOffset offset;
+    offset.axis_count = 1;
+    offset.axes[0] = {2e-5, 1, armed, 0};
+    source->send(offset);
+  }
+  void hear(std::uint32_t id) const {
+    MachineFrame frame;
+    bus->frames = {frame_of(id, 1'000'000)};
+    EXPECT_EQ(source->receive(frame, 0.002), Received::kNothing);
+  }
+};
 
-  bus.frames = {frame_of(0x401, 2'000'000)};
-  EXPECT_EQ(source.receive(frame, 0.002), Received::kNothing);
-  source.send(offset);
-  EXPECT_EQ(bus.sent.size(), 1U);
-  const std::vector<SourceNews> news = source.news(2'000'000);
-  ASSERT_EQ(news.size(), 1U);
-  EXPECT_THAT(news[0].text, HasSubstr("somebody else sends offsets to the drive of axis X"));
-  EXPECT_FALSE(news[0].good);
-  EXPECT_THAT(source.news(3'000'000), IsEmpty()) << "once";
-  source.send(offset);
-  EXPECT_EQ(bus.sent.size(), 1U) << "not even when the other is quiet again";
+// Two armed daemons on one bus: each would answer what the other adds.
+TEST(CanOffset, WhereTwoSendThemOursAreHeldBackForGood) {
+  const CarriedOffsets ours;
+  ours.hear(0x301);
+  ours.send(true);
+  EXPECT_EQ(ours.bus->sent.size(), 1U) << "a target is the controller's";
+  EXPECT_EQ(ours.source->offsets_held_back(), "");
+  ours.hear(0x401);
+  ours.send(true);
+  EXPECT_EQ(ours.bus->sent.size(), 1U);
+  EXPECT_THAT(ours.source->offsets_held_back(),
+              HasSubstr("somebody else sends offsets to the drive of axis X"));
+}
+
+// A standby hears the first daemon's all the time; it has to work when that is gone.
+TEST(CanOffset, WhoIsNotArmedHearsTheOffsetsOfAnotherAndSendsWhenItIsQuiet) {
+  const CarriedOffsets ours;
+  ours.send(false);
+  ours.hear(0x401);
+  ours.send(false);
+  EXPECT_EQ(ours.source->offsets_held_back(), "");
+  std::this_thread::sleep_for(std::chrono::milliseconds(1050));
+  ours.send(true);
+  EXPECT_EQ(ours.bus->sent.size(), 1U);
+
+  const CarriedOffsets other;
+  other.hear(0x401);
+  other.send(true);
+  EXPECT_THAT(other.bus->sent, IsEmpty()) << "armed beside it";
+  EXPECT_NE(other.source->offsets_held_back(), "");
 }
 
 TEST(CanOffset, AMessageWithMoreInItIsRefused) {

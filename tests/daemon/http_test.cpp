@@ -205,6 +205,23 @@ TEST_F(HttpTest, WhatTheConfigurationDoesNotAllowIsNotArmed) {
   shown_ = nullptr;
 }
 
+TEST_F(HttpTest, WhatIsForbiddenIsDisarmedAndStaysSo) {
+  show();
+  const auto arm = [&] {
+    return ask(port_, "POST", "/api/v1/offsets/arm",
+               std::string("Authorization: Bearer ") + kToken + "\r\n");
+  };
+  ASSERT_EQ(arm().status, 200);
+  arming_.forbid("somebody else sends offsets");
+  arming_.forbid("and again");
+  EXPECT_FALSE(armed_);
+  const HttpAnswer answer = arm();
+  EXPECT_EQ(answer.status, 409);
+  EXPECT_THAT(answer.json()["error"].get<std::string>(), HasSubstr("somebody else sends offsets"));
+  EXPECT_FALSE(armed_);
+  EXPECT_THAT(said_.str(), testing::Not(HasSubstr("and again"))) << "told once";
+}
+
 TEST_F(HttpTest, SaysWhatIsStored) {
   show();
   promote("the first of them");

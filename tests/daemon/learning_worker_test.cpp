@@ -31,9 +31,9 @@ class LearningWorkerTest : public testing::Test {
         learning_rules(config, two_axes()), store_, events_, hand_over_,
         [this](const CorrectionChunk& chunk) { announced_.push_back(chunk); });
   }
-  void put_in_force(const Model& model, const std::string& axis) {
+  void put_in_force(const Model& model, const std::string& axis, std::int64_t ago_ns = 0) {
     ModelRecord record = record_of(model, axis);
-    record.created = iso_time(wall_ns());
+    record.created = iso_time(wall_ns() - ago_ns);
     store_.promote(record, {record.created, axis, "model_promoted", "made for this test", ""});
   }
   /// Sends a program of X and Y, or of X alone, in chunks.
@@ -116,8 +116,8 @@ TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
 // Models are validated again as long as the machine works; what was learned on them stays usable.
 TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels) {
   const std::int64_t now = wall_ns(), hour = 3'600'000'000'000;
-  put_in_force(model_of(stepped_axis()), "X");
-  put_in_force(model_of(stepped_axis()), "Y");
+  put_in_force(model_of(stepped_axis()), "X", 4 * hour);
+  put_in_force(model_of(stepped_axis()), "Y", 4 * hour);
   start();
   send({circle_program()[0], circle_program()[1]}, true);
   ASSERT_EQ(worker_->kept().size(), 1U) << said_.str();
@@ -129,30 +129,36 @@ TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels)
     if (fresh != nullptr) hand_over_.in_use = (*fresh)->generation;
     return fresh == nullptr ? nullptr : *fresh;
   };
-  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1);
+  EXPECT_NEAR(fresh_for_h(), -4.0, 0.1);
   const OffsetPlan* const first = take();
   ASSERT_NE(first, nullptr);
   EXPECT_FALSE(first->renewed);
 
-  store_.validate("X", 1, iso_time(now + 2 * hour));
+  store_.validate("X", 1, iso_time(now - 2 * hour));
   worker_->renew(LearningWorker::kRenewEvery_ns);
-  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "Y was not";
+  EXPECT_NEAR(fresh_for_h(), -4.0, 0.1) << "Y was not";
   take();
-  store_.validate("Y", 1, iso_time(now + hour));
+  store_.validate("Y", 1, iso_time(now - 3 * hour));
   worker_->renew(LearningWorker::kRenewEvery_ns + 1);
-  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "not looked after all the time";
+  EXPECT_NEAR(fresh_for_h(), -4.0, 0.1) << "not looked after all the time";
   worker_->renew(2 * LearningWorker::kRenewEvery_ns);
-  EXPECT_NEAR(fresh_for_h(), 1.0, 1e-6);
+  EXPECT_NEAR(fresh_for_h(), -3.0, 1e-6);
   const OffsetPlan* const renewed = take();
   ASSERT_NE(renewed, nullptr);
   EXPECT_TRUE(renewed->renewed) << "what was given up stays so";
   EXPECT_EQ(renewed->programs[0], worker_->kept()[0]);
 
-  put_in_force(model_of(stepped_axis()), "X");
-  store_.validate("X", 2, iso_time(now + 3 * hour));
-  store_.validate("Y", 1, iso_time(now + 3 * hour));
+  // The clock was ahead by a day when the models were found to hold.
+  for (const char* axis : {"X", "Y"}) store_.validate(axis, 1, iso_time(now + 24 * hour));
   worker_->renew(3 * LearningWorker::kRenewEvery_ns);
-  EXPECT_NEAR(fresh_for_h(), 1.0, 1e-6) << "it was learned on another version of X";
+  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "nothing is validated in the future";
+
+  put_in_force(model_of(stepped_axis()), "X");
+  store_.validate("X", 2, iso_time(now + 48 * hour));
+  store_.validate("Y", 1, iso_time(now + 48 * hour));
+  const auto before = worker_->kept()[0];
+  worker_->renew(4 * LearningWorker::kRenewEvery_ns);
+  EXPECT_EQ(worker_->kept()[0], before) << "it was learned on another version of X";
 }
 
 // The corrected path, run on a machine that shares no code with the twin.

@@ -153,14 +153,17 @@ TEST_F(RecorderTest, TheOldestGoFirstAlsoWhereTheClockWasSetBack) {
   std::filesystem::create_directories(place);
   const std::string of_before = "2999-12-31T235959.000Z";
   std::ofstream(place / (of_before + ".csv")) << std::string(1'000'000, '#');
+  std::ofstream(place / "zero.csv") << "none of ours";
   Recorder recorder = this->recorder(1.5);
   feed(recorder, 0, 25'000);
-  EXPECT_EQ(names(), (std::set<std::string>{of_before + ".csv"})) << "nothing is finished yet";
+  EXPECT_EQ(names(), (std::set<std::string>{of_before + ".csv", "zero.csv"}))
+      << "nothing is finished yet";
   recorder.finish_file();
-  EXPECT_EQ(names(), (std::set<std::string>{of_before + "_0002.csv"}));
+  EXPECT_EQ(names(), (std::set<std::string>{of_before + "_000002.csv", "zero.csv"}))
+      << "what is none of ours is left alone";
   feed(recorder, 25'000, 26'000);
   recorder.finish_file();
-  EXPECT_TRUE(names().contains(of_before + "_0003.csv")) << "the newest stays";
+  EXPECT_TRUE(names().contains(of_before + "_000003.csv")) << "the newest stays";
 }
 
 // Five files of about a megabyte each; the first is of a model in force, the second of one before:

@@ -98,7 +98,7 @@ function draw() {
 function showState(state) {
   document.body.classList.toggle("stale", state !== "live");
   at("state").dataset.state = state;
-  const waiting = status?.state === "waiting";
+  const waiting = status?.state === "waiting" && !status.frames;
   const words = {
     connecting: "connecting",
     live: `live, ${count(Math.round(status?.frame_rate_hz ?? 0))} Hz`,
