@@ -69,7 +69,7 @@ void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
   if (next_ == nullptr || (next_->renewed && matcher_.follows())) return;
   plan_ = std::exchange(next_, nullptr);
   plan_frame_ns_ = next_frame_ns_;
-  if (!plan_->renewed) barred_ = 0;
+  if (!plan_->renewed) barred_.reset();
   std::array<const CommandedPath*, ProgramMatcher::kMaxPrograms> programs{};
   const std::size_t count = std::min(plan_->programs.size(), programs.size());
   for (std::size_t i = 0; i < count; ++i) programs[i] = &plan_->programs[i]->program;

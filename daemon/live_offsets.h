@@ -111,8 +111,8 @@ class LiveOffsets {
   const OffsetPlan* next_ = nullptr;  // takes its place when that costs nothing
   std::int64_t plan_frame_ns_ = 0;    // stamp of the frame with which it came
   std::int64_t next_frame_ns_ = 0;
-  std::uint64_t barred_ = 0;  // number of what was given up, until it was ruled on
-  bool matched_ = false;      // in the cycle before
+  std::optional<std::uint64_t> barred_;  // number of what was given up, until it was ruled on
+  bool matched_ = false;                 // in the cycle before
   bool gap_ = true;
   bool came_before_ = false;
   std::int64_t time_ns_ = 0;  // of the frame before
