@@ -55,8 +55,10 @@ std::string name_of_file(const std::filesystem::path& directory) {
   std::string stamp = iso_time(wall_ns());
   std::erase(stamp, ':');
   FileName next{stamp, 1};
-  for (const auto& entry : std::filesystem::directory_iterator(directory)) {
-    const std::optional<FileName> there = parsed(entry.path().filename());
+  std::error_code unreadable;  // shows in writing
+  for (std::filesystem::directory_iterator entry(directory, unreadable), end;
+       !unreadable && entry != end; entry.increment(unreadable)) {
+    const std::optional<FileName> there = parsed(entry->path().filename());
     if (there && *there >= next) next = {there->stamp, there->number + 1};
   }
   if (next.number == 1) return next.stamp + ".csv";

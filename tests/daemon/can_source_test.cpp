@@ -337,6 +337,7 @@ TEST(CanOffset, WhereTwoSendThemOursAreHeldBackForGood) {
   EXPECT_EQ(ours.bus->sent.size(), 1U) << "a target is the controller's";
   EXPECT_EQ(ours.source->offsets_held_back(), "");
   ours.hear(0x401);
+  EXPECT_NE(ours.source->offsets_held_back(), "") << "at once, not with the next of ours";
   ours.send(true);
   EXPECT_EQ(ours.bus->sent.size(), 1U);
   EXPECT_THAT(ours.source->offsets_held_back(),

@@ -147,6 +147,21 @@ TEST_F(RecorderTest, TheOldestGoWhereTheBudgetIsSpentAndItIsSaid) {
   EXPECT_THAT(said_.str(), HasSubstr("the oldest recordings are deleted, to stay within 2 MB"));
 }
 
+TEST_F(RecorderTest, WhereItsFolderIsNoneAnyMoreItGoesOnAndCounts) {
+  Recorder recorder = this->recorder(100.0);
+  const std::filesystem::path place = directory_.path() / "recordings" / "mill";
+  std::filesystem::remove_all(place);
+  std::ofstream(place) << "in its place";
+  feed(recorder, 0, 1000);
+  recorder.finish_file();
+  EXPECT_EQ(recorder.rows_not_recorded(), 1000U);
+  EXPECT_NE(recorder.problem(), "");
+  std::filesystem::remove(place);
+  feed(recorder, 1000, 2000);
+  recorder.finish_file();
+  EXPECT_EQ(files().size(), 1U) << "and records again where it can";
+}
+
 // Where the clock was set back, the recording with the latest name is not the newest.
 TEST_F(RecorderTest, TheOldestGoFirstAlsoWhereTheClockWasSetBack) {
   const std::filesystem::path place = directory_.path() / "recordings" / "mill";
