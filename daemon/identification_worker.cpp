@@ -68,23 +68,29 @@ double noise_floor_of(const EvidenceMemory& evidence) {
 
 /// What is left of the error by this model, or by none, where the first `skip_s` of every segment
 /// do not count.
-ErrorFigures left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
-  double sum = 0.0;
-  ErrorFigures out{kAbsent, 0.0};
+Eigen::ArrayXd left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
+  std::vector<Eigen::ArrayXd> parts;
   Eigen::Index count = 0;
   for (const Segment& segment : segments) {
     const auto skip = static_cast<Eigen::Index>(std::ceil(skip_s / segment.sample_time_s));
     if (segment.size() <= skip) continue;
     Eigen::ArrayXd left = segment.command - segment.actual;
     if (model != nullptr) left -= simulate(*model, segment);
-    const auto counted = left.tail(segment.size() - skip);
-    sum += counted.square().sum();
-    out.max = std::max(out.max, counted.abs().maxCoeff());
-    count += counted.size();
+    parts.emplace_back(left.tail(segment.size() - skip));
+    count += parts.back().size();
   }
-  if (count == 0) return {};
-  out.rms = std::sqrt(sum / static_cast<double>(count));
+  Eigen::ArrayXd out(count);
+  Eigen::Index at = 0;
+  for (const Eigen::ArrayXd& part : parts) {
+    out.segment(at, part.size()) = part;
+    at += part.size();
+  }
   return out;
+}
+
+ErrorFigures figures_of(const Eigen::ArrayXd& left) {
+  if (left.size() == 0) return {};
+  return {std::sqrt(left.square().mean()), left.abs().maxCoeff()};
 }
 
 }  // namespace
@@ -334,9 +340,12 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     // The same samples for both.
     const double skip_s =
         std::max(starting_state_s(model), other != nullptr ? starting_state_s(*other) : 0.0);
-    candidate.identified.record.holdout = left_by(&model, unseen, skip_s);
+    const Eigen::ArrayXd left = left_by(&model, unseen, skip_s);
+    const Eigen::ArrayXd left_in_force = left_by(other, unseen, skip_s);
+    candidate.identified.record.holdout = figures_of(left);
     candidacy.rms = candidate.identified.record.holdout.rms;
-    candidacy.rms_in_force = left_by(other, unseen, skip_s).rms;
+    candidacy.rms_in_force = figures_of(left_in_force).rms;
+    candidacy.sureness = sureness(left, left_in_force);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
     note_refusal(axis, std::string("a candidate was not judged: ") + error.what());

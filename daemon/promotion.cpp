@@ -31,6 +31,18 @@ bool still_holds(const Candidacy& candidacy, double holdout_rms) {
   return candidacy.version_in_force > 0 && candidacy.rms_in_force <= kMost * holdout_rms;
 }
 
+double sureness(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other) {
+  constexpr Eigen::Index kParts = 16;
+  const Eigen::Index each = left.size() / kParts;
+  if (each == 0 || left_by_other.size() != left.size()) return kAbsent;
+  const Eigen::ArrayXd less = left_by_other.square() - left.square();
+  Eigen::ArrayXd parts(kParts);
+  for (Eigen::Index k = 0; k < kParts; ++k) parts[k] = less.segment(k * each, each).mean();
+  const double mean = parts.mean();
+  const double variance = (parts - mean).square().sum() / (kParts - 1);
+  return variance > 0.0 ? mean / std::sqrt(variance / kParts) : kAbsent;
+}
+
 Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
   if (!candidacy.invalid.empty()) return {Ruling::kInvalid, candidacy.invalid};
   if (!candidacy.refusals.empty()) {
@@ -57,7 +69,17 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
                                  " leaves " + micro(candidacy.rms_in_force, candidacy.rotary);
   if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
       candidacy.rms < candidacy.rms_in_force) {
-    return {Ruling::kPromoted, comparison};
+    // Of 15 degrees of freedom: by chance in one judgement of eighty.
+    constexpr double kSure = 2.5, kPlain = 10.0;
+    const bool plain =
+        candidacy.rms <= (1.0 - kPlain * rule.min_improvement) * candidacy.rms_in_force;
+    if (candidacy.version_in_force == 0 || plain || candidacy.sureness >= kSure)
+      return {Ruling::kPromoted, comparison};
+    std::ostringstream sure;
+    sure.precision(2);
+    sure << "; better by " << candidacy.sureness << " standard errors, which may be chance (needs "
+         << kSure << ", or " << 100.0 * kPlain * rule.min_improvement << " %)";
+    return {Ruling::kByChance, comparison + sure.str()};
   }
   std::ostringstream wanted;
   wanted.precision(3);

@@ -106,6 +106,18 @@ Qos with_deadline(Qos qos, double deadline_s) {
   return qos;
 }
 
+/// A reader that is kept from the processor loses what its history has no place for. It may fall
+/// behind further than a writer, whose history is the topic's.
+Qos reader_qos(const Topic& topic, double deadline_s) {
+  constexpr std::int32_t kFactor = 16;
+  Qos qos = with_deadline(topic.qos(), deadline_s);
+  dds_history_kind_t kind = DDS_HISTORY_KEEP_LAST;
+  std::int32_t depth = 1;
+  if (dds_qget_history(qos.get(), &kind, &depth) && kind == DDS_HISTORY_KEEP_LAST && depth > 1)
+    dds_qset_history(qos.get(), kind, kFactor * depth);
+  return qos;
+}
+
 Qos writer_qos(const Topic& topic, const DdsPlace& place, double deadline_s) {
   Qos qos = with_deadline(topic.qos(), deadline_s);
   dds_qset_ownership_strength(qos.get(), place.strength);
@@ -147,7 +159,7 @@ DdsReader<M>::DdsReader(const DdsNode& node, double deadline_s)
     : machine_(node.place().machine),
       sample_(*Wire<M>::topic().type),
       reader_(dds_create_reader(node.subscriber(), topic_of(node, Wire<M>::topic()),
-                                with_deadline(Wire<M>::topic().qos(), deadline_s).get(), nullptr),
+                                reader_qos(Wire<M>::topic(), deadline_s).get(), nullptr),
               std::string("read ") + Wire<M>::topic().name),
       condition_(dds_create_readcondition(reader_.get(), DDS_ANY_STATE), "wait for DDS data"),
       waitset_(dds_create_waitset(node.participant()), "wait for DDS data") {
