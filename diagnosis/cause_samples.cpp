@@ -124,7 +124,7 @@ CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
     signals.position = signals.loop_position;
     signals.velocity = measured_velocity(signals.position, h, 0);
     const Spline command = Spline::through(signals.command.delayed(with.command_delay_s()), h);
-    add_demand(with, signals);
+    add_drive(with, signals);
 
     Eigen::ArrayXd measured, base, one = Eigen::ArrayXd::Zero(s.size());
     if (acts == Acts::kCommandDelay) {

@@ -63,7 +63,7 @@ std::vector<std::pair<Change, Screened>> promising_changes(const Variation& vari
     std::erase_if(loop.effects,
                   [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
     all.loop_position = s.command - simulate(loop, s);
-    add_demand(model, all);
+    add_drive(model, all);
     signals.push_back(decimated(all, every));
   }
   const std::optional<Eigen::VectorXd> fine = variation.left(model, 0.0);

@@ -1,6 +1,7 @@
 #include "diagnosis/diagnose.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
 
@@ -28,7 +29,8 @@ constexpr double kLeavesOfItself = 0.15;  // of the error that it takes away, an
 // Of the squared error beyond the floor: another loop, and with it any neighbour of the cause,
 // may explain a part.
 constexpr double kNextToNothing = 0.1;
-constexpr double kMost = 0.5;  // of the squared error beyond the floor: then nothing is explained
+constexpr double kLittle = 0.8;  // of the error is left: a small gain
+constexpr double kMost = 0.5;    // of the squared error beyond the floor: then nothing is explained
 
 }  // namespace
 
@@ -53,6 +55,11 @@ bool unforeseeable(const Diagnosis& diagnosis, const Cause& cause) {
   return !shapes.empty() && shapes.front().scan == Scan::kMoments;
 }
 
+/// Little, on motion that was not seen, and by its interval perhaps none of it.
+bool perhaps_nothing(const Gain& gain) {
+  return gain.low <= 0.0 && gain.after > kLittle * gain.before;
+}
+
 /// Where the motor is at its limit: by its torque, or by the limit that is in the model.
 Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::ArrayXd& simulated) {
   const Effect* limit = model.find(kind_of<TorqueSaturation>());
@@ -60,16 +67,16 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
   Signals signals = signals_of(s);
   signals.position = s.command - simulated;
   signals.velocity = measured_velocity(signals.position, s.sample_time_s, 0);
-  add_demand(model, signals);
+  add_drive(model, signals);
   EffectMemory<double> memory;
   start_memory(limit->kind, limit->shape.data(), memory);
   Eigen::ArrayXd out(s.size());
   for (Eigen::Index k = 0; k < s.size(); ++k) {
-    double missing = 0.0;
+    std::array<double, kMaxCoefficients> missing{};
     unit_forces<double>(limit->kind, limit->shape.data(), memory,
-                        motion_of(signals, signals.command, Acts::kForce, k), &missing);
+                        motion_of(signals, signals.command, Acts::kForce, k), missing.data());
     // What is given then is the limit.
-    const double given = signals.demand(k) - missing + limit->shape[2] * signals.velocity(k);
+    const double given = signals.demand(k) - missing[0] + limit->shape[2] * signals.velocity(k);
     out(k) = std::abs(given) > (1.0 - 1e-9) * limit->shape[0] ? 1.0 : 0.0;
   }
   return out;
@@ -124,9 +131,10 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   }
   // Pushes cannot be foretold, so that no other motion can confirm them: they are named by how far
   // they stand out (diagnosis/screen.h).
-  const auto unsure = std::stable_partition(
-      diagnosis.causes.begin(), diagnosis.causes.end(),
-      [&](const Cause& c) { return c.confidence >= kNamed || unforeseeable(diagnosis, c); });
+  const auto unsure =
+      std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(), [&](const Cause& c) {
+        return (c.confidence >= kNamed && !perhaps_nothing(c.gain)) || unforeseeable(diagnosis, c);
+      });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
   diagnosis.causes.erase(unsure, diagnosis.causes.end());
   // What an earlier model was wrong by of itself is no change of the machine.

@@ -194,7 +194,7 @@ std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
       out.back().position = out.back().loop_position;
       out.back().velocity = measured_velocity(out.back().position, s.sample_time_s, 0);
     }
-    add_demand(loop, out.back());
+    add_drive(loop, out.back());
   }
   return out;
 }

@@ -83,18 +83,13 @@ double share_beaten(const Tried& best, const Tried& rival) {
 }
 
 /// Whether what a law of friction leaves could be taken for this: what acts at reversals and low
-/// speed all the time. A period, a moment or another signal is none of friction's.
+/// speed all the time. A period, a moment or another signal is none of friction's, and a law that
+/// is the same both ways leaves the same both ways.
 bool like_friction(std::size_t kind) {
-  constexpr std::array kAlike{kind_of<Presliding>(),
-                              kind_of<FallingFriction>(),
-                              kind_of<AsymmetricFriction>(),
-                              kind_of<PositionDependentFriction>(),
-                              kind_of<Backlash>(),
-                              kind_of<BacklashInLoop>(),
-                              kind_of<BacklashBehindEncoder>(),
-                              kind_of<Compliance>(),
-                              kind_of<DwellStiction>(),
-                              kind_of<TorqueSaturation>()};
+  constexpr std::array kAlike{
+      kind_of<Presliding>(), kind_of<FallingFriction>(), kind_of<PositionDependentFriction>(),
+      kind_of<Backlash>(),   kind_of<BacklashInLoop>(),  kind_of<BacklashBehindEncoder>(),
+      kind_of<Compliance>(), kind_of<DwellStiction>(),   kind_of<TorqueSaturation>()};
   return std::find(kAlike.begin(), kAlike.end(), kind) != kAlike.end();
 }
 
@@ -143,6 +138,7 @@ class Selection {
       settle();
       delay();
       one_law_of_friction();
+      integrator();
       // What better values of the parameters would have done as well is no cause.
       if (current_.rms() >= kHolds * current.rms()) {
         steps_.emplace_back("  no better after the polish: taken back");
@@ -258,19 +254,41 @@ class Selection {
     return false;
   }
 
-  /// A loop with an integrator where the baseline has none: no cause, but what causes are sought
-  /// beside.
+  /// A loop with an integrator where there is none yet: no cause, but what causes are sought
+  /// beside. A cause that is not yet in the model may have hidden it.
   void integrator() {
     if (current_.structure.order != 2) return;
     Hypothesis h;
     h.structure = current_.structure;
     h.structure.order = 3;
     std::erase(h.structure.effects, kind_of<ConstantForce>());
-    if (!search_.fit(h, {})) return;
+    // From anywhere while there are no shapes that would be lost on the way, and from here.
+    std::vector<Point> from;
+    if (!found_.empty()) {
+      const std::array<double, kMaxOrder>& a = current_.model.loop.denominator;
+      for (const double share : {0.02, 0.1, 0.4}) {
+        // (s^2 + a1 s + a2)(s + p)
+        const double pole = share * a[1] / a[0];
+        Point point = point_of(current_.model, h.structure);
+        point.denominator = {a[0] + pole, a[1] + a[0] * pole, a[1] * pole};
+        from.push_back(std::move(point));
+      }
+    }
+    if (!search_.fit(h, from)) return;
     search_.judge(h);
-    if (h.rms() < kWorthIt * current_.rms() && paired_z(current_.pieces, h.pieces) > kAgrees)
-      current_ = std::move(h), settle();
-    steps_.push_back(text("integrator: %s", current_.structure.order == 3 ? "yes" : "no"));
+    const bool better =
+        h.rms() < kWorthIt * fitted_.rms() && paired_z(fitted_.pieces, h.pieces) > kAgrees;
+    steps_.push_back(text("integrator: %s, %.4g um", better ? "yes" : "no", 1e6 * h.rms()));
+    if (!better) return;
+    const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
+    const auto found = found_;
+    current_ = std::move(h);
+    // Behind an integrator a constant force is not seen.
+    std::erase_if(found_, [&](const auto& one) { return !current_.has(one.second.kind); });
+    settle();
+    if (as_is_.rms() < kWorthIt * as_is.rms()) return;
+    current_ = current, fitted_ = fitted, as_is_ = as_is, found_ = found;
+    search_.follow(current_);
   }
 
   bool add_one() {

@@ -60,6 +60,7 @@ TorqueBody body_of(TorqueRows& rows) {
     out.opposite = work < 0.0;
   }
   if (out.opposite) rows.turn_torque();
+  rows.friction_from(out.velocity_limit);
   out.columns = rows.body(out.velocity_limit);
   // A mass or a friction that would be negative is not seen by this motion.
   const BlockedRegression turned = training_of(rows);

@@ -101,6 +101,12 @@ void TorqueRows::turn_torque() {
   torque_ = -torque_;
 }
 
+void TorqueRows::friction_from(double velocity_limit) {
+  for (std::vector<Motion>& motion : motion_) {
+    for (Motion& m : motion) m.friction = std::clamp(m.velocity / velocity_limit, -1.0, 1.0);
+  }
+}
+
 Eigen::MatrixXd TorqueRows::body(double velocity_limit) const {
   Eigen::MatrixXd out(torque_.size(), 3);
   out.col(0) = acceleration_;

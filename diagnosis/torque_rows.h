@@ -38,6 +38,8 @@ class TorqueRows {
   [[nodiscard]] double step_s() const { return data_.step_s(); }
   [[nodiscard]] double training_to_s() const { return training_to_s_; }
   void turn_torque();  ///< the other sign from here on
+  /// From here on the friction of the motion has its direction from this velocity on.
+  void friction_from(double velocity_limit);
 
   /// Acceleration, saturated sign of the velocity, velocity.
   [[nodiscard]] Eigen::MatrixXd body(double velocity_limit) const;

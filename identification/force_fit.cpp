@@ -25,6 +25,20 @@ constexpr double kUnseen = 1e-9;  // of a unit force
 constexpr double kRough = 1e-3, kFine = 1e-8;
 
 /// The linear problem at given shapes.
+/// Motion::friction of a law whose elements, where it has several, weigh the same.
+Eigen::ArrayXd friction_along(std::size_t kind, const Eigen::ArrayXXd& unit_force) {
+  Effect law{kind, {}, {}};
+  law.coefficient.fill(1.0);
+  Eigen::ArrayXd out(unit_force.rows());
+  std::array<double, kMaxCoefficients> force{};
+  for (Eigen::Index k = 0; k < out.size(); ++k) {
+    for (Eigen::Index c = 0; c < unit_force.cols(); ++c)
+      force[static_cast<std::size_t>(c)] = unit_force(k, c);
+    out(k) = friction_of(law, force.data());
+  }
+  return out;
+}
+
 class ForceProjection {
  public:
   ForceProjection(const ForceData& data, const ForceStructure& structure,
@@ -57,12 +71,18 @@ class ForceProjection {
     for (const ForceData::Stretch& stretch : data_.stretches()) {
       Eigen::Index column = structure_.mass ? 1 : 0, shape = 0, rows = 0;
       std::size_t entry = 0;
+      Eigen::ArrayXd friction;  // of a law that comes before what changes it
       for (const std::size_t kind : structure_.effects) {
         const auto n = static_cast<Eigen::Index>(stretch.motion.size());
         const UnitColumns units = unit_columns(
             kind, shapes.data() + shape, n,
-            [&](Eigen::Index k) { return stretch.motion[static_cast<std::size_t>(k)]; },
+            [&](Eigen::Index k) {
+              Motion m = stretch.motion[static_cast<std::size_t>(k)];
+              if (friction.size() > 0) m.friction = friction(k);
+              return m;
+            },
             derivatives);
+        if (is_friction_law(kind)) friction = friction_along(kind, units.force);
         const auto samples = Eigen::seqN(0, stretch.force.size(), stretch.substeps);
         for (Eigen::Index c = 0; c < units.force.cols(); ++c) {
           const Eigen::VectorXd values = data_.compared(units.force.col(c)(samples));

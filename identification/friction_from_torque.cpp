@@ -189,6 +189,7 @@ double steady_force(const ForceModel& model, double velocity) {
   m.velocity = velocity;
   m.displacement = velocity * m.step_s;
   m.command_velocity = velocity;
+  m.friction = velocity > 0.0 ? 1.0 : -1.0;
   double sum = 0.0;
   for (const Effect& effect : model.effects) {
     EffectMemory<double> memory;

@@ -110,7 +110,7 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
     Signals signals = signals_of(s);
     signals.position = s.command - simulate(model, s);
     signals.velocity = measured_velocity(signals.position, s.sample_time_s, 0);
-    add_demand(model, signals);
+    add_drive(model, signals);
     out.push_back(std::move(signals));
   }
   return out;
@@ -118,11 +118,7 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
 
 }  // namespace
 
-std::vector<std::size_t> friction_kinds() {
-  return {kind_of<CoulombFriction>(),    kind_of<Dahl>(),  kind_of<Presliding>(),
-          kind_of<SmoothedPresliding>(), kind_of<Gms>(),   kind_of<PreslidingStribeck>(),
-          kind_of<ModifiedStribeck>(),   kind_of<LuGre>(), kind_of<Stribeck>()};
-}
+std::vector<std::size_t> friction_kinds() { return {kFrictionLaws.begin(), kFrictionLaws.end()}; }
 
 std::vector<std::size_t> compared_frictions() {
   return {kind_of<CoulombFriction>(), kind_of<Dahl>(),     kind_of<Presliding>(),

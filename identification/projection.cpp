@@ -133,6 +133,7 @@ Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Inde
     m.demand_rate = s.demand_rate(k);
     m.demand_damping = s.demand_damping(k);
   }
+  if (s.friction.size() > 0) m.friction = s.friction(k);
   if (s.neighbour_acceleration.size() > 0) m.neighbour_acceleration = s.neighbour_acceleration(k);
   return m;
 }

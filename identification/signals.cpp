@@ -1,6 +1,7 @@
 #include "identification/signals.h"
 
 #include <algorithm>
+#include <array>
 
 namespace servotwin {
 
@@ -19,7 +20,33 @@ Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h, int h
   return velocity;
 }
 
-void add_demand(const Model& model, Signals& s) {
+namespace {
+
+/// Of the first law of friction that the model has; empty without one.
+Eigen::ArrayXd friction_along(const Model& model, const Signals& s) {
+  const auto law = std::find_if(model.effects.begin(), model.effects.end(),
+                                [](const Effect& e) { return is_friction_law(e.kind); });
+  if (law == model.effects.end()) return {};
+  EffectMemory<double> memory;
+  start_memory<double>(law->kind, law->shape.data(), memory);
+  Eigen::ArrayXd out(s.size());
+  std::array<double, kMaxCoefficients> force{};
+  Motion m;
+  m.step_s = s.h;
+  for (Eigen::Index k = 0; k < s.size(); ++k) {
+    m.position = s.position(k);
+    m.velocity = s.velocity(k);
+    m.displacement = k > 0 ? s.position(k) - s.position(k - 1) : 0.0;
+    unit_forces<double>(law->kind, law->shape.data(), memory, m, force.data());
+    out(k) = friction_of(*law, force.data());
+  }
+  return out;
+}
+
+}  // namespace
+
+void add_drive(const Model& model, Signals& s) {
+  s.friction = friction_along(model, s);
   const auto& c = model.loop.numerator;
   const auto& a = model.loop.denominator;
   const Spline command = Spline::through(s.command.delayed(model.command_delay_s()), s.h);
@@ -73,6 +100,7 @@ Signals decimated(const Signals& signals, int every) {
   s.in_cut = thin(signals.in_cut);
   s.neighbour_acceleration = thin(signals.neighbour_acceleration);
   s.demand = thin(signals.demand);
+  s.friction = thin(signals.friction);
   s.demand_rate = thin(signals.demand_rate);
   s.demand_damping = thin(signals.demand_damping);
   s.lead = (signals.lead + every - 1) / every;

@@ -24,7 +24,8 @@ struct Signals {
   Eigen::ArrayXd loop_position;
   Eigen::ArrayXd in_cut;                  ///< as of the segment
   Eigen::ArrayXd neighbour_acceleration;  ///< commanded, of another axis; empty: none known
-  Eigen::ArrayXd demand, demand_rate, demand_damping;  ///< as of a Motion; empty: no loop is known
+  /// As of a Motion; empty: no drive is known.
+  Eigen::ArrayXd demand, demand_rate, demand_damping, friction;
 
   Eigen::Index lead = 0;  ///< as of the segment
 
@@ -39,8 +40,9 @@ inline constexpr double kVelocityMean_s = 0.011;
 [[nodiscard]] Signals decimated(const Signals& signals, int every);
 
 /// Adds what the control of this model's loop asks of the motor along the signals' motion
-/// (docs/theory.md 3.11), as Twin::demand has it along its own.
-void add_demand(const Model& model, Signals& signals);
+/// (docs/theory.md 3.11), as Twin::demand has it along its own, and what its law of friction says
+/// there.
+void add_drive(const Model& model, Signals& signals);
 
 /// Central difference (ends 0), then a centred mean of 2 m + 1 samples that shrinks at the ends.
 [[nodiscard]] Eigen::ArrayXd measured_velocity(const Eigen::ArrayXd& position, double h,

@@ -41,7 +41,12 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
                                        ? Spline::through(segment.neighbour, h).second
                                        : Eigen::ArrayXd();
   CommandedEffects out{Eigen::ArrayXd::Zero(n), Eigen::ArrayXd::Zero(n)};
-  for (const Effect& effect : model.effects) {
+  // What changes friction comes behind it.
+  std::vector<Effect> effects = model.effects;
+  std::stable_partition(effects.begin(), effects.end(),
+                        [](const Effect& e) { return is_friction_law(e.kind); });
+  Eigen::ArrayXd friction = Eigen::ArrayXd::Constant(n, kNoLaw);
+  for (const Effect& effect : effects) {
     const Acts acts = identity_of(effect.kind).acts;
     if (acts == Acts::kCommandDelay) continue;
     EffectMemory<double> memory;
@@ -59,7 +64,9 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
       m.time_s = segment.start_s + h * static_cast<double>(k);
       if (neighbour.size() > 0) m.neighbour_acceleration = neighbour(k);
       if (segment.in_cut.size() > 0) m.in_cut = segment.in_cut(k);
+      m.friction = friction(k);
       unit_forces<double>(effect.kind, effect.shape.data(), memory, m, unit.data());
+      if (is_friction_law(effect.kind)) friction(k) = friction_of(effect, unit.data());
       std::size_t c = 0;
       for (const Parameter& p : coefficients_of(effect.kind)) {
         if (!linear(effect, p)) sum(k) += effect.coefficient[c] * unit[c];

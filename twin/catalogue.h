@@ -1,6 +1,7 @@
 // The catalogue of effects. To add one: its header in twin/effects/, and one line here.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <span>
@@ -140,6 +141,15 @@ inline std::size_t kind_of(std::string_view id) {
   std::size_t kind = 0;
   while (kind < kEffectKinds && identity_of(kind).id != id) ++kind;
   return kind;
+}
+
+/// Each is the whole friction of a machine; a model has one at most.
+inline constexpr std::array kFrictionLaws{
+    kind_of<CoulombFriction>(),    kind_of<Dahl>(),  kind_of<Presliding>(),
+    kind_of<SmoothedPresliding>(), kind_of<Gms>(),   kind_of<PreslidingStribeck>(),
+    kind_of<ModifiedStribeck>(),   kind_of<LuGre>(), kind_of<Stribeck>()};
+constexpr bool is_friction_law(std::size_t kind) {
+  return std::find(kFrictionLaws.begin(), kFrictionLaws.end(), kind) != kFrictionLaws.end();
 }
 
 template <class T>

@@ -22,9 +22,14 @@
 //   };
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
 #include <string_view>
 
 namespace servotwin {
+
+inline constexpr double kNoLaw = std::numeric_limits<double>::quiet_NaN();
 
 /// The motion of one axis at one sample.
 struct Motion {
@@ -40,9 +45,18 @@ struct Motion {
   double in_cut = 0.0;                  ///< 1 while the tool cuts; 0 where that is not known
   /// What the control asks of the motor, over the moved mass [m/s^2 | rad/s^2]; 0 where not known.
   double demand = 0.0;
+  /// Of the machine's own law of friction at this motion, over its coefficient: between -1 and 1,
+  /// or up to the breakaway ratio; kNoLaw where none is known.
+  double friction = kNoLaw;
   /// What an integrator of the control adds to it per second by the position, and what the control
   /// asks for by the velocity, which the integrator sees as well; 0 without one.
   double demand_rate = 0.0, demand_damping = 0.0;
+
+  /// How far friction has turned with the motion: what changes friction changes this, and no law
+  /// of its own. Without a law the sign of the velocity, saturated at 1 mm/s.
+  [[nodiscard]] double direction() const noexcept {
+    return std::isnan(friction) ? std::clamp(1e3 * velocity, -1.0, 1.0) : friction;
+  }
 };
 
 /// Where an effect enters: as a disturbance force, by delaying the command against the feedback, or
@@ -52,12 +66,12 @@ enum class Acts { kForce, kCommandDelay, kReading };
 
 /// What a shape parameter is sought over, on a grid, before it is refined.
 enum class Scan {
-  kNone,          ///< nothing: a few decades about its start
-  kPeriod,        ///< periods of position, up to the travel
-  kFrequency,     ///< frequencies, up to a fifth of the sampling rate
-  kTime,          ///< the time of the recording
-  kMoments,       ///< the moments at which most is left, this and the next parameters together
-  kDemand,        ///< shares of the largest demand
+  kNone,       ///< nothing: a few decades about its start
+  kPeriod,     ///< periods of position, up to the travel
+  kFrequency,  ///< frequencies, up to a fifth of the sampling rate
+  kTime,       ///< the time of the recording
+  kMoments,    ///< the moments at which most is left, this and the next parameters together
+  kDemand,     ///< shares of the largest demand
 };
 
 struct Identity {

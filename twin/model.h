@@ -17,6 +17,20 @@ struct Effect {
   std::array<double, kMaxCoefficients> coefficient{};
 };
 
+/// Motion::friction from the forces per unit coefficient of a law.
+inline double friction_of(const Effect& law, const double* force) noexcept {
+  // A coefficient for each direction, of which the other one has no force; or for each element.
+  if (law.kind == kind_of<Stribeck>() || law.kind == kind_of<ModifiedStribeck>())
+    return force[0] + force[1];
+  if (law.kind != kind_of<Gms>()) return force[0];
+  double sum = 0.0, level = 0.0;
+  for (std::size_t i = 0; i < Gms::kElements; ++i) {
+    sum += law.coefficient[i] * force[i];
+    level += law.coefficient[i];
+  }
+  return level > 0.0 ? sum / level : kNoLaw;
+}
+
 /// An effect of the catalogue with its shape parameters at their start values and no force.
 template <class E>
 [[nodiscard]] Effect make_effect() {

@@ -80,11 +80,17 @@ Twin::Twin(const Model& model) {
     denominator_[row] = model.loop.denominator[row];
   }
   rest_[0] = 1.0 / model.loop.denominator[static_cast<std::size_t>(n - 1)];
-  for (const Acts place : {Acts::kForce, Acts::kReading}) {
+  // What changes friction knows what the law of friction says.
+  const auto place_of = [](const Effect& effect) {
+    if (is_friction_law(effect.kind)) return 0;
+    return identity_of(effect.kind).acts == Acts::kForce ? 1 : 2;
+  };
+  for (const int place : {0, 1, 2}) {
     for (const Effect& effect : model.effects) {
-      if (identity_of(effect.kind).acts != place) continue;
+      if (identity_of(effect.kind).acts == Acts::kCommandDelay || place_of(effect) != place)
+        continue;
       effects_[static_cast<std::size_t>(effect_count_ + reading_count_)] = effect;
-      ++(place == Acts::kForce ? effect_count_ : reading_count_);
+      ++(place < 2 ? effect_count_ : reading_count_);
     }
   }
   start(0.0);
@@ -134,14 +140,16 @@ void Twin::copy_memories(const Memories& from, Memories& to) const noexcept {
     copy_memory<double>(effects_[i].kind, from[i], to[i]);
 }
 
-double Twin::disturbance(const Motion& m, Memories& memory) const noexcept {
+double Twin::disturbance(Motion& m, Memories& memory) const noexcept {
   double sum = 0.0;
+  m.friction = kNoLaw;
   std::array<double, kMaxCoefficients> force{};
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
     const Effect& effect = effects_[i];
     unit_forces<double>(effect.kind, effect.shape.data(), memory[i], m, force.data());
     const std::size_t count = coefficients_of(effect.kind).size();
     for (std::size_t k = 0; k < count; ++k) sum += effect.coefficient[k] * force[k];
+    if (is_friction_law(effect.kind)) m.friction = friction_of(effect, force.data());
   }
   return sum;
 }

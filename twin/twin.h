@@ -58,7 +58,7 @@ class Twin {
  private:
   using Memories = std::array<EffectMemory<double>, kMaxEffects>;
   double advance(const CommandPiece& piece) noexcept;
-  double disturbance(const Motion& m, Memories& memory) const noexcept;
+  double disturbance(Motion& m, Memories& memory) const noexcept;
   double read(const Motion& m) noexcept;
   void copy_memories(const Memories& from, Memories& to) const noexcept;
 
@@ -76,8 +76,9 @@ class Twin {
   std::array<double, kMaxOrder * kMaxOrder> phi_{};
   std::array<double, kMaxOrder * 3> g_command_{};
   std::array<double, kMaxOrder> g_begin_{}, g_end_{};  // first-order hold of the disturbance
-  std::array<double, kMaxOrder> rest_{};       // z of a constant unit disturbance held at rest
-  std::array<Effect, kMaxEffects> effects_{};  // forces, and behind them those on the reading
+  std::array<double, kMaxOrder> rest_{};  // z of a constant unit disturbance held at rest
+  std::array<Effect, kMaxEffects>
+      effects_{};  // the law of friction, other forces, those on the reading
   int reading_count_ = 0;
 
   std::array<double, kMaxOrder> y_{}, z_{};

@@ -142,7 +142,6 @@ void run(const Arguments& arguments) {
     held.shapes.emplace(
         part->model.effects[0].shape.begin(),
         part->model.effects[0].shape.begin() + static_cast<std::ptrdiff_t>(shapes_of(kind).size()));
-    held.shapes->push_back(AsymmetricFriction::kShapes[0].start);
     unlike = fit_force(covered.data, {true, {kind, kind_of<AsymmetricFriction>()}}, held, frozen);
   }
   const auto error_text = [&](const ForceError& e) {

@@ -168,7 +168,7 @@ TEST(Demand, IsTheTwinsOwnAlongItsMotion) {
     segment.actual = position;
     Signals signals = signals_of(segment);
     signals.velocity = velocity;
-    add_demand(model, signals);
+    add_drive(model, signals);
     const Eigen::ArrayXd along = signals.demand;
     EXPECT_LT((along - demand).abs().maxCoeff(), order == 2 ? 1e-9 : 1e-3 * demand.abs().maxCoeff())
         << "order " << order;

@@ -6,6 +6,7 @@
 
 #include "twin/catalogue.h"
 #include "twin/model.h"
+#include "twin/twin.h"
 
 namespace servotwin {
 namespace {
@@ -35,7 +36,7 @@ class Along {
 TEST(Compliance, RingsDownAtItsFrequencyAndDamping) {
   const double f = 24.0, zeta = 0.03, w = kTwoPi * f;
   Effect effect = make_effect<Compliance>();
-  effect.shape = {f, zeta, 1e-3};
+  effect.shape = {f, zeta};
   effect.coefficient = {1.0 / w, 0.0};  // the deflection itself
   Along mode(effect);
   Motion m;
@@ -54,7 +55,7 @@ TEST(Compliance, RingsDownAtItsFrequencyAndDamping) {
 TEST(Compliance, IsStruckByFrictionAtAReversal) {
   const double f = 24.0, zeta = 0.03, w = kTwoPi * f, wd = w * std::sqrt(1.0 - zeta * zeta);
   Effect effect = make_effect<Compliance>();
-  effect.shape = {f, zeta, 1e-3};
+  effect.shape = {f, zeta};
   effect.coefficient = {0.0, 0.0, 1.0, 0.0};  // the deflection beyond that at rest
   Along mode(effect);
   Motion m;
@@ -245,7 +246,7 @@ TEST(Onset, EffectsOfAMomentAreNotThereBeforeIt) {
   inertia.shape = {4.0};
   inertia.coefficient = {0.25};
   Effect added = make_effect<AddedFriction>();
-  added.shape = {4.0, 1e-5};
+  added.shape = {4.0};
   added.coefficient = {0.4, 2.0};
   Effect gain = make_effect<GainChange>();
   gain.shape = {4.0};
@@ -304,16 +305,50 @@ TEST(TorqueSaturation, HoldsTheIntegratorWhileThatLeadsFurtherBeyond) {
 
 TEST(DwellStiction, GrowsWithTheLogarithmOfTheRestAndIsLostWithTravel) {
   Effect effect = make_effect<DwellStiction>();
-  effect.shape = {50e-6};
+  effect.shape = {50e-6, 0.5};
   effect.coefficient = {0.2};
   Along along(effect);
   Motion m;
   m.step_s = 0.01;
-  for (int i = 0; i < 300; ++i) EXPECT_EQ(along(m), 0.0);  // 3 s of rest
+  m.friction = -0.8;  // the axis came to rest before friction had turned
+  for (int i = 1; i <= 300; ++i)
+    EXPECT_NEAR(along(m), -0.8 * 0.2 * std::log1p(0.02 * i), 1e-12) << "at rest";
   m.command_velocity = m.velocity = -0.01;
   m.displacement = -25e-6;
-  EXPECT_NEAR(along(m), -0.2 * std::log(4.0) * std::exp(-0.5), 1e-12);
-  EXPECT_NEAR(along(m), -0.2 * std::log(4.0) * std::exp(-1.0), 1e-12);
+  m.friction = -1.0;
+  EXPECT_NEAR(along(m), -0.2 * std::log(7.0) * std::exp(-0.5), 1e-12);
+  EXPECT_NEAR(along(m), -0.2 * std::log(7.0) * std::exp(-1.0), 1e-12);
+  // What motion has left of it, the next rest adds to.
+  m.command_velocity = m.velocity = m.displacement = 0.0;
+  EXPECT_NEAR(along(m), -0.2 * (std::log(7.0) * std::exp(-1.0) + std::log(1.02)), 1e-12);
+}
+
+// Of several laws, along a motion that turns: what changes friction is the law's own force over its
+// coefficient, wherever in the model the law stands.
+TEST(WhatChangesFriction, HasTheDirectionOfTheLawInTheModel) {
+  for (const bool behind : {false, true}) {
+    Model model;
+    model.sample_time_s = 1e-3;
+    model.loop = {2, {200.0, 1e4}, {1.0, 200.0}};
+    Effect law = make_effect<Presliding>(), unlike = make_effect<AsymmetricFriction>();
+    law.coefficient = {0.3};
+    unlike.coefficient = {0.3};
+    model.effects = {unlike, law};
+    if (behind) std::swap(model.effects[0], model.effects[1]);
+    // With a difference as large as the law there is no friction backwards and twice as much
+    // forwards; at its constant speed the axis is away by f / a2 = 2 x 0.3 / 1e4 more one way.
+    Twin twin(model);
+    twin.start(0.0);
+    double forward = 0.0, backward = 0.0;
+    for (int k = 1; k <= 4000; ++k) {
+      const double v = k <= 2000 ? 0.01 : -0.01;
+      const double x = k <= 2000 ? 1e-5 * k : 0.02 - 1e-5 * (k - 2000);
+      const double error = twin.step({v, 0.0, 0.0, x, v, 0.0});
+      (k <= 2000 ? forward : backward) = error;
+    }
+    EXPECT_NEAR(forward, 200.0 * 0.01 / 1e4 + 0.6 / 1e4, 1e-8);
+    EXPECT_NEAR(backward, -200.0 * 0.01 / 1e4, 1e-8);
+  }
 }
 
 TEST(Tones, AreSinesInTimeAndTheCutIsGated) {

@@ -1,6 +1,6 @@
 // What friction in one direction is more than in the other, beside a symmetric friction.
 //
-//   d = coulomb_difference |sat(v / velocity_limit)| + viscous_difference |v|
+//   d = coulomb_difference |direction| + viscous_difference |v|,   direction: of that friction
 //
 // With F = F_c sgn(v) + F_v v:  F_c+- = F_c +- coulomb_difference, F_v+- = F_v +-
 // viscous_difference. A constant force acts at rest as well; the Coulomb difference acts in motion
@@ -24,9 +24,7 @@ struct AsymmetricFriction {
       .cause = "asymmetric_friction",
       .replaces = "gravity_offset",
       .check = "wipers and covers; a counterbalance; the screw's nut by direction"};
-  static constexpr std::array<Parameter, 1> kShapes{
-      {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
-        "velocity at which the friction force is fully developed"}}};
+  static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb_difference", "m/s^2", -100.0, 100.0, 0.0,
         "half of what Coulomb friction is more for v > 0, per moved mass"},
@@ -36,12 +34,10 @@ struct AsymmetricFriction {
   using Memory = NoMemory;
 
   template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& m,
                           T* force) noexcept {
-    const double speed = std::abs(m.velocity);
-    const T q = speed / shape[0];
-    force[0] = q > 1.0 ? T(1.0) : q;
-    force[1] = T(speed);
+    force[0] = T(std::abs(m.direction()));
+    force[1] = T(std::abs(m.velocity));
   }
 };
 

@@ -2,7 +2,7 @@
 // strikes it at reversals: table, column, screw.
 //
 //   q'' + 2 zeta w q' + w^2 q = - x_r''
-//   r'' + 2 zeta w r' + w^2 r = - w^2 s,   s = sat(v / velocity_limit)
+//   r'' + 2 zeta w r' + w^2 r = - w^2 s,   s the direction of friction
 //   d = spring w q + damper q' + ringing (r + s) + fading r' / w
 //
 // By exact steps of the mode with both held over the cycle. All coefficients are free, because the
@@ -14,7 +14,6 @@
 #include <numbers>
 
 #include "twin/effect.h"
-#include "twin/effects/saturated.h"
 
 namespace servotwin {
 
@@ -27,12 +26,10 @@ struct Compliance {
       .confused = "periodic_disturbance, which goes on at rest; the loop's own pair of poles",
       .cause = "compliance",
       .check = "what swings at this frequency: table, column, foundation; filters of the control"};
-  static constexpr std::array<Parameter, 3> kShapes{
+  static constexpr std::array<Parameter, 2> kShapes{
       {{"frequency_hz", "Hz", 2.0, 2000.0, 50.0, "of the mode, undamped", true, false,
         Scan::kFrequency},
-       {"damping_ratio", "1", 0.002, 0.2, 0.03, "zeta; more is no mode but a filter"},
-       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
-        "velocity at which the friction force is fully developed"}}};
+       {"damping_ratio", "1", 0.002, 0.2, 0.03, "zeta; more is no mode but a filter"}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"spring", "1/s", -1e6, 1e6, 0.0, "force per deflection and angular frequency"},
        {"damper", "1/s", -1e6, 1e6, 0.0, "force per speed of deflection"},
@@ -67,7 +64,7 @@ struct Compliance {
       swing.rate =
           fade * (swing.rate * c - (w * q * w / damped + zeta * w * swing.rate / damped) * s);
     };
-    const T direction = saturated(m.velocity, shape[2]);
+    const T direction(m.direction());
     advance(memory.by_command, -m.command_acceleration / (w * w));
     advance(memory.by_friction, -direction);
     force[0] = w * memory.by_command.q;

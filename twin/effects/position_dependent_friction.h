@@ -1,9 +1,9 @@
 // Friction whose level changes along the axis: wear, lubrication, alignment.
 //
-//   d = sat(v / velocity_limit) (slope x + curvature x^2 + sine sin(2 pi x / wave) + cosine
-//   cos(..))
+//   d = direction (slope x + curvature x^2 + sine sin(2 pi x / wave) + cosine cos(..))
 //
-// beside the friction of x = 0. Odd in v: a force that does not turn with the direction is none.
+// beside the friction of x = 0, whose direction it has. Odd in v: a force that does not turn with
+// the direction is none.
 #pragma once
 
 #include <array>
@@ -11,7 +11,6 @@
 #include <numbers>
 
 #include "twin/effect.h"
-#include "twin/effects/saturated.h"
 
 namespace servotwin {
 
@@ -23,11 +22,9 @@ struct PositionDependentFriction {
                                       .confused = "cogging, which does not turn with the direction",
                                       .cause = "position_dependent_friction",
                                       .check = "wear, alignment and lubrication along the travel"};
-  static constexpr std::array<Parameter, 2> kShapes{
+  static constexpr std::array<Parameter, 1> kShapes{
       {{"wave", "m", 1e-2, 10.0, 0.1, "length of the slowest change that is no parabola", true,
-        false, Scan::kPeriod},
-       {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
-        "velocity at which the friction force is fully developed"}}};
+        false, Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"slope", "1/s^2", -1e4, 1e4, 0.0, "change of the level along the axis, per moved mass"},
        {"curvature", "1/(m s^2)", -1e6, 1e6, 0.0, "and of the slope"},
@@ -41,9 +38,9 @@ struct PositionDependentFriction {
                           T* force) noexcept {
     using std::cos;
     using std::sin;
-    const T direction = saturated(m.velocity, shape[1]);
+    const double direction = m.direction();
     const T angle = 2.0 * std::numbers::pi * m.position / shape[0];
-    force[0] = direction * m.position;
+    force[0] = T(direction * m.position);
     force[1] = force[0] * m.position;
     force[2] = direction * sin(angle);
     force[3] = direction * cos(angle);
