@@ -69,14 +69,14 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
                                  " leaves " + micro(candidacy.rms_in_force, candidacy.rotary);
   if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
       candidacy.rms < candidacy.rms_in_force) {
-    // Of 15 degrees of freedom: by chance in one judgement of eighty.
-    constexpr double kSure = 2.5, kPlain = 10.0;
+    // Of 15 degrees of freedom: by chance in one judgement of twenty.
+    constexpr double kSure = 1.75, kPlain = 10.0;
     const bool plain =
         candidacy.rms <= (1.0 - kPlain * rule.min_improvement) * candidacy.rms_in_force;
     if (candidacy.version_in_force == 0 || plain || candidacy.sureness >= kSure)
       return {Ruling::kPromoted, comparison};
     std::ostringstream sure;
-    sure.precision(2);
+    sure.precision(3);
     sure << "; better by " << candidacy.sureness << " standard errors, which may be chance (needs "
          << kSure << ", or " << 100.0 * kPlain * rule.min_improvement << " %)";
     return {Ruling::kByChance, comparison + sure.str()};

@@ -131,9 +131,14 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   }
   // Pushes cannot be foretold, so that no other motion can confirm them: they are named by how far
   // they stand out (diagnosis/screen.h).
+  // Of several causes that say the same only the least is doubted: it was measured beside the
+  // others.
+  std::string doubted;
+  if (!diagnosis.causes.empty() && perhaps_nothing(diagnosis.causes.back().gain))
+    doubted = diagnosis.causes.back().id;
   const auto unsure =
       std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(), [&](const Cause& c) {
-        return (c.confidence >= kNamed && !perhaps_nothing(c.gain)) || unforeseeable(diagnosis, c);
+        return (c.confidence >= kNamed && c.id != doubted) || unforeseeable(diagnosis, c);
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
   diagnosis.causes.erase(unsure, diagnosis.causes.end());

@@ -55,8 +55,10 @@ void run(const Arguments& arguments) {
                   axes);
 
   const DdsNode node(arguments.bus.place);
-  DdsWriter<MachineDescription> descriptions(node);
+  // In this order, so that who confirms the description has found the writer of the frames as well:
+  // what is sent before is lost, and nobody can count it.
   DdsWriter<MachineFrame> frames(node);
+  DdsWriter<MachineDescription> descriptions(node);
   if (!descriptions.write(replay.machine()))
     throw std::runtime_error("DDS refused the description of the machine");
   if (wait_for_daemon(node, arguments.wait_s) != DaemonThere::kReady) {
@@ -66,6 +68,9 @@ void run(const Arguments& arguments) {
           arguments.bus.text().c_str(), arguments.wait_s));
     }
     say(stdout, "note: no daemon speaks for " + arguments.bus.text() + "; others listen");
+  } else if (!descriptions.wait_for_readers(1, arguments.wait_s) ||
+             !descriptions.wait_for_delivery(arguments.wait_s)) {
+    throw std::runtime_error("the daemon did not confirm the description of the machine");
   }
 
   const std::size_t rows = replay.rows();

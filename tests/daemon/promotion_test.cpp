@@ -34,7 +34,7 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
              {kAbsent, kInfinity, -kInfinity, 0.0, 1e-9, 1.95e-6, 1.97e-6, 2e-6, 3e-6}) {
           for (const double rms_in_force : {kAbsent, kInfinity, 0.0, 2e-6}) {
             for (const int version : {0, 1, 7}) {
-              for (const double sure : {kAbsent, -3.0, 2.4, 2.5, kInfinity}) {
+              for (const double sure : {kAbsent, -3.0, 1.74, 1.75, kInfinity}) {
                 Candidacy c;
                 c.sureness = sure;
                 c.invalid = invalid ? "the loop is unstable" : "";
@@ -50,7 +50,7 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
 
                 const bool usable = !invalid && refusals == 0;
                 const bool judged = judged_s >= 4.0 && std::isfinite(rms);
-                const bool believed = version == 0 || rms <= 0.8 * rms_in_force || sure >= 2.5;
+                const bool believed = version == 0 || rms <= 0.8 * rms_in_force || sure >= 1.75;
                 const bool better = !std::isfinite(rms_in_force) ||
                                     (rms < rms_in_force && rms <= 0.98 * rms_in_force && believed);
                 const Decision decision = decide(c, kRule);
@@ -107,8 +107,8 @@ TEST(Promotion, ALittleBetterMustBeBetterOnMostOfTheMotion) {
   EXPECT_EQ(decision.ruling, Ruling::kByChance);
   EXPECT_EQ(decision.reason,
             "leaves 1.9 um RMS on 4.2 s of unseen motion, model 3 leaves 2 um; better by 1.3 "
-            "standard errors, which may be chance (needs 2.5, or 20 %)");
-  candidacy.sureness = 2.6;
+            "standard errors, which may be chance (needs 1.75, or 20 %)");
+  candidacy.sureness = 1.8;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
 }
 
