@@ -351,6 +351,38 @@ TEST(WhatChangesFriction, HasTheDirectionOfTheLawInTheModel) {
   }
 }
 
+// Half turned after a reversal as much as sliding: friction that has set in beside a law is that
+// law at a higher level, and nothing else.
+TEST(WhatChangesFriction, IsTheLawAtAnotherLevelAllAlongAReversal) {
+  Model beside, higher;
+  beside.sample_time_s = higher.sample_time_s = kH;
+  beside.loop = higher.loop = {2, {200.0, 1e4}, {1.0, 200.0}};
+  Effect law = make_effect<Presliding>(), added = make_effect<AddedFriction>();
+  law.shape = {2e-4, 0.4};
+  law.coefficient = {0.3};
+  added.shape = {1e-3};
+  added.coefficient = {0.2, 0.0};
+  beside.effects = {added, law};
+  law.coefficient = {0.5};
+  higher.effects = {law};
+  Twin two(beside), one(higher);
+  two.start(0.0);
+  one.start(0.0);
+  double most = 0.0;
+  for (int k = 1; k <= 1000; ++k) {
+    // After a rest, by which it has set in, 0.3 mm there and back again and again.
+    const double w = 20.0, t = std::max(0.0, kH * k - 0.2), before = std::max(0.0, t - kH);
+    const auto x = [w](double at) { return 1.5e-4 * (1.0 - std::cos(w * at)); };
+    const auto v = [w](double at) { return 1.5e-4 * w * std::sin(w * at); };
+    const double a = (v(t) - v(before)) / kH;
+    const CommandPiece piece{v(before), a, 0.0, x(t), v(t), a};
+    const double error = one.step(piece);
+    EXPECT_NEAR(two.step(piece), error, 1e-12) << k;
+    most = std::max(most, std::abs(error));
+  }
+  EXPECT_GT(most, 2e-5);  // friction is most of it: 0.5 / 1e4
+}
+
 TEST(Tones, AreSinesInTimeAndTheCutIsGated) {
   Effect pump = make_effect<PeriodicDisturbance>();
   pump.shape = {12.5};
