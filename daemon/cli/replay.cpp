@@ -55,8 +55,9 @@ void run(const Arguments& arguments) {
                   axes);
 
   const DdsNode node(arguments.bus.place);
-  // In this order, so that who confirms the description has found the writer of the frames as well:
-  // what is sent before is lost, and nobody can count it.
+  // In this order, so that who confirms the description has found the writer of the frames as well.
+  // A frame that is sent before that, or before the writer has found a reader, is lost, and nobody
+  // can count it.
   DdsWriter<MachineFrame> frames(node);
   DdsWriter<MachineDescription> descriptions(node);
   if (!descriptions.write(replay.machine()))
@@ -69,7 +70,8 @@ void run(const Arguments& arguments) {
     }
     say(stdout, "note: no daemon speaks for " + arguments.bus.text() + "; others listen");
   } else if (!descriptions.wait_for_readers(1, arguments.wait_s) ||
-             !descriptions.wait_for_delivery(arguments.wait_s)) {
+             !descriptions.wait_for_delivery(arguments.wait_s) ||
+             !frames.wait_for_readers(1, arguments.wait_s)) {
     throw std::runtime_error("the daemon did not confirm the description of the machine");
   }
 
