@@ -159,6 +159,8 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
   const std::size_t replaced = kind_of(identity_of(kind).replaces);
   if (const Effect* old = model.find(replaced); old != nullptr)
     effect.coefficient[0] = old->coefficient[0];
+  // Of what a motor cannot give all is missing; at none the limit would have no derivative.
+  if (kind == kind_of<TorqueSaturation>()) effect.coefficient[0] = 1.0;
   Change out;
   out.cause = identity_of(kind).cause;
   out.kind = kind;

@@ -15,7 +15,8 @@ namespace {
 constexpr double kLowest_hz = 8.0;  // a tone; below it is motion
 constexpr double kHeard_s = 0.12;   // over which the envelope is taken, and the shortest cut
 constexpr double kContrast = 4.0;   // of the envelope in the cut to outside of it
-constexpr double kTellsOf = 0.2;    // of the squared error, the tone in the cut
+constexpr double kPeriods = 3.0;    // of a tone: what is slower is none
+constexpr double kTellsOf = 0.2;    // of the squared error without that, the tone in the cut
 constexpr double kLeast = 0.03, kMost = 0.9;  // of the time in the cut
 
 constexpr std::size_t kLines = 10, kStrongest = 4;  // frequencies that are listened to
@@ -40,10 +41,10 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
   return out;
 }
 
-/// Less its mean over a window about every sample.
-Eigen::ArrayXd without_mean(const Eigen::ArrayXd& x, double h) {
+/// Less its mean over a window of this length about every sample.
+Eigen::ArrayXd without_mean(const Eigen::ArrayXd& x, double h, double window_s) {
   const Eigen::Index n = x.size();
-  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * kHeard_s / h));
+  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * window_s / h));
   std::vector<double> sum(static_cast<std::size_t>(n) + 1, 0.0);
   for (Eigen::Index k = 0; k < n; ++k)
     sum[static_cast<std::size_t>(k) + 1] = sum[static_cast<std::size_t>(k)] + x(k);
@@ -129,10 +130,7 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
                        [](const auto& l, const auto& r) { return l.size() < r.size(); }) -
       segments.begin());
   const double h = segments[longest].sample_time_s;
-  // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2. The mean force of the
-  // cut, which may push the axis farther than the teeth do, is no tone.
-  const double least = kTellsOf * 0.5 * without_mean(left[longest], h).square().sum();
-  double best = 0.0, tone = 0.0, level = 0.0;
+  double best = kTellsOf, tone = 0.0, level = 0.0;
   // A tone that is there part of the time is broader than a line.
   std::vector<double> tones = lines_of(left[longest].matrix(), h, kLines);
   for (const double f : strongest_of(left[longest].matrix(), h)) tones.push_back(f);
@@ -145,9 +143,12 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
     if (share < kLeast || share > kMost) continue;
     const double contrast = (heard * on).sum() / on.sum() /
                             std::max(1e-300, (heard * (1.0 - on)).sum() / (1.0 - on).sum());
-    const double energy = (heard.square() * on).sum();
-    if (contrast > kContrast && energy > std::max(best, least))
-      best = energy, tone = f, level = threshold;
+    // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2. What is slower, as
+    // the push when the tool enters and leaves, is no tone, however large it is.
+    const double there = 0.5 * without_mean(left[longest], h, kPeriods / f).square().sum();
+    const double share_of_tone = (heard.square() * on).sum() / there;
+    if (contrast > kContrast && share_of_tone > best)
+      best = share_of_tone, tone = f, level = threshold;
   }
   if (tone == 0.0) return false;
   for (std::size_t i = 0; i < segments.size(); ++i)

@@ -43,6 +43,13 @@ bool plausible(const Model& model, double begin_s, double end_s) {
   return share > kLeast && share < kMost;
 }
 
+/// As it was found, in a model that was fitted to other data.
+void keep_what_happens_now_and_then(const Model& found, Model& model) {
+  for (std::size_t i = 0; i < model.effects.size(); ++i) {
+    if (happens_now_and_then(model.effects[i].kind)) model.effects[i] = found.effects[i];
+  }
+}
+
 /// Along a motion that the model has wrong a small gap several times is what a large one looks
 /// like: it gets the width of all of them. True where that is another model.
 bool at_the_size_it_is_seen(Model& model) {
@@ -72,6 +79,12 @@ bool Hypothesis::has(std::size_t kind) const {
          structure.effects.end();
 }
 
+bool happens_now_and_then(std::size_t kind) {
+  const auto shapes = shapes_of(kind);
+  const Scan scan = shapes.empty() ? Scan::kNone : shapes.front().scan;
+  return scan == Scan::kMoments || scan == Scan::kDemand;
+}
+
 double shape_of(const Model& model, std::size_t kind, std::string_view name) {
   const Effect* effect = model.find(kind);
   std::size_t p = 0;
@@ -99,16 +112,23 @@ Point point_of(const Model& model, const Structure& structure) {
   return point;
 }
 
+namespace {
+
+/// Adds the mean squares of what is left of a segment, piece by piece.
+void add_pieces(const Segment& s, const Eigen::Ref<const Eigen::ArrayXd>& left,
+                std::vector<double>& out) {
+  const auto piece = std::max<Eigen::Index>(1, std::lround(kPiece_s / s.sample_time_s));
+  const auto skip =
+      std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
+  for (Eigen::Index at = skip; at + piece <= left.size(); at += piece)
+    out.push_back(left.segment(at, piece).square().mean());
+}
+
+}  // namespace
+
 std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments) {
   std::vector<double> out;
-  for (const Segment& s : segments) {
-    const Eigen::ArrayXd left = s.command - s.actual - simulate(model, s);
-    const auto piece = std::max<Eigen::Index>(1, std::lround(kPiece_s / s.sample_time_s));
-    const auto skip =
-        std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
-    for (Eigen::Index at = skip; at + piece <= left.size(); at += piece)
-      out.push_back(left.segment(at, piece).square().mean());
-  }
+  for (const Segment& s : segments) add_pieces(s, s.command - s.actual - simulate(model, s), out);
   return out;
 }
 
@@ -257,34 +277,82 @@ bool Search::fit_friction(Hypothesis& h, const Point& from) {
   return true;
 }
 
+std::vector<std::vector<double>> Search::starts_of(std::size_t kind,
+                                                   const std::vector<double>& shapes) const {
+  std::vector<std::vector<double>> out{shapes};
+  if (kind != kind_of<TorqueSaturation>()) return out;
+  // Along a measured motion a limit is in the wrong place, and one that is never met has no
+  // derivative: it is sought from below, at several viscous frictions that would have to be given.
+  std::optional<Driver> simulated = followed_;
+  if (simulated) simulated->knows_motion = true;
+  const std::vector<Signals> motion = signals(training_, simulated);
+  for (const double viscous : {0.1, 1.0, 2.0}) {
+    std::vector<double> asked;
+    for (const Signals& s : motion) {
+      const Eigen::ArrayXd here = (s.demand + viscous * s.velocity).abs();
+      asked.insert(asked.end(), here.begin(), here.end());
+    }
+    if (asked.empty()) break;
+    std::sort(asked.begin(), asked.end());
+    for (const double beyond : {0.001, 0.01}) {
+      std::vector<double> start = shapes;
+      start[0] =
+          asked[static_cast<std::size_t>((1.0 - beyond) * static_cast<double>(asked.size() - 1))];
+      start[2] = viscous;
+      out.push_back(std::move(start));
+    }
+  }
+  return out;
+}
+
 bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
                   const std::vector<double>& shapes) const {
-  const Change addition = addition_to(held, kind, shapes);
   Varied all;
-  all.add(addition);
-  if (!Variation(held, training_).fit(all)) return false;
+  all.cost = 1e300;
+  const Variation variation(held, training_);
+  for (const std::vector<double>& from : starts_of(kind, shapes)) {
+    Varied one;
+    one.add(addition_to(held, kind, from));
+    if (variation.fit(one) && one.cost < all.cost &&
+        plausible(one.of(held), training_.front().start_s, training_.back().end_s()))
+      all = std::move(one);
+  }
+  if (!(all.cost < 1e300)) return false;
   h.model = all.of(held);
-  if (!plausible(h.model, training_.front().start_s, training_.back().end_s())) return false;
   h.point = point_of(h.model, h.structure);
   h.cost = 0.5 * all.cost;
   h.pieces.clear();
-  const auto shape = shapes_of(kind);
-  const bool once = !shape.empty() && shape.front().scan == Scan::kMoments;
+  const bool once = happens_now_and_then(kind);
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
     Varied rest = all;
     if (!once && !Variation(held, rest_[b]).fit(rest)) rest = all;
-    const std::vector<double> left = left_by(rest.of(held), held_[b]);
+    const std::vector<double> left = left_in(b, rest.of(held));
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
   }
   return true;
+}
+
+std::vector<double> Search::left_in(std::size_t block, const Model& model) const {
+  if (model.find(kind_of<TorqueSaturation>()) == nullptr) return left_by(model, held_[block]);
+  // A control that holds its integrator at a limit does not forget: it is simulated from the start.
+  std::vector<double> out;
+  for (const Segment& whole : training_) {
+    const Eigen::ArrayXd left = whole.command - whole.actual - simulate(model, whole);
+    for (const Segment& s : held_[block]) {
+      const auto first = std::lround((s.start_s - whole.start_s) / s.sample_time_s);
+      if (first < 0 || first + s.size() > left.size()) continue;  // of another segment
+      add_pieces(s, left.segment(first, s.size()), out);
+    }
+  }
+  return out;
 }
 
 void Search::judge_as_is(Hypothesis& h) const {
   h.pieces.clear();
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
-    const std::vector<double> left = left_by(h.model, held_[b]);
+    const std::vector<double> left = left_in(b, h.model);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
   }
 }
@@ -299,14 +367,9 @@ void Search::judge(Hypothesis& h) const {
     if (held_[b].empty() || rest_[b].empty()) continue;
     const Projection rest(signals(rest_[b], driver), h.structure);
     Model model = rest.model_of(h.point, rest.solve(h.point).linear);
-    // What happened at a moment is not in the other blocks: it stays as it was found.
-    for (std::size_t i = 0; i < model.effects.size(); ++i) {
-      const auto shapes = shapes_of(model.effects[i].kind);
-      if (!shapes.empty() && shapes.front().scan == Scan::kMoments)
-        model.effects[i] = h.model.effects[i];
-    }
+    keep_what_happens_now_and_then(h.model, model);
     if (!why_invalid(model).empty()) model = h.model;
-    const std::vector<double> left = left_by(model, held_[b]);
+    const std::vector<double> left = left_in(b, model);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
   }
 }
@@ -316,8 +379,10 @@ void Search::judge_polished(Hypothesis& h) const {
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
     const auto polished = output_error(rest_[b], h.structure, h.model, polishing(floor_));
-    const bool valid = polished && why_invalid(polished->model).empty();
-    const std::vector<double> left = left_by(valid ? polished->model : h.model, held_[b]);
+    Model model = h.model;
+    if (polished && why_invalid(polished->model).empty()) model = polished->model;
+    keep_what_happens_now_and_then(h.model, model);
+    const std::vector<double> left = left_in(b, model);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
   }
 }

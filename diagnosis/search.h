@@ -26,6 +26,10 @@ struct Hypothesis {
 /// has none.
 [[nodiscard]] Point point_of(const Model& model, const Structure& structure);
 
+/// What happened at a moment is not in the other blocks, and a limit may hardly be met there: it
+/// stays as it was found, and a few pieces hold all that it explains.
+[[nodiscard]] bool happens_now_and_then(std::size_t kind);
+
 /// A shape parameter by its name; NaN where the model or the effect has none.
 [[nodiscard]] double shape_of(const Model& model, std::size_t kind, std::string_view name);
 
@@ -90,6 +94,11 @@ class Search {
   [[nodiscard]] std::vector<Signals> signals(const std::vector<Segment>& segments,
                                              const std::optional<Driver>& driver) const;
 
+  /// Where an addition is begun: as it was screened, and elsewhere where that is not enough.
+  [[nodiscard]] std::vector<std::vector<double>> starts_of(std::size_t kind,
+                                                           const std::vector<double>& shapes) const;
+  /// What a model leaves of a block, piece by piece.
+  [[nodiscard]] std::vector<double> left_in(std::size_t block, const Model& model) const;
   /// Cuts the training data and their blocks out of the recording.
   void divide();
 

@@ -42,14 +42,15 @@ double taken(const Hypothesis& before, const Hypothesis& after) {
 }
 
 /// Whether the pieces do not contradict. What set in at a moment may be in few of them, and what
-/// happened at some moments is.
+/// happens now and then is.
 bool agree(std::size_t added, const Hypothesis& before, const Hypothesis& after) {
   const auto shapes = shapes_of(added);
-  const Scan scan = shapes.empty() ? Scan::kNone : shapes.front().scan;
+  const bool sets_in = !shapes.empty() && shapes.front().scan == Scan::kTime;
   // A few breakaways may hold most of the error: then the mean is uncertain, and the ranks decide.
   const double z =
       std::max(paired_z(before.pieces, after.pieces), signed_rank_z(before.pieces, after.pieces));
-  return scan == Scan::kMoments || z > (scan == Scan::kTime ? 0.0 : kAgrees);
+  const bool pushes = !shapes.empty() && shapes.front().scan == Scan::kMoments;
+  return pushes || z > (sets_in || happens_now_and_then(added) ? 0.0 : kAgrees);
 }
 
 struct Judgement {
@@ -151,6 +152,7 @@ class Selection {
         friction_ = std::hypot(friction_, taken(current, current_));
       take_out_the_needless();
     }
+    law_in_its_place();
   }
   [[nodiscard]] const Hypothesis& current() const { return current_; }
   [[nodiscard]] const Model& settled() const { return settled_; }
@@ -172,7 +174,11 @@ class Selection {
     search_.judge(current_);
     fitted_ = current_;
     // The coefficients that a coarse motion says are not those of the simulation.
-    if (as_is_.rms() < kMuch * current_.rms()) search_.judge_polished(current_);
+    if (as_is_.rms() < kMuch * current_.rms()) {
+      Hypothesis polished = current_;
+      search_.judge_polished(polished);
+      if (polished.rms() < current_.rms()) current_ = std::move(polished);
+    }
     if (search_.fit(fitted_, {current_.point})) {
       search_.judge(fitted_);
     } else {
@@ -439,6 +445,62 @@ class Selection {
       if (id == std::string("stribeck") && found_.count(id) == 0 && std::abs(ratio - 1.0) <= kFalls)
         continue;
       Found found{found_.count(id) > 0 ? found_.at(id).cause : friction.cause, law};
+      found.cause.id = id;
+      found_[id] = found;
+    }
+  }
+
+  /// What one law of friction leaves of another looks like play, a mode or rest: where a law does
+  /// without it, it goes.
+  void law_in_its_place() {
+    for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
+      if (id == "presliding" || id == "stribeck" || !like_friction(one.kind)) continue;
+      Hypothesis best;
+      double least = current_.rms() / kWorthIt;
+      for (const std::size_t law :
+           {kind_of<Presliding>(), kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
+        go_on();
+        Hypothesis h;
+        h.structure = without(current_.structure, id, one.kind);
+        auto& effects = h.structure.effects;
+        std::erase(effects, kind_of<FallingFriction>());
+        std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
+        if (std::find(effects.begin(), effects.end(), law) == effects.end() ||
+            !search_.fit_friction(h, point_of(current_.model, h.structure)))
+          continue;
+        search_.judge(h);
+        if (h.rms() < least) least = h.rms(), best = std::move(h);
+      }
+      if (best.structure.effects.empty()) continue;
+      const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
+      current_ = std::move(best);
+      settle();
+      if (current_.rms() > current.rms() / kWorthIt) {
+        current_ = current, fitted_ = fitted, as_is_ = as_is;
+        search_.follow(current_);
+        continue;
+      }
+      const auto& effects = current_.structure.effects;
+      const auto law = *std::find_if(effects.begin(), effects.end(), is_friction_law);
+      steps_.push_back(text("  %s does without %s: %.4g um", identity_of(law).id.data(), id.c_str(),
+                            1e6 * current_.rms()));
+      Cause cause = one.cause;
+      cause.ambiguous_with.clear();
+      found_.erase(id);
+      named_by(law, cause);
+    }
+  }
+
+  /// The causes that a law of friction says: presliding, and stribeck where it falls or rises.
+  void named_by(std::size_t law, const Cause& evidence) {
+    const double ratio = shape_of(current_.model, law, "breakaway_ratio");
+    const bool falls = std::isfinite(ratio) && std::abs(ratio - 1.0) > kFalls;
+    for (const char* id : {"presliding", "stribeck"}) {
+      if (id == std::string("stribeck") && !falls) {
+        found_.erase(id);
+        continue;
+      }
+      Found found{found_.count(id) > 0 ? found_.at(id).cause : evidence, law};
       found.cause.id = id;
       found_[id] = found;
     }

@@ -17,17 +17,28 @@ namespace {
 /// columns know the cycle only, and the simulation are one scheme.
 constexpr double kLongestPart_s = 1e-3;
 
-/// The force at which `miss` is 0, sought from `first`, exact where that is it already.
+/// The force at which `miss` is 0, sought from `first`, exact where that is it already. `slope` of
+/// the miss by the force: as it was last, and as it is now.
 template <class Miss>
-double balanced(double first, const Miss& miss_at) noexcept {
-  const double miss = miss_at(first);
+double balanced(double first, double& slope, const Miss& miss_at) noexcept {
   const double tolerance = 1e-15 + 1e-13 * std::abs(first);
-  if (std::abs(miss) <= tolerance) return first;
-  double left = first, miss_left = miss;
-  double right = left, miss_right = miss;
+  double left = first, miss_left = miss_at(left);
+  if (std::abs(miss_left) <= tolerance) return left;
+  // Where the disturbance is smooth in the motion two secants from the last slope are enough.
+  constexpr double kLeast = 0.2, kMost = 1e6;
+  constexpr int kSecants = 5;
+  for (int round = 0; round < kSecants; ++round) {
+    const double next = left - miss_left / slope, miss_next = miss_at(next);
+    if (std::abs(miss_next) <= tolerance) return next;
+    const double now = (miss_next - miss_left) / (next - left);
+    left = next, miss_left = miss_next;
+    if (!(now > kLeast && now < kMost)) break;
+    slope = now;
+  }
+  double right = left, miss_right = miss_left;
   // The first step is enough where the disturbance does not fall with the motion.
   for (double reach = 1.0; (miss_right > 0.0) == (miss_left > 0.0) && reach < 1e12; reach *= 2.0) {
-    right = left - reach * miss;
+    right = left - reach * miss_left;
     miss_right = miss_at(right);
     if (miss_right == 0.0) break;
   }
@@ -99,6 +110,8 @@ Twin::Twin(const Model& model) {
 void Twin::start(double command, double time_s) noexcept {
   y_ = {};
   time_s_ = time_s;
+  force_change_ = 0.0;
+  slope_ = 1.0;
   for (int i = 0; i < effect_count_ + reading_count_; ++i) {
     const auto k = static_cast<std::size_t>(i);
     start_memory<double>(effects_[k].kind, effects_[k].shape.data(), memory_[k]);
@@ -118,7 +131,7 @@ void Twin::start(double command, double time_s) noexcept {
     copy_memories(memory_, trial_);
     return trial - disturbance(rest, trial_);
   };
-  force_ = balanced(0.0, miss_at);
+  force_ = balanced(0.0, slope_, miss_at);
   copy_memories(trial_, memory_);
   for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
   velocity_ = 0.0;
@@ -254,11 +267,12 @@ double Twin::advance(const CommandPiece& piece) noexcept {
     copy_memories(memory_, trial_);
     return trial - disturbance(m, trial_);
   };
-  const double force = balanced(force_, miss_at);
+  const double force = balanced(force_ + force_change_, slope_, miss_at);
   copy_memories(trial_, memory_);
   for (std::size_t r = 0; r < n; ++r) z[r] += g_end_[r] * force;
   y_ = y;
   z_ = z;
+  force_change_ = force - force_;
   force_ = force;
   position_ = m.position;
   velocity_ = m.velocity;

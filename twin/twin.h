@@ -83,8 +83,10 @@ class Twin {
 
   std::array<double, kMaxOrder> y_{}, z_{};
   Memories memory_{};
-  Memories trial_{};    // of a step that is being solved
-  double force_ = 0.0;  // disturbance at the end of the cycle before
+  Memories trial_{};           // of a step that is being solved
+  double force_ = 0.0;         // disturbance at the end of the cycle before,
+  double force_change_ = 0.0;  // what it was less before that,
+  double slope_ = 1.0;         // and how fast a force parted from the one that its motion gives
   double demand_ = 0.0;
   double position_ = 0.0;  // simulated position there
   double velocity_ = 0.0;
