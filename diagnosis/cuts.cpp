@@ -16,11 +16,13 @@ constexpr double kLowest_hz = 8.0;  // a tone; below it is motion
 constexpr double kHeard_s = 0.12;   // over which the envelope is taken, and the shortest cut
 constexpr double kContrast = 4.0;   // of the envelope in the cut to outside of it
 constexpr double kPeriods = 3.0;    // of a tone: what is slower is none
-constexpr double kTellsOf = 0.2;    // of the squared error without that, the tone in the cut
+constexpr double kTellsOf = 0.3;    // of the squared error without that, the tone in the cut
 constexpr double kLeast = 0.03, kMost = 0.9;  // of the time in the cut
 
 constexpr std::size_t kLines = 10, kStrongest = 4;  // frequencies that are listened to
 constexpr double kApart = 1.1;                      // ratio of two of the strongest
+
+double heard_over(double f) { return std::max(kHeard_s, 3.0 / f); }
 
 /// |mean of x exp(-2 pi i f t)| over a window about every sample.
 Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
@@ -31,7 +33,7 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
     sum[static_cast<std::size_t>(k) + 1] =
         sum[static_cast<std::size_t>(k)] + x(k) * std::polar(1.0, angle);
   }
-  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * std::max(kHeard_s, 3.0 / f) / h));
+  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * heard_over(f) / h));
   Eigen::ArrayXd out(n);
   for (Eigen::Index k = 0; k < n; ++k) {
     const Eigen::Index from = std::max<Eigen::Index>(0, k - half), to = std::min(n, k + half + 1);
@@ -41,8 +43,8 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
   return out;
 }
 
-/// Less its mean over a window of this length about every sample.
-Eigen::ArrayXd without_mean(const Eigen::ArrayXd& x, double h, double window_s) {
+/// Over a window of this length about every sample.
+Eigen::ArrayXd running_mean(const Eigen::ArrayXd& x, double h, double window_s) {
   const Eigen::Index n = x.size();
   const auto half = static_cast<Eigen::Index>(std::lround(0.5 * window_s / h));
   std::vector<double> sum(static_cast<std::size_t>(n) + 1, 0.0);
@@ -51,10 +53,27 @@ Eigen::ArrayXd without_mean(const Eigen::ArrayXd& x, double h, double window_s) 
   Eigen::ArrayXd out(n);
   for (Eigen::Index k = 0; k < n; ++k) {
     const Eigen::Index from = std::max<Eigen::Index>(0, k - half), to = std::min(n, k + half + 1);
-    out(k) = x(k) - (sum[static_cast<std::size_t>(to)] - sum[static_cast<std::size_t>(from)]) /
-                        static_cast<double>(to - from);
+    out(k) = (sum[static_cast<std::size_t>(to)] - sum[static_cast<std::size_t>(from)]) /
+             static_cast<double>(to - from);
   }
   return out;
+}
+
+/// Of the squared error, in the middle one of the windows in which a tone is `on`. What is slower
+/// is none of it, and the pushes as the tool enters and leaves, however large, are in few windows.
+double share_of_tone(const Eigen::ArrayXd& x, const Eigen::ArrayXd& heard, const Eigen::ArrayXd& on,
+                     double h, double f) {
+  const Eigen::ArrayXd faster = x - running_mean(x, h, kPeriods / f),
+                       there = running_mean(faster.square(), h, heard_over(f));
+  std::vector<double> shares;
+  for (Eigen::Index k = 0; k < x.size(); ++k) {
+    // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2.
+    if (on(k) > 0.0 && there(k) > 0.0) shares.push_back(heard(k) * heard(k) / (0.5 * there(k)));
+  }
+  return shares.empty() ? 0.0
+                        : quantile(Eigen::Map<const Eigen::ArrayXd>(
+                                       shares.data(), static_cast<Eigen::Index>(shares.size())),
+                                   0.5);
 }
 
 struct Spectrum {
@@ -143,12 +162,10 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
     if (share < kLeast || share > kMost) continue;
     const double contrast = (heard * on).sum() / on.sum() /
                             std::max(1e-300, (heard * (1.0 - on)).sum() / (1.0 - on).sum());
-    // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2. What is slower, as
-    // the push when the tool enters and leaves, is no tone, however large it is.
-    const double there = 0.5 * without_mean(left[longest], h, kPeriods / f).square().sum();
-    const double share_of_tone = (heard.square() * on).sum() / there;
-    if (contrast > kContrast && share_of_tone > best)
-      best = share_of_tone, tone = f, level = threshold;
+    if (contrast > kContrast) {
+      const double tells = share_of_tone(left[longest], heard, on, h, f);
+      if (tells > best) best = tells, tone = f, level = threshold;
+    }
   }
   if (tone == 0.0) return false;
   for (std::size_t i = 0; i < segments.size(); ++i)

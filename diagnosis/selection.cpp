@@ -6,24 +6,15 @@
 #include <set>
 #include <stdexcept>
 
-#include "diagnosis/bootstrap.h"
+#include "diagnosis/judgement.h"
 #include "diagnosis/text.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kWorthIt = 0.98;  // a cause must bring the error below this
-constexpr double kHolds = 0.99;    // and below this of what a polish does without it
-// A law of friction is right to a few hundredths: what it leaves of the baseline's error is its
-// own.
-constexpr double kLawIsRight = 0.02;
-// A law of friction that is fitted to another one leaves a tenth of what it explains, and of that
-// many an effect could take some.
-constexpr double kLawLeaves = 0.1;
+constexpr double kHolds = 0.99;       // of what a polish does without a cause
 constexpr double kClearly = 0.8;      // of the error: a law that says more than is known
-constexpr double kChance = 0.01;      // false causes of a clean machine
-constexpr double kAgrees = 1.64;      // z of the pieces that does not contradict
 constexpr double kLeastDelay = 0.25;  // of the sampling time: less is how it was recorded
 constexpr int kMostCauses = 6;
 constexpr std::size_t kTried = 3;      // candidates of a round that are fitted
@@ -33,88 +24,7 @@ constexpr double kDecisive = 0.95;     // share of resamples in which a rival is
 constexpr double kAsGood = 0.9;        // share of the gain that makes the simpler one do
 constexpr double kDoesBetter = 0.9;    // of the error with a mode, a delay in its place
 constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
-constexpr double kMuch = 0.7;          // of the squared error, and of the error: explains much
 constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
-
-/// The error that an addition takes away, in quadrature.
-double taken(const Hypothesis& before, const Hypothesis& after) {
-  return std::sqrt(std::max(0.0, before.rms() * before.rms() - after.rms() * after.rms()));
-}
-
-/// Whether the pieces do not contradict. What set in at a moment may be in few of them, and what
-/// happens now and then is.
-bool agree(std::size_t added, const Hypothesis& before, const Hypothesis& after) {
-  const auto shapes = shapes_of(added);
-  const bool sets_in = !shapes.empty() && shapes.front().scan == Scan::kTime;
-  // A few breakaways may hold most of the error: then the mean is uncertain, and the ranks decide.
-  const double z =
-      std::max(paired_z(before.pieces, after.pieces), signed_rank_z(before.pieces, after.pieces));
-  const bool pushes = !shapes.empty() && shapes.front().scan == Scan::kMoments;
-  return pushes || z > (sets_in || happens_now_and_then(added) ? 0.0 : kAgrees);
-}
-
-struct Judgement {
-  double z = 0.0, p = 1.0;
-  bool earned = false;
-};
-
-/// A candidate beside the model without it, fitted by the same means.
-struct Tried {
-  Hypothesis model;
-  const Hypothesis* before;
-  Screened screened;
-  [[nodiscard]] double left() const { return model.rms() / before->rms(); }
-};
-
-/// Share of resamples in which the best takes more away than the rival, each from its own before.
-double share_beaten(const Tried& best, const Tried& rival) {
-  const auto taken_by = [](const Tried& one, std::size_t i) {
-    return one.before->pieces[i] - one.model.pieces[i];
-  };
-  const std::size_t n = std::min({best.model.pieces.size(), best.before->pieces.size(),
-                                  rival.model.pieces.size(), rival.before->pieces.size()});
-  const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
-    double sum = 0.0;
-    for (const std::size_t i : places) sum += taken_by(best, i) - taken_by(rival, i);
-    return sum;
-  });
-  return static_cast<double>(std::count_if(differences.begin(), differences.end(),
-                                           [](double d) { return d > 0.0; })) /
-         static_cast<double>(differences.size());
-}
-
-/// Whether what a law of friction leaves could be taken for this: what acts at reversals and low
-/// speed all the time. A period, a moment or another signal is none of friction's, and a law that
-/// is the same both ways leaves the same both ways.
-bool like_friction(std::size_t kind) {
-  constexpr std::array kAlike{
-      kind_of<Presliding>(), kind_of<FallingFriction>(), kind_of<PositionDependentFriction>(),
-      kind_of<Backlash>(),   kind_of<BacklashInLoop>(),  kind_of<BacklashBehindEncoder>(),
-      kind_of<Compliance>(), kind_of<DwellStiction>(),   kind_of<TorqueSaturation>()};
-  return std::find(kAlike.begin(), kAlike.end(), kind) != kAlike.end();
-}
-
-/// Either by what the pieces say, or by the coefficients themselves, if the pieces agree.
-/// `friction`: the error that laws of friction have taken away so far [m | rad].
-Judgement judged(const Hypothesis& before, const Hypothesis& after, double baseline,
-                 double friction, std::size_t candidates, double of_coefficients,
-                 std::size_t added) {
-  Judgement out;
-  out.z = paired_z(before.pieces, after.pieces);
-  out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
-  if (agree(added, before, after)) out.p = std::min(out.p, of_coefficients);
-  const bool much = after.rms() < kMuch * before.rms();
-  // A few breakaways may hold most of the error: the mean is uncertain then, and the ranks decide.
-  if (much)
-    out.p = std::min(out.p,
-                     0.5 * std::erfc(signed_rank_z(before.pieces, after.pieces) / std::sqrt(2.0)));
-  out.earned =
-      after.rms() < kWorthIt * before.rms() &&
-      taken(before, after) >
-          std::max(kLawIsRight * baseline, like_friction(added) ? kLawLeaves * friction : 0.0) &&
-      out.p < kChance / static_cast<double>(candidates);
-  return out;
-}
 
 /// The causes one by one, while they earn their place.
 class Selection {
@@ -339,10 +249,8 @@ class Selection {
     }
     std::sort(tried.begin(), tried.end(),
               [](const Tried& l, const Tried& r) { return l.left() < r.left(); });
-    const auto judgement_of = [&](const Tried& one) {
-      return judged(*one.before, one.model, baseline_, friction_, kinds.size(), one.screened.p,
-                    one.screened.kind);
-    };
+    const Bar bar{baseline_, friction_, kinds.size()};
+    const auto judgement_of = [&](const Tried& one) { return judged(one, bar); };
     auto chosen = std::find_if(tried.begin(), tried.end(),
                                [&](const Tried& one) { return judgement_of(one).earned; });
     if (chosen == tried.end()) {
@@ -439,15 +347,7 @@ class Selection {
     if (law == kEffectKinds) return;
     current_ = std::move(best);
     settle();
-    // Both are in the law: each is named if the law says so.
-    const double ratio = shape_of(current_.model, law, "breakaway_ratio");
-    for (const char* id : {"presliding", "stribeck"}) {
-      if (id == std::string("stribeck") && found_.count(id) == 0 && std::abs(ratio - 1.0) <= kFalls)
-        continue;
-      Found found{found_.count(id) > 0 ? found_.at(id).cause : friction.cause, law};
-      found.cause.id = id;
-      found_[id] = found;
-    }
+    named_by(law, friction.cause);
   }
 
   /// What one law of friction leaves of another looks like play, a mode or rest: where a law does
@@ -491,15 +391,16 @@ class Selection {
     }
   }
 
-  /// The causes that a law of friction says: presliding, and stribeck where it falls or rises.
+  /// Both are in a law that says so: each is named if it was before, or if the law says so.
   void named_by(std::size_t law, const Cause& evidence) {
     const double ratio = shape_of(current_.model, law, "breakaway_ratio");
-    const bool falls = std::isfinite(ratio) && std::abs(ratio - 1.0) > kFalls;
     for (const char* id : {"presliding", "stribeck"}) {
-      if (id == std::string("stribeck") && !falls) {
+      const bool falls = id == std::string("stribeck");
+      if (falls && !std::isfinite(ratio)) {
         found_.erase(id);
         continue;
       }
+      if (falls && found_.count(id) == 0 && std::abs(ratio - 1.0) <= kFalls) continue;
       Found found{found_.count(id) > 0 ? found_.at(id).cause : evidence, law};
       found.cause.id = id;
       found_[id] = found;

@@ -43,6 +43,25 @@ TEST(Cuts, AreWhereTheToneIs) {
   EXPECT_LT(wrong, 8 * 20);  // 20 ms at each of the eight edges
 }
 
+// A control with an integrator takes the mean force of the cut up: what is left of it are pushes of
+// thirty times the tone as the tool enters and leaves.
+TEST(Cuts, AreHeardHoweverHardTheToolEntersAndLeaves) {
+  std::vector<Eigen::ArrayXd> left = heard(cutting);
+  double push = 0.0;
+  for (Eigen::Index k = 1; k < kSamples; ++k) {
+    const double t = kH * static_cast<double>(k);
+    push *= std::exp(-kH / 0.03);
+    if (cutting(t) != cutting(t - kH)) push += cutting(t) ? -30.0 : 30.0;
+    left[0](k) += push;
+  }
+  std::vector<Segment> all = segments();
+  ASSERT_TRUE(find_cuts(all, left));
+  Eigen::Index wrong = 0;
+  for (Eigen::Index k = 0; k < kSamples; ++k)
+    wrong += (all[0].in_cut(k) > 0.5) != cutting(kH * static_cast<double>(k)) ? 1 : 0;
+  EXPECT_LT(wrong, 8 * 80);  // 80 ms at each of the eight edges
+}
+
 TEST(Cuts, AToneThatStaysIsNone) {
   std::vector<Segment> all = segments();
   EXPECT_FALSE(find_cuts(all, heard([](double) { return true; })));

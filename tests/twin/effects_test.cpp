@@ -323,6 +323,32 @@ TEST(DwellStiction, GrowsWithTheLogarithmOfTheRestAndIsLostWithTravel) {
   EXPECT_NEAR(along(m), -0.2 * (std::log(7.0) * std::exp(-1.0) + std::log(1.02)), 1e-12);
 }
 
+TEST(DwellStiction, ItIsTheAxisThatRestsAndASettlingBeginsItAnew) {
+  Effect effect = make_effect<DwellStiction>();
+  effect.shape = {50e-6, 0.5};
+  effect.coefficient = {1.0};
+  Along along(effect);
+  Motion m;
+  m.step_s = 0.01;
+  m.friction = 1.0;
+  m.command_velocity = 0.1;  // the axis stands all the same
+  double extra = 0.0;
+  for (int i = 1; i <= 100; ++i) extra = along(m);
+  EXPECT_NEAR(extra, std::log(3.0), 1e-12);
+  // An encoder's last digit comes and goes; its mean velocity is next to nothing.
+  m.displacement = 1e-6;
+  m.velocity = 1e-9;
+  extra = along(m);
+  EXPECT_NEAR(extra, std::log(3.02), 1e-5);
+  // 3 um in one step: of the age e^-3 is left, of the force e^-0.06.
+  m.displacement = 3e-6;
+  m.velocity = 3e-4;
+  const double settled = along(m), age = 1.02 * std::exp(-3.0);
+  EXPECT_NEAR(settled, extra * std::exp(-0.06), 1e-6);
+  m.displacement = m.velocity = 0.0;
+  EXPECT_NEAR(along(m), settled + std::log((0.51 + age) / (0.5 + age)), 1e-6);
+}
+
 // Of several laws, along a motion that turns: what changes friction is the law's own force over its
 // coefficient, wherever in the model the law stands.
 TEST(WhatChangesFriction, HasTheDirectionOfTheLawInTheModel) {
