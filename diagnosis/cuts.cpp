@@ -16,7 +16,7 @@ constexpr double kLowest_hz = 8.0;  // a tone; below it is motion
 constexpr double kHeard_s = 0.12;   // over which the envelope is taken, and the shortest cut
 constexpr double kContrast = 4.0;   // of the envelope in the cut to outside of it
 constexpr double kPeriods = 3.0;    // of a tone: what is slower is none
-constexpr double kTellsOf = 0.3;    // of the squared error without that, the tone in the cut
+constexpr double kTellsOf = 0.5;    // of the squared error without that, the tone in the cut
 constexpr double kLeast = 0.03, kMost = 0.9;  // of the time in the cut
 
 constexpr std::size_t kLines = 10, kStrongest = 4;  // frequencies that are listened to

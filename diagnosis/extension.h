@@ -41,7 +41,9 @@ struct Channels {
 /// What an effect adds to a fit, beyond what it replaces.
 [[nodiscard]] int parameters_of(std::size_t kind);
 
-/// Laws of friction that say in one what presliding and falling friction say as two.
-inline constexpr std::array<std::size_t, 2> kLaws{kind_of<LuGre>(), kind_of<PreslidingStribeck>()};
+/// Laws of friction that say in one what presliding and falling friction say as two, the one that
+/// can be any last.
+inline constexpr std::array<std::size_t, 3> kLaws{kind_of<LuGre>(), kind_of<PreslidingStribeck>(),
+                                                  kind_of<Gms>()};
 
 }  // namespace servotwin

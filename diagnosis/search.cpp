@@ -21,8 +21,10 @@ constexpr double kKnows = 0.7;      // of the squared error: a simulated motion 
 constexpr double kFitted_s = 1e-3;  // of the data that hypotheses are fitted to
 constexpr double kCoarse_s = 2e-3;  // step of the data that candidates are screened on
 
+constexpr double kMeasured = 0.5, kSimulated = 0.1;  // how far all may be from all
+
 /// What the bounds of single parameters do not say.
-bool plausible(const Model& model, double begin_s, double end_s) {
+bool plausible(const Model& model, double begin_s, double end_s, double all_is) {
   // What sets in at the very beginning or end did not happen within the recording.
   constexpr double kEdge = 0.06;
   for (const Effect& effect : model.effects) {
@@ -31,10 +33,10 @@ bool plausible(const Model& model, double begin_s, double end_s) {
     const double share = (effect.shape[0] - begin_s) / (end_s - begin_s);
     if (share < kEdge || share > 1.0 - kEdge) return false;
   }
-  // Of what a motor cannot give all is missing, and not a tenth.
-  constexpr double kAll = 0.5;
+  // Of what a motor cannot give all is missing, and not a tenth: a measured motion says that
+  // roughly, a simulated one well.
   const Effect* limit = model.find(kind_of<TorqueSaturation>());
-  if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < kAll)) return false;
+  if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < all_is)) return false;
   // A gap is crossed at the gain of the velocity loop, which is most of the first coefficient.
   constexpr double kLeast = 0.3, kMost = 2.0;
   const Effect* play = model.find(kind_of<BacklashInLoop>());
@@ -254,7 +256,7 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   h.model.sample_time_s = training_.front().sample_time_s;  // of the poles it is the same loop
   const bool seen_otherwise = at_the_size_it_is_seen(h.model);
   if (!why_invalid(h.model).empty() ||
-      !plausible(h.model, training_.front().start_s, training_.back().end_s()))
+      !plausible(h.model, training_.front().start_s, training_.back().end_s(), kMeasured))
     return false;
   h.point = point_of(h.model, h.structure);
   h.cost = found->solution.cost;
@@ -314,7 +316,7 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
     Varied one;
     one.add(addition_to(held, kind, from));
     if (variation.fit(one) && one.cost < all.cost &&
-        plausible(one.of(held), training_.front().start_s, training_.back().end_s()))
+        plausible(one.of(held), training_.front().start_s, training_.back().end_s(), kSimulated))
       all = std::move(one);
   }
   if (!(all.cost < 1e300)) return false;

@@ -81,6 +81,7 @@ class Search {
 
   /// All that was recorded, with the cuts as they were heard last.
   [[nodiscard]] const std::vector<Segment>& recorded() const { return recorded_; }
+  [[nodiscard]] const NoiseFloor& floor() const { return floor_; }
   [[nodiscard]] const std::vector<Segment>& training() const { return training_; }
   [[nodiscard]] int fits() const { return fits_; }
 
