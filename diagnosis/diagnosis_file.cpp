@@ -269,8 +269,7 @@ bool means_something(const Effect& effect, const Parameter& shape, const Model& 
   constexpr double kNyquist = 0.5;  // of the sampling rate
   if (effect.kind == kind_of<TorqueSaturation>())
     return model.loop.order == 3 || shape.name != "reset";
-  if (effect.kind == kind_of<Compliance>())
-    return effect.shape[0] * model.sample_time_s < kNyquist;
+  if (effect.kind == kind_of<Compliance>()) return effect.shape[0] * model.sample_time_s < kNyquist;
   return true;
 }
 

@@ -15,7 +15,8 @@ struct DroppedSamples {
   std::size_t missing = 0;  ///< rows that were bridged when the recording was read
   std::size_t gaps = 0;     ///< longer ones, at which it was split
   std::size_t held = 0;     ///< samples
-  [[nodiscard]] bool any() const { return missing + gaps + held > 0; }
+  /// A value or two that repeat may be how the axis moved.
+  [[nodiscard]] bool any() const { return missing + gaps > 0 || held > 2; }
 };
 
 /// Counts them, and bridges the held ones in these segments.

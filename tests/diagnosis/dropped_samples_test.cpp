@@ -49,6 +49,19 @@ TEST(DroppedSamples, HeldValuesAreCountedAndBridged) {
   EXPECT_LT((axis.segments[0].actual - truth).abs().maxCoeff(), 4e-6);
 }
 
+TEST(DroppedSamples, TwoValuesThatRepeatAreNoneAndThreeAre) {
+  SegmentedAxis axis = moving();
+  const Segment whole = axis.segments[0];
+  for (const int repeats : {2, 3}) {
+    axis.segments[0] = whole;
+    for (int i = 0; i < repeats; ++i)
+      axis.segments[0].actual(1900 + 40 * i) = axis.segments[0].actual(1899 + 40 * i);
+    const DroppedSamples dropped = bridge_dropped(axis, kStep);
+    EXPECT_EQ(dropped.held, static_cast<std::size_t>(repeats));
+    EXPECT_EQ(dropped.any(), repeats > 2);
+  }
+}
+
 TEST(DroppedSamples, AnAxisThatSticksIsNone) {
   SegmentedAxis axis = moving();
   Segment& s = axis.segments[0];
