@@ -2,7 +2,19 @@
 
 #include <algorithm>
 
+#include "identification/excitation.h"
+
 namespace servotwin {
+
+Channels::Channels(const std::vector<Segment>& segments, bool encoder_in_loop)
+    : reading(!encoder_in_loop) {
+  constexpr double kHardlyRests = 0.02;  // of the time; a turn takes more than half of it
+  for (const Segment& s : segments) {
+    neighbour = neighbour && s.neighbour.size() == s.size();
+    in_cut = in_cut && s.in_cut.size() == s.size();
+  }
+  rests = excitation_of(segments).rest_share >= kHardlyRests;
+}
 
 std::string cause_of(std::size_t kind) { return std::string(identity_of(kind).cause); }
 
@@ -28,6 +40,7 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
       continue;
     if (kind == kind_of<CrossCoupling>() && !channels.neighbour) continue;
     if (kind == kind_of<CuttingForce>() && !channels.in_cut) continue;
+    if (kind == kind_of<DwellStiction>() && !channels.rests) continue;
     if (identity.acts == Acts::kReading && !channels.reading) continue;
     out.push_back(kind);
   }

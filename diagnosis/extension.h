@@ -13,13 +13,8 @@ namespace servotwin {
 /// loop makes right.
 struct Channels {
   bool neighbour = true, in_cut = true, reading = true;
-  explicit Channels(const std::vector<Segment>& segments, bool encoder_in_loop = false)
-      : reading(!encoder_in_loop) {
-    for (const Segment& s : segments) {
-      neighbour = neighbour && s.neighbour.size() == s.size();
-      in_cut = in_cut && s.in_cut.size() == s.size();
-    }
-  }
+  bool rests = true;  ///< a turn of a smooth motion is no rest
+  explicit Channels(const std::vector<Segment>& segments, bool encoder_in_loop = false);
 };
 
 /// The cause that an effect is evidence of; empty: of none.

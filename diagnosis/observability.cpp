@@ -11,9 +11,7 @@ namespace servotwin {
 namespace {
 
 constexpr double kWarmUp_s = 10.0;  // less is no time for anything to warm up in
-constexpr double kHardlyRests =
-    0.02;                         // of the time; a turn of a smooth motion has more than half of it
-constexpr double kHardly = 0.02;  // of the time under way, in a direction
+constexpr double kHardly = 0.02;    // of the time under way, in a direction
 
 /// Why this cause cannot show; empty: it can.
 std::string why_not(std::string_view id, const SegmentedAxis& axis, const Beside& beside) {
@@ -35,7 +33,7 @@ std::string why_not(std::string_view id, const SegmentedAxis& axis, const Beside
   if ((id == "presliding" || id == "backlash" || id == "asymmetric_friction") && one_way)
     return text("the axis turns round %d times: it takes motion there and back, at least twice",
                 e.reversals);
-  if (id == "dwell_stiction" && e.rest_share < kHardlyRests)
+  if (id == "dwell_stiction" && !channels.rests)
     return "the axis hardly rests: it takes moves after rests of unlike length";
   if ((id == "viscous_drift" || id == "thermal_growth") && duration_s < kWarmUp_s)
     return text("nothing warms up in %.2g s: it takes minutes, from cold", duration_s);

@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "diagnosis/bootstrap.h"
+#include "diagnosis/extension.h"
 #include "diagnosis/torque_selection.h"
 
 namespace servotwin {
@@ -235,7 +236,8 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   if (!has_torque(axis)) throw std::runtime_error(axis.axis + ": there is no torque");
   TorqueRows rows(axis, options.identify.training_share, commanded);
   const TorqueBody body = body_of(rows);
-  const TorqueSelected selected = select_torque_causes(rows, body, options, commanded, axis.rotary);
+  const TorqueSelected selected = select_torque_causes(
+      rows, body, options, commanded && Channels(axis.segments).rests, axis.rotary);
   TorqueDiagnosis out;
   out.axis = axis.axis;
   out.unit = axis.torque_unit;

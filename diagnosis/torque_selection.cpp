@@ -39,8 +39,8 @@ double root_mean(const std::vector<double>& pieces) {
 class TorqueSelection {
  public:
   TorqueSelection(const TorqueRows& rows, const TorqueBody& body, const DiagnoseOptions& options,
-                  bool commanded, bool rotary)
-      : rows_(rows), body_(body), options_(options), commanded_(commanded), rotary_(rotary) {}
+                  bool rests, bool rotary)
+      : rows_(rows), body_(body), options_(options), rests_(rests), rotary_(rotary) {}
 
   TorqueSelected run() {
     baseline_ = root_mean(training_of(rows_).predicted(rows_.training(body_.columns)));
@@ -157,7 +157,7 @@ class TorqueSelection {
       const bool by_reversals =
           kind == kind_of<PositionDependentFriction>() || kind == kind_of<Presliding>();
       if (by_reversals && !body_.both_ways) continue;
-      if (kind == kind_of<DwellStiction>() && !commanded_) continue;
+      if (kind == kind_of<DwellStiction>() && !rests_) continue;
       out.push_back(kind);
     }
     return out;
@@ -377,7 +377,7 @@ class TorqueSelection {
   const TorqueRows& rows_;
   const TorqueBody& body_;
   const DiagnoseOptions& options_;
-  bool commanded_, rotary_;
+  bool rests_, rotary_;
   TorqueSelected out_;
   double baseline_ = 0.0;  // RMS
 };
@@ -406,8 +406,8 @@ double unevenness(const TorqueRows& rows, const TorqueTerm& term, const Eigen::V
 }
 
 TorqueSelected select_torque_causes(const TorqueRows& rows, const TorqueBody& body,
-                                    const DiagnoseOptions& options, bool commanded, bool rotary) {
-  return TorqueSelection(rows, body, options, commanded, rotary).run();
+                                    const DiagnoseOptions& options, bool rests, bool rotary) {
+  return TorqueSelection(rows, body, options, rests, rotary).run();
 }
 
 }  // namespace servotwin

@@ -31,7 +31,7 @@ struct TorqueSelected {
 };
 
 [[nodiscard]] TorqueSelected select_torque_causes(const TorqueRows& rows, const TorqueBody& body,
-                                                  const DiagnoseOptions& options, bool commanded,
+                                                  const DiagnoseOptions& options, bool rests,
                                                   bool rotary);
 
 /// The columns of the body and of all parts but one (kNoEffect: of all), over all rows.
