@@ -69,16 +69,19 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
                                  " leaves " + micro(candidacy.rms_in_force, candidacy.rotary);
   if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
       candidacy.rms < candidacy.rms_in_force) {
-    // Of 15 degrees of freedom: by chance in one judgement of twenty.
-    constexpr double kSure = 1.75, kPlain = 10.0;
-    const bool plain =
-        candidacy.rms <= (1.0 - kPlain * rule.min_improvement) * candidacy.rms_in_force;
-    if (candidacy.version_in_force == 0 || plain || candidacy.sureness >= kSure)
+    // Of 15 degrees of freedom: by chance in one judgement of twenty, and of two hundred where it
+    // is little, as it mostly is of a machine that has not changed.
+    constexpr double kMuch = 5.0, kPlain = 10.0;
+    const auto better_by = [&](double times) {
+      return candidacy.rms <= (1.0 - times * rule.min_improvement) * candidacy.rms_in_force;
+    };
+    const double wanted = better_by(kMuch) ? 1.75 : 3.0;
+    if (candidacy.version_in_force == 0 || better_by(kPlain) || candidacy.sureness >= wanted)
       return {Ruling::kPromoted, comparison};
     std::ostringstream sure;
     sure.precision(3);
     sure << "; better by " << candidacy.sureness << " standard errors, which may be chance (needs "
-         << kSure << ", or " << 100.0 * kPlain * rule.min_improvement << " %)";
+         << wanted << ", or " << 100.0 * kPlain * rule.min_improvement << " %)";
     return {Ruling::kByChance, comparison + sure.str()};
   }
   std::ostringstream wanted;

@@ -2,7 +2,8 @@
 //
 //   promote if it may be used at all (excited, stable, in bounds), and
 //   RMS(candidate) <= (1 - min_improvement) RMS(in force)  on motion that neither was fitted to,
-//   and not by chance: ten times that much, or on most of that motion (`sureness`).
+//   and not by chance: ten times that much, or on most of that motion (`sureness`: 1.75 standard
+//   errors, and 3 below five times that much).
 //
 // The last, because a machine that does not change is judged thousands of times: of so many
 // candidates some are better by two percent on four seconds, and worse on the next. Where no model

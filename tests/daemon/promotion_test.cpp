@@ -30,11 +30,11 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
   for (const bool invalid : {false, true}) {
     for (const int refusals : {0, 1, 2}) {
       for (const double judged_s : {0.0, 3.999, 4.0, 100.0, -1.0, kAbsent, kInfinity}) {
-        for (const double rms :
-             {kAbsent, kInfinity, -kInfinity, 0.0, 1e-9, 1.95e-6, 1.97e-6, 2e-6, 3e-6}) {
+        for (const double rms : {kAbsent, kInfinity, -kInfinity, 0.0, 1e-9, 1.79e-6, 1.81e-6,
+                                 1.95e-6, 1.97e-6, 2e-6, 3e-6}) {
           for (const double rms_in_force : {kAbsent, kInfinity, 0.0, 2e-6}) {
             for (const int version : {0, 1, 7}) {
-              for (const double sure : {kAbsent, -3.0, 1.74, 1.75, kInfinity}) {
+              for (const double sure : {kAbsent, -3.0, 1.74, 1.75, 2.99, 3.0, kInfinity}) {
                 Candidacy c;
                 c.sureness = sure;
                 c.invalid = invalid ? "the loop is unstable" : "";
@@ -50,7 +50,8 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
 
                 const bool usable = !invalid && refusals == 0;
                 const bool judged = judged_s >= 4.0 && std::isfinite(rms);
-                const bool believed = version == 0 || rms <= 0.8 * rms_in_force || sure >= 1.75;
+                const bool believed = version == 0 || rms <= 0.8 * rms_in_force ||
+                                      sure >= (rms <= 0.9 * rms_in_force ? 1.75 : 3.0);
                 const bool better = !std::isfinite(rms_in_force) ||
                                     (rms < rms_in_force && rms <= 0.98 * rms_in_force && believed);
                 const Decision decision = decide(c, kRule);
@@ -107,8 +108,12 @@ TEST(Promotion, ALittleBetterMustBeBetterOnMostOfTheMotion) {
   EXPECT_EQ(decision.ruling, Ruling::kByChance);
   EXPECT_EQ(decision.reason,
             "leaves 1.9 um RMS on 4.2 s of unseen motion, model 3 leaves 2 um; better by 1.3 "
-            "standard errors, which may be chance (needs 1.75, or 20 %)");
+            "standard errors, which may be chance (needs 3, or 20 %)");
+  candidacy.sureness = 3.1;
+  EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
   candidacy.sureness = 1.8;
+  EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kByChance);
+  candidacy.rms = 1.75e-6;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
 }
 
