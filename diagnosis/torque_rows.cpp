@@ -53,8 +53,9 @@ TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool co
     motion_.push_back(stretch.motion);
     // What the body feels is its own acceleration, whatever was commanded.
     for (std::size_t k = 0; k < motion_.back().size(); ++k) {
-      motion_.back()[k].command_acceleration = stretch.acceleration(static_cast<Eigen::Index>(k));
-      if (!commanded) motion_.back()[k].command_velocity = motion_.back()[k].velocity;
+      Motion& m = motion_.back()[k];
+      m.acceleration = m.command_acceleration = stretch.acceleration(static_cast<Eigen::Index>(k));
+      if (!commanded) m.command_velocity = m.velocity;
     }
   }
   const Eigen::VectorXd speed = compared([](const Motion& m) { return m.velocity; });

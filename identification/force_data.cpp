@@ -70,6 +70,7 @@ std::vector<Motion> motion_of(const Spline& position, const Spline& command, int
       m.time_s = start_s + position.h * static_cast<double>(k) + t;
       m.position = at(position);
       m.velocity = slope_at(position);
+      m.acceleration = position.second(k) + t * position.third(k);
       m.displacement = out.empty() ? 0.0 : m.position - out.back().position;
       m.command_velocity = slope_at(command);
       m.command_acceleration = command.second(k) + t * command.third(k);

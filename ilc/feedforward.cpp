@@ -60,7 +60,7 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
       m.velocity = motion.first(k);
       m.displacement = k > 0 ? segment.command(k) - segment.command(k - 1) : 0.0;
       m.command_velocity = motion.first(k);
-      m.command_acceleration = m.demand = motion.second(k);
+      m.command_acceleration = m.acceleration = m.demand = motion.second(k);
       m.time_s = segment.start_s + h * static_cast<double>(k);
       if (neighbour.size() > 0) m.neighbour_acceleration = neighbour(k);
       if (segment.in_cut.size() > 0) m.in_cut = segment.in_cut(k);

@@ -37,6 +37,7 @@ struct Motion {
   double position = 0.0;                ///< x [m | rad]
   double velocity = 0.0;                ///< [m/s | rad/s]
   double displacement = 0.0;            ///< x minus x of the sample before [m | rad]
+  double acceleration = 0.0;            ///< x'' [m/s^2 | rad/s^2]
   double command_velocity = 0.0;        ///< [m/s | rad/s]
   double command_acceleration = 0.0;    ///< [m/s^2 | rad/s^2]
   double tracking_error = 0.0;          ///< command - position, without a delay [m | rad]

@@ -260,6 +260,7 @@ double Twin::advance(const CommandPiece& piece) noexcept {
     m.displacement = m.position - position_;
     m.tracking_error = piece.end_position - m.position;
     m.demand = demand_free + demand_given * trial;
+    m.acceleration = m.demand - trial;
     if (n == 3) {
       m.demand_rate = denominator_[2] * m.tracking_error - numerator_[2] * piece.end_velocity;
       m.demand_damping = denominator_[0] * (piece.end_velocity - m.velocity);

@@ -192,6 +192,7 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       m.position = 0.1 * uniform(rng);
       m.displacement = m.velocity * m.step_s;
       m.command_velocity = 0.03 * uniform(rng);
+      m.acceleration = 10.0 * uniform(rng);
       m.command_acceleration = 10.0 * uniform(rng);
       m.tracking_error = 1e-4 * uniform(rng);
       m.neighbour_acceleration = uniform(rng);

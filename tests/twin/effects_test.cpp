@@ -235,10 +235,28 @@ TEST(UnexplainedForce, IsLinearBetweenItsKnotsAndConstantBeyond) {
   }
 }
 
+TEST(CrossCoupling, FollowsTheOtherAxisAsItsLoopDoes) {
+  const double f = 12.0, zeta = 0.8, w = kTwoPi * f, wd = w * std::sqrt(1.0 - zeta * zeta);
+  Effect effect = make_effect<CrossCoupling>();
+  effect.shape = {f, zeta};
+  effect.coefficient = {0.3, 0.2, 0.1};
+  Along along(effect);
+  Motion m;
+  m.step_s = kH;
+  m.neighbour_acceleration = 2.0;
+  for (int k = 1; k <= 300; ++k) {
+    const double t = kH * k, fade = std::exp(-zeta * w * t);
+    const double q = 2.0 * (1.0 - fade * (std::cos(wd * t) + zeta * w / wd * std::sin(wd * t)));
+    const double rate = 2.0 * fade * w * w / wd * std::sin(wd * t);
+    EXPECT_NEAR(along(m), 0.3 * q + 0.2 * rate / w + 0.1 * (2.0 - q), 1e-12) << k;
+  }
+  EXPECT_NEAR(along(m), 0.3 * 2.0, 1e-6);
+}
+
 TEST(Onset, EffectsOfAMomentAreNotThereBeforeIt) {
   Motion m;
   m.step_s = kH;
-  m.command_acceleration = 3.0;
+  m.acceleration = 3.0;
   m.velocity = 0.1;
   m.displacement = 1e-4;
   m.tracking_error = 2e-6;

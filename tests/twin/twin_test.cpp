@@ -156,6 +156,32 @@ TEST(Twin, FreeSimulationAgreesWithAnIndependentIntegrator) {
   EXPECT_LT(most, 0.3e-6);
 }
 
+// r x'' = a2 (x_r - x) - a1 x' - d: every force is felt r times less.
+TEST(Twin, AnotherMassIsTheLoopAndTheFrictionOfThatMass) {
+  for (const int order : {2, 3}) {
+    for (const double ratio : {0.6, 1.4, 3.0}) {
+      Model changed = order == 2 ? plain_drive(1e-3, 0.3, 0.0, 1e-2) : integrating_drive(1e-3);
+      if (order == 2) changed.loop.numerator[0] = 0.7;
+      Model heavy = changed;
+      for (double& a : heavy.loop.denominator) a /= ratio;
+      heavy.loop.numerator[0] = 1.0 - (1.0 - changed.loop.numerator[0]) / ratio;
+      heavy.loop.numerator[1] /= ratio;
+      heavy.loop.numerator[2] /= ratio;
+      for (Effect& effect : heavy.effects) effect.coefficient[0] /= ratio;
+      Effect mass = make_effect<InertiaChange>();
+      mass.shape[0] = 1e-3;
+      mass.coefficient[0] = ratio - 1.0;
+      changed.effects.push_back(mass);
+      const Segment segment = commanded(1e-3, 2.0, wave);
+      const Eigen::ArrayXd expected = simulate(heavy, segment);
+      // The force is held in straight lines between the samples.
+      EXPECT_LT((simulate(changed, segment) - expected).abs().maxCoeff(),
+                2e-3 * expected.abs().maxCoeff())
+          << order << ' ' << ratio;
+    }
+  }
+}
+
 TEST(Twin, StaysBoundedAtAnyStepWithAnAbruptFriction) {
   for (double h : {0.6e-3, 1e-3, 2e-3, 4e-3}) {
     const Model model = plain_drive(h, 2.0, 0.0, 2e-5);

@@ -1,9 +1,16 @@
 // The acceleration of another axis, felt by this one.
 //
-//   d = ratio x_other''
+//   q'' + 2 zeta w q' + w^2 q = w^2 u,   u = x_r'' of the other axis
+//   d = ratio q + lead q' / w + direct (u - q)
+//
+// What is known of the other axis is its command, and what is felt its motion, which lags: a loop
+// of two poles, with what its feed-forward of velocity (lead) and of acceleration (direct) makes
+// good. By exact steps with the command's acceleration held over the cycle.
 #pragma once
 
 #include <array>
+#include <cmath>
+#include <numbers>
 
 #include "twin/effect.h"
 
@@ -18,16 +25,36 @@ struct CrossCoupling {
       .confused = "none, as long as the axes do not move in proportion",
       .cause = "cross_coupling",
       .check = "mounting and stiffness towards the other axis; its feed-forward"};
-  static constexpr std::array<Parameter, 0> kShapes{};
-  static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"ratio", "1", -10.0, 10.0, 0.0, "acceleration felt here per acceleration there"}}};
+  static constexpr std::array<Parameter, 2> kShapes{
+      {{"other_frequency_hz", "Hz", 1.0, 1000.0, 20.0, "of the other axis' loop, undamped"},
+       {"other_damping", "1", 0.3, 0.99, 0.9, "zeta of the other axis' loop"}}};
+  static constexpr std::array<Parameter, 3> kCoefficients{
+      {{"ratio", "1", -10.0, 10.0, 0.0, "acceleration felt here per acceleration there"},
+       {"lead", "1", -100.0, 100.0, 0.0, "by feed-forward of the other axis' velocity"},
+       {"direct", "1", -10.0, 10.0, 0.0, "by feed-forward of the other axis' acceleration"}}};
   template <class T>
-  using Memory = NoMemory;
+  struct Memory {
+    Memory() = default;
+    explicit Memory(const T* /*shape*/) noexcept {}
+    T q = T(0.0), rate = T(0.0);  // [m/s^2], [m/s^3]
+  };
 
   template <class T>
-  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& m,
-                          T* force) noexcept {
-    force[0] = T(m.neighbour_acceleration);
+  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+    using std::cos;
+    using std::exp;
+    using std::sin;
+    using std::sqrt;
+    const T w = 2.0 * std::numbers::pi * shape[0], zeta = shape[1];
+    const T damped = w * sqrt(1.0 - zeta * zeta), fade = exp(-zeta * w * m.step_s);
+    const T s = sin(damped * m.step_s), c = cos(damped * m.step_s);
+    const T q = memory.q - m.neighbour_acceleration;  // about that to which it goes
+    const T along = (memory.rate + zeta * w * q) / damped;
+    memory.q = m.neighbour_acceleration + fade * (q * c + along * s);
+    memory.rate = fade * (memory.rate * c - (w * q + zeta * memory.rate) * (w / damped) * s);
+    force[0] = memory.q;
+    force[1] = memory.rate / w;
+    force[2] = m.neighbour_acceleration - memory.q;
   }
 };
 

@@ -1,8 +1,9 @@
 // A moved mass that changes at a moment: another tool, another part.
 //
-//   d = (ratio - 1) onset(t - time) x_r''
+//   ratio x'' = u - f  is  x'' = u - f - d   with   d = (ratio - 1) onset(t - time) x''
 //
-// By the command's acceleration: the axis follows it far above the rate at which it is felt.
+// By the axis' own acceleration, which a soft velocity loop lets lag the command's and which
+// friction has a part in.
 #pragma once
 
 #include <array>
@@ -33,7 +34,7 @@ struct InertiaChange {
   template <class T>
   static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
                           T* force) noexcept {
-    force[0] = onset(m.time_s, shape[0]) * m.command_acceleration;
+    force[0] = onset(m.time_s, shape[0]) * m.acceleration;
   }
 };
 
