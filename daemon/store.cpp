@@ -117,6 +117,7 @@ Store::Store(const std::filesystem::path& directory, std::string machine, StoreA
     open(access);
     if (!lost_.empty()) restore_models();
     complete_copies();
+    (void)newest_usable(&lost_);
   } catch (...) {
     if (lock_ >= 0) close(lock_);
     throw;
@@ -168,34 +169,49 @@ void Store::execute(const char* sql) const {
     fail("cannot be written");
 }
 
-std::vector<StoredModel> Store::read_models(Statement& statement) const {
+StoredModel Store::model_in(const Statement& row) {
+  StoredModel model;
+  model.record = model_from_json(nlohmann::json::parse(row.text(3)));
+  model.reason = row.text(2);
+  model.record.version = static_cast<int>(row.number(1));
+  if (model.record.axis != row.text(0))
+    throw std::runtime_error("axis: is '" + model.record.axis + "'");
+  return model;
+}
+
+std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
+  std::vector<std::string> axes;
+  Statement names(*this, "SELECT DISTINCT axis FROM models WHERE machine = ? ORDER BY axis");
+  names.bind(machine_);
+  while (names.step("cannot be read")) axes.push_back(names.text(0));
   std::vector<StoredModel> out;
-  while (statement.step("cannot be read")) {
-    const std::string axis = statement.text(0), version = statement.text(1);
-    try {
-      StoredModel model;
-      model.record = model_from_json(nlohmann::json::parse(statement.text(3)));
-      model.reason = statement.text(2);
-      model.record.version = static_cast<int>(statement.number(1));
-      if (model.record.axis != axis)
-        throw std::runtime_error("axis: is '" + model.record.axis + "'");
-      out.push_back(std::move(model));
-    } catch (const std::exception& error) {
-      throw std::runtime_error(
-          "store " + file_.string() + ": model of axis " + axis + ", version " + version +
-          ", is damaged: " + error.what() +
-          "; start with another --store, or delete that row to go back to the version before");
+  for (const std::string& axis : axes) {
+    Statement rows(*this,
+                   "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
+                   "ORDER BY version DESC");
+    rows.bind(machine_).bind(axis);
+    std::string unusable;
+    const std::size_t found = out.size();
+    while (out.size() == found && rows.step("cannot be read")) {
+      try {
+        out.push_back(model_in(rows));
+      } catch (const std::exception& error) {
+        unusable += "model of axis " + axis + ", version " + std::to_string(rows.number(1)) +
+                    ", cannot be used: " + error.what() + "; ";
+      }
     }
+    if (passed_over == nullptr || unusable.empty()) continue;
+    *passed_over += passed_over->empty() ? unusable : "; " + unusable;
+    *passed_over += out.size() > found
+                        ? "version " + std::to_string(out.back().record.version) + " is in force"
+                        : "the axis is identified anew";
   }
   return out;
 }
 
 std::vector<StoredModel> Store::in_force() const {
   const std::lock_guard lock(mutex_);
-  Statement statement(*this,
-                      "SELECT axis, max(version), reason, json FROM models WHERE machine = ? GROUP "
-                      "BY axis ORDER BY axis");
-  std::vector<StoredModel> models = read_models(statement.bind(machine_));
+  std::vector<StoredModel> models = newest_usable();
   if (lock_ < 0) return models;  // one that was not opened by us may not have the table
   for (StoredModel& model : models) {
     Statement validated(*this,
@@ -224,7 +240,16 @@ std::vector<StoredModel> Store::versions(const std::string& axis, int most) cons
   Statement statement(*this,
                       "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = "
                       "? ORDER BY version DESC LIMIT ?");
-  return read_models(statement.bind(machine_).bind(axis).bind(std::int64_t{most}));
+  statement.bind(machine_).bind(axis).bind(std::int64_t{most});
+  std::vector<StoredModel> out;
+  while (statement.step("cannot be read")) {
+    try {
+      out.push_back(model_in(statement));
+    } catch (const std::exception&) {
+      continue;  // said when the store was opened
+    }
+  }
+  return out;
 }
 
 void Store::promote(ModelRecord& record, const Event& event,

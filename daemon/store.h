@@ -71,7 +71,8 @@ class Store {
   Store& operator=(const Store&) = delete;
   ~Store();
 
-  /// The model in force of every axis. Throws if one of them cannot be read, with what to do.
+  /// The model in force of every axis: the newest that this program can use. A damaged one, or one
+  /// of a program with other effects, stays where it is; `lost` names it.
   [[nodiscard]] std::vector<StoredModel> in_force() const;
   /// The versions of an axis, the newest first; -1: all of them.
   [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis, int most = -1) const;
@@ -99,7 +100,7 @@ class Store {
 
   [[nodiscard]] const std::filesystem::path& directory() const noexcept { return directory_; }
   [[nodiscard]] const std::string& machine() const noexcept { return machine_; }
-  /// What was lost when it was opened, and where it is kept; empty if nothing was.
+  /// What was lost or cannot be used when it was opened, and where it is kept; empty if nothing.
   [[nodiscard]] const std::string& lost() const noexcept { return lost_; }
 
  private:
@@ -122,7 +123,10 @@ class Store {
   void insert_event(const Event& event);
   void insert_citation(const std::string& machine, const std::string& axis, int version,
                        const std::string& recording) const;
-  [[nodiscard]] std::vector<StoredModel> read_models(Statement& statement) const;
+  /// Of a row of axis, version, reason, json. Throws where this program cannot use it.
+  [[nodiscard]] static StoredModel model_in(const Statement& row);
+  /// Of every axis; what was newer and cannot be used is added to `passed_over`, as a sentence.
+  [[nodiscard]] std::vector<StoredModel> newest_usable(std::string* passed_over = nullptr) const;
 
   std::filesystem::path directory_, file_;
   std::string machine_;

@@ -124,6 +124,11 @@ void Store::complete_copies() const {
     } catch (const std::exception&) {
       // It is written again.
     }
+    try {
+      (void)model_from_json(nlohmann::json::parse(newest.text(3)));
+    } catch (const std::exception&) {
+      continue;  // what cannot be used takes the place of no copy that can
+    }
     std::filesystem::create_directories(copy.parent_path());
     AtomicFile file(copy);
     file.write(newest.text(3));

@@ -315,7 +315,7 @@ TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
               HasSubstr("a candidate stays undecided: judged on: 1.5 of 3.0 s of motion"));
 }
 
-TEST_F(WorkerTest, ADamagedStoreStopsTheStart) {
+TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
   restart();
   promote_one();
   worker_.reset();
@@ -323,8 +323,12 @@ TEST_F(WorkerTest, ADamagedStoreStopsTheStart) {
   store_.reset();
   spoil(directory_.path(), "UPDATE models SET json = '{'");
   restart();
-  EXPECT_THAT(message_of([&] { worker_->restore(); }),
-              HasSubstr("model of axis X, version 1, is damaged"));
+  EXPECT_THAT(store_->lost(), HasSubstr("the axis is identified anew"));
+  ASSERT_NE(in_force_[0].fresh(), nullptr) << "of before";
+  const std::size_t announced = announced_.size();
+  worker_->restore();
+  EXPECT_EQ(announced_.size(), announced);
+  EXPECT_NE(newest_event().kind, "model_restored");
 }
 
 }  // namespace

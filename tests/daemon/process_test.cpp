@@ -200,19 +200,22 @@ TEST_F(ServotwindTest, AnAddressThatIsTakenIsOneClearLineIfItWasAskedFor) {
   EXPECT_EQ(first.wait_after(SIGTERM).status, 0);
 }
 
-TEST_F(ServotwindTest, ADamagedModelStopsItWithTheWayOut) {
+TEST_F(ServotwindTest, AModelThatCannotBeUsedIsSaidAndTheOneBeforeIsInForce) {
   const std::string machine = "process-" + std::to_string(getpid());
   {
     Store store(directory_.path() / "store", machine);
     ModelRecord record = record_of(drive());
     store.promote(record, {"", "X", "model_promoted", "made for this test", ""});
+    store.promote(record, {"", "X", "model_promoted", "made for this test", ""});
   }
-  spoil(directory_.path() / "store", "UPDATE models SET json = substr(json, 1, 100)");
+  spoil(directory_.path() / "store",
+        "UPDATE models SET json = substr(json, 1, 100) WHERE version = 2");
   const std::string config = write("m.toml", "[[axis]]\nname = 'X'\n");
-  const Ended ended = Daemon(here_and({"--config", config})).wait();
-  EXPECT_EQ(ended.status, 1);
-  EXPECT_THAT(ended.said, HasSubstr("model of axis X, version 1, is damaged"));
-  EXPECT_EQ(ended.lines(), 1) << ended.said;
+  Daemon daemon(here_and({"--config", config}));
+  ASSERT_TRUE(daemon.says("model of axis X, version 2, cannot be used: "));
+  const Ended ended = daemon.wait_after(SIGTERM);
+  EXPECT_EQ(ended.status, 0);
+  EXPECT_THAT(ended.said, HasSubstr("version 1 is in force"));
 }
 
 TEST_F(ServotwindTest, StopsCleanlyWhenAskedToAndIgnoresAHangup) {

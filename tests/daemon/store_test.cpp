@@ -247,30 +247,43 @@ TEST(Store, ALayoutOfTheFutureIsRefused) {
               HasSubstr("newer servotwind (layout 2"));
 }
 
-TEST(Store, ADamagedModelIsNamedWithItsFieldAndWhatToDo) {
+TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   TemporaryDirectory directory;
   {
     Store store(directory.path(), "mill");
     ModelRecord record = record_of(drive());
     store.promote(record, event("first"));
+    store.promote(record, event("second"));
   }
   struct Damage {
     const char* sql;
     const char* what;
   };
   for (const Damage& damage : {
-           Damage{"UPDATE models SET json = substr(json, 1, 200)", "parse error"},
-           Damage{"UPDATE models SET json = '{\"schema\":\"servotwin.model/9\"}'", "schema"},
-           Damage{"UPDATE models SET json = ''", "parse error"},
+           Damage{"UPDATE models SET json = substr(json, 1, 200) WHERE version = 2", "parse error"},
+           Damage{"UPDATE models SET json = '{\"schema\":\"servotwin.model/9\"}' WHERE version = 2",
+                  "schema"},
+           Damage{"UPDATE models SET json = '' WHERE version = 2", "parse error"},
        }) {
     spoil(directory.path(), damage.sql);
-    Store store(directory.path(), "mill");
-    const std::string message = message_of([&] { (void)store.in_force(); });
-    EXPECT_THAT(message, HasSubstr("model of axis X, version 1, is damaged"));
-    EXPECT_THAT(message, HasSubstr(damage.what));
-    EXPECT_THAT(message, HasSubstr("delete that row to go back to the version before"));
-    EXPECT_EQ(message.find('\n'), std::string::npos);
+    const Store store(directory.path(), "mill");
+    EXPECT_THAT(store.lost(), HasSubstr("model of axis X, version 2, cannot be used: "));
+    EXPECT_THAT(store.lost(), HasSubstr(damage.what));
+    EXPECT_THAT(store.lost(), HasSubstr("version 1 is in force"));
+    EXPECT_EQ(store.lost().find('\n'), std::string::npos);
+    ASSERT_EQ(store.in_force().size(), 1U);
+    EXPECT_EQ(store.in_force()[0].record.version, 1);
+    EXPECT_EQ(store.versions("X").size(), 1U);
   }
+  // The next one takes no number that was there.
+  spoil(directory.path(), "UPDATE models SET json = '{' WHERE version = 1");
+  Store store(directory.path(), "mill");
+  EXPECT_THAT(store.lost(), HasSubstr("the axis is identified anew"));
+  EXPECT_TRUE(store.in_force().empty());
+  ModelRecord next = record_of(drive());
+  store.promote(next, event("third"));
+  EXPECT_EQ(next.version, 3);
+  EXPECT_EQ(store.in_force().at(0).record.version, 3);
 }
 
 TEST(StoreOnAFullDisk, CannotBeMade) {
