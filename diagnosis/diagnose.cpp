@@ -29,8 +29,10 @@ constexpr double kLeavesOfItself = 0.15;  // of the error that it takes away, an
 // Of the squared error beyond the floor: another loop, and with it any neighbour of the cause,
 // may explain a part.
 constexpr double kNextToNothing = 0.1;
-constexpr double kLittle = 0.8;  // of the error is left: a small gain
-constexpr double kMost = 0.5;    // of the squared error beyond the floor: then nothing is explained
+constexpr double kLittle = 0.8;       // of the error is left: a small gain
+constexpr double kRunsAway = 3.0;     // of the error without any cause: no model at all
+constexpr double kAboveFloor = 1.15;  // times the noise floor: less is no error that has a cause
+constexpr double kMost = 0.5;  // of the squared error beyond the floor: then nothing is explained
 
 }  // namespace
 
@@ -95,8 +97,15 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   for (const Segment& s : holdout) {
     const Model& model = diagnosis.extended.model;
     const Eigen::ArrayXd simulated = simulate(model, s);
-    stretches.push_back({s.command, s.command - s.actual - simulated, s.sample_time_s, s.start_s,
-                         saturated(model, s, simulated)});
+    // From where the hold-out is judged: before, the starting state is still being found.
+    const Eigen::Index from = std::max(s.lead, starting_state_samples(model, s));
+    if (s.size() <= from + 10) continue;
+    const Eigen::Index count = s.size() - from;
+    Eigen::ArrayXd limited = saturated(model, s, simulated);
+    if (limited.size() > 0) limited = limited.tail(count).eval();
+    stretches.push_back({s.command.tail(count), (s.command - s.actual - simulated).tail(count),
+                         s.sample_time_s, s.start_s + s.sample_time_s * static_cast<double>(from),
+                         std::move(limited)});
   }
   diagnosis.regimes = by_regime(stretches);
   diagnosis.regressors = by_regressor(stretches);
@@ -136,9 +145,18 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   std::string doubted;
   if (!diagnosis.causes.empty() && perhaps_nothing(diagnosis.causes.back().gain))
     doubted = diagnosis.causes.back().id;
+  // What disturbs at rest is in the floor as well; what a model leaves is not below it.
+  const double quiet = std::min(floor.rms, diagnosis.extended.holdout.rms);
   const auto unsure =
       std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(), [&](const Cause& c) {
-        return (c.confidence >= kNamed && c.id != doubted) || unforeseeable(diagnosis, c);
+        const bool seen = !c.counts.empty() || !(c.gain.before <= kAboveFloor * quiet);
+        // Of changes that say the same it is one: they are named together.
+        const double one_of_them =
+            diagnosis.against_earlier
+                ? c.confidence * (1.0 + static_cast<double>(c.ambiguous_with.size()))
+                : c.confidence;
+        return (one_of_them >= kNamed && c.id != doubted && seen) ||
+               (no_worse && unforeseeable(diagnosis, c));
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
   diagnosis.causes.erase(unsure, diagnosis.causes.end());
@@ -211,6 +229,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   if (!is_left_out("dropped_samples")) dropped = bridge_dropped(axis, floor.encoder_step);
   IdentifyOptions loop = options.identify;
   if (is_left_out("time_delay")) loop.delay_max_s = 0.0;
+  loop.must_predict = false;  // what it does not predict is the question
   const Identified identified = identify(axis, loop);
   if (!identified.refusals.empty())
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
@@ -228,7 +247,16 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.baseline.model = baseline.model;
 
   const std::vector<std::size_t> baseline_effects = baseline.structure.effects;
-  Selected selected = select_causes(search, std::move(baseline), options);
+  Selected selected = select_causes(search, baseline, options);
+  const std::vector<Segment> holdout =
+      cut(search.recorded(), out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
+  if (const double rms = judge(selected.model.model, holdout).rms;
+      !(rms < kRunsAway * judge(selected.settled, holdout).rms)) {
+    selected.steps.push_back(
+        text("on data not seen what was found runs away (%.4g um): taken back", 1e6 * rms));
+    selected.model = std::move(baseline);
+    selected.found.clear();
+  }
   const Hypothesis& current = selected.model;
   const auto& found = selected.found;
   out.steps.insert(out.steps.end(), selected.steps.begin(), selected.steps.end());
@@ -239,8 +267,6 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.baseline.model = selected.settled;
     out.baseline.training = settled;
   }
-  const std::vector<Segment> holdout =
-      cut(search.recorded(), out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
 
   out.baseline.holdout =
       judge(out.baseline.model,
@@ -278,8 +304,23 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     Hypothesis less;
     less.structure = without(current.structure, id, one.kind);
     // Where nothing can be fitted without it, everything else stays as it is.
-    if (!search.fit(less, {point_of(current.model, less.structure)}))
-      less.model = taken_off(extended, i, out.baseline.model);
+    less.model = taken_off(extended, i, out.baseline.model);
+    if (one.kind == kind_of<TimeDelay>()) {
+      // Without it the loop may have the velocity lag that looks like one, but not the zeros that
+      // no drive has.
+      less.structure.matched_feedforward = false;
+      for (const std::vector<Point>& from :
+           {std::vector<Point>{point_of(current.model, less.structure)}, std::vector<Point>{}}) {
+        Hypothesis lagging;
+        lagging.structure = less.structure;
+        if (search.fit(lagging, from) && !delay_in_disguise(lagging.model.loop) &&
+            lagging.cost < less.cost)
+          less = std::move(lagging);
+      }
+    } else if (Hypothesis fitted = less;
+               search.fit(fitted, {point_of(current.model, less.structure)})) {
+      less = std::move(fitted);
+    }
     const Gain fitted_again = gain_of(less.model, extended, holdout);
     cause.worth = worth_of(fitted_again);
     if (one.kind == kind_of<TimeDelay>()) {

@@ -203,8 +203,8 @@ void Screen::judge_moment(std::size_t kind, Screened& out) const {
   std::sort(after.begin(), after.end(), std::greater<>());
   const auto pushes = static_cast<std::size_t>(own.cols());
   if (before.size() <= 2 * pushes) return;
-  // The peaks that go against those that stay.
-  const bool stands_out = before[pushes / 2] > kStandsOut * after[pushes / 2];
+  // The peaks that go against those that stay, of which some may be further pushes.
+  const bool stands_out = before[pushes / 2] > kStandsOut * after[pushes];
   const double usual = 1.4826 * median(after);
   out.statistic = stands_out && usual > 0.0 ? before[pushes / 2] / usual : 0.0;
   out.p = stands_out ? tail(out.statistic) : 1.0;

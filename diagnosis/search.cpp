@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "diagnosis/cuts.h"
 #include "diagnosis/variation.h"
@@ -37,6 +38,27 @@ bool plausible(const Model& model, double begin_s, double end_s, double all_is) 
   // roughly, a simulated one well.
   const Effect* limit = model.find(kind_of<TorqueSaturation>());
   if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < all_is)) return false;
+  // What is damped more than a table or a screw ever is, beyond the poles of the loop that could
+  // damp it so, is a lag of the control and no mode.
+  constexpr double kMostDamped = 0.1, kBeyond = 2.0;
+  if (const Effect* mode = model.find(kind_of<Compliance>());
+      mode != nullptr && mode->shape[1] > kMostDamped) {
+    double fastest = 0.0;
+    const auto roots = roots_of(model.loop);
+    for (int i = 0; i < model.loop.order; ++i)
+      fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
+    if (2.0 * std::numbers::pi * mode->shape[0] > kBeyond * fastest) return false;
+  }
+  // What is behind a gap has a part of the friction or of the mass.
+  constexpr double kLeastPart = 0.02;
+  if (const Effect* gap = model.find(kind_of<BacklashBehindEncoder>()); gap != nullptr) {
+    double level = 0.0;
+    for (const Effect& effect : model.effects) {
+      if (is_friction_law(effect.kind)) level += effect.coefficient[0];
+    }
+    if (std::abs(gap->coefficient[0]) < kLeastPart * level && gap->coefficient[1] < kLeastPart)
+      return false;
+  }
   // A gap is crossed at the gain of the velocity loop, which is most of the first coefficient.
   constexpr double kLeast = 0.3, kMost = 2.0;
   const Effect* play = model.find(kind_of<BacklashInLoop>());
@@ -243,6 +265,10 @@ void Search::polish(Hypothesis& h) {
   h.point = point_of(h.model, h.structure);
 }
 
+bool Search::is_plausible(const Model& model) const {
+  return plausible(model, training_.front().start_s, training_.back().end_s(), kSimulated);
+}
+
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   const Projection all = thinned(Projection(signals(training_, followed_), h.structure), kFitted_s);
   PoleSearchOptions options;
@@ -315,8 +341,7 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
   for (const std::vector<double>& from : starts_of(kind, shapes)) {
     Varied one;
     one.add(addition_to(held, kind, from));
-    if (variation.fit(one) && one.cost < all.cost &&
-        plausible(one.of(held), training_.front().start_s, training_.back().end_s(), kSimulated))
+    if (variation.fit(one) && one.cost < all.cost && is_plausible(one.of(held)))
       all = std::move(one);
   }
   if (!(all.cost < 1e300)) return false;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <set>
 #include <stdexcept>
 
@@ -63,8 +64,10 @@ class Selection {
       one_law_of_friction();
       integrator();
       // What better values of the parameters would have done as well is no cause.
-      if (current_.rms() >= kHolds * current.rms()) {
-        steps_.emplace_back("  no better after the polish: taken back");
+      const bool stays_it = !current_.has(added) || search_.is_plausible(current_.model);
+      if (current_.rms() >= kHolds * current.rms() || !stays_it) {
+        steps_.emplace_back(stays_it ? "  no better after the polish: taken back"
+                                     : "  after the polish it is no such thing: taken back");
         current_ = current, fitted_ = fitted, as_is_ = as_is, found_ = found;
         rejected_.insert(added);
         search_.follow(current_);
@@ -111,7 +114,8 @@ class Selection {
     h.structure = current_.structure;
     h.structure.matched_feedforward = false;
     std::erase(h.structure.effects, kind_of<TimeDelay>());
-    const bool tiny = delay_s < kLeastDelay * current_.model.sample_time_s;
+    const bool tiny = delay_s < kLeastDelay * current_.model.sample_time_s,
+               lag = lag_in_disguise(current_.model);
     // From here, or, since the delay may have bent the poles, from anywhere.
     bool needed = true;
     for (const std::vector<Point>& from :
@@ -119,7 +123,8 @@ class Selection {
       if (!search_.fit(h, from)) continue;
       search_.polish(h);
       search_.judge(h);
-      needed = !tiny && (current_.rms() < kWorthIt * h.rms() || delay_in_disguise(h.model.loop));
+      needed =
+          !tiny && !lag && (current_.rms() < kWorthIt * h.rms() || delay_in_disguise(h.model.loop));
       if (!needed) break;
     }
     if (needed) return;
@@ -257,6 +262,7 @@ class Selection {
     }
     std::sort(tried.begin(), tried.end(),
               [](const Tried& l, const Tried& r) { return l.left() < r.left(); });
+    polish_rivals(tried);
     const Bar bar{baseline_, friction_, kinds.size()};
     const auto judgement_of = [&](const Tried& one) { return judged(one, bar); };
     auto chosen = std::find_if(tried.begin(), tried.end(),
@@ -314,15 +320,58 @@ class Selection {
     return true;
   }
 
+  /// Of two that explain nearly the same the better one is the one that does at its best.
+  void polish_rivals(std::vector<Tried>& tried) {
+    if (tried.size() < 2 || 1.0 - tried[1].left() < kNearlyAsGood * (1.0 - tried[0].left())) return;
+    for (std::size_t i = 0; i < 2; ++i) {
+      go_on();
+      Tried best{tried[i].model, &fitted_, tried[i].screened};
+      if (const auto moment = moment_of(tried[1 - i].model, tried[1 - i].screened.kind);
+          moment && moment_of(best.model, best.screened.kind)) {
+        // Between two rests any moment is as good: it is sought where the rival found it, too.
+        Hypothesis there;
+        there.structure = best.model.structure;
+        Point from = best.model.point;
+        from.shapes[shapes_before(there.structure, best.screened.kind)] = *moment;
+        if (search_.fit(there, {from})) {
+          search_.judge(there);
+          if (there.rms() < best.model.rms()) best.model = std::move(there);
+        }
+      }
+      search_.polish(best.model);
+      Hypothesis as_is = best.model;
+      search_.judge_as_is(as_is);
+      search_.judge(best.model);
+      // The coefficients that a measured motion says are not those of the simulation.
+      if (as_is.rms() < kClearly * best.model.rms()) search_.judge_polished(best.model);
+      steps_.push_back(text("  polished, with %s %.4g um",
+                            identity_of(best.screened.kind).id.data(), 1e6 * best.model.rms()));
+      if (best.left() < tried[i].left()) tried[i] = std::move(best);
+    }
+    std::sort(tried.begin(), tried.end(),
+              [](const Tried& l, const Tried& r) { return l.left() < r.left(); });
+  }
+
+  /// When an effect sets in; nothing where it does not.
+  [[nodiscard]] static std::optional<double> moment_of(const Hypothesis& h, std::size_t kind) {
+    const auto shapes = shapes_of(kind);
+    if (shapes.empty() || shapes.front().scan != Scan::kTime) return {};
+    return h.point.shapes[shapes_before(h.structure, kind)];
+  }
+
+  [[nodiscard]] static std::size_t shapes_before(const Structure& structure, std::size_t kind) {
+    std::size_t count = 0;
+    for (const std::size_t one : structure.effects) {
+      if (one == kind) break;
+      count += shapes_of(one).size();
+    }
+    return count;
+  }
+
   [[nodiscard]] Point start_of(const Structure& structure, const Screened& s) const {
     Point at = point_of(current_.model, structure);
-    std::size_t offset = 0;
-    for (const std::size_t kind : structure.effects) {
-      if (kind == s.kind) break;
-      offset += shapes_of(kind).size();
-    }
     std::copy(s.shapes.begin(), s.shapes.end(),
-              at.shapes.begin() + static_cast<std::ptrdiff_t>(offset));
+              at.shapes.begin() + static_cast<std::ptrdiff_t>(shapes_before(structure, s.kind)));
     return at;
   }
 

@@ -114,8 +114,8 @@ std::string why_no_delay(const Model& model, double delay_max_s, const Trial& tr
     return say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ",
                1e3 * delay_max_s, " ms sought");
   }
-  if (const double b0 = 1.0 - model.loop.numerator[0]; b0 > kMostFeedforward) {
-    return say("acceleration feed-forward of ", b0,
+  if (lag_in_disguise(model)) {
+    return say("acceleration feed-forward of ", 1.0 - model.loop.numerator[0],
                " times the moved mass makes up for its delay: a velocity lag in disguise");
   }
   // A delay in place of the velocity lag: as many parameters, so that the fit itself may compare.
@@ -399,6 +399,10 @@ std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Se
 
 bool delay_in_disguise(const Loop& loop) { return imitated_delay_share(loop) > kDisguisedDelay; }
 
+bool lag_in_disguise(const Model& model) {
+  return model.command_delay_s() > 0.0 && 1.0 - model.loop.numerator[0] > kMostFeedforward;
+}
+
 std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
   std::vector<Segment> out;
   for (const Segment& s : segments) {
@@ -528,7 +532,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     record.excitation.push_back(std::move(line));
   for (std::string& line : exchanged_or_scaled(record.model, training))
     out.refusals.push_back(std::move(line));
-  if (const double before = unpredicted(holdout).rms; !(record.holdout.rms < before)) {
+  if (const double before = unpredicted(holdout).rms;
+      options.must_predict && !(record.holdout.rms < before)) {
     out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms,
                                " um RMS of an error of ", 1e6 * before,
                                " um: it predicts nothing"));

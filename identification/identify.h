@@ -33,6 +33,8 @@ struct IdentifyOptions {
   /// The share is taken of every segment, not of all of them in order: where they show unlike
   /// things, so that both parts show all of it.
   bool split_each = false;
+  /// A model that is no better than none on the hold-out is refused.
+  bool must_predict = true;
 };
 
 /// What was tried on the way to the structure, for people.
@@ -63,6 +65,10 @@ struct Identified {
 
 /// Whether zeros in the right half plane make most of this loop's lag: a delay that it imitates.
 [[nodiscard]] bool delay_in_disguise(const Loop& loop);
+
+/// Whether more acceleration feed-forward than any drive has makes up for the delay of this model: a
+/// velocity lag that it imitates.
+[[nodiscard]] bool lag_in_disguise(const Model& model);
 
 /// The first share of the time of the data (gaps do not count), of all or of each, and the rest.
 [[nodiscard]] std::pair<std::vector<Segment>, std::vector<Segment>> split(
