@@ -237,16 +237,16 @@ void Store::validate(const std::string& axis, int version, const std::string& ti
 
 std::vector<StoredModel> Store::versions(const std::string& axis, int most) const {
   const std::lock_guard lock(mutex_);
-  Statement statement(*this,
-                      "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = "
-                      "? ORDER BY version DESC LIMIT ?");
-  statement.bind(machine_).bind(axis).bind(std::int64_t{most});
+  Statement rows(*this,
+                 "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
+                 "ORDER BY version DESC");
+  rows.bind(machine_).bind(axis);
   std::vector<StoredModel> out;
-  while (statement.step("cannot be read")) {
+  while ((most < 0 || out.size() < static_cast<std::size_t>(most)) && rows.step("cannot be read")) {
     try {
-      out.push_back(model_in(statement));
+      out.push_back(model_in(rows));
     } catch (const std::exception&) {
-      continue;  // said when the store was opened
+      continue;  // one that cannot be used is no version to go back to
     }
   }
   return out;
@@ -261,8 +261,11 @@ void Store::promote(ModelRecord& record, const Event& event,
     Statement newest(*this,
                      "SELECT coalesce(max(version), 0) FROM models WHERE machine = ? AND axis = ?");
     newest.bind(machine_).bind(record.axis).step("cannot be read");
-    stored.parent = static_cast<int>(newest.number(0));
-    stored.version = stored.parent + 1;
+    stored.version = static_cast<int>(newest.number(0)) + 1;
+    stored.parent = 0;
+    for (const StoredModel& model : newest_usable()) {
+      if (model.record.axis == stored.axis) stored.parent = model.record.version;
+    }
   }
   Statement insert(*this,
                    "INSERT INTO models (machine, axis, version, created, reason, json) VALUES (?, "

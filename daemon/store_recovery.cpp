@@ -115,23 +115,33 @@ void Store::restore_models() {
 
 /// Of stores that were made before there were copies, and where a crash came between the two.
 void Store::complete_copies() const {
-  Statement newest(*this,
-                   "SELECT machine, axis, max(version), json FROM models GROUP BY machine, axis");
-  while (newest.step("cannot be read")) {
-    const std::filesystem::path copy = copy_of(newest.text(0), newest.text(1));
+  Statement axes(*this, "SELECT DISTINCT machine, axis FROM models");
+  while (axes.step("cannot be read")) {
+    const std::string machine = axes.text(0), axis = axes.text(1);
+    Statement rows(*this,
+                   "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
+                   "ORDER BY version DESC");
+    rows.bind(machine).bind(axis);
+    // Of what cannot be used no copy takes the place of one that can.
+    bool usable = false;
+    while (!usable && rows.step("cannot be read")) {
+      try {
+        (void)model_in(rows);
+        usable = true;
+      } catch (const std::exception&) {
+        continue;
+      }
+    }
+    if (!usable) continue;
+    const std::filesystem::path copy = copy_of(machine, axis);
     try {
-      if (std::filesystem::exists(copy) && read_model(copy).version == newest.number(2)) continue;
+      if (std::filesystem::exists(copy) && read_model(copy).version == rows.number(1)) continue;
     } catch (const std::exception&) {
       // It is written again.
     }
-    try {
-      (void)model_from_json(nlohmann::json::parse(newest.text(3)));
-    } catch (const std::exception&) {
-      continue;  // what cannot be used takes the place of no copy that can
-    }
     std::filesystem::create_directories(copy.parent_path());
     AtomicFile file(copy);
-    file.write(newest.text(3));
+    file.write(rows.text(3));
     file.commit();
   }
 }

@@ -29,9 +29,9 @@ constexpr double kLeavesOfItself = 0.15;  // of the error that it takes away, an
 // Of the squared error beyond the floor: another loop, and with it any neighbour of the cause,
 // may explain a part.
 constexpr double kNextToNothing = 0.1;
-constexpr double kLittle = 0.8;       // of the error is left: a small gain
-constexpr double kRunsAway = 3.0;     // of the error without any cause: no model at all
-constexpr double kAboveFloor = 1.15;  // times the noise floor: less is no error that has a cause
+constexpr double kLittle = 0.8;                  // of the error is left: a small gain
+constexpr double kNoWorse = 1.02, kWorse = 1.1;  // of the error without any cause
+constexpr double kAboveFloor = 1.3;  // times the noise floor: less is no error that has a cause
 constexpr double kMost = 0.5;  // of the squared error beyond the floor: then nothing is explained
 
 }  // namespace
@@ -124,7 +124,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
   // What happens at unforeseeable moments leaves on other motion what is no evidence of another
   // cause.
-  const bool no_worse = diagnosis.extended.holdout.rms <= diagnosis.baseline.holdout.rms;
+  const bool no_worse = diagnosis.extended.holdout.rms <= kNoWorse * diagnosis.baseline.holdout.rms;
   const bool pushed =
       no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
                               [&](const Cause& cause) { return unforeseeable(diagnosis, cause); });
@@ -150,11 +150,11 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   const auto unsure =
       std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(), [&](const Cause& c) {
         const bool seen = !c.counts.empty() || !(c.gain.before <= kAboveFloor * quiet);
-        // Of changes that say the same it is one: they are named together.
+        // Of changes that say the same it is one: they are named together, unless there is more to
+        // doubt.
+        const double each = 1.0 / (1.0 + static_cast<double>(c.ambiguous_with.size()));
         const double one_of_them =
-            diagnosis.against_earlier
-                ? c.confidence * (1.0 + static_cast<double>(c.ambiguous_with.size()))
-                : c.confidence;
+            diagnosis.against_earlier && !(c.beaten < each) ? c.confidence / each : c.confidence;
         return (one_of_them >= kNamed && c.id != doubted && seen) ||
                (no_worse && unforeseeable(diagnosis, c));
       });
@@ -250,12 +250,16 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   Selected selected = select_causes(search, baseline, options);
   const std::vector<Segment> holdout =
       cut(search.recorded(), out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
+  const double worst = kWorse * judge(selected.settled, holdout).rms;
   if (const double rms = judge(selected.model.model, holdout).rms;
-      !(rms < kRunsAway * judge(selected.settled, holdout).rms)) {
+      std::isfinite(worst) && !(rms < worst)) {
     selected.steps.push_back(
-        text("on data not seen what was found runs away (%.4g um): taken back", 1e6 * rms));
+        text("on data not seen what was found is worse (%.4g um): taken back", 1e6 * rms));
     selected.model = std::move(baseline);
     selected.found.clear();
+    search.polish(selected.model);
+    search.follow(selected.model);
+    search.judge(selected.model);
   }
   const Hypothesis& current = selected.model;
   const auto& found = selected.found;
@@ -305,6 +309,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     less.structure = without(current.structure, id, one.kind);
     // Where nothing can be fitted without it, everything else stays as it is.
     less.model = taken_off(extended, i, out.baseline.model);
+    less.point = point_of(less.model, less.structure);
     if (one.kind == kind_of<TimeDelay>()) {
       // Without it the loop may have the velocity lag that looks like one, but not the zeros that
       // no drive has.

@@ -24,6 +24,25 @@ constexpr double kCoarse_s = 2e-3;  // step of the data that candidates are scre
 
 constexpr double kMeasured = 0.5, kSimulated = 0.1;  // how far all may be from all
 
+/// Short pushes at moments apart. Several at one moment, or one as long as a push can be, are what
+/// something else does there.
+bool are_pushes(const Effect& effect) {
+  constexpr double kMuchOf = 0.2, kLongest = 0.9, kApart = 2.0;
+  constexpr std::size_t kPushes = ImpulseDisturbance::kPushes;
+  const double width = effect.shape[kPushes];
+  if (width > kLongest * shapes_of(effect.kind)[kPushes].upper) return false;
+  double most = 0.0;
+  for (std::size_t i = 0; i < kPushes; ++i) most = std::max(most, std::abs(effect.coefficient[i]));
+  for (std::size_t i = 0; i < kPushes; ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      const bool both = std::min(std::abs(effect.coefficient[i]), std::abs(effect.coefficient[j])) >
+                        kMuchOf * most;
+      if (both && std::abs(effect.shape[i] - effect.shape[j]) < kApart * width) return false;
+    }
+  }
+  return true;
+}
+
 /// What the bounds of single parameters do not say.
 bool plausible(const Model& model, double begin_s, double end_s, double all_is) {
   // What sets in at the very beginning or end did not happen within the recording.
@@ -49,6 +68,9 @@ bool plausible(const Model& model, double begin_s, double end_s, double all_is) 
       fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
     if (2.0 * std::numbers::pi * mode->shape[0] > kBeyond * fastest) return false;
   }
+  if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
+      pushes != nullptr && !are_pushes(*pushes))
+    return false;
   // What is behind a gap has a part of the friction or of the mass.
   constexpr double kLeastPart = 0.02;
   if (const Effect* gap = model.find(kind_of<BacklashBehindEncoder>()); gap != nullptr) {
@@ -56,7 +78,7 @@ bool plausible(const Model& model, double begin_s, double end_s, double all_is) 
     for (const Effect& effect : model.effects) {
       if (is_friction_law(effect.kind)) level += effect.coefficient[0];
     }
-    if (std::abs(gap->coefficient[0]) < kLeastPart * level && gap->coefficient[1] < kLeastPart)
+    if (std::abs(gap->coefficient[0]) <= kLeastPart * level && gap->coefficient[1] < kLeastPart)
       return false;
   }
   // A gap is crossed at the gain of the velocity loop, which is most of the first coefficient.

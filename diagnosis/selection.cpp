@@ -64,7 +64,8 @@ class Selection {
       one_law_of_friction();
       integrator();
       // What better values of the parameters would have done as well is no cause.
-      const bool stays_it = !current_.has(added) || search_.is_plausible(current_.model);
+      const bool stays_it = !current_.has(added) || !search_.is_plausible(current.model) ||
+                            search_.is_plausible(current_.model);
       if (current_.rms() >= kHolds * current.rms() || !stays_it) {
         steps_.emplace_back(stays_it ? "  no better after the polish: taken back"
                                      : "  after the polish it is no such thing: taken back");
@@ -343,10 +344,14 @@ class Selection {
       search_.judge_as_is(as_is);
       search_.judge(best.model);
       // The coefficients that a measured motion says are not those of the simulation.
-      if (as_is.rms() < kClearly * best.model.rms()) search_.judge_polished(best.model);
+      if (as_is.rms() < kClearly * best.model.rms()) {
+        search_.judge_polished(best.model);
+        best.before = &current_;  // as polished as it is
+      }
       steps_.push_back(text("  polished, with %s %.4g um",
                             identity_of(best.screened.kind).id.data(), 1e6 * best.model.rms()));
-      if (best.left() < tried[i].left()) tried[i] = std::move(best);
+      if (best.left() < tried[i].left() && search_.is_plausible(best.model.model))
+        tried[i] = std::move(best);
     }
     std::sort(tried.begin(), tried.end(),
               [](const Tried& l, const Tried& r) { return l.left() < r.left(); });

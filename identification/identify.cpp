@@ -532,8 +532,11 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     record.excitation.push_back(std::move(line));
   for (std::string& line : exchanged_or_scaled(record.model, training))
     out.refusals.push_back(std::move(line));
-  if (const double before = unpredicted(holdout).rms;
-      options.must_predict && !(record.holdout.rms < before)) {
+  if (!std::isfinite(record.holdout.rms)) {
+    out.refusals.push_back(
+        "the stretches of the hold-out are too short to judge a model by; record longer ones");
+  } else if (const double before = unpredicted(holdout).rms;
+             options.must_predict && !(record.holdout.rms < before)) {
     out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms,
                                " um RMS of an error of ", 1e6 * before,
                                " um: it predicts nothing"));

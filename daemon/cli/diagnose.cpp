@@ -81,9 +81,10 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   for (const Cause& cause : diagnosis.suspected) {
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
-    const char* why = cause.confidence < kNamed
-                          ? "too little to name it"
-                          : "but what it gains on data not seen may be nothing";
+    const char* why =
+        cause.confidence < kNamed
+            ? "too little to name it"
+            : "but what it gains on data not seen may be nothing, or is within the noise";
     say(people, text("suspected   %-24s sure %.0f %%, %s", cause.id.c_str(),
                      100.0 * cause.confidence, why) +
                     rivals);

@@ -274,16 +274,23 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
     ASSERT_EQ(store.in_force().size(), 1U);
     EXPECT_EQ(store.in_force()[0].record.version, 1);
     EXPECT_EQ(store.versions("X").size(), 1U);
+    EXPECT_EQ(store.versions("X", 1).size(), 1U) << "the newest that can be used";
   }
-  // The next one takes no number that was there.
-  spoil(directory.path(), "UPDATE models SET json = '{' WHERE version = 1");
+  // The next one takes no number that was there, and comes of the one in force.
+  ModelRecord next = record_of(drive());
+  {
+    Store store(directory.path(), "mill");
+    store.promote(next, event("third"));
+  }
+  EXPECT_EQ(next.version, 3);
+  EXPECT_EQ(next.parent, 1);
+  spoil(directory.path(), "UPDATE models SET json = '{'");
   Store store(directory.path(), "mill");
   EXPECT_THAT(store.lost(), HasSubstr("the axis is identified anew"));
   EXPECT_TRUE(store.in_force().empty());
-  ModelRecord next = record_of(drive());
-  store.promote(next, event("third"));
-  EXPECT_EQ(next.version, 3);
-  EXPECT_EQ(store.in_force().at(0).record.version, 3);
+  store.promote(next, event("fourth"));
+  EXPECT_EQ(next.version, 4);
+  EXPECT_EQ(next.parent, 0);
 }
 
 TEST(StoreOnAFullDisk, CannotBeMade) {

@@ -5,7 +5,7 @@
 //
 // What is known of the other axis is its command, and what is felt its motion, which lags: a loop
 // of two poles, with what its feed-forward of velocity (lead) and of acceleration (direct) makes
-// good. By exact steps with the command's acceleration held over the cycle.
+// good. By exact steps with the command's acceleration held over each.
 #pragma once
 
 #include <array>
