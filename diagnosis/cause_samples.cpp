@@ -121,8 +121,7 @@ CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
                          by_without = simulate(without, s);
     Signals signals = signals_of(s);
     signals.loop_position = s.command - simulate(loop, s);
-    signals.position = signals.loop_position;
-    signals.velocity = measured_velocity(signals.position, h, 0);
+    set_motion(signals, signals.loop_position);
     const Spline command = Spline::through(signals.command.delayed(with.command_delay_s()), h);
     add_drive(with, signals);
 

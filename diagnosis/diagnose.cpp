@@ -67,8 +67,7 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
   const Effect* limit = model.find(kind_of<TorqueSaturation>());
   if (limit == nullptr) return at_limit(s.torque, s.sample_time_s);
   Signals signals = signals_of(s);
-  signals.position = s.command - simulated;
-  signals.velocity = measured_velocity(signals.position, s.sample_time_s, 0);
+  set_motion(signals, s.command - simulated);
   add_drive(model, signals);
   EffectMemory<double> memory;
   start_memory(limit->kind, limit->shape.data(), memory);

@@ -24,23 +24,22 @@ constexpr double kCoarse_s = 2e-3;  // step of the data that candidates are scre
 
 constexpr double kMeasured = 0.5, kSimulated = 0.1;  // how far all may be from all
 
-/// Short pushes at moments apart. Several at one moment, or one as long as a push can be, are what
-/// something else does there.
+/// Short pushes at moments apart. All of them at one moment, or one as long as a push can be, are
+/// what something else does there.
 bool are_pushes(const Effect& effect) {
-  constexpr double kMuchOf = 0.2, kLongest = 0.9, kApart = 2.0;
+  constexpr double kMuchOf = 0.2, kLongest = 0.9, kApart_s = 0.25;
   constexpr std::size_t kPushes = ImpulseDisturbance::kPushes;
-  const double width = effect.shape[kPushes];
-  if (width > kLongest * shapes_of(effect.kind)[kPushes].upper) return false;
   double most = 0.0;
   for (std::size_t i = 0; i < kPushes; ++i) most = std::max(most, std::abs(effect.coefficient[i]));
+  std::vector<double> moments;
   for (std::size_t i = 0; i < kPushes; ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      const bool both = std::min(std::abs(effect.coefficient[i]), std::abs(effect.coefficient[j])) >
-                        kMuchOf * most;
-      if (both && std::abs(effect.shape[i] - effect.shape[j]) < kApart * width) return false;
-    }
+    if (std::abs(effect.coefficient[i]) > kMuchOf * most) moments.push_back(effect.shape[i]);
   }
-  return true;
+  if (moments.empty()) return false;
+  const auto [first, last] = std::minmax_element(moments.begin(), moments.end());
+  if (*last - *first > kApart_s) return true;
+  return moments.size() == 1 &&
+         effect.shape[kPushes] < kLongest * shapes_of(effect.kind)[kPushes].upper;
 }
 
 /// What the bounds of single parameters do not say.
@@ -256,10 +255,7 @@ std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
     std::erase_if(loop.effects,
                   [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
     out.back().loop_position = s.command - simulate(loop, s);
-    if (driver->knows_motion) {
-      out.back().position = out.back().loop_position;
-      out.back().velocity = measured_velocity(out.back().position, s.sample_time_s, 0);
-    }
+    if (driver->knows_motion) set_motion(out.back(), out.back().loop_position);
     add_drive(loop, out.back());
   }
   return out;

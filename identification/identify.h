@@ -66,8 +66,8 @@ struct Identified {
 /// Whether zeros in the right half plane make most of this loop's lag: a delay that it imitates.
 [[nodiscard]] bool delay_in_disguise(const Loop& loop);
 
-/// Whether more acceleration feed-forward than any drive has makes up for the delay of this model: a
-/// velocity lag that it imitates.
+/// Whether more acceleration feed-forward than any drive has makes up for the delay of this model:
+/// a velocity lag that it imitates.
 [[nodiscard]] bool lag_in_disguise(const Model& model);
 
 /// The first share of the time of the data (gaps do not count), of all or of each, and the rest.

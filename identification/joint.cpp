@@ -108,8 +108,7 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
   std::vector<Signals> out;
   for (const Segment& s : segments) {
     Signals signals = signals_of(s);
-    signals.position = s.command - simulate(model, s);
-    signals.velocity = measured_velocity(signals.position, s.sample_time_s, 0);
+    set_motion(signals, s.command - simulate(model, s));
     add_drive(model, signals);
     out.push_back(std::move(signals));
   }

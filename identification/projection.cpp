@@ -123,10 +123,7 @@ Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Inde
   m.velocity =
       simulated && k > 0 && k + 1 < s.size() ? (x(k + 1) - x(k - 1)) / (2.0 * s.h) : s.velocity(k);
   m.displacement = k > 0 ? x(k) - x(k - 1) : 0.0;
-  const Eigen::Index before = std::max<Eigen::Index>(k - 1, 0),
-                     after = std::min(k + 1, s.size() - 1);
-  m.acceleration =
-      (s.velocity(after) - s.velocity(before)) / (s.h * static_cast<double>(after - before));
+  if (s.acceleration.size() > 0) m.acceleration = s.acceleration(k);
   m.command_velocity = command.first(k);
   m.command_acceleration = command.second(k);
   m.tracking_error = command.value(k) - x(k);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <utility>
 
 namespace servotwin {
 
@@ -72,12 +73,19 @@ Signals signals_of(const Segment& segment) {
   s.error = segment.command - segment.actual;
   s.position = segment.actual;
   s.velocity = measured_velocity(segment.actual, s.h, half_window);
+  s.acceleration = measured_velocity(s.velocity, s.h, 0);
   s.lead = segment.lead;
   s.start_s = segment.start_s;
   s.in_cut = segment.in_cut;
   if (segment.neighbour.size() == segment.size())
     s.neighbour_acceleration = Spline::through(segment.neighbour, s.h).second;
   return s;
+}
+
+void set_motion(Signals& signals, Eigen::ArrayXd position) {
+  signals.position = std::move(position);
+  signals.velocity = measured_velocity(signals.position, signals.h, 0);
+  signals.acceleration = measured_velocity(signals.velocity, signals.h, 0);
 }
 
 Signals decimated(const Signals& signals, int every) {
@@ -95,6 +103,7 @@ Signals decimated(const Signals& signals, int every) {
   s.error = thin(signals.error);
   s.position = thin(signals.position);
   s.velocity = thin(signals.velocity);
+  s.acceleration = thin(signals.acceleration);
   s.start_s = signals.start_s;
   s.loop_position = thin(signals.loop_position);
   s.in_cut = thin(signals.in_cut);

@@ -18,6 +18,7 @@ struct Signals {
   Eigen::ArrayXd position;  ///< x
   Eigen::ArrayXd
       velocity;  ///< measured: central difference, then a centred mean (docs/theory.md 1.4)
+  Eigen::ArrayXd acceleration;  ///< x'', a central difference of the velocity; empty: not asked for
 
   double start_s = 0.0;  ///< in the recording
   /// Of the loop, for effects on the reading alone; empty: the reading.
@@ -38,6 +39,9 @@ struct Signals {
 inline constexpr double kVelocityMean_s = 0.011;
 /// The same with every `every`-th sample: for a coarse search. The velocity is taken before.
 [[nodiscard]] Signals decimated(const Signals& signals, int every);
+
+/// Position, velocity and acceleration become those of a motion without noise: a simulated one.
+void set_motion(Signals& signals, Eigen::ArrayXd position);
 
 /// Adds what the control of this model's loop asks of the motor along the signals' motion
 /// (docs/theory.md 3.11), as Twin::demand has it along its own, and what its law of friction says

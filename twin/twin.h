@@ -41,6 +41,8 @@ class Twin {
   [[nodiscard]] double velocity() const noexcept { return velocity_; }
   /// What the control asks of the motor then, over the moved mass [m/s^2 | rad/s^2].
   [[nodiscard]] double demand() const noexcept { return demand_; }
+  /// x'': the demand less all that disturbs [m/s^2 | rad/s^2].
+  [[nodiscard]] double acceleration() const noexcept { return demand_ - force_; }
 
   /// Puts the axis at rest at this command, with constant forces already held by the loop.
   void start(double command, double time_s = 0.0) noexcept;

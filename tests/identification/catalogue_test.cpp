@@ -78,6 +78,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     signals.in_cut = segment.in_cut;
     signals.neighbour_acceleration = Spline::through(segment.neighbour, h).second;
     signals.velocity = Eigen::ArrayXd::Zero(3000);
+    signals.acceleration = Eigen::ArrayXd::Zero(3000);
     signals.demand = Eigen::ArrayXd::Constant(3000, twin.demand());
     signals.demand_rate = signals.demand_damping = Eigen::ArrayXd::Zero(3000);
     for (Eigen::Index k = 1; k < 3000; ++k) {
@@ -93,6 +94,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
       signals.position(k) = twin.loop_position();
       reading(k) = twin.position();
       signals.velocity(k) = twin.velocity();
+      signals.acceleration(k) = twin.acceleration();
       signals.demand(k) = twin.demand();
       if (order == 3) {
         signals.demand_damping(k) = model.loop.denominator[0] * (motion.first(k) - twin.velocity());
