@@ -6,6 +6,7 @@
 #include <optional>
 #include <set>
 #include <stdexcept>
+#include <string_view>
 
 #include "diagnosis/judgement.h"
 #include "diagnosis/text.h"
@@ -80,6 +81,11 @@ class Selection {
     }
   }
 
+  [[nodiscard]] bool is_left_out(std::string_view cause) const {
+    const auto& all = options_.leave_out;
+    return std::find(all.begin(), all.end(), cause) != all.end();
+  }
+
   void go_on() const {
     if (options_.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
   }
@@ -136,9 +142,8 @@ class Selection {
 
   /// A delay beside a velocity error, which the baseline's structures do not have.
   bool add_delay() {
-    const auto& left_out = options_.leave_out;
     if (current_.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0 ||
-        std::find(left_out.begin(), left_out.end(), "time_delay") != left_out.end())
+        is_left_out("time_delay"))
       return false;
     Hypothesis best;
     best.cost = 1e300;
@@ -384,6 +389,7 @@ class Selection {
   /// better.
   void one_law_of_friction() {
     if (last_ != "presliding" && last_ != "stribeck") return;
+    if (is_left_out("presliding") || is_left_out("stribeck")) return;  // it says both
     const Found friction = found_.at(last_);
     const bool both = found_.count("presliding") > 0 && found_.count("stribeck") > 0;
     if (std::find(kLaws.begin(), kLaws.end(), friction.kind) != kLaws.end()) return;
@@ -449,6 +455,8 @@ class Selection {
       double least = current_.rms() / kWorthIt;
       for (const std::size_t law :
            {kind_of<Presliding>(), kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
+        const bool falls = law != kind_of<Presliding>();
+        if (is_left_out("presliding") || (falls && is_left_out("stribeck"))) continue;
         go_on();
         Hypothesis h;
         h.structure = without(current_.structure, id, one.kind);
@@ -485,6 +493,7 @@ class Selection {
   void named_by(std::size_t law, const Cause& evidence) {
     const double ratio = shape_of(current_.model, law, "breakaway_ratio");
     for (const char* id : {"presliding", "stribeck"}) {
+      if (is_left_out(id)) continue;
       const bool falls = id == std::string("stribeck");
       if (falls && !std::isfinite(ratio)) {
         found_.erase(id);
