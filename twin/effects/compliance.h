@@ -10,10 +10,9 @@
 #pragma once
 
 #include <array>
-#include <cmath>
-#include <numbers>
 
 #include "twin/effect.h"
+#include "twin/effects/swing.h"
 
 namespace servotwin {
 
@@ -35,11 +34,6 @@ struct Compliance {
        {"damper", "1/s", -1e6, 1e6, 0.0, "force per speed of deflection"},
        {"ringing", "m/s^2", -100.0, 100.0, 0.0, "force of the deflection by friction, beyond rest"},
        {"fading", "m/s^2", -100.0, 100.0, 0.0, "force of its rate, over the angular frequency"}}};
-  /// A deflection and its rate.
-  template <class T>
-  struct Swing {
-    T q = T(0.0), rate = T(0.0);
-  };
   template <class T>
   struct Memory {
     Memory() = default;
@@ -50,27 +44,14 @@ struct Compliance {
 
   template <class T>
   static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
-    using std::cos;
-    using std::exp;
-    using std::sin;
-    using std::sqrt;
-    const T w = 2.0 * std::numbers::pi * shape[0], zeta = shape[1];
-    const T damped = w * sqrt(1.0 - zeta * zeta), fade = exp(-zeta * w * m.step_s);
-    const T s = sin(damped * m.step_s), c = cos(damped * m.step_s);
-    const auto advance = [&](Swing<T>& swing, const T& rest) {
-      const T q = swing.q - rest;  // about the deflection at which it would rest
-      const T along = (swing.rate + zeta * w * q) / damped;
-      swing.q = rest + fade * (q * c + along * s);
-      swing.rate =
-          fade * (swing.rate * c - (w * q * w / damped + zeta * w * swing.rate / damped) * s);
-    };
+    const SwingStep<T> mode(shape[0], shape[1], m.step_s);
     const T direction(m.direction());
-    advance(memory.by_command, -m.command_acceleration / (w * w));
-    advance(memory.by_friction, -direction);
-    force[0] = w * memory.by_command.q;
+    mode.advance(memory.by_command, -m.command_acceleration / (mode.w * mode.w));
+    mode.advance(memory.by_friction, -direction);
+    force[0] = mode.w * memory.by_command.q;
     force[1] = memory.by_command.rate;
     force[2] = memory.by_friction.q + direction;
-    force[3] = memory.by_friction.rate / w;
+    force[3] = memory.by_friction.rate / mode.w;
   }
 };
 

@@ -9,10 +9,9 @@
 #pragma once
 
 #include <array>
-#include <cmath>
-#include <numbers>
 
 #include "twin/effect.h"
+#include "twin/effects/swing.h"
 
 namespace servotwin {
 
@@ -36,25 +35,16 @@ struct CrossCoupling {
   struct Memory {
     Memory() = default;
     explicit Memory(const T* /*shape*/) noexcept {}
-    T q = T(0.0), rate = T(0.0);  // [m/s^2], [m/s^3]
+    Swing<T> other;  // [m/s^2], [m/s^3]
   };
 
   template <class T>
   static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
-    using std::cos;
-    using std::exp;
-    using std::sin;
-    using std::sqrt;
-    const T w = 2.0 * std::numbers::pi * shape[0], zeta = shape[1];
-    const T damped = w * sqrt(1.0 - zeta * zeta), fade = exp(-zeta * w * m.step_s);
-    const T s = sin(damped * m.step_s), c = cos(damped * m.step_s);
-    const T q = memory.q - m.neighbour_acceleration;  // about that to which it goes
-    const T along = (memory.rate + zeta * w * q) / damped;
-    memory.q = m.neighbour_acceleration + fade * (q * c + along * s);
-    memory.rate = fade * (memory.rate * c - (w * q + zeta * memory.rate) * (w / damped) * s);
-    force[0] = memory.q;
-    force[1] = memory.rate / w;
-    force[2] = m.neighbour_acceleration - memory.q;
+    const SwingStep<T> loop(shape[0], shape[1], m.step_s);
+    loop.advance(memory.other, T(m.neighbour_acceleration));
+    force[0] = memory.other.q;
+    force[1] = memory.other.rate / loop.w;
+    force[2] = m.neighbour_acceleration - memory.other.q;
   }
 };
 
