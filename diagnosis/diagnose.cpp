@@ -85,16 +85,10 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
 
 }  // namespace
 
-void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
-              const NoiseFloor& floor, const DiagnoseOptions& options) {
-  for (Cause& cause : diagnosis.suspected) diagnosis.causes.push_back(std::move(cause));
-  diagnosis.suspected.clear();
-  std::sort(diagnosis.causes.begin(), diagnosis.causes.end(),
-            [](const Cause& l, const Cause& r) { return l.worth > r.worth; });
-
-  std::vector<ResidualStretch> stretches;
-  for (const Segment& s : holdout) {
-    const Model& model = diagnosis.extended.model;
+std::vector<ResidualStretch> residual_stretches(const Model& model,
+                                                const std::vector<Segment>& segments) {
+  std::vector<ResidualStretch> out;
+  for (const Segment& s : segments) {
     const Eigen::ArrayXd simulated = simulate(model, s);
     // From where the hold-out is judged: before, the starting state is still being found.
     const Eigen::Index from = std::max(s.lead, starting_state_samples(model, s));
@@ -102,10 +96,22 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     const Eigen::Index count = s.size() - from;
     Eigen::ArrayXd limited = saturated(model, s, simulated);
     if (limited.size() > 0) limited = limited.tail(count).eval();
-    stretches.push_back({s.command.tail(count), (s.command - s.actual - simulated).tail(count),
-                         s.sample_time_s, s.start_s + s.sample_time_s * static_cast<double>(from),
-                         std::move(limited)});
+    out.push_back({s.command.tail(count), (s.command - s.actual - simulated).tail(count),
+                   s.sample_time_s, s.start_s + s.sample_time_s * static_cast<double>(from),
+                   std::move(limited)});
   }
+  return out;
+}
+
+void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
+              const NoiseFloor& floor, const DiagnoseOptions& options) {
+  for (Cause& cause : diagnosis.suspected) diagnosis.causes.push_back(std::move(cause));
+  diagnosis.suspected.clear();
+  std::sort(diagnosis.causes.begin(), diagnosis.causes.end(),
+            [](const Cause& l, const Cause& r) { return l.worth > r.worth; });
+
+  const std::vector<ResidualStretch> stretches =
+      residual_stretches(diagnosis.extended.model, holdout);
   diagnosis.regimes = by_regime(stretches);
   diagnosis.regressors = by_regressor(stretches);
   diagnosis.peaks = spectrum_peaks(stretches);

@@ -93,6 +93,10 @@ struct DiagnoseOptions {
 /// Throws std::runtime_error as `identify` does. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
+/// What a model gets wrong of each segment, from where its starting state is found.
+[[nodiscard]] std::vector<ResidualStretch> residual_stretches(const Model& model,
+                                                              const std::vector<Segment>& segments);
+
 /// Orders the causes of a search and says what is left: verdict, regimes, regressors, lines of the
 /// spectrum, unexplained share, what could not show, and the motion that would decide what is in
 /// doubt. `holdout` with its cuts.

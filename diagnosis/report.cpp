@@ -157,11 +157,8 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
                 1e6 * share.rms, unit, 1e6 * share.max, unit, 100.0 * share.share,
                 100.0 * share.time_share);
   }
-  std::vector<ResidualStretch> stretches;
-  for (const Segment& s : cut(segments, diagnosis.baseline.training_to_s + 1e-9, 1e300))
-    stretches.push_back({s.command, s.command - s.actual - simulate(diagnosis.baseline.model, s),
-                         s.sample_time_s, s.start_s});
-  const RegressorShares before = by_regressor(stretches);
+  const RegressorShares before = by_regressor(residual_stretches(
+      diagnosis.baseline.model, cut(segments, diagnosis.baseline.training_to_s + 1e-9, 1e300)));
   out +=
       "</table>\n<p>What could explain it, one variable at a time:</p>\n<table><tr><th>variable"
       "</th><th>share of the squared error</th><th>chance alone reaches</th><th></th><th>before "

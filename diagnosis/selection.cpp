@@ -423,6 +423,7 @@ class Selection {
   bool any_law() {
     const auto friction = found_.find("presliding");
     if (friction == found_.end() || !(current_.rms() > kFar * search_.floor().rms)) return false;
+    if (is_left_out("stribeck")) return false;  // it falls with speed as well
     go_on();
     Hypothesis h;
     h.structure = current_.structure;

@@ -21,6 +21,7 @@ using testing::Contains;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Not;
 
 std::vector<std::string> ids(const Diagnosis& diagnosis) {
   std::vector<std::string> out;
@@ -97,6 +98,17 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   const Cause& cause = diagnosis.causes.front();
   EXPECT_NEAR(diagnosis.extended.model.effects[cause.place].coefficient[0], 0.524, 0.02);
   EXPECT_GT(cause.gain.low, 0.0);
+}
+
+// A law of friction that falls with speed says the Stribeck effect under whatever name.
+TEST(Diagnosis, LeavesACauseOutOfTheLawsThatSayItWithAnother) {
+  const SegmentedAxis axis = segment_axis(
+      read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "Y");
+  DiagnoseOptions options;
+  options.leave_out = {"stribeck"};
+  const Diagnosis diagnosis = diagnose(axis, options);
+  EXPECT_THAT(ids(diagnosis), ElementsAre("presliding"));
+  EXPECT_THAT(cause_text(diagnosis, diagnosis.causes.front()), Not(HasSubstr("stribeck")));
 }
 
 // What the published symmetric model of this axis gets wrong, each with its gain on
