@@ -98,6 +98,30 @@ TEST(Replay, IsTheMachineThatMadeTheRecording) {
   EXPECT_THAT(answer.out, HasSubstr("sent 149 of 149 frames"));
 }
 
+// A daemon says that it is ready before its reader of frames is found: what is sent until then
+// nobody would count as lost.
+TEST(Replay, WaitsForWhoReadsItsFrames) {
+  const Folder folder;
+  const DdsNode node(place());
+  DdsReader<MachineDescription> descriptions(node);
+  DdsWriter<MachineStatus> statuses(node);
+  Program replay(over_dds("replay", {folder.write("rec.csv", slow_recording(150))}));
+  MachineDescription machine;
+  ASSERT_TRUE(descriptions.receive(machine, kPatience_s));
+  ASSERT_TRUE(statuses.wait_for_readers(1, kPatience_s));
+  MachineStatus ready;
+  ready.axes.push_back({"X", 0, kAbsent, "waiting"});
+  ASSERT_TRUE(statuses.write(ready));
+  std::this_thread::sleep_for(std::chrono::milliseconds(500));
+  DdsReader<MachineFrame> frames(node);
+  MachineFrame frame;
+  for (int k = 0; k < 149; ++k) {
+    ASSERT_TRUE(frames.receive(frame, kPatience_s)) << "frame " << k;
+    ASSERT_EQ(frame.sequence, static_cast<std::uint64_t>(k < 120 ? k : k + 1));
+  }
+  EXPECT_EQ(replay.answer().status, 0);
+}
+
 TEST(Replay, NobodyThereIsAnError) {
   const Folder folder;
   const Answer answer = servotwin_says(

@@ -63,6 +63,20 @@ TEST(Dds, FramesArriveAsTheyWereSentWhateverTheirSize) {
   EXPECT_GT(reader.written_ns(), 0);
 }
 
+// Half a second at 1 kHz: a reader is kept from the processor for as long on a busy host.
+TEST(Dds, AReaderMayFallBehindByHundredsOfFrames) {
+  const DdsNode node(place("behind"));
+  DdsReader<MachineFrame> reader(node);
+  DdsWriter<MachineFrame> writer(node);
+  ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
+  MachineFrame frame = frame_with(2, 0);
+  for (frame.sequence = 0; frame.sequence < 500; ++frame.sequence) ASSERT_TRUE(writer.write(frame));
+  for (std::uint64_t sequence = 0; sequence < 500; ++sequence) {
+    ASSERT_TRUE(reader.receive(frame, kPatience_s));
+    ASSERT_EQ(frame.sequence, sequence);
+  }
+}
+
 TEST(Dds, NothingComesWhereNobodySends) {
   // Matching knows topics and partitions, not machines: other tests may be writing at the same
   // time.
