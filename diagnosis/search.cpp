@@ -403,6 +403,9 @@ void Search::judge_as_is(Hypothesis& h) const {
 }
 
 void Search::judge(Hypothesis& h) const {
+  // Along a measured motion a limit is in the wrong place, and a fit to what is left of a motion
+  // that is cut out of it does not know what the integrator held.
+  if (h.model.find(kind_of<TorqueSaturation>()) != nullptr) return judge_as_is(h);
   h.pieces.clear();
   // The motion of the better model: a law of friction is not to be judged by one without it.
   std::optional<Driver> driver = followed_;

@@ -72,8 +72,8 @@ class Search {
                                              const std::vector<std::size_t>& kinds) const;
   /// Polishes in free simulation, where that predicts the training data better.
   void polish(Hypothesis& h);
-  /// What the bounds of single parameters do not say, of a model whose coefficients are those of the
-  /// simulation.
+  /// What the bounds of single parameters do not say, of a model whose coefficients are those of
+  /// the simulation.
   [[nodiscard]] bool is_plausible(const Model& model) const;
   /// From here on effects are driven by the motion of this hypothesis: those on the reading always,
   /// all where less is left of it by its own motion than by the encoder's. A coarse encoder or a
