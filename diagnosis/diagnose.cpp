@@ -85,6 +85,20 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
 
 }  // namespace
 
+std::vector<Segment> holdout_for(const Model& model, const std::vector<Segment>& segments,
+                                 double from_s) {
+  if (model.find(kind_of<TorqueSaturation>()) == nullptr) return cut(segments, from_s, 1e300);
+  std::vector<Segment> out;
+  for (Segment s : segments) {
+    if (s.end_s() < from_s) continue;
+    const auto before =
+        static_cast<Eigen::Index>(std::ceil((from_s - s.start_s) / s.sample_time_s));
+    s.lead = std::max(s.lead, before);
+    out.push_back(std::move(s));
+  }
+  return out;
+}
+
 std::vector<ResidualStretch> residual_stretches(const Model& model,
                                                 const std::vector<Segment>& segments) {
   std::vector<ResidualStretch> out;
@@ -253,8 +267,9 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
 
   const std::vector<std::size_t> baseline_effects = baseline.structure.effects;
   Selected selected = select_causes(search, baseline, options);
-  const std::vector<Segment> holdout =
-      cut(search.recorded(), out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
+  const double holdout_from_s = out.baseline.training_to_s + 0.5 * axis.sample_time_s;
+  std::vector<Segment> holdout =
+      holdout_for(selected.model.model, search.recorded(), holdout_from_s);
   const double worst = kWorse * judge(selected.settled, holdout).rms;
   if (const double rms = judge(selected.model.model, holdout).rms;
       std::isfinite(worst) && !(rms < worst)) {
@@ -265,6 +280,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     search.polish(selected.model);
     search.follow(selected.model);
     search.judge(selected.model);
+    holdout = cut(search.recorded(), holdout_from_s, 1e300);
   }
   const Hypothesis& current = selected.model;
   const auto& found = selected.found;
@@ -277,9 +293,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.baseline.training = settled;
   }
 
-  out.baseline.holdout =
-      judge(out.baseline.model,
-            cut(recorded.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300));
+  out.baseline.holdout = judge(out.baseline.model, cut(recorded.segments, holdout_from_s, 1e300));
   out.extended = out.baseline;
   out.extended.holdout = judge(out.baseline.model, holdout);
   if (!found.empty() || current.structure.effects != baseline_effects) {

@@ -93,6 +93,11 @@ struct DiagnoseOptions {
 /// Throws std::runtime_error as `identify` does. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
+/// What follows this time, to judge a model on. Of one with a limit of the motor the motion before
+/// it comes as lead: a control that holds its integrator there does not forget.
+[[nodiscard]] std::vector<Segment> holdout_for(const Model& model,
+                                               const std::vector<Segment>& segments, double from_s);
+
 /// What a model gets wrong of each segment, from where its starting state is found.
 [[nodiscard]] std::vector<ResidualStretch> residual_stretches(const Model& model,
                                                               const std::vector<Segment>& segments);

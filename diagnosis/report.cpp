@@ -44,15 +44,15 @@ std::string row(const char* name, const std::string& cell) {
 std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
   const std::vector<Segment> holdout =
-      cut(segments, diagnosis.baseline.training_to_s + 1e-9, 1e300);
+      holdout_for(diagnosis.extended.model, segments, diagnosis.baseline.training_to_s + 1e-9);
   if (holdout.empty()) return {};
   const Segment& s = holdout.front();
   const Eigen::ArrayXd error = s.command - s.actual;
   const Eigen::ArrayXd before = 1e6 * (error - simulate(diagnosis.baseline.model, s)),
                        after = 1e6 * (error - simulate(diagnosis.extended.model, s));
   const auto count = std::min<Eigen::Index>(
-      s.size(), static_cast<Eigen::Index>(std::lround(kShown_s / s.sample_time_s)));
-  const Eigen::Index begin = (s.size() - count) / 2;
+      s.size() - s.lead, static_cast<Eigen::Index>(std::lround(kShown_s / s.sample_time_s)));
+  const Eigen::Index begin = s.lead + (s.size() - s.lead - count) / 2;
   PlotSeries measured{"measured", {}, {}, true, ""}, baseline{"before", {}, {}, true, "#d9542b"},
       extended{"with all that was found", {}, {}, true, "#2f9e58"};
   for (Eigen::Index k = begin; k < begin + count; ++k) {

@@ -48,9 +48,12 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
   for (const Cause& cause : diagnosis.causes) {
     std::string line = text("cause       %-24s ", cause.id.c_str());
-    if (std::isfinite(cause.gain.before))
+    if (std::isfinite(cause.gain.before)) {
       line += text("%12.3f -> %.3f %s without and with it", 1e6 * cause.gain.before,
                    1e6 * cause.gain.after, micro(rotary));
+    } else if (cause.counts.empty() && cause.moved.empty()) {
+      line += "without it the simulation runs away";
+    }
     if (std::isfinite(cause.gain.low))
       line += text(" (gain %.2g to %.2g)", 1e6 * cause.gain.low, 1e6 * cause.gain.high);
     if (cause.place == kNoEffect && cause.moved.empty()) {

@@ -53,6 +53,16 @@ TEST(AMotorAtItsLimit, IsNamedFirstAndLeavesNoFurtherCauses) {
   EXPECT_LT(answer.after_rms, 0.2 * answer.before_rms);
 }
 
+// The part that no fit has seen begins within a motion, with an integrator that has been held.
+TEST(AMotorAtItsLimit, IsJudgedWithTheMotionBeforeTheHoldOut) {
+  const Case asked = single_case(Part::kDev, "torque_saturation", Class::kClear, 63);
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  EXPECT_EQ(answer.verdict, "explained");
+  EXPECT_THAT(named(answer, asked), testing::ElementsAre("torque_saturation"));
+  EXPECT_LT(answer.after_rms, 1.2 * asked.noise_rms);
+}
+
 INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect,
                          testing::Values("asymmetric_friction", "cogging", "cross_coupling",
                                          "encoder_error", "gain_change", "impulse_disturbance",
