@@ -67,7 +67,7 @@ TEST(Dbc, MessagesAndSignals) {
 }
 
 TEST(Dbc, ExtendedIdsMultiplexingAndFloats) {
-  const DbcMessage& mux = parse_dbc(kFile, "m.dbc").messages[1];
+  const DbcMessage mux = parse_dbc(kFile, "m.dbc").messages[1];
   EXPECT_TRUE(mux.extended);
   EXPECT_EQ(mux.id, 2566834709U - 2147483648U);
   ASSERT_EQ(mux.signals.size(), 4U);
