@@ -42,26 +42,20 @@ TEST(AMotorAtItsLimit, IsNamedWhereAllOfItIsLateInTheRecording) {
   EXPECT_LT(answer.after_rms, 0.1 * answer.before_rms);
 }
 
-// What is left of motion that is cut out of a recording with such a limit is no evidence: it had
-// made friction and play come before it.
-TEST(AMotorAtItsLimit, IsNamedFirstAndLeavesNoFurtherCauses) {
-  const Case asked = single_case(Part::kDev, "torque_saturation", Class::kClear, 81);
-  const Answer answer = ask(asked.csv, {});
-  ASSERT_EQ(answer.failure, "");
-  EXPECT_EQ(answer.verdict, "explained");
-  EXPECT_THAT(named(answer, asked), testing::ElementsAre("torque_saturation"));
-  EXPECT_LT(answer.after_rms, 0.2 * answer.before_rms);
-}
+// 81: what is left of motion that is cut out of a recording with such a limit is no evidence: it
+// had made friction and play come before it. 63: the part that no fit has seen begins within a
+// motion, with an integrator that has been held.
+class AMotorsLimit : public testing::TestWithParam<int> {};
 
-// The part that no fit has seen begins within a motion, with an integrator that has been held.
-TEST(AMotorAtItsLimit, IsJudgedWithTheMotionBeforeTheHoldOut) {
-  const Case asked = single_case(Part::kDev, "torque_saturation", Class::kClear, 63);
+TEST_P(AMotorsLimit, IsAllThatIsNamedAndLeavesTheNoise) {
+  const Case asked = single_case(Part::kDev, "torque_saturation", Class::kClear, GetParam());
   const Answer answer = ask(asked.csv, {});
   ASSERT_EQ(answer.failure, "");
   EXPECT_EQ(answer.verdict, "explained");
   EXPECT_THAT(named(answer, asked), testing::ElementsAre("torque_saturation"));
   EXPECT_LT(answer.after_rms, 1.2 * asked.noise_rms);
 }
+INSTANTIATE_TEST_SUITE_P(Dev, AMotorsLimit, testing::Values(63, 81));
 
 INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect,
                          testing::Values("asymmetric_friction", "cogging", "cross_coupling",
