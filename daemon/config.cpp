@@ -330,11 +330,14 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   std::string directory;
   store.text("directory", 1, 4096, directory);
   config.store.directory = directory;
-  store.number("recordings_mb", 0.0, 1e9, "MB", config.store.recordings_mb);
-  double most_mb = config.store.recordings_mb;
+  double least_mb = -1.0, most_mb = -1.0;
+  store.number("recordings_mb", 0.0, 1e9, "MB", least_mb);
   store.number("recordings_max_mb", 0.0, 1e9, "MB", most_mb);
-  if (store.has("recordings_max_mb")) config.store.recordings_max_mb = most_mb;
-  if (most_mb < config.store.recordings_mb)
+  if (least_mb >= 0.0) config.store.recordings_mb = least_mb;
+  if (most_mb >= 0.0) config.store.recordings_max_mb = most_mb;
+  // One that is wrong has been reported; the default that stands for it is not to be blamed.
+  const bool both_known = most_mb >= 0.0 && (least_mb >= 0.0 || !store.has("recordings_mb"));
+  if (both_known && most_mb < config.store.recordings_mb)
     store.report("recordings_max_mb",
                  "must not be less than recordings_mb = " + number(config.store.recordings_mb));
   store.refuse_unknown();

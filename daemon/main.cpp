@@ -17,6 +17,7 @@
 #include "daemon/reload.h"
 #include "daemon/service.h"
 #include "daemon/service_manager.h"
+#include "daemon/unknown_option.h"
 #include "daemon/web/listen_address.h"
 
 namespace servotwin {
@@ -114,7 +115,9 @@ int run(int argc, char** argv, const Journal* journal) {
   } catch (const CLI::Success& help) {
     return app.exit(help);
   } catch (const CLI::ParseError& error) {
-    std::cerr << "servotwind: " << error.what() << " (see servotwind --help)\n";
+    const std::string unknown = unknown_option(app);
+    std::cerr << "servotwind: " << (unknown.empty() ? error.what() : unknown)
+              << " (see servotwind --help)\n";
     return 2;
   }
   const ServiceManager manager;

@@ -31,6 +31,8 @@
 #include "daemon/scheduling.h"
 #include "daemon/service_manager.h"
 #include "daemon/store.h"
+#include "daemon/web/http_server.h"
+#include "daemon/web/listen_address.h"
 #include "daemon/web/web_service.h"
 #include "drivers/dds.h"
 #include "drivers/text.h"
@@ -146,17 +148,42 @@ class WhileServing {
   Reloads* reloads_;
 };
 
-/// Each line of a message that has several is an event.
-void note_refused(EventLog& events, const std::string& problems) {
-  std::istringstream lines(problems);
-  for (std::string line; std::getline(lines, line);) events.error("config_refused", "", line);
-  events.error("config_refused", "", "the new configuration is refused; the one before holds");
+/// `running` with what the configuration changes at once, and the event that tells of it; false,
+/// and nothing has changed, if it is refused.
+bool read_again(const std::function<Config()>& load, Config& running, EventLog& events) {
+  try {
+    const Config newer = load();
+    const ConfigChanges changes = changes_between(running, newer);
+    running = reloaded(running, newer);
+    events.note("reloaded", "", changes.text());
+    return true;
+  } catch (const std::exception& error) {
+    // Each line of a message that has several is an event.
+    std::istringstream lines(error.what());
+    for (std::string line; std::getline(lines, line);) events.error("config_refused", "", line);
+    events.error("config_refused", "", "the new configuration is refused; the one before holds");
+    return false;
+  }
 }
 
 /// A position demand of a drive has its offset in it, a path of an interpolator has not.
 bool offset_in_command(const Config& config) {
   return config.ilc.in_command.value_or(config.source == SourceKind::kCan ||
                                         config.source == SourceKind::kUdp);
+}
+
+/// "X (model 3), Y": the axes that the store knows, with the version in force.
+std::string known_axes(const Store& store) {
+  std::vector<std::string> out = store.axes();
+  const std::vector<StoredModel> models = store.in_force();
+  for (std::string& axis : out) {
+    for (const StoredModel& model : models) {
+      if (model.record.axis != axis) continue;
+      axis += " (model " + std::to_string(model.record.version) + ")";
+      break;
+    }
+  }
+  return listed(out);
 }
 
 std::filesystem::path store_of(const Config& config) {
@@ -178,6 +205,25 @@ std::vector<std::string> obstacles(const Config& config) {
                     " on this host");
   }
   for (std::string& obstacle : input_obstacles(config)) found.push_back(std::move(obstacle));
+  try {
+    if (const auto address = parse_listen_address(config.http.listen))
+      HttpServer::try_listening(*address);
+  } catch (const CannotListen& error) {
+    if (error.error != EADDRINUSE) found.emplace_back(error.what());
+  }
+  return found;
+}
+
+std::vector<std::string> taken(const Config& config) {
+  std::vector<std::string> found;
+  if (Store::in_use(store_of(config)))
+    found.push_back("store " + store_of(config).string() + " is in use by a servotwind");
+  try {
+    if (const auto address = parse_listen_address(config.http.listen))
+      HttpServer::try_listening(*address);
+  } catch (const CannotListen& error) {
+    if (error.error == EADDRINUSE) found.push_back(config.http.listen + " is listened to");
+  }
   return found;
 }
 
@@ -188,6 +234,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   // A disk that refuses is found out now, not with the first model.
   store.add(event_now("started", "", "started"));
   if (!store.lost().empty()) events.error("store", "", store.lost());
+  if (const std::string known = known_axes(store); !known.empty())
+    events.note("store", "", "the store knows " + known);
   const DdsNode node(place_of(config, config.dds));
   std::optional<DdsNode> apart;  // where the frames come from elsewhere
   if (config.source == SourceKind::kDds && config.dds_in)
@@ -206,9 +254,15 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
                                    " s; the service manager will start it again"));
       });
 
-  // Where the frames come from, and of what machine.
-  std::optional<MachineInput> opened =
-      open_input(config, node, node_in, descriptions, stop, events);
+  // What the configuration may change on the way. The loop and its rings have no part in it.
+  Config running = config;
+  std::optional<MachineInput> opened;
+  {
+    const WhileServing reloading(surroundings.reloads, [&](const std::function<Config()>& load) {
+      read_again(load, running, events);
+    });
+    opened = open_input(config, node, node_in, descriptions, stop, events);
+  }
   if (!opened) {
     events.note("stopped", "", "stopped before a machine came");
     return;
@@ -225,8 +279,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   OffsetHandOver hand_over;
   WakeUp predicted;
   Histogram published;
-  MotionMemory memory(machine, remembered_s(config));
-  ResidualWatch watch(machine, config.diagnose, events);
+  MotionMemory memory(machine, remembered_s(running));
+  ResidualWatch watch(machine, running.diagnose, events);
 
   // Who works.
   const auto loop = std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows,
@@ -237,7 +291,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   loop->give_back(*live_offsets, offsets);
   input.source->wait_while([&] { return rows.waiting() > rows.capacity() / 2; });
   Arming arming(config.ilc.live, hand_over.armed, events);
-  Recorder recorder(machine, config.machine, store.directory(), room_of(config), rows, memory,
+  Recorder recorder(machine, config.machine, store.directory(), room_of(running), rows, memory,
                     watch, events);
   Publisher* to_network = nullptr;
   const auto shown = web == nullptr
@@ -245,9 +299,10 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
                          : std::make_unique<WebService::Shown>(*web, machine, loop->counters(),
                                                                published, watch, &arming);
   IdentificationWorker identification(
-      machine, config.identify, memory, store, events, models,
+      machine, running.identify, memory, store, events, models,
       [&](const StoredModel& model) { to_network->announce(model); });
-  DiagnosisWorker diagnosis(machine, config.diagnose, config.identify, memory, watch, store, events,
+  DiagnosisWorker diagnosis(machine, running.diagnose, running.identify, memory, watch, store,
+                            events,
                             [&](const StoredDiagnosis& made) { to_network->announce(made); });
   DdsReader<ProgramChunk> programs(node_in);
   DdsWriter<CorrectionChunk> corrections(node);
@@ -366,21 +421,12 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     ended_changed.notify_all();
   });
 
-  // What the configuration may change on the way. The loop and its rings have no part in it.
-  Config running = config;
   const WhileServing reloading(surroundings.reloads, [&](const std::function<Config()>& load) {
-    try {
-      const Config newer = load();
-      const ConfigChanges changes = changes_between(running, newer);
-      running = reloaded(running, newer);
-      identification.reconfigure(running.identify);
-      diagnosis.reconfigure(running.diagnose, running.identify);
-      recorder.keep(room_of(running));
-      memory.remember(remembered_s(running));
-      events.note("reloaded", "", changes.text());
-    } catch (const std::exception& error) {
-      note_refused(events, error.what());
-    }
+    if (!read_again(load, running, events)) return;
+    identification.reconfigure(running.identify);
+    diagnosis.reconfigure(running.diagnose, running.identify);
+    recorder.keep(room_of(running));
+    memory.remember(remembered_s(running));
   });
 
   {

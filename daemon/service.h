@@ -31,8 +31,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
            std::ostream& out, const Surroundings& surroundings = {});
 
 /// Why serve() could not start with this configuration, as far as that can be told without making
-/// or changing anything: recordings that cannot be replayed, a store that cannot be written. One
-/// line each; none if it could.
+/// or changing anything: recordings that cannot be replayed, a store that cannot be written, an
+/// address that is none of this host's. One line each; none if it could.
 [[nodiscard]] std::vector<std::string> obstacles(const Config& config);
+/// What another process has now: the store or the address of the page. Where that is the daemon
+/// which is to get this configuration it is as it should be.
+[[nodiscard]] std::vector<std::string> taken(const Config& config);
 
 }  // namespace servotwin

@@ -63,13 +63,14 @@ int lock_directory(const std::filesystem::path& directory) {
   std::error_code error;
   std::filesystem::create_directories(directory, error);
   if (error)
-    throw std::runtime_error("store " + directory.string() +
-                             ": cannot be made: " + error.message());
+    throw std::runtime_error("store " + directory.string() + ": cannot be made: " +
+                             error.message() + "; give a place that can be written with --store");
   const std::filesystem::path file = directory / "lock";
   const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock < 0)
     throw std::runtime_error("store " + directory.string() +
-                             ": cannot be written: " + system_error(errno));
+                             ": cannot be written: " + system_error(errno) +
+                             "; give a place that can be written with --store");
   if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
     close(lock);
     throw std::runtime_error("store " + directory.string() +
@@ -101,6 +102,14 @@ void Store::try_making(const std::filesystem::path& directory) {
   if (mkdtemp(name.data()) == nullptr)
     refuse(directory, place, "nothing can be made there: " + system_error(errno));
   rmdir(name.c_str());
+}
+
+bool Store::in_use(const std::filesystem::path& directory) {
+  const int lock = ::open((directory / "lock").c_str(), O_RDONLY | O_CLOEXEC);
+  if (lock < 0) return false;
+  const bool held = flock(lock, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  close(lock);
+  return held;
 }
 
 Store::Store(const std::filesystem::path& directory, std::string machine, StoreAccess access)
@@ -179,13 +188,17 @@ StoredModel Store::model_in(const Statement& row) {
   return model;
 }
 
+std::vector<std::string> Store::all_texts(Statement& rows) {
+  std::vector<std::string> out;
+  while (rows.step("cannot be read")) out.push_back(rows.text(0));
+  return out;
+}
+
 std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
-  std::vector<std::string> axes;
   Statement names(*this, "SELECT DISTINCT axis FROM models WHERE machine = ? ORDER BY axis");
   names.bind(machine_);
-  while (names.step("cannot be read")) axes.push_back(names.text(0));
   std::vector<StoredModel> out;
-  for (const std::string& axis : axes) {
+  for (const std::string& axis : all_texts(names)) {
     Statement rows(*this,
                    "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
                    "ORDER BY version DESC");
@@ -221,6 +234,22 @@ std::vector<StoredModel> Store::in_force() const {
     if (validated.step("cannot be read")) model.validated = validated.text(0);
   }
   return models;
+}
+
+std::vector<std::string> Store::axes() const {
+  const std::lock_guard lock(mutex_);
+  Statement rows(*this,
+                 "SELECT axis FROM models WHERE machine = ?1 UNION SELECT axis FROM diagnoses "
+                 "WHERE machine = ?1 ORDER BY axis");
+  rows.bind(machine_);
+  return all_texts(rows);
+}
+
+std::vector<std::string> Store::machines() const {
+  const std::lock_guard lock(mutex_);
+  Statement rows(*this,
+                 "SELECT machine FROM models UNION SELECT machine FROM diagnoses ORDER BY machine");
+  return all_texts(rows);
 }
 
 void Store::validate(const std::string& axis, int version, const std::string& time) {

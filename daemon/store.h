@@ -67,6 +67,8 @@ class Store {
   static void require_writable(const std::filesystem::path& directory);
   /// Throws if nothing can be made there, or where it would be made; leaves nothing behind.
   static void try_making(const std::filesystem::path& directory);
+  /// True while a process has it open as its own.
+  [[nodiscard]] static bool in_use(const std::filesystem::path& directory);
   Store(const Store&) = delete;
   Store& operator=(const Store&) = delete;
   ~Store();
@@ -91,6 +93,11 @@ class Store {
   void add(const StoredDiagnosis& diagnosis, const Event& event);
   /// Of an axis, the newest first.
   [[nodiscard]] std::vector<StoredDiagnosis> diagnoses(const std::string& axis, int most) const;
+
+  /// The axes of this machine of which there is a model or a diagnosis, in alphabetical order.
+  [[nodiscard]] std::vector<std::string> axes() const;
+  /// The machines, likewise.
+  [[nodiscard]] std::vector<std::string> machines() const;
 
   void add(const Event& event);
   /// Writes to the disk what is there already. Throws if that fails.
@@ -125,6 +132,8 @@ class Store {
                        const std::string& recording) const;
   /// Of a row of axis, version, reason, json. Throws where this program cannot use it.
   [[nodiscard]] static StoredModel model_in(const Statement& row);
+  /// The first column of all rows.
+  [[nodiscard]] static std::vector<std::string> all_texts(Statement& rows);
   /// Of every axis; what was newer and cannot be used is added to `passed_over`, as a sentence.
   [[nodiscard]] std::vector<StoredModel> newest_usable(std::string* passed_over = nullptr) const;
 

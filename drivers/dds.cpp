@@ -5,6 +5,7 @@
 #include <cstring>
 #include <map>
 #include <mutex>
+#include <set>
 #include <stdexcept>
 
 #include "drivers/dds_wire.h"
@@ -229,6 +230,23 @@ bool DdsReader<M>::deadline_missed() const {
   dds_requested_deadline_missed_status_t status;
   return dds_get_requested_deadline_missed_status(reader_.get(), &status) == DDS_RETCODE_OK &&
          status.total_count_change > 0 && status.last_instance_handle == instance_;
+}
+
+std::vector<std::string> machines_with_daemons(const DdsNode& node, double listen_s) {
+  using StatusWire = Wire<MachineStatus>;
+  const DdsEntity reader(dds_create_reader(node.subscriber(), topic_of(node, StatusWire::topic()),
+                                           reader_qos(StatusWire::topic(), 0.0).get(), nullptr),
+                         "read " + std::string(StatusWire::topic().name));
+  dds_sleepfor(nanoseconds(listen_s));
+  const DdsSample sample(*StatusWire::topic().type);
+  void* samples[1] = {sample.get()};
+  dds_sample_info_t info;
+  std::set<std::string> machines;
+  while (dds_take(reader.get(), samples, &info, 1, 1) > 0) {
+    if (info.valid_data && info.instance_state == DDS_ALIVE_INSTANCE_STATE)
+      machines.insert(static_cast<const StatusWire::Sample*>(sample.get())->machine);
+  }
+  return {machines.begin(), machines.end()};
 }
 
 template <class M>

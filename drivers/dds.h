@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "drivers/messages.h"
 #include "msgs/topics.h"
@@ -116,6 +117,10 @@ class DdsReader {
   dds_instance_handle_t writer_ = 0, instance_ = 0;
   ReaderCounts counts_;
 };
+
+/// The machines whose daemons say how they are, in this domain and partition, in alphabetical
+/// order. Listens for `listen_s`.
+[[nodiscard]] std::vector<std::string> machines_with_daemons(const DdsNode& node, double listen_s);
 
 template <class M>
 class DdsWriter {

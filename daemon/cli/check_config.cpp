@@ -25,12 +25,18 @@ void run(const std::filesystem::path& file) {
     for (const std::string& obstacle : obstacles(checked.config))
       problems.push_back(file.string() + ": " + obstacle);
   }
-  if (problems.size() == 1) throw std::runtime_error(problems.front());
+  // What a mistaken file names need not be what is meant.
+  const std::string unseen =
+      checked.problems.empty() ? ""
+                               : "; store, recordings, mapping, address and processors are looked "
+                                 "at when they are corrected";
+  if (problems.size() == 1) throw std::runtime_error(problems.front() + unseen);
   if (!problems.empty()) {
     for (const std::string& problem : problems) say(stderr, problem);
     throw std::runtime_error(
         file.string() +
-        text(": %zu problems; the daemon would not run as it says there", problems.size()));
+        text(": %zu problems; the daemon would not run as it says there", problems.size()) +
+        unseen);
   }
   const Config& config = checked.config;
   say(stdout, file.string() + ": valid");
@@ -54,6 +60,9 @@ void run(const std::filesystem::path& file) {
                   (config.dds.strength == 0 ? "" : text(", strength %d", config.dds.strength)));
   const auto store = config.store.directory.empty() ? default_store() : config.store.directory;
   say(stdout, "store       " + store.string());
+  for (const std::string& line : taken(config))
+    say(stdout, "note: " + line + " now: as it should be if that is the daemon which is to get " +
+                    "this configuration; a second one would not start");
 }
 
 }  // namespace

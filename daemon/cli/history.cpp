@@ -9,6 +9,7 @@
 #include "daemon/cli/output.h"
 #include "daemon/config.h"
 #include "daemon/store.h"
+#include "drivers/text.h"
 
 namespace servotwin::cli {
 namespace {
@@ -35,7 +36,12 @@ std::string cause_line(const json& cause) {
     if (value.is_number())
       parameters += (parameters.empty() ? "" : ", ") + name + text(" %.4g", value.get<double>());
   }
-  return cause.at("id").get<std::string>() + "(" + parameters + ")";
+  // What only the torque shows leaves the error as it is, and is in no model.
+  const json gain = cause.value("gain", json::object());
+  const bool by_torque =
+      gain.contains("holdout_rms_before_m") && gain["holdout_rms_before_m"].is_null();
+  return cause.at("id").get<std::string>() + "(" + parameters + ")" +
+         (by_torque ? " by torque" : "");
 }
 
 /// "  suspected cogging, backlash"; nothing where the list is empty, as in files of before it was.
@@ -65,15 +71,26 @@ json parsed(const StoredDiagnosis& stored) {
   }
 }
 
+std::string why_none(const Store& store, const Arguments& arguments) {
+  const std::vector<std::string> machines = store.machines(), axes = store.axes();
+  if (machines.empty()) return "has no model and no diagnosis of any machine yet";
+  if (axes.empty())
+    return "knows no machine " + in_quotes(arguments.machine) + "; it has " + listed(machines) +
+           " (--machine)";
+  if (std::find(axes.begin(), axes.end(), arguments.axis) == axes.end())
+    return "machine " + in_quotes(arguments.machine) + " has no axis " + in_quotes(arguments.axis) +
+           " there; it has " + listed(axes);
+  return "axis " + arguments.axis + " of machine " + in_quotes(arguments.machine) +
+         " has not been diagnosed yet";
+}
+
 void run(const Arguments& arguments) {
   std::FILE* people = people_beside({arguments.result});
   const auto directory = arguments.store.empty() ? default_store() : arguments.store;
   const Store store(directory, arguments.machine, StoreAccess::kRead);
   std::vector<StoredDiagnosis> diagnoses = store.diagnoses(arguments.axis, arguments.last);
-  if (diagnoses.empty()) {
-    throw std::runtime_error("store " + directory.string() + ": no diagnosis of axis " +
-                             arguments.axis + " of machine " + arguments.machine);
-  }
+  if (diagnoses.empty())
+    throw std::runtime_error("store " + directory.string() + ": " + why_none(store, arguments));
   std::reverse(diagnoses.begin(), diagnoses.end());
   json list = json::array();
   say(people,
@@ -81,6 +98,9 @@ void run(const Arguments& arguments) {
       "urad]; causes with their parameters (SI)");
   for (const StoredDiagnosis& one : diagnoses) {
     list.push_back(parsed(one));
+    // The model with its causes is kept beside a diagnosis, not in it.
+    if (!one.extended_model.empty())
+      list.back()["model"] = json::parse(one.extended_model, nullptr, false);
     say(people, line_of(one, list.back()));
   }
   if (arguments.result.empty()) return;

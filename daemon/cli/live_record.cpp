@@ -37,6 +37,7 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
     missed_ += prediction.sequence - last_sequence_ - 1;
   last_sequence_ = prediction.sequence;
   ++predictions_;
+  silent_s_ = 0.0;
   if (predictions_ == 1) first_written_ns_ = written_ns;
   last_written_ns_ = written_ns;
   const Sent* frame = sent(prediction.sequence);
@@ -135,7 +136,7 @@ void LiveRecord::set_model(LiveAxis& axis) {
   axis.model.reset();
   axis.model_problem.clear();
   for (const ModelAnnouncement& announcement : axis.promotions) {
-    if (announcement.version != axis.version) continue;
+    if (announcement.version != axis.shown_version()) continue;
     // What comes over the network may be anything; the figures are worth showing without it.
     try {
       axis.model = model_from_json(nlohmann::json::parse(announcement.model_json));
@@ -155,6 +156,10 @@ void LiveRecord::on_status(const MachineStatus& status) {
   for (std::size_t i = 0; i < status.axes.size(); ++i) {
     axes_[i].name = status.axes[i].name;
     axes_[i].activity = status.axes[i].activity;
+    if (axes_[i].in_force != status.axes[i].model_version) {
+      axes_[i].in_force = status.axes[i].model_version;
+      if (axes_[i].version == 0) set_model(axes_[i]);
+    }
     if (status.axes[i].refused > axes_[i].refused) {
       axes_[i].refusals.push_back(status.axes[i].last_refusal);
     }

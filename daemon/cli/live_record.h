@@ -38,7 +38,8 @@ struct LiveAxis {
   std::string name;
   AxisState state = AxisState::kNoModel;
   int version = 0;                            ///< of the last prediction
-  std::optional<ModelRecord> model;           ///< of that version, once its announcement came
+  int in_force = 0;                           ///< as the last status says; 0: none
+  std::optional<ModelRecord> model;           ///< of shown_version(), once its announcement came
   std::string model_problem;                  ///< why the announced model cannot be shown
   std::vector<ModelAnnouncement> promotions;  ///< in the order they came
   std::string activity;                       ///< what its identification does now
@@ -48,18 +49,25 @@ struct LiveAxis {
   PredictionErrors since_promotion;           ///< settled cycles of this version
   std::uint64_t settling = 0;                 ///< its cycles that were predicted but do not count
   PredictionErrors lately;                    ///< since clear_lately; tracking without a model, too
+
+  /// Of a machine that has not moved yet there is no prediction to tell.
+  [[nodiscard]] int shown_version() const { return version > 0 ? version : in_force; }
 };
 
 class LiveRecord {
  public:
   /// Cycles per axis of which command and residual are kept; what comes later has no regime.
   static constexpr std::size_t kMostCycles = 1'000'000;
+  /// Without a prediction, until that is called silence [s]; one more status comes meanwhile.
+  static constexpr double kSilence_s = 1.5;
 
   void on_frame(const MachineFrame& frame, std::int64_t written_ns);
   void on_prediction(const MachinePrediction& prediction, std::int64_t written_ns);
   void on_model(const ModelAnnouncement& announcement);
   void on_diagnosis(const DiagnosisAnnouncement& announcement);
   void on_status(const MachineStatus& status);
+  /// How long there has been no prediction [s].
+  void silent_for(double seconds) { silent_s_ = seconds; }
   void clear_lately();
 
   [[nodiscard]] const std::vector<LiveAxis>& axes() const { return axes_; }
@@ -67,6 +75,9 @@ class LiveRecord {
   [[nodiscard]] const RunningError& contour() const { return contour_; }
   [[nodiscard]] const std::optional<MachineStatus>& status() const { return status_; }
   [[nodiscard]] std::uint64_t predictions() const { return predictions_; }
+  /// No predictions come, or none came yet: what is known of the axes is of earlier.
+  [[nodiscard]] bool silent() const { return predictions_ == 0 || silent_s_ > kSilence_s; }
+  [[nodiscard]] double silent_s() const { return silent_s_; }
   /// Cycles without a prediction between the first and the last one that came.
   [[nodiscard]] std::uint64_t missed() const { return missed_; }
   /// From the sending of a frame to the sending of its prediction [s]; NaN if none was seen.
@@ -104,6 +115,7 @@ class LiveRecord {
   RunningError contour_;
   std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;
   std::int64_t first_written_ns_ = 0, last_written_ns_ = 0;
+  double silent_s_ = 0.0;
 };
 
 }  // namespace servotwin::cli

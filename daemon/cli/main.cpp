@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "daemon/cli/command.h"
+#include "daemon/unknown_option.h"
 #include "drivers/text.h"
 
 namespace {
@@ -23,24 +24,6 @@ int fail(int status, const std::string& command, std::string message) {
   while (!message.empty() && message.back() == ' ') message.pop_back();
   std::fprintf(stderr, "%s: %s\n", command.c_str(), message.c_str());
   return status;
-}
-
-/// What is wrong with an option that the command does not have; empty if it has them all.
-std::string unknown_option(const CLI::App& command) {
-  for (const std::string& word : command.remaining()) {
-    if (word == "--") break;  // what follows are no options
-    if (word.empty() || word.front() != '-' || word.find_first_not_of('-') == word.npos) continue;
-    std::vector<std::string> names;
-    for (const CLI::Option* option : command.get_options()) {
-      names.insert(names.end(), option->get_lnames().begin(), option->get_lnames().end());
-    }
-    const std::string name = word.substr(0, word.find('='));
-    const std::string near =
-        servotwin::nearest_name(name.substr(name.find_first_not_of('-')), names);
-    return "there is no option " + servotwin::in_quotes(name) +
-           (near.empty() ? "" : "; did you mean '--" + near + "'?");
-  }
-  return {};
 }
 
 int run(int argc, char** argv) {
@@ -84,7 +67,7 @@ int run(int argc, char** argv) {
       name += " " + command->get_name();
     }
     // An option with a slip in its name may be the one that is then said to be missing.
-    const std::string unknown = unknown_option(*command);
+    const std::string unknown = servotwin::unknown_option(*command);
     return fail(kUsage, name,
                 (unknown.empty() ? error.what() : unknown) + " (see " + name + " --help)");
   }

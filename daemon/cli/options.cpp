@@ -97,6 +97,15 @@ DaemonThere wait_for_daemon(const DdsNode& node, double patience_s) {
   }
 }
 
+std::string other_daemons(const DdsNode& node) {
+  constexpr double kStatusEvery_s = 1.0;
+  std::vector<std::string> machines = machines_with_daemons(node, 1.5 * kStatusEvery_s);
+  std::erase(machines, node.place().machine);
+  if (machines.empty()) return "";
+  return std::string("; in this domain there ") +
+         (machines.size() == 1 ? "is a daemon of " : "are daemons of ") + listed(machines);
+}
+
 std::vector<double> parse_numbers(const std::string& option, const std::string& given,
                                   const std::string& form, std::size_t least, std::size_t most) {
   std::vector<double> numbers;

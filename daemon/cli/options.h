@@ -11,6 +11,7 @@
 
 #include "drivers/dds.h"
 #include "drivers/recording_file.h"
+#include "drivers/text.h"
 #include "identification/model_file.h"
 #include "identification/segments.h"
 
@@ -22,8 +23,17 @@ namespace servotwin::cli {
             double value = 0.0;
             if (CLI::detail::lexical_cast(input, value) && value >= low && value <= high) return {};
             std::ostringstream out;
-            out << "Value " << input << " not in range [" << low << " - " << high << "]";
+            out << in_quotes(input) << " must be a number from " << low << " to " << high;
             return out.str();
+          },
+          ""};
+}
+[[nodiscard]] inline CLI::Validator between(int low, int high) {
+  return {[low, high](std::string& input) -> std::string {
+            int value = 0;
+            if (CLI::detail::lexical_cast(input, value) && value >= low && value <= high) return {};
+            return in_quotes(input) + " must be a whole number from " + std::to_string(low) +
+                   " to " + std::to_string(high);
           },
           ""};
 }
@@ -64,6 +74,9 @@ enum class DaemonThere : std::uint8_t { kNobody, kKnowsNoAxes, kReady };
 /// Waits until a daemon has heard of the machine of this node and made itself ready for its frames:
 /// it then tells the axes. That somebody reads frames is not enough, it may be a watcher.
 [[nodiscard]] DaemonThere wait_for_daemon(const DdsNode& node, double patience_s);
+/// For a message about a machine that no daemon speaks for: "; there are daemons of 'a', 'b'", or
+/// nothing. Listens for as long as a daemon may be silent.
+[[nodiscard]] std::string other_daemons(const DdsNode& node);
 
 /// The numbers in "A:B"; throws CLI::ValidationError "OPTION: 'given' is no FORM" unless there are
 /// least..most.

@@ -76,11 +76,13 @@ std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& argu
 void find_daemon(const DdsNode& node, const std::string& machine,
                  const DdsWriter<ProgramChunk>& programs,
                  const DdsReader<CorrectionChunk>& corrections, double patience_s) {
-  const std::runtime_error nobody("nobody listens to " + machine +
-                                  "; start servotwind with this machine and domain first");
+  const auto nobody = [&] {
+    return std::runtime_error("nobody listens to " + machine + other_daemons(node) +
+                              "; start servotwind with this machine and domain first");
+  };
   switch (wait_for_daemon(node, patience_s)) {
     case DaemonThere::kNobody:
-      throw nobody;
+      throw nobody();
     case DaemonThere::kKnowsNoAxes:
       throw std::runtime_error("the daemon of " + machine +
                                " has not heard of its axes yet; it does when the machine runs");
@@ -89,10 +91,10 @@ void find_daemon(const DdsNode& node, const std::string& machine,
   }
   const std::int64_t begin = steady_ns();
   while (!corrections.matched()) {
-    if (static_cast<double>(steady_ns() - begin) * 1e-9 > patience_s) throw nobody;
+    if (static_cast<double>(steady_ns() - begin) * 1e-9 > patience_s) throw nobody();
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  if (!programs.wait_for_readers(1, patience_s)) throw nobody;
+  if (!programs.wait_for_readers(1, patience_s)) throw nobody();
 }
 
 /// What the daemon answers to this revision, whole; throws what it refuses it for.

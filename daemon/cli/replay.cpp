@@ -62,11 +62,19 @@ void run(const Arguments& arguments) {
   DdsWriter<MachineDescription> descriptions(node);
   if (!descriptions.write(replay.machine()))
     throw std::runtime_error("DDS refused the description of the machine");
-  if (wait_for_daemon(node, arguments.wait_s) != DaemonThere::kReady) {
-    if (!frames.wait_for_readers(1, 0.0)) {
-      throw std::runtime_error(text(
-          "nobody listens to %s after %.3g s; start servotwind with this machine and domain first",
-          arguments.bus.text().c_str(), arguments.wait_s));
+  const DaemonThere there = wait_for_daemon(node, arguments.wait_s);
+  if (there == DaemonThere::kKnowsNoAxes) {
+    throw std::runtime_error(text("the daemon of %s has not taken the machine up after %.3g s",
+                                  arguments.bus.text().c_str(), arguments.wait_s));
+  }
+  if (there == DaemonThere::kNobody) {
+    // Readers of frames hear every machine of the domain: with daemons of others there, that
+    // somebody reads says nothing.
+    const std::string others = other_daemons(node);
+    if (!others.empty() || !frames.wait_for_readers(1, 0.0)) {
+      throw std::runtime_error(text("nobody listens to %s after %.3g s",
+                                    arguments.bus.text().c_str(), arguments.wait_s) +
+                               others + "; start servotwind with this machine and domain first");
     }
     say(stdout, "note: no daemon speaks for " + arguments.bus.text() + "; others listen");
   } else if (!descriptions.wait_for_readers(1, arguments.wait_s) ||

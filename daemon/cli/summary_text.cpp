@@ -72,13 +72,14 @@ void add_regimes(const RegimeShares& shares, bool is_rotary, std::vector<std::st
 void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::string>& lines) {
   const LiveAxis& axis = record.axes()[index];
   lines.emplace_back();
-  if (axis.version == 0) {
+  const int version = axis.shown_version();
+  if (version == 0) {
     lines.push_back("axis " + axis.name + ": no model in force");
   } else if (!axis.model) {
-    lines.push_back("axis " + axis.name + text(": version %d in force, ", axis.version) +
+    lines.push_back("axis " + axis.name + text(": version %d in force, ", version) +
                     (axis.model_problem.empty() ? "not announced" : axis.model_problem));
   } else {
-    lines.push_back("axis " + axis.name + text(": model version %d in force", axis.version));
+    lines.push_back("axis " + axis.name + text(": model version %d in force", version));
     for (const std::string& line : parameter_lines(*axis.model)) lines.push_back(line);
     for (const std::string& line : fit_lines(*axis.model, Times::kNone)) lines.push_back(line);
   }
@@ -112,8 +113,13 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
   if (!axis.activity.empty()) lines.push_back("now         " + axis.activity);
 }
 
+/// What is predicted of an axis now.
+std::string state_of(const LiveRecord& record, const LiveAxis& axis) {
+  return record.silent() ? "no frames" : name_of(axis.state);
+}
+
 /// The last second of an axis.
-std::string table_row(const LiveAxis& axis) {
+std::string table_row(const LiveRecord& record, const LiveAxis& axis) {
   std::string row = text("%-6s %-10s", axis.name.c_str(), micro(rotary(axis)));
   for (const RunningError* errors :
        {&axis.lately.tracking, &axis.lately.predicted, &axis.lately.residual}) {
@@ -123,22 +129,29 @@ std::string table_row(const LiveAxis& axis) {
       row += text("%11s", shown.c_str());
     }
   }
-  return row + "   " + (axis.version > 0 ? text("v%d, ", axis.version) : "") + name_of(axis.state);
+  const int version = axis.shown_version();
+  return row + "   " + (version > 0 ? text("v%d, ", version) : "") + state_of(record, axis);
 }
 
 json head_json(const LiveRecord& record, const std::string& machine, double seconds) {
-  return {{"schema", kWatchSchema},    {"machine", machine},
-          {"seconds", seconds},        {"predictions", record.predictions()},
-          {"missed", record.missed()}, {"rate_hz", number_json(record.rate_hz())}};
+  return {{"schema", kWatchSchema},       {"machine", machine},
+          {"seconds", seconds},           {"predictions", record.predictions()},
+          {"missed", record.missed()},    {"rate_hz", number_json(record.rate_hz())},
+          {"silent_s", record.silent_s()}};
 }
 
 }  // namespace
 
 std::vector<std::string> summary_lines(const LiveRecord& record, const std::string& where) {
   std::vector<std::string> lines;
-  lines.push_back(where + text(": %llu predictions at %.0f Hz, %llu not received here",
-                               static_cast<unsigned long long>(record.predictions()),
-                               record.rate_hz(), static_cast<unsigned long long>(record.missed())));
+  if (record.predictions() == 0) {
+    lines.push_back(where + text(": no frames came in %.0f s", record.silent_s()));
+  } else {
+    lines.push_back(where + text(": %llu predictions at %.0f Hz, %llu not received here",
+                                 static_cast<unsigned long long>(record.predictions()),
+                                 record.rate_hz(),
+                                 static_cast<unsigned long long>(record.missed())));
+  }
   if (record.status()) add_status(*record.status(), lines);
   lines.push_back("latency     frame sent to prediction sent p50 " +
                   microseconds(record.latency_s(0.5)) + ", p99 " +
@@ -175,7 +188,7 @@ json summary_json(const LiveRecord& record, const std::string& machine, double s
                                                               {"cycles", one.samples}};
     }
     out["axes"].push_back({{"axis", axis.name},
-                           {"version", axis.version},
+                           {"version", axis.shown_version()},
                            {"model", axis.model ? to_json(*axis.model) : json()},
                            {"cycles", axis.since_promotion.residual.count()},
                            {"settling_cycles", axis.settling},
@@ -195,8 +208,8 @@ std::string line_of(const LiveRecord& record, double seconds) {
   std::string line = text("%7.1f s", seconds);
   for (const LiveAxis& axis : record.axes()) {
     line += "  " + axis.name;
-    if (axis.version > 0) line += text(" v%d", axis.version);
-    line += std::string(" ") + name_of(axis.state);
+    if (axis.shown_version() > 0) line += text(" v%d", axis.shown_version());
+    line += " " + state_of(record, axis);
     const ErrorFigures left = axis.lately.residual.figures(), all = axis.lately.tracking.figures();
     if (std::isfinite(left.rms)) {
       line += text(" %.3f of %.1f %s RMS", 1e6 * left.rms, 1e6 * all.rms, micro(rotary(axis)));
@@ -214,8 +227,8 @@ json line_json(const LiveRecord& record, const std::string& machine, double seco
   out["axes"] = json::array();
   for (const LiveAxis& axis : record.axes()) {
     out["axes"].push_back({{"axis", axis.name},
-                           {"version", axis.version},
-                           {"state", name_of(axis.state)},
+                           {"version", axis.shown_version()},
+                           {"state", state_of(record, axis)},
                            {"cycles", axis.lately.residual.count()},
                            {"with_model", figures_json(axis.lately.residual.figures())},
                            {"without_model", figures_json(axis.lately.tracking.figures())}});
@@ -226,9 +239,12 @@ json line_json(const LiveRecord& record, const std::string& machine, double seco
 std::vector<std::string> screen_lines(const LiveRecord& record, const std::string& where,
                                       double seconds) {
   std::vector<std::string> lines;
-  lines.push_back(where + text(", %.0f s, %llu predictions (%llu not received here); Ctrl-C ends",
-                               seconds, static_cast<unsigned long long>(record.predictions()),
-                               static_cast<unsigned long long>(record.missed())));
+  lines.push_back(where +
+                  text(", %.0f s, %llu predictions (%llu not received here)", seconds,
+                       static_cast<unsigned long long>(record.predictions()),
+                       static_cast<unsigned long long>(record.missed())) +
+                  (record.silent() ? text("; no frames for %.0f s", record.silent_s()) : "") +
+                  "; Ctrl-C ends");
   if (record.status()) add_status(*record.status(), lines);
   lines.push_back("latency     frame sent to prediction sent p50 " +
                   microseconds(record.latency_s(0.5)) + ", p99 " +
@@ -239,7 +255,7 @@ std::vector<std::string> screen_lines(const LiveRecord& record, const std::strin
       "model");
   lines.emplace_back(
       "                      RMS        MAX        RMS        MAX        RMS        MAX");
-  for (const LiveAxis& axis : record.axes()) lines.push_back(table_row(axis));
+  for (const LiveAxis& axis : record.axes()) lines.push_back(table_row(record, axis));
   const ErrorFigures contour = record.contour().figures();
   lines.push_back("contour error, predicted: " + (std::isfinite(contour.rms)
                                                       ? figures_text(contour, false)

@@ -21,7 +21,6 @@ namespace {
 
 // The loop's sleep: short enough that the readers' 64 messages do not run over at 1 kHz.
 constexpr double kWait_s = 0.02;
-constexpr double kSilence_s = 1.5;  // after the last prediction: one more status comes, if any
 constexpr double kRefresh_s = 1.0;
 
 struct Arguments {
@@ -70,6 +69,7 @@ class Subscriber {
     while (diagnoses_.receive(diagnosis_, 0.0)) record.on_diagnosis(diagnosis_);
     return any;
   }
+  [[nodiscard]] const DdsNode& node() const { return node_; }
   /// Nothing more will come: the daemon is not there, or the machine that it listened to. A daemon
   /// that replays recordings itself has no machine on the bus, and ends with them.
   [[nodiscard]] bool over() const {
@@ -156,9 +156,10 @@ void run(const Arguments& arguments) {
     while (!interrupt.came()) {
       if (subscriber.receive(record)) last_s = since(start);
       const double now_s = since(start);
+      record.silent_for(now_s - last_s);
       if (arguments.seconds > 0.0 && now_s >= arguments.seconds) break;
-      const bool silent = record.predictions() > 0 && now_s - last_s > kSilence_s;
-      if (arguments.summary && silent && subscriber.over()) break;
+      if (arguments.summary && record.predictions() > 0 && record.silent() && subscriber.over())
+        break;
       if (!arguments.summary && now_s - shown_s >= kRefresh_s) {
         display.show(record, now_s);
         record.clear_lately();
@@ -166,16 +167,19 @@ void run(const Arguments& arguments) {
       }
     }
   }
-  if (record.predictions() == 0) {
+  if (record.predictions() == 0 && !record.status()) {
     throw std::runtime_error("no prediction came for " + arguments.bus.text() +
-                             (subscriber.daemon_there()
-                                  ? "; a daemon is there, but no frames reach it"
-                                  : "; start servotwind with this machine and domain"));
+                             "; start servotwind with this machine and domain" +
+                             other_daemons(subscriber.node()));
   }
   if (!arguments.summary) return;
   for (const std::string& line : summary_lines(record, arguments.bus.text())) say(people, line);
   if (!arguments.result.empty())
     write_json(arguments.result, summary_json(record, arguments.bus.place.machine, last_s));
+  if (record.predictions() == 0) {
+    throw std::runtime_error("no prediction came for " + arguments.bus.text() +
+                             "; a daemon is there, but no frames reach it");
+  }
 }
 
 }  // namespace

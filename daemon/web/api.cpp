@@ -261,7 +261,8 @@ HttpResponse Api::report(const std::string& axis) {
 }
 
 HttpResponse Api::ask(const std::string& axis) {
-  sources_.ask_diagnosis(number_of(axis, sources_.now().description));
+  if (!sources_.ask_diagnosis(number_of(axis, sources_.now().description)))
+    throw Refused(409, "no machine is known yet");
   return answer_json({{"schema", "servotwin.request/1"},
                       {"axis", axis},
                       {"text", "a diagnosis is made as soon as there is motion enough"}},

@@ -24,8 +24,8 @@ struct ApiSources {
   Store& store;                ///< opened to be read
   Health& health;
   std::function<MetricsInput()> now;
-  /// Asks for a diagnosis of an axis, by its number.
-  std::function<void(std::size_t)> ask_diagnosis;
+  /// Asks for a diagnosis of an axis, by its number; false where no machine is known.
+  std::function<bool(std::size_t)> ask_diagnosis;
   /// What arms live offsets; null where no machine is known.
   std::function<Arming*()> arming;
 };

@@ -33,12 +33,25 @@ MHD_Result add_argument(void* to, MHD_ValueKind, const char* key, const char* va
   return MHD_YES;
 }
 
+const char* what_to_do(int error) {
+  switch (error) {
+    case EADDRINUSE:
+      return "; give another address with --http";
+    case EADDRNOTAVAIL:
+      return "; this host has no such address: give one of its own, 0.0.0.0 for all of them or "
+             "127.0.0.1 for this host alone";
+    case EACCES:
+      return "; ports below 1024 need CAP_NET_BIND_SERVICE";
+    default:
+      return "";
+  }
+}
+
 int listening_socket(const ListenAddress& address, std::uint16_t& port) {
   const auto fail = [&](int socket) {
     const int error = errno;
     if (socket >= 0) close(socket);
-    throw std::runtime_error("http.listen = '" + address.text() + "': " + std::strerror(error) +
-                             (error == EADDRINUSE ? "; give another address with --http" : ""));
+    throw CannotListen(address, error);
   };
   sockaddr_in6 six{};
   sockaddr_in four{};
@@ -62,6 +75,16 @@ int listening_socket(const ListenAddress& address, std::uint16_t& port) {
 }
 
 }  // namespace
+
+CannotListen::CannotListen(const ListenAddress& address, int the_error)
+    : std::runtime_error("http.listen = '" + address.text() + "': " + std::strerror(the_error) +
+                         what_to_do(the_error)),
+      error(the_error) {}
+
+void HttpServer::try_listening(const ListenAddress& address) {
+  std::uint16_t port = 0;
+  close(listening_socket(address, port));
+}
 
 /// Who reads the live stream.
 struct HttpServer::Reader {

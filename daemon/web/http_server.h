@@ -7,12 +7,13 @@
 // name point here). Every answer carries the headers that keep a browser from doing more with it
 // than show it.
 //
-// Errors: the constructor throws std::runtime_error, one line, where it cannot listen. One thread.
+// Errors: the constructor throws CannotListen. One thread.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,12 @@ struct MHD_Connection;
 struct MHD_Daemon;
 
 namespace servotwin {
+
+/// One line; what to do is in it where that is known.
+struct CannotListen : std::runtime_error {
+  CannotListen(const ListenAddress& address, int the_error);
+  int error;  ///< errno
+};
 
 class HttpServer {
  public:
@@ -37,6 +44,8 @@ class HttpServer {
 
   /// `names`: what else this host is called. `handler` must not throw.
   HttpServer(const ListenAddress& address, std::vector<std::string> names, Handler handler);
+  /// Throws CannotListen where nobody could listen now; takes nothing.
+  static void try_listening(const ListenAddress& address);
   HttpServer(const HttpServer&) = delete;
   HttpServer& operator=(const HttpServer&) = delete;
   ~HttpServer();

@@ -34,6 +34,7 @@ WebService::Shown::Shown(WebService& service, const MachineDescription& machine,
       feed_(machine.cycle_s, machine.axes.size()) {
   const std::lock_guard lock(service_.mutex_);
   service_.shown_ = this;
+  service_.live_.status.axes.clear();  // they were the store's
 }
 
 WebService::Shown::~Shown() {
@@ -48,7 +49,9 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
       health_(store),
       api_({machine, config.token, reading_, health_, [this] { return now(); },
             [this](std::size_t axis) {
-              if (shown_ != nullptr) shown_->watch_.ask(axis, "asked for over HTTP");
+              if (shown_ == nullptr) return false;
+              shown_->watch_.ask(axis, "asked for over HTTP");
+              return true;
             },
             [this] { return shown_ == nullptr ? nullptr : shown_->arming_; }}),
       server_(address_of(config), config.names, [this](const HttpRequest& request) {
@@ -56,6 +59,20 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
         return api_.answer(request);
       }) {
   live_.status.state = DaemonState::kWaiting;
+  stored_.cycle_s = kAbsent;
+  const std::vector<StoredModel> models = reading_.in_force();
+  for (const std::string& axis : reading_.axes()) {
+    AxisStatus& known = live_.status.axes.emplace_back();
+    known.name = axis;
+    for (const StoredModel& model : models) {
+      if (model.record.axis != axis) continue;
+      known.model_version = model.record.version;
+      known.holdout_rms = model.record.holdout.rms;
+      known.rotary = model.record.rotary;
+    }
+    known.activity = "waits for the machine";
+    stored_.axes.push_back({axis, known.rotary, {}});
+  }
   thread_ = std::jthread([this](const std::stop_token& stop) {
     name_thread("http");
     run(stop);
@@ -124,6 +141,7 @@ MetricsInput WebService::now() {
   out.streams = server_.streams();
   out.slow_streams = server_.slow_streams();
   out.batches_dropped = batches_dropped_;
+  out.description = stored_;
   if (shown_ == nullptr) return out;
   out.description = shown_->machine_;
   for (std::size_t i = 0; i < out.description.axes.size(); ++i)

@@ -70,8 +70,9 @@ class WebService {
   Store reading_;
   Health health_;
   Api api_;
-  std::mutex mutex_;        // held while anything below is used
-  Shown* shown_ = nullptr;  // null: no machine is known
+  std::mutex mutex_;           // held while anything below is used
+  Shown* shown_ = nullptr;     // null: no machine is known
+  MachineDescription stored_;  // the axes that the store knows, while no machine is known
   LiveStatus live_;
   std::uint64_t batches_dropped_ = 0;
   std::int64_t said_ns_ = 0;  // the last status to the streams

@@ -132,6 +132,25 @@ TEST(Replay, NobodyThereIsAnError) {
   EXPECT_THAT(answer.err, HasSubstr("start servotwind"));
 }
 
+// Readers of frames hear all machines of a domain, so that their being there says nothing.
+TEST(Replay, AMachineOfWhichThereIsNoDaemonIsAnErrorBesideDaemonsOfOthers) {
+  const Folder folder;
+  DdsPlace other = place();
+  other.machine = "mill-7";
+  const DdsNode node(other);
+  const DdsReader<MachineFrame> frames(node);
+  DdsWriter<MachineStatus> statuses(node);
+  MachineStatus ready;
+  ready.axes.push_back({"X", 0, kAbsent, "waiting"});
+  ASSERT_TRUE(statuses.write(ready));
+  const Answer answer = servotwin_says(
+      over_dds("replay", {folder.write("rec.csv", slow_recording(10)), "--wait", "1"}));
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.out, testing::Not(HasSubstr("sent")));
+  EXPECT_THAT(answer.err, HasSubstr("nobody listens to machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err, HasSubstr("in this domain there is a daemon of mill-7"));
+}
+
 TEST(Replay, AListenerWithoutADaemonIsEnough) {
   const Folder folder;
   const DdsNode node(place());
@@ -411,6 +430,40 @@ TEST(Watch, WithoutAModelThereIsTheTrackingError) {
   const Answer answer = watch.answer();
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("X no model 5.0 um RMS tracking error  lost 0\n"));
+}
+
+TEST(Watch, AnAxisAtRestHasItsModelAndSilenceIsSaid) {
+  Stage stage;
+  Program watch(over_dds("watch", {"--seconds", "6"}));
+  ASSERT_TRUE(stage.watched());
+  stage.status().axes[0].model_version = 3;
+  stage.say(stage.status());
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  stage.promote(3, "third");
+  for (int k = 0; k < 120; ++k) stage.cycle(0.0, 5e-6, 2e-6);
+  const Answer answer = watch.answer();
+  EXPECT_EQ(answer.status, 0) << answer;
+  const std::size_t before = answer.out.find("X v3 no frames"),
+                    moving = answer.out.find("X v3 predicting"),
+                    after = answer.out.rfind("X v3 no frames");
+  EXPECT_LT(before, moving) << answer;
+  EXPECT_LT(moving, after) << answer;
+  EXPECT_NE(after, std::string::npos) << answer;
+}
+
+TEST(Watch, TheSummaryOfAMachineAtRestIsAScreen) {
+  Stage stage;
+  Program watch(over_dds("watch", {"--summary", "--seconds", "2"}));
+  ASSERT_TRUE(stage.watched());
+  stage.status().axes[0].model_version = 1;
+  stage.say(stage.status());
+  stage.promote(1, "first");
+  const Answer answer = watch.answer();
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.out, HasSubstr(": no frames came in 2 s\n"));
+  EXPECT_THAT(answer.out, HasSubstr("axis X: model version 1 in force\n"));
+  EXPECT_THAT(answer.out, HasSubstr("now         collecting\n"));
+  EXPECT_THAT(answer.err, HasSubstr("a daemon is there, but no frames reach it"));
 }
 
 TEST(Watch, TheLastDiagnosisIsALineOfItsAxis) {

@@ -1,6 +1,10 @@
 // servotwin check-config: what would stop the daemon beyond the text of its configuration.
 #include <gmock/gmock.h>
 
+#include <fstream>
+
+#include "daemon/store.h"
+#include "daemon/web/http_server.h"
 #include "program.h"
 #include "recordings.h"
 
@@ -58,6 +62,56 @@ TEST(CheckConfig, AStoreWhereNothingCanBeMadeAndProcessorsThatAreNotThereAreSaid
   ASSERT_EQ(answer.complaints().size(), 3U) << answer;
   EXPECT_THAT(answer.complaints()[0], HasSubstr("store /proc/x: cannot be written: "));
   EXPECT_THAT(answer.complaints()[1], HasSubstr("real_time.cpus: there is no processor 1023"));
+}
+
+TEST(CheckConfig, AStoreAndAnAddressThatAreTakenAreNoted) {
+  const Folder folder;
+  const HttpServer server({"127.0.0.1", 0, false}, {},
+                          [](const HttpRequest&) { return HttpResponse{}; });
+  const Store store(folder / "store", "mill");
+  const std::string address = server.address().text();
+  const Answer answer = servotwin_says(
+      {"check-config", folder.write("m.toml", "[store]\ndirectory = '" + folder / "store" +
+                                                  "'\n[http]\nlisten = '" + address + "'\n")});
+  EXPECT_EQ(answer.status, 0) << "it may be for the daemon that has them: " << answer;
+  EXPECT_THAT(answer.out, HasSubstr("note: store " + folder / "store" + " is in use"));
+  EXPECT_THAT(answer.out, HasSubstr("note: " + address + " is listened to"));
+}
+
+TEST(CheckConfig, AnAddressOfAnotherHostIsSaid) {
+  const Folder folder;
+  const Answer answer = servotwin_says(
+      {"check-config", folder.write("m.toml", "[store]\ndirectory = '" + folder / "store" +
+                                                  "'\n[http]\nlisten = '192.0.2.1:8402'\n")});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("this host has no such address"));
+}
+
+TEST(CheckConfig, ALimitThatIsWrongIsOneProblemAndWhatItNamesIsLookedAtLater) {
+  const Folder folder;
+  const Answer answer = servotwin_says(
+      {"check-config", folder.write("m.toml",
+                                    "[store]\ndirectory = '/proc/x'\nrecordings_mb = "
+                                    "-1\nrecordings_max_mb = 100\n")});
+  EXPECT_EQ(answer.status, 1) << answer;
+  ASSERT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("store.recordings_mb = -1"));
+  EXPECT_THAT(answer.err, HasSubstr("are looked at when they are corrected"));
+}
+
+TEST(CheckConfig, TakesTheFileOfTheReference) {
+  std::ifstream readme(SERVOTWIN_SOURCE_DIR "/daemon/README.md");
+  std::string text;
+  bool within = false;
+  for (std::string line; std::getline(readme, line);) {
+    within = within ? line.empty() || line.starts_with("    ") : line == "    [machine]";
+    if (within) text += line + "\n";
+  }
+  ASSERT_THAT(text, HasSubstr("[real_time]"));
+  const Folder folder;
+  const Answer answer = servotwin_says({"check-config", folder.write("m.toml", text)});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("axes        X, Y\n"));
 }
 
 TEST(CheckConfig, SaysWhereTheDaemonListensAndWhereItSpeaks) {

@@ -1,10 +1,12 @@
 // servotwin history, from a store that servotwind's own code has written.
 #include <gmock/gmock.h>
 
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "daemon/store.h"
 #include "program.h"
+#include "recordings.h"
 
 namespace servotwin {
 namespace {
@@ -78,12 +80,45 @@ TEST(History, WhatIsNotThereIsSaidAndNothingIsMade) {
   EXPECT_THAT(answer.err, HasSubstr("servotwin.sqlite: cannot be opened"));
   EXPECT_THAT(folder.list(), IsEmpty());
 
+  const auto asked = [&](const std::string& machine, const std::string& axis) {
+    Answer told = servotwin_says(
+        {"history", "--store", folder / "store", "--axis", axis, "--machine", machine});
+    EXPECT_EQ(told.status, 1) << told;
+    EXPECT_EQ(told.complaints().size(), 1U) << told;
+    return told.err;
+  };
   { Store store(folder / "store", "mill-7"); }
-  answer = servotwin_says(
-      {"history", "--store", folder / "store", "--axis", "Z", "--machine", "mill-7"});
-  EXPECT_EQ(answer.status, 1);
-  EXPECT_THAT(answer.err, HasSubstr("no diagnosis of axis Z of machine mill-7"));
-  EXPECT_EQ(answer.complaints().size(), 1U) << answer;
+  EXPECT_THAT(asked("mill-7", "X"), HasSubstr("no model and no diagnosis of any machine yet"));
+  {
+    Store store(folder / "store", "mill-7");
+    keep(store, 1, 1e-6);
+    ModelRecord y = known_axis("Y");
+    store.promote(y, {"2026-01-01T12:00:00.000Z", "Y", "model_promoted", "first", ""});
+  }
+  EXPECT_THAT(asked("mill-8", "X"), HasSubstr("knows no machine 'mill-8'; it has mill-7"));
+  EXPECT_THAT(asked("mill-7", "Z"), HasSubstr("has no axis 'Z' there; it has X, Y"));
+  EXPECT_THAT(asked("mill-7", "Y"), HasSubstr("axis Y of machine 'mill-7' has not been diagnosed"));
+}
+
+TEST(History, TheModelOfADiagnosisIsThereAndWhatOnlyTheTorqueShowsIsMarked) {
+  const Folder folder;
+  Store store(folder / "store", "mill-7");
+  const json diagnosis = json::parse(
+      R"({"baseline": {"rms_m": 2e-6}, "extended": {"rms_m": 2e-6}, "causes": [
+          {"id": "cogging", "parameters": {"period_m": 0.01}, "gain": {"holdout_rms_before_m": null}},
+          {"id": "backlash", "parameters": {"width_m": 1e-6}, "gain": {"holdout_rms_before_m": 2e-6}}]})");
+  store.add({"2026-01-01T12:00:00.000Z", "X", "on schedule", "explained", diagnosis.dump(),
+             R"({"schema": "servotwin.model/1"})"},
+            {"2026-01-01T12:00:00.000Z", "X", "diagnosis", "", ""});
+  const std::vector<std::string> asked{"history",   "--store", folder / "store",
+                                       "--machine", "mill-7",  "--axis",
+                                       "X",         "--json",  folder / "h"};
+  const Answer answer = servotwin_says(asked);
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out,
+              HasSubstr("  cogging(period_m 0.01) by torque  backlash(width_m 1e-06)\n"));
+  std::ifstream file(folder / "h");
+  EXPECT_EQ(json::parse(file)["diagnoses"][0]["model"]["schema"], "servotwin.model/1");
 }
 
 }  // namespace

@@ -25,7 +25,8 @@ constexpr const char* kToken = "a token of the test";
 
 class HttpTest : public testing::Test {
  protected:
-  HttpTest() : store_(directory_.path(), "mill"), events_(store_, said_) {
+  HttpTest() : store_(directory_.path(), "mill"), events_(store_, said_) { start(); }
+  void start() {
     HttpConfig config;
     config.listen = "127.0.0.1:0";
     config.token = kToken;
@@ -260,6 +261,34 @@ TEST_F(HttpTest, SaysWhatIsStored) {
   EXPECT_EQ(report.body, "<!doctype html><p>report");
   EXPECT_THAT(report.head, HasSubstr("frame-ancestors 'self'"));
   EXPECT_THAT(report.head, Not(HasSubstr("script-src")));  // default-src 'none': no script runs
+}
+
+TEST_F(HttpTest, WhatIsStoredIsThereBeforeTheMachineIs) {
+  promote("the first of them");
+  store_.add({"2026-01-31T13:00:00.000Z", "Y", "on schedule", "explained",
+              R"({"schema":"servotwin.diagnosis/1","verdict":"explained"})", "{}"},
+             {"2026-01-31T13:00:00.000Z", "Y", "diagnosis", "one cause", ""});
+  write_report(directory_.path(), "mill", "Y", "<!doctype html><p>report");
+  start();
+  const nlohmann::json status = get("/api/v1/status").json();
+  EXPECT_EQ(status["state"], "waiting");
+  EXPECT_TRUE(status["cycle_s"].is_null());
+  ASSERT_EQ(status["axes"].size(), 2U);
+  EXPECT_EQ(status["axes"][0]["name"], "X");
+  EXPECT_EQ(status["axes"][0]["model_version"], 1);
+  EXPECT_EQ(status["axes"][0]["holdout_rms_m"], 1.3e-6);
+  EXPECT_EQ(status["axes"][1]["model_version"], 0);
+  EXPECT_EQ(get("/api/v1/models/X").json()["versions"].size(), 1U);
+  EXPECT_EQ(get("/api/v1/diagnoses/Y").json()["diagnoses"][0]["verdict"], "explained");
+  EXPECT_EQ(get("/api/v1/report/Y").body, "<!doctype html><p>report");
+  EXPECT_THAT(read_prometheus(get("/metrics").body), Not(testing::IsEmpty()));
+  const HttpAnswer asked = ask(port_, "POST", "/api/v1/diagnoses/X",
+                               std::string("Authorization: Bearer ") + kToken + "\r\n");
+  EXPECT_EQ(asked.status, 409);
+  EXPECT_THAT(asked.body, HasSubstr("no machine is known yet"));
+  show();
+  EXPECT_FALSE(get("/api/v1/status").json()["axes"][0].contains("model_version"))
+      << "the machine's axes from here on, of which no status came yet";
 }
 
 TEST_F(HttpTest, StatusAndMetricsAreThereBeforeTheMachineIs) {

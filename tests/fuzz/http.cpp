@@ -51,6 +51,7 @@ class Service {
            [this](std::size_t axis) {
              fuzz::require(axis == 0);
              ++asked;
+             return true;
            },
            [] { return nullptr; }}};
 };

@@ -1,0 +1,29 @@
+// A slip in the name of an option, which the parser only calls "not expected".
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <vector>
+
+#include "drivers/text.h"
+
+namespace servotwin {
+
+/// What is wrong with an option that the command does not have; empty if it has them all.
+[[nodiscard]] inline std::string unknown_option(const CLI::App& command) {
+  for (const std::string& word : command.remaining()) {
+    if (word == "--") break;  // what follows are no options
+    if (word.empty() || word.front() != '-' || word.find_first_not_of('-') == word.npos) continue;
+    std::vector<std::string> names;
+    for (const CLI::Option* option : command.get_options()) {
+      names.insert(names.end(), option->get_lnames().begin(), option->get_lnames().end());
+    }
+    const std::string name = word.substr(0, word.find('='));
+    const std::string near = nearest_name(name.substr(name.find_first_not_of('-')), names);
+    return "there is no option " + in_quotes(name) +
+           (near.empty() ? "" : "; did you mean '--" + near + "'?");
+  }
+  return {};
+}
+
+}  // namespace servotwin
