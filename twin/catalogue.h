@@ -154,7 +154,10 @@ constexpr bool is_friction_law(std::size_t kind) {
 
 template <class T>
 void start_memory(std::size_t kind, const T* shape, EffectMemory<T>& memory) noexcept {
-  visit_effect(kind, [&]<class E, std::size_t I>() { memory.template emplace<I>(shape); });
+  // Not emplace(): to a checker it might throw.
+  visit_effect(kind, [&]<class E, std::size_t I>() {
+    memory = EffectMemory<T>(std::in_place_index<I>, shape);
+  });
 }
 
 /// Copies what this effect remembers, and not the room that the largest memory would take; `to` was

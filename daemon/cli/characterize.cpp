@@ -195,7 +195,7 @@ struct Characterized {
   ForceFit fit;
   bool with_mass = false;
   double mass = kAbsent, mass_deviation = kAbsent;
-  json result;
+  json result = json::object();
   std::string plot;
 };
 

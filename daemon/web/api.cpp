@@ -114,6 +114,11 @@ std::size_t number_of(const std::string& axis, const MachineDescription& machine
   return static_cast<std::size_t>(found - names.begin());
 }
 
+json arming_json(const Arming* arming) {
+  return {{"live", arming != nullptr && arming->live()},
+          {"armed", arming != nullptr && arming->armed()}};
+}
+
 }  // namespace
 
 HttpResponse Api::answer(const HttpRequest& request) {
@@ -196,6 +201,7 @@ HttpResponse Api::status() {
   out["machine"] = now.machine;
   out["version"] = now.version;
   out["uptime_s"] = now.uptime_s;
+  out["offsets"] = arming_json(sources_.arming());
   return answer_json(out);
 }
 
@@ -270,10 +276,9 @@ HttpResponse Api::ask(const std::string& axis) {
 }
 
 HttpResponse Api::offsets() {
-  const Arming* arming = sources_.arming();
-  return answer_json({{"schema", "servotwin.offsets/1"},
-                      {"live", arming != nullptr && arming->live()},
-                      {"armed", arming != nullptr && arming->armed()}});
+  json out = arming_json(sources_.arming());
+  out["schema"] = "servotwin.offsets/1";
+  return answer_json(out);
 }
 
 HttpResponse Api::arm(bool wanted) {

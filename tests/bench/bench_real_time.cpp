@@ -6,8 +6,16 @@
 // workers as in daemon/service.cpp, at the priorities that are permitted. Prints both histograms as
 // quantiles: "wake" from the moment the cycle was due to the loop running, "work" from there to the
 // end of its cycle. Load from outside is the caller's (tests/bench/real_time).
+//
+// Of wakes later than a millisecond it says whose they are: how long the thread was ready and
+// waited for a processor that another thread had (the kernel's count, run_delay of
+// Documentation/scheduler/sched-stats). The rest of the time its timer had not yet come: the
+// processor itself was away, or deaf to it.
+#include <fcntl.h>
 #include <time.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
@@ -17,6 +25,7 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "daemon/clock.h"
 #include "daemon/diagnosis_worker.h"
@@ -30,6 +39,31 @@ namespace {
 
 using namespace servotwin;
 
+/// How long the calling thread has been ready and not running [ns].
+class RunDelay {
+ public:
+  RunDelay() : file_(open("/proc/thread-self/schedstat", O_RDONLY | O_CLOEXEC)) {}
+  RunDelay(const RunDelay&) = delete;
+  RunDelay& operator=(const RunDelay&) = delete;
+  ~RunDelay() {
+    if (file_ >= 0) close(file_);
+  }
+  /// -1: this kernel does not count it.
+  [[nodiscard]] std::int64_t ns() const {
+    char text[96] = {};
+    if (file_ < 0 || pread(file_, text, sizeof text - 1, 0) <= 0) return -1;
+    long long running = 0, waiting = -1;
+    return std::sscanf(text, "%lld %lld", &running, &waiting) == 2 ? waiting : -1;
+  }
+
+ private:
+  int file_;
+};
+
+struct LateWake {
+  std::int64_t late_ns, waited_ns;
+};
+
 /// A record that repeats, on a timer.
 class TimedSource final : public FrameSource {
  public:
@@ -42,8 +76,11 @@ class TimedSource final : public FrameSource {
     due_ns_ = start_ns_ + std::llround(1e9 * static_cast<double>(next_) / hz_);
     const timespec until{static_cast<time_t>(due_ns_ / 1'000'000'000),
                          static_cast<long>(due_ns_ % 1'000'000'000)};
+    const std::int64_t waited_before = delay_.ns();
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) != 0) {
     }
+    const std::int64_t late_ns = steady_ns() - due_ns_;
+    if (late_ns > 1'000'000) late_.push_back({late_ns, delay_.ns() - waited_before});
     const auto size = static_cast<std::uint64_t>(record_.command.size());
     const auto at = static_cast<Eigen::Index>(next_ % size);
     frame.sequence = next_ + next_ / size;  // a gap where the record begins again
@@ -54,9 +91,12 @@ class TimedSource final : public FrameSource {
     return Received::kFrame;
   }
   [[nodiscard]] std::int64_t age_ns() const noexcept override { return steady_ns() - due_ns_; }
+  [[nodiscard]] const std::vector<LateWake>& late() const { return late_; }
 
  private:
   const Segment& record_;
+  RunDelay delay_;  // of the thread that makes it, which is the loop's
+  std::vector<LateWake> late_;
   std::uint64_t cycles_, next_ = 0;
   double hz_;
   std::int64_t start_ns_ = 0, due_ns_ = 0;
@@ -67,6 +107,21 @@ void print(const char* what, const Histogram& histogram) {
   for (const double q : {0.5, 0.99, 0.999, 0.9999})
     std::printf("  p%-6g %8.1f us", 100.0 * q, 1e6 * histogram.quantile_s(q));
   std::printf("  max %8.1f us\n", 1e6 * histogram.max_s());
+}
+
+void print(const std::vector<LateWake>& late) {
+  if (late.empty()) return;
+  const auto worst = std::max_element(
+      late.begin(), late.end(), [](const auto& a, const auto& b) { return a.late_ns < b.late_ns; });
+  const auto most = std::max_element(late.begin(), late.end(), [](const auto& a, const auto& b) {
+    return a.waited_ns < b.waited_ns;
+  });
+  const auto us = [](std::int64_t ns) { return 1e-3 * static_cast<double>(ns); };
+  std::printf(
+      "  %zu wakes later than 1 ms: the worst %.0f us, of which %.0f us waiting for a "
+      "processor; the longest wait %.0f us, of %.0f us\n",
+      late.size(), us(worst->late_ns), us(worst->waited_ns), us(most->waited_ns),
+      us(most->late_ns));
 }
 
 void measure(bool background, double seconds, double hz, int cpu, const Segment& record) {
@@ -120,6 +175,7 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
       });
     }
     std::string refused;
+    std::vector<LateWake> late;
     std::thread real_time([&] {
       if (cpu >= 0) refused = keep_to({cpu});
       if (const std::string why = become_real_time(80); !why.empty()) refused = why;
@@ -127,6 +183,7 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
       TimedSource source(record, seconds, hz);
       const std::atomic<bool> never{false};
       loop->run(source, never);
+      late = source.late();
     });
     real_time.join();
     stop.request_stop();
@@ -146,6 +203,7 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
                 refused.empty() ? "" : "; ", refused.c_str());
     print("wake", counters.wake);
     print("work", counters.work);
+    print(late);
     std::fflush(stdout);
   }
   std::filesystem::remove_all(place);

@@ -195,6 +195,11 @@ test("shows what was learned of a program, and what became of it", async () => {
     await shows(page, "#sending", /Armed: offsets go to the drives/);
     await page.locator("#do-disarm").click();
     await shows(page, "#sending", /Not armed/);
+    // Who arms elsewhere is seen here with the next status, and not only when the page asks again.
+    await page.route("**/api/v1/offsets", (route) => route.fulfill({ json: { live: true, armed: false } }));
+    const elsewhere = await fetch(`${other.url}api/v1/offsets/arm`, { method: "POST", headers: { Authorization: "Bearer a token of the test" } });
+    assert.equal(elsewhere.status, 200);
+    await shows(page, "#sending", /Armed: offsets go to the drives/);
     assert.equal(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), 0);
     assert.deepEqual(complaints, []);
   } finally {

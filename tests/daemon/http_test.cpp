@@ -186,6 +186,7 @@ TEST_F(HttpTest, APersonWithTheTokenArmsAndDisarms) {
   EXPECT_EQ(now["schema"], "servotwin.offsets/1");
   EXPECT_EQ(now["live"], true);
   EXPECT_EQ(now["armed"], true);
+  EXPECT_EQ(get("/api/v1/status").json()["offsets"]["armed"], true);
   EXPECT_EQ(get("/api/v1/offsets/arm").status, 404) << "looking changes nothing";
   EXPECT_EQ(post("disarm").json()["armed"], false);
   EXPECT_FALSE(armed_);

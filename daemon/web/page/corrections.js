@@ -18,7 +18,7 @@ const kRulings = { keep: "good", learn_anew: "warn", withdraw: "bad" };
 const kHeads = ["When", "What", "Error of", "Without correction", "With it", "Measured"];
 
 export async function showCorrections() {
-  showState(await get("/api/v1/offsets"));
+  showSending(await get("/api/v1/offsets"));
   const { events } = await get("/api/v1/events?most=1000");
   const rows = events.filter((event) => event.kind in kKinds).flatMap(rowsOf);
   if (rows.length === 0)
@@ -28,7 +28,7 @@ export async function showCorrections() {
     make("tbody", {}, ...rows));
 }
 
-function showState({ live, armed }) {
+export function showSending({ live, armed }) {
   const [text, kind] = !live ? ["Dry run: the configuration sends nothing to the drives; what would be sent is compared all the same.", "soft"]
     : armed ? ["Armed: offsets go to the drives from the next run of a known program on.", "warn"]
     : ["Not armed: nothing goes to the drives until a person arms it.", "good"];
@@ -66,7 +66,7 @@ export function startArming() {
   for (const [id, done] of [["arm", "Armed."], ["disarm", "Disarmed."]]) {
     at(`do-${id}`).addEventListener("click", async () => {
       try {
-        showState(await post(`/api/v1/offsets/${id}`, at("arm-token").value));
+        showSending(await post(`/api/v1/offsets/${id}`, at("arm-token").value));
         write(at("arm-said"), done);
       } catch (problem) {
         write(at("arm-said"), `Not done: ${problem.message}`);

@@ -1,6 +1,6 @@
 // The page: what comes over the stream goes to what shows it.
 import { Charts } from "./charts.js";
-import { showCorrections, startArming } from "./corrections.js";
+import { showCorrections, showSending, startArming } from "./corrections.js";
 import { colourReport, startAsking, showDiagnosis } from "./diagnosis.js";
 import { at, fill, make, write } from "./dom.js";
 import { Figures } from "./figures.js";
@@ -136,6 +136,7 @@ const stream = new Stream({
     const one = axisNow();
     if (one) showActivity(one);
     showService(now);
+    showSending(now.offsets);
     if (stream.state === "live") write(at("state").querySelector("b"), `live, ${count(Math.round(now.frame_rate_hz))} Hz`);
     else if (known !== now.state) showState(stream.state);
   },
