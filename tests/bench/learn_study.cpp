@@ -232,13 +232,17 @@ LearnAxis learner(const ModelRecord& record, const ArrayXd& command, bool basis)
 struct OnMachine {
   std::vector<ArrayXd> error;
   ProgramError contour;
+  std::vector<bool> moves;  ///< whether the path does, by cycle
 };
 
 OnMachine run(const Path& path, const std::vector<ArrayXd>& corrections) {
   Path commands = path;
   for (std::size_t i = 0; i < corrections.size(); ++i) commands[i] += corrections[i];
   const std::vector<ArrayXd> positions = machine(commands);
-  return {{path[0] - positions[0], path[1] - positions[1]}, program_error(path, positions)};
+  std::vector<bool> moves{false};
+  for (Eigen::Index k = 1; k < path[0].size(); ++k)
+    moves.push_back(path[0](k) != path[0](k - 1) || path[1](k) != path[1](k - 1));
+  return {{path[0] - positions[0], path[1] - positions[1]}, program_error(path, positions), moves};
 }
 
 /// RMS of both axes together.
@@ -259,12 +263,13 @@ double worse_by(const OnMachine& before, const OnMachine& after) {
   return (after.contour.distance.abs() - before.contour.distance.abs()).maxCoeff();
 }
 
-/// The longest time at a stretch that it is larger by more than what the encoder can tell [s].
+/// The longest time at a stretch of motion that it is larger by more than what the encoder can tell
+/// [s].
 double worse_for(const OnMachine& before, const OnMachine& after) {
   int longest = 0, now = 0;
   for (Eigen::Index k = 0; k < before.contour.distance.size(); ++k) {
     const double more = std::abs(after.contour.distance(k)) - std::abs(before.contour.distance(k));
-    now = more > kNoiseFloor ? now + 1 : 0;
+    now = before.moves[static_cast<std::size_t>(k)] && more > kNoiseFloor ? now + 1 : 0;
     longest = std::max(longest, now);
   }
   return kCycle_s * longest;
