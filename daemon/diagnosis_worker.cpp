@@ -16,6 +16,7 @@
 namespace servotwin {
 namespace {
 
+constexpr double kMachineOff_s = 0.5;  // without a cycle
 constexpr auto kPause = std::chrono::milliseconds(100);
 // Of the motion that is looked at; less shows too little.
 constexpr double kLeastShare = 0.5;
@@ -122,7 +123,11 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
   try {
     const std::int64_t begin = steady_ns();
     // With the other axes, whose motion may be what disturbs this one.
-    const SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
+    SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
+    // A machine that was off has lost nothing; cycles that are lost on the way are counted by their
+    // numbers.
+    std::erase_if(motion.report.splits,
+                  [](const auto& split) { return split.length_s > kMachineOff_s; });
     const auto own = config_.encoder_in_loop_of.find(name);
     options_.encoder_in_loop =
         own == config_.encoder_in_loop_of.end() ? config_.encoder_in_loop : own->second;

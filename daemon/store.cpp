@@ -134,6 +134,11 @@ Store::Store(const std::filesystem::path& directory, std::string machine, StoreA
 }
 
 void Store::open(StoreAccess access) {
+  if (std::error_code ignored;
+      access == StoreAccess::kRead && !std::filesystem::exists(file_, ignored))
+    throw std::runtime_error("store " + file_.string() +
+                             ": there is none; --store is the daemon's directory, as servotwin "
+                             "check-config prints it");
   sqlite3* database = nullptr;
   const int opened =
       sqlite3_open_v2(file_.c_str(), &database,

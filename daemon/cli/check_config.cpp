@@ -1,4 +1,5 @@
 // servotwin check-config: would the daemon start with this configuration?
+#include <algorithm>
 #include <memory>
 #include <string>
 #include <vector>
@@ -60,6 +61,15 @@ void run(const std::filesystem::path& file) {
                   (config.dds.strength == 0 ? "" : text(", strength %d", config.dds.strength)));
   const auto store = config.store.directory.empty() ? default_store() : config.store.directory;
   say(stdout, "store       " + store.string());
+  if (config.ilc.live) {
+    if (config.http.token.empty())
+      say(stdout,
+          "note: ilc.live sends nothing until a person arms it, and nobody can without "
+          "http.token");
+    if (std::none_of(config.axes.begin(), config.axes.end(),
+                     [](const AxisConfig& axis) { return axis.correction.has_value(); }))
+      say(stdout, "note: ilc.live sends nothing: no axis has a correction");
+  }
   for (const std::string& line : taken(config))
     say(stdout, "note: " + line + " now: as it should be if that is the daemon which is to get " +
                     "this configuration; a second one would not start");

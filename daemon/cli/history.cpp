@@ -38,8 +38,10 @@ std::string cause_line(const json& cause) {
   }
   // What only the torque shows leaves the error as it is, and is in no model.
   const json gain = cause.value("gain", json::object());
-  const bool by_torque =
-      gain.contains("holdout_rms_before_m") && gain["holdout_rms_before_m"].is_null();
+  bool by_torque = false;
+  for (const auto& [name, value] : gain.items())
+    by_torque |= name.starts_with("holdout_rms_before_") && name != "holdout_rms_before_m";
+  by_torque = by_torque && gain.value("holdout_rms_before_m", json()).is_null();
   return cause.at("id").get<std::string>() + "(" + parameters + ")" +
          (by_torque ? " by torque" : "");
 }

@@ -176,6 +176,7 @@ void LiveRecord::on_status(const MachineStatus& status) {
 void LiveRecord::clear_lately() {
   for (LiveAxis& axis : axes_) axis.lately = {};
   contour_ = {};
+  cleared_ = predictions_;
 }
 
 double LiveRecord::latency_s(double quantile) const {

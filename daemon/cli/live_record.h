@@ -66,8 +66,12 @@ class LiveRecord {
   void on_model(const ModelAnnouncement& announcement);
   void on_diagnosis(const DiagnosisAnnouncement& announcement);
   void on_status(const MachineStatus& status);
-  /// How long there has been no prediction [s].
-  void silent_for(double seconds) { silent_s_ = seconds; }
+  /// How long there has been no prediction [s], and whether a daemon is there.
+  void silent_for(double seconds, bool daemon_there) {
+    silent_s_ = seconds;
+    daemon_there_ = daemon_there;
+  }
+  [[nodiscard]] bool daemon_there() const { return daemon_there_; }
   void clear_lately();
 
   [[nodiscard]] const std::vector<LiveAxis>& axes() const { return axes_; }
@@ -78,6 +82,8 @@ class LiveRecord {
   /// No predictions come, or none came yet: what is known of the axes is of earlier.
   [[nodiscard]] bool silent() const { return predictions_ == 0 || silent_s_ > kSilence_s; }
   [[nodiscard]] double silent_s() const { return silent_s_; }
+  /// Predictions since clear_lately.
+  [[nodiscard]] std::uint64_t latest() const { return predictions_ - cleared_; }
   /// Cycles without a prediction between the first and the last one that came.
   [[nodiscard]] std::uint64_t missed() const { return missed_; }
   /// From the sending of a frame to the sending of its prediction [s]; NaN if none was seen.
@@ -114,8 +120,10 @@ class LiveRecord {
   std::optional<MachineStatus> status_;
   RunningError contour_;
   std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;
+  std::uint64_t cleared_ = 0;  // predictions before clear_lately
   std::int64_t first_written_ns_ = 0, last_written_ns_ = 0;
   double silent_s_ = 0.0;
+  bool daemon_there_ = false;
 };
 
 }  // namespace servotwin::cli

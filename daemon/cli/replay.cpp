@@ -74,7 +74,8 @@ void run(const Arguments& arguments) {
     if (!others.empty() || !frames.wait_for_readers(1, 0.0)) {
       throw std::runtime_error(text("nobody listens to %s after %.3g s",
                                     arguments.bus.text().c_str(), arguments.wait_s) +
-                               others + "; start servotwind with this machine and domain first");
+                               others + "; start servotwind with this machine and domain first" +
+                               (others.empty() ? "" : ", or name a machine that is there"));
     }
     say(stdout, "note: no daemon speaks for " + arguments.bus.text() + "; others listen");
   } else if (!descriptions.wait_for_readers(1, arguments.wait_s) ||
@@ -82,6 +83,10 @@ void run(const Arguments& arguments) {
              !frames.wait_for_readers(1, arguments.wait_s)) {
     throw std::runtime_error("the daemon did not confirm the description of the machine");
   }
+
+  DdsReader<MachineStatus> statuses(node);
+  MachineStatus status;
+  const bool followed = there == DaemonThere::kReady && statuses.receive(status, arguments.wait_s);
 
   const std::size_t rows = replay.rows();
   const double cycle_s = replay.machine().cycle_s;
@@ -111,6 +116,12 @@ void run(const Arguments& arguments) {
         text("DDS refused %zu frames", static_cast<std::size_t>(frames.failed())));
   }
   if (!delivered) throw std::runtime_error("the readers did not confirm the last frames");
+  while (statuses.receive(status, 0.0)) {
+  }
+  if (followed && !statuses.matched(statuses.writer())) {
+    throw std::runtime_error("the daemon of " + arguments.bus.text() +
+                             " has gone before the end; it has not seen all of them");
+  }
 }
 
 }  // namespace

@@ -115,7 +115,18 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
 
 /// What is predicted of an axis now.
 std::string state_of(const LiveRecord& record, const LiveAxis& axis) {
-  return record.silent() ? "no frames" : name_of(axis.state);
+  if (record.latest() > 0) return name_of(axis.state);
+  return record.daemon_there() ? "no frames" : "no daemon";
+}
+
+/// In force now: while nothing is predicted, as the daemon says.
+int version_of(const LiveRecord& record, const LiveAxis& axis) {
+  return record.latest() == 0 && axis.in_force > 0 ? axis.in_force : axis.shown_version();
+}
+
+/// Why there are no axes to show.
+std::string nothing_yet(const LiveRecord& record) {
+  return record.daemon_there() ? "the daemon waits for its machine" : "no daemon";
 }
 
 /// The last second of an axis.
@@ -129,7 +140,7 @@ std::string table_row(const LiveRecord& record, const LiveAxis& axis) {
       row += text("%11s", shown.c_str());
     }
   }
-  const int version = axis.shown_version();
+  const int version = version_of(record, axis);
   return row + "   " + (version > 0 ? text("v%d, ", version) : "") + state_of(record, axis);
 }
 
@@ -157,7 +168,12 @@ std::vector<std::string> summary_lines(const LiveRecord& record, const std::stri
                   microseconds(record.latency_s(0.5)) + ", p99 " +
                   microseconds(record.latency_s(0.99)) + ", max " +
                   microseconds(record.latency_s(1.0)));
+  if (record.axes().empty()) lines.push_back(nothing_yet(record));
   for (std::size_t i = 0; i < record.axes().size(); ++i) add_axis(record, i, lines);
+  if (!record.daemon_there()) {
+    lines.emplace_back();
+    lines.emplace_back("the daemon has gone; the counts are of its last status");
+  }
   if (record.status() && !record.status()->last_error.empty()) {
     lines.push_back("last error  " + record.status()->last_error);
   }
@@ -206,9 +222,10 @@ json summary_json(const LiveRecord& record, const std::string& machine, double s
 
 std::string line_of(const LiveRecord& record, double seconds) {
   std::string line = text("%7.1f s", seconds);
+  if (record.axes().empty()) line += "  " + nothing_yet(record);
   for (const LiveAxis& axis : record.axes()) {
     line += "  " + axis.name;
-    if (axis.shown_version() > 0) line += text(" v%d", axis.shown_version());
+    if (const int version = version_of(record, axis); version > 0) line += text(" v%d", version);
     line += " " + state_of(record, axis);
     const ErrorFigures left = axis.lately.residual.figures(), all = axis.lately.tracking.figures();
     if (std::isfinite(left.rms)) {
@@ -227,7 +244,7 @@ json line_json(const LiveRecord& record, const std::string& machine, double seco
   out["axes"] = json::array();
   for (const LiveAxis& axis : record.axes()) {
     out["axes"].push_back({{"axis", axis.name},
-                           {"version", axis.shown_version()},
+                           {"version", version_of(record, axis)},
                            {"state", state_of(record, axis)},
                            {"cycles", axis.lately.residual.count()},
                            {"with_model", figures_json(axis.lately.residual.figures())},
@@ -243,7 +260,10 @@ std::vector<std::string> screen_lines(const LiveRecord& record, const std::strin
                   text(", %.0f s, %llu predictions (%llu not received here)", seconds,
                        static_cast<unsigned long long>(record.predictions()),
                        static_cast<unsigned long long>(record.missed())) +
-                  (record.silent() ? text("; no frames for %.0f s", record.silent_s()) : "") +
+                  (record.silent()
+                       ? text("; %s for %.0f s", record.daemon_there() ? "no frames" : "no daemon",
+                              record.silent_s())
+                       : "") +
                   "; Ctrl-C ends");
   if (record.status()) add_status(*record.status(), lines);
   lines.push_back("latency     frame sent to prediction sent p50 " +
@@ -256,6 +276,7 @@ std::vector<std::string> screen_lines(const LiveRecord& record, const std::strin
   lines.emplace_back(
       "                      RMS        MAX        RMS        MAX        RMS        MAX");
   for (const LiveAxis& axis : record.axes()) lines.push_back(table_row(record, axis));
+  if (record.axes().empty()) lines.push_back(nothing_yet(record));
   const ErrorFigures contour = record.contour().figures();
   lines.push_back("contour error, predicted: " + (std::isfinite(contour.rms)
                                                       ? figures_text(contour, false)

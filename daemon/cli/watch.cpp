@@ -156,10 +156,10 @@ void run(const Arguments& arguments) {
     while (!interrupt.came()) {
       if (subscriber.receive(record)) last_s = since(start);
       const double now_s = since(start);
-      record.silent_for(now_s - last_s);
+      record.silent_for(now_s - last_s, subscriber.daemon_there());
       if (arguments.seconds > 0.0 && now_s >= arguments.seconds) break;
-      if (arguments.summary && record.predictions() > 0 && record.silent() && subscriber.over())
-        break;
+      const bool spoken = record.predictions() > 0 || record.status();
+      if (arguments.summary && spoken && record.silent() && subscriber.over()) break;
       if (!arguments.summary && now_s - shown_s >= kRefresh_s) {
         display.show(record, now_s);
         record.clear_lately();
@@ -175,10 +175,13 @@ void run(const Arguments& arguments) {
   if (!arguments.summary) return;
   for (const std::string& line : summary_lines(record, arguments.bus.text())) say(people, line);
   if (!arguments.result.empty())
-    write_json(arguments.result, summary_json(record, arguments.bus.place.machine, last_s));
+    write_json(arguments.result, summary_json(record, arguments.bus.place.machine,
+                                              record.predictions() > 0 ? last_s : since(start)));
   if (record.predictions() == 0) {
     throw std::runtime_error("no prediction came for " + arguments.bus.text() +
-                             "; a daemon is there, but no frames reach it");
+                             (subscriber.daemon_there()
+                                  ? "; a daemon is there, but no frames reach it"
+                                  : "; its daemon has gone"));
   }
 }
 
@@ -211,8 +214,9 @@ Command add_watch(CLI::App& app) {
           [arguments](const std::string& given) {
             arguments->result = given.empty() ? "-" : given;
           },
-          "JSON (servotwin.watch/1): a line per second, or the summary; - or nothing is standard "
-          "output")
+          "JSON (servotwin.watch/1): a line per second on standard output, with --summary one "
+          "object "
+          "into OUT; - or nothing is standard output")
       ->type_name("OUT")
       ->expected(0, 1);
   return {&command, [arguments] { run(*arguments); }};

@@ -10,6 +10,7 @@
 
 #include "daemon/clock.h"
 #include "daemon/report_file.h"
+#include "daemon/status_figures.h"
 #include "daemon/web/live_json.h"
 #include "daemon/web/page.h"
 #include "drivers/text.h"
@@ -201,6 +202,7 @@ HttpResponse Api::status() {
   out["machine"] = now.machine;
   out["version"] = now.version;
   out["uptime_s"] = now.uptime_s;
+  out["silent_s"] = number_json(now.silent_s);
   out["offsets"] = arming_json(sources_.arming());
   return answer_json(out);
 }

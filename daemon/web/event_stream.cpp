@@ -2,10 +2,10 @@
 
 namespace servotwin {
 
-void EventStream::add(std::string_view event, std::string_view json) {
+void EventStream::add(std::string_view event, std::string_view json, std::int64_t now_ns) {
   std::string message = "event: ";
   message.append(event).append("\ndata: ").append(json).append("\n\n");
-  messages_.push_back(std::move(message));
+  messages_.push_back({now_ns, std::move(message)});
   if (messages_.size() <= kKept) return;
   messages_.pop_front();
   ++first_;

@@ -11,6 +11,8 @@
 #include <cstring>
 #include <stdexcept>
 
+#include "daemon/clock.h"
+
 namespace servotwin {
 namespace {
 
@@ -177,7 +179,7 @@ HttpServer::~HttpServer() {
 void HttpServer::poll(int timeout_ms) { MHD_run_wait(daemon_, timeout_ms); }
 
 void HttpServer::send(std::string_view event, std::string_view json) {
-  stream_.add(event, json);
+  stream_.add(event, json, steady_ns());
   for (const auto& reader : readers_) {
     if (reader->suspended) MHD_resume_connection(reader->connection);
     reader->suspended = false;
@@ -229,7 +231,8 @@ int HttpServer::respond(MHD_Connection* connection, const HttpResponse& response
 }
 
 int HttpServer::open_stream(MHD_Connection* connection) {
-  readers_.push_back(std::make_unique<Reader>(Reader{this, connection, stream_.start(), 0, false}));
+  readers_.push_back(
+      std::make_unique<Reader>(Reader{this, connection, stream_.start(steady_ns()), 0, false}));
   MHD_Response* out =
       MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, kStreamBlock, Callbacks::on_read,
                                         readers_.back().get(), Callbacks::on_stream_end);

@@ -19,6 +19,7 @@ struct MetricsInput {
   std::string machine, version;
   double uptime_s = 0.0;
   LiveStatus live;
+  double silent_s = kAbsent;        ///< since the last cycle; NaN: none came yet
   MachineDescription description;   ///< without axes: not known yet
   std::vector<AlarmState> alarms;   ///< one per axis
   const Histogram* wake = nullptr;  ///< null: there is no loop yet

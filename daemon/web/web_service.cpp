@@ -109,6 +109,7 @@ void WebService::look() {
 
 void WebService::pass_on(LiveFeed::News news) {
   batches_dropped_ = news.dropped;
+  if (!news.batches.empty()) live_ns_ = steady_ns();
   for (const LiveBatch& batch : news.batches) server_.send("live", batch_json(batch));
   for (const ModelAnnouncement& model : news.models)
     server_.send("model", nlohmann::json{{"schema", "servotwin.promotion/1"},
@@ -138,11 +139,15 @@ MetricsInput WebService::now() {
   out.version = SERVOTWIN_VERSION;
   out.uptime_s = 1e-9 * static_cast<double>(steady_ns() - started_ns_);
   out.live = live_;
+  if (live_ns_ > 0) out.silent_s = 1e-9 * static_cast<double>(steady_ns() - live_ns_);
   out.streams = server_.streams();
   out.slow_streams = server_.slow_streams();
   out.batches_dropped = batches_dropped_;
-  out.description = stored_;
-  if (shown_ == nullptr) return out;
+  if (shown_ == nullptr) {
+    out.description = stored_;
+    out.alarms.assign(stored_.axes.size(), AlarmState::kOff);
+    return out;
+  }
   out.description = shown_->machine_;
   for (std::size_t i = 0; i < out.description.axes.size(); ++i)
     out.alarms.push_back(shown_->watch_.state(i));

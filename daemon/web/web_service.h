@@ -75,6 +75,7 @@ class WebService {
   MachineDescription stored_;  // the axes that the store knows, while no machine is known
   LiveStatus live_;
   std::uint64_t batches_dropped_ = 0;
+  std::int64_t live_ns_ = 0;  // the last cycle; 0: none
   std::int64_t said_ns_ = 0;  // the last status to the streams
 
   HttpServer server_;  // its last answers use what is above

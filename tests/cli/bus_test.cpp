@@ -151,6 +151,27 @@ TEST(Replay, AMachineOfWhichThereIsNoDaemonIsAnErrorBesideDaemonsOfOthers) {
   EXPECT_THAT(answer.err, HasSubstr("in this domain there is a daemon of mill-7"));
 }
 
+TEST(Replay, ADaemonThatGoesBeforeTheEndIsAnError) {
+  const Folder folder;
+  const DdsNode node(place());
+  const DdsReader<MachineDescription> descriptions(node);
+  DdsReader<MachineFrame> frames(node);
+  auto daemon = std::make_unique<DdsNode>(place());
+  auto statuses = std::make_unique<DdsWriter<MachineStatus>>(*daemon);
+  MachineStatus ready;
+  ready.axes.push_back({"X", 0, kAbsent, "waiting"});
+  ASSERT_TRUE(statuses->write(ready));
+  Program replay(over_dds("replay", {folder.write("rec.csv", slow_recording(150))}));
+  MachineFrame frame;
+  for (int k = 0; k < 20; ++k) ASSERT_TRUE(frames.receive(frame, kPatience_s));
+  statuses.reset();
+  daemon.reset();
+  const Answer answer = replay.answer();
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("sent 149 of 149 frames"));
+  EXPECT_THAT(answer.err, HasSubstr("has gone before the end"));
+}
+
 TEST(Replay, AListenerWithoutADaemonIsEnough) {
   const Folder folder;
   const DdsNode node(place());
@@ -464,6 +485,38 @@ TEST(Watch, TheSummaryOfAMachineAtRestIsAScreen) {
   EXPECT_THAT(answer.out, HasSubstr("axis X: model version 1 in force\n"));
   EXPECT_THAT(answer.out, HasSubstr("now         collecting\n"));
   EXPECT_THAT(answer.err, HasSubstr("a daemon is there, but no frames reach it"));
+}
+
+TEST(Watch, ADaemonThatGoesEndsTheSummaryAndIsSaidInTheLines) {
+  auto stage = std::make_unique<Stage>();
+  Program summary(over_dds("watch", {"--summary"}));
+  ASSERT_TRUE(stage->watched());
+  Program lines(over_dds("watch", {"--seconds", "6"}));
+  std::this_thread::sleep_for(std::chrono::seconds(1));  // until both listen
+  stage->status().axes[0].model_version = 3;
+  stage->say(stage->status());
+  std::this_thread::sleep_for(std::chrono::seconds(2));
+  stage.reset();
+  const Answer ended = summary.answer();
+  EXPECT_EQ(ended.status, 1) << ended;
+  EXPECT_THAT(ended.out, HasSubstr("the daemon has gone"));
+  EXPECT_THAT(ended.err, HasSubstr("its daemon has gone"));
+  const Answer told = lines.answer();
+  EXPECT_LT(told.out.find("X v3 no frames"), told.out.find("X v3 no daemon")) << told;
+}
+
+TEST(Watch, WhatIsPromotedInSilenceIsShown) {
+  Stage stage;
+  Program watch(over_dds("watch", {"--seconds", "5"}));
+  ASSERT_TRUE(stage.watched());
+  stage.status().axes[0].model_version = 1;
+  stage.say(stage.status());
+  stage.promote(1, "first");
+  for (int k = 0; k < 120; ++k) stage.cycle(0.0, 5e-6, 2e-6);
+  stage.status().axes[0].model_version = 2;
+  stage.say(stage.status());
+  const Answer answer = watch.answer();
+  EXPECT_LT(answer.out.find("X v1 predicting"), answer.out.find("X v2 no frames")) << answer;
 }
 
 TEST(Watch, TheLastDiagnosisIsALineOfItsAxis) {

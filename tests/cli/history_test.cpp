@@ -77,7 +77,7 @@ TEST(History, WhatIsNotThereIsSaidAndNothingIsMade) {
   EXPECT_EQ(answer.status, 1);
   EXPECT_THAT(answer.out, IsEmpty());
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("servotwin.sqlite: cannot be opened"));
+  EXPECT_THAT(answer.err, HasSubstr("servotwin.sqlite: there is none; --store"));
   EXPECT_THAT(folder.list(), IsEmpty());
 
   const auto asked = [&](const std::string& machine, const std::string& axis) {
@@ -105,7 +105,8 @@ TEST(History, TheModelOfADiagnosisIsThereAndWhatOnlyTheTorqueShowsIsMarked) {
   Store store(folder / "store", "mill-7");
   const json diagnosis = json::parse(
       R"({"baseline": {"rms_m": 2e-6}, "extended": {"rms_m": 2e-6}, "causes": [
-          {"id": "cogging", "parameters": {"period_m": 0.01}, "gain": {"holdout_rms_before_m": null}},
+          {"id": "cogging", "parameters": {"period_m": 0.01}, "gain": {"holdout_rms_before_m": null, "holdout_rms_before_Nm": 0.1}},
+          {"id": "dropped_samples", "parameters": {"gaps": 1}, "gain": {"holdout_rms_before_m": null}},
           {"id": "backlash", "parameters": {"width_m": 1e-6}, "gain": {"holdout_rms_before_m": 2e-6}}]})");
   store.add({"2026-01-01T12:00:00.000Z", "X", "on schedule", "explained", diagnosis.dump(),
              R"({"schema": "servotwin.model/1"})"},
@@ -115,8 +116,8 @@ TEST(History, TheModelOfADiagnosisIsThereAndWhatOnlyTheTorqueShowsIsMarked) {
                                        "X",         "--json",  folder / "h"};
   const Answer answer = servotwin_says(asked);
   ASSERT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out,
-              HasSubstr("  cogging(period_m 0.01) by torque  backlash(width_m 1e-06)\n"));
+  EXPECT_THAT(answer.out, HasSubstr("  cogging(period_m 0.01) by torque  dropped_samples(gaps 1)  "
+                                    "backlash(width_m 1e-06)\n"));
   std::ifstream file(folder / "h");
   EXPECT_EQ(json::parse(file)["diagnoses"][0]["model"]["schema"], "servotwin.model/1");
 }

@@ -222,6 +222,8 @@ TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
     for (std::size_t axis = 0; axis < 2; ++axis)
       row.axes[axis] = {recording.axes[axis].command[i], recording.axes[axis].actual[i], kAbsent};
     append(row);
+    // The machine is off for a while: nothing is lost by that.
+    if (i == recording.time.size() / 4) rows_ += std::llround(20.0 / machine_.cycle_s);
   }
   ASSERT_TRUE(worker_->look(0)) << memory_->moved_s(0);
   ASSERT_EQ(announced_.size(), 1U) << said_.str();
@@ -235,6 +237,7 @@ TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
   EXPECT_EQ(told["reason"], "on schedule");
   ASSERT_FALSE(told["causes"].empty()) << said_.str();
   EXPECT_EQ(told["causes"][0]["id"], "cogging") << said_.str();
+  for (const json& cause : told["causes"]) EXPECT_NE(cause["id"], "dropped_samples");
   EXPECT_NEAR(told["causes"][0]["parameters"]["period_m"].get<double>() /
                   hidden.hidden[0].parameters.at("period_m"),
               1.0, 0.02);

@@ -95,7 +95,7 @@ function draw() {
 }
 
 /** How it is, in the header; and what is wrong, in a banner. */
-function showState(state) {
+function showState(state, when = new Date()) {
   document.body.classList.toggle("stale", state !== "live");
   at("state").dataset.state = state;
   const waiting = status?.state === "waiting" && !status.frames;
@@ -106,7 +106,7 @@ function showState(state) {
     lost: "no daemon",
   };
   write(at("state").querySelector("b"), words[state]);
-  const since = new Date().toLocaleTimeString("sv");
+  const since = when.toLocaleTimeString("sv");
   const banners = {
     silent: waiting ? "The daemon waits for its machine." : `No cycles have come from the machine since ${since}; what is shown is old.`,
     lost: `No connection to the daemon since ${since}; what is shown is old. Trying again.`,
@@ -138,7 +138,7 @@ const stream = new Stream({
     showService(now);
     showSending(now.offsets);
     if (stream.state === "live") write(at("state").querySelector("b"), `live, ${count(Math.round(now.frame_rate_hz))} Hz`);
-    else if (known !== now.state) showState(stream.state);
+    else if (known !== now.state) showState(stream.state, stream.since);
   },
   model: refresh,
   diagnosis: refresh,

@@ -7,7 +7,7 @@ const kDead_ms = 6000; // a status comes every second: the connection is dead wi
 const kRetry_ms = 1500;
 
 export class Stream {
-  /** `on`: {opened(), live(batch), status(status), model(m), diagnosis(d), state(state, since_ms)} */
+  /** `on`: {opened(), live(batch), status(status), model(m), diagnosis(d), state(state, since)}; since: a Date. */
   constructor(on) {
     this.on = on;
     this.state = "connecting";
@@ -40,6 +40,8 @@ export class Stream {
     if (kind === "live") {
       this.lastLive = this.lastMessage;
       this.become("live");
+    } else if (kind === "status" && 1000 * value.silent_s > kSilent_ms) {
+      this.become("silent", new Date(Date.now() - 1000 * value.silent_s));
     } else if (this.state !== "live") {
       this.become("silent");
     }
@@ -56,9 +58,11 @@ export class Stream {
     }
   }
 
-  become(state) {
-    if (state === this.state) return;
+  become(state, since = state === this.state ? this.since : new Date()) {
+    // What a new stream begins with is of earlier: the last status knows best since when.
+    if (state === this.state && Math.abs(since - this.since) < kSilent_ms) return;
     this.state = state;
-    this.on.state(state);
+    this.since = since;
+    this.on.state(state, since);
   }
 }
