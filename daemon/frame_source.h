@@ -31,7 +31,7 @@ class FrameSource {
   virtual Received receive(MachineFrame& frame, double timeout_s) noexcept = 0;
   /// A source that need not go on when its time has come waits while `behind` says so: a recording
   /// can, a machine cannot. Before the first receive(); `behind` is asked by its thread.
-  virtual void wait_while(std::function<bool()> /*behind*/) {}
+  virtual void wait_while(const std::function<bool()>& /*behind*/) {}
   /// Sends offsets to the drives where these are on its buses. The thread of receive().
   virtual void send(const MachineOffset& /*offset*/) noexcept {}
   /// How long ago the frame that came last was due or sent [ns], by the clocks of this host.
@@ -62,7 +62,7 @@ class ReplaySource final : public FrameSource {
   /// `speed`: times as fast as recorded; 0: as fast as frames are asked for. The recordings must be
   /// of one machine: throws std::runtime_error if axes or cycle differ.
   ReplaySource(std::vector<Replay> recordings, double speed);
-  void wait_while(std::function<bool()> behind) override { behind_ = std::move(behind); }
+  void wait_while(const std::function<bool()>& behind) override { behind_ = behind; }
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] const MachineDescription& machine() const noexcept {

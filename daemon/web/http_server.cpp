@@ -254,8 +254,7 @@ std::int64_t HttpServer::read_stream(Reader& reader, char* to, std::size_t room)
       ++slow_;
       return MHD_CONTENT_READER_END_WITH_ERROR;
     }
-    const std::size_t count = std::min(room - written, message->size() - reader.offset);
-    std::memcpy(to + written, message->data() + reader.offset, count);
+    const std::size_t count = message->copy(to + written, room - written, reader.offset);
     written += count;
     reader.offset += count;
     if (reader.offset < message->size()) break;

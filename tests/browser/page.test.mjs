@@ -282,3 +282,23 @@ test("says when the machine falls silent", async () => {
     other.forget();
   }
 });
+
+test("says since when to who opens it later", async () => {
+  const machine = `silent-${process.pid}`;
+  const other = await Daemon.start(program, { recordings: [], machine });
+  try {
+    await run(join(dirname(program), "servotwin"), ["replay", recording, "--dds", "--to", "3", "--machine", machine, "--domain", "97"]);
+    const end = Date.now();
+    await new Promise((resolve) => setTimeout(resolve, 5000));
+    const { page } = await open(browser, other.url);
+    await shows(page, "#banner", /No cycles have come from the machine since/);
+    await new Promise((resolve) => setTimeout(resolve, 1500)); // until the stream's past is read
+    const said = /since (\d+):(\d+):(\d+)/.exec(await page.locator("#banner").textContent());
+    const since = new Date(end).setHours(...said.slice(1).map(Number), 0);
+    assert.ok(Math.abs(since - end) < 2500, `${said[0]}, the last cycle at ${new Date(end).toISOString()}`);
+    await page.close();
+  } finally {
+    await other.stop("SIGKILL");
+    other.forget();
+  }
+});
