@@ -190,7 +190,7 @@ TEST(Store, OfEveryAxisTheNewestDiagnosesAreKept) {
 TEST(Store, IsReadBesideTheOneThatOwnsItAndNotWritten) {
   TemporaryDirectory directory;
   EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill", StoreAccess::kRead); }),
-              HasSubstr("cannot be opened"));
+              HasSubstr("there is none; --store"));
   EXPECT_TRUE(std::filesystem::is_empty(directory.path())) << "nothing is made";
   Store owner(directory.path(), "mill");
   owner.add(diagnosis(1), event("diagnosis"));

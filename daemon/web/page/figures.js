@@ -26,7 +26,7 @@ export class Figures {
     this.last = status;
     this.axis = axis;
     if (!status) return;
-    for (const one of status.axes) this.remember(one);
+    if (!(status.silent_s > 1)) for (const one of status.axes) this.remember(one); // else it is of earlier
     const one = status.axes.find((candidate) => candidate.name === axis);
     if (!one) return;
     const { measured, residual } = one.last_second;

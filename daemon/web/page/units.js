@@ -15,8 +15,11 @@ export function digits(value) {
   return value.toPrecision(3).includes("e") ? value.toExponential(1) : value.toPrecision(3);
 }
 
-export const error = (metres, rotary) =>
-  metres === null || metres === undefined ? "–" : `${digits(metres * kErrorScale)} ${errorUnit(rotary)}`;
+/** What is below half a nanometre no encoder has measured: it is what rounding leaves. */
+export const error = (metres, rotary) => {
+  const value = metres === null || metres === undefined ? metres : metres * kErrorScale;
+  return value === null || value === undefined ? "–" : `${Math.abs(value) < 5e-4 ? "0" : digits(value)} ${errorUnit(rotary)}`;
+};
 
 /** A time span: "36.9 µs". */
 export function span(seconds) {
