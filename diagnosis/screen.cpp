@@ -111,8 +111,7 @@ void Screen::prepare() {
 }
 
 Eigen::MatrixXd Screen::columns(std::size_t kind, const std::vector<double>& shapes) const {
-  return effect_columns(segments_, model_.loop.order, model_.loop.denominator,
-                        model_.command_delay_s(), kind, shapes);
+  return effect_columns(segments_, model_.loop, model_.command_delay_s(), kind, shapes);
 }
 
 /// The square that the columns explain beyond the tangent space.

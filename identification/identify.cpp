@@ -11,6 +11,7 @@
 #include "identification/excitation.h"
 #include "identification/full_ls.h"
 #include "identification/joint.h"
+#include "identification/mode_search.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
 
@@ -22,6 +23,8 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kSlowest_s = 0.1;  // sampling time that still shows a servo loop
 // A richer structure must beat a simpler one by this much on data it was not fitted to.
 constexpr double kWorthIt = 0.97;
+// A mode brings six parameters and what may go wrong with them.
+constexpr double kWorthAMode = 0.85;
 // Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
 // disguise.
 constexpr double kDisguisedDelay = 0.5;
@@ -222,6 +225,12 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
     }
     record.effect_deviations.push_back(deviations);
   }
+  for (std::size_t i = 0; i < record.model.loop.modes.size(); ++i) {
+    record.mode_deviations.push_back(
+        {sd(shape), sd(shape + 1), sd(linear), sd(linear + 1), sd(shape + 2), sd(shape + 3)});
+    shape += kModeShapes;
+    linear += 2;
+  }
   const LoopCovariance covariance = values * all * values.transpose();
   if (covariance.allFinite()) record.loop_covariance = 0.5 * (covariance + covariance.transpose());
   const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, covariance(i, i))); };
@@ -244,8 +253,8 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
                                              const std::vector<Segment>& segments) {
   std::vector<std::string> out;
   const auto last = static_cast<std::size_t>(model.loop.order - 1);
-  const double lag =
-      model.loop.numerator[last] / model.loop.denominator[last] + model.command_delay_s();
+  double lag = model.loop.numerator[last] / model.loop.denominator[last] + model.command_delay_s();
+  for (const Mode& mode : model.loop.modes) lag += mode.beta / (mode.omega * mode.omega);
   if (lag < -model.sample_time_s) {
     out.push_back(say("the encoder leads its command by ", -1e3 * lag,
                       " ms: are the two columns exchanged?"));
@@ -270,11 +279,12 @@ Structure structure_of(const Model& model) {
   structure.order = model.loop.order;
   for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
   structure.matched_feedforward = model.find(kind_of<TimeDelay>()) != nullptr;
+  structure.modes = static_cast<int>(model.loop.modes.size());
   return structure;
 }
 
 Point point_of(const Model& model) {
-  Point point{model.loop.denominator, {}};
+  Point point{model.loop.denominator, {}, model.loop.modes};
   for (const Effect& effect : model.effects) {
     for (std::size_t i = 0; i < shapes_of(effect.kind).size(); ++i)
       point.shapes.push_back(effect.shape[i]);
@@ -329,50 +339,57 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
                              "signs and the column mapping");
   for (const Trial& trial : trials) {
     tried.push_back({trial.structure.order, trial.structure.effects,
-                     trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen,
+                     trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen, 0,
                      trial.ruled_out});
   }
 
   Structure structure = chosen->structure;
   double chosen_validation = chosen->validation;
-  if (options.method == Method::kJoint) {
-    // The friction, chosen the same way, from the simplest model to the richest.
-    const auto place = static_cast<std::size_t>(
-        std::find(structure.effects.begin(), structure.effects.end(), kind_of<CoulombFriction>()) -
-        structure.effects.begin());
-    std::size_t best = tried.size();
-    const std::vector<std::size_t> compared =
-        options.friction ? std::vector{*options.friction} : compared_frictions();
-    if (options.friction) chosen_validation = 1e300;
+  // The friction, chosen the same way, from the simplest model to the richest, and modes of
+  // vibration as long as one more of them is worth it. Neither shows without the other where there
+  // are both, so that every friction is tried with every number of modes.
+  const bool joint = options.method == Method::kJoint;
+  const auto place = static_cast<std::size_t>(
+      std::find(structure.effects.begin(), structure.effects.end(), kind_of<CoulombFriction>()) -
+      structure.effects.begin());
+  std::vector<std::size_t> compared{kind_of<CoulombFriction>()};
+  if (joint) compared = options.friction ? std::vector{*options.friction} : compared_frictions();
+  const bool other_friction =
+      joint && options.friction && *options.friction != kind_of<CoulombFriction>();
+  if (other_friction) chosen_validation = 1e300;
+  std::size_t best = tried.size();
+  for (int modes = 0; modes <= options.modes && modes <= structure.modes + 1; ++modes) {
     for (const std::size_t kind : compared) {
-      if (kind == kind_of<CoulombFriction>()) continue;
+      if (kind == kind_of<CoulombFriction>() && modes == 0) continue;
       Structure richer = chosen->structure;
+      richer.modes = modes;
       richer.effects[place] = kind;
       // Unlike levels of the two directions contain it.
       if (kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>())
         std::erase(richer.effects, kind_of<ConstantForce>());
-      StructureTrial trial{richer.order, richer.effects, kAbsent, false,
-                           "no stable fit within the bounds"};
-      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, false)) {
+      StructureTrial trial{richer.order, richer.effects, kAbsent,
+                           false,        modes,          "no stable fit within the bounds"};
+      // At rest a vibrating encoder turns more often than it is read: friction along the measured
+      // motion is wrong there, and free simulation has to tell.
+      const bool polish = joint && modes > 0;
+      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, polish)) {
         trial.ruled_out = why_invalid(fit->model);
         if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
       }
-      if (trial.validation_rms < kWorthIt * chosen_validation) {
+      const double worth = modes > structure.modes ? kWorthAMode : kWorthIt;
+      if (trial.validation_rms < worth * chosen_validation) {
         chosen_validation = trial.validation_rms;
         structure = richer;
         best = tried.size();
       }
       tried.push_back(trial);
     }
-    if (options.friction && *options.friction != kind_of<CoulombFriction>() &&
-        best == tried.size()) {
-      throw std::runtime_error(
-          say(name, ": ", identity_of(*options.friction).id,
-              " has no valid fit to this motion; take another friction model"));
-    }
-    for (std::size_t i = 0; best < tried.size() && i < tried.size(); ++i)
-      tried[i].chosen = i == best;
   }
+  if (other_friction && best == tried.size()) {
+    throw std::runtime_error(say(name, ": ", identity_of(*options.friction).id,
+                                 " has no valid fit to this motion; take another friction model"));
+  }
+  for (std::size_t i = 0; best < tried.size() && i < tried.size(); ++i) tried[i].chosen = i == best;
   return structure;
 }
 
@@ -501,7 +518,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (options.start) {
     structure = structure_of(*options.start);
     search.from = {point_of(*options.start)};
-    out.trials.push_back({structure.order, structure.effects, kAbsent, true, ""});
+    out.trials.push_back({structure.order, structure.effects, kAbsent, true, structure.modes, ""});
   } else {
     structure = chosen_structure(axis.axis, training, options, encoder_step, out.trials);
   }

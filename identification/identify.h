@@ -27,6 +27,7 @@ struct IdentifyOptions {
   int order = 0;                        ///< 0: by held-out error
   std::optional<std::size_t> friction;  ///< joint only: its place in the catalogue; none: compared
   double delay_max_s = 0.02;            ///< 0: no delay is sought
+  int modes = 0;  ///< of vibration, at most; as many as the held-out error asks for; not full LS
   /// A model of this axis whose friction is to be found again: its structure is kept, and steps 2
   /// to 4 of identification/joint.h start from its loop. Not for full LS.
   std::optional<Model> start;
@@ -43,6 +44,7 @@ struct StructureTrial {
   std::vector<std::size_t> effects;  ///< kinds
   double validation_rms = kAbsent;   ///< inside the training data
   bool chosen = false;
+  int modes = 0;          ///< of vibration
   std::string ruled_out;  ///< why not, whatever its error; empty: it was in the running
 };
 

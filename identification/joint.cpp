@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "identification/chart.h"
+#include "identification/mode_search.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -64,7 +65,8 @@ std::vector<Point> friction_starts(const Projection& data, const Structure& stru
   std::vector<std::pair<double, Point>> best;
   for (const std::vector<double>& shapes : shape_grid(structure.effects[place])) {
     Point point{rough.denominator,
-                {rough.shapes.begin(), rough.shapes.begin() + static_cast<std::ptrdiff_t>(first)}};
+                {rough.shapes.begin(), rough.shapes.begin() + static_cast<std::ptrdiff_t>(first)},
+                rough.modes};
     point.shapes.insert(point.shapes.end(), shapes.begin(), shapes.end());
     point.shapes.insert(point.shapes.end(), rest, rough.shapes.end());
     const double cost = coarse.solve(point).cost;
@@ -135,8 +137,20 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
 
   const bool simplest = simple.effects == structure.effects, given = !options.from.empty();
   std::optional<PoleFit> fit;
-  if (simplest || !given) {
+  if (simplest && given) {
     fit = pole_search(Projection(signals, simple), options);
+    if (!fit) return std::nullopt;
+  } else if (!given) {
+    Structure rigid = simple;
+    rigid.modes = 0;
+    Projection coulomb(signals, rigid);
+    fit = pole_search(coulomb, options);
+    while (fit && coulomb.structure().modes < structure.modes) {
+      auto more = with_one_more_mode(coulomb, *fit, options);
+      if (!more) return std::nullopt;
+      coulomb = std::move(more->data);
+      fit = std::move(more->fit);
+    }
     if (!fit) return std::nullopt;
   }
   Projection data(std::move(signals), structure);
@@ -156,7 +170,10 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
       if (!why_invalid(model).empty() || encoder_step / std::sqrt(12.0) < kCoarseEncoder * left)
         break;
       data = Projection(along_simulation(segments, model), structure);
-      for (Point& start : starts) start.denominator = fits.front().point.denominator;
+      for (Point& start : starts) {
+        start.denominator = fits.front().point.denominator;
+        start.modes = fits.front().point.modes;
+      }
       starts.push_back(fits.front().point);
       auto better = refined(data, starts, options, evaluations);
       starts.pop_back();
@@ -192,7 +209,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     if (polished) {
       out.model = polished->model;
       out.covariance = polished->covariance;
-      out.linear = structure.order + structure.coefficient_count();
+      out.linear = data.model_columns();
       return out;
     }
   }

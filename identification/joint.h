@@ -1,6 +1,7 @@
 // Joint identification of loop and friction (thesis chapter 5; docs/theory.md 5).
 //
-//   1. Pole search with Coulomb friction: where the poles are, roughly.
+//   1. Pole search with Coulomb friction: where the poles are, roughly; then the modes of
+//      vibration, one by one.
 //   2. The friction's shape parameters with those poles held: a grid, every point one projection.
 //   3. All of them together from the best of the grid, by projection; friction along the measured
 //      motion, and where the encoder is coarse, again along the motion simulated with the result.

@@ -148,6 +148,51 @@ ErrorFigures figures_from(const json& fit, const char* key) {
   return {optional(*found, "rms_m"), optional(*found, "max_m")};
 }
 
+/// The values of a mode in the file, and how to get at them.
+struct ModeValue {
+  const char* name;
+  double Mode::*value;
+};
+constexpr ModeValue kModeValues[] = {
+    {"natural_frequency_rad_s", &Mode::omega},
+    {"damping_ratio", &Mode::zeta},
+    {"alpha", &Mode::alpha},
+    {"beta_per_s", &Mode::beta},
+    {"gamma_s", &Mode::gamma},
+    {"delta", &Mode::delta},
+};
+
+json modes_json(const ModelRecord& record) {
+  json out = json::array();
+  for (std::size_t i = 0; i < record.model.loop.modes.size(); ++i) {
+    json mode;
+    for (const ModeValue& v : kModeValues) {
+      mode[v.name] = record.model.loop.modes[i].*v.value;
+      if (i < record.mode_deviations.size())
+        mode[std::string(v.name) + "_sd"] = number(record.mode_deviations[i].*v.value);
+    }
+    mode["natural_frequency_hz"] = record.model.loop.modes[i].omega / kTwoPi;  // for people
+    out.push_back(mode);
+  }
+  return out;
+}
+
+void read_modes(const json& loop, ModelRecord& record) {
+  const auto found = loop.find("modes");
+  if (found == loop.end()) return;
+  if (!found->is_array()) refuse("loop.modes", "must be a list");
+  for (std::size_t i = 0; i < found->size(); ++i) {
+    const std::string path = "loop.modes[" + std::to_string(i) + "]";
+    Mode mode, deviation;
+    for (const ModeValue& v : kModeValues) {
+      mode.*v.value = finite((*found)[i], path, v.name);
+      deviation.*v.value = optional((*found)[i], (std::string(v.name) + "_sd").c_str());
+    }
+    record.model.loop.modes.push_back(mode);
+    record.mode_deviations.push_back(deviation);
+  }
+}
+
 json loop_json(const ModelRecord& record) {
   const Loop& loop = record.model.loop;
   json poles = json::array();
@@ -177,6 +222,7 @@ json loop_json(const ModelRecord& record) {
     out["real_pole_hz"] = named.real / kTwoPi;
     out["real_pole_sd_hz"] = number(record.pole_deviation.real / kTwoPi);
   }
+  if (!loop.modes.empty()) out["modes"] = modes_json(record);
   // The gain of the unit friction of the rigid-body model, for readers that know no effects.
   const Effect* friction = record.model.find(kind_of<CoulombFriction>());
   out["disturbance_gain"] = friction != nullptr ? friction->coefficient[0] : 0.0;
@@ -262,6 +308,7 @@ ModelRecord model_from_json(const json& j) {
   model.loop.order = order.get<int>();
   model.loop.denominator = coefficients(loop, "loop", "denominator", model.loop.order);
   model.loop.numerator = coefficients(loop, "loop", "tracking_error_numerator", model.loop.order);
+  read_modes(loop, record);
 
   const json& effects = member(j, "", "effects");
   if (!effects.is_array()) refuse("effects", "must be a list");

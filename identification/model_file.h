@@ -39,6 +39,7 @@ struct ModelRecord {
   std::array<double, kMaxOrder> denominator_deviation{};  ///< standard deviations
   std::array<double, kMaxOrder> numerator_deviation{};
   PoleSet pole_deviation;                           ///< of the first label of the poles
+  std::vector<Mode> mode_deviations;                ///< one per mode
   std::vector<EffectDeviations> effect_deviations;  ///< one per effect
   std::optional<LoopCovariance> loop_covariance;    ///< nothing where not estimated
 

@@ -96,6 +96,8 @@ class Coordinates {
       for (std::size_t p = 0; p < shapes_of(structure_.effects[i]).size(); ++p)
         x.push_back(axes_[axis++].coordinate(model.effects[i].shape[p]));
     }
+    for (const Mode& m : model.loop.modes)
+      x.insert(x.end(), {m.alpha, m.beta, std::log(m.omega), std::log(m.zeta), m.gamma, m.delta});
     return Eigen::Map<Eigen::VectorXd>(x.data(), static_cast<Eigen::Index>(x.size()));
   }
 
@@ -109,6 +111,10 @@ class Coordinates {
     for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
       for (std::size_t p = 0; p < shapes_of(structure_.effects[i]).size(); ++p)
         out.effects[i].shape[p] = axes_[axis++].value(*x++);
+    }
+    for (Mode& m : out.loop.modes) {
+      m = {std::exp(x[2]), std::exp(x[3]), x[0], x[1], x[4], x[5]};
+      x += kModeCoordinates;
     }
     return out;
   }
@@ -124,37 +130,53 @@ class Coordinates {
     }
     const auto shape = k - slots_.size();
     if (shape < static_cast<std::size_t>(structure_.order)) return {-1e300, 1e300};
-    const ShapeAxis& axis = axes_[shape - static_cast<std::size_t>(structure_.order)];
-    return {axis.lower, axis.upper};
+    const std::size_t at = shape - static_cast<std::size_t>(structure_.order);
+    if (at < axes_.size()) return {axes_[at].lower, axes_[at].upper};
+    if ((at - axes_.size()) % kModeCoordinates == 3) return {-1e300, std::log(kMostDamping)};
+    return {-1e300, 1e300};
   }
 
   /// A step of a coordinate that the simulation shows, and that its curvature does not.
   [[nodiscard]] double step(Eigen::Index i, double value) const {
     const auto linear = static_cast<Eigen::Index>(slots_.size()) + numerators_;
-    if (i >= linear) return 1e-5;
+    const Eigen::Index modes = linear + structure_.order + static_cast<Eigen::Index>(axes_.size());
+    const Eigen::Index of_mode = (i - modes) % kModeCoordinates;
+    if (i >= linear && (i < modes || of_mode == 2 || of_mode == 3)) return 1e-5;
     return 1e-5 * std::max(std::abs(value), 1e-3);
   }
 
   /// d parameters / d coordinates at x, with the parameters in the order of the covariance (every
-  /// numerator, coefficients, a1..an, shapes).
+  /// numerator, coefficients, alpha and beta of every mode, a1..an, shapes, omega, zeta, gamma,
+  /// delta of every mode).
   [[nodiscard]] Eigen::MatrixXd parameters_by_coordinates(const Eigen::VectorXd& x) const {
     const auto slots = static_cast<Eigen::Index>(slots_.size());
     const Eigen::Index n = structure_.order;
     const auto shapes = static_cast<Eigen::Index>(axes_.size());
-    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(2 * n + slots + shapes, x.size());
+    const Eigen::Index modes = structure_.modes, linear = n + slots + 2 * modes;
+    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(linear + n + shapes + 4 * modes, x.size());
     for (Eigen::Index i = 0; i < numerators_; ++i) out(i, i) = 1.0;
     for (Eigen::Index i = 0; i < slots; ++i) out(n + i, numerators_ + i) = 1.0;
     const Eigen::Index chart = numerators_ + slots;
-    out.block(n + slots, chart, n, n) =
+    out.block(linear, chart, n, n) =
         chart_jacobian(Chart::kStable, structure_.order, x.data() + chart).topLeftCorner(n, n);
     for (Eigen::Index i = 0; i < shapes; ++i) {
       const ShapeAxis& axis = axes_[static_cast<std::size_t>(i)];
-      out(2 * n + slots + i, chart + n + i) = axis.logarithmic ? axis.value(x(chart + n + i)) : 1.0;
+      out(linear + n + i, chart + n + i) = axis.logarithmic ? axis.value(x(chart + n + i)) : 1.0;
+    }
+    for (Eigen::Index m = 0; m < modes; ++m) {
+      const Eigen::Index from = chart + n + shapes + kModeCoordinates * m;
+      const Eigen::Index to = linear + n + shapes + 4 * m;
+      out(n + slots + 2 * m, from) = out(n + slots + 2 * m + 1, from + 1) = 1.0;
+      for (const Eigen::Index i : {0, 1}) out(to + i, from + 2 + i) = std::exp(x(from + 2 + i));
+      for (const Eigen::Index i : {2, 3}) out(to + i, from + 2 + i) = 1.0;
     }
     return out;
   }
 
  private:
+  // alpha, beta, log omega, log zeta, gamma, delta
+  static constexpr int kModeCoordinates = 6;
+  static constexpr double kMostDamping = 0.95;
   struct Slot {
     std::size_t effect = 0, coefficient = 0;
   };

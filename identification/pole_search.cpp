@@ -24,8 +24,34 @@ PoleBounds below_nyquist(PoleBounds bounds, double h) {
   return bounds;
 }
 
-/// The projected residual as one Ceres cost: the parameters are the chart's q and the stretched
-/// shapes.
+// A force moves what it acts on, of which a mode has a share: between 0 and 1 where the encoder is
+// there, too. Without bounds friction may go to nothing and its way through a mode to infinity.
+constexpr double kLeastDelta = -1.0, kMostDelta = 2.0, kMostGamma = 1.0;
+constexpr double kSamplesPerRadian = 0.5;  // of a mode, on thinned data
+constexpr double kSlowestMode_hz = 2.0, kLeastDamping = 5e-4, kMostDamping = 0.95;
+constexpr double kModeShareOfNyquist = 0.9;
+
+/// The coordinates of modes: log omega, log zeta, gamma, delta of each.
+std::vector<double> coordinates_of(const std::vector<Mode>& modes) {
+  std::vector<double> out;
+  for (const Mode& m : modes)
+    out.insert(out.end(), {std::log(m.omega), std::log(m.zeta), m.gamma, m.delta});
+  return out;
+}
+
+std::vector<Mode> modes_at(const double* coordinates, std::size_t count) {
+  std::vector<Mode> out(count);
+  for (Mode& m : out) {
+    m.omega = std::exp(*coordinates++);
+    m.zeta = std::exp(*coordinates++);
+    m.gamma = *coordinates++;
+    m.delta = *coordinates++;
+  }
+  return out;
+}
+
+/// The projected residual as one Ceres cost: the parameters are the chart's q, the stretched
+/// shapes, where they are free, and the coordinates of the modes, where there are any.
 ///
 /// Levenberg-Marquardt asks a residual r and its Jacobian J for r^T r, J^T r and J^T J only. The
 /// triangle of the QR of [J r] has the same ones in one row per parameter and one more, so that the
@@ -33,13 +59,20 @@ PoleBounds below_nyquist(PoleBounds bounds, double h) {
 class ProjectedCost final : public ceres::CostFunction {
  public:
   ProjectedCost(const Projection& data, Chart chart, const std::vector<ShapeAxis>& axes,
-                std::vector<double> held, int& evaluations)
-      : data_(data), chart_(chart), axes_(axes), held_(std::move(held)), evaluations_(evaluations) {
+                std::vector<double> held, std::size_t modes, int& evaluations)
+      : data_(data),
+        chart_(chart),
+        axes_(axes),
+        held_(std::move(held)),
+        modes_(modes),
+        evaluations_(evaluations) {
     const int order = data.structure().order;
-    const int shapes = held_.empty() ? static_cast<int>(axes.size()) : 0;
+    shapes_ = held_.empty() ? static_cast<int>(axes.size()) : 0;
+    const int of_modes = kModeShapes * static_cast<int>(modes);
     mutable_parameter_block_sizes()->push_back(order);
-    if (shapes > 0) mutable_parameter_block_sizes()->push_back(shapes);
-    set_num_residuals(order + shapes + 1);
+    if (shapes_ > 0) mutable_parameter_block_sizes()->push_back(shapes_);
+    if (of_modes > 0) mutable_parameter_block_sizes()->push_back(of_modes);
+    set_num_residuals(order + shapes_ + of_modes + 1);
     // Errors in micrometres or milliradians alike: the solver sees them relative to their own size.
     double sum = 0.0;
     for (const Signals& s : data.segments()) sum += s.error.square().sum();
@@ -56,6 +89,7 @@ class ProjectedCost final : public ceres::CostFunction {
       for (std::size_t i = 0; i < axes_.size(); ++i)
         at.shapes.push_back(axes_[i].value(parameters[1][i]));
     }
+    if (modes_ > 0) at.modes = modes_at(parameters[shapes_ > 0 ? 2 : 1], modes_);
     return at;
   }
 
@@ -64,7 +98,8 @@ class ProjectedCost final : public ceres::CostFunction {
     // Ceres asks for the residual first and, where the step is taken, for the Jacobian of the same
     // point.
     if (const Point at = point(parameters);
-        at.denominator != last_.denominator || at.shapes != last_.shapes) {
+        at.denominator != last_.denominator || at.shapes != last_.shapes ||
+        coordinates_of(at.modes) != coordinates_of(last_.modes)) {
       triangle_ = triangle(at, parameters[0]);
       last_ = at;
       ++evaluations_;
@@ -92,9 +127,17 @@ class ProjectedCost final : public ceres::CostFunction {
     Eigen::MatrixXd both(data_.rows(), columns);
     both.leftCols(order) =
         lin.jacobian.leftCols(order) * chart_jacobian(chart_, order, q).topLeftCorner(order, order);
-    for (Eigen::Index c = order; c + 1 < columns; ++c) {
-      const auto i = static_cast<std::size_t>(c - order);
-      both.col(c) = lin.jacobian.col(c) * (axes_[i].logarithmic ? at.shapes[i] : 1.0);
+    for (int i = 0; i < shapes_; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      both.col(order + i) =
+          lin.jacobian.col(order + i) * (axes_[k].logarithmic ? at.shapes[k] : 1.0);
+    }
+    const Eigen::Index by_modes = kModeShapes * static_cast<Eigen::Index>(modes_);
+    if (by_modes > 0) both.middleCols(order + shapes_, by_modes) = lin.jacobian.rightCols(by_modes);
+    for (std::size_t i = 0; i < modes_; ++i) {
+      const Eigen::Index c = order + shapes_ + kModeShapes * static_cast<Eigen::Index>(i);
+      both.col(c) *= at.modes[i].omega;
+      both.col(c + 1) *= at.modes[i].zeta;
     }
     both.col(columns - 1) = lin.at.residual;
     both *= unit_;
@@ -105,6 +148,8 @@ class ProjectedCost final : public ceres::CostFunction {
   Chart chart_;
   const std::vector<ShapeAxis>& axes_;
   std::vector<double> held_;
+  std::size_t modes_;
+  int shapes_ = 0;
   int& evaluations_;
   double unit_ = 1.0;
   mutable Point last_;
@@ -169,15 +214,35 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
 
   ceres::Problem problem;
   auto* cost = new ProjectedCost(data, chart, axes, free_shapes ? std::vector<double>{} : shapes,
-                                 evaluations);
+                                 from.point.modes.size(), evaluations);
+  std::vector<double> modes = coordinates_of(from.point.modes);
   std::vector<double*> blocks{q.data()};
   if (free_shapes) blocks.push_back(shapes.data());
+  if (!modes.empty()) blocks.push_back(modes.data());
   problem.AddResidualBlock(cost, nullptr, blocks);  // the problem owns the cost
   if (free_shapes) {
     for (std::size_t i = 0; i < axes.size(); ++i) {
       problem.SetParameterLowerBound(shapes.data(), static_cast<int>(i), axes[i].lower);
       problem.SetParameterUpperBound(shapes.data(), static_cast<int>(i), axes[i].upper);
     }
+  }
+  const double fastest = kModeShareOfNyquist * std::numbers::pi / data.segments().front().h;
+  for (std::size_t i = 0; i < modes.size(); i += kModeShapes) {
+    const auto within = [&](std::size_t k, double lower, double upper) {
+      problem.SetParameterLowerBound(modes.data(), static_cast<int>(k), std::log(lower));
+      problem.SetParameterUpperBound(modes.data(), static_cast<int>(k), std::log(upper));
+      modes[k] = std::clamp(modes[k], std::log(lower), std::log(upper));
+    };
+    within(i, kTwoPi * kSlowestMode_hz, fastest);
+    within(i + 1, kLeastDamping, kMostDamping);
+    const auto between = [&](std::size_t k, double lower, double upper) {
+      problem.SetParameterLowerBound(modes.data(), static_cast<int>(k), lower);
+      problem.SetParameterUpperBound(modes.data(), static_cast<int>(k), upper);
+      modes[k] = std::clamp(modes[k], lower, upper);
+    };
+    const double period = std::exp(-modes[i]);
+    between(i + 2, -kMostGamma * period, kMostGamma * period);
+    between(i + 3, kLeastDelta, kMostDelta);
   }
   if (chart == Chart::kPoles) {
     const auto box = [&](int i, double lower, double upper) {
@@ -201,9 +266,8 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
 
-  const double* parameters[] = {q.data(), shapes.data()};
   Candidate out;
-  out.point = cost->point(parameters);
+  out.point = cost->point(blocks.data());
   out.cost =
       summary.IsSolutionUsable() ? summary.final_cost / (cost->unit() * cost->unit()) : 1e300;
   return out;
@@ -311,7 +375,13 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
 
   // Thinned data for the coarse search; command splines and filters stay exact at any step.
   // Friction that remembers needs its reversals.
-  const Projection coarse = thinned(data, options.from.empty() ? 8.0e-3 : 2.0e-3);
+  double step_s = options.from.empty() ? 8.0e-3 : 2.0e-3;
+  const auto show = [&](const std::vector<Mode>& modes) {
+    for (const Mode& mode : modes) step_s = std::min(step_s, kSamplesPerRadian / mode.omega);
+  };
+  show(options.modes);
+  for (const Point& point : options.from) show(point.modes);
+  const Projection coarse = thinned(data, step_s);
   PoleSearchOptions ranking = options;
   ranking.tolerance = std::max(options.tolerance, 1e-6);
 
@@ -320,7 +390,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   if (options.from.empty()) {
     for (const auto& denominator : grid(order, bounds)) {
       Candidate candidate;
-      candidate.point = {denominator, shapes};
+      candidate.point = {denominator, shapes, options.modes};
       const auto solution = coarse.solve(candidate.point);
       ++fit.evaluations;
       if (!std::isfinite(solution.cost)) continue;

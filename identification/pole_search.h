@@ -39,6 +39,7 @@ struct PoleSearchOptions {
   int starts = 6;              ///< best grid candidates that are refined
   bool search_shapes = true;   ///< false: shapes stay at `shapes`
   std::vector<double> shapes;  ///< start values; empty: the catalogue's
+  std::vector<Mode> modes;     ///< where the modes of the structure are refined from
   std::vector<Point> from;     ///< where to refine from in place of the grid, shapes and all
   double tolerance = 1e-10;    ///< of the relative decrease of the cost at which a refinement stops
 };

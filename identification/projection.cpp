@@ -58,6 +58,128 @@ struct FilterBank {
   }
 };
 
+std::array<double, kMaxOrder> denominator_of(const Mode& mode) {
+  return {2.0 * mode.zeta * mode.omega, mode.omega * mode.omega, 0.0};
+}
+
+/// How far a mode is in equilibrium with a constant force behind an integrator: delta / (omega^2 P)
+/// takes it off.
+template <int N>
+double held(const Mode& mode, double a_last) {
+  return N == 3 ? a_last / (mode.omega * mode.omega) : 0.0;
+}
+
+/// A force's way to the error, from equilibrium with the force that acts at the start.
+template <int N>
+class ForceFilter {
+ public:
+  ForceFilter(const std::array<double, kMaxOrder>& denominator, const std::vector<Mode>& modes,
+              double h, bool derivatives)
+      : bank_(denominator, h, derivatives), modes_(modes) {
+    for (const Mode& mode : modes) banks_.emplace_back(denominator_of(mode), h, derivatives);
+  }
+
+  [[nodiscard]] const FilterBank<N>& bank() const { return bank_; }
+  [[nodiscard]] const std::vector<FilterBank<2>>& modes() const { return banks_; }
+
+  /// `by`: its derivatives by a1..an and by omega, zeta, gamma, delta of every mode, or none.
+  template <class Force, class Column, class By>
+  void run(const Force& force, Column&& column, By* by) const {
+    if (by != nullptr) {
+      rigid<2 * N>(force, column, [&](Eigen::Index k, const auto& w) { derive(k, w, *by); });
+    } else {
+      rigid<N>(force, column, [](Eigen::Index, const auto&) {});
+    }
+    for (std::size_t i = 0; i < modes_.size(); ++i) {
+      if (by != nullptr) {
+        mode<4>(i, force, column, [&](Eigen::Index k, const auto& w) { derive(i, k, w, *by); });
+      } else {
+        mode<2>(i, force, column, [](Eigen::Index, const auto&) {});
+      }
+    }
+  }
+  template <class Force, class Column>
+  void run(const Force& force, Column&& column, std::nullptr_t) const {
+    run(force, column, static_cast<Eigen::MatrixXd*>(nullptr));
+  }
+
+ private:
+  template <int States, class Bank, class Force, class Each>
+  static void filter(const Bank& bank, double stiffness, const Force& force, const Each& each) {
+    using State = Eigen::Matrix<double, States, 1>;
+    const Eigen::Matrix<double, States, States> phi =
+        bank.phi.template topLeftCorner<States, States>();
+    const State begin = bank.begin.template head<States>(), end = bank.end.template head<States>();
+    State w = State::Zero();
+    w(0) = force(0) / stiffness;
+    if constexpr (States == Bank::kStates) w(States / 2) = w(0) / stiffness;
+    for (Eigen::Index k = 0; k < force.size(); ++k) {
+      each(k, w);
+      if (k + 1 < force.size()) w = (phi * w + begin * force(k) + end * force(k + 1)).eval();
+    }
+  }
+  template <int States, class Force, class Column, class Each>
+  void rigid(const Force& force, Column& column, const Each& each) const {
+    const double share = disturbance_share(bank_.a, modes_);
+    double gamma = 0.0, delta = 0.0;
+    for (const Mode& m : modes_) gamma += m.gamma, delta += m.delta * held<N>(m, bank_.a[N - 1]);
+    filter<States>(bank_, bank_.a[N - 1], force, [&](Eigen::Index k, const auto& w) {
+      column(k) = share * w(N - 2) - gamma * w(N - 1) - delta * w(0);
+      each(k, w);
+    });
+  }
+  template <int States, class Force, class Column, class Each>
+  void mode(std::size_t i, const Force& force, Column& column, const Each& each) const {
+    const Mode& m = modes_[i];
+    filter<States>(banks_[i], banks_[i].a[1], force, [&](Eigen::Index k, const auto& w) {
+      column(k) += m.gamma * w(1) + m.delta * w(0);
+      each(k, w);
+    });
+  }
+  template <class State, class By>
+  void derive(Eigen::Index k, const State& w, By& by) const {
+    std::array<double, 2 * N> g{};  // s^m / P^2
+    bank_.derivatives(w, g.data());
+    const double own = disturbance_share(bank_.a, modes_);
+    for (int i = 1; i <= N; ++i) {
+      double sum = -own * g[static_cast<std::size_t>(2 * N - 2 - i)];
+      for (const Mode& m : modes_) {
+        sum += m.gamma * g[static_cast<std::size_t>(2 * N - 1 - i)] +
+               m.delta * held<N>(m, bank_.a[N - 1]) * g[static_cast<std::size_t>(N - i)];
+        if (i == N) sum -= m.delta * held<N>(m, 1.0) * w(0);
+        if (i == 1) sum -= m.gamma * w(N - 2);
+      }
+      by(k, i - 1) = sum;
+    }
+    for (std::size_t i = 0; i < modes_.size(); ++i) {
+      const double share = held<N>(modes_[i], bank_.a[N - 1]) * w(0);
+      const auto at = N + kModeShapes * static_cast<Eigen::Index>(i);
+      const Mode& m = modes_[i];
+      by(k, at) = 2.0 * m.delta * share / m.omega + 2.0 * m.gamma * m.zeta * w(N - 2);
+      by(k, at + 1) = 2.0 * m.gamma * m.omega * w(N - 2);
+      by(k, at + 2) = -w(N - 1) - (bank_.a[0] - 2.0 * m.zeta * m.omega) * w(N - 2);
+      by(k, at + 3) = -share - w(N - 2);
+    }
+  }
+  template <class State, class By>
+  void derive(std::size_t i, Eigen::Index k, const State& w, By& by) const {
+    const Mode& m = modes_[i];
+    std::array<double, 4> g{};  // s^m / M^2
+    banks_[i].derivatives(w, g.data());
+    const double by_damping = -(m.gamma * g[2] + m.delta * g[1]),
+                 by_stiffness = -(m.gamma * g[1] + m.delta * g[0]);
+    const auto at = N + kModeShapes * static_cast<Eigen::Index>(i);
+    by(k, at) += 2.0 * m.zeta * by_damping + 2.0 * m.omega * by_stiffness;
+    by(k, at + 1) += 2.0 * m.omega * by_damping;
+    by(k, at + 2) += w(1);
+    by(k, at + 3) += w(0);
+  }
+
+  FilterBank<N> bank_;
+  const std::vector<Mode>& modes_;
+  std::vector<FilterBank<2>> banks_;
+};
+
 }  // namespace
 
 int Structure::shape_count() const {
@@ -78,12 +200,15 @@ int Structure::coefficient_count() const {
 /// Column-major storage of one evaluation.
 struct Projection::Columns {
   int order = 0;
-  Eigen::MatrixXd regressors;  // rows x (order + coefficients + free responses)
+  Eigen::MatrixXd regressors;  // rows x (order + coefficients + 2 modes + free responses)
   Eigen::VectorXd target;      // e minus what the delay alone explains
-  // s^m / P^2 of: the command velocity (m = 0..2n-2), every force (m = 0..2n-3), every free
-  // response.
-  Eigen::MatrixXd command2;
-  std::vector<Eigen::MatrixXd> force2, free2;
+  Eigen::MatrixXd command2;    // s^m / P^2 of the command velocity (m = 0..2n-2)
+  // Every column of a force by a1..an and by omega, zeta, gamma, delta of every mode; of a free
+  // response of the loop by a1..an, of a mode by its omega and zeta.
+  std::vector<Eigen::MatrixXd> by_force, by_free;
+  std::vector<Mode> modes;
+  // s^m / M^2 of the command velocity (m = 0..3), per mode.
+  std::vector<Eigen::MatrixXd> mode2;
   Eigen::VectorXd delayed_velocity,
       top_derivative;  // v_d and d/dt of the highest state, for the delay
   // Filtered derivative of a force by a shape: (slot, shape, column).
@@ -142,10 +267,9 @@ Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Inde
 namespace {
 
 template <int N>
-Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments,
-                                  const std::array<double, kMaxOrder>& denominator, double delay,
-                                  std::size_t kind, const std::vector<double>& shapes) {
-  using State = Eigen::Matrix<double, N, 1>;
+Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments, const Loop& loop,
+                                  double delay, std::size_t kind,
+                                  const std::vector<double>& shapes) {
   const auto coefficients = coefficients_of(kind);
   const Acts acts = identity_of(kind).acts;
   Eigen::Index rows = 0, columns = 0;
@@ -154,9 +278,7 @@ Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments,
   Eigen::MatrixXd out = Eigen::MatrixXd::Zero(rows, columns);
   Eigen::Index row = 0;
   for (const Signals& s : segments) {
-    const FilterBank<N> bank(denominator, s.h, false);
-    const Eigen::Matrix<double, N, N> phi = bank.phi.template topLeftCorner<N, N>();
-    const State begin = bank.begin.template head<N>(), end = bank.end.template head<N>();
+    const ForceFilter<N> filter(loop.denominator, loop.modes, s.h, false);
     Spline moved;
     if (delay > 0.0) moved = Spline::through(s.command.delayed(delay), s.h);
     const Spline& command = delay > 0.0 ? moved : s.command;
@@ -170,12 +292,7 @@ Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments,
       if (acts == Acts::kReading) {
         out.col(column).segment(row, s.size()) = -force.matrix();
       } else {
-        State w = State::Zero();
-        w(0) = force(0) / bank.a[N - 1];
-        for (Eigen::Index k = 0; k < s.size(); ++k) {
-          out(row + k, column) = w(N - 2);
-          if (k + 1 < s.size()) w = (phi * w + begin * force(k) + end * force(k + 1)).eval();
-        }
+        filter.run(force, out.col(column).segment(row, s.size()), nullptr);
       }
       ++column;
     }
@@ -186,12 +303,15 @@ Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments,
 
 }  // namespace
 
-Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, int order,
-                               const std::array<double, kMaxOrder>& denominator,
+Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, const Loop& loop,
                                double command_delay_s, std::size_t kind,
                                const std::vector<double>& shapes) {
-  return order == 2 ? effect_columns_of<2>(segments, denominator, command_delay_s, kind, shapes)
-                    : effect_columns_of<3>(segments, denominator, command_delay_s, kind, shapes);
+  return loop.order == 2 ? effect_columns_of<2>(segments, loop, command_delay_s, kind, shapes)
+                         : effect_columns_of<3>(segments, loop, command_delay_s, kind, shapes);
+}
+
+Eigen::Index Projection::model_columns() const {
+  return structure_.order + static_cast<Eigen::Index>(slots_.size()) + 2 * structure_.modes;
 }
 
 Eigen::VectorXd& Projection::column_of(Columns& columns, int slot, int shape, bool first) const {
@@ -199,6 +319,42 @@ Eigen::VectorXd& Projection::column_of(Columns& columns, int slot, int shape, bo
   return std::find_if(columns.by_shape.begin(), columns.by_shape.end(),
                       [&](const auto& e) { return e.slot == slot && e.shape == shape; })
       ->column;
+}
+
+/// The free responses of one block of the loop; `mode`: whose it is, or none.
+template <int N, class Bank>
+void Projection::fill_free(const Bank& bank, Columns& columns, const Signals& s, Eigen::Index row0,
+                           Eigen::Index first, bool derivatives, const Mode* mode) const {
+  using State = Eigen::Matrix<double, Bank::kStates, 1>;
+  for (int i = 0; i < N; ++i) {
+    const Eigen::Index at = first + i;
+    auto column = columns.regressors.col(model_columns() + at);
+    State w = State::Zero();
+    w(i) = 1.0;
+    if (derivatives) columns.by_free[static_cast<std::size_t>(at)].setZero(rows_, N);
+    if (s.lead > 0) continue;  // nothing of it is left when the lead-in is over
+    // In units of time where the poles are about 1, all states are of one size and fade together.
+    const double rate = std::pow(bank.a[N - 1], 1.0 / N);
+    const auto size_of = [&] {
+      double size = 0.0;
+      for (int m = 0; m < N; ++m) size = std::max(size, std::abs(w(m)) * std::pow(rate, i - m));
+      return size;
+    };
+    for (Eigen::Index k = 0; k < s.size(); ++k) {
+      column(row0 + k) = w(0);
+      if (derivatives) {
+        Eigen::MatrixXd& by = columns.by_free[static_cast<std::size_t>(at)];
+        if (mode != nullptr) {
+          by(row0 + k, 0) = -2.0 * mode->zeta * w(N + 1) - 2.0 * mode->omega * w(N);
+          by(row0 + k, 1) = -2.0 * mode->omega * w(N + 1);
+        } else {
+          for (int m = 0; m < N; ++m) by(row0 + k, m) = -w(2 * N - 1 - m);
+        }
+      }
+      w = (bank.phi * w).eval();
+      if (k % 64 == 63 && size_of() < 1e-9) break;
+    }
+  }
 }
 
 // Flattened: the compiler leaves the steps of the filters as calls, which costs a sixth of the
@@ -209,18 +365,23 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
   using Bank = FilterBank<N>;
   using State = Eigen::Matrix<double, Bank::kStates, 1>;
   const auto slot_count = static_cast<Eigen::Index>(slots_.size());
+  const auto modes = static_cast<Eigen::Index>(point.modes.size());
+  const Eigen::Index states = N + 2 * modes, nonlinear = N + kModeShapes * modes;
   const Eigen::Index free_count =
-      free_response_ ? N * static_cast<Eigen::Index>(segments_.size()) : 0;
+      free_response_ ? states * static_cast<Eigen::Index>(segments_.size()) : 0;
   columns.order = N;
-  columns.regressors.setZero(rows_, N + slot_count + free_count);
+  columns.modes = point.modes;
+  columns.regressors.setZero(rows_, model_columns() + free_count);
   columns.target.resize(rows_);
   const double delay =
       delay_shape_ >= 0 ? point.shapes[static_cast<std::size_t>(delay_shape_)] : 0.0;
   if (derivatives) {
     columns.command2.resize(rows_, 2 * N - 1);
-    columns.force2.resize(slots_.size());
-    for (Eigen::MatrixXd& second : columns.force2) second.resize(rows_, 2 * N - 2);
-    columns.free2.resize(static_cast<std::size_t>(free_count));
+    columns.by_force.resize(slots_.size());
+    for (Eigen::MatrixXd& by : columns.by_force) by.resize(rows_, nonlinear);
+    columns.by_free.resize(static_cast<std::size_t>(free_count));
+    columns.mode2.resize(point.modes.size());
+    for (Eigen::MatrixXd& second : columns.mode2) second.resize(rows_, 4);
     if (delay_shape_ >= 0) {
       columns.delayed_velocity.resize(rows_);
       columns.top_derivative.resize(rows_);
@@ -231,7 +392,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
   for (std::size_t segment = 0; segment < segments_.size(); ++segment) {
     const Signals& s = segments_[segment];
     const Eigen::Index n = s.size();
-    const Bank bank(point.denominator, s.h, derivatives);
+    const ForceFilter<N> force_filter(point.denominator, point.modes, s.h, derivatives);
+    const Bank& bank = force_filter.bank();
     const auto advance = [&bank](State& w, const auto& input) {
       if constexpr (std::is_same_v<std::decay_t<decltype(input)>, int>) {
         w = (bank.phi * w).eval();
@@ -286,32 +448,27 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
 
     if (structure_.matched_feedforward) columns.regressors.col(N - 1).segment(row0, n).setZero();
 
-    // --- the forces along the measured motion
-    const auto filter_force = [&](const Eigen::ArrayXd& force, auto&& column,
-                                  Eigen::MatrixXd* second) {
-      if (second != nullptr) {
-        State w = State::Zero();
-        // The loop starts in equilibrium with the force that acts at the start.
-        w(0) = force(0) / bank.a[N - 1];
-        w(N) = w(0) / bank.a[N - 1];
-        for (Eigen::Index k = 0; k < n; ++k) {
-          column(row0 + k) = w(N - 2);
-          bank.derivatives(w, g.data());
-          for (int m = 0; m < 2 * N - 2; ++m)
-            (*second)(row0 + k, m) = g[static_cast<std::size_t>(m)];
-          if (k + 1 < n) advance(w, State(bank.begin * force(k) + bank.end * force(k + 1)));
+    // --- and through the modes
+    for (Eigen::Index m = 0; m < modes; ++m) {
+      const auto k_mode = static_cast<std::size_t>(m);
+      const FilterBank<2>& mode = force_filter.modes()[k_mode];
+      const auto alpha = N + slot_count + 2 * m;
+      Eigen::Vector4d w = Eigen::Vector4d::Zero();
+      for (Eigen::Index k = 0; k < n; ++k) {
+        columns.regressors(row0 + k, alpha) = w(1);
+        columns.regressors(row0 + k, alpha + 1) = w(0);
+        if (derivatives) {
+          mode.derivatives(w, g.data());
+          for (int i = 0; i < 4; ++i)
+            columns.mode2[k_mode](row0 + k, i) = g[static_cast<std::size_t>(i)];
         }
-      } else {
-        Eigen::Matrix<double, N, 1> w = Eigen::Matrix<double, N, 1>::Zero();
-        w(0) = force(0) / bank.a[N - 1];
-        const Eigen::Matrix<double, N, 1> begin = bank.begin.template head<N>(),
-                                          end = bank.end.template head<N>();
-        for (Eigen::Index k = 0; k < n; ++k) {
-          column(row0 + k) = w(N - 2);
-          if (k + 1 < n) step_small(w, begin * force(k) + end * force(k + 1));
-        }
+        w = (mode.phi * w + mode.command.col(0) * command->first(k) +
+             mode.command.col(1) * command->second(k) + mode.command.col(2) * command->third(k))
+                .eval();
       }
-    };
+    }
+
+    // --- the forces along the measured motion
     for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
       const std::size_t kind = structure_.effects[i];
       const Acts acts = identity_of(kind).acts;
@@ -326,7 +483,7 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
           // Not through the loop: what the reading is beyond the position, the error is short of.
           columns.regressors.col(N + static_cast<Eigen::Index>(slot)).segment(row0, n) =
               -forces.col(c).matrix();
-          if (derivatives) columns.force2[slot].middleRows(row0, n).setZero();
+          if (derivatives) columns.by_force[slot].middleRows(row0, n).setZero();
           for (std::size_t p = 0; p < by_shape.size(); ++p) {
             const int shape = static_cast<int>(shape_offset_[i] + p);
             column_of(columns, static_cast<int>(slot), shape, segment == 0).segment(row0, n) =
@@ -334,43 +491,34 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
           }
           continue;
         }
-        filter_force(forces.col(c), columns.regressors.col(N + static_cast<Eigen::Index>(slot)),
-                     derivatives ? &columns.force2[slot] : nullptr);
-        // A force that the integrator holds from the start leaves rounding errors only: no column.
         auto column = columns.regressors.col(N + static_cast<Eigen::Index>(slot)).segment(row0, n);
+        if (derivatives) {
+          auto by = columns.by_force[slot].middleRows(row0, n);
+          force_filter.run(forces.col(c), column, &by);
+        } else {
+          force_filter.run(forces.col(c), column, nullptr);
+        }
+        // A force that the integrator holds from the start leaves rounding errors only: no column.
         const double natural = forces.col(c).abs().maxCoeff() / std::pow(bank.a[N - 1], 2.0 / N);
         if (column.cwiseAbs().maxCoeff() < 1e-11 * natural) column.setZero();
         for (std::size_t p = 0; p < by_shape.size(); ++p) {
           const int shape = static_cast<int>(shape_offset_[i] + p);
-          filter_force(by_shape[p].col(c),
-                       column_of(columns, static_cast<int>(slot), shape, segment == 0), nullptr);
+          force_filter.run(
+              by_shape[p].col(c),
+              column_of(columns, static_cast<int>(slot), shape, segment == 0).segment(row0, n),
+              nullptr);
         }
       }
     }
 
     // --- what is left of the unknown starting state
-    for (int i = 0; free_response_ && i < N; ++i) {
-      const Eigen::Index at = N * static_cast<Eigen::Index>(segment) + i;
-      auto column = columns.regressors.col(N + slot_count + at);
-      State w = State::Zero();
-      w(i) = 1.0;
-      if (derivatives) columns.free2[static_cast<std::size_t>(at)].setZero(rows_, N);
-      if (s.lead > 0) continue;  // nothing of it is left when the lead-in is over
-      // In units of time where the poles are about 1, all states are of one size and fade together.
-      const double rate = std::pow(bank.a[N - 1], 1.0 / N);
-      const auto size_of = [&] {
-        double size = 0.0;
-        for (int m = 0; m < N; ++m) size = std::max(size, std::abs(w(m)) * std::pow(rate, i - m));
-        return size;
-      };
-      for (Eigen::Index k = 0; k < n; ++k) {
-        column(row0 + k) = w(0);
-        if (derivatives) {
-          for (int m = 0; m < N; ++m)
-            columns.free2[static_cast<std::size_t>(at)](row0 + k, m) = w(N + m);
-        }
-        w = (bank.phi * w).eval();
-        if (k % 64 == 63 && size_of() < 1e-9) break;
+    if (free_response_) {
+      const Eigen::Index first = states * static_cast<Eigen::Index>(segment);
+      fill_free<N>(bank, columns, s, row0, first, derivatives, nullptr);
+      for (Eigen::Index m = 0; m < modes; ++m) {
+        const auto k_mode = static_cast<std::size_t>(m);
+        fill_free<2>(force_filter.modes()[k_mode], columns, s, row0, first + N + 2 * m, derivatives,
+                     &point.modes[k_mode]);
       }
     }
     row0 += n;
@@ -388,8 +536,9 @@ void Projection::leave_out_leads(Columns& columns, bool derivatives) const {
     clear(columns.target);
     if (!derivatives) continue;
     clear(columns.command2);
-    for (Eigen::MatrixXd& second : columns.force2) clear(second);
-    for (Eigen::MatrixXd& second : columns.free2) clear(second);
+    for (Eigen::MatrixXd& by : columns.by_force) clear(by);
+    for (Eigen::MatrixXd& by : columns.by_free) clear(by);
+    for (Eigen::MatrixXd& second : columns.mode2) clear(second);
     for (auto& entry : columns.by_shape) clear(entry.column);
     if (delay_shape_ < 0) continue;
     clear(columns.delayed_velocity);
@@ -448,16 +597,37 @@ Eigen::MatrixXd Projection::derivatives_of_sum(const Columns& columns,
                                                const Eigen::VectorXd& linear) const {
   const int n = columns.order;
   const auto slot_count = static_cast<Eigen::Index>(slots_.size());
-  Eigen::MatrixXd d = Eigen::MatrixXd::Zero(rows_, n + structure_.shape_count());
+  const auto modes = static_cast<Eigen::Index>(columns.modes.size());
+  const Eigen::Index first_mode = n + structure_.shape_count();
+  Eigen::MatrixXd d = Eigen::MatrixXd::Zero(rows_, first_mode + kModeShapes * modes);
   for (int i = 1; i <= n; ++i) {
-    auto column = d.col(i - 1);
-    for (int j = 0; j < n; ++j) column -= linear(j) * columns.command2.col(2 * n - 1 - i - j);
-    for (Eigen::Index slot = 0; slot < slot_count; ++slot) {
-      column -=
-          linear(n + slot) * columns.force2[static_cast<std::size_t>(slot)].col(2 * n - 2 - i);
-    }
-    for (std::size_t f = 0; f < columns.free2.size(); ++f) {
-      column -= linear(n + slot_count + static_cast<Eigen::Index>(f)) * columns.free2[f].col(n - i);
+    for (int j = 0; j < n; ++j) d.col(i - 1) -= linear(j) * columns.command2.col(2 * n - 1 - i - j);
+  }
+  for (Eigen::Index m = 0; m < modes; ++m) {
+    const Mode& mode = columns.modes[static_cast<std::size_t>(m)];
+    const Eigen::MatrixXd& g = columns.mode2[static_cast<std::size_t>(m)];
+    const double alpha = linear(n + slot_count + 2 * m), beta = linear(n + slot_count + 2 * m + 1);
+    const Eigen::VectorXd by_damping = -alpha * g.col(2) - beta * g.col(1);
+    const Eigen::Index at = first_mode + kModeShapes * m;
+    d.col(at) =
+        2.0 * mode.zeta * by_damping - 2.0 * mode.omega * (alpha * g.col(1) + beta * g.col(0));
+    d.col(at + 1) = 2.0 * mode.omega * by_damping;
+  }
+  for (Eigen::Index slot = 0; slot < slot_count; ++slot) {
+    const Eigen::MatrixXd& by = columns.by_force[static_cast<std::size_t>(slot)];
+    d.leftCols(n) += linear(n + slot) * by.leftCols(n);
+    if (modes > 0)
+      d.rightCols(kModeShapes * modes) += linear(n + slot) * by.rightCols(kModeShapes * modes);
+  }
+  const Eigen::Index states = n + 2 * modes;
+  for (std::size_t f = 0; f < columns.by_free.size(); ++f) {
+    const auto at = static_cast<Eigen::Index>(f);
+    const double size = linear(model_columns() + at);
+    if (at % states < n) {
+      d.leftCols(n) += size * columns.by_free[f];
+    } else {
+      d.middleCols(first_mode + kModeShapes * ((at % states - n) / 2), 2) +=
+          size * columns.by_free[f];
     }
   }
   for (const auto& entry : columns.by_shape)
@@ -468,6 +638,14 @@ Eigen::MatrixXd Projection::derivatives_of_sum(const Columns& columns,
     column = columns.delayed_velocity - linear(0) * columns.top_derivative;
     for (int j = 1; j < n; ++j)
       column -= linear(j) * columns.regressors.col(j - 1);  // 0 where it is not free
+    for (Eigen::Index m = 0; m < modes; ++m) {
+      const Mode& mode = columns.modes[static_cast<std::size_t>(m)];
+      const Eigen::Index alpha = n + slot_count + 2 * m;
+      const auto rate = columns.regressors.col(alpha), value = columns.regressors.col(alpha + 1);
+      column -= linear(alpha) * (columns.delayed_velocity - 2.0 * mode.zeta * mode.omega * rate -
+                                 mode.omega * mode.omega * value) +
+                linear(alpha + 1) * rate;
+    }
   }
   return d;
 }
@@ -488,13 +666,14 @@ Projection::Linearised Projection::linearise(const Point& point) const {
 
 Eigen::MatrixXd Projection::regressors(const Point& point) const {
   const Columns& columns = columns_at(point, false);
-  return columns.regressors.leftCols(columns.order + static_cast<Eigen::Index>(slots_.size()));
+  return columns.regressors.leftCols(model_columns());
 }
 
 Eigen::MatrixXd Projection::full_jacobian(const Point& point, const Eigen::VectorXd& linear) const {
   const Columns& columns = columns_at(point, true);
-  Eigen::MatrixXd all(rows_, columns.regressors.cols() + columns.order + structure_.shape_count());
-  all << columns.regressors, derivatives_of_sum(columns, linear);
+  const Eigen::MatrixXd by = derivatives_of_sum(columns, linear);
+  Eigen::MatrixXd all(rows_, columns.regressors.cols() + by.cols());
+  all << columns.regressors, by;
   return all;
 }
 
@@ -518,6 +697,12 @@ Model Projection::model_of(const Point& point, const Eigen::VectorXd& linear) co
       }
     }
     model.effects.push_back(effect);
+  }
+  Eigen::Index at = structure_.order + static_cast<Eigen::Index>(slots_.size());
+  for (Mode mode : point.modes) {
+    mode.alpha = linear(at++);
+    mode.beta = linear(at++);
+    model.loop.modes.push_back(mode);
   }
   return model;
 }

@@ -1,11 +1,14 @@
 // Variable projection: for given poles and shape parameters the error is linear in everything else.
 //
-//   e ~ sum_j c_j s^(n-j)/P x_r + sum_i d_i (s/P or 1/P) f_i(motion; shape_i) + free response of
-//   every segment
+//   e ~ sum_j c_j s^(n-j)/P x_r + sum_k (alpha_k s + beta_k)/M_k s x_r
+//       + sum_i d_i G(s) f_i(motion; shape_i) + free response of every segment
+//
+// G is s/P or 1/P and what the modes make of a disturbance (twin/loop.h).
 //
 // The linear part is one least squares problem, solved and projected out; what is left is a
-// function of the denominator a1..an and the shapes alone, with exact sensitivities (docs/theory.md
-// 4; thesis 3.4; Golub and Pereyra 1973, Kaufman 1975). Source of the filters: twin/hold.h.
+// function of the denominator a1..an, the shapes and omega, zeta, gamma, delta of every mode alone,
+// with exact sensitivities (docs/theory.md 4; thesis 3.4; Golub and Pereyra 1973, Kaufman 1975).
+// Source of the filters: twin/hold.h.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,6 +26,7 @@ struct Structure {
   std::vector<std::size_t> effects;  ///< places in the catalogue
   bool matched_feedforward = false;  ///< no velocity error: the last tracking coefficient is 0
   bool every_coefficient = false;  ///< also those that a free loop contains: for a loop held fixed
+  int modes = 0;                   ///< of vibration
 
   /// Shape parameters of all effects, and coefficients that a free loop leaves identifiable.
   [[nodiscard]] int shape_count() const;
@@ -32,8 +36,12 @@ struct Structure {
 /// A point of the nonlinear parameters.
 struct Point {
   std::array<double, kMaxOrder> denominator{};
-  std::vector<double> shapes;  ///< in the order of the structure
+  std::vector<double> shapes{};  ///< in the order of the structure
+  std::vector<Mode> modes{};     ///< alpha and beta are linear: not read here
 };
+
+/// The nonlinear parameters of a mode: omega, zeta, gamma, delta.
+inline constexpr int kModeShapes = 4;
 
 /// The motion that an effect of this kind feels at sample k.
 [[nodiscard]] Motion motion_of(const Signals& signals, const Spline& command, Acts acts,
@@ -41,8 +49,7 @@ struct Point {
 
 /// The columns of one more effect beside a fit: what its coefficients that a free loop leaves
 /// identifiable would add to the error per unit; rows as in a Projection of these segments.
-[[nodiscard]] Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, int order,
-                                             const std::array<double, kMaxOrder>& denominator,
+[[nodiscard]] Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, const Loop& loop,
                                              double command_delay_s, std::size_t kind,
                                              const std::vector<double>& shapes);
 
@@ -53,15 +60,15 @@ class Projection {
   Projection(std::vector<Signals> segments, Structure structure, bool free_response = true);
 
   struct Solution {
-    Eigen::VectorXd linear;    ///< c0.., effect coefficients, free responses
+    Eigen::VectorXd linear;    ///< c0.., effect coefficients, alpha, beta.., free responses
     Eigen::VectorXd residual;  ///< e - R linear
     double cost = 0.0;         ///< half the sum of squares
     bool clamped = false;      ///< a coefficient was held at its lower bound 0
   };
   [[nodiscard]] Solution solve(const Point& point) const;
 
-  /// Kaufman's Jacobian of the residual: columns a1..an, then the shapes. Its gradient J^T r is
-  /// exact.
+  /// Kaufman's Jacobian of the residual: columns a1..an, then the shapes, then omega, zeta, gamma,
+  /// delta of every mode. Its gradient J^T r is exact.
   struct Linearised {
     Solution at;
     Eigen::MatrixXd jacobian;
@@ -70,12 +77,14 @@ class Projection {
 
   /// The regressors themselves (unscaled, no free responses) and their 2-norm condition.
   [[nodiscard]] Eigen::MatrixXd regressors(const Point& point) const;
-  /// All parameters' Jacobian, not projected: linear ones, then a1..an, then shapes. For
+  /// All parameters' Jacobian, not projected: linear ones, then those of `linearise`. For
   /// covariances.
   [[nodiscard]] Eigen::MatrixXd full_jacobian(const Point& point,
                                               const Eigen::VectorXd& linear) const;
 
   [[nodiscard]] Eigen::Index rows() const { return rows_; }
+  /// c0.., effect coefficients, alpha, beta of every mode.
+  [[nodiscard]] Eigen::Index model_columns() const;
   [[nodiscard]] bool has_free_response() const { return free_response_; }
   [[nodiscard]] const Structure& structure() const { return structure_; }
   [[nodiscard]] const std::vector<Signals>& segments() const { return segments_; }
@@ -86,6 +95,9 @@ class Projection {
   struct Columns;  // regressors and, where asked for, what their derivatives need
   template <int N>
   void fill(const Point& point, bool derivatives, Columns& columns) const;
+  template <int N, class Bank>
+  void fill_free(const Bank& bank, Columns& columns, const Signals& s, Eigen::Index row0,
+                 Eigen::Index first, bool derivatives, const Mode* mode) const;
   /// The rows of lead-ins count for nothing.
   void leave_out_leads(Columns& columns, bool derivatives) const;
   [[nodiscard]] Eigen::VectorXd& column_of(Columns& columns, int slot, int shape, bool first) const;

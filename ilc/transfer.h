@@ -19,19 +19,19 @@
 namespace servotwin {
 
 struct Transfer {
-  /// A mode of vibration: d = -(spring w + damper s) s^2 / (s^2 + 2 zeta w s + w^2) x_r.
-  struct Mode {
+  /// A table behind a spring: d = -(spring w + damper s) s^2 / (s^2 + 2 zeta w s + w^2) x_r.
+  struct Table {
     double omega = 0.0, zeta = 0.0, spring = 0.0, damper = 0.0;
   };
 
   Loop loop;             ///< with the linear parts of the effects
   double delay_s = 0.0;  ///< tau; below 0: the record leads
-  std::vector<Mode> modes;
+  std::vector<Table> tables;
 
   [[nodiscard]] std::complex<double> at(double omega) const;
-  /// From a disturbance to the tracking error, (s | 1)/P.
+  /// From a disturbance to the tracking error, (s | 1)/P and the modes of vibration.
   [[nodiscard]] std::complex<double> compliance_at(double omega) const;
-  /// The lag at constant speed, c_(n-1)/a_n + tau [s].
+  /// The lag at constant speed, c_(n-1)/a_n + tau, and beta/omega^2 of every mode [s].
   [[nodiscard]] double lag_s() const;
 };
 
@@ -39,8 +39,8 @@ struct Transfer {
 [[nodiscard]] Transfer transfer_of(const Model& model);
 
 /// What the position does after the command of one sample alone was 1, straight lines between the
-/// samples (first-order hold): the first column of the lifted T. Modes of vibration are left out.
-/// A delay of whole and broken samples is taken by straight lines too. Allocates.
+/// samples (first-order hold): the first column of the lifted T. Tables behind springs are left
+/// out. A delay of whole and broken samples is taken by straight lines too. Allocates.
 [[nodiscard]] Eigen::ArrayXd impulse_response(const Transfer& transfer, double h,
                                               Eigen::Index samples);
 

@@ -84,6 +84,14 @@ PoleLabels labels_of(const Loop& loop) {
   return labels;
 }
 
+double disturbance_share(const std::array<double, kMaxOrder>& denominator,
+                         const std::vector<Mode>& modes) {
+  double share = 1.0;
+  for (const Mode& m : modes)
+    share -= m.gamma * (denominator[0] - 2.0 * m.zeta * m.omega) + m.delta;
+  return share;
+}
+
 bool stable(const Loop& loop) {
   const auto [a1, a2, a3] = loop.denominator;
   if (loop.order == 2) return a1 > 0.0 && a2 > 0.0;

@@ -6,19 +6,41 @@
 //   e = s (c0 s + c1) / P(s) x_r + 1 / P(s) d,            P = s^2 + a1 s + a2
 // d is the disturbance as an acceleration [m/s^2 | rad/s^2], positive when it resists positive
 // motion.
+//
+// Flexible machines have modes of vibration beside it, each a pair of poles in parallel
+// (docs/theory.md 1.5): with M = s^2 + 2 zeta omega s + omega^2, P as above, and G the (s | 1)/P of
+// a disturbance,
+//   e += (alpha s + beta) / M s x_r
+//        + [gamma (s/M - s G - (a1 - 2 zeta omega) G) + delta (1/M - held/P - G)] d
+// held is a3 / omega^2 with integral action, else 0. What is taken off leaves d the deceleration of
+// what carries the encoder, and behind an integrator no constant force is felt.
 #pragma once
 
 #include <array>
 #include <complex>
+#include <cstddef>
+#include <vector>
 
 namespace servotwin {
 
 inline constexpr int kMaxOrder = 3;
+inline constexpr std::size_t kMaxModes = 6;
+
+/// A mode of vibration.
+struct Mode {
+  double omega = 0.0;  ///< natural frequency [rad/s], > 0
+  double zeta = 0.0;   ///< damping ratio, 0 < zeta < 1
+  double alpha = 0.0;  ///< of the command [-],
+  double beta = 0.0;   ///< [1/s],
+  double gamma = 0.0;  ///< of the disturbance [s],
+  double delta = 0.0;  ///< [-], 1 where the disturbance acts on nothing but this mode
+};
 
 struct Loop {
   int order = 3;                                ///< 2 or 3
   std::array<double, kMaxOrder> denominator{};  ///< a1..an [1/s^i]
   std::array<double, kMaxOrder> numerator{};    ///< c0..c(n-1) [1/s^i]
+  std::vector<Mode> modes{};                    ///< at most kMaxModes
 };
 
 /// The poles as the pole search names them: a real pole (order 3 only) and a pair, real where zeta
@@ -40,6 +62,9 @@ struct PoleLabels {
   std::array<PoleSet, 3> set{};
 };
 [[nodiscard]] PoleLabels labels_of(const Loop& loop);
+/// What the modes leave of the loop's own (s | 1)/P for a disturbance [-]; 1 without modes.
+[[nodiscard]] double disturbance_share(const std::array<double, kMaxOrder>& denominator,
+                                       const std::vector<Mode>& modes);
 /// Routh-Hurwitz: every pole left of the imaginary axis.
 [[nodiscard]] bool stable(const Loop& loop);
 

@@ -53,6 +53,18 @@ std::string why_invalid(const Model& model) {
   }
   if (!stable(loop))
     return "loop.denominator: the loop is unstable (a pole is not left of the imaginary axis)";
+  if (loop.modes.size() > kMaxModes)
+    return say("loop.modes: ", loop.modes.size(), " are more than ", kMaxModes);
+  for (std::size_t i = 0; i < loop.modes.size(); ++i) {
+    const Mode& mode = loop.modes[i];
+    if (!(mode.omega > 0.0 && std::isfinite(mode.omega)))
+      return say("loop.modes[", i, "].natural_frequency = ", mode.omega, " rad/s must be positive");
+    if (!(mode.zeta > 0.0 && mode.zeta < 1.0))
+      return say("loop.modes[", i, "].damping_ratio = ", mode.zeta, " must lie between 0 and 1");
+    for (const double value : {mode.alpha, mode.beta, mode.gamma, mode.delta}) {
+      if (!std::isfinite(value)) return say("loop.modes[", i, "]: a numerator is not finite");
+    }
+  }
   if (model.effects.size() > static_cast<std::size_t>(kMaxEffects)) {
     return say("effects: ", model.effects.size(), " are more than ", kMaxEffects);
   }

@@ -71,26 +71,12 @@ Twin::Twin(const Model& model) {
   h_ = cycle_s_ / parts_;
   delay_s_ = model.command_delay_s();
   order_ = model.loop.order;
-  const int n = order_;
-  Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(n, n);
-  for (int i = 0; i + 1 < n; ++i) companion(i, i + 1) = 1.0;
-  for (int i = 0; i < n; ++i)
-    companion(n - 1, i) = -model.loop.denominator[static_cast<std::size_t>(n - 1 - i)];
-  const Eigen::VectorXd input = Eigen::VectorXd::Unit(n, n - 1);
-
-  const Hold command = discretise(companion, input, h_, 2);
-  const Hold force = discretise(companion, input, h_, 1);
-  for (int r = 0; r < n; ++r) {
-    const auto row = static_cast<std::size_t>(r);
-    for (int c = 0; c < n; ++c)
-      phi_[row * kMaxOrder + static_cast<std::size_t>(c)] = command.phi(r, c);
-    for (int k = 0; k < 3; ++k) g_command_[row * 3 + static_cast<std::size_t>(k)] = command.g(r, k);
-    g_end_[row] = force.g(r, 1) / h_;
-    g_begin_[row] = force.g(r, 0) - g_end_[row];
-    numerator_[row] = model.loop.numerator[row];
-    denominator_[row] = model.loop.denominator[row];
+  if (order_ == 3) {
+    damping_ = model.loop.denominator[0];
+    integral_ = model.loop.denominator[2];
+    integral_velocity_ = model.loop.numerator[2];
   }
-  rest_[0] = 1.0 / model.loop.denominator[static_cast<std::size_t>(n - 1)];
+  discretise_loop(model.loop);
   // What changes friction knows what the law of friction says.
   const auto place_of = [](const Effect& effect) {
     if (is_friction_law(effect.kind)) return 0;
@@ -107,8 +93,77 @@ Twin::Twin(const Model& model) {
   start(0.0);
 }
 
+// A mode in the form whose first state is its part of the error, so that any start shows in it:
+//   w1' = -2 zeta omega w1 + w2 + b1 u,   w2' = -omega^2 w1 + b2 u:   w1 = (b1 s + b2) / M u
+void Twin::discretise_loop(const Loop& loop) {
+  const int n = loop.order;
+  states_ = 2 * n + 2 * static_cast<int>(loop.modes.size());
+  const Eigen::Index size = states_;
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(size, size);
+  Eigen::VectorXd command = Eigen::VectorXd::Zero(size), force = command;
+  Eigen::RowVectorXd error = Eigen::RowVectorXd::Zero(size);
+  const auto block = [&](int first, int width) {
+    const Hold by_command =
+        discretise(a.block(first, first, width, width), command.segment(first, width), h_, 2);
+    const Hold by_force =
+        discretise(a.block(first, first, width, width), force.segment(first, width), h_, 1);
+    for (int r = 0; r < width; ++r) {
+      Row& row = rows_[static_cast<std::size_t>(first + r)];
+      row.first = first;
+      row.width = width;
+      for (int c = 0; c < width; ++c) row.phi[static_cast<std::size_t>(c)] = by_command.phi(r, c);
+      for (int k = 0; k < 3; ++k) row.command[static_cast<std::size_t>(k)] = by_command.g(r, k);
+      row.force_end = by_force.g(r, 1) / h_;
+      row.force_begin = by_force.g(r, 0) - row.force_end;
+    }
+  };
+  for (const int first : {0, n}) {
+    for (int i = 0; i < n; ++i) {
+      if (i + 1 < n) a(first + i, first + i + 1) = 1.0;
+      a(first + n - 1, first + i) = -loop.denominator[static_cast<std::size_t>(n - 1 - i)];
+    }
+    (first == 0 ? command : force)(first + n - 1) = 1.0;
+    block(first, n);
+  }
+  for (int i = 0; i < n; ++i) error(i) = loop.numerator[static_cast<std::size_t>(n - 1 - i)];
+  error(2 * n - 2) = disturbance_share(loop.denominator, loop.modes);
+  rest_[static_cast<std::size_t>(n)] = 1.0 / loop.denominator[static_cast<std::size_t>(n - 1)];
+
+  int first = 2 * n;
+  for (const Mode& mode : loop.modes) {
+    const double damping = 2.0 * mode.zeta * mode.omega, stiffness = mode.omega * mode.omega;
+    a.block(first, first, 2, 2) << -damping, 1.0, -stiffness, 0.0;
+    command.segment(first, 2) << mode.alpha, mode.beta;
+    force.segment(first, 2) << mode.gamma, mode.delta;
+    block(first, 2);
+    error(first) = 1.0;
+    error(2 * n - 1) -= mode.gamma;
+    if (n == 3) error(n) -= mode.delta * loop.denominator[2] / stiffness;
+    // At rest w1 = delta / omega^2, w2 = damping w1 - gamma.
+    rest_[static_cast<std::size_t>(first)] = mode.delta / stiffness;
+    rest_[static_cast<std::size_t>(first + 1)] = damping * mode.delta / stiffness - mode.gamma;
+    first += 2;
+  }
+
+  const auto keep = [&](const Eigen::RowVectorXd& row, Reading& reading, double& by_force) {
+    by_force = 0.0;
+    for (Eigen::Index i = 0; i < size; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      reading.state[k] = row(i);
+      by_force += row(i) * rows_[k].force_end;
+    }
+  };
+  const Eigen::RowVectorXd rate = error * a, second = rate * a;
+  keep(error, error_, error_by_force_);
+  keep(rate, rate_, rate_by_force_);
+  keep(second, second_, second_by_force_);
+  rate_.velocity = error * command;
+  second_.velocity = rate * command;
+  second_.acceleration = rate_.velocity;
+  second_.force = rate * force;
+}
+
 void Twin::start(double command, double time_s) noexcept {
-  y_ = {};
   time_s_ = time_s;
   force_change_ = 0.0;
   slope_ = 1.0;
@@ -123,7 +178,7 @@ void Twin::start(double command, double time_s) noexcept {
   rest.time_s = time_s;
   // A standing loop already holds whatever force acts at rest; without an integrator it does so
   // away from the command.
-  const double give = order_ == 2 ? rest_[0] : 0.0;
+  const double give = order_ == 2 ? error_.at(rest_, states_) : 0.0;
   const auto miss_at = [&](double trial) {
     rest.tracking_error = give * trial;
     rest.position = command - give * trial;
@@ -133,19 +188,24 @@ void Twin::start(double command, double time_s) noexcept {
   };
   force_ = balanced(0.0, slope_, miss_at);
   copy_memories(trial_, memory_);
-  for (std::size_t r = 0; r < kMaxOrder; ++r) z_[r] = rest_[r] * force_;
+  for (std::size_t r = 0; r < state_.size(); ++r) state_[r] = rest_[r] * force_;
   velocity_ = 0.0;
   neighbour_acceleration_ = 0.0;
   demand_ = force_;
-  position_ = command - (order_ >= 2 ? z_[static_cast<std::size_t>(order_ - 2)] : 0.0);
+  position_ = command - (order_ == 2 ? error_.at(state_, states_) : 0.0);
   rest.position = position_;
   reading_ = read(rest);
 }
 
 void Twin::start(double position, std::span<const double> free_response, double time_s) noexcept {
   start(position, time_s);
-  for (std::size_t r = 0; r < free_response.size() && r < kMaxOrder; ++r) z_[r] += free_response[r];
-  position_ = position - z_[static_cast<std::size_t>(order_ - 2)];
+  const auto n = static_cast<std::size_t>(order_), states = static_cast<std::size_t>(states_);
+  for (std::size_t r = 0; r < free_response.size() && n + r < states; ++r) {
+    state_[n + r] += free_response[r];
+    // A mode's second state is the rate of the first and 2 zeta omega times it.
+    if (r >= n && (r - n) % 2 == 1) state_[n + r] -= rate_.state[n + r - 1] * free_response[r - 1];
+  }
+  position_ = position - error_.at(state_, states_);
 }
 
 void Twin::copy_memories(const Memories& from, Memories& to) const noexcept {
@@ -205,47 +265,32 @@ double Twin::step(const CommandPiece& whole) noexcept {
 }
 
 double Twin::advance(const CommandPiece& piece) noexcept {
-  const auto n = static_cast<std::size_t>(order_);
-  std::array<double, kMaxOrder> y{}, z{};
-  for (std::size_t r = 0; r < n; ++r) {
-    const double* g = &g_command_[r * 3];
-    double sum = g[0] * piece.velocity + g[1] * piece.acceleration + g[2] * piece.jerk;
-    double free = g_begin_[r] * force_;
-    for (std::size_t c = 0; c < n; ++c) {
-      sum += phi_[r * kMaxOrder + c] * y_[c];
-      free += phi_[r * kMaxOrder + c] * z_[c];
-    }
-    y[r] = sum;
-    z[r] = free;
+  const auto states = static_cast<std::size_t>(states_);
+  State next;
+  for (std::size_t r = 0; r < states; ++r) {
+    const Row& row = rows_[r];
+    double sum = row.command[0] * piece.velocity + row.command[1] * piece.acceleration +
+                 row.command[2] * piece.jerk + row.force_begin * force_;
+    for (std::size_t c = 0; c < static_cast<std::size_t>(row.width); ++c)
+      sum += row.phi[c] * state_[static_cast<std::size_t>(row.first) + c];
+    next[r] = sum;
   }
-  // The error of the command and its rate; the highest state's derivative comes from the
-  // differential equation.
-  double error = 0.0, error_rate = 0.0, top = piece.end_velocity;
-  for (std::size_t i = 0; i < n; ++i) {
-    error += numerator_[i] * y[n - 1 - i];
-    top -= denominator_[n - 1 - i] * y[i];
-  }
-  error_rate = numerator_[0] * top;
-  for (std::size_t i = 1; i < n; ++i) error_rate += numerator_[i] * y[n - i];
   // What the control asks for: the acceleration of a motor that nothing disturbs and that gives it
   // all, x_r'' - e'', of which the disturbance itself is no part (docs/theory.md 3.11).
-  double above = piece.end_acceleration - denominator_[0] * top;
-  for (std::size_t i = 1; i < n; ++i) above -= denominator_[n - i] * y[i];
-  double demand_free = piece.end_acceleration - numerator_[0] * above - numerator_[1] * top;
-  for (std::size_t i = 2; i < n; ++i) demand_free -= numerator_[i] * y[n + 1 - i];
-  double demand_given = 0.0;
-  for (std::size_t i = 0; i < n; ++i) {
-    demand_free += denominator_[n - 1 - i] * z[i];
-    demand_given += denominator_[n - 1 - i] * g_end_[i];
-  }
+  const double error_free = error_.at(next, states_);
+  const double rate_free = rate_.at(next, states_) + rate_.velocity * piece.end_velocity;
+  const double demand_free = piece.end_acceleration - second_.at(next, states_) -
+                             second_.velocity * piece.end_velocity -
+                             second_.acceleration * piece.end_acceleration;
+  const double demand_given = 1.0 - second_.force - second_by_force_;
 
   // The motion at the end of the step and the force there depend on each other
   // (docs/theory.md 2.3):
   //   f = d(x_free - gamma_x f, v_free - gamma_v f),  gammas > 0
   // d is bounded and continuous, so that there is a solution for any step; where d does not fall
   // with the motion it is the only one.
-  const double position_free = piece.end_position - error - z[n - 2];
-  const double velocity_free = piece.end_velocity - error_rate - z[n - 1];
+  const double position_free = piece.end_position - error_free;
+  const double velocity_free = piece.end_velocity - rate_free;
   Motion m;
   m.step_s = h_;
   m.command_velocity = piece.end_velocity;
@@ -255,31 +300,29 @@ double Twin::advance(const CommandPiece& piece) noexcept {
   time_s_ += h_;
   m.time_s = time_s_;
   const auto miss_at = [&](double trial) {
-    m.position = position_free - g_end_[n - 2] * trial;
-    m.velocity = velocity_free - g_end_[n - 1] * trial;
+    m.position = position_free - error_by_force_ * trial;
+    m.velocity = velocity_free - rate_by_force_ * trial;
     m.displacement = m.position - position_;
     m.tracking_error = piece.end_position - m.position;
     m.demand = demand_free + demand_given * trial;
     m.acceleration = m.demand - trial;
-    if (n == 3) {
-      m.demand_rate = denominator_[2] * m.tracking_error - numerator_[2] * piece.end_velocity;
-      m.demand_damping = denominator_[0] * (piece.end_velocity - m.velocity);
+    if (order_ == 3) {
+      m.demand_rate = integral_ * m.tracking_error - integral_velocity_ * piece.end_velocity;
+      m.demand_damping = damping_ * (piece.end_velocity - m.velocity);
     }
     copy_memories(memory_, trial_);
     return trial - disturbance(m, trial_);
   };
   const double force = balanced(force_ + force_change_, slope_, miss_at);
   copy_memories(trial_, memory_);
-  for (std::size_t r = 0; r < n; ++r) z[r] += g_end_[r] * force;
-  y_ = y;
-  z_ = z;
+  for (std::size_t r = 0; r < states; ++r) state_[r] = next[r] + rows_[r].force_end * force;
   force_change_ = force - force_;
   force_ = force;
   position_ = m.position;
   velocity_ = m.velocity;
   demand_ = m.demand;
   reading_ = reading_count_ > 0 ? read(m) : 0.0;
-  return error + z[n - 2] - reading_;
+  return error_free + error_by_force_ * force - reading_;
 }
 
 double Twin::follow(double command) noexcept {
@@ -368,6 +411,7 @@ double starting_state_s(const Model& model) {
   const auto roots = roots_of(model.loop);
   for (int i = 0; i < model.loop.order; ++i)
     slowest = std::min(slowest, -roots[static_cast<std::size_t>(i)].real());
+  for (const Mode& mode : model.loop.modes) slowest = std::min(slowest, mode.zeta * mode.omega);
   return std::clamp(3.0 / slowest, 20.0 * model.sample_time_s, 0.25);
 }
 
@@ -393,17 +437,17 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   const auto settle = std::min(n, starting_state_samples(model, segment));
   if (stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))
     return run(twin, segment, motion, delayed, neighbour, {});
-  const int order = model.loop.order;
+  const int order = model.loop.order + 2 * static_cast<int>(model.loop.modes.size());
   Segment head = segment;
   head.command.conservativeResize(settle);
-  std::array<double, kMaxOrder> start{};
+  std::array<double, kMaxOrder + 2 * kMaxModes> start{};
   const std::span<const double> state(start.data(), static_cast<std::size_t>(order));
   Eigen::MatrixXd response(settle - 1, order);
   for (int i = 0; i < order; ++i) {
     Model bare = model;
     bare.effects.clear();
     Twin free{bare};
-    std::array<double, kMaxOrder> unit{};
+    std::array<double, kMaxOrder + 2 * kMaxModes> unit{};
     unit[static_cast<std::size_t>(i)] = 1.0;
     free.start(0.0, {unit.data(), static_cast<std::size_t>(order)});
     for (Eigen::Index k = 0; k + 1 < settle; ++k) response(k, i) = free.step(CommandPiece{});

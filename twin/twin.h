@@ -47,7 +47,7 @@ class Twin {
   /// Puts the axis at rest at this command, with constant forces already held by the loop.
   void start(double command, double time_s = 0.0) noexcept;
   /// Starts within a motion: the states of 1/P [its output and derivatives] whose free response the
-  /// error then holds.
+  /// error then holds, and after them those of every mode's 1/M, whose output it holds.
   void start(double position, std::span<const double> free_response, double time_s = 0.0) noexcept;
 
   /// One cycle with the command's cubic given: returns the tracking error at its end [m | rad].
@@ -59,6 +59,7 @@ class Twin {
 
  private:
   using Memories = std::array<EffectMemory<double>, kMaxEffects>;
+  void discretise_loop(const Loop& loop);
   double advance(const CommandPiece& piece) noexcept;
   double disturbance(Motion& m, Memories& memory) const noexcept;
   double read(const Motion& m) noexcept;
@@ -67,23 +68,45 @@ class Twin {
   static constexpr int kHistory = 512;  // commands kept for a delay; power of two
   static_assert(kHistory >= kMaxDelayCycles + 8, "the interpolation reaches beyond the delay");
 
+  // One state of the linear system: the command velocity through 1/P, the disturbance through 1/P,
+  // and the modes, which both drive, each as [its part of the error, (d/dt + 2 zeta omega) of it].
+  static constexpr int kStates = 2 * kMaxOrder + 2 * static_cast<int>(kMaxModes);
+  using State = std::array<double, kStates>;
+  struct Row {
+    int first = 0, width = 0;                   // of its block
+    std::array<double, kMaxOrder> phi{};        // of the block's states,
+    std::array<double, 3> command{};            // of the command's velocity, acceleration, jerk,
+    double force_begin = 0.0, force_end = 0.0;  // and of the force at both ends of the step
+  };
+  // The error and its derivatives from the state and the inputs.
+  struct Reading {
+    State state{};
+    double velocity = 0.0, acceleration = 0.0, force = 0.0;
+    [[nodiscard]] double at(const State& w, int states) const noexcept {
+      double sum = 0.0;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(states); ++i) sum += state[i] * w[i];
+      return sum;
+    }
+  };
+
   int order_ = 0;
+  int states_ = 0;
   int effect_count_ = 0;
   double cycle_s_ = 0.0;
   int parts_ = 1;   // that a cycle is solved in
   double h_ = 0.0;  // of a part
   double delay_s_ = 0.0;
-  std::array<double, kMaxOrder> numerator_{}, denominator_{};
-  // Filters of the command velocity (y) and of the disturbance (z), both 1/P.
-  std::array<double, kMaxOrder * kMaxOrder> phi_{};
-  std::array<double, kMaxOrder * 3> g_command_{};
-  std::array<double, kMaxOrder> g_begin_{}, g_end_{};  // first-order hold of the disturbance
-  std::array<double, kMaxOrder> rest_{};  // z of a constant unit disturbance held at rest
+  double damping_ = 0.0, integral_velocity_ = 0.0, integral_ = 0.0;  // a1, c2, a3 of order 3
+  std::array<Row, kStates> rows_{};
+  Reading error_{}, rate_{}, second_{};
+  // By the force at the end of the step: error, rate, second derivative without the direct part.
+  double error_by_force_ = 0.0, rate_by_force_ = 0.0, second_by_force_ = 0.0;
+  State rest_{};  // of a constant unit disturbance held at rest
   std::array<Effect, kMaxEffects>
       effects_{};  // the law of friction, other forces, those on the reading
   int reading_count_ = 0;
 
-  std::array<double, kMaxOrder> y_{}, z_{};
+  State state_{};
   Memories memory_{};
   Memories trial_{};           // of a step that is being solved
   double force_ = 0.0;         // disturbance at the end of the cycle before,

@@ -43,6 +43,7 @@ json result_of(const Identified& identified) {
     json effects = json::array();
     for (const std::size_t kind : trial.effects) effects.push_back(identity_of(kind).id);
     trials.push_back({{"order", trial.order},
+                      {"modes", trial.modes},
                       {"effects", effects},
                       {"validation_rms_m",
                        std::isfinite(trial.validation_rms) ? json(trial.validation_rms) : json()},
@@ -64,7 +65,7 @@ void say_result(std::FILE* people, const Identified& identified) {
             ? text("%9.3f %s", 1e6 * trial.validation_rms, micro(record.rotary))
             : "   no fit";
     say(people, text("  %s       %s  ", trial.chosen ? "->" : "  ", error.c_str()) +
-                    structure_text(trial.order, trial.effects) +
+                    structure_text(trial.order, trial.effects, trial.modes) +
                     (trial.ruled_out.empty() ? "" : "  [ruled out: " + trial.ruled_out + "]"));
   }
   for (const std::string& line : parameter_lines(record)) say(people, line);
@@ -193,6 +194,12 @@ Command add_identify(CLI::App& app) {
   command.add_option("--order", arguments->identify.order, "2 or 3 (default: what the data say)")
       ->type_name("N")
       ->check(CLI::IsMember({2, 3}).name(""));
+  command
+      .add_option("--modes", arguments->identify.modes,
+                  "modes of vibration at most (default 0); as many are taken as the held-out error "
+                  "asks for")
+      ->type_name("N")
+      ->check(between(0.0, static_cast<double>(kMaxModes)));
   command
       .add_option("--delay-max", arguments->identify.delay_max_s,
                   "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")

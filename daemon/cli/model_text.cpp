@@ -47,6 +47,20 @@ std::string numerator_line(const ModelRecord& record) {
   return line;
 }
 
+std::string mode_line(const ModelRecord& record, std::size_t i) {
+  const Mode& mode = record.model.loop.modes[i];
+  constexpr double kNone = kAbsent;
+  const Mode sd = i < record.mode_deviations.size()
+                      ? record.mode_deviations[i]
+                      : Mode{kNone, kNone, kNone, kNone, kNone, kNone};
+  return "vibration " + with_deviation(mode.omega / kTwoPi, sd.omega / kTwoPi, "Hz") +
+         ", damping " + with_deviation(mode.zeta, sd.zeta, "1") + "; by the command alpha " +
+         with_deviation(mode.alpha, sd.alpha, "1") + ", beta " +
+         with_deviation(mode.beta, sd.beta, "1/s") + "; by friction gamma " +
+         with_deviation(mode.gamma, sd.gamma, "s") + ", delta " +
+         with_deviation(mode.delta, sd.delta, "1");
+}
+
 std::string effect_line(const Effect& effect, const EffectDeviations& sd, const Model& model,
                         bool rotary) {
   const Identity& identity = identity_of(effect.kind);
@@ -83,18 +97,19 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
 
 const char* micro(bool rotary) { return rotary ? "urad" : "um"; }
 
-std::string structure_text(int order, const std::vector<std::size_t>& kinds) {
+std::string structure_text(int order, const std::vector<std::size_t>& kinds, int modes) {
   std::string line = text("order %d", order);
   for (std::size_t i = 0; i < kinds.size(); ++i) {
     line += (i == 0 ? ": " : ", ") + std::string(identity_of(kinds[i]).id);
   }
+  if (modes > 0) line += text(", %d mode%s of vibration", modes, modes > 1 ? "s" : "");
   return line;
 }
 
 std::string structure_text(const Model& model) {
   std::vector<std::size_t> kinds;
   for (const Effect& effect : model.effects) kinds.push_back(effect.kind);
-  return structure_text(model.loop.order, kinds);
+  return structure_text(model.loop.order, kinds, static_cast<int>(model.loop.modes.size()));
 }
 
 std::string figures_text(const ErrorFigures& figures, bool rotary) {
@@ -116,6 +131,8 @@ std::vector<std::string> parameter_lines(const ModelRecord& record) {
       (record.model.loop.order == 2 ? "  (no integral action)" : "  (integral action)"));
   lines.push_back("poles       " + poles_line(record));
   lines.push_back("numerator   " + numerator_line(record));
+  for (std::size_t i = 0; i < record.model.loop.modes.size(); ++i)
+    lines.push_back("mode        " + mode_line(record, i));
   for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
     const EffectDeviations sd =
         i < record.effect_deviations.size() ? record.effect_deviations[i] : EffectDeviations{};

@@ -13,7 +13,8 @@ namespace servotwin::cli {
 [[nodiscard]] const char* micro(bool rotary);
 
 /// "order 2: coulomb_friction, gravity_offset".
-[[nodiscard]] std::string structure_text(int order, const std::vector<std::size_t>& kinds);
+[[nodiscard]] std::string structure_text(int order, const std::vector<std::size_t>& kinds,
+                                         int modes = 0);
 [[nodiscard]] std::string structure_text(const Model& model);
 
 /// Poles, numerator and effects, one line each.

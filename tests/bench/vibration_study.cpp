@@ -1,0 +1,110 @@
+// What modes of vibration in the twin are worth, printed: an axis of two masses on a spring, whose
+// table vibrates at 44 Hz with a damping of 3 %, on a machine of other code.
+//
+//   vibration_study
+//
+// Models are identified from the first part of one recording and judged by their free simulation of
+// the rest. The true poles are those of the machine's equations (tests/support/two_masses.h).
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "identification/identify.h"
+#include "tests/hidden_effects/motion.h"
+#include "tests/hidden_effects/rig.h"
+#include "tests/support/two_masses.h"
+
+namespace {
+
+using namespace servotwin;
+using hidden_effects::Encoder;
+using hidden_effects::Friction;
+using hidden_effects::Rig;
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+
+Rig axis(Friction::Family family, double integral_time) {
+  Rig rig;
+  rig.body.spring_frequency_hz = 45.0;
+  rig.body.damping_ratio = 0.03;
+  rig.body.motor_share = 0.7;
+  rig.drive.velocity_gain = kTwoPi * 100.0 * rig.body.mass;
+  rig.drive.position_gain = 40.0;
+  rig.drive.integral_time = integral_time;
+  rig.drive.position_from = rig.reading.recorded = Encoder::kLoad;
+  rig.friction.family = family;
+  rig.friction.level = 150.0;
+  rig.friction.viscous = 100.0;
+  rig.reading.step = 1e-7;
+  rig.reading.noise = 5e-8;
+  return rig;
+}
+
+SegmentedAxis recorded(const Rig& rig) {
+  hidden_effects::Motion motion;
+  motion.limits = {0.25, 5.0, 200.0};
+  hidden_effects::Random random(7);
+  const auto trace = hidden_effects::simulate(rig, hidden_effects::motion_of(motion, random));
+  const auto array = [](const std::vector<double>& v) {
+    return Eigen::Map<const Eigen::ArrayXd>(v.data(), static_cast<Eigen::Index>(v.size())).eval();
+  };
+  SegmentedAxis out;
+  out.axis = "X";
+  out.sample_time_s = rig.reading.sample_time;
+  Segment segment;
+  segment.sample_time_s = rig.reading.sample_time;
+  segment.command = array(trace.command);
+  segment.actual = array(trace.actual);
+  out.segments = {segment};
+  return out;
+}
+
+void say(const char* name, const Identified& found, std::complex<double> truth) {
+  const ModelRecord& r = found.record;
+  std::printf("  %-26s held out %8.3f um RMS %8.2f MAX", name, 1e6 * r.holdout.rms,
+              1e6 * r.holdout.max);
+  const double hz = std::abs(truth) / kTwoPi, zeta = -truth.real() / std::abs(truth);
+  for (std::size_t i = 0; i < r.model.loop.modes.size(); ++i) {
+    const Mode &mode = r.model.loop.modes[i], &sd = r.mode_deviations[i];
+    std::printf("   %.3f +- %.3f Hz (%+.2f %%), damping %.4f +- %.4f (%+.1f %%)",
+                mode.omega / kTwoPi, sd.omega / kTwoPi, 100.0 * (mode.omega / kTwoPi / hz - 1.0),
+                mode.zeta, sd.zeta, 100.0 * (mode.zeta / zeta - 1.0));
+  }
+  std::printf("\n");
+}
+
+}  // namespace
+
+int main() {
+  for (const double integral_time : {0.0, 0.02}) {
+    for (const auto& [name, family] : {std::pair{"Coulomb", Friction::Family::kCoulomb},
+                                       {"GMS", Friction::Family::kMaxwell},
+                                       {"LuGre", Friction::Family::kLuGre}}) {
+      const Rig rig = axis(family, integral_time);
+      const auto poles = test::poles_of(rig);
+      std::complex<double> truth;
+      for (const auto& pole : poles) {
+        if (pole.imag() > 0.0 && std::abs(pole.real()) < 0.2 * std::abs(pole)) truth = pole;
+      }
+      const SegmentedAxis data = recorded(rig);
+      std::printf("true friction %s, %s: mode %.3f Hz, damping %.4f\n", name,
+                  integral_time > 0.0 ? "PI velocity control" : "P velocity control",
+                  std::abs(truth) / kTwoPi, -truth.real() / std::abs(truth));
+      for (const int modes : {0, 2}) {
+        IdentifyOptions options;
+        options.modes = modes;
+        const Identified projected = identify(data, options);
+        say(modes == 0 ? "rigid, Coulomb" : "with modes, Coulomb", projected, truth);
+        options.method = Method::kJoint;
+        const Identified joint = identify(data, options);
+        say((std::string(modes == 0 ? "rigid, " : "with modes, ") +
+             std::string(identity_of(joint.record.model.effects.front().kind).id))
+                .c_str(),
+            joint, truth);
+        std::fflush(stdout);
+      }
+    }
+  }
+}
