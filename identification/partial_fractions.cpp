@@ -24,13 +24,14 @@ int order_of(const Factors& factors) {
                          [](int sum, const Factor& f) { return sum + f.poles(); });
 }
 
-WeightedResponse::WeightedResponse(const ResponsePoints& points, double delay_s)
+WeightedResponse::WeightedResponse(const ResponsePoints& points, const RationalOptions& options)
     : unit(std::exp(points.omega.log().mean())), overlap(points.overlap) {
   s = Complex(0.0, 1.0) * (points.omega / unit).matrix().cast<Complex>();
   weight = points.deviation.cwiseInverse();
   response = points.response;
   for (Index i = 0; i < s.size(); ++i)
-    response.row(i) *= std::polar(1.0, points.omega(i) * delay_s);
+    response.row(i) *= std::polar(1.0, points.omega(i) * options.delay_s);
+  least_width = options.least_width / unit;
   size = (weight.array() * response.array().abs()).square().sum();
 }
 
@@ -87,7 +88,7 @@ Residues residues_of(const WeightedResponse& p, const Factors& factors) {
 namespace {
 
 /// The zeros of d + sum of c_i basis_i, mirrored to the left, as factors.
-Factors zeros_of(const Factors& factors, const VectorXd& sigma) {
+Factors zeros_of(const Factors& factors, const VectorXd& sigma, double least_width) {
   const Index n = sigma.size() - 1;
   MatrixXd a = MatrixXd::Zero(n, n);
   VectorXd b = VectorXd::Zero(n), c(n);
@@ -115,7 +116,8 @@ Factors zeros_of(const Factors& factors, const VectorXd& sigma) {
   for (const Complex z : closed.eigenvalues()) {
     const double omega = std::clamp(std::abs(z), 1.0 / kFarthest, kFarthest);
     if (z.imag() > 0.0) {
-      out.push_back(pair_of(omega, std::max(std::abs(z.real()) / std::abs(z), kLeastDamping)));
+      const double zeta = std::max(std::abs(z.real()) / std::abs(z), kLeastDamping);
+      out.push_back(pair_of(omega, std::max(zeta, 0.5 * least_width / omega)));
     } else if (z.imag() == 0.0) {
       out.push_back({false, 0.0, omega});
     }
@@ -144,7 +146,7 @@ Factors relocated(const WeightedResponse& p, const Factors& factors) {
   VectorXd right = VectorXd::Zero(sigma_rows.rows());
   right(right.size() - 1) = weight * static_cast<double>(rows);
   const VectorXd sigma = solved(sigma_rows, right);
-  return sigma.allFinite() ? zeros_of(factors, sigma) : Factors{};
+  return sigma.allFinite() ? zeros_of(factors, sigma, p.least_width) : Factors{};
 }
 
 }  // namespace servotwin

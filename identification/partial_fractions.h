@@ -30,13 +30,14 @@ using Factors = std::vector<Factor>;
 
 /// The points in units of their mean frequency, a delay taken out of them.
 struct WeightedResponse {
-  WeightedResponse(const ResponsePoints& points, double delay_s);
+  WeightedResponse(const ResponsePoints& points, const RationalOptions& options);
 
   [[nodiscard]] Eigen::Index channels() const { return response.cols(); }
 
   double unit = 1.0;     ///< [rad/s]
   double overlap = 1.0;  ///< as of the points
   double size = 0.0;     ///< weighted squared response
+  double least_width = 0.0;
   Eigen::VectorXcd s;
   Eigen::MatrixXcd response;
   Eigen::MatrixXd weight;  ///< 1 / deviation

@@ -24,6 +24,7 @@ constexpr double kFar = 20.0;     // log of a and b: a pole out there is no pole
 constexpr double kStartDamping = 0.01;  // Gustavsen and Semlyen 1999
 constexpr double kPeakDamping = 0.05;   // of a pair that is added where the fit is worst
 constexpr Index kPeakPoints = 5;        // over which that place is averaged
+constexpr Index kBlock = 8;             // neighbouring frequencies: their errors hang together
 constexpr double kNoMatter = 1e-3;  // of the squared deviation: orders that differ by less do not
 
 struct Candidate {
@@ -142,6 +143,12 @@ Candidate refined(const WeightedResponse& p, const Candidate& start) {
   VectorXd x = cost->parameters(from);
   ceres::Problem problem;
   problem.AddResidualBlock(cost, nullptr, x.data());
+  Index i = 0;
+  for (const Factor& factor : from.factors) {
+    if (factor.pair && p.least_width > 0.0)
+      problem.SetParameterLowerBound(x.data(), static_cast<int>(i), std::log(p.least_width));
+    i += factor.poles();
+  }
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_QR;
   options.max_num_iterations = 60;
@@ -189,11 +196,8 @@ bool enough(const ResponsePoints& points, int order) {
 }
 
 /// Of this order, with the fit of two poles less as one of the starts.
-Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler,
-                 const RationalOptions& options) {
-  const double from = options.least_omega > 0.0 ? options.least_omega / p.unit : p.s(0).imag();
-  const double to =
-      options.most_omega > 0.0 ? options.most_omega / p.unit : p.s(p.s.size() - 1).imag();
+Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler) {
+  const double from = p.s(0).imag(), to = p.s(p.s.size() - 1).imag();
   std::vector<Factors> starts{spread(from, to, order, true), spread(from, to, order, false)};
   if (simpler != nullptr) {
     starts.push_back(simpler->factors);
@@ -214,13 +218,12 @@ Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler,
 }
 
 /// The fits of orders 1 to `most`, each begun from the one of two poles less.
-std::vector<Candidate> grown(const WeightedResponse& p, int first, int step, int most,
-                             const RationalOptions& options) {
+std::vector<Candidate> grown(const WeightedResponse& p, int first, int step, int most) {
   std::vector<Candidate> out;
   const auto back = static_cast<std::size_t>(2 / step);
   for (int order = first; order <= most; order += step) {
     const Candidate* simpler = out.size() >= back ? &out[out.size() - back] : nullptr;
-    out.push_back(fitted(p, order, simpler, options));
+    out.push_back(fitted(p, order, simpler));
   }
   return out;
 }
@@ -317,8 +320,8 @@ Complex RationalFit::at(Index channel, double omega) const {
 std::optional<RationalFit> fit_rational(const ResponsePoints& points, int order,
                                         const RationalOptions& options) {
   if (order < 1 || order > kMostPoles || !enough(points, order)) return std::nullopt;
-  const WeightedResponse p(points, options.delay_s);
-  const std::vector<Candidate> fits = grown(p, order % 2 == 1 ? 1 : 2, 2, order, options);
+  const WeightedResponse p(points, options);
+  const std::vector<Candidate> fits = grown(p, order % 2 == 1 ? 1 : 2, 2, order);
   if (!std::isfinite(fits.back().linear.cost)) return std::nullopt;
   return described(p, fits.back(), options.delay_s);
 }
@@ -329,13 +332,13 @@ std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
   most = std::min(most, kMostPoles);
   while (most > 0 && !enough(all, most)) --most;
   if (most == 0) return std::nullopt;
-  const std::array<WeightedResponse, 2> half{WeightedResponse(halves[0], options.delay_s),
-                                             WeightedResponse(halves[1], options.delay_s)};
+  const std::array<WeightedResponse, 2> half{WeightedResponse(halves[0], options),
+                                             WeightedResponse(halves[1], options)};
   // Squared errors of every order at every frequency, of both halves on the other.
   MatrixXd wrong = MatrixXd::Zero(all.omega.size(), most);
   for (std::size_t h = 0; h < 2; ++h) {
     const WeightedResponse& judge = half[1 - h];
-    const std::vector<Candidate> fits = grown(half[h], 1, 1, most, options);
+    const std::vector<Candidate> fits = grown(half[h], 1, 1, most);
     for (int i = 0; i < most; ++i) {
       const Candidate& fit = fits[static_cast<std::size_t>(i)];
       const Eigen::MatrixXcd modelled =
@@ -355,16 +358,21 @@ std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
   const double points = 4.0 * static_cast<double>(all.omega.size() * all.response.cols());
   for (Index i = 0; i < best; ++i) {
     const Eigen::ArrayXd more = (wrong.col(i) - wrong.col(best)).array();
-    const double error = std::sqrt(all.overlap * static_cast<double>(more.size())) *
-                         std::sqrt((more - more.mean()).square().mean());
+    const Index blocks = std::max<Index>(2, more.size() / kBlock);
+    Eigen::ArrayXd sum(blocks);
+    for (Index k = 0; k < blocks; ++k) {
+      const Index begin = k * more.size() / blocks, end = (k + 1) * more.size() / blocks;
+      sum(k) = more.segment(begin, end - begin).sum();
+    }
+    const double error = std::sqrt((sum - sum.mean()).square().sum());
     if (more.sum() <= std::max(error, kNoMatter * points)) {
       chosen = i;
       break;
     }
   }
-  const WeightedResponse whole(all, options.delay_s);
+  const WeightedResponse whole(all, options);
   const int order = static_cast<int>(chosen) + 1;
-  const std::vector<Candidate> fits = grown(whole, order % 2 == 1 ? 1 : 2, 2, order, options);
+  const std::vector<Candidate> fits = grown(whole, order % 2 == 1 ? 1 : 2, 2, order);
   ChosenFit out{described(whole, fits.back(), options.delay_s), {}};
   for (Index i = 0; i < most; ++i)
     out.trials.push_back({static_cast<int>(i) + 1, sums(i) / points, i == chosen});

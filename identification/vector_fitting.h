@@ -36,6 +36,11 @@ struct FittedPole {
   /// Share of the weighted squared response that is lost without it, the residues of the others
   /// fitted anew, 0..1.
   double explains = 0.0;
+
+  /// Frequency and damping are known to a third of themselves.
+  [[nodiscard]] bool determined() const {
+    return 3.0 * omega_deviation < omega && 3.0 * zeta_deviation < zeta;
+  }
 };
 
 struct RationalFit {
@@ -53,8 +58,9 @@ struct RationalFit {
 };
 
 struct RationalOptions {
-  double delay_s = 0.0;                        ///< tau, known
-  double least_omega = 0.0, most_omega = 0.0;  ///< where poles start; 0: the ends of the points
+  double delay_s = 0.0;  ///< tau, known
+  /// 2 zeta omega of a pair is at least this [rad/s]: what is narrower, the points cannot show.
+  double least_width = 0.0;
 };
 
 inline constexpr int kMostPoles = 16;
@@ -77,8 +83,9 @@ struct ChosenFit {
 };
 
 /// The simplest order, up to `most`, whose held-out misfit is within one standard error of the
-/// least. `halves` are of unlike parts of the records, over the same frequencies as `all`; each
-/// judges what is fitted to the other. Nothing where no order can be fitted.
+/// least, by blocks of neighbouring frequencies. `halves` are of unlike parts of the records, over
+/// the same frequencies as `all`; each judges what is fitted to the other. Nothing where no order
+/// can be fitted.
 [[nodiscard]] std::optional<ChosenFit> fit_rational_order(
     const ResponsePoints& all, const std::array<ResponsePoints, 2>& halves, int most,
     const RationalOptions& options = {});
