@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdio>
 #include <numbers>
 #include <stdexcept>
 
@@ -12,6 +13,7 @@ namespace {
 constexpr int kMostOrder = 12;
 constexpr std::size_t kPointsPerPole = 6;
 constexpr std::size_t kFewestPoints = 12;
+constexpr double kLeastPower = 0.01;     // of the input, where it is fitted
 constexpr std::size_t kFewestLines = 3;  // side by side: one alone may be chance
 constexpr double kLowest = 2.0;          // in lines: below, the mean that was removed is missing
 constexpr double kHighest = 0.4;         // of the sampling rate
@@ -48,6 +50,15 @@ FittedResponse fit_response(std::span<const ResponseRecord> records, double samp
     out.declined = "only " + std::to_string(out.fitted.size()) +
                    " frequencies say more than chance does, a fit needs " +
                    std::to_string(kFewestPoints);
+    return out;
+  }
+  if (const double power = whole.channels[0].power(out.fitted).sum(); power < kLeastPower) {
+    char words[160];
+    std::snprintf(words, sizeof words,
+                  "only %.2g %% of the input's power is where it is coherent: where it moves, the "
+                  "output is not a linear answer to it",
+                  100.0 * power);
+    out.declined = words;
     return out;
   }
   const RationalOptions rational{options.delay_s, 2.0 * std::numbers::pi / whole.window_s};

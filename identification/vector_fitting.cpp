@@ -25,6 +25,7 @@ constexpr double kStartDamping = 0.01;  // Gustavsen and Semlyen 1999
 constexpr double kPeakDamping = 0.05;   // of a pair that is added where the fit is worst
 constexpr Index kPeakPoints = 5;        // over which that place is averaged
 constexpr Index kBlock = 8;             // neighbouring frequencies: their errors hang together
+constexpr double kSpared = 2.0;     // of the held-out misfit, for a fit without undetermined poles
 constexpr double kNoMatter = 1e-3;  // of the squared deviation: orders that differ by less do not
 
 struct Candidate {
@@ -294,6 +295,11 @@ RationalFit described(const WeightedResponse& p, const Candidate& found, double 
   return out;
 }
 
+bool all_determined(const RationalFit& fit) {
+  return std::all_of(fit.poles.begin(), fit.poles.end(),
+                     [](const FittedPole& pole) { return pole.determined(); });
+}
+
 }  // namespace
 
 int RationalFit::order() const {
@@ -371,9 +377,18 @@ std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
     }
   }
   const WeightedResponse whole(all, options);
-  const int order = static_cast<int>(chosen) + 1;
-  const std::vector<Candidate> fits = grown(whole, order % 2 == 1 ? 1 : 2, 2, order);
-  ChosenFit out{described(whole, fits.back(), options.delay_s), {}};
+  const std::vector<Candidate> fits = grown(whole, 1, 1, static_cast<int>(chosen) + 1);
+  const auto fit_of = [&](Index i) {
+    return described(whole, fits[static_cast<std::size_t>(i)], options.delay_s);
+  };
+  ChosenFit out{fit_of(chosen), {}};
+  for (Index i = chosen; i >= 0 && sums(i) <= kSpared * sums(chosen); --i) {
+    if (RationalFit fit = fit_of(i); all_determined(fit)) {
+      out.fit = std::move(fit);
+      chosen = i;
+      break;
+    }
+  }
   for (Index i = 0; i < most; ++i)
     out.trials.push_back({static_cast<int>(i) + 1, sums(i) / points, i == chosen});
   return out;
