@@ -8,7 +8,7 @@
 #include "daemon/cli/command.h"
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
-#include "diagnosis/plot.h"
+#include "diagnosis/bode.h"
 #include "drivers/text.h"
 #include "identification/response_modes.h"
 
@@ -20,7 +20,6 @@ using nlohmann::json;
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kCoherent = 0.8;
 constexpr double kMostPower = 0.999;
-constexpr double kSure = 1.96;     // standard deviations of the band that is drawn
 constexpr double kResolved = 4.0;  // lines across the half-power width of a mode
 constexpr double kMisfit = 4.0;    // beyond it the order or the linearity is not enough
 constexpr Eigen::Index kFewestLines = 3, kWidestHole = 2;  // of a band
@@ -290,84 +289,23 @@ void say_fit(std::FILE* people, const FittedResponse& found) {
         "delay (--delay), or too low an order; +- has been widened for it");
 }
 
-/// Degrees without jumps, from where the line before was.
-std::vector<double> unwrapped(const std::vector<std::complex<double>>& values, double near) {
-  std::vector<double> out;
-  for (const std::complex<double> g : values) {
-    const double degrees = std::arg(g) * 180.0 / std::numbers::pi;
-    out.push_back(std::isfinite(degrees) ? degrees + 360.0 * std::round((near - degrees) / 360.0)
-                                         : kAbsent);
-    if (std::isfinite(degrees)) near = out.back();
-  }
-  return out;
-}
-
 std::string bode(const Signals& signals, const FittedResponse& found) {
-  const FrequencyResponse& response = found.response;
-  std::vector<PlotPanel> panels(3);
-  const std::string what = signals.inputs.front() + " to " + signals.output;
-  const std::array titles{what + ": magnitude", std::string("phase"), std::string("coherence")};
-  const std::array labels{"output per input", "phase [degrees]", "share explained"};
-  for (std::size_t i = 0; i < 3; ++i) {
-    panels[i].title = titles[i];
-    panels[i].x_label = "frequency [Hz]";
-    panels[i].y_label = labels[i];
-    panels[i].logarithmic_x = true;
-  }
-  panels[0].logarithmic_y = true;
-  for (std::size_t c = 0; c < response.channels.size(); ++c) {
-    const ResponseChannel& channel = response.channels[c];
-    const std::string name =
-        response.channels.size() > 1 ? signals.inputs[c] : std::string("measured, with 95 % band");
-    const std::vector<double> hz(response.frequency_hz.begin(), response.frequency_hz.end());
-    PlotSeries magnitude{name, hz, {}, true, "", {}}, phase{"", hz, {}, true, "", {}},
-        coherence{"", hz, {channel.coherence.begin(), channel.coherence.end()}, true, "", {}};
-    std::vector<std::complex<double>> shown;
-    for (Eigen::Index i = 0; i < response.frequency_hz.size(); ++i) {
-      const double size = std::abs(channel.response(i));
-      const bool says = channel.significant(i);
-      shown.push_back(says ? channel.response(i) : kAbsent);
-      magnitude.y.push_back(says ? size : kAbsent);
-      magnitude.error.push_back(says ? kSure * channel.deviation(i) : kAbsent);
-      phase.error.push_back(says ? kSure * 180.0 / std::numbers::pi * channel.deviation(i) / size
-                                 : kAbsent);
-    }
-    phase.y = unwrapped(shown, 0.0);
-    if (std::none_of(phase.y.begin(), phase.y.end(), [](double y) { return std::isfinite(y); }))
-      continue;
-    panels[0].series.push_back(std::move(magnitude));
-    panels[1].series.push_back(std::move(phase));
-    panels[2].series.push_back(std::move(coherence));
-  }
-  if (panels[0].series.empty()) panels.erase(panels.begin(), panels.begin() + 2);
-  if (panels.size() == 1) {
-    panels[0].title = what + ": coherence, which is nowhere beyond chance";
-    panels[0].series.push_back({"",
-                                {response.frequency_hz.begin(), response.frequency_hz.end()},
-                                {response.coherence.begin(), response.coherence.end()},
-                                true,
-                                "",
-                                {}});
-  }
+  constexpr int kPoints = 600;
+  ModelledResponse fit;
   if (found.fit) {
-    constexpr int kPoints = 600;
-    const double from = response.frequency_hz(found.fitted.front()),
-                 to = response.frequency_hz(found.fitted.back());
-    PlotSeries magnitude{"fit", {}, {}, true, "", {}}, phase{"", {}, {}, true, "", {}};
-    std::vector<std::complex<double>> values;
+    const double from = found.response.frequency_hz(found.fitted.front()),
+                 to = found.response.frequency_hz(found.fitted.back());
+    fit.name = "fit";
     for (int i = 0; i < kPoints; ++i) {
-      const double hz = from * std::pow(to / from, i / (kPoints - 1.0));
-      values.push_back(found.fit->at(0, kTwoPi * hz));
-      magnitude.x.push_back(hz);
-      magnitude.y.push_back(std::abs(values.back()));
+      fit.frequency_hz.push_back(from * std::pow(to / from, i / (kPoints - 1.0)));
+      fit.response.push_back(found.fit->at(0, kTwoPi * fit.frequency_hz.back()));
     }
-    phase.x = magnitude.x;
-    phase.y =
-        unwrapped(values, panels[1].series[0].y[static_cast<std::size_t>(found.fitted.front())]);
-    panels[0].series.push_back(std::move(magnitude));
-    panels[1].series.push_back(std::move(phase));
+  }
+  std::vector<PlotPanel> panels = bode_panels(found.response, signals.inputs, signals.output, fit);
+  if (found.fit) {
     for (const FittedPole& pole : found.fit->poles) {
-      if (pole.pair && pole.zeta < 1.0) panels[0].marks.push_back(pole.omega / kTwoPi);
+      if (pole.pair && pole.zeta < 1.0 && pole.determined())
+        panels.front().marks.push_back(pole.omega / kTwoPi);
     }
   }
   return plot_svg(panels);

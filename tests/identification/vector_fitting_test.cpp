@@ -101,9 +101,11 @@ TEST_P(VectorFitting, FindsTheNumberOfModesOnPointsThatItHasNotSeen) {
 
 INSTANTIATE_TEST_SUITE_P(Modes, VectorFitting, testing::Values(1, 2, 4, 6));
 
-TEST(VectorFittingScatter, IsThatOfTheCramerRaoBound) {
+class VectorFittingScatter : public testing::TestWithParam<Mode> {};
+
+TEST_P(VectorFittingScatter, IsThatOfTheCramerRaoBound) {
   // Fisher's matrix over (omega, zeta, gain, slope, direct), from the closed form alone.
-  const std::vector<Mode> truth{kModes[0]};
+  const std::vector<Mode> truth{GetParam()};
   constexpr double kNoise = 0.05;
   const ResponsePoints clean = points_of(truth, kNoise);
   const auto shifted = [&](int parameter, double by) {
@@ -149,6 +151,10 @@ TEST(VectorFittingScatter, IsThatOfTheCramerRaoBound) {
   EXPECT_NEAR(hz_said.mean() / std::sqrt(bound(0, 0)), 1.0, 0.05);
   EXPECT_NEAR(zeta_said.mean() / std::sqrt(bound(1, 1)), 1.0, 0.05);
 }
+
+// Lightly damped, and as a position loop is, where omega and zeta hang together.
+INSTANTIATE_TEST_SUITE_P(Modes, VectorFittingScatter,
+                         testing::Values(kModes[0], Mode{60.0, 0.6, 1.0, 0.3}));
 
 TEST(VectorFittingPoles, AreCommonToAllChannels) {
   // The second channel has next to none of the first mode, and the other way round.
