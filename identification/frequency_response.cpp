@@ -232,11 +232,13 @@ FrequencyResponse frequency_response(std::span<const ResponseRecord> records, do
   const Spectra spectra = spectra_of(records, length, options);
   const double freedom = spectra.averages - static_cast<double>(q);
   if (freedom < kFewestAverages) {
-    std::snprintf(words, sizeof words,
-                  "%d windows of %.4g s are %.1f independent averages, which tell no coherence of "
-                  "%td inputs (at least %.0f): take shorter windows or a longer recording",
-                  spectra.windows, sample_time_s * static_cast<double>(length), spectra.averages, q,
-                  kFewestAverages + static_cast<double>(q));
+    std::snprintf(
+        words, sizeof words,
+        "%d window%s of %.4g s %s worth %.1f independent averages, which tell no coherence "
+        "(at least %.0f): take shorter windows or a longer recording",
+        spectra.windows, spectra.windows == 1 ? "" : "s",
+        sample_time_s * static_cast<double>(length), spectra.windows == 1 ? "is" : "are",
+        spectra.averages, kFewestAverages + static_cast<double>(q));
     throw std::runtime_error(words);
   }
   FrequencyResponse out;

@@ -244,7 +244,7 @@ TEST(FrequencyResponse, RefusesTooFewWindows) {
     }
     return "";
   };
-  EXPECT_THAT(words(0.5), HasSubstr("3 windows of 0.5 s are 2.9 independent averages"));
+  EXPECT_THAT(words(0.5), HasSubstr("3 windows of 0.5 s are worth 2.9 independent averages"));
   EXPECT_THAT(words(2.0), HasSubstr("0 windows of 2 s"));
   EXPECT_THAT(words(0.01), HasSubstr("has 10 samples, it needs 16"));
   EXPECT_EQ(words(0.25), "");
