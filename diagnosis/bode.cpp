@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 namespace servotwin {
@@ -44,16 +45,19 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
     const ResponseChannel& channel = measured.channels[c];
     const std::string name = inputs.size() > 1 ? inputs[c] : "measured, 95 % band";
     coherence.series.push_back({"", hz, list(channel.coherence), true, ""});
-    if (!channel.significant.any()) continue;
+    const std::vector<Eigen::Index> places = measured.significant(c, 0.0, hz.back());
+    if (places.empty()) continue;
     PlotSeries size{name, hz, {}, true, ""}, angle{"", hz, {}, true, ""};
-    std::vector<std::complex<double>> shown;
-    for (Eigen::Index i = 0; i < measured.frequency_hz.size(); ++i) {
-      const std::complex<double> g = channel.significant(i) ? channel.response(i) : kGap;
-      shown.push_back(g);
-      size.y.push_back(std::abs(g));
-      size.error.push_back(kSure * channel.deviation(i));
-      angle.error.push_back(kSure * kDegrees * channel.deviation(i) / std::abs(g));
+    std::vector<std::complex<double>> shown(hz.size(), kGap);
+    size.error.assign(hz.size(), kGap);
+    angle.error.assign(hz.size(), kGap);
+    for (const Eigen::Index i : places) {
+      const auto k = static_cast<std::size_t>(i);
+      shown[k] = channel.response(i);
+      size.error[k] = kSure * channel.deviation(i);
+      angle.error[k] = kSure * kDegrees * channel.deviation(i) / std::abs(shown[k]);
     }
+    for (const std::complex<double> g : shown) size.y.push_back(std::abs(g));
     angle.y = unwrapped(shown, 0.0);
     magnitude.series.push_back(std::move(size));
     phase.series.push_back(std::move(angle));

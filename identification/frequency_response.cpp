@@ -22,6 +22,7 @@ using Eigen::VectorXcd;
 constexpr Index kShortest = 16;  // samples of a window
 constexpr double kShareOfData = 1.0 / 8.0;
 constexpr double kLeastDeviation = 1e-3;  // of |G|
+constexpr Index kFewestLines = 3;         // side by side: one alone may be chance
 constexpr double kStrong = 1e-3;          // of the strongest line: what leaks
 constexpr double kMainLobe = 3.0;         // lines
 constexpr double kAboveLeakage = 10.0;    // in power, an input must be to be one
@@ -198,9 +199,15 @@ void estimate(const MatrixXcd& s, Index q, bool instruments, double freedom, Ind
 std::vector<Index> FrequencyResponse::significant(std::size_t channel, double from_hz,
                                                   double to_hz) const {
   std::vector<Index> out;
-  for (Index i = 0; i < frequency_hz.size(); ++i) {
-    if (channels[channel].significant(i) && frequency_hz(i) >= from_hz && frequency_hz(i) <= to_hz)
-      out.push_back(i);
+  const auto says = [&](Index i) {
+    return i < frequency_hz.size() && channels[channel].significant(i) &&
+           frequency_hz(i) >= from_hz && frequency_hz(i) <= to_hz;
+  };
+  for (Index i = 0; i < frequency_hz.size();) {
+    Index end = i;
+    while (says(end)) ++end;
+    for (Index k = i; k < end && end - i >= kFewestLines; ++k) out.push_back(k);
+    i = end + 1;
   }
   return out;
 }

@@ -66,7 +66,8 @@ struct FrequencyResponse {
   Eigen::ArrayXd coherence;     ///< multiple: share of the output that all inputs explain together
   std::vector<ResponseChannel> channels;  ///< one per input
 
-  /// The places of the significant frequencies of a channel within a band.
+  /// The places of the significant frequencies of a channel within a band, where three or more are
+  /// side by side: one alone may be chance.
   [[nodiscard]] std::vector<Eigen::Index> significant(std::size_t channel, double from_hz,
                                                       double to_hz) const;
   /// For a fit. A deviation is at least a thousandth of |G|: windows leak.

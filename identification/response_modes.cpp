@@ -13,24 +13,9 @@ namespace {
 constexpr int kMostOrder = 12;
 constexpr std::size_t kPointsPerPole = 6;
 constexpr std::size_t kFewestPoints = 12;
-constexpr double kLeastPower = 0.01;     // of the input, where it is fitted
-constexpr std::size_t kFewestLines = 3;  // side by side: one alone may be chance
-constexpr double kLowest = 2.0;          // in lines: below, the mean that was removed is missing
-constexpr double kHighest = 0.4;         // of the sampling rate
-
-/// Those of which kFewestLines stand side by side.
-std::vector<Eigen::Index> side_by_side(const std::vector<Eigen::Index>& places) {
-  std::vector<Eigen::Index> out;
-  for (std::size_t i = 0; i < places.size();) {
-    std::size_t end = i + 1;
-    while (end < places.size() && places[end] == places[end - 1] + 1) ++end;
-    if (end - i >= kFewestLines)
-      out.insert(out.end(), places.begin() + static_cast<std::ptrdiff_t>(i),
-                 places.begin() + static_cast<std::ptrdiff_t>(end));
-    i = end;
-  }
-  return out;
-}
+constexpr double kLeastPower = 0.01;  // of the input, where it is fitted
+constexpr double kLowest = 2.0;       // in lines: below, the mean that was removed is missing
+constexpr double kHighest = 0.4;      // of the sampling rate
 
 bool usable(const ResponsePoints& points) {
   return points.response.allFinite() && (points.deviation.array() > 0.0).all() &&
@@ -44,8 +29,7 @@ FittedResponse fit_response(std::span<const ResponseRecord> records, double samp
   FittedResponse out;
   out.response = frequency_response(records, sample_time_s, options.spectra);
   const FrequencyResponse& whole = out.response;
-  out.fitted = side_by_side(
-      whole.significant(0, (kLowest - 0.5) / whole.window_s, kHighest / sample_time_s));
+  out.fitted = whole.significant(0, (kLowest - 0.5) / whole.window_s, kHighest / sample_time_s);
   if (out.fitted.size() < kFewestPoints) {
     out.declined = "only " + std::to_string(out.fitted.size()) +
                    " frequencies say more than chance does, a fit needs " +

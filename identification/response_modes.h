@@ -1,8 +1,7 @@
 // The modes of an axis from its frequency response: estimate, fit, and what the data allow.
 //
-// Only frequencies with a significant coherence are fitted, three or more side by side, from two
-// lines above 0 to 0.4 of the sampling rate. docs/theory.md 15. Any thread. Errors: as
-// frequency_response.h.
+// Only significant frequencies are fitted, from two lines above 0 to 0.4 of the sampling rate.
+// docs/theory.md 15. Any thread. Errors: as frequency_response.h.
 #pragma once
 
 #include <optional>
