@@ -22,10 +22,8 @@ bool usable(const ResponsePoints& points) {
          points.deviation.allFinite();
 }
 
-}  // namespace
-
-FittedResponse fit_response(std::span<const ResponseRecord> records, double sample_time_s,
-                            const ModeOptions& options) {
+FittedResponse fitted(std::span<const ResponseRecord> records, double sample_time_s,
+                      const ModeOptions& options) {
   FittedResponse out;
   out.response = frequency_response(records, sample_time_s, options.spectra);
   const FrequencyResponse& whole = out.response;
@@ -77,6 +75,17 @@ FittedResponse fit_response(std::span<const ResponseRecord> records, double samp
   } else {
     out.declined = "no finite fit";
   }
+  return out;
+}
+
+}  // namespace
+
+FittedResponse fit_response(std::span<const ResponseRecord> records, double sample_time_s,
+                            const ModeOptions& options) {
+  FittedResponse out = fitted(records, sample_time_s, options);
+  if (out.fit && std::none_of(out.fit->poles.begin(), out.fit->poles.end(),
+                              [](const FittedPole& pole) { return pole.determined(); }))
+    out.declined = "no pole of the fit is determined by these data";
   return out;
 }
 

@@ -25,7 +25,7 @@ struct FittedResponse {
   std::vector<Eigen::Index> fitted;  ///< places of the frequencies that were fitted
   std::optional<RationalFit> fit;    ///< from the first input
   std::vector<OrderTrial> trials;    ///< none where the order was given
-  std::string declined;              ///< why there is no fit
+  std::string declined;              ///< why there is no fit, or none to go by
 };
 
 [[nodiscard]] FittedResponse fit_response(std::span<const ResponseRecord> records,

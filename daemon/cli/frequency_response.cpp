@@ -21,7 +21,8 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kCoherent = 0.8;
 constexpr double kMostPower = 0.999;
 constexpr double kResolved = 4.0;  // lines across the half-power width of a mode
-constexpr double kMisfit = 4.0;    // beyond it the order or the linearity is not enough
+constexpr double kSlow_hz = 50.0;
+constexpr double kMisfit = 4.0;  // beyond it the order or the linearity is not enough
 constexpr Eigen::Index kFewestLines = 3, kWidestHole = 2;  // of a band
 
 struct Arguments {
@@ -223,6 +224,11 @@ void say_response(std::FILE* people, const Signals& signals, const FrequencyResp
                    "apart, up to %.4g Hz",
                    response.windows, response.window_s, response.averages, 1.0 / response.window_s,
                    0.5 / response.sample_time_s));
+  if (const double highest = 0.5 / response.sample_time_s; highest < kSlow_hz)
+    say(people,
+        text("note        at %.4g rows per second nothing above %.4g Hz is seen; modes of drives "
+             "lie higher",
+             2.0 * highest, highest));
   for (std::size_t i = 0; i < response.channels.size(); ++i) {
     const ResponseChannel& channel = response.channels[i];
     say(people, "response    " + signals.inputs[i] + " to " + signals.output);
@@ -256,7 +262,7 @@ void say_fit(std::FILE* people, const FittedResponse& found) {
                    "error %.3g deviations",
                    fit.order(), found.fitted.size(), response.frequency_hz(found.fitted.front()),
                    response.frequency_hz(found.fitted.back()), fit.misfit));
-  bool narrow = false, any = false;
+  bool narrow = false;
   std::string open;
   for (const FittedPole& pole : fit.poles) {
     const double hz = pole.omega / kTwoPi;
@@ -264,7 +270,6 @@ void say_fit(std::FILE* people, const FittedResponse& found) {
       open += text("%s%.4g Hz", open.empty() ? "" : ", ", hz);
       continue;
     }
-    any = true;
     std::string line = text("%s %.4g +- %.2g Hz",
                             !pole.pair        ? "real pole  "
                             : pole.zeta < 1.0 ? "mode       "
@@ -274,7 +279,7 @@ void say_fit(std::FILE* people, const FittedResponse& found) {
     say(people, line + text(", explains %.3g %%", 100.0 * pole.explains));
     narrow = narrow || (pole.pair && 2.0 * pole.zeta * hz < kResolved / response.window_s);
   }
-  if (!any) say(people, "declined    no pole is determined by these data");
+  if (!found.declined.empty()) say(people, "declined    " + found.declined);
   if (!open.empty())
     say(people,
         "note        not determined by these data (+- beyond a third of the value): poles at " +
@@ -328,7 +333,7 @@ json result_of(const Arguments& arguments, const Signals& signals, const FittedR
            {"coherence", list(response.coherence)},
            {"responses", json::array()},
            {"fit", json()},
-           {"declined", found.fit ? json() : json(found.declined)}};
+           {"declined", found.declined.empty() ? json() : json(found.declined)}};
   for (std::size_t i = 0; i < response.channels.size(); ++i) {
     const ResponseChannel& channel = response.channels[i];
     const Eigen::ArrayXd real = channel.response.real(), imag = channel.response.imag();
