@@ -1,6 +1,5 @@
 #include "diagnosis/bode.h"
 
-#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -23,10 +22,12 @@ std::vector<double> unwrapped(const std::vector<std::complex<double>>& values, d
   return out;
 }
 
-double first_finite(const std::vector<double>& values) {
-  const auto found =
-      std::find_if(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
-  return found == values.end() ? 0.0 : *found;
+/// The first value from this x on.
+double value_from(double x, const PlotSeries& series) {
+  for (std::size_t i = 0; i < series.x.size(); ++i) {
+    if (series.x[i] >= x - 1e-9 * x && std::isfinite(series.y[i])) return series.y[i];
+  }
+  return 0.0;
 }
 
 std::vector<double> list(const Eigen::ArrayXd& values) { return {values.begin(), values.end()}; }
@@ -66,8 +67,10 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
   if (!model.frequency_hz.empty()) {
     PlotSeries size{model.name, model.frequency_hz, {}, true, ""};
     for (const std::complex<double> g : model.response) size.y.push_back(std::abs(g));
-    PlotSeries angle{"", model.frequency_hz,
-                     unwrapped(model.response, first_finite(phase.series.front().y)), true, ""};
+    PlotSeries angle{
+        "", model.frequency_hz,
+        unwrapped(model.response, value_from(model.frequency_hz.front(), phase.series.front())),
+        true, ""};
     magnitude.series.push_back(std::move(size));
     phase.series.push_back(std::move(angle));
   }
