@@ -18,6 +18,7 @@ using nlohmann::json;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kCoherent = 0.8;
+constexpr int kShown = 5;  // bands
 constexpr double kMostPower = 0.999;
 constexpr double kResolved = 4.0;  // lines across the half-power width of a mode
 constexpr double kSlow_hz = 50.0;
@@ -33,6 +34,7 @@ struct Arguments {
 /// "0.98 to 38.1 Hz, 52 to 60.5 Hz": where it holds at several lines on end.
 std::string bands(const Eigen::ArrayXd& hz, const Eigen::Array<bool, Eigen::Dynamic, 1>& holds) {
   std::string out;
+  int count = 0;
   for (Eigen::Index i = 0; i < hz.size();) {
     if (!holds(i)) {
       ++i;
@@ -42,10 +44,11 @@ std::string bands(const Eigen::ArrayXd& hz, const Eigen::Array<bool, Eigen::Dyna
     for (Eigen::Index k = i; k < hz.size() && k - last <= kWidestHole + 1; ++k) {
       if (holds(k)) last = k;
     }
-    if (last - i + 1 >= kFewestLines)
+    if (last - i + 1 >= kFewestLines && ++count <= kShown)
       out += (out.empty() ? "" : ", ") + text("%.4g to %.4g Hz", hz(i), hz(last));
     i = last + 1;
   }
+  if (count > kShown) out += text(" and %d more", count - kShown);
   return out.empty() ? "nowhere" : out;
 }
 
@@ -66,9 +69,11 @@ void say_response(std::FILE* people, const ResponseSignals& signals,
     double power = 0.0;
     Eigen::Index k = 0;
     while (k + 1 < channel.power.size() && (power += channel.power(k)) < kMostPower) ++k;
-    say(people,
-        text("  excited   %.4g %% of the input's power%s is below %.4g Hz", 100.0 * kMostPower,
-             signals.differenced ? " as a velocity" : "", response.frequency_hz(k)));
+    say(people, channel.power.sum() > 0.0
+                    ? text("  excited   %.4g %% of the input's power%s is below %.4g Hz",
+                           100.0 * kMostPower, signals.differenced ? " as a velocity" : "",
+                           response.frequency_hz(k))
+                    : std::string("  excited   not at all: the input stands still"));
     say(people, text("  coherent  above %.1f: ", kCoherent) +
                     bands(response.frequency_hz, channel.coherence > kCoherent));
     say(people, "  beyond chance: " + bands(response.frequency_hz, channel.significant));

@@ -150,6 +150,17 @@ TEST(FrequencyResponseTool, DeclinesWhereThereIsNothing) {
               HasSubstr("say more than chance"));
 }
 
+TEST(FrequencyResponseTool, AnInputThatStandsStillExcitesNothing) {
+  const Folder folder;
+  const Motion m = motion(5000);
+  const std::string file = folder.write(
+      "rec.csv", table(kHeader, {std::vector<double>(m.command.size(), 1.0), m.actual}));
+  const Answer answer = servotwin_says({"frequency-response", file, "--axis", "X"});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("excited   not at all: the input stands still"));
+  EXPECT_THAT(answer.out, HasSubstr("declined    no fit"));
+}
+
 struct Wrong {
   std::vector<std::string> options;
   int status;
