@@ -145,8 +145,14 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   std::size_t next = 0, entry = 0;
   for (const PlotSeries& s : panel.series) {
     const std::string colour = s.colour.empty() ? kPalette[next++ % kPalette.size()] : s.colour;
-    std::string points;
+    std::string points, above, below;  // of an unbroken part of a line, and of the band about it
     const auto end_line = [&] {
+      if (!above.empty()) {
+        out +=
+            "<polygon fill='" + colour + "' fill-opacity='.2' points='" + above + below + "'/>\n";
+      }
+      above.clear();
+      below.clear();
       if (!points.empty()) {
         out += "<polyline fill='none' stroke='" + colour + "' stroke-width='" +
                (s.dashed ? "2' stroke-dasharray='6 4" : "1.5") + "' points='" + points + "'/>\n";
@@ -158,6 +164,12 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
         end_line();
       } else if (s.line) {
         points += text("%.1f,%.1f ", x.at(s.x[i]), y.at(s.y[i]));
+        if (i < s.error.size() && std::isfinite(s.error[i])) {
+          const double low = s.y[i] - s.error[i];
+          const double foot = y.logarithmic && low <= 0.0 ? y.begin : y.at(low);
+          above += text("%.1f,%.1f ", x.at(s.x[i]), y.at(s.y[i] + s.error[i]));
+          below.insert(0, text("%.1f,%.1f ", x.at(s.x[i]), std::min(foot, y.begin)));
+        }
       } else {
         if (i < s.error.size() && s.error[i] > 0.0)
           out += text("<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' ", x.at(s.x[i]),

@@ -12,10 +12,12 @@ namespace servotwin {
 struct PlotSeries {
   std::string name;  ///< in the legend; empty: not there
   std::vector<double> x, y;
-  bool line = true;                ///< false: points
-  std::string colour;              ///< empty: the next of the palette
-  std::vector<double> error = {};  ///< half the length of a bar at each point; empty: none
-  bool dashed = false;             ///< a line of dashes
+  bool line = true;    ///< false: points
+  std::string colour;  ///< empty: the next of the palette
+  /// Half the length of a bar at each point, or half the height of a band about a line; empty:
+  /// none.
+  std::vector<double> error = {};
+  bool dashed = false;  ///< a line of dashes
 };
 
 struct PlotPanel {

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <stdexcept>
 #include <string_view>
 
+#include "diagnosis/bode.h"
 #include "diagnosis/cause_picture.h"
 #include "diagnosis/cause_words.h"
 #include "diagnosis/diagnosis_file.h"
@@ -16,7 +18,8 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kShown_s = 4.0;  // of the hold-out, from its middle
+constexpr std::size_t kFewestFrequencies = 12;  // of a picture over frequency
+constexpr double kShown_s = 4.0;                // of the hold-out, from its middle
 
 constexpr const char* kStyle =
     ":root{color-scheme:light dark;--line:#8884;--soft:#8881}"
@@ -77,6 +80,38 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
                     false,
                     {baseline, extended}}}) +
          "<figcaption>A few seconds of motion that no fit has seen.</figcaption></figure>\n";
+}
+
+/// The response of the position to the command as measured, and as the model with all causes has it
+/// along the same motion, which takes its friction along. Nothing where the recording shows none.
+std::string frequency_section(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
+  std::vector<ResponseRecord> measured, simulated;
+  for (const Segment& s : segments) {
+    measured.push_back({{s.command}, s.actual, {}});
+    simulated.push_back({{s.command}, s.command - simulate(diagnosis.extended.model, s), {}});
+  }
+  FrequencyResponse machine, twin;
+  try {
+    const double h = diagnosis.extended.model.sample_time_s;
+    machine = frequency_response(measured, h, {.differenced = true});
+    twin = frequency_response(simulated, h, {.differenced = true});
+  } catch (const std::runtime_error&) {
+    return {};  // too short
+  }
+  const std::vector<Eigen::Index> places = machine.significant(0, 0.0, 0.5 / machine.sample_time_s);
+  if (places.size() < kFewestFrequencies) return {};
+  ModelledResponse model{"the twin", {}, {}};
+  for (const Eigen::Index i : places) {
+    model.frequency_hz.push_back(machine.frequency_hz(i));
+    model.response.push_back(twin.channels[0].response(i));
+  }
+  return "<section><h2>How it answers at every frequency</h2>\n<figure>" +
+         plot_svg(bode_panels(machine, {"command"}, "position", model)) +
+         text(
+             "<figcaption>Command to position, from %d windows of %.3g s; where the coherence is "
+             "no more than chance, nothing is drawn. A peak that the twin has not is a mode: see "
+             "<code>servotwin frequency-response</code>.</figcaption></figure></section>\n",
+             machine.windows, machine.window_s);
 }
 
 /// Why one believes it, in words.
@@ -250,7 +285,7 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
       out += row(escaped(plain_name(one.id)).c_str(), escaped(one.why));
     out += "</table></section>\n";
   }
-  out += more + left_of(diagnosis, segments) +
+  out += more + frequency_section(diagnosis, segments) + left_of(diagnosis, segments) +
          "<section><details><summary>How this was found</summary><p>Candidates were fitted with "
          "the loop on the first part of the recording and had to predict blocks of it that they "
          "had not seen better than without them, by more than chance. All errors above are in "

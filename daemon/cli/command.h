@@ -29,6 +29,7 @@ struct Command {
 [[nodiscard]] Command add_learn(CLI::App& app);
 [[nodiscard]] Command add_motion_law(CLI::App& app);
 [[nodiscard]] Command add_characterize(CLI::App& app);
+[[nodiscard]] Command add_frequency_response(CLI::App& app);
 [[nodiscard]] Command add_sequence(CLI::App& app);
 [[nodiscard]] Command add_preview(CLI::App& app);
 [[nodiscard]] Command add_replay(CLI::App& app);

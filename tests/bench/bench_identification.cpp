@@ -19,6 +19,7 @@
 #include <fstream>
 #include <numbers>
 
+#include "identification/frequency_response.h"
 #include "identification/joint.h"
 #include "identification/pole_search.h"
 #include "tests/bench/record.h"
@@ -106,6 +107,15 @@ void joint(benchmark::State& state, bool polish) {
   }
 }
 
+/// As long as the EMPS record, in windows of 2 s: frequency_response_peer.py.
+void response(benchmark::State& state) {
+  const std::vector<ResponseRecord> records{
+      {{Eigen::ArrayXd::Random(24841)}, Eigen::ArrayXd::Random(24841), {}}};
+  for (auto _ : state)
+    benchmark::DoNotOptimize(
+        frequency_response(records, 1e-3, {.window_s = 2.0, .differenced = true}));
+}
+
 void lengths(benchmark::internal::Benchmark* run) {
   for (const int seconds : {6, 12, 24, 48}) run->Arg(seconds);
   run->Unit(benchmark::kMillisecond);
@@ -115,6 +125,7 @@ BENCHMARK_CAPTURE(joint, steps 1 to 3, false)->Apply(lengths);
 BENCHMARK_CAPTURE(joint, with polish, true)->Apply(lengths);
 BENCHMARK_CAPTURE(pole_search, as the peer, Problem::kAsThePeer)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(pole_search, in full, Problem::kInFull)->Unit(benchmark::kMillisecond);
+BENCHMARK(response)->Unit(benchmark::kMillisecond);
 BENCHMARK(evaluation)->Unit(benchmark::kMillisecond);
 
 int write(const Segment& segment, const char* path) {

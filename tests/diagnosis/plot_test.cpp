@@ -47,6 +47,25 @@ TEST(Plot, AGapBreaksALineAndALogarithmicAxisHasNoPlaceForZero) {
   EXPECT_THAT(svg, Not(HasSubstr("inf")));
 }
 
+TEST(Plot, ALineHasItsErrorAsABandThatAGapBreaks) {
+  PlotPanel p = panel();
+  p.series = {{"line",
+               {0.0, 5.0, 10.0, 15.0, 20.0},
+               {1.0, 2.0, std::nan(""), 2.0, 1.0},
+               true,
+               "",
+               {0.5, 0.5, 0.5, 1.0, std::nan("")}}};
+  const std::string svg = plot_svg({p});
+  EXPECT_EQ(count(svg, "<polygon"), 2);
+  // From 0.5 to 3: 1 + 0.5 and 1 - 0.5 at the first point, 5 % of margin below.
+  std::smatch found;
+  ASSERT_TRUE(std::regex_search(svg, found,
+                                std::regex("points='85.8,([0-9.]+) [0-9., ]+ 85.8,([0-9.]+) '")));
+  const double high = std::stod(found[1]), low = std::stod(found[2]);
+  EXPECT_NEAR(low, 332.0 - (332.0 - 50.0) * 0.125 / 2.75, 0.1);
+  EXPECT_NEAR((low - high) / (332.0 - 50.0), 1.0 / 2.75, 1e-3);
+}
+
 TEST(Plot, AFlatLineStillHasAnAxis) {
   PlotPanel p = panel();
   p.series = {{"", {1.0, 1.0}, {0.0, 0.0}, true, ""}};

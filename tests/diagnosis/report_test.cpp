@@ -205,6 +205,8 @@ TEST(Report, NeedsNothingButItself) {
   one.diagnosis.suggested_test = suggested_test({{"cogging", "encoder_error"}},
                                                 seen_motion({one.segment}), {.period = kPeriod});
   const std::string page = report_html(one.diagnosis, {one.segment}, "a & b.csv");
+  EXPECT_THAT(page, HasSubstr("How it answers at every frequency"));
+  EXPECT_THAT(page, HasSubstr("the twin"));
   for (const char* outside : {"src=", "href", "<script", "@import", "url(", "https:"})
     EXPECT_EQ(page.find(outside), std::string::npos) << outside;
   for (const char* inside :
@@ -216,7 +218,7 @@ TEST(Report, NeedsNothingButItself) {
   std::size_t pictures = 0;
   for (std::size_t at = page.find("<svg"); at != std::string::npos; at = page.find("<svg", at + 1))
     ++pictures;
-  EXPECT_EQ(pictures, 3U);  // the error, the cause, the test motion
+  EXPECT_EQ(pictures, 4U);  // the error, the cause, the test motion, the frequency response
 }
 
 }  // namespace

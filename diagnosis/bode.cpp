@@ -1,0 +1,80 @@
+#include "diagnosis/bode.h"
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+namespace servotwin {
+namespace {
+
+constexpr double kSure = 1.96;  // standard deviations
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+constexpr double kGap = std::numeric_limits<double>::quiet_NaN();
+
+/// Degrees without jumps, the first one nearest to `near`; gaps stay.
+std::vector<double> unwrapped(const std::vector<std::complex<double>>& values, double near) {
+  std::vector<double> out;
+  for (const std::complex<double> g : values) {
+    double degrees = kDegrees * std::arg(g);
+    if (std::isfinite(degrees)) near = degrees += 360.0 * std::round((near - degrees) / 360.0);
+    out.push_back(degrees);
+  }
+  return out;
+}
+
+/// The first value from this x on.
+double value_from(double x, const PlotSeries& series) {
+  for (std::size_t i = 0; i < series.x.size(); ++i) {
+    if (series.x[i] >= x - 1e-9 * x && std::isfinite(series.y[i])) return series.y[i];
+  }
+  return 0.0;
+}
+
+std::vector<double> list(const Eigen::ArrayXd& values) { return {values.begin(), values.end()}; }
+
+}  // namespace
+
+std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
+                                   const std::vector<std::string>& inputs,
+                                   const std::string& output, const ModelledResponse& model) {
+  const std::string x_label = "frequency [Hz]";
+  PlotPanel magnitude{inputs.front() + " to " + output, x_label, "magnitude", true, {}, {}, true};
+  PlotPanel phase{"phase", x_label, "phase [degrees]", true, {}};
+  PlotPanel coherence{"coherence", x_label, "share explained", true, {}};
+  const std::vector<double> hz = list(measured.frequency_hz);
+  for (std::size_t c = 0; c < measured.channels.size(); ++c) {
+    const ResponseChannel& channel = measured.channels[c];
+    const std::string name = inputs.size() > 1 ? inputs[c] : "measured, 95 % band";
+    coherence.series.push_back({"", hz, list(channel.coherence), true, ""});
+    const std::vector<Eigen::Index> places = measured.significant(c, 0.0, hz.back());
+    if (places.empty()) continue;
+    PlotSeries size{name, hz, {}, true, ""}, angle{"", hz, {}, true, ""};
+    std::vector<std::complex<double>> shown(hz.size(), kGap);
+    size.error.assign(hz.size(), kGap);
+    angle.error.assign(hz.size(), kGap);
+    for (const Eigen::Index i : places) {
+      const auto k = static_cast<std::size_t>(i);
+      shown[k] = channel.response(i);
+      size.error[k] = kSure * channel.deviation(i);
+      angle.error[k] = kSure * kDegrees * channel.deviation(i) / std::abs(shown[k]);
+    }
+    for (const std::complex<double> g : shown) size.y.push_back(std::abs(g));
+    angle.y = unwrapped(shown, 0.0);
+    magnitude.series.push_back(std::move(size));
+    phase.series.push_back(std::move(angle));
+  }
+  if (magnitude.series.empty()) return {coherence};
+  if (!model.frequency_hz.empty()) {
+    PlotSeries size{model.name, model.frequency_hz, {}, true, ""};
+    for (const std::complex<double> g : model.response) size.y.push_back(std::abs(g));
+    PlotSeries angle{
+        "", model.frequency_hz,
+        unwrapped(model.response, value_from(model.frequency_hz.front(), phase.series.front())),
+        true, ""};
+    magnitude.series.push_back(std::move(size));
+    phase.series.push_back(std::move(angle));
+  }
+  return {magnitude, phase, coherence};
+}
+
+}  // namespace servotwin

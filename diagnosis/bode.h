@@ -1,0 +1,27 @@
+// A frequency response as a picture: magnitude, phase and coherence over the logarithm of
+// frequency, with a 95 % band. What is not significant is left out. Any thread; errors: none.
+#pragma once
+
+#include <complex>
+#include <string>
+#include <vector>
+
+#include "diagnosis/plot.h"
+#include "identification/frequency_response.h"
+
+namespace servotwin {
+
+/// What a model answers at these frequencies; none where it is empty.
+struct ModelledResponse {
+  std::string name;
+  std::vector<double> frequency_hz;
+  std::vector<std::complex<double>> response;
+};
+
+/// `inputs` names the channels of `measured`. The coherence alone where nothing is significant.
+[[nodiscard]] std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
+                                                 const std::vector<std::string>& inputs,
+                                                 const std::string& output,
+                                                 const ModelledResponse& model = {});
+
+}  // namespace servotwin

@@ -1,0 +1,49 @@
+// The picture of a frequency response: what is drawn, and what is not.
+#include "diagnosis/bode.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <random>
+
+namespace servotwin {
+namespace {
+
+/// White noise through a delay of 40 samples at 1 kHz, and noise of the output.
+FrequencyResponse delayed(double noise) {
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  Eigen::ArrayXd u(20000), y(20000);
+  for (double& x : u) x = normal(random);
+  for (Eigen::Index k = 0; k < y.size(); ++k)
+    y(k) = (noise < 1e3 && k >= 40 ? u(k - 40) : 0.0) + noise * normal(random);
+  return frequency_response(std::vector<ResponseRecord>{{{u}, y, {}}}, 1e-3, {.window_s = 1.0});
+}
+
+TEST(Bode, ThePhaseHasNoJumpsAndTheModelLiesOnIt) {
+  const FrequencyResponse measured = delayed(0.05);
+  ModelledResponse model{"model", {}, {}};
+  for (double hz = 200.0; hz < 400.0; hz += 1.0) {
+    model.frequency_hz.push_back(hz);
+    model.response.push_back(measured.channels[0].response(static_cast<Eigen::Index>(hz) - 1));
+  }
+  // A model that begins where the measured response has turned by many rounds.
+  const std::vector<PlotPanel> panels = bode_panels(measured, {"u"}, "y", model);
+  ASSERT_EQ(panels.size(), 3u);
+  EXPECT_EQ(panels[0].title, "u to y");
+  ASSERT_EQ(panels[1].series.size(), 2u);
+  const PlotSeries& phase = panels[1].series[0];
+  EXPECT_NEAR(phase.y[398], -360.0 * 0.04 * 399.0, 15.0);
+  EXPECT_NEAR(panels[1].series[1].y[10], phase.y[209], 1.0);
+  // The band: 1.96 deviations.
+  EXPECT_DOUBLE_EQ(panels[0].series[0].error[50], 1.96 * measured.channels[0].deviation(50));
+}
+
+TEST(Bode, WhatSaysNothingIsNotDrawn) {
+  const std::vector<PlotPanel> panels = bode_panels(delayed(1e3), {"u"}, "y");
+  ASSERT_EQ(panels.size(), 1u);
+  EXPECT_EQ(panels[0].title, "coherence");
+}
+
+}  // namespace
+}  // namespace servotwin
