@@ -24,6 +24,17 @@ struct CommandPiece {
   double in_cut = 0.0;                  ///< whether the tool cuts then
 };
 
+/// What a step is computed with, for those who take it elsewhere (docs/decisions/0009): the filters
+/// 1/P of the command velocity and of the disturbance over one part of a cycle. Matrices by rows of
+/// kMaxOrder, or of 3: of the command's velocity, acceleration and jerk.
+struct StepConstants {
+  int order = 0;
+  int parts = 1;  ///< that a cycle is solved in
+  std::array<double, kMaxOrder * kMaxOrder> phi{};
+  std::array<double, kMaxOrder * 3> g_command{};
+  std::array<double, kMaxOrder> g_begin{}, g_end{};  ///< of the disturbance at begin and end
+};
+
 class Twin {
  public:
   Twin() = default;
@@ -33,6 +44,9 @@ class Twin {
   [[nodiscard]] bool loaded() const noexcept { return order_ > 0; }
   [[nodiscard]] double sample_time_s() const noexcept { return cycle_s_; }
   [[nodiscard]] double command_delay_s() const noexcept { return delay_s_; }
+  [[nodiscard]] StepConstants step_constants() const noexcept {
+    return {order_, parts_, phi_, g_command_, g_begin_, g_end_};
+  }
   /// The simulated reading at the end of the last cycle [m | rad],
   [[nodiscard]] double position() const noexcept { return position_ + reading_; }
   /// the position of the loop, which effects on the reading alone are not part of,
