@@ -17,13 +17,12 @@ double servotwin_delay_s(const AxisModel* model) {
   return delay;
 }
 
-static double sum_of(const AxisEffect* effect, EffectMemory* memory, const Motion* m,
-                     double* force) {
+/* Adds the forces of one effect to `sum`; `force` is those per unit coefficient. */
+static void add_forces(const AxisEffect* effect, EffectMemory* memory, const Motion* m,
+                       double* force, double* sum) {
   const EffectKind* kind = kind_of(effect);
-  double sum = 0.0;
   kind->unit_forces(effect->shape, memory, m, force);
-  for (int i = 0; i < kind->coefficients; ++i) sum += effect->coefficient[i] * force[i];
-  return sum;
+  for (int i = 0; i < kind->coefficients; ++i) *sum += effect->coefficient[i] * force[i];
 }
 
 /* All forces at this motion; the law of friction first, because what changes friction goes by it.
@@ -38,7 +37,7 @@ static double disturbance(const AxisModel* model, AxisState* state, Motion* m) {
       const EffectKind* kind = kind_of(effect);
       if ((int)kind->acts != acts) continue;
       memcpy(&state->trial[i], &state->memory[i], kind->memory);
-      sum += sum_of(effect, &state->trial[i], m, force);
+      add_forces(effect, &state->trial[i], m, force, &sum);
       if (kind->acts == kActsAsFriction)
         m->friction =
             kind->friction != NULL ? kind->friction(effect->coefficient, force) : force[0];
@@ -61,7 +60,7 @@ static double reading_of(const AxisModel* model, AxisState* state, const Motion*
   double sum = 0.0;
   for (int i = 0; i < model->effects; ++i) {
     if (kind_of(&model->effect[i])->acts == kActsOnReading)
-      sum += sum_of(&model->effect[i], &state->memory[i], m, unit);
+      add_forces(&model->effect[i], &state->memory[i], m, unit, &sum);
   }
   return sum;
 }

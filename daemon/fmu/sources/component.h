@@ -11,15 +11,20 @@ typedef enum { kInstantiated, kInitializing, kStepping, kTerminated } Mode;
 
 enum { kOrders = 3 }; /* derivatives of the command that can be given */
 
+/* What a host sets by name. */
+typedef struct {
+  AxisModel model;
+  double command, neighbour_acceleration, in_cut;
+} Settable;
+
 /* All that a state of an instance is. */
 typedef struct {
   char guid[kUnitText];
   Mode mode;
-  AxisModel model;
+  Settable set;
   AxisState axis;
-  double command, derivative[kOrders];
-  int derivatives_given; /* for the next step */
-  double neighbour_acceleration, in_cut;
+  double derivative[kOrders]; /* of the command */
+  int derivatives_given;      /* for the next step */
   double start_s;
   double cycles; /* since the start */
 } State;

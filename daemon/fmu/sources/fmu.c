@@ -46,7 +46,7 @@ static void reset(Component* c) {
   memset(&c->state, 0, sizeof c->state);
   memcpy(c->state.guid, c->unit.guid, sizeof c->state.guid);
   c->state.mode = kInstantiated;
-  c->state.model = c->unit.model;
+  c->state.set.model = c->unit.model;
 }
 
 static int hexadecimal(char digit) {
@@ -143,7 +143,7 @@ static fmi2Status change_mode(Component* c, Mode from, Mode to, const char* func
 }
 
 static void start(Component* c) {
-  servotwin_start(&c->state.model, &c->state.axis, c->state.command, c->state.start_s);
+  servotwin_start(&c->state.set.model, &c->state.axis, c->state.set.command, c->state.start_s);
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean tolerance_defined,
@@ -185,8 +185,8 @@ static double* parameter_of(Component* c, fmi2ValueReference vr, const Bounds** 
   if (vr < kFirstParameter) return NULL;
   const int effect = (int)(vr - kFirstParameter) / kPerEffect;
   const int place = (int)(vr - kFirstParameter) % kPerEffect;
-  if (vr >= kFirstParameter + kPerEffect * (unsigned)c->state.model.effects) return NULL;
-  AxisEffect* e = &c->state.model.effect[effect];
+  if (vr >= kFirstParameter + kPerEffect * (unsigned)c->state.set.model.effects) return NULL;
+  AxisEffect* e = &c->state.set.model.effect[effect];
   const EffectKind* kind = &servotwin_effects(&count)[e->kind];
   if (place < kind->shapes) {
     *bounds = &c->unit.shape[effect][place];
@@ -202,11 +202,11 @@ static double* parameter_of(Component* c, fmi2ValueReference vr, const Bounds** 
 static double* input_of(State* s, fmi2ValueReference vr) {
   switch (vr) {
     case kCommand:
-      return &s->command;
+      return &s->set.command;
     case kNeighbourAcceleration:
-      return &s->neighbour_acceleration;
+      return &s->set.neighbour_acceleration;
     case kInCut:
-      return &s->in_cut;
+      return &s->set.in_cut;
     default:
       return NULL;
   }
@@ -227,7 +227,7 @@ fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], s
     } else if (vr[i] >= kTrackingError && vr[i] <= kVelocity && s->mode == kInstantiated) {
       return servotwin_refuse(c, fmi2Error, "outputs are known from initialization mode on");
     } else if (vr[i] == kTrackingError) {
-      value[i] = s->command - reading;
+      value[i] = s->set.command - reading;
     } else if (vr[i] == kPosition) {
       value[i] = reading;
     } else if (vr[i] == kVelocity) {
@@ -239,31 +239,38 @@ fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], s
   return fmi2OK;
 }
 
+/* Sets one variable, and may have changed it where it refuses to. */
+static fmi2Status set_real(Component* c, fmi2ValueReference vr, double value) {
+  const Bounds* bounds = NULL;
+  double* own = input_of(&c->state, vr);
+  if (own == NULL) own = parameter_of(c, vr, &bounds);
+  if (own == NULL) return servotwin_refuse(c, fmi2Error, "variable %u cannot be set", vr);
+  if (!isfinite(value))
+    return servotwin_refuse(c, fmi2Error, "variable %u: %g is not finite", vr, value);
+  if (bounds != NULL && c->state.mode > kInitializing)
+    return servotwin_refuse(c, fmi2Error, "%s is fixed after initialization", bounds->name);
+  if (bounds != NULL && (value < bounds->lower || value > bounds->upper)) {
+    return servotwin_refuse(c, fmi2Error, "%s = %g is outside %g .. %g", bounds->name, value,
+                            bounds->lower, bounds->upper);
+  }
+  *own = value;
+  if (servotwin_delay_s(&c->state.set.model) >
+      (kMaxDelayCycles + 1e-3) * c->state.set.model.cycle_s) {
+    return servotwin_refuse(c, fmi2Error, "a delay of %g s is more than %d cycles of %g s", value,
+                            (int)kMaxDelayCycles, c->state.set.model.cycle_s);
+  }
+  return fmi2OK;
+}
+
 fmi2Status fmi2SetReal(fmi2Component component, const fmi2ValueReference vr[], size_t count,
                        const fmi2Real value[]) {
   Component* c = component;
+  const Settable before = c->state.set;
   for (size_t i = 0; i < count; ++i) {
-    const Bounds* bounds = NULL;
-    double* own = input_of(&c->state, vr[i]);
-    if (own == NULL) own = parameter_of(c, vr[i], &bounds);
-    if (own == NULL) return servotwin_refuse(c, fmi2Error, "variable %u cannot be set", vr[i]);
-    if (!isfinite(value[i]))
-      return servotwin_refuse(c, fmi2Error, "variable %u: %g is not finite", vr[i], value[i]);
-    if (bounds != NULL) {
-      if (c->state.mode > kInitializing)
-        return servotwin_refuse(c, fmi2Error, "%s is fixed after initialization", bounds->name);
-      if (value[i] < bounds->lower || value[i] > bounds->upper) {
-        return servotwin_refuse(c, fmi2Error, "%s = %g is outside %g .. %g", bounds->name, value[i],
-                                bounds->lower, bounds->upper);
-      }
-    }
-    const double before = *own;
-    *own = value[i];
-    if (servotwin_delay_s(&c->state.model) > (kMaxDelayCycles + 1e-3) * c->state.model.cycle_s) {
-      *own = before;
-      return servotwin_refuse(c, fmi2Error, "a delay of %g s is more than %d cycles of %g s",
-                              value[i], (int)kMaxDelayCycles, c->state.model.cycle_s);
-    }
+    const fmi2Status status = set_real(c, vr[i], value[i]);
+    if (status == fmi2OK) continue;
+    c->state.set = before;
+    return status;
   }
   return fmi2OK;
 }
@@ -278,19 +285,19 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component component, const fmi2ValueR
                               (int)kOrders);
     }
     if (!isfinite(value[i])) return servotwin_refuse(c, fmi2Error, "a derivative is not finite");
-    c->state.derivative[order[i] - 1] = value[i];
-    c->state.derivatives_given = 1;
   }
+  for (size_t i = 0; i < count; ++i) c->state.derivative[order[i] - 1] = value[i];
+  if (count > 0) c->state.derivatives_given = 1;
   return fmi2OK;
 }
 
 /* One cycle whose command is a cubic that began `from_s` before it and is known. */
 static void step_along(State* s, double from_s) {
-  const double h = s->model.cycle_s, end_s = from_s + h;
+  const double h = s->set.model.cycle_s, end_s = from_s + h;
   const double* d = s->derivative;
-  const double end = s->command + end_s * (d[0] + end_s * (d[1] / 2 + end_s * d[2] / 6));
-  if (servotwin_delay_s(&s->model) > 0.0) {
-    servotwin_follow(&s->model, &s->axis, end, s->neighbour_acceleration, s->in_cut);
+  const double end = s->set.command + end_s * (d[0] + end_s * (d[1] / 2 + end_s * d[2] / 6));
+  if (servotwin_delay_s(&s->set.model) > 0.0) {
+    servotwin_follow(&s->set.model, &s->axis, end, s->set.neighbour_acceleration, s->set.in_cut);
     return;
   }
   CommandPiece piece;
@@ -300,16 +307,16 @@ static void step_along(State* s, double from_s) {
   piece.end_position = end;
   piece.end_velocity = piece.velocity + h * (piece.acceleration + h * piece.jerk / 2);
   piece.end_acceleration = piece.acceleration + h * piece.jerk;
-  piece.neighbour_acceleration = s->neighbour_acceleration;
-  piece.in_cut = s->in_cut;
-  servotwin_step(&s->model, &s->axis, &piece);
+  piece.neighbour_acceleration = s->set.neighbour_acceleration;
+  piece.in_cut = s->set.in_cut;
+  servotwin_step(&s->set.model, &s->axis, &piece);
 }
 
 fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real step,
                       fmi2Boolean no_state_before) {
   Component* c = component;
   State* s = &c->state;
-  const double h = s->model.cycle_s;
+  const double h = s->set.model.cycle_s;
   const double at = s->start_s + s->cycles * h;
   const double cycles = floor(step / h + 0.5);
   (void)no_state_before;
@@ -330,13 +337,14 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real step,
     if (s->derivatives_given) {
       step_along(s, i * h);
     } else {
-      servotwin_follow(&s->model, &s->axis, s->command, s->neighbour_acceleration, s->in_cut);
+      servotwin_follow(&s->set.model, &s->axis, s->set.command, s->set.neighbour_acceleration,
+                       s->set.in_cut);
     }
   }
   if (s->derivatives_given) {
     const double* d = s->derivative;
     const double whole = cycles * h;
-    s->command += whole * (d[0] + whole * (d[1] / 2 + whole * d[2] / 6));
+    s->set.command += whole * (d[0] + whole * (d[1] / 2 + whole * d[2] / 6));
   }
   memset(s->derivative, 0, sizeof s->derivative);
   s->derivatives_given = 0;

@@ -152,7 +152,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component component, fmi2StatusKind kind, fmi2R
   const Component* c = component;
   if (kind != fmi2LastSuccessfulTime)
     return servotwin_refuse(c, fmi2Discard, "there is no such status");
-  *value = c->state.start_s + c->state.cycles * c->state.model.cycle_s;
+  *value = c->state.start_s + c->state.cycles * c->state.set.model.cycle_s;
   return fmi2OK;
 }
 
