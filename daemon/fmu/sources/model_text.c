@@ -100,42 +100,46 @@ static int read_effect_line(Reader* reader, const char* name, char** rest, UnitM
          next_number(rest, &bounds->lower) && next_number(rest, &bounds->upper);
 }
 
-static int read_line(Reader* reader, char* line, UnitModel* unit) {
+static int read_words(Reader* reader, const char* name, char** rest, UnitModel* unit) {
   AxisModel* m = &unit->model;
-  const char* name = next_word(&line);
   int format = 0;
-  if (name == NULL || *name == '#') return 1;
   if (reader->ended) return 0;
   if (reader->place == kNameCount) {
-    if (strcmp(name, "end") != 0) return read_effect_line(reader, name, &line, unit);
+    if (strcmp(name, "end") != 0) return read_effect_line(reader, name, rest, unit);
     reader->ended = effect_is_whole(reader, m);
     return reader->ended;
   }
   if (strcmp(name, kNames[reader->place]) != 0) return 0;
   switch (reader->place++) {
     case 0:
-      return next_count(&line, &format, 1, 1);
+      return next_count(rest, &format, 1, 1);
     case 1:
-      return next_text(&line, unit->guid, sizeof unit->guid);
+      return next_text(rest, unit->guid, sizeof unit->guid);
     case 2:
-      return next_number(&line, &m->cycle_s) && m->cycle_s > 0.0;
+      return next_number(rest, &m->cycle_s) && m->cycle_s > 0.0;
     case 3:
-      return next_count(&line, &m->parts, 1, 1000000);
+      return next_count(rest, &m->parts, 1, 1000000);
     case 4:
-      return next_count(&line, &m->order, 2, kMaxOrder);
+      return next_count(rest, &m->order, 2, kMaxOrder);
     case 5:
-      return next_numbers(&line, m->denominator, m->order);
+      return next_numbers(rest, m->denominator, m->order);
     case 6:
-      return next_numbers(&line, m->numerator, m->order);
+      return next_numbers(rest, m->numerator, m->order);
     case 7:
-      return next_matrix(&line, m->phi, m->order, m->order, kMaxOrder);
+      return next_matrix(rest, m->phi, m->order, m->order, kMaxOrder);
     case 8:
-      return next_matrix(&line, m->g_command, m->order, 3, 3);
+      return next_matrix(rest, m->g_command, m->order, 3, 3);
     case 9:
-      return next_numbers(&line, m->g_begin, m->order);
+      return next_numbers(rest, m->g_begin, m->order);
     default:
-      return next_numbers(&line, m->g_end, m->order);
+      return next_numbers(rest, m->g_end, m->order);
   }
+}
+
+static int read_line(Reader* reader, char* line, UnitModel* unit) {
+  const char* name = next_word(&line);
+  if (name == NULL || *name == '#') return 1;
+  return read_words(reader, name, &line, unit) && next_word(&line) == NULL;
 }
 
 int servotwin_read_model(const char* file, UnitModel* unit, char* why) {

@@ -42,6 +42,7 @@ class Unit:
         with zipfile.ZipFile(file) as archive:
             assert archive.testzip() is None
             self.names = archive.namelist()
+            self.times = {one.date_time for one in archive.infolist()}
             archive.extractall(self.folder)
         self.description = ElementTree.parse(self.folder / "modelDescription.xml").getroot()
         self.co_simulation = self.description.find("CoSimulation")

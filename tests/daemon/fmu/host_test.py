@@ -522,6 +522,7 @@ class Packed(Exported):
         described = model(PRESLIDING)
         guid = self.export(described, "a").description.get("guid")
         self.export(described, "b")
+        self.assertEqual(self.export(described, "a").times, {(1980, 1, 1, 0, 0, 0)})
         self.assertEqual((self.folder / "a.fmu").read_bytes(), (self.folder / "b.fmu").read_bytes())
         described["effects"][0]["parameters"]["breakaway"]["value"] += 1e-15
         self.assertNotEqual(self.export(described, "c").description.get("guid"), guid)

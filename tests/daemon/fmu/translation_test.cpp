@@ -385,7 +385,15 @@ TEST(ModelText, IsRefusedWhereItIsDamaged) {
   EXPECT_THAT(replaced("effect presliding", "effect squeak"), HasSubstr("line 13"));
   EXPECT_THAT(replaced("shape shape_factor", "effect presliding\nshape shape_factor"),
               HasSubstr("line 15"));
-  EXPECT_THAT(replaced("0x", "nan "), HasSubstr("line 4"));
+  EXPECT_THAT(replaced("end\n", "end 1\n"), HasSubstr("line 18"));
+  for (const char* no_number : {" nan", " inf", " 0x1p", " 1,5"}) {
+    EXPECT_THAT(why_not_read([&](std::string& text) {
+                  const std::size_t at = text.find("\ng_end") + 6;
+                  text.replace(at, text.find(' ', at + 1) - at, no_number);
+                }),
+                HasSubstr("line 12"))
+        << no_number;
+  }
 }
 
 }  // namespace
