@@ -36,6 +36,9 @@ typedef struct {
   char name[kUnitText];
 } Component;
 
+/* Memory of the host's, or of the C library where the host has none to give and take. */
+void* servotwin_allocate(const fmi2CallbackFunctions* functions, size_t size);
+void servotwin_free(const fmi2CallbackFunctions* functions, void* memory);
 /* Tells the logger why, and gives the status back. */
 fmi2Status servotwin_refuse(const Component* c, fmi2Status status, const char* format, ...);
 

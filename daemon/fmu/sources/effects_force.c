@@ -143,10 +143,10 @@ void servotwin_torque_saturation(const double* shape, EffectMemory* memory, cons
 }
 
 static void over(double at, const double* shape, double* force) {
-  static const double kLast = 8.0;
-  double u = kLast * (at - shape[0]) / (shape[1] - shape[0]);
+  const double last = 8.0;
+  double u = last * (at - shape[0]) / (shape[1] - shape[0]);
   if (u < 0.0) u = 0.0;
-  if (u > kLast) u = kLast;
+  if (u > last) u = last;
   for (int i = 0; i < 9; ++i) {
     const double away = u - (double)i;
     const double near = away < 0.0 ? 1.0 + away : 1.0 - away;

@@ -6,7 +6,6 @@
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "component.h"
@@ -30,6 +29,7 @@ fmi2Status servotwin_refuse(const Component* c, fmi2Status status, const char* f
   char message[kMessage];
   va_list values;
   va_start(values, format);
+  /* NOLINTNEXTLINE(clang-analyzer-valist.Uninitialized): it is, by va_start */
   vsnprintf(message, sizeof message, format, values);
   va_end(values);
   if (c->functions.logger != NULL) {
@@ -90,8 +90,7 @@ fmi2Component fmi2Instantiate(fmi2String instance, fmi2Type type, fmi2String gui
   (void)visible;
   (void)logging;
   if (functions == NULL) return NULL;
-  c = functions->allocateMemory != NULL ? functions->allocateMemory(1, sizeof *c)
-                                        : calloc(1, sizeof *c);
+  c = servotwin_allocate(functions, sizeof *c);
   if (c == NULL) return NULL;
   memset(c, 0, sizeof *c);
   c->functions = *functions;
@@ -119,11 +118,8 @@ fmi2Component fmi2Instantiate(fmi2String instance, fmi2Type type, fmi2String gui
 void fmi2FreeInstance(fmi2Component component) {
   Component* c = component;
   if (c == NULL) return;
-  if (c->functions.allocateMemory == NULL) {
-    free(c);
-  } else if (c->functions.freeMemory != NULL) {
-    c->functions.freeMemory(c);
-  }
+  const fmi2CallbackFunctions functions = c->functions; /* which c is gone with */
+  servotwin_free(&functions, c);
 }
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t count,

@@ -7,14 +7,25 @@
 
 /* NOLINTBEGIN(readability-identifier-naming): the standard's names */
 
-/* The states of an instance are copies of struct State. */
-static State* new_state(const Component* c) {
-  return c->functions.allocateMemory != NULL ? c->functions.allocateMemory(1, sizeof(State))
-                                             : calloc(1, sizeof(State));
+static int has_memory(const fmi2CallbackFunctions* functions) {
+  return functions->allocateMemory != NULL && functions->freeMemory != NULL;
 }
 
+void* servotwin_allocate(const fmi2CallbackFunctions* functions, size_t size) {
+  return has_memory(functions) ? functions->allocateMemory(1, size) : calloc(1, size);
+}
+
+void servotwin_free(const fmi2CallbackFunctions* functions, void* memory) {
+  if (has_memory(functions)) {
+    functions->freeMemory(memory);
+  } else {
+    free(memory);
+  }
+}
+
+/* The states of an instance are copies of struct State. */
 static fmi2Status keep(Component* c, const void* bytes, fmi2FMUstate* state) {
-  if (*state == NULL) *state = new_state(c);
+  if (*state == NULL) *state = servotwin_allocate(&c->functions, sizeof(State));
   if (*state == NULL) return servotwin_refuse(c, fmi2Error, "no memory for a state");
   memcpy(*state, bytes, sizeof(State));
   return fmi2OK;
@@ -35,11 +46,7 @@ fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state) {
 fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate* state) {
   const Component* c = component;
   if (state == NULL || *state == NULL) return fmi2OK;
-  if (c->functions.allocateMemory == NULL) {
-    free(*state);
-  } else if (c->functions.freeMemory != NULL) {
-    c->functions.freeMemory(*state);
-  }
+  servotwin_free(&c->functions, *state);
   *state = NULL;
   return fmi2OK;
 }
