@@ -101,9 +101,10 @@ static double miss_at(End* end, double trial) {
   return trial - disturbance(model, end->state, m);
 }
 
+static const double kLeast = 0.2, kMost = 1e6; /* slope that a secant is believed */
+
 /* The force at which `miss_at` is 0, sought from `first`; twin/twin.cpp says how. */
 static double balanced(double first, double* slope, End* end) {
-  static const double kLeast = 0.2, kMost = 1e6;
   const double tolerance = 1e-15 + 1e-13 * fabs(first);
   double left = first, miss_left = miss_at(end, left);
   if (fabs(miss_left) <= tolerance) return left;
@@ -172,7 +173,7 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
 
 /* One part of a cycle. */
 static double advance(const AxisModel* model, AxisState* state, const CommandPiece* piece) {
-  const int n = model->order;
+  const int n = model->order == 2 ? 2 : 3;
   const double h = model->cycle_s / model->parts;
   const double *a = model->denominator, *c = model->numerator;
   double y[kMaxOrder], z[kMaxOrder];

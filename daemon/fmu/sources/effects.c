@@ -17,8 +17,9 @@ double servotwin_saturated(double velocity, double limit) {
   return q < -1.0 ? -1.0 : q;
 }
 
+static const double kOnset_s = 0.05;
+
 double servotwin_onset(double time_s, double at_s) {
-  static const double kOnset_s = 0.05;
   const double share = (time_s - at_s) / kOnset_s;
   if (share < 0.0) return 0.0;
   return share > 1.0 ? 1.0 : share;

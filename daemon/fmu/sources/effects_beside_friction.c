@@ -3,6 +3,9 @@
 
 #include "effects.h"
 
+static const double kPi = 3.14159265358979323846;
+static const double kContact_m = 1e-6; /* travel in which the contacts are new ones */
+
 void servotwin_friction_map(const double* shape, EffectMemory* memory, const Motion* m,
                             double* force) {
   (void)memory;
@@ -28,7 +31,6 @@ void servotwin_falling_friction(const double* shape, EffectMemory* memory, const
 
 void servotwin_position_dependent_friction(const double* shape, EffectMemory* memory,
                                            const Motion* m, double* force) {
-  static const double kPi = 3.14159265358979323846;
   const double direction = servotwin_direction(m);
   const double angle = 2.0 * kPi * m->position / shape[0];
   (void)memory;
@@ -48,7 +50,6 @@ void servotwin_added_friction(const double* shape, EffectMemory* memory, const M
 
 void servotwin_dwell_stiction(const double* shape, EffectMemory* memory, const Motion* m,
                               double* force) {
-  static const double kContact_m = 1e-6;
   const double by_way = fabs(m->displacement), by_speed = fabs(m->velocity) * m->step_s;
   const double moved = by_speed < by_way ? by_speed : by_way;
   const double before = memory->rest.age_s;

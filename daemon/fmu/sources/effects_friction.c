@@ -87,10 +87,12 @@ void servotwin_smoothed_presliding(const double* shape, EffectMemory* memory, co
   force[1] = m->velocity;
 }
 
+/* Travel in a cycle below which an element is drawn less [m | rad]. */
+static const double kCreep = 1e-10;
+
 /* One cycle of an element that is drawn to its level at `rate` while it slides. */
 static void advance(AttractedElement* element, double stiffness, double level, double rate,
                     double dx, double step_s) {
-  static const double kCreep = 1e-10;
   if (dx == 0.0) return;
   const int direction = dx > 0.0 ? 1 : -1;
   const double sign = direction;
