@@ -1,4 +1,4 @@
-// The catalogue of effects. To add one: its header in twin/effects/, and one line here.
+// The catalogue of effects. To add one: twin/effects/, a line here, its C in daemon/fmu/sources/.
 #pragma once
 
 #include <algorithm>

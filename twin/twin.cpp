@@ -64,17 +64,17 @@ double balanced(double first, double& slope, const Miss& miss_at) noexcept {
 
 Twin::Twin(const Model& model) {
   if (auto why = why_invalid(model); !why.empty()) throw std::invalid_argument(why);
-  parts_ = model.effects.empty()
-               ? 1
-               : static_cast<int>(std::ceil(model.sample_time_s / kLongestPart_s - 1e-9));
+  linear_.parts = model.effects.empty()
+                      ? 1
+                      : static_cast<int>(std::ceil(model.sample_time_s / kLongestPart_s - 1e-9));
   cycle_s_ = model.sample_time_s;
-  h_ = cycle_s_ / parts_;
+  h_ = cycle_s_ / linear_.parts;
   delay_s_ = model.command_delay_s();
-  order_ = model.loop.order;
-  if (order_ == 3) {
-    damping_ = model.loop.denominator[0];
-    integral_ = model.loop.denominator[2];
-    integral_velocity_ = model.loop.numerator[2];
+  linear_.order = model.loop.order;
+  if (linear_.order == 3) {
+    linear_.damping = model.loop.denominator[0];
+    linear_.integral = model.loop.denominator[2];
+    linear_.integral_velocity = model.loop.numerator[2];
   }
   discretise_loop(model.loop);
   // What changes friction knows what the law of friction says.
@@ -97,8 +97,8 @@ Twin::Twin(const Model& model) {
 //   w1' = -2 zeta omega w1 + w2 + b1 u,   w2' = -omega^2 w1 + b2 u:   w1 = (b1 s + b2) / M u
 void Twin::discretise_loop(const Loop& loop) {
   const int n = loop.order;
-  states_ = 2 * n + 2 * static_cast<int>(loop.modes.size());
-  const Eigen::Index size = states_;
+  linear_.states = 2 * n + 2 * static_cast<int>(loop.modes.size());
+  const Eigen::Index size = linear_.states;
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(size, size);
   Eigen::VectorXd command = Eigen::VectorXd::Zero(size), force = command;
   Eigen::RowVectorXd error = Eigen::RowVectorXd::Zero(size);
@@ -108,7 +108,7 @@ void Twin::discretise_loop(const Loop& loop) {
     const Hold by_force =
         discretise(a.block(first, first, width, width), force.segment(first, width), h_, 1);
     for (int r = 0; r < width; ++r) {
-      Row& row = rows_[static_cast<std::size_t>(first + r)];
+      StepConstants::Row& row = linear_.rows[static_cast<std::size_t>(first + r)];
       row.first = first;
       row.width = width;
       for (int c = 0; c < width; ++c) row.phi[static_cast<std::size_t>(c)] = by_command.phi(r, c);
@@ -127,7 +127,8 @@ void Twin::discretise_loop(const Loop& loop) {
   }
   for (int i = 0; i < n; ++i) error(i) = loop.numerator[static_cast<std::size_t>(n - 1 - i)];
   error(2 * n - 2) = disturbance_share(loop.denominator, loop.modes);
-  rest_[static_cast<std::size_t>(n)] = 1.0 / loop.denominator[static_cast<std::size_t>(n - 1)];
+  linear_.rest[static_cast<std::size_t>(n)] =
+      1.0 / loop.denominator[static_cast<std::size_t>(n - 1)];
 
   int first = 2 * n;
   for (const Mode& mode : loop.modes) {
@@ -140,27 +141,27 @@ void Twin::discretise_loop(const Loop& loop) {
     error(2 * n - 1) -= mode.gamma;
     if (n == 3) error(n) -= mode.delta * loop.denominator[2] / stiffness;
     // At rest w1 = delta / omega^2, w2 = damping w1 - gamma.
-    rest_[static_cast<std::size_t>(first)] = mode.delta / stiffness;
-    rest_[static_cast<std::size_t>(first + 1)] = damping * mode.delta / stiffness - mode.gamma;
+    linear_.rest[static_cast<std::size_t>(first)] = mode.delta / stiffness;
+    linear_.rest[static_cast<std::size_t>(first + 1)] =
+        damping * mode.delta / stiffness - mode.gamma;
     first += 2;
   }
 
-  const auto keep = [&](const Eigen::RowVectorXd& row, Reading& reading, double& by_force) {
-    by_force = 0.0;
+  const auto keep = [&](const Eigen::RowVectorXd& row, StepConstants::Reading& reading) {
     for (Eigen::Index i = 0; i < size; ++i) {
       const auto k = static_cast<std::size_t>(i);
       reading.state[k] = row(i);
-      by_force += row(i) * rows_[k].force_end;
+      reading.force_end += row(i) * linear_.rows[k].force_end;
     }
   };
   const Eigen::RowVectorXd rate = error * a, second = rate * a;
-  keep(error, error_, error_by_force_);
-  keep(rate, rate_, rate_by_force_);
-  keep(second, second_, second_by_force_);
-  rate_.velocity = error * command;
-  second_.velocity = rate * command;
-  second_.acceleration = rate_.velocity;
-  second_.force = rate * force;
+  keep(error, linear_.error);
+  keep(rate, linear_.rate);
+  keep(second, linear_.second);
+  linear_.rate.velocity = error * command;
+  linear_.second.velocity = rate * command;
+  linear_.second.acceleration = linear_.rate.velocity;
+  linear_.second.force = rate * force;
 }
 
 void Twin::start(double command, double time_s) noexcept {
@@ -178,7 +179,7 @@ void Twin::start(double command, double time_s) noexcept {
   rest.time_s = time_s;
   // A standing loop already holds whatever force acts at rest; without an integrator it does so
   // away from the command.
-  const double give = order_ == 2 ? error_.at(rest_, states_) : 0.0;
+  const double give = linear_.order == 2 ? linear_.error.at(linear_.rest, linear_.states) : 0.0;
   const auto miss_at = [&](double trial) {
     rest.tracking_error = give * trial;
     rest.position = command - give * trial;
@@ -188,24 +189,26 @@ void Twin::start(double command, double time_s) noexcept {
   };
   force_ = balanced(0.0, slope_, miss_at);
   copy_memories(trial_, memory_);
-  for (std::size_t r = 0; r < state_.size(); ++r) state_[r] = rest_[r] * force_;
+  for (std::size_t r = 0; r < state_.size(); ++r) state_[r] = linear_.rest[r] * force_;
   velocity_ = 0.0;
   neighbour_acceleration_ = 0.0;
   demand_ = force_;
-  position_ = command - (order_ == 2 ? error_.at(state_, states_) : 0.0);
+  position_ = command - (linear_.order == 2 ? linear_.error.at(state_, linear_.states) : 0.0);
   rest.position = position_;
   reading_ = read(rest);
 }
 
 void Twin::start(double position, std::span<const double> free_response, double time_s) noexcept {
   start(position, time_s);
-  const auto n = static_cast<std::size_t>(order_), states = static_cast<std::size_t>(states_);
+  const auto n = static_cast<std::size_t>(linear_.order),
+             states = static_cast<std::size_t>(linear_.states);
   for (std::size_t r = 0; r < free_response.size() && n + r < states; ++r) {
     state_[n + r] += free_response[r];
     // A mode's second state is the rate of the first and 2 zeta omega times it.
-    if (r >= n && (r - n) % 2 == 1) state_[n + r] -= rate_.state[n + r - 1] * free_response[r - 1];
+    if (r >= n && (r - n) % 2 == 1)
+      state_[n + r] -= linear_.rate.state[n + r - 1] * free_response[r - 1];
   }
-  position_ = position - error_.at(state_, states_);
+  position_ = position - linear_.error.at(state_, linear_.states);
 }
 
 void Twin::copy_memories(const Memories& from, Memories& to) const noexcept {
@@ -243,8 +246,8 @@ double Twin::step(const CommandPiece& whole) noexcept {
   const double neighbour_before = neighbour_acceleration_;
   neighbour_acceleration_ = whole.neighbour_acceleration;
   CommandPiece part = whole;
-  for (int i = 1; i < parts_; ++i) {
-    const double to_end = h_ * (parts_ - i);
+  for (int i = 1; i < linear_.parts; ++i) {
+    const double to_end = h_ * (linear_.parts - i);
     part.end_acceleration = whole.end_acceleration - to_end * whole.jerk;
     part.end_velocity =
         whole.end_velocity - to_end * (whole.end_acceleration - to_end * whole.jerk / 2);
@@ -252,7 +255,7 @@ double Twin::step(const CommandPiece& whole) noexcept {
                         to_end * (whole.end_velocity -
                                   to_end * (whole.end_acceleration / 2 - to_end * whole.jerk / 6));
     part.neighbour_acceleration =
-        neighbour_before + (whole.neighbour_acceleration - neighbour_before) * i / parts_;
+        neighbour_before + (whole.neighbour_acceleration - neighbour_before) * i / linear_.parts;
     advance(part);
     part.velocity = part.end_velocity;
     part.acceleration = part.end_acceleration;
@@ -265,10 +268,10 @@ double Twin::step(const CommandPiece& whole) noexcept {
 }
 
 double Twin::advance(const CommandPiece& piece) noexcept {
-  const auto states = static_cast<std::size_t>(states_);
-  State next;
+  const auto states = static_cast<std::size_t>(linear_.states);
+  StepConstants::State next;
   for (std::size_t r = 0; r < states; ++r) {
-    const Row& row = rows_[r];
+    const StepConstants::Row& row = linear_.rows[r];
     double sum = row.command[0] * piece.velocity + row.command[1] * piece.acceleration +
                  row.command[2] * piece.jerk + row.force_begin * force_;
     for (std::size_t c = 0; c < static_cast<std::size_t>(row.width); ++c)
@@ -277,12 +280,13 @@ double Twin::advance(const CommandPiece& piece) noexcept {
   }
   // What the control asks for: the acceleration of a motor that nothing disturbs and that gives it
   // all, x_r'' - e'', of which the disturbance itself is no part (docs/theory.md 3.11).
-  const double error_free = error_.at(next, states_);
-  const double rate_free = rate_.at(next, states_) + rate_.velocity * piece.end_velocity;
-  const double demand_free = piece.end_acceleration - second_.at(next, states_) -
-                             second_.velocity * piece.end_velocity -
-                             second_.acceleration * piece.end_acceleration;
-  const double demand_given = 1.0 - second_.force - second_by_force_;
+  const double error_free = linear_.error.at(next, linear_.states);
+  const double rate_free =
+      linear_.rate.at(next, linear_.states) + linear_.rate.velocity * piece.end_velocity;
+  const double demand_free = piece.end_acceleration - linear_.second.at(next, linear_.states) -
+                             linear_.second.velocity * piece.end_velocity -
+                             linear_.second.acceleration * piece.end_acceleration;
+  const double demand_given = 1.0 - linear_.second.force - linear_.second.force_end;
 
   // The motion at the end of the step and the force there depend on each other
   // (docs/theory.md 2.3):
@@ -300,29 +304,30 @@ double Twin::advance(const CommandPiece& piece) noexcept {
   time_s_ += h_;
   m.time_s = time_s_;
   const auto miss_at = [&](double trial) {
-    m.position = position_free - error_by_force_ * trial;
-    m.velocity = velocity_free - rate_by_force_ * trial;
+    m.position = position_free - linear_.error.force_end * trial;
+    m.velocity = velocity_free - linear_.rate.force_end * trial;
     m.displacement = m.position - position_;
     m.tracking_error = piece.end_position - m.position;
     m.demand = demand_free + demand_given * trial;
     m.acceleration = m.demand - trial;
-    if (order_ == 3) {
-      m.demand_rate = integral_ * m.tracking_error - integral_velocity_ * piece.end_velocity;
-      m.demand_damping = damping_ * (piece.end_velocity - m.velocity);
+    if (linear_.order == 3) {
+      m.demand_rate =
+          linear_.integral * m.tracking_error - linear_.integral_velocity * piece.end_velocity;
+      m.demand_damping = linear_.damping * (piece.end_velocity - m.velocity);
     }
     copy_memories(memory_, trial_);
     return trial - disturbance(m, trial_);
   };
   const double force = balanced(force_ + force_change_, slope_, miss_at);
   copy_memories(trial_, memory_);
-  for (std::size_t r = 0; r < states; ++r) state_[r] = next[r] + rows_[r].force_end * force;
+  for (std::size_t r = 0; r < states; ++r) state_[r] = next[r] + linear_.rows[r].force_end * force;
   force_change_ = force - force_;
   force_ = force;
   position_ = m.position;
   velocity_ = m.velocity;
   demand_ = m.demand;
   reading_ = reading_count_ > 0 ? read(m) : 0.0;
-  return error_free + error_by_force_ * force - reading_;
+  return error_free + linear_.error.force_end * force - reading_;
 }
 
 double Twin::follow(double command) noexcept {

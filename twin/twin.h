@@ -24,15 +24,50 @@ struct CommandPiece {
   double in_cut = 0.0;                  ///< whether the tool cuts then
 };
 
+/// What a step is computed with, for those who take it elsewhere (docs/decisions/0009). One state
+/// of the linear system: the command velocity through 1/P (order states), the disturbance through
+/// 1/P, and the modes, which both drive, each as [its part of the error, (d/dt + 2 zeta omega) of
+/// it].
+struct StepConstants {
+  static constexpr int kStates = 2 * kMaxOrder + 2 * static_cast<int>(kMaxModes);
+  using State = std::array<double, kStates>;
+  /// How a state follows from its block over one part of a cycle.
+  struct Row {
+    int first = 0, width = 0;                   ///< of the block
+    std::array<double, kMaxOrder> phi{};        ///< of the block's states,
+    std::array<double, 3> command{};            ///< of the command's velocity, acceleration, jerk,
+    double force_begin = 0.0, force_end = 0.0;  ///< and of the force at both ends
+  };
+  /// The error or a derivative of it from the state and the inputs.
+  struct Reading {
+    State state{};
+    double velocity = 0.0, acceleration = 0.0, force = 0.0;
+    double force_end = 0.0;  ///< what the force at the end gives through the states
+    [[nodiscard]] double at(const State& w, int states) const noexcept {
+      double sum = 0.0;
+      for (std::size_t i = 0; i < static_cast<std::size_t>(states); ++i) sum += state[i] * w[i];
+      return sum;
+    }
+  };
+  int order = 0;
+  int states = 0;
+  int parts = 1;                                                  ///< that a cycle is solved in
+  double damping = 0.0, integral = 0.0, integral_velocity = 0.0;  ///< a1, a3, c2 of order 3
+  std::array<Row, kStates> rows{};
+  Reading error{}, rate{}, second{};
+  State rest{};  ///< of a constant unit disturbance held at rest
+};
+
 class Twin {
  public:
   Twin() = default;
   /// Throws std::invalid_argument with why_invalid(model). Allocates while it discretises.
   explicit Twin(const Model& model);
 
-  [[nodiscard]] bool loaded() const noexcept { return order_ > 0; }
+  [[nodiscard]] bool loaded() const noexcept { return linear_.order > 0; }
   [[nodiscard]] double sample_time_s() const noexcept { return cycle_s_; }
   [[nodiscard]] double command_delay_s() const noexcept { return delay_s_; }
+  [[nodiscard]] const StepConstants& step_constants() const noexcept { return linear_; }
   /// The simulated reading at the end of the last cycle [m | rad],
   [[nodiscard]] double position() const noexcept { return position_ + reading_; }
   /// the position of the loop, which effects on the reading alone are not part of,
@@ -68,45 +103,16 @@ class Twin {
   static constexpr int kHistory = 512;  // commands kept for a delay; power of two
   static_assert(kHistory >= kMaxDelayCycles + 8, "the interpolation reaches beyond the delay");
 
-  // One state of the linear system: the command velocity through 1/P, the disturbance through 1/P,
-  // and the modes, which both drive, each as [its part of the error, (d/dt + 2 zeta omega) of it].
-  static constexpr int kStates = 2 * kMaxOrder + 2 * static_cast<int>(kMaxModes);
-  using State = std::array<double, kStates>;
-  struct Row {
-    int first = 0, width = 0;                   // of its block
-    std::array<double, kMaxOrder> phi{};        // of the block's states,
-    std::array<double, 3> command{};            // of the command's velocity, acceleration, jerk,
-    double force_begin = 0.0, force_end = 0.0;  // and of the force at both ends of the step
-  };
-  // The error and its derivatives from the state and the inputs.
-  struct Reading {
-    State state{};
-    double velocity = 0.0, acceleration = 0.0, force = 0.0;
-    [[nodiscard]] double at(const State& w, int states) const noexcept {
-      double sum = 0.0;
-      for (std::size_t i = 0; i < static_cast<std::size_t>(states); ++i) sum += state[i] * w[i];
-      return sum;
-    }
-  };
-
-  int order_ = 0;
-  int states_ = 0;
   int effect_count_ = 0;
   double cycle_s_ = 0.0;
-  int parts_ = 1;   // that a cycle is solved in
   double h_ = 0.0;  // of a part
   double delay_s_ = 0.0;
-  double damping_ = 0.0, integral_velocity_ = 0.0, integral_ = 0.0;  // a1, c2, a3 of order 3
-  std::array<Row, kStates> rows_{};
-  Reading error_{}, rate_{}, second_{};
-  // By the force at the end of the step: error, rate, second derivative without the direct part.
-  double error_by_force_ = 0.0, rate_by_force_ = 0.0, second_by_force_ = 0.0;
-  State rest_{};  // of a constant unit disturbance held at rest
+  StepConstants linear_;
   std::array<Effect, kMaxEffects>
       effects_{};  // the law of friction, other forces, those on the reading
   int reading_count_ = 0;
 
-  State state_{};
+  StepConstants::State state_{};
   Memories memory_{};
   Memories trial_{};           // of a step that is being solved
   double force_ = 0.0;         // disturbance at the end of the cycle before,

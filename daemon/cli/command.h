@@ -35,6 +35,7 @@ struct Command {
 [[nodiscard]] Command add_replay(CLI::App& app);
 [[nodiscard]] Command add_watch(CLI::App& app);
 [[nodiscard]] Command add_history(CLI::App& app);
+[[nodiscard]] Command add_export(CLI::App& app);
 [[nodiscard]] Command add_check_config(CLI::App& app);
 
 }  // namespace servotwin::cli

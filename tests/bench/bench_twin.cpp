@@ -9,9 +9,15 @@
 #include <numbers>
 #include <vector>
 
+#include "daemon/fmu/unit.h"
 #include "tests/bench/record.h"
+#include "tests/support/temporary_directory.h"
 #include "twin/twin.h"
 #include "twin/virgin_curve.h"
+
+extern "C" {
+#include "daemon/fmu/sources/fmi2.h"
+}
 
 namespace {
 
@@ -101,6 +107,38 @@ void step(benchmark::State& state, const Model& model) {
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(pieces.size()));
 }
 
+/// `follow` in an exported unit, through its interface: command set, step done, error asked for.
+void unit(benchmark::State& state, const Model& model) {
+  const Segment& segment = motion();
+  const test::TemporaryDirectory folder;
+  (void)folder.file("model.txt", model_text(model, "{guid}"));
+  fmi2CallbackFunctions functions{};
+  const fmi2Component one =
+      fmi2Instantiate("measured", fmi2CoSimulation, "{guid}",
+                      ("file://" + folder.path().string()).c_str(), &functions, 0, 0);
+  const fmi2ValueReference command = 0, error = 3;
+  const double h = segment.sample_time_s;
+  for ([[maybe_unused]] auto _ : state) {
+    fmi2Reset(one);
+    fmi2EnterInitializationMode(one);
+    fmi2SetReal(one, &command, 1, &segment.command(0));
+    fmi2ExitInitializationMode(one);
+    double sum = 0.0, last = 0.0;
+    for (Eigen::Index k = 0; k < segment.size(); ++k) {
+      fmi2SetReal(one, &command, 1, &segment.command(k));
+      if (fmi2DoStep(one, static_cast<double>(k) * h, h, 1) != fmi2OK) {
+        state.SkipWithError("a step was refused");
+        break;
+      }
+      fmi2GetReal(one, &error, 1, &last);
+      sum += last;
+    }
+    benchmark::DoNotOptimize(sum);
+  }
+  fmi2FreeInstance(one);
+  state.SetItemsProcessed(state.iterations() * segment.size());
+}
+
 /// The force of reduced GMS friction with this many elements, alone: what grows with them. The
 /// catalogue's effect has ten, and the step that is solved with it evaluates them more than once.
 template <std::size_t kElements>
@@ -137,5 +175,10 @@ BENCHMARK_CAPTURE(follow, order 3 + Coulomb, bench::production_model());
 BENCHMARK_CAPTURE(follow, order 2 + Coulomb + constant, without_integrator());
 BENCHMARK_CAPTURE(follow, order 3 + Coulomb + delay, with_delay(bench::production_model()));
 BENCHMARK_CAPTURE(follow, order 2 + Coulomb + constant + delay, with_delay(without_integrator()));
+BENCHMARK_CAPTURE(follow, order 3 + presliding of 10, with_friction(make_effect<Presliding>()));
+BENCHMARK_CAPTURE(unit, order 3 + Coulomb, bench::production_model());
+BENCHMARK_CAPTURE(unit, order 2 + Coulomb + constant, without_integrator());
+BENCHMARK_CAPTURE(unit, order 3 + Coulomb + delay, with_delay(bench::production_model()));
+BENCHMARK_CAPTURE(unit, order 3 + presliding of 10, with_friction(make_effect<Presliding>()));
 
 BENCHMARK_MAIN();

@@ -106,7 +106,7 @@ TEST(Usage, HelpNamesEveryCommand) {
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.err, IsEmpty());
   for (const char* command :
-       {"identify", "predict", "simulate", "replay", "watch", "check-config"}) {
+       {"identify", "predict", "simulate", "export", "replay", "watch", "check-config"}) {
     EXPECT_THAT(answer.out, HasSubstr(std::string("\n  ") + command));
     const Answer help = servotwin_says({command, "--help"});
     EXPECT_EQ(help.status, 0) << help;

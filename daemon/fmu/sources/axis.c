@@ -1,0 +1,294 @@
+/* See axis.h. */
+#include "axis.h"
+
+#include <math.h>
+#include <string.h>
+
+static const EffectKind* kind_of(const AxisEffect* effect) {
+  int count = 0;
+  return &servotwin_effects(&count)[effect->kind];
+}
+
+double servotwin_delay_s(const AxisModel* model) {
+  double delay = 0.0;
+  for (int i = 0; i < model->effects; ++i) {
+    if (kind_of(&model->effect[i])->acts == kDelaysCommand) delay += model->effect[i].shape[0];
+  }
+  return delay;
+}
+
+/* Adds the forces of one effect to `sum`; `force` is those per unit coefficient. */
+static void add_forces(const AxisEffect* effect, EffectMemory* memory, const Motion* m,
+                       double* force, double* sum) {
+  const EffectKind* kind = kind_of(effect);
+  kind->unit_forces(effect->shape, memory, m, force);
+  for (int i = 0; i < kind->coefficients; ++i) *sum += effect->coefficient[i] * force[i];
+}
+
+/* All forces at this motion; the law of friction first, because what changes friction goes by it.
+ * What the effects remember is then in `trial`. */
+static double disturbance(const AxisModel* model, AxisState* state, Motion* m) {
+  double force[kMaxCoefficients];
+  double sum = 0.0;
+  m->friction = NAN;
+  for (int acts = kActsAsFriction; acts <= (int)kActsAsForce; ++acts) {
+    for (int i = 0; i < model->effects; ++i) {
+      const AxisEffect* effect = &model->effect[i];
+      const EffectKind* kind = kind_of(effect);
+      if ((int)kind->acts != acts) continue;
+      memcpy(&state->trial[i], &state->memory[i], kind->memory);
+      add_forces(effect, &state->trial[i], m, force, &sum);
+      if (kind->acts == kActsAsFriction)
+        m->friction =
+            kind->friction != NULL ? kind->friction(effect->coefficient, force) : force[0];
+    }
+  }
+  return sum;
+}
+
+/* Keeps what the last call of `disturbance` left in `trial`. */
+static void remember(const AxisModel* model, AxisState* state) {
+  for (int i = 0; i < model->effects; ++i) {
+    const EffectKind* kind = kind_of(&model->effect[i]);
+    if (kind->acts == kActsAsFriction || kind->acts == kActsAsForce)
+      memcpy(&state->memory[i], &state->trial[i], kind->memory);
+  }
+}
+
+static double reading_of(const AxisModel* model, AxisState* state, const Motion* m) {
+  double unit[kMaxCoefficients];
+  double sum = 0.0;
+  for (int i = 0; i < model->effects; ++i) {
+    if (kind_of(&model->effect[i])->acts == kActsOnReading)
+      add_forces(&model->effect[i], &state->memory[i], m, unit, &sum);
+  }
+  return sum;
+}
+
+/* The motion at the end of a part, but for what the force there has a share in. */
+typedef struct {
+  const AxisModel* model;
+  AxisState* state;
+  Motion m;
+  int rests; /* at the start: nothing moves, and an axis without integrator gives way */
+  double command, give;
+  double end_velocity;
+  double position_free, velocity_free, demand_free, demand_given;
+} End;
+
+/* By how much a force differs from the one that its motion gives. */
+static double miss_at(End* end, double trial) {
+  const AxisModel* model = end->model;
+  Motion* m = &end->m;
+  if (end->rests) {
+    m->tracking_error = end->give * trial;
+    m->position = end->command - end->give * trial;
+    m->demand = trial;
+  } else {
+    m->position = end->position_free - model->error_force_end * trial;
+    m->velocity = end->velocity_free - model->rate_force_end * trial;
+    m->displacement = m->position - end->state->position;
+    m->tracking_error = end->command - m->position;
+    m->demand = end->demand_free + end->demand_given * trial;
+    m->acceleration = m->demand - trial;
+    m->demand_rate =
+        model->integral * m->tracking_error - model->integral_velocity * end->end_velocity;
+    m->demand_damping = model->damping * (end->end_velocity - m->velocity);
+  }
+  return trial - disturbance(model, end->state, m);
+}
+
+static const double kLeast = 0.2, kMost = 1e6; /* slope that a secant is believed */
+
+/* The force at which `miss_at` is 0, sought from `first`; twin/twin.cpp says how. */
+static double balanced(double first, double* slope, End* end) {
+  const double tolerance = 1e-15 + 1e-13 * fabs(first);
+  double left = first, miss_left = miss_at(end, left);
+  if (fabs(miss_left) <= tolerance) return left;
+  for (int round = 0; round < 5; ++round) {
+    const double next = left - miss_left / *slope, miss_next = miss_at(end, next);
+    if (fabs(miss_next) <= tolerance) return next;
+    const double now = (miss_next - miss_left) / (next - left);
+    left = next;
+    miss_left = miss_next;
+    if (!(now > kLeast && now < kMost)) break;
+    *slope = now;
+  }
+  double right = left, miss_right = miss_left, reach = 1.0;
+  while ((miss_right > 0.0) == (miss_left > 0.0) && reach < 1e12) {
+    right = left - reach * miss_left;
+    miss_right = miss_at(end, right);
+    if (miss_right == 0.0) break;
+    reach *= 2.0;
+  }
+  for (int round = 1; round <= 100 && fabs(miss_right) > tolerance; ++round) {
+    const double low = right < left ? right : left, high = right < left ? left : right;
+    double next = (left * miss_right - right * miss_left) / (miss_right - miss_left);
+    if (round % 8 == 0 || !(next > low && next < high)) next = 0.5 * (left + right);
+    if (next == left || next == right) break;
+    const double miss_next = miss_at(end, next);
+    if ((miss_next > 0.0) == (miss_right > 0.0)) {
+      miss_left *= 0.5;
+    } else {
+      left = right;
+      miss_left = miss_right;
+    }
+    right = next;
+    miss_right = miss_next;
+  }
+  return right;
+}
+
+void servotwin_start(const AxisModel* model, AxisState* state, double command, double time_s) {
+  double give = 0.0; /* of an axis without integrator, to a unit force */
+  memset(state, 0, sizeof *state);
+  state->time_s = time_s;
+  state->slope = 1.0;
+  for (int i = 0; i < model->effects; ++i) {
+    const EffectKind* kind = kind_of(&model->effect[i]);
+    if (kind->start != NULL) kind->start(model->effect[i].shape, &state->memory[i]);
+  }
+  for (int i = 0; i < kHistory; ++i) state->history[i] = command;
+  End end;
+  memset(&end, 0, sizeof end);
+  end.model = model;
+  end.state = state;
+  end.rests = 1;
+  end.command = command;
+  if (model->order == 2) {
+    for (int i = 0; i < model->states; ++i) give += model->row[i].error * model->row[i].rest;
+  }
+  end.give = give;
+  end.m.step_s = model->cycle_s / model->parts;
+  end.m.time_s = time_s;
+  state->force = balanced(0.0, &state->slope, &end);
+  remember(model, state);
+  state->demand = state->force;
+  state->position = command;
+  for (int i = 0; i < model->states; ++i) {
+    state->linear[i] = model->row[i].rest * state->force;
+    if (model->order == 2) state->position -= model->row[i].error * state->linear[i];
+  }
+  end.m.position = state->position;
+  state->reading = reading_of(model, state, &end.m);
+}
+
+/* One part of a cycle. */
+static double advance(const AxisModel* model, AxisState* state, const CommandPiece* piece) {
+  const double h = model->cycle_s / model->parts;
+  double next[kMaxStates];
+  double error = 0.0, rate = model->rate_velocity * piece->end_velocity;
+  double second = model->second_velocity * piece->end_velocity +
+                  model->second_acceleration * piece->end_acceleration;
+  for (int r = 0; r < model->states; ++r) {
+    const AxisRow* row = &model->row[r];
+    double sum = row->command[0] * piece->velocity + row->command[1] * piece->acceleration +
+                 row->command[2] * piece->jerk + row->force_begin * state->force;
+    for (int k = 0; k < row->width; ++k) sum += row->phi[k] * state->linear[row->first + k];
+    next[r] = sum;
+    error += row->error * sum;
+    rate += row->rate * sum;
+    second += row->second * sum;
+  }
+
+  End end;
+  memset(&end, 0, sizeof end);
+  end.model = model;
+  end.state = state;
+  end.command = piece->end_position;
+  end.end_velocity = piece->end_velocity;
+  end.position_free = piece->end_position - error;
+  end.velocity_free = piece->end_velocity - rate;
+  /* What the control asks for is x'' and the force. */
+  end.demand_free = piece->end_acceleration - second;
+  end.demand_given = 1.0 - model->second_force - model->second_force_end;
+  end.m.step_s = h;
+  end.m.command_velocity = piece->end_velocity;
+  end.m.command_acceleration = piece->end_acceleration;
+  end.m.neighbour_acceleration = piece->neighbour_acceleration;
+  end.m.in_cut = piece->in_cut;
+  state->time_s += h;
+  end.m.time_s = state->time_s;
+  const double force = balanced(state->force + state->force_change, &state->slope, &end);
+  remember(model, state);
+  for (int r = 0; r < model->states; ++r)
+    state->linear[r] = next[r] + model->row[r].force_end * force;
+  state->force_change = force - state->force;
+  state->force = force;
+  state->position = end.m.position;
+  state->velocity = end.m.velocity;
+  state->demand = end.m.demand;
+  state->reading = reading_of(model, state, &end.m);
+  return error + model->error_force_end * force - state->reading;
+}
+
+double servotwin_step(const AxisModel* model, AxisState* state, const CommandPiece* whole) {
+  const double neighbour_before = state->neighbour_acceleration;
+  CommandPiece part = *whole;
+  state->neighbour_acceleration = whole->neighbour_acceleration;
+  for (int i = 1; i < model->parts; ++i) {
+    const double to_end = model->cycle_s / model->parts * (model->parts - i);
+    part.end_acceleration = whole->end_acceleration - to_end * whole->jerk;
+    part.end_velocity =
+        whole->end_velocity - to_end * (whole->end_acceleration - to_end * whole->jerk / 2);
+    part.end_position = whole->end_position -
+                        to_end * (whole->end_velocity - to_end * (whole->end_acceleration / 2 -
+                                                                  to_end * whole->jerk / 6));
+    part.neighbour_acceleration =
+        neighbour_before + (whole->neighbour_acceleration - neighbour_before) * i / model->parts;
+    (void)advance(model, state, &part);
+    part.velocity = part.end_velocity;
+    part.acceleration = part.end_acceleration;
+  }
+  part.end_position = whole->end_position;
+  part.end_velocity = whole->end_velocity;
+  part.end_acceleration = whole->end_acceleration;
+  part.neighbour_acceleration = whole->neighbour_acceleration;
+  const double error = advance(model, state, &part);
+  state->newest = (state->newest + 1) % kHistory;
+  state->history[state->newest] = whole->end_position;
+  return error;
+}
+
+double servotwin_follow(const AxisModel* model, AxisState* state, double command,
+                        double neighbour_acceleration, double in_cut) {
+  const double h = model->cycle_s;
+  const double shift = servotwin_delay_s(model) / h;
+  const int whole = (int)shift;
+  const double t = shift - whole; /* the sought point lies t cycles before the whole one */
+  /* The commands known at the end of this cycle, the newest first. */
+  double past[8];
+  const int first_known = whole > 0 ? whole - 1 : 0;
+  for (int i = 0; i < 8; ++i) {
+    const int back = first_known + i;
+    past[i] =
+        back == 0 ? command : state->history[(state->newest + 1 + kHistory - back) % kHistory];
+  }
+  double x[4];
+  for (int i = 0; i < 4; ++i) {
+    if (t == 0.0) {
+      x[i] = past[whole + i - first_known];
+      continue;
+    }
+    const int first = whole + i >= 1 ? whole + i - 1 : 0; /* newest of the four nodes */
+    const double u = t + (double)(whole + i - first);     /* position counted back from it */
+    const double* p = &past[first - first_known];
+    x[i] = -p[0] * (u - 1) * (u - 2) * (u - 3) / 6 + p[1] * u * (u - 2) * (u - 3) / 2 -
+           p[2] * u * (u - 1) * (u - 3) / 2 + p[3] * u * (u - 1) * (u - 2) / 6;
+  }
+  const double d1 = x[0] - x[1];
+  const double d2 = x[0] - 2 * x[1] + x[2];
+  const double d3 = x[0] - 3 * x[1] + 3 * x[2] - x[3];
+  CommandPiece piece;
+  piece.velocity = (d1 - d2 / 2 - d3 / 6) / h;
+  piece.acceleration = d2 / (h * h);
+  piece.jerk = d3 / (h * h * h);
+  piece.end_position = x[0];
+  piece.end_velocity = piece.velocity + h * (piece.acceleration + h * piece.jerk / 2);
+  piece.end_acceleration = piece.acceleration + h * piece.jerk;
+  piece.neighbour_acceleration = neighbour_acceleration;
+  piece.in_cut = in_cut;
+  const double error = servotwin_step(model, state, &piece) + (command - x[0]);
+  state->history[state->newest] = command; /* not delayed */
+  return error;
+}

@@ -1,0 +1,173 @@
+/* Forces that are no friction; see effects.h. Source: twin/effects/, twin/effects/swing.h. */
+#include <math.h>
+
+#include "effects.h"
+
+static const double kPi = 3.14159265358979323846;
+
+void servotwin_constant_force(const double* shape, EffectMemory* memory, const Motion* m,
+                              double* force) {
+  (void)shape;
+  (void)memory;
+  (void)m;
+  force[0] = 1.0;
+}
+
+void servotwin_feedforward_mismatch(const double* shape, EffectMemory* memory, const Motion* m,
+                                    double* force) {
+  (void)shape;
+  (void)memory;
+  force[0] = -m->command_velocity;
+  force[1] = -m->command_acceleration;
+}
+
+void servotwin_cogging(const double* shape, EffectMemory* memory, const Motion* m, double* force) {
+  const double angle = 2.0 * kPi * m->position / shape[0];
+  (void)memory;
+  force[0] = sin(angle);
+  force[1] = cos(angle);
+  force[2] = sin(2.0 * angle);
+  force[3] = cos(2.0 * angle);
+}
+
+/* Exact steps of q'' + 2 zeta w q' + w^2 q = w^2 rest. */
+typedef struct {
+  double w, zeta, damped, fade, sine, cosine;
+} SwingStep;
+
+static SwingStep swing_step(double frequency_hz, double damping_ratio, double step_s) {
+  SwingStep s;
+  s.w = 2.0 * kPi * frequency_hz;
+  s.zeta = damping_ratio;
+  s.damped = s.w * sqrt(1.0 - s.zeta * s.zeta);
+  s.fade = exp(-s.zeta * s.w * step_s);
+  s.sine = sin(s.damped * step_s);
+  s.cosine = cos(s.damped * step_s);
+  return s;
+}
+
+static void advance(const SwingStep* s, Swing* swing, double rest) {
+  const double q = swing->q - rest;
+  const double along = (swing->rate + s->zeta * s->w * q) / s->damped;
+  swing->q = rest + s->fade * (q * s->cosine + along * s->sine);
+  swing->rate =
+      s->fade *
+      (swing->rate * s->cosine -
+       (s->w * q * s->w / s->damped + s->zeta * s->w * swing->rate / s->damped) * s->sine);
+}
+
+void servotwin_compliance(const double* shape, EffectMemory* memory, const Motion* m,
+                          double* force) {
+  const SwingStep mode = swing_step(shape[0], shape[1], m->step_s);
+  const double direction = servotwin_direction(m);
+  advance(&mode, &memory->mode.by_command, -m->command_acceleration / (mode.w * mode.w));
+  advance(&mode, &memory->mode.by_friction, -direction);
+  force[0] = mode.w * memory->mode.by_command.q;
+  force[1] = memory->mode.by_command.rate;
+  force[2] = memory->mode.by_friction.q + direction;
+  force[3] = memory->mode.by_friction.rate / mode.w;
+}
+
+void servotwin_cross_coupling(const double* shape, EffectMemory* memory, const Motion* m,
+                              double* force) {
+  const SwingStep loop = swing_step(shape[0], shape[1], m->step_s);
+  advance(&loop, &memory->other, m->neighbour_acceleration);
+  force[0] = memory->other.q;
+  force[1] = memory->other.rate / loop.w;
+  force[2] = m->neighbour_acceleration - memory->other.q;
+}
+
+void servotwin_cutting_force(const double* shape, EffectMemory* memory, const Motion* m,
+                             double* force) {
+  const double angle = 2.0 * kPi * shape[0] * m->time_s;
+  (void)memory;
+  force[0] = m->in_cut;
+  force[1] = m->in_cut * sin(angle);
+  force[2] = m->in_cut * cos(angle);
+}
+
+void servotwin_encoder_error(const double* shape, EffectMemory* memory, const Motion* m,
+                             double* force) {
+  const double k = 2.0 * kPi / shape[0];
+  const double s = sin(k * m->position), c = cos(k * m->position);
+  const double turning = k * m->velocity * (k * m->velocity);
+  const double speeding = k * m->command_acceleration;
+  (void)memory;
+  force[0] = turning * s - speeding * c;
+  force[1] = turning * c + speeding * s;
+}
+
+void servotwin_gain_change(const double* shape, EffectMemory* memory, const Motion* m,
+                           double* force) {
+  const double on = servotwin_onset(m->time_s, shape[0]);
+  force[0] = on * m->tracking_error;
+  memory->value += on * (m->tracking_error * m->step_s);
+  force[1] = memory->value;
+}
+
+void servotwin_impulse_disturbance(const double* shape, EffectMemory* memory, const Motion* m,
+                                   double* force) {
+  (void)memory;
+  for (int i = 0; i < 4; ++i) {
+    const double u = (m->time_s - shape[i]) / shape[4];
+    force[i] = u > -1.0 && u < 1.0 ? 0.5 * (1.0 + cos(kPi * u)) : 0.0;
+  }
+}
+
+void servotwin_inertia_change(const double* shape, EffectMemory* memory, const Motion* m,
+                              double* force) {
+  (void)memory;
+  force[0] = servotwin_onset(m->time_s, shape[0]) * m->acceleration;
+}
+
+void servotwin_periodic_disturbance(const double* shape, EffectMemory* memory, const Motion* m,
+                                    double* force) {
+  const double angle = 2.0 * kPi * shape[0] * m->time_s;
+  (void)memory;
+  force[0] = sin(angle);
+  force[1] = cos(angle);
+}
+
+void servotwin_torque_saturation(const double* shape, EffectMemory* memory, const Motion* m,
+                                 double* force) {
+  const double asked = m->demand - memory->value + shape[2] * m->velocity;
+  double missing = 0.0;
+  if (asked > shape[0]) {
+    missing = asked - shape[0];
+  } else if (asked < -shape[0]) {
+    missing = asked + shape[0];
+  }
+  force[0] = missing + memory->value;
+  const double rate = m->demand_rate + shape[1] * m->demand_damping;
+  if (rate * missing > 0.0) memory->value += m->step_s * rate;
+}
+
+static void over(double at, const double* shape, double* force) {
+  const double last = 8.0;
+  double u = last * (at - shape[0]) / (shape[1] - shape[0]);
+  if (u < 0.0) u = 0.0;
+  if (u > last) u = last;
+  for (int i = 0; i < 9; ++i) {
+    const double away = u - (double)i;
+    const double near = away < 0.0 ? 1.0 + away : 1.0 - away;
+    force[i] = near > 0.0 ? near : 0.0;
+  }
+}
+
+void servotwin_unexplained_over_position(const double* shape, EffectMemory* memory, const Motion* m,
+                                         double* force) {
+  (void)memory;
+  over(m->position, shape, force);
+}
+
+void servotwin_unexplained_over_velocity(const double* shape, EffectMemory* memory, const Motion* m,
+                                         double* force) {
+  (void)memory;
+  over(m->velocity, shape, force);
+}
+
+void servotwin_unexplained_over_acceleration(const double* shape, EffectMemory* memory,
+                                             const Motion* m, double* force) {
+  (void)memory;
+  over(m->command_acceleration, shape, force);
+}

@@ -1,0 +1,17 @@
+// Files as one zip, in memory. Without times, so that the same files make the same zip. Throws
+// std::runtime_error with what the library says. Source: libzip (BSD-3-Clause).
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace servotwin {
+
+struct PackedFile {
+  std::string name;  ///< with its folders: "sources/fmu.c"
+  std::string content;
+};
+
+[[nodiscard]] std::string zipped(const std::vector<PackedFile>& files);
+
+}  // namespace servotwin

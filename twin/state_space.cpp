@@ -1,0 +1,54 @@
+#include "twin/state_space.h"
+
+#include "twin/hold.h"
+
+namespace servotwin {
+
+StateSpace state_space(const Loop& loop, double sample_time_s) {
+  const int rigid = loop.order, n = rigid + 2 * static_cast<int>(loop.modes.size());
+  StateSpace s;
+  // The error by the observer canonical form: e = (sum b_i s^(n-1-i)) / P u.
+  s.a = Eigen::MatrixXd::Zero(n + 1, n + 1);
+  s.b = Eigen::MatrixXd::Zero(n + 1, 2);
+  for (int i = 0; i < rigid; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    s.a(i, 0) = -loop.denominator[k];
+    if (i + 1 < rigid) s.a(i, i + 1) = 1.0;
+    s.b(i, 0) = loop.numerator[k];
+  }
+  // Order 3: s / P of the disturbance, order 2: 1 / P; and what the modes take off (twin/loop.h).
+  s.b(1, 1) = disturbance_share(loop.denominator, loop.modes);
+  int at = rigid;
+  for (const Mode& mode : loop.modes) {
+    const double stiffness = mode.omega * mode.omega;
+    s.a.block(at, at, 2, 2) << -2.0 * mode.zeta * mode.omega, 1.0, -stiffness, 0.0;
+    s.b.row(at) << mode.alpha, mode.gamma;
+    s.b.row(at + 1) << mode.beta, mode.delta;
+    s.b(0, 1) -= mode.gamma;
+    if (rigid == 3) s.b(2, 1) -= mode.delta * loop.denominator[2] / stiffness;
+    at += 2;
+  }
+  s.b(n, 0) = 1.0;  // the command's velocity makes the command
+  s.c = Eigen::MatrixXd::Zero(3, n + 1);
+  s.d = Eigen::MatrixXd::Zero(3, 2);
+  s.c(0, 0) = 1.0;  // the error, the position, the velocity
+  for (at = rigid; at < n; at += 2) s.c(0, at) = 1.0;
+  s.c.row(1) = -s.c.row(0);
+  s.c(1, n) = 1.0;
+  s.c.row(2) = -s.c.row(0) * s.a;
+  s.d.row(2) = -s.c.row(0) * s.b;
+  s.d(2, 0) += 1.0;
+
+  const Eigen::MatrixXd a = s.a.topLeftCorner(n, n);
+  const Hold command = discretise(a, s.b.col(0).head(n), sample_time_s, 2);
+  const Hold force = discretise(a, s.b.col(1).head(n), sample_time_s, 1);
+  const double h = sample_time_s;
+  s.phi = Eigen::MatrixXd::Identity(n + 1, n + 1);
+  s.phi.topLeftCorner(n, n) = command.phi;
+  s.g.resize(n + 1, 5);
+  s.g.topRows(n) << command.g, force.g;
+  s.g.row(n) << h, h * h / 2, h * h * h / 6, 0.0, 0.0;
+  return s;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,28 @@
+// The linear loop of an axis as matrices, for programs that take those (docs/theory.md 2.5).
+//
+//   w' = a w + b u,  out = c w + d u       u: command velocity, disturbance force per moved mass
+//                                          out: tracking error, position, velocity of the axis
+//   w_(n+1) = phi w_n + g u_n              u_n: the command's velocity, acceleration and jerk and
+//                                          the disturbance and its rate, at the start of the cycle
+//
+// The states are those of the observer canonical form of P and of every mode, of which the first
+// ones add up to the tracking error, and the commanded position. Exact where the command is a cubic
+// and the disturbance a straight line over each cycle; columns 0 and 3 alone are the zero-order
+// hold. Effects and the command's delay are no part of it. Allocates; any thread.
+#pragma once
+
+#include <Eigen/Core>
+
+#include "twin/loop.h"
+
+namespace servotwin {
+
+struct StateSpace {
+  Eigen::MatrixXd a, b, c, d;
+  Eigen::MatrixXd phi, g;
+};
+
+/// `loop` is stable, sample_time_s > 0.
+[[nodiscard]] StateSpace state_space(const Loop& loop, double sample_time_s);
+
+}  // namespace servotwin
