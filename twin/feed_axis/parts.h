@@ -50,11 +50,10 @@ struct AddedMass {
 
 /// A current loop of its own; the drive feeds the motor's back-EMF forward.
 struct CurrentLoopParts {
-  double resistance = 0.0;       ///< [Ohm]
-  double inductance = 0.0;       ///< [H]
-  double torque_constant = 0.0;  ///< [Nm/A]
-  double gain = 0.0;             ///< [V/A]
-  double reset_time = 0.0;       ///< [s]
+  double resistance = 0.0;  ///< [Ohm]
+  double inductance = 0.0;  ///< [H]
+  double gain = 0.0;        ///< [V/A]
+  double reset_time = 0.0;  ///< [s]
 };
 
 /// (s^2 + 2 pi numerator s + w^2) / (s^2 + 2 pi bandwidth s + w^2), w = 2 pi frequency.
