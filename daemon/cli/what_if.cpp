@@ -12,11 +12,11 @@
 #include "daemon/feed_axis_file.h"
 #include "diagnosis/plot.h"
 #include "drivers/text.h"
+#include "identification/feed_axis_fit.h"
 #include "twin/feed_axis/ball_screw.h"
 #include "twin/feed_axis/feed_axis.h"
 #include "twin/feed_axis/reversing_motion.h"
 #include "twin/feed_axis/velocity_loop.h"
-#include "twin/hold.h"
 
 namespace servotwin::cli {
 namespace {
@@ -87,8 +87,8 @@ Segment read_motion(const Arguments& arguments, std::FILE* people) {
 }
 
 /// The same as the control gets it: between the samples along their cubic spline.
-Motion at_rate(const Segment& segment, const Arguments& arguments, const FeedAxisParts& parts) {
-  const double h = segment.sample_time_s, low = segment.command.minCoeff() + parts.nut.at_zero,
+Motion motion_of(const Segment& segment, const Arguments& arguments, const FeedAxisParts& parts) {
+  const double low = segment.command.minCoeff() + parts.nut.at_zero,
                high = segment.command.maxCoeff() + parts.nut.at_zero;
   if (low < parts.nut.from || high > parts.nut.to) {
     throw std::runtime_error(
@@ -98,20 +98,8 @@ Motion at_rate(const Segment& segment, const Arguments& arguments, const FeedAxi
              segment.command.minCoeff() / kMilli, segment.command.maxCoeff() / kMilli, low / kMilli,
              high / kMilli, parts.nut.from / kMilli, parts.nut.to / kMilli));
   }
-  const Spline spline = Spline::through(segment.command, h);
-  const double duration = h * static_cast<double>(segment.size() - 1);
-  const auto samples = static_cast<Eigen::Index>(duration * parts.control.rate_hz + 1e-9) + 1;
-  Motion out{arguments.motion.file.filename().string() + ", " + arguments.axis,
-             Eigen::ArrayXd(samples)};
-  for (Eigen::Index k = 0; k < samples; ++k) {
-    const double time = static_cast<double>(k) / parts.control.rate_hz;
-    const auto i = std::min(static_cast<Eigen::Index>(time / h), segment.size() - 1);
-    const double t = time - h * static_cast<double>(i);
-    out.command(k) =
-        spline.value(i) +
-        t * (spline.first(i) + t * (spline.second(i) / 2.0 + t * spline.third(i) / 6.0));
-  }
-  return out;
+  return {arguments.motion.file.filename().string() + ", " + arguments.axis,
+          at_rate(segment, parts.control.rate_hz)};
 }
 
 Figures figures_of(const FeedAxisRun& run, const Eigen::ArrayXd& command) {
@@ -293,8 +281,8 @@ void run(const Arguments& arguments) {
     if (after.control.rate_hz != before.control.rate_hz) motions_after = paper_motions(after);
   } else {
     const Segment segment = read_motion(arguments, people);
-    motions = {at_rate(segment, arguments, before)};
-    motions_after = {at_rate(segment, arguments, after)};
+    motions = {motion_of(segment, arguments, before)};
+    motions_after = {motion_of(segment, arguments, after)};
   }
   const Axis axis_before = examine(before, motions);
   const Axis axis_after = both ? examine(after, motions_after) : axis_before;

@@ -42,6 +42,13 @@ FeedAxis<Mechanics>::FeedAxis(const FeedAxisParts& parts, Mechanics mechanics)
     : control_(parts.control, parts.screw.lead / (2.0 * std::numbers::pi)),
       mechanics_(std::move(mechanics)),
       at_zero_(parts.nut.at_zero) {
+  take_friction(parts);
+}
+
+template <class Mechanics>
+void FeedAxis<Mechanics>::take_friction(const FeedAxisParts& parts) {
+  friction_.reset();
+  cover_.reset();
   if (parts.friction) friction_.emplace(*parts.friction, control_.step_s());
   if (parts.cover) cover_.emplace(*parts.cover, control_.step_s());
 }
@@ -61,6 +68,7 @@ FeedAxisSample FeedAxis<Mechanics>::step(double command) noexcept {
   FeedAxisSample out;
   out.motor_position = start_ + now.motor_position;
   out.table_position = start_ + now.table_position;
+  out.motor_velocity = now.motor_velocity;
   out.torque = control_.step(command - start_, now.motor_position, now.motor_velocity);
   if (friction_) out.friction = friction_->step(now.table_velocity);
   if (cover_) out.cover = cover_->step(now.table_velocity);

@@ -43,6 +43,7 @@ class TableFriction {
 struct FeedAxisSample {
   double torque = 0.0;                                ///< [Nm]
   double motor_position = 0.0, table_position = 0.0;  ///< [m]
+  double motor_velocity = 0.0;                        ///< [m/s]
   double friction = 0.0, cover = 0.0;                 ///< [N]
 };
 
@@ -63,6 +64,8 @@ class FeedAxis {
   [[nodiscard]] FeedAxisSample step(double command) noexcept;
 
   FeedAxis(const FeedAxisParts& parts, Mechanics mechanics);
+  /// Takes friction and cover of these parts in place of its own; start() is to follow.
+  void take_friction(const FeedAxisParts& parts);
 
  private:
   DriveControl control_;
