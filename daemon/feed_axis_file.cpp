@@ -254,16 +254,32 @@ FeedAxisParts read_feed_axis(const std::filesystem::path& file,
   return checked.parts;
 }
 
-std::string friction_table(const std::string& name, const LuGreParts& friction) {
+std::string with_fitted(const std::filesystem::path& file, const FeedAxisParts& parts) {
+  toml::table table = toml::parse(read_text(file));
+  const auto set = [&](const std::string& section, const std::string& key, double value) {
+    if (!table.contains(section)) table.insert(section, toml::table{});
+    table.get(section)->as_table()->insert_or_assign(key, value);
+  };
+  const auto axial = [&](const std::string& section, const SpringDamper& spring) {
+    set(section, "stiffness_n_per_um", spring.stiffness / kPerMicrometre);
+    set(section, "damping_n_s_per_m", spring.damping);
+  };
+  set("coupling", "stiffness_nm_per_rad", parts.coupling.spring.stiffness);
+  set("coupling", "damping_nm_s_per_rad", parts.coupling.spring.damping);
+  axial("bearing", parts.bearing);
+  axial("nut", parts.nut.spring);
+  for (const auto& [section, friction] :
+       {std::pair{"friction", &parts.friction}, {"cover", &parts.cover}}) {
+    if (!*friction) continue;
+    const LuGreParts& law = **friction;
+    set(section, "breakaway_n", law.breakaway);
+    set(section, "coulomb_n", law.coulomb);
+    set(section, "stribeck_velocity_mm_per_s", law.stribeck_velocity / kMilli);
+    axial(section, {law.stiffness, law.damping});
+    set(section, "viscous_n_s_per_m", law.viscous);
+  }
   std::ostringstream out;
-  out.precision(6);
-  out << "[" << name << "]\nbreakaway_n = " << friction.breakaway
-      << "\ncoulomb_n = " << friction.coulomb
-      << "\nstribeck_velocity_mm_per_s = " << friction.stribeck_velocity / kMilli
-      << "\nstribeck_exponent = " << friction.stribeck_exponent
-      << "\nstiffness_n_per_um = " << friction.stiffness / kPerMicrometre
-      << "\ndamping_n_s_per_m = " << friction.damping
-      << "\nviscous_n_s_per_m = " << friction.viscous << "\n";
+  out << table << "\n";
   return out.str();
 }
 

@@ -29,7 +29,9 @@ struct CheckedFeedAxis {
 [[nodiscard]] FeedAxisParts read_feed_axis(const std::filesystem::path& file,
                                            const std::vector<std::string>& changes = {});
 
-/// The friction as a table of such a file, [name] and its keys.
-[[nodiscard]] std::string friction_table(const std::string& name, const LuGreParts& friction);
+/// The file again, without its comments, with what is fitted as these parts have it: stiffness and
+/// damping of coupling, bearing and nut, friction and cover. Throws std::runtime_error.
+[[nodiscard]] std::string with_fitted(const std::filesystem::path& file,
+                                      const FeedAxisParts& parts);
 
 }  // namespace servotwin
