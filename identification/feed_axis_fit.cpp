@@ -66,6 +66,7 @@ class LogCost final : public ceres::CostFunction {
 /// Deviations are those of the residual being noise of its own size.
 FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
                 const Residual& residual) {
+  constexpr double kFarthest = 4.6;  // ln 100: what is farther off is no part of this axis
   FeedAxisParts start = parts;
   std::vector<double> logs;
   for (const Sought& one : sought) {
@@ -86,6 +87,10 @@ FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
   keep.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(keep);
   problem.AddResidualBlock(const_cast<LogCost*>(&cost), nullptr, logs.data());
+  for (std::size_t i = 0; i < logs.size(); ++i) {
+    problem.SetParameterLowerBound(logs.data(), static_cast<int>(i), logs[i] - kFarthest);
+    problem.SetParameterUpperBound(logs.data(), static_cast<int>(i), logs[i] + kFarthest);
+  }
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_QR;
   options.max_num_iterations = 60;

@@ -6,9 +6,10 @@
 //   stage 3   what the cover adds to it, the rest held
 //
 // What is sought is positive and sought as logarithms, by Levenberg-Marquardt (Ceres) with central
-// differences. It starts from the given parts, which must be near: of stages 2 and 3 force_fit.h
-// gives a start that needs none. In stage 1 the given parts count as known to a factor of three, so
-// that what the response cannot show stays where the data sheet has it.
+// differences, within a factor of 100. It starts from the given parts, which must be near: of
+// stages 2 and 3 force_fit.h gives a start that needs none. In stage 1 the given parts count as
+// known to a factor of three, so that what the response cannot show stays where the data sheet has
+// it.
 //
 // The same data give the same result. Any thread. Errors: std::runtime_error where nothing can be
 // fitted.
