@@ -31,6 +31,8 @@ struct Command {
 [[nodiscard]] Command add_characterize(CLI::App& app);
 [[nodiscard]] Command add_frequency_response(CLI::App& app);
 [[nodiscard]] Command add_sequence(CLI::App& app);
+[[nodiscard]] Command add_fit_axis(CLI::App& app);
+[[nodiscard]] Command add_what_if(CLI::App& app);
 [[nodiscard]] Command add_preview(CLI::App& app);
 [[nodiscard]] Command add_replay(CLI::App& app);
 [[nodiscard]] Command add_watch(CLI::App& app);
