@@ -358,7 +358,20 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
       joint && options.friction && *options.friction != kind_of<CoulombFriction>();
   if (other_friction) chosen_validation = 1e300;
   std::size_t best = tried.size();
+  // The first step of all of them, with Coulomb friction.
+  Projection coulomb = projection_of(fitted, chosen->structure);
+  std::optional<PoleFit> first;
   for (int modes = 0; modes <= options.modes && modes <= structure.modes + 1; ++modes) {
+    if (modes == 0) {
+      if (compared.size() > 1 || other_friction || options.modes > 0)
+        first = pole_search(coulomb, search);
+    } else if (auto more = with_one_more_mode(coulomb, *first, search)) {
+      coulomb = std::move(more->data);
+      first = std::move(more->fit);
+    } else {
+      break;
+    }
+    if (!first) break;
     for (const std::size_t kind : compared) {
       if (kind == kind_of<CoulombFriction>() && modes == 0) continue;
       Structure richer = chosen->structure;
@@ -372,7 +385,7 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
       // At rest a vibrating encoder turns more often than it is read: friction along the measured
       // motion is wrong there, and free simulation has to tell.
       const bool polish = joint && modes > 0;
-      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, polish)) {
+      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, polish, &*first)) {
         trial.ruled_out = why_invalid(fit->model);
         if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
       }

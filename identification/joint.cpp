@@ -128,7 +128,7 @@ std::vector<std::size_t> compared_frictions() {
 
 std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const Structure& structure,
                                   const PoleSearchOptions& options, double encoder_step,
-                                  bool polish) {
+                                  bool polish, const PoleFit* first) {
   std::vector<Signals> signals;
   for (const Segment& s : segments) signals.push_back(signals_of(s));
   const std::size_t place = friction_place(structure);
@@ -137,7 +137,9 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
 
   const bool simplest = simple.effects == structure.effects, given = !options.from.empty();
   std::optional<PoleFit> fit;
-  if (simplest && given) {
+  if (first != nullptr) {
+    fit = *first;
+  } else if (simplest && given) {
     fit = pole_search(Projection(signals, simple), options);
     if (!fit) return std::nullopt;
   } else if (!given) {

@@ -35,10 +35,12 @@ struct JointFit {
 
 /// Steps 1 to 3, and 4 if `polish`. `structure` names the friction; `encoder_step` [m | rad] as of
 /// OutputErrorOptions. With `options.from`, of which one point is used, step 1 is left out and its
-/// shapes are a start of step 3 beside those of step 2. Nothing where no fit is finite. Any thread.
+/// shapes are a start of step 3 beside those of step 2. `first`: the result of step 1, where it is
+/// known already. Nothing where no fit is finite. Any thread.
 [[nodiscard]] std::optional<JointFit> joint_fit(const std::vector<Segment>& segments,
                                                 const Structure& structure,
                                                 const PoleSearchOptions& options,
-                                                double encoder_step, bool polish);
+                                                double encoder_step, bool polish,
+                                                const PoleFit* first = nullptr);
 
 }  // namespace servotwin

@@ -1,12 +1,15 @@
 // What modes of vibration in the twin are worth, printed: an axis of two masses on a spring, whose
 // table vibrates at 44 Hz with a damping of 3 %, on a machine of other code.
 //
-//   vibration_study
+//   vibration_study [--write FOLDER]
+//
+// With a folder the recordings are written there instead, for vibration_peer.py.
 //
 // Models are identified from the first part of one recording and judged by their free simulation of
 // the rest. The true poles are those of the machine's equations (tests/support/two_masses.h).
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <numbers>
 #include <string>
 #include <vector>
@@ -75,9 +78,19 @@ void say(const char* name, const Identified& found, std::complex<double> truth) 
   std::printf("\n");
 }
 
+void write(const std::string& path, const Segment& segment) {
+  std::ofstream out(path);
+  out << "t[s],X.command[m],X.actual[m]\n";
+  out.precision(12);
+  for (Eigen::Index k = 0; k < segment.size(); ++k)
+    out << segment.sample_time_s * static_cast<double>(k) << ',' << segment.command(k) << ','
+        << segment.actual(k) << '\n';
+}
+
 }  // namespace
 
-int main() {
+int main(int argc, char** argv) {
+  const std::string folder = argc == 3 && std::string(argv[1]) == "--write" ? argv[2] : "";
   for (const double integral_time : {0.0, 0.02}) {
     for (const auto& [name, family] : {std::pair{"Coulomb", Friction::Family::kCoulomb},
                                        {"GMS", Friction::Family::kMaxwell},
@@ -89,6 +102,11 @@ int main() {
         if (pole.imag() > 0.0 && std::abs(pole.real()) < 0.2 * std::abs(pole)) truth = pole;
       }
       const SegmentedAxis data = recorded(rig);
+      if (!folder.empty()) {
+        write(folder + "/" + name + (integral_time > 0.0 ? "_pi.csv" : "_p.csv"),
+              data.segments.front());
+        continue;
+      }
       std::printf("true friction %s, %s: mode %.3f Hz, damping %.4f\n", name,
                   integral_time > 0.0 ? "PI velocity control" : "P velocity control",
                   std::abs(truth) / kTwoPi, -truth.real() / std::abs(truth));
