@@ -473,6 +473,18 @@ TEST_F(Learn, AJumpInTheCommandIsRefusedWithItsRow) {
                                     "1501 (at 1.5 s)"));
 }
 
+TEST_F(Learn, AMissingCommandIsNotGuessed) {
+  std::string table = circles();
+  std::size_t at = 0;
+  for (int line = 0; line < 1200; ++line) at = table.find('\n', at) + 1;
+  table.replace(table.find(',', at) + 1,
+                table.find(',', table.find(',', at) + 1) - table.find(',', at) - 1, "");
+  table_ = folder_.write("hole.csv", table);
+  const Answer answer = learn({});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("hole.csv: X.command has no value in row 1200 (at 1.199 s)"));
+}
+
 // A corner at full speed is no jump, nor are the digits of a table.
 TEST_F(Learn, ACornerIsNoJump) {
   std::string out = "time[s],X.command[mm],Y.command[mm]\n";
