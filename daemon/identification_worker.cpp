@@ -297,6 +297,7 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, const Segmente
     const std::int64_t begin = steady_ns();
     candidate.identified = identify(motion, options);
     ModelRecord& record = candidate.identified.record;
+    record.motion = motion_range(motion.segments);
     record.source = "live";
     record.created = iso_time(wall_ns());
     record.time_taken_s = static_cast<double>(steady_ns() - begin) * 1e-9;

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <stdexcept>
 
+#include "daemon/motion_reach.h"
 #include "daemon/robust_axis.h"
 #include "drivers/text.h"
 #include "ilc/gate.h"
@@ -112,6 +113,14 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     path.sample_time_s = rules.machine.cycle_s;
     path.command = program.command[i];
     const std::optional<OffsetLimits>& limits = rules.limits[number_in_machine];
+    const MotionReach reach = motion_reach(record, {&path, 1});
+    const std::string jump = jump_in(path, axis.name, axis.rotary);
+    if (program.learn && !jump.empty()) throw std::runtime_error(jump);
+    if (program.learn && reach.far_beyond())
+      throw std::runtime_error(reach.words + "; " + kFarBeyondAdvice);
+    for (const std::string& note : {jump, reach.words}) {
+      if (!note.empty()) out.notes.push_back(note);
+    }
     if (program.learn) {
       axes.push_back(
           robust_axis(record, path, limits_of(limits),
@@ -203,9 +212,9 @@ std::vector<CorrectionChunk> chunks_of(const LearnedProgram& learned, const Lear
   head.program = learned.program.name;
   head.revision = learned.program.revision;
   head.state = learned.program.learn ? CorrectionState::kLearned : CorrectionState::kPreviewed;
-  head.reason =
-      learned.summary +
-      (learned.why_not_live.empty() ? "" : "; not sent to drives: " + learned.why_not_live);
+  head.reason = learned.summary;
+  for (const std::string& note : learned.notes) head.reason += "; " + note;
+  if (!learned.why_not_live.empty()) head.reason += "; not sent to drives: " + learned.why_not_live;
   head.created_ns = learned.created_ns;
   head.valid_until_ns = learned.validated_ns + std::llround(1e9 * rules.ilc.model_age_s);
   head.cycle_s = rules.machine.cycle_s;

@@ -35,9 +35,10 @@ struct LearnedProgram {
   Eigen::ArrayXd contour_before, contour_after;           ///< predicted [m]; empty without a path
   ErrorSize contour_size_before, contour_size_after;
   std::int64_t created_ns = 0;
-  std::int64_t validated_ns = 0;  ///< when the one of its models was that was so the longest ago
-  std::string summary;            ///< what came of it, one line for people
-  std::string why_not_live;       ///< why it must not be sent to drives; empty: it may
+  std::int64_t validated_ns = 0;   ///< when the one of its models was that was so the longest ago
+  std::string summary;             ///< what came of it, one line for people
+  std::vector<std::string> notes;  ///< what people should know of it, a line each
+  std::string why_not_live;        ///< why it must not be sent to drives; empty: it may
 };
 
 /// What is configured about learning and the axes of the machine.

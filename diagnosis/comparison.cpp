@@ -197,6 +197,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   const auto [training, holdout] = split(segments, options.identify.training_share);
   if (training.empty() || holdout.empty())
     throw std::runtime_error(axis.axis + ": too short to fit a part and to judge by the rest");
+  out.baseline.motion = motion_range(segments);
   out.baseline.from_s = segments.front().start_s;
   out.baseline.to_s = segments.back().end_s();
   out.baseline.training_to_s = training.back().end_s();

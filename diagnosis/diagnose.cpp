@@ -253,6 +253,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   if (!identified.refusals.empty())
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
   out.baseline = identified.record;
+  out.baseline.motion = motion_range(axis.segments);
   Search search(axis.segments, out.baseline.training_to_s, options.identify.bounds, floor);
   Hypothesis baseline;
   baseline.structure.order = out.baseline.model.loop.order;

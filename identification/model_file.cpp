@@ -276,6 +276,9 @@ json to_json(const ModelRecord& record) {
             {"to", record.to_s},
             {"training_to", record.training_to_s},
             {"rows", record.rows},
+            {"motion",
+             {{"speed_m_per_s", number(record.motion.speed)},
+              {"acceleration_m_per_s2", number(record.motion.acceleration)}}},
             {"excitation",
              {{"sufficient", record.excitation.empty()}, {"missing", record.excitation}}}}}};
 }
@@ -406,6 +409,14 @@ ModelRecord model_from_json(const json& j) {
   record.to_s = zero(optional(data, "to"));
   record.training_to_s = zero(optional(data, "training_to"));
   record.rows = static_cast<long>(zero(optional(data, "rows")));
+  if (const auto motion = data.find("motion"); motion != data.end()) {
+    const auto known = [&](const char* key) {
+      const double value = optional(*motion, key);
+      if (value < 0.0) refuse(std::string("data.motion.") + key, "must not be negative, is " + motion->dump());
+      return value;
+    };
+    record.motion = {known("speed_m_per_s"), known("acceleration_m_per_s2")};
+  }
   if (data.contains("excitation") && data["excitation"].is_object()) {
     for (const json& line : data["excitation"].value("missing", json::array())) {
       if (line.is_string()) record.excitation.push_back(line.get<std::string>());

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "identification/motion_range.h"
 #include "twin/loop_covariance.h"
 #include "twin/model.h"
 #include "twin/sample.h"
@@ -52,6 +53,7 @@ struct ModelRecord {
   std::string source;  ///< recording
   double from_s = 0.0, to_s = 0.0, training_to_s = 0.0;
   long rows = 0;
+  MotionRange motion;  ///< all of it, the hold-out too; NaN in files from before it was kept
   std::vector<std::string>
       excitation;  ///< what is not excited and what motion would excite it; empty: all is
 };

@@ -1,6 +1,7 @@
 #include "daemon/cli/command_table.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "daemon/cli/command.h"
 #include "daemon/cli/output.h"
@@ -55,6 +56,18 @@ void keep_commands(Recording& table, const std::vector<ModelFile>& models, const
 /// The one unbroken command of an axis; a path is made, not recorded, so that a gap in it is a
 /// mistake. What was repaired in it is said on `people`.
 Segment unbroken(const Recording& table, const std::string& axis, std::FILE* people) {
+  const std::vector<double>& command =
+      std::find_if(table.axes.begin(), table.axes.end(), [&](const AxisRecord& one) {
+        return one.name == axis;
+      })->command;
+  const auto missing =
+      std::find_if_not(command.begin(), command.end(), [](double x) { return std::isfinite(x); });
+  if (missing != command.end()) {
+    const auto row = static_cast<std::size_t>(missing - command.begin());
+    throw std::runtime_error(table.source + ": " + axis + ".command has no value in row " +
+                             std::to_string(row + 1) + text(" (at %.6g s)", table.time[row]) +
+                             "; a command is not guessed, fill it in");
+  }
   const SegmentedAxis segmented = segment_axis(table, axis);
   const SegmentReport& report = segmented.report;
   if (segmented.segments.size() != 1 || report.short_stretches > 0) {

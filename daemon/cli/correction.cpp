@@ -51,7 +51,9 @@ json axis_json(const Correction& correction, std::size_t i) {
 }  // namespace
 
 double expected_rms(const Correction& correction, std::size_t axis) {
-  const double missed = correction.axes[axis].commanded.record.holdout.rms;
+  const CorrectedAxis& one = correction.axes[axis];
+  if (one.beyond_model) return kAbsent;
+  const double missed = one.commanded.record.holdout.rms;
   return std::hypot(size_of(correction.learned.axes[axis].error_after).rms, missed);
 }
 
@@ -74,6 +76,7 @@ std::string limited_by(const Correction& correction, std::size_t i) {
     return text("the limits: they bind in %.0f %% of the motion", 100.0 * learned.at_limit_share);
   if (correction.options.aim == Aim::kContour && !rotary)
     return "its aim: the path is followed, the lag along it is left as it is";
+  if (axis.beyond_model) return "the model: it was found on slower motion";
   if (std::isfinite(missed) && missed > left)
     return text("the model: on motion it had not seen it missed %.3g %s RMS", 1e6 * missed,
                 micro(rotary));

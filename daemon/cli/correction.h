@@ -20,6 +20,7 @@ struct CorrectedAxis {
   ContractionCurve contraction;  ///< |1 - Q L T| without a trial
   std::size_t models = 0;        ///< within the uncertainty
   std::string uncertainty;       ///< where it is from, in words
+  bool beyond_model = false;     ///< of other motion than its model was found on
 };
 
 struct Correction {
@@ -32,7 +33,7 @@ struct Correction {
 };
 
 /// What is to be expected on the machine: what the twin leaves, and what it is known to miss [m |
-/// rad]; NaN where the model does not say how well it predicts.
+/// rad]; NaN where the model does not say how well it predicts, or has not seen such motion.
 [[nodiscard]] double expected_rms(const Correction& correction, std::size_t axis);
 /// "bandwidth 138.0 Hz, |Q (1 - L T)| at most 0.50 (at 105 Hz) for 245 models within ..".
 [[nodiscard]] std::string bandwidth_text(const Correction& correction, const CorrectedAxis& axis);

@@ -113,6 +113,7 @@ void run(const Arguments& arguments) {
     identified.record.time_taken_s =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
+  identified.record.motion = motion_range(axis.segments);
   identified.record.created = now_utc();
   identified.record.source = arguments.input.recording.file.filename().string();
 

@@ -11,6 +11,7 @@
 #include "daemon/cli/output.h"
 #include "daemon/cli/path_gcode.h"
 #include "daemon/model_uncertainty.h"
+#include "daemon/motion_reach.h"
 #include "ilc/feedforward.h"
 
 namespace servotwin::cli {
@@ -85,6 +86,26 @@ void look_at_path(const std::string& source, const std::vector<CommandedAxis>& a
                          "%s with a dwell",
                          rest_s, at_end ? "end" : "start", kEndRest_s, at_end ? "end" : "begin"));
   }
+}
+
+/// Throws where no drive or no model follows; says where the model has not been, or may not.
+MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
+                           std::FILE* people) {
+  const ModelRecord& record = axis.record;
+  if (const std::string jump = jump_in(axis.path, record.axis, record.rotary); !jump.empty())
+    throw std::runtime_error(source + ": " + jump);
+  MotionReach reach = motion_reach(record, {&axis.path, 1});
+  if (reach.far_beyond())
+    throw std::runtime_error(source + ": " + reach.words + "; " + kFarBeyondAdvice);
+  if (reach.beyond()) {
+    say(people, "warning: " + reach.words +
+                    "; what it says of this path is no promise: identify from motion as fast");
+  } else if (!std::isfinite(record.motion.speed)) {
+    say(people, "note: the model of " + record.axis +
+                    " does not say how fast the motion was that it was found on (identify it "
+                    "anew): whether this path is within it is not known");
+  }
+  return reach;
 }
 
 CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
@@ -254,7 +275,9 @@ void run(const Arguments& arguments) {
     }
     if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
       throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
+    const MotionReach reach = look_at_motion(arguments.commands.path.file.string(), axis, people);
     correction.axes.push_back(axis_of(arguments, std::move(axis)));
+    correction.axes.back().beyond_model = reach.beyond();
   }
   std::vector<LearnAxis> axes;
   for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);

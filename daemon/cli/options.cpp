@@ -81,7 +81,7 @@ std::string BusOptions::text() const {
   return "machine '" + place.machine + "' in DDS domain " + std::to_string(place.domain);
 }
 
-DaemonThere wait_for_daemon(const DdsNode& node, double patience_s) {
+DaemonThere wait_for_daemon(const DdsNode& node, double patience_s, std::vector<AxisStatus>* axes) {
   DaemonThere there = DaemonThere::kNobody;
   DdsReader<MachineStatus> statuses(node);
   const auto start = std::chrono::steady_clock::now();
@@ -92,7 +92,10 @@ DaemonThere wait_for_daemon(const DdsNode& node, double patience_s) {
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (!statuses.receive(status, std::max(left_s, 0.0))) return there;
     if (status.state == DaemonState::kStopping) continue;
-    if (!status.axes.empty()) return DaemonThere::kReady;
+    if (!status.axes.empty()) {
+      if (axes != nullptr) *axes = status.axes;
+      return DaemonThere::kReady;
+    }
     there = DaemonThere::kKnowsNoAxes;
   }
 }

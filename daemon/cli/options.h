@@ -72,8 +72,9 @@ struct BusOptions {
 
 enum class DaemonThere : std::uint8_t { kNobody, kKnowsNoAxes, kReady };
 /// Waits until a daemon has heard of the machine of this node and made itself ready for its frames:
-/// it then tells the axes. That somebody reads frames is not enough, it may be a watcher.
-[[nodiscard]] DaemonThere wait_for_daemon(const DdsNode& node, double patience_s);
+/// it then tells the `axes`. That somebody reads frames is not enough, it may be a watcher.
+[[nodiscard]] DaemonThere wait_for_daemon(const DdsNode& node, double patience_s,
+                                          std::vector<AxisStatus>* axes = nullptr);
 /// For a message about a machine that no daemon speaks for: "; there are daemons of 'a', 'b'", or
 /// nothing. Listens for as long as a daemon may be silent.
 [[nodiscard]] std::string other_daemons(const DdsNode& node);

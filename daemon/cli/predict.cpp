@@ -9,6 +9,7 @@
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
+#include "daemon/motion_reach.h"
 #include "identification/identify.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
@@ -106,6 +107,9 @@ void run(const Arguments& arguments) {
                      record.from_s, record.training_to_s, record.training_to_s, record.to_s));
   }
   const Model model = model_at(record, axis.sample_time_s, people);
+
+  if (const MotionReach reach = motion_reach(record, axis.segments); reach.beyond())
+    say(people, "note: " + reach.words);
 
   const Progress progress("predicting " + axis.axis);
   const ErrorFigures all = judge(model, axis.segments);

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <thread>
 
 #include "daemon/cli/command.h"
@@ -20,7 +21,8 @@ namespace servotwin::cli {
 namespace {
 
 constexpr std::size_t kLongestName = 63;
-constexpr double kFind_s = 10.0;  // until a daemon that is there has been found
+constexpr std::string_view kNext = "; ";  // of the daemon's sentence, from part to part
+constexpr double kFind_s = 10.0;          // until a daemon that is there has been found
 
 struct Arguments {
   RecordingOptions path;
@@ -72,15 +74,17 @@ std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& argu
 
 /// Waits until the daemon of this machine reads programs, and its answers will be heard; throws if
 /// none does. Topics are shared by all machines of a domain: that somebody reads programs is not
-/// enough.
-void find_daemon(const DdsNode& node, const std::string& machine,
-                 const DdsWriter<ProgramChunk>& programs,
-                 const DdsReader<CorrectionChunk>& corrections, double patience_s) {
+/// enough. Gives the machine's axes.
+std::vector<AxisStatus> find_daemon(const DdsNode& node, const std::string& machine,
+                                    const DdsWriter<ProgramChunk>& programs,
+                                    const DdsReader<CorrectionChunk>& corrections,
+                                    double patience_s) {
   const auto nobody = [&] {
     return std::runtime_error("nobody listens to " + machine + other_daemons(node) +
                               "; start servotwind with this machine and domain first");
   };
-  switch (wait_for_daemon(node, patience_s)) {
+  std::vector<AxisStatus> axes;
+  switch (wait_for_daemon(node, patience_s, &axes)) {
     case DaemonThere::kNobody:
       throw nobody();
     case DaemonThere::kKnowsNoAxes:
@@ -95,6 +99,22 @@ void find_daemon(const DdsNode& node, const std::string& machine,
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   if (!programs.wait_for_readers(1, patience_s)) throw nobody();
+  return axes;
+}
+
+/// What goes to the daemon has no units: degrees would be taken for metres.
+void require_kinds(const Recording& path, const std::vector<AxisStatus>& machine,
+                   const std::string& name) {
+  for (const AxisRecord& axis : path.axes) {
+    const auto known = std::find_if(machine.begin(), machine.end(),
+                                    [&](const AxisStatus& one) { return one.name == axis.name; });
+    if (known == machine.end() || known->rotary == axis.rotary)
+      continue;  // it refuses what it has not
+    const auto kind = [](bool rotary) { return std::string(rotary ? "rotary" : "linear"); };
+    throw std::runtime_error(path.source + ": " + axis.name + ".command has the unit of a " +
+                             kind(axis.rotary) + " axis, and " + axis.name + " of " + name +
+                             " is " + kind(known->rotary) + "; correct the unit in the header");
+  }
 }
 
 /// What the daemon answers to this revision, whole; throws what it refuses it for.
@@ -139,6 +159,12 @@ void print(const CorrectionChunk& answer, std::FILE* people) {
   if (std::isfinite(answer.contour_before_rms))
     line("contour", answer.contour_before_rms, answer.contour_before_max, answer.contour_after_rms,
          answer.contour_after_max, false);
+  // What comes after the figures, which are above.
+  for (std::size_t at = answer.reason.find(kNext); at != answer.reason.npos;) {
+    const std::size_t from = at + kNext.size();
+    at = answer.reason.find(kNext, from);
+    say(people, "note: " + answer.reason.substr(from, at == answer.reason.npos ? at : at - from));
+  }
 }
 
 std::string table_of(const Recording& path, const std::vector<CorrectionChunk>& answer) {
@@ -170,8 +196,10 @@ void run(const Arguments& arguments) {
   const DdsNode node(arguments.bus.place);
   DdsReader<CorrectionChunk> corrections(node);
   DdsWriter<ProgramChunk> programs(node);
-  find_daemon(node, arguments.bus.text(), programs, corrections,
-              std::min(arguments.wait_s, kFind_s));
+  require_kinds(path,
+                find_daemon(node, arguments.bus.text(), programs, corrections,
+                            std::min(arguments.wait_s, kFind_s)),
+                arguments.bus.text());
   for (const ProgramChunk& chunk : chunks) {
     if (!programs.write(chunk)) throw std::runtime_error("DDS refused a part of the program");
   }

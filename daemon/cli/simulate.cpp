@@ -10,6 +10,7 @@
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
+#include "daemon/motion_reach.h"
 #include "drivers/text.h"
 #include "twin/twin.h"
 
@@ -49,6 +50,8 @@ void run(const Arguments& arguments) {
        read_commands(arguments.commands, "simulated", people)) {
     if (columns.empty()) columns.push_back({"time[s]", times_of(segment)});
     const std::string unit = record.rotary ? "[rad]" : "[m]";
+    if (const MotionReach reach = motion_reach(record, {&segment, 1}); reach.beyond())
+      say(people, "note: " + reach.words);
     const Eigen::ArrayXd error = simulate(model, segment);
     // One stream of numbers per axis, so that an axis does not depend on which others are
     // simulated.

@@ -21,9 +21,9 @@ function circle({ r, wide, lag, rows, step = 0.01 }) {
 }
 
 test("the nearest point of a segment is its foot, or an end", () => {
-  assert.deepEqual(nearestOnSegment(1, 1, 0, 0, 4, 0), { x: 1, y: 0, distance: 1 });
-  assert.deepEqual(nearestOnSegment(-3, 4, 0, 0, 4, 0), { x: 0, y: 0, distance: 5 });
-  assert.deepEqual(nearestOnSegment(3, 4, 0, 0, 0, 0), { x: 0, y: 0, distance: 5 });
+  assert.deepEqual(nearestOnSegment(1, 1, 0, 0, 4, 0), { x: 1, y: 0, share: 0.25, distance: 1 });
+  assert.deepEqual(nearestOnSegment(-3, 4, 0, 0, 4, 0), { x: 0, y: 0, share: 0, distance: 5 });
+  assert.deepEqual(nearestOnSegment(3, 4, 0, 0, 0, 0), { x: 0, y: 0, share: 0, distance: 5 });
 });
 
 test("on a circle the deviation is the radius' difference, however far the axes lag along it", () => {
@@ -36,6 +36,27 @@ test("on a circle the deviation is the radius' difference, however far the axes 
     const { rms, max } = figures(found);
     assert.ok(Math.abs(rms - wide) < sagitta && Math.abs(max - wide) <= sagitta + 1e-12);
   }
+});
+
+test("where the path before is not known, the lag along it is no deviation", () => {
+  const r = 0.025;
+  const wide = 4e-6;
+  const lag = 0.4; // 40 rows
+  const sagitta = r * (1 - Math.cos(0.005));
+  const gone = circle({ r, wide, lag, rows: 900 }); // and a gap in it
+  for (let k = 400; k < 405; ++k) gone.columns["X.command"][k] = null;
+  const found = new Deviations(gone, "X", "Y", "measured", { back: 100 }).from(0);
+  const { max } = figures(found);
+  assert.ok(max <= wide + sagitta + 1e-12, `${max}`);
+  for (const [first, last, there] of [[0, 39, false], [41, 399, true], [405, 438, true], [440, 444, false], [446, 879, true]])
+    for (let k = first; k <= last; ++k) assert.equal(found[k] !== null, there, `row ${k}`);
+});
+
+test("an axis that stands is off the path by what it is off", () => {
+  const history = new History(["time", "X.command", "X.measured", "Y.command", "Y.measured"], 10_000);
+  for (let k = 0; k < 500; ++k) history.push([k * 1e-3, 0.1, 3e-6, 0.2, -4e-6]);
+  const found = new Deviations(history, "X", "Y", "measured", { back: 400 }).from(0);
+  for (const one of found) assert.ok(Math.abs(one.distance - 5e-6) < 1e-12);
 });
 
 test("after a long rest it finds the path again", () => {

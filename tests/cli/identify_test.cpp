@@ -76,6 +76,10 @@ TEST_F(Identify, TheResultSaysHowItCameAbout) {
   EXPECT_GT(result["fit"]["noise_floor_rms_m"].get<double>(), 0.0);
   EXPECT_EQ(result["data"]["source"], "rec.csv");
   EXPECT_EQ(result["data"]["rows"], 12001);
+  double fastest = 0.0;  // of the motion it was recorded from
+  for (double t = 0.0; t < 12.0; t += 1e-4)
+    fastest = std::max(fastest, std::abs(rich_motion(t + 5e-5) - rich_motion(t - 5e-5)) / 1e-4);
+  EXPECT_NEAR(result["data"]["motion"]["speed_m_per_s"], fastest, 0.03 * fastest);
   EXPECT_THAT(result["created"].get<std::string>(),
               testing::MatchesRegex("[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}Z"));
   EXPECT_EQ(result["refusals"], json::array());

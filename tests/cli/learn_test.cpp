@@ -421,5 +421,91 @@ TEST_F(Learn, AModelsUncertaintyIsOfItsOwnFile) {
   EXPECT_LT(bandwidth_of(record, "its file has no covariance"), together);
 }
 
+/// Y of the circles goes through 0 at 8 mm x 4 pi x 1.875 / 2.4 s.
+constexpr double kFastest = 8e-3 * 4.0 * M_PI * 1.875 / 2.4;
+
+TEST_F(Learn, PromisesNothingBeyondTheMotionOfItsModel) {
+  const auto with_speed = [&](double speed) {
+    ModelRecord y = stated(known_axis("Y"));
+    y.motion = {speed, 5.0};
+    write_model(y_, y);
+    return learn({"--json", folder_ / "result.json"});
+  };
+  const auto expected = [&] {
+    return json::parse(content_of(folder_ / "result.json"))["axes"][1]["expected_rms_m"];
+  };
+  const Answer within = with_speed(kFastest);
+  ASSERT_EQ(within.status, 0) << within;
+  EXPECT_THAT(within.out, Not(HasSubstr("warning:")));
+  EXPECT_TRUE(expected().is_number());
+
+  const Answer beyond = with_speed(kFastest / 3.9);
+  ASSERT_EQ(beyond.status, 0) << beyond;
+  EXPECT_THAT(beyond.out, HasSubstr("warning: Y: the command reaches 3.9 times the speed (0.079 "
+                                    "m/s) and"));
+  EXPECT_THAT(beyond.out, HasSubstr("Y: limited by the model: it was found on slower motion\n"));
+  EXPECT_TRUE(expected().is_null());
+}
+
+// A table in mm whose header says m.
+TEST_F(Learn, AWrongUnitIsRefused) {
+  std::string table = circles();
+  table.replace(0, table.find('\n'), "time[s],X.command[m],Y.command[mm]");
+  table_ = folder_.write("unit.csv", table);
+  const Answer answer = learn({"--out", folder_ / "out.csv"});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("unit.csv: X: the command reaches"));
+  EXPECT_THAT(answer.err, HasSubstr("a wrong unit in the table"));
+  EXPECT_EQ(answer.complaints().size(), 1U) << answer;
+}
+
+TEST_F(Learn, AJumpInTheCommandIsRefusedWithItsRow) {
+  std::string out = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k <= 3000; ++k) {
+    const double t = 0.001 * k, y = 8.0 * std::sin(angle_at(t));
+    out += cell(t) + "," + cell(8.0 * std::cos(angle_at(t)) - 8.0) + "," +
+           cell(k < 1500 ? y : y + 50.0) + "\n";
+  }
+  table_ = folder_.write("jump.csv", out);
+  const Answer answer = learn({});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("jump.csv: Y.command jumps by 50 mm within one cycle, into row "
+                                    "1501 (at 1.5 s)"));
+}
+
+TEST_F(Learn, AMissingCommandIsNotGuessed) {
+  std::string table = circles();
+  std::size_t at = 0;
+  for (int line = 0; line < 1200; ++line) at = table.find('\n', at) + 1;
+  table.replace(table.find(',', at) + 1,
+                table.find(',', table.find(',', at) + 1) - table.find(',', at) - 1, "");
+  table_ = folder_.write("hole.csv", table);
+  const Answer answer = learn({});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("hole.csv: X.command has no value in row 1200 (at 1.199 s)"));
+}
+
+// A corner at full speed is no jump, nor are the digits of a table.
+TEST_F(Learn, ACornerIsNoJump) {
+  std::string out = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k <= 3000; ++k) {
+    const double t = 0.001 * k, way = std::clamp(t - 0.5, 0.0, 2.0);
+    const double x = 190.0 * std::min(way, 2.0 - way);
+    out += cell(t) + "," + cell(std::round(20.0 * x) / 20.0) + "," + cell(0.05 * x) + "\n";
+  }
+  table_ = folder_.write("corner.csv", out);
+  EXPECT_THAT(learn({"--trials", "1"}).err, Not(HasSubstr("jumps")));
+}
+
+TEST_F(Learn, AFileThatDoesNotSayItsMotionIsNamed) {
+  ModelRecord old = known_axis("X");
+  old.motion = {};
+  write_model(x_, old);
+  const Answer answer = learn({"--trials", "1"});
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("the model of X does not say how fast the motion was"));
+  EXPECT_THAT(answer.out, Not(HasSubstr("the model of Y")));
+}
+
 }  // namespace
 }  // namespace servotwin

@@ -109,6 +109,20 @@ TEST_F(Preview, ARefusalIsTheDaemonsReason) {
   EXPECT_THAT(said.err, HasSubstr("the daemon refused it: axis X has no model in force yet"));
 }
 
+// On the wire there are no units.
+TEST_F(Preview, DegreesOfALinearAxisAreRefused) {
+  std::string table = command_table(0.5);
+  table.replace(table.find("[mm]"), 4, "[deg]");
+  Program tool({"preview", folder_.write("path.csv", table), "--dds", "--machine", place().machine,
+                "--domain", std::to_string(place().domain), "--wait", "5"});
+  const Answer said = tool.answer();
+  EXPECT_EQ(said.status, 1);
+  EXPECT_THAT(said.err, HasSubstr("X.command has the unit of a rotary axis, and X of machine"));
+  EXPECT_THAT(said.err, HasSubstr("is linear; correct the unit in the header"));
+  ProgramChunk chunk;
+  EXPECT_FALSE(programs_.receive(chunk, 0.1)) << "nothing was sent";
+}
+
 TEST_F(Preview, ADaemonThatKnowsNoAxesYetIsNotDenied) {
   DdsNode other({"waiting", place().domain, ""});
   DdsWriter<MachineStatus> status(other);

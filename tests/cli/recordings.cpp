@@ -17,6 +17,7 @@ ModelRecord known_axis(const std::string& name) {
   record.created = "2024-01-01T00:00:00Z";
   record.source = "known";
   record.method = "pole-search";
+  record.motion = {0.2, 5.0};
   Model& model = record.model;
   model.sample_time_s = 0.001;
   model.loop.order = 2;

@@ -31,8 +31,10 @@ class LearningWorkerTest : public testing::Test {
         learning_rules(config, two_axes()), store_, events_, hand_over_,
         [this](const CorrectionChunk& chunk) { announced_.push_back(chunk); });
   }
-  void put_in_force(const Model& model, const std::string& axis, std::int64_t ago_ns = 0) {
+  void put_in_force(const Model& model, const std::string& axis, std::int64_t ago_ns = 0,
+                    const MotionRange& motion = {}) {
     ModelRecord record = record_of(model, axis);
+    record.motion = motion;
     record.created = iso_time(wall_ns() - ago_ns);
     store_.promote(record, {record.created, axis, "model_promoted", "made for this test", ""});
   }
@@ -235,6 +237,36 @@ TEST_F(LearningWorkerTest, WithoutLimitsItIsLearnedAndNotForDrives) {
   EXPECT_THAT(
       announced_[0].reason,
       HasSubstr("not sent to drives: axis X has no correction = { peak, rate, bandwidth }"));
+}
+
+// The circle is run at 0.1 m/s.
+TEST_F(LearningWorkerTest, BeyondTheMotionOfTheModelItIsSaidAndFarBeyondRefused) {
+  put_in_force(model_of(stepped_axis()), "X", 0, {0.04, 10.0});
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_FALSE(announced_.empty());
+  EXPECT_EQ(announced_[0].state, CorrectionState::kLearned);
+  EXPECT_THAT(announced_[0].reason, HasSubstr("; X: the command reaches 2.5 times the speed"));
+
+  put_in_force(model_of(stepped_axis()), "X", 0, {0.0001, 0.001});
+  for (const bool learn : {true, false}) {
+    announced_.clear();
+    send({circle_program()[0]}, learn, "mm for m", learn ? 1 : 2);
+    ASSERT_FALSE(announced_.empty());
+    EXPECT_EQ(announced_[0].state, learn ? CorrectionState::kRefused : CorrectionState::kPreviewed);
+    EXPECT_THAT(announced_[0].reason, HasSubstr("X: the command reaches 1000 times the speed"));
+  }
+}
+
+TEST_F(LearningWorkerTest, AJumpOfTheCommandIsRefused) {
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  Eigen::ArrayXd path = circle_program()[0];
+  path.tail(path.size() - 700) += 0.01;
+  send({path}, true);
+  EXPECT_EQ(announced_.back().state, CorrectionState::kRefused);
+  EXPECT_THAT(announced_.back().reason,
+              HasSubstr("X.command jumps by 10 mm within one cycle, into row 701 (at 0.7 s)"));
 }
 
 TEST_F(LearningWorkerTest, WhatCannotBeLearnedIsRefusedByName) {

@@ -141,5 +141,33 @@ TEST(ModelFile, UnitsAreThoseOfTheKindOfAxisAndMayBeLeftOut) {
   EXPECT_NO_THROW((void)model_from_json(j));
 }
 
+TEST(ModelFile, TheMotionItWasFoundOnIsOptional) {
+  json file = valid();
+  EXPECT_TRUE(std::isnan(model_from_json(file).motion.speed)) << "not known";
+  file["data"]["motion"] = {{"speed_m_per_s", 0.25}, {"acceleration_m_per_s2", 3.0}};
+  const ModelRecord record = model_from_json(file);
+  EXPECT_EQ(record.motion.speed, 0.25);
+  EXPECT_EQ(record.motion.acceleration, 3.0);
+  EXPECT_EQ(to_json(record)["data"]["motion"], file["data"]["motion"]);
+  file["data"].erase("motion");
+  EXPECT_TRUE(std::isnan(model_from_json(file).motion.acceleration)) << "a file from before";
+  file["data"]["motion"] = {{"speed_m_per_s", -1.0}};
+  expect_error<std::runtime_error>([&] { (void)model_from_json(file); },
+                                   {"data.motion.speed_m_per_s", "-1"});
+}
+
+// x = a sin(w t), read in steps of 1 um.
+TEST(MotionRange, IsTheSpeedAndAccelerationOfAMotionThatIsReadInSteps) {
+  Segment segment;
+  segment.sample_time_s = 1e-3;
+  segment.command.resize(3000);
+  const double a = 0.02, w = 2.0 * std::numbers::pi * 1.5;
+  for (Eigen::Index k = 0; k < 3000; ++k)
+    segment.command(k) = 1e-6 * std::round(1e6 * a * std::sin(w * 1e-3 * static_cast<double>(k)));
+  const MotionRange range = motion_range({&segment, 1});
+  EXPECT_NEAR(range.speed, a * w, 0.005 * a * w);
+  EXPECT_NEAR(range.acceleration, a * w * w, 0.02 * a * w * w);
+}
+
 }  // namespace
 }  // namespace servotwin

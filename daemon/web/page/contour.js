@@ -1,7 +1,7 @@
 // How far the axes are from the commanded path: from every measured point to the nearest point of
 // the path, which is where the tool should have been at some moment nearby.
 
-/** The nearest point to (px, py) on the segment from (ax, ay) to (bx, by). */
+/** The nearest point to (px, py) on the segment from (ax, ay) to (bx, by), and which share of it lies before. */
 export function nearestOnSegment(px, py, ax, ay, bx, by) {
   const dx = bx - ax;
   const dy = by - ay;
@@ -9,21 +9,25 @@ export function nearestOnSegment(px, py, ax, ay, bx, by) {
   const share = square > 0 ? Math.min(1, Math.max(0, ((px - ax) * dx + (py - ay) * dy) / square)) : 0;
   const x = ax + share * dx;
   const y = ay + share * dy;
-  return { x, y, distance: Math.hypot(px - x, py - y) };
+  return { x, y, share, distance: Math.hypot(px - x, py - y) };
 }
 
 /**
  * The nearest point to (pu, pv) of the path through us[j], vs[j], of the segments that end at `first`
- * to `last`; null marks a gap. {u, v, du, dv, distance}: where it is, and the way from there.
+ * to `last`; null marks a gap. {u, v, du, dv, distance}: where it is, and the way from there. Null where
+ * that is an end of what is known of the path: the nearest point may lie beyond, and the way to an end is
+ * lag, most of it.
  */
 export function nearestOnPath(pu, pv, us, vs, first, last) {
+  const known = (j) => j >= Math.max(1, first) && j <= last && us[j] !== null && us[j - 1] !== null && vs[j] !== null && vs[j - 1] !== null;
   let best = null;
   for (let j = Math.max(1, first); j <= last; ++j) {
-    if (us[j] === null || us[j - 1] === null || vs[j] === null || vs[j - 1] === null) continue;
+    if (!known(j)) continue;
     const near = nearestOnSegment(pu, pv, us[j - 1], vs[j - 1], us[j], vs[j]);
-    if (best === null || near.distance <= best.distance) best = near;
+    if (best === null || near.distance <= best.distance) best = { ...near, j };
   }
-  return best && { u: best.x, v: best.y, du: pu - best.x, dv: pv - best.y, distance: best.distance };
+  if (best === null || (best.share === 0 && !known(best.j - 1)) || (best.share === 1 && !known(best.j + 1))) return null;
+  return { u: best.x, v: best.y, du: pu - best.x, dv: pv - best.y, distance: best.distance };
 }
 
 /**
