@@ -412,7 +412,8 @@ ModelRecord model_from_json(const json& j) {
   if (const auto motion = data.find("motion"); motion != data.end()) {
     const auto known = [&](const char* key) {
       const double value = optional(*motion, key);
-      if (value < 0.0) refuse(std::string("data.motion.") + key, "must not be negative, is " + motion->dump());
+      if (value < 0.0)
+        refuse(std::string("data.motion.") + key, "must not be negative, is " + motion->dump());
       return value;
     };
     record.motion = {known("speed_m_per_s"), known("acceleration_m_per_s2")};
