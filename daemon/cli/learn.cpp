@@ -12,6 +12,7 @@
 #include "daemon/cli/path_gcode.h"
 #include "daemon/model_uncertainty.h"
 #include "daemon/motion_reach.h"
+#include "daemon/path_ends.h"
 #include "ilc/feedforward.h"
 
 namespace servotwin::cli {
@@ -24,8 +25,6 @@ const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
                                           {"p", Law::kP},
                                           {"pd", Law::kPd},
                                           {"feedforward", Law::kInverse}};
-constexpr double kEndRest_s = 0.1;  // a correction starts and ends at 0, and looks ahead
-constexpr double kStands = 1e-8;    // [m | rad]
 
 struct Arguments {
   TableOptions commands;
@@ -52,40 +51,11 @@ void require_meant(const Arguments& arguments) {
   refuse(arguments.trials > 0, "--trials", "makes no trial");
 }
 
-/// From the first or to the last row, how long an axis stands [s].
-double rest_of(const Segment& path, bool at_end) {
-  const Eigen::Index n = path.size();
-  Eigen::Index k = 0;
-  while (k + 1 < n) {
-    const Eigen::Index next = at_end ? n - 2 - k : k + 1;
-    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStands) break;
-    ++k;
-  }
-  return path.sample_time_s * static_cast<double>(k);
-}
-
-/// Throws where nothing moves; says where the ends leave no room.
-void look_at_path(const std::string& source, const std::vector<CommandedAxis>& axes,
-                  std::FILE* people) {
-  bool moves = false;
-  for (const CommandedAxis& axis : axes)
-    moves = moves || rest_of(axis.path, false) <
-                         axis.path.sample_time_s * (static_cast<double>(axis.path.size()) - 1.5);
-  if (!moves)
+/// Throws where nothing moves.
+void require_motion(const std::string& source, const std::vector<CommandedAxis>& axes) {
+  if (std::none_of(axes.begin(), axes.end(),
+                   [](const CommandedAxis& axis) { return moves(axis.path); }))
     throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
-  for (const bool at_end : {false, true}) {
-    const auto shortest = std::min_element(
-        axes.begin(), axes.end(), [&](const CommandedAxis& a, const CommandedAxis& b) {
-          return rest_of(a.path, at_end) < rest_of(b.path, at_end);
-        });
-    const double rest_s = rest_of(shortest->path, at_end);
-    if (rest_s > kEndRest_s - 0.5 * shortest->path.sample_time_s) continue;
-    say(people, "warning: " + shortest->record.axis +
-                    text(" rests %.3g s at the path's %s, less than %.3g s: the correction is 0 "
-                         "there and looks ahead, so that the error next to it stays; let the path "
-                         "%s with a dwell",
-                         rest_s, at_end ? "end" : "start", kEndRest_s, at_end ? "end" : "begin"));
-  }
 }
 
 /// Throws where no drive or no model follows; says where the model has not been, or may not.
@@ -266,7 +236,7 @@ void run(const Arguments& arguments) {
   if (arguments.trials > 0) correction.options.trials = arguments.trials;
   correction.options.feedforward_only = arguments.method == "feedforward";
   std::vector<CommandedAxis> commanded = read_commands(arguments.commands, "corrected", people);
-  look_at_path(arguments.commands.path.file.string(), commanded, people);
+  require_motion(arguments.commands.path.file.string(), commanded);
   for (CommandedAxis& axis : commanded) {
     if (correction.options.aim == Aim::kContour && axis.record.rotary) {
       say(people, "note: " + axis.record.axis +
@@ -281,6 +251,7 @@ void run(const Arguments& arguments) {
   }
   std::vector<LearnAxis> axes;
   for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+  for (const std::string& line : short_rests(axes)) say(people, "warning: " + line);
   {
     const Progress progress("learning");
     correction.learned = learn(axes, on_twins(axes), correction.options);

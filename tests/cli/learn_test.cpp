@@ -147,6 +147,29 @@ TEST_F(Learn, TheFeedForwardIsJudgedByWhatItIs) {
   }
 }
 
+// Ten trials or a hundred: what the filter of learning keeps is no matter of their number.
+TEST_F(Learn, WhereMoreTrialsChangeNothingItIsTheBandwidth) {
+  const auto limits = [&](const std::string& trials) {
+    const json result = learned({"--uncertainty", "10", "--trials", trials});
+    return std::array{result["axes"][0]["limited_by"].get<std::string>(),
+                      result["axes"][1]["limited_by"].get<std::string>()};
+  };
+  for (const std::string& by : limits("100")) EXPECT_THAT(by, HasSubstr("the bandwidth: more"));
+  for (const std::string& by : limits("2")) EXPECT_EQ(by, "the number of trials");
+}
+
+TEST_F(Learn, APathThatDoesNotRestIsLimitedByItsEnds) {
+  std::string table = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k <= 3000; ++k)
+    table += cell(0.001 * k) + "," + cell(8.0 * std::cos(0.002 * M_PI * k)) + "," +
+             cell(8.0 * std::sin(0.002 * M_PI * k)) + "\n";
+  table_ = folder_.write("endless.csv", table);
+  const json result = learned();
+  for (const json& axis : result["axes"])
+    EXPECT_THAT(axis["limited_by"].get<std::string>(),
+                HasSubstr("the ends: 100 % of what is left"));
+}
+
 /// X and Y move between these times of three seconds [s].
 std::string moving(double from, double to) {
   std::string out = "time[s],X.command[mm],Y.command[mm]\n";
