@@ -175,14 +175,12 @@ void print(const Correction& correction, std::FILE* people) {
     say(people, line);
   }
   if (learned.best == 0) {
-    const bool limited =
-        std::any_of(correction.axes.begin(), correction.axes.end(), [](const CorrectedAxis& axis) {
-          return std::isfinite(axis.learning.limits.peak + axis.learning.limits.rate);
-        });
-    const bool other_aim = limited && learned.before && correction.options.aim == Aim::kTracking;
-    say(people, std::string("note: no trial was better than no correction, the path is left as it "
-                            "is") +
-                    (other_aim ? "; --aim contour spends limits on the path alone" : ""));
+    std::vector<LearnAxis> axes;
+    for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+    const bool other_aim = learned.before && correction.options.aim == Aim::kTracking &&
+                           !correction.options.feedforward_only;
+    say(people, "note: " + why_none_is_kept(learned, axes) + "; the path is left as it is" +
+                    (other_aim ? "; --aim contour spends the correction on the path alone" : ""));
   }
   say(people, learned.ending == Ending::kGrew
                   ? "            * kept; ended, since the errors grew again"

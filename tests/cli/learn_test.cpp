@@ -118,12 +118,17 @@ TEST_F(Learn, TightLimitsLeaveThePathAsItIsAndSaySo) {
   const Answer answer = learn({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("the path is left as it is"));
+  EXPECT_THAT(answer.out, HasSubstr("the axes' errors fell, but the distance from the path grew"));
+  EXPECT_THAT(answer.out, HasSubstr("X at its peak of 60 um or rate of 5 mm/s in"));
   EXPECT_THAT(answer.out, HasSubstr("--aim contour"));
   EXPECT_THAT(answer.out, Not(HasSubstr("limited by")));
   const json result = learned({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(result["best_trial"], 0);
-  for (const json& axis : result["axes"])
+  for (const json& axis : result["axes"]) {
     EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("nothing is kept"));
+    EXPECT_TRUE(axis["expected_rms_m"].is_null()) << "of no correction";
+  }
+  EXPECT_THAT(learn({"--limits-rate", "5"}).out, Not(HasSubstr(" peak of")));
 }
 
 TEST_F(Learn, TheFeedForwardIsJudgedByWhatItIs) {
