@@ -77,8 +77,12 @@ double expected_rms(const Correction& correction, std::size_t axis) {
 }
 
 std::string bandwidth_text(const Correction& correction, const CorrectedAxis& axis) {
-  return text("bandwidth %.1f Hz, %s at most %.2f (at %.0f Hz) for %zu models within ",
-              axis.learning.law.bandwidth_hz,
+  const double beneath = axis.learning.basis_bandwidth_hz;
+  const std::string feedforward = correction.options.feedforward_only || beneath == 0.0
+                                      ? ""
+                                      : text(" (feed-forward %.1f Hz)", beneath);
+  return text("bandwidth %.1f Hz%s, %s at most %.2f (at %.0f Hz) for %zu models within ",
+              axis.learning.law.bandwidth_hz, feedforward.c_str(),
               correction.options.feedforward_only ? "|1 - Q L T|" : "|Q (1 - L T)|",
               axis.contraction.most(), axis.contraction.most_at_hz(), axis.models) +
          axis.uncertainty;

@@ -101,6 +101,9 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
   inverse.law = Law::kInverse;
   axis.basis_bandwidth_hz =
       axis.law.law == Law::kNormOptimal ? 0.0 : harmless_bandwidth(inverse, models, h);
+  // Who asks for 5 Hz spares what is above it: of all of the correction, as in the daemon.
+  if (arguments.bandwidth_hz > 0.0)
+    axis.basis_bandwidth_hz = std::min(axis.basis_bandwidth_hz, arguments.bandwidth_hz);
   if (arguments.method == "feedforward") {
     axis.law.bandwidth_hz = axis.basis_bandwidth_hz;
     out.contraction = left_by_feedforward(axis.law, models, h);
@@ -330,9 +333,11 @@ Command add_learn(CLI::App& app) {
       ->type_name("MM/S")
       ->check(between(1e-6, 1e6));
   command
-      .add_option("--bandwidth", arguments->bandwidth_hz,
-                  "of learning [Hz] (default: the largest one at which every model within the "
-                  "uncertainty contracts)")
+      .add_option(
+          "--bandwidth", arguments->bandwidth_hz,
+          "of the correction [Hz] (default: of learning the largest one at which every model "
+          "within the uncertainty contracts, of the feed-forward beneath it the largest "
+          "one that harms none of them)")
       ->type_name("HZ")
       ->check(between(kLeastBandwidth_hz, 1e5));
   command

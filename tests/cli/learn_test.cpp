@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <tuple>
@@ -173,6 +174,25 @@ TEST_F(Learn, APathThatDoesNotRestIsLimitedByItsEnds) {
   for (const json& axis : result["axes"])
     EXPECT_THAT(axis["limited_by"].get<std::string>(),
                 HasSubstr("the ends: 100 % of what is left"));
+}
+
+// Who asks for 5 Hz spares a resonance above it: of the feed-forward beneath learning, too.
+TEST_F(Learn, TheBandwidthThatIsAskedForIsOfTheWholeCorrection) {
+  const json result = learned({"--bandwidth", "5"});
+  for (const json& axis : result["axes"]) {
+    EXPECT_EQ(axis["feedforward_bandwidth_hz"], 5.0);
+    const std::vector<double> u = axis["offset_m"];
+    const auto n = static_cast<double>(u.size());
+    double below = 0.0, above = 0.0;
+    for (int k = 1; k < 300; ++k) {  // of 3 s: up to 100 Hz
+      std::complex<double> sum;
+      for (std::size_t i = 0; i < u.size(); ++i)
+        sum += u[i] * std::polar(1.0, -2.0 * M_PI * k * static_cast<double>(i) / n);
+      (k > 75 ? above : below) += std::norm(sum);
+    }
+    EXPECT_LT(above, 1e-8 * below);
+  }
+  EXPECT_THAT(learn({"--bandwidth", "5"}).out, HasSubstr("bandwidth 5.0 Hz (feed-forward 5.0 Hz)"));
 }
 
 /// X and Y move between these times of three seconds [s].
