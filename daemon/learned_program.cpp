@@ -180,7 +180,11 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     return out;
   }
   if (result.best == 0)
-    throw std::runtime_error(out.summary + ": no trial was better than no correction");
+    throw std::runtime_error(
+        out.summary + ": " + why_none_is_kept(result, axes) +
+        (result.before && options.aim == Aim::kTracking
+             ? R"(; wider limits, or ilc.aim = "contour", which spends them on the path alone)"
+             : "; wider limits, or a better model"));
   for (std::size_t i = 0; i < axes.size() && out.why_not_live.empty(); ++i) {
     const std::optional<OffsetLimits>& limits = rules.limits[program.axes[i]];
     if (!limits) {

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <numbers>
+#include <sstream>
 #include <stdexcept>
 
 #include "ilc/feedforward.h"
@@ -18,6 +20,8 @@ namespace {
 using Signal = Eigen::ArrayXd;
 
 constexpr double kNothing = 1e-3;  // of the tracking error: a contour error that does not count
+
+constexpr double kBinds = 0.005;  // of the samples: a limit that binds
 
 /// From 0 to 1 and back, by half cosines at both ends.
 Signal ends(Eigen::Index samples, double h, double ramp_s) {
@@ -76,16 +80,18 @@ class Learner {
   }
 
   /// Where peak or rate is reached, of the samples at which the command moves.
-  [[nodiscard]] double at_limit_share(const Signal& u) const {
+  void say_limits(const Signal& u, LearnedAxis& out) const {
     const double peak = 0.999 * axis_.limits.peak,
                  step = 0.999 * axis_.limits.rate * axis_.path.sample_time_s;
-    double moves = 0.0, held = 0.0;
+    double moves = 0.0, held = 0.0, at_peak = 0.0;
     for (Eigen::Index k = 1; k < u.size(); ++k) {
       if (axis_.path.command(k) == axis_.path.command(k - 1)) continue;
       moves += 1.0;
+      if (std::abs(u(k)) >= peak) at_peak += 1.0;
       if (std::abs(u(k)) >= peak || std::abs(u(k) - u(k - 1)) >= step) held += 1.0;
     }
-    return moves > 0.0 ? held / moves : 0.0;
+    out.at_limit_share = moves > 0.0 ? held / moves : 0.0;
+    out.at_peak_share = moves > 0.0 ? at_peak / moves : 0.0;
   }
 
  private:
@@ -197,7 +203,7 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
   out.trials.push_back(run.trial);
   out.before = out.after = run.contour;
   for (std::size_t i = 0; i < axes.size(); ++i) {
-    out.axes.push_back({u[i], run.error[i], run.error[i], 0.0, 0.0});
+    out.axes.push_back({u[i], run.error[i], run.error[i]});
   }
 
   double least = left_of(run.trial, run.trial, options.aim);
@@ -234,16 +240,53 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
       for (std::size_t i = 0; i < axes.size(); ++i) {
         out.axes[i].correction = u[i];
         out.axes[i].error_after = run.error[i];
-        out.axes[i].at_limit_share = learners[i]->at_limit_share(u[i]);
+        learners[i]->say_limits(u[i], out.axes[i]);
       }
     } else if (++worse == options.patience) {
       out.ending = Ending::kGrew;
       break;
     }
   }
+  for (std::size_t i = 0; i < axes.size() && out.best == 0; ++i)
+    learners[i]->say_limits(u[i], out.axes[i]);
   for (std::size_t i = 0; i < axes.size(); ++i)
     out.axes[i].beyond_bandwidth_rms = learners[i]->beyond_bandwidth_rms(out.axes[i].error_after);
   return out;
+}
+
+std::string why_none_is_kept(const Learned& learned, const std::vector<LearnAxis>& axes) {
+  const Trial& first = learned.trials.front();
+  double least_um =
+      std::numeric_limits<double>::infinity();  // contour, where every axis got better
+  for (const Trial& trial : learned.trials) {
+    bool better = &trial != &first;
+    for (std::size_t i = 0; i < axes.size(); ++i)
+      better = better && trial.axis[i].rms <= first.axis[i].rms;
+    if (better) least_um = std::min(least_um, 1e6 * trial.contour.rms);
+  }
+  std::ostringstream out;
+  out.precision(3);
+  out << "no trial was better than no correction: ";
+  if (learned.before && 1e-6 * least_um > first.contour.rms && std::isfinite(least_um)) {
+    out << "the axes' errors fell, but the distance from the path grew from "
+        << 1e6 * first.contour.rms << " to " << least_um << " um RMS";
+  } else {
+    out << "the errors grew";
+  }
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    const LearnedAxis& axis = learned.axes[i];
+    if (!(axis.at_limit_share > kBinds)) continue;
+    const char* um = axes[i].rotary ? " urad" : " um";
+    const char* mm = axes[i].rotary ? " mrad/s" : " mm/s";
+    out << ", " << axes[i].name << " at its";
+    if (axis.at_peak_share > kBinds) out << " peak of " << 1e6 * axes[i].limits.peak << um;
+    if (axis.at_peak_share > kBinds && axis.at_limit_share > axis.at_peak_share + kBinds)
+      out << " or";
+    if (axis.at_limit_share > axis.at_peak_share + kBinds)
+      out << " rate of " << 1e3 * axes[i].limits.rate << mm;
+    out << " in " << std::round(100.0 * axis.at_limit_share) << " % of the motion";
+  }
+  return out.str();
 }
 
 }  // namespace servotwin

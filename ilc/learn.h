@@ -73,7 +73,9 @@ struct LearnedAxis {
   Eigen::ArrayXd correction;                 ///< u
   Eigen::ArrayXd error_before, error_after;  ///< x_r - x
   double beyond_bandwidth_rms = 0.0;         ///< of error_after: (1 - Q) of it
-  double at_limit_share = 0.0;               ///< of the samples that move, where the limits bind
+  /// Of the samples that move, where a limit binds, and where the peak does: of the trial that is
+  /// kept, or of the last if none is.
+  double at_limit_share = 0.0, at_peak_share = 0.0;
 };
 
 struct Learned {
@@ -92,5 +94,9 @@ using Plant = std::function<std::vector<Eigen::ArrayXd>(const std::vector<Eigen:
 
 [[nodiscard]] Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant,
                             const LearnOptions& options = {});
+
+/// Why no trial is kept (best is 0), in a sentence with the limits that were reached.
+[[nodiscard]] std::string why_none_is_kept(const Learned& learned,
+                                           const std::vector<LearnAxis>& axes);
 
 }  // namespace servotwin

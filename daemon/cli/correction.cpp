@@ -5,6 +5,7 @@
 
 #include "daemon/cli/model_text.h"
 #include "daemon/cli/output.h"
+#include "daemon/path_ends.h"
 
 namespace servotwin::cli {
 namespace {
@@ -48,18 +49,40 @@ json axis_json(const Correction& correction, std::size_t i) {
   };
 }
 
+/// How much of the squared error that is left lies so near the ends that the correction is 0 there.
+double ends_share(const CorrectedAxis& axis, const Eigen::ArrayXd& left) {
+  const auto n = std::min<Eigen::Index>(left.size() / 2,
+                                        std::lround(kEndRest_s / axis.learning.path.sample_time_s));
+  const double all = left.square().sum();
+  return all > 0.0 ? (left.head(n).square().sum() + left.tail(n).square().sum()) / all : 0.0;
+}
+
+/// Whether the trial beside the one that is kept left the same, within a twentieth.
+bool stands_still(const Learned& learned, std::size_t axis) {
+  const std::size_t last = learned.trials.size() - 1;
+  const std::size_t beside = learned.best < last ? last : last - 1;
+  if (beside == 0) return false;
+  const double ratio =
+      learned.trials[beside].axis[axis].rms / learned.trials[learned.best].axis[axis].rms;
+  return ratio > 0.95 && ratio < 1.05;
+}
+
 }  // namespace
 
 double expected_rms(const Correction& correction, std::size_t axis) {
   const CorrectedAxis& one = correction.axes[axis];
-  if (one.beyond_model) return kAbsent;
+  if (one.beyond_model || correction.learned.best == 0) return kAbsent;
   const double missed = one.commanded.record.holdout.rms;
   return std::hypot(size_of(correction.learned.axes[axis].error_after).rms, missed);
 }
 
 std::string bandwidth_text(const Correction& correction, const CorrectedAxis& axis) {
-  return text("bandwidth %.1f Hz, %s at most %.2f (at %.0f Hz) for %zu models within ",
-              axis.learning.law.bandwidth_hz,
+  const double beneath = axis.learning.basis_bandwidth_hz;
+  const std::string feedforward = correction.options.feedforward_only || beneath == 0.0
+                                      ? ""
+                                      : text(" (feed-forward %.1f Hz)", beneath);
+  return text("bandwidth %.1f Hz%s, %s at most %.2f (at %.0f Hz) for %zu models within ",
+              axis.learning.law.bandwidth_hz, feedforward.c_str(),
               correction.options.feedforward_only ? "|1 - Q L T|" : "|Q (1 - L T)|",
               axis.contraction.most(), axis.contraction.most_at_hz(), axis.models) +
          axis.uncertainty;
@@ -80,12 +103,19 @@ std::string limited_by(const Correction& correction, std::size_t i) {
   if (std::isfinite(missed) && missed > left)
     return text("the model: on motion it had not seen it missed %.3g %s RMS", 1e6 * missed,
                 micro(rotary));
+  if (const double share = ends_share(axis, learned.error_after); share > 0.5)
+    return text(
+        "the ends: %.0f %% of what is left lies within %.3g s of them, where the "
+        "correction is 0; let the path rest there",
+        100.0 * share, kEndRest_s);
   if (learned.beyond_bandwidth_rms > 0.7 * left)
     return text("the bandwidth: %.0f %% of what is left lies beyond it",
                 100.0 * learned.beyond_bandwidth_rms / left);
   if (correction.options.feedforward_only)
     return "there being no trial: it is what the model says of the commanded motion, not of the "
            "corrected one";
+  if (stands_still(correction.learned, i))
+    return "the bandwidth: more trials change nothing, its filter keeps what is left";
   return correction.learned.ending == Ending::kGrew
              ? "friction, which is not linear: more trials made it worse"
              : "the number of trials";

@@ -12,6 +12,7 @@
 #include "daemon/cli/path_gcode.h"
 #include "daemon/model_uncertainty.h"
 #include "daemon/motion_reach.h"
+#include "daemon/path_ends.h"
 #include "ilc/feedforward.h"
 
 namespace servotwin::cli {
@@ -24,8 +25,6 @@ const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
                                           {"p", Law::kP},
                                           {"pd", Law::kPd},
                                           {"feedforward", Law::kInverse}};
-constexpr double kEndRest_s = 0.1;  // a correction starts and ends at 0, and looks ahead
-constexpr double kStands = 1e-8;    // [m | rad]
 
 struct Arguments {
   TableOptions commands;
@@ -52,40 +51,11 @@ void require_meant(const Arguments& arguments) {
   refuse(arguments.trials > 0, "--trials", "makes no trial");
 }
 
-/// From the first or to the last row, how long an axis stands [s].
-double rest_of(const Segment& path, bool at_end) {
-  const Eigen::Index n = path.size();
-  Eigen::Index k = 0;
-  while (k + 1 < n) {
-    const Eigen::Index next = at_end ? n - 2 - k : k + 1;
-    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStands) break;
-    ++k;
-  }
-  return path.sample_time_s * static_cast<double>(k);
-}
-
-/// Throws where nothing moves; says where the ends leave no room.
-void look_at_path(const std::string& source, const std::vector<CommandedAxis>& axes,
-                  std::FILE* people) {
-  bool moves = false;
-  for (const CommandedAxis& axis : axes)
-    moves = moves || rest_of(axis.path, false) <
-                         axis.path.sample_time_s * (static_cast<double>(axis.path.size()) - 1.5);
-  if (!moves)
+/// Throws where nothing moves.
+void require_motion(const std::string& source, const std::vector<CommandedAxis>& axes) {
+  if (std::none_of(axes.begin(), axes.end(),
+                   [](const CommandedAxis& axis) { return moves(axis.path); }))
     throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
-  for (const bool at_end : {false, true}) {
-    const auto shortest = std::min_element(
-        axes.begin(), axes.end(), [&](const CommandedAxis& a, const CommandedAxis& b) {
-          return rest_of(a.path, at_end) < rest_of(b.path, at_end);
-        });
-    const double rest_s = rest_of(shortest->path, at_end);
-    if (rest_s > kEndRest_s - 0.5 * shortest->path.sample_time_s) continue;
-    say(people, "warning: " + shortest->record.axis +
-                    text(" rests %.3g s at the path's %s, less than %.3g s: the correction is 0 "
-                         "there and looks ahead, so that the error next to it stays; let the path "
-                         "%s with a dwell",
-                         rest_s, at_end ? "end" : "start", kEndRest_s, at_end ? "end" : "begin"));
-  }
 }
 
 /// Throws where no drive or no model follows; says where the model has not been, or may not.
@@ -131,6 +101,9 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
   inverse.law = Law::kInverse;
   axis.basis_bandwidth_hz =
       axis.law.law == Law::kNormOptimal ? 0.0 : harmless_bandwidth(inverse, models, h);
+  // Who asks for 5 Hz spares what is above it: of all of the correction, as in the daemon.
+  if (arguments.bandwidth_hz > 0.0)
+    axis.basis_bandwidth_hz = std::min(axis.basis_bandwidth_hz, arguments.bandwidth_hz);
   if (arguments.method == "feedforward") {
     axis.law.bandwidth_hz = axis.basis_bandwidth_hz;
     out.contraction = left_by_feedforward(axis.law, models, h);
@@ -205,14 +178,12 @@ void print(const Correction& correction, std::FILE* people) {
     say(people, line);
   }
   if (learned.best == 0) {
-    const bool limited =
-        std::any_of(correction.axes.begin(), correction.axes.end(), [](const CorrectedAxis& axis) {
-          return std::isfinite(axis.learning.limits.peak + axis.learning.limits.rate);
-        });
-    const bool other_aim = limited && learned.before && correction.options.aim == Aim::kTracking;
-    say(people, std::string("note: no trial was better than no correction, the path is left as it "
-                            "is") +
-                    (other_aim ? "; --aim contour spends limits on the path alone" : ""));
+    std::vector<LearnAxis> axes;
+    for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+    const bool other_aim = learned.before && correction.options.aim == Aim::kTracking &&
+                           !correction.options.feedforward_only;
+    say(people, "note: " + why_none_is_kept(learned, axes) + "; the path is left as it is" +
+                    (other_aim ? "; --aim contour spends the correction on the path alone" : ""));
   }
   say(people, learned.ending == Ending::kGrew
                   ? "            * kept; ended, since the errors grew again"
@@ -266,7 +237,7 @@ void run(const Arguments& arguments) {
   if (arguments.trials > 0) correction.options.trials = arguments.trials;
   correction.options.feedforward_only = arguments.method == "feedforward";
   std::vector<CommandedAxis> commanded = read_commands(arguments.commands, "corrected", people);
-  look_at_path(arguments.commands.path.file.string(), commanded, people);
+  require_motion(arguments.commands.path.file.string(), commanded);
   for (CommandedAxis& axis : commanded) {
     if (correction.options.aim == Aim::kContour && axis.record.rotary) {
       say(people, "note: " + axis.record.axis +
@@ -281,6 +252,7 @@ void run(const Arguments& arguments) {
   }
   std::vector<LearnAxis> axes;
   for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+  for (const std::string& line : short_rests(axes)) say(people, "warning: " + line);
   {
     const Progress progress("learning");
     correction.learned = learn(axes, on_twins(axes), correction.options);
@@ -361,9 +333,11 @@ Command add_learn(CLI::App& app) {
       ->type_name("MM/S")
       ->check(between(1e-6, 1e6));
   command
-      .add_option("--bandwidth", arguments->bandwidth_hz,
-                  "of learning [Hz] (default: the largest one at which every model within the "
-                  "uncertainty contracts)")
+      .add_option(
+          "--bandwidth", arguments->bandwidth_hz,
+          "of the correction [Hz] (default: of learning the largest one at which every model "
+          "within the uncertainty contracts, of the feed-forward beneath it the largest "
+          "one that harms none of them)")
       ->type_name("HZ")
       ->check(between(kLeastBandwidth_hz, 1e5));
   command

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <tuple>
@@ -118,12 +119,17 @@ TEST_F(Learn, TightLimitsLeaveThePathAsItIsAndSaySo) {
   const Answer answer = learn({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("the path is left as it is"));
+  EXPECT_THAT(answer.out, HasSubstr("the axes' errors fell, but the distance from the path grew"));
+  EXPECT_THAT(answer.out, HasSubstr("X at its peak of 60 um or rate of 5 mm/s in"));
   EXPECT_THAT(answer.out, HasSubstr("--aim contour"));
   EXPECT_THAT(answer.out, Not(HasSubstr("limited by")));
   const json result = learned({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(result["best_trial"], 0);
-  for (const json& axis : result["axes"])
+  for (const json& axis : result["axes"]) {
     EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("nothing is kept"));
+    EXPECT_TRUE(axis["expected_rms_m"].is_null()) << "of no correction";
+  }
+  EXPECT_THAT(learn({"--limits-rate", "5"}).out, Not(HasSubstr(" peak of")));
 }
 
 TEST_F(Learn, TheFeedForwardIsJudgedByWhatItIs) {
@@ -145,6 +151,48 @@ TEST_F(Learn, TheFeedForwardIsJudgedByWhatItIs) {
     EXPECT_EQ(refused.status, 2) << option;
     EXPECT_THAT(refused.err, HasSubstr(option));
   }
+}
+
+// Ten trials or a hundred: what the filter of learning keeps is no matter of their number.
+TEST_F(Learn, WhereMoreTrialsChangeNothingItIsTheBandwidth) {
+  const auto limits = [&](const std::string& trials) {
+    const json result = learned({"--uncertainty", "10", "--trials", trials});
+    return std::array{result["axes"][0]["limited_by"].get<std::string>(),
+                      result["axes"][1]["limited_by"].get<std::string>()};
+  };
+  for (const std::string& by : limits("100")) EXPECT_THAT(by, HasSubstr("the bandwidth: more"));
+  for (const std::string& by : limits("2")) EXPECT_EQ(by, "the number of trials");
+}
+
+TEST_F(Learn, APathThatDoesNotRestIsLimitedByItsEnds) {
+  std::string table = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k <= 3000; ++k)
+    table += cell(0.001 * k) + "," + cell(8.0 * std::cos(0.002 * M_PI * k)) + "," +
+             cell(8.0 * std::sin(0.002 * M_PI * k)) + "\n";
+  table_ = folder_.write("endless.csv", table);
+  const json result = learned();
+  for (const json& axis : result["axes"])
+    EXPECT_THAT(axis["limited_by"].get<std::string>(),
+                HasSubstr("the ends: 100 % of what is left"));
+}
+
+// Who asks for 5 Hz spares a resonance above it: of the feed-forward beneath learning, too.
+TEST_F(Learn, TheBandwidthThatIsAskedForIsOfTheWholeCorrection) {
+  const json result = learned({"--bandwidth", "5"});
+  for (const json& axis : result["axes"]) {
+    EXPECT_EQ(axis["feedforward_bandwidth_hz"], 5.0);
+    const std::vector<double> u = axis["offset_m"];
+    const auto n = static_cast<double>(u.size());
+    double below = 0.0, above = 0.0;
+    for (int k = 1; k < 300; ++k) {  // of 3 s: up to 100 Hz
+      std::complex<double> sum;
+      for (std::size_t i = 0; i < u.size(); ++i)
+        sum += u[i] * std::polar(1.0, -2.0 * M_PI * k * static_cast<double>(i) / n);
+      (k > 75 ? above : below) += std::norm(sum);
+    }
+    EXPECT_LT(above, 1e-8 * below);
+  }
+  EXPECT_THAT(learn({"--bandwidth", "5"}).out, HasSubstr("bandwidth 5.0 Hz (feed-forward 5.0 Hz)"));
 }
 
 /// X and Y move between these times of three seconds [s].

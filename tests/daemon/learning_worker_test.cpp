@@ -227,6 +227,20 @@ TEST_F(LearningWorkerTest, WhatTheLimitsDoNotAllowIsLearnedWithinThem) {
   EXPECT_LE(step.abs().maxCoeff(), 0.01 * kCycle_s * (1.0 + 1e-6));
 }
 
+// Axis by axis these would leave the path worse than no correction.
+TEST_F(LearningWorkerTest, LimitsThatLeaveNoCorrectionAreNamed) {
+  virtual_machine::Axis other = stepped_axis();
+  other.drive.position_gain = 40.0;
+  put_in_force(model_of(stepped_axis()), "X");
+  put_in_force(model_of(other), "Y");
+  limits_ = OffsetLimits{6e-5, 0.005, 100.0};
+  start();
+  send({circle_program()[0], circle_program()[1]}, true);
+  EXPECT_EQ(announced_.back().state, CorrectionState::kRefused);
+  EXPECT_THAT(announced_.back().reason,
+              AllOf(HasSubstr("X at its peak of 60 um"), HasSubstr("ilc.aim = \"contour\"")));
+}
+
 TEST_F(LearningWorkerTest, WithoutLimitsItIsLearnedAndNotForDrives) {
   put_in_force(model_of(stepped_axis()), "X");
   limits_.reset();
