@@ -65,7 +65,7 @@ def responses(a, c, u):
     return np.array(real).T
 
 
-def fit(a, c, u, y, weights=None):
+def fit(a, c, u, y):
     """B and D on these samples; returns a function that predicts others from their own start."""
     n, inputs = len(a), u.shape[1]
     columns = responses(a, c, u)
@@ -143,14 +143,17 @@ def main():
                 ("servotwin, with modes", ["--method", "joint", "--modes", "2"]),
             ):
                 before = os.times()
-                run = subprocess.run(
-                    [f"{build}/servotwin", "identify", path, "--axis", "X", "--json", "-"] + options,
+                subprocess.run(
+                    [f"{build}/servotwin", "identify", path, "--axis", "X"]
+                    + ["--json", f"{folder}/found.json"]
+                    + options,
                     check=True,
                     capture_output=True,
                 )
                 after = os.times()
                 seconds = after.children_user - before.children_user
-                found = json.loads(run.stdout)
+                with open(f"{folder}/found.json", encoding="utf-8") as file:
+                    found = json.load(file)
                 modes = found["loop"].get("modes", [])
                 text = "".join(
                     f"  {m['natural_frequency_hz']:7.3f} Hz  damping {m['damping_ratio']:.4f}"

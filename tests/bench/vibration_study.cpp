@@ -80,7 +80,7 @@ void say(const char* name, const Identified& found, std::complex<double> truth) 
 
 void write(const std::string& path, const Segment& segment) {
   std::ofstream out(path);
-  out << "t[s],X.command[m],X.actual[m]\n";
+  out << "time[s],X.command[m],X.actual[m]\n";
   out.precision(12);
   for (Eigen::Index k = 0; k < segment.size(); ++k)
     out << segment.sample_time_s * static_cast<double>(k) << ',' << segment.command(k) << ','
