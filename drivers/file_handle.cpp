@@ -18,6 +18,10 @@ namespace {
 }
 
 std::filesystem::path name_beside(const std::filesystem::path& file) {
+  std::error_code unknown;
+  if (const auto there = std::filesystem::status(file, unknown);
+      std::filesystem::exists(there) && !std::filesystem::is_regular_file(there))
+    return file;
   static std::atomic<unsigned> count{0};
   return file.string() + ".part-" + std::to_string(getpid()) + "-" + std::to_string(++count);
 }
@@ -99,15 +103,20 @@ std::string read_text(const std::filesystem::path& file, std::size_t most) {
 AtomicFile::AtomicFile(std::filesystem::path file)
     : file_(std::move(file)),
       beside_(name_beside(file_)),
-      handle_(FileHandle::open(beside_, O_WRONLY | O_CREAT | O_EXCL, file_)) {}
+      handle_(FileHandle::open(beside_, beside_ == file_ ? O_WRONLY : O_WRONLY | O_CREAT | O_EXCL,
+                               file_)) {}
 
 AtomicFile::~AtomicFile() {
-  if (!committed_) ::unlink(beside_.c_str());
+  if (!committed_ && beside_ != file_) ::unlink(beside_.c_str());
 }
 
 void AtomicFile::commit() {
   handle_.flush();
   handle_.close();
+  if (beside_ == file_) {
+    committed_ = true;
+    return;
+  }
   if (::rename(beside_.c_str(), file_.c_str()) != 0) fail(file_, "cannot be written");
   committed_ = true;
   // The new name is in the directory, which has to reach the disk too.

@@ -41,6 +41,7 @@ class FileHandle {
                                     std::size_t most = std::size_t{64} << 20);
 
 /// A file that appears whole or not at all: written beside its place, flushed, renamed by commit().
+/// What is there and no regular file, as a device or a pipe, is written to and stays what it is.
 class AtomicFile {
  public:
   explicit AtomicFile(std::filesystem::path file);
@@ -54,7 +55,7 @@ class AtomicFile {
 
  private:
   std::filesystem::path file_;
-  std::filesystem::path beside_;
+  std::filesystem::path beside_;  // file_ itself where that is no regular file
   FileHandle handle_;
   bool committed_ = false;
 };
