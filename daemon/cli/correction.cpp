@@ -106,7 +106,7 @@ std::string limited_by(const Correction& correction, std::size_t i) {
   if (const double share = ends_share(axis, learned.error_after); share > 0.5)
     return text(
         "the ends: %.0f %% of what is left lies within %.3g s of them, where the "
-        "correction is 0; let the path rest there",
+        "correction is 0",
         100.0 * share, kEndRest_s);
   if (learned.beyond_bandwidth_rms > 0.7 * left)
     return text("the bandwidth: %.0f %% of what is left lies beyond it",
