@@ -385,7 +385,10 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
       // At rest a vibrating encoder turns more often than it is read: friction along the measured
       // motion is wrong there, and free simulation has to tell.
       const bool polish = joint && modes > 0;
-      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, polish, &*first)) {
+      const PoleFit* begun = modes > 0 || richer.effects.size() == chosen->structure.effects.size()
+                                 ? &*first
+                                 : nullptr;
+      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, polish, begun)) {
         trial.ruled_out = why_invalid(fit->model);
         if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
       }
