@@ -342,6 +342,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
             lagging.cost < less.cost)
           less = std::move(lagging);
       }
+      // What was found to do without it does so here, too.
+      if (!named && selected.undelayed) less = *selected.undelayed;
     } else if (Hypothesis fitted = less;
                search.fit(fitted, {point_of(current.model, less.structure)})) {
       less = std::move(fitted);
@@ -420,7 +422,10 @@ struct Anew {
   double leaves = 1.0;
 
   [[nodiscard]] bool explains(const Diagnosis& first, const Diagnosis& second) const {
-    return second.unexplained_share < leaves &&
+    const bool same_data = second.baseline.training_to_s == first.baseline.training_to_s;
+    const bool leaves_more =
+        second.extended.holdout.rms > kNoWorse * first.extended.holdout.rms && same_data;
+    return second.unexplained_share < leaves && !leaves_more &&
            (second.verdict == Verdict::kExplained || second.causes.size() > first.causes.size());
   }
 };

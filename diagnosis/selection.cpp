@@ -47,6 +47,7 @@ class Selection {
   }
   [[nodiscard]] const Hypothesis& current() const { return current_; }
   [[nodiscard]] const Model& settled() const { return settled_; }
+  [[nodiscard]] const std::optional<Hypothesis>& undelayed() const { return undelayed_; }
   [[nodiscard]] const std::map<std::string, Found>& found() const { return found_; }
   [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
 
@@ -138,6 +139,7 @@ class Selection {
     steps_.push_back(text("delay of %.3g ms: not needed", 1e3 * delay_s));
     current_ = std::move(h);
     settle();
+    undelayed_ = current_;
   }
 
   /// A delay beside a velocity error, which the baseline's structures do not have.
@@ -536,6 +538,7 @@ class Selection {
   Hypothesis as_is_;    // as polished, with its error on all blocks
   const DiagnoseOptions& options_;
   Model settled_;
+  std::optional<Hypothesis> undelayed_;
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS
   double friction_ = 0.0;  // RMS that laws of friction have taken away
@@ -549,7 +552,8 @@ class Selection {
 Selected select_causes(Search& search, Hypothesis baseline, const DiagnoseOptions& options) {
   Selection selection(search, std::move(baseline), options);
   selection.run();
-  return {selection.settled(), selection.current(), selection.found(), selection.steps()};
+  return {selection.settled(), selection.current(), selection.undelayed(), selection.found(),
+          selection.steps()};
 }
 
 }  // namespace servotwin

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,8 +19,10 @@ struct Found {
 };
 
 struct Selected {
-  Model settled;                       ///< the baseline's structure, polished
-  Hypothesis model;                    ///< with all causes, polished
+  Model settled;     ///< the baseline's structure, polished
+  Hypothesis model;  ///< with all causes, polished
+  /// Where the baseline's delay was found not to be needed: as good without it.
+  std::optional<Hypothesis> undelayed;
   std::map<std::string, Found> found;  ///< by cause
   std::vector<std::string> steps;      ///< what was tried, for people
 };
