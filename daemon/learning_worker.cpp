@@ -52,6 +52,15 @@ void LearningWorker::learn_now(const CommandedPath& program) {
     const std::int64_t begin_ns = steady_ns();
     LearnedProgram made = learned(program, rules_, store_.in_force(), wall_ns(), give_up_);
     made.number = ++learned_;
+    std::vector<Kept> same;
+    for (const Kept& one : kept_) {
+      if (!program.learn || one->program.name == program.name ||
+          !same_course(one->program, program, rules_.ilc.match_tolerance))
+        continue;
+      same.push_back(one);
+      made.notes.push_back("it takes the place of program '" + one->program.name +
+                           "', which is the same path: beside each other neither would be known");
+    }
     const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin_ns);
     const std::vector<CorrectionChunk> chunks = chunks_of(made, rules_);
     events_.note(program.learn ? "correction_learned" : "program_previewed", "",
@@ -61,6 +70,8 @@ void LearningWorker::learn_now(const CommandedPath& program) {
                  detail_of(made));
     for (const CorrectionChunk& chunk : chunks) announce_(chunk);
     if (program.learn) keep(std::make_shared<const LearnedProgram>(std::move(made)));
+    for (const Kept& one : same)
+      withdraw(one, "program '" + program.name + "' is the same path and takes its place");
   } catch (const std::exception& error) {
     refuse({program.name, program.revision, error.what()});
   }

@@ -4,19 +4,44 @@
 #include <cmath>
 
 namespace servotwin {
+namespace {
+
+/// The first row that is away from the start.
+Eigen::Index first_motion_of(const CommandedPath& program, double tolerance) noexcept {
+  const std::vector<Eigen::ArrayXd>& path = program.command;
+  const auto away = [&](Eigen::Index row) {
+    return std::any_of(path.begin(), path.end(), [&](const Eigen::ArrayXd& axis) {
+      return std::abs(axis(row) - axis(0)) > tolerance;
+    });
+  };
+  Eigen::Index row = 0;
+  while (row < program.rows() && !away(row)) ++row;
+  return row;
+}
+
+}  // namespace
+
+bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance) {
+  if (a.axes != b.axes) return false;
+  const Eigen::Index from_a = first_motion_of(a, tolerance), from_b = first_motion_of(b, tolerance);
+  const Eigen::Index rows = std::max(a.rows() - from_a, b.rows() - from_b);
+  for (std::size_t i = 0; i < a.axes.size(); ++i) {
+    const Eigen::ArrayXd &one = a.command[i], &other = b.command[i];
+    for (Eigen::Index k = -1; k < rows; ++k) {  // from the start on
+      const Eigen::Index row_a = k < 0 ? 0 : std::min(from_a + k, a.rows() - 1),
+                         row_b = k < 0 ? 0 : std::min(from_b + k, b.rows() - 1);
+      if (!(std::abs(one(row_a) - other(row_b)) <= tolerance)) return false;
+    }
+  }
+  return true;
+}
 
 void ProgramMatcher::watch(std::span<const CommandedPath* const> programs) noexcept {
   count_ = std::min(programs.size(), kMaxPrograms);
   for (std::size_t i = 0; i < count_; ++i) {
     Followed& one = programs_[i] = Followed();
     one.program = programs[i];
-    const std::vector<Eigen::ArrayXd>& path = one.program->command;
-    const auto away = [&](Eigen::Index row) {
-      return std::any_of(path.begin(), path.end(), [&](const Eigen::ArrayXd& axis) {
-        return std::abs(axis(row) - axis(0)) > tolerance_;
-      });
-    };
-    while (one.first_motion < one.program->rows() && !away(one.first_motion)) ++one.first_motion;
+    one.first_motion = first_motion_of(*one.program, tolerance_);
   }
 }
 

@@ -23,6 +23,10 @@
 
 namespace servotwin {
 
+/// Whether two programs are one path: from their first motion on they are within the tolerance of
+/// each other, and where one is over before the other, that stands. Neither would ever be known.
+[[nodiscard]] bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance);
+
 class ProgramMatcher {
  public:
   static constexpr std::size_t kMaxPrograms = 8;

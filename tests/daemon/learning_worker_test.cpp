@@ -272,6 +272,25 @@ TEST_F(LearningWorkerTest, BeyondTheMotionOfTheModelItIsSaidAndFarBeyondRefused)
   }
 }
 
+// Beside each other neither would be known: the matcher waits for them to part.
+TEST_F(LearningWorkerTest, TheSamePathUnderAnotherNameTakesThePlaceOfTheFirst) {
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  const Eigen::ArrayXd path = circle_program()[0];
+  send({path}, true, "ca");
+  send({path.tail(path.size() - 100)}, true, "cb");  // a tenth of a second less of dwell
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_EQ(worker_->kept()[0]->program.name, "cb");
+  EXPECT_EQ(announced_.back().program, "ca");
+  EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
+  EXPECT_THAT(announced_.back().reason, HasSubstr("program 'cb' is the same path"));
+  EXPECT_THAT(events("correction_learned").front().text,
+              HasSubstr("takes the place of program 'ca'"));
+
+  send({0.999 * path}, true, "other");
+  EXPECT_EQ(worker_->kept().size(), 2U);
+}
+
 TEST_F(LearningWorkerTest, AJumpOfTheCommandIsRefused) {
   put_in_force(model_of(stepped_axis()), "X");
   start();
