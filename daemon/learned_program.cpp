@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "daemon/motion_reach.h"
+#include "daemon/path_ends.h"
 #include "daemon/robust_axis.h"
 #include "drivers/text.h"
 #include "ilc/gate.h"
@@ -87,6 +88,18 @@ std::string summary_of(const LearnedProgram& learned) {
   return "predicted RMS " + out;
 }
 
+/// What the machine will leave at best: what the twin leaves, and what its models missed.
+std::string expected_of(const LearnedProgram& learned, const std::vector<bool>& beyond) {
+  std::string out;
+  for (std::size_t i = 0; i < learned.axes.size(); ++i) {
+    const AxisCorrectionFigures& axis = learned.axes[i];
+    if (beyond[i] || learned.missed[i] == 0.0) continue;
+    out += (out.empty() ? "expect " : ", ") + axis.name + " " +
+           length_text(std::hypot(axis.after_rms, learned.missed[i]), axis.rotary);
+  }
+  return out.empty() ? out : out + " RMS on the machine";
+}
+
 }  // namespace
 
 LearningRules learning_rules(const Config& config, const MachineDescription& machine) {
@@ -104,6 +117,7 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   out.program = program;
   out.created_ns = out.validated_ns = wall_ns;
   std::vector<LearnAxis> axes;
+  std::vector<bool> beyond;  // of the motion of its model
   std::ptrdiff_t linear = 0;
   for (std::size_t i = 0; i < program.axes.size(); ++i) {
     const std::size_t number_in_machine = program.axes[i];
@@ -114,6 +128,7 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     path.command = program.command[i];
     const std::optional<OffsetLimits>& limits = rules.limits[number_in_machine];
     const MotionReach reach = motion_reach(record, {&path, 1});
+    beyond.push_back(reach.beyond());
     const std::string jump = jump_in(path, axis.name, axis.rotary);
     if (program.learn && !jump.empty()) throw std::runtime_error(jump);
     if (program.learn && reach.far_beyond())
@@ -179,6 +194,13 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     out.why_not_live = "it was asked for without learning";
     return out;
   }
+  if (const std::string expected = expected_of(out, beyond); !expected.empty())
+    out.notes.insert(out.notes.begin(), expected);
+  for (const std::string& line : short_rests(axes)) out.notes.push_back(line);
+  if (stale(out, rules, wall_ns))
+    out.notes.push_back("its models were last found to hold longer ago than ilc.model_age_s, " +
+                        number(rules.ilc.model_age_s) +
+                        " s: nothing is sent until they are found to hold again");
   if (result.best == 0)
     throw std::runtime_error(
         out.summary + ": " + why_none_is_kept(result, axes) +
@@ -209,6 +231,10 @@ std::optional<std::int64_t> validated_ns(const LearnedProgram& learned,
     out = std::min(out, std::max(wall_ns_of(model->record.created), wall_ns_of(model->validated)));
   }
   return out;
+}
+
+bool stale(const LearnedProgram& learned, const LearningRules& rules, std::int64_t wall_ns) {
+  return learned.validated_ns + std::llround(1e9 * rules.ilc.model_age_s) < wall_ns;
 }
 
 std::vector<CorrectionChunk> chunks_of(const LearnedProgram& learned, const LearningRules& rules) {

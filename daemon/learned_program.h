@@ -60,6 +60,10 @@ struct LearningRules {
 [[nodiscard]] std::optional<std::int64_t> validated_ns(const LearnedProgram& learned,
                                                        const std::vector<StoredModel>& in_force);
 
+/// Whether its models are too old by now: the gate would refuse it (ilc/gate.h).
+[[nodiscard]] bool stale(const LearnedProgram& learned, const LearningRules& rules,
+                         std::int64_t wall_ns);
+
 /// As it is published.
 [[nodiscard]] std::vector<CorrectionChunk> chunks_of(const LearnedProgram& learned,
                                                      const LearningRules& rules);

@@ -1,6 +1,7 @@
 #include "daemon/learning_worker.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "daemon/clock.h"
 #include "drivers/text.h"
@@ -26,6 +27,7 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
     if (programs.receive(chunk, kPatience_s)) take(chunk, steady_ns());
     refuse_overdue(steady_ns());
     heed_runs();
+    heed_arming();
     renew(steady_ns());
     if (const std::uint64_t malformed = programs.counts().malformed; malformed > told_malformed) {
       events_.error("program_refused", "",
@@ -79,6 +81,19 @@ void LearningWorker::learn_now(const CommandedPath& program) {
 
 void LearningWorker::heed_runs() {
   for (OffsetRun run; hand_over_.runs.pop(run);) heed(run);
+}
+
+void LearningWorker::heed_arming() {
+  // relaxed: the flag orders nothing.
+  const bool before = std::exchange(armed_, hand_over_.armed.load(std::memory_order_relaxed));
+  if (before || !armed_) return;
+  for (const Kept& one : kept_) {
+    if (stale(*one, rules_, wall_ns()))
+      events_.error("correction_stale", "",
+                    "program '" + one->program.name +
+                        "': armed, but its models were last found to hold longer ago than "
+                        "ilc.model_age_s: nothing is sent until they are found to hold again");
+  }
 }
 
 void LearningWorker::renew(std::int64_t now_ns) {

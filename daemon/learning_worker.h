@@ -52,6 +52,8 @@ class LearningWorker {
   /// What was learned is as fresh as its models, which are found to hold again and again. Looks
   /// after that every kRenewEvery_ns; `now_ns` as above.
   void renew(std::int64_t now_ns);
+  /// Says which corrections are too old to be sent, when a person has armed it.
+  void heed_arming();
   /// The corrections that are kept, the newest last.
   [[nodiscard]] const std::vector<std::shared_ptr<const LearnedProgram>>& kept() const noexcept {
     return kept_;
@@ -77,6 +79,7 @@ class LearningWorker {
   std::stop_token give_up_;
   std::uint64_t learned_ = 0, plans_made_ = 0;
   std::int64_t renewed_ns_ = 0;
+  bool armed_ = false;
   std::vector<Kept> kept_;
   std::vector<std::unique_ptr<const OffsetPlan>> plans_;  // that the loop may still use
 };

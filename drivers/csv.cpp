@@ -102,6 +102,14 @@ bool is_comment(std::string_view line) {
   return line.empty() || line.front() == '#';
 }
 
+/// A line as G-code programs begin: %, O1234, N10 .., G90 ..
+bool is_gcode(std::string_view line) {
+  const auto digit = [&](std::size_t at) {
+    return at < line.size() && '0' <= line[at] && line[at] <= '9';
+  };
+  return line.starts_with('%') || (line.find_first_of("GNOgno") == 0 && digit(1));
+}
+
 Header read_header(Lines& lines, const std::string& source) {
   constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
   std::string_view line;
@@ -118,7 +126,11 @@ Header read_header(Lines& lines, const std::string& source) {
   if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
   if (header.names.size() < 2) {
     lines.fail("this is text but no CSV: " + in_quotes(line) +
-               " is no header such as time[s],X.command[mm],X.actual[mm]");
+               " is no header such as time[s],X.command[mm],X.actual[mm]" +
+               (is_gcode(line)
+                    ? "; G-code has no times: let the control run it, dry or simulated, and "
+                      "record what it commands"
+                    : ""));
   }
   return header;
 }

@@ -70,6 +70,14 @@ void run(const std::filesystem::path& file) {
                      [](const AxisConfig& axis) { return axis.correction.has_value(); }))
       say(stdout, "note: ilc.live sends nothing: no axis has a correction");
   }
+  for (const AxisConfig& axis : config.axes) {
+    if (!config.cycle_s || !axis.correction) continue;
+    if (const double half_hz = 0.5 / *config.cycle_s; axis.correction->bandwidth_hz > half_hz)
+      say(stdout,
+          text("note: axis %s: a correction's bandwidth of %.6g Hz limits nothing, half the "
+               "cycle rate is %.6g Hz",
+               axis.name.c_str(), axis.correction->bandwidth_hz, half_hz));
+  }
   for (const std::string& line : taken(config))
     say(stdout, "note: " + line + " now: as it should be if that is the daemon which is to get " +
                     "this configuration; a second one would not start");

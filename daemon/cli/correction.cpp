@@ -76,6 +76,20 @@ double expected_rms(const Correction& correction, std::size_t axis) {
   return std::hypot(size_of(correction.learned.axes[axis].error_after).rms, missed);
 }
 
+double expected_contour_rms(const Correction& correction) {
+  const Learned& learned = correction.learned;
+  if (!learned.before || learned.best == 0) return kAbsent;
+  double squares = 0.0, axes = 0.0;
+  for (const CorrectedAxis& axis : correction.axes) {
+    if (axis.learning.rotary) continue;
+    const double missed = axis.beyond_model ? kAbsent : axis.commanded.record.holdout.rms;
+    squares += missed * missed;
+    axes += 1.0;
+  }
+  return std::hypot(learned.trials[learned.best].contour.rms,
+                    std::sqrt(squares * (axes - 1.0) / axes));
+}
+
 std::string bandwidth_text(const Correction& correction, const CorrectedAxis& axis) {
   const double beneath = axis.learning.basis_bandwidth_hz;
   const std::string feedforward = correction.options.feedforward_only || beneath == 0.0
@@ -165,6 +179,7 @@ json to_json(const Correction& correction) {
           {"best_trial", learned.best},
           {"ended", learned.ending == Ending::kGrew ? "errors_grew" : "all_trials"},
           {"trials", trials},
+          {"expected_contour_rms_m", number(expected_contour_rms(correction))},
           {"contour_shares", shares},
           {"axes", axes}};
 }

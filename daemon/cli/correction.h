@@ -35,6 +35,9 @@ struct Correction {
 /// What is to be expected on the machine: what the twin leaves, and what it is known to miss [m |
 /// rad]; NaN where the model does not say how well it predicts, or has not seen such motion.
 [[nodiscard]] double expected_rms(const Correction& correction, std::size_t axis);
+/// The same of the distance from the path [m], for a path that goes all ways alike: what the model
+/// of each of n axes misses is across the path with a share of (n - 1)/n.
+[[nodiscard]] double expected_contour_rms(const Correction& correction);
 /// "bandwidth 138.0 Hz, |Q (1 - L T)| at most 0.50 (at 105 Hz) for 245 models within ..".
 [[nodiscard]] std::string bandwidth_text(const Correction& correction, const CorrectedAxis& axis);
 /// What limits it, in a sentence.

@@ -184,7 +184,10 @@ std::string report_html(const Correction& correction) {
             : "",
         limited_by(correction, i));
   }
-  if (learned.before) row("contour", first.contour, best.contour, "um", "", "");
+  const double across = expected_contour_rms(correction);
+  if (learned.before)
+    row("contour", first.contour, best.contour, "um",
+        std::isfinite(across) ? text("%.3g", 1e6 * across) : "", "");
   if (learned.before && learned.before->turned.size() > 0)
     row("orientation", first.turned, best.turned, "urad", "", "");
   out += "</table>\n";

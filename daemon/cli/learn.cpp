@@ -2,6 +2,7 @@
 #include <cmath>
 #include <map>
 #include <memory>
+#include <optional>
 #include <nlohmann/json.hpp>
 
 #include "daemon/cli/command.h"
@@ -18,6 +19,7 @@
 namespace servotwin::cli {
 namespace {
 
+constexpr double kChord_um = 1.0;
 constexpr double kMicro = 1e-6, kMilli = 1e-3;
 
 const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
@@ -30,12 +32,12 @@ struct Arguments {
   TableOptions commands;
   std::filesystem::path table, result, gcode, report;
   std::string method = "inverse";
-  std::string aim;                // empty: tracking
-  int trials = 0;                 // 0: ten
-  double bandwidth_hz = 0.0;      // 0: the largest that contracts
-  double uncertainty = 0.0;       // percent; 0: the model's own
-  double peak = 0.0, rate = 0.0;  // um, mm/s; 0: none
-  double chord_um = 1.0;
+  std::string aim;                 // empty: tracking
+  int trials = 0;                  // 0: ten
+  double bandwidth_hz = 0.0;       // 0: the largest that contracts
+  double uncertainty = 0.0;        // percent; 0: the model's own
+  double peak = 0.0, rate = 0.0;   // um, mm/s; 0: none
+  std::optional<double> chord_um;  // absent: 1
 };
 
 /// What of `arguments` the feed-forward has no use for.
@@ -208,6 +210,8 @@ void print(const Correction& correction, std::FILE* people) {
                  ? text("; expect %.3g %s RMS on the machine", 1e6 * expected, micro(rotary))
                  : ""));
   }
+  if (const double across = expected_contour_rms(correction); std::isfinite(across))
+    say(people, text("contour: expect %.3g um RMS on the machine", 1e6 * across));
 }
 
 void write_gcode(const Arguments& arguments, const Correction& correction,
@@ -218,12 +222,13 @@ void write_gcode(const Arguments& arguments, const Correction& correction,
     names.push_back({axis.learning.name, axis.learning.rotary});
     original.push_back(axis.learning.path.command);
   }
+  const double chord_um = arguments.chord_um.value_or(1.0);
   const PathGcode gcode =
       path_gcode(names, original, corrected, correction.axes.front().learning.path.sample_time_s,
-                 kMicro * arguments.chord_um);
+                 kMicro * chord_um);
   write_result(arguments.gcode, gcode.text);
-  say(people, text("G-code: %ld moves within %.4g um of the corrected path", gcode.moves,
-                   arguments.chord_um));
+  say(people,
+      text("G-code: %ld moves within %.4g um of the corrected path", gcode.moves, chord_um));
 }
 
 void run(const Arguments& arguments) {
@@ -236,6 +241,8 @@ void run(const Arguments& arguments) {
   correction.options.aim = arguments.aim == "contour" ? Aim::kContour : Aim::kTracking;
   if (arguments.trials > 0) correction.options.trials = arguments.trials;
   correction.options.feedforward_only = arguments.method == "feedforward";
+  if (arguments.chord_um && arguments.gcode.empty())
+    throw UsageError("--chord-tolerance is of the G1 moves that --gcode writes");
   std::vector<CommandedAxis> commanded = read_commands(arguments.commands, "corrected", people);
   require_motion(arguments.commands.path.file.string(), commanded);
   for (CommandedAxis& axis : commanded) {

@@ -146,7 +146,8 @@ void print(const CorrectionChunk& answer, std::FILE* people) {
     models += (models.empty() ? "" : ", ") + axis.name + " " + std::to_string(axis.model_version);
   say(people, text("correction    program '%s' %s with the models in force (%s), until ",
                    answer.program.c_str(), learned ? "learned" : "previewed", models.c_str()) +
-                  iso_time(answer.valid_until_ns));
+                  iso_time(answer.valid_until_ns) +
+                  (answer.valid_until_ns < wall_ns() ? ", which is over" : ""));
   const auto line = [&](const std::string& what, double before_rms, double before_max,
                         double after_rms, double after_max, bool rotary) {
     say(people,

@@ -78,6 +78,25 @@ TEST(CheckConfig, AStoreAndAnAddressThatAreTakenAreNoted) {
   EXPECT_THAT(answer.out, HasSubstr("note: " + address + " is listened to"));
 }
 
+TEST(CheckConfig, ABandwidthThatLimitsNothingIsNoted) {
+  const Folder folder;
+  const auto said = [&](const std::string& bandwidth) {
+    return servotwin_says(
+        {"check-config",
+         folder.write("a.toml", "[machine]\ncycle_s = 0.001\n[store]\ndirectory = \"" +
+                                    (folder / "store") +
+                                    "\"\n[http]\nlisten = \"none\"\n[[axis]]\nname = \"X\"\n"
+                                    "correction = { peak = 1e-4, rate = 0.01, bandwidth = " +
+                                    bandwidth + " }\n")});
+  };
+  const Answer wide = said("501");
+  EXPECT_EQ(wide.status, 0) << wide;
+  EXPECT_THAT(wide.out,
+              HasSubstr("note: axis X: a correction's bandwidth of 501 Hz limits nothing, "
+                        "half the cycle rate is 500 Hz"));
+  EXPECT_EQ(said("500").out.find("note: axis X"), std::string::npos);
+}
+
 TEST(CheckConfig, AnAddressOfAnotherHostIsSaid) {
   const Folder folder;
   const Answer answer = servotwin_says(

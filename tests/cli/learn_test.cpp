@@ -35,6 +35,18 @@ std::string circles() {
   return out;
 }
 
+/// A model whose identification states how far it may be off.
+ModelRecord stated(ModelRecord record) {
+  record.pole_deviation = {0.0, 8.0, 0.01};
+  record.numerator_deviation = {0.01, 12.0, 0.0};
+  record.loop_covariance = LoopCovariance::Zero();
+  record.loop_covariance->diagonal() << 0.0, 64.0, 1e-4, 1e-4, 144.0, 0.0, 0.0;
+  (*record.loop_covariance)(1, 4) = (*record.loop_covariance)(4, 1) = 95.0;
+  record.training = {1e-6, 4e-6};
+  record.holdout = {1e-6, 4e-6};
+  return record;
+}
+
 class Learn : public testing::Test {
  protected:
   void SetUp() override {
@@ -302,6 +314,32 @@ TEST_F(Learn, TheAimOfTheContourLeavesTheLag) {
   EXPECT_LT(left(contour), 0.5 * left(by_axis));
 }
 
+// Across a path in the plane is half of the square of what the axes are off.
+TEST_F(Learn, WhatIsExpectedAcrossThePathIsSaid) {
+  ModelRecord x = stated(known_axis("X")), y = stated(known_axis("Y"));
+  x.holdout = {3e-6, 9e-6};
+  y.holdout = {4e-6, 9e-6};
+  write_model(x_, x);
+  write_model(y_, y);
+  const json result = learned({"--aim", "contour"});
+  const double left =
+      result["trials"][result["best_trial"].get<std::size_t>()]["contour"]["rms_m"].get<double>();
+  const double expected = std::sqrt(left * left + (9.0 + 16.0) / 2.0 * 1e-12);
+  EXPECT_NEAR(result["expected_contour_rms_m"].get<double>(), expected, 1e-12);
+  const std::string page = folder_ / "page.html";
+  const Answer answer = learn({"--aim", "contour", "--report", page});
+  const std::string words = answer.out.substr(answer.out.find("contour: expect "));
+  EXPECT_THAT(words, testing::StartsWith("contour: expect 3.5"));
+  EXPECT_THAT(content_of(page),
+              testing::ContainsRegex("<td>contour</td>.*<td>3\\.5[0-9]</td><td></td></tr>"));
+}
+
+TEST_F(Learn, AToleranceOfMovesThatNobodyAskedForIsRefused) {
+  const Answer answer = learn({"--chord-tolerance", "2"});
+  EXPECT_NE(answer.status, 0);
+  EXPECT_THAT(answer.err, HasSubstr("--chord-tolerance is of the G1 moves that --gcode writes"));
+}
+
 TEST_F(Learn, SaysWhatItDidOnOneScreen) {
   const Answer answer = learn({});
   ASSERT_EQ(answer.status, 0) << answer;
@@ -428,18 +466,6 @@ TEST_F(Learn, AModelWithoutDeviationsSaysWhatIsTakenInstead) {
   const double narrow = learned({"--uncertainty", "20"})["axes"][0]["bandwidth_hz"],
                wide = learned({"--uncertainty", "2"})["axes"][0]["bandwidth_hz"];
   EXPECT_LT(narrow, wide);
-}
-
-/// A model whose identification states how far it may be off.
-ModelRecord stated(ModelRecord record) {
-  record.pole_deviation = {0.0, 8.0, 0.01};
-  record.numerator_deviation = {0.01, 12.0, 0.0};
-  record.loop_covariance = LoopCovariance::Zero();
-  record.loop_covariance->diagonal() << 0.0, 64.0, 1e-4, 1e-4, 144.0, 0.0, 0.0;
-  (*record.loop_covariance)(1, 4) = (*record.loop_covariance)(4, 1) = 95.0;
-  record.training = {1e-6, 4e-6};
-  record.holdout = {1e-6, 4e-6};
-  return record;
 }
 
 // The motion that a model was found from is its evidence, not the one that is to be corrected.

@@ -15,6 +15,7 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Not;
 
 MachineDescription two_axes() { return {kCycle_s, {{"X", false, ""}, {"Y", false, ""}}}; }
 
@@ -253,6 +254,44 @@ TEST_F(LearningWorkerTest, WithoutLimitsItIsLearnedAndNotForDrives) {
       HasSubstr("not sent to drives: axis X has no correction = { peak, rate, bandwidth }"));
 }
 
+TEST_F(LearningWorkerTest, WhatLearnWarnsOfIsSaidHereToo) {
+  ModelRecord record = record_of(model_of(stepped_axis()), "X");
+  record.holdout = {3e-6, 9e-6};
+  store_.promote(record, {record.created, "X", "model_promoted", "made for this test", ""});
+  start();
+  const Eigen::ArrayXd path = circle_program()[0];
+  send({path}, true);
+  ASSERT_FALSE(announced_.empty());
+  // What the twin leaves is far below.
+  EXPECT_THAT(announced_[0].reason, HasSubstr("; expect X 3.0"));
+  EXPECT_THAT(announced_[0].reason, Not(HasSubstr("dwell")));
+  send({path.head(900)}, true, "cut");
+  EXPECT_THAT(announced_.back().reason,
+              AllOf(HasSubstr("X rests 0 s at the path's end, less than 0.1 s"),
+                    HasSubstr("let the path end with a dwell")));
+}
+
+// Ten days are more than ilc.model_age_s, a week.
+TEST_F(LearningWorkerTest, ACorrectionOfModelsThatAreTooOldSaysSoAndAgainWhenItIsArmed) {
+  put_in_force(model_of(stepped_axis()), "X", 10 * 86'400'000'000'000);
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_FALSE(announced_.empty());
+  EXPECT_THAT(announced_[0].reason,
+              HasSubstr("nothing is sent until they are found to hold again"));
+  worker_->heed_arming();
+  EXPECT_TRUE(events("correction_stale").empty());
+  hand_over_.armed = true;
+  worker_->heed_arming();
+  worker_->heed_arming();
+  ASSERT_EQ(events("correction_stale").size(), 1U);
+  EXPECT_THAT(events("correction_stale")[0].text, HasSubstr("program 'part': armed, but"));
+
+  put_in_force(model_of(stepped_axis()), "X");
+  send({circle_program()[0]}, true, "part", 2);
+  EXPECT_THAT(announced_.back().reason, Not(HasSubstr("nothing is sent")));
+}
+
 // The circle is run at 0.1 m/s.
 TEST_F(LearningWorkerTest, BeyondTheMotionOfTheModelItIsSaidAndFarBeyondRefused) {
   put_in_force(model_of(stepped_axis()), "X", 0, {0.04, 10.0});
@@ -284,8 +323,8 @@ TEST_F(LearningWorkerTest, TheSamePathUnderAnotherNameTakesThePlaceOfTheFirst) {
   EXPECT_EQ(announced_.back().program, "ca");
   EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
   EXPECT_THAT(announced_.back().reason, HasSubstr("program 'cb' is the same path"));
-  EXPECT_THAT(events("correction_learned").front().text,
-              HasSubstr("takes the place of program 'ca'"));
+  EXPECT_THAT(worker_->kept()[0]->notes,
+              testing::Contains(HasSubstr("takes the place of program 'ca'")));
 
   send({0.999 * path}, true, "other");
   EXPECT_EQ(worker_->kept().size(), 2U);
@@ -349,7 +388,8 @@ TEST_F(LearningWorkerTest, TheNewestCorrectionsAreKept) {
   put_in_force(model_of(stepped_axis()), "X");
   start();
   for (std::size_t i = 0; i <= LearningWorker::kMaxKept; ++i)
-    send({circle_program()[0].head(900)}, true, "part" + std::to_string(i));
+    send({(1.0 - 0.01 * static_cast<double>(i)) * circle_program()[0].head(900)}, true,
+         "part" + std::to_string(i));
   ASSERT_EQ(worker_->kept().size(), LearningWorker::kMaxKept);
   EXPECT_EQ(worker_->kept().front()->program.name, "part1");
   EXPECT_EQ(worker_->kept().back()->program.name, "part8");

@@ -64,6 +64,11 @@ TEST_F(BadRecording, Prose) {
   refuses("Dear operator\nthe axis makes a noise.\n",
           {"line 1", "text but no CSV", "'Dear operator'", "time[s],X.command[mm],X.actual[mm]"});
 }
+TEST_F(BadRecording, Gcode) {
+  for (const char* program : {"%\nO1000\n", "N10 G1 X10 Y0 F1000\nN20 X0\n", "g90\ng1 x10\n"})
+    refuses(program,
+            {"line 1", "text but no CSV", "G-code has no times", "record what it commands"});
+}
 TEST_F(BadRecording, ProseWithCommas) {
   refuses("Dear operator, please, look\n",
           {"no column is named AXIS.channel[unit]", "Dear operator, please, look"});
