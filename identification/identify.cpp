@@ -11,7 +11,6 @@
 #include "identification/excitation.h"
 #include "identification/full_ls.h"
 #include "identification/joint.h"
-#include "identification/mode_search.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
 
@@ -23,7 +22,7 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kSlowest_s = 0.1;  // sampling time that still shows a servo loop
 // A richer structure must beat a simpler one by this much on data it was not fitted to.
 constexpr double kWorthIt = 0.97;
-// A mode brings six parameters and what may go wrong with them.
+// A mode, or another axis, brings five or six parameters and what may go wrong with them.
 constexpr double kWorthAMode = 0.85;
 // Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
 // disguise.
@@ -150,10 +149,14 @@ std::vector<Structure> structures(const IdentifyOptions& options) {
   return out;
 }
 
-Projection projection_of(const std::vector<Segment>& segments, const Structure& structure) {
+std::vector<Signals> signals_of(const std::vector<Segment>& segments) {
   std::vector<Signals> signals;
-  for (const Segment& s : segments) signals.push_back(signals_of(s));
-  return {std::move(signals), structure};
+  for (const Segment& s : segments) signals.push_back(servotwin::signals_of(s));
+  return signals;
+}
+
+Projection projection_of(const std::vector<Segment>& segments, const Structure& structure) {
+  return {signals_of(segments), structure};
 }
 
 /// What the fit leaves loosely known, by name, and what motion would show it.
@@ -293,10 +296,11 @@ Point point_of(const Model& model) {
 }
 
 /// The structure, chosen within the training data of the axis `name`; all that was tried goes to
-/// `tried`.
+/// `tried`. Where modes or another axis are in it, `found` is where the fit that won ended: a
+/// search anew might miss them.
 Structure chosen_structure(const std::string& name, const std::vector<Segment>& training,
                            const IdentifyOptions& options, double encoder_step,
-                           std::vector<StructureTrial>& tried) {
+                           std::vector<StructureTrial>& tried, std::vector<Point>& found) {
   const auto [fitted, validated] = split(training, 2.0 / 3.0, options.split_each);
   PoleSearchOptions search;
   search.bounds = options.bounds;
@@ -358,47 +362,50 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
       joint && options.friction && *options.friction != kind_of<CoulombFriction>();
   if (other_friction) chosen_validation = 1e300;
   std::size_t best = tried.size();
-  // The first step of all of them, with Coulomb friction.
-  Projection coulomb = projection_of(fitted, chosen->structure);
-  std::optional<PoleFit> first;
-  for (int modes = 0; modes <= options.modes && modes <= structure.modes + 1; ++modes) {
-    if (modes == 0) {
-      if (compared.size() > 1 || other_friction || options.modes > 0)
-        first = pole_search(coulomb, search);
-    } else if (auto more = with_one_more_mode(coulomb, *first, search)) {
-      coulomb = std::move(more->data);
-      first = std::move(more->fit);
-    } else {
-      break;
-    }
-    if (!first) break;
-    for (const std::size_t kind : compared) {
-      if (kind == kind_of<CoulombFriction>() && modes == 0) continue;
-      Structure richer = chosen->structure;
-      richer.modes = modes;
-      richer.effects[place] = kind;
-      // Unlike levels of the two directions contain it.
-      if (kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>())
-        std::erase(richer.effects, kind_of<ConstantForce>());
-      StructureTrial trial{richer.order, richer.effects, kAbsent,
-                           false,        modes,          "no stable fit within the bounds"};
-      // At rest a vibrating encoder turns more often than it is read: friction along the measured
-      // motion is wrong there, and free simulation has to tell.
-      const bool polish = joint && modes > 0;
-      const PoleFit* begun = modes > 0 || richer.effects.size() == chosen->structure.effects.size()
-                                 ? &*first
-                                 : nullptr;
-      if (const auto fit = joint_fit(fitted, richer, search, encoder_step, polish, begun)) {
-        trial.ruled_out = why_invalid(fit->model);
-        if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
+  std::optional<FirstStep> first;
+  if (compared.size() > 1 || other_friction || options.modes > 0 || options.coupling)
+    first.emplace(signals_of(fitted), chosen->structure, search);
+  bool taken = false;  // the other axis
+  for (int modes = 0; first && modes <= options.modes && modes <= structure.modes + 1; ++modes) {
+    if (modes > 0 && !first->add_mode()) break;
+    // Without the other axis, then with it: what vibrates would have bent a loop that was coupled
+    // before.
+    for (const bool coupled : {false, true}) {
+      if (coupled && !options.coupling) break;
+      const std::optional<Point> begun = first->start(coupled);
+      if (!begun) break;
+      Structure base = chosen->structure;
+      base.modes = modes;
+      if (coupled) base.effects.push_back(kind_of<CrossCoupling>());
+      for (const std::size_t kind : compared) {
+        if (kind == kind_of<CoulombFriction>() && modes == 0 && !coupled) continue;
+        Structure richer = base;
+        richer.effects[place] = kind;
+        // Unlike levels of the two directions contain it.
+        if (kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>())
+          std::erase(richer.effects, kind_of<ConstantForce>());
+        StructureTrial trial{richer.order, richer.effects, kAbsent,
+                             false,        modes,          "no stable fit within the bounds"};
+        // At rest a vibrating encoder turns more often than it is read: friction along the measured
+        // motion is wrong there, and free simulation has to tell.
+        const bool polish = joint && modes > 0, same = richer.effects.size() == base.effects.size();
+        const auto fit = joint_fit(fitted, richer, search, encoder_step, polish,
+                                   modes > 0 || same ? &*begun : nullptr);
+        if (fit) {
+          trial.ruled_out = why_invalid(fit->model);
+          if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
+        }
+        const bool more = modes > structure.modes || (coupled && !taken);
+        if (trial.validation_rms < (more ? kWorthAMode : kWorthIt) * chosen_validation) {
+          chosen_validation = trial.validation_rms;
+          structure = richer;
+          best = tried.size();
+          taken = coupled;
+          found.clear();
+          if (modes > 0 || coupled) found.push_back(point_of(fit->model));
+        }
+        tried.push_back(trial);
       }
-      const double worth = modes > structure.modes ? kWorthAMode : kWorthIt;
-      if (trial.validation_rms < worth * chosen_validation) {
-        chosen_validation = trial.validation_rms;
-        structure = richer;
-        best = tried.size();
-      }
-      tried.push_back(trial);
     }
   }
   if (other_friction && best == tried.size()) {
@@ -490,6 +497,11 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
                                  " s is too slow to see a servo loop; record at least every ",
                                  kSlowest_s, " s"));
   }
+  if (options.coupling && axis.segments.front().neighbour.size() == 0)
+    throw std::runtime_error(
+        axis.axis +
+        ": no other axis in the recording moves in step with it, so that there "
+        "is no coupling to look for");
   const auto [training, holdout] = split(axis.segments, options.training_share, options.split_each);
   if (rows_of(training) < 300 || rows_of(holdout) < 100) {
     throw std::runtime_error(
@@ -536,7 +548,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     search.from = {point_of(*options.start)};
     out.trials.push_back({structure.order, structure.effects, kAbsent, true, structure.modes, ""});
   } else {
-    structure = chosen_structure(axis.axis, training, options, encoder_step, out.trials);
+    structure =
+        chosen_structure(axis.axis, training, options, encoder_step, out.trials, search.from);
   }
   search.bounds = options.bounds;
   const bool polish = options.method == Method::kJoint;

@@ -28,6 +28,7 @@ struct IdentifyOptions {
   std::optional<std::size_t> friction;  ///< joint only: its place in the catalogue; none: compared
   double delay_max_s = 0.02;            ///< 0: no delay is sought
   int modes = 0;  ///< of vibration, at most; as many as the held-out error asks for; not full LS
+  bool coupling = false;  ///< look for what another axis does to this one; not full LS
   /// A model of this axis whose friction is to be found again: its structure is kept, and steps 2
   /// to 4 of identification/joint.h start from its loop. Not for full LS.
   std::optional<Model> start;

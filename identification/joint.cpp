@@ -126,9 +126,80 @@ std::vector<std::size_t> compared_frictions() {
           kind_of<LuGre>(),           kind_of<Stribeck>(), kind_of<PreslidingStribeck>()};
 }
 
+FirstStep::FirstStep(std::vector<Signals> signals, Structure structure, PoleSearchOptions options)
+    : signals_(std::move(signals)),
+      structure_(std::move(structure)),
+      options_(std::move(options)),
+      rigid_(pole_search(Projection(signals_, structure_), options_)) {}
+
+bool FirstStep::follow_presliding() {
+  if (fit_ || !rigid_) return fit_.has_value();
+  Structure structure = structure_;
+  const std::size_t place = friction_place(structure);
+  const bool slides = place < structure.effects.size();
+  if (slides) structure.effects[place] = kind_of<Presliding>();
+  data_.emplace(signals_, structure);
+  if (!slides) {
+    fit_ = rigid_;
+    return true;
+  }
+  int evaluations = 0;
+  auto fits = refined(*data_,
+                      friction_starts(*data_, structure, place, rigid_->point,
+                                      kind_of<CoulombFriction>(), evaluations),
+                      options_, evaluations);
+  if (!fits.empty()) fit_ = std::move(fits.front());
+  return fit_.has_value();
+}
+
+bool FirstStep::add_mode() {
+  if (!follow_presliding()) return false;
+  auto more = with_one_more_mode(*data_, *fit_, options_);
+  if (!more) return false;
+  data_ = std::move(more->data);
+  fit_ = std::move(more->fit);
+  return true;
+}
+
+std::optional<Point> FirstStep::start(bool coupled) {
+  if (!coupled && !data_) {
+    if (!rigid_) return std::nullopt;
+    return rigid_->point;
+  }
+  if (!follow_presliding()) return std::nullopt;
+  Point out = fit_->point;
+  if (coupled) {
+    // The other's loop may be any.
+    constexpr double kDamping = 1.0;
+    Structure structure = data_->structure();
+    structure.effects.push_back(kind_of<CrossCoupling>());
+    PoleSearchOptions beside = options_;
+    for (const double hz : {5.0, 20.0, 80.0}) {
+      beside.from.push_back(out);
+      beside.from.back().shapes.insert(beside.from.back().shapes.end(), {hz, kDamping});
+    }
+    auto found = pole_search(Projection(signals_, structure), beside);
+    if (!found) return std::nullopt;
+    out = std::move(found->point);
+  }
+  const std::size_t place = friction_place(structure_);
+  if (place < structure_.effects.size()) {
+    std::ptrdiff_t before = 0;
+    for (std::size_t i = 0; i < place; ++i)
+      before += static_cast<std::ptrdiff_t>(shapes_of(structure_.effects[i]).size());
+    const auto at = out.shapes.begin() + before;
+    const auto end = at + static_cast<std::ptrdiff_t>(shapes_of(kind_of<Presliding>()).size());
+    const auto coulomb = out.shapes.erase(at, end);
+    std::vector<double> starts;
+    for (const Parameter& p : shapes_of(kind_of<CoulombFriction>())) starts.push_back(p.start);
+    out.shapes.insert(coulomb, starts.begin(), starts.end());
+  }
+  return out;
+}
+
 std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const Structure& structure,
                                   const PoleSearchOptions& options, double encoder_step,
-                                  bool polish, const PoleFit* first) {
+                                  bool polish, const Point* first) {
   std::vector<Signals> signals;
   for (const Segment& s : segments) signals.push_back(signals_of(s));
   const std::size_t place = friction_place(structure);
@@ -136,31 +207,36 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
   if (place < structure.effects.size()) simple.effects[place] = kind_of<CoulombFriction>();
 
   const bool simplest = simple.effects == structure.effects, given = !options.from.empty();
+  const bool coupled = std::find(simple.effects.begin(), simple.effects.end(),
+                                 kind_of<CrossCoupling>()) != simple.effects.end();
+  std::optional<Point> begun;
   std::optional<PoleFit> fit;
   if (first != nullptr) {
-    fit = *first;
-  } else if (simplest && given) {
-    fit = pole_search(Projection(signals, simple), options);
-    if (!fit) return std::nullopt;
+    begun = *first;
   } else if (!given) {
     Structure rigid = simple;
     rigid.modes = 0;
-    Projection coulomb(signals, rigid);
-    fit = pole_search(coulomb, options);
-    while (fit && coulomb.structure().modes < structure.modes) {
-      auto more = with_one_more_mode(coulomb, *fit, options);
-      if (!more) return std::nullopt;
-      coulomb = std::move(more->data);
-      fit = std::move(more->fit);
+    std::erase(rigid.effects, kind_of<CrossCoupling>());
+    FirstStep step(signals, rigid, options);
+    for (int i = 0; i < structure.modes; ++i) {
+      if (!step.add_mode()) return std::nullopt;
     }
+    begun = step.start(coupled);
+    if (!begun) return std::nullopt;
+    if (structure.modes == 0 && !coupled) fit = step.rigid();
+  }
+  if (simplest && !fit) {
+    PoleSearchOptions from = options;
+    if (begun) from.from = {*begun};
+    fit = pole_search(Projection(signals, simple), from);
     if (!fit) return std::nullopt;
   }
   Projection data(std::move(signals), structure);
   std::vector<Point> rivals;
   if (!simplest) {
     int evaluations = fit ? fit->evaluations : 0;
-    const Point rough = fit ? fit->point : options.from.front();
-    const std::size_t held = fit ? kind_of<CoulombFriction>() : structure.effects[place];
+    const Point rough = begun ? *begun : options.from.front();
+    const std::size_t held = begun ? kind_of<CoulombFriction>() : structure.effects[place];
     std::vector<Point> starts = friction_starts(data, structure, place, rough, held, evaluations);
     if (given) starts.push_back(rough);
     auto fits = refined(data, starts, options, evaluations);
@@ -195,6 +271,15 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
   out.condition_number = condition_number(data, fit->point);
   if (polish) {
     auto polished = output_error(segments, structure, out.projected, {encoder_step});
+    // Along the measured motion, friction at the ends of a swing is wrong: step 3 may have left the
+    // optimum that it was given.
+    if (given && structure.modes > 0) {
+      const Point& from = options.from.front();
+      auto direct = output_error(segments, structure, data.model_of(from, data.solve(from).linear),
+                                 {encoder_step});
+      if (direct && (!polished || direct->minus_log_likelihood < polished->minus_log_likelihood))
+        polished = std::move(direct);
+    }
     // Behind a coarse encoder there is more than one optimum: the likeliest is taken on.
     if (polished && polished->sigma < kHidden * encoder_step) {
       double least = polished->minus_log_likelihood;

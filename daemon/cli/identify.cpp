@@ -102,6 +102,9 @@ void run(const Arguments& arguments) {
     throw UsageError(
         "--friction needs --method joint: the pole search knows Coulomb friction only");
   }
+  if (options.method == Method::kFullLs && (options.modes > 0 || options.coupling))
+    throw UsageError(std::string(options.modes > 0 ? "--modes" : "--coupling") +
+                     " is not for --method full-ls, which knows one loop and Coulomb friction");
   options.pole_constraints = !arguments.no_pole_constraints;
 
   const SegmentedAxis axis = arguments.input.read(people);
@@ -201,6 +204,9 @@ Command add_identify(CLI::App& app) {
                   "asks for")
       ->type_name("N")
       ->check(between(0.0, static_cast<double>(kMaxModes)));
+  command.add_flag("--coupling", arguments->identify.coupling,
+                   "what the acceleration of the recording's other axis does to this one, where the "
+                   "held-out error asks for it");
   command
       .add_option("--delay-max", arguments->identify.delay_max_s,
                   "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")

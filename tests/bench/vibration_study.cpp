@@ -1,9 +1,10 @@
 // What modes of vibration in the twin are worth, printed: an axis of two masses on a spring, whose
 // table vibrates at 44 Hz with a damping of 3 %, on a machine of other code.
 //
-//   vibration_study [--write FOLDER]
+//   vibration_study [--write FOLDER | --coupled]
 //
-// With a folder the recordings are written there instead, for vibration_peer.py.
+// With a folder the recordings are written there instead, for vibration_peer.py. --coupled: only
+// the last part, two such axes that push each other.
 //
 // Models are identified from the first part of one recording and judged by their free simulation of
 // the rest. The true poles are those of the machine's equations (tests/support/two_masses.h).
@@ -17,32 +18,19 @@
 #include "identification/identify.h"
 #include "tests/hidden_effects/motion.h"
 #include "tests/hidden_effects/rig.h"
+#include "tests/support/coupled_machine.h"
 #include "tests/support/two_masses.h"
 
 namespace {
 
 using namespace servotwin;
-using hidden_effects::Encoder;
 using hidden_effects::Friction;
 using hidden_effects::Rig;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 Rig axis(Friction::Family family, double integral_time) {
-  Rig rig;
-  rig.body.spring_frequency_hz = 45.0;
-  rig.body.damping_ratio = 0.03;
-  rig.body.motor_share = 0.7;
-  rig.drive.velocity_gain = kTwoPi * 100.0 * rig.body.mass;
-  rig.drive.position_gain = 40.0;
-  rig.drive.integral_time = integral_time;
-  rig.drive.position_from = rig.reading.recorded = Encoder::kLoad;
-  rig.friction.family = family;
-  rig.friction.level = 150.0;
-  rig.friction.viscous = 100.0;
-  rig.reading.step = 1e-7;
-  rig.reading.noise = 5e-8;
-  return rig;
+  return test::two_masses(family, 150.0, integral_time);
 }
 
 SegmentedAxis recorded(const Rig& rig) {
@@ -87,20 +75,50 @@ void write(const std::string& path, const Segment& segment) {
         << segment.actual(k) << '\n';
 }
 
+/// Both axes of a machine, of whose Y the spring has this frequency [Hz]; 0: one body.
+void coupled(double spring_frequency_hz) {
+  const test::CoupledMachine machine = test::coupled_machine(spring_frequency_hz);
+  const auto axes = test::recorded(machine, test::production_of_both());
+  for (std::size_t i = 0; i < 2; ++i) {
+    const std::complex<double> truth = test::mode_of(machine.axes[i]);
+    std::printf("Y %s, %s feels %.0f %% of the other's acceleration:",
+                spring_frequency_hz > 0.0 ? "vibrates, too" : "is stiff", axes[i].axis.c_str(),
+                100.0 * machine.felt[i]);
+    if (std::abs(truth) > 0.0)
+      std::printf(" mode %.3f Hz, damping %.4f\n", std::abs(truth) / kTwoPi,
+                  -truth.real() / std::abs(truth));
+    else
+      std::printf(" no mode\n");
+    for (const auto& [modes, coupling] : {std::pair{0, false}, {2, false}, {2, true}}) {
+      IdentifyOptions options;
+      options.method = Method::kJoint;
+      options.modes = modes;
+      options.coupling = coupling;
+      const Identified found = identify(axes[i], options);
+      say((std::string(modes > 0 ? "with modes, " : "rigid, ") + (coupling ? "coupled, " : "") +
+           std::string(identity_of(found.record.model.effects.front().kind).id))
+              .c_str(),
+          found, truth);
+      std::fflush(stdout);
+    }
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
+  if (argc == 2 && std::string(argv[1]) == "--coupled") {
+    coupled(0.0);
+    coupled(62.0);
+    return 0;
+  }
   const std::string folder = argc == 3 && std::string(argv[1]) == "--write" ? argv[2] : "";
   for (const double integral_time : {0.0, 0.02}) {
     for (const auto& [name, family] : {std::pair{"Coulomb", Friction::Family::kCoulomb},
                                        {"GMS", Friction::Family::kMaxwell},
                                        {"LuGre", Friction::Family::kLuGre}}) {
       const Rig rig = axis(family, integral_time);
-      const auto poles = test::poles_of(rig);
-      std::complex<double> truth;
-      for (const auto& pole : poles) {
-        if (pole.imag() > 0.0 && std::abs(pole.real()) < 0.2 * std::abs(pole)) truth = pole;
-      }
+      const std::complex<double> truth = test::mode_of(rig);
       const SegmentedAxis data = recorded(rig);
       if (!folder.empty()) {
         write(folder + "/" + name + (integral_time > 0.0 ? "_pi.csv" : "_p.csv"),
@@ -125,4 +143,7 @@ int main(int argc, char** argv) {
       }
     }
   }
+  if (!folder.empty()) return 0;
+  coupled(0.0);
+  coupled(62.0);
 }

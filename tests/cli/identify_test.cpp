@@ -159,6 +159,23 @@ TEST_F(Identify, FullLeastSquaresSaysSo) {
   EXPECT_EQ(result["loop"]["order"], 3);
 }
 
+TEST_F(Identify, WhatFullLeastSquaresDoesNotKnowIsRefused) {
+  for (const std::vector<std::string>& option :
+       {std::vector<std::string>{"--modes", "1"}, {"--coupling"}}) {
+    std::vector<std::string> words{"--method", "full-ls"};
+    words.insert(words.end(), option.begin(), option.end());
+    const Answer answer = identify(words);
+    EXPECT_NE(answer.status, 0);
+    EXPECT_THAT(answer.err, HasSubstr(option.front() + " is not for --method full-ls"));
+  }
+}
+
+TEST_F(Identify, CouplingNeedsAnotherAxis) {
+  const Answer answer = identify({"--coupling"});
+  EXPECT_NE(answer.status, 0);
+  EXPECT_THAT(answer.err, HasSubstr("no other axis in the recording"));
+}
+
 TEST_F(Identify, TheModelMayGoToStandardOutput) {
   const Answer answer = identify({"--model", "-"});
   ASSERT_EQ(answer.status, 0) << answer;

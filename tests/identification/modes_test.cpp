@@ -15,27 +15,13 @@
 namespace servotwin {
 namespace {
 
-using hidden_effects::Encoder;
 using hidden_effects::Friction;
 using hidden_effects::Rig;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 Rig two_masses(double friction, double integral_time) {
-  Rig rig;
-  rig.body.spring_frequency_hz = 45.0;
-  rig.body.damping_ratio = 0.03;
-  rig.body.motor_share = 0.7;
-  rig.drive.velocity_gain = kTwoPi * 100.0 * rig.body.mass;
-  rig.drive.position_gain = 40.0;
-  rig.drive.integral_time = integral_time;
-  rig.drive.position_from = rig.reading.recorded = Encoder::kLoad;
-  rig.friction.family = Friction::Family::kMaxwell;
-  rig.friction.level = friction;
-  rig.friction.viscous = 100.0;
-  rig.reading.step = 1e-7;
-  rig.reading.noise = 5e-8;
-  return rig;
+  return test::two_masses(Friction::Family::kMaxwell, friction, integral_time);
 }
 
 Segment recorded(const Rig& rig, double duration) {
@@ -52,13 +38,6 @@ Segment recorded(const Rig& rig, double duration) {
   out.command = array(trace.command);
   out.actual = array(trace.actual);
   return out;
-}
-
-std::complex<double> mode_of(const Rig& rig) {
-  for (const auto& pole : test::poles_of(rig)) {
-    if (pole.imag() > 0.0 && -pole.real() < 0.2 * std::abs(pole)) return pole;
-  }
-  return {};
 }
 
 /// e of x_r and d by the definition in twin/loop.h, as one rational function of s.
@@ -188,7 +167,7 @@ TEST(Modes, ALinearAxisIsFoundToTheNoise) {
     const auto more = with_one_more_mode(data, *rigid, {});
     ASSERT_TRUE(more);
     const Model model = more->data.model_of(more->fit.point, more->fit.solution.linear);
-    const auto truth = mode_of(rig);
+    const auto truth = test::mode_of(rig);
     ASSERT_EQ(model.loop.modes.size(), 1u);
     EXPECT_NEAR(model.loop.modes[0].omega, std::abs(truth), 1e-3 * std::abs(truth));
     EXPECT_NEAR(model.loop.modes[0].zeta, -truth.real() / std::abs(truth),
@@ -203,7 +182,7 @@ TEST(Modes, ALinearAxisIsFoundToTheNoise) {
 TEST(Modes, PreslidingAndVibrationAreFoundTogether) {
   const Rig rig = two_masses(150.0, 0.0);
   const auto [training, holdout] = split({recorded(rig, 20.0)}, 0.6);
-  const auto truth = mode_of(rig);
+  const auto truth = test::mode_of(rig);
   const auto rms_of = [&](std::size_t friction, int modes) {
     Structure structure{2, {friction}};
     structure.modes = modes;

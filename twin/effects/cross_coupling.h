@@ -26,7 +26,7 @@ struct CrossCoupling {
       .check = "mounting and stiffness towards the other axis; its feed-forward"};
   static constexpr std::array<Parameter, 2> kShapes{
       {{"other_frequency_hz", "Hz", 1.0, 1000.0, 20.0, "of the other axis' loop, undamped"},
-       {"other_damping", "1", 0.3, 0.99, 0.9, "zeta of the other axis' loop"}}};
+       {"other_damping", "1", 0.3, 5.0, 0.9, "zeta of the other axis' loop"}}};
   static constexpr std::array<Parameter, 3> kCoefficients{
       {{"ratio", "1", -10.0, 10.0, 0.0, "acceleration felt here per acceleration there"},
        {"lead", "1", -100.0, 100.0, 0.0, "by feed-forward of the other axis' velocity"},

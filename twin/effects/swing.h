@@ -2,7 +2,7 @@
 //
 //   q'' + 2 zeta w q' + w^2 q = w^2 rest
 //
-// By exact steps with `rest` held over each.
+// By exact steps with `rest` held over each, at any damping.
 #pragma once
 
 #include <cmath>
@@ -25,24 +25,34 @@ class SwingStep {
     using std::exp;
     using std::sin;
     using std::sqrt;
-    damped_ = w * sqrt(1.0 - zeta_ * zeta_);
-    fade_ = exp(-zeta_ * w * step_s);
-    sine_ = sin(damped_ * step_s);
-    cosine_ = cos(damped_ * step_s);
+    const T turned = w * w * (1.0 - zeta_ * zeta_) * step_s * step_s, faded = zeta_ * w * step_s;
+    if (turned > kNearlyCritical) {
+      const T angle = sqrt(turned);
+      cosine_ = exp(-faded) * cos(angle);
+      sine_ = exp(-faded) * sin(angle) / angle * step_s;
+    } else if (turned < -kNearlyCritical) {
+      const T apart = sqrt(-turned), slow = exp(apart - faded), fast = exp(-apart - faded);
+      cosine_ = 0.5 * (slow + fast);
+      sine_ = 0.5 * (slow - fast) / apart * step_s;
+    } else {  // both are smooth in `turned`
+      cosine_ = exp(-faded) * (1.0 - turned / 2.0 * (1.0 - turned / 12.0));
+      sine_ = exp(-faded) * (1.0 - turned / 6.0 * (1.0 - turned / 20.0)) * step_s;
+    }
   }
 
   void advance(Swing<T>& swing, const T& rest) const {
     const T q = swing.q - rest;  // about where it would rest
-    const T along = (swing.rate + zeta_ * w * q) / damped_;
-    swing.q = rest + fade_ * (q * cosine_ + along * sine_);
-    swing.rate = fade_ * (swing.rate * cosine_ -
-                          (w * q * w / damped_ + zeta_ * w * swing.rate / damped_) * sine_);
+    const T drag = zeta_ * w;
+    swing.q = rest + q * cosine_ + (swing.rate + drag * q) * sine_;
+    swing.rate = swing.rate * cosine_ - (w * w * q + drag * swing.rate) * sine_;
   }
 
   const T w;  ///< angular frequency, undamped [1/s]
 
  private:
-  T zeta_, damped_, fade_, sine_, cosine_;
+  static constexpr double kNearlyCritical = 1e-4;  // what the series leave is below 1e-14
+  T zeta_;
+  T cosine_, sine_;  // e^(-zeta w h) cos(wd h), e^(-zeta w h) sin(wd h) / wd
 };
 
 }  // namespace servotwin

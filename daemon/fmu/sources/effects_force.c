@@ -30,30 +30,38 @@ void servotwin_cogging(const double* shape, EffectMemory* memory, const Motion* 
   force[3] = cos(2.0 * angle);
 }
 
-/* Exact steps of q'' + 2 zeta w q' + w^2 q = w^2 rest. */
+/* Exact steps of q'' + 2 zeta w q' + w^2 q = w^2 rest, at any damping. */
 typedef struct {
-  double w, zeta, damped, fade, sine, cosine;
+  double w, zeta, cosine, sine; /* both faded; sine over the damped frequency */
 } SwingStep;
 
 static SwingStep swing_step(double frequency_hz, double damping_ratio, double step_s) {
+  const double nearly_critical = 1e-4;
   SwingStep s;
+  double turned, faded;
   s.w = 2.0 * kPi * frequency_hz;
   s.zeta = damping_ratio;
-  s.damped = s.w * sqrt(1.0 - s.zeta * s.zeta);
-  s.fade = exp(-s.zeta * s.w * step_s);
-  s.sine = sin(s.damped * step_s);
-  s.cosine = cos(s.damped * step_s);
+  turned = s.w * s.w * (1.0 - s.zeta * s.zeta) * step_s * step_s;
+  faded = s.zeta * s.w * step_s;
+  if (turned > nearly_critical) {
+    const double angle = sqrt(turned);
+    s.cosine = exp(-faded) * cos(angle);
+    s.sine = exp(-faded) * sin(angle) / angle * step_s;
+  } else if (turned < -nearly_critical) {
+    const double apart = sqrt(-turned), slow = exp(apart - faded), fast = exp(-apart - faded);
+    s.cosine = 0.5 * (slow + fast);
+    s.sine = 0.5 * (slow - fast) / apart * step_s;
+  } else {
+    s.cosine = exp(-faded) * (1.0 - turned / 2.0 * (1.0 - turned / 12.0));
+    s.sine = exp(-faded) * (1.0 - turned / 6.0 * (1.0 - turned / 20.0)) * step_s;
+  }
   return s;
 }
 
 static void advance(const SwingStep* s, Swing* swing, double rest) {
-  const double q = swing->q - rest;
-  const double along = (swing->rate + s->zeta * s->w * q) / s->damped;
-  swing->q = rest + s->fade * (q * s->cosine + along * s->sine);
-  swing->rate =
-      s->fade *
-      (swing->rate * s->cosine -
-       (s->w * q * s->w / s->damped + s->zeta * s->w * swing->rate / s->damped) * s->sine);
+  const double q = swing->q - rest, drag = s->zeta * s->w;
+  swing->q = rest + q * s->cosine + (swing->rate + drag * q) * s->sine;
+  swing->rate = swing->rate * s->cosine - (s->w * s->w * q + drag * swing->rate) * s->sine;
 }
 
 void servotwin_compliance(const double* shape, EffectMemory* memory, const Motion* m,

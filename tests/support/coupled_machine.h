@@ -1,0 +1,96 @@
+// Two axes that push each other: the table of each feels a share of its own mass times the
+// acceleration of the other's table, as where one carries the other on guides that are not square,
+// or both stand on one frame (tests/hidden_effects/rig.h).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "identification/segments.h"
+#include "tests/hidden_effects/motion.h"
+#include "tests/hidden_effects/rig.h"
+#include "tests/support/two_masses.h"
+
+namespace servotwin::test {
+
+struct CoupledMachine {
+  std::array<hidden_effects::Rig, 2> axes;
+  std::array<double, 2> felt{};  ///< acceleration of the table per acceleration of the other's
+};
+
+/// By turns, until neither axis changes what the other does: every turn adds one more way back and
+/// forth, which is smaller by the product of both shares.
+inline std::array<hidden_effects::Trace, 2> simulate(
+    CoupledMachine machine, const std::array<hidden_effects::Command, 2>& commands) {
+  constexpr int kTurns = 4;
+  std::array<hidden_effects::Trace, 2> traces;
+  for (int turn = 0; turn < kTurns; ++turn) {
+    for (std::size_t i = 0; i < 2; ++i) {
+      const std::vector<double>& other = traces[1 - i].acceleration;
+      std::vector<double>& force = machine.axes[i].external_force;
+      force.resize(other.size());
+      const double mass = machine.felt[i] * machine.axes[i].body.mass;
+      for (std::size_t k = 0; k < other.size(); ++k) force[k] = mass * other[k];
+      traces[i] = hidden_effects::simulate(machine.axes[i], commands[i]);
+    }
+  }
+  return traces;
+}
+
+/// What a controller writes down of it: X and Y, each with the other's command beside it.
+inline std::array<SegmentedAxis, 2> recorded(
+    const CoupledMachine& machine, const std::array<hidden_effects::Command, 2>& commands) {
+  const auto traces = simulate(machine, commands);
+  const auto array = [](const std::vector<double>& v) {
+    return Eigen::Map<const Eigen::ArrayXd>(v.data(), static_cast<Eigen::Index>(v.size())).eval();
+  };
+  if (traces[0].command.size() != traces[1].command.size())
+    throw std::invalid_argument("two axes of one machine move for the same time");
+  std::array<SegmentedAxis, 2> out;
+  for (std::size_t i = 0; i < 2; ++i) {
+    Segment segment;
+    segment.sample_time_s = machine.axes[i].reading.sample_time;
+    segment.command = array(traces[i].command);
+    segment.actual = array(traces[i].actual);
+    segment.neighbour = array(traces[1 - i].command);
+    segment.in_plane = true;
+    out[i].axis = i == 0 ? "X" : "Y";
+    out[i].sample_time_s = segment.sample_time_s;
+    out[i].segments = {std::move(segment)};
+  }
+  return out;
+}
+
+/// X of two masses, Y of two with a spring of this frequency [Hz], or of one body with 0; X feels
+/// 4 % of the other's acceleration, Y -6 %.
+inline CoupledMachine coupled_machine(double spring_frequency_hz) {
+  constexpr auto kMaxwell = hidden_effects::Friction::Family::kMaxwell;
+  CoupledMachine out{{two_masses(kMaxwell, 150.0, 0.0), two_masses(kMaxwell, 90.0, 0.0)},
+                     {0.04, -0.06}};
+  hidden_effects::Rig& y = out.axes[1];
+  y.body.spring_frequency_hz = spring_frequency_hz;
+  y.drive.position_gain = 33.0;
+  y.reading.noise_seed = 2;
+  return out;
+}
+
+/// 20 s of production, of each axis its own.
+inline std::array<hidden_effects::Command, 2> production_of_both() {
+  std::array<hidden_effects::Command, 2> out;
+  for (std::size_t i = 0; i < 2; ++i) {
+    hidden_effects::Motion motion;
+    motion.limits = {0.25, 5.0, 200.0};
+    hidden_effects::Random random(7 + i);
+    out[i] = hidden_effects::motion_of(motion, random);
+  }
+  const double end = std::max(out[0].duration(), out[1].duration());
+  for (hidden_effects::Command& command : out) {
+    if (command.duration() < end) command.dwell(end - command.duration());
+  }
+  return out;
+}
+
+}  // namespace servotwin::test
