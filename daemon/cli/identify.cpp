@@ -204,9 +204,10 @@ Command add_identify(CLI::App& app) {
                   "asks for")
       ->type_name("N")
       ->check(between(0.0, static_cast<double>(kMaxModes)));
-  command.add_flag("--coupling", arguments->identify.coupling,
-                   "what the acceleration of the recording's other axis does to this one, where the "
-                   "held-out error asks for it");
+  command.add_flag(
+      "--coupling", arguments->identify.coupling,
+      "what the acceleration of the recording's other axis does to this one, where the "
+      "held-out error asks for it");
   command
       .add_option("--delay-max", arguments->identify.delay_max_s,
                   "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
