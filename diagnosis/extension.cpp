@@ -62,6 +62,7 @@ Structure extended_by(const Structure& base, std::size_t kind) {
 Structure without(const Structure& base, const std::string& cause, std::size_t kind) {
   Structure out = base;
   const auto at = std::find(out.effects.begin(), out.effects.end(), kind);
+  if (at == out.effects.end()) return out;
   if (std::find(kLaws.begin(), kLaws.end(), kind) != kLaws.end()) {
     *at = cause == "stribeck" ? kind_of<Presliding>() : kind_of<CoulombFriction>();
     if (cause != "stribeck") out.effects.push_back(kind_of<FallingFriction>());

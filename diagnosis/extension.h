@@ -30,7 +30,7 @@ struct Channels {
 [[nodiscard]] Structure extended_by(const Structure& base, std::size_t kind);
 
 /// What is left when a cause that this effect models is taken out again: what the effect replaced
-/// returns where every machine has it.
+/// returns where every machine has it. The structure itself where that effect is not in it.
 [[nodiscard]] Structure without(const Structure& base, const std::string& cause, std::size_t kind);
 
 /// What an effect adds to a fit, beyond what it replaces.

@@ -514,6 +514,11 @@ class Selection {
     if (found_.size() < 2) return;
     for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
       if (id == last_) continue;
+      if (!current_.has(one.kind)) {  // another one has taken its place
+        steps_.push_back(text("  %s: needless", id.c_str()));
+        found_.erase(id);
+        continue;
+      }
       Hypothesis less;
       less.structure = without(current_.structure, id, one.kind);
       if (!search_.fit(less, {point_of(current_.model, less.structure)})) continue;
