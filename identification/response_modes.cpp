@@ -89,14 +89,12 @@ FittedResponse fit_response(std::span<const ResponseRecord> records, double samp
   return out;
 }
 
-std::vector<FittedPole> candidate_modes(std::span<const ResponseRecord> records,
-                                        double sample_time_s, const ModeOptions& options) {
+std::vector<FittedPole> poles_shown(std::span<const ResponseRecord> records, double sample_time_s,
+                                    const ModeOptions& options) {
   std::vector<FittedPole> out;
   if (const FittedResponse found = fit_response(records, sample_time_s, options); found.fit)
     out = found.fit->poles;
-  std::erase_if(out, [](const FittedPole& pole) {
-    return !pole.pair || pole.zeta >= 1.0 || !pole.determined();
-  });
+  std::erase_if(out, [](const FittedPole& pole) { return !pole.determined(); });
   return out;
 }
 

@@ -31,12 +31,12 @@ struct FittedResponse {
 [[nodiscard]] FittedResponse fit_response(std::span<const ResponseRecord> records,
                                           double sample_time_s, const ModeOptions& options = {});
 
-/// The pairs of the fit with zeta below 1 that are determined, from the first input to the output,
-/// by how much of the response they explain: where a fit in the time domain may begin. The input
-/// may be the command's velocity or acceleration and the output the tracking error. The pair of the
-/// position loop is one of them. Empty where there is no fit.
-[[nodiscard]] std::vector<FittedPole> candidate_modes(std::span<const ResponseRecord> records,
-                                                      double sample_time_s,
-                                                      const ModeOptions& options = {});
+/// The poles of the fit that are determined, from the first input to the output, by how much of the
+/// response they explain: where a fit in the time domain may begin. From the command's velocity to
+/// the tracking error they are those of the position loop and the modes. Empty where there is no
+/// fit.
+[[nodiscard]] std::vector<FittedPole> poles_shown(std::span<const ResponseRecord> records,
+                                                  double sample_time_s,
+                                                  const ModeOptions& options = {});
 
 }  // namespace servotwin

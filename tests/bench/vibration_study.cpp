@@ -1,13 +1,17 @@
 // What modes of vibration in the twin are worth, printed: an axis of two masses on a spring, whose
-// table vibrates at 44 Hz with a damping of 3 %, on a machine of other code.
+// table vibrates at 44 Hz with a damping of 3 %, two such axes that push each other, and an axis
+// that carries up to six masses on springs, on machines of other code.
 //
-//   vibration_study [--write FOLDER | --coupled]
+//   vibration_study [--write FOLDER | --coupled | --many]
 //
-// With a folder the recordings are written there instead, for vibration_peer.py. --coupled: only
-// the last part, two such axes that push each other.
+// With a folder recordings of the first and third part are written there instead, for
+// vibration_peer.py.
+// --coupled, --many: only the second part, only the third.
 //
 // Models are identified from the first part of one recording and judged by their free simulation of
-// the rest. The true poles are those of the machine's equations (tests/support/two_masses.h).
+// the rest. The true poles are those of the machine's equations (tests/support/closed_loop.h,
+// many_masses.h).
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -19,6 +23,7 @@
 #include "tests/hidden_effects/motion.h"
 #include "tests/hidden_effects/rig.h"
 #include "tests/support/coupled_machine.h"
+#include "tests/support/many_masses.h"
 #include "tests/support/two_masses.h"
 
 namespace {
@@ -79,37 +84,98 @@ void write(const std::string& path, const Segment& segment) {
 void coupled(double spring_frequency_hz) {
   const test::CoupledMachine machine = test::coupled_machine(spring_frequency_hz);
   const auto axes = test::recorded(machine, test::production_of_both());
+  // What the other axis does, its friction too, where only its command is known in production.
+  auto told = axes;
+  for (std::size_t i = 0; i < 2; ++i)
+    told[i].segments[0].neighbour = axes[1 - i].segments[0].actual;
+  const auto truths = test::modes_of(machine);
   for (std::size_t i = 0; i < 2; ++i) {
-    const std::complex<double> truth = test::mode_of(machine.axes[i]);
-    std::printf("Y %s, %s feels %.0f %% of the other's acceleration:",
-                spring_frequency_hz > 0.0 ? "vibrates, too" : "is stiff", axes[i].axis.c_str(),
-                100.0 * machine.felt[i]);
+    const std::complex<double> truth = truths[i];
+    std::printf("Y %s; %s:", spring_frequency_hz > 0.0 ? "vibrates, too" : "is stiff",
+                axes[i].axis.c_str());
     if (std::abs(truth) > 0.0)
       std::printf(" mode %.3f Hz, damping %.4f\n", std::abs(truth) / kTwoPi,
                   -truth.real() / std::abs(truth));
     else
       std::printf(" no mode\n");
-    for (const auto& [modes, coupling] : {std::pair{0, false}, {2, false}, {2, true}}) {
+    const auto identified = [&](const char* what, const SegmentedAxis& axis, int modes,
+                                bool coupling) {
       IdentifyOptions options;
       options.method = Method::kJoint;
       options.modes = modes;
       options.coupling = coupling;
-      const Identified found = identify(axes[i], options);
-      say((std::string(modes > 0 ? "with modes, " : "rigid, ") + (coupling ? "coupled, " : "") +
-           std::string(identity_of(found.record.model.effects.front().kind).id))
-              .c_str(),
+      const Identified found = identify(axis, options);
+      say((what + std::string(identity_of(found.record.model.effects.front().kind).id)).c_str(),
           found, truth);
       std::fflush(stdout);
-    }
+    };
+    identified("rigid, ", axes[i], 0, false);
+    identified("with modes, ", axes[i], 2, false);
+    identified("with modes, coupled, ", axes[i], 2, true);
+    identified("coupled by its encoder, ", told[i], 2, true);
   }
+}
+
+void both_coupled() {
+  coupled(0.0);
+  coupled(62.0);
+}
+
+/// An axis that carries a mass on a spring at each of these frequencies [Hz], without friction.
+void many(const std::vector<double>& hz) {
+  const test::ManyMasses machine = test::carrying(hz);
+  SegmentedAxis data;
+  data.axis = "X";
+  data.segments = {test::production_of(machine)};
+  data.sample_time_s = data.segments.front().sample_time_s;
+  IdentifyOptions options;
+  options.order = 2;
+  options.modes = static_cast<int>(kMaxModes);
+  const Identified found = identify(data, options);
+  std::vector<Mode> modes = found.record.model.loop.modes;
+  std::sort(modes.begin(), modes.end(),
+            [](const Mode& l, const Mode& r) { return l.omega < r.omega; });
+  std::printf("%zu masses: held out %.4f um RMS, rigid ", hz.size(),
+              1e6 * found.record.holdout.rms);
+  options.modes = 0;
+  std::printf("%.3f; %zu modes taken\n", 1e6 * identify(data, options).record.holdout.rms,
+              modes.size());
+  for (const std::complex<double>& truth : machine.modes()) {
+    const double omega = std::abs(truth), zeta = -truth.real() / omega;
+    std::printf("  %8.3f Hz, damping %.4f", omega / kTwoPi, zeta);
+    const auto nearest =
+        std::min_element(modes.begin(), modes.end(), [&](const auto& l, const auto& r) {
+          return std::abs(l.omega - omega) < std::abs(r.omega - omega);
+        });
+    if (nearest == modes.end() || std::abs(nearest->omega / omega - 1.0) > 0.05)
+      std::printf("   not found\n");
+    else
+      std::printf("   %+.2f %%, damping %+.1f %%\n", 100.0 * (nearest->omega / omega - 1.0),
+                  100.0 * (nearest->zeta / zeta - 1.0));
+  }
+  std::fflush(stdout);
+}
+
+void all_many() {
+  for (const std::vector<double>& hz : {std::vector{31.0, 62.0},
+                                        {40.0, 46.0},
+                                        {24.0, 47.0, 90.0},
+                                        {24.0, 38.0, 60.0, 95.0},
+                                        {24.0, 38.0, 60.0, 95.0, 130.0},
+                                        {22.0, 34.0, 50.0, 74.0, 105.0, 140.0}})
+    many(hz);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc == 2 && std::string(argv[1]) == "--coupled") {
-    coupled(0.0);
-    coupled(62.0);
+  const std::string part = argc == 2 ? argv[1] : "";
+  if (part == "--coupled") {
+    both_coupled();
+    return 0;
+  }
+  if (part == "--many") {
+    all_many();
     return 0;
   }
   const std::string folder = argc == 3 && std::string(argv[1]) == "--write" ? argv[2] : "";
@@ -143,7 +209,11 @@ int main(int argc, char** argv) {
       }
     }
   }
-  if (!folder.empty()) return 0;
-  coupled(0.0);
-  coupled(62.0);
+  if (!folder.empty()) {
+    write(folder + "/five_masses.csv",
+          test::production_of(test::carrying({24.0, 38.0, 60.0, 95.0, 130.0})));
+    return 0;
+  }
+  both_coupled();
+  all_many();
 }

@@ -276,7 +276,7 @@ TEST(ResponseModes, AreThoseOfTheOscillators) {
     const ArrayXd y = oscillator(u, 45.0, 0.03, h) - 0.5 * oscillator(u, 110.0, 0.05, h);
     records.push_back({{u}, y + noise(n, 0.02, random), {}});
   }
-  const std::vector<FittedPole> modes = candidate_modes(records, h);
+  const std::vector<FittedPole> modes = poles_shown(records, h);
   ASSERT_GE(modes.size(), 2u);
   const bool first = modes[0].omega < modes[1].omega;
   const FittedPole& low = modes[first ? 0 : 1];
@@ -295,7 +295,7 @@ TEST(ResponseModes, AreNoneWithoutExcitation) {
   std::mt19937_64 random(21);
   const std::vector<ResponseRecord> records{
       {{noise(20000, 1.0, random)}, noise(20000, 1.0, random), {}}};
-  EXPECT_TRUE(candidate_modes(records, kStep_s).empty());
+  EXPECT_TRUE(poles_shown(records, kStep_s).empty());
   const FittedResponse found = fit_response(records, kStep_s);
   EXPECT_NE(found.declined, "");
   // What chance makes significant stands alone.

@@ -1,10 +1,11 @@
-// Two axes that push each other: the table of each feels a share of its own mass times the
-// acceleration of the other's table, as where one carries the other on guides that are not square,
-// or both stand on one frame (tests/hidden_effects/rig.h).
+// Two axes that push each other: the table of each feels a mass times the acceleration of the
+// other's table, the same one both ways, as where one carries the other on guides that are not
+// square (tests/hidden_effects/rig.h).
 #pragma once
 
 #include <algorithm>
 #include <array>
+#include <complex>
 #include <stdexcept>
 #include <utility>
 #include <vector>
@@ -12,28 +13,28 @@
 #include "identification/segments.h"
 #include "tests/hidden_effects/motion.h"
 #include "tests/hidden_effects/rig.h"
+#include "tests/support/closed_loop.h"
 #include "tests/support/two_masses.h"
 
 namespace servotwin::test {
 
 struct CoupledMachine {
   std::array<hidden_effects::Rig, 2> axes;
-  std::array<double, 2> felt{};  ///< acceleration of the table per acceleration of the other's
+  double common_mass = 0.0;  ///< [kg]
 };
 
-/// By turns, until neither axis changes what the other does: every turn adds one more way back and
-/// forth, which is smaller by the product of both shares.
+/// By turns, until neither axis changes what the other does. Every turn adds one more way back and
+/// forth; at the frequency of a mode it is four times smaller than the one before, not more.
 inline std::array<hidden_effects::Trace, 2> simulate(
     CoupledMachine machine, const std::array<hidden_effects::Command, 2>& commands) {
-  constexpr int kTurns = 4;
+  constexpr int kTurns = 16;
   std::array<hidden_effects::Trace, 2> traces;
   for (int turn = 0; turn < kTurns; ++turn) {
     for (std::size_t i = 0; i < 2; ++i) {
       const std::vector<double>& other = traces[1 - i].acceleration;
       std::vector<double>& force = machine.axes[i].external_force;
       force.resize(other.size());
-      const double mass = machine.felt[i] * machine.axes[i].body.mass;
-      for (std::size_t k = 0; k < other.size(); ++k) force[k] = mass * other[k];
+      for (std::size_t k = 0; k < other.size(); ++k) force[k] = machine.common_mass * other[k];
       traces[i] = hidden_effects::simulate(machine.axes[i], commands[i]);
     }
   }
@@ -64,12 +65,26 @@ inline std::array<SegmentedAxis, 2> recorded(
   return out;
 }
 
-/// X of two masses, Y of two with a spring of this frequency [Hz], or of one body with 0; X feels
-/// 4 % of the other's acceleration, Y -6 %.
+/// The modes of X and Y as the machine has them together [rad/s]; 0 where the axis is one body.
+inline std::array<std::complex<double>, 2> modes_of(const CoupledMachine& machine) {
+  const auto poles =
+      closed_loop_poles({machine.axes.begin(), machine.axes.end()}, machine.common_mass);
+  std::array<std::complex<double>, 2> out;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const std::complex<double> alone = mode_of(machine.axes[i]);
+    if (alone == 0.0) continue;
+    out[i] = *std::min_element(poles.begin(), poles.end(), [&](const auto& l, const auto& r) {
+      return std::abs(l - alone) < std::abs(r - alone);
+    });
+  }
+  return out;
+}
+
+/// X of two masses, Y of two with a spring of this frequency [Hz], or of one body with 0; each
+/// feels 4 kg times the other's acceleration.
 inline CoupledMachine coupled_machine(double spring_frequency_hz) {
   constexpr auto kMaxwell = hidden_effects::Friction::Family::kMaxwell;
-  CoupledMachine out{{two_masses(kMaxwell, 150.0, 0.0), two_masses(kMaxwell, 90.0, 0.0)},
-                     {0.04, -0.06}};
+  CoupledMachine out{{two_masses(kMaxwell, 150.0, 0.0), two_masses(kMaxwell, 90.0, 0.0)}, 4.0};
   hidden_effects::Rig& y = out.axes[1];
   y.body.spring_frequency_hz = spring_frequency_hz;
   y.drive.position_gain = 33.0;

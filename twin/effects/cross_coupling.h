@@ -29,8 +29,8 @@ struct CrossCoupling {
        {"other_damping", "1", 0.3, 5.0, 0.9, "zeta of the other axis' loop"}}};
   static constexpr std::array<Parameter, 3> kCoefficients{
       {{"ratio", "1", -10.0, 10.0, 0.0, "acceleration felt here per acceleration there"},
-       {"lead", "1", -100.0, 100.0, 0.0, "by feed-forward of the other axis' velocity"},
-       {"direct", "1", -10.0, 10.0, 0.0, "by feed-forward of the other axis' acceleration"}}};
+       {"lead", "1", -1000.0, 1000.0, 0.0, "by feed-forward of the other axis' velocity"},
+       {"direct", "1", -100.0, 100.0, 0.0, "by feed-forward of the other axis' acceleration"}}};
   template <class T>
   struct Memory {
     Memory() = default;
