@@ -2,8 +2,8 @@
 #include <cmath>
 #include <map>
 #include <memory>
-#include <optional>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "daemon/cli/command.h"
 #include "daemon/cli/correction.h"
