@@ -230,10 +230,12 @@ FrequencyResponse frequency_response(std::span<const ResponseRecord> records, do
   const Index length = window_of(records, sample_time_s, options);
   char words[200];
   if (length < kShortest) {
-    std::snprintf(words, sizeof words,
-                  "a window of %.4g s has %td samples, it needs %td: take longer windows or a "
-                  "longer recording",
-                  sample_time_s * static_cast<double>(length), length, kShortest);
+    std::snprintf(
+        words, sizeof words,
+        "a window of %.4g s has %td samples, it needs %td: take longer windows or a "
+        "longer recording",
+        options.window_s > 0.0 ? options.window_s : sample_time_s * static_cast<double>(length),
+        length, kShortest);
     throw std::runtime_error(words);
   }
   const Spectra spectra = spectra_of(records, length, options);
