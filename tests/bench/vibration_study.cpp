@@ -64,9 +64,10 @@ void say(const char* name, const Identified& found, std::complex<double> truth) 
   const double hz = std::abs(truth) / kTwoPi, zeta = -truth.real() / std::abs(truth);
   for (std::size_t i = 0; i < r.model.loop.modes.size(); ++i) {
     const Mode &mode = r.model.loop.modes[i], &sd = r.mode_deviations[i];
-    std::printf("   %.3f +- %.3f Hz (%+.2f %%), damping %.4f +- %.4f (%+.1f %%)",
-                mode.omega / kTwoPi, sd.omega / kTwoPi, 100.0 * (mode.omega / kTwoPi / hz - 1.0),
-                mode.zeta, sd.zeta, 100.0 * (mode.zeta / zeta - 1.0));
+    std::printf("   %.3f +- %.3f Hz", mode.omega / kTwoPi, sd.omega / kTwoPi);
+    if (hz > 0.0) std::printf(" (%+.2f %%)", 100.0 * (mode.omega / kTwoPi / hz - 1.0));
+    std::printf(", damping %.4f +- %.4f", mode.zeta, sd.zeta);
+    if (hz > 0.0) std::printf(" (%+.1f %%)", 100.0 * (mode.zeta / zeta - 1.0));
   }
   std::printf("\n");
 }
