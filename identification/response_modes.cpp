@@ -92,8 +92,12 @@ FittedResponse fit_response(std::span<const ResponseRecord> records, double samp
 std::vector<FittedPole> poles_shown(std::span<const ResponseRecord> records, double sample_time_s,
                                     const ModeOptions& options) {
   std::vector<FittedPole> out;
-  if (const FittedResponse found = fit_response(records, sample_time_s, options); found.fit)
-    out = found.fit->poles;
+  try {
+    if (const FittedResponse found = fit_response(records, sample_time_s, options); found.fit)
+      out = found.fit->poles;
+  } catch (const std::runtime_error&) {
+    return out;
+  }
   std::erase_if(out, [](const FittedPole& pole) { return !pole.determined(); });
   return out;
 }

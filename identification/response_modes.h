@@ -34,7 +34,7 @@ struct FittedResponse {
 /// The poles of the fit that are determined, from the first input to the output, by how much of the
 /// response they explain: where a fit in the time domain may begin. From the command's velocity to
 /// the tracking error they are those of the position loop and the modes. Empty where there is no
-/// fit.
+/// fit, or too little for an estimate; throws nothing of frequency_response.h.
 [[nodiscard]] std::vector<FittedPole> poles_shown(std::span<const ResponseRecord> records,
                                                   double sample_time_s,
                                                   const ModeOptions& options = {});

@@ -209,6 +209,18 @@ TEST(Modes, OfManyMassesAreFoundTogether) {
   }
 }
 
+TEST(Modes, AreSoughtWhereARecordingIsTooShortForAFrequencyResponse) {
+  const Segment all = test::production_of(test::carrying({40.0}));
+  const auto brief = cut({all}, 1.0, 1.1);
+  ASSERT_EQ(brief.size(), 1u);
+  const Projection data({signals_of(brief.front())}, {2, {}});
+  const auto rigid = pole_search(data);
+  ASSERT_TRUE(rigid);
+  const auto more = with_one_more_mode(data, *rigid, {});
+  ASSERT_TRUE(more);
+  EXPECT_LT(more->fit.solution.cost, rigid->solution.cost);
+}
+
 // The question the thesis left open: friction with presliding beside vibration. Neither alone gains
 // what both do.
 TEST(Modes, PreslidingAndVibrationAreFoundTogether) {
