@@ -159,11 +159,8 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   }
   // Pushes cannot be foretold, so that no other motion can confirm them: they are named by how far
   // they stand out (diagnosis/screen.h).
-  // Of several causes that say the same only the least is doubted: it was measured beside the
-  // others.
-  std::string doubted;
   if (!diagnosis.causes.empty() && perhaps_nothing(diagnosis.causes.back().gain))
-    doubted = diagnosis.causes.back().id;
+    diagnosis.causes.back().doubted = true;
   // What disturbs at rest is in the floor as well; what a model leaves is not below it.
   const double quiet = std::min(floor.rms, diagnosis.extended.holdout.rms);
   const auto unsure =
@@ -174,7 +171,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
         const double each = 1.0 / (1.0 + static_cast<double>(c.ambiguous_with.size()));
         const double one_of_them =
             diagnosis.against_earlier && !(c.beaten < each) ? c.confidence / each : c.confidence;
-        return (one_of_them >= kNamed && c.id != doubted && seen) ||
+        return (one_of_them >= kNamed && !c.doubted && seen) ||
                (no_worse && unforeseeable(diagnosis, c));
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
@@ -233,6 +230,31 @@ Model taken_off(const Model& model, std::size_t i, const Model& baseline) {
   Model out = model;
   out.effects.erase(out.effects.begin() + static_cast<std::ptrdiff_t>(i));
   return out;
+}
+
+/// Marks the causes that gain perhaps nothing. Of several that say the same each gains nothing
+/// beside the others: from the least on, each is asked without those that are doubted already.
+void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
+           const std::vector<Segment>& holdout) {
+  std::vector<Cause*> asked;
+  for (Cause& cause : causes) {
+    if (perhaps_nothing(cause.gain) && cause.id != cause_of(kind_of<TimeDelay>()))
+      asked.push_back(&cause);
+  }
+  std::sort(asked.begin(), asked.end(),
+            [](const Cause* l, const Cause* r) { return l->worth < r->worth; });
+  Hypothesis rest = all;
+  for (Cause* cause : asked) {
+    Hypothesis less;
+    const std::size_t kind = all.model.effects[cause->place].kind;
+    less.structure = without(rest.structure, cause->id, kind);
+    if (less.structure.effects == rest.structure.effects) continue;  // of a law that is gone
+    if (!search.fit(less, {point_of(all.model, less.structure)})) return;
+    if (cause != asked.front() && !perhaps_nothing(gain_of(less.model, rest.model, holdout)))
+      return;
+    cause->doubted = true;
+    rest = std::move(less);
+  }
 }
 
 /// By this division of the recording.
@@ -382,6 +404,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     }
     out.causes.push_back(std::move(cause));
   }
+  doubt(out.causes, current, search, holdout);
   if (dropped.any()) {
     const std::vector<Segment> as_recorded =
         cut(recorded.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);

@@ -52,7 +52,8 @@ struct Cause {
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;
   Gain gain;
-  double worth = 0.0;  ///< squared error that it takes away, the rest fitted again [m^2 | rad^2]
+  double worth = 0.0;    ///< squared error that it takes away, the rest fitted again [m^2 | rad^2]
+  bool doubted = false;  ///< on data not seen it gains little, and perhaps nothing
   std::vector<Moved> moved;      ///< against an earlier model only
   std::optional<Model> without;  ///< the extended model fitted again without it
 };
