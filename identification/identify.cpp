@@ -11,6 +11,7 @@
 #include "identification/excitation.h"
 #include "identification/full_ls.h"
 #include "identification/joint.h"
+#include "identification/moving_modes.h"
 #include "identification/noise_floor.h"
 #include "twin/twin.h"
 
@@ -234,6 +235,11 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
     shape += kModeShapes;
     linear += 2;
   }
+  for (std::size_t i = 0; i < record.mode_deviations.size() && shape < all.cols(); ++i) {
+    record.mode_deviations[i].slope = sd(shape++);
+    record.mode_deviations[i].curve = sd(shape++);
+    record.mode_deviations[i].zeta_slope = sd(shape++);
+  }
   const LoopCovariance covariance = values * all * values.transpose();
   if (covariance.allFinite()) record.loop_covariance = 0.5 * (covariance + covariance.transpose());
   const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, covariance(i, i))); };
@@ -283,11 +289,15 @@ Structure structure_of(const Model& model) {
   for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
   structure.matched_feedforward = model.find(kind_of<TimeDelay>()) != nullptr;
   structure.modes = static_cast<int>(model.loop.modes.size());
+  structure.moving = std::any_of(model.loop.modes.begin(), model.loop.modes.end(),
+                                 [](const Mode& mode) { return mode.moves(); });
   return structure;
 }
 
+/// Of a projection, in which modes stand.
 Point point_of(const Model& model) {
   Point point{model.loop.denominator, {}, model.loop.modes};
+  for (Mode& mode : point.modes) mode.slope = mode.curve = mode.zeta_slope = 0.0;
   for (const Effect& effect : model.effects) {
     for (std::size_t i = 0; i < shapes_of(effect.kind).size(); ++i)
       point.shapes.push_back(effect.shape[i]);
@@ -295,12 +305,30 @@ Point point_of(const Model& model) {
   return point;
 }
 
+struct Chosen {
+  Structure structure;
+  /// Where the fit that won ended, where modes or another axis are in it: a search anew might miss
+  /// them.
+  std::vector<Point> from;
+  Loop moving;  ///< with the modes as they were found to move, where they are
+};
+
+/// Slopes and travel of modes that move, from another loop of as many.
+Model with_modes_moving_as(const Loop& as, Model model) {
+  model.loop.travel = as.travel;
+  for (std::size_t i = 0; i < std::min(as.modes.size(), model.loop.modes.size()); ++i) {
+    model.loop.modes[i].slope = as.modes[i].slope;
+    model.loop.modes[i].curve = as.modes[i].curve;
+    model.loop.modes[i].zeta_slope = as.modes[i].zeta_slope;
+  }
+  return model;
+}
+
 /// The structure, chosen within the training data of the axis `name`; all that was tried goes to
-/// `tried`. Where modes or another axis are in it, `found` is where the fit that won ended: a
-/// search anew might miss them.
-Structure chosen_structure(const std::string& name, const std::vector<Segment>& training,
-                           const IdentifyOptions& options, double encoder_step,
-                           std::vector<StructureTrial>& tried, std::vector<Point>& found) {
+/// `tried`.
+Chosen chosen_structure(const std::string& name, const std::vector<Segment>& training,
+                        const IdentifyOptions& options, double encoder_step,
+                        std::vector<StructureTrial>& tried) {
   const auto [fitted, validated] = split(training, 2.0 / 3.0, options.split_each);
   PoleSearchOptions search;
   search.bounds = options.bounds;
@@ -347,7 +375,9 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
                      trial.ruled_out});
   }
 
-  Structure structure = chosen->structure;
+  Chosen out;
+  Structure& structure = out.structure;
+  structure = chosen->structure;
   double chosen_validation = chosen->validation;
   // The friction, chosen the same way, from the simplest model to the richest, and modes of
   // vibration as long as one more of them is worth it. Neither shows without the other where there
@@ -368,6 +398,10 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
   bool taken = false;  // the other axis
   for (int modes = 0; first && modes <= options.modes && modes <= structure.modes + 1; ++modes) {
     if (modes > 0 && !first->add_mode()) break;
+    // The best with as many modes that stand.
+    Structure standing;
+    Model polished;
+    double standing_validation = 1e300;
     // Without the other axis, then with it: what vibrates would have bent a loop that was coupled
     // before.
     for (const bool coupled : {false, true}) {
@@ -395,25 +429,54 @@ Structure chosen_structure(const std::string& name, const std::vector<Segment>& 
           trial.ruled_out = why_invalid(fit->model);
           if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
         }
+        if (trial.validation_rms < standing_validation) {
+          standing_validation = trial.validation_rms;
+          standing = richer;
+          polished = fit->model;
+        }
         const bool more = modes > structure.modes || (coupled && !taken);
         if (trial.validation_rms < (more ? kWorthAMode : kWorthIt) * chosen_validation) {
           chosen_validation = trial.validation_rms;
           structure = richer;
           best = tried.size();
           taken = coupled;
-          found.clear();
-          if (modes > 0 || coupled) found.push_back(point_of(fit->model));
+          out.from.clear();
+          if (modes > 0 || coupled) out.from.push_back(point_of(fit->model));
         }
         tried.push_back(trial);
       }
     }
+    // Whether they move with position: one that does may be worth nothing while it has to stand.
+    if (!joint || modes == 0 || !(standing_validation < 1e300)) continue;
+    standing.moving = true;
+    StructureTrial trial{standing.order,
+                         standing.effects,
+                         kAbsent,
+                         false,
+                         modes,
+                         "no stable fit within the bounds",
+                         true};
+    const auto fit = with_moving_modes(fitted, standing, polished, encoder_step);
+    if (fit) {
+      trial.ruled_out = why_invalid(fit->model);
+      if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
+    }
+    if (trial.validation_rms < kWorthAMode * chosen_validation) {
+      chosen_validation = trial.validation_rms;
+      structure = standing;
+      best = tried.size();
+      taken = structure.effects.back() == kind_of<CrossCoupling>();
+      out.from = {point_of(polished)};
+      out.moving = fit->model.loop;
+    }
+    tried.push_back(trial);
   }
   if (other_friction && best == tried.size()) {
     throw std::runtime_error(say(name, ": ", identity_of(*options.friction).id,
                                  " has no valid fit to this motion; take another friction model"));
   }
   for (std::size_t i = 0; best < tried.size() && i < tried.size(); ++i) tried[i].chosen = i == best;
-  return structure;
+  return out;
 }
 
 }  // namespace
@@ -543,26 +606,44 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   const double encoder_step = noise_floor(axis.segments).encoder_step;
   PoleSearchOptions search;
   Structure structure;
+  Loop moving;
   if (options.start) {
     structure = structure_of(*options.start);
     search.from = {point_of(*options.start)};
-    out.trials.push_back({structure.order, structure.effects, kAbsent, true, structure.modes, ""});
+    moving = options.start->loop;
+    out.trials.push_back(
+        {structure.order, structure.effects, kAbsent, true, structure.modes, "", structure.moving});
   } else {
-    structure =
-        chosen_structure(axis.axis, training, options, encoder_step, out.trials, search.from);
+    Chosen chosen = chosen_structure(axis.axis, training, options, encoder_step, out.trials);
+    structure = std::move(chosen.structure);
+    search.from = std::move(chosen.from);
+    moving = std::move(chosen.moving);
   }
   search.bounds = options.bounds;
   const bool polish = options.method == Method::kJoint;
   if (polish) record.method = "joint";
-  const auto fit = joint_fit(training, structure, search, encoder_step, polish);
+  Structure standing = structure;
+  standing.moving = false;
+  const auto fit = joint_fit(training, standing, search, encoder_step, polish);
   if (!fit)
     throw std::runtime_error(axis.axis +
                              ": the pole search found no finite solution on the training data");
   record.model = fit->model;
+  Eigen::MatrixXd covariance = fit->covariance;
+  if (structure.moving) {
+    const auto moved = with_moving_modes(training, structure,
+                                         with_modes_moving_as(moving, fit->model), encoder_step);
+    if (!moved)
+      throw std::runtime_error(axis.axis +
+                               ": modes that move with position have no valid fit to the training "
+                               "data; identify without a start, or with standing modes");
+    record.model = moved->model;
+    covariance = moved->covariance;
+  }
   record.condition_number = fit->condition_number;
   // Named as the projected fit names them, where the polish left them there.
   const PoleSet poles = named_as(fit->fit.poles, record.model.loop);
-  fill_deviations(record, poles, fit->covariance, fit->linear);
+  fill_deviations(record, poles, covariance, fit->linear);
   if (auto why = why_invalid(record.model); !why.empty()) {
     out.refusals.push_back(why);
     return out;

@@ -47,6 +47,7 @@ struct StructureTrial {
   bool chosen = false;
   int modes = 0;          ///< of vibration
   std::string ruled_out;  ///< why not, whatever its error; empty: it was in the running
+  bool moving = false;    ///< its modes move with position
 };
 
 struct Identified {

@@ -132,7 +132,7 @@ FirstStep::FirstStep(std::vector<Signals> signals, Structure structure, PoleSear
       options_(std::move(options)),
       rigid_(pole_search(Projection(signals_, structure_), options_)) {}
 
-bool FirstStep::follow_presliding() {
+bool FirstStep::follow_friction() {
   if (fit_ || !rigid_) return fit_.has_value();
   Structure structure = structure_;
   const std::size_t place = friction_place(structure);
@@ -149,11 +149,16 @@ bool FirstStep::follow_presliding() {
                                       kind_of<CoulombFriction>(), evaluations),
                       options_, evaluations);
   if (!fits.empty()) fit_ = std::move(fits.front());
-  return fit_.has_value();
+  // An axis that slides more than it creeps is followed better by friction that turns at once.
+  if (!fit_ || rigid_->solution.cost < fit_->solution.cost) {
+    data_.emplace(signals_, structure_);
+    fit_ = rigid_;
+  }
+  return true;
 }
 
 bool FirstStep::add_mode() {
-  if (!follow_presliding()) return false;
+  if (!follow_friction()) return false;
   auto more = with_one_more_mode(*data_, *fit_, options_);
   if (!more) return false;
   data_ = std::move(more->data);
@@ -166,7 +171,7 @@ std::optional<Point> FirstStep::start(bool coupled) {
     if (!rigid_) return std::nullopt;
     return rigid_->point;
   }
-  if (!follow_presliding()) return std::nullopt;
+  if (!follow_friction()) return std::nullopt;
   Point out = fit_->point;
   if (coupled) {
     // The other's loop may be any.
@@ -183,7 +188,8 @@ std::optional<Point> FirstStep::start(bool coupled) {
     out = std::move(found->point);
   }
   const std::size_t place = friction_place(structure_);
-  if (place < structure_.effects.size()) {
+  if (place < structure_.effects.size() &&
+      data_->structure().effects[place] == kind_of<Presliding>()) {
     std::ptrdiff_t before = 0;
     for (std::size_t i = 0; i < place; ++i)
       before += static_cast<std::ptrdiff_t>(shapes_of(structure_.effects[i]).size());

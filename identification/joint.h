@@ -2,8 +2,8 @@
 //
 //   1. Pole search with Coulomb friction: where the poles are, roughly; then the modes of
 //      vibration, one by one, and what another axis does. Both are sought with presliding beside
-//      them: what Coulomb friction leaves at reversals is more than what a mode does, and a search
-//      would take its place for one.
+//      them where a rigid loop follows better with it: what Coulomb friction then leaves at
+//      reversals is more than what a mode does, and a search would take its place for one.
 //   2. The friction's shape parameters with those poles held: a grid, every point one projection.
 //   3. All of them together from the best of the grid, by projection; friction along the measured
 //      motion, and where the encoder is coarse, again along the motion simulated with the result.
@@ -51,13 +51,13 @@ class FirstStep {
   [[nodiscard]] std::optional<Point> start(bool coupled);
 
  private:
-  bool follow_presliding();
+  bool follow_friction();
 
   std::vector<Signals> signals_;
   Structure structure_;
   PoleSearchOptions options_;
   std::optional<PoleFit> rigid_;
-  // With presliding and with the modes.
+  // With presliding or Coulomb friction, and with the modes.
   std::optional<Projection> data_;
   std::optional<PoleFit> fit_;
 };

@@ -161,15 +161,25 @@ constexpr ModeValue kModeValues[] = {
     {"gamma_s", &Mode::gamma},
     {"delta", &Mode::delta},
 };
+/// Of one that moves, over loop.travel.
+constexpr ModeValue kMovingValues[] = {
+    {"log_frequency_slope", &Mode::slope},
+    {"log_frequency_curve", &Mode::curve},
+    {"log_damping_slope", &Mode::zeta_slope},
+};
 
 json modes_json(const ModelRecord& record) {
   json out = json::array();
   for (std::size_t i = 0; i < record.model.loop.modes.size(); ++i) {
     json mode;
-    for (const ModeValue& v : kModeValues) {
+    const auto put = [&](const ModeValue& v) {
       mode[v.name] = record.model.loop.modes[i].*v.value;
       if (i < record.mode_deviations.size())
         mode[std::string(v.name) + "_sd"] = number(record.mode_deviations[i].*v.value);
+    };
+    for (const ModeValue& v : kModeValues) put(v);
+    for (const ModeValue& v : kMovingValues) {
+      if (record.model.loop.modes[i].moves()) put(v);
     }
     mode["natural_frequency_hz"] = record.model.loop.modes[i].omega / kTwoPi;  // for people
     out.push_back(mode);
@@ -178,15 +188,22 @@ json modes_json(const ModelRecord& record) {
 }
 
 void read_modes(const json& loop, ModelRecord& record) {
+  if (const auto travel = loop.find("travel"); travel != loop.end())
+    record.model.loop.travel = {finite(*travel, "loop.travel", "from_m"),
+                                finite(*travel, "loop.travel", "to_m")};
   const auto found = loop.find("modes");
   if (found == loop.end()) return;
   if (!found->is_array()) refuse("loop.modes", "must be a list");
   for (std::size_t i = 0; i < found->size(); ++i) {
     const std::string path = "loop.modes[" + std::to_string(i) + "]";
     Mode mode, deviation;
-    for (const ModeValue& v : kModeValues) {
+    const auto take = [&](const ModeValue& v) {
       mode.*v.value = finite((*found)[i], path, v.name);
       deviation.*v.value = optional((*found)[i], (std::string(v.name) + "_sd").c_str());
+    };
+    for (const ModeValue& v : kModeValues) take(v);
+    for (const ModeValue& v : kMovingValues) {
+      if ((*found)[i].contains(v.name)) take(v);
     }
     record.model.loop.modes.push_back(mode);
     record.mode_deviations.push_back(deviation);
@@ -223,6 +240,8 @@ json loop_json(const ModelRecord& record) {
     out["real_pole_sd_hz"] = number(record.pole_deviation.real / kTwoPi);
   }
   if (!loop.modes.empty()) out["modes"] = modes_json(record);
+  if (std::any_of(loop.modes.begin(), loop.modes.end(), [](const Mode& m) { return m.moves(); }))
+    out["travel"] = {{"from_m", loop.travel.from}, {"to_m", loop.travel.to}};
   // The gain of the unit friction of the rigid-body model, for readers that know no effects.
   const Effect* friction = record.model.find(kind_of<CoulombFriction>());
   out["disturbance_gain"] = friction != nullptr ? friction->coefficient[0] : 0.0;

@@ -98,6 +98,9 @@ class Coordinates {
     }
     for (const Mode& m : model.loop.modes)
       x.insert(x.end(), {m.alpha, m.beta, std::log(m.omega), std::log(m.zeta), m.gamma, m.delta});
+    if (structure_.moving) {
+      for (const Mode& m : model.loop.modes) x.insert(x.end(), {m.slope, m.curve, m.zeta_slope});
+    }
     return Eigen::Map<Eigen::VectorXd>(x.data(), static_cast<Eigen::Index>(x.size()));
   }
 
@@ -113,8 +116,14 @@ class Coordinates {
         out.effects[i].shape[p] = axes_[axis++].value(*x++);
     }
     for (Mode& m : out.loop.modes) {
-      m = {std::exp(x[2]), std::exp(x[3]), x[0], x[1], x[4], x[5]};
+      m = {std::exp(x[2]), std::exp(x[3]), x[0], x[1], x[4], x[5], m.slope, m.curve, m.zeta_slope};
       x += kModeCoordinates;
+    }
+    for (Mode& m : out.loop.modes) {
+      if (!structure_.moving) break;
+      m.slope = *x++;
+      m.curve = *x++;
+      m.zeta_slope = *x++;
     }
     return out;
   }
@@ -132,7 +141,10 @@ class Coordinates {
     if (shape < static_cast<std::size_t>(structure_.order)) return {-1e300, 1e300};
     const std::size_t at = shape - static_cast<std::size_t>(structure_.order);
     if (at < axes_.size()) return {axes_[at].lower, axes_[at].upper};
-    if ((at - axes_.size()) % kModeCoordinates == 3) return {-1e300, std::log(kMostDamping)};
+    const auto of_modes = at - axes_.size();
+    if (of_modes >= static_cast<std::size_t>(kModeCoordinates * structure_.modes))
+      return {-kMostModeTravel, kMostModeTravel};
+    if (of_modes % kModeCoordinates == 3) return {-1e300, std::log(kMostDamping)};
     return {-1e300, 1e300};
   }
 
@@ -141,19 +153,23 @@ class Coordinates {
     const auto linear = static_cast<Eigen::Index>(slots_.size()) + numerators_;
     const Eigen::Index modes = linear + structure_.order + static_cast<Eigen::Index>(axes_.size());
     const Eigen::Index of_mode = (i - modes) % kModeCoordinates;
+    if (i >= modes + kModeCoordinates * structure_.modes) return 1e-5;
     if (i >= linear && (i < modes || of_mode == 2 || of_mode == 3)) return 1e-5;
     return 1e-5 * std::max(std::abs(value), 1e-3);
   }
 
   /// d parameters / d coordinates at x, with the parameters in the order of the covariance (every
   /// numerator, coefficients, alpha and beta of every mode, a1..an, shapes, omega, zeta, gamma,
-  /// delta of every mode).
+  /// delta of every mode, slope, curve and zeta_slope of every
+  /// one that moves).
   [[nodiscard]] Eigen::MatrixXd parameters_by_coordinates(const Eigen::VectorXd& x) const {
     const auto slots = static_cast<Eigen::Index>(slots_.size());
     const Eigen::Index n = structure_.order;
     const auto shapes = static_cast<Eigen::Index>(axes_.size());
     const Eigen::Index modes = structure_.modes, linear = n + slots + 2 * modes;
-    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(linear + n + shapes + 4 * modes, x.size());
+    const Eigen::Index moving = structure_.moving ? kMovingCoordinates * modes : 0;
+    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(linear + n + shapes + 4 * modes + moving, x.size());
+    out.bottomRightCorner(moving, moving).setIdentity();
     for (Eigen::Index i = 0; i < numerators_; ++i) out(i, i) = 1.0;
     for (Eigen::Index i = 0; i < slots; ++i) out(n + i, numerators_ + i) = 1.0;
     const Eigen::Index chart = numerators_ + slots;
@@ -176,6 +192,7 @@ class Coordinates {
  private:
   // alpha, beta, log omega, log zeta, gamma, delta
   static constexpr int kModeCoordinates = 6;
+  static constexpr int kMovingCoordinates = 3;  // slope, curve, zeta_slope, after all modes
   static constexpr double kMostDamping = 0.95;
   struct Slot {
     std::size_t effect = 0, coefficient = 0;

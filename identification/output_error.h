@@ -35,8 +35,9 @@ struct OutputErrorFit {
   Model model;
   double sigma = 0.0;  ///< what the simulation misses, the encoder's steps apart [m | rad]
   double minus_log_likelihood = 0.0;  ///< of all readings, at this sigma
-  /// Of all parameters: numerator, coefficients, a1..an, shapes (as `covariance` of the pole
-  /// search).
+  /// Of all parameters: numerator, coefficients, a1..an, shapes and so on (as `covariance` of the
+  /// pole search), and after them slope, curve and zeta_slope of every mode
+  /// that moves.
   Eigen::MatrixXd covariance;
   int simulations = 0;
 };

@@ -27,6 +27,9 @@ struct Structure {
   bool matched_feedforward = false;  ///< no velocity error: the last tracking coefficient is 0
   bool every_coefficient = false;  ///< also those that a free loop contains: for a loop held fixed
   int modes = 0;                   ///< of vibration
+  /// They move with position: known to the polish in free simulation alone (output_error.h); a
+  /// projection takes them for standing.
+  bool moving = false;
 
   /// Shape parameters of all effects, and coefficients that a free loop leaves identifiable.
   [[nodiscard]] int shape_count() const;

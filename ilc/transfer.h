@@ -7,7 +7,8 @@
 // loop: viscous friction B' makes a1 + B' and c1 + B', feed-forward that is missing moves c1 and
 // c0. What else an effect does is not linear and no part of T; virtual trials see it.
 //
-// T(0) = 1. Frequencies in rad/s. Any thread.
+// T(0) = 1. Frequencies in rad/s. A mode that moves with position is taken where it is in the
+// middle of the travel. Any thread.
 #pragma once
 
 #include <Eigen/Core>

@@ -64,6 +64,16 @@ std::string why_invalid(const Model& model) {
     for (const double value : {mode.alpha, mode.beta, mode.gamma, mode.delta}) {
       if (!std::isfinite(value)) return say("loop.modes[", i, "]: a numerator is not finite");
     }
+    for (const double value : {mode.slope, mode.curve, mode.zeta_slope}) {
+      if (!(std::abs(value) <= kMostModeTravel))
+        return say("loop.modes[", i, "]: log_frequency_slope = ", mode.slope,
+                   ", log_frequency_curve = ", mode.curve,
+                   " and log_damping_slope = ", mode.zeta_slope, " must lie within +-",
+                   kMostModeTravel);
+    }
+    if (mode.moves() && !(loop.travel.to > loop.travel.from))
+      return say("loop.modes[", i, "] moves with position, but loop.travel goes from ",
+                 loop.travel.from, " to ", loop.travel.to, ": its end must lie beyond its start");
   }
   if (model.effects.size() > static_cast<std::size_t>(kMaxEffects)) {
     return say("effects: ", model.effects.size(), " are more than ", kMaxEffects);

@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <type_traits>
 
+#include "twin/mode_step.h"
+
 namespace servotwin {
 
 static_assert(std::is_trivially_copyable_v<Twin>, "a twin crosses threads by value");
@@ -93,75 +95,121 @@ Twin::Twin(const Model& model) {
   start(0.0);
 }
 
-// A mode in the form whose first state is its part of the error, so that any start shows in it:
-//   w1' = -2 zeta omega w1 + w2 + b1 u,   w2' = -omega^2 w1 + b2 u:   w1 = (b1 s + b2) / M u
 void Twin::discretise_loop(const Loop& loop) {
   const int n = loop.order;
   linear_.states = 2 * n + 2 * static_cast<int>(loop.modes.size());
-  const Eigen::Index size = linear_.states;
-  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(size, size);
-  Eigen::VectorXd command = Eigen::VectorXd::Zero(size), force = command;
-  Eigen::RowVectorXd error = Eigen::RowVectorXd::Zero(size);
-  const auto block = [&](int first, int width) {
-    const Hold by_command =
-        discretise(a.block(first, first, width, width), command.segment(first, width), h_, 2);
-    const Hold by_force =
-        discretise(a.block(first, first, width, width), force.segment(first, width), h_, 1);
-    for (int r = 0; r < width; ++r) {
+  denominator_ = loop.denominator;
+  numerator_ = loop.numerator;
+  travel_ = loop.travel;
+  std::copy(loop.modes.begin(), loop.modes.end(), modes_.begin());
+  moves_ = std::any_of(loop.modes.begin(), loop.modes.end(),
+                       [](const Mode& mode) { return mode.moves(); });
+  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(n, n);
+  for (int i = 0; i < n; ++i) {
+    if (i + 1 < n) a(i, i + 1) = 1.0;
+    a(n - 1, i) = -loop.denominator[static_cast<std::size_t>(n - 1 - i)];
+  }
+  const Hold hold = discretise(a, Eigen::VectorXd::Unit(n, n - 1), h_, 2);
+  for (int first : {0, n}) {
+    for (int r = 0; r < n; ++r) {
       StepConstants::Row& row = linear_.rows[static_cast<std::size_t>(first + r)];
       row.first = first;
-      row.width = width;
-      for (int c = 0; c < width; ++c) row.phi[static_cast<std::size_t>(c)] = by_command.phi(r, c);
-      for (int k = 0; k < 3; ++k) row.command[static_cast<std::size_t>(k)] = by_command.g(r, k);
-      row.force_end = by_force.g(r, 1) / h_;
-      row.force_begin = by_force.g(r, 0) - row.force_end;
+      row.width = n;
+      for (int c = 0; c < n; ++c) row.phi[static_cast<std::size_t>(c)] = hold.phi(r, c);
+      if (first == 0) {
+        for (int k = 0; k < 3; ++k) row.command[static_cast<std::size_t>(k)] = hold.g(r, k);
+      } else {
+        row.force_end = hold.g(r, 1) / h_;
+        row.force_begin = hold.g(r, 0) - row.force_end;
+      }
     }
-  };
-  for (const int first : {0, n}) {
-    for (int i = 0; i < n; ++i) {
-      if (i + 1 < n) a(first + i, first + i + 1) = 1.0;
-      a(first + n - 1, first + i) = -loop.denominator[static_cast<std::size_t>(n - 1 - i)];
-    }
-    (first == 0 ? command : force)(first + n - 1) = 1.0;
-    block(first, n);
   }
-  for (int i = 0; i < n; ++i) error(i) = loop.numerator[static_cast<std::size_t>(n - 1 - i)];
-  error(2 * n - 2) = disturbance_share(loop.denominator, loop.modes);
   linear_.rest[static_cast<std::size_t>(n)] =
       1.0 / loop.denominator[static_cast<std::size_t>(n - 1)];
+  place_modes(0.0, 0.0);
+}
 
-  int first = 2 * n;
-  for (const Mode& mode : loop.modes) {
-    const double damping = 2.0 * mode.zeta * mode.omega, stiffness = mode.omega * mode.omega;
-    a.block(first, first, 2, 2) << -damping, 1.0, -stiffness, 0.0;
-    command.segment(first, 2) << mode.alpha, mode.beta;
-    force.segment(first, 2) << mode.gamma, mode.delta;
-    block(first, 2);
-    error(first) = 1.0;
-    error(2 * n - 1) -= mode.gamma;
-    if (n == 3) error(n) -= mode.delta * loop.denominator[2] / stiffness;
-    // At rest w1 = delta / omega^2, w2 = damping w1 - gamma.
-    linear_.rest[static_cast<std::size_t>(first)] = mode.delta / stiffness;
-    linear_.rest[static_cast<std::size_t>(first + 1)] =
-        damping * mode.delta / stiffness - mode.gamma;
-    first += 2;
-  }
+// A mode in the form whose first state is its part of the error, so that any start shows in it:
+//   w1' = -2 zeta omega w1 + w2 + b1 u,   w2' = -omega^2 w1 + b2 u:   w1 = (b1 s + b2) / M u
+void Twin::place_modes(double over, double at_end) noexcept {
+  const auto n = static_cast<std::size_t>(linear_.order);
+  const auto size = static_cast<std::size_t>(linear_.states);
+  StepConstants::State error{};
+  for (std::size_t i = 0; i < n; ++i) error[i] = numerator_[n - 1 - i];
+  double share = 1.0;  // disturbance_share
+  std::array<Mode, kMaxModes> here;
 
-  const auto keep = [&](const Eigen::RowVectorXd& row, StepConstants::Reading& reading) {
-    for (Eigen::Index i = 0; i < size; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      reading.state[k] = row(i);
-      reading.force_end += row(i) * linear_.rows[k].force_end;
+  for (std::size_t first = 2 * n; first < size; first += 2) {
+    const std::size_t place = (first - 2 * n) / 2;
+    const Mode mode =
+        at_place(modes_[place], travel_.place(over), linear_.order, denominator_).mode;
+    const ModeStep step(2.0 * mode.zeta * mode.omega, mode.omega * mode.omega, h_);
+    const auto left = step.times(0, 1.0, 0.0), right = step.times(0, 0.0, 1.0);
+    for (std::size_t r = 0; r < 2; ++r) {
+      StepConstants::Row& row = linear_.rows[first + r];
+      row.first = static_cast<int>(first);
+      row.width = 2;
+      row.phi[0] = left[r];
+      row.phi[1] = right[r];
+      double power = h_;
+      for (std::size_t k = 0; k < 3; ++k, power *= h_)
+        row.command[k] = power * step.times(k + 1, mode.alpha, mode.beta)[r];
+      row.force_end = h_ * step.times(2, mode.gamma, mode.delta)[r];
+      row.force_begin = h_ * step.times(1, mode.gamma, mode.delta)[r] - row.force_end;
     }
+    const PlacedMode placed =
+        at_place(modes_[place], travel_.place(at_end), linear_.order, denominator_);
+    const Mode& end = here[place] = placed.mode;
+    const double damping = 2.0 * end.zeta * end.omega, stiffness = end.omega * end.omega;
+    error[first] = 1.0;
+    error[0] += placed.lag;
+    error[2 * n - 1] -= end.gamma;
+    if (n == 3) error[n] -= end.delta * denominator_[2] / stiffness;
+    share -= end.gamma * (denominator_[0] - damping) + end.delta;
+    // At rest w1 = delta / omega^2, w2 = damping w1 - gamma.
+    linear_.rest[first] = end.delta / stiffness;
+    linear_.rest[first + 1] = damping * end.delta / stiffness - end.gamma;
+  }
+  error[2 * n - 2] += share;
+
+  // d/dt of a reading, and what of the inputs is in it at once.
+  const auto rate_of = [&](const StepConstants::State& of) {
+    StepConstants::State out{};
+    for (const std::size_t first : {std::size_t{0}, n}) {
+      for (std::size_t c = 0; c < n; ++c)
+        out[first + c] =
+            (c > 0 ? of[first + c - 1] : 0.0) - of[first + n - 1] * denominator_[n - 1 - c];
+    }
+    for (std::size_t first = 2 * n; first < size; first += 2) {
+      const Mode& mode = here[(first - 2 * n) / 2];
+      out[first] =
+          -2.0 * mode.zeta * mode.omega * of[first] - mode.omega * mode.omega * of[first + 1];
+      out[first + 1] = of[first];
+    }
+    return out;
   };
-  const Eigen::RowVectorXd rate = error * a, second = rate * a;
+  const auto at_once = [&](const StepConstants::State& of, std::size_t block, double Mode::*first,
+                           double Mode::*second) {
+    double sum = of[block + n - 1];
+    for (std::size_t at = 2 * n; at < size; at += 2) {
+      const Mode& mode = here[(at - 2 * n) / 2];
+      sum += of[at] * (mode.*first) + of[at + 1] * (mode.*second);
+    }
+    return sum;
+  };
+  const auto keep = [&](const StepConstants::State& of, StepConstants::Reading& reading) {
+    reading.state = of;
+    reading.force_end = 0.0;
+    for (std::size_t i = 0; i < size; ++i) reading.force_end += of[i] * linear_.rows[i].force_end;
+  };
+  const StepConstants::State rate = rate_of(error);
   keep(error, linear_.error);
   keep(rate, linear_.rate);
-  keep(second, linear_.second);
-  linear_.rate.velocity = error * command;
-  linear_.second.velocity = rate * command;
+  keep(rate_of(rate), linear_.second);
+  linear_.rate.velocity = at_once(error, 0, &Mode::alpha, &Mode::beta);
+  linear_.second.velocity = at_once(rate, 0, &Mode::alpha, &Mode::beta);
   linear_.second.acceleration = linear_.rate.velocity;
-  linear_.second.force = rate * force;
+  linear_.second.force = at_once(rate, n, &Mode::gamma, &Mode::delta);
 }
 
 void Twin::start(double command, double time_s) noexcept {
@@ -174,6 +222,7 @@ void Twin::start(double command, double time_s) noexcept {
     trial_[k] = memory_[k];
   }
   history_.fill(command);
+  if (moves_) place_modes(command, command);
   Motion rest;
   rest.step_s = h_;
   rest.time_s = time_s;
@@ -268,6 +317,7 @@ double Twin::step(const CommandPiece& whole) noexcept {
 }
 
 double Twin::advance(const CommandPiece& piece) noexcept {
+  if (moves_) place_modes(piece.end_position - 0.5 * h_ * piece.end_velocity, piece.end_position);
   const auto states = static_cast<std::size_t>(linear_.states);
   StepConstants::State next;
   for (std::size_t r = 0; r < states; ++r) {
@@ -454,8 +504,13 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
     Twin free{bare};
     std::array<double, kMaxOrder + 2 * kMaxModes> unit{};
     unit[static_cast<std::size_t>(i)] = 1.0;
-    free.start(0.0, {unit.data(), static_cast<std::size_t>(order)});
-    for (Eigen::Index k = 0; k + 1 < settle; ++k) response(k, i) = free.step(CommandPiece{});
+    free.start(delayed(0), {unit.data(), static_cast<std::size_t>(order)});
+    for (Eigen::Index k = 0; k + 1 < settle; ++k) {
+      // Where modes move with it the commanded position counts, standing.
+      CommandPiece still;
+      still.end_position = delayed(k + 1);
+      response(k, i) = free.step(still);
+    }
   }
   const Eigen::RowVectorXd scale = response.colwise().norm().cwiseMax(1e-300);
   const auto solver = (response * scale.cwiseInverse().asDiagonal()).eval().colPivHouseholderQr();

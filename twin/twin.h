@@ -95,6 +95,9 @@ class Twin {
  private:
   using Memories = std::array<EffectMemory<double>, kMaxEffects>;
   void discretise_loop(const Loop& loop);
+  /// The modes' part of linear_ for a cycle over which the command is there and at whose end it is
+  /// here.
+  void place_modes(double over, double at_end) noexcept;
   double advance(const CommandPiece& piece) noexcept;
   double disturbance(Motion& m, Memories& memory) const noexcept;
   double read(const Motion& m) noexcept;
@@ -108,6 +111,11 @@ class Twin {
   double h_ = 0.0;  // of a part
   double delay_s_ = 0.0;
   StepConstants linear_;
+  // What the modes' part of it follows from, cycle by cycle where one of them moves.
+  std::array<double, kMaxOrder> denominator_{}, numerator_{};
+  std::array<Mode, kMaxModes> modes_{};
+  Travel travel_{};
+  bool moves_ = false;
   std::array<Effect, kMaxEffects>
       effects_{};  // the law of friction, other forces, those on the reading
   int reading_count_ = 0;

@@ -1,4 +1,6 @@
 // servotwin export: a model for other programs, as a unit of FMI 2.0 and as matrices.
+#include <algorithm>
+#include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -18,6 +20,7 @@ inline constexpr const char* kExportSchema = "servotwin.export/1";
 
 struct Arguments {
   std::filesystem::path model, unit, matrices, result;
+  double position = kAbsent;  // of the axis in the matrices; its modes may move
 };
 
 /// What the matrices stand for, in their order.
@@ -31,6 +34,10 @@ Names names_of(const ModelRecord& record) {
   for (int i = 0; i < record.model.loop.order; ++i)
     names.states.push_back(i == 0 ? "tracking_error [" + x + "]"
                                   : text("observer_%d [%s/s^%d]", i + 1, x.c_str(), i));
+  for (std::size_t i = 1; i <= record.model.loop.modes.size(); ++i) {
+    names.states.push_back(text("mode_%zu_error [%s]", i, x.c_str()));
+    names.states.push_back(text("mode_%zu_observer [%s/s]", i, x.c_str()));
+  }
   names.states.push_back("command [" + x + "]");
   names.inputs = {"command_velocity [" + x + "/s]", "disturbance [" + x + "/s^2]"};
   names.outputs = {"tracking_error [" + x + "]", "position [" + x + "]", "velocity [" + x + "/s]"};
@@ -40,9 +47,9 @@ Names names_of(const ModelRecord& record) {
   return names;
 }
 
-std::vector<MatVariable> matrices_of(const ModelRecord& record) {
+std::vector<MatVariable> matrices_of(const ModelRecord& record, double position) {
   const Model& model = record.model;
-  const StateSpace s = state_space(model.loop, model.sample_time_s);
+  const StateSpace s = state_space(at_position(model.loop, position), model.sample_time_s);
   const Names names = names_of(record);
   const auto number = [](double value) { return Eigen::MatrixXd::Constant(1, 1, value); };
   return {{"A", s.a},
@@ -53,6 +60,7 @@ std::vector<MatVariable> matrices_of(const ModelRecord& record) {
           {"Gamma", s.g},
           {"sample_time_s", number(model.sample_time_s)},
           {"command_delay_s", number(model.command_delay_s())},
+          {"axis_position", number(position)},
           {"states", names.states},
           {"inputs", names.inputs},
           {"outputs", names.outputs},
@@ -107,15 +115,24 @@ void run(const Arguments& arguments) {
     result["unit"] = unit_json(unit, arguments.unit);
   }
   if (!arguments.matrices.empty()) {
-    write_mat(arguments.matrices, matrices_of(record));
+    const Travel& travel = record.model.loop.travel;
+    const bool given = std::isfinite(arguments.position);
+    const double position = given ? arguments.position : 0.5 * (travel.from + travel.to);
+    write_mat(arguments.matrices, matrices_of(record, position));
     say(people, "matrices    " + text("axis %s, the loop of order %d, sample time %.9g s",
                                       record.axis.c_str(), record.model.loop.order,
                                       record.model.sample_time_s));
+    const auto& modes = record.model.loop.modes;
+    if (std::any_of(modes.begin(), modes.end(), [](const Mode& mode) { return mode.moves(); }))
+      say(people, text("note: its modes move with position; the matrices are those at %g %s%s",
+                       position, record.rotary ? "rad" : "m",
+                       given ? "" : ", the middle of the travel: --at takes another"));
     if (!record.model.effects.empty())
       say(people, "note: the matrices are the loop's alone; not in them: " +
                       structure_text(record.model).substr(std::string("order 3: ").size()));
     const Names names = names_of(record);
     result["matrices"] = {{"file", arguments.matrices.string()},
+                          {"axis_position", position},
                           {"states", names.states},
                           {"inputs", names.inputs},
                           {"outputs", names.outputs},
@@ -139,6 +156,11 @@ Command add_export(CLI::App& app) {
       .add_option("--mat", arguments->matrices,
                   "write the loop as matrices, continuous and discretised (MATLAB v5)")
       ->type_name("OUT.mat");
+  command
+      .add_option("--at", arguments->position,
+                  "where the axis stands in the matrices [m | rad], for modes that move with "
+                  "position (the middle of the travel)")
+      ->type_name("POSITION");
   command
       .add_option("--json", arguments->result,
                   "write what was exported here (servotwin.export/1); - is standard output")

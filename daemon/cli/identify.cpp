@@ -44,6 +44,7 @@ json result_of(const Identified& identified) {
     for (const std::size_t kind : trial.effects) effects.push_back(identity_of(kind).id);
     trials.push_back({{"order", trial.order},
                       {"modes", trial.modes},
+                      {"moving", trial.moving},
                       {"effects", effects},
                       {"validation_rms_m",
                        std::isfinite(trial.validation_rms) ? json(trial.validation_rms) : json()},
@@ -65,7 +66,7 @@ void say_result(std::FILE* people, const Identified& identified) {
             ? text("%9.3f %s", 1e6 * trial.validation_rms, micro(record.rotary))
             : "   no fit";
     say(people, text("  %s       %s  ", trial.chosen ? "->" : "  ", error.c_str()) +
-                    structure_text(trial.order, trial.effects, trial.modes) +
+                    structure_text(trial.order, trial.effects, trial.modes, trial.moving) +
                     (trial.ruled_out.empty() ? "" : "  [ruled out: " + trial.ruled_out + "]"));
   }
   for (const std::string& line : parameter_lines(record)) say(people, line);

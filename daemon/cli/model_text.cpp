@@ -1,5 +1,6 @@
 #include "daemon/cli/model_text.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -52,8 +53,19 @@ std::string mode_line(const ModelRecord& record, std::size_t i) {
   constexpr double kNone = kAbsent;
   const Mode sd = i < record.mode_deviations.size()
                       ? record.mode_deviations[i]
-                      : Mode{kNone, kNone, kNone, kNone, kNone, kNone};
-  return "vibration " + with_deviation(mode.omega / kTwoPi, sd.omega / kTwoPi, "Hz") +
+                      : Mode{kNone, kNone, kNone, kNone, kNone, kNone, kNone, kNone, kNone};
+  std::string moving;
+  if (mode.moves()) {
+    const Travel& travel = record.model.loop.travel;
+    const char* unit = record.rotary ? "rad" : "m";
+    moving = text(" at %g %s (%.4g Hz at %g, %.4g Hz at %g %s; slope ",
+                  0.5 * (travel.from + travel.to), unit, omega_at(mode, -1.0) / kTwoPi, travel.from,
+                  omega_at(mode, 1.0) / kTwoPi, travel.to, unit) +
+             with_deviation(mode.slope, sd.slope, "1") + ", curve " +
+             with_deviation(mode.curve, sd.curve, "1") + "; slope of the damping " +
+             with_deviation(mode.zeta_slope, sd.zeta_slope, "1") + ")";
+  }
+  return "vibration " + with_deviation(mode.omega / kTwoPi, sd.omega / kTwoPi, "Hz") + moving +
          ", damping " + with_deviation(mode.zeta, sd.zeta, "1") + "; by the command alpha " +
          with_deviation(mode.alpha, sd.alpha, "1") + ", beta " +
          with_deviation(mode.beta, sd.beta, "1/s") + "; by friction gamma " +
@@ -97,19 +109,24 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
 
 const char* micro(bool rotary) { return rotary ? "urad" : "um"; }
 
-std::string structure_text(int order, const std::vector<std::size_t>& kinds, int modes) {
+std::string structure_text(int order, const std::vector<std::size_t>& kinds, int modes,
+                           bool moving) {
   std::string line = text("order %d", order);
   for (std::size_t i = 0; i < kinds.size(); ++i) {
     line += (i == 0 ? ": " : ", ") + std::string(identity_of(kinds[i]).id);
   }
   if (modes > 0) line += text(", %d mode%s of vibration", modes, modes > 1 ? "s" : "");
+  if (moving) line += modes > 1 ? " that move with position" : " that moves with position";
   return line;
 }
 
 std::string structure_text(const Model& model) {
   std::vector<std::size_t> kinds;
   for (const Effect& effect : model.effects) kinds.push_back(effect.kind);
-  return structure_text(model.loop.order, kinds, static_cast<int>(model.loop.modes.size()));
+  const auto& modes = model.loop.modes;
+  return structure_text(
+      model.loop.order, kinds, static_cast<int>(modes.size()),
+      std::any_of(modes.begin(), modes.end(), [](const Mode& mode) { return mode.moves(); }));
 }
 
 std::string figures_text(const ErrorFigures& figures, bool rotary) {

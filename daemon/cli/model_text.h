@@ -14,7 +14,7 @@ namespace servotwin::cli {
 
 /// "order 2: coulomb_friction, gravity_offset".
 [[nodiscard]] std::string structure_text(int order, const std::vector<std::size_t>& kinds,
-                                         int modes = 0);
+                                         int modes = 0, bool moving = false);
 [[nodiscard]] std::string structure_text(const Model& model);
 
 /// Poles, numerator and effects, one line each.

@@ -138,6 +138,12 @@ std::string model_text(const Model& model, const std::string& guid) {
 
 Unit make_unit(const ModelRecord& record, const std::vector<std::string>& about) {
   for (const Effect& effect : record.model.effects) require_translated(identity_of(effect.kind).id);
+  for (const Mode& mode : record.model.loop.modes) {
+    if (mode.moves())
+      throw std::runtime_error(
+          "a mode of vibration that moves with position cannot be exported as a unit, whose steps "
+          "are the same everywhere; export --mat --at POSITION gives the loop at a place");
+  }
   Unit unit;
   unit.description = describe(record);
   const std::string& identifier = unit.description.identifier;

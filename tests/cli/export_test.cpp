@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <matio.h>
 
+#include <cmath>
 #include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -104,6 +105,33 @@ TEST_F(Export, WritesTheMatricesWithTheirNames) {
   EXPECT_EQ(values[0], -known_axis().model.loop.denominator[0]);
   EXPECT_EQ(values[1], -known_axis().model.loop.denominator[1]);
   EXPECT_EQ(*static_cast<const double*>(read("sample_time_s")->data), 0.001);
+}
+
+// A mode that moves: the matrices are those of one place, and a unit cannot be.
+TEST_F(Export, AModeThatMovesIsTakenAtOnePlace) {
+  ModelRecord moving = known_axis();
+  moving.model.loop.modes = {{280.0, 0.03, 0.1, 20.0, 0.0, 0.5, 0.2}};
+  moving.model.loop.travel = {-0.1, 0.3};
+  moving.mode_deviations.resize(1);
+  write_model(model_, moving);
+  expect_refused(1, {model_, "--fmu", folder_ / "x.fmu"}, "export --mat --at POSITION");
+  // -omega^2 of the mode, whose states are the third and fourth.
+  const auto stiffness = [&](const std::vector<std::string>& words, const std::string& said) {
+    const std::string file = folder_ / "x.mat";
+    std::vector<std::string> all{"export", model_, "--mat", file};
+    all.insert(all.end(), words.begin(), words.end());
+    const Answer answer = servotwin_says(all);
+    EXPECT_EQ(answer.status, 0) << answer;
+    EXPECT_THAT(answer.out, HasSubstr(said));
+    const std::unique_ptr<mat_t, decltype(&Mat_Close)> mat(Mat_Open(file.c_str(), MAT_ACC_RDONLY),
+                                                           &Mat_Close);
+    const std::shared_ptr<matvar_t> a(Mat_VarRead(mat.get(), "A"), &Mat_VarFree);
+    const std::shared_ptr<matvar_t> names(Mat_VarRead(mat.get(), "states"), &Mat_VarFree);
+    EXPECT_EQ(a->dims[0], names->dims[0]);
+    return static_cast<const double*>(a->data)[2 * a->dims[0] + 3];
+  };
+  EXPECT_NEAR(stiffness({}, "those at 0.1 m, the middle of the travel"), -280.0 * 280.0, 1e-6);
+  EXPECT_NEAR(stiffness({"--at", "0.3"}, "those at 0.3 m"), -280.0 * 280.0 * std::exp(0.4), 1e-6);
 }
 
 TEST_F(Export, OfARotaryAxisIsInRadians) {

@@ -153,7 +153,7 @@ class Plant {
     if (rigid_) return;
     // What the load hangs on is wound up by it, on that side of the gap.
     const double held = body_.constant_force;
-    load.x -= held / stiffness_ + (held > 0.0 ? 0.5 : held < 0.0 ? -0.5 : 0.0) * body_.gap;
+    load.x -= held / stiffness() + (held > 0.0 ? 0.5 : held < 0.0 ? -0.5 : 0.0) * body_.gap;
   }
 
   void advance(double force, double external, double time) {
@@ -195,14 +195,18 @@ class Plant {
   [[nodiscard]] double cogging(double x) const {
     return wave(body_.cogging, body_.cogging_period, body_.cogging_phase, x);
   }
+  [[nodiscard]] double stiffness() const {
+    const double stiffer = 1.0 + body_.spring_by_position * load.x;
+    return stiffness_ * stiffer * stiffer;
+  }
   /// Never pulls across the gap: at the end of a contact the damper lets go.
   [[nodiscard]] double contact_force() const {
     const double apart = motor.x - load.x;
     const double damper = damping_ * (motor.v - load.v);
-    if (body_.gap == 0.0) return stiffness_ * apart + damper;
+    if (body_.gap == 0.0) return stiffness() * apart + damper;
     const double beyond = apart - std::clamp(apart, -0.5 * body_.gap, 0.5 * body_.gap);
-    if (beyond > 0.0) return std::max(0.0, stiffness_ * beyond + damper);
-    if (beyond < 0.0) return std::min(0.0, stiffness_ * beyond + damper);
+    if (beyond > 0.0) return std::max(0.0, stiffness() * beyond + damper);
+    if (beyond < 0.0) return std::min(0.0, stiffness() * beyond + damper);
     return 0.0;
   }
 

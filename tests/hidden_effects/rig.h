@@ -71,9 +71,11 @@ struct Body {
   double motor_share = 0.4;        ///< m1 / mass
   double spring_frequency_hz = 0;  ///< of the table with the motor held; 0: rigid
   double damping_ratio = 0.05;     ///< of the same
-  double gap = 0.0;                ///< play, from end to end [m]
-  double constant_force = 0.0;     ///< F0 [N]
-  double cogging = 0.0;            ///< amplitude [N]
+  /// That frequency is 1 + this times the table's position as high [1/m]; the damper stays.
+  double spring_by_position = 0.0;
+  double gap = 0.0;                                    ///< play, from end to end [m]
+  double constant_force = 0.0;                         ///< F0 [N]
+  double cogging = 0.0;                                ///< amplitude [N]
   double cogging_period = 0.005, cogging_phase = 0.0;  ///< [m], [rad]
   double mass_ratio = 1.0;                             ///< both masses, from mass_time on
   double mass_time = kNever;                           ///< [s]

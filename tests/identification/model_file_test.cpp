@@ -45,6 +45,16 @@ ModelRecord random_record(std::mt19937_64& rng) {
     const LoopCovariance square = root * root.transpose();
     record.loop_covariance = 0.5 * (square + square.transpose());
   }
+  if (u(rng) < 0.8) {
+    record.model.loop.modes = {{280.0 * u(rng), 0.05 * u(rng), u(rng), u(rng), 1e-4, u(rng)}};
+    record.mode_deviations = {{1.0, 2.0, 3.0, 4.0, 5.0, 6.0, kAbsent, kAbsent, kAbsent}};
+    if (u(rng) < 0.8) {
+      record.model.loop.travel = {-0.01, 0.01 * u(rng)};
+      Mode& mode = record.model.loop.modes[0];
+      mode.slope = 0.3 * u(rng), mode.curve = -0.1 * u(rng), mode.zeta_slope = 0.5 * u(rng);
+      record.mode_deviations = {{1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0}};
+    }
+  }
   record.training = {1e-6 * u(rng), 1e-5};
   record.holdout = {1e-6 * u(rng), 1e-5};
   record.source = "test";

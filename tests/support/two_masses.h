@@ -29,6 +29,15 @@ inline std::complex<double> mode_of(const hidden_effects::Rig& rig) {
   return 0.0;
 }
 
+/// The axis as it is about this position of its table, where its spring does not move.
+inline hidden_effects::Rig about(hidden_effects::Rig rig, double position) {
+  const double stiffer = 1.0 + rig.body.spring_by_position * position;
+  rig.body.spring_frequency_hz *= stiffer;
+  rig.body.damping_ratio /= stiffer;
+  rig.body.spring_by_position = 0.0;
+  return rig;
+}
+
 inline hidden_effects::Rig two_masses(hidden_effects::Friction::Family family, double friction,
                                       double integral_time) {
   hidden_effects::Rig rig;
