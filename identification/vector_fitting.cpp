@@ -196,8 +196,13 @@ bool enough(const ResponsePoints& points, int order) {
          order + points.response.cols() * (order + 1);
 }
 
+enum class Polish { kNone, kLeastSquares };
+
 /// Of this order, with the fit of two poles less as one of the starts.
-Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler) {
+Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler, Polish polish) {
+  const auto polished = [&](const Candidate& found) {
+    return polish == Polish::kNone ? found : refined(p, found);
+  };
   const double from = p.s(0).imag(), to = p.s(p.s.size() - 1).imag();
   std::vector<Factors> starts{spread(from, to, order, true), spread(from, to, order, false)};
   if (simpler != nullptr) {
@@ -207,24 +212,24 @@ Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler)
   Candidate best;
   best.linear.cost = std::numeric_limits<double>::infinity();
   for (const Factors& start : starts) {
-    const Candidate found = refined(p, fitted_from(p, start));
+    const Candidate found = polished(fitted_from(p, start));
     if (found.linear.cost < best.linear.cost) best = found;
   }
   if (simpler != nullptr) {  // that pair as it stands, where vector fitting lost it
-    Candidate added{starts.back(), {}};
-    added = refined(p, added);
+    const Candidate added = polished({starts.back(), residues_of(p, starts.back())});
     if (added.linear.cost < best.linear.cost) best = added;
   }
   return best;
 }
 
 /// The fits of orders 1 to `most`, each begun from the one of two poles less.
-std::vector<Candidate> grown(const WeightedResponse& p, int first, int step, int most) {
+std::vector<Candidate> grown(const WeightedResponse& p, int first, int step, int most,
+                             Polish polish = Polish::kLeastSquares) {
   std::vector<Candidate> out;
   const auto back = static_cast<std::size_t>(2 / step);
   for (int order = first; order <= most; order += step) {
     const Candidate* simpler = out.size() >= back ? &out[out.size() - back] : nullptr;
-    out.push_back(fitted(p, order, simpler));
+    out.push_back(fitted(p, order, simpler, polish));
   }
   return out;
 }
@@ -330,6 +335,24 @@ std::optional<RationalFit> fit_rational(const ResponsePoints& points, int order,
   const std::vector<Candidate> fits = grown(p, order % 2 == 1 ? 1 : 2, 2, order);
   if (!std::isfinite(fits.back().linear.cost)) return std::nullopt;
   return described(p, fits.back(), options.delay_s);
+}
+
+std::vector<std::vector<FittedPole>> starting_poles(const ResponsePoints& points, int most) {
+  while (most > 0 && !enough(points, most)) --most;
+  std::vector<std::vector<FittedPole>> out;
+  if (most == 0) return out;
+  const WeightedResponse p(points, {});
+  for (const Candidate& fit : grown(p, 1, 1, most, Polish::kNone)) {
+    out.emplace_back();
+    for (const Factor& factor : in_pairs(fit.factors)) {
+      FittedPole pole;
+      pole.pair = factor.pair;
+      pole.omega = p.unit * (factor.pair ? std::sqrt(factor.b) : factor.b);
+      if (factor.pair) pole.zeta = factor.a / (2.0 * std::sqrt(factor.b));
+      out.back().push_back(pole);
+    }
+  }
+  return out;
 }
 
 std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,

@@ -70,6 +70,11 @@ inline constexpr int kMostPoles = 16;
 [[nodiscard]] std::optional<RationalFit> fit_rational(const ResponsePoints& points, int order,
                                                       const RationalOptions& options = {});
 
+/// Where a search in the time domain begins: the poles of orders 1 to `most` by vector fitting
+/// alone, as far as the points are enough. A pair stands for two real poles, too.
+[[nodiscard]] std::vector<std::vector<FittedPole>> starting_poles(const ResponsePoints& points,
+                                                                  int most);
+
 /// What held-out points say of one order.
 struct OrderTrial {
   int order = 0;

@@ -30,6 +30,7 @@ struct Command {
 [[nodiscard]] Command add_motion_law(CLI::App& app);
 [[nodiscard]] Command add_characterize(CLI::App& app);
 [[nodiscard]] Command add_frequency_response(CLI::App& app);
+[[nodiscard]] Command add_multivariable(CLI::App& app);
 [[nodiscard]] Command add_sequence(CLI::App& app);
 [[nodiscard]] Command add_fit_axis(CLI::App& app);
 [[nodiscard]] Command add_what_if(CLI::App& app);

@@ -33,12 +33,15 @@ int run(int argc, char** argv) {
   app.set_version_flag("--version", SERVOTWIN_VERSION);
   app.require_subcommand(1);
   app.footer("Guide: docs/guide.md. Exit status: 0 done, 1 the work failed, 2 wrong usage.");
-  const std::array commands{
-      add_identify(app),    add_predict(app),    add_diagnose(app),     add_simulate(app),
-      add_learn(app),       add_motion_law(app), add_characterize(app), add_frequency_response(app),
-      add_sequence(app),    add_preview(app),    add_replay(app),       add_watch(app),
-      add_history(app),     add_export(app),     add_what_if(app),      add_fit_axis(app),
-      add_check_config(app)};
+  const std::array commands{add_identify(app),      add_predict(app),
+                            add_diagnose(app),      add_simulate(app),
+                            add_learn(app),         add_motion_law(app),
+                            add_characterize(app),  add_frequency_response(app),
+                            add_sequence(app),      add_preview(app),
+                            add_replay(app),        add_watch(app),
+                            add_history(app),       add_export(app),
+                            add_what_if(app),       add_fit_axis(app),
+                            add_multivariable(app), add_check_config(app)};
 
   std::string name = "servotwin";
   const auto called = [&] {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "daemon/cli/axis_channels.h"
 #include "daemon/cli/command.h"
 #include "daemon/cli/output.h"
 #include "drivers/text.h"
@@ -12,50 +13,21 @@ namespace {
 
 std::vector<std::string> parts_of(const std::string& list) { return split_fields(list, ','); }
 
+const std::vector<std::string> kChannels{"command", "position", "error", "torque"};
+
 /// The unbroken parts in which every signal has a value.
 void add_finite(const ResponseRecord& whole, std::vector<ResponseRecord>& out) {
-  const auto all = [&](const auto& visit) {
-    for (const Eigen::ArrayXd& x : whole.inputs) visit(x);
-    visit(whole.output);
-    for (const Eigen::ArrayXd& x : whole.instruments) visit(x);
-  };
-  const auto finite = [&](Eigen::Index i) {
-    bool out_of = true;
-    all([&](const Eigen::ArrayXd& x) { out_of = out_of && std::isfinite(x(i)); });
-    return out_of;
-  };
-  for (Eigen::Index begin = 0; begin < whole.output.size();) {
-    Eigen::Index end = begin;
-    while (end < whole.output.size() && finite(end)) ++end;
-    if (end > begin) {
-      const auto cut = [&](const std::vector<Eigen::ArrayXd>& from) {
-        std::vector<Eigen::ArrayXd> to;
-        for (const Eigen::ArrayXd& x : from) to.push_back(x.segment(begin, end - begin));
-        return to;
-      };
-      out.push_back(
-          {cut(whole.inputs), whole.output.segment(begin, end - begin), cut(whole.instruments)});
-    }
-    begin = end + 1;
+  std::vector<const Eigen::ArrayXd*> all{&whole.output};
+  for (const Eigen::ArrayXd& x : whole.inputs) all.push_back(&x);
+  for (const Eigen::ArrayXd& x : whole.instruments) all.push_back(&x);
+  for (const auto& [begin, count] : finite_stretches(all)) {
+    const auto cut = [begin, count](const std::vector<Eigen::ArrayXd>& from) {
+      std::vector<Eigen::ArrayXd> to;
+      for (const Eigen::ArrayXd& x : from) to.push_back(x.segment(begin, count));
+      return to;
+    };
+    out.push_back({cut(whole.inputs), whole.output.segment(begin, count), cut(whole.instruments)});
   }
-}
-
-/// "torque" of the axis, or "Y.command" of another one.
-struct Channel {
-  std::string axis, name;
-};
-
-Channel channel_of(const std::string& given, const std::string& axis) {
-  const std::size_t point = given.rfind('.');
-  Channel out = point == std::string::npos
-                    ? Channel{axis, given}
-                    : Channel{given.substr(0, point), given.substr(point + 1)};
-  const std::vector<std::string> known{"command", "position", "error", "torque"};
-  if (std::find(known.begin(), known.end(), out.name) == known.end()) {
-    throw UsageError(in_quotes(given) + " is none of " + listed(known) +
-                     ", of --axis or as AXIS.channel" + did_you_mean(out.name, known));
-  }
-  return out;
 }
 
 /// Channels of axes. A torque is an input with the axis' command as its instrument: the position
@@ -65,53 +37,23 @@ double axis_signals(const ResponseOptions& options, ResponseSignals& out, std::F
   out.inputs = options.inputs.empty() ? std::vector<std::string>{"command"}
                                       : parts_of(options.inputs.front());
   out.output = options.outputs.empty() ? "position" : options.outputs.front();
-  std::vector<SegmentedAxis> axes;
-  const auto segmented = [&](const std::string& name) -> const SegmentedAxis& {
-    for (const SegmentedAxis& axis : axes) {
-      if (axis.axis == name) return axis;
-    }
-    axes.push_back(segment_axis(whole, name));
-    for (const std::string& line : axes.back().report.lines()) say(people, line);
-    return axes.back();
-  };
-  axes.reserve(out.inputs.size() + 2);
-  const SegmentedAxis& own = segmented(options.axis);
-  const auto values = [&](const Channel& channel, std::size_t i) -> Eigen::ArrayXd {
-    const SegmentedAxis& axis = segmented(channel.axis);
-    const auto refuse = [&](const std::string& why) {
-      throw std::runtime_error(axis.source + ": " + channel.axis + " has no " + why);
-    };
-    if (axis.segments.size() != own.segments.size() ||
-        axis.segments[i].size() != own.segments[i].size() ||
-        axis.segments[i].start_s != own.segments[i].start_s)
-      refuse("rows at the same times as " + own.axis +
-             "; take an unbroken part with --from and --to");
-    const Segment& segment = axis.segments[i];
-    if (channel.name == "command") return segment.command;
-    if (channel.name == "torque") {
-      if (segment.torque.size() == 0) refuse("torque");
-      return segment.torque;
-    }
-    if (segment.actual.size() == 0) refuse("encoder values");
-    if (channel.name == "position") return segment.actual;
-    return segment.command - segment.actual;
-  };
-  const Channel output = channel_of(out.output, options.axis);
+  AxisChannels axes(whole, options.axis, people);
+  const Channel output = channel_of(out.output, options.axis, kChannels);
+  std::vector<Channel> inputs;
   bool fed_back = false;
   for (const std::string& name : out.inputs) {
-    const Channel input = channel_of(name, options.axis);
-    if (input.axis == output.axis && input.name == output.name)
+    inputs.push_back(channel_of(name, options.axis, kChannels));
+    if (inputs.back().axis == output.axis && inputs.back().name == output.name)
       throw UsageError("--input and --output are both " + in_quotes(name));
-    fed_back = fed_back || input.name != "command";
+    fed_back = fed_back || inputs.back().name != "command";
   }
-  for (std::size_t i = 0; i < own.segments.size(); ++i) {
+  for (std::size_t i = 0; i < axes.segments(); ++i) {
     ResponseRecord record;
-    for (const std::string& name : out.inputs) {
-      const Channel input = channel_of(name, options.axis);
-      record.inputs.push_back(values(input, i));
-      if (fed_back) record.instruments.push_back(values({input.axis, "command"}, i));
+    for (const Channel& input : inputs) {
+      record.inputs.push_back(axes.values(input, i));
+      if (fed_back) record.instruments.push_back(axes.values({input.axis, "command"}, i));
     }
-    record.output = values(output, i);
+    record.output = axes.values(output, i);
     add_finite(record, out.records);
   }
   if (fed_back)
@@ -119,7 +61,7 @@ double axis_signals(const ResponseOptions& options, ResponseSignals& out, std::F
         "closed loop: the command is the instrument, so that what feedback brings into the input "
         "has no share");
   out.differenced = true;
-  return own.sample_time_s;
+  return axes.sample_time_s();
 }
 
 /// Columns of a file as they are, one record per --input and --output.

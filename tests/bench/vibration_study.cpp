@@ -38,8 +38,10 @@ Rig axis(Friction::Family family, double integral_time) {
   return test::two_masses(family, 150.0, integral_time);
 }
 
-SegmentedAxis recorded(const Rig& rig) {
+SegmentedAxis recorded(const Rig& rig, double stroke = 0.15, double duration = 20.0) {
   hidden_effects::Motion motion;
+  motion.stroke = stroke;
+  motion.duration = duration;
   motion.limits = {0.25, 5.0, 200.0};
   hidden_effects::Random random(7);
   const auto trace = hidden_effects::simulate(rig, hidden_effects::motion_of(motion, random));
@@ -68,6 +70,9 @@ void say(const char* name, const Identified& found, std::complex<double> truth) 
     if (hz > 0.0) std::printf(" (%+.2f %%)", 100.0 * (mode.omega / kTwoPi / hz - 1.0));
     std::printf(", damping %.4f +- %.4f", mode.zeta, sd.zeta);
     if (hz > 0.0) std::printf(" (%+.1f %%)", 100.0 * (mode.zeta / zeta - 1.0));
+    if (mode.moves())
+      std::printf(", slope %.4f +- %.4f, curve %.4f +- %.4f, of the damping %.4f +- %.4f",
+                  mode.slope, sd.slope, mode.curve, sd.curve, mode.zeta_slope, sd.zeta_slope);
   }
   std::printf("\n");
 }
@@ -79,6 +84,26 @@ void write(const std::string& path, const Segment& segment) {
   for (Eigen::Index k = 0; k < segment.size(); ++k)
     out << segment.sample_time_s * static_cast<double>(k) << ',' << segment.command(k) << ','
         << segment.actual(k) << '\n';
+}
+
+/// Both axes of the machine that vibrate and push each other, without their dry friction or with
+/// it.
+void write_coupled(const std::string& path, bool friction) {
+  test::CoupledMachine machine = test::coupled_machine(62.0);
+  for (hidden_effects::Rig& axis : machine.axes) {
+    if (!friction) axis.friction.level = 0.0;
+  }
+  const auto axes = test::recorded(machine, test::production_of_both());
+  std::ofstream out(path);
+  out << "time[s],X.command[m],X.actual[m],Y.command[m],Y.actual[m]\n";
+  out.precision(12);
+  const Segment &x = axes[0].segments.front(), &y = axes[1].segments.front();
+  for (Eigen::Index k = 0; k < x.size(); ++k)
+    out << x.sample_time_s * static_cast<double>(k) << ',' << x.command(k) << ',' << x.actual(k)
+        << ',' << y.command(k) << ',' << y.actual(k) << '\n';
+  for (const std::complex<double> mode : test::modes_of(machine))
+    std::printf("%s mode %.3f Hz %.4f\n", path.substr(path.rfind('/') + 1).c_str(),
+                std::abs(mode) / kTwoPi, -mode.real() / std::abs(mode));
 }
 
 /// Both axes of a machine, of whose Y the spring has this frequency [Hz]; 0: one body.
@@ -120,6 +145,36 @@ void coupled(double spring_frequency_hz) {
 void both_coupled() {
   coupled(0.0);
   coupled(62.0);
+}
+
+/// The axis whose spring becomes stiffer with the position, over 0.4 m by this share to either side
+/// of its middle.
+void moving(double share, Friction::Family family) {
+  Rig rig = axis(family, 0.0);
+  rig.body.spring_by_position = share / 0.2;
+  const SegmentedAxis data = recorded(rig, 0.4, 40.0);
+  std::printf("spring frequency +- %g %% over 0.4 m\n", 100.0 * share);
+  for (const int modes : {0, 2}) {
+    IdentifyOptions options;
+    options.modes = modes;
+    options.method = Method::kJoint;
+    const Identified found = identify(data, options);
+    for (const StructureTrial& trial : found.trials)
+      std::printf("    %d modes%s %.3f um\n", trial.modes, trial.moving ? ", moving" : "",
+                  1e6 * trial.validation_rms);
+    say(modes == 0 ? "rigid" : "with modes", found, test::mode_of(test::about(rig, 0.0)));
+    const Loop& loop = found.record.model.loop;
+    for (const double x : {-0.15, 0.0, 0.15}) {
+      const std::complex<double> truth = test::mode_of(test::about(rig, x));
+      std::printf("    at %+.2f m: %.3f Hz, damping %.4f", x, std::abs(truth) / kTwoPi,
+                  -truth.real() / std::abs(truth));
+      for (const Mode& mode : at_position(loop, x).modes)
+        std::printf("; found %.3f Hz (%+.2f %%), %.4f", mode.omega / kTwoPi,
+                    100.0 * (mode.omega / std::abs(truth) - 1.0), mode.zeta);
+      std::printf("\n");
+    }
+    std::fflush(stdout);
+  }
 }
 
 /// An axis that carries a mass on a spring at each of these frequencies [Hz], without friction.
@@ -175,6 +230,13 @@ int main(int argc, char** argv) {
     both_coupled();
     return 0;
   }
+  if (part == "--moving") {
+    moving(0.0, Friction::Family::kCoulomb);
+    moving(0.05, Friction::Family::kCoulomb);
+    moving(0.15, Friction::Family::kCoulomb);
+    moving(0.15, Friction::Family::kMaxwell);
+    return 0;
+  }
   if (part == "--many") {
     all_many();
     return 0;
@@ -211,6 +273,8 @@ int main(int argc, char** argv) {
     }
   }
   if (!folder.empty()) {
+    write_coupled(folder + "/coupled_linear.csv", false);
+    write_coupled(folder + "/coupled.csv", true);
     write(folder + "/five_masses.csv",
           test::production_of(test::carrying({24.0, 38.0, 60.0, 95.0, 130.0})));
     return 0;

@@ -1,0 +1,354 @@
+// servotwin multivariable: how all axes together answer all commands and frictions, and their
+// modes.
+#include "identification/multivariable.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "daemon/cli/axis_channels.h"
+#include "daemon/cli/command.h"
+#include "daemon/cli/options.h"
+#include "daemon/cli/output.h"
+#include "drivers/text.h"
+#include "twin/hold.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi, kMicro = 1e-6;
+constexpr Eigen::Index kShortest = 200;  // rows: below, a start of its own costs more than it tells
+const std::vector<std::string> kInputs{"command", "friction", "torque"};
+const std::vector<std::string> kOutputs{"error", "velocity", "torque"};
+
+struct Arguments {
+  RecordingOptions recording;
+  std::string inputs, outputs, break_distances = "1,2,5,10,20,50";
+  MultivariableOptions options;
+  std::filesystem::path result;
+};
+
+struct Signal {
+  Channel channel;
+  std::string name;               // for people
+  std::string unit;               // of what is fitted
+  double break_distance_m = 0.0;  // of friction
+};
+
+struct Signals {
+  std::vector<Signal> inputs, outputs;
+  MultivariableData data;
+};
+
+std::vector<double> break_distances(const std::string& list) {
+  std::vector<double> out;
+  for (const std::string& part : split_fields(list, ',')) {
+    double value = 0.0;
+    if (!CLI::detail::lexical_cast(part, value) || !(value > 0.0) || !(value <= 1e6))
+      throw UsageError("--break-distance: " + in_quotes(part) +
+                       " must be a number from above 0 to 1e6 [um | urad]");
+    out.push_back(value / 1e6);
+  }
+  return out;
+}
+
+bool moves(const SegmentedAxis& axis) {
+  return std::any_of(axis.segments.begin(), axis.segments.end(), [](const Segment& segment) {
+    return segment.command.maxCoeff() > segment.command.minCoeff();
+  });
+}
+
+/// Every axis that moves.
+std::string all_of(const Recording& whole, AxisChannels& axes, const std::string& what,
+                   std::FILE* people) {
+  std::string out;
+  for (const AxisRecord& axis : whole.axes) {
+    if (!moves(axes.segmented(axis.name))) {
+      say(people, "note: " + axis.name + " stands still and is left out");
+      continue;
+    }
+    for (const std::string& name : split_fields(what, ','))
+      out += (out.empty() ? "" : ",") + axis.name + "." + name;
+  }
+  if (out.empty()) throw std::runtime_error(whole.source + ": no axis moves");
+  return out;
+}
+
+Signals read(const Arguments& arguments, std::FILE* people) {
+  const std::vector<double> distances = break_distances(arguments.break_distances);
+  const Recording whole = arguments.recording.read(people);
+  if (whole.axes.empty()) throw std::runtime_error(whole.source + ": no axis");
+  // The first axis that is named, so that what cannot be read is said of it.
+  const auto listed_channels = [](const std::string& list, const std::vector<std::string>& known) {
+    std::vector<Channel> out;
+    for (const std::string& one : split_fields(list, ',')) {
+      if (one.ends_with(".position"))
+        throw UsageError(in_quotes(one) + " has no bound for a command that goes on; take " +
+                         one.substr(0, one.size() - 8) +
+                         "error as output (position = command - error)");
+      out.push_back(channel_of(one, "", known));
+    }
+    return out;
+  };
+  std::vector<Channel> inputs, outputs;
+  if (!arguments.inputs.empty()) inputs = listed_channels(arguments.inputs, kInputs);
+  if (!arguments.outputs.empty()) outputs = listed_channels(arguments.outputs, kOutputs);
+  for (const Channel& input : inputs) {
+    for (const Channel& output : outputs) {
+      if (input.axis == output.axis && input.name == output.name)
+        throw UsageError("--input and --output both have " +
+                         in_quotes(input.axis + "." + input.name));
+    }
+  }
+  AxisChannels axes(whole,
+                    !outputs.empty()  ? outputs.front().axis
+                    : !inputs.empty() ? inputs.front().axis
+                                      : whole.axes.front().name,
+                    people);
+  if (inputs.empty())
+    inputs = listed_channels(all_of(whole, axes, "command,friction", people), kInputs);
+  if (outputs.empty()) outputs = listed_channels(all_of(whole, axes, "error", people), kOutputs);
+
+  Signals out;
+  const auto signal = [&](const Channel& channel) {
+    const SegmentedAxis& axis = axes.segmented(channel.axis);
+    const std::string unit = axis.rotary ? "rad" : "m";
+    Signal one{channel, channel.axis + "." + channel.name, unit};
+    if (channel.name == "command" || channel.name == "velocity") one.unit += "/s";
+    if (channel.name == "torque") one.unit = axis.torque_unit;
+    return one;
+  };
+  int source = 0;
+  for (const Channel& channel : inputs) {
+    out.data.source.resize(
+        out.data.source.size() + (channel.name == "friction" ? distances.size() : 1), source++);
+    if (channel.name != "friction") {
+      out.inputs.push_back(signal(channel));
+      continue;
+    }
+    for (const double distance : distances) {
+      Signal one = signal(channel);
+      one.break_distance_m = distance;
+      one.name += text(" of %g u", distance / kMicro) + one.unit;
+      one.unit = "1";
+      out.inputs.push_back(one);
+    }
+  }
+  for (const Channel& channel : outputs) out.outputs.push_back(signal(channel));
+
+  const double h = axes.sample_time_s();
+  out.data.sample_time_s = h;
+  for (const Signal& input : out.inputs) out.data.smooth.push_back(input.channel.name == "command");
+  Eigen::Index dropped = 0;
+  for (std::size_t i = 0; i < axes.segments(); ++i) {
+    MultivariableRecord record;
+    for (const Signal& input : out.inputs) {
+      Channel from = input.channel;
+      if (from.name == "friction") from.name = "position";
+      Eigen::ArrayXd values = axes.values(from, i);
+      if (input.channel.name == "command") values = Spline::through(values, h).first;
+      if (input.channel.name == "friction") values = friction_input(values, input.break_distance_m);
+      record.inputs.push_back(std::move(values));
+    }
+    for (const Signal& output : out.outputs) {
+      Channel from = output.channel;
+      if (from.name == "velocity") from.name = "position";
+      Eigen::ArrayXd values = axes.values(from, i);
+      if (output.channel.name == "velocity") values = Spline::through(values, h).first;
+      record.outputs.push_back(std::move(values));
+    }
+    std::vector<const Eigen::ArrayXd*> all;
+    for (const Eigen::ArrayXd& x : record.inputs) all.push_back(&x);
+    for (const Eigen::ArrayXd& x : record.outputs) all.push_back(&x);
+    for (const auto& [begin, count] : finite_stretches(all)) {
+      if (count < kShortest) {
+        dropped += count;
+        continue;
+      }
+      MultivariableRecord part;
+      for (const Eigen::ArrayXd& x : record.inputs) part.inputs.push_back(x.segment(begin, count));
+      for (const Eigen::ArrayXd& x : record.outputs)
+        part.outputs.push_back(x.segment(begin, count));
+      out.data.records.push_back(std::move(part));
+    }
+  }
+  if (dropped > 0)
+    say(people, text("%td rows in stretches of less than %td are left out", dropped, kShortest));
+  if (out.data.records.empty())
+    throw std::runtime_error(whole.source + text(": no stretch of %td rows in which all signals "
+                                                 "have values",
+                                                 kShortest));
+  return out;
+}
+
+std::string channel_text(const Signal& signal) {
+  return signal.channel.axis + "." + signal.channel.name;
+}
+
+/// A length in micrometres, a velocity in mm/s, else as it is.
+std::string amount(double value, const std::string& unit) {
+  if (unit == "m" || unit == "rad") return text("%.4g u", value / kMicro) + unit;
+  if (unit == "m/s" || unit == "rad/s") return text("%.4g m", value * 1e3) + unit;
+  return text("%.4g ", value) + unit;
+}
+
+void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& fit) {
+  std::string tried;
+  for (const MultivariableTrial& trial : fit.trials)
+    tried += text("%s%d%s %.3g", tried.empty() ? "" : ", ", trial.order, trial.chosen ? " ->" : "",
+                  trial.left);
+  if (!tried.empty())
+    say(people, "order       share of the outputs that is left where it was not fitted: " + tried);
+  std::string open;
+  for (const FittedPole& pole : fit.poles) {
+    if (!pole.determined()) {
+      open += text("%s%.4g Hz", open.empty() ? "" : ", ", pole.omega / kTwoPi);
+      continue;
+    }
+    std::string line = text("%s %.5g +- %.2g Hz",
+                            !pole.pair        ? "real pole  "
+                            : pole.zeta < 1.0 ? "mode       "
+                                              : "real pair  ",
+                            pole.omega / kTwoPi, pole.omega_deviation / kTwoPi);
+    if (pole.pair) line += text(", damping %.4g +- %.2g", pole.zeta, pole.zeta_deviation);
+    say(people, line);
+  }
+  if (!open.empty())
+    say(people,
+        "note        not determined by these data (+- beyond a third of the value): poles at " +
+            open);
+  for (std::size_t j = 0; j < signals.outputs.size(); ++j) {
+    const auto row = static_cast<Eigen::Index>(j);
+    const std::string& unit = signals.outputs[j].unit;
+    say(people,
+        "output      " + signals.outputs[j].name + ": of " +
+            amount(fit.holdout_outputs(row), unit) + " RMS is left " +
+            amount(fit.holdout(row), unit) +
+            text(" (%.3g %%) held out, ", 100.0 * fit.holdout(row) / fit.holdout_outputs(row)) +
+            amount(fit.training(row), unit) + " where it was fitted");
+    std::string parts;
+    for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
+      const int source = signals.data.source[i];
+      if (i > 0 && source == signals.data.source[i - 1]) continue;
+      parts += (parts.empty() ? "" : ", ") + channel_text(signals.inputs[i]) + " " +
+               amount(fit.parts(row, source), unit);
+    }
+    say(people, "  made by   " + parts);
+  }
+}
+
+json result_of(const Arguments& arguments, const Signals& signals, const MultivariableFit& fit) {
+  json out{{"schema", "servotwin.multivariable/1"},
+           {"source", arguments.recording.file.filename().string()},
+           {"sample_time_s", signals.data.sample_time_s},
+           {"order", fit.order()},
+           {"inputs", json::array()},
+           {"outputs", json::array()},
+           {"poles", json::array()},
+           {"trials", json::array()}};
+  for (const Signal& input : signals.inputs) {
+    json one{{"name", channel_text(input)}, {"unit", input.unit}};
+    if (input.break_distance_m > 0.0) one["break_distance"] = input.break_distance_m;
+    out["inputs"].push_back(one);
+  }
+  for (const FittedPole& pole : fit.poles) {
+    json one{{"frequency_hz", pole.omega / kTwoPi},
+             {"frequency_sd_hz", pole.omega_deviation / kTwoPi}};
+    if (pole.pair) {
+      one["damping"] = pole.zeta;
+      one["damping_sd"] = pole.zeta_deviation;
+    }
+    out["poles"].push_back(one);
+  }
+  for (const MultivariableTrial& trial : fit.trials)
+    out["trials"].push_back({{"order", trial.order},
+                             {"left", std::isfinite(trial.left) ? json(trial.left) : json()},
+                             {"chosen", trial.chosen}});
+  for (std::size_t j = 0; j < signals.outputs.size(); ++j) {
+    const auto row = static_cast<Eigen::Index>(j);
+    json coefficients = json::array(), parts = json::object();
+    for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
+      const Eigen::VectorXd c = fit.coefficients[j].row(static_cast<Eigen::Index>(i)).transpose();
+      coefficients.push_back(std::vector<double>(c.begin(), c.end()));
+      parts[channel_text(signals.inputs[i])] = fit.parts(row, signals.data.source[i]);
+    }
+    out["outputs"].push_back({{"name", signals.outputs[j].name},
+                              {"unit", signals.outputs[j].unit},
+                              {"scale", fit.scale(row)},
+                              {"rms", fit.holdout_outputs(row)},
+                              {"training_rms", fit.training(row)},
+                              {"holdout_rms", fit.holdout(row)},
+                              {"parts_rms", parts},
+                              {"coefficients", coefficients}});
+  }
+  return out;
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.result});
+  const Signals signals = read(arguments, people);
+  std::string inputs;
+  for (const Signal& input : signals.inputs)
+    inputs += (inputs.empty() ? "" : ", ") + input.name +
+              (input.channel.name == "command" ? " (its velocity)" : "");
+  say(people, "inputs      " + inputs);
+  if (std::any_of(signals.inputs.begin(), signals.inputs.end(),
+                  [](const Signal& input) { return input.channel.name == "torque"; }))
+    say(people,
+        "note        a torque in a closed loop has the noise of the encoder in it, which biases "
+        "what is found from it");
+  MultivariableFit fit;
+  try {
+    const Progress progress("fitting");
+    fit = identify_multivariable(signals.data, arguments.options);
+  } catch (const std::runtime_error& error) {
+    throw std::runtime_error(arguments.recording.file.string() + ": " + error.what());
+  }
+  say_fit(people, signals, fit);
+  if (!arguments.result.empty()) write_json(arguments.result, result_of(arguments, signals, fit));
+}
+
+}  // namespace
+
+Command add_multivariable(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand("multivariable",
+                                          "How all axes together answer all commands and "
+                                          "frictions: common modes, and which input makes "
+                                          "how much of which error.");
+  arguments->recording.declare(command, "REC",
+                               "recording of several axes: CSV with units, foreign CSV with "
+                               "--columns or named columns, MATLAB .mat, or a CAN log with "
+                               "--can-map");
+  command
+      .add_option("--input", arguments->inputs,
+                  "list of AXIS.command (its velocity), AXIS.friction, AXIS.torque (default: "
+                  "command and friction of every axis that moves)")
+      ->type_name("NAME,..");
+  command
+      .add_option("--output", arguments->outputs,
+                  "list of AXIS.error, AXIS.velocity, AXIS.torque (default: the error of every "
+                  "axis that moves)")
+      ->type_name("NAME,..");
+  command
+      .add_option("--break-distance", arguments->break_distances,
+                  "each friction is one Maxwell element per distance of this list, in which it "
+                  "goes from rest to sliding [um | urad]")
+      ->type_name("UM,..")
+      ->capture_default_str();
+  command
+      .add_option("--order", arguments->options.order,
+                  "number of poles (default: what data say that the fit has not seen)")
+      ->type_name("N")
+      ->check(between(1, kMostPoles));
+  command
+      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      ->type_name("OUT");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

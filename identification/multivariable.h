@@ -1,0 +1,86 @@
+// Several inputs and several outputs at once, in the time domain: common poles, every channel's
+// numerator by projection (thesis 5.4; docs/theory.md 15.1).
+//
+//   W^-1 y = W^-1 G(s) u,   G_ji(s) = d_ji + sum_k (c1_jik s + c0_jik) / (s^2 + 2 zeta_k omega_k s
+//   + omega_k^2)   or   c_jik / (s + p_k)
+//
+// W is the diagonal matrix of output scales (thesis eq. 5.2), here what the fit leaves of each
+// output: without it a torque in Nm would outweigh an error in um by a million. For given poles all
+// coefficients, an offset of every output and the starting states are one least squares problem for
+// all outputs, which is projected out; the poles are sought by Levenberg-Marquardt in log p, log
+// omega, log zeta, so that every fit is stable. It starts from vector fitting of the frequency
+// responses of all channels together. Inputs are exact cubics or straight lines between samples
+// (twin/hold.h).
+//
+// An input that noise of the outputs comes back into, as a torque in a closed loop, biases the fit
+// by that noise; commands and friction along the motion are the inputs of a closed loop. Any
+// thread.
+#pragma once
+
+#include <Eigen/Core>
+#include <complex>
+#include <string>
+#include <vector>
+
+#include "identification/vector_fitting.h"
+
+namespace servotwin {
+
+/// Unbroken and evenly sampled; all arrays of one length and finite.
+struct MultivariableRecord {
+  std::vector<Eigen::ArrayXd> inputs, outputs;
+};
+
+struct MultivariableData {
+  double sample_time_s = 0.0;
+  /// Of every input: a smooth curve between its samples (a command), else straight lines (a
+  /// friction that jumps).
+  std::vector<bool> smooth;
+  /// Of every input the number of its source, 0.. without a gap: the elements of one friction are
+  /// of one source. Empty: every input is its own.
+  std::vector<int> source;
+  std::vector<MultivariableRecord> records;
+};
+
+struct MultivariableOptions {
+  int order = 0;                ///< number of poles, 1..kMostPoles; 0: by held-out error
+  int most = 12;                ///< of those tried
+  double training_share = 0.7;  ///< the first part of every record; the rest judges
+};
+
+struct MultivariableTrial {
+  int order = 0;
+  /// Of the last third of the training data, not fitted: the geometric mean over the outputs of
+  /// what free simulation leaves of each, as a share of its own RMS.
+  double left = 0.0;
+  bool chosen = false;
+};
+
+struct MultivariableFit {
+  std::vector<FittedPole> poles;  ///< by frequency; `explains` is 0
+  /// Per output one row per input: of every pole c, or c1 and c0; then d. In the units of the data.
+  std::vector<Eigen::MatrixXd> coefficients;
+  Eigen::ArrayXd scale;            ///< W, in the units of the outputs
+  Eigen::ArrayXd training;         ///< RMS that is left of every output where it was fitted,
+  Eigen::ArrayXd holdout;          ///< and where it was not: free simulation from the start
+  Eigen::ArrayXd holdout_outputs;  ///< RMS of the outputs there, about their mean
+  /// Of every output (rows) what each source alone makes of it there: RMS about the mean. Parts may
+  /// cancel each other.
+  Eigen::ArrayXXd parts;
+  std::vector<MultivariableTrial> trials;
+  int evaluations = 0;
+
+  [[nodiscard]] int order() const;  ///< number of poles
+  [[nodiscard]] std::complex<double> at(std::size_t output, std::size_t input, double omega) const;
+};
+
+/// What remembers where it turned, as friction does: one Maxwell element over the measured position
+/// that slides at +-1 after `break_distance` from rest [m | rad]. Several of them, as inputs, are
+/// generalised Maxwell-slip friction whose levels are found by projection.
+[[nodiscard]] Eigen::ArrayXd friction_input(const Eigen::ArrayXd& position, double break_distance);
+
+/// Throws std::runtime_error, one line, where the data are too short or no fit is finite.
+[[nodiscard]] MultivariableFit identify_multivariable(const MultivariableData& data,
+                                                      const MultivariableOptions& options = {});
+
+}  // namespace servotwin
