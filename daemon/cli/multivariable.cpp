@@ -36,6 +36,7 @@ struct Signal {
   Channel channel;
   std::string name;               // for people
   std::string unit;               // of what is fitted
+  std::string position_unit;      // of its axis
   double break_distance_m = 0.0;  // of friction
 };
 
@@ -117,7 +118,7 @@ Signals read(const Arguments& arguments, std::FILE* people) {
   const auto signal = [&](const Channel& channel) {
     const SegmentedAxis& axis = axes.segmented(channel.axis);
     const std::string unit = axis.rotary ? "rad" : "m";
-    Signal one{channel, channel.axis + "." + channel.name, unit};
+    Signal one{channel, channel.axis + "." + channel.name, unit, unit};
     if (channel.name == "command" || channel.name == "velocity") one.unit += "/s";
     if (channel.name == "torque") one.unit = axis.torque_unit;
     return one;
@@ -133,7 +134,6 @@ Signals read(const Arguments& arguments, std::FILE* people) {
     for (const double distance : distances) {
       Signal one = signal(channel);
       one.break_distance_m = distance;
-      one.name += text(" of %g u", distance / kMicro) + one.unit;
       one.unit = "1";
       out.inputs.push_back(one);
     }
@@ -185,15 +185,27 @@ Signals read(const Arguments& arguments, std::FILE* people) {
   return out;
 }
 
-std::string channel_text(const Signal& signal) {
-  return signal.channel.axis + "." + signal.channel.name;
-}
-
 /// A length in micrometres, a velocity in mm/s, else as it is.
 std::string amount(double value, const std::string& unit) {
   if (unit == "m" || unit == "rad") return text("%.4g u", value / kMicro) + unit;
   if (unit == "m/s" || unit == "rad/s") return text("%.4g m", value * 1e3) + unit;
   return text("%.4g ", value) + unit;
+}
+
+std::string inputs_text(const Signals& signals) {
+  const std::vector<int>& source = signals.data.source;
+  std::string out;
+  for (std::size_t i = 0; i < source.size(); ++i) {
+    const Signal& input = signals.inputs[i];
+    const bool first = i == 0 || source[i] != source[i - 1];
+    const bool last = i + 1 == source.size() || source[i] != source[i + 1];
+    if (first) out += (out.empty() ? "" : ", ") + input.name;
+    if (input.channel.name == "command") out += " (its velocity)";
+    if (input.channel.name != "friction") continue;
+    out += (first ? " of " : ", ") + text("%g", input.break_distance_m / kMicro);
+    if (last) out += " u" + input.position_unit;
+  }
+  return out;
 }
 
 void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& fit) {
@@ -234,7 +246,7 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
     for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
       const int source = signals.data.source[i];
       if (i > 0 && source == signals.data.source[i - 1]) continue;
-      parts += (parts.empty() ? "" : ", ") + channel_text(signals.inputs[i]) + " " +
+      parts += (parts.empty() ? "" : ", ") + signals.inputs[i].name + " " +
                amount(fit.parts(row, source), unit);
     }
     say(people, "  made by   " + parts);
@@ -251,7 +263,7 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
            {"poles", json::array()},
            {"trials", json::array()}};
   for (const Signal& input : signals.inputs) {
-    json one{{"name", channel_text(input)}, {"unit", input.unit}};
+    json one{{"name", input.name}, {"unit", input.unit}};
     if (input.break_distance_m > 0.0) one["break_distance"] = input.break_distance_m;
     out["inputs"].push_back(one);
   }
@@ -274,7 +286,7 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
     for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
       const Eigen::VectorXd c = fit.coefficients[j].row(static_cast<Eigen::Index>(i)).transpose();
       coefficients.push_back(std::vector<double>(c.begin(), c.end()));
-      parts[channel_text(signals.inputs[i])] = fit.parts(row, signals.data.source[i]);
+      parts[signals.inputs[i].name] = fit.parts(row, signals.data.source[i]);
     }
     out["outputs"].push_back({{"name", signals.outputs[j].name},
                               {"unit", signals.outputs[j].unit},
@@ -291,11 +303,7 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
 void run(const Arguments& arguments) {
   std::FILE* people = people_beside({arguments.result});
   const Signals signals = read(arguments, people);
-  std::string inputs;
-  for (const Signal& input : signals.inputs)
-    inputs += (inputs.empty() ? "" : ", ") + input.name +
-              (input.channel.name == "command" ? " (its velocity)" : "");
-  say(people, "inputs      " + inputs);
+  say(people, "inputs      " + inputs_text(signals));
   if (std::any_of(signals.inputs.begin(), signals.inputs.end(),
                   [](const Signal& input) { return input.channel.name == "torque"; }))
     say(people,
