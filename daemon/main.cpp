@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <array>
 #include <iostream>
 #include <optional>
 #include <sstream>
@@ -23,15 +24,22 @@
 namespace servotwin {
 namespace {
 
+/// Who waits for signals.
+pthread_t waiting_for_signals;
+
+/// A library may have threads since before main() that do not block them (OpenBLAS beneath Ceres
+/// has): where they get one they pass it on.
+void pass_on(int number) { pthread_kill(waiting_for_signals, number); }
+
 /// Signals become a request to stop, or to read the configuration again. To be made before any
-/// other thread, so that all of them block them. All arguments outlive it.
+/// other thread of ours, so that all of them block them. All arguments outlive it.
 class Signals {
  public:
   Signals(const std::stop_source& stop, const ServiceManager& manager, Reloads& reloads) {
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN);  // a file too large is an error of write(), not the end of the daemon
     sigemptyset(&wanted_);
-    for (const int number : {SIGTERM, SIGINT, SIGHUP, SIGUSR1}) sigaddset(&wanted_, number);
+    for (const int number : kWanted) sigaddset(&wanted_, number);
     pthread_sigmask(SIG_BLOCK, &wanted_, nullptr);
     thread_ = std::thread([this, stop, &manager, &reloads]() mutable {
       int number = 0;
@@ -43,16 +51,26 @@ class Signals {
       if (number != SIGUSR1) manager.notify("STOPPING=1");
       stop.request_stop();
     });
+    waiting_for_signals = thread_.native_handle();
+    struct sigaction action = {};
+    action.sa_handler = pass_on;
+    action.sa_mask = wanted_;
+    action.sa_flags = SA_RESTART;
+    for (const int number : kWanted) sigaction(number, &action, nullptr);
   }
   Signals(const Signals&) = delete;
   Signals& operator=(const Signals&) = delete;
   ~Signals() {
-    // Where the recordings ended by themselves it waits still.
+    for (const int number : {SIGTERM, SIGINT, SIGHUP}) signal(number, SIG_IGN);
+    // Where the recordings ended by themselves it waits still. Ignored before it has it, the signal
+    // would be lost.
     pthread_kill(thread_.native_handle(), SIGUSR1);
     thread_.join();
+    signal(SIGUSR1, SIG_IGN);
   }
 
  private:
+  static constexpr std::array kWanted{SIGTERM, SIGINT, SIGHUP, SIGUSR1};
   sigset_t wanted_{};
   std::thread thread_;
 };

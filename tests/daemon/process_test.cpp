@@ -183,6 +183,14 @@ TEST_F(ServotwindTest, ASecondOneOnTheSameStoreDoesNotStart) {
   EXPECT_EQ(first.wait_after(SIGTERM).status, 0);
 }
 
+TEST_F(ServotwindTest, AThreadOfALibraryThatIsThereBeforeItTakesNoSignalFromIt) {
+  Daemon daemon(here(), [] { setenv("LD_PRELOAD", test::built("libearly_thread.so").c_str(), 1); });
+  ASSERT_TRUE(daemon.says("waiting for machine"));
+  daemon.send(SIGHUP);
+  const Ended ended = daemon.wait_after(SIGTERM);
+  EXPECT_EQ(ended.status, 0) << ended.said;
+}
+
 TEST_F(ServotwindTest, AnAddressThatIsTakenIsOneClearLineIfItWasAskedFor) {
   Daemon first(here("127.0.0.1:0"));
   ASSERT_TRUE(first.says("waiting for machine"));
