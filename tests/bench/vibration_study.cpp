@@ -1,12 +1,13 @@
 // What modes of vibration in the twin are worth, printed: an axis of two masses on a spring, whose
-// table vibrates at 44 Hz with a damping of 3 %, two such axes that push each other, and an axis
-// that carries up to six masses on springs, on machines of other code.
+// table vibrates at 44 Hz with a damping of 3 %, two such axes that push each other, an axis that
+// carries up to six masses on springs, and one whose spring becomes stiffer with the position, on
+// machines of other code.
 //
-//   vibration_study [--write FOLDER | --coupled | --many]
+//   vibration_study [--write FOLDER | --coupled | --many | --moving]
 //
-// With a folder recordings of the first and third part are written there instead, for
+// With a folder recordings of the first three parts are written there instead, for
 // vibration_peer.py.
-// --coupled, --many: only the second part, only the third.
+// --coupled, --many, --moving: only the second part, only the third, only the fourth.
 //
 // Models are identified from the first part of one recording and judged by their free simulation of
 // the rest. The true poles are those of the machine's equations (tests/support/closed_loop.h,
@@ -222,6 +223,13 @@ void all_many() {
     many(hz);
 }
 
+void all_moving() {
+  moving(0.0, Friction::Family::kCoulomb);
+  moving(0.05, Friction::Family::kCoulomb);
+  moving(0.15, Friction::Family::kCoulomb);
+  moving(0.15, Friction::Family::kMaxwell);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -230,15 +238,12 @@ int main(int argc, char** argv) {
     both_coupled();
     return 0;
   }
-  if (part == "--moving") {
-    moving(0.0, Friction::Family::kCoulomb);
-    moving(0.05, Friction::Family::kCoulomb);
-    moving(0.15, Friction::Family::kCoulomb);
-    moving(0.15, Friction::Family::kMaxwell);
-    return 0;
-  }
   if (part == "--many") {
     all_many();
+    return 0;
+  }
+  if (part == "--moving") {
+    all_moving();
     return 0;
   }
   const std::string folder = argc == 3 && std::string(argv[1]) == "--write" ? argv[2] : "";
@@ -281,4 +286,5 @@ int main(int argc, char** argv) {
   }
   both_coupled();
   all_many();
+  all_moving();
 }
