@@ -454,7 +454,7 @@ Chosen chosen_structure(const std::string& name, const std::vector<Segment>& tra
                          kAbsent,
                          false,
                          modes,
-                         "no stable fit within the bounds",
+                         "a first step towards it gains next to nothing",
                          true};
     const auto fit = with_moving_modes(fitted, standing, polished, encoder_step);
     if (fit) {

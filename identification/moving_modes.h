@@ -11,7 +11,8 @@ namespace servotwin {
 
 /// From `standing`, a polished model of this structure, by the polish with slope, curve and
 /// zeta_slope of its modes free over the travel of the segments. Where `standing` moves already,
-/// from there alone. Nothing without modes, without travel, or where no fit is valid. Any thread.
+/// from there alone. Nothing without modes, without travel, where a first round with them free
+/// gains next to nothing, or where no fit is valid. Any thread.
 [[nodiscard]] std::optional<OutputErrorFit> with_moving_modes(const std::vector<Segment>& segments,
                                                               Structure structure,
                                                               const Model& standing,

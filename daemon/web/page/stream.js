@@ -54,13 +54,13 @@ export class Stream {
       this.become("lost");
       this.open();
     } else if (this.state === "live" && now - this.lastLive > kSilent_ms) {
-      this.become("silent");
+      this.become("silent", new Date(Date.now() - (now - this.lastLive)));
     }
   }
 
-  become(state, since = state === this.state ? this.since : new Date()) {
-    // What a new stream begins with is of earlier: the last status knows best since when.
-    if (state === this.state && Math.abs(since - this.since) < kSilent_ms) return;
+  become(state, since = new Date()) {
+    // A message that was long on its way tells of its state too late, never too early.
+    if (state === this.state && since >= this.since) return;
     this.state = state;
     this.since = since;
     this.on.state(state, since);
