@@ -324,6 +324,29 @@ Model with_modes_moving_as(const Loop& as, Model model) {
   return model;
 }
 
+/// A fit with modes that stand, and what it leaves where it was not fitted.
+struct Stood {
+  Structure structure;
+  Model model;
+  bool coupled = false;
+  double validation = 0.0;
+};
+
+Structure moving_of(Structure structure) {
+  structure.moving = true;
+  return structure;
+}
+
+/// The one with presliding, which holds Coulomb friction as well; else the best.
+const Stood& asked_whether_modes_move(const std::vector<Stood>& stood) {
+  const Stood* out = &stood.front();
+  for (const Stood& one : stood) {
+    if (one.model.find(kind_of<Presliding>()) != nullptr) return one;
+    if (one.validation < out->validation) out = &one;
+  }
+  return *out;
+}
+
 /// The structure, chosen within the training data of the axis `name`; all that was tried goes to
 /// `tried`.
 Chosen chosen_structure(const std::string& name, const std::vector<Segment>& training,
@@ -398,10 +421,7 @@ Chosen chosen_structure(const std::string& name, const std::vector<Segment>& tra
   bool taken = false;  // the other axis
   for (int modes = 0; first && modes <= options.modes && modes <= structure.modes + 1; ++modes) {
     if (modes > 0 && !first->add_mode()) break;
-    // The best with as many modes that stand.
-    Structure standing;
-    Model polished;
-    double standing_validation = 1e300;
+    std::vector<Stood> stood;
     // Without the other axis, then with it: what vibrates would have bent a loop that was coupled
     // before.
     for (const bool coupled : {false, true}) {
@@ -429,11 +449,8 @@ Chosen chosen_structure(const std::string& name, const std::vector<Segment>& tra
           trial.ruled_out = why_invalid(fit->model);
           if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
         }
-        if (trial.validation_rms < standing_validation) {
-          standing_validation = trial.validation_rms;
-          standing = richer;
-          polished = fit->model;
-        }
+        if (trial.validation_rms < 1e300)
+          stood.push_back({richer, fit->model, coupled, trial.validation_rms});
         const bool more = modes > structure.modes || (coupled && !taken);
         if (trial.validation_rms < (more ? kWorthAMode : kWorthIt) * chosen_validation) {
           chosen_validation = trial.validation_rms;
@@ -446,30 +463,50 @@ Chosen chosen_structure(const std::string& name, const std::vector<Segment>& tra
         tried.push_back(trial);
       }
     }
-    // Whether they move with position: one that does may be worth nothing while it has to stand.
-    if (!joint || modes == 0 || !(standing_validation < 1e300)) continue;
-    standing.moving = true;
-    StructureTrial trial{standing.order,
-                         standing.effects,
-                         kAbsent,
-                         false,
-                         modes,
-                         "a first step towards it gains next to nothing",
-                         true};
-    const auto fit = with_moving_modes(fitted, standing, polished, encoder_step);
-    if (fit) {
-      trial.ruled_out = why_invalid(fit->model);
-      if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
+    // Whether they move with position. A mode that does may be worth nothing while it has to stand,
+    // and friction that is not the axis' own hides that it moves: it is asked with presliding, and
+    // if so, of every friction.
+    if (!joint || modes == 0 || stood.empty()) continue;
+    const auto best_stood = std::min_element(
+        stood.begin(), stood.end(),
+        [](const Stood& l, const Stood& r) { return l.validation < r.validation; });
+    std::erase_if(stood, [coupled = best_stood->coupled](const Stood& one) {
+      return one.coupled != coupled;
+    });
+    const Stood& asked = asked_whether_modes_move(stood);
+    const auto moved =
+        with_moving_modes(fitted, moving_of(asked.structure), asked.model, encoder_step);
+    bool moving = false;
+    for (const Stood& one : stood) {
+      if (!moved && &one != &asked) continue;
+      StructureTrial trial{one.structure.order,
+                           one.structure.effects,
+                           kAbsent,
+                           false,
+                           modes,
+                           moved ? "no stable fit within the bounds"
+                                 : "a first step towards it gains next to nothing",
+                           true};
+      const auto fit =
+          !moved || &one == &asked
+              ? moved
+              : with_moving_modes(fitted, moving_of(one.structure),
+                                  with_modes_moving_as(moved->model.loop, one.model), encoder_step);
+      if (fit) {
+        trial.ruled_out = why_invalid(fit->model);
+        if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
+      }
+      if (trial.validation_rms < (moving ? kWorthIt : kWorthAMode) * chosen_validation) {
+        chosen_validation = trial.validation_rms;
+        structure = moving_of(one.structure);
+        best = tried.size();
+        taken = one.coupled;
+        moving = true;
+        out.from = {point_of(one.model)};
+        out.moving = fit->model.loop;
+      }
+      tried.push_back(trial);
     }
-    if (trial.validation_rms < kWorthAMode * chosen_validation) {
-      chosen_validation = trial.validation_rms;
-      structure = standing;
-      best = tried.size();
-      taken = structure.effects.back() == kind_of<CrossCoupling>();
-      out.from = {point_of(polished)};
-      out.moving = fit->model.loop;
-    }
-    tried.push_back(trial);
   }
   if (other_friction && best == tried.size()) {
     throw std::runtime_error(say(name, ": ", identity_of(*options.friction).id,
