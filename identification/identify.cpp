@@ -332,19 +332,32 @@ struct Stood {
   double validation = 0.0;
 };
 
+/// The same with modes that move.
+struct Moved {
+  std::optional<OutputErrorFit> fit;
+  bool asked = false;
+  std::string ruled_out;
+  double validation = kAbsent;
+};
+
 Structure moving_of(Structure structure) {
   structure.moving = true;
   return structure;
 }
 
-/// The one with presliding, which holds Coulomb friction as well; else the best.
-const Stood& asked_whether_modes_move(const std::vector<Stood>& stood) {
-  const Stood* out = &stood.front();
-  for (const Stood& one : stood) {
-    if (one.model.find(kind_of<Presliding>()) != nullptr) return one;
-    if (one.validation < out->validation) out = &one;
-  }
-  return *out;
+/// Of which to ask whether modes move: the best, and the one with presliding, since friction that
+/// is not the axis' own hides that they do.
+std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stood) {
+  const auto best =
+      std::min_element(stood.begin(), stood.end(),
+                       [](const Stood& l, const Stood& r) { return l.validation < r.validation; });
+  const auto presliding = std::find_if(stood.begin(), stood.end(), [](const Stood& one) {
+    return one.model.find(kind_of<Presliding>()) != nullptr;
+  });
+  std::vector<std::size_t> out{static_cast<std::size_t>(best - stood.begin())};
+  if (presliding != stood.end() && presliding != best)
+    out.push_back(static_cast<std::size_t>(presliding - stood.begin()));
+  return out;
 }
 
 /// The structure, chosen within the training data of the axis `name`; all that was tried goes to
@@ -463,49 +476,49 @@ Chosen chosen_structure(const std::string& name, const std::vector<Segment>& tra
         tried.push_back(trial);
       }
     }
-    // Whether they move with position. A mode that does may be worth nothing while it has to stand,
-    // and friction that is not the axis' own hides that it moves: it is asked with presliding, and
-    // if so, of every friction.
+    // Whether they move with position: one that does may be worth nothing while it has to stand.
+    // Where one of those asked finds that they do, all frictions are tried from there.
     if (!joint || modes == 0 || stood.empty()) continue;
-    const auto best_stood = std::min_element(
-        stood.begin(), stood.end(),
-        [](const Stood& l, const Stood& r) { return l.validation < r.validation; });
-    std::erase_if(stood, [coupled = best_stood->coupled](const Stood& one) {
-      return one.coupled != coupled;
-    });
-    const Stood& asked = asked_whether_modes_move(stood);
-    const auto moved =
-        with_moving_modes(fitted, moving_of(asked.structure), asked.model, encoder_step);
+    const bool with_other = std::min_element(stood.begin(), stood.end(), [](auto& l, auto& r) {
+                              return l.validation < r.validation;
+                            })->coupled;
+    std::erase_if(stood, [&](const Stood& one) { return one.coupled != with_other; });
+    std::vector<Moved> moved(stood.size());
+    const auto moved_from = [&](const Model& start, const Stood& one) {
+      Moved now;
+      now.asked = true;
+      now.fit = with_moving_modes(fitted, moving_of(one.structure), start, encoder_step);
+      now.ruled_out =
+          now.fit ? why_invalid(now.fit->model) : "letting them move gains next to nothing";
+      if (now.ruled_out.empty()) now.validation = judge(now.fit->model, validated).rms;
+      return now;
+    };
+    std::size_t lead = stood.size();
+    double least = 1e300;
+    for (const std::size_t i : asked_whether_modes_move(stood)) {
+      moved[i] = moved_from(stood[i].model, stood[i]);
+      if (moved[i].validation < least) {
+        least = moved[i].validation;
+        lead = i;
+      }
+    }
     bool moving = false;
-    for (const Stood& one : stood) {
-      if (!moved && &one != &asked) continue;
-      StructureTrial trial{one.structure.order,
-                           one.structure.effects,
-                           kAbsent,
-                           false,
-                           modes,
-                           moved ? "no stable fit within the bounds"
-                                 : "a first step towards it gains next to nothing",
-                           true};
-      const auto fit =
-          !moved || &one == &asked
-              ? moved
-              : with_moving_modes(fitted, moving_of(one.structure),
-                                  with_modes_moving_as(moved->model.loop, one.model), encoder_step);
-      if (fit) {
-        trial.ruled_out = why_invalid(fit->model);
-        if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
-      }
-      if (trial.validation_rms < (moving ? kWorthIt : kWorthAMode) * chosen_validation) {
-        chosen_validation = trial.validation_rms;
-        structure = moving_of(one.structure);
-        best = tried.size();
-        taken = one.coupled;
-        moving = true;
-        out.from = {point_of(one.model)};
-        out.moving = fit->model.loop;
-      }
-      tried.push_back(trial);
+    for (std::size_t i = 0; i < stood.size(); ++i) {
+      const Stood& one = stood[i];
+      if (lead < stood.size() && i != lead)
+        moved[i] = moved_from(with_modes_moving_as(moved[lead].fit->model.loop, one.model), one);
+      else if (!moved[i].asked)
+        continue;
+      tried.push_back({one.structure.order, one.structure.effects, moved[i].validation, false,
+                       modes, moved[i].ruled_out, true});
+      if (!(moved[i].validation < (moving ? kWorthIt : kWorthAMode) * chosen_validation)) continue;
+      chosen_validation = moved[i].validation;
+      structure = moving_of(one.structure);
+      best = tried.size() - 1;
+      taken = one.coupled;
+      moving = true;
+      out.from = {point_of(one.model)};
+      out.moving = moved[i].fit->model.loop;
     }
   }
   if (other_friction && best == tried.size()) {
