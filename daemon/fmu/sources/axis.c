@@ -164,11 +164,12 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
   state->force = balanced(0.0, &state->slope, &end);
   remember(model, state);
   state->demand = state->force;
-  state->position = command;
+  double error = 0.0;
   for (int i = 0; i < model->states; ++i) {
     state->linear[i] = model->row[i].rest * state->force;
-    if (model->order == 2) state->position -= model->row[i].error * state->linear[i];
+    error += model->row[i].error * state->linear[i];
   }
+  state->position = command - (model->order == 2 ? error : 0.0);
   end.m.position = state->position;
   state->reading = reading_of(model, state, &end.m);
 }
@@ -177,9 +178,7 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
 static double advance(const AxisModel* model, AxisState* state, const CommandPiece* piece) {
   const double h = model->cycle_s / model->parts;
   double next[kMaxStates];
-  double error = 0.0, rate = model->rate_velocity * piece->end_velocity;
-  double second = model->second_velocity * piece->end_velocity +
-                  model->second_acceleration * piece->end_acceleration;
+  double error = 0.0, rate = 0.0, second = 0.0;
   for (int r = 0; r < model->states; ++r) {
     const AxisRow* row = &model->row[r];
     double sum = row->command[0] * piece->velocity + row->command[1] * piece->acceleration +
@@ -190,6 +189,7 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
     rate += row->rate * sum;
     second += row->second * sum;
   }
+  rate += model->rate_velocity * piece->end_velocity;
 
   End end;
   memset(&end, 0, sizeof end);
@@ -200,7 +200,9 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
   end.position_free = piece->end_position - error;
   end.velocity_free = piece->end_velocity - rate;
   /* What the control asks for is x'' and the force. */
-  end.demand_free = piece->end_acceleration - second;
+  end.demand_free = piece->end_acceleration - second -
+                    model->second_velocity * piece->end_velocity -
+                    model->second_acceleration * piece->end_acceleration;
   end.demand_given = 1.0 - model->second_force - model->second_force_end;
   end.m.step_s = h;
   end.m.command_velocity = piece->end_velocity;
