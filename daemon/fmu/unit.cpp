@@ -1,5 +1,6 @@
 #include "daemon/fmu/unit.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -120,6 +121,19 @@ std::string model_text(const Model& model, const std::string& guid) {
                              row.command[2], row.force_begin, row.force_end, step.rest[i],
                              step.error.state[i], step.rate.state[i], step.second.state[i]});
   }
+  // The modes' share of all that is that of one place; what it follows from elsewhere is needed
+  // only where one of them moves.
+  const Loop& loop = model.loop;
+  if (std::any_of(loop.modes.begin(), loop.modes.end(),
+                  [](const Mode& mode) { return mode.moves(); })) {
+    const auto [a1, a2, a3] = loop.denominator;
+    const auto [c0, c1, c2] = loop.numerator;
+    const std::string moving = "moving_modes " + std::to_string(loop.modes.size());
+    add_line(moving.c_str(), {a1, a2, a3, c0, c1, c2, loop.travel.from, loop.travel.to});
+    for (const Mode& mode : loop.modes)
+      add_line("mode", {mode.omega, mode.zeta, mode.alpha, mode.beta, mode.gamma, mode.delta,
+                        mode.slope, mode.curve, mode.zeta_slope});
+  }
   out += '\n';
   for (const Effect& effect : model.effects) {
     out += "effect " + std::string(identity_of(effect.kind).id) + "\n";
@@ -138,12 +152,6 @@ std::string model_text(const Model& model, const std::string& guid) {
 
 Unit make_unit(const ModelRecord& record, const std::vector<std::string>& about) {
   for (const Effect& effect : record.model.effects) require_translated(identity_of(effect.kind).id);
-  for (const Mode& mode : record.model.loop.modes) {
-    if (mode.moves())
-      throw std::runtime_error(
-          "a mode of vibration that moves with position cannot be exported as a unit, whose steps "
-          "are the same everywhere; export --mat --at POSITION gives the loop at a place");
-  }
   Unit unit;
   unit.description = describe(record);
   const std::string& identifier = unit.description.identifier;

@@ -68,6 +68,7 @@ static double reading_of(const AxisModel* model, AxisState* state, const Motion*
 /* The motion at the end of a part, but for what the force there has a share in. */
 typedef struct {
   const AxisModel* model;
+  const AxisStep* step;
   AxisState* state;
   Motion m;
   int rests; /* at the start: nothing moves, and an axis without integrator gives way */
@@ -79,14 +80,15 @@ typedef struct {
 /* By how much a force differs from the one that its motion gives. */
 static double miss_at(End* end, double trial) {
   const AxisModel* model = end->model;
+  const AxisStep* step = end->step;
   Motion* m = &end->m;
   if (end->rests) {
     m->tracking_error = end->give * trial;
     m->position = end->command - end->give * trial;
     m->demand = trial;
   } else {
-    m->position = end->position_free - model->error_force_end * trial;
-    m->velocity = end->velocity_free - model->rate_force_end * trial;
+    m->position = end->position_free - step->error_force_end * trial;
+    m->velocity = end->velocity_free - step->rate_force_end * trial;
     m->displacement = m->position - end->state->position;
     m->tracking_error = end->command - m->position;
     m->demand = end->demand_free + end->demand_given * trial;
@@ -139,8 +141,19 @@ static double balanced(double first, double* slope, End* end) {
   return right;
 }
 
+/* The step of a part, in `own` where it is this part's alone: nothing of it is kept, so that a
+ * state that is gone back to needs no more than itself. */
+static const AxisStep* step_at(const AxisModel* model, double over, double at_end, AxisStep* own) {
+  if (model->modes == 0) return &model->step;
+  *own = model->step;
+  servotwin_place_modes(model, over, at_end, own);
+  return own;
+}
+
 void servotwin_start(const AxisModel* model, AxisState* state, double command, double time_s) {
   double give = 0.0; /* of an axis without integrator, to a unit force */
+  AxisStep own;
+  const AxisStep* step = step_at(model, command, command, &own);
   memset(state, 0, sizeof *state);
   state->time_s = time_s;
   state->slope = 1.0;
@@ -152,11 +165,12 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
   End end;
   memset(&end, 0, sizeof end);
   end.model = model;
+  end.step = step;
   end.state = state;
   end.rests = 1;
   end.command = command;
   if (model->order == 2) {
-    for (int i = 0; i < model->states; ++i) give += model->row[i].error * model->row[i].rest;
+    for (int i = 0; i < model->states; ++i) give += step->row[i].error * step->row[i].rest;
   }
   end.give = give;
   end.m.step_s = model->cycle_s / model->parts;
@@ -164,11 +178,12 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
   state->force = balanced(0.0, &state->slope, &end);
   remember(model, state);
   state->demand = state->force;
-  state->position = command;
+  double error = 0.0;
   for (int i = 0; i < model->states; ++i) {
-    state->linear[i] = model->row[i].rest * state->force;
-    if (model->order == 2) state->position -= model->row[i].error * state->linear[i];
+    state->linear[i] = step->row[i].rest * state->force;
+    error += step->row[i].error * state->linear[i];
   }
+  state->position = command - (model->order == 2 ? error : 0.0);
   end.m.position = state->position;
   state->reading = reading_of(model, state, &end.m);
 }
@@ -176,12 +191,13 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
 /* One part of a cycle. */
 static double advance(const AxisModel* model, AxisState* state, const CommandPiece* piece) {
   const double h = model->cycle_s / model->parts;
+  AxisStep own;
+  const AxisStep* step = step_at(model, piece->end_position - 0.5 * h * piece->end_velocity,
+                                 piece->end_position, &own);
   double next[kMaxStates];
-  double error = 0.0, rate = model->rate_velocity * piece->end_velocity;
-  double second = model->second_velocity * piece->end_velocity +
-                  model->second_acceleration * piece->end_acceleration;
+  double error = 0.0, rate = 0.0, second = 0.0;
   for (int r = 0; r < model->states; ++r) {
-    const AxisRow* row = &model->row[r];
+    const AxisRow* row = &step->row[r];
     double sum = row->command[0] * piece->velocity + row->command[1] * piece->acceleration +
                  row->command[2] * piece->jerk + row->force_begin * state->force;
     for (int k = 0; k < row->width; ++k) sum += row->phi[k] * state->linear[row->first + k];
@@ -190,18 +206,21 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
     rate += row->rate * sum;
     second += row->second * sum;
   }
+  rate += step->rate_velocity * piece->end_velocity;
 
   End end;
   memset(&end, 0, sizeof end);
   end.model = model;
+  end.step = step;
   end.state = state;
   end.command = piece->end_position;
   end.end_velocity = piece->end_velocity;
   end.position_free = piece->end_position - error;
   end.velocity_free = piece->end_velocity - rate;
   /* What the control asks for is x'' and the force. */
-  end.demand_free = piece->end_acceleration - second;
-  end.demand_given = 1.0 - model->second_force - model->second_force_end;
+  end.demand_free = piece->end_acceleration - second - step->second_velocity * piece->end_velocity -
+                    step->second_acceleration * piece->end_acceleration;
+  end.demand_given = 1.0 - step->second_force - step->second_force_end;
   end.m.step_s = h;
   end.m.command_velocity = piece->end_velocity;
   end.m.command_acceleration = piece->end_acceleration;
@@ -212,14 +231,14 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
   const double force = balanced(state->force + state->force_change, &state->slope, &end);
   remember(model, state);
   for (int r = 0; r < model->states; ++r)
-    state->linear[r] = next[r] + model->row[r].force_end * force;
+    state->linear[r] = next[r] + step->row[r].force_end * force;
   state->force_change = force - state->force;
   state->force = force;
   state->position = end.m.position;
   state->velocity = end.m.velocity;
   state->demand = end.m.demand;
   state->reading = reading_of(model, state, &end.m);
-  return error + model->error_force_end * force - state->reading;
+  return error + step->error_force_end * force - state->reading;
 }
 
 double servotwin_step(const AxisModel* model, AxisState* state, const CommandPiece* whole) {

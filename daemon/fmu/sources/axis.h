@@ -24,6 +24,21 @@ typedef struct {
   double error, rate, second; /* its part of the error and of its derivatives */
 } AxisRow;
 
+/* What a part of a cycle is computed with. */
+typedef struct {
+  AxisRow row[kMaxStates];
+  /* The error's derivatives directly by the command's velocity and acceleration and by the force;
+   */
+  double rate_velocity, second_velocity, second_acceleration, second_force;
+  /* error, rate and second derivative by the force at the end, through the states. */
+  double error_force_end, rate_force_end, second_force_end;
+} AxisStep;
+
+/* A mode of vibration and how it moves with position: twin/loop.h, Mode. */
+typedef struct {
+  double omega, zeta, alpha, beta, gamma, delta, slope, curve, zeta_slope;
+} AxisMode;
+
 /* What a model says. */
 typedef struct {
   int order;  /* 2 or 3 */
@@ -31,12 +46,11 @@ typedef struct {
   int states; /* 2 order, and 2 for every mode of vibration */
   double cycle_s;
   double damping, integral, integral_velocity; /* a1, a3, c2 of order 3, else 0 */
-  AxisRow row[kMaxStates];
-  /* The error's derivatives directly by the command's velocity and acceleration and by the force;
-   */
-  double rate_velocity, second_velocity, second_acceleration, second_force;
-  /* error, rate and second derivative by the force at the end, through the states. */
-  double error_force_end, rate_force_end, second_force_end;
+  AxisStep step; /* of every part, but for the modes' share where they move */
+  /* Where a mode moves: all of them, the loop beside them, and the travel's ends. */
+  int modes; /* 0: none moves */
+  double denominator[kMaxOrder], numerator[kMaxOrder], travel[2];
+  AxisMode mode[kMaxModes];
   int effects;
   AxisEffect effect[kMaxEffects]; /* in any order */
 } AxisModel;
@@ -69,6 +83,8 @@ double servotwin_follow(const AxisModel* model, AxisState* state, double command
                         double neighbour_acceleration, double in_cut);
 /* One cycle along a known motion, for a model whose command is not delayed. */
 double servotwin_step(const AxisModel* model, AxisState* state, const CommandPiece* piece);
+/* The modes' part of a step over which the command is `over` and at whose end it is `at_end`. */
+void servotwin_place_modes(const AxisModel* model, double over, double at_end, AxisStep* step);
 /* The sum of all command delays [s]. */
 double servotwin_delay_s(const AxisModel* model);
 

@@ -54,11 +54,26 @@ static int next_row(char** rest, AxisRow* row, int states) {
          next_number(rest, &row->rate) && next_number(rest, &row->second);
 }
 
+/* The loop beside modes that move; the modes' own lines follow. */
+static int next_moving(char** rest, AxisModel* m) {
+  return next_count(rest, &m->modes, 1, kMaxModes) && 2 * m->order + 2 * m->modes == m->states &&
+         next_numbers(rest, m->denominator, kMaxOrder) &&
+         next_numbers(rest, m->numerator, kMaxOrder) && next_numbers(rest, m->travel, 2);
+}
+
+static int next_mode(char** rest, AxisMode* mode) {
+  return next_number(rest, &mode->omega) && next_number(rest, &mode->zeta) &&
+         next_number(rest, &mode->alpha) && next_number(rest, &mode->beta) &&
+         next_number(rest, &mode->gamma) && next_number(rest, &mode->delta) &&
+         next_number(rest, &mode->slope) && next_number(rest, &mode->curve) &&
+         next_number(rest, &mode->zeta_slope);
+}
+
 /* Where the reader is: each name has its turn. */
 typedef struct {
   int place;              /* in kNames */
   int shape, coefficient; /* that the last effect has had so far */
-  int states;             /* that have been read */
+  int states, modes;      /* that have been read */
   int ended;
 } Reader;
 
@@ -107,8 +122,15 @@ static int read_words(Reader* reader, const char* name, char** rest, UnitModel* 
   if (reader->ended) return 0;
   if (reader->place == kNameCount && reader->states < m->states) {
     if (strcmp(name, "state") != 0) return 0;
-    return next_row(rest, &m->row[reader->states++], m->states);
+    return next_row(rest, &m->step.row[reader->states++], m->states);
   }
+  if (reader->place == kNameCount && reader->modes < m->modes) {
+    if (strcmp(name, "mode") != 0) return 0;
+    return next_mode(rest, &m->mode[reader->modes++]);
+  }
+  if (reader->place == kNameCount && m->modes == 0 && m->effects == 0 &&
+      strcmp(name, "moving_modes") == 0)
+    return next_moving(rest, m);
   if (reader->place == kNameCount) {
     if (strcmp(name, "end") != 0) return read_effect_line(reader, name, rest, unit);
     reader->ended = effect_is_whole(reader, m);
@@ -130,11 +152,14 @@ static int read_words(Reader* reader, const char* name, char** rest, UnitModel* 
       return next_number(rest, &m->damping) && next_number(rest, &m->integral) &&
              next_number(rest, &m->integral_velocity);
     case 6:
-      return next_number(rest, &m->rate_velocity) && next_number(rest, &m->second_velocity) &&
-             next_number(rest, &m->second_acceleration) && next_number(rest, &m->second_force);
+      return next_number(rest, &m->step.rate_velocity) &&
+             next_number(rest, &m->step.second_velocity) &&
+             next_number(rest, &m->step.second_acceleration) &&
+             next_number(rest, &m->step.second_force);
     case 7:
-      return next_number(rest, &m->error_force_end) && next_number(rest, &m->rate_force_end) &&
-             next_number(rest, &m->second_force_end);
+      return next_number(rest, &m->step.error_force_end) &&
+             next_number(rest, &m->step.rate_force_end) &&
+             next_number(rest, &m->step.second_force_end);
     default:
       return next_count(rest, &m->states, 2 * m->order, kMaxStates);
   }
@@ -148,7 +173,7 @@ static int read_line(Reader* reader, char* line, UnitModel* unit) {
 
 int servotwin_read_model(const char* file, UnitModel* unit, char* why) {
   char line[kLine];
-  Reader reader = {0, 0, 0, 0, 0};
+  Reader reader = {0, 0, 0, 0, 0, 0};
   FILE* in = fopen(file, "r");
   memset(unit, 0, sizeof *unit);
   if (in == NULL) {

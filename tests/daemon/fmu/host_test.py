@@ -47,7 +47,17 @@ NEIGHBOUR = {"id": "cross_coupling", "parameters": {
     "other_frequency_hz": parameter(20.0, "Hz"), "other_damping": parameter(0.9, "1")}}
 
 
-def model(*effects, order=3, sample_time_s=1e-3, rotary=False, axis="X"):
+# Over a part of `path` below, beside one that stands.
+MOVING = [
+    {"natural_frequency_rad_s": 280.0, "damping_ratio": 0.04, "alpha": -0.05, "beta_per_s": 20.0,
+     "gamma_s": 2e-4, "delta": 0.6, "log_frequency_slope": 0.3, "log_frequency_curve": -0.12,
+     "log_damping_slope": 0.4},
+    {"natural_frequency_rad_s": 420.0, "damping_ratio": 0.08, "alpha": 0.01, "beta_per_s": -3.0,
+     "gamma_s": 0.0, "delta": 0.05}]
+TRAVEL = {"from_m": 0.088, "to_m": 0.109}
+
+
+def model(*effects, order=3, sample_time_s=1e-3, rotary=False, axis="X", modes=()):
     real, w, zeta = 60.6, 190.2, 0.456
     if order == 3:
         denominator = [real + 2 * zeta * w, w * w + 2 * zeta * w * real, real * w * w]
@@ -64,7 +74,8 @@ def model(*effects, order=3, sample_time_s=1e-3, rotary=False, axis="X"):
             "sample_time_s": sample_time_s, "effects": effects,
             "loop": {"order": order, "denominator": denominator, "covariance": None,
                      "denominator_sd": [None] * order, "tracking_error_numerator": numerator,
-                     "tracking_error_numerator_sd": [None] * order},
+                     "tracking_error_numerator_sd": [None] * order, "modes": list(modes),
+                     "travel": TRAVEL},
             "fit": {"training": nothing, "holdout": nothing, "noise_floor_rms_m": None,
                     "condition_number": None, "method": "pole-search", "time_taken_s": None},
             "data": {"source": "a \"file\" & <more>.csv", "from": 0.0, "to": 10.0,
@@ -154,9 +165,12 @@ class Simulation(Exported):
     def test_is_what_servotwin_simulates(self):
         for described in (model(PRESLIDING), model(COULOMB, LEAD_ERROR, order=2),
                           model(PRESLIDING, sample_time_s=3e-3), model(COULOMB, rotary=True),
-                          model(order=2)):
+                          model(order=2), model(order=2, modes=MOVING),
+                          model(PRESLIDING, modes=MOVING, sample_time_s=2.5e-3),
+                          model(COULOMB, order=2, modes=MOVING, rotary=True)):
             with self.subTest(effects=[e["id"] for e in described["effects"]],
-                              step=described["sample_time_s"], kind=described["kind"]):
+                              step=described["sample_time_s"], kind=described["kind"],
+                              modes=len(described["loop"]["modes"])):
                 commands = path(described["sample_time_s"])
                 theirs = self.simulated(described, commands)
                 self.assertGreater(max(map(abs, theirs)), 1e-5)
@@ -170,16 +184,26 @@ class Simulation(Exported):
                                  self.simulated(described, commands), within=1e-8)
         self.assertGreater(worst, 0.0)
 
-    def test_a_delayed_command(self):
-        described = model(PRESLIDING, DELAY)
+    def test_modes_that_move_are_not_those_of_the_middle(self):
+        middle = copy.deepcopy(MOVING)
+        for name in ("log_frequency_slope", "log_frequency_curve", "log_damping_slope"):
+            middle[0][name] = 0.0
         commands = path(1e-3)
-        unit = self.export(described)
-        ours = self.followed(unit, commands)
-        self.assert_same(ours, self.simulated(described, commands), within=1e-8)
-        self.assert_same(self.along(unit, commands), ours)
+        errors = [self.followed(self.export(model(PRESLIDING, modes=modes)), commands)
+                  for modes in (MOVING, middle)]
+        self.assertGreater(max(abs(a - b) for a, b in zip(*errors)), 1e-6)
+
+    def test_a_delayed_command(self):
+        for modes in ((), MOVING):
+            described = model(PRESLIDING, DELAY, modes=modes)
+            commands = path(1e-3)
+            unit = self.export(described)
+            ours = self.followed(unit, commands)
+            self.assert_same(ours, self.simulated(described, commands), within=1e-8)
+            self.assert_same(self.along(unit, commands), ours)
 
     def test_compiled_anew_is_the_same(self):
-        unit = self.export(model(PRESLIDING))
+        unit = self.export(model(PRESLIDING, modes=MOVING))
         library = self.folder / "anew.so"
         sources = [unit.folder / "sources" / s.get("name")
                    for s in unit.co_simulation.find("SourceFiles")]
@@ -287,19 +311,27 @@ class Life(Exported):
         other.free()
 
     def test_a_state_is_gone_back_to(self):
-        one = Instance(self.unit)
+        # Modes that move are elsewhere by the time that one goes back.
+        moving = self.export(model(PRESLIDING, order=2, sample_time_s=1e-3, modes=MOVING), "moving")
+        for unit in (self.unit, moving):
+            with self.subTest(modes=unit is moving):
+                self.check_states(unit)
+
+    def check_states(self, unit):
+        one = Instance(unit)
         one.begin(self.commands[0])
         self.errors(one, 1, 100)
         state = one.keep_state()
         data = one.serialized(state)
-        expected = self.errors(one, 101, 100)
+        expected = self.errors(one, 101, 300)
         one.call("SetFMUstate", state)
-        self.assertEqual(self.errors(one, 101, 100), expected)
+        self.assertEqual(one.serialized(state), data)
+        self.assertEqual(self.errors(one, 101, 300), expected)
         one.free_state(state)
-        other = Instance(self.unit)  # from the bytes, and never started
+        other = Instance(unit)  # from the bytes, and never started
         state = other.deserialized(data)
         other.call("SetFMUstate", state)
-        self.assertEqual(self.errors(other, 101, 100), expected)
+        self.assertEqual(self.errors(other, 101, 300), expected)
         other.free_state(state)
         with self.refused("no state of this unit"):
             other.deserialized(data[:-1])
@@ -430,7 +462,8 @@ class Packed(Exported):
 
     def test_the_description_is_what_the_standard_asks_for(self):
         for described in (model(PRESLIDING, CUT, NEIGHBOUR, LEAD_ERROR, DELAY),
-                          model(PRESLIDING, rotary=True, axis="C & <\"C\">"), model(order=2)):
+                          model(PRESLIDING, rotary=True, axis="C & <\"C\">"), model(order=2),
+                          model(PRESLIDING, axis="Y", modes=MOVING)):
             with self.subTest(axis=described["axis"]):
                 self.check_description(self.export(described), described)
 
@@ -490,6 +523,13 @@ class Packed(Exported):
         self.assertEqual([u.get("index") for u in structure.find("InitialUnknowns")], outputs)
         self.assertEqual([variables[int(i) - 1].get("name") for i in outputs],
                          ["tracking_error", "position", "velocity"])
+
+    def test_the_page_says_how_modes_move(self):
+        unit = self.export(model(PRESLIDING, modes=MOVING))
+        page = (unit.folder / "documentation" / "index.html").read_text()
+        self.assertIn("at 0.088", page)
+        self.assertIn("at 0.109", page)
+        self.assertIn("slope of the damping 0.4", page)
 
     def test_the_same_model_makes_the_same_unit_and_another_one_does_not(self):
         described = model(PRESLIDING)

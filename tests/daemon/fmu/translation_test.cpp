@@ -345,9 +345,107 @@ TEST(TranslatedAxis, ReachesBackAsFarAsADelayMay) {
   }
 }
 
-/// Whether the numbers of a unit can be read when they are changed so.
-std::string why_not_read(const std::function<void(std::string&)>& change) {
-  std::string text = model_text(axis_with(kind_of<Presliding>(), 3, 1e-3), "{guid}");
+/// With friction or bare, and with one mode or two that move over the path of RandomMotion, beside
+/// one that stands.
+Model moving_axis(int order, double sample_time_s, int moving, bool friction) {
+  // Beside presliding what goes by the acceleration, so that all three readings of the modes count.
+  Model model = axis_with(kind_of<InertiaChange>(), order, sample_time_s);
+  if (!friction) model.effects.clear();
+  // One of the two crosses the frequency of the loop itself, below which its delta cannot move.
+  model.loop.modes = {{280.0, 0.04, -0.05, 20.0, 2e-4, 0.6, 0.3, -0.12, 0.4}};
+  if (moving > 1) model.loop.modes.push_back({190.0, 0.1, 0.02, -5.0, -1e-4, 0.1, -0.2, 0.1, -0.3});
+  model.loop.modes.push_back({420.0, 0.08, 0.01, -3.0, 0.0, 0.05});
+  model.loop.travel = {-0.012, 0.009};  // the path goes beyond both ends
+  return model;
+}
+
+class MovingModes : public testing::TestWithParam<std::tuple<int, double, int, bool>> {
+ protected:
+  [[nodiscard]] static Model model() {
+    const auto [order, sample_time_s, moving, friction] = GetParam();
+    return moving_axis(order, sample_time_s, moving, friction);
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Axes, MovingModes,
+                         testing::Combine(testing::Values(2, 3), testing::Values(1e-3, 2.5e-3),
+                                          testing::Values(1, 2), testing::Bool()));
+
+TEST_P(MovingModes, MoveTheWholeAxisAsInCpp) {
+  const Model axis = model();
+  Model standing = axis;
+  for (Mode& mode : standing.loop.modes) mode.slope = mode.curve = mode.zeta_slope = 0.0;
+  for (const std::uint64_t seed : {7U, 8U, 9U}) {
+    const RandomMotion path(seed);
+    Twin twin(axis), still(standing);
+    CAxis c(axis);
+    twin.start(path.at(0.0));
+    still.start(path.at(0.0));
+    c.start(path.at(0.0), 0.0);
+    double difference = 0.0, least = 0.0, most = 0.0;
+    for (int i = 1; i * axis.sample_time_s < 4.5; ++i) {
+      const double command = path.at(i * axis.sample_time_s);
+      const double error = twin.follow(command);
+      ASSERT_NEAR(c.follow(command), error, kSame) << "seed " << seed << ", cycle " << i;
+      ASSERT_NEAR(c.position(), twin.position(), kSame);
+      ASSERT_NEAR(c.velocity(), twin.velocity(), kSame);
+      difference = std::max(difference, std::abs(error - still.follow(command)));
+      least = std::min(least, command);
+      most = std::max(most, command);
+    }
+    EXPECT_GT(difference, 1e-6) << "that they move does not show";
+    EXPECT_LT(least, axis.loop.travel.from);
+    EXPECT_GT(most, axis.loop.travel.to);
+  }
+}
+
+// Where a command is at rest says where the modes are before anything moves; and a force that acts
+// then shows them.
+TEST_P(MovingModes, StartAnywhere) {
+  Model axis = model();
+  Effect force = make_effect<ConstantForce>();
+  force.coefficient[0] = 0.4;
+  axis.effects.push_back(force);
+  for (const double place : {-1.0, -0.011, 0.0, 0.004, 0.009, 3.0}) {
+    Twin twin(axis);
+    CAxis c(axis);
+    twin.start(place);
+    c.start(place, 0.0);
+    ASSERT_NEAR(c.position(), twin.position(), kSame);
+    for (int i = 1; i < 200; ++i) {
+      const double command = place + 1e-3 * std::sin(0.05 * i) * std::sin(0.05 * i);
+      ASSERT_NEAR(c.follow(command), twin.follow(command), kSame) << place << ", cycle " << i;
+    }
+  }
+}
+
+// The command that counts is the delayed one, and along a known motion the one that is given.
+TEST_P(MovingModes, GoByTheCommandThatTheLoopHas) {
+  Model axis = model();
+  Effect delay = make_effect<TimeDelay>();
+  delay.shape[0] = 3.7e-3;
+  axis.effects.push_back(delay);
+  Twin twin(axis), known(model());
+  CAxis c(axis), c_known(model());
+  const RandomMotion path(11);
+  const double h = axis.sample_time_s;
+  for (Twin* one : {&twin, &known}) one->start(path.at(0.0));
+  for (CAxis* one : {&c, &c_known}) one->start(path.at(0.0), 0.0);
+  for (int i = 1; i * h < 2.5; ++i) {
+    ASSERT_NEAR(c.follow(path.at(i * h)), twin.follow(path.at(i * h)), kSame) << i;
+    // Any cubic will do.
+    CommandPiece piece;
+    piece.velocity = (path.at(i * h) - path.at((i - 1) * h)) / h;
+    piece.jerk = 20.0 * std::sin(0.1 * i);
+    piece.end_position = path.at(i * h);
+    piece.end_velocity = piece.velocity + h * h * piece.jerk / 2;
+    piece.end_acceleration = h * piece.jerk;
+    ASSERT_NEAR(c_known.step(piece), known.step(piece), kSame) << i;
+  }
+}
+
+/// Whether the numbers of a unit of this model can be read when they are changed so.
+std::string why_not_read(const Model& model, const std::function<void(std::string&)>& change) {
+  std::string text = model_text(model, "{guid}");
   change(text);
   const test::TemporaryDirectory folder;
   const std::filesystem::path file = folder.path() / "model.txt";
@@ -360,12 +458,58 @@ std::string why_not_read(const std::function<void(std::string&)>& change) {
   return why;
 }
 
+std::string why_not_read(const std::function<void(std::string&)>& change) {
+  return why_not_read(axis_with(kind_of<Presliding>(), 3, 1e-3), change);
+}
+
+TEST(ModelText, HasTheLawOfModesOnlyWhereTheyMove) {
+  using testing::AllOf;
+  using testing::HasSubstr;
+  using testing::Not;
+  Model model = moving_axis(3, 1e-3, 2, true);
+  EXPECT_THAT(model_text(model, "{guid}"), HasSubstr("\nmoving_modes 3 "));
+  for (Mode& mode : model.loop.modes) mode.slope = mode.curve = mode.zeta_slope = 0.0;
+  EXPECT_THAT(model_text(model, "{guid}"),
+              AllOf(Not(HasSubstr("moving")), Not(HasSubstr("mode "))));
+  model.loop.modes[1].zeta_slope = 0.1;
+  EXPECT_THAT(model_text(model, "{guid}"), HasSubstr("\nmoving_modes 3 "));
+}
+
+TEST(ModelText, OfModesThatMoveIsRefusedWhereItIsDamaged) {
+  using testing::HasSubstr;
+  const Model model = moving_axis(3, 1e-3, 1, true);
+  const auto replaced = [&](const std::string& what, const std::string& with) {
+    return why_not_read(model, [&](std::string& text) {
+      ASSERT_NE(text.find(what), std::string::npos);
+      text.replace(text.find(what), what.size(), with);
+    });
+  };
+  EXPECT_EQ(replaced("moving_modes", "moving_modes"), "");
+  EXPECT_THAT(replaced("moving_modes 2", "moving_modes 1"), HasSubstr("line 21"));
+  EXPECT_THAT(replaced("moving_modes 2", "moving_modes 3"), HasSubstr("line 21"));
+  EXPECT_THAT(replaced("moving_modes 2", "moving_modes 2 nan"), HasSubstr("line 21"));
+  EXPECT_THAT(replaced("mode 0x", "node 0x"), HasSubstr("line 22"));
+  EXPECT_THAT(replaced("\nmode 0x", "\nmode 0x1p0 0x"), HasSubstr("line 22"));
+  EXPECT_THAT(replaced("effect inertia_change", "mode 0x0p0"), HasSubstr("line 24"));
+  EXPECT_THAT(replaced("end\n", "moving_modes 2\n"), HasSubstr("line 32"));
+  // One of them left out.
+  EXPECT_THAT(why_not_read(model,
+                           [](std::string& text) {
+                             const std::size_t at = text.find("\nmode ");
+                             text.erase(at, text.find('\n', at + 1) - at);
+                           }),
+              HasSubstr("line 23"));
+}
+
 TEST(ModelText, HasNoDecimalPointThatALocaleCouldChange) {
   for (const std::size_t kind : all_kinds()) {
     std::string text = model_text(axis_with(kind, 3, 1e-3), "{guid}");
     text.erase(0, text.find("servotwin_unit"));
     EXPECT_EQ(text.find_first_of(".,"), std::string::npos) << identity_of(kind).id;
   }
+  std::string text = model_text(moving_axis(2, 1e-3, 2, false), "{guid}");
+  text.erase(0, text.find("servotwin_unit"));
+  EXPECT_EQ(text.find_first_of(".,"), std::string::npos);
 }
 
 TEST(ModelText, IsRefusedWhereItIsDamaged) {
