@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <sstream>
 #include <stdexcept>
 
 #include "identification/evidence.h"
@@ -13,6 +12,8 @@
 #include "identification/joint.h"
 #include "identification/moving_modes.h"
 #include "identification/noise_floor.h"
+#include "identification/say.h"
+#include "identification/structure_choice.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -21,28 +22,10 @@ namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kSlowest_s = 0.1;  // sampling time that still shows a servo loop
-// A richer structure must beat a simpler one by this much on data it was not fitted to.
-constexpr double kWorthIt = 0.97;
-// A mode, or another axis, brings five or six parameters and what may go wrong with them.
-constexpr double kWorthAMode = 0.85;
-// Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
-// disguise.
-constexpr double kDisguisedDelay = 0.5;
-// Acceleration feed-forward beyond this multiple of the moved mass is a lead that makes up for a
-// delay which is not there.
-constexpr double kMostFeedforward = 1.5;
 // An encoder that moves by less or more than the command by this factor is in another unit.
 constexpr double kUnitMismatch = 2.0;
 // A parameter known worse than this share of itself is not excited.
 constexpr double kLooselyKnown = 0.5;
-
-template <class... Parts>
-std::string say(const Parts&... parts) {
-  std::ostringstream out;
-  out.precision(4);
-  (out << ... << parts);
-  return out.str();
-}
 
 double span_s(const std::vector<Segment>& segments) {
   double sum = 0.0;
@@ -56,34 +39,6 @@ Eigen::Index rows_of(const std::vector<Segment>& segments) {
   return rows;
 }
 
-/// The share of the loop's lag that zeros in the right half plane make. Servo loops with
-/// feed-forward have none (docs/theory.md 1.3): such zeros are how a rational loop imitates a
-/// delay.
-double imitated_delay_share(const Loop& loop) {
-  const int n = loop.order;
-  const double an = loop.denominator[static_cast<std::size_t>(n - 1)];
-  const double lag = loop.numerator[static_cast<std::size_t>(n - 1)] / an;
-  // x / x_r = (b_0 s^n + ... + b_n) / P with b_i = a_i - c_i.
-  Eigen::VectorXd b(n + 1);
-  b(0) = 1.0 - loop.numerator[0];
-  for (int i = 1; i < n; ++i)
-    b(i) = loop.denominator[static_cast<std::size_t>(i - 1)] -
-           loop.numerator[static_cast<std::size_t>(i)];
-  b(n) = an;
-  int lead = 0;
-  while (lead < n && std::abs(b(lead)) < 1e-9) ++lead;
-  const int degree = n - lead;
-  if (degree < 1 || !(lag > 0.0)) return 0.0;
-  Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(degree, degree);
-  for (int i = 0; i + 1 < degree; ++i) companion(i + 1, i) = 1.0;
-  for (int i = 0; i < degree; ++i) companion(i, degree - 1) = -b(n - i) / b(lead);
-  double imitated = 0.0;
-  for (const auto& zero : companion.eigenvalues()) {
-    if (zero.real() > 0.0) imitated += 2.0 * zero.real() / std::norm(zero);
-  }
-  return imitated / lag;
-}
-
 /// Of the names that the loop's poles can have, the one nearest to `like`.
 PoleSet named_as(const PoleSet& like, const Loop& loop) {
   const PoleLabels labels = labels_of(loop);
@@ -92,72 +47,6 @@ PoleSet named_as(const PoleSet& like, const Loop& loop) {
   };
   return *std::min_element(labels.set.begin(), labels.set.begin() + labels.count,
                            [&](const auto& l, const auto& r) { return apart(l) < apart(r); });
-}
-
-struct Trial {
-  Structure structure;
-  double cost = 1e300;  // on what it was fitted to
-  double validation = 1e300;
-  std::string ruled_out = "no stable fit within the bounds";
-};
-
-/// Why a loop without a delay is one in disguise; empty if it is not.
-std::string why_delay(const Loop& loop, double delay_max_s) {
-  const double imitated = delay_max_s > 0.0 ? imitated_delay_share(loop) : 0.0;
-  if (imitated <= kDisguisedDelay) return {};
-  return say("zeros in the right half plane make ", 100.0 * imitated,
-             " % of its lag: a delay in disguise");
-}
-
-/// Why the delay of this model is a velocity lag in disguise; empty if it is not. `before`: the
-/// structures without it.
-std::string why_no_delay(const Model& model, double delay_max_s, const Trial& trial,
-                         const std::vector<Trial>& before) {
-  if (model.command_delay_s() > delay_max_s) {
-    return say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ",
-               1e3 * delay_max_s, " ms sought");
-  }
-  if (lag_in_disguise(model)) {
-    return say("acceleration feed-forward of ", 1.0 - model.loop.numerator[0],
-               " times the moved mass makes up for its delay: a velocity lag in disguise");
-  }
-  // A delay in place of the velocity lag: as many parameters, so that the fit itself may compare.
-  std::vector<std::size_t> without = trial.structure.effects;
-  std::erase(without, kind_of<TimeDelay>());
-  for (const Trial& rival : before) {
-    if (rival.structure.order == trial.structure.order && rival.structure.effects == without &&
-        rival.ruled_out.empty() && rival.cost <= trial.cost) {
-      return "a velocity lag with as many parameters fits better than its delay";
-    }
-  }
-  return {};
-}
-
-std::vector<Structure> structures(const IdentifyOptions& options) {
-  const std::size_t friction = kind_of<CoulombFriction>(), constant = kind_of<ConstantForce>(),
-                    delay = kind_of<TimeDelay>();
-  std::vector<Structure> out;
-  for (int order : {2, 3}) {
-    if (options.order != 0 && options.order != order) continue;
-    // Behind an integrator a constant force leaves no trace in the error.
-    out.push_back({order, {friction}, false});
-    if (order == 2) out.push_back({order, {friction, constant}, false});
-    if (options.delay_max_s > 0.0) {
-      out.push_back({order, {friction, delay}, true});
-      if (order == 2) out.push_back({order, {friction, constant, delay}, true});
-    }
-  }
-  return out;
-}
-
-std::vector<Signals> signals_of(const std::vector<Segment>& segments) {
-  std::vector<Signals> signals;
-  for (const Segment& s : segments) signals.push_back(servotwin::signals_of(s));
-  return signals;
-}
-
-Projection projection_of(const std::vector<Segment>& segments, const Structure& structure) {
-  return {signals_of(segments), structure};
 }
 
 /// What the fit leaves loosely known, by name, and what motion would show it.
@@ -294,241 +183,6 @@ Structure structure_of(const Model& model) {
   return structure;
 }
 
-/// Of a projection, in which modes stand.
-Point point_of(const Model& model) {
-  Point point{model.loop.denominator, {}, model.loop.modes};
-  for (Mode& mode : point.modes) mode.slope = mode.curve = mode.zeta_slope = 0.0;
-  for (const Effect& effect : model.effects) {
-    for (std::size_t i = 0; i < shapes_of(effect.kind).size(); ++i)
-      point.shapes.push_back(effect.shape[i]);
-  }
-  return point;
-}
-
-struct Chosen {
-  Structure structure;
-  /// Where the fit that won ended, where modes or another axis are in it: a search anew might miss
-  /// them.
-  std::vector<Point> from;
-  Loop moving;  ///< with the modes as they were found to move, where they are
-};
-
-/// Slopes and travel of modes that move, from another loop of as many.
-Model with_modes_moving_as(const Loop& as, Model model) {
-  model.loop.travel = as.travel;
-  for (std::size_t i = 0; i < std::min(as.modes.size(), model.loop.modes.size()); ++i) {
-    model.loop.modes[i].slope = as.modes[i].slope;
-    model.loop.modes[i].curve = as.modes[i].curve;
-    model.loop.modes[i].zeta_slope = as.modes[i].zeta_slope;
-  }
-  return model;
-}
-
-/// A fit with modes that stand, and what it leaves where it was not fitted.
-struct Stood {
-  Structure structure;
-  Model model;
-  bool coupled = false;
-  double validation = 0.0;
-};
-
-/// The same with modes that move.
-struct Moved {
-  std::optional<OutputErrorFit> fit;
-  bool asked = false;
-  std::string ruled_out;
-  double validation = kAbsent;
-};
-
-Structure moving_of(Structure structure) {
-  structure.moving = true;
-  return structure;
-}
-
-/// Of which to ask whether modes move: the best, and the one with presliding, since friction that
-/// is not the axis' own hides that they do.
-std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stood) {
-  const auto best =
-      std::min_element(stood.begin(), stood.end(),
-                       [](const Stood& l, const Stood& r) { return l.validation < r.validation; });
-  const auto presliding = std::find_if(stood.begin(), stood.end(), [](const Stood& one) {
-    return one.model.find(kind_of<Presliding>()) != nullptr;
-  });
-  std::vector<std::size_t> out{static_cast<std::size_t>(best - stood.begin())};
-  if (presliding != stood.end() && presliding != best)
-    out.push_back(static_cast<std::size_t>(presliding - stood.begin()));
-  return out;
-}
-
-/// The structure, chosen within the training data of the axis `name`; all that was tried goes to
-/// `tried`.
-Chosen chosen_structure(const std::string& name, const std::vector<Segment>& training,
-                        const IdentifyOptions& options, double encoder_step,
-                        std::vector<StructureTrial>& tried) {
-  const auto [fitted, validated] = split(training, 2.0 / 3.0, options.split_each);
-  PoleSearchOptions search;
-  search.bounds = options.bounds;
-  search.starts = 3;
-  search.tolerance = 1e-6;  // enough to rank structures that must differ by 3 %
-  std::vector<Trial> trials;
-  for (const Structure& structure : structures(options)) {
-    Trial trial;
-    trial.structure = structure;
-    const Projection data = projection_of(fitted, structure);
-    if (const auto fit = pole_search(data, search)) {
-      const Model model = data.model_of(fit->point, fit->solution.linear);
-      trial.ruled_out = why_invalid(model);
-      if (trial.ruled_out.empty()) {
-        trial.cost = fit->solution.cost;
-        trial.validation = judge(model, validated).rms;
-        trial.ruled_out = structure.matched_feedforward
-                              ? why_no_delay(model, options.delay_max_s, trial, trials)
-                              : why_delay(model.loop, options.delay_max_s);
-      }
-    }
-    trials.push_back(trial);
-  }
-  const Trial* chosen = nullptr;
-  for (const Trial& trial : trials) {
-    if (trial.ruled_out.empty() && std::isfinite(trial.validation) &&
-        (chosen == nullptr || trial.validation < kWorthIt * chosen->validation))
-      chosen = &trial;
-  }
-  if (chosen == nullptr) {
-    // A loop that imitates a delay is still a model where no honest structure fits.
-    for (const Trial& trial : trials) {
-      if (trial.validation < 1e299 && (chosen == nullptr || trial.validation < chosen->validation))
-        chosen = &trial;
-    }
-  }
-  if (chosen == nullptr)
-    throw std::runtime_error(name +
-                             ": no stable loop within the bounds follows this motion; check units, "
-                             "signs and the column mapping");
-  for (const Trial& trial : trials) {
-    tried.push_back({trial.structure.order, trial.structure.effects,
-                     trial.validation < 1e299 ? trial.validation : kAbsent, &trial == chosen, 0,
-                     trial.ruled_out});
-  }
-
-  Chosen out;
-  Structure& structure = out.structure;
-  structure = chosen->structure;
-  double chosen_validation = chosen->validation;
-  // The friction, chosen the same way, from the simplest model to the richest, and modes of
-  // vibration as long as one more of them is worth it. Neither shows without the other where there
-  // are both, so that every friction is tried with every number of modes.
-  const bool joint = options.method == Method::kJoint;
-  const auto place = static_cast<std::size_t>(
-      std::find(structure.effects.begin(), structure.effects.end(), kind_of<CoulombFriction>()) -
-      structure.effects.begin());
-  std::vector<std::size_t> compared{kind_of<CoulombFriction>()};
-  if (joint) compared = options.friction ? std::vector{*options.friction} : compared_frictions();
-  const bool other_friction =
-      joint && options.friction && *options.friction != kind_of<CoulombFriction>();
-  if (other_friction) chosen_validation = 1e300;
-  std::size_t best = tried.size();
-  std::optional<FirstStep> first;
-  if (compared.size() > 1 || other_friction || options.modes > 0 || options.coupling)
-    first.emplace(signals_of(fitted), chosen->structure, search);
-  bool taken = false;  // the other axis
-  for (int modes = 0; first && modes <= options.modes && modes <= structure.modes + 1; ++modes) {
-    if (modes > 0 && !first->add_mode()) break;
-    std::vector<Stood> stood;
-    // Without the other axis, then with it: what vibrates would have bent a loop that was coupled
-    // before.
-    for (const bool coupled : {false, true}) {
-      if (coupled && !options.coupling) break;
-      const std::optional<Point> begun = first->start(coupled);
-      if (!begun) break;
-      Structure base = chosen->structure;
-      base.modes = modes;
-      if (coupled) base.effects.push_back(kind_of<CrossCoupling>());
-      for (const std::size_t kind : compared) {
-        if (kind == kind_of<CoulombFriction>() && modes == 0 && !coupled) continue;
-        Structure richer = base;
-        richer.effects[place] = kind;
-        // Unlike levels of the two directions contain it.
-        if (kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>())
-          std::erase(richer.effects, kind_of<ConstantForce>());
-        StructureTrial trial{richer.order, richer.effects, kAbsent,
-                             false,        modes,          "no stable fit within the bounds"};
-        // At rest a vibrating encoder turns more often than it is read: friction along the measured
-        // motion is wrong there, and free simulation has to tell.
-        const bool polish = joint && modes > 0, same = richer.effects.size() == base.effects.size();
-        const auto fit = joint_fit(fitted, richer, search, encoder_step, polish,
-                                   modes > 0 || same ? &*begun : nullptr);
-        if (fit) {
-          trial.ruled_out = why_invalid(fit->model);
-          if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated).rms;
-        }
-        if (trial.validation_rms < 1e300)
-          stood.push_back({richer, fit->model, coupled, trial.validation_rms});
-        const bool more = modes > structure.modes || (coupled && !taken);
-        if (trial.validation_rms < (more ? kWorthAMode : kWorthIt) * chosen_validation) {
-          chosen_validation = trial.validation_rms;
-          structure = richer;
-          best = tried.size();
-          taken = coupled;
-          out.from.clear();
-          if (modes > 0 || coupled) out.from.push_back(point_of(fit->model));
-        }
-        tried.push_back(trial);
-      }
-    }
-    // Whether they move with position: one that does may be worth nothing while it has to stand.
-    // Where one of those asked finds that they do, all frictions are tried from there.
-    if (!joint || modes == 0 || stood.empty()) continue;
-    const bool with_other = std::min_element(stood.begin(), stood.end(), [](auto& l, auto& r) {
-                              return l.validation < r.validation;
-                            })->coupled;
-    std::erase_if(stood, [&](const Stood& one) { return one.coupled != with_other; });
-    std::vector<Moved> moved(stood.size());
-    const auto moved_from = [&](const Model& start, const Stood& one) {
-      Moved now;
-      now.asked = true;
-      now.fit = with_moving_modes(fitted, moving_of(one.structure), start, encoder_step);
-      now.ruled_out =
-          now.fit ? why_invalid(now.fit->model) : "letting them move gains next to nothing";
-      if (now.ruled_out.empty()) now.validation = judge(now.fit->model, validated).rms;
-      return now;
-    };
-    std::size_t lead = stood.size();
-    double least = 1e300;
-    for (const std::size_t i : asked_whether_modes_move(stood)) {
-      moved[i] = moved_from(stood[i].model, stood[i]);
-      if (moved[i].validation < least) {
-        least = moved[i].validation;
-        lead = i;
-      }
-    }
-    bool moving = false;
-    for (std::size_t i = 0; i < stood.size(); ++i) {
-      const Stood& one = stood[i];
-      if (lead < stood.size() && i != lead)
-        moved[i] = moved_from(with_modes_moving_as(moved[lead].fit->model.loop, one.model), one);
-      else if (!moved[i].asked)
-        continue;
-      tried.push_back({one.structure.order, one.structure.effects, moved[i].validation, false,
-                       modes, moved[i].ruled_out, true});
-      if (!(moved[i].validation < (moving ? kWorthIt : kWorthAMode) * chosen_validation)) continue;
-      chosen_validation = moved[i].validation;
-      structure = moving_of(one.structure);
-      best = tried.size() - 1;
-      taken = one.coupled;
-      moving = true;
-      out.from = {point_of(one.model)};
-      out.moving = moved[i].fit->model.loop;
-    }
-  }
-  if (other_friction && best == tried.size()) {
-    throw std::runtime_error(say(name, ": ", identity_of(*options.friction).id,
-                                 " has no valid fit to this motion; take another friction model"));
-  }
-  for (std::size_t i = 0; best < tried.size() && i < tried.size(); ++i) tried[i].chosen = i == best;
-  return out;
-}
-
 }  // namespace
 
 std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
@@ -548,12 +202,6 @@ std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Se
     }
   }
   return {std::move(first), std::move(rest)};
-}
-
-bool delay_in_disguise(const Loop& loop) { return imitated_delay_share(loop) > kDisguisedDelay; }
-
-bool lag_in_disguise(const Model& model) {
-  return model.command_delay_s() > 0.0 && 1.0 - model.loop.numerator[0] > kMostFeedforward;
 }
 
 std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
@@ -664,7 +312,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     out.trials.push_back(
         {structure.order, structure.effects, kAbsent, true, structure.modes, "", structure.moving});
   } else {
-    Chosen chosen = chosen_structure(axis.axis, training, options, encoder_step, out.trials);
+    ChosenStructure chosen =
+        chosen_structure(axis.axis, training, options, encoder_step, out.trials);
     structure = std::move(chosen.structure);
     search.from = std::move(chosen.from);
     moving = std::move(chosen.moving);

@@ -26,7 +26,7 @@ std::vector<std::vector<double>> shape_grid(std::size_t kind) {
     const Parameter& p = shapes_of(kind)[i];
     std::vector<double> values{p.start};
     if (i < kGridded && p.lower > 0.0)
-      values = {0.3 * p.start, p.start, std::min(3.0 * p.start, p.upper)};
+      values = {std::max(0.3 * p.start, p.lower), p.start, std::min(3.0 * p.start, p.upper)};
     std::vector<std::vector<double>> longer;
     for (double value : values) {
       for (const auto& begun : grid) {

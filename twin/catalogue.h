@@ -34,6 +34,7 @@
 #include "twin/effects/inertia_change.h"
 #include "twin/effects/lead_error.h"
 #include "twin/effects/lugre.h"
+#include "twin/effects/maxwell_slip.h"
 #include "twin/effects/modified_stribeck.h"
 #include "twin/effects/periodic_disturbance.h"
 #include "twin/effects/position_dependent_friction.h"
@@ -57,6 +58,7 @@ using Catalogue =
                Presliding,           //
                SmoothedPresliding,   //
                Gms,                  //
+               MaxwellSlip,          //
                LuGre,                //
                Dahl,                 //
                Stribeck,             //
@@ -144,10 +146,16 @@ inline std::size_t kind_of(std::string_view id) {
 }
 
 /// Each is the whole friction of a machine; a model has one at most.
-inline constexpr std::array kFrictionLaws{
-    kind_of<CoulombFriction>(),    kind_of<Dahl>(),  kind_of<Presliding>(),
-    kind_of<SmoothedPresliding>(), kind_of<Gms>(),   kind_of<PreslidingStribeck>(),
-    kind_of<ModifiedStribeck>(),   kind_of<LuGre>(), kind_of<Stribeck>()};
+inline constexpr std::array kFrictionLaws{kind_of<CoulombFriction>(),
+                                          kind_of<Dahl>(),
+                                          kind_of<Presliding>(),
+                                          kind_of<SmoothedPresliding>(),
+                                          kind_of<Gms>(),
+                                          kind_of<MaxwellSlip>(),
+                                          kind_of<PreslidingStribeck>(),
+                                          kind_of<ModifiedStribeck>(),
+                                          kind_of<LuGre>(),
+                                          kind_of<Stribeck>()};
 constexpr bool is_friction_law(std::size_t kind) {
   return std::find(kFrictionLaws.begin(), kFrictionLaws.end(), kind) != kFrictionLaws.end();
 }

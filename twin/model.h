@@ -22,9 +22,12 @@ inline double friction_of(const Effect& law, const double* force) noexcept {
   // A coefficient for each direction, of which the other one has no force; or for each element.
   if (law.kind == kind_of<Stribeck>() || law.kind == kind_of<ModifiedStribeck>())
     return force[0] + force[1];
-  if (law.kind != kind_of<Gms>()) return force[0];
+  const std::size_t elements = law.kind == kind_of<Gms>()           ? Gms::kElements
+                               : law.kind == kind_of<MaxwellSlip>() ? MaxwellSlip::kElements
+                                                                    : 0;
+  if (elements == 0) return force[0];
   double sum = 0.0, level = 0.0;
-  for (std::size_t i = 0; i < Gms::kElements; ++i) {
+  for (std::size_t i = 0; i < elements; ++i) {
     sum += law.coefficient[i] * force[i];
     level += law.coefficient[i];
   }

@@ -222,8 +222,6 @@ TEST(Modes, AreSoughtWhereARecordingIsTooShortForAFrequencyResponse) {
   EXPECT_LT(more->fit.solution.cost, rigid->solution.cost);
 }
 
-// The question the thesis left open: friction with presliding beside vibration. Neither alone gains
-// what both do.
 // A spring that becomes stiffer along the travel, as a ball screw does: the mode is found where the
 // machine's equations have it about each place, and the motion is followed far better than with a
 // mode that stands.
@@ -262,6 +260,8 @@ TEST(Modes, OneThatMovesWithPositionIsFoundWhereItIs) {
   EXPECT_LT(again.record.holdout.rms, 1.2 * found.record.holdout.rms);
 }
 
+// The question the thesis left open: friction with presliding beside vibration. Neither alone gains
+// what both do.
 TEST(Modes, PreslidingAndVibrationAreFoundTogether) {
   const Rig rig = two_masses(150.0, 0.0);
   const auto [training, holdout] = split({recorded(rig, 20.0)}, 0.6);

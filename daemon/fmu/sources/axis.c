@@ -194,7 +194,7 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
   AxisStep own;
   const AxisStep* step = step_at(model, piece->end_position - 0.5 * h * piece->end_velocity,
                                  piece->end_position, &own);
-  double next[kMaxStates];
+  double next[kMaxStates] = {0};
   double error = 0.0, rate = 0.0, second = 0.0;
   for (int r = 0; r < model->states; ++r) {
     const AxisRow* row = &step->row[r];

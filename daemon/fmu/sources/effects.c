@@ -42,6 +42,8 @@ static const EffectKind kEffects[] = {
      servotwin_smoothed_presliding, NULL},
     {"gms", kActsAsFriction, 5, 9, MEMORY(attracted), servotwin_gms_start, servotwin_gms,
      servotwin_gms_friction},
+    {"maxwell_slip", kActsAsFriction, 6, 7, MEMORY(springs), servotwin_maxwell_slip_start,
+     servotwin_maxwell_slip, servotwin_maxwell_slip_friction},
     {"lugre", kActsAsFriction, 5, 2, MEMORY(value), NULL, servotwin_lugre, NULL},
     {"dahl", kActsAsFriction, 1, 2, MEMORY(value), NULL, servotwin_dahl, NULL},
     {"stribeck", kActsAsFriction, 4, 6, 0, NULL, servotwin_stribeck, servotwin_stribeck_friction},

@@ -8,7 +8,13 @@
 
 #include <stddef.h>
 
-enum { kMaxShapes = 8, kMaxCoefficients = 9, kElements = 10, kFreeElements = 8 };
+enum {
+  kMaxShapes = 8,
+  kMaxCoefficients = 9,
+  kElements = 10,
+  kFreeElements = 8, /* of gms */
+  kSlipElements = 6  /* of maxwell_slip */
+};
 
 /* The motion of one axis at one sample: twin/effect.h. */
 typedef struct {
@@ -39,7 +45,7 @@ typedef struct {
 typedef union {
   struct {
     double stiffness[kElements], level[kElements], force[kElements];
-  } springs; /* presliding, smoothed_presliding */
+  } springs; /* presliding, smoothed_presliding, maxwell_slip */
   struct {
     double stiffness[kElements], level[kElements];
     AttractedElement element[kElements];
@@ -91,6 +97,9 @@ void servotwin_smoothed_presliding(const double*, EffectMemory*, const Motion*, 
 void servotwin_gms_start(const double*, EffectMemory*);
 void servotwin_gms(const double*, EffectMemory*, const Motion*, double*);
 double servotwin_gms_friction(const double*, const double*);
+void servotwin_maxwell_slip_start(const double*, EffectMemory*);
+void servotwin_maxwell_slip(const double*, EffectMemory*, const Motion*, double*);
+double servotwin_maxwell_slip_friction(const double*, const double*);
 void servotwin_lugre(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_dahl(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_stribeck(const double*, EffectMemory*, const Motion*, double*);

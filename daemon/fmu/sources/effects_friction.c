@@ -132,13 +132,46 @@ void servotwin_gms(const double* shape, EffectMemory* memory, const Motion* m, d
   force[kFreeElements] = m->velocity;
 }
 
-double servotwin_gms_friction(const double* coefficient, const double* force) {
+/* Of elements whose levels are the first coefficients. */
+static double friction_of(int elements, const double* coefficient, const double* force) {
   double sum = 0.0, level = 0.0;
-  for (int i = 0; i < kFreeElements; ++i) {
+  for (int i = 0; i < elements; ++i) {
     sum += coefficient[i] * force[i];
     level += coefficient[i];
   }
   return level > 0.0 ? sum / level : NAN;
+}
+
+double servotwin_gms_friction(const double* coefficient, const double* force) {
+  return friction_of(kFreeElements, coefficient, force);
+}
+
+void servotwin_maxwell_slip_start(const double* shape, EffectMemory* memory) {
+  double displacement = shape[0];
+  for (int i = 0; i < kSlipElements; ++i) {
+    if (i > 0) displacement *= shape[i];
+    memory->springs.stiffness[i] = 1.0 / displacement;
+  }
+}
+
+void servotwin_maxwell_slip(const double* shape, EffectMemory* memory, const Motion* m,
+                            double* force) {
+  (void)shape;
+  for (int i = 0; i < kSlipElements; ++i) {
+    double pulled = memory->springs.force[i] + memory->springs.stiffness[i] * m->displacement;
+    if (pulled > 1.0) {
+      pulled = 1.0;
+    } else if (pulled < -1.0) {
+      pulled = -1.0;
+    }
+    memory->springs.force[i] = pulled;
+    force[i] = pulled;
+  }
+  force[kSlipElements] = m->velocity;
+}
+
+double servotwin_maxwell_slip_friction(const double* coefficient, const double* force) {
+  return friction_of(kSlipElements, coefficient, force);
 }
 
 void servotwin_lugre(const double* shape, EffectMemory* memory, const Motion* m, double* force) {
