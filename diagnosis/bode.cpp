@@ -36,11 +36,13 @@ std::vector<double> list(const Eigen::ArrayXd& values) { return {values.begin(),
 
 std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
                                    const std::vector<std::string>& inputs,
-                                   const std::string& output, const ModelledResponse& model) {
+                                   const std::string& output,
+                                   const std::vector<ModelledResponse>& models) {
   const std::string x_label = "frequency [Hz]";
   PlotPanel magnitude{inputs.front() + " to " + output, x_label, "magnitude", true, {}, {}, true};
   PlotPanel phase{"phase", x_label, "phase [degrees]", true, {}};
   PlotPanel coherence{"coherence", x_label, "share explained", true, {}};
+  std::vector<PlotSeries> sizes, angles;  // of the models, behind all that was measured
   const std::vector<double> hz = list(measured.frequency_hz);
   for (std::size_t c = 0; c < measured.channels.size(); ++c) {
     const ResponseChannel& channel = measured.channels[c];
@@ -60,20 +62,27 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
     }
     for (const std::complex<double> g : shown) size.y.push_back(std::abs(g));
     angle.y = unwrapped(shown, 0.0);
+    if (c < models.size() && !models[c].frequency_hz.empty()) {
+      const ModelledResponse& model = models[c];
+      // Beside several inputs a model is of its input's colour.
+      const bool several = models.size() > 1;
+      const std::string colour = several ? plot_colour(magnitude.series.size()) : "";
+      sizes.push_back({model.name, model.frequency_hz, {}, true, colour, {}, several});
+      for (const std::complex<double> g : model.response) sizes.back().y.push_back(std::abs(g));
+      angles.push_back({"",
+                        model.frequency_hz,
+                        unwrapped(model.response, value_from(model.frequency_hz.front(), angle)),
+                        true,
+                        colour,
+                        {},
+                        several});
+    }
     magnitude.series.push_back(std::move(size));
     phase.series.push_back(std::move(angle));
   }
   if (magnitude.series.empty()) return {coherence};
-  if (!model.frequency_hz.empty()) {
-    PlotSeries size{model.name, model.frequency_hz, {}, true, ""};
-    for (const std::complex<double> g : model.response) size.y.push_back(std::abs(g));
-    PlotSeries angle{
-        "", model.frequency_hz,
-        unwrapped(model.response, value_from(model.frequency_hz.front(), phase.series.front())),
-        true, ""};
-    magnitude.series.push_back(std::move(size));
-    phase.series.push_back(std::move(angle));
-  }
+  for (PlotSeries& size : sizes) magnitude.series.push_back(std::move(size));
+  for (PlotSeries& angle : angles) phase.series.push_back(std::move(angle));
   return {magnitude, phase, coherence};
 }
 

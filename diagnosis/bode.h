@@ -11,17 +11,18 @@
 
 namespace servotwin {
 
-/// What a model answers at these frequencies; none where it is empty.
+/// What a model answers at these frequencies.
 struct ModelledResponse {
-  std::string name;
+  std::string name;  ///< in the legend; empty: not there
   std::vector<double> frequency_hz;
   std::vector<std::complex<double>> response;
 };
 
-/// `inputs` names the channels of `measured`. The coherence alone where nothing is significant.
+/// `inputs` names the channels of `measured`, `models` are beside them one by one, or none. The
+/// coherence alone where nothing is significant.
 [[nodiscard]] std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
                                                  const std::vector<std::string>& inputs,
                                                  const std::string& output,
-                                                 const ModelledResponse& model = {});
+                                                 const std::vector<ModelledResponse>& models = {});
 
 }  // namespace servotwin

@@ -144,7 +144,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
 
   std::size_t next = 0, entry = 0;
   for (const PlotSeries& s : panel.series) {
-    const std::string colour = s.colour.empty() ? kPalette[next++ % kPalette.size()] : s.colour;
+    const std::string colour = s.colour.empty() ? plot_colour(next++) : s.colour;
     std::string points, above, below;  // of an unbroken part of a line, and of the band about it
     const auto end_line = [&] {
       if (!above.empty()) {
@@ -190,6 +190,8 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
 }
 
 }  // namespace
+
+const char* plot_colour(std::size_t place) { return kPalette[place % kPalette.size()]; }
 
 std::string plot_svg(const std::vector<PlotPanel>& panels) {
   const double width = kWidth * static_cast<double>(panels.size());

@@ -28,6 +28,9 @@ struct PlotPanel {
   bool logarithmic_y = false;      ///< then only y > 0 is shown
 };
 
+/// The palette, from its first colour on and over again.
+[[nodiscard]] const char* plot_colour(std::size_t place);
+
 [[nodiscard]] std::string plot_svg(const std::vector<PlotPanel>& panels);
 
 }  // namespace servotwin

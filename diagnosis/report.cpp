@@ -106,7 +106,7 @@ std::string frequency_section(const Diagnosis& diagnosis, const std::vector<Segm
     model.response.push_back(twin.channels[0].response(i));
   }
   return "<section><h2>How it answers at every frequency</h2>\n<figure>" +
-         plot_svg(bode_panels(machine, {"command"}, "position", model)) +
+         plot_svg(bode_panels(machine, {"command"}, "position", {model})) +
          text(
              "<figcaption>Command to position, from %d windows of %.3g s; where the coherence is "
              "no more than chance, nothing is drawn. A peak that the twin has not is a mode: see "

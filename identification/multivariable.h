@@ -1,5 +1,5 @@
 // Several inputs and several outputs at once, in the time domain: common poles, every channel's
-// numerator by projection (thesis 5.4; docs/theory.md 15.1).
+// numerator by projection (thesis 5.4; docs/theory.md 15.3).
 //
 //   W^-1 y = W^-1 G(s) u,   G_ji(s) = d_ji + sum_k (c1_jik s + c0_jik) / (s^2 + 2 zeta_k omega_k s
 //   + omega_k^2)   or   c_jik / (s + p_k)
@@ -10,7 +10,8 @@
 // all outputs, which is projected out; the poles are sought by Levenberg-Marquardt in log p, log
 // omega, log zeta, so that every fit is stable. It starts from vector fitting of the frequency
 // responses of all channels together. Inputs are exact cubics or straight lines between samples
-// (twin/hold.h).
+// (twin/hold.h). Where friction breaks away is sought with the poles: of inputs that are Maxwell
+// elements, the logarithms of their break distances.
 //
 // An input that noise of the outputs comes back into, as a torque in a closed loop, biases the fit
 // by that noise; commands and friction along the motion are the inputs of a closed loop. Any
@@ -31,14 +32,19 @@ struct MultivariableRecord {
   std::vector<Eigen::ArrayXd> inputs, outputs;
 };
 
+struct MultivariableInput {
+  bool smooth = true;  ///< a smooth curve between its samples (a command), else straight lines
+  /// Number of its source, 0.. without a gap: the elements of one friction are of one source.
+  int source = 0;
+  /// Above 0 the records have the position [m | rad] of an axis, and the input is the Maxwell
+  /// element along it that slides after this distance (`friction_input`); where it is sought, this
+  /// is the start.
+  double break_distance = 0.0;
+};
+
 struct MultivariableData {
   double sample_time_s = 0.0;
-  /// Of every input: a smooth curve between its samples (a command), else straight lines (a
-  /// friction that jumps).
-  std::vector<bool> smooth;
-  /// Of every input the number of its source, 0.. without a gap: the elements of one friction are
-  /// of one source. Empty: every input is its own.
-  std::vector<int> source;
+  std::vector<MultivariableInput> inputs;
   std::vector<MultivariableRecord> records;
 };
 
@@ -46,6 +52,8 @@ struct MultivariableOptions {
   int order = 0;                ///< number of poles, 1..kMostPoles; 0: by held-out error
   int most = 12;                ///< of those tried
   double training_share = 0.7;  ///< the first part of every record; the rest judges
+  /// Break distances are sought, and taken where that leaves less of data that were not fitted.
+  bool seek_break_distances = true;
 };
 
 struct MultivariableTrial {
@@ -68,11 +76,31 @@ struct MultivariableFit {
   /// cancel each other.
   Eigen::ArrayXXd parts;
   std::vector<MultivariableTrial> trials;
+  /// Of every input; 0 where it is no element. Their standard deviations are 0 where they were
+  /// given.
+  std::vector<double> break_distances, break_deviations;
+  /// What is left, as in a trial, of the order chosen with the distances found; NaN where none were
+  /// sought.
+  double left_with_distances = 0.0;
   int evaluations = 0;
 
   [[nodiscard]] int order() const;  ///< number of poles
   [[nodiscard]] std::complex<double> at(std::size_t output, std::size_t input, double omega) const;
 };
+
+/// What these inputs (`wanted`, one per input of the data) make of every output along a record,
+/// begun at rest: rows x outputs, without the constants that a fit has.
+[[nodiscard]] Eigen::MatrixXd answer_of(const MultivariableFit& fit, const MultivariableData& data,
+                                        const MultivariableRecord& record,
+                                        const std::vector<bool>& wanted);
+
+/// The fit as matrices: w' = a w + b u, y = c w + d u. The states are those of every output's own
+/// poles in their order, of a pair its part of the output and (d/dt + 2 zeta omega) of that, so
+/// that there are order x outputs of them.
+struct MultivariableMatrices {
+  Eigen::MatrixXd a, b, c, d;
+};
+[[nodiscard]] MultivariableMatrices matrices_of(const MultivariableFit& fit);
 
 /// What remembers where it turned, as friction does: one Maxwell element over the measured position
 /// that slides at +-1 after `break_distance` from rest [m | rad]. Several of them, as inputs, are

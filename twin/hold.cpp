@@ -75,6 +75,16 @@ Spline Spline::through(const Eigen::ArrayXd& samples, double h) {
   return through(samples, h, slope(0, 1), slope(n - 1, -1));
 }
 
+Spline Spline::straight(const Eigen::ArrayXd& samples, double h) {
+  Spline out;
+  const Eigen::Index n = samples.size();
+  out.h = h;
+  out.value = samples;
+  out.first = out.second = out.third = Eigen::ArrayXd::Zero(n);
+  if (n > 1) out.first.head(n - 1) = (samples.tail(n - 1) - samples.head(n - 1)) / h;
+  return out;
+}
+
 Eigen::ArrayXd Spline::delayed(double delay_s) const {
   const Eigen::Index n = value.size();
   if (delay_s == 0.0) return value;

@@ -33,6 +33,8 @@ struct Spline {
   /// With the end slopes of the cubics through the first and the last four samples, for a stretch
   /// cut out of a motion.
   static Spline through(const Eigen::ArrayXd& samples, double h);
+  /// Straight lines between the samples.
+  static Spline straight(const Eigen::ArrayXd& samples, double h);
   /// The samples of the same motion delayed by `delay_s` >= 0; before the start it continues at the
   /// first slope.
   [[nodiscard]] Eigen::ArrayXd delayed(double delay_s) const;

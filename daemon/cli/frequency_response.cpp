@@ -142,7 +142,8 @@ std::string bode(const ResponseSignals& signals, const FittedResponse& found) {
       fit.response.push_back(found.fit->at(0, kTwoPi * fit.frequency_hz.back()));
     }
   }
-  std::vector<PlotPanel> panels = bode_panels(found.response, signals.inputs, signals.output, fit);
+  std::vector<PlotPanel> panels =
+      bode_panels(found.response, signals.inputs, signals.output, {fit});
   if (found.fit) {
     for (const FittedPole& pole : found.fit->poles) {
       if (pole.pair && pole.zeta < 1.0 && pole.determined())

@@ -12,7 +12,10 @@
 #include "daemon/cli/command.h"
 #include "daemon/cli/options.h"
 #include "daemon/cli/output.h"
+#include "diagnosis/bode.h"
+#include "drivers/mat_writer.h"
 #include "drivers/text.h"
+#include "identification/frequency_response.h"
 #include "twin/hold.h"
 
 namespace servotwin::cli {
@@ -22,22 +25,24 @@ using nlohmann::json;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi, kMicro = 1e-6;
 constexpr Eigen::Index kShortest = 200;  // rows: below, a start of its own costs more than it tells
+// Where break distances are sought from [um | urad].
+constexpr const char* kBreakDistances = "1,2,5,10,20,50";
 const std::vector<std::string> kInputs{"command", "friction", "torque"};
 const std::vector<std::string> kOutputs{"error", "velocity", "torque"};
 
 struct Arguments {
   RecordingOptions recording;
-  std::string inputs, outputs, break_distances = "1,2,5,10,20,50";
+  std::string inputs, outputs;
+  std::string break_distances;  // empty: sought
   MultivariableOptions options;
-  std::filesystem::path result;
+  std::filesystem::path matrices, plot, result;
 };
 
 struct Signal {
   Channel channel;
-  std::string name;               // for people
-  std::string unit;               // of what is fitted
-  std::string position_unit;      // of its axis
-  double break_distance_m = 0.0;  // of friction
+  std::string name;           // for people
+  std::string unit;           // of what is fitted
+  std::string position_unit;  // of its axis
 };
 
 struct Signals {
@@ -80,7 +85,8 @@ std::string all_of(const Recording& whole, AxisChannels& axes, const std::string
 }
 
 Signals read(const Arguments& arguments, std::FILE* people) {
-  const std::vector<double> distances = break_distances(arguments.break_distances);
+  const std::vector<double> distances = break_distances(
+      arguments.break_distances.empty() ? kBreakDistances : arguments.break_distances);
   const Recording whole = arguments.recording.read(people);
   if (whole.axes.empty()) throw std::runtime_error(whole.source + ": no axis");
   // The first axis that is named, so that what cannot be read is said of it.
@@ -125,24 +131,23 @@ Signals read(const Arguments& arguments, std::FILE* people) {
   };
   int source = 0;
   for (const Channel& channel : inputs) {
-    out.data.source.resize(
-        out.data.source.size() + (channel.name == "friction" ? distances.size() : 1), source++);
     if (channel.name != "friction") {
       out.inputs.push_back(signal(channel));
+      out.data.inputs.push_back({channel.name == "command", source++});
       continue;
     }
     for (const double distance : distances) {
       Signal one = signal(channel);
-      one.break_distance_m = distance;
       one.unit = "1";
       out.inputs.push_back(one);
+      out.data.inputs.push_back({false, source, distance});
     }
+    ++source;
   }
   for (const Channel& channel : outputs) out.outputs.push_back(signal(channel));
 
   const double h = axes.sample_time_s();
   out.data.sample_time_s = h;
-  for (const Signal& input : out.inputs) out.data.smooth.push_back(input.channel.name == "command");
   Eigen::Index dropped = 0;
   for (std::size_t i = 0; i < axes.segments(); ++i) {
     MultivariableRecord record;
@@ -151,7 +156,6 @@ Signals read(const Arguments& arguments, std::FILE* people) {
       if (from.name == "friction") from.name = "position";
       Eigen::ArrayXd values = axes.values(from, i);
       if (input.channel.name == "command") values = Spline::through(values, h).first;
-      if (input.channel.name == "friction") values = friction_input(values, input.break_distance_m);
       record.inputs.push_back(std::move(values));
     }
     for (const Signal& output : out.outputs) {
@@ -192,20 +196,47 @@ std::string amount(double value, const std::string& unit) {
   return text("%.4g ", value) + unit;
 }
 
-std::string inputs_text(const Signals& signals) {
-  const std::vector<int>& source = signals.data.source;
+bool first_of_source(const Signals& signals, std::size_t i) {
+  return i == 0 || signals.data.inputs[i].source != signals.data.inputs[i - 1].source;
+}
+
+std::string inputs_text(const Signals& signals, bool sought) {
   std::string out;
-  for (std::size_t i = 0; i < source.size(); ++i) {
+  for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
     const Signal& input = signals.inputs[i];
-    const bool first = i == 0 || source[i] != source[i - 1];
-    const bool last = i + 1 == source.size() || source[i] != source[i + 1];
+    const bool first = first_of_source(signals, i);
+    const bool last = i + 1 == signals.inputs.size() || first_of_source(signals, i + 1);
     if (first) out += (out.empty() ? "" : ", ") + input.name;
     if (input.channel.name == "command") out += " (its velocity)";
     if (input.channel.name != "friction") continue;
-    out += (first ? " of " : ", ") + text("%g", input.break_distance_m / kMicro);
-    if (last) out += " u" + input.position_unit;
+    if (first) out += sought ? " (breaks away after distances sought from " : " of ";
+    if (!first) out += ", ";
+    out += text("%g", signals.data.inputs[i].break_distance / kMicro);
+    if (last) out += " u" + input.position_unit + (sought ? ")" : "");
   }
   return out;
+}
+
+/// Where each friction was found to break away, and whether that was taken.
+void say_distances(std::FILE* people, const Signals& signals, const MultivariableFit& fit) {
+  if (!std::isfinite(fit.left_with_distances)) return;
+  std::string line =
+      text("with the break distances that were found %.3g is left", fit.left_with_distances);
+  bool taken = false;
+  for (const double deviation : fit.break_deviations) taken = taken || deviation > 0.0;
+  say(people,
+      "friction    " + line + (taken ? "" : ", which is no gain: those it began with are kept"));
+  if (!taken) return;
+  for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
+    if (signals.inputs[i].channel.name != "friction") continue;
+    if (first_of_source(signals, i))
+      line = "  " + signals.inputs[i].name + " breaks away after ";
+    else
+      line += ", ";
+    line += text("%.3g +- %.2g", fit.break_distances[i] / kMicro, fit.break_deviations[i] / kMicro);
+    if (i + 1 == signals.inputs.size() || first_of_source(signals, i + 1))
+      say(people, line + " u" + signals.inputs[i].position_unit);
+  }
 }
 
 void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& fit) {
@@ -215,6 +246,7 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
                   trial.left);
   if (!tried.empty())
     say(people, "order       share of the outputs that is left where it was not fitted: " + tried);
+  say_distances(people, signals, fit);
   std::string open;
   for (const FittedPole& pole : fit.poles) {
     if (!pole.determined()) {
@@ -244,10 +276,9 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
             amount(fit.training(row), unit) + " where it was fitted");
     std::string parts;
     for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
-      const int source = signals.data.source[i];
-      if (i > 0 && source == signals.data.source[i - 1]) continue;
+      if (!first_of_source(signals, i)) continue;
       parts += (parts.empty() ? "" : ", ") + signals.inputs[i].name + " " +
-               amount(fit.parts(row, source), unit);
+               amount(fit.parts(row, signals.data.inputs[i].source), unit);
     }
     say(people, "  made by   " + parts);
   }
@@ -261,10 +292,15 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
            {"inputs", json::array()},
            {"outputs", json::array()},
            {"poles", json::array()},
-           {"trials", json::array()}};
-  for (const Signal& input : signals.inputs) {
-    json one{{"name", input.name}, {"unit", input.unit}};
-    if (input.break_distance_m > 0.0) one["break_distance"] = input.break_distance_m;
+           {"trials", json::array()},
+           {"left_with_distances",
+            std::isfinite(fit.left_with_distances) ? json(fit.left_with_distances) : json()}};
+  for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
+    json one{{"name", signals.inputs[i].name}, {"unit", signals.inputs[i].unit}};
+    if (fit.break_distances[i] > 0.0) {
+      one["break_distance"] = fit.break_distances[i];
+      if (fit.break_deviations[i] > 0.0) one["break_distance_sd"] = fit.break_deviations[i];
+    }
     out["inputs"].push_back(one);
   }
   for (const FittedPole& pole : fit.poles) {
@@ -286,7 +322,7 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
     for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
       const Eigen::VectorXd c = fit.coefficients[j].row(static_cast<Eigen::Index>(i)).transpose();
       coefficients.push_back(std::vector<double>(c.begin(), c.end()));
-      parts[signals.inputs[i].name] = fit.parts(row, signals.data.source[i]);
+      parts[signals.inputs[i].name] = fit.parts(row, signals.data.inputs[i].source);
     }
     out["outputs"].push_back({{"name", signals.outputs[j].name},
                               {"unit", signals.outputs[j].unit},
@@ -300,10 +336,81 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
   return out;
 }
 
+std::vector<MatVariable> mat_of(const Signals& signals, const MultivariableFit& fit) {
+  const MultivariableMatrices m = matrices_of(fit);
+  std::vector<std::string> inputs, outputs;
+  for (const Signal& input : signals.inputs) inputs.push_back(input.name + " [" + input.unit + "]");
+  for (const Signal& output : signals.outputs)
+    outputs.push_back(output.name + " [" + output.unit + "]");
+  const auto number = [](double value) { return Eigen::MatrixXd::Constant(1, 1, value); };
+  return {{"A", m.a},
+          {"B", m.b},
+          {"C", m.c},
+          {"D", m.d},
+          {"sample_time_s", number(signals.data.sample_time_s)},
+          {"inputs", inputs},
+          {"outputs", outputs},
+          {"break_distances", Eigen::Map<const Eigen::RowVectorXd>(
+                                  fit.break_distances.data(), std::ssize(fit.break_distances))}};
+}
+
+/// Of every output: measured, less what the fit says of frictions, and fitted.
+std::string bode(const Signals& signals, const MultivariableFit& fit) {
+  constexpr int kPoints = 400;
+  const MultivariableData& data = signals.data;
+  std::vector<bool> friction;
+  std::vector<std::string> names;
+  std::vector<std::size_t> shown;  // inputs that are no friction
+  for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
+    friction.push_back(signals.inputs[i].channel.name == "friction");
+    if (friction.back()) continue;
+    shown.push_back(i);
+    names.push_back(signals.inputs[i].name);
+  }
+  if (shown.empty()) throw std::runtime_error("--plot: frictions alone have no frequency response");
+  std::vector<PlotPanel> out;
+  for (std::size_t j = 0; j < signals.outputs.size(); ++j) {
+    std::vector<ResponseRecord> records;
+    for (const MultivariableRecord& record : data.records) {
+      ResponseRecord one;
+      for (const std::size_t i : shown) one.inputs.push_back(record.inputs[i]);
+      one.output = record.outputs[j] -
+                   answer_of(fit, data, record, friction).col(static_cast<Eigen::Index>(j)).array();
+      records.push_back(std::move(one));
+    }
+    const FrequencyResponse measured = frequency_response(records, data.sample_time_s);
+    std::vector<ModelledResponse> fits(shown.size());
+    const double from = measured.frequency_hz(0),
+                 to = measured.frequency_hz(measured.frequency_hz.size() - 1);
+    for (std::size_t c = 0; c < shown.size(); ++c) {
+      fits[c].name = names[c] + ", fit";
+      for (int k = 0; k < kPoints; ++k) {
+        fits[c].frequency_hz.push_back(from * std::pow(to / from, k / (kPoints - 1.0)));
+        fits[c].response.push_back(fit.at(j, shown[c], kTwoPi * fits[c].frequency_hz.back()));
+      }
+    }
+    std::vector<PlotPanel> panels = bode_panels(
+        measured, names, signals.outputs[j].name + " [" + signals.outputs[j].unit + "]", fits);
+    panels.front().title = "to " + signals.outputs[j].name;
+    panels.front().y_label = "magnitude [" + signals.outputs[j].unit + " per unit of the input]";
+    for (const FittedPole& pole : fit.poles) {
+      if (panels.size() > 1 && pole.pair && pole.zeta < 1.0 && pole.determined())
+        panels.front().marks.push_back(pole.omega / kTwoPi);
+    }
+    // The phase and the coherence of every output would be three panels for one.
+    out.push_back(std::move(panels.front()));
+  }
+  return plot_svg(out);
+}
+
 void run(const Arguments& arguments) {
-  std::FILE* people = people_beside({arguments.result});
+  if (is_stdout(arguments.matrices))
+    throw UsageError("a MATLAB file cannot go to standard output; name a file");
+  std::FILE* people = people_beside({arguments.matrices, arguments.plot, arguments.result});
   const Signals signals = read(arguments, people);
-  say(people, "inputs      " + inputs_text(signals));
+  MultivariableOptions options = arguments.options;
+  options.seek_break_distances = arguments.break_distances.empty();
+  say(people, "inputs      " + inputs_text(signals, options.seek_break_distances));
   if (std::any_of(signals.inputs.begin(), signals.inputs.end(),
                   [](const Signal& input) { return input.channel.name == "torque"; }))
     say(people,
@@ -312,11 +419,13 @@ void run(const Arguments& arguments) {
   MultivariableFit fit;
   try {
     const Progress progress("fitting");
-    fit = identify_multivariable(signals.data, arguments.options);
+    fit = identify_multivariable(signals.data, options);
   } catch (const std::runtime_error& error) {
     throw std::runtime_error(arguments.recording.file.string() + ": " + error.what());
   }
   say_fit(people, signals, fit);
+  if (!arguments.matrices.empty()) write_mat(arguments.matrices, mat_of(signals, fit));
+  if (!arguments.plot.empty()) write_result(arguments.plot, bode(signals, fit));
   if (!arguments.result.empty()) write_json(arguments.result, result_of(arguments, signals, fit));
 }
 
@@ -344,15 +453,25 @@ Command add_multivariable(CLI::App& app) {
       ->type_name("NAME,..");
   command
       .add_option("--break-distance", arguments->break_distances,
-                  "each friction is one Maxwell element per distance of this list, in which it "
-                  "goes from rest to sliding [um | urad]")
-      ->type_name("UM,..")
-      ->capture_default_str();
+                  std::string("each friction is one Maxwell element per distance of this list, in "
+                              "which it goes from rest to sliding [um | urad] (default: sought "
+                              "from ") +
+                      kBreakDistances + ")")
+      ->type_name("UM,..");
   command
       .add_option("--order", arguments->options.order,
                   "number of poles (default: what data say that the fit has not seen)")
       ->type_name("N")
       ->check(between(1, kMostPoles));
+  command
+      .add_option("--mat", arguments->matrices,
+                  "write the fit as continuous state-space matrices (MATLAB v5)")
+      ->type_name("OUT.mat");
+  command
+      .add_option("--plot", arguments->plot,
+                  "write the magnitudes of all responses here, measured with their 95 % band and "
+                  "fitted (SVG)")
+      ->type_name("OUT.svg");
   command
       .add_option("--json", arguments->result, "write the whole result here; - is standard output")
       ->type_name("OUT");

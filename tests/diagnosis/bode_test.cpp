@@ -28,7 +28,7 @@ TEST(Bode, ThePhaseHasNoJumpsAndTheModelLiesOnIt) {
     model.response.push_back(measured.channels[0].response(static_cast<Eigen::Index>(hz) - 1));
   }
   // A model that begins where the measured response has turned by many rounds.
-  const std::vector<PlotPanel> panels = bode_panels(measured, {"u"}, "y", model);
+  const std::vector<PlotPanel> panels = bode_panels(measured, {"u"}, "y", {model});
   ASSERT_EQ(panels.size(), 3u);
   EXPECT_EQ(panels[0].title, "u to y");
   ASSERT_EQ(panels[1].series.size(), 2u);

@@ -3,9 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 
+#include "identification/multivariable_problem.h"
 #include "tests/support/coupled_machine.h"
 #include "tests/support/expect_error.h"
 #include "tests/virtual_machine/trajectory.h"
@@ -31,17 +33,16 @@ MultivariableData recorded(const test::CoupledMachine& machine,
   MultivariableData out;
   out.sample_time_s = machine.axes[0].reading.sample_time;
   MultivariableRecord record;
-  const auto add = [&](Eigen::ArrayXd input, bool smooth, int source) {
+  const auto add = [&](Eigen::ArrayXd input, MultivariableInput what) {
     record.inputs.push_back(std::move(input));
-    out.smooth.push_back(smooth);
-    out.source.push_back(source);
+    out.inputs.push_back(what);
   };
   int source = 0;
   for (const auto& trace : traces)
-    add(Spline::through(array(trace.command), out.sample_time_s).first, true, source++);
+    add(Spline::through(array(trace.command), out.sample_time_s).first, {true, source++});
   for (const auto& trace : traces) {
     for (const double distance : break_distances)
-      add(friction_input(array(trace.actual), distance), false, source);
+      add(array(trace.actual), {false, source, distance});
     ++source;
   }
   for (const auto& trace : traces)
@@ -109,9 +110,9 @@ TEST(Multivariable, FrictionOfBothAxesBesideBothModes) {
   const test::CoupledMachine machine = test::coupled_machine(62.0);
   const MultivariableFit without = identify_multivariable(recorded(machine), {.order = 6});
   const MultivariableFit coulomb =
-      identify_multivariable(recorded(machine, {0.1e-6}), {.order = 6});
+      identify_multivariable(recorded(machine, {0.1e-6}), {6, 6, 0.7, false});
   const MultivariableFit slip =
-      identify_multivariable(recorded(machine, {1e-6, 4e-6, 10e-6, 20e-6}), {.order = 6});
+      identify_multivariable(recorded(machine, {1e-6, 4e-6, 10e-6, 20e-6}), {6, 6, 0.7, false});
   for (int axis = 0; axis < 2; ++axis) {
     EXPECT_LT(slip.holdout(axis), 0.25 * coulomb.holdout(axis));
     EXPECT_LT(coulomb.holdout(axis), 0.6 * without.holdout(axis));
@@ -119,6 +120,90 @@ TEST(Multivariable, FrictionOfBothAxesBesideBothModes) {
     EXPECT_GT(slip.parts(axis, 2 + axis), 2.0 * slip.parts(axis, 3 - axis));
   }
   expect_modes(slip, machine, 0.01, 0.1);
+}
+
+TEST(Multivariable, FindsWhereAFrictionBreaksAway) {
+  const hidden_effects::Rig rig = test::coupled_machine(62.0).axes[0];
+  const auto trace = hidden_effects::simulate(rig, test::production_of_both()[0]);
+  const double h = rig.reading.sample_time;
+  MultivariableData data{h, {{true, 0}}, {{}}};
+  MultivariableRecord& record = data.records[0];
+  record.inputs = {Spline::through(array(trace.command), h).first};
+  for (const double distance : {1e-6, 2e-6, 5e-6, 10e-6, 30e-6}) {
+    record.inputs.push_back(array(trace.actual));
+    data.inputs.push_back({false, 1, distance});
+  }
+  record.outputs = {array(trace.command) - array(trace.actual)};
+  const MultivariableFit held = identify_multivariable(data, {4, 4, 0.7, false});
+  EXPECT_NEAR(held.break_distances[2], 2e-6, 1e-12);
+  EXPECT_EQ(held.break_deviations[2], 0.0);
+  const MultivariableFit fit = identify_multivariable(data, {.order = 4});
+  EXPECT_LT(fit.holdout(0), 0.5 * held.holdout(0));
+  // Its elements break away after (i / 5)^2 of the presliding distance (gms_with_curve). The first
+  // one does so within eight steps of the encoder, whose noise makes it look longer.
+  std::vector<double> found(fit.break_distances.end() - 5, fit.break_distances.end());
+  std::sort(found.begin(), found.end());
+  for (std::size_t i = 1; i < 5; ++i) {
+    const double truth =
+        rig.friction.presliding_distance * std::pow(static_cast<double>(i + 1) / 5.0, 2.0);
+    EXPECT_NEAR(found[i], truth, 0.1 * truth) << i << " +- " << fit.break_deviations[i + 1];
+  }
+}
+
+TEST(Multivariable, DerivativesByBreakDistancesAreThoseOfTheCost) {
+  // Kaufman's Jacobian is not the residual's, but its gradient is exact.
+  const MultivariableData data = recorded(test::coupled_machine(62.0), {2e-6, 15e-6});
+  MultivariableProblem problem(data, 0.2);
+  MultivariablePlace at{
+      {true, false},
+      {std::log(250.0), std::log(0.1), std::log(40.0)},
+      // No multiples of the encoder's step: an element that just reaches its
+      // level has two derivatives.
+      {std::log(2.03e-6), std::log(15.17e-6), std::log(3.07e-6), std::log(11.13e-6)}};
+  const auto here = problem.solve(at, {false, true});
+  const Eigen::Map<const Eigen::VectorXd> residual(here.residual.data(), here.residual.size());
+  const Eigen::VectorXd gradient = here.by_distances.transpose() * residual;
+  for (std::size_t e = 0; e < at.log_distances.size(); ++e) {
+    constexpr double kStep = 1e-4;
+    const auto cost = [&](double by) {
+      MultivariablePlace moved = at;
+      moved.log_distances[e] += by;
+      return 0.5 * problem.solve(moved, {}).residual.squaredNorm();
+    };
+    const double difference = (cost(kStep) - cost(-kStep)) / (2.0 * kStep);
+    EXPECT_NEAR(gradient(static_cast<Eigen::Index>(e)), difference,
+                1e-3 * gradient.cwiseAbs().maxCoeff());
+  }
+}
+
+TEST(Multivariable, MatricesAndAnswersAreTheFit) {
+  const MultivariableData data = recorded(test::coupled_machine(62.0), {2e-6, 15e-6});
+  const MultivariableFit fit = identify_multivariable(data, {5, 5, 0.7, false});
+  const MultivariableMatrices m = matrices_of(fit);
+  ASSERT_EQ(m.a.rows(), 15);
+  for (const double w : {1.0, 60.0, 280.0, 900.0}) {
+    const Eigen::MatrixXcd s =
+        std::complex<double>(0.0, w) * Eigen::MatrixXcd::Identity(m.a.rows(), m.a.rows());
+    const Eigen::MatrixXcd answer =
+        m.c * (s - m.a).partialPivLu().solve(m.b.cast<std::complex<double>>()) + m.d;
+    for (std::size_t j = 0; j < 3; ++j) {
+      for (std::size_t i = 0; i < data.inputs.size(); ++i)
+        EXPECT_LT(std::abs(answer(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(i)) -
+                           fit.at(j, i, w)),
+                  1e-9 * std::abs(fit.at(j, i, w)));
+    }
+  }
+  // Of all inputs, what is left of the outputs where the start is forgotten is the hold-out's.
+  const MultivariableRecord& record = data.records[0];
+  const Eigen::MatrixXd answers =
+      answer_of(fit, data, record, std::vector<bool>(data.inputs.size(), true));
+  const Eigen::Index held = record.outputs[0].size() * 3 / 10;
+  for (std::size_t j = 0; j < 3; ++j) {
+    const auto row = static_cast<Eigen::Index>(j);
+    Eigen::ArrayXd left = record.outputs[j].tail(held) - answers.col(row).tail(held).array();
+    left -= left.mean();
+    EXPECT_NEAR(std::sqrt(left.square().mean()), fit.holdout(row), 0.05 * fit.holdout(row)) << j;
+  }
 }
 
 TEST(Multivariable, AnswersAtAFrequencyAsTheMachineDoes) {
@@ -138,7 +223,7 @@ TEST(Multivariable, AnswersAtAFrequencyAsTheMachineDoes) {
       y(k) += std::abs(truth(w)) * std::sin(w * t + std::arg(truth(w)));
     }
   }
-  const MultivariableFit fit = identify_multivariable({h, {true}, {}, {{{u}, {y}}}}, {.order = 3});
+  const MultivariableFit fit = identify_multivariable({h, {{}}, {{{u}, {y}}}}, {.order = 3});
   ASSERT_EQ(fit.poles.size(), 2U);
   EXPECT_NEAR(fit.poles[0].omega, kPole, 1e-3 * kPole);
   EXPECT_NEAR(fit.poles[1].omega, kOmega, 1e-3 * kOmega);
@@ -157,7 +242,7 @@ TEST(Multivariable, AnElementOfFrictionSlidesAfterItsDistanceAndRemembersWhereIt
 
 TEST(Multivariable, SaysWhatItCannotUse) {
   const Eigen::ArrayXd u = Eigen::ArrayXd::LinSpaced(1000, 0.0, 9.0).sin(), still = 0.0 * u;
-  const MultivariableData good{1e-3, {true}, {}, {{{u}, {u.square()}}}};
+  const MultivariableData good{1e-3, {{}}, {{{u}, {u.square()}}}};
   MultivariableData data = good;
   data.records[0].inputs = {still};
   test::expect_error<std::runtime_error>([&] { (void)identify_multivariable(data); },
@@ -172,7 +257,7 @@ TEST(Multivariable, SaysWhatItCannotUse) {
       [&] { (void)identify_multivariable(good, {.training_share = 1.0}); }, {"training share"});
   test::expect_error<std::runtime_error>(
       [] {
-        (void)identify_multivariable({1e-3, {}, {}, {}});
+        (void)identify_multivariable({1e-3, {}, {}});
       },
       {"needs a record"});
 }
