@@ -1,5 +1,6 @@
 #include "diagnosis/bode.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -44,45 +45,45 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
   PlotPanel coherence{"coherence", x_label, "share explained", true, {}};
   std::vector<PlotSeries> sizes, angles;  // of the models, behind all that was measured
   const std::vector<double> hz = list(measured.frequency_hz);
-  for (std::size_t c = 0; c < measured.channels.size(); ++c) {
-    const ResponseChannel& channel = measured.channels[c];
-    const std::string name = inputs.size() > 1 ? inputs[c] : "measured, 95 % band";
-    coherence.series.push_back({"", hz, list(channel.coherence), true, ""});
-    const std::vector<Eigen::Index> places = measured.significant(c, 0.0, hz.back());
-    if (places.empty()) continue;
-    PlotSeries size{name, hz, {}, true, ""}, angle{"", hz, {}, true, ""};
-    std::vector<std::complex<double>> shown(hz.size(), kGap);
-    size.error.assign(hz.size(), kGap);
-    angle.error.assign(hz.size(), kGap);
-    for (const Eigen::Index i : places) {
-      const auto k = static_cast<std::size_t>(i);
-      shown[k] = channel.response(i);
-      size.error[k] = kSure * channel.deviation(i);
-      angle.error[k] = kSure * kDegrees * channel.deviation(i) / std::abs(shown[k]);
+  // Beside several inputs every model is of its input's colour.
+  const bool several = models.size() > 1;
+  for (std::size_t c = 0; c < std::max(measured.channels.size(), models.size()); ++c) {
+    const std::string colour = several ? plot_colour(c) : "";
+    double near = 0.0;  // phase where the model begins
+    if (c < measured.channels.size()) {
+      const ResponseChannel& channel = measured.channels[c];
+      const std::string name = inputs.size() > 1 ? inputs[c] : "measured, 95 % band";
+      coherence.series.push_back({"", hz, list(channel.coherence), true, colour});
+      const std::vector<Eigen::Index> places = measured.significant(c, 0.0, hz.back());
+      PlotSeries size{name, hz, {}, true, colour}, angle{"", hz, {}, true, colour};
+      std::vector<std::complex<double>> shown(hz.size(), kGap);
+      size.error.assign(hz.size(), kGap);
+      angle.error.assign(hz.size(), kGap);
+      for (const Eigen::Index i : places) {
+        const auto k = static_cast<std::size_t>(i);
+        shown[k] = channel.response(i);
+        size.error[k] = kSure * channel.deviation(i);
+        angle.error[k] = kSure * kDegrees * channel.deviation(i) / std::abs(shown[k]);
+      }
+      for (const std::complex<double> g : shown) size.y.push_back(std::abs(g));
+      angle.y = unwrapped(shown, 0.0);
+      if (c < models.size() && !models[c].frequency_hz.empty())
+        near = value_from(models[c].frequency_hz.front(), angle);
+      if (!places.empty()) {
+        magnitude.series.push_back(std::move(size));
+        phase.series.push_back(std::move(angle));
+      }
     }
-    for (const std::complex<double> g : shown) size.y.push_back(std::abs(g));
-    angle.y = unwrapped(shown, 0.0);
-    if (c < models.size() && !models[c].frequency_hz.empty()) {
-      const ModelledResponse& model = models[c];
-      // Beside several inputs a model is of its input's colour.
-      const bool several = models.size() > 1;
-      const std::string colour = several ? plot_colour(magnitude.series.size()) : "";
-      sizes.push_back({model.name, model.frequency_hz, {}, true, colour, {}, several});
-      for (const std::complex<double> g : model.response) sizes.back().y.push_back(std::abs(g));
-      angles.push_back({"",
-                        model.frequency_hz,
-                        unwrapped(model.response, value_from(model.frequency_hz.front(), angle)),
-                        true,
-                        colour,
-                        {},
-                        several});
-    }
-    magnitude.series.push_back(std::move(size));
-    phase.series.push_back(std::move(angle));
+    if (c >= models.size() || models[c].frequency_hz.empty()) continue;
+    const ModelledResponse& model = models[c];
+    sizes.push_back({model.name, model.frequency_hz, {}, true, colour, {}, several});
+    for (const std::complex<double> g : model.response) sizes.back().y.push_back(std::abs(g));
+    angles.push_back(
+        {"", model.frequency_hz, unwrapped(model.response, near), true, colour, {}, several});
   }
-  if (magnitude.series.empty()) return {coherence};
   for (PlotSeries& size : sizes) magnitude.series.push_back(std::move(size));
   for (PlotSeries& angle : angles) phase.series.push_back(std::move(angle));
+  if (magnitude.series.empty()) return {coherence};
   return {magnitude, phase, coherence};
 }
 

@@ -18,8 +18,9 @@ struct ModelledResponse {
   std::vector<std::complex<double>> response;
 };
 
-/// `inputs` names the channels of `measured`, `models` are beside them one by one, or none. The
-/// coherence alone where nothing is significant.
+/// `inputs` names the channels of `measured`, `models` are beside them one by one, or none; they
+/// are drawn whether the measured one says anything or not. The coherence alone where there is
+/// nothing else.
 [[nodiscard]] std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
                                                  const std::vector<std::string>& inputs,
                                                  const std::string& output,

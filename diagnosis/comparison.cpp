@@ -130,7 +130,7 @@ bool plausible(const Variation& variation, const Varied& v) {
   const Model model = v.of(variation.base());
   for (const std::size_t kind : friction_kinds()) {
     if (const Effect* effect = model.find(kind); effect != nullptr)
-      level = std::max(level, std::abs(effect->coefficient[0]));
+      level = std::max(level, std::abs(level_of(*effect)));
   }
   Eigen::Index at = 0;
   for (const Change& change : v.changes) {

@@ -37,11 +37,10 @@ double ratio_of(const Model& model, const Effect& effect, const std::string& id)
     const auto& a = model.loop.denominator;
     return model.loop.order == 2 ? 1.0 - c[0] / a[1] : 1.0 - c[1] / a[2];
   }
-  // The level is the first coefficient of every law of friction.
   for (const Effect& other : model.effects) {
     const auto& kinds = friction_kinds();
     if (std::find(kinds.begin(), kinds.end(), other.kind) != kinds.end())
-      return (other.coefficient[0] + c[0]) / (other.coefficient[0] - c[0]);
+      return (level_of(other) + c[0]) / (level_of(other) - c[0]);
   }
   return kAbsent;
 }

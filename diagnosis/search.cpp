@@ -75,7 +75,7 @@ bool plausible(const Model& model, double begin_s, double end_s, double all_is) 
   if (const Effect* gap = model.find(kind_of<BacklashBehindEncoder>()); gap != nullptr) {
     double level = 0.0;
     for (const Effect& effect : model.effects) {
-      if (is_friction_law(effect.kind)) level += effect.coefficient[0];
+      if (is_friction_law(effect.kind)) level += level_of(effect);
     }
     if (std::abs(gap->coefficient[0]) <= kLeastPart * level && gap->coefficient[1] < kLeastPart)
       return false;

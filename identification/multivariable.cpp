@@ -29,9 +29,11 @@ constexpr int kRounds = 60;        // of Levenberg-Marquardt
 constexpr double kRough = 1e-4, kFine = 1e-8;  // change of cost at which it ends
 constexpr int kFutile = 3;                     // orders without a gain, and the search ends
 constexpr Eigen::Index kRowsPerColumn = 10;
-constexpr double kLeastTransform = 2.0;  // lines: below, the mean that was removed is missing
-constexpr double kUnknown = 1e9;         // deviation of a point that says nothing, in responses
-constexpr double kShortestBreak = 1e-8, kLongestBreak = 1e-2;  // [m | rad]
+constexpr double kLeastTransform = 2.0;     // lines: below, the mean that was removed is missing
+constexpr double kUnknown = 1e9;            // deviation of a point that says nothing, in responses
+constexpr double kShortestBreak = 1e-8;     // [m | rad]
+constexpr double kLongestBreak = 0.25;      // of the travel
+constexpr double kFittedFirst = 2.0 / 3.0;  // of the training data, where something is chosen
 
 using Place = MultivariablePlace;
 
@@ -87,7 +89,8 @@ double fastest(double sample_time_s) { return kShareOfNyquist * std::numbers::pi
 /// How a search ends, and over what it goes.
 struct Search {
   double tolerance = kRough;
-  bool distances = false;  // else they are held
+  bool distances = false;         // else they are held
+  std::vector<double> longest{};  // of every element
 };
 
 /// Levenberg-Marquardt from a place; nothing where it ends nowhere.
@@ -110,7 +113,7 @@ std::optional<Place> refined(const MultivariableProblem& problem, Place at, Sear
   if (!at.log_distances.empty() && !search.distances)
     solved.SetParameterBlockConstant(at.log_distances.data());
   for (std::size_t i = 0; search.distances && i < at.log_distances.size(); ++i)
-    bound(at.log_distances, i, kShortestBreak, kLongestBreak);
+    bound(at.log_distances, i, kShortestBreak, search.longest[i]);
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
   options.max_num_iterations = kRounds;
@@ -130,11 +133,16 @@ std::optional<ResponsePoints> responses(const MultivariableData& data, double sh
   ResponsePoints out;
   std::vector<FrequencyResponse> found;
   try {
+    std::vector<ResponseRecord> records;
     for (std::size_t j = 0; j < outputs; ++j) {
-      std::vector<ResponseRecord> records;
-      for (const MultivariableRecord& record : data.records) {
+      for (std::size_t r = 0; r < data.records.size(); ++r) {
+        const MultivariableRecord& record = data.records[r];
         const auto head =
             static_cast<Eigen::Index>(share * static_cast<double>(record.inputs[0].size()));
+        if (j > 0) {
+          records[r].output = record.outputs[j].head(head);
+          continue;
+        }
         ResponseRecord one;
         for (std::size_t i = 0; i < record.inputs.size(); ++i) {
           const double distance = data.inputs[i].break_distance;
@@ -269,6 +277,13 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
       options.most > kMostPoles)
     throw std::runtime_error("the order must lie between 1 and " + std::to_string(kMostPoles));
   for (std::size_t i = 0; i < data.inputs.size(); ++i) {
+    const double distance = data.inputs[i].break_distance,
+                 longest = longest_break_distance(data, i, options);
+    if (distance > longest)
+      throw std::runtime_error("input " + std::to_string(i + 1) +
+                               ": an element that slides after " + std::to_string(1e6 * distance) +
+                               " um is the position itself where it travels no further; at most " +
+                               std::to_string(1e6 * longest) + " um here");
     double least = std::numeric_limits<double>::max(), most = -least;
     for (const MultivariableRecord& record : data.records) {
       least = std::min(least, record.inputs[i].minCoeff());
@@ -281,6 +296,18 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
 }
 
 }  // namespace
+
+double longest_break_distance(const MultivariableData& data, std::size_t input,
+                              const MultivariableOptions& options) {
+  double travel = 0.0;
+  for (const MultivariableRecord& record : data.records) {
+    const Eigen::ArrayXd& x = record.inputs[input];
+    const auto head = static_cast<Eigen::Index>(kFittedFirst * options.training_share *
+                                                static_cast<double>(x.size()));
+    if (head > 0) travel = std::max(travel, x.head(head).maxCoeff() - x.head(head).minCoeff());
+  }
+  return kLongestBreak * travel;
+}
 
 Eigen::ArrayXd friction_input(const Eigen::ArrayXd& position, double break_distance) {
   Eigen::ArrayXd out = Eigen::ArrayXd::Zero(position.size());
@@ -388,13 +415,13 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
   int order = options.order;
   std::vector<Place> found;  // of the order chosen
   Search last{kFine};
-  const bool elements =
-      std::any_of(data.inputs.begin(), data.inputs.end(),
-                  [](const MultivariableInput& input) { return input.break_distance > 0.0; });
-  const bool seek = elements && options.seek_break_distances;
-  out.left_with_distances = std::numeric_limits<double>::quiet_NaN();
+  for (std::size_t i = 0; i < data.inputs.size(); ++i) {
+    if (data.inputs[i].break_distance > 0.0)
+      last.longest.push_back(longest_break_distance(data, i, options));
+  }
+  const bool seek = !last.longest.empty() && options.seek_break_distances;
   if (order == 0 || seek) {
-    const double share = 2.0 / 3.0 * options.training_share;
+    const double share = kFittedFirst * options.training_share;
     MultivariableProblem problem(data, share);
     const int first = order == 0 ? 1 : order, most = order == 0 ? options.most : order;
     const Starts starts = starts_within(data, share, most);
@@ -415,10 +442,11 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
     }
     for (MultivariableTrial& trial : out.trials) trial.chosen = trial.order == order;
     if (seek && !found.empty()) {
-      const auto best = sought(problem, found, {kRough, true}, out.evaluations);
+      const auto best = sought(problem, found, {kRough, true, last.longest}, out.evaluations);
       if (best) {
-        out.left_with_distances = left_of(problem, best->at, share, options.training_share);
-        last.distances = out.left_with_distances < kWorthIt * least;
+        out.distances.left_given = least;
+        out.distances.left_found = left_of(problem, best->at, share, options.training_share);
+        out.distances.taken = last.distances = out.distances.left_found < kWorthIt * least;
         if (last.distances) found = {best->at};
       }
     }
@@ -441,7 +469,8 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
   out.parts = problem.parts_between(best->at, left.coefficients, options.training_share, 1.0);
   const Eigen::Map<const Eigen::VectorXd> stacked(left.residual.data(), left.residual.size());
   Eigen::MatrixXd jacobian(left.by_poles.rows(), left.by_poles.cols() + left.by_distances.cols());
-  jacobian << left.by_poles, left.by_distances;
+  jacobian.leftCols(left.by_poles.cols()) = left.by_poles;
+  jacobian.rightCols(left.by_distances.cols()) = left.by_distances;
   const Eigen::MatrixXd covariance = robust_covariance(jacobian, stacked, data.sample_time_s);
   std::size_t element = 0;
   for (const MultivariableInput& input : data.inputs) {

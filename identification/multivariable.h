@@ -20,7 +20,7 @@
 
 #include <Eigen/Core>
 #include <complex>
-#include <string>
+#include <limits>
 #include <vector>
 
 #include "identification/vector_fitting.h"
@@ -39,6 +39,7 @@ struct MultivariableInput {
   /// Above 0 the records have the position [m | rad] of an axis, and the input is the Maxwell
   /// element along it that slides after this distance (`friction_input`); where it is sought, this
   /// is the start.
+  /// An element that does not slide is the position itself: at most a quarter of the travel.
   double break_distance = 0.0;
 };
 
@@ -64,6 +65,14 @@ struct MultivariableTrial {
   bool chosen = false;
 };
 
+/// Whether break distances were sought, and what came of it.
+struct BreakDistanceTrial {
+  /// As in a trial, of the order chosen: with those given, and with those found; NaN: not sought.
+  double left_given = std::numeric_limits<double>::quiet_NaN();
+  double left_found = std::numeric_limits<double>::quiet_NaN();
+  bool taken = false;
+};
+
 struct MultivariableFit {
   std::vector<FittedPole> poles;  ///< by frequency; `explains` is 0
   /// Per output one row per input: of every pole c, or c1 and c0; then d. In the units of the data.
@@ -79,9 +88,7 @@ struct MultivariableFit {
   /// Of every input; 0 where it is no element. Their standard deviations are 0 where they were
   /// given.
   std::vector<double> break_distances, break_deviations;
-  /// What is left, as in a trial, of the order chosen with the distances found; NaN where none were
-  /// sought.
-  double left_with_distances = 0.0;
+  BreakDistanceTrial distances;
   int evaluations = 0;
 
   [[nodiscard]] int order() const;  ///< number of poles
@@ -95,8 +102,8 @@ struct MultivariableFit {
                                         const std::vector<bool>& wanted);
 
 /// The fit as matrices: w' = a w + b u, y = c w + d u. The states are those of every output's own
-/// poles in their order, of a pair its part of the output and (d/dt + 2 zeta omega) of that, so
-/// that there are order x outputs of them.
+/// poles in their order, of a pair its part w of the output and w' + 2 zeta omega w - c1 u, so that
+/// there are order x outputs of them.
 struct MultivariableMatrices {
   Eigen::MatrixXd a, b, c, d;
 };
@@ -107,7 +114,13 @@ struct MultivariableMatrices {
 /// generalised Maxwell-slip friction whose levels are found by projection.
 [[nodiscard]] Eigen::ArrayXd friction_input(const Eigen::ArrayXd& position, double break_distance);
 
-/// Throws std::runtime_error, one line, where the data are too short or no fit is finite.
+/// The longest break distance of an element along this input [m | rad]: a quarter of what it
+/// travels within the first part of every record, which the first fits have.
+[[nodiscard]] double longest_break_distance(const MultivariableData& data, std::size_t input,
+                                            const MultivariableOptions& options = {});
+
+/// Throws std::runtime_error, one line, where the data are too short, an element does not slide, or
+/// no fit is finite.
 [[nodiscard]] MultivariableFit identify_multivariable(const MultivariableData& data,
                                                       const MultivariableOptions& options = {});
 

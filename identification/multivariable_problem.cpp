@@ -53,8 +53,9 @@ MultivariableProblem::MultivariableProblem(const MultivariableData& data, double
     course.size = record.inputs.front().size();
     course.head = static_cast<Index>(share * static_cast<double>(course.size));
     for (std::size_t i = 0; i < record.inputs.size(); ++i)
-      course.inputs.push_back(data.inputs[i].smooth ? Spline::through(record.inputs[i], h)
-                                                    : Spline::straight(record.inputs[i], h));
+      course.inputs.push_back(data.inputs[i].break_distance > 0.0 ? Spline{}
+                              : data.inputs[i].smooth ? Spline::through(record.inputs[i], h)
+                                                      : Spline::straight(record.inputs[i], h));
     course.by_distance.resize(elements_.size());
     courses_.push_back(std::move(course));
   }
@@ -206,12 +207,13 @@ MultivariableProblem::Left MultivariableProblem::solve(const MultivariablePlace&
     out.coefficients.col(j) = solver.take_out(out.residual.col(j));
   out.residual.array().rowwise() /= scale_.transpose();
   const Index rows = heads_.rows();
+  out.by_poles.resize(rows * outputs(), wanted.by_poles ? std::ssize(at.poles) : 0);
+  out.by_distances.resize(rows * outputs(), wanted.by_distances ? std::ssize(elements_) : 0);
   const auto put = [&](Eigen::VectorXd change, Index j, Eigen::MatrixXd& jacobian, Index column) {
     solver.take_out(change);
     jacobian.col(column).segment(j * rows, rows) = -change / scale_(j);
   };
   if (wanted.by_poles) {
-    out.by_poles.resize(rows * outputs(), static_cast<Index>(at.poles.size()));
     Index first = 0, parameter = 0;
     for (const auto& block : derivatives_) {
       for (const Eigen::MatrixXd& by : block) {
@@ -223,7 +225,6 @@ MultivariableProblem::Left MultivariableProblem::solve(const MultivariablePlace&
     }
   }
   if (wanted.by_distances) {
-    out.by_distances.resize(rows * outputs(), static_cast<Index>(elements_.size()));
     for (std::size_t e = 0; e < elements_.size(); ++e) {
       const Eigen::MatrixXd moved = moved_by(e, at, out.coefficients);
       for (Index j = 0; j < outputs(); ++j)

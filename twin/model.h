@@ -17,20 +17,31 @@ struct Effect {
   std::array<double, kMaxCoefficients> coefficient{};
 };
 
+/// How many elements a law of friction has whose levels are its first coefficients; 0: one level.
+constexpr std::size_t free_elements_of(std::size_t kind) noexcept {
+  if (kind == kind_of<Gms>()) return Gms::kElements;
+  return kind == kind_of<MaxwellSlip>() ? MaxwellSlip::kElements : 0;
+}
+
+/// The level at which this law of friction slides, per moved mass [m/s^2 | rad/s^2]; of unlike
+/// directions that of the positive one.
+inline double level_of(const Effect& law) noexcept {
+  const std::size_t elements = free_elements_of(law.kind);
+  double sum = elements == 0 ? law.coefficient[0] : 0.0;
+  for (std::size_t i = 0; i < elements; ++i) sum += law.coefficient[i];
+  return sum;
+}
+
 /// Motion::friction from the forces per unit coefficient of a law.
 inline double friction_of(const Effect& law, const double* force) noexcept {
   // A coefficient for each direction, of which the other one has no force; or for each element.
   if (law.kind == kind_of<Stribeck>() || law.kind == kind_of<ModifiedStribeck>())
     return force[0] + force[1];
-  const std::size_t elements = law.kind == kind_of<Gms>()           ? Gms::kElements
-                               : law.kind == kind_of<MaxwellSlip>() ? MaxwellSlip::kElements
-                                                                    : 0;
+  const std::size_t elements = free_elements_of(law.kind);
   if (elements == 0) return force[0];
-  double sum = 0.0, level = 0.0;
-  for (std::size_t i = 0; i < elements; ++i) {
-    sum += law.coefficient[i] * force[i];
-    level += law.coefficient[i];
-  }
+  const double level = level_of(law);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < elements; ++i) sum += law.coefficient[i] * force[i];
   return level > 0.0 ? sum / level : kNoLaw;
 }
 

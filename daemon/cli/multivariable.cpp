@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -27,6 +28,7 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi, kMicro = 1e-6;
 constexpr Eigen::Index kShortest = 200;  // rows: below, a start of its own costs more than it tells
 // Where break distances are sought from [um | urad].
 constexpr const char* kBreakDistances = "1,2,5,10,20,50";
+constexpr double kDetermined = 1.0 / 3.0;  // as of a pole: known to a third of itself
 const std::vector<std::string> kInputs{"command", "friction", "torque"};
 const std::vector<std::string> kOutputs{"error", "velocity", "torque"};
 
@@ -82,6 +84,42 @@ std::string all_of(const Recording& whole, AxisChannels& axes, const std::string
   }
   if (out.empty()) throw std::runtime_error(whole.source + ": no axis moves");
   return out;
+}
+
+/// Without the elements of frictions that do not slide where the recording is fitted.
+void leave_out_long_distances(Signals& signals, const MultivariableOptions& options,
+                              std::FILE* people) {
+  std::map<std::string, std::pair<double, int>> left;  // of every friction: longest, and how many
+  const auto erase = [](auto& list, std::size_t i) {
+    list.erase(list.begin() + static_cast<std::ptrdiff_t>(i));
+  };
+  for (std::size_t i = 0; i < signals.inputs.size();) {
+    if (signals.inputs[i].channel.name != "friction") {
+      ++i;
+      continue;
+    }
+    const Signal input = signals.inputs[i];
+    auto& [longest, kept] = left[input.name];
+    longest = longest_break_distance(signals.data, i, options);
+    if (signals.data.inputs[i].break_distance <= longest) {
+      ++kept, ++i;
+      continue;
+    }
+    const double distance = signals.data.inputs[i].break_distance;
+    erase(signals.inputs, i);
+    erase(signals.data.inputs, i);
+    for (MultivariableRecord& record : signals.data.records) erase(record.inputs, i);
+    say(people, text("note: %s: an element that slides after %g u%s is left out: it would be the "
+                     "position itself where the axis travels %.4g u%s",
+                     input.name.c_str(), distance / kMicro, input.position_unit.c_str(),
+                     4.0 * longest / kMicro, input.position_unit.c_str()));
+  }
+  for (const auto& [name, of] : left) {
+    if (of.second == 0)
+      throw std::runtime_error(name + text(": the axis travels too little for any of these break "
+                                           "distances; give --break-distance below %.3g",
+                                           of.first / kMicro));
+  }
 }
 
 Signals read(const Arguments& arguments, std::FILE* people) {
@@ -186,6 +224,7 @@ Signals read(const Arguments& arguments, std::FILE* people) {
     throw std::runtime_error(whole.source + text(": no stretch of %td rows in which all signals "
                                                  "have values",
                                                  kShortest));
+  leave_out_long_distances(out, arguments.options, people);
   return out;
 }
 
@@ -219,34 +258,45 @@ std::string inputs_text(const Signals& signals, bool sought) {
 
 /// Where each friction was found to break away, and whether that was taken.
 void say_distances(std::FILE* people, const Signals& signals, const MultivariableFit& fit) {
-  if (!std::isfinite(fit.left_with_distances)) return;
-  std::string line =
-      text("with the break distances that were found %.3g is left", fit.left_with_distances);
-  bool taken = false;
-  for (const double deviation : fit.break_deviations) taken = taken || deviation > 0.0;
-  say(people,
-      "friction    " + line + (taken ? "" : ", which is no gain: those it began with are kept"));
-  if (!taken) return;
+  const BreakDistanceTrial& trial = fit.distances;
+  if (!std::isfinite(trial.left_found)) {
+    say(people,
+        "note        where friction breaks away was not sought: what is fitted first is too short "
+        "for this order");
+    return;
+  }
+  say(people, text("friction    with the break distances that were found %.3g is left where %.3g "
+                   "was: %s",
+                   trial.left_found, trial.left_given,
+                   trial.taken ? "taken" : "no gain, those it began with are kept"));
+  if (!trial.taken) return;
+  std::string line, open;
   for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
-    if (signals.inputs[i].channel.name != "friction") continue;
-    if (first_of_source(signals, i))
-      line = "  " + signals.inputs[i].name + " breaks away after ";
+    const Signal& input = signals.inputs[i];
+    if (input.channel.name != "friction") continue;
+    if (first_of_source(signals, i)) line = open = "";
+    const double value = fit.break_distances[i], deviation = fit.break_deviations[i];
+    if (deviation < kDetermined * value)
+      line += text("%s%.3g +- %.2g", line.empty() ? "" : ", ", value / kMicro, deviation / kMicro);
     else
-      line += ", ";
-    line += text("%.3g +- %.2g", fit.break_distances[i] / kMicro, fit.break_deviations[i] / kMicro);
-    if (i + 1 == signals.inputs.size() || first_of_source(signals, i + 1))
-      say(people, line + " u" + signals.inputs[i].position_unit);
+      open += text("%s%.3g", open.empty() ? "" : ", ", value / kMicro);
+    if (i + 1 < signals.inputs.size() && !first_of_source(signals, i + 1)) continue;
+    const std::string unit = " u" + input.position_unit;
+    say(people, "  " + input.name + " breaks away after " + (line.empty() ? "" : line + unit) +
+                    (open.empty() ? ""
+                                  : (line.empty() ? "" : "; ") + open + unit +
+                                        " (+- beyond a third: not determined)"));
   }
 }
 
-void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& fit) {
+void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& fit, bool sought) {
   std::string tried;
   for (const MultivariableTrial& trial : fit.trials)
     tried += text("%s%d%s %.3g", tried.empty() ? "" : ", ", trial.order, trial.chosen ? " ->" : "",
                   trial.left);
   if (!tried.empty())
     say(people, "order       share of the outputs that is left where it was not fitted: " + tried);
-  say_distances(people, signals, fit);
+  if (sought) say_distances(people, signals, fit);
   std::string open;
   for (const FittedPole& pole : fit.poles) {
     if (!pole.determined()) {
@@ -293,8 +343,11 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
            {"outputs", json::array()},
            {"poles", json::array()},
            {"trials", json::array()},
-           {"left_with_distances",
-            std::isfinite(fit.left_with_distances) ? json(fit.left_with_distances) : json()}};
+           {"break_distances", json()}};
+  if (std::isfinite(fit.distances.left_found))
+    out["break_distances"] = {{"left_given", fit.distances.left_given},
+                              {"left_found", fit.distances.left_found},
+                              {"taken", fit.distances.taken}};
   for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
     json one{{"name", signals.inputs[i].name}, {"unit", signals.inputs[i].unit}};
     if (fit.break_distances[i] > 0.0) {
@@ -355,7 +408,7 @@ std::vector<MatVariable> mat_of(const Signals& signals, const MultivariableFit& 
 }
 
 /// Of every output: measured, less what the fit says of frictions, and fitted.
-std::string bode(const Signals& signals, const MultivariableFit& fit) {
+std::string bode(const Signals& signals, const MultivariableFit& fit, std::FILE* people) {
   constexpr int kPoints = 400;
   const MultivariableData& data = signals.data;
   std::vector<bool> friction;
@@ -367,21 +420,30 @@ std::string bode(const Signals& signals, const MultivariableFit& fit) {
     shown.push_back(i);
     names.push_back(signals.inputs[i].name);
   }
-  if (shown.empty()) throw std::runtime_error("--plot: frictions alone have no frequency response");
+  std::vector<ResponseRecord> records;
+  std::vector<Eigen::MatrixXd> by_friction;
+  for (const MultivariableRecord& record : data.records) {
+    by_friction.push_back(answer_of(fit, data, record, friction));
+    records.emplace_back();
+    for (const std::size_t i : shown) records.back().inputs.push_back(record.inputs[i]);
+  }
+  double rows = 0.0;
+  for (const MultivariableRecord& record : data.records)
+    rows = std::max(rows, static_cast<double>(record.outputs.front().size()));
+  const double from = 4.0 / (rows * data.sample_time_s), to = 0.5 / data.sample_time_s;
   std::vector<PlotPanel> out;
   for (std::size_t j = 0; j < signals.outputs.size(); ++j) {
-    std::vector<ResponseRecord> records;
-    for (const MultivariableRecord& record : data.records) {
-      ResponseRecord one;
-      for (const std::size_t i : shown) one.inputs.push_back(record.inputs[i]);
-      one.output = record.outputs[j] -
-                   answer_of(fit, data, record, friction).col(static_cast<Eigen::Index>(j)).array();
-      records.push_back(std::move(one));
+    const Signal& output = signals.outputs[j];
+    for (std::size_t r = 0; r < records.size(); ++r)
+      records[r].output =
+          data.records[r].outputs[j] - by_friction[r].col(static_cast<Eigen::Index>(j)).array();
+    FrequencyResponse measured;
+    try {
+      measured = frequency_response(records, data.sample_time_s);
+    } catch (const std::runtime_error& error) {
+      say(people, "note        " + output.name + ": its fit is drawn alone: " + error.what());
     }
-    const FrequencyResponse measured = frequency_response(records, data.sample_time_s);
     std::vector<ModelledResponse> fits(shown.size());
-    const double from = measured.frequency_hz(0),
-                 to = measured.frequency_hz(measured.frequency_hz.size() - 1);
     for (std::size_t c = 0; c < shown.size(); ++c) {
       fits[c].name = names[c] + ", fit";
       for (int k = 0; k < kPoints; ++k) {
@@ -389,16 +451,15 @@ std::string bode(const Signals& signals, const MultivariableFit& fit) {
         fits[c].response.push_back(fit.at(j, shown[c], kTwoPi * fits[c].frequency_hz.back()));
       }
     }
-    std::vector<PlotPanel> panels = bode_panels(
-        measured, names, signals.outputs[j].name + " [" + signals.outputs[j].unit + "]", fits);
-    panels.front().title = "to " + signals.outputs[j].name;
-    panels.front().y_label = "magnitude [" + signals.outputs[j].unit + " per unit of the input]";
+    // The phases and coherences of every output would be three panels for one.
+    PlotPanel panel = bode_panels(measured, names, output.name, fits).front();
+    panel.title = "to " + output.name;
+    panel.y_label = "magnitude [" + output.unit + " per unit of the input]";
     for (const FittedPole& pole : fit.poles) {
-      if (panels.size() > 1 && pole.pair && pole.zeta < 1.0 && pole.determined())
-        panels.front().marks.push_back(pole.omega / kTwoPi);
+      if (pole.pair && pole.zeta < 1.0 && pole.determined())
+        panel.marks.push_back(pole.omega / kTwoPi);
     }
-    // The phase and the coherence of every output would be three panels for one.
-    out.push_back(std::move(panels.front()));
+    out.push_back(std::move(panel));
   }
   return plot_svg(out);
 }
@@ -408,11 +469,16 @@ void run(const Arguments& arguments) {
     throw UsageError("a MATLAB file cannot go to standard output; name a file");
   std::FILE* people = people_beside({arguments.matrices, arguments.plot, arguments.result});
   const Signals signals = read(arguments, people);
+  const auto any = [&](const char* name) {
+    return std::any_of(signals.inputs.begin(), signals.inputs.end(),
+                       [&](const Signal& input) { return input.channel.name == name; });
+  };
+  if (!arguments.plot.empty() && !any("command") && !any("torque"))
+    throw UsageError("--plot: frictions alone have no frequency response; name a command as input");
   MultivariableOptions options = arguments.options;
-  options.seek_break_distances = arguments.break_distances.empty();
+  options.seek_break_distances = arguments.break_distances.empty() && any("friction");
   say(people, "inputs      " + inputs_text(signals, options.seek_break_distances));
-  if (std::any_of(signals.inputs.begin(), signals.inputs.end(),
-                  [](const Signal& input) { return input.channel.name == "torque"; }))
+  if (any("torque"))
     say(people,
         "note        a torque in a closed loop has the noise of the encoder in it, which biases "
         "what is found from it");
@@ -423,10 +489,10 @@ void run(const Arguments& arguments) {
   } catch (const std::runtime_error& error) {
     throw std::runtime_error(arguments.recording.file.string() + ": " + error.what());
   }
-  say_fit(people, signals, fit);
-  if (!arguments.matrices.empty()) write_mat(arguments.matrices, mat_of(signals, fit));
-  if (!arguments.plot.empty()) write_result(arguments.plot, bode(signals, fit));
+  say_fit(people, signals, fit, options.seek_break_distances);
   if (!arguments.result.empty()) write_json(arguments.result, result_of(arguments, signals, fit));
+  if (!arguments.matrices.empty()) write_mat(arguments.matrices, mat_of(signals, fit));
+  if (!arguments.plot.empty()) write_result(arguments.plot, bode(signals, fit, people));
 }
 
 }  // namespace
@@ -469,8 +535,8 @@ Command add_multivariable(CLI::App& app) {
       ->type_name("OUT.mat");
   command
       .add_option("--plot", arguments->plot,
-                  "write the magnitudes of all responses here, measured with their 95 % band and "
-                  "fitted (SVG)")
+                  "write the magnitudes of the responses to all commands and torques here: fitted, "
+                  "and measured with their 95 % band where that says something (SVG)")
       ->type_name("OUT.svg");
   command
       .add_option("--json", arguments->result, "write the whole result here; - is standard output")

@@ -107,6 +107,50 @@ TEST(MultivariableTool, SaysWhichAxisMakesWhatOfWhichError) {
             (json{{"name", "Y.friction"}, {"unit", "1"}, {"break_distance", 5e-6}}));
 }
 
+TEST(MultivariableTool, SeeksWhereFrictionBreaksAwayAndWritesMatricesAndPlot) {
+  const Folder folder;
+  const std::string file = folder.write("rec.csv", table(both(8000)));
+  const Answer answer = servotwin_says(
+      {"multivariable", file, "--input", "X.command,Y.command,Y.friction", "--order", "3", "--json",
+       folder / "r.json", "--mat", folder / "m.mat", "--plot", folder / "p.svg"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("Y.friction (breaks away after distances sought from 1, 2, "));
+  EXPECT_THAT(answer.out, HasSubstr("friction    with the break distances that were found "));
+  EXPECT_THAT(answer.out, HasSubstr(": taken"));
+  EXPECT_THAT(answer.out, HasSubstr("  Y.friction breaks away after "));
+  const json result = json::parse(content_of(folder / "r.json"));
+  EXPECT_TRUE(result["break_distances"]["taken"]);
+  EXPECT_LT(result["break_distances"]["left_found"], result["break_distances"]["left_given"]);
+  EXPECT_EQ(result["inputs"].size(), 8u);
+  EXPECT_TRUE(result["inputs"][2].contains("break_distance_sd"));
+  EXPECT_EQ(content_of(folder / "m.mat").substr(0, 6), "MATLAB");
+  const std::string plot = content_of(folder / "p.svg");
+  for (const char* part : {"to X.error", "to Y.error", "X.command, fit", "Y.command, fit",
+                           "magnitude [m per unit of the input]"})
+    EXPECT_THAT(plot, HasSubstr(part));
+}
+
+TEST(MultivariableTool, LeavesOutElementsThatWouldNotSlide) {
+  const Folder folder;
+  Axes axes = both(8000);
+  for (auto* values : {&axes.y, &axes.y_actual}) {
+    for (double& value : *values) value *= 1e-4;  // some 50 um in all
+  }
+  const std::string file = folder.write("rec.csv", table(axes));
+  const std::vector<std::string> named{
+      "multivariable", file,      "--input", "Y.command,Y.friction",
+      "--output",      "Y.error", "--order", "1"};
+  const Answer answer = servotwin_says(named);
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("note: Y.friction: an element that slides after 50 um is left "
+                                    "out: it would be the position itself where the axis travels"));
+  auto far = named;
+  far.insert(far.end(), {"--break-distance", "400,500"});
+  const Answer refused = servotwin_says(far);
+  EXPECT_EQ(refused.status, 1) << refused;
+  EXPECT_THAT(refused.err, HasSubstr("Y.friction: the axis travels too little"));
+}
+
 TEST(MultivariableTool, TakesTheSignalsThatAreNamed) {
   const Folder folder;
   const std::string file = folder.write("rec.csv", table(both(8000)));
@@ -157,6 +201,8 @@ TEST(MultivariableTool, RefusesWhatItCannotUse) {
   refused({"--input", "Z.command"}, 1, {"no axis 'Z'", "X, Y"});
   refused({"--output", "X.torque"}, 1, {"X has no torque"});
   refused({"--order", "16"}, 1, {"too short"});
+  refused({"--input", "X.friction", "--plot", folder / "p.svg"}, 2, {"--plot", "frictions alone"});
+  refused({"--mat", "-"}, 2, {"MATLAB", "standard output"});
 }
 
 }  // namespace

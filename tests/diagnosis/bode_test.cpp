@@ -39,6 +39,27 @@ TEST(Bode, ThePhaseHasNoJumpsAndTheModelLiesOnIt) {
   EXPECT_DOUBLE_EQ(panels[0].series[0].error[50], 1.96 * measured.channels[0].deviation(50));
 }
 
+TEST(Bode, OfSeveralInputsEveryModelHasTheColourOfItsInput) {
+  FrequencyResponse measured = delayed(0.05);
+  measured.channels.push_back(measured.channels[0]);
+  measured.channels[0].significant.setConstant(false);
+  const ModelledResponse one{"one, fit", {10.0, 20.0}, {1.0, 2.0}}, other{"", {10.0}, {3.0}};
+  const std::vector<PlotPanel> panels = bode_panels(measured, {"one", "other"}, "y", {one, other});
+  ASSERT_EQ(panels.size(), 3u);
+  // The first says nothing: its model is there all the same.
+  const auto& series = panels[0].series;
+  ASSERT_EQ(series.size(), 3u);
+  EXPECT_EQ(series[0].name, "other");
+  EXPECT_EQ(series[1].name, "one, fit");
+  EXPECT_EQ(series[1].colour, plot_colour(0));
+  EXPECT_EQ(series[2].colour, plot_colour(1));
+  EXPECT_EQ(series[0].colour, series[2].colour);
+  EXPECT_FALSE(series[0].dashed);
+  EXPECT_TRUE(series[1].dashed && series[2].dashed);
+  // Nothing measured at all.
+  EXPECT_EQ(bode_panels({}, {"one", "other"}, "y", {one, other})[0].series.size(), 2u);
+}
+
 TEST(Bode, WhatSaysNothingIsNotDrawn) {
   const std::vector<PlotPanel> panels = bode_panels(delayed(1e3), {"u"}, "y");
   ASSERT_EQ(panels.size(), 1u);

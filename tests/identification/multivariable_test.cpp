@@ -76,7 +76,7 @@ void expect_modes(const MultivariableFit& fit, const test::CoupledMachine& machi
 
 TEST(Multivariable, FindsTheModesOfTwoAxesFromBothCommandsAndThreeOutputs) {
   const test::CoupledMachine machine = linear_machine();
-  const MultivariableFit fit = identify_multivariable(recorded(machine));
+  const MultivariableFit fit = identify_multivariable(recorded(machine), {.most = 7});
   expect_modes(fit, machine, 1e-3, 0.02);
   for (int axis = 0; axis < 2; ++axis) {
     const double floor = floor_of(machine.axes[static_cast<std::size_t>(axis)]);
@@ -141,13 +141,44 @@ TEST(Multivariable, FindsWhereAFrictionBreaksAway) {
   EXPECT_LT(fit.holdout(0), 0.5 * held.holdout(0));
   // Its elements break away after (i / 5)^2 of the presliding distance (gms_with_curve). The first
   // one does so within eight steps of the encoder, whose noise makes it look longer.
-  std::vector<double> found(fit.break_distances.end() - 5, fit.break_distances.end());
+  EXPECT_TRUE(fit.distances.taken);
+  EXPECT_LT(fit.distances.left_found, 0.5 * fit.distances.left_given);
+  std::vector<std::pair<double, double>> found;
+  for (std::size_t i = 1; i < 6; ++i)
+    found.emplace_back(fit.break_distances[i], fit.break_deviations[i]);
   std::sort(found.begin(), found.end());
   for (std::size_t i = 1; i < 5; ++i) {
     const double truth =
         rig.friction.presliding_distance * std::pow(static_cast<double>(i + 1) / 5.0, 2.0);
-    EXPECT_NEAR(found[i], truth, 0.1 * truth) << i << " +- " << fit.break_deviations[i + 1];
+    EXPECT_NEAR(found[i].first, truth, 0.1 * truth) << i;
+    EXPECT_GT(found[i].second, 1e-4 * truth);
+    EXPECT_LT(found[i].second, 0.1 * truth);
   }
+}
+
+// An element that does not slide is the position, and with it the error an identity.
+TEST(Multivariable, NoElementBreaksAwayBeyondAQuarterOfTheTravel) {
+  const hidden_effects::Rig rig = test::coupled_machine(62.0).axes[0];
+  hidden_effects::Command command;
+  hidden_effects::Random random(7);
+  while (command.duration() < 8.0)
+    command.move_to(150e-6 * random.between(-1.0, 1.0), {0.01, 2.0, 200.0});
+  const auto trace = hidden_effects::simulate(rig, command);
+  const double h = rig.reading.sample_time;
+  MultivariableData data{h, {{true, 0}, {false, 1, 2e-6}, {false, 1, 15e-6}}, {{}}};
+  data.records[0].inputs = {Spline::through(array(trace.command), h).first, array(trace.actual),
+                            array(trace.actual)};
+  data.records[0].outputs = {array(trace.command) - array(trace.actual)};
+  const MultivariableFit fit = identify_multivariable(data, {.order = 4});
+  const double longest = longest_break_distance(data, 2);
+  const Eigen::ArrayXd first = array(trace.actual).head(std::ssize(trace.actual) * 7 / 15);
+  EXPECT_NEAR(longest, 0.25 * (first.maxCoeff() - first.minCoeff()), 1e-7);
+  EXPECT_LT(longest, 60e-6);
+  for (const double distance : fit.break_distances) EXPECT_LE(distance, longest);
+  EXPECT_GT(fit.holdout(0), 0.9 * floor_of(rig));
+  data.inputs[2].break_distance = 2.0 * longest;
+  test::expect_error<std::runtime_error>([&] { (void)identify_multivariable(data); },
+                                         {"input 3", "the position itself", "at most"});
 }
 
 TEST(Multivariable, DerivativesByBreakDistancesAreThoseOfTheCost) {

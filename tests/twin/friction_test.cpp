@@ -263,6 +263,30 @@ TEST(Gms, WithConstantLevelItIsTheSumOfClampedSprings) {
   }
 }
 
+// The displacement of every element is that of the one before times its step; the level of the
+// whole is the sum.
+TEST(FreeElements, AreClampedSpringsThatBreakAwayOneAfterTheOther) {
+  Effect effect = make_effect<MaxwellSlip>();
+  effect.shape = {1e-6, 3.0, 2.0, 1.5, 4.0, 1.25};
+  effect.coefficient = {0.1, 0.2, 0.05, 0.3, 0.15, 0.4};
+  const std::array<double, 6> reach{1e-6, 3e-6, 6e-6, 9e-6, 36e-6, 45e-6};
+  Along axis(effect);
+  std::mt19937_64 rng{3};
+  std::normal_distribution<double> step(0.0, 4e-6);
+  std::array<double, 6> spring{};
+  for (int k = 0; k < 5000; ++k) {
+    const double dx = step(rng);
+    double expected = 0.0;
+    for (std::size_t i = 0; i < 6; ++i) {
+      spring[i] = std::clamp(spring[i] + dx / reach[i], -1.0, 1.0);
+      expected += effect.coefficient[i] * spring[i];
+    }
+    EXPECT_NEAR(axis.move(dx), expected, 1e-12);
+  }
+  EXPECT_NEAR(axis.move(1.0), 1.2, 1e-12);
+  EXPECT_NEAR(level_of(effect), 1.2, 1e-12);
+}
+
 // --- Dahl and LuGre
 
 TEST(Dahl, IsExactInDisplacementForAnyStep) {
