@@ -474,14 +474,14 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
   const Eigen::MatrixXd covariance = robust_covariance(jacobian, stacked, data.sample_time_s);
   std::size_t element = 0;
   for (const MultivariableInput& input : data.inputs) {
-    out.break_distances.push_back(0.0);
+    out.break_distances.push_back(input.break_distance);
     out.break_deviations.push_back(0.0);
     if (!(input.break_distance > 0.0)) continue;
-    out.break_distances.back() = std::exp(best->at.log_distances[element]);
-    const Eigen::Index i = left.by_poles.cols() + static_cast<Eigen::Index>(element++);
-    if (last.distances)
-      out.break_deviations.back() =
-          out.break_distances.back() * std::sqrt(std::max(0.0, covariance(i, i)));
+    const Eigen::Index i = left.by_poles.cols() + static_cast<Eigen::Index>(element);
+    const double distance = std::exp(best->at.log_distances[element++]);
+    if (!last.distances) continue;
+    out.break_distances.back() = distance;
+    out.break_deviations.back() = distance * std::sqrt(std::max(0.0, covariance(i, i)));
   }
 
   // By frequency.

@@ -25,8 +25,8 @@ struct Axes {
 };
 
 /// Steady motion. X lags by a pair of poles; Y by a real one, pushes X by a tenth of its lag, and
-/// its friction, which slides 5 um after it turned, moves X by 2 um.
-Axes both(int rows) {
+/// its friction, which slides this far after it turned, moves X by 2 um.
+Axes both(int rows, double break_mm = 5e-3) {
   const auto lag = [](double w) { return 1.0 / (std::complex<double>(0.0, w) + kPole); };
   const auto vibrates = [](double w) {
     const double omega = kTwoPi * kHz;
@@ -55,7 +55,7 @@ Axes both(int rows) {
     if (k > 0) {
       const double way =
           out.y_actual[out.y_actual.size() - 1] - out.y_actual[out.y_actual.size() - 2];
-      element = std::clamp(element + way / 5e-3, -1.0, 1.0);
+      element = std::clamp(element + way / break_mm, -1.0, 1.0);
     }
     out.x.push_back(x);
     out.x_actual.push_back(x - x_error - kPush * y_error - kFriction * element);
@@ -109,7 +109,7 @@ TEST(MultivariableTool, SaysWhichAxisMakesWhatOfWhichError) {
 
 TEST(MultivariableTool, SeeksWhereFrictionBreaksAwayAndWritesMatricesAndPlot) {
   const Folder folder;
-  const std::string file = folder.write("rec.csv", table(both(8000)));
+  const std::string file = folder.write("rec.csv", table(both(8000, 3.3e-3)));
   const Answer answer = servotwin_says(
       {"multivariable", file, "--input", "X.command,Y.command,Y.friction", "--order", "3", "--json",
        folder / "r.json", "--mat", folder / "m.mat", "--plot", folder / "p.svg"});
@@ -134,7 +134,7 @@ TEST(MultivariableTool, LeavesOutElementsThatWouldNotSlide) {
   const Folder folder;
   Axes axes = both(8000);
   for (auto* values : {&axes.y, &axes.y_actual}) {
-    for (double& value : *values) value *= 1e-4;  // some 50 um in all
+    for (double& value : *values) value *= 0.1;  // some 100 um in all
   }
   const std::string file = folder.write("rec.csv", table(axes));
   const std::vector<std::string> named{
