@@ -160,17 +160,7 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
     out.push_back(say("the encoder leads its command by ", -1e3 * lag,
                       " ms: are the two columns exchanged?"));
   }
-  double product = 0.0, square = 0.0;
-  for (const Segment& s : segments) {
-    const Eigen::ArrayXd command = s.command - s.command.mean();
-    product += (command * (s.actual - s.actual.mean())).sum();
-    square += command.square().sum();
-  }
-  const double slope = product / square;
-  if (!(slope * kUnitMismatch > 1.0 && slope < kUnitMismatch)) {
-    out.push_back(say("the encoder moves ", slope,
-                      " times as far as its command: check the units and the sign of the two"));
-  }
+  if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
   return out;
 }
 
@@ -230,6 +220,19 @@ std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, do
     out.push_back(std::move(piece));
   }
   return out;
+}
+
+std::string why_scaled(const std::vector<Segment>& segments) {
+  double product = 0.0, square = 0.0;
+  for (const Segment& s : segments) {
+    const Eigen::ArrayXd command = s.command - s.command.mean();
+    product += (command * (s.actual - s.actual.mean())).sum();
+    square += command.square().sum();
+  }
+  const double slope = product / square;
+  if (!(square > 0.0) || (slope * kUnitMismatch > 1.0 && slope < kUnitMismatch)) return {};
+  return say("the encoder moves ", slope,
+             " times as far as its command: check the units and the sign of the two");
 }
 
 ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {

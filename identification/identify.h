@@ -78,6 +78,9 @@ struct Identified {
 [[nodiscard]] std::pair<std::vector<Segment>, std::vector<Segment>> split(
     const std::vector<Segment>& segments, double share, bool each = false);
 
+/// Why command and encoder of an axis cannot be of one unit and sign; empty if they can.
+[[nodiscard]] std::string why_scaled(const std::vector<Segment>& segments);
+
 /// The part of the segments between two times of the recording [s].
 [[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s,
                                        double to_s);

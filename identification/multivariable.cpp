@@ -501,7 +501,10 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
     Found one;
     one.pole.pair = pair;
     one.pole.omega = at(value);
-    one.pole.omega_deviation = deviation(value);
+    // On a bound of the search it is not what the data say.
+    const double fast = fastest(data.sample_time_s), slow = kTwoPi * kSlowest_hz;
+    const bool bound = one.pole.omega < 1.001 * slow || one.pole.omega > 0.999 * fast;
+    one.pole.omega_deviation = bound ? std::numeric_limits<double>::infinity() : deviation(value);
     if (pair) {
       one.pole.zeta = at(value + 1);
       one.pole.zeta_deviation = deviation(value + 1);

@@ -33,6 +33,7 @@ constexpr double kDisguisedDelay = 0.5;
 // delay which is not there.
 constexpr double kMostFeedforward = 1.5;
 
+constexpr double kForgotten_s = 0.5;
 constexpr double kNone = 1e300;  // of what is left: nothing was fitted
 constexpr const char* kNoFit = "no stable fit within the bounds";
 
@@ -194,6 +195,13 @@ class StructureChoice {
                   std::vector<StructureTrial>& tried)
       : name_(name), options_(options), encoder_step_(encoder_step), tried_(tried) {
     std::tie(fitted_, validated_) = split(training, 2.0 / 3.0, options.split_each);
+    // What is cut within a motion begins with friction and integrator in a state nobody knows: what
+    // they do until they have forgotten it would be the same for every structure, and hide what
+    // tells them apart.
+    for (Segment& s : validated_) {
+      const auto forgotten = static_cast<Eigen::Index>(std::lround(kForgotten_s / s.sample_time_s));
+      if (s.size() > 4 * forgotten) s.lead = std::max(s.lead, forgotten);
+    }
     noise_ = noise_floor(training).rms;
     search_.bounds = options.bounds;
     search_.starts = 3;

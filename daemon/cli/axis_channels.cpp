@@ -16,9 +16,10 @@ Channel channel_of(const std::string& given, const std::string& axis,
                     ? Channel{axis, given}
                     : Channel{given.substr(0, point), given.substr(point + 1)};
   if (std::find(known.begin(), known.end(), out.name) == known.end() || out.axis.empty()) {
-    throw UsageError(in_quotes(given) + " is none of " + listed(known) +
-                     (axis.empty() ? " as AXIS.channel" : ", of --axis or as AXIS.channel") +
-                     did_you_mean(out.name, known));
+    throw UsageError(
+        in_quotes(given) + " is none of " + listed(known) +
+        (axis.empty() ? " as AXIS.channel" : ", of --axis or as AXIS.channel") +
+        (out.axis.empty() ? std::string("; of which axis?") : did_you_mean(out.name, known)));
   }
   return out;
 }
@@ -47,8 +48,8 @@ Eigen::ArrayXd AxisChannels::values(const Channel& channel, std::size_t segment)
   if (axis.segments.size() != first.segments.size() ||
       axis.segments[segment].size() != first.segments[segment].size() ||
       axis.segments[segment].start_s != first.segments[segment].start_s)
-    refuse("rows at the same times as " + first.axis +
-           "; take an unbroken part with --from and --to");
+    refuse("unbroken stretches at the same times as " + first.axis +
+           ": a gap of one axis alone; take a part without one with --from and --to");
   const Segment& of = axis.segments[segment];
   if (channel.name == "command") return of.command;
   if (channel.name == "torque") {

@@ -76,7 +76,7 @@ void say_result(std::FILE* people, const Identified& identified) {
         record.method == "full-ls"
             ? "excitation  the motion has reversals and acceleration; full LS tells no standard "
               "deviations"
-            : "excitation  sufficient: the scatter of every parameter is below half its value");
+            : "excitation  sufficient: the scatter of the poles and of the level of friction is below half of each");
   }
   for (const std::string& line : record.excitation) say(people, "excitation  " + line);
   if (record.method != "full-ls" && record.noise_floor_rms > 0.0 &&

@@ -17,6 +17,7 @@
 #include "drivers/mat_writer.h"
 #include "drivers/text.h"
 #include "identification/frequency_response.h"
+#include "identification/identify.h"
 #include "twin/hold.h"
 
 namespace servotwin::cli {
@@ -28,6 +29,8 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi, kMicro = 1e-6;
 constexpr Eigen::Index kShortest = 200;  // rows: below, a start of its own costs more than it tells
 // Where break distances are sought from [um | urad].
 constexpr const char* kBreakDistances = "1,2,5,10,20,50";
+constexpr double kNothing = 0.5;           // left of an output: the fit is of no use
+constexpr double kCancel = 3.0;            // times the output: parts that cancel each other
 constexpr double kDetermined = 1.0 / 3.0;  // as of a pole: known to a third of itself
 const std::vector<std::string> kInputs{"command", "friction", "torque"};
 const std::vector<std::string> kOutputs{"error", "velocity", "torque"};
@@ -59,6 +62,8 @@ std::vector<double> break_distances(const std::string& list) {
     if (!CLI::detail::lexical_cast(part, value) || !(value > 0.0) || !(value <= 1e6))
       throw UsageError("--break-distance: " + in_quotes(part) +
                        " must be a number from above 0 to 1e6 [um | urad]");
+    if (std::find(out.begin(), out.end(), value / 1e6) != out.end())
+      throw UsageError("--break-distance: " + in_quotes(part) + " is there twice");
     out.push_back(value / 1e6);
   }
   return out;
@@ -157,6 +162,23 @@ Signals read(const Arguments& arguments, std::FILE* people) {
   if (inputs.empty())
     inputs = listed_channels(all_of(whole, axes, "command,friction", people), kInputs);
   if (outputs.empty()) outputs = listed_channels(all_of(whole, axes, "error", people), kOutputs);
+
+  for (std::size_t i = 0; i < inputs.size(); ++i) {
+    const Channel& input = inputs[i];
+    const auto same = [&](const Channel& other) {
+      return other.axis == input.axis && other.name == input.name;
+    };
+    if (std::any_of(inputs.begin(), inputs.begin() + static_cast<std::ptrdiff_t>(i), same))
+      throw UsageError("--input has " + in_quotes(input.axis + "." + input.name) + " twice");
+    if (input.name == "command" && !moves(axes.segmented(input.axis)))
+      throw std::runtime_error(whole.source + ": " + input.axis +
+                               ".command never changes: nothing can be said of what it does");
+  }
+  for (const Channel& output : outputs) {
+    if (output.name != "error") continue;
+    if (const std::string why = why_scaled(axes.segmented(output.axis).segments); !why.empty())
+      throw std::runtime_error(whole.source + ": " + output.axis + ": " + why);
+  }
 
   Signals out;
   const auto signal = [&](const Channel& channel) {
@@ -313,7 +335,8 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
   }
   if (!open.empty())
     say(people,
-        "note        not determined by these data (+- beyond a third of the value): poles at " +
+        "note        not determined by these data (+- beyond a third of the value, or on a bound "
+        "of the search): poles at " +
             open);
   for (std::size_t j = 0; j < signals.outputs.size(); ++j) {
     const auto row = static_cast<Eigen::Index>(j);
@@ -331,6 +354,13 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
                amount(fit.parts(row, signals.data.inputs[i].source), unit);
     }
     say(people, "  made by   " + parts);
+    if (fit.holdout(row) > kNothing * fit.holdout_outputs(row))
+      say(people, "note        the fit predicts next to nothing of " + signals.outputs[j].name +
+                      ": its poles and parts say nothing of the machine");
+    else if (fit.parts.row(row).maxCoeff() > kCancel * fit.holdout_outputs(row))
+      say(people,
+          "note        the parts of " + signals.outputs[j].name +
+              " are larger than it is: these inputs move together and cannot be told apart");
   }
 }
 

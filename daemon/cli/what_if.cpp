@@ -161,17 +161,19 @@ std::string optional_text(const std::optional<double>& value, const char* unit) 
 void tell(const Axis& before, const Axis& after, const std::vector<Motion>& motions,
           const Table& table, bool friction) {
   table.head();
+  const auto nut_text = [&](const char* what, std::size_t i) {
+    std::string out = text("%s, nut at %.4g", what, before.nut[i] / kMilli);
+    if (after.nut[i] != before.nut[i]) out += text(" | %.4g", after.nut[i] / kMilli);
+    return out + " mm";
+  };
   for (std::size_t i = 0; i < before.nut.size(); ++i) {
-    const auto nut_text = [&](const char* what) {
-      return text("%s, nut at %.4g mm", what, before.nut[i] / kMilli);
-    };
-    table.row(nut_text("modes"), before, after, [&](const Axis& axis) {
+    table.row(nut_text("modes", i), before, after, [&](const Axis& axis) {
       const Eigen::VectorXd& f = axis.modes[i];
       return text("%.1f %.1f %.0f Hz", f(0), f(1), f(2));
     });
   }
   for (std::size_t i = 0; i < before.nut.size(); ++i) {
-    table.row(text("static stiffness, nut at %.4g mm", before.nut[i] / kMilli), before, after,
+    table.row(nut_text("static stiffness", i), before, after,
               [&](const Axis& axis) { return text("%.2f N/um", axis.stiffness[i] * kMicro); });
   }
   const auto loop = [&](const char* name, auto show) {
@@ -179,12 +181,18 @@ void tell(const Axis& before, const Axis& after, const std::vector<Motion>& moti
               [&](const Axis& axis) { return show(axis.loop); });
   };
   loop("stable", [](const LoopFigures& f) { return std::string(f.stable ? "yes" : "NO"); });
-  loop("bandwidth (-3 dB)", [](const LoopFigures& f) { return text("%.1f Hz", f.bandwidth_hz); });
-  loop("peak",
-       [](const LoopFigures& f) { return text("%.2f dB at %.4g Hz", f.peak_db, f.peak_hz); });
-  loop("gain margin", [](const LoopFigures& f) { return optional_text(f.gain_margin_db, "dB"); });
-  loop("phase margin",
-       [](const LoopFigures& f) { return optional_text(f.phase_margin_deg, "degrees"); });
+  // Of an unstable loop they would say nothing.
+  const auto of_stable = [&](const char* name, auto show) {
+    loop(name, [&](const LoopFigures& f) { return f.stable ? show(f) : std::string("-"); });
+  };
+  of_stable("bandwidth (-3 dB)",
+            [](const LoopFigures& f) { return text("%.1f Hz", f.bandwidth_hz); });
+  of_stable("peak",
+            [](const LoopFigures& f) { return text("%.2f dB at %.4g Hz", f.peak_db, f.peak_hz); });
+  of_stable("gain margin",
+            [](const LoopFigures& f) { return optional_text(f.gain_margin_db, "dB"); });
+  of_stable("phase margin",
+            [](const LoopFigures& f) { return optional_text(f.phase_margin_deg, "degrees"); });
   for (std::size_t i = 0; i < motions.size(); ++i) {
     const auto motion = [&](const char* name, auto show) {
       table.row("  " + std::string(name), before, after, [&](const Axis& axis) {

@@ -181,6 +181,22 @@ TEST(MultivariableTool, AnAxisAtRestIsLeftOut) {
   EXPECT_THAT(answer.out, HasSubstr("output      Y.error"));
 }
 
+TEST(MultivariableTool, NoticesAWrongUnitAndWhatItSaysNothingOf) {
+  const Folder folder;
+  Axes axes = both(8000);
+  for (double& value : axes.y_actual) value *= 1e-3;
+  const Answer refused = servotwin_says({"multivariable", folder.write("unit.csv", table(axes))});
+  EXPECT_EQ(refused.status, 1) << refused;
+  EXPECT_THAT(refused.err, HasSubstr("Y: the encoder moves 0.00"));
+  EXPECT_THAT(refused.err, HasSubstr("check the units and the sign"));
+  // X's error from Y's command alone, which makes a tenth of it at most.
+  const std::string file = folder.write("rec.csv", table(both(8000)));
+  const Answer answer = servotwin_says(
+      {"multivariable", file, "--input", "Y.command", "--output", "X.error", "--order", "1"});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("the fit predicts next to nothing of X.error"));
+}
+
 TEST(MultivariableTool, RefusesWhatItCannotUse) {
   const Folder folder;
   const std::string file = folder.write("rec.csv", table(both(1000)));
@@ -202,6 +218,9 @@ TEST(MultivariableTool, RefusesWhatItCannotUse) {
   refused({"--output", "X.torque"}, 1, {"X has no torque"});
   refused({"--order", "16"}, 1, {"too short"});
   refused({"--input", "X.friction", "--plot", folder / "p.svg"}, 2, {"--plot", "frictions alone"});
+  refused({"--input", "command"}, 2, {"of which axis?"});
+  refused({"--input", "X.command,X.command"}, 2, {"'X.command' twice"});
+  refused({"--break-distance", "5,5"}, 2, {"--break-distance", "'5' is there twice"});
   refused({"--mat", "-"}, 2, {"MATLAB", "standard output"});
 }
 
