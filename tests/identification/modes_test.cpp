@@ -251,7 +251,7 @@ TEST(Modes, OneThatMovesWithPositionIsFoundWhereItIs) {
   const StructureTrial& standing = found.trials[4];
   const StructureTrial& moving = found.trials[5];
   EXPECT_TRUE(moving.moving && moving.chosen);
-  EXPECT_LT(moving.validation_rms, standing.validation_rms / 2.0);
+  EXPECT_LT(moving.validation_rms, 0.6 * standing.validation_rms);  // 0.85 are asked for
   EXPECT_TRUE(std::isfinite(found.record.mode_deviations[0].slope));
 
   // From there on, as the daemon goes on from the model in force.
