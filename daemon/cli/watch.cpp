@@ -22,6 +22,9 @@ namespace {
 // The loop's sleep: short enough that the readers' 64 messages do not run over at 1 kHz.
 constexpr double kWait_s = 0.02;
 constexpr double kRefresh_s = 1.0;
+// A daemon that has waited speaks through another writer once its machine is there: only who has
+// been away for this long has gone.
+constexpr double kGone_s = 2.0;
 
 struct Arguments {
   BusOptions bus;
@@ -149,7 +152,7 @@ void run(const Arguments& arguments) {
   Display display(arguments);
   const Interrupt interrupt;
   const auto start = std::chrono::steady_clock::now();
-  double last_s = 0.0, shown_s = 0.0;
+  double last_s = 0.0, shown_s = 0.0, over_s = 0.0;
   {
     std::optional<Progress> progress;
     if (arguments.summary) progress.emplace("watching " + arguments.bus.text());
@@ -159,7 +162,8 @@ void run(const Arguments& arguments) {
       record.silent_for(now_s - last_s, subscriber.daemon_there());
       if (arguments.seconds > 0.0 && now_s >= arguments.seconds) break;
       const bool spoken = record.predictions() > 0 || record.status();
-      if (arguments.summary && spoken && record.silent() && subscriber.over()) break;
+      if (!(spoken && record.silent() && subscriber.over())) over_s = now_s;
+      if (arguments.summary && now_s - over_s > kGone_s) break;
       if (!arguments.summary && now_s - shown_s >= kRefresh_s) {
         display.show(record, now_s);
         record.clear_lately();

@@ -326,6 +326,25 @@ TEST(Watch, TheSummaryHasTheFiguresOfTheModelInForce) {
   EXPECT_NEAR(axis["by_regime"]["constant_speed"]["share"].get<double>(), 0.9, 1e-12);
 }
 
+// A daemon that waits for its machine says so through a writer of its own, and speaks through
+// another one once the machine is there.
+TEST(Watch, TheSummaryGoesOnWhereADaemonThatWaitedTakesUpItsMachine) {
+  auto waiting = std::make_unique<Stage>(false);
+  Program watch(over_dds("watch", {"--summary", "--json"}));
+  ASSERT_TRUE(waiting->watched());
+  waiting->say(waiting->status());
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  waiting.reset();
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  auto stage = std::make_unique<Stage>();
+  ASSERT_TRUE(stage->watched());
+  play(*stage);
+  stage.reset();
+  const Answer answer = watch.answer();
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_GE(json::parse(answer.out)["predictions"], kLeastPredictions);
+}
+
 TEST(Watch, TheSummaryGoesOnOverAPauseOfADaemonThatReplaysItself) {
   auto stage = std::make_unique<Stage>(false);
   Program watch(over_dds("watch", {"--summary", "--json"}));
