@@ -12,14 +12,14 @@
 #include <stop_token>
 #include <thread>
 
-#include "daemon/clock.h"
-#include "daemon/config.h"
-#include "daemon/journal.h"
-#include "daemon/reload.h"
+#include "daemon/between/clock.h"
+#include "daemon/config/config.h"
+#include "daemon/config/listen_address.h"
+#include "daemon/config/reload.h"
 #include "daemon/service.h"
 #include "daemon/service_manager.h"
+#include "daemon/store/journal.h"
 #include "daemon/unknown_option.h"
-#include "daemon/web/listen_address.h"
 
 namespace servotwin {
 namespace {

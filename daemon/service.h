@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/config.h"
+#include "daemon/config/config.h"
 #include "drivers/messages.h"
 
 namespace servotwin {

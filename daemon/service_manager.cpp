@@ -11,7 +11,7 @@
 #include <optional>
 #include <utility>
 
-#include "daemon/scheduling.h"
+#include "daemon/loop/scheduling.h"
 
 namespace servotwin {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "diagnosis/plot.h"
-#include "identification/frequency_response.h"
+#include "identification/response/frequency_response.h"
 
 namespace servotwin {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "diagnosis/regressor.h"
-#include "identification/projection.h"
+#include "identification/loop/projection.h"
 #include "twin/low_pass.h"
 #include "twin/twin.h"
 

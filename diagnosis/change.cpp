@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "identification/joint.h"
+#include "identification/loop/joint.h"
 
 namespace servotwin {
 

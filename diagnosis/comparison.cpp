@@ -14,8 +14,8 @@
 #include "diagnosis/search.h"
 #include "diagnosis/text.h"
 #include "diagnosis/variation.h"
-#include "identification/joint.h"
-#include "identification/noise_floor.h"
+#include "identification/loop/joint.h"
+#include "identification/recording/noise_floor.h"
 #include "twin/twin.h"
 
 namespace servotwin {

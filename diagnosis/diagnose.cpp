@@ -10,8 +10,8 @@
 #include "diagnosis/selection.h"
 #include "diagnosis/text.h"
 #include "diagnosis/unexplained.h"
-#include "identification/joint.h"
-#include "identification/noise_floor.h"
+#include "identification/loop/joint.h"
+#include "identification/recording/noise_floor.h"
 #include "twin/twin.h"
 
 namespace servotwin {

@@ -21,8 +21,8 @@
 #include "diagnosis/residual.h"
 #include "diagnosis/spectrum.h"
 #include "diagnosis/suggested_motion.h"
-#include "identification/identify.h"
-#include "identification/noise_floor.h"
+#include "identification/loop/identify.h"
+#include "identification/recording/noise_floor.h"
 
 namespace servotwin {
 

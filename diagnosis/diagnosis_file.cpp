@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "diagnosis/text.h"
-#include "identification/joint.h"
+#include "identification/loop/joint.h"
 
 namespace servotwin {
 

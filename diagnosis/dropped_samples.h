@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "identification/segments.h"
+#include "identification/recording/segments.h"
 
 namespace servotwin {
 

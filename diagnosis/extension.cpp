@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "identification/excitation.h"
+#include "identification/recording/excitation.h"
 
 namespace servotwin {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "identification/projection.h"
+#include "identification/loop/projection.h"
 
 namespace servotwin {
 

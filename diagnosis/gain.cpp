@@ -6,7 +6,7 @@
 
 #include "diagnosis/bootstrap.h"
 #include "diagnosis/search.h"
-#include "identification/identify.h"
+#include "identification/loop/identify.h"
 #include "twin/hold.h"
 #include "twin/twin.h"
 

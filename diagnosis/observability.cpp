@@ -4,7 +4,7 @@
 #include "diagnosis/suggested_motion.h"
 #include "diagnosis/text.h"
 #include "diagnosis/torque.h"
-#include "identification/excitation.h"
+#include "identification/recording/excitation.h"
 
 namespace servotwin {
 

@@ -13,7 +13,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "identification/projection.h"
+#include "identification/loop/projection.h"
 
 namespace servotwin {
 

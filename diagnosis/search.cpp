@@ -6,9 +6,9 @@
 
 #include "diagnosis/cuts.h"
 #include "diagnosis/variation.h"
-#include "identification/identify.h"
-#include "identification/joint.h"
-#include "identification/output_error.h"
+#include "identification/loop/identify.h"
+#include "identification/loop/joint.h"
+#include "identification/loop/output_error.h"
 #include "twin/twin.h"
 
 namespace servotwin {

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "diagnosis/screen.h"
-#include "identification/noise_floor.h"
-#include "identification/pole_search.h"
+#include "identification/loop/pole_search.h"
+#include "identification/recording/noise_floor.h"
 
 namespace servotwin {
 
@@ -52,8 +52,9 @@ class Search {
   /// Refines from this point on the training data; from the grid of the poles where `from` is
   /// empty. False where there is no valid fit.
   [[nodiscard]] bool fit(Hypothesis& h, const std::vector<Point>& from);
-  /// The same for a structure with a law of friction, by the steps of identification/joint.h: from
-  /// a grid of its shapes, along the simulated motion where the encoder is coarse, and polished.
+  /// The same for a structure with a law of friction, by the steps of identification/loop/joint.h:
+  /// from a grid of its shapes, along the simulated motion where the encoder is coarse, and
+  /// polished.
   [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
   /// This kind beside a model that is held, fitted in free simulation; judged like `judge`, by what
   /// the other blocks say of the addition. False where there is no valid fit.

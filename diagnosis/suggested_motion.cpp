@@ -9,8 +9,8 @@
 #include "diagnosis/cause_nature.h"
 #include "diagnosis/diagnose.h"
 #include "diagnosis/text.h"
-#include "identification/excitation.h"
-#include "identification/noise_floor.h"
+#include "identification/recording/excitation.h"
+#include "identification/recording/noise_floor.h"
 
 namespace servotwin {
 

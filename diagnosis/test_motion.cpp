@@ -5,14 +5,15 @@
 #include <numbers>
 
 #include "diagnosis/text.h"
-#include "identification/evidence.h"
+#include "identification/recording/evidence.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kDifference_s = 0.02;  // as of the acceleration in identification/evidence.h
-constexpr double kPeak = 0.995;         // likewise
+constexpr double kDifference_s =
+    0.02;                        // as of the acceleration in identification/recording/evidence.h
+constexpr double kPeak = 0.995;  // likewise
 
 /// A leg in time: velocity rises to `peak`, holds, and falls.
 struct Trapezoid {

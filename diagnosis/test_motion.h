@@ -19,8 +19,8 @@
 
 namespace servotwin {
 
-/// What an axis did in a recording. Peaks are those of identification/evidence.h, which a noisy
-/// command does not raise.
+/// What an axis did in a recording. Peaks are those of identification/recording/evidence.h, which a
+/// noisy command does not raise.
 struct SeenMotion {
   double start = 0.0;            ///< where it stood at the end [m | rad]
   double low = 0.0, high = 0.0;  ///< of the command [m | rad]

@@ -20,7 +20,7 @@
 
 #include "diagnosis/diagnose.h"
 #include "diagnosis/plateau.h"
-#include "identification/segments.h"
+#include "identification/recording/segments.h"
 
 namespace servotwin {
 

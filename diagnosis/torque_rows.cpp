@@ -7,7 +7,7 @@
 #include <stdexcept>
 
 #include "diagnosis/quantile.h"
-#include "identification/unit_columns.h"
+#include "identification/least_squares/unit_columns.h"
 
 namespace servotwin {
 

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "diagnosis/plateau.h"
-#include "identification/force_data.h"
-#include "identification/segments.h"
+#include "identification/recording/segments.h"
+#include "identification/torque/force_data.h"
 #include "twin/catalogue.h"
 
 namespace servotwin {

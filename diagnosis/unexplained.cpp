@@ -5,8 +5,8 @@
 
 #include "diagnosis/search.h"
 #include "diagnosis/variation.h"
-#include "identification/identify.h"
-#include "identification/signals.h"
+#include "identification/loop/identify.h"
+#include "identification/recording/signals.h"
 
 namespace servotwin {
 

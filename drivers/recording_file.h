@@ -3,10 +3,11 @@
 //   time[s],X.command[mm],X.actual[mm],X.torque[Nm],Y.command[mm],Y.actual[mm]
 //
 // Values come back in SI units, rows in the file's order, with what was ignored or missing in the
-// notes; gaps, repeats and jitter are left as they are (identification/segments.h deals with them).
-// A position channel that the file does not have is NaN in every row; an empty, NaN or infinite
-// cell is NaN. Errors: std::runtime_error for what is wrong with the file, std::invalid_argument
-// for what is wrong with the options; one line with file, line, column and value. Any thread.
+// notes; gaps, repeats and jitter are left as they are (identification/recording/segments.h deals
+// with them). A position channel that the file does not have is NaN in every row; an empty, NaN or
+// infinite cell is NaN. Errors: std::runtime_error for what is wrong with the file,
+// std::invalid_argument for what is wrong with the options; one line with file, line, column and
+// value. Any thread.
 #pragma once
 
 #include <filesystem>

@@ -2,7 +2,7 @@
 //
 // A gap of the recording is a loss of frames, as it was. What is known ahead of time are the
 // commands of the rows that follow, as far as no gap is between. Which row belongs to which cycle
-// is decided before: daemon/recorded_cycles.h. Any one thread. Errors: std::runtime_error.
+// is decided before: daemon/input/recorded_cycles.h. Any one thread. Errors: std::runtime_error.
 #pragma once
 
 #include <cstddef>

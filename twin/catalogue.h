@@ -1,4 +1,4 @@
-// The catalogue of effects. To add one: twin/effects/, a line here, its C in daemon/fmu/sources/.
+// The catalogue of effects. To add one: twin/effects/, a line here, its C in cli/export/sources/.
 #pragma once
 
 #include <algorithm>

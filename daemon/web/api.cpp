@@ -8,13 +8,13 @@
 #include <stdexcept>
 #include <string_view>
 
-#include "daemon/clock.h"
-#include "daemon/report_file.h"
-#include "daemon/status_figures.h"
+#include "daemon/between/clock.h"
+#include "daemon/publish/status_figures.h"
+#include "daemon/store/report_file.h"
 #include "daemon/web/live_json.h"
 #include "daemon/web/page.h"
 #include "drivers/text.h"
-#include "identification/model_file.h"
+#include "identification/model/model_file.h"
 
 namespace servotwin {
 namespace {

@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "daemon/arming.h"
-#include "daemon/residual_watch.h"
-#include "daemon/store.h"
+#include "daemon/correct/arming.h"
+#include "daemon/record/residual_watch.h"
+#include "daemon/store/store.h"
 #include "daemon/web/health.h"
 #include "daemon/web/http_message.h"
 #include "daemon/web/metrics.h"

@@ -11,7 +11,7 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "daemon/clock.h"
+#include "daemon/between/clock.h"
 
 namespace servotwin {
 namespace {

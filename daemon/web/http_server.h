@@ -17,9 +17,9 @@
 #include <string>
 #include <vector>
 
+#include "daemon/config/listen_address.h"
 #include "daemon/web/event_stream.h"
 #include "daemon/web/http_message.h"
-#include "daemon/web/listen_address.h"
 
 struct MHD_Connection;
 struct MHD_Daemon;

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "daemon/status_figures.h"
+#include "daemon/publish/status_figures.h"
 
 namespace servotwin {
 namespace {

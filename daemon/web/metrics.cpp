@@ -6,7 +6,7 @@
 #include <functional>
 #include <utility>
 
-#include "daemon/status_figures.h"
+#include "daemon/publish/status_figures.h"
 #include "daemon/web/live_json.h"
 
 namespace servotwin {

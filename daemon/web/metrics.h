@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "daemon/histogram.h"
-#include "daemon/residual_watch.h"
-#include "daemon/web/live_feed.h"
+#include "daemon/between/histogram.h"
+#include "daemon/publish/live_feed.h"
+#include "daemon/record/residual_watch.h"
 #include "drivers/messages.h"
 
 namespace servotwin {

@@ -4,8 +4,8 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "daemon/clock.h"
-#include "daemon/scheduling.h"
+#include "daemon/between/clock.h"
+#include "daemon/loop/scheduling.h"
 #include "daemon/web/live_json.h"
 
 namespace servotwin {

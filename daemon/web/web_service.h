@@ -2,8 +2,8 @@
 // publisher publishes and what the store holds out.
 //
 // The real-time loop knows nothing of it. What it counts is read in passing (LoopCounters); its
-// cycles come through the publisher and daemon/web/live_feed.h; the store is opened once more, to
-// be read. Errors: the constructor throws std::runtime_error where it cannot listen.
+// cycles come through the publisher and daemon/publish/live_feed.h; the store is opened once more,
+// to be read. Errors: the constructor throws std::runtime_error where it cannot listen.
 #pragma once
 
 #include <atomic>
@@ -11,15 +11,15 @@
 #include <string>
 #include <thread>
 
-#include "daemon/arming.h"
-#include "daemon/config.h"
-#include "daemon/real_time_loop.h"
-#include "daemon/residual_watch.h"
-#include "daemon/store.h"
+#include "daemon/config/config.h"
+#include "daemon/correct/arming.h"
+#include "daemon/loop/real_time_loop.h"
+#include "daemon/publish/live_feed.h"
+#include "daemon/record/residual_watch.h"
+#include "daemon/store/store.h"
 #include "daemon/web/api.h"
 #include "daemon/web/health.h"
 #include "daemon/web/http_server.h"
-#include "daemon/web/live_feed.h"
 
 namespace servotwin {
 

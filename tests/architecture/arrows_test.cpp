@@ -27,6 +27,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude{
     {"ilc", {"ilc", "twin"}},
     {"drivers", {"drivers", "msgs", "twin/sample.h"}},
     {"daemon", {"daemon", "diagnosis", "identification", "ilc", "drivers", "msgs", "twin"}},
+    {"cli", {"cli", "daemon", "diagnosis", "identification", "ilc", "drivers", "msgs", "twin"}},
 };
 
 /// Headers of the system that a room must do without.
@@ -82,7 +83,7 @@ bool allowed(const std::string& room, const Include& include) {
 
 /// The C sources of an exported unit are packed as they are: they include each other and the C
 /// library's headers, and nothing else.
-const fs::path kUnitSources = fs::path("daemon") / "fmu" / "sources";
+const fs::path kUnitSources = fs::path("cli") / "export" / "sources";
 const std::set<std::string> kCLibrary{"math.h",  "stdarg.h", "stddef.h",
                                       "stdio.h", "stdlib.h", "string.h"};
 
@@ -148,22 +149,23 @@ class Planted {
 };
 
 TEST(Architecture, AWrongIncludeIsFoundWithItsPlace) {
-  EXPECT_THAT(Planted("twin/x.h", "#pragma once\n#include \"identification/identify.h\"\n").found(),
-              ElementsAre("twin/x.h:2 includes identification/identify.h"));
+  EXPECT_THAT(
+      Planted("twin/x.h", "#pragma once\n#include \"identification/loop/identify.h\"\n").found(),
+      ElementsAre("twin/x.h:2 includes identification/loop/identify.h"));
   EXPECT_THAT(Planted("twin/effects/x.h", "  #  include <chrono>\n").found(),
               ElementsAre("twin/effects/x.h:1 includes chrono"));
   EXPECT_THAT(Planted("drivers/x.cpp", "#include \"twin/model.h\"\n").found(),
               ElementsAre("drivers/x.cpp:1 includes twin/model.h"));
-  EXPECT_THAT(Planted("drivers/x.cpp", "#include \"daemon/config.h\"\n").found(),
-              ElementsAre("drivers/x.cpp:1 includes daemon/config.h"));
+  EXPECT_THAT(Planted("drivers/x.cpp", "#include \"daemon/config/config.h\"\n").found(),
+              ElementsAre("drivers/x.cpp:1 includes daemon/config/config.h"));
   EXPECT_THAT(Planted("identification/x.cpp", "#include \"servotwin.h\"\n").found(),
               ElementsAre("identification/x.cpp:1 includes servotwin.h"));
   EXPECT_THAT(Planted("daemon/x.cpp", "#include \"tests/daemon/support.h\"\n").found(),
               ElementsAre("daemon/x.cpp:1 includes tests/daemon/support.h"));
-  EXPECT_THAT(Planted("daemon/fmu/sources/x.c", "#include \"twin/twin.h\"\n").found(),
-              ElementsAre("daemon/fmu/sources/x.c:1 includes twin/twin.h"));
-  EXPECT_THAT(Planted("daemon/fmu/sources/x.c", "#include <pthread.h>\n").found(),
-              ElementsAre("daemon/fmu/sources/x.c:1 includes pthread.h"));
+  EXPECT_THAT(Planted("cli/export/sources/x.c", "#include \"twin/twin.h\"\n").found(),
+              ElementsAre("cli/export/sources/x.c:1 includes twin/twin.h"));
+  EXPECT_THAT(Planted("cli/export/sources/x.c", "#include <pthread.h>\n").found(),
+              ElementsAre("cli/export/sources/x.c:1 includes pthread.h"));
   EXPECT_THAT(Planted("daemon/x.cpp", "#include \"config.h\"\n").found(),
               ElementsAre("daemon/x.cpp:1 includes config.h"))
       << "ours are included from the root";
@@ -173,11 +175,11 @@ TEST(Architecture, ARightIncludeIsNot) {
   EXPECT_THAT(
       Planted("drivers/x.cpp", "#include \"twin/sample.h\"\n#include \"msgs/topics.h\"\n").found(),
       IsEmpty());
-  EXPECT_THAT(Planted("daemon/cli/x.cpp", "#include \"twin/twin.h\"\n#include <chrono>\n").found(),
+  EXPECT_THAT(Planted("cli/x.cpp", "#include \"twin/twin.h\"\n#include <chrono>\n").found(),
               IsEmpty());
-  EXPECT_THAT(Planted("diagnosis/x.cpp", "#include \"identification/identify.h\"\n").found(),
+  EXPECT_THAT(Planted("diagnosis/x.cpp", "#include \"identification/loop/identify.h\"\n").found(),
               IsEmpty());
-  EXPECT_THAT(Planted("daemon/fmu/sources/x.c", "#include \"x.c\"\n#include <math.h>\n").found(),
+  EXPECT_THAT(Planted("cli/export/sources/x.c", "#include \"x.c\"\n#include <math.h>\n").found(),
               IsEmpty());
 }
 

@@ -15,8 +15,8 @@
 #include <string>
 #include <vector>
 
-#include "daemon/clock.h"
-#include "daemon/scheduling.h"
+#include "daemon/between/clock.h"
+#include "daemon/loop/scheduling.h"
 #include "drivers/can_encoder.h"
 #include "drivers/can_udp.h"
 #include "drivers/socketcan.h"

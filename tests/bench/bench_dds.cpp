@@ -23,8 +23,8 @@
 #include <string>
 #include <vector>
 
-#include "daemon/clock.h"
-#include "daemon/store.h"
+#include "daemon/between/clock.h"
+#include "daemon/store/store.h"
 #include "drivers/dds.h"
 #include "servotwin.h"  // generated from msgs/servotwin.idl
 #include "tests/bench/record.h"

@@ -19,9 +19,9 @@
 #include <fstream>
 #include <numbers>
 
-#include "identification/frequency_response.h"
-#include "identification/joint.h"
-#include "identification/pole_search.h"
+#include "identification/loop/joint.h"
+#include "identification/loop/pole_search.h"
+#include "identification/response/frequency_response.h"
 #include "tests/bench/record.h"
 
 namespace {

@@ -27,12 +27,12 @@
 #include <thread>
 #include <vector>
 
-#include "daemon/clock.h"
-#include "daemon/diagnosis_worker.h"
-#include "daemon/identification_worker.h"
-#include "daemon/real_time_loop.h"
-#include "daemon/recorder.h"
-#include "daemon/scheduling.h"
+#include "daemon/between/clock.h"
+#include "daemon/diagnose/diagnosis_worker.h"
+#include "daemon/identify/identification_worker.h"
+#include "daemon/loop/real_time_loop.h"
+#include "daemon/loop/scheduling.h"
+#include "daemon/record/recorder.h"
 #include "tests/bench/record.h"
 
 namespace {

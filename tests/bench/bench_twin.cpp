@@ -9,14 +9,14 @@
 #include <numbers>
 #include <vector>
 
-#include "daemon/fmu/unit.h"
+#include "cli/export/unit.h"
 #include "tests/bench/record.h"
 #include "tests/support/temporary_directory.h"
 #include "twin/twin.h"
 #include "twin/virgin_curve.h"
 
 extern "C" {
-#include "daemon/fmu/sources/fmi2.h"
+#include "cli/export/sources/fmi2.h"
 }
 
 namespace {

@@ -3,7 +3,7 @@
 
     tests/bench/export.py BUILD_DIR [RECORDING] [AXIS]
 
-Identifies the axis, exports the model, and simulates the unit in the host of tests/daemon/fmu.
+Identifies the axis, exports the model, and simulates the unit in the host of tests/cli/export.
 """
 
 import csv
@@ -14,7 +14,7 @@ import tempfile
 
 sys.dont_write_bytecode = True
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "daemon" / "fmu"))
+sys.path.insert(0, str(HERE.parent / "cli" / "export"))
 from command_spline import spline  # noqa: E402
 from fmi_host import Instance, Unit  # noqa: E402
 

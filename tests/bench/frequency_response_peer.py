@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Frequency response and coherence by SciPy: the peer of identification/frequency_response.h.
+"""Frequency response and coherence by SciPy: the peer of identification/response/frequency_response.h.
 
     frequency_response_peer.py RESPONSE.json RECORD.csv INPUT OUTPUT [--instrument NAME] [--differenced]
 

@@ -19,10 +19,10 @@
 #include <utility>
 #include <vector>
 
-#include "identification/identify.h"
-#include "identification/joint.h"
-#include "identification/output_error.h"
-#include "identification/pole_search.h"
+#include "identification/loop/identify.h"
+#include "identification/loop/joint.h"
+#include "identification/loop/output_error.h"
+#include "identification/loop/pole_search.h"
 #include "tests/virtual_machine/axis.h"
 #include "tests/virtual_machine/program.h"
 #include "twin/twin.h"

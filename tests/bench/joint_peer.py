@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The joint identification as one would write it in SciPy: the peer of identification/joint.h.
+"""The joint identification as one would write it in SciPy: the peer of identification/loop/joint.h.
 
     joint_peer.py RECORD.csv
 

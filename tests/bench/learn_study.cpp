@@ -20,9 +20,9 @@
 #include <string>
 #include <vector>
 
-#include "daemon/robust_axis.h"
+#include "daemon/correct/robust_axis.h"
 #include "diagnosis/diagnose.h"
-#include "identification/identify.h"
+#include "identification/loop/identify.h"
 #include "ilc/feedforward.h"
 #include "ilc/learn.h"
 #include "tests/hidden_effects/rig.h"

@@ -6,9 +6,9 @@
 #include <cstdio>
 #include <numbers>
 
-#include "identification/full_ls.h"
-#include "identification/identify.h"
-#include "identification/joint.h"
+#include "identification/loop/full_ls.h"
+#include "identification/loop/identify.h"
+#include "identification/loop/joint.h"
 #include "tests/support/full_ls_prediction.h"
 #include "tests/support/thesis_study.h"
 #include "twin/twin.h"

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The pole search as one would write it in SciPy: the peer of identification/pole_search.h.
+"""The pole search as one would write it in SciPy: the peer of identification/loop/pole_search.h.
 
     pole_search_peer.py RECORD.csv [--tolerance T] [--at REAL_HZ OMEGA_HZ ZETA]
 

@@ -20,7 +20,7 @@
 #include <string>
 #include <vector>
 
-#include "identification/identify.h"
+#include "identification/loop/identify.h"
 #include "tests/hidden_effects/motion.h"
 #include "tests/hidden_effects/rig.h"
 #include "tests/support/coupled_machine.h"

@@ -3,7 +3,7 @@
 
 #include <fstream>
 
-#include "daemon/store.h"
+#include "daemon/store/store.h"
 #include "daemon/web/http_server.h"
 #include "program.h"
 #include "recordings.h"

@@ -1,5 +1,5 @@
 // servotwin export: what it writes and says, and what it refuses. What is in a unit is tested in
-// tests/daemon/fmu, the matrices in tests/twin and tests/octave.
+// tests/cli/export, the matrices in tests/twin and tests/octave.
 #include <gmock/gmock.h>
 #include <matio.h>
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "daemon/feed_axis_file.h"
+#include "cli/feed_axis_file.h"
 #include "program.h"
 
 namespace servotwin {

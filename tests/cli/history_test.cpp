@@ -4,7 +4,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "daemon/store.h"
+#include "daemon/store/store.h"
 #include "program.h"
 #include "recordings.h"
 

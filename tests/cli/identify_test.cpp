@@ -7,7 +7,7 @@
 #include <numbers>
 #include <sstream>
 
-#include "identification/model_file.h"
+#include "identification/model/model_file.h"
 #include "program.h"
 #include "recordings.h"
 #include "twin/twin.h"

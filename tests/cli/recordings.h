@@ -4,7 +4,7 @@
 #include <functional>
 #include <string>
 
-#include "identification/model_file.h"
+#include "identification/model/model_file.h"
 
 namespace servotwin {
 

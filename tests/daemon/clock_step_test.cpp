@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/store.h"
+#include "daemon/store/store.h"
 #include "drivers/can_udp.h"
 #include "drivers/csv.h"
 #include "tests/daemon/http_client.h"

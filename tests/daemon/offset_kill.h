@@ -18,9 +18,9 @@
 #include <thread>
 #include <vector>
 
-#include "daemon/clock.h"
-#include "daemon/store.h"
-#include "daemon/virtual_drive.h"
+#include "cli/virtual_drive.h"
+#include "daemon/between/clock.h"
+#include "daemon/store/store.h"
 #include "drivers/can_bus.h"
 #include "drivers/can_encoder.h"
 #include "drivers/dds.h"

@@ -16,7 +16,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/store.h"
+#include "daemon/store/store.h"
 #include "drivers/dds.h"
 #include "tests/daemon/ball_screw.h"
 #include "tests/daemon/stalled_thread.h"

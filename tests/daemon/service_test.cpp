@@ -13,8 +13,8 @@
 #include <random>
 #include <thread>
 
-#include "daemon/scheduling.h"
-#include "daemon/store.h"
+#include "daemon/loop/scheduling.h"
+#include "daemon/store/store.h"
 #include "drivers/csv.h"
 #include "drivers/dds.h"
 #include "tests/daemon/ball_screw.h"

@@ -14,7 +14,7 @@
 #include <string>
 
 #include "drivers/messages.h"
-#include "identification/model_file.h"
+#include "identification/model/model_file.h"
 #include "twin/model.h"
 
 namespace servotwin {

@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <map>
 
-#include "daemon/clock.h"
+#include "daemon/between/clock.h"
 #include "tests/dds/support.h"
 
 namespace servotwin::test {

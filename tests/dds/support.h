@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/store.h"
+#include "daemon/store/store.h"
 #include "drivers/dds.h"
 #include "tests/daemon/support.h"
 #include "tests/support/process.h"

@@ -9,7 +9,7 @@
 #include <stdexcept>
 
 #include "diagnosis/diagnose.h"
-#include "identification/evidence.h"
+#include "identification/recording/evidence.h"
 #include "tests/virtual_machine/program.h"
 #include "twin/catalogue.h"
 

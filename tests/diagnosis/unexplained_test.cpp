@@ -6,7 +6,7 @@
 
 #include <cmath>
 
-#include "identification/identify.h"
+#include "identification/loop/identify.h"
 #include "twin/twin.h"
 
 namespace servotwin {

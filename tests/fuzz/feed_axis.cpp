@@ -1,9 +1,9 @@
 // The parts of a feed axis: every problem is a line with its place; parts without one make a
 // mechanism that stands, wherever its nut is.
 //
-// Sources: daemon/feed_axis_file.cpp drivers/toml_section.cpp drivers/file_handle.cpp
+// Sources: cli/feed_axis_file.cpp drivers/toml_section.cpp drivers/file_handle.cpp
 // Sources: drivers/text.cpp twin/feed_axis/ball_screw.cpp
-#include "daemon/feed_axis_file.h"
+#include "cli/feed_axis_file.h"
 
 #include <cmath>
 

@@ -3,10 +3,11 @@
 // matters: lines, fields, percent signs; its own faults are not ours.
 //
 // Sources: daemon/web/api.cpp daemon/web/health.cpp daemon/web/http_message.cpp
-// Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/report_file.cpp daemon/store.cpp
-// Sources: daemon/event_log.cpp daemon/journal.cpp daemon/status_figures.cpp
-// Sources: drivers/file_handle.cpp drivers/text.cpp identification/model_file.cpp
-// Sources: twin/hold.cpp twin/loop.cpp twin/low_pass.cpp twin/model.cpp twin/twin.cpp
+// Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/store/report_file.cpp
+// daemon/store/store.cpp Sources: daemon/store/event_log.cpp daemon/store/journal.cpp
+// daemon/publish/status_figures.cpp Sources: drivers/file_handle.cpp drivers/text.cpp
+// identification/model/model_file.cpp Sources: twin/hold.cpp twin/loop.cpp twin/low_pass.cpp
+// twin/model.cpp twin/twin.cpp
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>

@@ -1,12 +1,12 @@
 // A model file: what is accepted is within its bounds, is written and read to the same, and can be
 // simulated.
 //
-// Sources: identification/model_file.cpp twin/hold.cpp twin/loop.cpp twin/low_pass.cpp
+// Sources: identification/model/model_file.cpp twin/hold.cpp twin/loop.cpp twin/low_pass.cpp
 // Sources: twin/model.cpp twin/twin.cpp
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "identification/model_file.h"
+#include "identification/model/model_file.h"
 #include "tests/fuzz/fuzz.h"
 #include "twin/twin.h"
 

@@ -9,7 +9,7 @@
 #include "diagnosis/diagnose.h"
 #include "diagnosis/diagnosis_file.h"
 #include "drivers/recording_file.h"
-#include "identification/segments.h"
+#include "identification/recording/segments.h"
 #include "tests/support/temporary_directory.h"
 
 namespace servotwin::hidden_effects {

@@ -11,8 +11,8 @@
 #include "diagnosis/extension.h"
 #include "diagnosis/search.h"
 #include "diagnosis/suggested_motion.h"
-#include "identification/noise_floor.h"
-#include "identification/output_error.h"
+#include "identification/loop/output_error.h"
+#include "identification/recording/noise_floor.h"
 #include "tests/hidden_effects/rig.h"
 #include "twin/twin.h"
 

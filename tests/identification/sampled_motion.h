@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "identification/segments.h"
+#include "identification/recording/segments.h"
 
 namespace servotwin {
 

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "identification/segments.h"
+#include "identification/recording/segments.h"
 #include "tests/hidden_effects/motion.h"
 #include "tests/hidden_effects/rig.h"
 #include "tests/support/closed_loop.h"

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "identification/full_ls.h"
+#include "identification/loop/full_ls.h"
 
 namespace servotwin::test {
 

@@ -1,6 +1,6 @@
 // A machine on a real bus: cycles without loss under load, faults told, and the loop controller -
 // virtual drive - twin closed.
-#include "daemon/can_source.h"
+#include "daemon/input/can_source.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,8 +11,8 @@
 #include <numbers>
 #include <thread>
 
-#include "daemon/clock.h"
-#include "daemon/virtual_drive.h"
+#include "cli/virtual_drive.h"
+#include "daemon/between/clock.h"
 #include "drivers/can_encoder.h"
 #include "tests/vcan/support.h"
 

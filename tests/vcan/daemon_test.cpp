@@ -13,11 +13,11 @@
 #include <optional>
 #include <thread>
 
-#include "daemon/store.h"
+#include "daemon/store/store.h"
 #include "drivers/can_encoder.h"
 #include "drivers/candump.h"
 #include "drivers/recording_file.h"
-#include "identification/model_file.h"
+#include "identification/model/model_file.h"
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/prometheus_text.h"
 #include "tests/daemon/support.h"

@@ -1,6 +1,6 @@
 // The parts of a feed axis with ball screw: what data sheets and drawings say of it (paper 002;
 // docs/theory.md 16). SI units: m, rad, kg, s, N, Nm. Ranges are checked where a file is read
-// (daemon/feed_axis_file.h); everything here takes them as given.
+// (cli/feed_axis_file.h); everything here takes them as given.
 #pragma once
 
 #include <optional>

@@ -1,0 +1,72 @@
+#include "cli/can_drive.h"
+
+#include <array>
+#include <memory>
+
+#include "cli/command.h"
+#include "cli/interrupt.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "cli/virtual_drive.h"
+#include "daemon/between/clock.h"
+#include "drivers/can_map.h"
+#include "drivers/socketcan.h"
+#include "drivers/text.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr double kPatience_s = 0.1;
+
+std::vector<Twin> twins_of(const CanMap& map, const std::vector<std::filesystem::path>& files) {
+  std::vector<Twin> twins;
+  for (const std::optional<ModelRecord>& record : models_of(map.machine, files, stdout)) {
+    const std::string& axis = map.machine.axes[twins.size()].name;
+    if (!record) throw UsageError("there is no --model of axis " + in_quotes(axis));
+    twins.emplace_back(record->model);
+  }
+  return twins;
+}
+
+}  // namespace
+
+void drive_on_can(const CanDriveOptions& options) {
+  if (options.map.empty())
+    throw UsageError("say with --can-map F.toml which bits of which frames are which signal");
+  const CanMap map = load_can_map(options.map);
+  if (map.buses.size() != options.interfaces.size()) {
+    throw UsageError(text("the mapping has %zu buses (%s), and --can names %zu", map.buses.size(),
+                          listed(map.buses).c_str(), options.interfaces.size()));
+  }
+  VirtualDrive drive(map, twins_of(map, options.models));
+  std::vector<std::unique_ptr<SocketCan>> buses;
+  for (const std::string& interface : options.interfaces)
+    buses.push_back(std::make_unique<SocketCan>(interface));
+  say(stdout, "answering on " + listed(options.interfaces) + " as " +
+                  std::to_string(map.machine.axes.size()) + " axes");
+  std::fflush(stdout);
+
+  const Interrupt interrupt;
+  const std::int64_t begin = steady_ns();
+  std::array<CanFrame, 64> batch;
+  std::uint64_t not_sent = 0;
+  while (!interrupt.came()) {
+    if (options.seconds > 0.0 && static_cast<double>(steady_ns() - begin) * 1e-9 > options.seconds)
+      break;
+    // The bus with the SYNC is waited for; on the others only targets come.
+    for (std::size_t i = 0; i < buses.size(); ++i) {
+      const std::size_t bus = (map.start.bus + 1 + i) % buses.size();
+      const std::size_t count =
+          buses[bus]->receive(batch, bus == map.start.bus ? kPatience_s : 0.0);
+      for (std::size_t k = 0; k < count; ++k) {
+        for (const VirtualDrive::Answer& answer : drive.on_frame(bus, batch[k]))
+          not_sent += 1 - buses[answer.bus]->send({&answer.frame, 1});
+      }
+    }
+  }
+  say(stdout, text("answered in %zu cycles, %zu frames not sent, %zu values did not fit",
+                   static_cast<std::size_t>(drive.cycles()), static_cast<std::size_t>(not_sent),
+                   static_cast<std::size_t>(drive.not_carried())));
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,508 @@
+// servotwin characterize: friction from the motor's torque (paper 001).
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/force_text.h"
+#include "cli/model_text.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "diagnosis/plot.h"
+#include "drivers/text.h"
+#include "identification/loop/identify.h"
+#include "identification/loop/joint.h"
+#include "identification/torque/friction_from_torque.h"
+#include "identification/torque/hysteresis.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kMilli = 1e-3;  // people say mm, the program m
+constexpr double kMicro = 1e-6;
+constexpr int kCurvePoints = 200;
+constexpr double kKnownMass = 3.0;  // standard deviations
+
+struct Arguments {
+  AxisOptions input;
+  std::filesystem::path model, result, plot;
+  std::string method = "ramps";
+  std::vector<std::string> frictions = {"lugre", "stribeck"};
+  double centre_mm = 0.0, band_mm = 0.0, lead_mm = 0.0;
+  double training_share = 0.6, bandwidth_hz = 40.0;
+  double travel_um = 200.0;
+  bool invert = false;
+};
+
+std::string milli(bool rotary) { return rotary ? "mrad" : "mm"; }
+
+std::string effects_text(const ForceStructure& structure) {
+  std::string out;
+  for (const std::size_t kind : structure.effects)
+    out += (out.empty() ? "" : " + ") + std::string(identity_of(kind).id);
+  return out;
+}
+
+void say_trials(std::FILE* people, const std::vector<FrictionTrial>& trials,
+                const ForceUnit& unit) {
+  say(people, text("tried       held-out: RMS, MAX [%s], share of the torque", unit.name.c_str()));
+  for (const FrictionTrial& trial : trials) {
+    say(people, text("  %-10s%9.4g %9.4g %8.3f %%  ", trial.chosen ? "->" : "",
+                     trial.held_out.rms / unit.scale, trial.held_out.max / unit.scale,
+                     100.0 * trial.held_out.relative) +
+                    effects_text(trial.structure));
+  }
+}
+
+json trials_json(const std::vector<FrictionTrial>& trials, const ForceUnit& unit) {
+  json out = json::array();
+  for (const FrictionTrial& trial : trials) {
+    json one = force_json(trial.fit, trial.structure.mass, unit);
+    one["training"] = {{"rms", trial.fit.error.rms / unit.scale},
+                       {"relative", trial.fit.error.relative}};
+    one["held_out"] = {{"rms", trial.held_out.rms / unit.scale},
+                       {"max", trial.held_out.max / unit.scale},
+                       {"relative", trial.held_out.relative}};
+    one["chosen"] = trial.chosen;
+    out.push_back(one);
+  }
+  return out;
+}
+
+const FrictionTrial& chosen(const std::vector<FrictionTrial>& trials) {
+  return *std::find_if(trials.begin(), trials.end(), [](const auto& t) { return t.chosen; });
+}
+
+/// The speeds between the slowest and the fastest, evenly in their logarithm.
+std::vector<double> speeds_between(double slowest, double fastest) {
+  std::vector<double> out;
+  for (int i = 0; i < kCurvePoints; ++i)
+    out.push_back(slowest * std::pow(fastest / slowest, i / (kCurvePoints - 1.0)));
+  return out;
+}
+
+/// Velocity-torque pairs with the fits, both directions over speed.
+std::string ramps_plot(const std::vector<Ramp>& ramps, const std::vector<FrictionTrial>& trials,
+                       const ForceUnit& unit) {
+  std::vector<PlotPanel> panels;
+  double slowest = 1e300, fastest = 0.0;
+  for (const Ramp& ramp : ramps) {
+    slowest = std::min(slowest, std::abs(ramp.velocity));
+    fastest = std::max(fastest, std::abs(ramp.velocity));
+  }
+  for (const double sign : {1.0, -1.0}) {
+    PlotPanel panel;
+    panel.title = sign > 0.0 ? "positive direction" : "negative direction";
+    panel.x_label = "speed [" + milli(unit.rotary) + "/s]";
+    panel.y_label = "friction [" + unit.name + "]";
+    panel.logarithmic_x = true;
+    PlotSeries steady{"steady ramps", {}, {}, false, "#555555"};
+    PlotSeries jumping{"with stick-slip", {}, {}, false, "#e0a030"};
+    for (const Ramp& ramp : ramps) {
+      if (ramp.velocity * sign < 0.0) continue;
+      PlotSeries& series = ramp.stick_slip ? jumping : steady;
+      series.x.push_back(std::abs(ramp.velocity) / kMilli);
+      series.y.push_back(sign * ramp.torque / unit.scale);
+    }
+    panel.series = {steady};
+    if (!jumping.x.empty()) panel.series.push_back(jumping);
+    for (const FrictionTrial& trial : trials) {
+      PlotSeries series{effects_text(trial.structure), {}, {}, true, ""};
+      for (const double speed : speeds_between(slowest, fastest)) {
+        series.x.push_back(speed / kMilli);
+        series.y.push_back(sign * steady_force(trial.fit.model, sign * speed) / unit.scale);
+      }
+      panel.series.push_back(std::move(series));
+    }
+    panels.push_back(std::move(panel));
+  }
+  return plot_svg(panels);
+}
+
+/// Friction of a force model per moved mass, in place of the friction that the model has. What is
+/// viscous stays in the poles, where the loop was identified with it.
+void add_friction(ModelRecord& record, const ForceFit& found, double mass) {
+  auto replaced = friction_kinds();
+  const auto replace = [&](std::size_t kind) { replaced.push_back(kind); };
+  replace(kind_of<FrictionMap>());
+  record.effect_deviations.resize(record.model.effects.size());
+  for (const Effect& effect : found.model.effects) {
+    replace(effect.kind);
+    if (effect.kind == kind_of<FrictionMap>()) {
+      throw std::runtime_error(
+          "friction_map cannot go into a model: what of it is viscous, which the poles hold, is "
+          "not "
+          "known; the file is as it was");
+    }
+    // Unlike levels of the two directions contain a constant force.
+    if (effect.kind == kind_of<Stribeck>() || effect.kind == kind_of<ModifiedStribeck>() ||
+        effect.kind == kind_of<AsymmetricFriction>())
+      replace(kind_of<ConstantForce>());
+  }
+  std::vector<Effect> effects;
+  std::vector<EffectDeviations> deviations;
+  for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+    const Effect& effect = record.model.effects[i];
+    if (std::find(replaced.begin(), replaced.end(), effect.kind) != replaced.end()) continue;
+    effects.push_back(effect);
+    deviations.push_back(record.effect_deviations[i]);
+  }
+  for (std::size_t i = 0; i < found.model.effects.size(); ++i) {
+    Effect effect = found.model.effects[i];
+    EffectDeviations sd = found.deviations[i];
+    const auto coefficients = coefficients_of(effect.kind);
+    for (std::size_t c = 0; c < coefficients.size(); ++c) {
+      effect.coefficient[c] /= mass;
+      sd.coefficient[c] /= mass;
+    }
+    if (effect.kind == kind_of<Stribeck>() || effect.kind == kind_of<ModifiedStribeck>())
+      effect.coefficient[5] -= effect.coefficient[4];  // viscous_minus: beyond viscous_plus
+    for (std::size_t c = 0; c < coefficients.size(); ++c) {
+      if (!coefficients[c].with_free_loop) effect.coefficient[c] = 0.0;
+    }
+    effects.push_back(effect);
+    deviations.push_back(sd);
+  }
+  record.model.effects = std::move(effects);
+  record.effect_deviations = std::move(deviations);
+}
+
+/// The model with its new friction must predict this recording better than the file does.
+void require_better(ModelRecord& record, const std::filesystem::path& file,
+                    const SegmentedAxis& axis, std::FILE* people) {
+  if (const std::string why = why_invalid(record.model); !why.empty())
+    throw std::runtime_error(file.string() + ": " + why + ". The file is as it was");
+  const ModelRecord before = read_model(file);
+  const ErrorFigures had = judge(model_at(before, axis.sample_time_s, people), axis.segments),
+                     has = judge(model_at(record, axis.sample_time_s, people), axis.segments);
+  say(people, "the file    " + figures_text(had, axis.rotary) + "   on this recording");
+  say(people, "with this   " + figures_text(has, axis.rotary));
+  if (!(has.rms < had.rms)) {
+    throw std::runtime_error(file.string() +
+                             ": with this friction it predicts worse, since its loop had made up "
+                             "for the friction it did "
+                             "not have; find both together with 'servotwin identify --method "
+                             "joint'. The file is as it was");
+  }
+  record.training = record.holdout = {};  // they were of another friction
+  record.noise_floor_rms = kAbsent;
+}
+
+struct Characterized {
+  ForceFit fit;
+  bool with_mass = false;
+  double mass = kAbsent, mass_deviation = kAbsent;
+  json result = json::object();
+  std::string plot;
+};
+
+Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, const ForceUnit& unit,
+                       std::FILE* people) {
+  RampOptions options;
+  options.centre = arguments.centre_mm * kMilli;
+  if (arguments.band_mm > 0.0) options.band = arguments.band_mm * kMilli;
+  const std::vector<Ramp> ramps = ramps_of(axis.segments, options);
+  if (ramps.empty()) {
+    throw std::runtime_error(axis.source +
+                             ": no ramp of constant commanded velocity with torque in it; record "
+                             "the motion of 'servotwin motion-law', or use --method motion");
+  }
+  double slowest = 1e300, fastest = 0.0;
+  for (const Ramp& ramp : ramps) {
+    slowest = std::min(slowest, std::abs(ramp.velocity));
+    fastest = std::max(fastest, std::abs(ramp.velocity));
+  }
+  say(people, text("ramps       %zu at %.3g to %.4g %s/s, averaged %s", ramps.size(),
+                   slowest / kMilli, fastest / kMilli, milli(unit.rotary).c_str(),
+                   options.band ? "within the band" : "over their middle"));
+  const auto jumping = static_cast<std::size_t>(
+      std::count_if(ramps.begin(), ramps.end(), [](const Ramp& r) { return r.stick_slip; }));
+  const auto unjudged =
+      std::count_if(ramps.begin(), ramps.end(), [](const Ramp& r) { return !r.judged; });
+  if (unjudged > 0) {
+    say(people, text("stick-slip  not judged on %td ramps: too short against the encoder's step",
+                     unjudged));
+  }
+  require_resisting(ramps, axis.source);
+  if (const double below = stick_slip_below(ramps); below > 0.0) {
+    say(people, text("stick-slip  on %zu ramps, up to %.3g %s/s: their torque is not friction at "
+                     "that speed; stribeck is fitted without them",
+                     jumping, below / kMilli, milli(unit.rotary).c_str()));
+  } else {
+    say(people, unjudged > 0 ? "            none on the others"
+                             : "stick-slip  none: every ramp moves steadily");
+  }
+  const std::vector<FrictionTrial> trials = compare_on_ramps(ramps);
+  say_trials(people, trials, unit);
+  Characterized out;
+  out.fit = chosen(trials).fit;
+  // The same recording also accelerates.
+  const ForceStructure structure{true, chosen(trials).structure.effects};
+  ForceFitOptions held;
+  held.shapes.emplace();
+  held.least_speed = slowest;
+  for (const Effect& effect : out.fit.model.effects) {
+    held.shapes->insert(
+        held.shapes->end(), effect.shape.begin(),
+        effect.shape.begin() + static_cast<std::ptrdiff_t>(shapes_of(effect.kind).size()));
+  }
+  if (const auto moved =
+          fit_force(ForceData::of_motion(axis.segments, arguments.bandwidth_hz), structure, held)) {
+    out.mass = moved->model.mass;
+    out.mass_deviation = moved->mass_deviation;
+    say(people, text("moved mass  %.4g +- %.2g %s, from the accelerations", out.mass / unit.scale,
+                     moved->mass_deviation / unit.scale, unit.of_mass().c_str()));
+  }
+  out.result["trials"] = trials_json(trials, unit);
+  json pairs = json::array();
+  for (const Ramp& ramp : ramps) {
+    pairs.push_back(
+        {{"velocity", ramp.velocity},
+         {"torque", ramp.torque / unit.scale},
+         {"sd",
+          std::isfinite(ramp.torque_deviation) ? json(ramp.torque_deviation / unit.scale) : json()},
+         {"begin_s", ramp.begin_s},
+         {"end_s", ramp.end_s},
+         {"stick_slip", ramp.stick_slip}});
+  }
+  out.result["ramps"] = pairs;
+  out.result["stick_slip_below"] = stick_slip_below(ramps);
+  if (!arguments.plot.empty()) out.plot = ramps_plot(ramps, trials, unit);
+  return out;
+}
+
+Characterized on_motion(const Arguments& arguments, const SegmentedAxis& axis,
+                        const ForceUnit& unit, std::FILE* people) {
+  std::vector<std::size_t> kinds;
+  for (const std::string& id : arguments.frictions) kinds.push_back(kind_of(id));
+  const std::vector<FrictionTrial> trials =
+      compare_on_motion(axis.segments, kinds, arguments.training_share, arguments.bandwidth_hz);
+  say_trials(people, trials, unit);
+  Characterized out;
+  out.fit = chosen(trials).fit;
+  out.with_mass = true;
+  out.mass = out.fit.model.mass;
+  out.mass_deviation = out.fit.mass_deviation;
+  require_mass(out.fit, axis.source);
+  out.result["trials"] = trials_json(trials, unit);
+  if (!arguments.plot.empty()) {
+    const ForceData all = ForceData::of_motion(axis.segments, arguments.bandwidth_hz);
+    const Eigen::VectorXd modelled = force_of(out.fit.model, all);
+    PlotSeries measured{"measured", {}, {}, true, ""},
+        fitted{effects_text(chosen(trials).structure), {}, {}, true, ""},
+        left{"measured - fitted", {}, {}, true, ""};
+    for (Eigen::Index k = 0; k < all.rows(); ++k) {
+      const double t = all.time()(k);
+      if (k > 0 && t - all.time()(k - 1) > 1.5 * all.step_s()) {
+        for (PlotSeries* series : {&measured, &fitted, &left}) {
+          series->x.push_back(t);
+          series->y.push_back(kAbsent);  // a gap
+        }
+      }
+      for (PlotSeries* series : {&measured, &fitted, &left}) series->x.push_back(t);
+      measured.y.push_back(all.force()(k) / unit.scale);
+      fitted.y.push_back(modelled(k) / unit.scale);
+      left.y.push_back((all.force()(k) - modelled(k)) / unit.scale);
+    }
+    const std::string label = "[" + unit.name + "]";
+    out.plot = plot_svg({{"motor torque", "time [s]", label, false, {measured, fitted}},
+                         {"what is left", "time [s]", label, false, {left}}});
+  }
+  return out;
+}
+
+Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis,
+                           const ForceUnit& unit, std::FILE* people) {
+  // The inertia first: its share of a slow reversal is small, but known.
+  const auto moved = fit_force(ForceData::of_motion(axis.segments, arguments.bandwidth_hz),
+                               {true, {kind_of<Presliding>(), kind_of<ConstantForce>()}});
+  if (!moved) throw std::runtime_error(axis.source + ": no finite fit of the moved mass");
+  require_mass(*moved, axis.source);
+  const double mass = moved->model.mass;
+  const VirginCurve curve = virgin_curve_of(axis.segments, arguments.travel_um * kMicro, mass);
+  const auto fit = fit_force(ForceData::of_virgin_curve(curve.displacement, curve.force),
+                             {false, {kind_of<Presliding>()}});
+  if (!fit) throw std::runtime_error(axis.source + ": the virgin curve could not be fitted");
+  const char* small = unit.rotary ? "urad" : "um";
+  say(people, text("virgin curve from %d reversal branches, halved: %.4g %s after %.4g %s",
+                   curve.branches, curve.force(curve.force.size() - 1) / unit.scale,
+                   unit.name.c_str(), curve.displacement(curve.force.size() - 1) / kMicro, small));
+  say(people,
+      text("presliding  fits it to %.3g %s RMS", fit->error.rms / unit.scale, unit.name.c_str()));
+  Characterized out;
+  out.fit = *fit;
+  out.mass = mass;
+  out.mass_deviation = moved->mass_deviation;
+  const double far = curve.displacement(curve.displacement.size() - 1);
+  if (out.fit.model.effects[0].shape[0] > far) {
+    say(people,
+        text("note        the breakaway displacement lies beyond the %.4g %s that were looked "
+             "at: take a larger --travel",
+             far / kMicro, small));
+  }
+  json points = json::array();
+  for (Eigen::Index k = 0; k < curve.force.size(); ++k) {
+    points.push_back({{"displacement", curve.displacement(k)},
+                      {"force", curve.force(k) / unit.scale},
+                      {"sd", curve.deviation(k) / unit.scale}});
+  }
+  out.result["virgin_curve"] = points;
+  if (!arguments.plot.empty()) {
+    PlotSeries measured{"halved branches", {}, {}, false, ""},
+        fitted{"presliding", {}, {}, true, ""};
+    const ForceData data = ForceData::of_virgin_curve(curve.displacement, curve.force);
+    const Eigen::VectorXd modelled = force_of(fit->model, data);
+    for (Eigen::Index k = 0; k < curve.force.size(); ++k) {
+      for (PlotSeries* series : {&measured, &fitted})
+        series->x.push_back(curve.displacement(k) / kMicro);
+      measured.y.push_back(curve.force(k) / unit.scale);
+      fitted.y.push_back(modelled(k) / unit.scale);
+    }
+    out.plot = plot_svg({{"virgin curve",
+                          std::string("displacement [") + small + "]",
+                          "force [" + unit.name + "]",
+                          false,
+                          {measured, fitted}}});
+  }
+  return out;
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.result, arguments.plot});
+  SegmentedAxis axis = arguments.input.read(people);
+  require_torque(axis, arguments.invert);
+  require_motion(axis);
+  if (arguments.lead_mm > 0.0 && (axis.rotary || axis.torque_unit != "Nm")) {
+    throw UsageError("--lead needs a linear axis whose torque is in Nm");
+  }
+  ModelRecord record;
+  if (!arguments.model.empty()) {
+    record = read_model_for(arguments.model, axis.axis, axis.rotary);
+    if (record.axis != axis.axis) {
+      throw std::runtime_error(arguments.model.string() + " is the model of axis " + record.axis +
+                               ", not of " + axis.axis);
+    }
+  }
+  const ForceUnit unit = force_unit(axis.torque_unit, axis.rotary, arguments.lead_mm * kMilli);
+  Characterized found;
+  {
+    const Progress progress("characterizing " + axis.axis);
+    found = arguments.method == "ramps"    ? on_ramps(arguments, axis, unit, people)
+            : arguments.method == "motion" ? on_motion(arguments, axis, unit, people)
+                                           : on_reversals(arguments, axis, unit, people);
+  }
+  for (const std::string& line : force_lines(found.fit, found.with_mass, unit)) say(people, line);
+  if (const auto open = undetermined(found.fit); !open.empty()) {
+    say(people,
+        "note        not determined by these data (+- beyond the value itself): " + listed(open));
+  }
+  if (!arguments.model.empty()) {
+    if (!(found.mass > kKnownMass * found.mass_deviation)) {
+      throw std::runtime_error(arguments.model.string() +
+                               ": the moved mass is not known well enough to tell friction per "
+                               "moved mass; the recording "
+                               "must accelerate. The file is as it was");
+    }
+    add_friction(record, found.fit, found.mass);
+    require_better(record, arguments.model, axis, people);
+  }
+  if (!arguments.plot.empty()) write_result(arguments.plot, found.plot);
+  if (!arguments.result.empty()) {
+    json out = force_json(found.fit, found.with_mass, unit);
+    out["schema"] = "servotwin.characterization/1";
+    out["axis"] = axis.axis;
+    out["method"] = arguments.method;
+    out["source"] = axis.source;
+    if (std::isfinite(found.mass))
+      out["moved_mass"] = {{"value", found.mass / unit.scale},
+                           {"unit", unit.of_mass()},
+                           {"sd", found.mass_deviation / unit.scale}};
+    out["force_unit"] = unit.name;
+    out["undetermined"] = undetermined(found.fit);
+    out.update(found.result);
+    write_json(arguments.result, out);
+  }
+  if (arguments.model.empty()) return;
+  write_json(arguments.model, to_json(record));
+  say(people, "written     " + arguments.model.string() +
+                  ": its friction is replaced; what is viscous stays in the poles");
+}
+
+}  // namespace
+
+Command add_characterize(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command =
+      *app.add_subcommand("characterize", "Friction of an axis from the motor's torque.");
+  arguments->input.declare(command);
+  command
+      .add_option("--method", arguments->method,
+                  "ramps (default): mean torque at constant velocities, of a 'motion-law' "
+                  "recording; motion: friction and inertia from any motion; reversals: the virgin "
+                  "curve from slow hysteresis")
+      ->check(CLI::IsMember({"ramps", "motion", "reversals"}).name(""))
+      ->type_name("METHOD");
+  command
+      .add_option("--model", arguments->model,
+                  "put the friction into this model file, in place of the one it has")
+      ->type_name("M.json");
+  command
+      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      ->type_name("OUT");
+  command.add_option("--plot", arguments->plot, "write a picture of data and fits here (SVG)")
+      ->type_name("OUT.svg");
+  command
+      .add_option("--lead", arguments->lead_mm,
+                  "lead of the screw [mm]: tells torques in Nm as forces in N")
+      ->type_name("MM")
+      ->check(CLI::PositiveNumber.name(""));
+  command
+      .add_option("--band", arguments->band_mm,
+                  "ramps: average within this band [mm | mrad] (default: the middle of every ramp)")
+      ->type_name("MM")
+      ->check(CLI::PositiveNumber.name(""));
+  command.add_flag("--invert-torque", arguments->invert,
+                   "the drive counts torque against the motion: turn it round");
+  command.add_option("--centre", arguments->centre_mm, "ramps: the middle of the band [mm | mrad]")
+      ->type_name("MM");
+  command
+      .add_option("--friction", arguments->frictions,
+                  "motion: friction models to compare (default lugre,stribeck)")
+      ->delimiter(',')
+      ->check(CLI::IsMember(torque_frictions()).name(""))
+      ->type_name("ID,..");
+  command
+      .add_option("--training-share", arguments->training_share,
+                  "motion: share of the data that is fitted (default 0.6); the rest judges")
+      ->type_name("SHARE")
+      ->check(between(0.1, 0.9));
+  command
+      .add_option("--bandwidth", arguments->bandwidth_hz,
+                  "up to which torque and model are compared [Hz] (default 40); 0: all")
+      ->type_name("HZ")
+      ->check(CLI::NonNegativeNumber.name(""));
+  command
+      .add_option("--travel", arguments->travel_um,
+                  "reversals: travel on each side that a reversal must have [um | urad] (default "
+                  "200)")
+      ->type_name("UM")
+      ->check(CLI::PositiveNumber.name(""));
+  // An option of another method would be ignored without a word.
+  const auto only = [&command, arguments](const char* option, const char* method) {
+    if (command.count(option) > 0 && arguments->method != method)
+      throw UsageError(std::string(option) + " needs --method " + method);
+  };
+  return {&command, [arguments, only] {
+            only("--friction", "motion");
+            only("--training-share", "motion");
+            only("--band", "ramps");
+            only("--centre", "ramps");
+            only("--travel", "reversals");
+            run(*arguments);
+          }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,96 @@
+// servotwin check-config: would the daemon start with this configuration?
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "cli/command.h"
+#include "cli/output.h"
+#include "daemon/config/config.h"
+#include "daemon/service.h"
+#include "drivers/text.h"
+
+namespace servotwin::cli {
+namespace {
+
+std::string text_of(const DdsConfig& dds) {
+  return "DDS domain " + std::to_string(dds.domain) +
+         (dds.partition.empty() ? "" : ", partition " + in_quotes(dds.partition));
+}
+
+void run(const std::filesystem::path& file) {
+  const CheckedConfig checked = check_config(file);
+  std::vector<std::string> problems;
+  for (const ConfigProblem& problem : checked.problems) problems.push_back(problem.message());
+  if (problems.empty()) {
+    for (const std::string& obstacle : obstacles(checked.config))
+      problems.push_back(file.string() + ": " + obstacle);
+  }
+  // What a mistaken file names need not be what is meant.
+  const std::string unseen =
+      checked.problems.empty() ? ""
+                               : "; store, recordings, mapping, address and processors are looked "
+                                 "at when they are corrected";
+  if (problems.size() == 1) throw std::runtime_error(problems.front() + unseen);
+  if (!problems.empty()) {
+    for (const std::string& problem : problems) say(stderr, problem);
+    throw std::runtime_error(
+        file.string() +
+        text(": %zu problems; the daemon would not run as it says there", problems.size()) +
+        unseen);
+  }
+  const Config& config = checked.config;
+  say(stdout, file.string() + ": valid");
+  say(stdout, "machine     " + config.machine +
+                  (config.cycle_s ? text(", cycle %.6g ms", 1e3 * *config.cycle_s) : ""));
+  std::string axes;
+  for (const AxisConfig& axis : config.axes)
+    axes += (axes.empty() ? "" : ", ") + axis.name + (axis.rotary ? " (rotary)" : "");
+  say(stdout, "axes        " + (axes.empty() ? "as the source says" : axes));
+  std::string source = text_of(config.dds_in.value_or(config.dds));
+  if (config.source == SourceKind::kReplay)
+    source = text("replay of %zu recordings", config.replay.files.size());
+  if (config.source == SourceKind::kCan) {
+    source = "CAN " + (config.can.interfaces.empty() ? "as named" : listed(config.can.interfaces)) +
+             " in " + config.can.map.string();
+  } else if (config.source == SourceKind::kUdp) {
+    source = "CAN over UDP at " + config.udp.listen + ", " + config.udp.map.string();
+  }
+  say(stdout, "source      " + source);
+  say(stdout, "output      " + text_of(config.dds) +
+                  (config.dds.strength == 0 ? "" : text(", strength %d", config.dds.strength)));
+  const auto store = config.store.directory.empty() ? default_store() : config.store.directory;
+  say(stdout, "store       " + store.string());
+  if (config.ilc.live) {
+    if (config.http.token.empty())
+      say(stdout,
+          "note: ilc.live sends nothing until a person arms it, and nobody can without "
+          "http.token");
+    if (std::none_of(config.axes.begin(), config.axes.end(),
+                     [](const AxisConfig& axis) { return axis.correction.has_value(); }))
+      say(stdout, "note: ilc.live sends nothing: no axis has a correction");
+  }
+  for (const AxisConfig& axis : config.axes) {
+    if (!config.cycle_s || !axis.correction) continue;
+    if (const double half_hz = 0.5 / *config.cycle_s; axis.correction->bandwidth_hz > half_hz)
+      say(stdout,
+          text("note: axis %s: a correction's bandwidth of %.6g Hz limits nothing, half the "
+               "cycle rate is %.6g Hz",
+               axis.name.c_str(), axis.correction->bandwidth_hz, half_hz));
+  }
+  for (const std::string& line : taken(config))
+    say(stdout, "note: " + line + " now: as it should be if that is the daemon which is to get " +
+                    "this configuration; a second one would not start");
+}
+
+}  // namespace
+
+Command add_check_config(CLI::App& app) {
+  const auto file = std::make_shared<std::filesystem::path>();
+  CLI::App& command = *app.add_subcommand(
+      "check-config", "Checks a configuration of the daemon; every problem on a line.");
+  command.add_option("FILE", *file, "configuration (TOML)")->required();
+  return {&command, [file] { run(*file); }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,274 @@
+// servotwin diagnose: what the simulation of an axis gets wrong, why, and what it would gain.
+#include "diagnosis/diagnose.h"
+
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <set>
+
+#include "cli/command.h"
+#include "cli/model_text.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "diagnosis/comparison.h"
+#include "diagnosis/diagnosis_file.h"
+#include "diagnosis/report.h"
+#include "diagnosis/torque.h"
+#include "diagnosis/torque_text.h"
+
+namespace servotwin::cli {
+namespace {
+
+struct Arguments {
+  AxisOptions input;
+  std::filesystem::path result, report, extended, earlier;
+  std::string test;  // what the files of the suggested test are called
+  DiagnoseOptions options;
+  bool details = false;
+};
+
+std::set<std::string> known_causes() {
+  std::set<std::string> out{"dropped_samples"};
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    if (!identity_of(kind).cause.empty()) out.emplace(identity_of(kind).cause);
+  }
+  return out;
+}
+
+void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
+                   const std::optional<TorqueDiagnosis>& torque, bool details) {
+  const bool rotary = diagnosis.baseline.rotary;
+  say(people, "verdict     " + verdict_text(diagnosis));
+  say(people, "baseline    " + structure_text(diagnosis.baseline.model));
+  say(people, "            " + figures_text(diagnosis.baseline.holdout, rotary) +
+                  text("   (hold-out, what follows %.4g s: not seen by the fit)",
+                       diagnosis.baseline.training_to_s));
+  say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
+  say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
+  for (const Cause& cause : diagnosis.causes) {
+    std::string line = text("cause       %-24s ", cause.id.c_str());
+    if (std::isfinite(cause.gain.before)) {
+      line += text("%12.3f -> %.3f %s without and with it", 1e6 * cause.gain.before,
+                   1e6 * cause.gain.after, micro(rotary));
+    } else if (cause.counts.empty() && cause.moved.empty()) {
+      line += "without it the simulation runs away";
+    }
+    if (std::isfinite(cause.gain.low))
+      line += text(" (gain %.2g to %.2g)", 1e6 * cause.gain.low, 1e6 * cause.gain.high);
+    if (cause.place == kNoEffect && cause.moved.empty()) {
+      line += std::string(std::isfinite(cause.gain.before) ? ", " : "") + "counted, not inferred";
+    } else {
+      line += text(", sure %.0f %%", 100.0 * cause.confidence);
+    }
+    say(people, line);
+    say(people, "              " + cause_text(diagnosis, cause));
+    if (const std::string also = torque ? torque_beside(*torque, cause.id) : ""; !also.empty())
+      say(people, "              " + also);
+    // Where repair changes less than a thousandth it is not worth a line.
+    // What a control does for the axis is not repaired by taking it away.
+    if (cause.gain.tracking_now - cause.gain.tracking_repaired > 1e-3 * cause.gain.tracking_now) {
+      std::string repair =
+          text("repaired: tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
+               1e6 * cause.gain.tracking_repaired, micro(rotary));
+      if (std::isfinite(cause.gain.contour_repaired))
+        repair += text(", across the path %.4g -> %.4g", 1e6 * cause.gain.contour_now,
+                       1e6 * cause.gain.contour_repaired);
+      say(people, "              " + repair);
+    }
+    for (const std::string& rival : cause.ambiguous_with)
+      say(people, "              not to be told from " + rival + " by this recording");
+    if (const std::string advice = advice_for(cause.id); !advice.empty())
+      say(people, "              check " + advice);
+  }
+  for (const Cause& cause : diagnosis.suspected) {
+    std::string rivals;
+    for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
+    const char* why =
+        cause.confidence < kNamed
+            ? "too little to name it"
+            : "but what it gains on data not seen may be nothing, or is within the noise";
+    say(people, text("suspected   %-24s sure %.0f %%, %s", cause.id.c_str(),
+                     100.0 * cause.confidence, why) +
+                    rivals);
+    say(people, "              " + cause_text(diagnosis, cause));
+  }
+  if (const std::string term = not_understood_text(diagnosis); !term.empty())
+    say(people, "not known   " + term + ": it predicts and explains nothing");
+  if (details) {
+    for (const std::string& step : diagnosis.steps) say(people, "search      " + step);
+  }
+  for (const RegimeShare& share : diagnosis.regimes) {
+    if (share.samples == 0) continue;
+    say(people, text("left        %-14s %8.3f %s RMS %8.2f MAX, %4.1f %% of the squared error in "
+                     "%4.1f %% of the time",
+                     std::string(name_of(share.regime)).c_str(), 1e6 * share.rms, micro(rotary),
+                     1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
+  }
+  for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
+  for (const NotObservable& one : diagnosis.not_observable)
+    say(people, text("cannot show %-24s ", one.id.c_str()) + one.why);
+  if (diagnosis.suggested_test) {
+    // A sentence a line.
+    std::string words = diagnosis.suggested_test->words;
+    for (std::size_t at = 0; (at = words.find(". ", at)) != std::string::npos; at += 14)
+      words.replace(at, 2, ".\n            ");
+    say(people, "test        " + words);
+  }
+}
+
+/// BASE.csv and BASE.nc; their names, none where no motion is suggested.
+std::vector<std::string> write_test(const std::string& base, const Diagnosis& diagnosis, double h,
+                                    std::FILE* people) {
+  if (!diagnosis.suggested_test || !diagnosis.suggested_test->motion) {
+    say(people,
+        diagnosis.suggested_test
+            ? "test        no motion decides: no file is written"
+            : "test        none is needed: nothing that the position loop says is in doubt");
+    return {};
+  }
+  const TestMotion& motion = *diagnosis.suggested_test->motion;
+  const std::string& axis = diagnosis.baseline.axis;
+  const bool rotary = diagnosis.baseline.rotary;
+  const Eigen::ArrayXd command = motion.command(h);
+  Column time{"time[s]", {}}, path{axis + (rotary ? ".command[rad]" : ".command[mm]"), {}};
+  for (Eigen::Index i = 0; i < command.size(); ++i) {
+    constexpr double kDigits = 1e9;  // picometres
+    time.values.push_back(std::round(kDigits * h * static_cast<double>(i)) / kDigits);
+    path.values.push_back(std::round(kDigits * (rotary ? 1.0 : 1e3) * command(i)) / kDigits);
+  }
+  write_result(base + ".csv", csv({time, path}));
+  write_result(base + ".nc", gcode(motion, axis, rotary));
+  say(people, "written     " + base + ".csv, " + base +
+                  ".nc (accelerations are comments in it: set them in the control)");
+  return {base + ".csv", base + ".nc"};
+}
+
+/// Where there is no position loop to diagnose, for this reason.
+void run_on_torque(const Arguments& arguments, const SegmentedAxis& axis, bool commanded,
+                   const std::string& reason, std::FILE* people) {
+  if (!arguments.extended.empty())
+    throw std::runtime_error("--extended-model: there is no model of the position loop: " + reason);
+  const TorqueDiagnosis torque = diagnose_torque(axis, arguments.options, commanded);
+  say(people, "torque      alone: " + reason);
+  for (const std::string& line : torque_lines(torque, arguments.details)) say(people, line);
+  if (!arguments.result.empty()) write_json(arguments.result, torque_alone(torque, reason));
+  if (!arguments.report.empty()) write_result(arguments.report, torque_page(torque, axis.source));
+}
+
+/// Nothing where there is no torque, or too little of it, which is said.
+std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis, const Arguments& arguments,
+                                         std::FILE* people) {
+  if (!has_torque(axis)) return std::nullopt;
+  try {
+    return diagnose_torque(axis, arguments.options);
+  } catch (const std::runtime_error& error) {
+    say(people, std::string("torque      not explained: ") + error.what());
+    return std::nullopt;
+  }
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.result, arguments.report, arguments.extended});
+  Recording recording = arguments.input.recording.read(people);
+  const bool commanded = !without_command(recording, arguments.input.axis);
+  const SegmentedAxis axis = arguments.input.segmented(recording, people);
+  if (!commanded) {
+    run_on_torque(arguments, axis, false, "the recording has position and torque and no command",
+                  people);
+    return;
+  }
+  Diagnosis diagnosis;
+  try {
+    const Progress progress("diagnosing " + axis.axis);
+    diagnosis = arguments.earlier.empty()
+                    ? diagnose(axis, arguments.options)
+                    : compare(axis, read_model(arguments.earlier), arguments.options);
+  } catch (const std::runtime_error& error) {
+    if (!has_torque(axis) || !arguments.earlier.empty()) throw;
+    const std::string reason = error.what();
+    try {
+      run_on_torque(arguments, axis, true, reason, people);
+    } catch (const std::runtime_error& also) {
+      throw std::runtime_error(reason + "; nor by torque: " + also.what());
+    }
+    return;
+  }
+  const std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);
+  if (torque) heed(*torque, diagnosis);
+  diagnosis.baseline.source = diagnosis.extended.source =
+      arguments.input.recording.file.filename().string();
+  say_diagnosis(people, diagnosis, torque, arguments.details);
+  if (torque) {
+    std::vector<std::string> told;
+    for (const Cause& cause : diagnosis.causes) told.push_back(cause.id);
+    for (const std::string& line : torque_lines(*torque, arguments.details, told))
+      say(people, line);
+  }
+  if (!arguments.extended.empty()) write_json(arguments.extended, to_json(diagnosis.extended));
+  std::vector<std::string> test;
+  if (!arguments.test.empty())
+    test = write_test(arguments.test, diagnosis, axis.sample_time_s, people);
+  if (!arguments.result.empty()) {
+    nlohmann::json result = to_json(diagnosis, arguments.extended.string());
+    if (!test.empty()) result["suggested_test_files"] = test;
+    if (torque) add_torque(result, *torque);
+    write_json(arguments.result, result);
+  }
+  if (!arguments.report.empty())
+    write_result(arguments.report, report_html(diagnosis, axis.segments, axis.source,
+                                               torque ? torque_section(*torque) : ""));
+}
+
+}  // namespace
+
+Command add_diagnose(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "diagnose", "What the simulation of an axis gets wrong, why, and what naming it gains.");
+  arguments->input.declare(command);
+  command
+      .add_option("--model", arguments->earlier,
+                  "an earlier model of this axis: what changed since it was identified")
+      ->type_name("M.json");
+  command.add_option("--json", arguments->result, "write the diagnosis here; - is standard output")
+      ->type_name("OUT.json");
+  command.add_option("--report", arguments->report, "write a page for people here")
+      ->type_name("OUT.html");
+  command
+      .add_option("--extended-model", arguments->extended,
+                  "write the model with all causes here (servotwin.model/1)")
+      ->type_name("M2.json");
+  command
+      .add_option("--suggested-test", arguments->test,
+                  "where causes cannot be told apart, write the motion that would decide: BASE.csv "
+                  "for servotwin simulate, BASE.nc as G-code")
+      ->type_name("BASE");
+  command.add_flag("--details", arguments->details, "say what was tried, added and taken out");
+  command.add_option("--leave-out", arguments->options.leave_out, "causes that are not looked for")
+      ->delimiter(',')
+      ->check(CLI::IsMember(known_causes()).name(""))
+      ->type_name("ID,..");
+  command.add_flag("--encoder-in-loop", arguments->options.encoder_in_loop,
+                   "the recorded encoder is the one that the position loop uses: it cannot show "
+                   "lead_error, thermal_growth or a gap behind it");
+  command
+      .add_option_function<double>(
+          "--training-share",
+          [arguments](double share) {
+            arguments->options.identify.training_share = share;
+            arguments->options.balance = false;
+          },
+          "share of the data that is fitted (default 0.6 of the time, or of the error where that "
+          "is uneven over the recording); the rest measures the gain")
+      ->type_name("SHARE")
+      ->check(between(0.1, 0.95));
+  command
+      .add_option("--delay-max", arguments->options.identify.delay_max_s,
+                  "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
+      ->type_name("S")
+      ->check(between(0.0, 0.05));
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,91 @@
+/* The twin of one axis in C: what twin/twin.cpp does, with the matrices of its steps given.
+ *
+ * Both structs are plain data without pointers: a copy is a state that one can go back to. Any
+ * thread, one at a time for one state; no allocation. Metres or radians, seconds, forces per moved
+ * mass. tests/cli/export/translation_test.cpp holds it together with twin/twin.cpp (docs/decisions/0009). */
+#ifndef SERVOTWIN_AXIS_H
+#define SERVOTWIN_AXIS_H
+
+#include "effects.h"
+
+enum { kMaxOrder = 3, kMaxModes = 6, kMaxStates = 2 * kMaxOrder + 2 * kMaxModes };
+enum { kMaxEffects = 16, kHistory = 512, kMaxDelayCycles = 500 };
+
+typedef struct {
+  int kind; /* place in servotwin_effects() */
+  double shape[kMaxShapes], coefficient[kMaxCoefficients];
+} AxisEffect;
+
+/* How a state follows over one part of a cycle, and what it is for: twin/twin.h, StepConstants. */
+typedef struct {
+  int first, width; /* of its block */
+  double phi[kMaxOrder], command[3], force_begin, force_end;
+  double rest;                /* of a constant unit disturbance held at rest */
+  double error, rate, second; /* its part of the error and of its derivatives */
+} AxisRow;
+
+/* What a part of a cycle is computed with. */
+typedef struct {
+  AxisRow row[kMaxStates];
+  /* The error's derivatives directly by the command's velocity and acceleration and by the force;
+   */
+  double rate_velocity, second_velocity, second_acceleration, second_force;
+  /* error, rate and second derivative by the force at the end, through the states. */
+  double error_force_end, rate_force_end, second_force_end;
+} AxisStep;
+
+/* A mode of vibration and how it moves with position: twin/loop.h, Mode. */
+typedef struct {
+  double omega, zeta, alpha, beta, gamma, delta, slope, curve, zeta_slope;
+} AxisMode;
+
+/* What a model says. */
+typedef struct {
+  int order;  /* 2 or 3 */
+  int parts;  /* that a cycle is solved in */
+  int states; /* 2 order, and 2 for every mode of vibration */
+  double cycle_s;
+  double damping, integral, integral_velocity; /* a1, a3, c2 of order 3, else 0 */
+  AxisStep step; /* of every part, but for the modes' share where they move */
+  /* Where a mode moves: all of them, the loop beside them, and the travel's ends. */
+  int modes; /* 0: none moves */
+  double denominator[kMaxOrder], numerator[kMaxOrder], travel[2];
+  AxisMode mode[kMaxModes];
+  int effects;
+  AxisEffect effect[kMaxEffects]; /* in any order */
+} AxisModel;
+
+/* What changes from cycle to cycle. */
+typedef struct {
+  double linear[kMaxStates];
+  EffectMemory memory[kMaxEffects], trial[kMaxEffects];
+  double force, force_change, slope;
+  double demand, position, velocity, reading;
+  double neighbour_acceleration;
+  double time_s;
+  double history[kHistory];
+  int newest;
+} AxisState;
+
+/* The commanded motion at the start of one cycle, as a cubic over the cycle, and where it ends. */
+typedef struct {
+  double velocity, acceleration, jerk;
+  double end_position, end_velocity, end_acceleration;
+  double neighbour_acceleration;
+  double in_cut;
+} CommandPiece;
+
+/* Puts the axis at rest at this command. */
+void servotwin_start(const AxisModel* model, AxisState* state, double command, double time_s);
+/* One cycle from commands alone: the cubic goes through the last four (delayed) ones. The command,
+ * the neighbour's acceleration and `in_cut` are those of its end. The tracking error there. */
+double servotwin_follow(const AxisModel* model, AxisState* state, double command,
+                        double neighbour_acceleration, double in_cut);
+/* One cycle along a known motion, for a model whose command is not delayed. */
+double servotwin_step(const AxisModel* model, AxisState* state, const CommandPiece* piece);
+/* The modes' part of a step over which the command is `over` and at whose end it is `at_end`. */
+void servotwin_place_modes(const AxisModel* model, double over, double at_end, AxisStep* step);
+/* The sum of all command delays [s]. */
+double servotwin_delay_s(const AxisModel* model);
+
+#endif

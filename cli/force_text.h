@@ -1,0 +1,51 @@
+// A force model (identification/torque/force_fit.h) for people and for programs, in the unit of the
+// force.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
+
+#include "identification/recording/segments.h"
+#include "identification/torque/force_fit.h"
+#include "identification/torque/ramps.h"
+
+namespace servotwin::cli {
+
+/// What forces are told in: the unit, and how many of the recorded unit one of it is.
+struct ForceUnit {
+  std::string name;  ///< "N", "Nm", "A", "V", "%"
+  double scale = 1.0;
+  bool rotary = false;
+
+  /// The unit of a coefficient that the catalogue has per moved mass: "m/s^2" -> "N".
+  [[nodiscard]] std::string of(std::string_view per_mass) const;
+  /// The unit of a shape: metres of a linear axis are radians of a rotary one.
+  [[nodiscard]] std::string of_shape(std::string_view unit) const;
+  /// "kg", "kg m^2", or "A per m/s^2".
+  [[nodiscard]] std::string of_mass() const;
+};
+
+/// The unit of a torque channel; `lead` [m per revolution] tells torques of a linear axis in N.
+[[nodiscard]] ForceUnit force_unit(const std::string& torque_unit, bool rotary, double lead);
+
+/// Turns the torque round where `inverted`. Throws std::runtime_error, naming the axis and what to
+/// do, if it has none or one that never changes.
+void require_torque(SegmentedAxis& axis, bool inverted);
+/// Throws std::runtime_error where steady torque drives against the motion.
+void require_resisting(const std::vector<Ramp>& ramps, const std::string& source);
+/// Throws std::runtime_error where a fit needs no mass at all: torque against acceleration.
+void require_mass(const ForceFit& fit, const std::string& source);
+
+/// Mass and every effect, one line each.
+[[nodiscard]] std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass,
+                                                   const ForceUnit& unit);
+[[nodiscard]] nlohmann::json force_json(const ForceFit& fit, bool with_mass, const ForceUnit& unit);
+
+/// The parameters whose scatter is larger than they are.
+[[nodiscard]] std::vector<std::string> undetermined(const ForceFit& fit);
+
+/// The friction models that a torque can be fitted with.
+[[nodiscard]] std::vector<std::string> torque_frictions();
+
+}  // namespace servotwin::cli

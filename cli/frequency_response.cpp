@@ -1,0 +1,263 @@
+// servotwin frequency-response: how an axis answers at every frequency, and its modes.
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "cli/command.h"
+#include "cli/output.h"
+#include "cli/response_options.h"
+#include "diagnosis/bode.h"
+#include "identification/response/response_modes.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+constexpr double kCoherent = 0.8;
+constexpr int kShown = 5;  // bands
+constexpr double kMostPower = 0.999;
+constexpr double kResolved = 4.0;  // lines across the half-power width of a mode
+constexpr double kSlow_hz = 50.0;
+constexpr double kMisfit = 4.0;  // beyond it the order or the linearity is not enough
+constexpr Eigen::Index kFewestLines = 3, kWidestHole = 2;  // of a band
+
+struct Arguments {
+  ResponseOptions input;
+  std::filesystem::path result, plot;
+  ModeOptions options;
+};
+
+/// "0.98 to 38.1 Hz, 52 to 60.5 Hz": where it holds at several lines on end.
+std::string bands(const Eigen::ArrayXd& hz, const Eigen::Array<bool, Eigen::Dynamic, 1>& holds) {
+  std::string out;
+  int count = 0;
+  for (Eigen::Index i = 0; i < hz.size();) {
+    if (!holds(i)) {
+      ++i;
+      continue;
+    }
+    Eigen::Index last = i;
+    for (Eigen::Index k = i; k < hz.size() && k - last <= kWidestHole + 1; ++k) {
+      if (holds(k)) last = k;
+    }
+    if (last - i + 1 >= kFewestLines && ++count <= kShown)
+      out += (out.empty() ? "" : ", ") + text("%.4g to %.4g Hz", hz(i), hz(last));
+    i = last + 1;
+  }
+  if (count > kShown) out += text(" and %d more", count - kShown);
+  return out.empty() ? "nowhere" : out;
+}
+
+void say_response(std::FILE* people, const ResponseSignals& signals,
+                  const FrequencyResponse& response) {
+  say(people, text("averages    %d windows of %.4g s, as good as %.1f independent ones; %.4g Hz "
+                   "apart, up to %.4g Hz",
+                   response.windows, response.window_s, response.averages, 1.0 / response.window_s,
+                   0.5 / response.sample_time_s));
+  if (const double highest = 0.5 / response.sample_time_s; highest < kSlow_hz)
+    say(people,
+        text("note        at %.4g rows per second nothing above %.4g Hz is seen; modes of drives "
+             "lie higher",
+             2.0 * highest, highest));
+  for (std::size_t i = 0; i < response.channels.size(); ++i) {
+    const ResponseChannel& channel = response.channels[i];
+    say(people, "response    " + signals.inputs[i] + " to " + signals.output);
+    double power = 0.0;
+    Eigen::Index k = 0;
+    while (k + 1 < channel.power.size() && (power += channel.power(k)) < kMostPower) ++k;
+    say(people, channel.power.sum() > 0.0
+                    ? text("  excited   %.4g %% of the input's power%s is below %.4g Hz",
+                           100.0 * kMostPower, signals.differenced ? " as a velocity" : "",
+                           response.frequency_hz(k))
+                    : std::string("  excited   not at all: the input stands still"));
+    say(people, text("  coherent  above %.1f: ", kCoherent) +
+                    bands(response.frequency_hz, channel.coherence > kCoherent));
+    say(people, "  beyond chance: " + bands(response.frequency_hz, channel.significant));
+  }
+}
+
+void say_fit(std::FILE* people, const FittedResponse& found) {
+  if (!found.fit) {
+    say(people, "declined    no fit: " + found.declined);
+    return;
+  }
+  const FrequencyResponse& response = found.response;
+  const RationalFit& fit = *found.fit;
+  if (!found.trials.empty()) {
+    std::string tried;
+    for (const OrderTrial& trial : found.trials)
+      tried += text("%s%d%s %.3g", tried.empty() ? "" : ", ", trial.order,
+                    trial.chosen ? " ->" : "", trial.held_out);
+    say(people, "order       squared error on unseen windows, in deviations: " + tried);
+  }
+  say(people, text("fit         order %d through %zu frequencies from %.4g to %.4g Hz, squared "
+                   "error %.3g deviations",
+                   fit.order(), found.fitted.size(), response.frequency_hz(found.fitted.front()),
+                   response.frequency_hz(found.fitted.back()), fit.misfit));
+  bool narrow = false;
+  std::string open;
+  for (const FittedPole& pole : fit.poles) {
+    const double hz = pole.omega / kTwoPi;
+    if (!pole.determined()) {
+      open += text("%s%.4g Hz", open.empty() ? "" : ", ", hz);
+      continue;
+    }
+    std::string line = text("%s %.4g +- %.2g Hz",
+                            !pole.pair        ? "real pole  "
+                            : pole.zeta < 1.0 ? "mode       "
+                                              : "real pair  ",
+                            hz, pole.omega_deviation / kTwoPi);
+    if (pole.pair) line += text(", damping %.4g +- %.2g", pole.zeta, pole.zeta_deviation);
+    say(people, line + text(", explains %.3g %%", 100.0 * pole.explains));
+    narrow = narrow || (pole.pair && 2.0 * pole.zeta * hz < kResolved / response.window_s);
+  }
+  if (!found.declined.empty()) say(people, "declined    " + found.declined);
+  if (!open.empty())
+    say(people,
+        "note        not determined by these data (+- beyond a third of the value): poles at " +
+            open);
+  if (narrow)
+    say(people, text("note        a mode is narrower than %.0f lines: the windows widen it, and "
+                     "its damping is at most what is said; take longer ones with --window",
+                     kResolved));
+  if (fit.misfit > kMisfit)
+    say(people,
+        "note        the fit leaves more than the scatter: friction and other nonlinearity, a "
+        "delay (--delay), or too low an order; +- has been widened for it");
+}
+
+std::string bode(const ResponseSignals& signals, const FittedResponse& found) {
+  constexpr int kPoints = 600;
+  ModelledResponse fit;
+  if (found.fit) {
+    const double from = found.response.frequency_hz(found.fitted.front()),
+                 to = found.response.frequency_hz(found.fitted.back());
+    fit.name = "fit";
+    for (int i = 0; i < kPoints; ++i) {
+      fit.frequency_hz.push_back(from * std::pow(to / from, i / (kPoints - 1.0)));
+      fit.response.push_back(found.fit->at(0, kTwoPi * fit.frequency_hz.back()));
+    }
+  }
+  std::vector<PlotPanel> panels =
+      bode_panels(found.response, signals.inputs, signals.output, {fit});
+  if (found.fit) {
+    for (const FittedPole& pole : found.fit->poles) {
+      if (pole.pair && pole.zeta < 1.0 && pole.determined())
+        panels.front().marks.push_back(pole.omega / kTwoPi);
+    }
+  }
+  return plot_svg(panels);
+}
+
+json result_of(const Arguments& arguments, const ResponseSignals& signals,
+               const FittedResponse& found) {
+  const FrequencyResponse& response = found.response;
+  const auto list = [](const auto& values) {
+    return json(std::vector<double>(values.begin(), values.end()));
+  };
+  json out{{"schema", "servotwin.frequency-response/1"},
+           {"source", arguments.input.recording.file.filename().string()},
+           {"axis", arguments.input.axis.empty() ? json() : json(arguments.input.axis)},
+           {"output", signals.output},
+           {"sample_time_s", response.sample_time_s},
+           {"window_s", response.window_s},
+           {"windows", response.windows},
+           {"averages", response.averages},
+           {"frequency_hz", list(response.frequency_hz)},
+           {"coherence", list(response.coherence)},
+           {"responses", json::array()},
+           {"fit", json()},
+           {"declined", found.declined.empty() ? json() : json(found.declined)}};
+  for (std::size_t i = 0; i < response.channels.size(); ++i) {
+    const ResponseChannel& channel = response.channels[i];
+    const Eigen::ArrayXd real = channel.response.real(), imag = channel.response.imag();
+    out["responses"].push_back({{"input", signals.inputs[i]},
+                                {"real", list(real)},
+                                {"imag", list(imag)},
+                                {"sd", list(channel.deviation)},
+                                {"coherence", list(channel.coherence)},
+                                {"significant", std::vector<bool>(channel.significant.begin(),
+                                                                  channel.significant.end())}});
+  }
+  if (!found.fit) return out;
+  json poles = json::array(), trials = json::array();
+  for (const FittedPole& pole : found.fit->poles) {
+    json one{{"frequency_hz", pole.omega / kTwoPi},
+             {"frequency_sd_hz", pole.omega_deviation / kTwoPi},
+             {"explains", pole.explains}};
+    if (pole.pair) {
+      one["damping"] = pole.zeta;
+      one["damping_sd"] = pole.zeta_deviation;
+    }
+    poles.push_back(one);
+  }
+  for (const OrderTrial& trial : found.trials)
+    trials.push_back(
+        {{"order", trial.order}, {"held_out", trial.held_out}, {"chosen", trial.chosen}});
+  out["fit"] = {{"order", found.fit->order()},
+                {"from_hz", response.frequency_hz(found.fitted.front())},
+                {"to_hz", response.frequency_hz(found.fitted.back())},
+                {"frequencies", found.fitted.size()},
+                {"misfit", found.fit->misfit},
+                {"delay_s", found.fit->delay_s},
+                {"poles", poles},
+                {"trials", trials}};
+  return out;
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.result, arguments.plot});
+  const ResponseSignals signals = arguments.input.read(people);
+  ModeOptions options = arguments.options;
+  options.spectra.differenced = signals.differenced;
+  FittedResponse found;
+  try {
+    const Progress progress("fitting " + signals.output);
+    found = fit_response(signals.records, signals.sample_time_s, options);
+  } catch (const std::runtime_error& error) {
+    throw std::runtime_error(arguments.input.recording.file.string() + ": " + error.what());
+  }
+  say_response(people, signals, found.response);
+  say_fit(people, found);
+  if (!arguments.plot.empty()) write_result(arguments.plot, bode(signals, found));
+  if (!arguments.result.empty()) write_json(arguments.result, result_of(arguments, signals, found));
+}
+
+}  // namespace
+
+Command add_frequency_response(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand("frequency-response",
+                                          "How an axis answers at every frequency, and its modes.");
+  arguments->input.declare(command);
+  command
+      .add_option("--window", arguments->options.spectra.window_s,
+                  text("length of the windows that are averaged [s] (default: an eighth of the "
+                       "data, at most %g): longer resolve more, more of them scatter less",
+                       kWindow_s))
+      ->type_name("S")
+      ->check(CLI::PositiveNumber.name(""));
+  command
+      .add_option("--order", arguments->options.order,
+                  "number of poles (default: what windows say that the fit has not seen)")
+      ->type_name("N")
+      ->check(between(1, kMostPoles));
+  command
+      .add_option("--delay", arguments->options.delay_s,
+                  "delay of the output that is taken out before the fit [s]")
+      ->type_name("S")
+      ->check(between(0.0, 1.0));
+  command
+      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      ->type_name("OUT");
+  command
+      .add_option("--plot", arguments->plot, "write the Bode plot with its 95 % band here (SVG)")
+      ->type_name("OUT.svg");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,223 @@
+// servotwin identify: from a recording to a model file.
+#include "identification/loop/identify.h"
+
+#include <chrono>
+#include <cmath>
+#include <ctime>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/model_text.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "identification/loop/joint.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+// Beyond this multiple of the noise floor, what the model lacks outweighs the scatter.
+constexpr double kModelError = 3.0;
+
+struct Arguments {
+  AxisOptions input;
+  std::filesystem::path model, result;
+  IdentifyOptions identify;
+  bool no_pole_constraints = false;
+};
+
+std::string now_utc() {
+  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+  std::tm utc{};
+  ::gmtime_r(&now, &utc);
+  return text("%04d-%02d-%02dT%02d:%02d:%02dZ", utc.tm_year + 1900, utc.tm_mon + 1, utc.tm_mday,
+              utc.tm_hour, utc.tm_min, utc.tm_sec);
+}
+
+json result_of(const Identified& identified) {
+  json out = to_json(identified.record);
+  json trials = json::array();
+  for (const StructureTrial& trial : identified.trials) {
+    json effects = json::array();
+    for (const std::size_t kind : trial.effects) effects.push_back(identity_of(kind).id);
+    trials.push_back({{"order", trial.order},
+                      {"modes", trial.modes},
+                      {"moving", trial.moving},
+                      {"effects", effects},
+                      {"validation_rms_m",
+                       std::isfinite(trial.validation_rms) ? json(trial.validation_rms) : json()},
+                      {"chosen", trial.chosen},
+                      {"ruled_out", trial.ruled_out}});
+  }
+  out["trials"] = trials;
+  out["refusals"] = identified.refusals;
+  return out;
+}
+
+void say_result(std::FILE* people, const Identified& identified) {
+  const ModelRecord& record = identified.record;
+  if (!identified.trials.empty())
+    say(people, "tried       validation RMS, inside the training data");
+  for (const StructureTrial& trial : identified.trials) {
+    const std::string error =
+        std::isfinite(trial.validation_rms)
+            ? text("%9.3f %s", 1e6 * trial.validation_rms, micro(record.rotary))
+            : "   no fit";
+    say(people, text("  %s       %s  ", trial.chosen ? "->" : "  ", error.c_str()) +
+                    structure_text(trial.order, trial.effects, trial.modes, trial.moving) +
+                    (trial.ruled_out.empty() ? "" : "  [ruled out: " + trial.ruled_out + "]"));
+  }
+  for (const std::string& line : parameter_lines(record)) say(people, line);
+  for (const std::string& line : fit_lines(record, Times::kOfRecording)) say(people, line);
+  if (record.excitation.empty()) {
+    say(people,
+        record.method == "full-ls"
+            ? "excitation  the motion has reversals and acceleration; full LS tells no standard "
+              "deviations"
+            : "excitation  sufficient: the scatter of the poles and of the level of friction is "
+              "below half of each");
+  }
+  for (const std::string& line : record.excitation) say(people, "excitation  " + line);
+  if (record.method != "full-ls" && record.noise_floor_rms > 0.0 &&
+      record.training.rms > kModelError * record.noise_floor_rms) {
+    say(people, text("note        what is left is %.0f times the noise floor: +- is scatter alone, "
+                     "and poles "
+                     "and friction make up for what the model lacks",
+                     record.training.rms / record.noise_floor_rms));
+  }
+  for (const std::string& line : identified.refusals) say(people, "refused     " + line);
+  say(people, text("time taken  %9.3f s, %s", record.time_taken_s, record.method.c_str()));
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.model, arguments.result});
+  IdentifyOptions options = arguments.identify;
+  if (auto why = why_invalid(options.bounds); !why.empty()) throw UsageError(why);
+  if (arguments.no_pole_constraints && options.method != Method::kFullLs) {
+    throw UsageError(
+        "--no-pole-constraints needs --method full-ls: the pole search has no meaning without its "
+        "box");
+  }
+  if (options.friction && options.method != Method::kJoint) {
+    throw UsageError(
+        "--friction needs --method joint: the pole search knows Coulomb friction only");
+  }
+  if (options.method == Method::kFullLs && (options.modes > 0 || options.coupling))
+    throw UsageError(std::string(options.modes > 0 ? "--modes" : "--coupling") +
+                     " is not for --method full-ls, which knows one loop and Coulomb friction");
+  options.pole_constraints = !arguments.no_pole_constraints;
+
+  const SegmentedAxis axis = arguments.input.read(people);
+  Identified identified;
+  {
+    const Progress progress("identifying " + axis.axis);
+    const auto start = std::chrono::steady_clock::now();
+    identified = identify(axis, options);
+    identified.record.time_taken_s =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  identified.record.motion = motion_range(axis.segments);
+  identified.record.created = now_utc();
+  identified.record.source = arguments.input.recording.file.filename().string();
+
+  say_result(people, identified);
+  if (!arguments.result.empty()) write_json(arguments.result, result_of(identified));
+  if (!identified.refusals.empty()) {
+    std::string why = "the model must not be used: ";
+    for (std::size_t i = 0; i < identified.refusals.size(); ++i) {
+      why += (i == 0 ? "" : "; ") + identified.refusals[i];
+    }
+    if (!arguments.model.empty()) why += "; " + arguments.model.string() + " was not written";
+    throw std::runtime_error(why);
+  }
+  if (arguments.model.empty()) return;
+  write_json(arguments.model, to_json(identified.record));
+  if (!is_stdout(arguments.model)) say(people, "written     " + arguments.model.string());
+}
+
+/// MIN:MAX.
+void add_range(CLI::App& app, const std::string& name, double& min, double& max,
+               const std::string& what) {
+  app.add_option_function<std::string>(
+         name,
+         [&min, &max, name](const std::string& given) {
+           const std::vector<double> numbers = parse_numbers(name, given, "range MIN:MAX", 2, 2);
+           min = numbers[0];
+           max = numbers[1];
+         },
+         what + text(" (default %g:%g)", min, max))
+      ->type_name("MIN:MAX");
+}
+
+}  // namespace
+
+Command add_identify(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand("identify", "From a recording of an axis to its model.");
+  arguments->input.declare(command);
+  command
+      .add_option("--model", arguments->model,
+                  "write the model here (servotwin.model/1), if it may be used")
+      ->type_name("OUT.json");
+  command
+      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      ->type_name("OUT");
+  command
+      .add_option_function<std::string>(
+          "--method",
+          [arguments](const std::string& name) {
+            arguments->identify.method = name == "full-ls" ? Method::kFullLs
+                                         : name == "joint" ? Method::kJoint
+                                                           : Method::kPoleSearch;
+          },
+          "pole-search (default); joint, which also finds the friction model; full-ls, the "
+          "baseline")
+      ->check(CLI::IsMember({"pole-search", "joint", "full-ls"}).name(""))
+      ->type_name("METHOD");
+  std::vector<std::string> frictions;
+  for (const std::size_t kind : friction_kinds()) frictions.emplace_back(identity_of(kind).id);
+  command
+      .add_option_function<std::string>(
+          "--friction",
+          [arguments](const std::string& id) { arguments->identify.friction = kind_of(id); },
+          "joint: this friction model, whatever fits better (default: compared on unseen data)")
+      ->check(CLI::IsMember(frictions).name(""))
+      ->type_name("ID");
+  PoleBounds& bounds = arguments->identify.bounds;
+  add_range(command, "--real-pole-hz", bounds.real_min_hz, bounds.real_max_hz,
+            "bounds of the real pole");
+  add_range(command, "--natural-frequency-hz", bounds.omega_min_hz, bounds.omega_max_hz,
+            "bounds of the pole pair");
+  add_range(command, "--damping", bounds.zeta_min, bounds.zeta_max,
+            "bounds of the pair's damping ratio");
+  command
+      .add_option("--training-share", arguments->identify.training_share,
+                  "share of the data that is fitted (default 0.6); the rest judges")
+      ->type_name("SHARE")
+      ->check(between(0.1, 0.95));
+  command.add_option("--order", arguments->identify.order, "2 or 3 (default: what the data say)")
+      ->type_name("N")
+      ->check(CLI::IsMember({2, 3}).name(""));
+  command
+      .add_option("--modes", arguments->identify.modes,
+                  "modes of vibration at most (default 0); as many are taken as the held-out error "
+                  "asks for")
+      ->type_name("N")
+      ->check(between(0.0, static_cast<double>(kMaxModes)));
+  command.add_flag(
+      "--coupling", arguments->identify.coupling,
+      "what the acceleration of the recording's other axis does to this one, where the "
+      "held-out error asks for it");
+  command
+      .add_option("--delay-max", arguments->identify.delay_max_s,
+                  "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
+      ->type_name("S")
+      ->check(between(0.0, 0.05));
+  command.add_flag("--no-pole-constraints", arguments->no_pole_constraints,
+                   "full-ls: accept any poles");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

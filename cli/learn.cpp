@@ -1,0 +1,358 @@
+// servotwin learn: a corrected path, learned on the twin.
+#include <cmath>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/command.h"
+#include "cli/correction.h"
+#include "cli/model_text.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "cli/path_gcode.h"
+#include "daemon/correct/model_uncertainty.h"
+#include "daemon/correct/motion_reach.h"
+#include "daemon/correct/path_ends.h"
+#include "ilc/feedforward.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr double kChord_um = 1.0;
+constexpr double kMicro = 1e-6, kMilli = 1e-3;
+
+const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
+                                          {"norm-optimal", Law::kNormOptimal},
+                                          {"p", Law::kP},
+                                          {"pd", Law::kPd},
+                                          {"feedforward", Law::kInverse}};
+
+struct Arguments {
+  TableOptions commands;
+  std::filesystem::path table, result, gcode, report;
+  std::string method = "inverse";
+  std::string aim;                 // empty: tracking
+  int trials = 0;                  // 0: ten
+  double bandwidth_hz = 0.0;       // 0: the largest that contracts
+  double uncertainty = 0.0;        // percent; 0: the model's own
+  double peak = 0.0, rate = 0.0;   // um, mm/s; 0: none
+  std::optional<double> chord_um;  // absent: 1
+};
+
+/// What of `arguments` the feed-forward has no use for.
+void require_meant(const Arguments& arguments) {
+  if (arguments.method != "feedforward") return;
+  const auto refuse = [](bool given, const char* option, const char* why) {
+    if (given)
+      throw UsageError(std::string("--method feedforward ") + why + ": leave " + option + " out");
+  };
+  refuse(!arguments.aim.empty(), "--aim", "corrects every axis by itself");
+  refuse(arguments.bandwidth_hz > 0.0, "--bandwidth",
+         "learns nothing, and is as wide as harms no model within the uncertainty");
+  refuse(arguments.trials > 0, "--trials", "makes no trial");
+}
+
+/// Throws where nothing moves.
+void require_motion(const std::string& source, const std::vector<CommandedAxis>& axes) {
+  if (std::none_of(axes.begin(), axes.end(),
+                   [](const CommandedAxis& axis) { return moves(axis.path); }))
+    throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
+}
+
+/// Throws where no drive or no model follows; says where the model has not been, or may not.
+MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
+                           std::FILE* people) {
+  const ModelRecord& record = axis.record;
+  if (const std::string jump = jump_in(axis.path, record.axis, record.rotary); !jump.empty())
+    throw std::runtime_error(source + ": " + jump);
+  MotionReach reach = motion_reach(record, {&axis.path, 1});
+  if (reach.far_beyond())
+    throw std::runtime_error(source + ": " + reach.words + "; " + kFarBeyondAdvice);
+  if (reach.beyond()) {
+    say(people, "warning: " + reach.words +
+                    "; what it says of this path is no promise: identify from motion as fast");
+  } else if (!std::isfinite(record.motion.speed)) {
+    say(people, "note: the model of " + record.axis +
+                    " does not say how fast the motion was that it was found on (identify it "
+                    "anew): whether this path is within it is not known");
+  }
+  return reach;
+}
+
+CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
+  CorrectedAxis out;
+  LearnAxis& axis = out.learning;
+  axis.name = commanded.record.axis;
+  axis.rotary = commanded.record.rotary;
+  axis.model = commanded.model;
+  axis.path = commanded.path;
+  axis.law.law = kMethods.at(arguments.method);
+  axis.law.model = transfer_of(axis.model);
+  axis.law.derivative_s = axis.law.model.lag_s();
+  if (arguments.peak > 0.0) axis.limits.peak = kMicro * arguments.peak;
+  if (arguments.rate > 0.0) axis.limits.rate = kMilli * arguments.rate;
+
+  const double h = axis.path.sample_time_s;
+  const ModelUncertainty uncertainty =
+      uncertainty_of(commanded.record, axis.law.model, arguments.uncertainty / 100.0);
+  out.uncertainty = uncertainty.words;
+  const std::vector<Transfer> models = models_within(axis.law.model, uncertainty.of_transfer);
+  out.models = models.size();
+  LearningLaw inverse = axis.law;
+  inverse.law = Law::kInverse;
+  axis.basis_bandwidth_hz =
+      axis.law.law == Law::kNormOptimal ? 0.0 : harmless_bandwidth(inverse, models, h);
+  // Who asks for 5 Hz spares what is above it: of all of the correction, as in the daemon.
+  if (arguments.bandwidth_hz > 0.0)
+    axis.basis_bandwidth_hz = std::min(axis.basis_bandwidth_hz, arguments.bandwidth_hz);
+  if (arguments.method == "feedforward") {
+    axis.law.bandwidth_hz = axis.basis_bandwidth_hz;
+    out.contraction = left_by_feedforward(axis.law, models, h);
+    out.commanded = std::move(commanded);
+    return out;
+  }
+  axis.law.bandwidth_hz =
+      arguments.bandwidth_hz > 0.0 ? arguments.bandwidth_hz : robust_bandwidth(axis.law, models, h);
+  if (axis.law.bandwidth_hz == 0.0) {
+    throw std::runtime_error("axis " + axis.name +
+                             text(": no bandwidth from %.3g Hz on keeps |Q (1 - L T)| below %.2g "
+                                  "for every model within ",
+                                  kLeastBandwidth_hz, kContraction) +
+                             out.uncertainty +
+                             "; take --method inverse, or a model from richer motion");
+  }
+  if (const std::string why = why_refused(axis.law, models, h); !why.empty())
+    throw std::runtime_error("axis " + axis.name + ": " + why);
+  out.contraction = contraction(axis.law, models, h);
+  out.commanded = std::move(commanded);
+  return out;
+}
+
+std::string figures(const ErrorSize& size, bool rotary) {
+  return figures_text({size.rms, size.max}, rotary);
+}
+
+std::string times_smaller(double before, double after) {
+  if (!(after > 0.0) || after == before) return "";
+  if (after > before) return text("  %.3g times larger", after / before);
+  return text(before < 100.0 * after ? "  %.3g times smaller" : "  %.0f times smaller",
+              before / after);
+}
+
+void print(const Correction& correction, std::FILE* people) {
+  const Learned& learned = correction.learned;
+  const Trial &first = learned.trials.front(), &best = learned.trials[learned.best];
+  for (const CorrectedAxis& axis : correction.axes) {
+    say(people, axis.learning.name + ": " + bandwidth_text(correction, axis));
+  }
+  say(people, "tracking error, on the twin:");
+  for (std::size_t i = 0; i < correction.axes.size(); ++i) {
+    const bool rotary = correction.axes[i].learning.rotary;
+    const std::string name = correction.axes[i].learning.name;
+    say(people, text("  %-9s before ", name.c_str()) + figures(first.axis[i], rotary));
+    say(people, "            after  " + figures(best.axis[i], rotary) +
+                    times_smaller(first.axis[i].rms, best.axis[i].rms));
+  }
+  if (learned.before) {
+    say(people, "contour error, the distance from the path:");
+    say(people, "            before " + figures(first.contour, false));
+    say(people, "            after  " + figures(best.contour, false) +
+                    times_smaller(first.contour.rms, best.contour.rms));
+    if (const std::string shares = shares_text(correction); !shares.empty())
+      say(people, "            made of: " + shares);
+    if (learned.before->turned.size() > 0) {
+      say(people, "orientation before " + figures(first.turned, true));
+      say(people, "            after  " + figures(best.turned, true));
+    }
+  }
+  std::string head = "trial      ", units = "           ";
+  for (const CorrectedAxis& axis : correction.axes) {
+    head += text("%10s", (axis.learning.name + " RMS").c_str());
+    units += text("%10s", text("[%s]", micro(axis.learning.rotary)).c_str());
+  }
+  say(people, head + (learned.before ? "   contour" : ""));
+  say(people, units + (learned.before ? "      [um]" : ""));
+  for (std::size_t t = 0; t < learned.trials.size(); ++t) {
+    std::string line = text("%5zu%s     ", t, t == learned.best ? "*" : " ");
+    for (const ErrorSize& size : learned.trials[t].axis) line += text("%10.4g", 1e6 * size.rms);
+    if (learned.before) line += text("%10.4g", 1e6 * learned.trials[t].contour.rms);
+    say(people, line);
+  }
+  if (learned.best == 0) {
+    std::vector<LearnAxis> axes;
+    for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+    const bool other_aim = learned.before && correction.options.aim == Aim::kTracking &&
+                           !correction.options.feedforward_only;
+    say(people, "note: " + why_none_is_kept(learned, axes) + "; the path is left as it is" +
+                    (other_aim ? "; --aim contour spends the correction on the path alone" : ""));
+  }
+  say(people, learned.ending == Ending::kGrew
+                  ? "            * kept; ended, since the errors grew again"
+                  : "            * kept");
+  for (std::size_t i = 0; i < correction.axes.size(); ++i) {
+    const CorrectedAxis& axis = correction.axes[i];
+    const Eigen::ArrayXd& u = learned.axes[i].correction;
+    const double steepest = (u.tail(u.size() - 1) - u.head(u.size() - 1)).abs().maxCoeff() /
+                            axis.learning.path.sample_time_s;
+    const CorrectionLimits& limits = axis.learning.limits;
+    const bool rotary = axis.learning.rotary;
+    say(people, axis.learning.name +
+                    text(": correction up to %.4g %s", 1e6 * u.abs().maxCoeff(), micro(rotary)) +
+                    (std::isfinite(limits.peak) ? text(" of %.4g", 1e6 * limits.peak) : "") +
+                    text(" and %.4g %s/s", 1e3 * steepest, rotary ? "mrad" : "mm") +
+                    (std::isfinite(limits.rate) ? text(" of %.4g", 1e3 * limits.rate) : ""));
+    if (learned.best == 0) continue;
+    const double expected = expected_rms(correction, i);
+    say(people,
+        axis.learning.name + ": limited by " + limited_by(correction, i) +
+            (std::isfinite(expected) && correction.options.aim == Aim::kTracking
+                 ? text("; expect %.3g %s RMS on the machine", 1e6 * expected, micro(rotary))
+                 : ""));
+  }
+  if (const double across = expected_contour_rms(correction); std::isfinite(across))
+    say(people, text("contour: expect %.3g um RMS on the machine", 1e6 * across));
+}
+
+void write_gcode(const Arguments& arguments, const Correction& correction,
+                 const std::vector<Eigen::ArrayXd>& corrected, std::FILE* people) {
+  std::vector<PathAxisText> names;
+  std::vector<Eigen::ArrayXd> original;
+  for (const CorrectedAxis& axis : correction.axes) {
+    names.push_back({axis.learning.name, axis.learning.rotary});
+    original.push_back(axis.learning.path.command);
+  }
+  const double chord_um = arguments.chord_um.value_or(1.0);
+  const PathGcode gcode =
+      path_gcode(names, original, corrected, correction.axes.front().learning.path.sample_time_s,
+                 kMicro * chord_um);
+  write_result(arguments.gcode, gcode.text);
+  say(people,
+      text("G-code: %ld moves within %.4g um of the corrected path", gcode.moves, chord_um));
+}
+
+void run(const Arguments& arguments) {
+  require_meant(arguments);
+  std::FILE* people =
+      people_beside({arguments.table, arguments.result, arguments.gcode, arguments.report});
+  Correction correction;
+  correction.source = arguments.commands.path.file.filename().string();
+  correction.method = arguments.method;
+  correction.options.aim = arguments.aim == "contour" ? Aim::kContour : Aim::kTracking;
+  if (arguments.trials > 0) correction.options.trials = arguments.trials;
+  correction.options.feedforward_only = arguments.method == "feedforward";
+  if (arguments.chord_um && arguments.gcode.empty())
+    throw UsageError("--chord-tolerance is of the G1 moves that --gcode writes");
+  std::vector<CommandedAxis> commanded = read_commands(arguments.commands, "corrected", people);
+  require_motion(arguments.commands.path.file.string(), commanded);
+  for (CommandedAxis& axis : commanded) {
+    if (correction.options.aim == Aim::kContour && axis.record.rotary) {
+      say(people, "note: " + axis.record.axis +
+                      " is a rotary axis and has no part in the distance from the path: it learns "
+                      "from its own tracking error");
+    }
+    if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
+      throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
+    const MotionReach reach = look_at_motion(arguments.commands.path.file.string(), axis, people);
+    correction.axes.push_back(axis_of(arguments, std::move(axis)));
+    correction.axes.back().beyond_model = reach.beyond();
+  }
+  std::vector<LearnAxis> axes;
+  for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
+  for (const std::string& line : short_rests(axes)) say(people, "warning: " + line);
+  {
+    const Progress progress("learning");
+    correction.learned = learn(axes, on_twins(axes), correction.options);
+    if (correction.learned.before) {
+      std::vector<Model> models;
+      std::vector<Segment> paths;
+      std::vector<std::size_t> linear;
+      for (std::size_t i = 0; i < axes.size(); ++i) {
+        if (axes[i].rotary) continue;
+        models.push_back(axes[i].model);
+        paths.push_back(axes[i].path);
+        linear.push_back(i);
+      }
+      correction.shares = contour_shares(models, paths, *correction.learned.before);
+      for (ContourShare& share : correction.shares) share.axis = linear[share.axis];
+    }
+  }
+  print(correction, people);
+
+  std::vector<Column> columns{{"time[s]", times_of(axes.front().path)}};
+  std::vector<Eigen::ArrayXd> corrected;
+  for (std::size_t i = 0; i < axes.size(); ++i) {
+    corrected.push_back(axes[i].path.command + correction.learned.axes[i].correction);
+    columns.push_back({axes[i].name + ".command" + (axes[i].rotary ? "[rad]" : "[m]"),
+                       {corrected.back().begin(), corrected.back().end()}});
+  }
+  if (!arguments.table.empty()) write_result(arguments.table, csv(columns));
+  if (!arguments.gcode.empty()) write_gcode(arguments, correction, corrected, people);
+  if (!arguments.report.empty()) write_result(arguments.report, report_html(correction));
+  if (!arguments.result.empty()) write_json(arguments.result, to_json(correction));
+}
+
+}  // namespace
+
+Command add_learn(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "learn", "A path corrected in advance: learned in virtual trials on the twin.");
+  arguments->commands.declare(command);
+  command.add_option("--out", arguments->table, "write the corrected commands")
+      ->type_name("CORRECTED.csv");
+  command
+      .add_option("--json", arguments->result,
+                  "write the correction with all figures (servotwin.correction/1)")
+      ->type_name("OUT");
+  command.add_option("--gcode", arguments->gcode, "write the corrected path as G1 moves")
+      ->type_name("OUT.nc");
+  command
+      .add_option("--chord-tolerance", arguments->chord_um,
+                  "how far the G1 moves may be from the corrected path [um] (default 1)")
+      ->type_name("UM")
+      ->check(between(1e-3, 1e4));
+  command.add_option("--report", arguments->report, "write a page for people")
+      ->type_name("OUT.html");
+  command
+      .add_option(
+          "--method", arguments->method,
+          "inverse (default), norm-optimal, p, pd: how trials teach; feedforward: no trial, "
+          "the model turned round")
+      ->type_name("NAME")
+      ->check(CLI::IsMember({"inverse", "norm-optimal", "p", "pd", "feedforward"}));
+  command
+      .add_option("--aim", arguments->aim,
+                  "tracking (default): every axis on its command; contour: all axes on the path, "
+                  "whatever the lag along it")
+      ->type_name("NAME")
+      ->check(CLI::IsMember({"tracking", "contour"}));
+  command.add_option("--trials", arguments->trials, "virtual trials at most (default 10)")
+      ->type_name("N")
+      ->check(between(1, 1000));
+  command
+      .add_option("--limits-peak", arguments->peak, "the largest correction of an axis [um | urad]")
+      ->type_name("UM")
+      ->check(between(1e-3, 1e6));
+  command
+      .add_option("--limits-rate", arguments->rate,
+                  "the fastest change of a correction [mm/s | mrad/s]")
+      ->type_name("MM/S")
+      ->check(between(1e-6, 1e6));
+  command
+      .add_option(
+          "--bandwidth", arguments->bandwidth_hz,
+          "of the correction [Hz] (default: of learning the largest one at which every model "
+          "within the uncertainty contracts, of the feed-forward beneath it the largest "
+          "one that harms none of them)")
+      ->type_name("HZ")
+      ->check(between(kLeastBandwidth_hz, 1e5));
+  command
+      .add_option("--uncertainty", arguments->uncertainty,
+                  "of every pole and coefficient [%] (default: the model's own deviations)")
+      ->type_name("PERCENT")
+      ->check(between(1e-3, 90.0));
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,129 @@
+// What a subscriber saw of a machine: errors under the model in force, what they happened in,
+// versions, losses, latency. Knows messages, not how they came; times are arguments. One thread.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "diagnosis/residual.h"
+#include "drivers/messages.h"
+#include "identification/model/model_file.h"
+
+namespace servotwin::cli {
+
+/// RMS and MAX of a stream of numbers; those that are not finite do not count.
+class RunningError {
+ public:
+  void add(double value);
+  [[nodiscard]] ErrorFigures figures() const;
+  [[nodiscard]] std::uint64_t count() const { return count_; }
+
+ private:
+  std::uint64_t count_ = 0;
+  double sum_ = 0.0;
+  double max_ = 0.0;
+};
+
+/// Predictions of one axis: what was left, and what there would be to predict.
+struct PredictionErrors {
+  RunningError residual;     ///< measured - predicted
+  RunningError tracking;     ///< measured, of the same cycles
+  RunningError predicted{};  ///< likewise
+};
+
+struct LiveAxis {
+  std::string name;
+  AxisState state = AxisState::kNoModel;
+  int version = 0;                            ///< of the last prediction
+  int in_force = 0;                           ///< as the last status says; 0: none
+  std::optional<ModelRecord> model;           ///< of shown_version(), once its announcement came
+  std::string model_problem;                  ///< why the announced model cannot be shown
+  std::vector<ModelAnnouncement> promotions;  ///< in the order they came
+  std::string activity;                       ///< what its identification does now
+  std::string diagnosis;                      ///< the last one, in a line
+  std::uint32_t refused = 0;                  ///< candidates, since the daemon started
+  std::vector<std::string> refusals;          ///< why, as far as they were seen
+  PredictionErrors since_promotion;           ///< settled cycles of this version
+  std::uint64_t settling = 0;                 ///< its cycles that were predicted but do not count
+  PredictionErrors lately;                    ///< since clear_lately; tracking without a model, too
+
+  /// Of a machine that has not moved yet there is no prediction to tell.
+  [[nodiscard]] int shown_version() const { return version > 0 ? version : in_force; }
+};
+
+class LiveRecord {
+ public:
+  /// Cycles per axis of which command and residual are kept; what comes later has no regime.
+  static constexpr std::size_t kMostCycles = 1'000'000;
+  /// Without a prediction, until that is called silence [s]; one more status comes meanwhile.
+  static constexpr double kSilence_s = 1.5;
+
+  void on_frame(const MachineFrame& frame, std::int64_t written_ns);
+  void on_prediction(const MachinePrediction& prediction, std::int64_t written_ns);
+  void on_model(const ModelAnnouncement& announcement);
+  void on_diagnosis(const DiagnosisAnnouncement& announcement);
+  void on_status(const MachineStatus& status);
+  /// How long there has been no prediction [s], and whether a daemon is there.
+  void silent_for(double seconds, bool daemon_there) {
+    silent_s_ = seconds;
+    daemon_there_ = daemon_there;
+  }
+  [[nodiscard]] bool daemon_there() const { return daemon_there_; }
+  void clear_lately();
+
+  [[nodiscard]] const std::vector<LiveAxis>& axes() const { return axes_; }
+  /// Predicted contour error since clear_lately.
+  [[nodiscard]] const RunningError& contour() const { return contour_; }
+  [[nodiscard]] const std::optional<MachineStatus>& status() const { return status_; }
+  [[nodiscard]] std::uint64_t predictions() const { return predictions_; }
+  /// No predictions come, or none came yet: what is known of the axes is of earlier.
+  [[nodiscard]] bool silent() const { return predictions_ == 0 || silent_s_ > kSilence_s; }
+  [[nodiscard]] double silent_s() const { return silent_s_; }
+  /// Predictions since clear_lately.
+  [[nodiscard]] std::uint64_t latest() const { return predictions_ - cleared_; }
+  /// Cycles without a prediction between the first and the last one that came.
+  [[nodiscard]] std::uint64_t missed() const { return missed_; }
+  /// From the sending of a frame to the sending of its prediction [s]; NaN if none was seen.
+  [[nodiscard]] double latency_s(double quantile) const;
+  /// Predictions per second of the sender's clock; NaN for less than two.
+  [[nodiscard]] double rate_hz() const;
+  /// What is wrong in the cycles since the version in force, by regime.
+  [[nodiscard]] RegimeShares regimes(std::size_t axis) const;
+
+ private:
+  struct Cycles {  // an unbroken run of cycles
+    std::uint64_t first_sequence = 0, last_sequence = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
+    std::vector<double> command, residual;
+  };
+  struct Sent {  // a frame whose prediction may come
+    std::uint64_t sequence = 0;
+    std::int64_t written_ns = 0;
+    int axis_count = 0;
+    std::array<double, kMaxAxes> command{};
+  };
+
+  [[nodiscard]] const Sent* sent(std::uint64_t sequence) const;
+  void keep(std::size_t axis, const MachinePrediction& prediction, double command);
+  void set_model(LiveAxis& axis);
+
+  std::vector<LiveAxis> axes_;
+  std::vector<std::vector<Cycles>> cycles_;                // per axis
+  std::vector<std::size_t> kept_;                          // cycles in them
+  std::vector<ModelAnnouncement> unplaced_;                // before the status told the axes' order
+  std::vector<DiagnosisAnnouncement> unplaced_diagnoses_;  // the same
+  std::vector<Sent> frames_ = std::vector<Sent>(1024);     // by sequence
+  std::vector<std::int64_t> latencies_ns_;
+  std::optional<MachineStatus> status_;
+  RunningError contour_;
+  std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;
+  std::uint64_t cleared_ = 0;  // predictions before clear_lately
+  std::int64_t first_written_ns_ = 0, last_written_ns_ = 0;
+  double silent_s_ = 0.0;
+  bool daemon_there_ = false;
+};
+
+}  // namespace servotwin::cli

@@ -1,0 +1,31 @@
+// A model as people read it: frequencies in Hz, standard deviations beside the values, errors in
+// um.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "identification/model/model_file.h"
+
+namespace servotwin::cli {
+
+/// "um", or "urad" of a rotary axis; errors are shown a million times their SI value.
+[[nodiscard]] const char* micro(bool rotary);
+
+/// "order 2: coulomb_friction, gravity_offset".
+[[nodiscard]] std::string structure_text(int order, const std::vector<std::size_t>& kinds,
+                                         int modes = 0, bool moving = false);
+[[nodiscard]] std::string structure_text(const Model& model);
+
+/// Poles, numerator and effects, one line each.
+[[nodiscard]] std::vector<std::string> parameter_lines(const ModelRecord& record);
+/// What it was fitted on and how well: method, training, hold-out, noise floor, condition.
+enum class Times { kOfRecording, kNone };  ///< a live model's are those of its daemon
+[[nodiscard]] std::vector<std::string> fit_lines(const ModelRecord& record, Times times);
+
+/// "1.532 um RMS  9.87 um MAX".
+[[nodiscard]] std::string figures_text(const ErrorFigures& figures, bool rotary);
+/// "0.029 um RMS", or "not known".
+[[nodiscard]] std::string noise_floor_text(double rms, bool rotary);
+
+}  // namespace servotwin::cli

@@ -1,0 +1,272 @@
+// servotwin motion-law: the test motion that friction is measured with.
+#include "identification/torque/motion_law.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "cli/command.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "drivers/text.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr double kMilli = 1e-3;  // people say mm, the program m
+constexpr double kMostVelocities = 1e4;
+constexpr double kMostRows = 1e7;     // a table of about 250 MB
+constexpr double kPicometres = 1e12;  // of a metre; finer digits are this program's own rounding
+
+struct Arguments {
+  std::string velocities;
+  std::string bands = "10";
+  MotionLawPlan plan;
+  double acceleration_mm = 1000.0;
+  double centre_mm = 0.0;
+  std::optional<double> travel_mm;
+  std::string axis = "X";
+  double rate_hz = 1000.0;
+  std::filesystem::path table, json;
+};
+
+double number_in(const std::string& option, const std::string& given, const std::string& word) {
+  double value = 0.0;
+  if (!CLI::detail::lexical_cast(std::string(trimmed(word)), value) || !std::isfinite(value)) {
+    throw UsageError(option + ": " + in_quotes(word) + " of " + in_quotes(given) + " is no number");
+  }
+  return value;
+}
+
+int index_in(const std::string& option, const std::string& given, const std::string& word,
+             double most) {
+  const double value = number_in(option, given, word);
+  if (value != std::floor(value) || value < 1.0 || value > most) {
+    throw UsageError(option + ": " + in_quotes(word) + " of " + in_quotes(given) +
+                     " must be a whole number from 1 to " + number(most));
+  }
+  return static_cast<int>(value);
+}
+
+std::vector<double> numbers_in(const std::string& option, const std::string& given,
+                               const std::string& list) {
+  std::vector<double> values;
+  for (const std::string& word : split_fields(list, ',')) {
+    values.push_back(number_in(option, given, word));
+  }
+  return values;
+}
+
+/// V1,V2,... in mm/s, or poly:A0,A1,..:N in m/s.
+std::vector<double> parse_velocities(const std::string& given) {
+  const std::string option = "--velocities", polynomial = "poly:";
+  if (given.compare(0, polynomial.size(), polynomial) != 0) {
+    std::vector<double> velocities = numbers_in(option, given, given);
+    for (double& v : velocities) v *= kMilli;
+    return velocities;
+  }
+  const std::vector<std::string> parts = split_fields(given, ':');
+  if (parts.size() != 3)
+    throw UsageError(option + ": " + in_quotes(given) + " is no poly:A0,A1,..:N");
+  return polynomial_velocities(numbers_in(option, given, parts[1]),
+                               index_in(option, given, parts[2], kMostVelocities));
+}
+
+/// W, or W@K,..,W: the first for the velocities up to the K-th, the last for the rest; in mm.
+std::vector<double> parse_bands(const std::string& given, std::size_t velocities) {
+  const std::string option = "--band";
+  std::vector<double> bands;
+  const std::vector<std::string> words = split_fields(given, ',');
+  for (const std::string& word : words) {
+    const std::vector<std::string> parts = split_fields(word, '@');
+    const bool last = &word == &words.back();
+    if (parts.size() != (last ? 1U : 2U)) {
+      throw UsageError(option + ": " + in_quotes(word) + " of " + in_quotes(given) +
+                       (last ? " is the last, for all that are left, and takes no @K"
+                             : " must say up to which velocity it goes, W@K"));
+    }
+    const double band = number_in(option, given, parts[0]) * kMilli;
+    const auto up_to = last ? velocities
+                            : static_cast<std::size_t>(index_in(option, given, parts[1],
+                                                                static_cast<double>(velocities)));
+    if (up_to <= bands.size()) {
+      throw UsageError(
+          option + ": " + in_quotes(word) + " of " + in_quotes(given) +
+          (last ? " is left without a velocity" : " does not go beyond the one before"));
+    }
+    bands.resize(up_to, band);
+  }
+  return bands;
+}
+
+MotionLawPlan plan_of(const Arguments& arguments) {
+  MotionLawPlan plan = arguments.plan;
+  plan.velocities = parse_velocities(arguments.velocities);
+  plan.bands = parse_bands(arguments.bands, plan.velocities.size());
+  plan.acceleration = arguments.acceleration_mm * kMilli;
+  plan.centre = arguments.centre_mm * kMilli;
+  if (arguments.travel_mm) plan.travel = *arguments.travel_mm * kMilli;
+  return plan;
+}
+
+/// "1 h 02 min 03 s", "2 min 03 s" or "3.4 s".
+std::string time_text(double seconds) {
+  if (seconds < 60.0) return text("%.1f s", seconds);
+  const auto whole = static_cast<long long>(std::lround(seconds));
+  const long long minutes = whole / 60;
+  if (minutes < 60) return text("%lld min %02lld s", minutes, whole % 60);
+  return text("%lld h %02lld min %02lld s", minutes / 60, minutes % 60, whole % 60);
+}
+
+std::string bands_text(const std::vector<double>& bands) {
+  std::string out;
+  for (std::size_t i = 0; i < bands.size();) {
+    std::size_t next = i;
+    while (next < bands.size() && bands[next] == bands[i]) ++next;
+    out += (out.empty() ? "" : ", ") + text("%.6g mm", bands[i] / kMilli);
+    if (next - i < bands.size()) {
+      out += next - i == 1 ? text(" (%zu)", next) : text(" (%zu to %zu)", i + 1, next);
+    }
+    i = next;
+  }
+  return out;
+}
+
+void describe(const MotionLawPlan& plan, const MotionLaw& law, std::FILE* people) {
+  const auto [slowest, fastest] =
+      std::minmax_element(plan.velocities.begin(), plan.velocities.end());
+  say(people, text("velocities  %zu, %.6g to %.6g mm/s, each in both directions",
+                   plan.velocities.size(), *slowest / kMilli, *fastest / kMilli));
+  say(people, "bands       " + bands_text(plan.bands));
+  say(people, text("travel      %.6g mm, from %.6g to %.6g mm", (law.high() - law.low()) / kMilli,
+                   law.low() / kMilli, law.high() / kMilli));
+  say(people, "total time  " + time_text(law.duration_s()));
+  if (law.single_band_duration_s() > law.duration_s()) {
+    const double widest = *std::max_element(plan.bands.begin(), plan.bands.end());
+    say(people, text("saved       %.1f %%: %s with %.6g mm for all",
+                     100.0 * (1.0 - law.duration_s() / law.single_band_duration_s()),
+                     time_text(law.single_band_duration_s()).c_str(), widest / kMilli));
+  }
+}
+
+/// The rows of the table; throws if it cannot be written.
+double rows_of(const Arguments& arguments, const MotionLaw& law) {
+  if (!(arguments.rate_hz > 0.0)) {
+    throw UsageError("--rate is " + number(arguments.rate_hz) + " Hz, must be positive");
+  }
+  if (arguments.axis.empty() ||
+      arguments.axis.find_first_of(",;\t\r\n\"[]#") != std::string::npos) {
+    throw UsageError("--axis: " + in_quotes(arguments.axis) +
+                     " cannot stand in a header of a recording");
+  }
+  const double rows = std::floor(law.duration_s() * arguments.rate_hz * (1.0 + 1e-12)) + 1.0;
+  if (!(rows <= kMostRows)) {
+    throw UsageError(
+        text("--out would have %.6g rows, at most %.0f; a lower --rate, a narrower "
+             "--band or faster --velocities",
+             rows, kMostRows));
+  }
+  return rows;
+}
+
+std::string table_of(const Arguments& arguments, const MotionLaw& law, double rows) {
+  Column time{"time[s]", {}}, command{arguments.axis + ".command[mm]", {}};
+  for (double row = 0.0; row < rows; row += 1.0) {
+    time.values.push_back(row / arguments.rate_hz);
+    command.values.push_back(std::round(law.at(time.values.back()) * kPicometres) / 1e9);
+  }
+  return csv({time, command});
+}
+
+nlohmann::json json_of(const Arguments& arguments, const MotionLawPlan& plan,
+                       const MotionLaw& law) {
+  nlohmann::json ramps = nlohmann::json::array();
+  for (const MotionRamp& ramp : law.ramps()) {
+    ramps.push_back({{"velocity_mps", ramp.velocity},
+                     {"band_m", ramp.band},
+                     {"from_m", ramp.from},
+                     {"to_m", ramp.to},
+                     {"start_s", ramp.start_s},
+                     {"end_s", ramp.end_s},
+                     {"band_begin_s", ramp.band_begin_s},
+                     {"band_end_s", ramp.band_end_s}});
+  }
+  return {{"schema", "servotwin.motion-law/1"},
+          {"axis", arguments.axis},
+          {"rate_hz", arguments.rate_hz},
+          {"acceleration_mps2", plan.acceleration},
+          {"settle_s", plan.settle_s},
+          {"rest_s", plan.rest_s},
+          {"centre_m", plan.centre},
+          {"low_m", law.low()},
+          {"high_m", law.high()},
+          {"duration_s", law.duration_s()},
+          {"single_band_duration_s", law.single_band_duration_s()},
+          {"ramps", std::move(ramps)}};
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.table, arguments.json});
+  const MotionLawPlan plan = plan_of(arguments);
+  const MotionLaw law(plan);
+  const double rows = arguments.table.empty() ? 0.0 : rows_of(arguments, law);
+  describe(plan, law, people);
+  if (!arguments.table.empty()) {
+    write_result(arguments.table, table_of(arguments, law, rows));
+    say(people, text("table       %.0f rows at %.6g Hz", rows, arguments.rate_hz));
+  }
+  if (!arguments.json.empty()) write_json(arguments.json, json_of(arguments, plan, law));
+  for (const auto& file : {arguments.table, arguments.json}) {
+    if (!file.empty() && !is_stdout(file)) say(people, "written     " + file.string());
+  }
+}
+
+}  // namespace
+
+Command add_motion_law(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "motion-law", "The test motion for friction: ramps of steady velocity across a band.");
+  command
+      .add_option("--velocities", arguments->velocities,
+                  "speeds V1,V2,.. [mm/s], or poly:A0,A1,..:N for A0 + A1 i + A2 i^2 .. [m/s], "
+                  "i = 1 to N")
+      ->type_name("LIST")
+      ->required();
+  command
+      .add_option(
+          "--band", arguments->bands,
+          "where the force is averaged [mm]; 2@3,5@6,10 is 2 mm up to the third speed, 5 mm "
+          "up to the sixth, 10 mm for the rest (default 10)")
+      ->type_name("W");
+  command
+      .add_option("--settle", arguments->plan.settle_s,
+                  "a ramp of speed v starts settle x v before its band [s] (default 0.2)")
+      ->type_name("S");
+  command
+      .add_option("--acceleration", arguments->acceleration_mm,
+                  "of every ramp [mm/s^2] (default 1000)")
+      ->type_name("A");
+  command.add_option("--rest", arguments->plan.rest_s, "after every ramp [s] (default 1)")
+      ->type_name("S");
+  command.add_option("--centre", arguments->centre_mm, "of the bands [mm] (default 0)")
+      ->type_name("MM");
+  command.add_option("--travel", arguments->travel_mm, "the way there is [mm] (default: no limit)")
+      ->type_name("MM");
+  command.add_option("--axis", arguments->axis, "name of the axis in the table (default X)")
+      ->type_name("X");
+  command.add_option("--rate", arguments->rate_hz, "rows per second of the table (default 1000)")
+      ->type_name("HZ");
+  command
+      .add_option("--out", arguments->table, "write the table of commands; - is standard output")
+      ->type_name("PATH.csv");
+  command
+      .add_option("--json", arguments->json,
+                  "write every ramp with the times of its band; - is standard output")
+      ->type_name("OUT.json");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,178 @@
+#include "cli/options.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "cli/output.h"
+#include "drivers/text.h"
+#include "twin/twin.h"
+
+namespace servotwin::cli {
+
+void RecordingOptions::declare(CLI::App& command, const std::string& name,
+                               const std::string& what) {
+  command.add_option(name, file, what)->required();
+  command
+      .add_option(
+          "--columns", read_options.columns,
+          "names for the columns of a foreign file: \"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
+      ->type_name("MAP");
+  command
+      .add_option("--can-map", read_options.can_map,
+                  "which bits of a CAN log (candump -l) are which signal")
+      ->type_name("F.toml");
+  command
+      .add_option("--from", read_options.from_s, "start of the part to take [s of the recording]")
+      ->type_name("S");
+  command.add_option("--to", read_options.to_s, "end of the part to take [s of the recording]")
+      ->type_name("S");
+  command
+      .add_option("--rate", read_options.rate_hz, "rows per second of a file that carries no time")
+      ->type_name("HZ");
+}
+
+Recording RecordingOptions::read(std::FILE* people) const {
+  Recording recording;
+  {
+    const Progress progress("reading " + file.filename().string());
+    recording = read_recording(file, read_options);
+  }
+  for (const std::string& note : recording.notes) say(people, "note: " + note);
+  return recording;
+}
+
+void AxisOptions::declare(CLI::App& command) {
+  recording.declare(
+      command, "REC",
+      "recording: CSV with units, foreign CSV with --columns, MATLAB .mat, or a CAN log "
+      "with --can-map");
+  command.add_option("--axis", axis, "axis of the recording")->type_name("X")->required();
+}
+
+SegmentedAxis AxisOptions::read(std::FILE* people) const {
+  return segmented(recording.read(people), people);
+}
+
+SegmentedAxis AxisOptions::segmented(const Recording& whole, std::FILE* people) const {
+  std::string axes;
+  for (const AxisRecord& one : whole.axes) axes += (axes.empty() ? "" : ", ") + one.name;
+  say(people, "read " + whole.source + ": " + (whole.axes.size() == 1 ? "axis " : "axes ") + axes);
+  SegmentedAxis segmented = segment_axis(whole, axis);
+  for (const std::string& line : segmented.report.lines()) say(people, line);
+  return segmented;
+}
+
+void BusOptions::declare(CLI::App& command) {
+  command.add_flag("--dds", dds,
+                   "over DDS (Cyclone DDS; stays on this host unless CYCLONEDDS_URI is set)");
+  command
+      .add_option("--machine", place.machine,
+                  "name of the machine (default: " + place.machine + ")")
+      ->type_name("NAME");
+  command.add_option("--domain", place.domain, "DDS domain (default: 0)")
+      ->type_name("N")
+      ->check(between(0, 230));
+  command.add_option("--partition", place.partition, "DDS partition of the cell (default: none)")
+      ->type_name("NAME");
+}
+
+std::string BusOptions::text() const {
+  return "machine '" + place.machine + "' in DDS domain " + std::to_string(place.domain);
+}
+
+DaemonThere wait_for_daemon(const DdsNode& node, double patience_s, std::vector<AxisStatus>* axes) {
+  DaemonThere there = DaemonThere::kNobody;
+  DdsReader<MachineStatus> statuses(node);
+  const auto start = std::chrono::steady_clock::now();
+  MachineStatus status;
+  while (true) {
+    const double left_s =
+        patience_s -
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    if (!statuses.receive(status, std::max(left_s, 0.0))) return there;
+    if (status.state == DaemonState::kStopping) continue;
+    if (!status.axes.empty()) {
+      if (axes != nullptr) *axes = status.axes;
+      return DaemonThere::kReady;
+    }
+    there = DaemonThere::kKnowsNoAxes;
+  }
+}
+
+std::string other_daemons(const DdsNode& node) {
+  constexpr double kStatusEvery_s = 1.0;
+  std::vector<std::string> machines = machines_with_daemons(node, 1.5 * kStatusEvery_s);
+  std::erase(machines, node.place().machine);
+  if (machines.empty()) return "";
+  return std::string("; in this domain there ") +
+         (machines.size() == 1 ? "is a daemon of " : "are daemons of ") + listed(machines);
+}
+
+std::vector<double> parse_numbers(const std::string& option, const std::string& given,
+                                  const std::string& form, std::size_t least, std::size_t most) {
+  std::vector<double> numbers;
+  for (const std::string& part : CLI::detail::split(given, ':')) {
+    double value = 0.0;
+    if (!CLI::detail::lexical_cast(part, value) || !std::isfinite(value)) numbers.resize(most + 1);
+    numbers.push_back(value);
+  }
+  if (numbers.size() < least || numbers.size() > most) {
+    throw CLI::ValidationError(option, in_quotes(given) + " is no " + form);
+  }
+  return numbers;
+}
+
+void require_kind(const ModelRecord& record, const std::filesystem::path& file,
+                  const std::string& axis, bool rotary) {
+  if (record.rotary != rotary) {
+    throw std::runtime_error(file.string() + ": kind: the model is of a " +
+                             (record.rotary ? "rotary" : "linear") + " axis, " + axis +
+                             " of the recording is " + (rotary ? "rotary" : "linear"));
+  }
+}
+
+ModelRecord read_model_for(const std::filesystem::path& file, const std::string& axis,
+                           bool rotary) {
+  ModelRecord record = read_model(file);
+  require_kind(record, file, axis, rotary);
+  return record;
+}
+
+Model model_at(const ModelRecord& record, double sample_time_s, std::FILE* people) {
+  Model model = record.model;
+  if (std::abs(model.sample_time_s - sample_time_s) > 1e-6 * sample_time_s) {
+    say(people, cli::text("note: the model was identified at %.6g Hz and is used at %.6g Hz",
+                          1.0 / model.sample_time_s, 1.0 / sample_time_s));
+  }
+  model.sample_time_s = sample_time_s;
+  try {
+    (void)Twin(model);
+  } catch (const std::invalid_argument& error) {
+    throw std::runtime_error(cli::text("the model of axis %s cannot run at %.6g Hz: ",
+                                       record.axis.c_str(), 1.0 / sample_time_s) +
+                             error.what());
+  }
+  return model;
+}
+
+std::vector<std::optional<ModelRecord>> models_of(const MachineDescription& machine,
+                                                  const std::vector<std::filesystem::path>& files,
+                                                  std::FILE* people) {
+  std::vector<std::optional<ModelRecord>> models(machine.axes.size());
+  for (const std::filesystem::path& file : files) {
+    ModelRecord record = read_model(file);
+    std::size_t axis = 0;
+    while (axis < models.size() && machine.axes[axis].name != record.axis) ++axis;
+    if (axis == models.size()) {
+      throw std::runtime_error(file.string() + ": is a model of axis " + in_quotes(record.axis) +
+                               ", which the mapping has not");
+    }
+    require_kind(record, file, record.axis, machine.axes[axis].rotary);
+    record.model = model_at(record, machine.cycle_s, people);
+    models[axis] = std::move(record);
+  }
+  return models;
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,101 @@
+#include "cli/output.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstdarg>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "drivers/file_handle.h"
+
+namespace servotwin::cli {
+
+std::string text(const char* format, ...) {
+  std::va_list arguments, again;
+  va_start(arguments, format);
+  va_copy(again, arguments);
+  const int length = std::vsnprintf(nullptr, 0, format, arguments);
+  va_end(arguments);
+  std::string out(static_cast<std::size_t>(std::max(length, 0)), '\0');
+  std::vsnprintf(out.data(), out.size() + 1, format, again);
+  va_end(again);
+  return out;
+}
+
+std::FILE* people_beside(std::initializer_list<std::filesystem::path> results) {
+  const auto on_stdout = std::count_if(results.begin(), results.end(), is_stdout);
+  if (on_stdout > 1)
+    throw UsageError("only one result can go to standard output; name a file for the others");
+  for (const auto& file : results) {
+    if (file.empty() || is_stdout(file)) continue;
+    if (std::count(results.begin(), results.end(), file) > 1)
+      throw UsageError(file.string() +
+                       " is named for two results; the second would replace the first");
+    AtomicFile probe(file);
+  }
+  return on_stdout == 1 ? stderr : stdout;
+}
+
+void say(std::FILE* people, std::string_view line) {
+  std::fwrite(line.data(), 1, line.size(), people);
+  std::fputc('\n', people);
+}
+
+void write_result(const std::filesystem::path& file, std::string_view content) {
+  if (is_stdout(file)) {
+    std::fwrite(content.data(), 1, content.size(), stdout);
+    return;
+  }
+  AtomicFile out(file);
+  out.write(content);
+  out.commit();
+}
+
+void write_json(const std::filesystem::path& file, const nlohmann::json& json) {
+  write_result(file, json.dump(2) + "\n");
+}
+
+std::string csv(const std::vector<Column>& columns) {
+  std::string out;
+  for (const Column& column : columns) out += (out.empty() ? "" : ",") + column.name;
+  out += '\n';
+  for (std::size_t row = 0; !columns.empty() && row < columns.front().values.size(); ++row) {
+    for (const Column& column : columns) {
+      char digits[32];
+      out.append(digits, std::to_chars(digits, digits + sizeof digits, column.values[row]).ptr);
+      out += ',';
+    }
+    out.back() = '\n';
+  }
+  return out;
+}
+
+Progress::Progress(std::string what) : what_(std::move(what)) {
+  if (::isatty(STDERR_FILENO) == 1) thread_ = std::thread(&Progress::run, this);
+}
+
+Progress::~Progress() {
+  if (!thread_.joinable()) return;
+  {
+    const std::lock_guard lock(mutex_);
+    done_ = true;
+  }
+  done_changed_.notify_one();
+  thread_.join();
+}
+
+void Progress::run() {
+  using namespace std::chrono_literals;
+  std::unique_lock lock(mutex_);
+  auto waited = 2s;
+  if (done_changed_.wait_for(lock, waited, [&] { return done_; })) return;
+  do {
+    std::fprintf(stderr, "\r%s ... %d s", what_.c_str(), static_cast<int>(waited.count()));
+    waited += 1s;
+  } while (!done_changed_.wait_for(lock, 1s, [&] { return done_; }));
+  std::fputs("\r\x1b[K", stderr);  // the line is erased
+}
+
+}  // namespace servotwin::cli

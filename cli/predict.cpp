@@ -1,0 +1,171 @@
+// servotwin predict: a model against a recording, in free simulation.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "cli/command.h"
+#include "cli/model_text.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "daemon/correct/motion_reach.h"
+#include "identification/loop/identify.h"
+#include "identification/recording/noise_floor.h"
+#include "twin/twin.h"
+
+namespace servotwin::cli {
+namespace {
+
+using nlohmann::json;
+
+inline constexpr const char* kPredictionSchema = "servotwin.prediction/1";
+
+struct Arguments {
+  AxisOptions input;
+  std::filesystem::path model, table, result;
+};
+
+struct Judged {
+  const Segment* segment = nullptr;
+  ErrorFigures figures;   // NaN for a segment that is shorter than its starting state
+  Eigen::Index rows = 0;  // that the figures are of
+};
+
+json figure(double value) { return std::isfinite(value) ? json(value) : json(); }
+
+json result_of(const std::string& axis, const ErrorFigures& all, double noise_floor_rms,
+               bool overlaps_training, const std::vector<Judged>& judged) {
+  json segments = json::array();
+  for (const Judged& one : judged) {
+    segments.push_back({{"from_s", one.segment->start_s},
+                        {"to_s", one.segment->end_s()},
+                        {"rms_m", figure(one.figures.rms)},
+                        {"max_m", figure(one.figures.max)},
+                        {"rows", one.segment->size()},
+                        {"rows_judged", one.rows}});
+  }
+  return {{"schema", kPredictionSchema},
+          {"axis", axis},
+          {"rms_m", figure(all.rms)},
+          {"max_m", figure(all.max)},
+          {"noise_floor_rms_m", figure(noise_floor_rms)},
+          {"overlaps_training", overlaps_training},
+          {"segments", segments}};
+}
+
+/// Whether the fit has seen any of this; what tells is the recording's name and the times.
+bool overlaps_training(const ModelRecord& record, const std::string& file,
+                       const SegmentedAxis& axis) {
+  return record.source == file && record.axis == axis.axis &&
+         std::any_of(axis.segments.begin(), axis.segments.end(), [&](const Segment& segment) {
+           return segment.start_s < record.training_to_s && segment.end_s() > record.from_s;
+         });
+}
+
+std::string table_of(const SegmentedAxis& axis, const Model& model) {
+  const std::string unit = axis.rotary ? "[rad]" : "[m]";
+  std::vector<Column> columns{{"time[s]", {}}};
+  for (const char* channel :
+       {"command", "actual", "measured_error", "predicted_error", "residual"}) {
+    columns.push_back({axis.axis + "." + channel + unit, {}});
+  }
+  for (const Segment& segment : axis.segments) {
+    const Eigen::ArrayXd predicted = simulate(model, segment);
+    for (Eigen::Index i = 0; i < segment.size(); ++i) {
+      const double measured = segment.command(i) - segment.actual(i);
+      const std::array row{segment.start_s + segment.sample_time_s * static_cast<double>(i),
+                           segment.command(i),
+                           segment.actual(i),
+                           measured,
+                           predicted(i),
+                           measured - predicted(i)};
+      for (std::size_t c = 0; c < row.size(); ++c) columns[c].values.push_back(row[c]);
+    }
+  }
+  return csv(columns);
+}
+
+void run(const Arguments& arguments) {
+  std::FILE* people = people_beside({arguments.table, arguments.result});
+  const SegmentedAxis axis = arguments.input.read(people);
+  const ModelRecord record = read_model_for(arguments.model, axis.axis, axis.rotary);
+  if (axis.segments.front().actual.size() == 0) {
+    throw std::runtime_error(
+        axis.source + ": " + axis.axis +
+        ".actual has no values to compare with; servotwin simulate needs none");
+  }
+  if (record.axis != axis.axis) {
+    say(people, "note: the model was identified on axis " + record.axis +
+                    ", the recording is of axis " + axis.axis);
+  }
+  const bool overlaps =
+      overlaps_training(record, arguments.input.recording.file.filename().string(), axis);
+  if (overlaps) {
+    say(people, text("note: the model was fitted to %.2f to %.2f s of this recording, so that this "
+                     "is no test of it; its hold-out is %.2f to %.2f s",
+                     record.from_s, record.training_to_s, record.training_to_s, record.to_s));
+  }
+  const Model model = model_at(record, axis.sample_time_s, people);
+
+  if (const MotionReach reach = motion_reach(record, axis.segments); reach.beyond())
+    say(people, "note: " + reach.words);
+
+  const Progress progress("predicting " + axis.axis);
+  const ErrorFigures all = judge(model, axis.segments);
+  if (!std::isfinite(all.rms)) {
+    throw std::runtime_error(
+        axis.source + ": " + axis.axis +
+        text(": no stretch is longer than the %.3f s from which the starting state is taken; "
+             "give a longer part",
+             starting_state_s(model)));
+  }
+  std::vector<Judged> judged;
+  for (const Segment& segment : axis.segments) {
+    const ErrorFigures figures = judge(model, {segment});
+    judged.push_back(
+        {&segment, figures,
+         std::isfinite(figures.rms) ? segment.size() - starting_state_samples(model, segment) : 0});
+  }
+  const double floor = noise_floor(axis.segments).rms;
+
+  say(people, "model       " + structure_text(model) +
+                  (record.version > 0 ? text(", version %d", record.version) : "") +
+                  (record.source.empty() ? "" : ", from " + record.source));
+  say(people,
+      "measured minus predicted tracking error, in free simulation from the command alone:");
+  for (const Judged& one : judged) {
+    say(people,
+        text("%8.2f to %8.2f s  ", one.segment->start_s, one.segment->end_s()) +
+            (std::isfinite(one.figures.rms) ? figures_text(one.figures, axis.rotary)
+                                            : "too short for its starting state, not judged"));
+  }
+  say(people, "all                    " + figures_text(all, axis.rotary));
+  say(people, "noise floor            " + noise_floor_text(floor, axis.rotary));
+  if (!arguments.table.empty()) write_result(arguments.table, table_of(axis, model));
+  if (!arguments.result.empty())
+    write_json(arguments.result, result_of(axis.axis, all, floor, overlaps, judged));
+}
+
+}  // namespace
+
+Command add_predict(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "predict", "What a model predicts for a recording, against what was measured.");
+  arguments->input.declare(command);
+  command.add_option("--model", arguments->model, "model file (servotwin.model/1)")
+      ->type_name("M.json")
+      ->required();
+  command
+      .add_option("--out", arguments->table,
+                  "write command, actual and errors row by row; - is standard output")
+      ->type_name("PRED.csv");
+  command
+      .add_option("--json", arguments->result,
+                  "write the figures here (servotwin.prediction/1); - is standard output")
+      ->type_name("OUT");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

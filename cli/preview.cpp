@@ -1,0 +1,241 @@
+// servotwin preview: asks a running daemon what becomes of a path, and for its correction.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <thread>
+
+#include "cli/command.h"
+#include "cli/model_text.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "daemon/between/clock.h"
+#include "daemon/input/recorded_cycles.h"
+#include "daemon/store/store.h"
+#include "drivers/dds.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr std::size_t kLongestName = 63;
+constexpr std::string_view kNext = "; ";  // of the daemon's sentence, from part to part
+constexpr double kFind_s = 10.0;          // until a daemon that is there has been found
+
+struct Arguments {
+  RecordingOptions path;
+  BusOptions bus;
+  bool learn = false;
+  std::string name;
+  std::filesystem::path table;
+  double wait_s = 60.0;
+};
+
+/// What a program may be called, after its file.
+std::string name_after(const std::filesystem::path& file) {
+  std::string name = file.stem().string().substr(0, kLongestName);
+  for (char& letter : name) {
+    if (!usable_name(std::string("x") + letter)) letter = '_';
+  }
+  return usable_name(name) ? name : "program";
+}
+
+/// The chunks of a path, the same revision for all of them.
+std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& arguments) {
+  const std::size_t rows = path.time.size();
+  std::vector<ProgramChunk> out((rows + kMaxChunkSamples - 1) / kMaxChunkSamples);
+  if (out.size() > kMaxProgramChunks) {
+    throw std::runtime_error(
+        text("%s has %zu rows, and a program at most %zu; take a part of it "
+             "with --from and --to",
+             path.source.c_str(), rows, kMaxProgramChunks * kMaxChunkSamples));
+  }
+  const auto revision = static_cast<std::uint64_t>(wall_ns());
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    ProgramChunk& chunk = out[i];
+    chunk.program = arguments.name.empty() ? name_after(arguments.path.file) : arguments.name;
+    chunk.revision = revision;
+    chunk.chunk = static_cast<std::uint32_t>(i);
+    chunk.chunks = static_cast<std::uint32_t>(out.size());
+    chunk.learn = arguments.learn;
+    const auto from = static_cast<std::ptrdiff_t>(i * kMaxChunkSamples);
+    const auto to = static_cast<std::ptrdiff_t>(std::min(rows, (i + 1) * kMaxChunkSamples));
+    chunk.time_s.assign(path.time.begin() + from, path.time.begin() + to);
+    for (const AxisRecord& axis : path.axes) {
+      chunk.axes.push_back(axis.name);
+      chunk.command.insert(chunk.command.end(), axis.command.begin() + from,
+                           axis.command.begin() + to);
+    }
+  }
+  return out;
+}
+
+/// Waits until the daemon of this machine reads programs, and its answers will be heard; throws if
+/// none does. Topics are shared by all machines of a domain: that somebody reads programs is not
+/// enough. Gives the machine's axes.
+std::vector<AxisStatus> find_daemon(const DdsNode& node, const std::string& machine,
+                                    const DdsWriter<ProgramChunk>& programs,
+                                    const DdsReader<CorrectionChunk>& corrections,
+                                    double patience_s) {
+  const auto nobody = [&] {
+    return std::runtime_error("nobody listens to " + machine + other_daemons(node) +
+                              "; start servotwind with this machine and domain first");
+  };
+  std::vector<AxisStatus> axes;
+  switch (wait_for_daemon(node, patience_s, &axes)) {
+    case DaemonThere::kNobody:
+      throw nobody();
+    case DaemonThere::kKnowsNoAxes:
+      throw std::runtime_error("the daemon of " + machine +
+                               " has not heard of its axes yet; it does when the machine runs");
+    case DaemonThere::kReady:
+      break;
+  }
+  const std::int64_t begin = steady_ns();
+  while (!corrections.matched()) {
+    if (static_cast<double>(steady_ns() - begin) * 1e-9 > patience_s) throw nobody();
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  if (!programs.wait_for_readers(1, patience_s)) throw nobody();
+  return axes;
+}
+
+/// What goes to the daemon has no units: degrees would be taken for metres.
+void require_kinds(const Recording& path, const std::vector<AxisStatus>& machine,
+                   const std::string& name) {
+  for (const AxisRecord& axis : path.axes) {
+    const auto known = std::find_if(machine.begin(), machine.end(),
+                                    [&](const AxisStatus& one) { return one.name == axis.name; });
+    if (known == machine.end() || known->rotary == axis.rotary)
+      continue;  // it refuses what it has not
+    const auto kind = [](bool rotary) { return std::string(rotary ? "rotary" : "linear"); };
+    throw std::runtime_error(path.source + ": " + axis.name + ".command has the unit of a " +
+                             kind(axis.rotary) + " axis, and " + axis.name + " of " + name +
+                             " is " + kind(known->rotary) + "; correct the unit in the header");
+  }
+}
+
+/// What the daemon answers to this revision, whole; throws what it refuses it for.
+std::vector<CorrectionChunk> answer_to(const ProgramChunk& asked,
+                                       DdsReader<CorrectionChunk>& corrections, double patience_s) {
+  std::vector<CorrectionChunk> out;
+  const auto start = std::chrono::steady_clock::now();
+  CorrectionChunk chunk;
+  while (out.empty() || out.size() < out.front().chunks) {
+    const double left_s =
+        patience_s -
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    if (!corrections.receive(chunk, std::max(left_s, 0.0)))
+      throw std::runtime_error(
+          text("no answer after %.3g s; it may still come (--wait)", patience_s));
+    if (chunk.program != asked.program || chunk.revision != asked.revision) continue;
+    if (chunk.state == CorrectionState::kRefused)
+      throw std::runtime_error("the daemon refused it: " + chunk.reason);
+    if (chunk.chunk != out.size()) throw std::runtime_error("a part of the answer was lost");
+    out.push_back(chunk);
+  }
+  return out;
+}
+
+void print(const CorrectionChunk& answer, std::FILE* people) {
+  const bool learned = answer.state == CorrectionState::kLearned;
+  std::string models;
+  for (const AxisCorrectionFigures& axis : answer.axes)
+    models += (models.empty() ? "" : ", ") + axis.name + " " + std::to_string(axis.model_version);
+  say(people, text("correction    program '%s' %s with the models in force (%s), until ",
+                   answer.program.c_str(), learned ? "learned" : "previewed", models.c_str()) +
+                  iso_time(answer.valid_until_ns) +
+                  (answer.valid_until_ns < wall_ns() ? ", which is over" : ""));
+  const auto line = [&](const std::string& what, double before_rms, double before_max,
+                        double after_rms, double after_max, bool rotary) {
+    say(people,
+        text("  %-11s predicted ", what.c_str()) + figures_text({before_rms, before_max}, rotary));
+    if (learned)
+      say(people, "              corrected " + figures_text({after_rms, after_max}, rotary));
+  };
+  for (const AxisCorrectionFigures& axis : answer.axes)
+    line(axis.name, axis.before_rms, axis.before_max, axis.after_rms, axis.after_max, axis.rotary);
+  if (std::isfinite(answer.contour_before_rms))
+    line("contour", answer.contour_before_rms, answer.contour_before_max, answer.contour_after_rms,
+         answer.contour_after_max, false);
+  // What comes after the figures, which are above.
+  for (std::size_t at = answer.reason.find(kNext); at != answer.reason.npos;) {
+    const std::size_t from = at + kNext.size();
+    at = answer.reason.find(kNext, from);
+    say(people, "note: " + answer.reason.substr(from, at == answer.reason.npos ? at : at - from));
+  }
+}
+
+std::string table_of(const Recording& path, const std::vector<CorrectionChunk>& answer) {
+  std::vector<Column> columns{{"time[s]", path.time}};
+  for (std::size_t i = 0; i < answer.front().axes.size(); ++i) {
+    const AxisCorrectionFigures& axis = answer.front().axes[i];
+    Column column{axis.name + ".command" + (axis.rotary ? "[rad]" : "[m]"), {}};
+    for (const CorrectionChunk& chunk : answer) {
+      const auto rows =
+          static_cast<std::ptrdiff_t>(chunk.corrected.size() / answer.front().axes.size());
+      const auto from = chunk.corrected.begin() + static_cast<std::ptrdiff_t>(i) * rows;
+      column.values.insert(column.values.end(), from, from + rows);
+    }
+    columns.push_back(std::move(column));
+  }
+  return csv(columns);
+}
+
+void run(const Arguments& arguments) {
+  if (!arguments.bus.dds) throw UsageError("name the bus: --dds");
+  if (!arguments.name.empty() &&
+      (!usable_name(arguments.name) || arguments.name.size() > kLongestName))
+    throw UsageError("--name " + arguments.name +
+                     ": must be 1 to 63 letters, digits or any of . _ -");
+  std::FILE* people = people_beside({arguments.table});
+  const Recording path = recorded_cycles(arguments.path.read(people)).recording;
+  const std::vector<ProgramChunk> chunks = chunks_of(path, arguments);
+
+  const DdsNode node(arguments.bus.place);
+  DdsReader<CorrectionChunk> corrections(node);
+  DdsWriter<ProgramChunk> programs(node);
+  require_kinds(path,
+                find_daemon(node, arguments.bus.text(), programs, corrections,
+                            std::min(arguments.wait_s, kFind_s)),
+                arguments.bus.text());
+  for (const ProgramChunk& chunk : chunks) {
+    if (!programs.write(chunk)) throw std::runtime_error("DDS refused a part of the program");
+  }
+  std::vector<CorrectionChunk> answer;
+  {
+    const Progress progress(arguments.learn ? "learning" : "predicting");
+    answer = answer_to(chunks.front(), corrections, arguments.wait_s);
+  }
+  print(answer.front(), people);
+  if (!arguments.table.empty()) write_result(arguments.table, table_of(path, answer));
+}
+
+}  // namespace
+
+Command add_preview(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "preview", "What a running daemon says of a path, and the correction it learns.");
+  arguments->path.declare(command, "PATH",
+                          "table of commands, one row per cycle of the machine, or a recording "
+                          "whose encoders are ignored");
+  arguments->bus.declare(command);
+  command.add_flag("--learn", arguments->learn,
+                   "have a correction learned; the daemon keeps it and knows the program again");
+  command
+      .add_option("--name", arguments->name,
+                  "what the program is called (default: after the file); a program of the same "
+                  "name is replaced")
+      ->type_name("NAME");
+  command.add_option("--out", arguments->table, "write the corrected commands")
+      ->type_name("CORRECTED.csv");
+  command.add_option("--wait", arguments->wait_s, "how long to wait for the answer (default 60)")
+      ->type_name("S")
+      ->check(between(0.1, 1e6));
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

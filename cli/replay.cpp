@@ -1,0 +1,160 @@
+// servotwin replay: a recording as the machine that made it, on a live bus.
+#include "drivers/replay.h"
+
+#include <algorithm>
+#include <chrono>
+#include <memory>
+#include <string>
+
+#include "cli/can_replay.h"
+#include "cli/command.h"
+#include "cli/interrupt.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "daemon/input/frame_source.h"
+#include "daemon/input/recorded_cycles.h"
+#include "drivers/dds.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr double kPatience_s = 0.2;  // how long an interrupt may wait
+
+struct Arguments {
+  RecordingOptions recording;
+  BusOptions bus;
+  std::vector<std::string> can;
+  std::string udp;
+  bool targets = false;
+  double speed = 1.0;
+  int look_ahead = 0;
+  double wait_s = 10.0;  // a daemon that has just been started needs about one
+};
+
+void run(const Arguments& arguments) {
+  const bool can = !arguments.can.empty() || !arguments.udp.empty();
+  if (arguments.bus.dds == can) throw UsageError("name one bus: --dds, --can or --udp");
+  if (can) {
+    replay_onto_can({arguments.recording.file, arguments.recording.read_options, arguments.can,
+                     arguments.udp, arguments.targets, arguments.speed});
+    return;
+  }
+  if (arguments.targets) throw UsageError("--targets is for --can and --udp");
+
+  RecordedCycles cycles = recorded_cycles(arguments.recording.read(stdout));
+  for (const std::string& note : cycles.notes) say(stdout, "note: " + note);
+  const std::string source = cycles.recording.source;
+  std::vector<Replay> replays;
+  replays.emplace_back(std::move(cycles.recording), cycles.cycle_s, arguments.look_ahead);
+  const Replay& replay = replays.front();
+  std::string axes;
+  for (const AxisDescription& axis : replay.machine().axes)
+    axes += (axes.empty() ? "" : ", ") + axis.name;
+  say(stdout, text("read %s: %zu rows at %.6g Hz, axes ", source.c_str(), replay.rows(),
+                   1.0 / replay.machine().cycle_s) +
+                  axes);
+
+  const DdsNode node(arguments.bus.place);
+  // In this order, so that who confirms the description has found the writer of the frames as well.
+  // A frame that is sent before that, or before the writer has found a reader, is lost, and nobody
+  // can count it.
+  DdsWriter<MachineFrame> frames(node);
+  DdsWriter<MachineDescription> descriptions(node);
+  if (!descriptions.write(replay.machine()))
+    throw std::runtime_error("DDS refused the description of the machine");
+  const DaemonThere there = wait_for_daemon(node, arguments.wait_s);
+  if (there == DaemonThere::kKnowsNoAxes) {
+    throw std::runtime_error(text("the daemon of %s has not taken the machine up after %.3g s",
+                                  arguments.bus.text().c_str(), arguments.wait_s));
+  }
+  if (there == DaemonThere::kNobody) {
+    // Readers of frames hear every machine of the domain: with daemons of others there, that
+    // somebody reads says nothing.
+    const std::string others = other_daemons(node);
+    if (!others.empty() || !frames.wait_for_readers(1, 0.0)) {
+      throw std::runtime_error(text("nobody listens to %s after %.3g s",
+                                    arguments.bus.text().c_str(), arguments.wait_s) +
+                               others + "; start servotwind with this machine and domain first" +
+                               (others.empty() ? "" : ", or name a machine that is there"));
+    }
+    say(stdout, "note: no daemon speaks for " + arguments.bus.text() + "; others listen");
+  } else if (!descriptions.wait_for_readers(1, arguments.wait_s) ||
+             !descriptions.wait_for_delivery(arguments.wait_s) ||
+             !frames.wait_for_readers(1, arguments.wait_s)) {
+    throw std::runtime_error("the daemon did not confirm the description of the machine");
+  }
+
+  DdsReader<MachineStatus> statuses(node);
+  MachineStatus status;
+  const bool followed = there == DaemonThere::kReady && statuses.receive(status, arguments.wait_s);
+
+  const std::size_t rows = replay.rows();
+  const double cycle_s = replay.machine().cycle_s;
+  ReplaySource machine(std::move(replays), arguments.speed);
+  const Interrupt interrupt;
+  const auto start = std::chrono::steady_clock::now();
+  std::size_t sent = 0, late = 0;
+  {
+    const Progress progress(text("replaying %s, %.0f s", source.c_str(),
+                                 static_cast<double>(rows) * cycle_s / arguments.speed));
+    MachineFrame frame;
+    Received received = Received::kNothing;
+    while (!interrupt.came() &&
+           (received = machine.receive(frame, kPatience_s)) != Received::kEnd) {
+      if (received == Received::kNothing) continue;
+      if (frames.write(frame)) ++sent;
+      if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / arguments.speed) ++late;
+    }
+  }
+  const double taken_s =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const bool delivered = frames.wait_for_delivery(arguments.wait_s);
+  say(stdout, text("sent %zu of %zu frames in %.2f s, %zu of them more than a cycle late", sent,
+                   rows, taken_s, late));
+  if (frames.failed() > 0) {
+    throw std::runtime_error(
+        text("DDS refused %zu frames", static_cast<std::size_t>(frames.failed())));
+  }
+  if (!delivered) throw std::runtime_error("the readers did not confirm the last frames");
+  while (statuses.receive(status, 0.0)) {
+  }
+  if (followed && !statuses.matched(statuses.writer())) {
+    throw std::runtime_error("the daemon of " + arguments.bus.text() +
+                             " has gone before the end; it has not seen all of them");
+  }
+}
+
+}  // namespace
+
+Command add_replay(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand("replay", "A recording as a machine on a live bus.");
+  arguments->recording.declare(command, "LOG", "recording: CSV, MATLAB .mat, or a CAN log");
+  arguments->bus.declare(command);
+  command
+      .add_option("--can", arguments->can,
+                  "onto CAN interfaces, one per bus of the log or of the mapping")
+      ->type_name("IF,..")
+      ->delimiter(',');
+  command.add_option("--udp", arguments->udp, "onto CAN over UDP (cannelloni's format)")
+      ->type_name("HOST:PORT");
+  command.add_flag("--targets", arguments->targets,
+                   "onto CAN as the controller: the commands as target positions of the mapping");
+  command.add_option("--speed", arguments->speed, "times as fast as recorded (default 1)")
+      ->type_name("F")
+      ->check(between(1e-3, 1e3));
+  command
+      .add_option("--look-ahead", arguments->look_ahead,
+                  "cycles whose commands are sent ahead of time (default 0)")
+      ->type_name("N")
+      ->check(between(0, kMaxLookAhead));
+  command
+      .add_option(
+          "--wait", arguments->wait_s,
+          "how long to wait for a listener, and at the end for its confirmation (default 10)")
+      ->type_name("S")
+      ->check(between(0.0, 1e9));
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,149 @@
+#include "cli/response_options.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "cli/axis_channels.h"
+#include "cli/command.h"
+#include "cli/output.h"
+#include "drivers/text.h"
+
+namespace servotwin::cli {
+namespace {
+
+std::vector<std::string> parts_of(const std::string& list) { return split_fields(list, ','); }
+
+const std::vector<std::string> kChannels{"command", "position", "error", "torque"};
+
+/// The unbroken parts in which every signal has a value.
+void add_finite(const ResponseRecord& whole, std::vector<ResponseRecord>& out) {
+  std::vector<const Eigen::ArrayXd*> all{&whole.output};
+  for (const Eigen::ArrayXd& x : whole.inputs) all.push_back(&x);
+  for (const Eigen::ArrayXd& x : whole.instruments) all.push_back(&x);
+  for (const auto& [begin, count] : finite_stretches(all)) {
+    const auto cut = [begin, count](const std::vector<Eigen::ArrayXd>& from) {
+      std::vector<Eigen::ArrayXd> to;
+      for (const Eigen::ArrayXd& x : from) to.push_back(x.segment(begin, count));
+      return to;
+    };
+    out.push_back({cut(whole.inputs), whole.output.segment(begin, count), cut(whole.instruments)});
+  }
+}
+
+/// Channels of axes. A torque is an input with the axis' command as its instrument: the position
+/// loop feeds the noise of the position back into it.
+double axis_signals(const ResponseOptions& options, ResponseSignals& out, std::FILE* people) {
+  const Recording whole = options.recording.read(people);
+  out.inputs = options.inputs.empty() ? std::vector<std::string>{"command"}
+                                      : parts_of(options.inputs.front());
+  out.output = options.outputs.empty() ? "position" : options.outputs.front();
+  AxisChannels axes(whole, options.axis, people);
+  const Channel output = channel_of(out.output, options.axis, kChannels);
+  std::vector<Channel> inputs;
+  bool fed_back = false;
+  for (const std::string& name : out.inputs) {
+    inputs.push_back(channel_of(name, options.axis, kChannels));
+    if (inputs.back().axis == output.axis && inputs.back().name == output.name)
+      throw UsageError("--input and --output are both " + in_quotes(name));
+    fed_back = fed_back || inputs.back().name != "command";
+  }
+  for (std::size_t i = 0; i < axes.segments(); ++i) {
+    ResponseRecord record;
+    for (const Channel& input : inputs) {
+      record.inputs.push_back(axes.values(input, i));
+      if (fed_back) record.instruments.push_back(axes.values({input.axis, "command"}, i));
+    }
+    record.output = axes.values(output, i);
+    add_finite(record, out.records);
+  }
+  if (fed_back)
+    say(people,
+        "closed loop: the command is the instrument, so that what feedback brings into the input "
+        "has no share");
+  out.differenced = true;
+  return axes.sample_time_s();
+}
+
+/// Columns of a file as they are, one record per --input and --output.
+double column_signals(const ResponseOptions& options, ResponseSignals& out, std::FILE* people) {
+  if (options.inputs.empty() || options.inputs.size() != options.outputs.size())
+    throw UsageError(
+        "give --axis, or columns of the file as --input and --output, one of each per repetition");
+  RecordingOptions recording = options.recording;
+  if (!recording.read_options.columns.empty())
+    throw UsageError("--columns needs --axis; without it --input and --output name the columns");
+  std::vector<std::vector<std::string>> names;
+  for (std::size_t i = 0; i < options.inputs.size(); ++i) {
+    const std::vector<std::string> inputs = parts_of(options.inputs[i]);
+    if (inputs.size() != parts_of(options.inputs.front()).size())
+      throw UsageError("--input has not the same number of columns every time");
+    names.emplace_back();
+    for (const std::string& input : inputs) {
+      names.back().push_back(input + " to " + options.outputs[i]);
+      // Their unit is left to who reads the response: a factor of one.
+      recording.read_options.columns += (i == 0 && names.back().size() == 1 ? "" : ",") +
+                                        names.back().back() + ".command=" + input + "[m]," +
+                                        names.back().back() + ".actual=" + options.outputs[i] +
+                                        "[m]";
+    }
+  }
+  const Recording whole = recording.read(people);
+  double h = 0.0;
+  for (const std::vector<std::string>& repetition : names) {
+    std::vector<SegmentedAxis> axes;
+    for (const std::string& name : repetition) axes.push_back(segment_axis(whole, name));
+    for (const std::string& line : axes.front().report.lines()) say(people, line);
+    h = axes.front().sample_time_s;
+    for (std::size_t i = 0; i < axes.front().segments.size(); ++i) {
+      ResponseRecord record;
+      record.output = axes.front().segments[i].actual;
+      for (const SegmentedAxis& axis : axes) {
+        if (axis.segments.size() != axes.front().segments.size() ||
+            axis.segments[i].size() != record.output.size())
+          throw std::runtime_error(axis.source + ": the inputs have no values in the same rows");
+        record.inputs.push_back(axis.segments[i].command);
+      }
+      add_finite(record, out.records);
+    }
+  }
+  out.inputs = parts_of(options.inputs.front());
+  out.output = options.outputs.front();
+  return h;
+}
+
+}  // namespace
+
+void ResponseOptions::declare(CLI::App& command) {
+  recording.declare(command, "REC",
+                    "recording: CSV with units, foreign CSV with --columns or named "
+                    "columns, MATLAB .mat, or a CAN log with --can-map");
+  command
+      .add_option("--axis", axis,
+                  "axis of the recording (default: --input and --output name columns)")
+      ->type_name("X");
+  command
+      .add_option("--input", inputs,
+                  "command (default), torque, or of another axis Y.command; a list A,B tells them "
+                  "apart; without --axis a column, once per repetition")
+      ->type_name("NAME")
+      ->expected(1)
+      ->take_all();
+  command
+      .add_option("--output", outputs,
+                  "position (default), error or torque; without --axis a column, once per "
+                  "repetition")
+      ->type_name("NAME")
+      ->expected(1)
+      ->take_all();
+}
+
+ResponseSignals ResponseOptions::read(std::FILE* people) const {
+  if (!axis.empty() && (inputs.size() > 1 || outputs.size() > 1))
+    throw UsageError("with --axis, --input and --output are given once; several inputs are a list");
+  ResponseSignals out;
+  out.sample_time_s =
+      axis.empty() ? column_signals(*this, out, people) : axis_signals(*this, out, people);
+  return out;
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,32 @@
+// Which signals of a recording a frequency response is of: channels of axes, or columns of any
+// file.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "cli/options.h"
+#include "identification/response/frequency_response.h"
+
+namespace servotwin::cli {
+
+struct ResponseSignals {
+  std::vector<std::string> inputs;  ///< their names
+  std::string output;
+  double sample_time_s = 0.0;
+  bool differenced = false;  ///< they are positions
+  std::vector<ResponseRecord> records;
+};
+
+/// REC --axis --input --output.
+struct ResponseOptions {
+  RecordingOptions recording;
+  std::string axis;  ///< empty: inputs and outputs are columns
+  std::vector<std::string> inputs, outputs;
+
+  void declare(CLI::App& command);
+  /// Reads the signals and says on `people` what was read.
+  [[nodiscard]] ResponseSignals read(std::FILE* people) const;
+};
+
+}  // namespace servotwin::cli

@@ -1,0 +1,124 @@
+// servotwin simulate: the twin as a machine, from a table of commands to what its encoders would
+// say.
+#include <cmath>
+#include <memory>
+#include <random>
+
+#include "cli/can_drive.h"
+#include "cli/command.h"
+#include "cli/command_table.h"
+#include "cli/model_text.h"
+#include "cli/options.h"
+#include "cli/output.h"
+#include "daemon/correct/motion_reach.h"
+#include "drivers/text.h"
+#include "twin/twin.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr double kMicro = 1e-6;  // people say um, the program m
+
+/// What an encoder makes of a position: noise, then its step [m | rad].
+struct Encoder {
+  double step = 0.0;
+  double noise_rms = 0.0;
+};
+
+struct Arguments {
+  TableOptions commands;
+  std::filesystem::path table;
+  Encoder encoder;
+  std::uint64_t seed = 1;
+  std::vector<std::string> can;
+  double seconds = 0.0;
+};
+
+void run(const Arguments& arguments) {
+  if (!arguments.can.empty()) {
+    if (!arguments.commands.path.file.empty() || !arguments.table.empty())
+      throw UsageError("with --can the commands come from the bus, and the answers go there");
+    drive_on_can({arguments.commands.models, arguments.can,
+                  arguments.commands.path.read_options.can_map, arguments.seconds});
+    return;
+  }
+  if (arguments.commands.path.file.empty()) throw UsageError("PATH is required");
+  if (arguments.seconds > 0.0) throw UsageError("--seconds is for --can");
+  std::FILE* people = people_beside({arguments.table});
+  std::vector<Column> columns;
+  for (const auto& [record, model, segment] :
+       read_commands(arguments.commands, "simulated", people)) {
+    if (columns.empty()) columns.push_back({"time[s]", times_of(segment)});
+    const std::string unit = record.rotary ? "[rad]" : "[m]";
+    if (const MotionReach reach = motion_reach(record, {&segment, 1}); reach.beyond())
+      say(people, "note: " + reach.words);
+    const Eigen::ArrayXd error = simulate(model, segment);
+    // One stream of numbers per axis, so that an axis does not depend on which others are
+    // simulated.
+    std::seed_seq seeds(record.axis.begin(), record.axis.end());
+    std::array<std::uint32_t, 2> axis_seed{};
+    seeds.generate(axis_seed.begin(), axis_seed.end());
+    std::mt19937_64 random(arguments.seed ^ (std::uint64_t{axis_seed[0]} << 32 | axis_seed[1]));
+    std::normal_distribution<double> normal;
+    Column command{record.axis + ".command" + unit, {}}, actual{record.axis + ".actual" + unit, {}};
+    for (Eigen::Index i = 0; i < segment.size(); ++i) {
+      double position = segment.command(i) - error(i);
+      if (arguments.encoder.noise_rms > 0.0)
+        position += arguments.encoder.noise_rms * normal(random);
+      if (arguments.encoder.step > 0.0) {
+        position = std::round(position / arguments.encoder.step) * arguments.encoder.step;
+      }
+      command.values.push_back(segment.command(i));
+      actual.values.push_back(position);
+    }
+    columns.push_back(std::move(command));
+    columns.push_back(std::move(actual));
+    say(people, record.axis + ": tracking error " +
+                    figures_text({std::sqrt(error.square().mean()), error.abs().maxCoeff()},
+                                 record.rotary));
+  }
+  if (!arguments.table.empty()) write_result(arguments.table, csv(columns));
+}
+
+/// STEP or STEP:SIGMA in um.
+Encoder parse_noise(const std::string& given) {
+  const std::vector<double> numbers =
+      parse_numbers("--noise", given, "STEP or STEP:SIGMA in um", 1, 2);
+  for (const double value : numbers) {
+    if (value < 0.0)
+      throw CLI::ValidationError("--noise", in_quotes(given) + " must not be negative");
+  }
+  return {numbers[0] * kMicro, numbers.size() > 1 ? numbers[1] * kMicro : 0.0};
+}
+
+}  // namespace
+
+Command add_simulate(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "simulate", "The twin as a machine: what the encoders would say to these commands.");
+  arguments->commands.declare(command);
+  command.get_option("PATH")->required(false);
+  command
+      .add_option("--out", arguments->table,
+                  "write the table with the simulated encoders; - is standard output")
+      ->type_name("SIM.csv");
+  command
+      .add_option_function<std::string>(
+          "--noise",
+          [arguments](const std::string& given) { arguments->encoder = parse_noise(given); },
+          "encoder step, and standard deviation of Gaussian noise before it [um | urad]")
+      ->type_name("STEP[:SIGMA]");
+  command
+      .add_option("--can", arguments->can,
+                  "be the drives on CAN interfaces, one per bus of --can-map: answer on SYNC")
+      ->type_name("IF,..")
+      ->delimiter(',');
+  command.add_option("--seconds", arguments->seconds, "with --can: end after this time")
+      ->type_name("S")
+      ->check(between(1e-3, 1e9));
+  command.add_option("--seed", arguments->seed, "seed of the noise (default 1)")->type_name("N");
+  return {&command, [arguments] { run(*arguments); }};
+}
+
+}  // namespace servotwin::cli

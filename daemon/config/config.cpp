@@ -1,0 +1,395 @@
+#include "daemon/config/config.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdlib>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+#include "daemon/config/listen_address.h"
+#include "drivers/file_handle.h"
+#include "drivers/messages.h"
+#include "drivers/text.h"
+#include "drivers/toml_section.h"
+#include "twin/catalogue.h"
+#include "twin/contour.h"
+
+namespace servotwin {
+namespace {
+
+/// The limits of an axis' correction, all of them or none. Units are those of the axis.
+void read_correction(Section section, std::optional<OffsetLimits>& to) {
+  if (!section.given()) return;
+  OffsetLimits limits;
+  for (const char* key : {"peak", "rate", "bandwidth"}) {
+    if (!section.has(key))
+      section.report_missing(key, "a correction needs peak, rate and bandwidth");
+  }
+  section.number("peak", 1e-9, 1.0, "of the axis", limits.peak);
+  section.number("rate", 1e-9, 100.0, "of the axis per second", limits.rate);
+  section.number("bandwidth", 0.5, 1e5, "Hz", limits.bandwidth_hz);
+  section.refuse_unknown();
+  to = limits;
+}
+
+/// The source that an axis names, with the place where it does.
+struct NamedSource {
+  std::string name;
+  toml::source_region where;
+};
+
+NamedSource read_axis(const toml::table& table, Config& config, Problems& problems) {
+  Section section(&table, "axis", problems);
+  AxisConfig axis;
+  std::string units = "m";
+  NamedSource source;
+  if (section.find("name") == nullptr) section.report_missing("name", "every axis needs one");
+  section.name("name", 31, axis.name);
+  section.one_of("units", {"m", "rad"}, units);
+  section.one_of("torque_unit", {"N", "Nm", "A", "V", "%"}, axis.torque_unit);
+  section.one_of("source", {"dds", "replay", "can", "udp"}, source.name);
+  section.name("path", 31, axis.path);
+  read_correction(section.section("correction"), axis.correction);
+  if (section.has("encoder_in_loop"))
+    section.flag("encoder_in_loop", config.diagnose.encoder_in_loop_of[axis.name]);
+  section.refuse_unknown();
+  if (!source.name.empty()) source.where = table.get("source")->source();
+  axis.rotary = units == "rad";
+  if (axis.rotary && !axis.path.empty())
+    section.report("path", "is drawn by linear axes, and this one has units = 'rad'");
+  for (const AxisConfig& other : config.axes) {
+    if (!axis.name.empty() && other.name == axis.name) {
+      section.report("name", "there is an axis of this name already");
+    }
+  }
+  config.axes.push_back(axis);
+  return source;
+}
+
+/// A path has as many axes as its contour error can have.
+void check_paths(const toml::array& axes, const Config& config, Problems& problems) {
+  std::map<std::string, int> axes_of;
+  for (const AxisConfig& axis : config.axes) ++axes_of[axis.path];
+  for (std::size_t i = 0; i < config.axes.size(); ++i) {
+    const std::string& path = config.axes[i].path;
+    const int count = axes_of[path];
+    if (path.empty() || count == 0 || (count >= 2 && count <= kMaxPathAxes)) continue;
+    problems.add("axis.path", *axes[i].as_table()->get("path"),
+                 "a path has 2 to " + std::to_string(kMaxPathAxes) + " axes, and this one " +
+                     std::to_string(count));
+    axes_of[path] = 0;  // once is enough
+  }
+}
+
+std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Problems& problems) {
+  std::vector<NamedSource> sources;
+  if (node == nullptr) return sources;
+  const toml::array* axes = node->as_array();
+  if (axes == nullptr || !axes->is_array_of_tables()) {
+    problems.add("axis", *node, "must be given as [[axis]] tables");
+  } else if (axes->size() > kMaxAxes) {
+    problems.add(node->source(), "axis: a machine has at most " + std::to_string(kMaxAxes) +
+                                     " axes, not " + std::to_string(axes->size()));
+  } else {
+    for (const toml::node& entry : *axes) {
+      NamedSource source = read_axis(*entry.as_table(), config, problems);
+      if (!source.name.empty()) sources.push_back(std::move(source));
+    }
+    check_paths(*axes, config, problems);
+  }
+  return sources;
+}
+
+/// A file beside the configuration.
+void read_map(Section& section, const std::string& key, const std::filesystem::path& folder,
+              std::filesystem::path& to) {
+  std::string file;
+  section.text(key, 1, 4096, file);
+  if (!file.empty()) to = folder / file;
+}
+
+void read_replay(Section& replay, const std::filesystem::path& folder, ReplayConfig& config) {
+  if (const toml::node* files = replay.find("files")) {
+    const toml::array* list = files->as_array();
+    if (list == nullptr || list->empty() || !list->is_homogeneous(toml::node_type::string)) {
+      replay.report("files", "must be a list of file names in quotes");
+    } else {
+      for (const toml::node& name : *list) config.files.emplace_back(*name.value<std::string>());
+    }
+  } else if (replay.given()) {
+    replay.report_missing("files", "is missing; which recordings are to be replayed?");
+  }
+  replay.text("columns", 0, 4096, config.columns);
+  read_map(replay, "can_map", folder, config.can_map);
+  replay.number("speed", 0.01, 1000.0, "", config.speed);
+  replay.refuse_unknown();
+}
+
+void read_can(Section& can, const std::filesystem::path& folder, CanConfig& config) {
+  read_map(can, "map", folder, config.map);
+  if (can.given() && !can.has("map"))
+    can.report_missing("map", "is missing; which file says which bits are which signal?");
+  if (const toml::node* names = can.find("interfaces")) {
+    const toml::array* list = names->as_array();
+    if (list == nullptr || list->empty() || list->size() > 8 ||
+        !list->is_homogeneous(toml::node_type::string)) {
+      can.report("interfaces", "must be a list of 1 to 8 names in quotes, such as [\"can0\"]");
+    } else {
+      for (const toml::node& name : *list) config.interfaces.push_back(*name.value<std::string>());
+    }
+  }
+  can.flag("filter", config.filter);
+  can.refuse_unknown();
+}
+
+void read_udp(Section& udp, const std::filesystem::path& folder, UdpConfig& config) {
+  read_map(udp, "map", folder, config.map);
+  if (udp.given() && !udp.has("map"))
+    udp.report_missing("map", "is missing; which file says which bits are which signal?");
+  udp.text("listen", 3, 255, config.listen);
+  udp.text("peer", 3, 255, config.peer);
+  udp.refuse_unknown();
+}
+
+/// Which of the sources that are given it is.
+void choose_source(Section& source, const std::vector<NamedSource>& named, Config& config,
+                   Problems& problems) {
+  constexpr std::array<std::pair<const char*, SourceKind>, 4> kKinds{
+      {{"dds", SourceKind::kDds},
+       {"replay", SourceKind::kReplay},
+       {"can", SourceKind::kCan},
+       {"udp", SourceKind::kUdp}}};
+  std::vector<std::string> given;
+  for (const auto& [name, kind] : kKinds) {
+    if (source.has(name)) given.emplace_back(name);
+  }
+  std::string chosen = given.empty() ? "dds" : given.front();
+  if (!named.empty()) {
+    chosen = named.front().name;
+  } else if (given.size() > 1) {
+    source.report(given.back(),
+                  "there is a source." + given.front() +
+                      " as well; say which one with axis.source" +
+                      (source.has("dds") ? ", or put what the daemon says into [dds]" : ""));
+  }
+  for (const NamedSource& other : named) {
+    if (other.name != chosen) {
+      problems.add(other.where, "axis.source = '" + other.name + "': another axis says '" + chosen +
+                                    "', and all axes of a machine come from one source");
+    }
+  }
+  if (chosen != "dds" && !source.has(chosen)) {
+    problems.add(named.front().where,
+                 "axis.source = '" + chosen + "': there is no [source." + chosen + "]");
+  }
+  for (const auto& [name, kind] : kKinds) {
+    if (chosen == name) config.source = kind;
+  }
+}
+
+void read_dds(Section& dds, DdsConfig& config) {
+  int domain = static_cast<int>(config.domain);
+  dds.integer("domain", 0, 230, domain);
+  config.domain = static_cast<std::uint32_t>(domain);
+  dds.text("partition", 0, 255, config.partition);
+  dds.integer("strength", 0, 1000, config.strength);
+}
+
+/// What one of the two sections does not say, the other one does: most machines have one place.
+void read_dds(Section out, Section in, Config& config) {
+  read_dds(in, config.dds);
+  DdsConfig frames = config.dds;
+  read_dds(out, config.dds);
+  if (!in.has("domain")) frames.domain = config.dds.domain;
+  if (!in.has("partition")) frames.partition = config.dds.partition;
+  if (frames.domain != config.dds.domain || frames.partition != config.dds.partition)
+    config.dds_in = frames;
+  if (in.has("strength") && out.has("strength"))
+    in.report("strength", "is that of what the daemon says, and dds.strength is given as well");
+  out.refuse_unknown();
+  in.refuse_unknown();
+}
+
+void read_source(Section source, Section out, const std::vector<NamedSource>& named,
+                 const std::filesystem::path& folder, Config& config, Problems& problems) {
+  read_dds(std::move(out), source.section("dds"), config);
+  Section replay = source.section("replay");
+  read_replay(replay, folder, config.replay);
+  Section can = source.section("can");
+  read_can(can, folder, config.can);
+  Section udp = source.section("udp");
+  read_udp(udp, folder, config.udp);
+  source.refuse_unknown();
+  choose_source(source, named, config, problems);
+}
+
+void read_identify(Section section, IdentifyConfig& identify) {
+  section.number("window_s", 1.0, 3600.0, "s", identify.window_s);
+  section.number("memory_s", 1.0, 3600.0, "s", identify.memory_s);
+  section.number("judge_s", 0.5, 3600.0, "s", identify.judge_s);
+  section.number("min_improvement", 0.0, 0.9, "", identify.min_improvement);
+  std::string method = "joint";
+  section.one_of("method", {"joint", "pole-search"}, method);
+  identify.options.method = method == "joint" ? Method::kJoint : Method::kPoleSearch;
+  PoleBounds& poles = identify.options.bounds;
+  section.range("real_pole_hz", 1e-3, 1e5, "Hz", poles.real_min_hz, poles.real_max_hz);
+  section.range("omega_hz", 1e-3, 1e5, "Hz", poles.omega_min_hz, poles.omega_max_hz);
+  section.range("zeta", 1e-3, 100.0, "", poles.zeta_min, poles.zeta_max);
+  const Parameter& delay = TimeDelay::kShapes[0];
+  section.number("delay_max_s", delay.lower, delay.upper, "s", identify.options.delay_max_s);
+  if (identify.memory_s < identify.window_s) {
+    section.report(section.find("window_s") != nullptr ? "window_s" : "memory_s",
+                   "a model is sought on the last memory_s = " + number(identify.memory_s) +
+                       " s, which must not be less than window_s = " + number(identify.window_s) +
+                       " s");
+  }
+  section.refuse_unknown();
+}
+
+void read_diagnose(Section section, DiagnoseConfig& diagnose) {
+  section.number("every_s", 0.0, 1e7, "s", diagnose.every_s);
+  section.number("record_s", 5.0, 600.0, "s", diagnose.record_s);
+  section.number("false_alarm_days", 0.0, 36525.0, "days of motion", diagnose.false_alarm_days);
+  section.number("reference_s", 60.0, 86400.0, "s", diagnose.reference_s);
+  section.flag("encoder_in_loop", diagnose.encoder_in_loop);
+  section.refuse_unknown();
+}
+
+void read_ilc(Section section, IlcConfig& ilc) {
+  std::string aim = "tracking";
+  section.one_of("aim", {"tracking", "contour"}, aim);
+  ilc.contour = aim == "contour";
+  section.integer("trials", 1, 100, ilc.trials);
+  section.flag("live", ilc.live);
+  section.number("ramp_s", 1e-3, 10.0, "s", ilc.ramp_s);
+  section.number("validity_s", 1e-3, 1.0, "s", ilc.validity_s);
+  section.number("model_age_s", 1.0, 1e9, "s", ilc.model_age_s);
+  section.number("match_tolerance", 1e-12, 1e-2, "m or rad", ilc.match_tolerance);
+  section.number("residual_band", 1.0, 1000.0, "standard deviations", ilc.residual_band);
+  section.integer("delay_cycles", 1, 100, ilc.delay_cycles);
+  if (section.has("offset_in_command")) {
+    bool in_command = false;
+    section.flag("offset_in_command", in_command);
+    ilc.in_command = in_command;
+  }
+  section.refuse_unknown();
+}
+
+void read_http(Section section, HttpConfig& http) {
+  section.text("listen", 1, 64, http.listen);
+  if (!http.listen.empty() && http.listen != "none" && !parse_listen_address(http.listen))
+    section.report("listen", kListenRule);
+  section.text("token", 16, 256, http.token);
+  if (const toml::node* names = section.find("names")) {
+    const toml::array* list = names->as_array();
+    if (list == nullptr || (!list->empty() && !list->is_homogeneous(toml::node_type::string))) {
+      section.report("names", "must be a list of host names in quotes");
+    } else {
+      for (const toml::node& name : *list) http.names.push_back(*name.value<std::string>());
+    }
+  }
+  section.refuse_unknown();
+}
+
+/// Every key with its value as text; a list, also one of tables, is one value.
+void flatten(const toml::table& table, const std::string& path,
+             std::map<std::string, std::string>& out) {
+  for (const auto& [key, node] : table) {
+    const std::string name = path + std::string(key.str());
+    if (const toml::table* inner = node.as_table()) {
+      flatten(*inner, name + ".", out);
+      continue;
+    }
+    std::ostringstream shown;
+    node.visit([&](const auto& value) { shown << value; });
+    std::string text = shown.str();
+    std::replace(text.begin(), text.end(), '\n', ' ');
+    out[name] = std::move(text);
+  }
+}
+
+void read_all(const toml::table& table, const std::filesystem::path& folder, Config& config,
+              Problems& problems) {
+  Section root(&table, "", problems);
+
+  Section machine = root.section("machine");
+  machine.name("name", 63, config.machine);
+  double cycle_s = 0.0;
+  machine.number("cycle_s", 1e-5, 1.0, "s", cycle_s);
+  if (cycle_s > 0.0) config.cycle_s = cycle_s;
+  machine.refuse_unknown();
+
+  const std::vector<NamedSource> named = read_axes(root.find("axis"), config, problems);
+  read_source(root.section("source"), root.section("dds"), named, folder, config, problems);
+  read_identify(root.section("identify"), config.identify);
+  read_diagnose(root.section("diagnose"), config.diagnose);
+  read_ilc(root.section("ilc"), config.ilc);
+
+  Section store = root.section("store");
+  std::string directory;
+  store.text("directory", 1, 4096, directory);
+  config.store.directory = directory;
+  double least_mb = -1.0, most_mb = -1.0;
+  store.number("recordings_mb", 0.0, 1e9, "MB", least_mb);
+  store.number("recordings_max_mb", 0.0, 1e9, "MB", most_mb);
+  if (least_mb >= 0.0) config.store.recordings_mb = least_mb;
+  if (most_mb >= 0.0) config.store.recordings_max_mb = most_mb;
+  // One that is wrong has been reported; the default that stands for it is not to be blamed.
+  const bool both_known = most_mb >= 0.0 && (least_mb >= 0.0 || !store.has("recordings_mb"));
+  if (both_known && most_mb < config.store.recordings_mb)
+    store.report("recordings_max_mb",
+                 "must not be less than recordings_mb = " + number(config.store.recordings_mb));
+  store.refuse_unknown();
+
+  read_http(root.section("http"), config.http);
+
+  Section real_time = root.section("real_time");
+  real_time.integer("priority", 0, 98, config.priority);
+  real_time.integers("cpus", 0, 1023, config.cpus);
+  real_time.refuse_unknown();
+  root.refuse_unknown();
+}
+
+}  // namespace
+
+CheckedConfig check_config(std::string_view text, const std::string& name) {
+  CheckedConfig out;
+  Problems problems(name, out.problems);
+  try {
+    const toml::table table = toml::parse(text, name);
+    read_all(table, std::filesystem::path(name).parent_path(), out.config, problems);
+    flatten(table, "", out.config.given);
+    problems.sort();
+  } catch (const toml::parse_error& error) {
+    problems.add(error.source(), std::string(error.description()));
+  }
+  return out;
+}
+
+CheckedConfig check_config(const std::filesystem::path& file) {
+  return check_config(read_text(file), file.string());
+}
+
+Config load_config(const std::filesystem::path& file) {
+  CheckedConfig checked = check_config(file);
+  if (checked.problems.empty()) return checked.config;
+  throw std::runtime_error(messages(checked.problems));
+}
+
+std::filesystem::path default_store() {
+  const auto variable = [](const char* name) {
+    const char* value = std::getenv(name);
+    return std::filesystem::path(value == nullptr ? "" : value);
+  };
+  if (auto state = variable("STATE_DIRECTORY"); !state.empty()) return state;
+  if (const auto state = variable("XDG_STATE_HOME"); !state.empty()) return state / "servotwin";
+  if (const auto home = variable("HOME"); !home.empty()) {
+    return home / ".local" / "state" / "servotwin";
+  }
+  throw std::runtime_error(
+      "no place for the store: neither STATE_DIRECTORY, XDG_STATE_HOME nor HOME is set; give "
+      "--store");
+}
+
+}  // namespace servotwin

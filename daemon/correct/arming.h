@@ -1,0 +1,57 @@
+// Whether offsets may go to drives: the configuration says live, and a person has armed it. It is
+// not remembered: a daemon that starts is not armed. Any thread; errors: none.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <string>
+
+#include "daemon/store/event_log.h"
+
+namespace servotwin {
+
+class Arming {
+ public:
+  /// Both outlive it.
+  Arming(bool live, std::atomic<bool>& armed, EventLog& events)
+      : live_(live), armed_(armed), events_(events) {}
+
+  [[nodiscard]] bool live() const noexcept { return live_; }
+  // relaxed, here and below: the flag orders nothing.
+  [[nodiscard]] bool armed() const noexcept { return armed_.load(std::memory_order_relaxed); }
+  /// Why it cannot be armed; empty: it is.
+  std::string arm() {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!forbidden_.empty()) return forbidden_;
+    }
+    if (!live_) return "offsets are advice: the configuration does not say ilc.live = true";
+    if (!armed_.exchange(true, std::memory_order_relaxed))
+      events_.note("offsets_armed", "", "armed: from the next run on, offsets are sent to drives");
+    return {};
+  }
+  /// What is out fades to nothing.
+  void disarm() {
+    if (armed_.exchange(false, std::memory_order_relaxed))
+      events_.note("offsets_disarmed", "", "disarmed: offsets are not sent to drives");
+  }
+  /// It is disarmed and stays so, for this reason, which is told once.
+  void forbid(const std::string& why) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (!forbidden_.empty()) return;
+      forbidden_ = why;
+    }
+    events_.error("offsets_held_back", "", why);
+    disarm();
+  }
+
+ private:
+  bool live_;
+  std::mutex mutex_;
+  std::string forbidden_;
+  std::atomic<bool>& armed_;
+  EventLog& events_;
+};
+
+}  // namespace servotwin

@@ -1,0 +1,205 @@
+#include "daemon/correct/learning_worker.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "daemon/between/clock.h"
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+constexpr double kPatience_s = 0.1;  // until it is seen that the worker is to stop
+}  // namespace
+
+LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& events,
+                               OffsetHandOver& hand_over, Announce announce)
+    : rules_(std::move(rules)),
+      store_(store),
+      events_(events),
+      hand_over_(hand_over),
+      announce_(std::move(announce)),
+      assembly_(rules_.machine) {}
+
+void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs) {
+  std::uint64_t told_malformed = 0;
+  ProgramChunk chunk;
+  while (!stop.stop_requested()) {
+    if (programs.receive(chunk, kPatience_s)) take(chunk, steady_ns());
+    refuse_overdue(steady_ns());
+    heed_runs();
+    heed_arming();
+    renew(steady_ns());
+    if (const std::uint64_t malformed = programs.counts().malformed; malformed > told_malformed) {
+      events_.error("program_refused", "",
+                    std::to_string(malformed - told_malformed) +
+                        " chunks of programs whose names have other characters than letters, "
+                        "digits and . _ - are ignored");
+      told_malformed = malformed;
+    }
+  }
+}
+
+void LearningWorker::take(const ProgramChunk& chunk, std::int64_t now_ns) {
+  const ProgramAssembly::Outcome outcome = assembly_.take(chunk, now_ns);
+  if (const auto* refusal = std::get_if<ProgramRefusal>(&outcome)) refuse(*refusal);
+  if (const auto* program = std::get_if<CommandedPath>(&outcome)) learn_now(*program);
+}
+
+void LearningWorker::refuse_overdue(std::int64_t now_ns) {
+  while (const std::optional<ProgramRefusal> refusal = assembly_.overdue(now_ns)) refuse(*refusal);
+}
+
+void LearningWorker::learn_now(const CommandedPath& program) {
+  try {
+    const std::int64_t begin_ns = steady_ns();
+    LearnedProgram made = learned(program, rules_, store_.in_force(), wall_ns(), give_up_);
+    made.number = ++learned_;
+    std::vector<Kept> same;
+    for (const Kept& one : kept_) {
+      if (!program.learn || one->program.name == program.name ||
+          !same_course(one->program, program, rules_.ilc.match_tolerance))
+        continue;
+      same.push_back(one);
+      made.notes.push_back("it takes the place of program '" + one->program.name +
+                           "', which is the same path: beside each other neither would be known");
+    }
+    const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin_ns);
+    const std::vector<CorrectionChunk> chunks = chunks_of(made, rules_);
+    events_.note(program.learn ? "correction_learned" : "program_previewed", "",
+                 "program '" + program.name + "' of " + std::to_string(program.rows()) + " rows, " +
+                     (program.learn ? "learned" : "previewed") + " in " + number(taken_s) +
+                     " s: " + chunks.front().reason,
+                 detail_of(made));
+    for (const CorrectionChunk& chunk : chunks) announce_(chunk);
+    if (program.learn) keep(std::make_shared<const LearnedProgram>(std::move(made)));
+    for (const Kept& one : same)
+      withdraw(one, "program '" + program.name + "' is the same path and takes its place");
+  } catch (const std::exception& error) {
+    refuse({program.name, program.revision, error.what()});
+  }
+}
+
+void LearningWorker::heed_runs() {
+  for (OffsetRun run; hand_over_.runs.pop(run);) heed(run);
+}
+
+void LearningWorker::heed_arming() {
+  // relaxed: the flag orders nothing.
+  const bool before = std::exchange(armed_, hand_over_.armed.load(std::memory_order_relaxed));
+  if (before || !armed_) return;
+  for (const Kept& one : kept_) {
+    if (stale(*one, rules_, wall_ns()))
+      events_.error("correction_stale", "",
+                    "program '" + one->program.name +
+                        "': armed, but its models were last found to hold longer ago than "
+                        "ilc.model_age_s: nothing is sent until they are found to hold again");
+  }
+}
+
+void LearningWorker::renew(std::int64_t now_ns) {
+  if (kept_.empty() || between_ns(renewed_ns_, now_ns) < kRenewEvery_ns) return;
+  renewed_ns_ = now_ns;
+  const std::vector<StoredModel> in_force = store_.in_force();
+  bool any = false;
+  for (Kept& one : kept_) {
+    std::optional<std::int64_t> validated = validated_ns(*one, in_force);
+    if (!validated || *validated <= one->validated_ns) continue;
+    LearnedProgram newer = *one;
+    // The clock may have been set back since.
+    newer.validated_ns = std::min(wall_ns(), *validated);
+    one = std::make_shared<const LearnedProgram>(std::move(newer));
+    any = true;
+  }
+  if (any) hand_over_plan(true);
+}
+
+void LearningWorker::heed(const OffsetRun& run) {
+  const auto found = std::find_if(kept_.begin(), kept_.end(),
+                                  [&](const Kept& one) { return one->number == run.learned; });
+  if (found == kept_.end()) return;  // another one has taken its place by now
+  const Kept learned = *found;
+  const CorrectionRuling ruling = ruling_after(run, *learned, rules_.machine);
+  events_.note(
+      "correction_used", "",
+      "program '" + learned->program.name + "': " + gain_text(run, *learned) + "; " + ruling.reason,
+      gain_detail(run, *learned, ruling));
+  if (ruling.what == CorrectionRuling::What::kWithdraw) withdraw(learned, ruling.reason);
+  if (ruling.what == CorrectionRuling::What::kLearnAnew) learn_anew(learned);
+}
+
+void LearningWorker::learn_anew(const Kept& learned) {
+  const auto known = [&](const StoredModel& model) {
+    return std::all_of(
+        learned->axes.begin(), learned->axes.end(), [&](const AxisCorrectionFigures& axis) {
+          return axis.name != model.record.axis || axis.model_version == model.record.version;
+        });
+  };
+  const std::vector<StoredModel> in_force = store_.in_force();
+  if (!std::all_of(in_force.begin(), in_force.end(), known)) {
+    learn_now(learned->program);
+  } else {
+    events_.note("correction_kept", "",
+                 "program '" + learned->program.name +
+                     "' is kept, since there are no other models to learn it on yet");
+    hand_over_plan();  // the loop uses it again
+  }
+}
+
+void LearningWorker::withdraw(const Kept& learned, const std::string& why) {
+  forget(learned->program.name);
+  events_.error("correction_withdrawn", "",
+                "program '" + learned->program.name + "': its correction is withdrawn: " + why);
+  CorrectionChunk answer;
+  answer.program = learned->program.name;
+  answer.revision = learned->program.revision;
+  answer.state = CorrectionState::kWithdrawn;
+  answer.reason = why;
+  answer.created_ns = wall_ns();
+  answer.cycle_s = rules_.machine.cycle_s;
+  announce_(answer);
+}
+
+void LearningWorker::refuse(const ProgramRefusal& refusal) {
+  forget(refusal.program);
+  events_.error("program_refused", "", "program '" + refusal.program + "': " + refusal.reason);
+  CorrectionChunk answer;
+  answer.program = refusal.program;
+  answer.revision = refusal.revision;
+  answer.state = CorrectionState::kRefused;
+  answer.reason = refusal.reason;
+  answer.created_ns = wall_ns();
+  answer.cycle_s = rules_.machine.cycle_s;
+  announce_(answer);
+}
+
+void LearningWorker::keep(Kept learned) {
+  const std::string name = learned->program.name;
+  std::erase_if(kept_, [&](const Kept& one) { return one->program.name == name; });
+  if (kept_.size() == kMaxKept) kept_.erase(kept_.begin());
+  kept_.push_back(std::move(learned));
+  hand_over_plan();
+}
+
+void LearningWorker::forget(const std::string& program) {
+  const auto named = [&](const Kept& one) { return one->program.name == program; };
+  if (std::erase_if(kept_, named) > 0) hand_over_plan();
+}
+
+void LearningWorker::hand_over_plan(bool renewed) {
+  auto plan = std::make_unique<OffsetPlan>();
+  // One that was not taken yet may have come of a ruling; this one takes its place.
+  // acquire: pairs with the release of the loop.
+  plan->renewed = renewed && hand_over_.in_use.load(std::memory_order_acquire) == plans_made_;
+  plan->generation = ++plans_made_;
+  plan->wall_ns = wall_ns();
+  for (const Kept& one : kept_) {
+    if (one->why_not_live.empty()) plan->programs.push_back(one);
+  }
+  hand_over_.plans.publish(plan.get());
+  plans_.push_back(std::move(plan));
+  // acquire: pairs with the release of the loop, which is done with all plans before this one.
+  const std::uint64_t in_use = hand_over_.in_use.load(std::memory_order_acquire);
+  std::erase_if(plans_, [&](const auto& one) { return one->generation < in_use; });
+}
+
+}  // namespace servotwin

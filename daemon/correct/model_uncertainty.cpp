@@ -1,0 +1,50 @@
+#include "daemon/correct/model_uncertainty.h"
+
+#include <cmath>
+
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+constexpr double kUnstated = 0.05;  // of every pole, where a model does not state deviations
+}  // namespace
+
+ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& transfer, double share) {
+  ModelUncertainty out;
+  const PoleSet& poles = record.pole_deviation;
+  if (share > 0.0 || !(poles.omega > 0.0 || poles.zeta > 0.0)) {
+    const double taken = share > 0.0 ? share : kUnstated;
+    out.of_transfer = relative_uncertainty(transfer, taken);
+    out.of_transfer.deviations = 1.0;
+    out.words = number(100.0 * taken) + " % of every pole and coefficient" +
+                (share > 0.0 ? "" : " (the model states no deviations)");
+  } else {
+    out.words = "two standard deviations of the model";
+    LoopCovariance& covariance = out.of_transfer.covariance;
+    if (record.loop_covariance) {
+      covariance = *record.loop_covariance;
+    } else {
+      double delay_s = 0.0;
+      for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+        if (record.model.effects[i].kind == kind_of<TimeDelay>() &&
+            i < record.effect_deviations.size())
+          delay_s = record.effect_deviations[i].shape[0];
+      }
+      covariance = one_by_one(poles, record.numerator_deviation, delay_s);
+      out.words += ", one by one since its file has no covariance (identify it anew)";
+    }
+    // The deviations are of the scatter in what was fitted. What was not fitted may show more.
+    const double more = record.holdout.rms / record.training.rms;
+    if (more > 1.0 && std::isfinite(more)) {
+      covariance *= more * more;
+      out.words += ", " + number(std::round(100.0 * more) / 100.0) +
+                   " times as large since it missed that much more of its hold-out";
+    }
+  }
+  out.of_transfer.timing_s = record.model.sample_time_s;
+  out.words += out.words.find(',') == std::string::npos ? " and a cycle of its recording"
+                                                        : ", and a cycle of its recording";
+  return out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,49 @@
+#include "daemon/correct/path_ends.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+
+constexpr double kStands = 1e-8;  // [m | rad]
+
+/// From the first or to the last row, how long an axis stands [s].
+double rest_s(const Segment& path, bool at_end) {
+  const Eigen::Index n = path.size();
+  Eigen::Index k = 0;
+  while (k + 1 < n) {
+    const Eigen::Index next = at_end ? n - 2 - k : k + 1;
+    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStands) break;
+    ++k;
+  }
+  return path.sample_time_s * static_cast<double>(k);
+}
+
+}  // namespace
+
+bool moves(const Segment& path) {
+  return rest_s(path, false) < path.sample_time_s * (static_cast<double>(path.size()) - 1.5);
+}
+
+std::vector<std::string> short_rests(std::span<const LearnAxis> axes) {
+  std::vector<std::string> out;
+  for (const bool at_end : {false, true}) {
+    const auto shortest =
+        std::min_element(axes.begin(), axes.end(), [&](const LearnAxis& a, const LearnAxis& b) {
+          return rest_s(a.path, at_end) < rest_s(b.path, at_end);
+        });
+    const double rest = rest_s(shortest->path, at_end);
+    if (rest > kEndRest_s - 0.5 * shortest->path.sample_time_s) continue;
+    out.push_back(shortest->name + " rests " + number(rest) + " s at the path's " +
+                  (at_end ? "end" : "start") + ", less than " + number(kEndRest_s) +
+                  " s: the correction is 0 there and looks ahead, so that the error next to it "
+                  "stays; let the path " +
+                  (at_end ? "end" : "begin") + " with a dwell");
+  }
+  return out;
+}
+
+}  // namespace servotwin

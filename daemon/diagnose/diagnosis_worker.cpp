@@ -1,0 +1,187 @@
+#include "daemon/diagnose/diagnosis_worker.h"
+
+#include <nlohmann/json.hpp>
+#include <set>
+#include <thread>
+#include <utility>
+
+#include "daemon/between/clock.h"
+#include "daemon/store/report_file.h"
+#include "diagnosis/diagnosis_file.h"
+#include "diagnosis/report.h"
+#include "diagnosis/text.h"
+#include "diagnosis/torque_text.h"
+#include "identification/recording/segments.h"
+
+namespace servotwin {
+namespace {
+
+constexpr double kMachineOff_s = 0.5;  // without a cycle
+constexpr auto kPause = std::chrono::milliseconds(100);
+// Of the motion that is looked at; less shows too little.
+constexpr double kLeastShare = 0.5;
+
+/// Every cause once, whoever names it; what the torque says of it beside what the position does,
+/// since two ripples may be two.
+std::string line_of(const Diagnosis& diagnosis, const TorqueDiagnosis& torque) {
+  std::string line = verdict_text(diagnosis);
+  std::set<std::string> told;
+  for (const Cause& cause : diagnosis.causes) {
+    line += "; " + cause.id + ": " + cause_text(diagnosis, cause);
+    if (const std::string also = torque_beside(torque, cause.id); !also.empty())
+      line += ", " + also;
+    told.insert(cause.id);
+  }
+  for (const Cause& cause : diagnosis.suspected) line += "; suspected " + cause.id;
+  for (const TorqueCause& cause : torque.causes) {
+    if (told.insert(cause.id).second) line += "; by torque " + cause.id;
+  }
+  return line;
+}
+
+}  // namespace
+
+DiagnosisWorker::DiagnosisWorker(const MachineDescription& machine, const DiagnoseConfig& config,
+                                 const IdentifyConfig& identify, const MotionMemory& memory,
+                                 ResidualWatch& watch, Store& store, EventLog& events,
+                                 Announce announce)
+    : config_(config),
+      memory_(memory),
+      watch_(watch),
+      store_(store),
+      events_(events),
+      announce_(std::move(announce)) {
+  options_.identify.bounds = identify.options.bounds;
+  options_.identify.delay_max_s = identify.options.delay_max_s;
+  for (const AxisDescription& axis : machine.axes) axes_.push_back({axis.name, {}, {}});
+}
+
+void DiagnosisWorker::restore() {
+  for (const Axis& axis : axes_) {
+    for (const StoredDiagnosis& last : store_.diagnoses(axis.name, 1)) announce_(last);
+  }
+}
+
+void DiagnosisWorker::run(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    bool any = false;
+    for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
+      any = look(axis) || any;
+    if (!any) std::this_thread::sleep_for(kPause);
+  }
+}
+
+void DiagnosisWorker::reconfigure(const DiagnoseConfig& config, const IdentifyConfig& identify) {
+  const std::lock_guard lock(config_mutex_);
+  newer_config_ = {config, identify};
+}
+
+void DiagnosisWorker::take_newer_config() {
+  const std::lock_guard lock(config_mutex_);
+  if (!newer_config_) return;
+  const auto& [diagnose, identify] = *newer_config_;
+  config_ = diagnose;
+  options_.identify.bounds = identify.options.bounds;
+  options_.identify.delay_max_s = identify.options.delay_max_s;
+  newer_config_.reset();
+}
+
+bool DiagnosisWorker::look(std::size_t axis) {
+  take_newer_config();
+  return look(axis, config_.record_s);
+}
+
+void DiagnosisWorker::finish(const std::stop_token& stop) {
+  for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
+    look(axis, kLeastShare * config_.record_s);
+}
+
+bool DiagnosisWorker::look(std::size_t axis, double least_motion_s) {
+  Axis& state = axes_[axis];
+  if (std::optional<std::string> alarm = watch_.take_alarm(axis)) state.alarm = std::move(alarm);
+  const double now_s = memory_.newest_s(), moved_s = memory_.moved_s(axis);
+  const bool on_schedule = config_.every_s > 0.0 &&
+                           (!state.diagnosed_s || now_s - *state.diagnosed_s >= config_.every_s);
+  if (!state.alarm && !on_schedule) return false;
+  if (moved_s - state.moved_s < least_motion_s) return false;
+  const std::optional<double> least_from_s =
+      memory_.time_when_moved(axis, moved_s - kLeastShare * config_.record_s);
+  if (!least_from_s || *least_from_s <= memory_.oldest_s()) return false;
+  const std::optional<double> from_s = memory_.time_when_moved(axis, moved_s - config_.record_s);
+  const std::string reason = state.alarm ? *state.alarm : "on schedule";
+  state.alarm.reset();
+  state.diagnosed_s = now_s;
+  state.moved_s = moved_s;
+  diagnose_now(axis, reason, *from_s, now_s);
+  return true;
+}
+
+void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, double from_s,
+                                   double until_s) {
+  const std::string& name = axes_[axis].name;
+  events_.note("diagnosis_begun", name, "diagnosis begun, " + reason);
+  try {
+    const std::int64_t begin = steady_ns();
+    // With the other axes, whose motion may be what disturbs this one.
+    SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
+    // A machine that was off has lost nothing; cycles that are lost on the way are counted by their
+    // numbers.
+    std::erase_if(motion.report.splits,
+                  [](const auto& split) { return split.length_s > kMachineOff_s; });
+    const auto own = config_.encoder_in_loop_of.find(name);
+    options_.encoder_in_loop =
+        own == config_.encoder_in_loop_of.end() ? config_.encoder_in_loop : own->second;
+    Diagnosis diagnosis = diagnose(motion, options_);
+    const std::optional<TorqueDiagnosis> torque = torque_of(motion);
+    if (torque) heed(*torque, diagnosis);
+    const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin);
+    const Event event =
+        event_now("diagnosis", name,
+                  text("diagnosis of %.1f s, made in %.1f s: ", motion.report.duration_s, taken_s) +
+                      line_of(diagnosis, torque.value_or(TorqueDiagnosis())));
+    diagnosis.extended.created = event.time;
+    nlohmann::json json = to_json(diagnosis, "");
+    if (torque) add_torque(json, *torque);
+    json["created"] = event.time;
+    json["reason"] = reason;
+    keep_report(name,
+                report_html(diagnosis, motion.segments, "what the daemon saw until " + event.time,
+                            torque ? torque_section(*torque) : ""));
+    keep({event.time, name, reason, json.at("verdict").get<std::string>(), json.dump(),
+          to_json(diagnosis.extended).dump()},
+         event);
+  } catch (const std::exception& error) {
+    events_.note("diagnosis_failed", name, std::string("no diagnosis: ") + error.what());
+  }
+}
+
+std::optional<TorqueDiagnosis> DiagnosisWorker::torque_of(const SegmentedAxis& motion) {
+  if (!has_torque(motion)) return std::nullopt;
+  try {
+    return diagnose_torque(motion, options_);
+  } catch (const std::runtime_error& error) {
+    events_.note("torque_not_explained", motion.axis, error.what());
+    return std::nullopt;
+  }
+}
+
+void DiagnosisWorker::keep_report(const std::string& axis, const std::string& html) {
+  try {
+    write_report(store_.directory(), store_.machine(), axis, html);
+  } catch (const std::runtime_error& error) {
+    events_.error("not_stored", axis, error.what());
+  }
+}
+
+void DiagnosisWorker::keep(const StoredDiagnosis& diagnosis, const Event& event) {
+  events_.print(event);
+  try {
+    store_.add(diagnosis, event);
+  } catch (const std::runtime_error& error) {
+    events_.error("not_stored", diagnosis.axis,
+                  std::string("the diagnosis is published and not stored: ") + error.what());
+  }
+  announce_(diagnosis);
+}
+
+}  // namespace servotwin

@@ -1,0 +1,443 @@
+#include "daemon/identify/identification_worker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
+#include <utility>
+
+#include "daemon/between/clock.h"
+#include "drivers/text.h"
+#include "identification/recording/noise_floor.h"
+
+namespace servotwin {
+namespace {
+
+constexpr auto kPause = std::chrono::milliseconds(100);
+// Inside the window: the rest chooses nothing, but tells the identification whether it predicts at
+// all.
+constexpr double kTrainingShare = 0.8;
+// New evidence of less than this is none.
+constexpr double kEnough_s = 1.0;
+// A noise floor that differs by less than this share is the same.
+constexpr double kSameNoise = 0.1;
+// A model of another sampling time is another machine's.
+constexpr double kSameCycle = 0.01;
+
+std::string progress_of(const char* what, double done_s, double needed_s) {
+  std::ostringstream out;
+  out.setf(std::ios::fixed);
+  out.precision(1);
+  out << what << ": " << std::max(0.0, done_s) << " of " << needed_s << " s of motion";
+  return out.str();
+}
+
+/// Of standing that is looked at.
+double standing_s(const IdentifyConfig& config) {
+  return std::max(config.window_s, EvidenceLimits().rest_s);
+}
+
+std::string micro(double value, bool rotary) {
+  std::ostringstream out;
+  out.precision(3);
+  out << value * 1e6 << (rotary ? " urad" : " um");
+  return out.str();
+}
+
+std::string tenths(double value) {
+  std::ostringstream out;
+  out.setf(std::ios::fixed);
+  out.precision(1);
+  out << value << " s";
+  return out.str();
+}
+
+EvidenceBounds bounds_of(const IdentifyConfig& config) {
+  constexpr double kForgotten = 10.0;
+  return {config.memory_s, 0.5 * config.memory_s, standing_s(config), kForgotten * config.memory_s};
+}
+
+/// The largest of what the standing axis and its motion show; NaN where the motion is not known.
+double noise_floor_of(const EvidenceMemory& evidence) {
+  const NoiseFloor motion =
+      noise_floor(evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals}));
+  const NoiseFloor standing = noise_floor(evidence.kept({Evidence::kStandstill}));
+  return standing.standstill_rms > motion.rms ? standing.standstill_rms : motion.rms;
+}
+
+/// What is left of the error by this model, or by none, where the first `skip_s` of every segment
+/// do not count.
+Eigen::ArrayXd left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
+  std::vector<Eigen::ArrayXd> parts;
+  Eigen::Index count = 0;
+  for (const Segment& segment : segments) {
+    const auto skip = static_cast<Eigen::Index>(std::ceil(skip_s / segment.sample_time_s));
+    if (segment.size() <= skip) continue;
+    Eigen::ArrayXd left = segment.command - segment.actual;
+    if (model != nullptr) left -= simulate(*model, segment);
+    parts.emplace_back(left.tail(segment.size() - skip));
+    count += parts.back().size();
+  }
+  Eigen::ArrayXd out(count);
+  Eigen::Index at = 0;
+  for (const Eigen::ArrayXd& part : parts) {
+    out.segment(at, part.size()) = part;
+    at += part.size();
+  }
+  return out;
+}
+
+ErrorFigures figures_of(const Eigen::ArrayXd& left) {
+  if (left.size() == 0) return {};
+  return {std::sqrt(left.square().mean()), left.abs().maxCoeff()};
+}
+
+}  // namespace
+
+IdentificationWorker::IdentificationWorker(const MachineDescription& machine,
+                                           const IdentifyConfig& config, const MotionMemory& memory,
+                                           Store& store, EventLog& events,
+                                           std::span<LatestValue<TwinInForce>> in_force,
+                                           Announce announce)
+    : machine_(machine),
+      config_(config),
+      memory_(memory),
+      store_(store),
+      events_(events),
+      in_force_(in_force),
+      announce_(std::move(announce)) {
+  config_.options.training_share = kTrainingShare;
+  for (const AxisDescription& axis : machine.axes) {
+    axes_.push_back(
+        {axis.name, axis.rotary, {}, {}, 0.0, 0.0, EvidenceMemory(bounds_of(config)), {}, {}});
+    status_.push_back({axis.name, 0, kAbsent, "waiting for motion"});
+  }
+}
+
+void IdentificationWorker::restore() {
+  for (const StoredModel& model : store_.in_force()) {
+    const auto found = std::find_if(axes_.begin(), axes_.end(),
+                                    [&](const Axis& a) { return a.name == model.record.axis; });
+    const std::string version = "model " + std::to_string(model.record.version);
+    if (found == axes_.end()) {
+      events_.note("model_unused", model.record.axis,
+                   version + " is in the store, but the machine has no such axis");
+    } else if (model.record.rotary != found->rotary) {
+      events_.note("model_unused", model.record.axis,
+                   version + (found->rotary ? " is for a linear axis, this one is rotary"
+                                            : " is for a rotary axis, this one is linear"));
+    } else if (std::abs(model.record.model.sample_time_s - machine_.cycle_s) >
+               kSameCycle * machine_.cycle_s) {
+      events_.note("model_unused", model.record.axis,
+                   version + " is for a cycle of " + number(model.record.model.sample_time_s) +
+                       " s, the machine runs at " + number(machine_.cycle_s) + " s");
+    } else {
+      put_in_force(static_cast<std::size_t>(found - axes_.begin()), model);
+      events_.note("model_restored", model.record.axis, version + " is in force again");
+    }
+  }
+}
+
+void IdentificationWorker::run(const std::stop_token& stop) {
+  while (!stop.stop_requested()) {
+    bool any = false;
+    for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
+      any = look(axis) || any;
+    if (!any) std::this_thread::sleep_for(kPause);
+  }
+}
+
+void IdentificationWorker::reconfigure(const IdentifyConfig& config) {
+  const std::lock_guard lock(config_mutex_);
+  newer_config_ = config;
+}
+
+void IdentificationWorker::take_newer_config() {
+  const std::lock_guard lock(config_mutex_);
+  if (!newer_config_) return;
+  config_ = *std::exchange(newer_config_, std::nullopt);
+  config_.options.training_share = kTrainingShare;
+  for (Axis& axis : axes_) axis.evidence.keep(bounds_of(config_));
+}
+
+bool IdentificationWorker::look(std::size_t axis) {
+  take_newer_config();
+  Axis& state = axes_[axis];
+  const double moved_s = memory_.moved_s(axis);
+  if (state.candidate) {
+    const double from_s = state.candidate->moved_s;
+    say(axis, progress_of("judging a candidate", moved_s - from_s, config_.judge_s));
+    const std::optional<double> until_s = memory_.time_when_moved(axis, from_s + config_.judge_s);
+    if (until_s) judge_candidate(axis, *until_s);
+    return until_s.has_value();
+  }
+  say(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s) +
+                (state.last_step.empty() ? "" : "; last: " + state.last_step));
+  const std::optional<double> until_s =
+      memory_.time_when_moved(axis, state.moved_s + config_.window_s);
+  // A worker that got no processor for so long goes on with what there is.
+  if (until_s && *until_s <= memory_.oldest_s() && moved_s - config_.window_s > state.moved_s) {
+    events_.note("motion_skipped", state.name,
+                 tenths(moved_s - config_.window_s - state.moved_s) +
+                     " of motion were not looked at while they were remembered; the processor is "
+                     "too busy");
+    state.moved_s = moved_s - config_.window_s;
+    return true;
+  }
+  // Without a model there is nothing whose noise floor could be renewed.
+  const std::optional<double> stood_s =
+      state.in_force ? memory_.time_when_stood(axis, state.sorted_s, standing_s(config_))
+                     : std::nullopt;
+  if (stood_s && (!until_s || *stood_s <= *until_s)) {
+    renew_noise_floor(axis, *stood_s);
+    return true;
+  }
+  if (until_s) step(axis, *until_s);
+  return until_s.has_value();
+}
+
+SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
+  Axis& state = axes_[axis];
+  const double before_s = std::exchange(state.sorted_s, until_s);
+  SegmentedAxis motion =
+      segment_axis(memory_.copy(axis, until_s - config_.memory_s, until_s, "live"), state.name);
+  const EvidenceSeconds fresh = state.evidence.take(motion.segments, before_s, state.moved_s);
+  for (const Evidence e : {Evidence::kFastMotion, Evidence::kSlowReversals, Evidence::kStandstill})
+    state.fresh.of(e) += fresh.of(e);
+  return motion;
+}
+
+void IdentificationWorker::step(std::size_t axis, double until_s) {
+  Axis& state = axes_[axis];
+  say(axis, "identifying");
+  state.moved_s += config_.window_s;
+  SegmentedAxis motion;
+  try {
+    motion = sort(axis, until_s);
+  } catch (const std::exception& error) {
+    note_refusal(axis, std::string("no model was found: ") + error.what());
+    return;
+  }
+  const EvidenceSeconds fresh = std::exchange(state.fresh, {});
+  const double fast_s = fresh.of(Evidence::kFastMotion),
+               slow_s = fresh.of(Evidence::kSlowReversals);
+  const EvidenceSeconds kept = state.evidence.seconds();
+  const std::string on = " on " + tenths(kept.of(Evidence::kFastMotion)) + " of fast motion and " +
+                         tenths(kept.of(Evidence::kSlowReversals)) + " of slow reversals: ";
+  IdentifyOptions options = config_.options;
+  options.split_each = true;
+  if (!state.in_force) {
+    state.last_step = "loop and friction" + on + "no model is in force";
+  } else if (fast_s >= kEnough_s) {
+    state.last_step = "loop and friction" + on + tenths(fast_s) + " of fast motion are new";
+  } else if (slow_s < kEnough_s) {
+    state.last_step = "no step: neither fast motion nor slow reversals are new";
+    return;
+  } else if (kept.of(Evidence::kFastMotion) == 0.0) {
+    state.last_step =
+        "no step: no fast motion is kept that would hold the loop while friction is "
+        "found from slow reversals";
+    return;
+  } else {
+    options.start = state.in_force->record.model;
+    state.last_step = "friction" + on + tenths(slow_s) +
+                      " of slow reversals are new and no fast motion; from model " +
+                      std::to_string(state.in_force->record.version);
+  }
+  events_.note("identification_step", state.name, state.last_step);
+  say(axis, "identifying " + state.last_step);
+  std::vector<Segment> evidence =
+      state.evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals});
+  // Motion that is evidence of nothing is tried as it is, so that the refusal says what it lacks.
+  if (!evidence.empty()) motion.segments = std::move(evidence);
+  seek(axis, until_s, motion, options);
+}
+
+void IdentificationWorker::cite(Pending& candidate, double from_s, double until_s) const {
+  if (!files_with_) return;
+  for (std::string& name : files_with_(from_s, until_s)) {
+    if (std::find(candidate.recordings.begin(), candidate.recordings.end(), name) ==
+        candidate.recordings.end())
+      candidate.recordings.push_back(std::move(name));
+  }
+}
+
+void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
+  Axis& state = axes_[axis];
+  try {
+    sort(axis, until_s);
+  } catch (const std::exception& error) {
+    state.last_step = std::string("no noise floor of the standing axis: ") + error.what();
+    return;
+  }
+  const double floor = noise_floor_of(state.evidence);
+  double& known = state.in_force->record.noise_floor_rms;
+  const std::string version = "model " + std::to_string(state.in_force->record.version);
+  if (!std::isfinite(floor)) {
+    state.last_step = "standing: the noise floor of " + version + " stays, no motion is kept";
+    return;
+  }
+  state.last_step =
+      "standing: noise floor of " + version + " " + micro(floor, state.rotary) + ", no search";
+  if (std::abs(floor - known) <= kSameNoise * known) return;
+  const std::string before = std::isfinite(known) ? ", was " + micro(known, state.rotary) : "";
+  known = floor;
+  events_.note("noise_floor", state.name, state.last_step + before);
+}
+
+void IdentificationWorker::seek(std::size_t axis, double until_s, const SegmentedAxis& motion,
+                                const IdentifyOptions& options) {
+  Axis& state = axes_[axis];
+  Pending candidate;
+  candidate.until_s = until_s;
+  candidate.moved_s = state.moved_s;
+  for (const Segment& segment : motion.segments) cite(candidate, segment.start_s, segment.end_s());
+  try {
+    const std::int64_t begin = steady_ns();
+    candidate.identified = identify(motion, options);
+    ModelRecord& record = candidate.identified.record;
+    record.motion = motion_range(motion.segments);
+    record.source = "live";
+    record.created = iso_time(wall_ns());
+    record.time_taken_s = static_cast<double>(steady_ns() - begin) * 1e-9;
+  } catch (const std::exception& error) {
+    note_refusal(axis, std::string("no model was found: ") + error.what());
+    return;
+  }
+  // What may not be used need not be judged.
+  Candidacy candidacy;
+  candidacy.rotary = state.rotary;
+  candidacy.refusals = candidate.identified.refusals;
+  // What the motion did not show, a person may overlook; a machine left alone may not.
+  const std::vector<std::string>& not_excited = candidate.identified.record.excitation;
+  candidacy.refusals.insert(candidacy.refusals.end(), not_excited.begin(), not_excited.end());
+  candidacy.invalid = why_invalid(candidate.identified.record.model);
+  if (candidacy.refusals.empty() && candidacy.invalid.empty()) {
+    state.candidate = std::move(candidate);
+  } else {
+    rule(axis, candidate, candidacy);
+  }
+}
+
+void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
+  Axis& state = axes_[axis];
+  say(axis, "judging");
+  Pending candidate = std::move(*state.candidate);
+  state.candidate.reset();
+  const Model& model = candidate.identified.record.model;
+  const Model* other = state.in_force ? &state.in_force->record.model : nullptr;
+  Candidacy candidacy;
+  candidacy.rotary = state.rotary;
+  candidacy.judged_s = config_.judge_s;
+  candidacy.version_in_force = state.in_force ? state.in_force->record.version : 0;
+  try {
+    if (memory_.oldest_s() > candidate.until_s + 2.0 * machine_.cycle_s) {
+      throw std::runtime_error(
+          "the motion to judge it on is not remembered any more; the processor is too busy");
+    }
+    const std::vector<Segment> unseen =
+        segment_axis(memory_.copy(axis, candidate.until_s, until_s, "live"), state.name).segments;
+    // The same samples for both.
+    const double skip_s =
+        std::max(starting_state_s(model), other != nullptr ? starting_state_s(*other) : 0.0);
+    const Eigen::ArrayXd left = left_by(&model, unseen, skip_s);
+    const Eigen::ArrayXd left_in_force = left_by(other, unseen, skip_s);
+    candidate.identified.record.holdout = figures_of(left);
+    candidacy.rms = candidate.identified.record.holdout.rms;
+    candidacy.rms_in_force = figures_of(left_in_force).rms;
+    candidacy.sureness = sureness(left, left_in_force);
+    cite(candidate, candidate.until_s, until_s);
+  } catch (const std::exception& error) {
+    note_refusal(axis, std::string("a candidate was not judged: ") + error.what());
+    return;
+  }
+  rule(axis, candidate, candidacy);
+}
+
+void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
+                                const Candidacy& candidacy) {
+  Axis& state = axes_[axis];
+  const Decision decision = decide(candidacy, {config_.judge_s, config_.min_improvement});
+  StoredModel model{candidate.identified.record, decision.reason};
+  if (!decision.promoted()) {
+    note_refusal(axis, "candidate refused: " + decision.reason, to_json(model.record).dump());
+    validate(axis, candidacy);
+    return;
+  }
+  const int next = candidacy.version_in_force + 1;
+  const Event event =
+      event_now("model_promoted", state.name,
+                "model " + std::to_string(next) + " is in force: " + decision.reason);
+  try {
+    store_.promote(model.record, event, candidate.recordings);
+  } catch (const std::runtime_error& error) {
+    events_.error(
+        "not_stored", state.name,
+        std::string(
+            "a better model was found and is not put in force, because it cannot be stored: ") +
+            error.what());
+    return;
+  }
+  put_in_force(axis, model);
+  events_.print(event);
+}
+
+void IdentificationWorker::validate(std::size_t axis, const Candidacy& candidacy) {
+  const std::optional<StoredModel>& held = axes_[axis].in_force;
+  if (!held || !still_holds(candidacy, held->record.holdout.rms)) return;
+  try {
+    store_.validate(axes_[axis].name, held->record.version, iso_time(wall_ns()));
+  } catch (const std::runtime_error& error) {
+    events_.error(
+        "not_stored", axes_[axis].name,
+        std::string("that the model in force still holds is not stored: ") + error.what());
+  }
+}
+
+void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& model) {
+  const ModelRecord& record = model.record;
+  in_force_[axis].publish(
+      {Twin(record.model), record.version, record.holdout.rms, settling_cycles(record.model)});
+  axes_[axis].in_force = model;
+  {
+    const std::lock_guard lock(status_mutex_);
+    status_[axis].model_version = record.version;
+    status_[axis].holdout_rms = record.holdout.rms;
+  }
+  announce_(model);
+}
+
+void IdentificationWorker::finish() {
+  for (std::size_t axis = 0; axis < axes_.size(); ++axis) {
+    while (look(axis)) {
+    }
+    if (!axes_[axis].candidate) continue;
+    const double judged_s = memory_.moved_s(axis) - axes_[axis].candidate->moved_s;
+    note_refusal(axis, "a candidate stays undecided: " +
+                           progress_of("judged on", judged_s, config_.judge_s));
+    axes_[axis].candidate.reset();
+  }
+}
+
+void IdentificationWorker::update(std::vector<AxisStatus>& status) const {
+  const std::unique_lock lock(status_mutex_, std::try_to_lock);
+  if (lock.owns_lock()) status = status_;
+}
+
+void IdentificationWorker::say(std::size_t axis, const std::string& activity) {
+  const std::lock_guard lock(status_mutex_);
+  status_[axis].activity = activity;
+}
+
+void IdentificationWorker::note_refusal(std::size_t axis, const std::string& why,
+                                        const std::string& detail) {
+  {
+    const std::lock_guard lock(status_mutex_);
+    ++status_[axis].refused;
+    status_[axis].last_refusal = why;
+  }
+  events_.note("model_refused", axes_[axis].name, why, detail);
+}
+
+}  // namespace servotwin

@@ -1,0 +1,93 @@
+#include "daemon/identify/promotion.h"
+
+#include <cmath>
+#include <sstream>
+
+namespace servotwin {
+namespace {
+
+std::string micro(double value, bool rotary) {
+  std::ostringstream out;
+  out.precision(3);
+  out << value * 1e6 << (rotary ? " urad" : " um");
+  return out.str();
+}
+
+std::string seconds(double value) {
+  std::ostringstream out;
+  out.precision(3);
+  out << value << " s";
+  return out.str();
+}
+
+std::string the_other(int version) {
+  return version == 0 ? "predicting nothing" : "model " + std::to_string(version);
+}
+
+}  // namespace
+
+bool still_holds(const Candidacy& candidacy, double holdout_rms) {
+  constexpr double kMost = 2.0;
+  return candidacy.version_in_force > 0 && candidacy.rms_in_force <= kMost * holdout_rms;
+}
+
+double sureness(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other) {
+  constexpr Eigen::Index kParts = 16;
+  const Eigen::Index each = left.size() / kParts;
+  if (each == 0 || left_by_other.size() != left.size()) return kAbsent;
+  const Eigen::ArrayXd less = left_by_other.square() - left.square();
+  Eigen::ArrayXd parts(kParts);
+  for (Eigen::Index k = 0; k < kParts; ++k) parts[k] = less.segment(k * each, each).mean();
+  const double mean = parts.mean();
+  const double variance = (parts - mean).square().sum() / (kParts - 1);
+  return variance > 0.0 ? mean / std::sqrt(variance / kParts) : kAbsent;
+}
+
+Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
+  if (!candidacy.invalid.empty()) return {Ruling::kInvalid, candidacy.invalid};
+  if (!candidacy.refusals.empty()) {
+    std::string all;
+    for (const std::string& refusal : candidacy.refusals)
+      all += (all.empty() ? "" : "; ") + refusal;
+    return {Ruling::kRefused, all};
+  }
+  if (!(candidacy.judged_s >= rule.judge_s)) {
+    return {Ruling::kNotJudged, "only " + seconds(candidacy.judged_s) +
+                                    " of motion to judge on, needs " + seconds(rule.judge_s)};
+  }
+  if (!std::isfinite(candidacy.rms))
+    return {Ruling::kNotJudged, "it cannot be simulated on unseen motion"};
+
+  const std::string figures = "leaves " + micro(candidacy.rms, candidacy.rotary) + " RMS on " +
+                              seconds(candidacy.judged_s) + " of unseen motion";
+  // A model in force that cannot be simulated there is beaten by any that can.
+  if (!std::isfinite(candidacy.rms_in_force)) {
+    return {Ruling::kPromoted,
+            figures + ", where " + the_other(candidacy.version_in_force) + " cannot be simulated"};
+  }
+  const std::string comparison = figures + ", " + the_other(candidacy.version_in_force) +
+                                 " leaves " + micro(candidacy.rms_in_force, candidacy.rotary);
+  if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
+      candidacy.rms < candidacy.rms_in_force) {
+    // Of 15 degrees of freedom: by chance in one judgement of twenty, and of two hundred where it
+    // is little, as it mostly is of a machine that has not changed.
+    constexpr double kMuch = 5.0, kPlain = 10.0;
+    const auto better_by = [&](double times) {
+      return candidacy.rms <= (1.0 - times * rule.min_improvement) * candidacy.rms_in_force;
+    };
+    const double wanted = better_by(kMuch) ? 1.75 : 3.0;
+    if (candidacy.version_in_force == 0 || better_by(kPlain) || candidacy.sureness >= wanted)
+      return {Ruling::kPromoted, comparison};
+    std::ostringstream sure;
+    sure.precision(3);
+    sure << "; better by " << candidacy.sureness << " standard errors, which may be chance (needs "
+         << wanted << ", or " << 100.0 * kPlain * rule.min_improvement << " %)";
+    return {Ruling::kByChance, comparison + sure.str()};
+  }
+  std::ostringstream wanted;
+  wanted.precision(3);
+  wanted << 100.0 * rule.min_improvement;
+  return {Ruling::kNotBetter, comparison + "; must be better by " + wanted.str() + " %"};
+}
+
+}  // namespace servotwin

@@ -1,0 +1,269 @@
+#include "daemon/input/can_source.h"
+
+#include <poll.h>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "daemon/between/clock.h"
+#include "drivers/text.h"
+
+namespace servotwin {
+namespace {
+
+constexpr std::size_t kMaxBuses = 8;
+// A clock that differs by more from the steady one than before was set, not slewed.
+constexpr std::int64_t kClockSet_ns = 2'000'000;
+// A frame may be stamped and not yet be here.
+constexpr std::int64_t kGrace_ns = 100'000;
+// An interface that is away is looked after so often.
+constexpr double kLook_s = 0.1;
+// What goes wrong all the time is told once a minute.
+constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
+
+}  // namespace
+
+CanSource::CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing)
+    : assembly_(std::move(map), pacing),
+      buses_(std::move(buses)),
+      queues_(buses_.size()),
+      clock_offset_ns_(wall_ns() - steady_ns()),
+      last_cycle_ns_(steady_ns()) {
+  const CanMap& known = assembly_.map();
+  if (buses_.size() != known.buses.size() || buses_.size() > kMaxBuses) {
+    throw std::invalid_argument("the mapping has " + std::to_string(known.buses.size()) +
+                                " buses (" + listed(known.buses) + "), and " +
+                                std::to_string(buses_.size()) + " are given; at most " +
+                                std::to_string(kMaxBuses) + " are possible");
+  }
+  for (std::size_t i = 0; i < buses_.size(); ++i) {
+    if (i != known.start.bus) order_.push_back(i);
+  }
+  order_.push_back(known.start.bus);
+  patience_ns_ = std::max<std::int64_t>(500'000'000, std::llround(known.machine.cycle_s * 1e11));
+  told_ = snapshot();
+}
+
+void CanSource::refill(std::size_t bus) noexcept {
+  Queue& queue = queues_[bus];
+  queue.next = 0;
+  queue.count = buses_[bus]->receive(queue.frames, 0.0);
+  queue.may_have_more = queue.count == queue.frames.size();
+}
+
+int CanSource::oldest() noexcept {
+  int found = -1;
+  for (const std::size_t bus : order_) {
+    Queue& queue = queues_[bus];
+    if (queue.next == queue.count && queue.may_have_more) refill(bus);
+    if (queue.next == queue.count) continue;
+    if (found >= 0) {
+      const Queue& other = queues_[static_cast<std::size_t>(found)];
+      if (between_ns(other.frames[other.next].time_ns, queue.frames[queue.next].time_ns) >= 0)
+        continue;
+    }
+    found = static_cast<int>(bus);
+  }
+  return found;
+}
+
+void CanSource::follow_clock() noexcept {
+  const std::int64_t before = steady_ns();
+  const std::int64_t offset = wall_ns() - before;
+  // A busy host may take its time between two readings; that is no step of a clock.
+  if (steady_ns() - before > kClockSet_ns / 2) return;
+  const std::int64_t step = offset - clock_offset_ns_;
+  if (std::abs(step) > kClockSet_ns) assembly_.on_clock_set(step);
+  clock_offset_ns_ = offset;
+}
+
+void CanSource::wait(double timeout_s) noexcept {
+  std::array<pollfd, kMaxBuses> wanted{};
+  nfds_t count = 0;
+  for (std::size_t i = 0; i < buses_.size(); ++i) {
+    const int descriptor = buses_[i]->descriptor();
+    if (descriptor >= 0) wanted[count++] = {descriptor, POLLIN, 0};
+    if (!buses_[i]->counts().up) timeout_s = std::min(timeout_s, kLook_s);
+  }
+  const timespec timeout{static_cast<time_t>(timeout_s),
+                         static_cast<long>((timeout_s - std::floor(timeout_s)) * 1e9)};
+  ppoll(wanted.data(), count, &timeout, nullptr);
+  for (const std::size_t bus : order_) refill(bus);
+}
+
+Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
+  const std::int64_t until = steady_ns() + std::llround(timeout_s * 1e9);
+  while (true) {
+    if (assembly_.take(frame)) {
+      last_cycle_ns_ = steady_ns();
+      stalled_.store(false, std::memory_order_relaxed);  // a fact for people; orders nothing
+      return Received::kFrame;
+    }
+    if (const int bus = oldest(); bus >= 0) {
+      Queue& queue = queues_[static_cast<std::size_t>(bus)];
+      const CanFrame& next = queue.frames[queue.next++];
+      completed_ns_ = next.time_ns;
+      heed_other_sender(static_cast<std::size_t>(bus), next);
+      assembly_.on_frame(static_cast<std::size_t>(bus), next);
+      continue;
+    }
+    follow_clock();
+    std::int64_t patience = until - steady_ns();
+    if (const auto deadline = assembly_.deadline_ns()) {
+      const std::int64_t left = between_ns(wall_ns(), *deadline) + kGrace_ns;
+      if (left <= 0) {
+        completed_ns_ = *deadline;
+        assembly_.on_time(*deadline + 1);
+        continue;
+      }
+      patience = std::min(patience, left);
+    }
+    const std::int64_t now = steady_ns();
+    if (now - last_cycle_ns_ > patience_ns_) stalled_.store(true, std::memory_order_relaxed);
+    if (now >= until) return Received::kNothing;
+    wait(static_cast<double>(std::max<std::int64_t>(patience, 0)) * 1e-9);
+  }
+}
+
+void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
+  const CanMap& known = assembly_.map();
+  for (const std::size_t axis : axes) {
+    CanOffset offset(known, axis);
+    const std::size_t message = known.find(axis, CanChannel::kOffset)->message;
+    carried_.push_back({axis, message, std::move(offset)});
+  }
+}
+
+void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
+  for (const Carried& one : carried_) {
+    const MappedMessage& ours = assembly_.map().messages[one.message];
+    // What a bus receives was sent by another: it never gives back what is sent on it.
+    if (ours.bus != bus || ours.id != frame.id || ours.extended != frame.extended) continue;
+    rival_ns_ = steady_ns();
+    if (sent_ns_ && *rival_ns_ - *sent_ns_ < kTogether_ns)
+      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
+  }
+}
+
+void CanSource::send(const MachineOffset& offset) noexcept {
+  // relaxed: a fact for people; it orders nothing.
+  if (rival_.load(std::memory_order_relaxed) >= 0) return;
+  for (Carried& one : carried_) {
+    const AxisOffset& axis = offset.axes[one.axis];
+    if (!axis.send) continue;
+    sent_ns_ = steady_ns();
+    if (rival_ns_ && *sent_ns_ - *rival_ns_ < kTogether_ns) {
+      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
+      return;
+    }
+    // What does not leave is counted by the bus; the drive drops what is not renewed.
+    (void)one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
+  }
+}
+
+std::string CanSource::offsets_held_back() const {
+  const int axis = rival_.load(std::memory_order_relaxed);
+  if (axis < 0) return {};
+  return "somebody else sends offsets to the drive of axis " +
+         assembly_.map().machine.axes[static_cast<std::size_t>(axis)].name +
+         ", too: ours are held back; leave one of them armed, and start this daemon again";
+}
+
+std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_ns_; }
+
+std::uint64_t CanSource::malformed() const noexcept {
+  std::uint64_t total = 0;
+  for (std::size_t i = 0; i < assembly_.map().messages.size(); ++i)
+    total += assembly_.wrong_length(i);
+  for (const auto& bus : buses_) total += bus->counts().malformed;
+  return total;
+}
+
+std::vector<BusStatus> CanSource::buses() const {
+  const CanMap& known = assembly_.map();
+  const CanCounts counts = assembly_.counts();
+  std::vector<BusStatus> out;
+  for (std::size_t i = 0; i < buses_.size(); ++i) {
+    const CanBusCounts bus = buses_[i]->counts();
+    BusStatus status;
+    status.name = known.buses[i];
+    status.up = bus.up;
+    status.frames = bus.received;
+    status.dropped = bus.dropped;
+    status.packets_lost = bus.lost;
+    status.downs = bus.downs;
+    status.unexpected = counts.buses[i].unexpected;
+    status.error_frames = counts.buses[i].error_frames;
+    out.push_back(std::move(status));
+  }
+  for (std::size_t i = 0; i < counts.messages.size(); ++i) {
+    BusStatus& status = out[known.messages[i].bus];
+    status.missing += counts.messages[i].missing;
+    status.late += counts.messages[i].late;
+  }
+  return out;
+}
+
+CanSource::Snapshot CanSource::snapshot() const {
+  Snapshot out;
+  out.counts = assembly_.counts();
+  for (const auto& bus : buses_) out.buses.push_back(bus->counts());
+  out.stalled = stalled_.load(std::memory_order_relaxed);
+  return out;
+}
+
+std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
+  const Snapshot now = snapshot();
+  bool changed = now.stalled != told_.stalled;
+  for (std::size_t i = 0; i < buses_.size(); ++i) {
+    const CanTrafficCounts& a = told_.counts.buses[i];
+    const CanTrafficCounts& b = now.counts.buses[i];
+    changed = changed || (now.buses[i].malformed > 0 && told_.buses[i].malformed == 0);
+    changed = changed || now.buses[i].up != told_.buses[i].up ||
+              now.buses[i].downs != told_.buses[i].downs || a.bus_off != b.bus_off ||
+              a.restarted != b.restarted;
+  }
+  for (std::size_t i = 0; i < now.counts.messages.size(); ++i) {
+    const CanMessageCounts& a = told_.counts.messages[i];
+    const CanMessageCounts& b = now.counts.messages[i];
+    changed = changed || a.silent != b.silent || a.silences != b.silences;
+  }
+  changed = changed || now.counts.unexpected.size() != told_.counts.unexpected.size();
+  if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kTellEvery_ns) return {};
+
+  const CanMap& known = assembly_.map();
+  std::vector<SourceNews> lines;
+  for (std::size_t i = 0; i < buses_.size(); ++i) {
+    const CanBusCounts& a = told_.buses[i];
+    const CanBusCounts& b = now.buses[i];
+    const std::string& name = known.buses[i];
+    if (b.downs > a.downs) lines.push_back({name + ": the interface went down or away"});
+    if (b.up && (!a.up || b.downs > a.downs))
+      lines.push_back({name + ": the interface is up again", true});
+    if (b.dropped > a.dropped) {
+      lines.push_back({name + ": " + std::to_string(b.dropped - a.dropped) +
+                       " frames dropped by the kernel: they were not taken in time"});
+    }
+    if (b.lost > a.lost)
+      lines.push_back({name + ": " + std::to_string(b.lost - a.lost) + " packets lost"});
+    if (b.malformed > a.malformed) {
+      lines.push_back({name + ": " + std::to_string(b.malformed - a.malformed) +
+                       " packets that are none of CAN frames, or not from the peer"});
+    }
+  }
+  if (now.stalled != told_.stalled) {
+    const std::string start =
+        can_id_text(known.start.id, known.start.extended) + " on " + known.buses[known.start.bus];
+    lines.push_back(now.stalled ? SourceNews{"no cycle begins: " + start + " does not come"}
+                                : SourceNews{"cycles begin again with " + start, true});
+  }
+  for (SourceNews& line : happened(known, told_.counts, now.counts))
+    lines.push_back(std::move(line));
+  // The minute counts from when there was something to tell.
+  if (!lines.empty()) told_ns_ = now_ns;
+  told_ = now;
+  return lines;
+}
+
+}  // namespace servotwin

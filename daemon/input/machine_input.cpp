@@ -1,0 +1,237 @@
+#include "daemon/input/machine_input.h"
+
+#include <algorithm>
+#include <map>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+#include "daemon/input/can_source.h"
+#include "daemon/input/recorded_cycles.h"
+#include "drivers/can_udp.h"
+#include "drivers/candump.h"
+#include "drivers/recording_file.h"
+#include "drivers/replay.h"
+#include "drivers/socketcan.h"
+#include "drivers/text.h"
+#include "twin/contour.h"
+
+namespace servotwin {
+namespace {
+
+MachineDescription described_by(const Config& config) {
+  MachineDescription machine;
+  machine.cycle_s = config.cycle_s.value_or(0.001);
+  for (const AxisConfig& axis : config.axes)
+    machine.axes.push_back({axis.name, axis.rotary, axis.torque_unit});
+  return machine;
+}
+
+/// One of the recordings to replay, and what there is to say about it.
+struct ReadReplay {
+  Replay replay;
+  std::vector<std::string> notes;
+};
+
+ReadReplay read_replay(const Config& config, const std::filesystem::path& file) {
+  ReadOptions options;
+  options.columns = config.replay.columns;
+  if (is_can_log(file)) options.can_map = config.replay.can_map;
+  RecordedCycles cycles = recorded_cycles(read_recording(file, options));
+  std::vector<std::string> notes = cycles.recording.notes;
+  notes.insert(notes.end(), cycles.notes.begin(), cycles.notes.end());
+  return {Replay(std::move(cycles.recording), cycles.cycle_s), std::move(notes)};
+}
+
+MachineInput replaying(const Config& config, EventLog& events) {
+  std::vector<Replay> recordings;
+  for (const std::filesystem::path& file : config.replay.files) {
+    ReadReplay read = read_replay(config, file);
+    for (const std::string& note : read.notes) events.note("source", "", note);
+    recordings.push_back(std::move(read.replay));
+  }
+  auto source = std::make_unique<ReplaySource>(std::move(recordings), config.replay.speed);
+  const MachineDescription machine = source->machine();
+  return {std::move(source), machine};
+}
+
+/// The mapping of the source that is configured, held against the rest of the configuration.
+CanMap mapping(const Config& config) {
+  CanMap map = load_can_map(config.source == SourceKind::kUdp ? config.udp.map : config.can.map);
+  if (config.cycle_s && *config.cycle_s != map.machine.cycle_s) {
+    throw std::runtime_error("machine.cycle_s is " + number(*config.cycle_s) +
+                             " s, and cycle_s of the CAN mapping " + number(map.machine.cycle_s) +
+                             " s; leave it out here");
+  }
+  if (config.source == SourceKind::kUdp && map.buses.size() > 1) {
+    throw std::runtime_error("CAN over UDP is one bus, and the mapping has " +
+                             std::to_string(map.buses.size()) + ": " + listed(map.buses));
+  }
+  if (config.source == SourceKind::kCan && !config.can.interfaces.empty()) {
+    if (config.can.interfaces.size() != map.buses.size()) {
+      throw std::runtime_error("source.can.interfaces names " +
+                               std::to_string(config.can.interfaces.size()) +
+                               ", and the mapping has the buses " + listed(map.buses));
+    }
+    map.buses = config.can.interfaces;
+  }
+  return map;
+}
+
+/// The axes whose offsets go to drives.
+std::vector<std::size_t> corrected_axes(const Config& config) {
+  std::vector<std::size_t> out;
+  for (std::size_t i = 0; config.ilc.live && i < config.axes.size(); ++i) {
+    if (config.axes[i].correction) out.push_back(i);
+  }
+  return out;
+}
+
+MachineInput listening(const Config& config, EventLog& events) {
+  CanMap map = mapping(config);
+  for (const std::string& note : map.notes) events.note("source", "", note);
+  std::vector<std::unique_ptr<CanBus>> buses;
+  Pacing pacing = Pacing::kByStamp;
+  if (config.source == SourceKind::kUdp) {
+    buses.push_back(std::make_unique<CanUdp>(CanUdpPlace{config.udp.listen, config.udp.peer}));
+    map.buses.front() = config.udp.listen;
+    pacing = Pacing::kByCount;
+  } else {
+    for (std::size_t i = 0; i < map.buses.size(); ++i) {
+      SocketCanOptions options;
+      if (config.can.filter) options.only = ids_of(map, i);
+      buses.push_back(std::make_unique<SocketCan>(map.buses[i], std::move(options)));
+    }
+  }
+  const MachineDescription machine = map.machine;
+  events.note("source", "", "listening to " + listed(map.buses));
+  auto source = std::make_unique<CanSource>(std::move(map), std::move(buses), pacing);
+  source->carry_offsets(corrected_axes(config));
+  return {std::move(source), machine};
+}
+
+/// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
+/// `node`: where it is said meanwhile that this is waited for.
+std::optional<MachineDescription> introduced(const DdsNode& node,
+                                             DdsReader<MachineDescription>& reader,
+                                             const std::stop_token& stop) {
+  DdsWriter<MachineStatus> writer(node);
+  MachineStatus status;
+  status.state = DaemonState::kWaiting;
+  writer.write(status);
+  MachineDescription machine;
+  while (!stop.stop_requested()) {
+    if (reader.receive(machine, 0.1)) return machine;
+  }
+  return std::nullopt;
+}
+
+void check_axes(const Config& config, const MachineDescription& machine) {
+  if (config.axes.empty()) return;
+  const MachineDescription wanted = described_by(config);
+  for (std::size_t i = 0; i < std::max(wanted.axes.size(), machine.axes.size()); ++i) {
+    const std::string there = i < machine.axes.size() ? machine.axes[i].name : "none";
+    const std::string here = i < wanted.axes.size() ? wanted.axes[i].name : "none";
+    if (there == here) continue;
+    throw std::runtime_error("axis " + std::to_string(i + 1) + " is '" + here +
+                             "' in the configuration and '" + there + "' in the " +
+                             (config.source == SourceKind::kReplay ? "recording" : "CAN mapping"));
+  }
+  (void)paths_of(config, machine);
+}
+
+}  // namespace
+
+std::vector<std::vector<std::size_t>> paths_of(const Config& config,
+                                               const MachineDescription& machine) {
+  std::map<std::string, std::vector<std::size_t>> named;
+  for (std::size_t i = 0; i < config.axes.size(); ++i) {
+    const AxisConfig& axis = config.axes[i];
+    if (axis.path.empty()) continue;
+    if (machine.axes[i].rotary)
+      throw std::runtime_error("axis " + axis.name + " is rotary, and path '" + axis.path +
+                               "' is drawn by linear axes");
+    named[axis.path].push_back(i);
+  }
+  std::vector<std::vector<std::size_t>> paths;
+  for (auto& [name, axes] : named) paths.push_back(std::move(axes));
+  if (!paths.empty()) return paths;
+  std::vector<std::size_t> linear;
+  for (std::size_t i = 0; i < machine.axes.size(); ++i) {
+    if (!machine.axes[i].rotary) linear.push_back(i);
+  }
+  if (linear.size() >= 2 && linear.size() <= kMaxPathAxes) paths.push_back(std::move(linear));
+  return paths;
+}
+
+std::optional<MachineInput> open_input(const Config& config, const DdsNode& node,
+                                       const DdsNode& node_in,
+                                       DdsReader<MachineDescription>& descriptions,
+                                       const std::stop_token& stop, EventLog& events) {
+  MachineInput input;
+  if (config.source == SourceKind::kReplay) {
+    input = replaying(config, events);
+    check_axes(config, input.machine);
+    return input;
+  }
+  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
+    input = listening(config, events);
+    check_axes(config, input.machine);
+    return input;
+  }
+  if (config.axes.empty()) {
+    events.note("source", "",
+                "waiting for machine '" + config.machine + "' on DDS domain " +
+                    std::to_string(node_in.place().domain));
+    const std::optional<MachineDescription> machine = introduced(node, descriptions, stop);
+    if (!machine) return std::nullopt;
+    input.machine = *machine;
+  } else {
+    input.machine = described_by(config);
+  }
+  input.source = std::make_unique<DdsSource>(node_in);
+  return input;
+}
+
+std::vector<std::string> input_obstacles(const Config& config) {
+  std::vector<std::string> found;
+  const auto attempt = [&](const auto& action) {
+    try {
+      action();
+    } catch (const std::exception& error) {
+      // Every problem of a mapping is a line of its own.
+      std::istringstream lines(error.what());
+      for (std::string line; std::getline(lines, line);) found.push_back(line);
+    }
+  };
+  if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
+    attempt([&] {
+      const CanMap map = mapping(config);
+      check_axes(config, map.machine);
+      for (const std::size_t axis : corrected_axes(config)) CanOffset(map, axis);
+    });
+  }
+  if (config.source == SourceKind::kUdp) {
+    const auto address = [&](const char* key, const std::string& place, bool ours) {
+      try {
+        CanUdp::require_address(place, ours);
+      } catch (const std::runtime_error& error) {
+        found.push_back(std::string("source.udp.") + key + ": " + error.what());
+      }
+    };
+    address("listen", config.udp.listen, true);
+    if (!config.udp.peer.empty()) address("peer", config.udp.peer, false);
+  }
+  if (config.source != SourceKind::kReplay) return found;
+  std::vector<Replay> recordings;
+  for (const std::filesystem::path& file : config.replay.files)
+    attempt([&] { recordings.push_back(read_replay(config, file).replay); });
+  if (recordings.size() == config.replay.files.size()) {
+    attempt([&] {
+      check_axes(config, ReplaySource(std::move(recordings), config.replay.speed).machine());
+    });
+  }
+  return found;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,270 @@
+#include "daemon/loop/live_offsets.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "daemon/between/clock.h"
+
+namespace servotwin {
+namespace {
+
+std::int64_t ns_of(double seconds) noexcept { return std::llround(1e9 * seconds); }
+
+Gate gate_of(const std::optional<OffsetLimits>& limits, const IlcConfig& ilc) {
+  const OffsetLimits given = limits.value_or(OffsetLimits());
+  return Gate({given.peak, given.rate, given.bandwidth_hz, ilc.ramp_s, ilc.validity_s,
+               ilc.model_age_s, ilc.live});
+}
+
+double squared(double value) noexcept { return value * value; }
+
+}  // namespace
+
+LiveOffsets::LiveOffsets(const LearningRules& rules, bool in_command, OffsetHandOver& hand_over)
+    : rules_(rules),
+      in_command_(in_command),
+      hand_over_(hand_over),
+      // What the fade-in did dies out within another ramp.
+      counts_after_(std::lround(2.0 * rules.ilc.ramp_s / rules.machine.cycle_s)),
+      matcher_(rules.ilc.match_tolerance),
+      sent_(static_cast<std::size_t>(rules.ilc.delay_cycles)) {
+  for (const std::optional<OffsetLimits>& limits : rules.limits)
+    gates_.push_back(gate_of(limits, rules.ilc));
+  path_.reserve(kMaxAxes);
+}
+
+const MachineFrame& LiveOffsets::seen(const MachineFrame& frame, bool follows) noexcept {
+  gap_ = !follows;
+  if (gap_) {  // a drive has kept what came last
+    const MachineOffset last = sent_[newest_];
+    std::fill(sent_.begin(), sent_.end(), last);
+  }
+  const MachineOffset& applied = sent_[(newest_ + 1) % sent_.size()];
+  std::array<double, kMaxAxes> added{};
+  bool any = false;
+  for (std::size_t i = 0; i < gates_.size(); ++i) {
+    const AxisOffset& one = applied.axes[i];
+    added[i] = one.send && frame.time_ns <= one.expires_ns ? one.offset : 0.0;
+    nominal_[i] = frame.axes[i].command - (in_command_ ? added[i] : 0.0);
+    any = any || added[i] != 0.0;
+  }
+  if (in_command_ || !any) return frame;
+  seen_ = frame;
+  for (std::size_t i = 0; i < gates_.size(); ++i) {
+    seen_.axes[i].command += added[i];
+    for (int k = 0; k < seen_.ahead_count; ++k)
+      seen_.ahead[i][static_cast<std::size_t>(k)] += added[i];
+  }
+  return seen_;
+}
+
+void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
+  if (const OffsetPlan* const* fresh = hand_over_.plans.fresh(); fresh != nullptr) {
+    next_ = *fresh;
+    next_frame_ns_ = frame.time_ns;
+  }
+  // What has begun would not be known again before its next start: a reason to wait with what is
+  // only fresher, not with what may take a correction away.
+  if (next_ == nullptr || (next_->renewed && matcher_.follows())) return;
+  plan_ = std::exchange(next_, nullptr);
+  plan_frame_ns_ = next_frame_ns_;
+  if (!plan_->renewed) barred_.reset();
+  std::array<const CommandedPath*, ProgramMatcher::kMaxPrograms> programs{};
+  const std::size_t count = std::min(plan_->programs.size(), programs.size());
+  for (std::size_t i = 0; i < count; ++i) programs[i] = &plan_->programs[i]->program;
+  matcher_.watch({programs.data(), count});
+  // release: pairs with the acquire of the worker, who frees the plans before this one.
+  hand_over_.in_use.store(plan_->generation, std::memory_order_release);
+}
+
+void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
+                        const MachineFrame& frame) noexcept {
+  const IlcConfig& ilc = rules_.ilc;
+  run_ = Run();
+  run_.learned = &learned;
+  // relaxed: the flag orders nothing.
+  run_.live = ilc.live && hand_over_.armed.load(std::memory_order_relaxed);
+  run_.row = row;
+  const double left_s =
+      static_cast<double>(learned.program.rows() - row + ilc.delay_cycles) * rules_.machine.cycle_s;
+  // Stamps of others may be anything: they wrap instead of overflowing.
+  run_.ends_ns = between_ns(-ns_of(left_s + 2.0 * ilc.ramp_s), frame.time_ns);
+  run_.validated_ns = between_ns(between_ns(learned.validated_ns, plan_->wall_ns), plan_frame_ns_);
+  run_.seen.learned = learned.number;
+  run_.seen.live = run_.live;
+  path_.clear();
+  for (std::size_t n = 0; n < learned.axes.size(); ++n) {
+    if (!learned.axes[n].rotary) path_.push_back(n);
+  }
+  if (learned.contour_before.size() == 0) path_.clear();
+  if (!path_.empty()) contour_ = ContourError(static_cast<int>(path_.size()));
+  phase_ = Phase::kRunning;
+}
+
+void LiveOffsets::end(RunEnd end, int axis, Refusal refusal) noexcept {
+  if (phase_ != Phase::kRunning) return;
+  run_.seen.end = end;
+  run_.seen.axis = axis;
+  run_.seen.refusal = static_cast<std::uint8_t>(refusal);
+  run_.seen.at_s = static_cast<double>(run_.row) * rules_.machine.cycle_s;
+  if (end == RunEnd::kResidual || end == RunEnd::kContour || end == RunEnd::kRefused)
+    barred_ = run_.learned->number;
+  hand_over_.runs.push(run_.seen);
+  phase_ = Phase::kFading;
+}
+
+void LiveOffsets::watch_residuals(const MachinePrediction& prediction) noexcept {
+  const CommandedPath& program = run_.learned->program;
+  for (std::size_t n = 0; n < program.axes.size(); ++n) {
+    const AxisPrediction& axis = prediction.axes[program.axes[n]];
+    // Without an encoder value nobody knows what the machine does.
+    const double band = std::max(rules_.ilc.residual_band * axis.standard_deviation,
+                                 kBeyondMost * run_.learned->missed_most[n]);
+    const bool within = std::abs(axis.residual) <= band;
+    run_.outside[n] = within ? 0 : run_.outside[n] + 1;
+    if (run_.outside[n] >= kOutside)
+      return end(RunEnd::kResidual, static_cast<int>(program.axes[n]));
+  }
+}
+
+void LiveOffsets::measure(const MachineFrame& frame) noexcept {
+  const LearnedProgram& learned = *run_.learned;
+  const bool counts = ++run_.rows > counts_after_;
+  if (counts) {
+    ++run_.seen.cycles;
+    for (std::size_t n = 0; n < learned.axes.size(); ++n) {
+      const std::size_t axis = learned.program.axes[n];
+      RunSquares& squares = run_.seen.axes[n];
+      squares.measured += squared(nominal_[axis] - frame.axes[axis].actual);
+      squares.before += squared(learned.error_before[n](run_.row));
+      squares.after += squared(learned.error_after[n](run_.row));
+    }
+  }
+  if (!path_.empty()) measure_contour(frame, counts);
+}
+
+void LiveOffsets::measure_contour(const MachineFrame& frame, bool counts) noexcept {
+  const LearnedProgram& learned = *run_.learned;
+  const Eigen::Index known = learned.program.rows() - 1 - run_.row;
+  const auto ahead = static_cast<std::size_t>(
+      std::min<Eigen::Index>(known, static_cast<Eigen::Index>(ahead_.size())));
+  PathPoint command{}, actual{};
+  for (std::size_t i = 0; i < path_.size(); ++i) {
+    const std::size_t axis = learned.program.axes[path_[i]];
+    command[i] = nominal_[axis];
+    actual[i] = frame.axes[axis].actual;
+    for (std::size_t k = 0; k < ahead; ++k)
+      ahead_[k][i] = learned.program.command[path_[i]](run_.row + 1 + static_cast<Eigen::Index>(k));
+  }
+  contour_.move(command);
+  const double measured = squared(contour_.of(actual, {ahead_.data(), ahead}));
+  if (!counts || !std::isfinite(measured)) return;
+  const double before = squared(learned.contour_before(run_.row));
+  RunSquares& squares = run_.seen.contour;
+  squares.measured += measured;
+  squares.before += before;
+  squares.after += squared(learned.contour_after(run_.row));
+  run_.window_measured += (measured - run_.window_measured) / kWindow;
+  run_.window_before += (before - run_.window_before) / kWindow;
+  // Where the path is followed well without a correction, too, the whole of it is the measure.
+  const double allowed = std::max(run_.window_before, squared(learned.contour_size_before.rms));
+  if (run_.live && run_.window_measured > allowed) end(RunEnd::kContour);
+}
+
+void LiveOffsets::ask_gates(const MachineFrame& frame,
+                            const MachinePrediction& prediction) noexcept {
+  const LearnedProgram& learned = *run_.learned;
+  const Eigen::Index ahead = run_.row + rules_.ilc.delay_cycles;
+  for (std::size_t n = 0; n < learned.axes.size(); ++n) {
+    const std::size_t axis = learned.program.axes[n];
+    const AxisPrediction& predicted = prediction.axes[axis];
+    GateRequest request;
+    request.now_ns = frame.time_ns;
+    request.offset = ahead < learned.program.rows() ? learned.offset[n](ahead) : 0.0;
+    request.expires_ns = run_.ends_ns;
+    request.model_validated =
+        true;  // a model in force has been judged (daemon/identify/promotion.h)
+    request.model_validated_ns = run_.validated_ns;
+    request.axis_state_matches = phase_ == Phase::kRunning &&
+                                 predicted.state == AxisState::kPredicting &&
+                                 predicted.model_version == learned.axes[n].model_version;
+    const GateOutput out = gates_[axis].pass(request);
+    offset_.axes[axis] = {out.offset, out.expires_ns, out.send && run_.live,
+                          static_cast<std::uint32_t>(out.refusal)};
+    if (out.refusal != Refusal::kNone) end(RunEnd::kRefused, static_cast<int>(axis), out.refusal);
+  }
+}
+
+void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& prediction) noexcept {
+  ask_gates(frame, prediction);
+  const auto is_out = [](const AxisOffset& axis) { return axis.offset != 0.0; };
+  const bool out = std::any_of(offset_.axes.begin(), offset_.axes.end(), is_out);
+  if (phase_ == Phase::kFading && !out) phase_ = Phase::kNone;
+}
+
+/// The clock went back by more than an offset is valid: what is out would stay until the clock has
+/// caught up. It is taken back, and nothing is left of the time of the gates.
+void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
+  end(RunEnd::kGap);
+  phase_ = Phase::kNone;
+  matched_ = false;
+  matcher_.forget();
+  for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = gate_of(rules_.limits[i], rules_.ilc);
+  std::fill(sent_.begin(), sent_.end(), MachineOffset());
+  plan_frame_ns_ = between_ns(between_ns(plan_frame_ns_, time_ns_), frame.time_ns);
+  offset_ = MachineOffset();
+  offset_.sequence = frame.sequence;
+  offset_.time_ns = frame.time_ns;
+  offset_.axis_count = frame.axis_count;
+  for (AxisOffset& axis : offset_.axes) {
+    axis.expires_ns = frame.time_ns;
+    axis.refusal = static_cast<std::uint32_t>(Refusal::kTimeStands);
+  }
+}
+
+const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
+                                         const MachinePrediction& prediction) noexcept {
+  const bool went_back =
+      between_ns(frame.time_ns, time_ns_) > ns_of(rules_.ilc.validity_s) && came_before_;
+  const bool said = phase_ != Phase::kNone;
+  if (went_back) start_anew(frame);
+  time_ns_ = frame.time_ns;
+  came_before_ = true;
+  if (went_back) return said ? &offset_ : nullptr;
+  if (phase_ == Phase::kNone) take_plan(frame);
+  if (gap_) matcher_.forget();
+  const std::optional<ProgramMatcher::Match> match = matcher_.see({nominal_.data(), gates_.size()});
+  if (phase_ == Phase::kRunning) {
+    const bool last = run_.row + 1 == run_.learned->program.rows();
+    if (gap_) {
+      end(RunEnd::kGap);
+    } else if (!match) {
+      end(last ? RunEnd::kFinished : RunEnd::kLeft);
+    } else {
+      run_.row = match->row;
+      // relaxed: the flag orders nothing.
+      if (run_.live && !hand_over_.armed.load(std::memory_order_relaxed)) end(RunEnd::kDisarmed);
+    }
+  } else if (phase_ == Phase::kNone && match && !matched_) {
+    const LearnedProgram& learned = *plan_->programs[match->program];
+    if (learned.number != barred_) begin(match->row, learned, frame);
+  }
+  matched_ = match.has_value();
+  if (phase_ == Phase::kRunning) {
+    watch_residuals(prediction);
+    measure(frame);
+  }
+
+  const bool says = phase_ != Phase::kNone;
+  offset_ = MachineOffset();
+  offset_.sequence = frame.sequence;
+  offset_.time_ns = frame.time_ns;
+  offset_.axis_count = frame.axis_count;
+  if (says) go_on(frame, prediction);
+  newest_ = (newest_ + 1) % sent_.size();
+  sent_[newest_] = offset_;
+  return says ? &offset_ : nullptr;
+}
+
+}  // namespace servotwin

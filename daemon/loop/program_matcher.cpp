@@ -1,0 +1,123 @@
+#include "daemon/loop/program_matcher.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace servotwin {
+namespace {
+
+/// The first row that is away from the start.
+Eigen::Index first_motion_of(const CommandedPath& program, double tolerance) noexcept {
+  const std::vector<Eigen::ArrayXd>& path = program.command;
+  const auto away = [&](Eigen::Index row) {
+    return std::any_of(path.begin(), path.end(), [&](const Eigen::ArrayXd& axis) {
+      return std::abs(axis(row) - axis(0)) > tolerance;
+    });
+  };
+  Eigen::Index row = 0;
+  while (row < program.rows() && !away(row)) ++row;
+  return row;
+}
+
+}  // namespace
+
+bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance) {
+  if (a.axes != b.axes) return false;
+  const Eigen::Index from_a = first_motion_of(a, tolerance), from_b = first_motion_of(b, tolerance);
+  const Eigen::Index rows = std::max(a.rows() - from_a, b.rows() - from_b);
+  for (std::size_t i = 0; i < a.axes.size(); ++i) {
+    const Eigen::ArrayXd &one = a.command[i], &other = b.command[i];
+    for (Eigen::Index k = -1; k < rows; ++k) {  // from the start on
+      const Eigen::Index row_a = k < 0 ? 0 : std::min(from_a + k, a.rows() - 1),
+                         row_b = k < 0 ? 0 : std::min(from_b + k, b.rows() - 1);
+      if (!(std::abs(one(row_a) - other(row_b)) <= tolerance)) return false;
+    }
+  }
+  return true;
+}
+
+void ProgramMatcher::watch(std::span<const CommandedPath* const> programs) noexcept {
+  count_ = std::min(programs.size(), kMaxPrograms);
+  for (std::size_t i = 0; i < count_; ++i) {
+    Followed& one = programs_[i] = Followed();
+    one.program = programs[i];
+    one.first_motion = first_motion_of(*one.program, tolerance_);
+  }
+}
+
+bool ProgramMatcher::follows() const noexcept {
+  return std::any_of(programs_.begin(), programs_.begin() + static_cast<std::ptrdiff_t>(count_),
+                     [](const Followed& one) { return one.cycles > 0; });
+}
+
+void ProgramMatcher::forget() noexcept {
+  for (Followed& one : programs_) one.stood = one.cycles = 0;
+}
+
+bool ProgramMatcher::at(const CommandedPath& program, Eigen::Index row,
+                        std::span<const double> command, double& square) const noexcept {
+  for (std::size_t i = 0; i < program.axes.size(); ++i) {
+    const double away = command[program.axes[i]] - program.command[i](row);
+    if (!(std::abs(away) <= tolerance_)) return false;
+    square += away * away;
+  }
+  return true;
+}
+
+void ProgramMatcher::follow(Followed& one, std::span<const double> command) noexcept {
+  const CommandedPath& program = *one.program;
+  if (one.cycles == 0) {
+    double ignored = 0.0;
+    if (at(program, 0, command, ignored)) {
+      one.stood = std::min(one.stood + 1, kStanding);
+      return;
+    }
+    const bool begins = one.stood == kStanding && one.first_motion < program.rows();
+    one.stood = 0;
+    if (!begins) return;
+    for (int i = 0; i < kRows; ++i) {
+      const auto n = static_cast<std::size_t>(i);
+      // One less: they are moved on below, as in every cycle.
+      one.row[n] = one.first_motion + i - kAligned - 1;
+      one.alive[n] = one.row[n] >= -1;
+      one.square[n] = 0.0;
+    }
+  }
+  ++one.cycles;
+  bool any = false;
+  for (std::size_t n = 0; n < one.row.size(); ++n) {
+    if (!one.alive[n]) continue;
+    ++one.row[n];
+    one.alive[n] = one.row[n] < program.rows() && at(program, one.row[n], command, one.square[n]);
+    any = any || one.alive[n];
+  }
+  if (!any) {
+    one.cycles = 0;
+  } else if (one.cycles == kConfirmed) {
+    const std::size_t best = best_of(one);
+    for (std::size_t n = 0; n < one.alive.size(); ++n) one.alive[n] = n == best;
+  }
+}
+
+std::size_t ProgramMatcher::best_of(const Followed& one) noexcept {
+  std::size_t best = one.row.size();
+  for (std::size_t n = 0; n < one.row.size(); ++n) {
+    if (one.alive[n] && (best == one.row.size() || one.square[n] < one.square[best])) best = n;
+  }
+  return best;
+}
+
+std::optional<ProgramMatcher::Match> ProgramMatcher::see(std::span<const double> command) noexcept {
+  std::size_t followed = 0;
+  std::optional<Match> out;
+  for (std::size_t i = 0; i < count_; ++i) {
+    Followed& one = programs_[i];
+    follow(one, command);
+    if (one.cycles == 0) continue;
+    ++followed;
+    if (one.cycles >= kConfirmed) out = Match{i, one.row[best_of(one)]};
+  }
+  return followed == 1 ? out : std::nullopt;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,266 @@
+#include "daemon/loop/real_time_loop.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <utility>
+
+#include "daemon/between/clock.h"
+#include "daemon/loop/live_offsets.h"
+
+namespace servotwin {
+namespace {
+
+static_assert(std::is_trivially_copyable_v<TwinInForce> &&
+              std::is_trivially_copyable_v<MachineFrame> &&
+              std::is_trivially_copyable_v<MachinePrediction>);
+
+// How long the loop may wait before it looks whether it is to stop.
+constexpr double kPatience_s = 0.1;
+// What is older was on its way while the wall clock was set, and its age is that of nothing.
+constexpr std::int64_t kOldest_ns = 60'000'000'000;
+// Stamps of a PC's clock scatter by parts of a cycle; a lost cycle shows in the sequence numbers.
+constexpr std::int64_t kTimeToleranceCycles = 2;
+
+void count(std::atomic<std::uint64_t>& counter, std::uint64_t by = 1) noexcept {
+  counter.store(counter.load(std::memory_order_relaxed) + by, std::memory_order_relaxed);
+}
+
+}  // namespace
+
+int settling_cycles(const Model& model) {
+  const auto roots = roots_of(model.loop);
+  double slowest = -roots[0].real();
+  for (int i = 1; i < model.loop.order; ++i)
+    slowest = std::min(slowest, -roots[static_cast<std::size_t>(i)].real());
+  const double settling_s = std::log(100.0) / slowest + model.command_delay_s();
+  return static_cast<int>(std::min(std::ceil(settling_s / model.sample_time_s), 1e9));
+}
+
+void AxisLoop::take(const TwinInForce& model) noexcept {
+  next_ = model;
+  catching_up_ = true;
+  next_run_ = 0;
+  // One less than there is room for, because the next command comes before the first is fed.
+  next_fed_ = count_ >= kHistory ? count_ - kHistory + 1 : 0;
+}
+
+void AxisLoop::forget() noexcept {
+  count_ = 0;
+  if (catching_up_) next_fed_ = next_run_ = 0;
+}
+
+double AxisLoop::catch_up() noexcept {
+  double error = kAbsent;
+  for (int fed = 0; fed < kCatchUpCycles && next_fed_ < count_; ++fed, ++next_fed_) {
+    const double command = history_[next_fed_ % kHistory];
+    if (next_run_ == 0) {
+      next_.twin.start(command);
+      error = command - next_.twin.position();
+    } else {
+      error = next_.twin.follow(command);
+    }
+    ++next_run_;
+  }
+  if (next_fed_ < count_) return kAbsent;
+  in_force_ = next_;
+  run_ = next_run_;
+  catching_up_ = false;
+  return error;
+}
+
+AxisPrediction AxisLoop::predict(double command) noexcept {
+  AxisPrediction out;
+  if (!std::isfinite(command)) {
+    forget();
+    out.state = AxisState::kBadSample;
+    out.model_version = in_force_.version;
+    return out;
+  }
+  history_[count_ % kHistory] = command;
+  ++count_;
+
+  double error = kAbsent;
+  if (in_force_.version != 0) {
+    if (count_ == 1) {
+      in_force_.twin.start(command);
+      error = command - in_force_.twin.position();
+      run_ = 1;
+    } else {
+      error = in_force_.twin.follow(command);
+      ++run_;
+    }
+  }
+  if (catching_up_) {
+    if (const double newer = catch_up(); !catching_up_) error = newer;
+  }
+  if (in_force_.version == 0) return out;
+  out.model_version = in_force_.version;
+  if (!std::isfinite(error)) {  // a command beyond all bounds; the next one starts again
+    forget();
+    out.state = AxisState::kBadSample;
+    return out;
+  }
+  out.predicted_error = error;
+  out.standard_deviation = in_force_.standard_deviation;
+  out.state = run_ > static_cast<std::uint64_t>(in_force_.settling_cycles) ? AxisState::kPredicting
+                                                                           : AxisState::kSettling;
+  return out;
+}
+
+void AxisLoop::look_ahead(std::span<const double> commands,
+                          std::span<double> errors) const noexcept {
+  if (in_force_.version == 0 || count_ == 0) {
+    std::fill(errors.begin(), errors.end(), kAbsent);
+  } else {
+    in_force_.twin.predict(commands, errors);
+  }
+}
+
+RealTimeLoop::RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> models,
+                           Ring<MachinePrediction>& predictions, Ring<CycleRow>& rows,
+                           const WakeUp& publisher,
+                           const std::vector<std::vector<std::size_t>>& paths)
+    : cycle_ns_(std::llround(cycle_s * 1e9)),
+      models_(models),
+      predictions_(predictions),
+      rows_(rows),
+      publisher_(publisher) {
+  if (models.empty() || models.size() > kMaxAxes || cycle_ns_ <= 0) {
+    throw std::invalid_argument("a loop needs a cycle and 1 to " + std::to_string(kMaxAxes) +
+                                " axes");
+  }
+  const auto there = [&](std::size_t axis) { return axis < models_.size(); };
+  for (const std::vector<std::size_t>& path : paths) {
+    if (path.size() < 2 || path.size() > kMaxPathAxes ||
+        !std::all_of(path.begin(), path.end(), there)) {
+      throw std::invalid_argument("a path has 2 to " + std::to_string(kMaxPathAxes) +
+                                  " of the machine's axes");
+    }
+    paths_.emplace_back(path);
+  }
+}
+
+void RealTimeLoop::give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) noexcept {
+  offsets_ = &offsets;
+  said_ = &said;
+}
+
+void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexcept {
+  // relaxed: the flag orders nothing; whoever sets it joins this thread.
+  while (!stop.load(std::memory_order_relaxed)) {
+    const Received received = source.receive(frame_, kPatience_s);
+    count(counters_.turns);
+    if (received == Received::kEnd) return;
+    if (received == Received::kNothing) continue;
+    const std::int64_t begin = steady_ns();
+    std::int64_t age = source.age_ns();
+    if (age > kOldest_ns) age = 0;
+    counters_.wake.add(age);
+    prediction_.due_ns = begin - age;
+    if (const MachineOffset* offset = on_frame(frame_)) source.send(*offset);
+    const std::int64_t taken = steady_ns() - begin;
+    counters_.work.add(taken);
+    if (taken > cycle_ns_) count(counters_.overruns);
+  }
+}
+
+RealTimeLoop::Order RealTimeLoop::order_of(const MachineFrame& frame) noexcept {
+  const std::uint64_t last = last_sequence_;
+  const std::int64_t last_time = last_time_ns_;
+  if (first_) {
+    first_ = false;
+  } else if (frame.sequence == last) {
+    count(counters_.repeated);
+    return Order::kRepeats;
+  } else if (frame.sequence < last) {
+    count(counters_.time_jumps);
+  } else if (frame.sequence > last + 1) {
+    count(counters_.lost, frame.sequence - last - 1);
+  } else {
+    const std::int64_t step = between_ns(last_time, frame.time_ns);
+    last_sequence_ = frame.sequence;
+    last_time_ns_ = frame.time_ns;
+    if (step >= 0 && step <= (1 + kTimeToleranceCycles) * cycle_ns_) return Order::kFollows;
+    count(counters_.time_jumps);
+    return Order::kAfterGap;
+  }
+  last_sequence_ = frame.sequence;
+  last_time_ns_ = frame.time_ns;
+  return Order::kAfterGap;
+}
+
+double RealTimeLoop::contour_error(Path& path, const MachineFrame& frame, Order order) noexcept {
+  const auto ahead = static_cast<std::size_t>(prediction_.ahead_count);
+  PathPoint command{}, predicted{};
+  for (std::size_t i = 0; i < path.axes.size(); ++i) {
+    const std::size_t axis = path.axes[i];
+    command[i] = offsets_ != nullptr ? offsets_->nominal(axis) : frame.axes[axis].command;
+    predicted[i] = frame.axes[axis].command - prediction_.axes[axis].predicted_error;
+    for (std::size_t k = 0; k < ahead; ++k) path_ahead_[k][i] = frame.ahead[axis][k];
+  }
+  if (order == Order::kAfterGap) path.contour.forget();
+  path.contour.move(command);
+  return path.contour.of(predicted, {path_ahead_.data(), ahead});
+}
+
+const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came) noexcept {
+  count(counters_.frames);
+  if (came.axis_count != static_cast<int>(models_.size())) {
+    count(counters_.malformed);
+    return nullptr;
+  }
+  const Order order = order_of(came);
+  if (order == Order::kRepeats) return nullptr;
+  const MachineFrame& frame =
+      offsets_ != nullptr ? offsets_->seen(came, order == Order::kFollows) : came;
+
+  prediction_.sequence = frame.sequence;
+  prediction_.time_ns = frame.time_ns;
+  prediction_.axis_count = frame.axis_count;
+  prediction_.ahead_count = std::clamp(frame.ahead_count, 0, kMaxLookAhead);
+  const auto ahead = static_cast<std::size_t>(prediction_.ahead_count);
+
+  // First what is predicted, from commands alone ...
+  for (std::size_t i = 0; i < models_.size(); ++i) {
+    AxisLoop& axis = axes_[i];
+    if (order == Order::kAfterGap) axis.forget();
+    if (const TwinInForce* newest = models_[i].fresh()) axis.take(*newest);
+    prediction_.axes[i] = axis.predict(frame.axes[i].command);
+    axis.look_ahead({frame.ahead[i].data(), ahead}, {prediction_.ahead[i].data(), ahead});
+  }
+  prediction_.contour_error = kAbsent;
+  for (Path& path : paths_) {
+    const double error = contour_error(path, frame, order);
+    double& farthest = prediction_.contour_error;
+    if (std::isnan(farthest) || std::abs(error) > std::abs(farthest)) farthest = error;
+  }
+  // ... then what came.
+  for (std::size_t i = 0; i < models_.size(); ++i) {
+    const AxisSample& sample = frame.axes[i];
+    AxisPrediction& axis = prediction_.axes[i];
+    axis.command = sample.command;
+    axis.measured_error = sample.command - sample.actual;  // NaN where there is no encoder value
+    axis.residual = axis.measured_error - axis.predicted_error;
+    row_.residuals[i] = {axis.state == AxisState::kPredicting ? axis.residual : kAbsent,
+                         axis.standard_deviation, axis.model_version};
+    if (axis.state == AxisState::kBadSample || std::isinf(sample.actual))
+      count(counters_.not_finite);
+  }
+  const MachineOffset* offset =
+      offsets_ != nullptr ? offsets_->answer(frame, prediction_) : nullptr;
+  if (offset != nullptr) said_->push(*offset);
+  predictions_.push(prediction_);
+  publisher_.notify();
+
+  row_.time_ns = frame.time_ns;
+  row_.after_gap = order == Order::kAfterGap || row_dropped_;
+  row_.axis_count = frame.axis_count;
+  row_.axes = frame.axes;
+  row_dropped_ = !rows_.push(row_);
+  return offset;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,97 @@
+#include "daemon/loop/scheduling.h"
+
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/sysinfo.h>
+
+#include <cerrno>
+#include <cstring>
+#include <thread>
+
+namespace servotwin {
+
+std::string become_real_time(int priority) {
+  if (priority == 0) return {};
+  sched_param parameter{};
+  parameter.sched_priority = priority;
+  const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameter);
+  if (error == 0) return {};
+  return "the real-time loop runs at normal priority: " + std::string(std::strerror(error)) +
+         "; needs CAP_SYS_NICE or LimitRTPRIO=" + std::to_string(priority);
+}
+
+std::string real_time_refused(int priority) {
+  std::string why;
+  std::thread([&] { why = become_real_time(priority); }).join();
+  return why;
+}
+
+std::string keep_to(const std::vector<int>& cpus) {
+  if (cpus.empty()) return {};
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  std::string list;
+  for (const int cpu : cpus) {
+    CPU_SET(static_cast<std::size_t>(cpu), &set);
+    list += (list.empty() ? "" : ", ") + std::to_string(cpu);
+  }
+  const int error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
+  if (error == 0) {
+    // The kernel takes those that it has and says nothing of the others.
+    const std::vector<int> missing = missing_processors(cpus);
+    return missing.empty() ? std::string()
+                           : "real_time.cpus = [" + list + "]: there is no processor " +
+                                 std::to_string(missing.front()) + " on this host";
+  }
+  return "the real-time loop runs on any processor: real_time.cpus = [" + list +
+         "]: " + std::strerror(error) + "; /proc/self/status names those that are allowed";
+}
+
+std::vector<int> missing_processors(const std::vector<int>& cpus) {
+  const int there = get_nprocs_conf();
+  std::vector<int> missing;
+  for (const int cpu : cpus) {
+    if (cpu >= there) missing.push_back(cpu);
+  }
+  return missing;
+}
+
+std::string become_idle() {
+  const sched_param parameter{};
+  const int error = pthread_setschedparam(pthread_self(), SCHED_IDLE, &parameter);
+  if (error == 0) return {};
+  return "background work runs at normal priority: " + std::string(std::strerror(error));
+}
+
+void hasten(pthread_t thread) noexcept {
+  const sched_param parameter{};
+  (void)pthread_setschedparam(thread, SCHED_OTHER, &parameter);
+}
+
+void name_thread(const char* name) { pthread_setname_np(pthread_self(), name); }
+
+void prefault_stack() noexcept {
+  constexpr std::size_t kDeepest = 128 * 1024;  // of 8 MB; the loop itself needs some kB
+  constexpr std::size_t kPage = 4096;
+  volatile char stack[kDeepest];
+  for (std::size_t i = 0; i < kDeepest; i += kPage) stack[i] = 0;
+  (void)stack[0];
+}
+
+std::string lock_memory() {
+  // Not under a limit: what is locked now would leave too little for later, and an allocation would
+  // fail.
+  rlimit limit{};
+  getrlimit(RLIMIT_MEMLOCK, &limit);
+  if (limit.rlim_cur != RLIM_INFINITY) {
+    return "memory is not locked: the limit is " + std::to_string(limit.rlim_cur / 1024) +
+           " kB; needs LimitMEMLOCK=infinity";
+  }
+  // On fault: the stacks of all workers need not be in memory, only what has been used.
+  if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return {};
+  return "memory is not locked: " + std::string(std::strerror(errno));
+}
+
+}  // namespace servotwin

@@ -1,0 +1,147 @@
+#include "daemon/publish/publisher.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "daemon/between/clock.h"
+#include "identification/model/model_file.h"
+
+namespace servotwin {
+namespace {
+constexpr std::int64_t kStatusPeriod_ns = 1'000'000'000;
+constexpr std::int64_t kStopPatience_ns =
+    100'000'000;  // until it is seen that the publisher is to stop
+// Readers notice up to a lease later than we do that we speak now.
+constexpr int kSayAgain = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeriod_ns);
+}  // namespace
+
+Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
+                     Ring<MachineOffset>& offsets, const WakeUp& wake_up, Histogram& published,
+                     Status status, LiveFeed* page)
+    : prediction_writer_(node, cycle_s),
+      offset_writer_(node),
+      model_writer_(node),
+      diagnosis_writer_(node),
+      status_writer_(node),
+      heard_(node),
+      predictions_(predictions),
+      offsets_(offsets),
+      wake_up_(wake_up),
+      published_(published),
+      status_(std::move(status)),
+      page_(page) {}
+
+void Publisher::run(const std::stop_token& stop) {
+  std::int64_t next_status = steady_ns();
+  while (!stop.stop_requested()) {
+    const std::int64_t now = steady_ns();
+    if (now >= next_status) {
+      send_status();
+      say_again();
+      next_status = now + kStatusPeriod_ns;
+    }
+    wake_up_.wait(
+        static_cast<int>(std::min(kStopPatience_ns, next_status - now + 1'000'000) / 1'000'000));
+    send_offsets();
+    send_predictions();
+    send_announcements();
+    look_who_is_heard();
+  }
+  send_offsets();
+  send_predictions();
+  send_announcements();
+  send_status();
+}
+
+void Publisher::announce(const StoredModel& model) {
+  const ModelRecord& record = model.record;
+  ModelAnnouncement announcement{record.axis,    record.version, record.parent,
+                                 record.created, model.reason,   to_json(record).dump()};
+  const std::lock_guard lock(mutex_);
+  waiting_.push_back(std::move(announcement));
+}
+
+void Publisher::announce(const StoredDiagnosis& diagnosis) {
+  const std::lock_guard lock(mutex_);
+  waiting_diagnoses_.push_back({diagnosis.axis, diagnosis.json});
+}
+
+void Publisher::send_offsets() {
+  while (offsets_.pop(offset_)) offset_writer_.write(offset_);
+}
+
+void Publisher::send_predictions() {
+  while (predictions_.pop(prediction_)) {
+    prediction_writer_.write(prediction_);
+    if (prediction_.due_ns != 0) published_.add(steady_ns() - prediction_.due_ns);
+    if (page_ != nullptr) page_->add(prediction_);
+  }
+}
+
+void Publisher::send_announcements() {
+  std::vector<ModelAnnouncement> models;
+  std::vector<DiagnosisAnnouncement> diagnoses;
+  {
+    // Predictions do not wait for a thread at idle priority; the next round comes soon.
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (lock.owns_lock()) {
+      models.swap(waiting_);
+      diagnoses.swap(waiting_diagnoses_);
+    }
+  }
+  for (const ModelAnnouncement& model : models) {
+    model_writer_.write(model);
+    models_[model.axis] = model;
+    if (page_ != nullptr) page_->add(model);
+  }
+  for (const DiagnosisAnnouncement& diagnosis : diagnoses) {
+    diagnosis_writer_.write(diagnosis);
+    diagnoses_[diagnosis.axis] = diagnosis;
+    if (page_ != nullptr) page_->add(diagnosis);
+  }
+}
+
+// Our own reader hears what every reader does: the status of the one that speaks.
+void Publisher::look_who_is_heard() {
+  MachineStatus status;
+  while (heard_.receive(status, 0.0)) {
+    const bool ours = heard_.writer() == status_writer_.handle();
+    if (ours != speaks_.value_or(true)) turns_.push(ours);
+    if (ours && !speaks_.value_or(true)) says_again_ = kSayAgain;
+    speaks_ = ours;
+  }
+}
+
+std::vector<std::string> Publisher::news() {
+  std::vector<std::string> lines;
+  for (bool ours = false; turns_.pop(ours);) {
+    lines.emplace_back(
+        ours ? "this daemon speaks for the machine now: the other one is gone or weaker"
+             : "standing by: another daemon speaks for this machine");
+  }
+  return lines;
+}
+
+void Publisher::say_again() {
+  if (says_again_ == 0) return;
+  --says_again_;
+  for (const auto& [axis, model] : models_) model_writer_.write(model);
+  for (const auto& [axis, diagnosis] : diagnoses_) diagnosis_writer_.write(diagnosis);
+}
+
+void Publisher::send_status() {
+  MachineStatus status = status_();
+  status.time_ns = wall_ns();
+  status.predictions_dropped = predictions_.drops() + prediction_writer_.failed();
+  const std::int64_t now = steady_ns();
+  if (last_status_ns_ != 0 && now > last_status_ns_) {
+    status.frame_rate_hz = static_cast<double>(status.frames - last_frames_) * 1e9 /
+                           static_cast<double>(now - last_status_ns_);
+  }
+  last_status_ns_ = now;
+  last_frames_ = status.frames;
+  status_writer_.write(status);
+  if (page_ != nullptr) page_->add(status);
+}
+
+}  // namespace servotwin

@@ -1,0 +1,92 @@
+#include "daemon/record/residual_watch.h"
+
+#include <cmath>
+#include <utility>
+
+#include "diagnosis/text.h"
+
+namespace servotwin {
+
+ResidualWatch::ResidualWatch(const MachineDescription& machine, const DiagnoseConfig& config,
+                             EventLog& events)
+    : false_alarm_days_(config.false_alarm_days),
+      events_(events),
+      raised_(machine.axes.size()),
+      states_(machine.axes.size(),
+              config.false_alarm_days > 0.0 ? AlarmState::kLearning : AlarmState::kOff) {
+  if (false_alarm_days_ <= 0.0) return;
+  const AlarmOptions options{86400.0 * false_alarm_days_, config.reference_s};
+  for (const AxisDescription& axis : machine.axes)
+    axes_.push_back({axis.name, axis.rotary, ResidualAlarm(options, machine.cycle_s)});
+}
+
+void ResidualWatch::append(const CycleRow& row) {
+  for (std::size_t i = 0; i < axes_.size(); ++i) {
+    Axis& axis = axes_[i];
+    const double command = row.axes[i].command;
+    const double before = std::exchange(axis.last_command, command);
+    // A command that is not finite is no motion, whatever it is compared with.
+    const bool moves =
+        !row.after_gap && std::isfinite(command) && std::isfinite(before) && command != before;
+    if (!moves) continue;
+    if (const std::optional<AlarmChange> change = axis.alarm.add(row.residuals[i])) say(i, *change);
+  }
+}
+
+void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
+  const Axis& state = axes_[axis];
+  const char* unit = state.rotary ? "urad" : "um";
+  const std::string rms = text("%.3g %s RMS", 1e6 * change.rms, unit),
+                    normal = text("%.3g %s", 1e6 * change.reference_rms, unit);
+  switch (change.kind) {
+    case AlarmChange::Kind::kRaised: {
+      const std::string what = "the residual has grown: " + rms +
+                               text(" over the last %.0f s of motion", change.motion_s) +
+                               ", normal is " + normal;
+      events_.note("alarm_raised", state.name,
+                   "alarm: " + what +
+                       text(" (CUSUM beyond %.1f; a false alarm once in %g days of motion)",
+                            change.threshold, false_alarm_days_));
+      const std::lock_guard lock(mutex_);
+      raised_[axis] = what;
+      states_[axis] = AlarmState::kRaised;
+      return;
+    }
+    case AlarmChange::Kind::kBack: {
+      events_.note("alarm_cleared", state.name,
+                   "alarm over: the residual is back at its normal " + normal + "; it was " + rms +
+                       text(" over %.0f s of motion", change.motion_s));
+      const std::lock_guard lock(mutex_);
+      states_[axis] = AlarmState::kWatching;
+      return;
+    }
+    case AlarmChange::Kind::kReference: {
+      if (change.ended)
+        events_.note("alarm_cleared", state.name,
+                     "alarm over: the model in force has a reference of its own");
+      events_.note("alarm_reference", state.name,
+                   text("the residual is watched: %s RMS is normal, by %.0f s of motion",
+                        normal.c_str(), change.motion_s));
+      const std::lock_guard lock(mutex_);
+      states_[axis] = AlarmState::kWatching;
+      return;
+    }
+  }
+}
+
+std::optional<std::string> ResidualWatch::take_alarm(std::size_t axis) {
+  const std::lock_guard lock(mutex_);
+  return std::exchange(raised_[axis], std::nullopt);
+}
+
+void ResidualWatch::ask(std::size_t axis, const std::string& why) {
+  const std::lock_guard lock(mutex_);
+  if (!raised_[axis]) raised_[axis] = why;
+}
+
+AlarmState ResidualWatch::state(std::size_t axis) const {
+  const std::lock_guard lock(mutex_);
+  return states_[axis];
+}
+
+}  // namespace servotwin

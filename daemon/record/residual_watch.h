@@ -1,0 +1,58 @@
+// The residual alarms of all axes (daemon/record/residual_alarm.h): fed by the recorder, asked by
+// the diagnosis worker. Alarms are events the moment they come, however busy the diagnosis is.
+//
+// An axis moves where its command changes from cycle to cycle, as in daemon/record/motion_memory.h.
+// append() one thread, take_alarm() another, the rest any thread.
+#pragma once
+
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/config/config.h"
+#include "daemon/loop/real_time_loop.h"
+#include "daemon/record/residual_alarm.h"
+#include "daemon/store/event_log.h"
+#include "drivers/messages.h"
+
+namespace servotwin {
+
+enum class AlarmState : std::uint8_t {
+  kOff,       ///< the configuration wants none
+  kLearning,  ///< it is not known yet what is normal
+  kWatching,
+  kRaised,
+};
+
+class ResidualWatch {
+ public:
+  ResidualWatch(const MachineDescription& machine, const DiagnoseConfig& config, EventLog& events);
+
+  void append(const CycleRow& row);
+  /// What the alarm says that was raised since this was last asked; nothing if none was.
+  [[nodiscard]] std::optional<std::string> take_alarm(std::size_t axis);
+  /// Somebody wants a diagnosis: take_alarm says so as if it were an alarm. Any thread.
+  void ask(std::size_t axis, const std::string& why);
+  /// Any thread.
+  [[nodiscard]] AlarmState state(std::size_t axis) const;
+
+ private:
+  struct Axis {
+    std::string name;
+    bool rotary = false;
+    ResidualAlarm alarm;
+    double last_command = kAbsent;
+  };
+  void say(std::size_t axis, const AlarmChange& change);
+
+  double false_alarm_days_;
+  EventLog& events_;
+  std::vector<Axis> axes_;  // none where there is no alarm
+  mutable std::mutex mutex_;
+  std::vector<std::optional<std::string>> raised_;
+  std::vector<AlarmState> states_;
+};
+
+}  // namespace servotwin

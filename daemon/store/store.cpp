@@ -1,0 +1,431 @@
+#include "daemon/store/store.h"
+
+#include <fcntl.h>
+#include <sqlite3.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "daemon/store/store_statement.h"
+#include "drivers/file_handle.h"
+
+namespace servotwin {
+namespace {
+
+constexpr int kSchemaVersion = 1;
+constexpr const char* kSchema = R"(
+  CREATE TABLE IF NOT EXISTS models (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL,
+    created TEXT NOT NULL, reason TEXT NOT NULL, json TEXT NOT NULL,
+    PRIMARY KEY (machine, axis, version)) WITHOUT ROWID;
+  CREATE TABLE IF NOT EXISTS events (
+    id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
+    kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL);
+  CREATE TABLE IF NOT EXISTS diagnoses (
+    id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
+    reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL);
+  CREATE TABLE IF NOT EXISTS citations (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, recording TEXT NOT NULL,
+    PRIMARY KEY (machine, axis, version, recording)) WITHOUT ROWID;
+  CREATE TABLE IF NOT EXISTS validations (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, time TEXT NOT NULL,
+    PRIMARY KEY (machine, axis)) WITHOUT ROWID;
+  CREATE INDEX IF NOT EXISTS diagnoses_of_axis ON diagnoses (machine, axis, id);
+)";
+
+std::string system_error(int error) { return std::strerror(error); }
+
+/// What is not there yet will be made in the nearest directory that is.
+std::filesystem::path nearest(const std::filesystem::path& directory) {
+  std::error_code ignored;
+  std::filesystem::path place = directory;
+  while (!place.empty() && !std::filesystem::exists(place, ignored) &&
+         place != place.parent_path()) {
+    place = place.parent_path();
+  }
+  return place.empty() ? "." : place;
+}
+
+[[noreturn]] void refuse(const std::filesystem::path& directory, const std::filesystem::path& place,
+                         const std::string& why) {
+  const std::string where = place == directory ? "" : place.string() + ": ";
+  throw std::runtime_error("store " + directory.string() + ": cannot be written: " + where + why);
+}
+
+/// Holds the directory for this process; given back by the kernel when the process ends.
+int lock_directory(const std::filesystem::path& directory) {
+  std::error_code error;
+  std::filesystem::create_directories(directory, error);
+  if (error)
+    throw std::runtime_error("store " + directory.string() + ": cannot be made: " +
+                             error.message() + "; give a place that can be written with --store");
+  const std::filesystem::path file = directory / "lock";
+  const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (lock < 0)
+    throw std::runtime_error("store " + directory.string() +
+                             ": cannot be written: " + system_error(errno) +
+                             "; give a place that can be written with --store");
+  if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
+    close(lock);
+    throw std::runtime_error("store " + directory.string() +
+                             ": is in use by another servotwind; give --store");
+  }
+  return lock;
+}
+
+}  // namespace
+
+void Store::Close::operator()(sqlite3* database) const noexcept { sqlite3_close(database); }
+
+void Store::require_writable(const std::filesystem::path& directory) {
+  const std::filesystem::path place = nearest(directory);
+  std::error_code ignored;
+  if (!std::filesystem::is_directory(place, ignored))
+    refuse(directory, place, system_error(ENOTDIR));
+  if (access(place.c_str(), W_OK | X_OK) != 0) refuse(directory, place, system_error(errno));
+  for (const char* name : {"lock", "servotwin.sqlite"}) {
+    const std::filesystem::path file = directory / name;
+    if (access(file.c_str(), W_OK) != 0 && errno != ENOENT && errno != ENOTDIR)
+      refuse(directory, file, system_error(errno));
+  }
+}
+
+void Store::try_making(const std::filesystem::path& directory) {
+  const std::filesystem::path place = nearest(directory);
+  std::string name = place / ".servotwin-XXXXXX";
+  if (mkdtemp(name.data()) == nullptr)
+    refuse(directory, place, "nothing can be made there: " + system_error(errno));
+  rmdir(name.c_str());
+}
+
+bool Store::in_use(const std::filesystem::path& directory) {
+  const int lock = ::open((directory / "lock").c_str(), O_RDONLY | O_CLOEXEC);
+  if (lock < 0) return false;
+  const bool held = flock(lock, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+  close(lock);
+  return held;
+}
+
+Store::Store(const std::filesystem::path& directory, std::string machine, StoreAccess access)
+    : directory_(directory),
+      file_(directory / "servotwin.sqlite"),
+      machine_(std::move(machine)),
+      lock_(access == StoreAccess::kOwn ? lock_directory(directory) : -1) {
+  try {
+    if (access == StoreAccess::kRead) {
+      open(access);
+      return;
+    }
+    if (const std::string why = damage(); !why.empty()) put_aside(why);
+    open(access);
+    if (!lost_.empty()) restore_models();
+    complete_copies();
+    (void)newest_usable(&lost_);
+  } catch (...) {
+    if (lock_ >= 0) close(lock_);
+    throw;
+  }
+}
+
+void Store::open(StoreAccess access) {
+  if (std::error_code ignored;
+      access == StoreAccess::kRead && !std::filesystem::exists(file_, ignored))
+    throw std::runtime_error("store " + file_.string() +
+                             ": there is none; --store is the daemon's directory, as servotwin "
+                             "check-config prints it");
+  sqlite3* database = nullptr;
+  const int opened =
+      sqlite3_open_v2(file_.c_str(), &database,
+                      access == StoreAccess::kOwn ? SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE
+                                                  : SQLITE_OPEN_READONLY,
+                      nullptr);
+  database_.reset(database);
+  if (opened != SQLITE_OK) fail("cannot be opened");
+  sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
+  if (access == StoreAccess::kOwn) {
+    execute("PRAGMA journal_mode=WAL");
+    execute("PRAGMA synchronous=FULL");
+  }
+  Statement version(*this, "PRAGMA user_version");
+  const std::int64_t found = version.step("cannot be read") ? version.number(0) : 0;
+  if (found > kSchemaVersion) {
+    throw std::runtime_error(
+        "store " + file_.string() + ": was written by a newer servotwind (layout " +
+        std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
+  }
+  if (access == StoreAccess::kRead) return;
+  Transaction transaction(*this);
+  execute(kSchema);
+  execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
+  transaction.commit();
+}
+
+Store::~Store() {
+  database_.reset();
+  if (lock_ >= 0) close(lock_);
+}
+
+void Store::fail(const std::string& what) const {
+  std::string why = sqlite3_errmsg(database_.get());
+  if (const int error = sqlite3_system_errno(database_.get()); error != 0)
+    why += " (" + system_error(error) + ")";
+  throw std::runtime_error("store " + file_.string() + ": " + what + ": " + why);
+}
+
+void Store::execute(const char* sql) const {
+  if (sqlite3_exec(database_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK)
+    fail("cannot be written");
+}
+
+StoredModel Store::model_in(const Statement& row) {
+  StoredModel model;
+  model.record = model_from_json(nlohmann::json::parse(row.text(3)));
+  model.reason = row.text(2);
+  model.record.version = static_cast<int>(row.number(1));
+  if (model.record.axis != row.text(0))
+    throw std::runtime_error("axis: is '" + model.record.axis + "'");
+  return model;
+}
+
+std::vector<std::string> Store::all_texts(Statement& rows) {
+  std::vector<std::string> out;
+  while (rows.step("cannot be read")) out.push_back(rows.text(0));
+  return out;
+}
+
+std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
+  Statement names(*this, "SELECT DISTINCT axis FROM models WHERE machine = ? ORDER BY axis");
+  names.bind(machine_);
+  std::vector<StoredModel> out;
+  for (const std::string& axis : all_texts(names)) {
+    Statement rows(*this,
+                   "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
+                   "ORDER BY version DESC");
+    rows.bind(machine_).bind(axis);
+    std::string unusable;
+    const std::size_t found = out.size();
+    while (out.size() == found && rows.step("cannot be read")) {
+      try {
+        out.push_back(model_in(rows));
+      } catch (const std::exception& error) {
+        unusable += "model of axis " + axis + ", version " + std::to_string(rows.number(1)) +
+                    ", cannot be used: " + error.what() + "; ";
+      }
+    }
+    if (passed_over == nullptr || unusable.empty()) continue;
+    *passed_over += passed_over->empty() ? unusable : "; " + unusable;
+    *passed_over += out.size() > found
+                        ? "version " + std::to_string(out.back().record.version) + " is in force"
+                        : "the axis is identified anew";
+  }
+  return out;
+}
+
+std::vector<StoredModel> Store::in_force() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<StoredModel> models = newest_usable();
+  if (lock_ < 0) return models;  // one that was not opened by us may not have the table
+  for (StoredModel& model : models) {
+    Statement validated(*this,
+                        "SELECT time FROM validations WHERE machine = ? AND axis = ? AND version = "
+                        "?");
+    validated.bind(machine_).bind(model.record.axis).bind(std::int64_t{model.record.version});
+    if (validated.step("cannot be read")) model.validated = validated.text(0);
+  }
+  return models;
+}
+
+std::vector<std::string> Store::axes() const {
+  const std::lock_guard lock(mutex_);
+  Statement rows(*this,
+                 "SELECT axis FROM models WHERE machine = ?1 UNION SELECT axis FROM diagnoses "
+                 "WHERE machine = ?1 ORDER BY axis");
+  rows.bind(machine_);
+  return all_texts(rows);
+}
+
+std::vector<std::string> Store::machines() const {
+  const std::lock_guard lock(mutex_);
+  Statement rows(*this,
+                 "SELECT machine FROM models UNION SELECT machine FROM diagnoses ORDER BY machine");
+  return all_texts(rows);
+}
+
+void Store::validate(const std::string& axis, int version, const std::string& time) {
+  const std::lock_guard lock(mutex_);
+  Statement replace(*this,
+                    "INSERT OR REPLACE INTO validations (machine, axis, version, time) VALUES (?, "
+                    "?, ?, ?)");
+  replace.bind(machine_)
+      .bind(axis)
+      .bind(std::int64_t{version})
+      .bind(time)
+      .step("cannot be written");
+}
+
+std::vector<StoredModel> Store::versions(const std::string& axis, int most) const {
+  const std::lock_guard lock(mutex_);
+  Statement rows(*this,
+                 "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
+                 "ORDER BY version DESC");
+  rows.bind(machine_).bind(axis);
+  std::vector<StoredModel> out;
+  while ((most < 0 || out.size() < static_cast<std::size_t>(most)) && rows.step("cannot be read")) {
+    try {
+      out.push_back(model_in(rows));
+    } catch (const std::exception&) {
+      continue;  // one that cannot be used is no version to go back to
+    }
+  }
+  return out;
+}
+
+void Store::promote(ModelRecord& record, const Event& event,
+                    const std::vector<std::string>& recordings) {
+  const std::lock_guard lock(mutex_);
+  Transaction transaction(*this);
+  ModelRecord stored = record;
+  {
+    Statement newest(*this,
+                     "SELECT coalesce(max(version), 0) FROM models WHERE machine = ? AND axis = ?");
+    newest.bind(machine_).bind(record.axis).step("cannot be read");
+    stored.version = static_cast<int>(newest.number(0)) + 1;
+    stored.parent = 0;
+    for (const StoredModel& model : newest_usable()) {
+      if (model.record.axis == stored.axis) stored.parent = model.record.version;
+    }
+  }
+  Statement insert(*this,
+                   "INSERT INTO models (machine, axis, version, created, reason, json) VALUES (?, "
+                   "?, ?, ?, ?, ?)");
+  insert.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(stored.created);
+  nlohmann::json json = to_json(stored);
+  if (!recordings.empty()) json["data"]["recordings"] = recordings;
+  insert.bind(event.text).bind(json.dump()).step("cannot be written");
+  for (const std::string& recording : recordings)
+    insert_citation(machine_, stored.axis, stored.version, recording);
+  insert_event(event);
+  // All that could fail for want of space comes before the commit.
+  const std::filesystem::path copy = copy_of(machine_, stored.axis);
+  std::filesystem::create_directories(copy.parent_path());
+  AtomicFile file(copy);
+  file.write(json.dump());
+  transaction.commit();
+  try {
+    file.commit();
+  } catch (const std::runtime_error&) {
+    // It is stored; the next start completes the copy.
+  }
+  record = std::move(stored);
+}
+
+void Store::insert_citation(const std::string& machine, const std::string& axis, int version,
+                            const std::string& recording) const {
+  Statement cite(*this,
+                 "INSERT OR IGNORE INTO citations (machine, axis, version, recording) VALUES (?, "
+                 "?, ?, ?)");
+  cite.bind(machine).bind(axis).bind(std::int64_t{version}).bind(recording);
+  cite.step("cannot be written");
+}
+
+std::set<std::string> Store::cited() const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this, "SELECT DISTINCT recording FROM citations WHERE machine = ?");
+  statement.bind(machine_);
+  std::set<std::string> out;
+  while (statement.step("cannot be read")) out.insert(statement.text(0));
+  return out;
+}
+
+void Store::add(const StoredDiagnosis& diagnosis, const Event& event) {
+  const std::lock_guard lock(mutex_);
+  Transaction transaction(*this);
+  Statement insert(*this,
+                   "INSERT INTO diagnoses (time, machine, axis, reason, verdict, json, "
+                   "extended_model) VALUES (?, ?, ?, ?, ?, ?, ?)");
+  insert.bind(diagnosis.time).bind(machine_).bind(diagnosis.axis).bind(diagnosis.reason);
+  insert.bind(diagnosis.verdict).bind(diagnosis.json).bind(diagnosis.extended_model);
+  insert.step("cannot be written");
+  Statement forget(*this,
+                   "DELETE FROM diagnoses WHERE machine = ?1 AND axis = ?2 AND id <= (SELECT id "
+                   "FROM diagnoses WHERE machine = ?1 AND axis = ?2 ORDER BY id DESC LIMIT 1 "
+                   "OFFSET ?3)");
+  forget.bind(machine_).bind(diagnosis.axis).bind(std::int64_t{kDiagnosesKept});
+  forget.step("cannot be written");
+  insert_event(event);
+  transaction.commit();
+}
+
+std::vector<StoredDiagnosis> Store::diagnoses(const std::string& axis, int most) const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT time, axis, reason, verdict, json, extended_model FROM diagnoses "
+                      "WHERE machine = ? AND axis = ? ORDER BY id DESC LIMIT ?");
+  statement.bind(machine_).bind(axis).bind(std::int64_t{most});
+  std::vector<StoredDiagnosis> out;
+  while (statement.step("cannot be read")) {
+    out.push_back({statement.text(0), statement.text(1), statement.text(2), statement.text(3),
+                   statement.text(4), statement.text(5)});
+  }
+  return out;
+}
+
+void Store::add(const Event& event) {
+  const std::lock_guard lock(mutex_);
+  Transaction transaction(*this);
+  insert_event(event);
+  transaction.commit();
+}
+
+void Store::try_writing() {
+  const std::lock_guard lock(mutex_);
+  execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
+}
+
+void Store::insert_event(const Event& event) {
+  Statement insert(
+      *this,
+      "INSERT INTO events (time, machine, axis, kind, text, detail) VALUES (?, ?, ?, ?, ?, ?)");
+  insert.bind(event.time)
+      .bind(machine_)
+      .bind(event.axis)
+      .bind(event.kind)
+      .bind(event.text)
+      .bind(event.detail);
+  insert.step("cannot be written");
+  Statement forget(*this, "DELETE FROM events WHERE id <= (SELECT max(id) FROM events) - ?");
+  forget.bind(std::int64_t{kEventsKept}).step("cannot be written");
+}
+
+std::vector<Event> Store::events(int most) const {
+  const std::lock_guard lock(mutex_);
+  Statement statement(*this,
+                      "SELECT time, axis, kind, text, detail FROM events WHERE machine = ? ORDER "
+                      "BY id DESC LIMIT ?");
+  statement.bind(machine_).bind(std::int64_t{most});
+  std::vector<Event> out;
+  while (statement.step("cannot be read")) {
+    out.push_back({statement.text(0), statement.text(1), statement.text(2), statement.text(3),
+                   statement.text(4)});
+  }
+  return out;
+}
+
+std::string iso_time(std::int64_t wall_ns) {
+  const std::time_t seconds = wall_ns / 1'000'000'000;
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  char text[40];
+  const std::size_t length = std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%S", &utc);
+  std::snprintf(text + length, sizeof text - length, ".%03dZ",
+                static_cast<int>(wall_ns / 1'000'000 % 1000));
+  return text;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,379 @@
+#include "identification/loop/identify.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+
+#include "identification/loop/full_ls.h"
+#include "identification/loop/joint.h"
+#include "identification/loop/moving_modes.h"
+#include "identification/loop/say.h"
+#include "identification/loop/structure_choice.h"
+#include "identification/recording/evidence.h"
+#include "identification/recording/excitation.h"
+#include "identification/recording/noise_floor.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+constexpr double kSlowest_s = 0.1;  // sampling time that still shows a servo loop
+// An encoder that moves by less or more than the command by this factor is in another unit.
+constexpr double kUnitMismatch = 2.0;
+// A parameter known worse than this share of itself is not excited.
+constexpr double kLooselyKnown = 0.5;
+
+double span_s(const std::vector<Segment>& segments) {
+  double sum = 0.0;
+  for (const Segment& s : segments) sum += s.sample_time_s * static_cast<double>(s.size());
+  return sum;
+}
+
+Eigen::Index rows_of(const std::vector<Segment>& segments) {
+  Eigen::Index rows = 0;
+  for (const Segment& s : segments) rows += s.size();
+  return rows;
+}
+
+/// Of the names that the loop's poles can have, the one nearest to `like`.
+PoleSet named_as(const PoleSet& like, const Loop& loop) {
+  const PoleLabels labels = labels_of(loop);
+  const auto apart = [&](const PoleSet& set) {
+    return std::abs(set.real - like.real) + std::abs(set.omega - like.omega);
+  };
+  return *std::min_element(labels.set.begin(), labels.set.begin() + labels.count,
+                           [&](const auto& l, const auto& r) { return apart(l) < apart(r); });
+}
+
+/// What the fit leaves loosely known, by name, and what motion would show it.
+std::vector<std::string> loosely_known(const ModelRecord& record, const PoleSet& poles) {
+  std::vector<std::string> out;
+  const auto check = [&](const std::string& name, double value, double sd, double unit,
+                         const char* motion) {
+    if (!(sd > kLooselyKnown * std::abs(value))) return;
+    out.push_back(say(name, " is not excited: ", value / unit, " +- ", sd / unit, "; ", motion));
+  };
+  const char* faster = "needs moves with acceleration changing faster than this frequency";
+  if (record.model.loop.order == 3) {
+    check("real pole [Hz]", poles.real, record.pole_deviation.real, kTwoPi,
+          "needs moves that change speed within 0.1 s");
+  }
+  check("natural frequency [Hz]", poles.omega, record.pole_deviation.omega, kTwoPi, faster);
+  check("damping ratio", poles.zeta, record.pole_deviation.zeta, 1.0, faster);
+  for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
+    const Effect& effect = record.model.effects[i];
+    const auto kinds = friction_kinds();
+    if (std::find(kinds.begin(), kinds.end(), effect.kind) == kinds.end()) continue;
+    // Of free elements the sum is known, whatever each has of it.
+    double variance = 0.0;
+    for (std::size_t k = 0; k < std::max<std::size_t>(1, free_elements_of(effect.kind)); ++k)
+      variance += std::pow(record.effect_deviations[i].coefficient[k], 2.0);
+    check(effect.kind == kind_of<Presliding>() ? "breakaway force [m/s^2]"
+                                               : "Coulomb friction [m/s^2]",
+          level_of(effect), std::sqrt(variance), 1.0, "needs reversals at low and at high speed");
+  }
+  return out;
+}
+
+/// `all`: covariance of the parameters, with a1..an at `nonlinear`.
+void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::MatrixXd& all,
+                     Eigen::Index nonlinear) {
+  const int n = record.model.loop.order;
+  const auto sd = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, all(i, i))); };
+  for (int i = 0; i < n; ++i) record.numerator_deviation[static_cast<std::size_t>(i)] = sd(i);
+  for (int i = 0; i < n; ++i)
+    record.denominator_deviation[static_cast<std::size_t>(i)] = sd(nonlinear + i);
+
+  // From a1..an to the poles: the inverse of how the poles make the coefficients.
+  Eigen::MatrixXd by_poles(n, n);
+  std::array<double, 3> pole{poles.real, poles.omega, poles.zeta};
+  for (int j = 0; j < n; ++j) {
+    const auto k = static_cast<std::size_t>(n == 3 ? j : j + 1);
+    auto up = pole, down = pole;
+    const double d = 1e-6 * std::max(std::abs(pole[k]), 1e-6);
+    up[k] += d, down[k] -= d;
+    const auto a_up = denominator_of({up[0], up[1], up[2]}, n),
+               a_down = denominator_of({down[0], down[1], down[2]}, n);
+    for (int i = 0; i < n; ++i) {
+      const auto row = static_cast<std::size_t>(i);
+      by_poles(i, j) = (a_up[row] - a_down[row]) / (2.0 * d);
+    }
+  }
+  // The values of loop_covariance.h by those of `all`.
+  Eigen::MatrixXd values = Eigen::MatrixXd::Zero(kLoopValues, all.cols());
+  values.block(3 - n, nonlinear, n, n) = by_poles.fullPivLu().inverse();
+  for (int i = 0; i < n; ++i) values(3 + i, i) = 1.0;
+
+  Eigen::Index shape = nonlinear + n, linear = n;
+  for (const Effect& effect : record.model.effects) {
+    EffectDeviations deviations;
+    if (effect.kind == kind_of<TimeDelay>()) values(kLoopValues - 1, shape) = 1.0;
+    for (std::size_t p = 0; p < shapes_of(effect.kind).size(); ++p)
+      deviations.shape[p] = sd(shape++);
+    std::size_t c = 0;
+    for (const Parameter& parameter : coefficients_of(effect.kind)) {
+      deviations.coefficient[c++] =
+          told_from_loop(parameter, record.model.loop.order) ? sd(linear++) : kAbsent;
+    }
+    record.effect_deviations.push_back(deviations);
+  }
+  for (std::size_t i = 0; i < record.model.loop.modes.size(); ++i) {
+    record.mode_deviations.push_back(
+        {sd(shape), sd(shape + 1), sd(linear), sd(linear + 1), sd(shape + 2), sd(shape + 3)});
+    shape += kModeShapes;
+    linear += 2;
+  }
+  for (std::size_t i = 0; i < record.mode_deviations.size() && shape < all.cols(); ++i) {
+    record.mode_deviations[i].slope = sd(shape++);
+    record.mode_deviations[i].curve = sd(shape++);
+    record.mode_deviations[i].zeta_slope = sd(shape++);
+  }
+  const LoopCovariance covariance = values * all * values.transpose();
+  if (covariance.allFinite()) record.loop_covariance = 0.5 * (covariance + covariance.transpose());
+  const auto pole_sd = [&](int i) { return std::sqrt(std::max(0.0, covariance(i, i))); };
+  record.pole_deviation = {pole_sd(0), pole_sd(1), pole_sd(2)};
+}
+
+/// The figure a model has to beat: the error left if nothing is predicted.
+ErrorFigures unpredicted(const std::vector<Segment>& segments) {
+  ErrorFigures out{0.0, 0.0};
+  for (const Segment& s : segments) {
+    out.rms += (s.command - s.actual).square().sum();
+    out.max = std::max(out.max, (s.command - s.actual).abs().maxCoeff());
+  }
+  out.rms = std::sqrt(out.rms / static_cast<double>(std::max<Eigen::Index>(rows_of(segments), 1)));
+  return out;
+}
+
+/// What cannot be a command and its encoder, whatever the fit says.
+std::vector<std::string> exchanged_or_scaled(const Model& model,
+                                             const std::vector<Segment>& segments) {
+  std::vector<std::string> out;
+  const auto last = static_cast<std::size_t>(model.loop.order - 1);
+  double lag = model.loop.numerator[last] / model.loop.denominator[last] + model.command_delay_s();
+  for (const Mode& mode : model.loop.modes) lag += mode.beta / (mode.omega * mode.omega);
+  if (lag < -model.sample_time_s) {
+    out.push_back(say("the encoder leads its command by ", -1e3 * lag,
+                      " ms: are the two columns exchanged?"));
+  }
+  if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
+  return out;
+}
+
+/// What a model was found as.
+Structure structure_of(const Model& model) {
+  Structure structure;
+  structure.order = model.loop.order;
+  for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
+  structure.matched_feedforward = model.find(kind_of<TimeDelay>()) != nullptr;
+  structure.modes = static_cast<int>(model.loop.modes.size());
+  structure.moving = std::any_of(model.loop.modes.begin(), model.loop.modes.end(),
+                                 [](const Mode& mode) { return mode.moves(); });
+  return structure;
+}
+
+}  // namespace
+
+std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
+                                                            double share, bool each) {
+  std::vector<Segment> first, rest;
+  double left = share * span_s(segments);
+  for (const Segment& s : segments) {
+    const double h = s.sample_time_s, length = h * static_cast<double>(s.size());
+    const double taken = each ? share * length : std::clamp(left, 0.0, length);
+    left -= length;
+    const double at = s.start_s + taken - 0.5 * h;
+    for (Segment& part : cut({s}, -1e300, at)) first.push_back(std::move(part));
+    for (Segment& part : cut({s}, at, 1e300)) {
+      // What begins within slow reversals does so again.
+      if (s.lead > 0 && taken > 0.0) part.lead = std::max(part.lead, lead_in(part));
+      rest.push_back(std::move(part));
+    }
+  }
+  return {std::move(first), std::move(rest)};
+}
+
+std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
+  std::vector<Segment> out;
+  for (const Segment& s : segments) {
+    const double h = s.sample_time_s;
+    const double first = std::max(0.0, std::ceil((from_s - s.start_s) / h - 1e-9));
+    const double last =
+        std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
+    if (last - first + 1.0 < 20.0) continue;
+    const auto begin = static_cast<Eigen::Index>(first);
+    const auto count = static_cast<Eigen::Index>(last - first) + 1;
+    Segment piece;
+    piece.start_s = s.start_s + h * first;
+    piece.sample_time_s = h;
+    piece.command = s.command.segment(begin, count);
+    piece.actual = s.actual.segment(begin, count);
+    if (s.torque.size() == s.size()) piece.torque = s.torque.segment(begin, count);
+    if (s.neighbour.size() == s.size()) piece.neighbour = s.neighbour.segment(begin, count);
+    piece.in_plane = s.in_plane;
+    if (s.in_cut.size() == s.size()) piece.in_cut = s.in_cut.segment(begin, count);
+    piece.lead = std::clamp<Eigen::Index>(s.lead - begin, 0, count);
+    out.push_back(std::move(piece));
+  }
+  return out;
+}
+
+std::string why_scaled(const std::vector<Segment>& segments) {
+  double product = 0.0, square = 0.0;
+  for (const Segment& s : segments) {
+    const Eigen::ArrayXd command = s.command - s.command.mean();
+    product += (command * (s.actual - s.actual.mean())).sum();
+    square += command.square().sum();
+  }
+  const double slope = product / square;
+  if (!(square > 0.0) || (slope * kUnitMismatch > 1.0 && slope < kUnitMismatch)) return {};
+  return say("the encoder moves ", slope,
+             " times as far as its command: check the units and the sign of the two");
+}
+
+ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
+  double sum = 0.0;
+  ErrorFigures out;
+  Eigen::Index count = 0;
+  double most = 0.0;
+  for (const Segment& s : segments) {
+    const Eigen::Index used = std::max(s.lead, starting_state_samples(model, s));
+    if (s.size() <= used + 10) continue;
+    const Eigen::ArrayXd left = ((s.command - s.actual) - simulate(model, s)).tail(s.size() - used);
+    sum += left.square().sum();
+    most = std::max(most, left.abs().maxCoeff());
+    count += left.size();
+  }
+  if (count > 0) out = {std::sqrt(sum / static_cast<double>(count)), most};
+  return out;
+}
+
+Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
+  if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
+  if (!(options.training_share > 0.1 && options.training_share < 0.95)) {
+    throw std::invalid_argument(
+        say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
+  }
+  require_motion(axis);
+  if (axis.sample_time_s > kSlowest_s) {
+    throw std::runtime_error(say(axis.axis, ": one sample every ", axis.sample_time_s,
+                                 " s is too slow to see a servo loop; record at least every ",
+                                 kSlowest_s, " s"));
+  }
+  if (options.coupling && axis.segments.front().neighbour.size() == 0)
+    throw std::runtime_error(
+        axis.axis +
+        ": no other axis in the recording moves in step with it, so that there "
+        "is no coupling to look for");
+  const auto [training, holdout] = split(axis.segments, options.training_share, options.split_each);
+  if (rows_of(training) < 300 || rows_of(holdout) < 100) {
+    throw std::runtime_error(
+        say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
+            " s) are too few to identify and to judge; record at least 500 samples with motion"));
+  }
+
+  Identified out;
+  ModelRecord& record = out.record;
+  record.axis = axis.axis;
+  record.rotary = axis.rotary;
+  record.rows = static_cast<long>(rows_of(axis.segments));
+  record.from_s = axis.segments.front().start_s;
+  record.to_s = axis.segments.back().end_s();
+  record.training_to_s = training.back().end_s();
+  record.noise_floor_rms = noise_floor(axis.segments).rms;
+  const Excitation excitation = excitation_of(training);
+  record.excitation = missing_motion(excitation, axis.rotary);
+
+  if (options.method == Method::kFullLs) {
+    record.method = "full-ls";
+    auto fit = full_ls(training, options.bounds, options.pole_constraints);
+    if (!fit)
+      throw std::runtime_error(axis.axis +
+                               ": full least squares has no finite solution on this data");
+    record.model = fit->model;
+    record.condition_number = fit->condition_number;
+    record.effect_deviations.assign(record.model.effects.size(), {});
+    if (auto why = why_invalid(record.model); !why.empty()) {
+      out.refusals.push_back(why);
+      return out;
+    }
+    record.training = judge(record.model, training);
+    record.holdout = judge(record.model, holdout);
+    return out;
+  }
+
+  record.method = "pole-search";
+  const double encoder_step = noise_floor(axis.segments).encoder_step;
+  PoleSearchOptions search;
+  Structure structure;
+  Loop moving;
+  if (options.start) {
+    structure = structure_of(*options.start);
+    search.from = {point_of(*options.start)};
+    moving = options.start->loop;
+    out.trials.push_back(
+        {structure.order, structure.effects, kAbsent, true, structure.modes, "", structure.moving});
+  } else {
+    ChosenStructure chosen =
+        chosen_structure(axis.axis, training, options, encoder_step, out.trials);
+    structure = std::move(chosen.structure);
+    search.from = std::move(chosen.from);
+    moving = std::move(chosen.moving);
+  }
+  search.bounds = options.bounds;
+  const bool polish = options.method == Method::kJoint;
+  if (polish) record.method = "joint";
+  Structure standing = structure;
+  standing.moving = false;
+  const auto fit = joint_fit(training, standing, search, encoder_step, polish);
+  if (!fit)
+    throw std::runtime_error(axis.axis +
+                             ": the pole search found no finite solution on the training data");
+  record.model = fit->model;
+  Eigen::MatrixXd covariance = fit->covariance;
+  if (structure.moving) {
+    const auto moved = with_moving_modes(training, structure,
+                                         with_modes_moving_as(moving, fit->model), encoder_step);
+    if (!moved)
+      throw std::runtime_error(axis.axis +
+                               ": modes that move with position have no valid fit to the training "
+                               "data; identify without a start, or with standing modes");
+    record.model = moved->model;
+    covariance = moved->covariance;
+  }
+  record.condition_number = fit->condition_number;
+  // Named as the projected fit names them, where the polish left them there.
+  const PoleSet poles = named_as(fit->fit.poles, record.model.loop);
+  fill_deviations(record, poles, covariance, fit->linear);
+  if (auto why = why_invalid(record.model); !why.empty()) {
+    out.refusals.push_back(why);
+    return out;
+  }
+  record.training = judge(record.model, training);
+  record.holdout = judge(record.model, holdout);
+  if (fit->fit.on_bound) {
+    record.excitation.push_back(
+        say("poles lie on the bounds of the search: the motion does not show them; ",
+            "widen the bounds, or add moves with faster changing acceleration"));
+  }
+  for (std::string& line : loosely_known(record, poles))
+    record.excitation.push_back(std::move(line));
+  for (std::string& line : exchanged_or_scaled(record.model, training))
+    out.refusals.push_back(std::move(line));
+  if (!std::isfinite(record.holdout.rms)) {
+    out.refusals.push_back(
+        "the stretches of the hold-out are too short to judge a model by; record longer ones");
+  } else if (const double before = unpredicted(holdout).rms;
+             options.must_predict && !(record.holdout.rms < before)) {
+    out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms,
+                               " um RMS of an error of ", 1e6 * before,
+                               " um: it predicts nothing"));
+  }
+  return out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,314 @@
+#include "identification/loop/joint.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identification/least_squares/chart.h"
+#include "identification/loop/mode_search.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+// Optima whose costs differ by less are one.
+constexpr double kSameCost = 1e-4;
+// An encoder whose steps make more than this share of what is left hides the motion within them.
+constexpr double kCoarseEncoder = 0.5;
+// A simulation right to less than this share of an encoder step is judged by when readings change.
+constexpr double kHidden = 0.1;
+
+/// Start values of the shapes of one effect, on a grid about the catalogue's.
+std::vector<std::vector<double>> shape_grid(std::size_t kind) {
+  constexpr std::size_t kGridded = 3;  // the first shapes of an effect are its main ones
+  std::vector<std::vector<double>> grid{{}};
+  for (std::size_t i = 0; i < shapes_of(kind).size(); ++i) {
+    const Parameter& p = shapes_of(kind)[i];
+    std::vector<double> values{p.start};
+    if (i < kGridded && p.lower > 0.0)
+      values = {std::max(0.3 * p.start, p.lower), p.start, std::min(3.0 * p.start, p.upper)};
+    std::vector<std::vector<double>> longer;
+    for (double value : values) {
+      for (const auto& begun : grid) {
+        longer.push_back(begun);
+        longer.back().push_back(value);
+      }
+    }
+    grid = std::move(longer);
+  }
+  return grid;
+}
+
+/// The place of the friction in the structure; its size where there is none.
+std::size_t friction_place(const Structure& structure) {
+  const auto kinds = friction_kinds();
+  std::size_t i = 0;
+  while (i < structure.effects.size() &&
+         std::find(kinds.begin(), kinds.end(), structure.effects[i]) == kinds.end()) {
+    ++i;
+  }
+  return i;
+}
+
+/// Step 2: with these poles, the best shapes of the friction for every value of its first one. The
+/// poles of step 1 favour a wrong value, so that each has its turn in step 3. `held`: the friction
+/// whose shapes `rough` has.
+std::vector<Point> friction_starts(const Projection& data, const Structure& structure,
+                                   std::size_t place, const Point& rough, std::size_t held,
+                                   int& evaluations) {
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < place; ++i) first += shapes_of(structure.effects[i]).size();
+  // Behind the shapes of that friction.
+  const auto rest =
+      rough.shapes.begin() + static_cast<std::ptrdiff_t>(first + shapes_of(held).size());
+  const Projection coarse = thinned(data, 4e-3);
+  std::vector<std::pair<double, Point>> best;
+  for (const std::vector<double>& shapes : shape_grid(structure.effects[place])) {
+    Point point{rough.denominator,
+                {rough.shapes.begin(), rough.shapes.begin() + static_cast<std::ptrdiff_t>(first)},
+                rough.modes};
+    point.shapes.insert(point.shapes.end(), shapes.begin(), shapes.end());
+    point.shapes.insert(point.shapes.end(), rest, rough.shapes.end());
+    const double cost = coarse.solve(point).cost;
+    ++evaluations;
+    auto same = std::find_if(best.begin(), best.end(), [&](const auto& other) {
+      return other.second.shapes[first] == shapes.front();
+    });
+    if (same == best.end()) {
+      best.emplace_back(cost, point);
+    } else if (cost < same->first) {
+      *same = {cost, point};
+    }
+  }
+  std::vector<Point> out;
+  for (auto& [cost, point] : best) out.push_back(std::move(point));
+  return out;
+}
+
+/// Step 3 from each of these; the best first, without duplicates.
+std::vector<PoleFit> refined(const Projection& data, const std::vector<Point>& starts,
+                             const PoleSearchOptions& options, int& evaluations) {
+  std::vector<PoleFit> fits;
+  for (const Point& start : starts) {
+    PoleSearchOptions from = options;
+    from.from = {start};
+    auto found = pole_search(data, from);
+    if (!found) continue;
+    evaluations += found->evaluations;
+    const bool known = std::any_of(fits.begin(), fits.end(), [&](const PoleFit& other) {
+      return std::abs(other.solution.cost - found->solution.cost) < kSameCost * other.solution.cost;
+    });
+    if (!known) fits.push_back(std::move(*found));
+  }
+  std::sort(fits.begin(), fits.end(),
+            [](const auto& l, const auto& r) { return l.solution.cost < r.solution.cost; });
+  return fits;
+}
+
+/// The same data with the motion of the model's free simulation for what friction sees.
+std::vector<Signals> along_simulation(const std::vector<Segment>& segments, const Model& model) {
+  std::vector<Signals> out;
+  for (const Segment& s : segments) {
+    Signals signals = signals_of(s);
+    set_motion(signals, s.command - simulate(model, s));
+    add_drive(model, signals);
+    out.push_back(std::move(signals));
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::size_t> friction_kinds() { return {kFrictionLaws.begin(), kFrictionLaws.end()}; }
+
+std::vector<std::size_t> compared_frictions() {
+  return {kind_of<CoulombFriction>(), kind_of<Dahl>(),     kind_of<Presliding>(),
+          kind_of<LuGre>(),           kind_of<Stribeck>(), kind_of<PreslidingStribeck>()};
+}
+
+FirstStep::FirstStep(std::vector<Signals> signals, Structure structure, PoleSearchOptions options)
+    : signals_(std::move(signals)),
+      structure_(std::move(structure)),
+      options_(std::move(options)),
+      rigid_(pole_search(Projection(signals_, structure_), options_)) {}
+
+bool FirstStep::follow_friction() {
+  if (fit_ || !rigid_) return fit_.has_value();
+  Structure structure = structure_;
+  const std::size_t place = friction_place(structure);
+  const bool slides = place < structure.effects.size();
+  if (slides) structure.effects[place] = kind_of<Presliding>();
+  data_.emplace(signals_, structure);
+  if (!slides) {
+    fit_ = rigid_;
+    return true;
+  }
+  int evaluations = 0;
+  auto fits = refined(*data_,
+                      friction_starts(*data_, structure, place, rigid_->point,
+                                      kind_of<CoulombFriction>(), evaluations),
+                      options_, evaluations);
+  if (!fits.empty()) fit_ = std::move(fits.front());
+  // An axis that slides more than it creeps is followed better by friction that turns at once.
+  if (!fit_ || rigid_->solution.cost < fit_->solution.cost) {
+    data_.emplace(signals_, structure_);
+    fit_ = rigid_;
+  }
+  return true;
+}
+
+bool FirstStep::add_mode() {
+  if (!follow_friction()) return false;
+  auto more = with_one_more_mode(*data_, *fit_, options_);
+  if (!more) return false;
+  data_ = std::move(more->data);
+  fit_ = std::move(more->fit);
+  return true;
+}
+
+std::optional<Point> FirstStep::start(bool coupled) {
+  if (!coupled && !data_) {
+    if (!rigid_) return std::nullopt;
+    return rigid_->point;
+  }
+  if (!follow_friction()) return std::nullopt;
+  Point out = fit_->point;
+  if (coupled) {
+    // The other's loop may be any.
+    constexpr double kDamping = 1.0;
+    Structure structure = data_->structure();
+    structure.effects.push_back(kind_of<CrossCoupling>());
+    PoleSearchOptions beside = options_;
+    for (const double hz : {5.0, 20.0, 80.0}) {
+      beside.from.push_back(out);
+      beside.from.back().shapes.insert(beside.from.back().shapes.end(), {hz, kDamping});
+    }
+    auto found = pole_search(Projection(signals_, structure), beside);
+    if (!found) return std::nullopt;
+    out = std::move(found->point);
+  }
+  const std::size_t place = friction_place(structure_);
+  if (place < structure_.effects.size() &&
+      data_->structure().effects[place] == kind_of<Presliding>()) {
+    std::ptrdiff_t before = 0;
+    for (std::size_t i = 0; i < place; ++i)
+      before += static_cast<std::ptrdiff_t>(shapes_of(structure_.effects[i]).size());
+    const auto at = out.shapes.begin() + before;
+    const auto end = at + static_cast<std::ptrdiff_t>(shapes_of(kind_of<Presliding>()).size());
+    const auto coulomb = out.shapes.erase(at, end);
+    std::vector<double> starts;
+    for (const Parameter& p : shapes_of(kind_of<CoulombFriction>())) starts.push_back(p.start);
+    out.shapes.insert(coulomb, starts.begin(), starts.end());
+  }
+  return out;
+}
+
+std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const Structure& structure,
+                                  const PoleSearchOptions& options, double encoder_step,
+                                  bool polish, const Point* first) {
+  std::vector<Signals> signals;
+  for (const Segment& s : segments) signals.push_back(signals_of(s));
+  const std::size_t place = friction_place(structure);
+  Structure simple = structure;
+  if (place < structure.effects.size()) simple.effects[place] = kind_of<CoulombFriction>();
+
+  const bool simplest = simple.effects == structure.effects, given = !options.from.empty();
+  const bool coupled = std::find(simple.effects.begin(), simple.effects.end(),
+                                 kind_of<CrossCoupling>()) != simple.effects.end();
+  std::optional<Point> begun;
+  std::optional<PoleFit> fit;
+  if (first != nullptr) {
+    begun = *first;
+  } else if (!given) {
+    Structure rigid = simple;
+    rigid.modes = 0;
+    std::erase(rigid.effects, kind_of<CrossCoupling>());
+    FirstStep step(signals, rigid, options);
+    for (int i = 0; i < structure.modes; ++i) {
+      if (!step.add_mode()) return std::nullopt;
+    }
+    begun = step.start(coupled);
+    if (!begun) return std::nullopt;
+    if (structure.modes == 0 && !coupled) fit = step.rigid();
+  }
+  if (simplest && !fit) {
+    PoleSearchOptions from = options;
+    if (begun) from.from = {*begun};
+    fit = pole_search(Projection(signals, simple), from);
+    if (!fit) return std::nullopt;
+  }
+  Projection data(std::move(signals), structure);
+  std::vector<Point> rivals;
+  if (!simplest) {
+    int evaluations = fit ? fit->evaluations : 0;
+    const Point rough = begun ? *begun : options.from.front();
+    const std::size_t held = begun ? kind_of<CoulombFriction>() : structure.effects[place];
+    std::vector<Point> starts = friction_starts(data, structure, place, rough, held, evaluations);
+    if (given) starts.push_back(rough);
+    auto fits = refined(data, starts, options, evaluations);
+    // Where the encoder's steps outweigh the model's error, the simulated motion is the better one.
+    for (int round = 0; round < 2 && !fits.empty(); ++round) {
+      const Model model = data.model_of(fits.front().point, fits.front().solution.linear);
+      const double left =
+          std::sqrt(2.0 * fits.front().solution.cost / static_cast<double>(data.rows()));
+      if (!why_invalid(model).empty() || encoder_step / std::sqrt(12.0) < kCoarseEncoder * left)
+        break;
+      data = Projection(along_simulation(segments, model), structure);
+      for (Point& start : starts) {
+        start.denominator = fits.front().point.denominator;
+        start.modes = fits.front().point.modes;
+      }
+      starts.push_back(fits.front().point);
+      auto better = refined(data, starts, options, evaluations);
+      starts.pop_back();
+      if (better.empty()) break;
+      fits = std::move(better);
+    }
+    if (fits.empty()) return std::nullopt;
+    fit = fits.front();
+    fit->evaluations = evaluations;
+    rivals = std::move(starts);
+  }
+
+  JointFit out;
+  out.fit = *fit;
+  out.projected = data.model_of(fit->point, fit->solution.linear);
+  out.model = out.projected;
+  out.condition_number = condition_number(data, fit->point);
+  if (polish) {
+    auto polished = output_error(segments, structure, out.projected, {encoder_step});
+    // Along the measured motion, friction at the ends of a swing is wrong: step 3 may have left the
+    // optimum that it was given.
+    if (given && structure.modes > 0) {
+      const Point& from = options.from.front();
+      auto direct = output_error(segments, structure, data.model_of(from, data.solve(from).linear),
+                                 {encoder_step});
+      if (direct && (!polished || direct->minus_log_likelihood < polished->minus_log_likelihood))
+        polished = std::move(direct);
+    }
+    // Behind a coarse encoder there is more than one optimum: the likeliest is taken on.
+    if (polished && polished->sigma < kHidden * encoder_step) {
+      double least = polished->minus_log_likelihood;
+      for (const Point& rival : rivals) {
+        const Model from = data.model_of(rival, data.solve(rival).linear);
+        const auto brief = output_error(segments, structure, from, {encoder_step, 30, 1e-6, 3});
+        if (!brief || brief->minus_log_likelihood >= least) continue;
+        auto full = output_error(segments, structure, brief->model, {encoder_step});
+        if (!full || full->minus_log_likelihood >= least) continue;
+        least = full->minus_log_likelihood;
+        polished = std::move(full);
+      }
+    }
+    if (polished) {
+      out.model = polished->model;
+      out.covariance = polished->covariance;
+      out.linear = data.model_columns();
+      return out;
+    }
+  }
+  out.covariance = covariance(data, *fit);
+  out.linear = fit->solution.linear.size();
+  return out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,358 @@
+#include "identification/loop/output_error.h"
+
+#include <ceres/ceres.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "identification/least_squares/chart.h"
+#include "identification/least_squares/covariance.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+/// - log P(r) above its least value, as half a square: the residual that least squares needs.
+class ReadingLikelihood {
+ public:
+  ReadingLikelihood(double encoder_step, double sigma)
+      : half_(0.5 * encoder_step / sigma), sigma_(sigma) {
+    least_ = minus_log(0.0);
+    const double density = std::exp(-0.5 * half_ * half_) / std::sqrt(2.0 * std::numbers::pi);
+    const double inside = std::erf(half_ / std::numbers::sqrt2);
+    curvature_ = half_ > 1e-3 ? 2.0 * half_ * density / inside : 1.0;
+  }
+  /// - log P per sample, with the constants that depend on sigma.
+  [[nodiscard]] double minus_log_likelihood(double r) const {
+    return minus_log(std::abs(r) / sigma_) +
+           (half_ > 1e-3 ? 0.0 : std::log(sigma_ * std::sqrt(2.0 * std::numbers::pi)));
+  }
+  [[nodiscard]] double residual(double r) const {
+    const double size = std::sqrt(2.0 * std::max(0.0, minus_log(std::abs(r) / sigma_) - least_));
+    return r < 0.0 ? -size : size;
+  }
+  /// d residual / d r.
+  [[nodiscard]] double slope(double r) const {
+    const double size = std::abs(residual(r));
+    if (size < 1e-5) return std::sqrt(curvature_) / sigma_;
+    return score(std::abs(r) / sigma_) / size / sigma_;
+  }
+
+ private:
+  static double log_tail(double t) {  // log Phi(-t)
+    if (t < 6.0) return std::log(0.5 * std::erfc(t / std::numbers::sqrt2));
+    const double u = 1.0 / (t * t);
+    return -0.5 * t * t - std::log(t * std::sqrt(2.0 * std::numbers::pi)) +
+           std::log1p(-u * (1.0 - 3.0 * u * (1.0 - 5.0 * u)));
+  }
+  /// t = |r| / sigma.
+  [[nodiscard]] double minus_log(double t) const {
+    if (half_ <= 1e-3) return 0.5 * t * t;
+    // Phi(half - t) - Phi(-half - t): two tails of one side.
+    const double near = log_tail(t - half_), far = log_tail(t + half_);
+    return -(near + std::log1p(-std::exp(std::min(0.0, far - near))));
+  }
+  /// d minus_log / dt.
+  [[nodiscard]] double score(double t) const {
+    if (half_ <= 1e-3) return t;
+    const auto log_density = [](double z) {
+      return -0.5 * z * z - 0.5 * std::log(2.0 * std::numbers::pi);
+    };
+    const double log_p = -minus_log(t);
+    return std::exp(log_density(t - half_) - log_p) - std::exp(log_density(t + half_) - log_p);
+  }
+
+  double half_, sigma_, least_ = 0.0, curvature_ = 1.0;
+};
+
+/// Between a model of the structure and its coordinates: numerator, coefficients, chart, shapes.
+class Coordinates {
+ public:
+  Coordinates(const Structure& structure, const Model& start)
+      : structure_(structure), template_(start), axes_(shape_axes(structure.effects)) {
+    for (std::size_t i = 0; i < structure.effects.size(); ++i) {
+      const auto coefficients = coefficients_of(structure.effects[i]);
+      for (std::size_t c = 0; c < coefficients.size(); ++c) {
+        if (told_from_loop(coefficients[c], structure.order) || structure.every_coefficient)
+          slots_.push_back({i, c});
+      }
+    }
+    numerators_ = structure.order - (structure.matched_feedforward ? 1 : 0);
+  }
+
+  [[nodiscard]] Eigen::VectorXd of(const Model& model) const {
+    std::vector<double> x;
+    for (int i = 0; i < numerators_; ++i)
+      x.push_back(model.loop.numerator[static_cast<std::size_t>(i)]);
+    for (const Slot& slot : slots_)
+      x.push_back(model.effects[slot.effect].coefficient[slot.coefficient]);
+    for (double q : chart_of(Chart::kStable, structure_.order, model.loop.denominator, {}))
+      x.push_back(q);
+    std::size_t axis = 0;
+    for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
+      for (std::size_t p = 0; p < shapes_of(structure_.effects[i]).size(); ++p)
+        x.push_back(axes_[axis++].coordinate(model.effects[i].shape[p]));
+    }
+    for (const Mode& m : model.loop.modes)
+      x.insert(x.end(), {m.alpha, m.beta, std::log(m.omega), std::log(m.zeta), m.gamma, m.delta});
+    if (structure_.moving) {
+      for (const Mode& m : model.loop.modes) x.insert(x.end(), {m.slope, m.curve, m.zeta_slope});
+    }
+    return Eigen::Map<Eigen::VectorXd>(x.data(), static_cast<Eigen::Index>(x.size()));
+  }
+
+  [[nodiscard]] Model model(const double* x) const {
+    Model out = template_;
+    for (int i = 0; i < numerators_; ++i) out.loop.numerator[static_cast<std::size_t>(i)] = *x++;
+    for (const Slot& slot : slots_) out.effects[slot.effect].coefficient[slot.coefficient] = *x++;
+    out.loop.denominator = denominator_at(Chart::kStable, structure_.order, x);
+    x += structure_.order;
+    std::size_t axis = 0;
+    for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
+      for (std::size_t p = 0; p < shapes_of(structure_.effects[i]).size(); ++p)
+        out.effects[i].shape[p] = axes_[axis++].value(*x++);
+    }
+    for (Mode& m : out.loop.modes) {
+      m = {std::exp(x[2]), std::exp(x[3]), x[0], x[1], x[4], x[5], m.slope, m.curve, m.zeta_slope};
+      x += kModeCoordinates;
+    }
+    for (Mode& m : out.loop.modes) {
+      if (!structure_.moving) break;
+      m.slope = *x++;
+      m.curve = *x++;
+      m.zeta_slope = *x++;
+    }
+    return out;
+  }
+
+  /// Bounds of the coordinates: the physical ones.
+  [[nodiscard]] std::pair<double, double> bounds(Eigen::Index i) const {
+    const auto k = static_cast<std::size_t>(i) - static_cast<std::size_t>(numerators_);
+    if (i < numerators_) return {-1e300, 1e300};
+    if (k < slots_.size()) {
+      const Parameter& p =
+          coefficients_of(structure_.effects[slots_[k].effect])[slots_[k].coefficient];
+      return {p.lower, p.upper};
+    }
+    const auto shape = k - slots_.size();
+    if (shape < static_cast<std::size_t>(structure_.order)) return {-1e300, 1e300};
+    const std::size_t at = shape - static_cast<std::size_t>(structure_.order);
+    if (at < axes_.size()) return {axes_[at].lower, axes_[at].upper};
+    const auto of_modes = at - axes_.size();
+    if (of_modes >= static_cast<std::size_t>(kModeCoordinates * structure_.modes))
+      return {-kMostModeTravel, kMostModeTravel};
+    if (of_modes % kModeCoordinates == 3) return {-1e300, std::log(kMostDamping)};
+    return {-1e300, 1e300};
+  }
+
+  /// A step of a coordinate that the simulation shows, and that its curvature does not.
+  [[nodiscard]] double step(Eigen::Index i, double value) const {
+    const auto linear = static_cast<Eigen::Index>(slots_.size()) + numerators_;
+    const Eigen::Index modes = linear + structure_.order + static_cast<Eigen::Index>(axes_.size());
+    const Eigen::Index of_mode = (i - modes) % kModeCoordinates;
+    if (i >= modes + kModeCoordinates * structure_.modes) return 1e-5;
+    if (i >= linear && (i < modes || of_mode == 2 || of_mode == 3)) return 1e-5;
+    return 1e-5 * std::max(std::abs(value), 1e-3);
+  }
+
+  /// d parameters / d coordinates at x, with the parameters in the order of the covariance (every
+  /// numerator, coefficients, alpha and beta of every mode, a1..an, shapes, omega, zeta, gamma,
+  /// delta of every mode, slope, curve and zeta_slope of every
+  /// one that moves).
+  [[nodiscard]] Eigen::MatrixXd parameters_by_coordinates(const Eigen::VectorXd& x) const {
+    const auto slots = static_cast<Eigen::Index>(slots_.size());
+    const Eigen::Index n = structure_.order;
+    const auto shapes = static_cast<Eigen::Index>(axes_.size());
+    const Eigen::Index modes = structure_.modes, linear = n + slots + 2 * modes;
+    const Eigen::Index moving = structure_.moving ? kMovingCoordinates * modes : 0;
+    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(linear + n + shapes + 4 * modes + moving, x.size());
+    out.bottomRightCorner(moving, moving).setIdentity();
+    for (Eigen::Index i = 0; i < numerators_; ++i) out(i, i) = 1.0;
+    for (Eigen::Index i = 0; i < slots; ++i) out(n + i, numerators_ + i) = 1.0;
+    const Eigen::Index chart = numerators_ + slots;
+    out.block(linear, chart, n, n) =
+        chart_jacobian(Chart::kStable, structure_.order, x.data() + chart).topLeftCorner(n, n);
+    for (Eigen::Index i = 0; i < shapes; ++i) {
+      const ShapeAxis& axis = axes_[static_cast<std::size_t>(i)];
+      out(linear + n + i, chart + n + i) = axis.logarithmic ? axis.value(x(chart + n + i)) : 1.0;
+    }
+    for (Eigen::Index m = 0; m < modes; ++m) {
+      const Eigen::Index from = chart + n + shapes + kModeCoordinates * m;
+      const Eigen::Index to = linear + n + shapes + 4 * m;
+      out(n + slots + 2 * m, from) = out(n + slots + 2 * m + 1, from + 1) = 1.0;
+      for (const Eigen::Index i : {0, 1}) out(to + i, from + 2 + i) = std::exp(x(from + 2 + i));
+      for (const Eigen::Index i : {2, 3}) out(to + i, from + 2 + i) = 1.0;
+    }
+    return out;
+  }
+
+ private:
+  // alpha, beta, log omega, log zeta, gamma, delta
+  static constexpr int kModeCoordinates = 6;
+  static constexpr int kMovingCoordinates = 3;  // slope, curve, zeta_slope, after all modes
+  static constexpr double kMostDamping = 0.95;
+  struct Slot {
+    std::size_t effect = 0, coefficient = 0;
+  };
+  const Structure& structure_;
+  Model template_;
+  std::vector<ShapeAxis> axes_;
+  std::vector<Slot> slots_;
+  int numerators_ = 0;
+};
+
+/// Measured minus simulated error, without the samples that made the starting state; empty where
+/// the model is not valid.
+Eigen::VectorXd missed(const Model& model, const std::vector<Segment>& segments,
+                       Eigen::Index settled) {
+  if (!why_invalid(model).empty()) return {};
+  Eigen::Index rows = 0;
+  const auto counted = [settled](const Segment& s) { return s.size() - std::max(settled, s.lead); };
+  for (const Segment& s : segments) rows += std::max<Eigen::Index>(0, counted(s));
+  Eigen::VectorXd out(rows);
+  Eigen::Index row = 0;
+  for (const Segment& s : segments) {
+    const Eigen::Index n = counted(s);
+    if (n <= 0) continue;
+    out.segment(row, n) = ((s.command - s.actual) - simulate(model, s)).tail(n).matrix();
+    row += n;
+  }
+  return out;
+}
+
+class ReadingCost final : public ceres::CostFunction {
+ public:
+  ReadingCost(const std::vector<Segment>& segments, const Coordinates& coordinates,
+              Eigen::Index settled, Eigen::Index rows, Eigen::Index parameters,
+              const ReadingLikelihood& likelihood, int& simulations)
+      : segments_(segments),
+        coordinates_(coordinates),
+        settled_(settled),
+        likelihood_(likelihood),
+        simulations_(simulations) {
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(parameters));
+    set_num_residuals(static_cast<int>(rows));
+  }
+
+  bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
+    const Eigen::Index rows = num_residuals(), count = parameter_block_sizes()[0];
+    const Eigen::VectorXd r = at(x[0]);
+    if (r.size() != rows || !r.allFinite()) return false;
+    for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihood_.residual(r(k));
+    if (!Eigen::Map<const Eigen::VectorXd>(residuals, rows).allFinite()) return false;
+    if (jacobians == nullptr || jacobians[0] == nullptr) return true;
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    Eigen::Map<RowMajor> jacobian(jacobians[0], rows, count);
+    if (!differentiate(x[0], r, jacobian)) return false;
+    for (Eigen::Index k = 0; k < rows; ++k) jacobian.row(k) *= likelihood_.slope(r(k));
+    return jacobian.allFinite();
+  }
+
+  /// d r / d x by differences from r = at(x); the step is far above rounding and far below what the
+  /// simulation's curvature shows.
+  template <class Matrix>
+  bool differentiate(const double* x, const Eigen::VectorXd& r, Matrix&& jacobian) const {
+    const Eigen::Index count = parameter_block_sizes()[0];
+    for (Eigen::Index i = 0; i < count; ++i) {
+      Eigen::VectorXd moved = Eigen::Map<const Eigen::VectorXd>(x, count);
+      const double here = moved(i);
+      double d = coordinates_.step(i, here);
+      if (here + d > coordinates_.bounds(i).second) d = -d;
+      moved(i) = here + d;
+      const Eigen::VectorXd there = at(moved.data());
+      if (there.size() != jacobian.rows()) return false;
+      jacobian.col(i) = (there - r) / d;
+    }
+    return true;
+  }
+
+  [[nodiscard]] Eigen::VectorXd at(const double* x) const {
+    ++simulations_;
+    return missed(coordinates_.model(x), segments_, settled_);
+  }
+
+ private:
+  const std::vector<Segment>& segments_;
+  const Coordinates& coordinates_;
+  Eigen::Index settled_;
+  const ReadingLikelihood& likelihood_;
+  int& simulations_;
+};
+
+/// The sigma under which these residuals are most probable.
+double most_probable_sigma(const Eigen::VectorXd& r, double encoder_step) {
+  const double rms = std::sqrt(r.squaredNorm() / static_cast<double>(r.size()));
+  if (encoder_step < 1e-3 * rms) return rms;
+  double best = rms, least = 1e300;
+  // Below a hundredth of a step the readings cannot tell.
+  for (double sigma = 0.01 * encoder_step; sigma < 1.3 * rms + 0.02 * encoder_step; sigma *= 1.15) {
+    const ReadingLikelihood likelihood(encoder_step, sigma);
+    double sum = 0.0;
+    for (double value : r) sum += likelihood.minus_log_likelihood(value);
+    if (sum < least) least = sum, best = sigma;
+  }
+  return best;
+}
+
+}  // namespace
+
+std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
+                                           const Structure& structure, const Model& start,
+                                           const OutputErrorOptions& options) {
+  if (!why_invalid(start).empty() || segments.empty()) return std::nullopt;
+  const Coordinates coordinates(structure, start);
+  const double h = segments.front().sample_time_s;
+  const Eigen::Index settled = starting_state_samples(start, segments.front());
+  Eigen::VectorXd x = coordinates.of(start);
+  Eigen::VectorXd r = missed(start, segments, settled);
+  if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;
+
+  OutputErrorFit fit;
+  fit.simulations = 1;
+  for (int pass = 0; pass < options.passes; ++pass) {
+    const double before = fit.sigma;
+    fit.sigma = most_probable_sigma(r, options.encoder_step);
+    if (pass > 0 && std::abs(fit.sigma - before) < 0.05 * before) break;
+    const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
+    ceres::Problem problem;
+    problem.AddResidualBlock(new ReadingCost(segments, coordinates, settled, r.size(), x.size(),
+                                             likelihood, fit.simulations),
+                             nullptr, x.data());
+    for (Eigen::Index i = 0; i < x.size(); ++i) {
+      const auto [lower, upper] = coordinates.bounds(i);
+      if (lower > -1e299) problem.SetParameterLowerBound(x.data(), static_cast<int>(i), lower);
+      if (upper < 1e299) problem.SetParameterUpperBound(x.data(), static_cast<int>(i), upper);
+    }
+    ceres::Solver::Options solver;
+    solver.linear_solver_type = ceres::DENSE_QR;
+    solver.max_num_iterations = options.rounds;
+    solver.function_tolerance = options.tolerance;
+    solver.gradient_tolerance = 1e-30;
+    solver.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem, &summary);
+    if (!summary.IsSolutionUsable()) return std::nullopt;
+    r = missed(coordinates.model(x.data()), segments, settled);
+  }
+  fit.model = coordinates.model(x.data());
+
+  const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
+  const ReadingCost cost(segments, coordinates, settled, r.size(), x.size(), likelihood,
+                         fit.simulations);
+  Eigen::MatrixXd jacobian(r.size(), x.size());
+  if (!cost.differentiate(x.data(), r, jacobian)) return std::nullopt;
+  Eigen::VectorXd g(r.size());
+  for (Eigen::Index k = 0; k < r.size(); ++k) {
+    jacobian.row(k) *= likelihood.slope(r(k));
+    g(k) = likelihood.residual(r(k));
+    fit.minus_log_likelihood += likelihood.minus_log_likelihood(r(k));
+  }
+  const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
+  fit.covariance = by_x * robust_covariance(jacobian, g, h) * by_x.transpose();
+  return fit;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,127 @@
+// Variable projection: for given poles and shape parameters the error is linear in everything else.
+//
+//   e ~ sum_j c_j s^(n-j)/P x_r + sum_k (alpha_k s + beta_k)/M_k s x_r
+//       + sum_i d_i G(s) f_i(motion; shape_i) + free response of every segment
+//
+// G is s/P or 1/P and what the modes make of a disturbance (twin/loop.h).
+//
+// The linear part is one least squares problem, solved and projected out; what is left is a
+// function of the denominator a1..an, the shapes and omega, zeta, gamma, delta of every mode alone,
+// with exact sensitivities (docs/theory.md 4; thesis 3.4; Golub and Pereyra 1973, Kaufman 1975).
+// Source of the filters: twin/hold.h.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <vector>
+
+#include "identification/recording/signals.h"
+#include "twin/model.h"
+
+namespace servotwin {
+
+/// Which loop and which effects a fit may use.
+struct Structure {
+  int order = 3;                     ///< 2 or 3
+  std::vector<std::size_t> effects;  ///< places in the catalogue
+  bool matched_feedforward = false;  ///< no velocity error: the last tracking coefficient is 0
+  bool every_coefficient = false;  ///< also those that a free loop contains: for a loop held fixed
+  int modes = 0;                   ///< of vibration
+  /// They move with position: known to the polish in free simulation alone (output_error.h); a
+  /// projection takes them for standing.
+  bool moving = false;
+
+  /// Shape parameters of all effects, and coefficients that a free loop leaves identifiable.
+  [[nodiscard]] int shape_count() const;
+  [[nodiscard]] int coefficient_count() const;
+};
+
+/// A point of the nonlinear parameters.
+struct Point {
+  std::array<double, kMaxOrder> denominator{};
+  std::vector<double> shapes{};  ///< in the order of the structure
+  std::vector<Mode> modes{};     ///< alpha and beta are linear: not read here
+};
+
+/// The nonlinear parameters of a mode: omega, zeta, gamma, delta.
+inline constexpr int kModeShapes = 4;
+
+/// The motion that an effect of this kind feels at sample k.
+[[nodiscard]] Motion motion_of(const Signals& signals, const Spline& command, Acts acts,
+                               Eigen::Index k);
+
+/// The columns of one more effect beside a fit: what its coefficients that a free loop leaves
+/// identifiable would add to the error per unit; rows as in a Projection of these segments.
+[[nodiscard]] Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, const Loop& loop,
+                                             double command_delay_s, std::size_t kind,
+                                             const std::vector<double>& shapes);
+
+class Projection {
+ public:
+  /// `free_response`: add what remains of an unknown starting state; false only for a start at
+  /// known rest.
+  Projection(std::vector<Signals> segments, Structure structure, bool free_response = true);
+
+  struct Solution {
+    Eigen::VectorXd linear;    ///< c0.., effect coefficients, alpha, beta.., free responses
+    Eigen::VectorXd residual;  ///< e - R linear
+    double cost = 0.0;         ///< half the sum of squares
+    bool clamped = false;      ///< a coefficient was held at its lower bound 0
+  };
+  [[nodiscard]] Solution solve(const Point& point) const;
+
+  /// Kaufman's Jacobian of the residual: columns a1..an, then the shapes, then omega, zeta, gamma,
+  /// delta of every mode. Its gradient J^T r is exact.
+  struct Linearised {
+    Solution at;
+    Eigen::MatrixXd jacobian;
+  };
+  [[nodiscard]] Linearised linearise(const Point& point) const;
+
+  /// The regressors themselves (unscaled, no free responses) and their 2-norm condition.
+  [[nodiscard]] Eigen::MatrixXd regressors(const Point& point) const;
+  /// All parameters' Jacobian, not projected: linear ones, then those of `linearise`. For
+  /// covariances.
+  [[nodiscard]] Eigen::MatrixXd full_jacobian(const Point& point,
+                                              const Eigen::VectorXd& linear) const;
+
+  [[nodiscard]] Eigen::Index rows() const { return rows_; }
+  /// c0.., effect coefficients, alpha, beta of every mode.
+  [[nodiscard]] Eigen::Index model_columns() const;
+  [[nodiscard]] bool has_free_response() const { return free_response_; }
+  [[nodiscard]] const Structure& structure() const { return structure_; }
+  [[nodiscard]] const std::vector<Signals>& segments() const { return segments_; }
+  /// The model that this point and these linear parameters mean.
+  [[nodiscard]] Model model_of(const Point& point, const Eigen::VectorXd& linear) const;
+
+ private:
+  struct Columns;  // regressors and, where asked for, what their derivatives need
+  template <int N>
+  void fill(const Point& point, bool derivatives, Columns& columns) const;
+  template <int N, class Bank>
+  void fill_free(const Bank& bank, Columns& columns, const Signals& s, Eigen::Index row0,
+                 Eigen::Index first, bool derivatives, const Mode* mode) const;
+  /// The rows of lead-ins count for nothing.
+  void leave_out_leads(Columns& columns, bool derivatives) const;
+  [[nodiscard]] Eigen::VectorXd& column_of(Columns& columns, int slot, int shape, bool first) const;
+  [[nodiscard]] const Columns& columns_at(const Point& point, bool derivatives) const;
+  [[nodiscard]] Eigen::MatrixXd derivatives_of_sum(const Columns& columns,
+                                                   const Eigen::VectorXd& linear) const;
+  [[nodiscard]] Solution project(const Columns& columns) const;
+
+  std::vector<Signals> segments_;
+  Structure structure_;
+  bool free_response_ = true;
+  Eigen::Index rows_ = 0;
+  // One entry per identifiable coefficient: the effect's place in the structure and its index
+  // there.
+  struct Slot {
+    std::size_t effect = 0, coefficient = 0;
+    bool non_negative = false;
+  };
+  std::vector<Slot> slots_;
+  std::vector<std::size_t> shape_offset_;  // of each effect in Point::shapes
+  int delay_shape_ = -1;                   // place of the command delay in Point::shapes
+};
+
+}  // namespace servotwin

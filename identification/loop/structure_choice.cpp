@@ -1,0 +1,458 @@
+#include "identification/loop/structure_choice.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <stdexcept>
+#include <tuple>
+
+#include "identification/loop/joint.h"
+#include "identification/loop/moving_modes.h"
+#include "identification/loop/say.h"
+#include "identification/recording/noise_floor.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+// A richer structure must beat a simpler one by this much on data it was not fitted to.
+constexpr double kWorthIt = 0.97;
+// A mode and another axis bring five or six parameters and what may go wrong with them: 7 % were
+// seen where there was none (EMPS), 15 % where an axis of two masses is pushed by another one.
+constexpr double kWorthAMode = 0.9;
+// Modes that move and friction of free elements have more that may go wrong.
+constexpr double kWorthMuch = 0.85;
+// What is left beyond this multiple of the noise is worth a law of friction with free elements.
+constexpr double kFar = 2.0;
+// Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
+// disguise.
+constexpr double kDisguisedDelay = 0.5;
+// Acceleration feed-forward beyond this multiple of the moved mass is a lead that makes up for a
+// delay which is not there.
+constexpr double kMostFeedforward = 1.5;
+
+constexpr double kForgotten_s = 0.5;
+constexpr double kNone = 1e300;  // of what is left: nothing was fitted
+constexpr const char* kNoFit = "no stable fit within the bounds";
+
+/// The share of the loop's lag that zeros in the right half plane make. Servo loops with
+/// feed-forward have none (docs/theory.md 1.3): such zeros are how a rational loop imitates a
+/// delay.
+double imitated_delay_share(const Loop& loop) {
+  const int n = loop.order;
+  const double an = loop.denominator[static_cast<std::size_t>(n - 1)];
+  const double lag = loop.numerator[static_cast<std::size_t>(n - 1)] / an;
+  // x / x_r = (b_0 s^n + ... + b_n) / P with b_i = a_i - c_i.
+  Eigen::VectorXd b(n + 1);
+  b(0) = 1.0 - loop.numerator[0];
+  for (int i = 1; i < n; ++i)
+    b(i) = loop.denominator[static_cast<std::size_t>(i - 1)] -
+           loop.numerator[static_cast<std::size_t>(i)];
+  b(n) = an;
+  int lead = 0;
+  while (lead < n && std::abs(b(lead)) < 1e-9) ++lead;
+  const int degree = n - lead;
+  if (degree < 1 || !(lag > 0.0)) return 0.0;
+  Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(degree, degree);
+  for (int i = 0; i + 1 < degree; ++i) companion(i + 1, i) = 1.0;
+  for (int i = 0; i < degree; ++i) companion(i, degree - 1) = -b(n - i) / b(lead);
+  double imitated = 0.0;
+  for (const auto& zero : companion.eigenvalues()) {
+    if (zero.real() > 0.0) imitated += 2.0 * zero.real() / std::norm(zero);
+  }
+  return imitated / lag;
+}
+
+struct Trial {
+  Structure structure;
+  double cost = kNone;  // on what it was fitted to
+  double validation = kNone;
+  std::string ruled_out = kNoFit;
+};
+
+/// Why a loop without a delay is one in disguise; empty if it is not.
+std::string why_delay(const Loop& loop, double delay_max_s) {
+  const double imitated = delay_max_s > 0.0 ? imitated_delay_share(loop) : 0.0;
+  if (imitated <= kDisguisedDelay) return {};
+  return say("zeros in the right half plane make ", 100.0 * imitated,
+             " % of its lag: a delay in disguise");
+}
+
+/// Why the delay of this model is a velocity lag in disguise; empty if it is not. `before`: the
+/// structures without it.
+std::string why_no_delay(const Model& model, double delay_max_s, const Trial& trial,
+                         const std::vector<Trial>& before) {
+  if (model.command_delay_s() > delay_max_s) {
+    return say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ",
+               1e3 * delay_max_s, " ms sought");
+  }
+  if (lag_in_disguise(model)) {
+    return say("acceleration feed-forward of ", 1.0 - model.loop.numerator[0],
+               " times the moved mass makes up for its delay: a velocity lag in disguise");
+  }
+  // A delay in place of the velocity lag: as many parameters, so that the fit itself may compare.
+  std::vector<std::size_t> without = trial.structure.effects;
+  std::erase(without, kind_of<TimeDelay>());
+  for (const Trial& rival : before) {
+    if (rival.structure.order == trial.structure.order && rival.structure.effects == without &&
+        rival.ruled_out.empty() && rival.cost <= trial.cost) {
+      return "a velocity lag with as many parameters fits better than its delay";
+    }
+  }
+  return {};
+}
+
+std::vector<Structure> structures(const IdentifyOptions& options) {
+  const std::size_t friction = kind_of<CoulombFriction>(), constant = kind_of<ConstantForce>(),
+                    delay = kind_of<TimeDelay>();
+  std::vector<Structure> out;
+  for (int order : {2, 3}) {
+    if (options.order != 0 && options.order != order) continue;
+    // Behind an integrator a constant force leaves no trace in the error.
+    out.push_back({order, {friction}, false});
+    if (order == 2) out.push_back({order, {friction, constant}, false});
+    if (options.delay_max_s > 0.0) {
+      out.push_back({order, {friction, delay}, true});
+      if (order == 2) out.push_back({order, {friction, constant, delay}, true});
+    }
+  }
+  return out;
+}
+
+std::vector<Signals> signals_of(const std::vector<Segment>& segments) {
+  std::vector<Signals> signals;
+  for (const Segment& s : segments) signals.push_back(servotwin::signals_of(s));
+  return signals;
+}
+
+Projection projection_of(const std::vector<Segment>& segments, const Structure& structure) {
+  return {signals_of(segments), structure};
+}
+
+/// A fit with modes that stand, and what it leaves where it was not fitted.
+struct Stood {
+  Structure structure;
+  Model model;
+  bool coupled = false;
+  double validation = 0.0;
+};
+
+/// The same with modes that move.
+struct Moved {
+  std::optional<OutputErrorFit> fit;
+  bool asked = false;
+  std::string ruled_out;
+  double validation = kAbsent;
+};
+
+Structure moving_of(Structure structure) {
+  structure.moving = true;
+  return structure;
+}
+
+/// Of which to ask whether modes move: the best, and the one with presliding, since friction that
+/// is not the axis' own hides that they do.
+std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stood) {
+  const auto best =
+      std::min_element(stood.begin(), stood.end(),
+                       [](const Stood& l, const Stood& r) { return l.validation < r.validation; });
+  const auto presliding = std::find_if(stood.begin(), stood.end(), [](const Stood& one) {
+    return one.model.find(kind_of<Presliding>()) != nullptr;
+  });
+  std::vector<std::size_t> out{static_cast<std::size_t>(best - stood.begin())};
+  if (presliding != stood.end() && presliding != best)
+    out.push_back(static_cast<std::size_t>(presliding - stood.begin()));
+  return out;
+}
+
+/// Where a search for friction of free elements begins: the fit so far, its elements spread over
+/// the travel after which the law that it had slides.
+Point with_free_elements(Point point, const Structure& structure, std::size_t place) {
+  std::ptrdiff_t before = 0;
+  for (std::size_t i = 0; i < place; ++i)
+    before += static_cast<std::ptrdiff_t>(shapes_of(structure.effects[i]).size());
+  const std::size_t law = structure.effects[place];
+  const auto at = point.shapes.begin() + before;
+  std::vector<double> elements;
+  double reach = 1.0;
+  for (const Parameter& p : shapes_of(kind_of<MaxwellSlip>())) {
+    elements.push_back(p.start);
+    if (elements.size() > 1) reach *= p.start;
+  }
+  if (law == kind_of<Presliding>() || law == kind_of<PreslidingStribeck>())
+    elements.front() = std::max(shapes_of(kind_of<MaxwellSlip>()).front().lower, *at / reach);
+  const auto rest = point.shapes.erase(at, at + static_cast<std::ptrdiff_t>(shapes_of(law).size()));
+  point.shapes.insert(rest, elements.begin(), elements.end());
+  return point;
+}
+
+class StructureChoice {
+ public:
+  StructureChoice(const std::string& name, const std::vector<Segment>& training,
+                  const IdentifyOptions& options, double encoder_step,
+                  std::vector<StructureTrial>& tried)
+      : name_(name), options_(options), encoder_step_(encoder_step), tried_(tried) {
+    std::tie(fitted_, validated_) = split(training, 2.0 / 3.0, options.split_each);
+    // What is cut within a motion begins with friction and integrator in a state nobody knows: what
+    // they do until they have forgotten it would be the same for every structure, and hide what
+    // tells them apart.
+    for (Segment& s : validated_) {
+      const auto forgotten = static_cast<Eigen::Index>(std::lround(kForgotten_s / s.sample_time_s));
+      if (s.size() > 4 * forgotten) s.lead = std::max(s.lead, forgotten);
+    }
+    noise_ = noise_floor(training).rms;
+    search_.bounds = options.bounds;
+    search_.starts = 3;
+    search_.tolerance = 1e-6;  // enough to rank structures that must differ by 3 %
+  }
+
+  /// Order, constant force and delay, with Coulomb friction.
+  void choose_loop() {
+    std::vector<Trial> trials;
+    for (const Structure& structure : structures(options_)) {
+      Trial trial;
+      trial.structure = structure;
+      const Projection data = projection_of(fitted_, structure);
+      if (const auto fit = pole_search(data, search_)) {
+        const Model model = data.model_of(fit->point, fit->solution.linear);
+        trial.ruled_out = why_invalid(model);
+        if (trial.ruled_out.empty()) {
+          trial.cost = fit->solution.cost;
+          trial.validation = judge(model, validated_).rms;
+          trial.ruled_out = structure.matched_feedforward
+                                ? why_no_delay(model, options_.delay_max_s, trial, trials)
+                                : why_delay(model.loop, options_.delay_max_s);
+        }
+      }
+      trials.push_back(trial);
+    }
+    const Trial* chosen = nullptr;
+    for (const Trial& trial : trials) {
+      if (trial.ruled_out.empty() && std::isfinite(trial.validation) &&
+          (chosen == nullptr || trial.validation < kWorthIt * chosen->validation))
+        chosen = &trial;
+    }
+    if (chosen == nullptr) {
+      // A loop that imitates a delay is still a model where no honest structure fits.
+      for (const Trial& trial : trials) {
+        if (trial.validation < kNone &&
+            (chosen == nullptr || trial.validation < chosen->validation))
+          chosen = &trial;
+      }
+    }
+    if (chosen == nullptr)
+      throw std::runtime_error(name_ +
+                               ": no stable loop within the bounds follows this motion; check "
+                               "units, signs and the column mapping");
+    for (const Trial& trial : trials)
+      tried_.push_back({trial.structure.order, trial.structure.effects,
+                        trial.validation < kNone ? trial.validation : kAbsent, &trial == chosen, 0,
+                        trial.ruled_out});
+    simple_ = out_.structure = chosen->structure;
+    least_ = chosen->validation;
+    const auto& effects = simple_.effects;
+    place_ = static_cast<std::size_t>(
+        std::find(effects.begin(), effects.end(), kind_of<CoulombFriction>()) - effects.begin());
+  }
+
+  /// The friction, from the simplest model to the richest, and modes of vibration as long as one
+  /// more of them is worth it. Neither shows without the other where there are both, so that every
+  /// friction is tried with every number of modes.
+  void choose_friction_and_modes() {
+    const bool other_friction =
+        joint() && options_.friction && *options_.friction != kind_of<CoulombFriction>();
+    std::vector<std::size_t> compared{kind_of<CoulombFriction>()};
+    if (joint())
+      compared = options_.friction ? std::vector{*options_.friction} : compared_frictions();
+    if (other_friction) least_ = kNone;
+    if (compared.size() > 1 || other_friction || options_.modes > 0 || options_.coupling) {
+      FirstStep first(signals_of(fitted_), simple_, search_);
+      for (int modes = 0; modes <= options_.modes && modes <= out_.structure.modes + 1; ++modes) {
+        if (modes > 0 && !first.add_mode()) break;
+        std::vector<Stood> stood;
+        // Without the other axis, then with it: what vibrates would have bent a loop that was
+        // coupled before.
+        for (const bool coupled : {false, true}) {
+          if (coupled && !options_.coupling) break;
+          const std::optional<Point> begun = first.start(coupled);
+          if (!begun) break;
+          for (const std::size_t kind : compared) try_standing(kind, modes, coupled, *begun, stood);
+        }
+        if (joint() && modes > 0 && !stood.empty()) ask_whether_they_move(modes, std::move(stood));
+      }
+    }
+    if (joint() && !options_.friction) try_free_elements();
+    if (other_friction && !best_)
+      throw std::runtime_error(say(name_, ": ", identity_of(*options_.friction).id,
+                                   " has no valid fit to this motion; take another friction "
+                                   "model"));
+  }
+
+  [[nodiscard]] ChosenStructure chosen() {
+    for (std::size_t i = 0; best_ && i < tried_.size(); ++i) tried_[i].chosen = i == *best_;
+    return std::move(out_);
+  }
+
+ private:
+  [[nodiscard]] bool joint() const { return options_.method == Method::kJoint; }
+
+  /// The trial that is to come is the best so far.
+  void take(double validation, const Structure& structure) {
+    least_ = validation;
+    out_.structure = structure;
+    best_ = tried_.size();
+  }
+
+  void try_standing(std::size_t kind, int modes, bool coupled, const Point& begun,
+                    std::vector<Stood>& stood) {
+    if (kind == kind_of<CoulombFriction>() && modes == 0 && !coupled) return;
+    Structure richer = simple_;
+    richer.modes = modes;
+    richer.effects[place_] = kind;
+    // Unlike levels of the two directions contain it.
+    const bool both = kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>();
+    const bool same = !both || std::erase(richer.effects, kind_of<ConstantForce>()) == 0;
+    if (coupled) richer.effects.push_back(kind_of<CrossCoupling>());
+    StructureTrial trial{richer.order, richer.effects, kAbsent, false, modes, kNoFit};
+    // At rest a vibrating encoder turns more often than it is read: friction along the measured
+    // motion is wrong there, and free simulation has to tell.
+    const auto fit = joint_fit(fitted_, richer, search_, encoder_step_, joint() && modes > 0,
+                               modes > 0 || same ? &begun : nullptr);
+    if (fit) {
+      trial.ruled_out = why_invalid(fit->model);
+      if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated_).rms;
+    }
+    if (trial.validation_rms < kNone)
+      stood.push_back({richer, fit->model, coupled, trial.validation_rms});
+    const bool more = modes > out_.structure.modes || (coupled && !coupled_);
+    if (trial.validation_rms < (more ? kWorthAMode : kWorthIt) * least_) {
+      take(trial.validation_rms, richer);
+      coupled_ = coupled;
+      out_.from.clear();
+      if (modes > 0 || coupled) out_.from.push_back(point_of(fit->model));
+    }
+    tried_.push_back(trial);
+  }
+
+  /// Whether modes move with position: one that does may be worth nothing while it has to stand.
+  /// Where one of those asked finds that they do, all frictions are tried from there.
+  void ask_whether_they_move(int modes, std::vector<Stood> stood) {
+    const bool with_other = std::min_element(stood.begin(), stood.end(), [](auto& l, auto& r) {
+                              return l.validation < r.validation;
+                            })->coupled;
+    std::erase_if(stood, [&](const Stood& one) { return one.coupled != with_other; });
+    std::vector<Moved> moved(stood.size());
+    const auto moved_from = [&](const Model& start, const Stood& one) {
+      Moved now;
+      now.asked = true;
+      now.fit = with_moving_modes(fitted_, moving_of(one.structure), start, encoder_step_);
+      now.ruled_out =
+          now.fit ? why_invalid(now.fit->model) : "letting them move gains next to nothing";
+      if (now.ruled_out.empty()) now.validation = judge(now.fit->model, validated_).rms;
+      return now;
+    };
+    std::size_t lead = stood.size();
+    double least = kNone;
+    for (const std::size_t i : asked_whether_modes_move(stood)) {
+      moved[i] = moved_from(stood[i].model, stood[i]);
+      if (moved[i].validation < least) {
+        least = moved[i].validation;
+        lead = i;
+      }
+    }
+    bool moving = false;
+    for (std::size_t i = 0; i < stood.size(); ++i) {
+      const Stood& one = stood[i];
+      if (lead < stood.size() && i != lead)
+        moved[i] = moved_from(with_modes_moving_as(moved[lead].fit->model.loop, one.model), one);
+      else if (!moved[i].asked)
+        continue;
+      if (moved[i].validation < (moving ? kWorthIt : kWorthMuch) * least_) {
+        take(moved[i].validation, moving_of(one.structure));
+        coupled_ = one.coupled;
+        moving = true;
+        out_.from = {point_of(one.model)};
+        out_.moving = moved[i].fit->model.loop;
+      }
+      tried_.push_back({one.structure.order, one.structure.effects, moved[i].validation, false,
+                        modes, moved[i].ruled_out, true});
+    }
+  }
+
+  /// Where the law of friction leaves much beside modes or another axis it may be the law that is
+  /// wrong: one of any virgin curve, from where the chosen one ended.
+  void try_free_elements() {
+    const Structure& structure = out_.structure;
+    if (out_.from.empty() || structure.moving || !(least_ > kFar * noise_)) return;
+    // A law of unlike directions has had the constant force in it.
+    Structure free = simple_;
+    free.modes = structure.modes;
+    free.effects[place_] = kind_of<MaxwellSlip>();
+    if (coupled_) free.effects.push_back(kind_of<CrossCoupling>());
+    PoleSearchOptions near = search_;
+    near.from = {with_free_elements(out_.from.front(), structure, place_)};
+    StructureTrial trial{free.order, free.effects, kAbsent, false, free.modes, kNoFit};
+    const auto fit = joint_fit(fitted_, free, near, encoder_step_, true);
+    if (fit) trial.ruled_out = why_invalid(fit->model);
+    if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated_).rms;
+    if (trial.validation_rms < kWorthMuch * least_) {
+      take(trial.validation_rms, free);
+      out_.from = {point_of(fit->model)};
+    }
+    tried_.push_back(trial);
+  }
+
+  const std::string& name_;
+  const IdentifyOptions& options_;
+  double encoder_step_, noise_ = 0.0;
+  std::vector<StructureTrial>& tried_;
+  std::vector<Segment> fitted_, validated_;
+  PoleSearchOptions search_;
+  Structure simple_;       // of the loop, with Coulomb friction
+  std::size_t place_ = 0;  // of the friction in it
+  ChosenStructure out_;
+  double least_ = kNone;             // what the chosen one leaves
+  std::optional<std::size_t> best_;  // its place in what was tried; none: the loop as it was chosen
+  bool coupled_ = false;             // the other axis is in it
+};
+
+}  // namespace
+
+bool delay_in_disguise(const Loop& loop) { return imitated_delay_share(loop) > kDisguisedDelay; }
+
+bool lag_in_disguise(const Model& model) {
+  return model.command_delay_s() > 0.0 && 1.0 - model.loop.numerator[0] > kMostFeedforward;
+}
+
+Point point_of(const Model& model) {
+  Point point{model.loop.denominator, {}, model.loop.modes};
+  for (Mode& mode : point.modes) mode.slope = mode.curve = mode.zeta_slope = 0.0;
+  for (const Effect& effect : model.effects) {
+    for (std::size_t i = 0; i < shapes_of(effect.kind).size(); ++i)
+      point.shapes.push_back(effect.shape[i]);
+  }
+  return point;
+}
+
+Model with_modes_moving_as(const Loop& as, Model model) {
+  model.loop.travel = as.travel;
+  for (std::size_t i = 0; i < std::min(as.modes.size(), model.loop.modes.size()); ++i) {
+    model.loop.modes[i].slope = as.modes[i].slope;
+    model.loop.modes[i].curve = as.modes[i].curve;
+    model.loop.modes[i].zeta_slope = as.modes[i].zeta_slope;
+  }
+  return model;
+}
+
+ChosenStructure chosen_structure(const std::string& name, const std::vector<Segment>& training,
+                                 const IdentifyOptions& options, double encoder_step,
+                                 std::vector<StructureTrial>& tried) {
+  StructureChoice choice(name, training, options, encoder_step, tried);
+  choice.choose_loop();
+  choice.choose_friction_and_modes();
+  return choice.chosen();
+}
+
+}  // namespace servotwin

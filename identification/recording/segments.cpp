@@ -1,0 +1,386 @@
+#include "identification/recording/segments.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+#include <utility>
+
+namespace servotwin {
+namespace {
+
+bool same(double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); }
+
+bool all_missing(const std::vector<double>& values) {
+  return std::none_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+}
+
+const AxisRecord& find_axis(const Recording& recording, std::string_view name) {
+  std::string there;
+  for (const AxisRecord& axis : recording.axes) {
+    if (axis.name == name) return axis;
+    there += (there.empty() ? "" : ", ") + axis.name;
+  }
+  throw std::runtime_error(recording.source + ": no axis '" + std::string(name) + "'; it has " +
+                           (there.empty() ? "none" : there));
+}
+
+/// The channels of one axis that go into segments, and which of them are there.
+struct Channels {
+  explicit Channels(const AxisRecord& axis, std::size_t rows)
+      : command(axis.command),
+        actual(axis.actual),
+        torque(axis.torque),
+        has_actual(axis.actual.size() == rows && !all_missing(axis.actual)),
+        has_torque(axis.torque.size() == rows && !all_missing(axis.torque)) {}
+
+  [[nodiscard]] bool valid(std::size_t row) const {
+    return std::isfinite(command[row]) && (!has_actual || std::isfinite(actual[row]));
+  }
+  [[nodiscard]] bool same_values(std::size_t a, std::size_t b) const {
+    return same(command[a], command[b]) && (!has_actual || same(actual[a], actual[b])) &&
+           (!has_torque || same(torque[a], torque[b]));
+  }
+
+  const std::vector<double>& command;
+  const std::vector<double>& actual;
+  const std::vector<double>& torque;
+  bool has_actual, has_torque;
+};
+
+/// Rows of one unbroken stretch, all with values, each with its place in steps from the first.
+struct Stretch {
+  std::vector<std::size_t> row;
+  std::vector<double> place;
+
+  [[nodiscard]] std::size_t samples() const {
+    return static_cast<std::size_t>(std::floor(place.back() - place.front() + 1e-6)) + 1;
+  }
+};
+
+/// Linear interpolation of one channel onto the whole steps of a stretch.
+Eigen::ArrayXd interpolated(const Stretch& stretch, const std::vector<double>& values) {
+  Eigen::ArrayXd even(static_cast<Eigen::Index>(stretch.samples()));
+  std::size_t right = 0;
+  for (Eigen::Index k = 0; k < even.size(); ++k) {
+    const double at = stretch.place.front() + static_cast<double>(k);
+    while (right + 1 < stretch.place.size() && stretch.place[right] < at) ++right;
+    const double after = values[stretch.row[right]];
+    const double beyond = stretch.place[right] - at;
+    if (right == 0 || beyond <= 0.0) {
+      even[k] = after;
+      continue;
+    }
+    const double before = values[stretch.row[right - 1]];
+    const double width = stretch.place[right] - stretch.place[right - 1];
+    even[k] = after + (before - after) * (beyond / width);
+  }
+  return even;
+}
+
+/// Bridges what is missing of the torque; what is missing for longer, or at an end, stays NaN.
+void bridge_torque(Eigen::ArrayXd& torque, Eigen::Index most, SegmentReport& report) {
+  Eigen::Index i = 0;
+  while (i < torque.size()) {
+    if (std::isfinite(torque[i])) {
+      ++i;
+      continue;
+    }
+    Eigen::Index end = i;
+    while (end < torque.size() && !std::isfinite(torque[end])) ++end;
+    const bool inside = i > 0 && end < torque.size();
+    if (inside && end - i <= most) {
+      const double slope = (torque[end] - torque[i - 1]) / static_cast<double>(end - i + 1);
+      for (Eigen::Index k = i; k < end; ++k) torque[k] = torque[k - 1] + slope;
+      report.torque_bridged += static_cast<std::size_t>(end - i);
+    } else {
+      torque.segment(i, end - i).setConstant(kAbsent);
+      report.torque_missing += static_cast<std::size_t>(end - i);
+    }
+    i = end;
+  }
+}
+
+/// Collects rows into stretches and turns each into a segment.
+class Cutter {
+ public:
+  Cutter(const Stamps& stamps, const Channels& channels, const SegmentLimits& limits,
+         SegmentedAxis& out)
+      : stamps_(stamps), channels_(channels), limits_(limits), out_(out) {
+    const double step = stamps.step_s;
+    most_missing_ = std::max(static_cast<double>(limits.bridge_samples),
+                             std::floor(limits.bridge_gap_s / step + 1e-6));
+  }
+
+  void run() {
+    std::size_t without_values = 0;  // rows since the last one that has values
+    std::size_t last = 0;
+    double place = 0.0;  // of the present row
+    for (std::size_t i = 0; i < stamps_.row.size(); ++i) {
+      const bool even = stamps_.spacing == Spacing::kEven;
+      place = even ? place + static_cast<double>(stamps_.advance[i])
+                   : (stamps_.time[i] - stamps_.time[0]) / stamps_.step_s;
+      if (!channels_.valid(stamps_.row[i])) {
+        ++without_values;
+        continue;
+      }
+      if (stretch_.row.empty()) {
+        out_.report.nan_dropped += without_values;
+      } else {
+        join(last, i, place, without_values);
+      }
+      stretch_.row.push_back(stamps_.row[i]);
+      stretch_.place.push_back(place);
+      if (stretch_.row.size() == 1) begin_s_ = stamps_.time[i];
+      without_values = 0;
+      last = i;
+    }
+    out_.report.nan_dropped += without_values;
+    close();
+  }
+
+ private:
+  // Row i follows row `last` of the stretch: over a bridge, or with a split between them.
+  void join(std::size_t last, std::size_t i, double place, std::size_t without_values) {
+    const double missing = std::round(place - stretch_.place.back()) - 1.0;
+    const double length = stamps_.time[i] - stamps_.time[last];
+    SegmentReport& report = out_.report;
+    if (missing > most_missing_) {
+      report.nan_dropped += without_values;
+      close();
+      report.splits.push_back({stamps_.time[last], length});
+      return;
+    }
+    report.nan_bridged += without_values;
+    if (missing < 1.0) return;
+    report.gaps_bridged += 1;
+    report.samples_bridged += static_cast<std::size_t>(missing);
+    report.longest_bridged_s = std::max(report.longest_bridged_s, length);
+  }
+
+  void close() {
+    if (stretch_.row.empty()) return;
+    const std::size_t samples = stretch_.samples();
+    SegmentReport& report = out_.report;
+    longest_ = std::max(longest_, samples);
+    if (samples < static_cast<std::size_t>(std::max(limits_.shortest, 2))) {
+      report.short_stretches += 1;
+      report.short_rows += stretch_.row.size();
+    } else {
+      Segment segment;
+      segment.start_s = begin_s_;
+      segment.sample_time_s = stamps_.step_s;
+      segment.command = interpolated(stretch_, channels_.command);
+      if (channels_.has_actual) segment.actual = interpolated(stretch_, channels_.actual);
+      if (channels_.has_torque) {
+        segment.torque = interpolated(stretch_, channels_.torque);
+        bridge_torque(segment.torque, static_cast<Eigen::Index>(most_missing_), report);
+      }
+      report.used_rows += stretch_.row.size();
+      report.segments.push_back({segment.start_s, segment.end_s(), samples});
+      out_.segments.push_back(std::move(segment));
+    }
+    stretch_ = {};
+  }
+
+ public:
+  [[nodiscard]] std::size_t longest() const { return longest_; }
+
+ private:
+  const Stamps& stamps_;
+  const Channels& channels_;
+  const SegmentLimits& limits_;
+  SegmentedAxis& out_;
+  Stretch stretch_;
+  double begin_s_ = 0.0;
+  double most_missing_ = 0.0;
+  std::size_t longest_ = 0;
+};
+
+// Six significant digits, and seconds to the microsecond without idle zeros.
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.6g", value);
+  return text;
+}
+std::string seconds(double value) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.6f", value);
+  std::string shown = text;
+  shown.erase(shown.find_last_not_of('0') + 1);
+  if (shown.back() == '.') shown.pop_back();
+  return shown + " s";
+}
+std::string milliseconds(double value_s) { return number(1e3 * value_s) + " ms"; }
+std::string percent(double share) { return number(std::round(1e4 * share) / 100.0) + " %"; }
+std::string count(std::size_t n, const std::string& what) {
+  return std::to_string(n) + " " + what + (n == 1 ? "" : "s");
+}
+
+}  // namespace
+
+std::vector<std::string> SegmentReport::lines() const {
+  constexpr std::size_t kShown = 8;  // of segments and splits; a report is for reading
+  std::vector<std::string> lines;
+  const auto more = [](std::size_t n) {
+    return n > kShown ? " and " + std::to_string(n - kShown) + " more" : std::string();
+  };
+  lines.push_back("axis " + axis + ": " + count(rows, "row") + " over " + seconds(duration_s) +
+                  ", " + std::to_string(used_rows) + " used, step " + milliseconds(sample_time_s) +
+                  " (" + number(rate_hz) + " Hz)");
+  std::string list;
+  for (std::size_t i = 0; i < std::min(segments.size(), kShown); ++i) {
+    const Stretch& s = segments[i];
+    list += (i == 0 ? ": " : ", ") + seconds(s.begin_s) + " to " + seconds(s.end_s) + " (" +
+            count(s.samples, "sample") + ")";
+  }
+  lines.push_back(count(segments.size(), "segment") + list + more(segments.size()));
+  list.clear();
+  for (std::size_t i = 0; i < std::min(splits.size(), kShown); ++i) {
+    list += (i == 0 ? "split at " : ", at ") + seconds(splits[i].time_s) + " by a gap of " +
+            seconds(splits[i].length_s);
+  }
+  if (!splits.empty()) lines.push_back(list + more(splits.size()));
+  if (short_stretches > 0) {
+    lines.push_back("dropped " + count(short_rows, "row") + " in " +
+                    std::to_string(short_stretches) + " too short to be a segment");
+  }
+  if (gaps_bridged > 0) {
+    lines.push_back("bridged " + count(gaps_bridged, "gap") +
+                    " by linear interpolation, the longest " + milliseconds(longest_bridged_s) +
+                    "; " + count(samples_bridged, "sample") + " filled");
+  }
+  if (nan_bridged > 0) lines.push_back(count(nan_bridged, "row") + " without a value bridged");
+  if (nan_dropped > 0) lines.push_back(count(nan_dropped, "row") + " without a value dropped");
+  if (torque_bridged > 0) lines.push_back(count(torque_bridged, "torque value") + " bridged");
+  if (torque_missing > 0) {
+    lines.push_back(count(torque_missing, "torque value") + " missing, not bridged");
+  }
+  if (repeated > 0) {
+    lines.push_back(count(repeated, "row") + " dropped: the stamp of the row before was repeated");
+  }
+  if (repaired > 0) {
+    lines.push_back(count(repaired, "wrong stamp") +
+                    " replaced by the place between its neighbours");
+  }
+  if (unplaced > 0) lines.push_back(count(unplaced, "row") + " dropped: no usable stamp");
+  if (resolution_s > 0.0) {
+    lines.push_back("stamps are only written to " + milliseconds(resolution_s) +
+                    ": samples taken as evenly spaced at the mean step");
+  }
+  if (spacing == Spacing::kUneven) {
+    lines.push_back("jitter " + percent(jitter_rms) + " of the step rms, " + percent(jitter_max) +
+                    " at most: resampled linearly onto a grid of " + milliseconds(sample_time_s));
+  } else if (jitter_max >= 1e-3) {
+    lines.push_back("jitter " + percent(jitter_rms) + " of the step rms, " + percent(jitter_max) +
+                    " at most: samples taken as evenly spaced");
+  }
+  return lines;
+}
+
+namespace {
+
+SegmentedAxis segmented(const Recording& recording, std::string_view axis,
+                        const SegmentLimits& limits) {
+  const AxisRecord& record = find_axis(recording, axis);
+  const std::size_t rows = recording.time.size();
+  if (record.command.size() != rows || (rows > 0 && all_missing(record.command))) {
+    throw std::runtime_error(recording.source + ": " + record.name +
+                             ".command has no values; the set-point of the axis is needed");
+  }
+  const Channels channels(record, rows);
+  const Stamps stamps = read_stamps(
+      recording.source, recording.time,
+      [&](std::size_t a, std::size_t b) { return channels.same_values(a, b); }, limits.stamps);
+
+  SegmentedAxis out;
+  out.source = recording.source;
+  out.axis = record.name;
+  out.rotary = record.rotary;
+  out.torque_unit = channels.has_torque ? record.torque_unit : "";
+  out.sample_time_s = stamps.step_s;
+  SegmentReport& report = out.report;
+  report.axis = record.name;
+  report.rows = rows;
+  report.duration_s = stamps.time.back() - stamps.time.front();
+  report.sample_time_s = stamps.step_s;
+  report.rate_hz = 1.0 / stamps.step_s;
+  report.spacing = stamps.spacing;
+  report.repeated = stamps.repeated;
+  report.repaired = stamps.repaired;
+  report.unplaced = stamps.unplaced;
+  report.resolution_s = stamps.resolution_s;
+  report.jitter_rms = stamps.jitter_rms;
+  report.jitter_max = stamps.jitter_max;
+
+  Cutter cutter(stamps, channels, limits, out);
+  cutter.run();
+  if (out.segments.empty()) {
+    throw std::runtime_error(recording.source + ": axis " + record.name + " has no stretch of " +
+                             std::to_string(limits.shortest) +
+                             " samples without a gap; the longest has " +
+                             std::to_string(cutter.longest()) + " of " + count(rows, "row"));
+  }
+  return out;
+}
+
+/// Whether both were cut at the same samples.
+bool in_step(const SegmentedAxis& left, const SegmentedAxis& right) {
+  return std::equal(left.segments.begin(), left.segments.end(), right.segments.begin(),
+                    right.segments.end(), [](const Segment& l, const Segment& r) {
+                      return l.size() == r.size() && l.start_s == r.start_s;
+                    });
+}
+
+}  // namespace
+
+SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
+                           const SegmentLimits& limits) {
+  SegmentedAxis out = segmented(recording, axis, limits);
+  for (const AxisRecord& other : recording.axes) {
+    if (other.name == out.axis || other.command.size() != recording.time.size() ||
+        all_missing(other.command))
+      continue;
+    AxisRecord bare{other.name, other.rotary, other.command, {}, {}, {}};
+    Recording alone{recording.source, recording.time, {std::move(bare)}, {}};
+    SegmentedAxis neighbour;
+    try {
+      neighbour = segmented(alone, other.name, limits);
+    } catch (const std::runtime_error&) {
+      continue;  // what cannot be cut into segments is no neighbour
+    }
+    if (!in_step(out, neighbour)) continue;
+    for (std::size_t i = 0; i < out.segments.size(); ++i) {
+      out.segments[i].neighbour = std::move(neighbour.segments[i].command);
+      out.segments[i].in_plane = !out.rotary && !other.rotary;
+    }
+    break;
+  }
+  return out;
+}
+
+void require_motion(const SegmentedAxis& axis) {
+  const auto require = [&](const char* channel, const Eigen::ArrayXd Segment::*values) {
+    const std::string name = axis.source + ": " + axis.axis + "." + channel;
+    Eigen::Index samples = 0;
+    double lowest = HUGE_VAL, highest = -HUGE_VAL;
+    for (const Segment& segment : axis.segments) {
+      const Eigen::ArrayXd& x = segment.*values;
+      if (x.size() == 0) {
+        throw std::runtime_error(name +
+                                 " has no values; without the encoder nothing can be compared");
+      }
+      samples += x.size();
+      lowest = std::min(lowest, x.minCoeff());
+      highest = std::max(highest, x.maxCoeff());
+    }
+    if (lowest < highest) return;
+    throw std::runtime_error(name + " does not move: it is " + number(lowest) +
+                             (axis.rotary ? " rad" : " m") + " in all " + std::to_string(samples) +
+                             " samples; record a motion of the axis");
+  };
+  require("command", &Segment::command);
+  require("actual", &Segment::actual);
+}
+
+}  // namespace servotwin

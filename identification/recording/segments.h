@@ -1,0 +1,82 @@
+// From a recording to unbroken, evenly sampled segments of one axis, and a report of what that
+// took.
+//
+// Missing samples and rows without a value (NaN) are bridged by linear interpolation up to a limit;
+// beyond it the recording is split there. Samples that were taken unevenly are resampled linearly
+// onto a grid at their median step. What the stamps themselves tell is
+// identification/recording/stamps.h. A torque is bridged the same way but splits nothing: where it
+// is missing for longer it stays NaN. Times in seconds, as stamped in the recording. Errors:
+// std::runtime_error, one line. Any thread.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "identification/recording/stamps.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct SegmentLimits {
+  double bridge_gap_s = 0.005;  ///< the longest stretch without samples that is bridged,
+  int bridge_samples = 3;       ///< and this many missing samples always are
+  int shortest = 10;            ///< samples; what is shorter is dropped
+  StampLimits stamps;
+};
+
+struct SegmentReport {
+  struct Split {
+    double time_s = 0.0;    ///< of the last sample before it
+    double length_s = 0.0;  ///< to the first sample after it
+  };
+  struct Stretch {
+    double begin_s = 0.0, end_s = 0.0;
+    std::size_t samples = 0;
+  };
+  std::string axis;
+  std::size_t rows = 0;       ///< of the recording
+  std::size_t used_rows = 0;  ///< of them in segments
+  double duration_s = 0.0;    ///< from the first stamp to the last
+  double sample_time_s = 0.0;
+  double rate_hz = 0.0;
+  Spacing spacing = Spacing::kEven;
+  std::vector<Stretch> segments;
+  std::vector<Split> splits;
+  std::size_t gaps_bridged = 0;     ///< stretches that were interpolated
+  std::size_t samples_bridged = 0;  ///< samples that were interpolated, over gaps and NaN rows
+  double longest_bridged_s = 0.0;   ///< from the sample before it to the sample after it
+  std::size_t nan_bridged = 0;      ///< rows without command or actual that were interpolated over
+  std::size_t nan_dropped = 0;      ///< such rows where the recording was split, or at its ends
+  std::size_t torque_bridged = 0, torque_missing = 0;             ///< samples
+  std::size_t short_stretches = 0;                                ///< dropped
+  std::size_t short_rows = 0;                                     ///< in them
+  std::size_t repeated = 0, repaired = 0, unplaced = 0;           ///< as in Stamps
+  double resolution_s = 0.0, jitter_rms = 0.0, jitter_max = 0.0;  ///< as in Stamps
+
+  /// What was read and what was repaired or dropped, one thing per line, for people.
+  [[nodiscard]] std::vector<std::string> lines() const;
+};
+
+/// `actual` of the segments is empty where the recording has no encoder values at all.
+struct SegmentedAxis {
+  std::string source;  ///< the recording's
+  std::string axis;
+  bool rotary = false;
+  std::string torque_unit;  ///< empty without torque
+  double sample_time_s = 0.0;
+  std::vector<Segment> segments;  ///< at least one
+  SegmentReport report;
+};
+
+/// Throws where there is no such axis, no command, no usable time, or no stretch that is long
+/// enough.
+[[nodiscard]] SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
+                                         const SegmentLimits& limits = {});
+
+/// Throws where command or encoder is the same in all samples, or the encoder is not there: nothing
+/// can be identified from a standing axis.
+void require_motion(const SegmentedAxis& axis);
+
+}  // namespace servotwin

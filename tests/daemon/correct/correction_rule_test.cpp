@@ -1,0 +1,137 @@
+#include "daemon/correct/correction_rule.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <nlohmann/json.hpp>
+
+#include "ilc/gate.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+using What = CorrectionRuling::What;
+
+const MachineDescription kMachine{0.001, {{"X", false, ""}, {"Y", false, ""}}};
+
+/// A program of Y alone, or of both axes.
+LearnedProgram learned_of(bool path) {
+  LearnedProgram out;
+  out.program.name = "part";
+  out.program.axes = path ? std::vector<std::size_t>{0, 1} : std::vector<std::size_t>{1};
+  for (const std::size_t axis : out.program.axes) {
+    out.axes.push_back({kMachine.axes[axis].name, false, 1});
+    out.missed.push_back(2e-6);
+  }
+  if (path) out.contour_before = Eigen::ArrayXd::Constant(10, 1e-5);
+  return out;
+}
+
+/// A live run of 1000 cycles with these RMS of every axis and of the path [um].
+OffsetRun run_of(double measured_um, double before_um, double after_um,
+                 double contour_measured_um = 1.0) {
+  const auto squares = [](double um) { return 1000.0 * um * um * 1e-12; };
+  OffsetRun run;
+  run.live = true;
+  run.cycles = 1000;
+  for (std::size_t n = 0; n < 2; ++n)
+    run.axes[n] = {squares(measured_um), squares(before_um), squares(after_um)};
+  run.contour = {squares(contour_measured_um), squares(10.0), squares(0.5)};
+  return run;
+}
+
+struct Case {
+  const char* name;
+  bool path;
+  OffsetRun run;
+  What what;
+  const char* reason;
+};
+OffsetRun with(OffsetRun run, const std::function<void(OffsetRun&)>& change) {
+  change(run);
+  return run;
+}
+
+class RulingAfter : public testing::TestWithParam<Case> {};
+
+TEST_P(RulingAfter, IsAsTheRuleSays) {
+  const Case& one = GetParam();
+  const CorrectionRuling ruling = ruling_after(one.run, learned_of(one.path), kMachine);
+  EXPECT_EQ(ruling.what, one.what) << ruling.reason;
+  EXPECT_THAT(ruling.reason, HasSubstr(one.reason));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    , RulingAfter,
+    testing::Values(
+        Case{"AsPredicted", true, run_of(3.0, 100.0, 1.0), What::kKeep, "as predicted"},
+        // sqrt(1 + 2^2) um was to be expected: three times that is 6.7 um.
+        Case{"JustAsExpected", false, run_of(6.7, 100.0, 1.0), What::kKeep, "as predicted"},
+        Case{"NotAsExpected", false, run_of(6.75, 100.0, 1.0), What::kLearnAnew,
+             "axis Y 6.75 um where 2.236 um was expected"},
+        Case{"WorseThanWithout", false, run_of(100.0, 100.0, 1.0), What::kWithdraw,
+             "axis Y was followed no better"},
+        Case{"PathWorseThanWithout", true, run_of(3.0, 100.0, 1.0, 10.0), What::kWithdraw,
+             "the path was followed no better"},
+        Case{"NoEncoder", false,
+             with(run_of(3.0, 100.0, 1.0), [](OffsetRun& r) { r.axes[0].measured = kAbsent; }),
+             What::kWithdraw, "without an encoder value"},
+        Case{"Residual", true,
+             with(run_of(3.0, 100.0, 1.0),
+                  [](OffsetRun& r) {
+                    r.end = RunEnd::kResidual;
+                    r.axis = 1;
+                    r.at_s = 1.25;
+                  }),
+             What::kWithdraw, "axis Y left the band of its prediction at 1.25 s"},
+        Case{"Contour", true,
+             with(run_of(3.0, 100.0, 1.0), [](OffsetRun& r) { r.end = RunEnd::kContour; }),
+             What::kWithdraw, "followed worse"},
+        Case{"OtherModel", true,
+             with(run_of(3.0, 100.0, 1.0),
+                  [](OffsetRun& r) {
+                    r.end = RunEnd::kRefused;
+                    r.axis = 0;
+                    r.refusal = static_cast<std::uint8_t>(Refusal::kOtherAxisState);
+                  }),
+             What::kLearnAnew, "the gate refused axis X at 0 s of it: other_axis_state"},
+        Case{"GateRefuses", true,
+             with(run_of(3.0, 100.0, 1.0),
+                  [](OffsetRun& r) {
+                    r.end = RunEnd::kRefused;
+                    r.axis = 0;
+                    r.refusal = static_cast<std::uint8_t>(Refusal::kRate);
+                  }),
+             What::kWithdraw, "rate"},
+        Case{"TooShort", false,
+             with(run_of(100.0, 100.0, 1.0), [](OffsetRun& r) { r.cycles = kLeastCycles - 1; }),
+             What::kKeep, "too few cycles"},
+        Case{"DryAsPredicted", false,
+             with(run_of(105.0, 100.0, 1.0), [](OffsetRun& r) { r.live = false; }), What::kKeep,
+             "as predicted"},
+        Case{"DryNotAsPredicted", false,
+             with(run_of(107.0, 100.0, 1.0), [](OffsetRun& r) { r.live = false; }),
+             What::kLearnAnew, "axis Y 107 um where 100 um was expected"}),
+    [](const auto& one) { return one.param.name; });
+
+TEST(GainDetail, IsJsonAlsoWhereNothingWasMeasured) {
+  OffsetRun run = run_of(3.0, 100.0, 1.0);
+  run.cycles = 0;
+  run.axes[0].measured = kAbsent;
+  const LearnedProgram learned = learned_of(true);
+  const nlohmann::json none =
+      nlohmann::json::parse(gain_detail(run, learned, ruling_after(run, learned, kMachine)));
+  EXPECT_TRUE(none["axes"][0]["measured_rms_m"].is_null());
+  EXPECT_EQ(none["ruling"], "keep");
+  const OffsetRun whole = run_of(3.0, 100.0, 1.0);
+  const nlohmann::json some =
+      nlohmann::json::parse(gain_detail(whole, learned, ruling_after(whole, learned, kMachine)));
+  EXPECT_NEAR(some["axes"][1]["measured_rms_m"].get<double>(), 3e-6, 1e-12);
+  EXPECT_NEAR(some["contour"]["before_rms_m"].get<double>(), 1e-5, 1e-12);
+  EXPECT_THAT(gain_text(whole, learned), HasSubstr("X RMS measured 3 um, predicted 100 um"));
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,399 @@
+#include "daemon/correct/learning_worker.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "daemon/between/clock.h"
+#include "tests/daemon/stepped_machine.h"
+#include "twin/program_error.h"
+
+namespace servotwin {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+MachineDescription two_axes() { return {kCycle_s, {{"X", false, ""}, {"Y", false, ""}}}; }
+
+class LearningWorkerTest : public testing::Test {
+ protected:
+  void start() {
+    worker_.reset();
+    Config config;
+    for (const char* name : {"X", "Y"}) {
+      config.axes.push_back({name, false, ""});
+      config.axes.back().correction = limits_;
+    }
+    worker_ = std::make_unique<LearningWorker>(
+        learning_rules(config, two_axes()), store_, events_, hand_over_,
+        [this](const CorrectionChunk& chunk) { announced_.push_back(chunk); });
+  }
+  void put_in_force(const Model& model, const std::string& axis, std::int64_t ago_ns = 0,
+                    const MotionRange& motion = {}) {
+    ModelRecord record = record_of(model, axis);
+    record.motion = motion;
+    record.created = iso_time(wall_ns() - ago_ns);
+    store_.promote(record, {record.created, axis, "model_promoted", "made for this test", ""});
+  }
+  /// Sends a program of X and Y, or of X alone, in chunks.
+  void send(const std::vector<Eigen::ArrayXd>& path, bool learn, const std::string& name = "part",
+            std::uint64_t revision = 1) {
+    const Eigen::Index rows = path.front().size(), most = 1000;
+    ProgramChunk chunk;
+    chunk.program = name;
+    chunk.revision = revision;
+    chunk.chunks = static_cast<std::uint32_t>((rows + most - 1) / most);
+    chunk.learn = learn;
+    for (std::size_t i = 0; i < path.size(); ++i) chunk.axes.push_back(i == 0 ? "X" : "Y");
+    for (Eigen::Index from = 0; from < rows; from += most, ++chunk.chunk) {
+      chunk.time_s.clear();
+      chunk.command.clear();
+      const Eigen::Index count = std::min(most, rows - from);
+      for (Eigen::Index k = from; k < from + count; ++k)
+        chunk.time_s.push_back(kCycle_s * static_cast<double>(k));
+      for (const Eigen::ArrayXd& axis : path) {
+        for (Eigen::Index k = from; k < from + count; ++k) chunk.command.push_back(axis(k));
+      }
+      worker_->take(chunk, 1);
+    }
+  }
+  [[nodiscard]] std::vector<Event> events(const std::string& kind) const {
+    std::vector<Event> out;
+    for (const Event& event : store_.events(1000)) {
+      if (event.kind == kind) out.push_back(event);
+    }
+    return out;
+  }
+  /// One axis of what was announced, whole.
+  [[nodiscard]] Eigen::ArrayXd whole(const std::vector<double> CorrectionChunk::*what,
+                                     std::size_t axis) const {
+    std::vector<double> out;
+    for (const CorrectionChunk& chunk : announced_) {
+      const std::vector<double>& values = chunk.*what;
+      const std::size_t rows = values.size() / chunk.axes.size();
+      for (std::size_t k = 0; k < rows; ++k) out.push_back(values[axis * rows + k]);
+    }
+    return Eigen::Map<Eigen::ArrayXd>(out.data(), static_cast<Eigen::Index>(out.size()));
+  }
+
+  TemporaryDirectory directory_;
+  Store store_{directory_.path(), "mill"};
+  std::ostringstream said_;
+  EventLog events_{store_, said_};
+  std::optional<OffsetLimits> limits_ = OffsetLimits{3e-3, 0.2, 200.0};
+  OffsetHandOver hand_over_;
+  std::vector<CorrectionChunk> announced_;
+  std::unique_ptr<LearningWorker> worker_;
+};
+
+// At constant velocity the loop lags by (a1 v + friction) / a2, whatever simulates it.
+TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
+  put_in_force(drive(20.0, 0.3), "X");
+  start();
+  Eigen::ArrayXd ramp = Eigen::ArrayXd::Zero(2500);
+  const double v = 0.05;
+  for (Eigen::Index k = 500; k < ramp.size(); ++k)
+    ramp(k) = v * kCycle_s * static_cast<double>(k - 500);
+  send({ramp}, false);
+  ASSERT_EQ(announced_.size(), 3U);
+  for (std::uint32_t i = 0; i < 3; ++i) {
+    EXPECT_EQ(announced_[i].chunk, i);
+    EXPECT_EQ(announced_[i].chunks, 3U);
+    EXPECT_EQ(announced_[i].state, CorrectionState::kPreviewed);
+  }
+  const double a2 = std::pow(2.0 * std::numbers::pi * 20.0, 2), a1 = 2.0 * 0.6 * std::sqrt(a2);
+  const Eigen::ArrayXd error = whole(&CorrectionChunk::error_before, 0);
+  ASSERT_EQ(error.size(), 2500);
+  EXPECT_NEAR(error(2400), (a1 * v + 0.3) / a2, 1e-8);
+  EXPECT_NEAR(announced_[0].axes[0].before_max, error.abs().maxCoeff(), 0.0);
+  EXPECT_TRUE((whole(&CorrectionChunk::corrected, 0) == ramp).all()) << "nothing was learned";
+  EXPECT_TRUE(std::isnan(announced_[0].contour_before_rms)) << "one axis draws no path";
+  EXPECT_THAT(worker_->kept(), IsEmpty());
+  EXPECT_EQ(events("program_previewed").size(), 1U);
+}
+
+// Models are validated again as long as the machine works; what was learned on them stays usable.
+TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels) {
+  const std::int64_t now = wall_ns(), hour = 3'600'000'000'000;
+  put_in_force(model_of(stepped_axis()), "X", 4 * hour);
+  put_in_force(model_of(stepped_axis()), "Y", 4 * hour);
+  start();
+  send({circle_program()[0], circle_program()[1]}, true);
+  ASSERT_EQ(worker_->kept().size(), 1U) << said_.str();
+  const auto fresh_for_h = [&] {
+    return static_cast<double>(worker_->kept()[0]->validated_ns - now) / static_cast<double>(hour);
+  };
+  const auto take = [&] {
+    const OffsetPlan* const* fresh = hand_over_.plans.fresh();
+    if (fresh != nullptr) hand_over_.in_use = (*fresh)->generation;
+    return fresh == nullptr ? nullptr : *fresh;
+  };
+  EXPECT_NEAR(fresh_for_h(), -4.0, 0.1);
+  const OffsetPlan* const first = take();
+  ASSERT_NE(first, nullptr);
+  EXPECT_FALSE(first->renewed);
+
+  store_.validate("X", 1, iso_time(now - 2 * hour));
+  worker_->renew(LearningWorker::kRenewEvery_ns);
+  EXPECT_NEAR(fresh_for_h(), -4.0, 0.1) << "Y was not";
+  take();
+  store_.validate("Y", 1, iso_time(now - 3 * hour));
+  worker_->renew(LearningWorker::kRenewEvery_ns + 1);
+  EXPECT_NEAR(fresh_for_h(), -4.0, 0.1) << "not looked after all the time";
+  worker_->renew(2 * LearningWorker::kRenewEvery_ns);
+  EXPECT_NEAR(fresh_for_h(), -3.0, 1e-6);
+  const OffsetPlan* const renewed = take();
+  ASSERT_NE(renewed, nullptr);
+  EXPECT_TRUE(renewed->renewed) << "what was given up stays so";
+  EXPECT_EQ(renewed->programs[0], worker_->kept()[0]);
+
+  // The clock was ahead by a day when the models were found to hold.
+  for (const char* axis : {"X", "Y"}) store_.validate(axis, 1, iso_time(now + 24 * hour));
+  worker_->renew(3 * LearningWorker::kRenewEvery_ns);
+  EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "nothing is validated in the future";
+
+  put_in_force(model_of(stepped_axis()), "X");
+  store_.validate("X", 2, iso_time(now + 48 * hour));
+  store_.validate("Y", 1, iso_time(now + 48 * hour));
+  const auto before = worker_->kept()[0];
+  worker_->renew(4 * LearningWorker::kRenewEvery_ns);
+  EXPECT_EQ(worker_->kept()[0], before) << "it was learned on another version of X";
+}
+
+// The corrected path, run on a machine that shares no code with the twin.
+TEST_F(LearningWorkerTest, ACorrectedPathIsFollowedByTheMachineAsWasPredicted) {
+  put_in_force(model_of(stepped_axis()), "X");
+  put_in_force(model_of(stepped_axis()), "Y");
+  start();
+  const auto path = circle_program();
+  send({path[0], path[1]}, true);
+  ASSERT_GE(announced_.size(), 2U);
+  const CorrectionChunk& head = announced_.front();
+  ASSERT_EQ(head.state, CorrectionState::kLearned) << head.reason;
+  ASSERT_EQ(head.axes.size(), 2U);
+  EXPECT_EQ(head.axes[1].name, "Y");
+  EXPECT_EQ(head.axes[1].model_version, 1);
+  EXPECT_EQ(head.cycle_s, kCycle_s);
+  EXPECT_NEAR(static_cast<double>(head.valid_until_ns - wall_ns()) * 1e-9, 604800.0, 60.0);
+
+  std::vector<Eigen::ArrayXd> plain, corrected;
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Eigen::ArrayXd command = whole(&CorrectionChunk::corrected, i);
+    ASSERT_EQ(command.size(), path[i].size());
+    EXPECT_EQ(command(0), path[i](0));
+    EXPECT_EQ(command(command.size() - 1), path[i](command.size() - 1));
+    SteppedAxis before(stepped_axis()), after(stepped_axis());
+    plain.emplace_back(command.size());
+    corrected.emplace_back(command.size());
+    for (Eigen::Index k = 0; k < command.size(); ++k) {
+      plain[i](k) = before.cycle(path[i](k));
+      corrected[i](k) = after.cycle(command(k));
+    }
+    const double rms_before = size_of(path[i] - plain[i]).rms;
+    const double rms_after = size_of(path[i] - corrected[i]).rms;
+    EXPECT_NEAR(head.axes[i].before_rms, rms_before, 0.02 * rms_before);
+    EXPECT_LT(rms_after, rms_before / 20.0) << head.reason;
+    EXPECT_LT(head.axes[i].after_rms, rms_before / 20.0);
+  }
+  const std::array command{path[0], path[1]};
+  const double contour_before = size_of(program_error(command, plain).distance).rms;
+  const double contour_after = size_of(program_error(command, corrected).distance).rms;
+  EXPECT_NEAR(head.contour_before_rms, contour_before, 0.05 * contour_before);
+  EXPECT_LT(contour_after, contour_before / 5.0);
+
+  const std::vector<Event> told = events("correction_learned");
+  ASSERT_EQ(told.size(), 1U);
+  EXPECT_THAT(told[0].text, AllOf(HasSubstr("program 'part'"), HasSubstr("contour")));
+  const nlohmann::json detail = nlohmann::json::parse(told[0].detail);
+  EXPECT_EQ(detail["axes"][1]["model_version"], 1);
+  EXPECT_EQ(detail["contour_after_rms_m"], head.contour_after_rms);
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_EQ(worker_->kept()[0]->why_not_live, "");
+}
+
+TEST_F(LearningWorkerTest, WhatTheLimitsDoNotAllowIsLearnedWithinThem) {
+  put_in_force(model_of(stepped_axis()), "X");
+  limits_ = OffsetLimits{1e-4, 0.01, 100.0};
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_FALSE(announced_.empty());
+  ASSERT_EQ(announced_[0].state, CorrectionState::kLearned) << announced_[0].reason;
+  const Eigen::ArrayXd offset = whole(&CorrectionChunk::corrected, 0) - circle_program()[0];
+  EXPECT_LE(offset.abs().maxCoeff(), 1e-4 * (1.0 + 1e-9));
+  const Eigen::ArrayXd step = offset.tail(offset.size() - 1) - offset.head(offset.size() - 1);
+  EXPECT_LE(step.abs().maxCoeff(), 0.01 * kCycle_s * (1.0 + 1e-6));
+}
+
+// Axis by axis these would leave the path worse than no correction.
+TEST_F(LearningWorkerTest, LimitsThatLeaveNoCorrectionAreNamed) {
+  virtual_machine::Axis other = stepped_axis();
+  other.drive.position_gain = 40.0;
+  put_in_force(model_of(stepped_axis()), "X");
+  put_in_force(model_of(other), "Y");
+  limits_ = OffsetLimits{6e-5, 0.005, 100.0};
+  start();
+  send({circle_program()[0], circle_program()[1]}, true);
+  EXPECT_EQ(announced_.back().state, CorrectionState::kRefused);
+  EXPECT_THAT(announced_.back().reason,
+              AllOf(HasSubstr("X at its peak of 60 um"), HasSubstr("ilc.aim = \"contour\"")));
+}
+
+TEST_F(LearningWorkerTest, WithoutLimitsItIsLearnedAndNotForDrives) {
+  put_in_force(model_of(stepped_axis()), "X");
+  limits_.reset();
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_FALSE(announced_.empty());
+  EXPECT_EQ(announced_[0].state, CorrectionState::kLearned);
+  EXPECT_THAT(
+      announced_[0].reason,
+      HasSubstr("not sent to drives: axis X has no correction = { peak, rate, bandwidth }"));
+}
+
+TEST_F(LearningWorkerTest, WhatLearnWarnsOfIsSaidHereToo) {
+  ModelRecord record = record_of(model_of(stepped_axis()), "X");
+  record.holdout = {3e-6, 9e-6};
+  store_.promote(record, {record.created, "X", "model_promoted", "made for this test", ""});
+  start();
+  const Eigen::ArrayXd path = circle_program()[0];
+  send({path}, true);
+  ASSERT_FALSE(announced_.empty());
+  // What the twin leaves is far below.
+  EXPECT_THAT(announced_[0].reason, HasSubstr("; expect X 3.0"));
+  EXPECT_THAT(announced_[0].reason, Not(HasSubstr("dwell")));
+  send({path.head(900)}, true, "cut");
+  EXPECT_THAT(announced_.back().reason,
+              AllOf(HasSubstr("X rests 0 s at the path's end, less than 0.1 s"),
+                    HasSubstr("let the path end with a dwell")));
+}
+
+// Ten days are more than ilc.model_age_s, a week.
+TEST_F(LearningWorkerTest, ACorrectionOfModelsThatAreTooOldSaysSoAndAgainWhenItIsArmed) {
+  put_in_force(model_of(stepped_axis()), "X", 10 * 86'400'000'000'000);
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_FALSE(announced_.empty());
+  EXPECT_THAT(announced_[0].reason,
+              HasSubstr("nothing is sent until they are found to hold again"));
+  worker_->heed_arming();
+  EXPECT_TRUE(events("correction_stale").empty());
+  hand_over_.armed = true;
+  worker_->heed_arming();
+  worker_->heed_arming();
+  ASSERT_EQ(events("correction_stale").size(), 1U);
+  EXPECT_THAT(events("correction_stale")[0].text, HasSubstr("program 'part': armed, but"));
+
+  put_in_force(model_of(stepped_axis()), "X");
+  send({circle_program()[0]}, true, "part", 2);
+  EXPECT_THAT(announced_.back().reason, Not(HasSubstr("nothing is sent")));
+}
+
+// The circle is run at 0.1 m/s.
+TEST_F(LearningWorkerTest, BeyondTheMotionOfTheModelItIsSaidAndFarBeyondRefused) {
+  put_in_force(model_of(stepped_axis()), "X", 0, {0.04, 10.0});
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_FALSE(announced_.empty());
+  EXPECT_EQ(announced_[0].state, CorrectionState::kLearned);
+  EXPECT_THAT(announced_[0].reason, HasSubstr("; X: the command reaches 2.5 times the speed"));
+
+  put_in_force(model_of(stepped_axis()), "X", 0, {0.0001, 0.001});
+  for (const bool learn : {true, false}) {
+    announced_.clear();
+    send({circle_program()[0]}, learn, "mm for m", learn ? 1 : 2);
+    ASSERT_FALSE(announced_.empty());
+    EXPECT_EQ(announced_[0].state, learn ? CorrectionState::kRefused : CorrectionState::kPreviewed);
+    EXPECT_THAT(announced_[0].reason, HasSubstr("X: the command reaches 1000 times the speed"));
+  }
+}
+
+// Beside each other neither would be known: the matcher waits for them to part.
+TEST_F(LearningWorkerTest, TheSamePathUnderAnotherNameTakesThePlaceOfTheFirst) {
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  const Eigen::ArrayXd path = circle_program()[0];
+  send({path}, true, "ca");
+  send({path.tail(path.size() - 100)}, true, "cb");  // a tenth of a second less of dwell
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_EQ(worker_->kept()[0]->program.name, "cb");
+  EXPECT_EQ(announced_.back().program, "ca");
+  EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
+  EXPECT_THAT(announced_.back().reason, HasSubstr("program 'cb' is the same path"));
+  EXPECT_THAT(worker_->kept()[0]->notes,
+              testing::Contains(HasSubstr("takes the place of program 'ca'")));
+
+  send({0.999 * path}, true, "other");
+  EXPECT_EQ(worker_->kept().size(), 2U);
+}
+
+TEST_F(LearningWorkerTest, AJumpOfTheCommandIsRefused) {
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  Eigen::ArrayXd path = circle_program()[0];
+  path.tail(path.size() - 700) += 0.01;
+  send({path}, true);
+  EXPECT_EQ(announced_.back().state, CorrectionState::kRefused);
+  EXPECT_THAT(announced_.back().reason,
+              HasSubstr("X.command jumps by 10 mm within one cycle, into row 701 (at 0.7 s)"));
+}
+
+TEST_F(LearningWorkerTest, WhatCannotBeLearnedIsRefusedByName) {
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_EQ(announced_.size(), 1U);
+  EXPECT_EQ(announced_[0].state, CorrectionState::kRefused);
+  EXPECT_EQ(announced_[0].program, "part");
+  EXPECT_EQ(announced_[0].reason, "axis X has no model in force yet");
+  EXPECT_TRUE(announced_[0].corrected.empty());
+  std::string last_error;
+  events_.update_last_error(last_error);
+  EXPECT_THAT(last_error, HasSubstr("program 'part': axis X has no model in force yet"));
+
+  Model other = model_of(stepped_axis());
+  other.sample_time_s = 0.002;
+  put_in_force(other, "X");
+  send({circle_program()[0]}, true, "part", 2);
+  EXPECT_THAT(announced_.back().reason, HasSubstr("its model is of a cycle of 0.002 s"));
+
+  send({Eigen::ArrayXd::Constant(100, kAbsent)}, true, "wild", 1);
+  EXPECT_EQ(announced_.back().program, "wild");
+  EXPECT_THAT(announced_.back().reason, HasSubstr("not a number"));
+}
+
+TEST_F(LearningWorkerTest, ARefusedRevisionTakesBackTheOneBefore) {
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  send({circle_program()[0]}, true, "part", 1);
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  send({Eigen::ArrayXd::Constant(100, kAbsent)}, true, "part", 2);
+  EXPECT_THAT(worker_->kept(), IsEmpty());
+}
+
+TEST_F(LearningWorkerTest, LearningIsGivenUpWhenTheDaemonStops) {
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  std::stop_source stop;
+  stop.request_stop();
+  worker_->give_up_with(stop.get_token());
+  send({circle_program()[0]}, true);
+  ASSERT_EQ(announced_.size(), 1U);
+  EXPECT_THAT(announced_[0].reason, HasSubstr("given up"));
+}
+
+TEST_F(LearningWorkerTest, TheNewestCorrectionsAreKept) {
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  for (std::size_t i = 0; i <= LearningWorker::kMaxKept; ++i)
+    send({(1.0 - 0.01 * static_cast<double>(i)) * circle_program()[0].head(900)}, true,
+         "part" + std::to_string(i));
+  ASSERT_EQ(worker_->kept().size(), LearningWorker::kMaxKept);
+  EXPECT_EQ(worker_->kept().front()->program.name, "part1");
+  EXPECT_EQ(worker_->kept().back()->program.name, "part8");
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,335 @@
+#include "daemon/identify/identification_worker.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cerrno>
+#include <random>
+
+#include "tests/daemon/ball_screw.h"
+#include "tests/daemon/full_disk.h"
+#include "tests/daemon/support.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+
+const virtual_machine::AxisRecord& machine_record() {
+  static const virtual_machine::AxisRecord record = ball_screw_record(32.0);
+  return record;
+}
+
+class WorkerTest : public testing::Test {
+ protected:
+  WorkerTest() {
+    config_.window_s = 6.0;
+    config_.memory_s = 12.0;
+    config_.judge_s = 3.0;
+    config_.options.order = 2;
+    config_.options.delay_max_s = 0.0;
+    config_.options.method =
+        Method::kPoleSearch;  // how a model is found is not the worker's concern
+  }
+
+  /// A worker over a store that is opened anew, as after a restart.
+  void restart() {
+    worker_.reset();
+    events_.reset();
+    store_.reset();
+    memory_ = std::make_unique<MotionMemory>(machine_, remembered_s_);
+    store_ = std::make_unique<Store>(directory_.path(), "mill");
+    events_ = std::make_unique<EventLog>(*store_, said_);
+    worker_ = std::make_unique<IdentificationWorker>(
+        machine_, config_, *memory_, *store_, *events_, in_force_,
+        [this](const StoredModel& model) { announced_.push_back(model); });
+  }
+
+  /// The machine runs until it has moved for this long, the encoder with noise added.
+  void run_machine(double moved_s, double noise = 0.0) {
+    std::normal_distribution<> normal;
+    const double until = memory_->moved_s(0) + moved_s;
+    const virtual_machine::AxisRecord& record = machine_record();
+    while (memory_->moved_s(0) < until) {
+      ASSERT_LT(row_, record.command.size()) << "the record is too short for this test";
+      CycleRow row;
+      row.time_ns = row_ * 1'000'000;
+      row.after_gap = row_ == 0;
+      row.axis_count = 1;
+      row.axes[0] = {record.command(row_), record.actual(row_) + noise * normal(random_), kAbsent};
+      memory_->append(row);
+      ++row_;
+    }
+  }
+  void stand(double seconds) {
+    const virtual_machine::AxisRecord& record = machine_record();
+    for (int i = 0; i < static_cast<int>(seconds / kCycle_s); ++i) {
+      CycleRow row;
+      row.time_ns = row_++ * 1'000'000;
+      row.after_gap = false;
+      row.axis_count = 1;
+      row.axes[0] = {record.command(0), record.actual(0), kAbsent};
+      memory_->append(row);
+    }
+  }
+  /// The first model, promoted on unseen motion.
+  void promote_one() {
+    run_machine(6.5);
+    ASSERT_TRUE(worker_->look(0));
+    run_machine(3.5);
+    ASSERT_TRUE(worker_->look(0));
+    ASSERT_EQ(announced_.size(), 1U) << said_.str();
+  }
+  [[nodiscard]] AxisStatus status() const {
+    std::vector<AxisStatus> all;
+    worker_->update(all);
+    return all.at(0);
+  }
+  [[nodiscard]] std::string last_error() const {
+    std::string text;
+    events_->update_last_error(text);
+    return text;
+  }
+  [[nodiscard]] Event newest_event() const { return store_->events(1).at(0); }
+
+  TemporaryDirectory directory_;
+  MachineDescription machine_ = one_axis();
+  double remembered_s_ = 100.0;
+  IdentifyConfig config_;
+  std::vector<LatestValue<TwinInForce>> in_force_{1};
+  std::vector<StoredModel> announced_;
+  std::ostringstream said_;
+  std::unique_ptr<MotionMemory> memory_;
+  std::unique_ptr<Store> store_;
+  std::unique_ptr<EventLog> events_;
+  std::unique_ptr<IdentificationWorker> worker_;
+  Eigen::Index row_ = 0;
+  std::mt19937_64 random_{20};
+};
+
+TEST_F(WorkerTest, DoesNothingUntilTheWindowIsFullOfMotion) {
+  restart();
+  stand(60.0);
+  EXPECT_FALSE(worker_->look(0));
+  EXPECT_THAT(status().activity, HasSubstr("collecting: 0.0 of 6.0 s of motion"));
+}
+
+TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
+  restart();
+  run_machine(6.5);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_TRUE(announced_.empty()) << "a candidate is not published because it is new";
+  EXPECT_EQ(in_force_[0].fresh(), nullptr);
+  EXPECT_FALSE(worker_->look(0)) << "there is too little unseen motion yet";
+  EXPECT_THAT(status().activity, HasSubstr("judging a candidate: 0.5 of 3.0 s of motion"));
+
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  ASSERT_EQ(announced_.size(), 1U) << said_.str();
+  const ModelRecord& record = announced_[0].record;
+  EXPECT_EQ(record.version, 1);
+  // The record's resolution of 0.1 um alone leaves 0.03 um RMS; the command's peak error is 1 mm.
+  EXPECT_LT(record.holdout.rms, 0.15e-6);
+  const TwinInForce* twin = in_force_[0].fresh();
+  ASSERT_NE(twin, nullptr);
+  EXPECT_EQ(twin->version, 1);
+  EXPECT_EQ(twin->standard_deviation, record.holdout.rms);
+  EXPECT_TRUE(twin->twin.loaded());
+  EXPECT_EQ(newest_event().kind, "model_promoted");
+  EXPECT_THAT(newest_event().text, HasSubstr("model 1 is in force: leaves "));
+  EXPECT_THAT(newest_event().text, HasSubstr("predicting nothing leaves "));
+  EXPECT_THAT(said_.str(), HasSubstr("servotwind: X: model 1 is in force"));
+  EXPECT_EQ(status().model_version, 1);
+}
+
+TEST_F(WorkerTest, AModelOfWorseDataIsRefusedWithTheFigures) {
+  restart();
+  promote_one();
+  run_machine(2.0, 20e-6);  // an encoder that has become noisy for a while
+  ASSERT_TRUE(worker_->look(0));
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(announced_.size(), 1U);
+  EXPECT_EQ(newest_event().kind, "model_refused");
+  EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: "));
+  EXPECT_THAT(newest_event().detail, HasSubstr("servotwin.model/1")) << "it can be looked at later";
+  EXPECT_NE(store_->in_force()[0].validated, "") << "and the model in force was found to hold";
+}
+
+TEST_F(WorkerTest, AModelThatLeavesMoreThanTwiceIsNotFoundToHoldEvenIfNothingIsBetter) {
+  restart();
+  promote_one();
+  run_machine(2.0, 20e-6);
+  ASSERT_TRUE(worker_->look(0));
+  run_machine(3.5, 20e-6);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(announced_.size(), 1U);
+  EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: leaves 19.5 um"));
+  EXPECT_EQ(store_->in_force()[0].validated, "");
+}
+
+TEST_F(WorkerTest, AWorkerThatLagsDecidesTheSame) {
+  restart();
+  std::vector<std::string> in_time;
+  for (int i = 0; i < 40; ++i) {
+    run_machine(0.5);
+    while (worker_->look(0)) {
+    }
+  }
+  for (const Event& event : store_->events(100)) in_time.push_back(event.text);
+  ASSERT_GE(in_time.size(), 2U) << said_.str();
+
+  std::filesystem::remove(directory_.path() / "servotwin.sqlite");
+  std::filesystem::remove_all(directory_.path() / "models");
+  row_ = 0;
+  restart();
+  run_machine(20.0);
+  worker_->finish();
+  std::vector<std::string> later;
+  for (const Event& event : store_->events(100)) {
+    if (event.text.find("undecided") == event.text.npos) later.push_back(event.text);
+  }
+  EXPECT_EQ(later, in_time);
+}
+
+TEST_F(WorkerTest, AWorkerThatLagsBeyondTheMemorySaysSoOnceAndGoesOnWithWhatThereIs) {
+  remembered_s_ = 8.0;
+  restart();
+  run_machine(25.0);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "motion_skipped");
+  EXPECT_THAT(newest_event().text, HasSubstr("19.0 s of motion were not looked at"));
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "identification_step");
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(announced_.size(), 1U) << said_.str();
+}
+
+TEST_F(WorkerTest, TheModelIsInForceAgainAfterARestart) {
+  restart();
+  promote_one();
+  const double rms = announced_[0].record.holdout.rms;
+  announced_.clear();
+  (void)in_force_[0].fresh();
+  restart();
+  worker_->restore();
+  ASSERT_EQ(announced_.size(), 1U);
+  EXPECT_EQ(announced_[0].record.version, 1);
+  const TwinInForce* twin = in_force_[0].fresh();
+  ASSERT_NE(twin, nullptr);
+  EXPECT_EQ(twin->standard_deviation, rms);
+  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is in force again"));
+}
+
+TEST_F(WorkerTest, AModelOfAnotherAxisOrCycleIsLeftInTheStoreAndSaid) {
+  restart();
+  promote_one();
+  machine_ = one_axis("Z");
+  announced_.clear();
+  restart();
+  worker_->restore();
+  EXPECT_TRUE(announced_.empty());
+  EXPECT_THAT(said_.str(),
+              HasSubstr("X: model 1 is in the store, but the machine has no such axis"));
+  machine_ = {kCycle_s, {{"X", true, ""}}};
+  restart();
+  worker_->restore();
+  EXPECT_TRUE(announced_.empty());
+  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is for a linear axis, this one is rotary"));
+  machine_ = {0.002, {{"X", false, ""}}};
+  restart();
+  worker_->restore();
+  EXPECT_TRUE(announced_.empty());
+  EXPECT_THAT(said_.str(),
+              HasSubstr("X: model 1 is for a cycle of 0.001 s, the machine runs at 0.002 s"));
+}
+
+TEST_F(WorkerTest, OnAFullDiskTheOldModelStaysInForceAndItIsSaid) {
+  restart();
+  run_machine(6.5);
+  ASSERT_TRUE(worker_->look(0));
+  run_machine(3.5);
+  {
+    const FullDisk full;
+    ASSERT_TRUE(worker_->look(0));
+  }
+  EXPECT_TRUE(announced_.empty()) << "what is not on the disk is not in force";
+  EXPECT_EQ(in_force_[0].fresh(), nullptr);
+  EXPECT_THAT(said_.str(), HasSubstr("is not put in force, because it cannot be stored: store "));
+  EXPECT_THAT(said_.str(), HasSubstr("this event is not stored"));
+  EXPECT_THAT(last_error(), HasSubstr("full"));
+  EXPECT_TRUE(store_->in_force().empty());
+
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(announced_.size(), 1U) << "the next candidate is stored again\n" << said_.str();
+}
+
+TEST_F(WorkerTest, WhatCannotBeIdentifiedIsSaidAndTriedAgainWithNewMotion) {
+  restart();
+  // A command, and an encoder that stands.
+  for (int i = 0; i < 8000; ++i) {
+    CycleRow row;
+    row.time_ns = row_++ * 1'000'000;
+    row.after_gap = i == 0;
+    row.axis_count = 1;
+    row.axes[0] = {command_at(i * kCycle_s), 0.0, kAbsent};
+    memory_->append(row);
+  }
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "model_refused");
+  EXPECT_THAT(newest_event().text, HasSubstr("no model was found: "));
+  EXPECT_FALSE(worker_->look(0)) << "not again on the same data";
+}
+
+TEST_F(WorkerTest, MotionThatDoesNotExciteBringsNoModelIntoForce) {
+  restart();
+  // Forwards only, at changing speed: it can be followed well and still shows no friction.
+  for (int i = 0; i < 12000; ++i) {
+    const double t = i * kCycle_s;
+    const auto command = [](double at) { return 0.05 * at + 0.004 * std::sin(4.0 * at); };
+    CycleRow row;
+    row.time_ns = row_++ * 1'000'000;
+    row.after_gap = i == 0;
+    row.axis_count = 1;
+    row.axes[0] = {command(t), command(t - 0.008) + 1e-7 * std::normal_distribution<>()(random_),
+                   kAbsent};
+    memory_->append(row);
+  }
+  ASSERT_TRUE(worker_->look(0));
+  EXPECT_EQ(newest_event().kind, "model_refused");
+  EXPECT_THAT(newest_event().text, HasSubstr("friction is not excited"));
+  EXPECT_TRUE(announced_.empty());
+}
+
+TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
+  restart();
+  run_machine(6.5);
+  ASSERT_TRUE(worker_->look(0));
+  run_machine(1.0);
+  worker_->finish();
+  EXPECT_THAT(newest_event().text,
+              HasSubstr("a candidate stays undecided: judged on: 1.5 of 3.0 s of motion"));
+}
+
+TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
+  restart();
+  promote_one();
+  worker_.reset();
+  events_.reset();
+  store_.reset();
+  spoil(directory_.path(), "UPDATE models SET json = '{'");
+  restart();
+  EXPECT_THAT(store_->lost(), HasSubstr("the axis is identified anew"));
+  ASSERT_NE(in_force_[0].fresh(), nullptr) << "of before";
+  const std::size_t announced = announced_.size();
+  worker_->restore();
+  EXPECT_EQ(announced_.size(), announced);
+  EXPECT_NE(newest_event().kind, "model_restored");
+}
+
+}  // namespace
+}  // namespace servotwin

@@ -1,0 +1,300 @@
+#include "identification/recording/segments.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <stdexcept>
+#include <string>
+
+#include "drivers/recording_file.h"
+#include "tests/identification/sampled_motion.h"
+#include "tests/support/expect_error.h"
+#include "tests/support/real_data.h"
+
+namespace servotwin {
+namespace {
+
+using test::expect_error;
+
+TEST(Segments, AnEvenRecordingIsOneSegmentWithItsOwnValues) {
+  const SegmentedAxis axis = segment_axis(sampled(grid(2000, 0.001)), "X");
+  ASSERT_EQ(axis.segments.size(), 1U);
+  EXPECT_EQ(axis.sample_time_s, 0.001);
+  EXPECT_EQ(axis.segments[0].size(), 2000);
+  EXPECT_EQ(axis.segments[0].start_s, 0.0);
+  expect_motion(axis.segments[0], 0.0, 1e-12);
+  EXPECT_EQ(axis.torque_unit, "Nm");
+  EXPECT_EQ(axis.report.used_rows, 2000U);
+  says(axis.report, "2000 rows over 1.999 s, 2000 used, step 1 ms (1000 Hz)");
+  EXPECT_EQ(axis.report.lines().size(), 2U) << text_of(axis.report);
+}
+
+TEST(Segments, WithoutEncoderAndTorqueTheyAreEmpty) {
+  Recording r = sampled(grid(50, 0.001));
+  r.axes[0].actual.assign(50, kAbsent);
+  r.axes[0].torque.clear();
+  const SegmentedAxis axis = segment_axis(r, "X");
+  EXPECT_EQ(axis.segments.at(0).size(), 50);
+  EXPECT_EQ(axis.segments[0].actual.size(), 0);
+  EXPECT_EQ(axis.segments[0].torque.size(), 0);
+  EXPECT_EQ(axis.torque_unit, "");
+}
+
+// Gaps.
+
+struct GapCase {
+  double step;
+  std::size_t missing;
+  bool bridged;
+};
+class Gap : public testing::TestWithParam<GapCase> {};
+
+TEST_P(Gap, IsBridgedUpToTheLimitAndSplitBeyondIt) {
+  const auto [step, missing, bridged] = GetParam();
+  Recording r = sampled(grid(400, step));
+  // A straight motion, over which linear interpolation is exact.
+  for (auto* values : {&r.axes[0].command, &r.axes[0].actual, &r.axes[0].torque}) {
+    for (std::size_t i = 0; i < values->size(); ++i) (*values)[i] = 0.25 * static_cast<double>(i);
+  }
+  erase_rows(r, 150, missing);
+  const SegmentedAxis axis = segment_axis(r, "X");
+  const double length = static_cast<double>(missing + 1) * step;
+  expect_accounts_to_balance(axis.report);
+  if (bridged) {
+    ASSERT_EQ(axis.segments.size(), 1U);
+    ASSERT_EQ(axis.segments[0].size(), 400);
+    for (Eigen::Index k = 0; k < 400; ++k) {
+      ASSERT_DOUBLE_EQ(axis.segments[0].actual[k], 0.25 * static_cast<double>(k));
+    }
+    EXPECT_EQ(axis.report.gaps_bridged, 1U);
+    EXPECT_EQ(axis.report.samples_bridged, missing);
+    EXPECT_NEAR(axis.report.longest_bridged_s, length, 1e-9);
+    says(axis.report, "bridged 1 gap by linear interpolation");
+  } else {
+    ASSERT_EQ(axis.segments.size(), 2U);
+    EXPECT_EQ(axis.segments[0].size(), 150);
+    EXPECT_EQ(axis.segments[1].size(), static_cast<Eigen::Index>(250 - missing));
+    EXPECT_NEAR(axis.segments[1].start_s, static_cast<double>(150 + missing) * step, 1e-12);
+    ASSERT_EQ(axis.report.splits.size(), 1U);
+    EXPECT_NEAR(axis.report.splits[0].time_s, 149 * step, 1e-12);
+    EXPECT_NEAR(axis.report.splits[0].length_s, length, 1e-9);
+    EXPECT_EQ(axis.report.gaps_bridged, 0U);
+    says(axis.report, "split at");
+  }
+}
+
+// Five milliseconds of samples, and three samples in any case.
+INSTANTIATE_TEST_SUITE_P(Limits, Gap,
+                         testing::Values(GapCase{0.001, 1, true}, GapCase{0.001, 5, true},
+                                         GapCase{0.001, 6, false}, GapCase{0.000125, 40, true},
+                                         GapCase{0.000125, 41, false}, GapCase{0.01, 3, true},
+                                         GapCase{0.01, 4, false}, GapCase{0.01, 200, false}));
+
+TEST(Segments, AStretchTooShortIsDroppedAndNamed) {
+  Recording r = sampled(grid(400, 0.001));
+  erase_rows(r, 200, 50);
+  erase_rows(r, 207, 50);
+  const SegmentedAxis axis = segment_axis(r, "X");
+  ASSERT_EQ(axis.segments.size(), 2U);
+  EXPECT_EQ(axis.report.short_rows, 7U);
+  expect_accounts_to_balance(axis.report);
+  says(axis.report, "dropped 7 rows in 1 too short");
+}
+
+// Values that are missing.
+
+TEST(Segments, RowsWithoutAValueAreAGap) {
+  Recording r = sampled(grid(1000, 0.001));
+  auto& x = r.axes[0];
+  x.command[0] = kAbsent;                                                // at the beginning
+  x.actual[300] = x.actual[301] = HUGE_VAL;                              // short
+  std::fill(x.command.begin() + 500, x.command.begin() + 506, kAbsent);  // long
+  x.actual[999] = kAbsent;                                               // at the end
+  const SegmentedAxis axis = segment_axis(r, "X");
+  ASSERT_EQ(axis.segments.size(), 2U);
+  EXPECT_EQ(axis.segments[0].start_s, 0.001);
+  EXPECT_EQ(axis.segments[0].size(), 499);
+  EXPECT_EQ(axis.segments[1].size(), 493);
+  EXPECT_NEAR(axis.segments[1].start_s, 0.506, 1e-12);
+  EXPECT_EQ(axis.report.nan_bridged, 2U);
+  EXPECT_EQ(axis.report.nan_dropped, 8U);
+  expect_accounts_to_balance(axis.report);
+  // The sine's curvature over three steps, 0.1 * 49 * (0.003)^2 / 8.
+  expect_motion(axis.segments[0], 0.001, 6e-6);
+  says(axis.report, "2 rows without a value bridged");
+  says(axis.report, "8 rows without a value dropped");
+}
+
+TEST(Segments, AMissingRowNextToAMissingValueIsOneGap) {
+  Recording r = sampled(grid(1000, 0.001));
+  r.axes[0].actual[499] = kAbsent;
+  erase_rows(r, 500, 5);
+  const SegmentedAxis axis = segment_axis(r, "X");
+  EXPECT_EQ(axis.segments.size(), 2U) << "six in a row are missing, which is over the limit";
+  EXPECT_NEAR(axis.report.splits.at(0).length_s, 0.007, 1e-9);
+}
+
+TEST(Segments, AMissingTorqueSplitsNothing) {
+  Recording r = sampled(grid(1000, 0.001));
+  auto& torque = r.axes[0].torque;
+  for (const std::size_t i : {0, 100, 101, 102}) torque[i] = kAbsent;
+  std::fill(torque.begin() + 500, torque.begin() + 520, kAbsent);
+  const SegmentedAxis axis = segment_axis(r, "X");
+  ASSERT_EQ(axis.segments.size(), 1U);
+  const Eigen::ArrayXd& filled = axis.segments[0].torque;
+  EXPECT_NEAR(filled[101], torque_at(0.101), 1e-3);
+  EXPECT_TRUE(std::isnan(filled[0]) && std::isnan(filled[500]) && std::isnan(filled[519]));
+  EXPECT_EQ(filled.isNaN().count(), 21);
+  EXPECT_EQ(axis.report.torque_bridged, 3U);
+  EXPECT_EQ(axis.report.torque_missing, 21U);
+  says(axis.report, "21 torque values missing");
+}
+
+// What cannot be used.
+
+TEST(Segments, RefusesWhatIsNoRecordingOfTheAxis) {
+  const auto refuses = [](const Recording& r, const char* axis,
+                          std::initializer_list<const char*> parts) {
+    expect_error<std::runtime_error>([&] { (void)segment_axis(r, axis); }, parts);
+  };
+  Recording r = sampled(grid(100, 0.001));
+  refuses(r, "Z", {"rec.csv", "no axis 'Z'", "it has X"});
+  r.axes[0].command.assign(100, kAbsent);
+  refuses(r, "X", {"rec.csv", "X.command has no values"});
+  refuses(sampled({1.0}), "X", {"rec.csv", "only one row"});
+  refuses(sampled({}), "X", {"rec.csv", "no rows"});
+  refuses(sampled(std::vector<double>(100, 0.5)), "X",
+          {"time does not advance", "0.5 s in every row"});
+  refuses(sampled(grid(100, 0.001), std::vector<double>(100, kAbsent)), "X",
+          {"time does not advance"});
+  refuses(sampled(grid(9, 0.001)), "X",
+          {"no stretch of 10 samples", "the longest has 9 of 9 rows"});
+}
+
+TEST(RequireMotion, NamesTheSignalThatStands) {
+  const auto refuses = [](const Recording& r, std::initializer_list<const char*> parts) {
+    expect_error<std::runtime_error>([&] { require_motion(segment_axis(r, "X")); }, parts);
+  };
+  Recording r = sampled(grid(100, 0.001));
+  EXPECT_NO_THROW(require_motion(segment_axis(r, "X")));
+  r.axes[0].actual.assign(100, 0.125);
+  refuses(r, {"rec.csv", "X.actual does not move", "0.125 m in all 100 samples"});
+  r.axes[0].command.assign(100, 0.5);
+  r.axes[0].rotary = true;
+  refuses(r, {"X.command does not move", "0.5 rad"});
+  r = sampled(grid(100, 0.001));
+  r.axes[0].actual.assign(100, kAbsent);
+  refuses(r, {"X.actual has no values"});
+}
+
+// Any mixture of faults: nothing is lost uncounted, and what comes out is finite, even and in
+// order.
+TEST(Segments, AccountsBalanceForAnyMixtureOfFaults) {
+  std::mt19937_64 random(20);
+  int segmented = 0;
+  for (int round = 0; round < 2000; ++round) {
+    SCOPED_TRACE("round " + std::to_string(round));
+    constexpr double kSteps[] = {0.001, 0.0006, 0.002257, 0.01};
+    Recording r = sampled(grid(200 + random() % 800, kSteps[random() % 4]));
+    const auto any_row = [&] { return static_cast<std::size_t>(random() % r.time.size()); };
+    if (random() % 4 == 0) {
+      for (double& t : r.time) t = std::round(t * 1e3) / 1e3;
+    }
+    if (random() % 4 == 0) {
+      for (double& t : r.time) t += 1e-4 * static_cast<double>(random() % 10);
+    }
+    for (auto faults = random() % 8; faults > 0; --faults) {
+      const std::size_t row = any_row();
+      switch (random() % 5) {
+        case 0:
+          erase_rows(r, row, std::min<std::size_t>(random() % 30, r.time.size() - row - 1));
+          break;
+        case 1:
+          repeat_row(r, row);
+          break;
+        case 2:
+          r.axes[0].actual[row] = kAbsent;
+          break;
+        case 3:
+          r.time[row] = random() % 2 == 0 ? kAbsent : 1e3 * static_cast<double>(random() % 3);
+          break;
+        default:
+          std::fill_n(r.axes[0].command.begin() + static_cast<std::ptrdiff_t>(row),
+                      std::min<std::size_t>(random() % 20, r.time.size() - row), kAbsent);
+          break;
+      }
+    }
+    try {
+      const SegmentedAxis axis = segment_axis(r, "X");
+      ++segmented;
+      expect_accounts_to_balance(axis.report);
+      EXPECT_EQ(axis.report.rows, r.time.size());
+      double end_s = -HUGE_VAL;
+      std::size_t samples = 0;
+      for (const Segment& s : axis.segments) {
+        ASSERT_GE(s.size(), 10);
+        ASSERT_EQ(s.actual.size(), s.size());
+        ASSERT_EQ(s.torque.size(), s.size());
+        ASSERT_TRUE(s.command.isFinite().all() && s.actual.isFinite().all());
+        ASSERT_EQ(s.sample_time_s, axis.sample_time_s);
+        ASSERT_GT(s.start_s, end_s - axis.sample_time_s);
+        end_s = s.end_s();
+        samples += static_cast<std::size_t>(s.size());
+      }
+      if (axis.report.spacing == Spacing::kEven) {
+        ASSERT_LE(samples, axis.report.used_rows + axis.report.samples_bridged);
+      }
+    } catch (const std::runtime_error& error) {
+      ASSERT_EQ(std::string(error.what()).find("rec.csv: "), 0U) << error.what();
+    }
+    if (testing::Test::HasFailure()) break;
+  }
+  EXPECT_GT(segmented, 1500);
+}
+
+// Real recordings.
+
+SegmentedAxis segmented(const std::filesystem::path& file, const char* columns, const char* axis) {
+  ReadOptions options;
+  options.columns = columns;
+  return segment_axis(read_recording(file, options), axis);
+}
+
+TEST(RealSegments, EmpsIsOneSegment) {
+  SERVOTWIN_REAL_DATA(mat, "emps/DATA_EMPS.mat");
+  const SegmentedAxis axis = segmented(mat, "X.command=qg[m],X.actual=qm[m],X.torque=vir[V]", "X");
+  ASSERT_EQ(axis.segments.size(), 1U);
+  EXPECT_EQ(axis.segments[0].size(), 24'841);
+  EXPECT_EQ(axis.sample_time_s, 0.001);
+  EXPECT_EQ(axis.report.used_rows, 24'841U);
+  EXPECT_EQ(axis.report.lines().size(), 2U) << text_of(axis.report);
+  EXPECT_NO_THROW(require_motion(axis));
+}
+
+TEST(RealSegments, SinumerikY1IsSplitAtItsGap) {
+  SERVOTWIN_REAL_DATA(csv, "sinumerik_edge_5axis/axis_Y1.csv");
+  const SegmentedAxis axis = segmented(
+      csv, "Y1.command=des_pos[mm],Y1.actual=enc_pos[mm],Y1.torque=torque[Nm],time=t_s[s]", "Y1");
+  ASSERT_EQ(axis.segments.size(), 2U);
+  EXPECT_EQ(axis.segments[0].size(), 1494);
+  EXPECT_EQ(axis.segments[1].size(), 2324);
+  EXPECT_EQ(axis.sample_time_s, 0.002);
+  ASSERT_EQ(axis.report.splits.size(), 1U);
+  EXPECT_NEAR(axis.report.splits[0].length_s, 7.72, 1e-9);
+  says(axis.report, "split at 2.986 s by a gap of 7.72 s");
+}
+
+TEST(RealSegments, OdriveIsResampled) {
+  SERVOTWIN_REAL_DATA(csv, "odrive_cogging/slow_goodgains_2__comp_1.csv");
+  const SegmentedAxis axis =
+      segmented(csv, "M.command=pos_cmd_counts[rev/8192],M.actual=pos_counts[rev/8192]", "M");
+  EXPECT_EQ(axis.report.spacing, Spacing::kUneven);
+  EXPECT_NEAR(axis.sample_time_s, 0.00226, 0.00001);
+  EXPECT_EQ(axis.report.used_rows, 4360U);
+  says(axis.report, "resampled linearly");
+}
+
+}  // namespace
+}  // namespace servotwin
