@@ -287,7 +287,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
                                                    predicted, paths_of(config, machine));
   const LearningRules rules = learning_rules(config, machine);
   const auto live_offsets =
-      std::make_unique<LiveOffsets>(rules, offset_in_command(config), hand_over);
+      std::make_unique<LiveOffsets>(offset_rules(rules, offset_in_command(config)), hand_over);
   loop->give_back(*live_offsets, offsets);
   input.source->wait_while([&] { return rows.waiting() > rows.capacity() / 2; });
   Arming arming(config.ilc.live, hand_over.armed, events);

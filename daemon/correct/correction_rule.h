@@ -14,8 +14,7 @@
 #include <cstdint>
 #include <string>
 
-#include "daemon/correct/learned_program.h"
-#include "daemon/loop/offset_run.h"
+#include "daemon/between/offset_plan.h"
 
 namespace servotwin {
 

@@ -110,6 +110,25 @@ LearningRules learning_rules(const Config& config, const MachineDescription& mac
   return out;
 }
 
+OffsetRules offset_rules(const LearningRules& rules, bool in_command) {
+  const IlcConfig& ilc = rules.ilc;
+  OffsetRules out;
+  out.cycle_s = rules.machine.cycle_s;
+  for (const std::optional<OffsetLimits>& limits : rules.limits) {
+    const OffsetLimits given = limits.value_or(OffsetLimits());
+    out.limits.push_back({given.peak, given.rate, given.bandwidth_hz, ilc.ramp_s, ilc.validity_s,
+                          ilc.model_age_s, ilc.live});
+  }
+  out.ramp_s = ilc.ramp_s;
+  out.validity_s = ilc.validity_s;
+  out.match_tolerance = ilc.match_tolerance;
+  out.residual_band = ilc.residual_band;
+  out.delay_cycles = ilc.delay_cycles;
+  out.live = ilc.live;
+  out.in_command = in_command;
+  return out;
+}
+
 LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
                        const std::vector<StoredModel>& in_force, std::int64_t wall_ns,
                        const std::stop_token& stop) {

@@ -16,30 +16,13 @@
 #include <string>
 #include <vector>
 
+#include "daemon/between/offset_plan.h"
 #include "daemon/config/config.h"
-#include "daemon/correct/program_assembly.h"
 #include "daemon/store/store.h"
 #include "drivers/messages.h"
 #include "ilc/learn.h"
 
 namespace servotwin {
-
-struct LearnedProgram {
-  std::uint64_t number = 0;  ///< of whoever keeps it
-  CommandedPath program;
-  /// Of each axis' model on its hold-out, as program.axes, RMS and MAX [m | rad]; 0: not known.
-  std::vector<double> missed, missed_most;
-  std::vector<AxisCorrectionFigures> axes;  ///< as program.axes
-  std::vector<Eigen::ArrayXd> offset;       ///< of each of them; 0 if it was not learned
-  std::vector<Eigen::ArrayXd> error_before, error_after;  ///< predicted, against the command
-  Eigen::ArrayXd contour_before, contour_after;           ///< predicted [m]; empty without a path
-  ErrorSize contour_size_before, contour_size_after;
-  std::int64_t created_ns = 0;
-  std::int64_t validated_ns = 0;   ///< when the one of its models was that was so the longest ago
-  std::string summary;             ///< what came of it, one line for people
-  std::vector<std::string> notes;  ///< what people should know of it, a line each
-  std::string why_not_live;        ///< why it must not be sent to drives; empty: it may
-};
 
 /// What is configured about learning and the axes of the machine.
 struct LearningRules {
@@ -48,6 +31,8 @@ struct LearningRules {
   IlcConfig ilc;
 };
 [[nodiscard]] LearningRules learning_rules(const Config& config, const MachineDescription& machine);
+/// The same as the real-time loop needs it. `in_command`: the frames' command has the offset in it.
+[[nodiscard]] OffsetRules offset_rules(const LearningRules& rules, bool in_command);
 
 /// `in_force`: the models of the machine. When `stop` is requested it is given up before its next
 /// trial, by throwing.

@@ -21,10 +21,11 @@
 #include <string>
 #include <vector>
 
+#include "daemon/between/offset_plan.h"
 #include "daemon/correct/correction_rule.h"
 #include "daemon/correct/learned_program.h"
 #include "daemon/correct/program_assembly.h"
-#include "daemon/loop/live_offsets.h"
+#include "daemon/loop/program_matcher.h"
 #include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
 #include "drivers/dds.h"

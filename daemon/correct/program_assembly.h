@@ -9,13 +9,13 @@
 // SI units. One thread; errors: none are thrown.
 #pragma once
 
-#include <Eigen/Core>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <variant>
 #include <vector>
 
+#include "daemon/between/offset_plan.h"
 #include "drivers/messages.h"
 
 namespace servotwin {
@@ -26,16 +26,6 @@ inline constexpr std::size_t kLeastProgramRows = 16;
 inline constexpr std::size_t kMaxProgramsAtOnce = 16;
 /// A program whose next chunk has not come for this long is missing it [ns].
 inline constexpr std::int64_t kChunkPatience_ns = 10'000'000'000;
-
-struct CommandedPath {
-  std::string name;
-  std::uint64_t revision = 0;
-  bool learn = false;                   ///< false: preview only
-  std::vector<std::size_t> axes;        ///< of the machine, by number
-  std::vector<Eigen::ArrayXd> command;  ///< of each of them, one value per cycle [m | rad]
-
-  [[nodiscard]] Eigen::Index rows() const { return command.front().size(); }
-};
 
 struct ProgramRefusal {
   std::string program;

@@ -11,26 +11,18 @@ namespace {
 
 std::int64_t ns_of(double seconds) noexcept { return std::llround(1e9 * seconds); }
 
-Gate gate_of(const std::optional<OffsetLimits>& limits, const IlcConfig& ilc) {
-  const OffsetLimits given = limits.value_or(OffsetLimits());
-  return Gate({given.peak, given.rate, given.bandwidth_hz, ilc.ramp_s, ilc.validity_s,
-               ilc.model_age_s, ilc.live});
-}
-
 double squared(double value) noexcept { return value * value; }
 
 }  // namespace
 
-LiveOffsets::LiveOffsets(const LearningRules& rules, bool in_command, OffsetHandOver& hand_over)
-    : rules_(rules),
-      in_command_(in_command),
+LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
+    : rules_(std::move(rules)),
       hand_over_(hand_over),
       // What the fade-in did dies out within another ramp.
-      counts_after_(std::lround(2.0 * rules.ilc.ramp_s / rules.machine.cycle_s)),
-      matcher_(rules.ilc.match_tolerance),
-      sent_(static_cast<std::size_t>(rules.ilc.delay_cycles)) {
-  for (const std::optional<OffsetLimits>& limits : rules.limits)
-    gates_.push_back(gate_of(limits, rules.ilc));
+      counts_after_(std::lround(2.0 * rules_.ramp_s / rules_.cycle_s)),
+      matcher_(rules_.match_tolerance),
+      sent_(static_cast<std::size_t>(rules_.delay_cycles)) {
+  for (const GateLimits& limits : rules_.limits) gates_.emplace_back(limits);
   path_.reserve(kMaxAxes);
 }
 
@@ -46,10 +38,10 @@ const MachineFrame& LiveOffsets::seen(const MachineFrame& frame, bool follows) n
   for (std::size_t i = 0; i < gates_.size(); ++i) {
     const AxisOffset& one = applied.axes[i];
     added[i] = one.send && frame.time_ns <= one.expires_ns ? one.offset : 0.0;
-    nominal_[i] = frame.axes[i].command - (in_command_ ? added[i] : 0.0);
+    nominal_[i] = frame.axes[i].command - (rules_.in_command ? added[i] : 0.0);
     any = any || added[i] != 0.0;
   }
-  if (in_command_ || !any) return frame;
+  if (rules_.in_command || !any) return frame;
   seen_ = frame;
   for (std::size_t i = 0; i < gates_.size(); ++i) {
     seen_.axes[i].command += added[i];
@@ -80,16 +72,15 @@ void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
 
 void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
                         const MachineFrame& frame) noexcept {
-  const IlcConfig& ilc = rules_.ilc;
   run_ = Run();
   run_.learned = &learned;
   // relaxed: the flag orders nothing.
-  run_.live = ilc.live && hand_over_.armed.load(std::memory_order_relaxed);
+  run_.live = rules_.live && hand_over_.armed.load(std::memory_order_relaxed);
   run_.row = row;
   const double left_s =
-      static_cast<double>(learned.program.rows() - row + ilc.delay_cycles) * rules_.machine.cycle_s;
+      static_cast<double>(learned.program.rows() - row + rules_.delay_cycles) * rules_.cycle_s;
   // Stamps of others may be anything: they wrap instead of overflowing.
-  run_.ends_ns = between_ns(-ns_of(left_s + 2.0 * ilc.ramp_s), frame.time_ns);
+  run_.ends_ns = between_ns(-ns_of(left_s + 2.0 * rules_.ramp_s), frame.time_ns);
   run_.validated_ns = between_ns(between_ns(learned.validated_ns, plan_->wall_ns), plan_frame_ns_);
   run_.seen.learned = learned.number;
   run_.seen.live = run_.live;
@@ -107,7 +98,7 @@ void LiveOffsets::end(RunEnd end, int axis, Refusal refusal) noexcept {
   run_.seen.end = end;
   run_.seen.axis = axis;
   run_.seen.refusal = static_cast<std::uint8_t>(refusal);
-  run_.seen.at_s = static_cast<double>(run_.row) * rules_.machine.cycle_s;
+  run_.seen.at_s = static_cast<double>(run_.row) * rules_.cycle_s;
   if (end == RunEnd::kResidual || end == RunEnd::kContour || end == RunEnd::kRefused)
     barred_ = run_.learned->number;
   hand_over_.runs.push(run_.seen);
@@ -119,7 +110,7 @@ void LiveOffsets::watch_residuals(const MachinePrediction& prediction) noexcept 
   for (std::size_t n = 0; n < program.axes.size(); ++n) {
     const AxisPrediction& axis = prediction.axes[program.axes[n]];
     // Without an encoder value nobody knows what the machine does.
-    const double band = std::max(rules_.ilc.residual_band * axis.standard_deviation,
+    const double band = std::max(rules_.residual_band * axis.standard_deviation,
                                  kBeyondMost * run_.learned->missed_most[n]);
     const bool within = std::abs(axis.residual) <= band;
     run_.outside[n] = within ? 0 : run_.outside[n] + 1;
@@ -175,7 +166,7 @@ void LiveOffsets::measure_contour(const MachineFrame& frame, bool counts) noexce
 void LiveOffsets::ask_gates(const MachineFrame& frame,
                             const MachinePrediction& prediction) noexcept {
   const LearnedProgram& learned = *run_.learned;
-  const Eigen::Index ahead = run_.row + rules_.ilc.delay_cycles;
+  const Eigen::Index ahead = run_.row + rules_.delay_cycles;
   for (std::size_t n = 0; n < learned.axes.size(); ++n) {
     const std::size_t axis = learned.program.axes[n];
     const AxisPrediction& predicted = prediction.axes[axis];
@@ -210,7 +201,7 @@ void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
   phase_ = Phase::kNone;
   matched_ = false;
   matcher_.forget();
-  for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = gate_of(rules_.limits[i], rules_.ilc);
+  for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = Gate(rules_.limits[i]);
   std::fill(sent_.begin(), sent_.end(), MachineOffset());
   plan_frame_ns_ = between_ns(between_ns(plan_frame_ns_, time_ns_), frame.time_ns);
   offset_ = MachineOffset();
@@ -226,7 +217,7 @@ void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
 const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
                                          const MachinePrediction& prediction) noexcept {
   const bool went_back =
-      between_ns(frame.time_ns, time_ns_) > ns_of(rules_.ilc.validity_s) && came_before_;
+      between_ns(frame.time_ns, time_ns_) > ns_of(rules_.validity_s) && came_before_;
   const bool said = phase_ != Phase::kNone;
   if (went_back) start_anew(frame);
   time_ns_ = frame.time_ns;

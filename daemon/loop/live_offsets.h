@@ -18,40 +18,18 @@
 #pragma once
 
 #include <array>
-#include <atomic>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
-#include "daemon/between/latest_value.h"
-#include "daemon/between/ring.h"
-#include "daemon/correct/learned_program.h"
-#include "daemon/loop/offset_run.h"
+#include "daemon/between/offset_plan.h"
 #include "daemon/loop/program_matcher.h"
 #include "drivers/messages.h"
 #include "ilc/gate.h"
 #include "twin/contour.h"
 
 namespace servotwin {
-
-/// The corrections that may be given back, as the worker hands them over. It is kept until the loop
-/// has taken a newer one.
-struct OffsetPlan {
-  std::uint64_t generation = 0;
-  std::int64_t wall_ns = 0;                                     ///< when it was handed over
-  std::vector<std::shared_ptr<const LearnedProgram>> programs;  ///< at most kMaxPrograms
-  bool renewed = false;  ///< as the one before, only validated later: what was given up stays so
-};
-
-/// What lies between the loop and the others. It outlives both.
-struct OffsetHandOver {
-  LatestValue<const OffsetPlan*> plans;
-  std::atomic<std::uint64_t> in_use{0};  ///< generation of the plan that the loop has taken
-  std::atomic<bool> armed{false};        ///< by a person; not remembered
-  Ring<OffsetRun> runs{16};
-};
 
 class LiveOffsets {
  public:
@@ -61,8 +39,7 @@ class LiveOffsets {
   static constexpr int kOutside = 3;   ///< cycles beyond the band until the machine is another one
   static constexpr int kWindow = 100;  ///< cycles that a contour error is judged over
 
-  /// `in_command`: whether the frames' command has the offset in it.
-  LiveOffsets(const LearningRules& rules, bool in_command, OffsetHandOver& hand_over);
+  LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over);
 
   /// The frame as the drives follow it: its command with the offset. `follows`: the cycle before
   /// came.
@@ -101,8 +78,7 @@ class LiveOffsets {
   void measure_contour(const MachineFrame& frame, bool counts) noexcept;
   void ask_gates(const MachineFrame& frame, const MachinePrediction& prediction) noexcept;
 
-  LearningRules rules_;
-  bool in_command_;
+  OffsetRules rules_;
   OffsetHandOver& hand_over_;
   Eigen::Index counts_after_;  // rows since a run began: the correction is in as a whole
   std::vector<Gate> gates_;

@@ -19,7 +19,7 @@
 #include <span>
 #include <vector>
 
-#include "daemon/correct/program_assembly.h"
+#include "daemon/between/offset_plan.h"
 
 namespace servotwin {
 

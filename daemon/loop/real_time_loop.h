@@ -25,39 +25,21 @@
 #include <span>
 #include <vector>
 
+#include "daemon/between/cycle_row.h"
 #include "daemon/between/histogram.h"
 #include "daemon/between/latest_value.h"
 #include "daemon/between/ring.h"
 #include "daemon/between/wake_up.h"
 #include "daemon/input/frame_source.h"
-#include "daemon/record/residual_alarm.h"
 #include "drivers/messages.h"
 #include "twin/contour.h"
-#include "twin/twin.h"
 
 namespace servotwin {
 
 class LiveOffsets;
 
-/// A model as the loop uses it.
-struct TwinInForce {
-  Twin twin;
-  int version = 0;
-  double standard_deviation = kAbsent;  ///< hold-out RMS [m | rad]
-  int settling_cycles = 0;              ///< until a wrong starting state is forgotten
-};
-
 /// The cycles after which a wrong starting state has fallen below one percent.
 [[nodiscard]] int settling_cycles(const Model& model);
-
-/// One cycle as it is recorded, and what the twins left of it.
-struct CycleRow {
-  std::int64_t time_ns = 0;  ///< stamp of the frame
-  bool after_gap = true;     ///< the cycle before is not the row before
-  int axis_count = 0;
-  std::array<AxisSample, kMaxAxes> axes{};
-  std::array<LiveResidual, kMaxAxes> residuals{};  ///< NaN but for AxisState::kPredicting
-};
 
 /// Written by the loop, read by any thread; numbers for people, so relaxed: they order nothing.
 struct LoopCounters {

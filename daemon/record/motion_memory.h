@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/loop/real_time_loop.h"
+#include "daemon/between/cycle_row.h"
 #include "drivers/messages.h"
 #include "twin/sample.h"
 

@@ -23,21 +23,14 @@
 #include <optional>
 #include <vector>
 
+#include "daemon/between/cycle_row.h"
 #include "diagnosis/cusum.h"
-#include "twin/sample.h"
 
 namespace servotwin {
 
 struct AlarmOptions {
   double false_alarm_s = 30.0 * 86400.0;  ///< of motion, on average between false alarms
   double reference_s = 900.0;             ///< of motion that tells what is normal; at least 60
-};
-
-/// One cycle of an axis as the alarm sees it.
-struct LiveResidual {
-  double residual = kAbsent;     ///< measured - predicted, NaN where nothing is predicted
-  double holdout_rms = kAbsent;  ///< of the model in force
-  int model_version = 0;         ///< 0: none
 };
 
 struct AlarmChange {

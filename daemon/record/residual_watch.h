@@ -11,8 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "daemon/between/cycle_row.h"
 #include "daemon/config/config.h"
-#include "daemon/loop/real_time_loop.h"
 #include "daemon/record/residual_alarm.h"
 #include "daemon/store/event_log.h"
 #include "drivers/messages.h"

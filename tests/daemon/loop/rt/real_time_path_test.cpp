@@ -207,15 +207,19 @@ TEST(RealTimePath, AllocatesNothingWhileCorrectionsAreGivenBack) {
   learned->contour_before = learned->error_before[0];
   learned->contour_after = learned->error_after[0];
   learned->contour_size_before = {1.0, 1.0};
-  LearningRules rules{{kCycle_s, {{"X", false, ""}, {"Y", false, ""}}}, {}, {}};
-  rules.limits.assign(2, OffsetLimits{1e-3, 0.1, 200.0});
-  rules.ilc.live = true;
-  rules.ilc.residual_band = 1e9;
+  OffsetRules rules;
+  rules.cycle_s = kCycle_s;
+  rules.limits.assign(2, GateLimits{1e-3, 0.1, 200.0, 0.1, 0.02, 604800.0, true});
+  rules.ramp_s = 0.1;
+  rules.validity_s = 0.02;
+  rules.match_tolerance = 2e-6;
+  rules.residual_band = 1e9;
+  rules.live = true;
   OffsetHandOver hand_over;
   const OffsetPlan plan{1, 0, {learned}};
   hand_over.plans.publish(&plan);
   hand_over.armed = true;
-  LiveOffsets offsets(rules, false, hand_over);
+  LiveOffsets offsets(rules, hand_over);
   Ring<MachineOffset> said(4096);
 
   Running running(2);
