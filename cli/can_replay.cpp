@@ -67,7 +67,7 @@ void report(const Sent& sent, double seconds) {
 }
 
 void sleep_until(std::int64_t steady) {
-  const std::int64_t left = steady - steady_ns();
+  const std::int64_t left = steady - daemon::steady_ns();
   if (left > 0) std::this_thread::sleep_for(std::chrono::nanoseconds(left));
 }
 
@@ -87,7 +87,7 @@ void play_log(const CanReplayOptions& options, Buses& buses) {
   std::uint64_t errors = 0;
   const Interrupt interrupt;
   const Progress progress("replaying " + options.file.filename().string());
-  const std::int64_t begin = steady_ns();
+  const std::int64_t begin = daemon::steady_ns();
   std::int64_t first_ns = 0;
   for (bool first = true; !interrupt.came() && reader.next(line); first = false) {
     if (first) first_ns = line.frame.time_ns;
@@ -102,17 +102,17 @@ void play_log(const CanReplayOptions& options, Buses& buses) {
     }
     const double after_s = 1e-9 * static_cast<double>(line.frame.time_ns - first_ns);
     const std::int64_t due = begin + std::llround(1e9 * after_s / options.speed);
-    while (!interrupt.came() && steady_ns() < due) {
+    while (!interrupt.came() && daemon::steady_ns() < due) {
       std::this_thread::sleep_for(std::chrono::nanoseconds(
-          std::min<std::int64_t>(due - steady_ns(), std::llround(kPatience_s * 1e9))));
+          std::min<std::int64_t>(due - daemon::steady_ns(), std::llround(kPatience_s * 1e9))));
     }
-    if (static_cast<double>(steady_ns() - due) > kLate_s * 1e9) ++sent.late;
+    if (static_cast<double>(daemon::steady_ns() - due) > kLate_s * 1e9) ++sent.late;
     send(*buses[bus], {&line.frame, 1}, sent);
   }
   for (const std::string& note : reader.notes()) say(stdout, "note: " + note);
   if (errors > 0)
     say(stdout, text("note: %zu error frames not sent", static_cast<std::size_t>(errors)));
-  report(sent, 1e-9 * static_cast<double>(steady_ns() - begin));
+  report(sent, 1e-9 * static_cast<double>(daemon::steady_ns() - begin));
 }
 
 /// Puts the cycles of a recording into the frames of a mapping.
@@ -193,7 +193,7 @@ class CycleSender {
 void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& buses) {
   ReadOptions read = options.read;
   read.can_map.clear();
-  RecordedCycles cycles = recorded_cycles(read_recording(options.file, read));
+  daemon::RecordedCycles cycles = daemon::recorded_cycles(read_recording(options.file, read));
   for (const std::string& note : cycles.recording.notes) say(stdout, "note: " + note);
   for (const std::string& note : cycles.notes) say(stdout, "note: " + note);
   const double cycle_s = cycles.cycle_s;
@@ -208,20 +208,21 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
   replays.emplace_back(std::move(cycles.recording), cycle_s);
   const std::size_t rows = replays.front().rows();
   CycleSender sender(map, replays.front().machine(), options.targets, buses);
-  ReplaySource machine(std::move(replays), options.speed);
+  daemon::ReplaySource machine(std::move(replays), options.speed);
   Sent sent;
   const Interrupt interrupt;
   const Progress progress(text("replaying %s, %.0f s", options.file.filename().c_str(),
                                static_cast<double>(rows) * cycle_s / options.speed));
-  const std::int64_t begin = steady_ns();
+  const std::int64_t begin = daemon::steady_ns();
   MachineFrame frame;
-  Received received = Received::kNothing;
+  daemon::Received received = daemon::Received::kNothing;
   std::int64_t earliest = begin;
-  while (!interrupt.came() && (received = machine.receive(frame, kPatience_s)) != Received::kEnd) {
-    if (received == Received::kNothing) continue;
+  while (!interrupt.came() &&
+         (received = machine.receive(frame, kPatience_s)) != daemon::Received::kEnd) {
+    if (received == daemon::Received::kNothing) continue;
     if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / options.speed) ++sent.late;
     sleep_until(earliest);
-    earliest = steady_ns() + std::llround(1e9 * kShortestCycle * cycle_s / options.speed);
+    earliest = daemon::steady_ns() + std::llround(1e9 * kShortestCycle * cycle_s / options.speed);
     sender.send_cycle(frame, sent);
   }
   if (sender.not_carried() > 0) {
@@ -229,7 +230,7 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
                      "were sent again",
                      static_cast<std::size_t>(sender.not_carried())));
   }
-  report(sent, 1e-9 * static_cast<double>(steady_ns() - begin));
+  report(sent, 1e-9 * static_cast<double>(daemon::steady_ns() - begin));
 }
 
 }  // namespace

@@ -32,24 +32,24 @@ class Predictor {
       if (!records[i]) continue;
       const ModelRecord& record = *records[i];
       models_[i].publish({Twin(record.model), std::max(record.version, 1), record.holdout.rms,
-                          settling_cycles(record.model)});
+                          daemon::settling_cycles(record.model)});
     }
   }
   /// Valid until the next cycle.
   const MachinePrediction& cycle(const MachineFrame& frame) {
     loop_.on_frame(frame);
-    CycleRow row;
+    daemon::CycleRow row;
     rows_.pop(row);
     if (!predictions_.pop(prediction_)) prediction_ = {};
     return prediction_;
   }
 
  private:
-  std::vector<LatestValue<TwinInForce>> models_;
-  Ring<MachinePrediction> predictions_{2};
-  Ring<CycleRow> rows_{2};
-  WakeUp nobody_;
-  RealTimeLoop loop_;
+  std::vector<daemon::LatestValue<daemon::TwinInForce>> models_;
+  daemon::Ring<MachinePrediction> predictions_{2};
+  daemon::Ring<daemon::CycleRow> rows_{2};
+  daemon::WakeUp nobody_;
+  daemon::RealTimeLoop loop_;
   MachinePrediction prediction_;
 };
 
@@ -102,10 +102,10 @@ void watch_can(const CanWatchOptions& options) {
   std::vector<std::unique_ptr<CanBus>> buses;
   for (const std::string& interface : options.interfaces)
     buses.push_back(std::make_unique<SocketCan>(interface));
-  CanSource source(std::move(map), std::move(buses), Pacing::kByStamp);
+  daemon::CanSource source(std::move(map), std::move(buses), Pacing::kByStamp);
 
   const Interrupt interrupt;
-  const std::int64_t begin = steady_ns();
+  const std::int64_t begin = daemon::steady_ns();
   std::int64_t next = begin + kRefresh_ns;
   Second second;
   second.tracking.resize(source.map().machine.axes.size());
@@ -115,7 +115,7 @@ void watch_can(const CanWatchOptions& options) {
   CanCounts before = source.counts();
   std::uint64_t total = 0;
   while (!interrupt.came()) {
-    if (source.receive(second.last, 0.05) == Received::kFrame) {
+    if (source.receive(second.last, 0.05) == daemon::Received::kFrame) {
       ++second.cycles;
       ++total;
       const MachinePrediction& prediction = predictor->cycle(second.last);
@@ -128,7 +128,7 @@ void watch_can(const CanWatchOptions& options) {
         if (std::isfinite(axis.actual)) second.actual[i] = axis.actual;
       }
     }
-    const std::int64_t now = steady_ns();
+    const std::int64_t now = daemon::steady_ns();
     const double seconds = static_cast<double>(now - begin) * 1e-9;
     const bool over = options.seconds > 0.0 && seconds >= options.seconds;
     if (now >= next || over) {

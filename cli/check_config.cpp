@@ -13,13 +13,13 @@
 namespace servotwin::cli {
 namespace {
 
-std::string text_of(const DdsConfig& dds) {
+std::string text_of(const daemon::DdsConfig& dds) {
   return "DDS domain " + std::to_string(dds.domain) +
          (dds.partition.empty() ? "" : ", partition " + in_quotes(dds.partition));
 }
 
 void run(const std::filesystem::path& file) {
-  const CheckedConfig checked = check_config(file);
+  const daemon::CheckedConfig checked = daemon::check_config(file);
   std::vector<std::string> problems;
   for (const ConfigProblem& problem : checked.problems) problems.push_back(problem.message());
   if (problems.empty()) {
@@ -39,27 +39,28 @@ void run(const std::filesystem::path& file) {
         text(": %zu problems; the daemon would not run as it says there", problems.size()) +
         unseen);
   }
-  const Config& config = checked.config;
+  const daemon::Config& config = checked.config;
   say(stdout, file.string() + ": valid");
   say(stdout, "machine     " + config.machine +
                   (config.cycle_s ? text(", cycle %.6g ms", 1e3 * *config.cycle_s) : ""));
   std::string axes;
-  for (const AxisConfig& axis : config.axes)
+  for (const daemon::AxisConfig& axis : config.axes)
     axes += (axes.empty() ? "" : ", ") + axis.name + (axis.rotary ? " (rotary)" : "");
   say(stdout, "axes        " + (axes.empty() ? "as the source says" : axes));
   std::string source = text_of(config.dds_in.value_or(config.dds));
-  if (config.source == SourceKind::kReplay)
+  if (config.source == daemon::SourceKind::kReplay)
     source = text("replay of %zu recordings", config.replay.files.size());
-  if (config.source == SourceKind::kCan) {
+  if (config.source == daemon::SourceKind::kCan) {
     source = "CAN " + (config.can.interfaces.empty() ? "as named" : listed(config.can.interfaces)) +
              " in " + config.can.map.string();
-  } else if (config.source == SourceKind::kUdp) {
+  } else if (config.source == daemon::SourceKind::kUdp) {
     source = "CAN over UDP at " + config.udp.listen + ", " + config.udp.map.string();
   }
   say(stdout, "source      " + source);
   say(stdout, "output      " + text_of(config.dds) +
                   (config.dds.strength == 0 ? "" : text(", strength %d", config.dds.strength)));
-  const auto store = config.store.directory.empty() ? default_store() : config.store.directory;
+  const auto store =
+      config.store.directory.empty() ? daemon::default_store() : config.store.directory;
   say(stdout, "store       " + store.string());
   if (config.ilc.live) {
     if (config.http.token.empty())
@@ -67,10 +68,10 @@ void run(const std::filesystem::path& file) {
           "note: ilc.live sends nothing until a person arms it, and nobody can without "
           "http.token");
     if (std::none_of(config.axes.begin(), config.axes.end(),
-                     [](const AxisConfig& axis) { return axis.correction.has_value(); }))
+                     [](const daemon::AxisConfig& axis) { return axis.correction.has_value(); }))
       say(stdout, "note: ilc.live sends nothing: no axis has a correction");
   }
-  for (const AxisConfig& axis : config.axes) {
+  for (const daemon::AxisConfig& axis : config.axes) {
     if (!config.cycle_s || !axis.correction) continue;
     if (const double half_hz = 0.5 / *config.cycle_s; axis.correction->bandwidth_hz > half_hz)
       say(stdout,

@@ -51,8 +51,8 @@ json axis_json(const Correction& correction, std::size_t i) {
 
 /// How much of the squared error that is left lies so near the ends that the correction is 0 there.
 double ends_share(const CorrectedAxis& axis, const Eigen::ArrayXd& left) {
-  const auto n = std::min<Eigen::Index>(left.size() / 2,
-                                        std::lround(kEndRest_s / axis.learning.path.sample_time_s));
+  const auto n = std::min<Eigen::Index>(
+      left.size() / 2, std::lround(daemon::kEndRest_s / axis.learning.path.sample_time_s));
   const double all = left.square().sum();
   return all > 0.0 ? (left.head(n).square().sum() + left.tail(n).square().sum()) / all : 0.0;
 }
@@ -121,7 +121,7 @@ std::string limited_by(const Correction& correction, std::size_t i) {
     return text(
         "the ends: %.0f %% of what is left lies within %.3g s of them, where the "
         "correction is 0",
-        100.0 * share, kEndRest_s);
+        100.0 * share, daemon::kEndRest_s);
   if (learned.beyond_bandwidth_rms > 0.7 * left)
     return text("the bandwidth: %.0f %% of what is left lies beyond it",
                 100.0 * learned.beyond_bandwidth_rms / left);

@@ -20,7 +20,7 @@ constexpr const char* kSchema = "servotwin.history/1";
 
 struct Arguments {
   std::filesystem::path store, result;
-  std::string machine = Config().machine, axis;
+  std::string machine = daemon::Config().machine, axis;
   int last = 100;
 };
 
@@ -54,7 +54,7 @@ std::string ids_line(const char* what, const json& diagnosis, const char* key) {
   return ids.empty() ? "" : std::string("  ") + what + " " + ids;
 }
 
-std::string line_of(const StoredDiagnosis& stored, const json& diagnosis) {
+std::string line_of(const daemon::StoredDiagnosis& stored, const json& diagnosis) {
   std::string line = stored.time + text("  %-19s", stored.verdict.c_str());
   line += text(" %8s -> %-8s", micro_of(diagnosis.at("baseline").at("rms_m")).c_str(),
                micro_of(diagnosis.at("extended").at("rms_m")).c_str());
@@ -64,7 +64,7 @@ std::string line_of(const StoredDiagnosis& stored, const json& diagnosis) {
   return line + (stored.reason == "on schedule" ? "" : "  [alarm]");
 }
 
-json parsed(const StoredDiagnosis& stored) {
+json parsed(const daemon::StoredDiagnosis& stored) {
   try {
     return json::parse(stored.json);
   } catch (const json::exception& error) {
@@ -73,7 +73,7 @@ json parsed(const StoredDiagnosis& stored) {
   }
 }
 
-std::string why_none(const Store& store, const Arguments& arguments) {
+std::string why_none(const daemon::Store& store, const Arguments& arguments) {
   const std::vector<std::string> machines = store.machines(), axes = store.axes();
   if (machines.empty()) return "has no model and no diagnosis of any machine yet";
   if (axes.empty())
@@ -88,9 +88,9 @@ std::string why_none(const Store& store, const Arguments& arguments) {
 
 void run(const Arguments& arguments) {
   std::FILE* people = people_beside({arguments.result});
-  const auto directory = arguments.store.empty() ? default_store() : arguments.store;
-  const Store store(directory, arguments.machine, StoreAccess::kRead);
-  std::vector<StoredDiagnosis> diagnoses = store.diagnoses(arguments.axis, arguments.last);
+  const auto directory = arguments.store.empty() ? daemon::default_store() : arguments.store;
+  const daemon::Store store(directory, arguments.machine, daemon::StoreAccess::kRead);
+  std::vector<daemon::StoredDiagnosis> diagnoses = store.diagnoses(arguments.axis, arguments.last);
   if (diagnoses.empty())
     throw std::runtime_error("store " + directory.string() + ": " + why_none(store, arguments));
   std::reverse(diagnoses.begin(), diagnoses.end());
@@ -98,7 +98,7 @@ void run(const Arguments& arguments) {
   say(people,
       "time (UTC)                verdict             RMS without -> with causes [um | "
       "urad]; causes with their parameters (SI)");
-  for (const StoredDiagnosis& one : diagnoses) {
+  for (const daemon::StoredDiagnosis& one : diagnoses) {
     list.push_back(parsed(one));
     // The model with its causes is kept beside a diagnosis, not in it.
     if (!one.extended_model.empty())

@@ -56,19 +56,20 @@ void require_meant(const Arguments& arguments) {
 /// Throws where nothing moves.
 void require_motion(const std::string& source, const std::vector<CommandedAxis>& axes) {
   if (std::none_of(axes.begin(), axes.end(),
-                   [](const CommandedAxis& axis) { return moves(axis.path); }))
+                   [](const CommandedAxis& axis) { return daemon::moves(axis.path); }))
     throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
 }
 
 /// Throws where no drive or no model follows; says where the model has not been, or may not.
-MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
-                           std::FILE* people) {
+daemon::MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
+                                   std::FILE* people) {
   const ModelRecord& record = axis.record;
-  if (const std::string jump = jump_in(axis.path, record.axis, record.rotary); !jump.empty())
+  if (const std::string jump = daemon::jump_in(axis.path, record.axis, record.rotary);
+      !jump.empty())
     throw std::runtime_error(source + ": " + jump);
-  MotionReach reach = motion_reach(record, {&axis.path, 1});
+  daemon::MotionReach reach = daemon::motion_reach(record, {&axis.path, 1});
   if (reach.far_beyond())
-    throw std::runtime_error(source + ": " + reach.words + "; " + kFarBeyondAdvice);
+    throw std::runtime_error(source + ": " + reach.words + "; " + daemon::kFarBeyondAdvice);
   if (reach.beyond()) {
     say(people, "warning: " + reach.words +
                     "; what it says of this path is no promise: identify from motion as fast");
@@ -94,8 +95,8 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
   if (arguments.rate > 0.0) axis.limits.rate = kMilli * arguments.rate;
 
   const double h = axis.path.sample_time_s;
-  const ModelUncertainty uncertainty =
-      uncertainty_of(commanded.record, axis.law.model, arguments.uncertainty / 100.0);
+  const daemon::ModelUncertainty uncertainty =
+      daemon::uncertainty_of(commanded.record, axis.law.model, arguments.uncertainty / 100.0);
   out.uncertainty = uncertainty.words;
   const std::vector<Transfer> models = models_within(axis.law.model, uncertainty.of_transfer);
   out.models = models.size();
@@ -253,13 +254,14 @@ void run(const Arguments& arguments) {
     }
     if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
       throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
-    const MotionReach reach = look_at_motion(arguments.commands.path.file.string(), axis, people);
+    const daemon::MotionReach reach =
+        look_at_motion(arguments.commands.path.file.string(), axis, people);
     correction.axes.push_back(axis_of(arguments, std::move(axis)));
     correction.axes.back().beyond_model = reach.beyond();
   }
   std::vector<LearnAxis> axes;
   for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
-  for (const std::string& line : short_rests(axes)) say(people, "warning: " + line);
+  for (const std::string& line : daemon::short_rests(axes)) say(people, "warning: " + line);
   {
     const Progress progress("learning");
     correction.learned = learn(axes, on_twins(axes), correction.options);

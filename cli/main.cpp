@@ -71,7 +71,7 @@ int run(int argc, char** argv) {
       name += " " + command->get_name();
     }
     // An option with a slip in its name may be the one that is then said to be missing.
-    const std::string unknown = servotwin::unknown_option(*command);
+    const std::string unknown = servotwin::daemon::unknown_option(*command);
     return fail(kUsage, name,
                 (unknown.empty() ? error.what() : unknown) + " (see " + name + " --help)");
   }

@@ -108,7 +108,7 @@ void run(const Arguments& arguments) {
   }
   const Model model = model_at(record, axis.sample_time_s, people);
 
-  if (const MotionReach reach = motion_reach(record, axis.segments); reach.beyond())
+  if (const daemon::MotionReach reach = daemon::motion_reach(record, axis.segments); reach.beyond())
     say(people, "note: " + reach.words);
 
   const Progress progress("predicting " + axis.axis);

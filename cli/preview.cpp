@@ -52,7 +52,7 @@ std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& argu
              "with --from and --to",
              path.source.c_str(), rows, kMaxProgramChunks * kMaxChunkSamples));
   }
-  const auto revision = static_cast<std::uint64_t>(wall_ns());
+  const auto revision = static_cast<std::uint64_t>(daemon::wall_ns());
   for (std::size_t i = 0; i < out.size(); ++i) {
     ProgramChunk& chunk = out[i];
     chunk.program = arguments.name.empty() ? name_after(arguments.path.file) : arguments.name;
@@ -93,9 +93,9 @@ std::vector<AxisStatus> find_daemon(const DdsNode& node, const std::string& mach
     case DaemonThere::kReady:
       break;
   }
-  const std::int64_t begin = steady_ns();
+  const std::int64_t begin = daemon::steady_ns();
   while (!corrections.matched()) {
-    if (static_cast<double>(steady_ns() - begin) * 1e-9 > patience_s) throw nobody();
+    if (static_cast<double>(daemon::steady_ns() - begin) * 1e-9 > patience_s) throw nobody();
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   if (!programs.wait_for_readers(1, patience_s)) throw nobody();
@@ -146,8 +146,8 @@ void print(const CorrectionChunk& answer, std::FILE* people) {
     models += (models.empty() ? "" : ", ") + axis.name + " " + std::to_string(axis.model_version);
   say(people, text("correction    program '%s' %s with the models in force (%s), until ",
                    answer.program.c_str(), learned ? "learned" : "previewed", models.c_str()) +
-                  iso_time(answer.valid_until_ns) +
-                  (answer.valid_until_ns < wall_ns() ? ", which is over" : ""));
+                  daemon::iso_time(answer.valid_until_ns) +
+                  (answer.valid_until_ns < daemon::wall_ns() ? ", which is over" : ""));
   const auto line = [&](const std::string& what, double before_rms, double before_max,
                         double after_rms, double after_max, bool rotary) {
     say(people,
@@ -191,7 +191,7 @@ void run(const Arguments& arguments) {
     throw UsageError("--name " + arguments.name +
                      ": must be 1 to 63 letters, digits or any of . _ -");
   std::FILE* people = people_beside({arguments.table});
-  const Recording path = recorded_cycles(arguments.path.read(people)).recording;
+  const Recording path = daemon::recorded_cycles(arguments.path.read(people)).recording;
   const std::vector<ProgramChunk> chunks = chunks_of(path, arguments);
 
   const DdsNode node(arguments.bus.place);

@@ -41,7 +41,7 @@ void run(const Arguments& arguments) {
   }
   if (arguments.targets) throw UsageError("--targets is for --can and --udp");
 
-  RecordedCycles cycles = recorded_cycles(arguments.recording.read(stdout));
+  daemon::RecordedCycles cycles = daemon::recorded_cycles(arguments.recording.read(stdout));
   for (const std::string& note : cycles.notes) say(stdout, "note: " + note);
   const std::string source = cycles.recording.source;
   std::vector<Replay> replays;
@@ -90,7 +90,7 @@ void run(const Arguments& arguments) {
 
   const std::size_t rows = replay.rows();
   const double cycle_s = replay.machine().cycle_s;
-  ReplaySource machine(std::move(replays), arguments.speed);
+  daemon::ReplaySource machine(std::move(replays), arguments.speed);
   const Interrupt interrupt;
   const auto start = std::chrono::steady_clock::now();
   std::size_t sent = 0, late = 0;
@@ -98,10 +98,10 @@ void run(const Arguments& arguments) {
     const Progress progress(text("replaying %s, %.0f s", source.c_str(),
                                  static_cast<double>(rows) * cycle_s / arguments.speed));
     MachineFrame frame;
-    Received received = Received::kNothing;
+    daemon::Received received = daemon::Received::kNothing;
     while (!interrupt.came() &&
-           (received = machine.receive(frame, kPatience_s)) != Received::kEnd) {
-      if (received == Received::kNothing) continue;
+           (received = machine.receive(frame, kPatience_s)) != daemon::Received::kEnd) {
+      if (received == daemon::Received::kNothing) continue;
       if (frames.write(frame)) ++sent;
       if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / arguments.speed) ++late;
     }

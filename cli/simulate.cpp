@@ -50,7 +50,8 @@ void run(const Arguments& arguments) {
        read_commands(arguments.commands, "simulated", people)) {
     if (columns.empty()) columns.push_back({"time[s]", times_of(segment)});
     const std::string unit = record.rotary ? "[rad]" : "[m]";
-    if (const MotionReach reach = motion_reach(record, {&segment, 1}); reach.beyond())
+    if (const daemon::MotionReach reach = daemon::motion_reach(record, {&segment, 1});
+        reach.beyond())
       say(people, "note: " + reach.words);
     const Eigen::ArrayXd error = simulate(model, segment);
     // One stream of numbers per axis, so that an axis does not depend on which others are

@@ -17,7 +17,7 @@ constexpr const char* kWatchSchema = "servotwin.watch/1";
 constexpr std::size_t kShownRefusals = 3;  // a summary is one screen
 
 json figures_json(const ErrorFigures& figures) {
-  return {{"rms_m", number_json(figures.rms)}, {"max_m", number_json(figures.max)}};
+  return {{"rms_m", daemon::number_json(figures.rms)}, {"max_m", daemon::number_json(figures.max)}};
 }
 
 bool rotary(const LiveAxis& axis) { return axis.model && axis.model->rotary; }
@@ -42,7 +42,7 @@ std::string microseconds(double seconds) {
 
 void add_status(const MachineStatus& status, std::vector<std::string>& lines) {
   std::string counted;
-  for (const StatusCounter& counter : kStatusCounters) {
+  for (const daemon::StatusCounter& counter : daemon::kStatusCounters) {
     const std::string count = std::to_string(status.*counter.count);
     counted += counted.empty() ? text("%-12s", counter.words) + count
                                : std::string(", ") + counter.words + " " + count;
@@ -147,7 +147,7 @@ std::string table_row(const LiveRecord& record, const LiveAxis& axis) {
 json head_json(const LiveRecord& record, const std::string& machine, double seconds) {
   return {{"schema", kWatchSchema},       {"machine", machine},
           {"seconds", seconds},           {"predictions", record.predictions()},
-          {"missed", record.missed()},    {"rate_hz", number_json(record.rate_hz())},
+          {"missed", record.missed()},    {"rate_hz", daemon::number_json(record.rate_hz())},
           {"silent_s", record.silent_s()}};
 }
 
@@ -182,10 +182,10 @@ std::vector<std::string> summary_lines(const LiveRecord& record, const std::stri
 
 json summary_json(const LiveRecord& record, const std::string& machine, double seconds) {
   json out = head_json(record, machine, seconds);
-  out["status"] = record.status() ? figures_of(*record.status()) : json();
-  out["latency"] = {{"p50_s", number_json(record.latency_s(0.5))},
-                    {"p99_s", number_json(record.latency_s(0.99))},
-                    {"max_s", number_json(record.latency_s(1.0))}};
+  out["status"] = record.status() ? daemon::figures_of(*record.status()) : json();
+  out["latency"] = {{"p50_s", daemon::number_json(record.latency_s(0.5))},
+                    {"p99_s", daemon::number_json(record.latency_s(0.99))},
+                    {"max_s", daemon::number_json(record.latency_s(1.0))}};
   out["axes"] = json::array();
   for (std::size_t i = 0; i < record.axes().size(); ++i) {
     const LiveAxis& axis = record.axes()[i];

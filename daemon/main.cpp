@@ -21,7 +21,7 @@
 #include "daemon/store/journal.h"
 #include "daemon/unknown_option.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// Who waits for signals.
@@ -152,7 +152,7 @@ int run(int argc, char** argv, const Journal* journal) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon
 
 int main(int argc, char** argv) {
   std::optional<servotwin::Journal> journal;

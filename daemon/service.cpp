@@ -37,7 +37,7 @@
 #include "drivers/dds.h"
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // At 1 kHz: a quarter of a second until a publisher that does not get on loses predictions, and
@@ -464,4 +464,4 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
               "stopped after " + std::to_string(total.frames) + " frames" + amiss(total));
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

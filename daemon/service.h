@@ -10,7 +10,7 @@
 #include "daemon/config/config.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class Journal;
 class Reloads;
@@ -38,4 +38,4 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
 /// which is to get this configuration it is as it should be.
 [[nodiscard]] std::vector<std::string> taken(const Config& config);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

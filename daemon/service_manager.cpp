@@ -13,7 +13,7 @@
 
 #include "daemon/loop/scheduling.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // Four looks in the time after which the manager loses patience: two of them may come late.
@@ -79,4 +79,4 @@ void Watchdog::run(const std::stop_token& stop) {
   }
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -18,7 +18,7 @@
 #include <string>
 #include <thread>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class ServiceManager {
  public:
@@ -58,4 +58,4 @@ class Watchdog {
   std::jthread thread_;  // the last one: it uses all the others
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// What is wrong with an option that the command does not have; empty if it has them all.
 [[nodiscard]] inline std::string unknown_option(const CLI::App& command) {
@@ -26,4 +26,4 @@ namespace servotwin {
   return {};
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

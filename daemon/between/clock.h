@@ -6,7 +6,7 @@
 
 #include <cstdint>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 namespace detail {
 inline std::int64_t clock_ns(clockid_t clock) noexcept {
@@ -28,4 +28,4 @@ inline std::int64_t clock_ns(clockid_t clock) noexcept {
                                    static_cast<std::uint64_t>(from));
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

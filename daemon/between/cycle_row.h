@@ -10,7 +10,7 @@
 #include "twin/sample.h"
 #include "twin/twin.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// A model as the loop uses it.
 struct TwinInForce {
@@ -36,4 +36,4 @@ struct CycleRow {
   std::array<LiveResidual, kMaxAxes> residuals{};  ///< NaN but for AxisState::kPredicting
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

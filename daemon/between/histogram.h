@@ -12,7 +12,7 @@
 
 #include "twin/sample.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class Histogram {
  public:
@@ -85,4 +85,4 @@ class Histogram {
   std::atomic<std::uint64_t> sum_{0};  // [ns]; full after 584 years
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -11,7 +11,7 @@
 #include <cstdint>
 #include <type_traits>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 template <class T>
 class LatestValue {
@@ -48,4 +48,4 @@ class LatestValue {
   std::atomic<std::uint8_t> middle_{2};  // the slot between them, and whether it is fresh
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -18,7 +18,7 @@
 #include "ilc/gate.h"
 #include "ilc/learn.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// A program's path, one row per cycle.
 struct CommandedPath {
@@ -79,4 +79,4 @@ struct OffsetHandOver {
   Ring<OffsetRun> runs{16};
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 
 #include "twin/sample.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// How a run ended. Numbered, never reused.
 enum class RunEnd : std::uint8_t {
@@ -47,4 +47,4 @@ struct OffsetRun {
   RunSquares contour;                       ///< of a path
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -12,7 +12,7 @@
 #include <type_traits>
 #include <vector>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 template <class T>
 class Ring {
@@ -76,4 +76,4 @@ class Ring {
   alignas(kCacheLine) std::atomic<std::uint64_t> drops_{0};
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -11,7 +11,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class WakeUp {
  public:
@@ -36,4 +36,4 @@ class WakeUp {
   int event_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -15,7 +15,7 @@
 #include "twin/catalogue.h"
 #include "twin/contour.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// The limits of an axis' correction, all of them or none. Units are those of the axis.
@@ -392,4 +392,4 @@ std::filesystem::path default_store() {
       "--store");
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

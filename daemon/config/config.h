@@ -16,7 +16,7 @@
 #include "drivers/config_problem.h"
 #include "identification/loop/identify.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// What a correction of an axis may be (ilc/gate.h); all positive.
 struct OffsetLimits {
@@ -147,4 +147,4 @@ struct CheckedConfig {
 /// $STATE_DIRECTORY (systemd), else servotwin/ in $XDG_STATE_HOME or ~/.local/state.
 [[nodiscard]] std::filesystem::path default_store();
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -4,7 +4,7 @@
 
 #include <charconv>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 std::string ListenAddress::text() const {
   return (ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
@@ -27,4 +27,4 @@ std::optional<ListenAddress> parse_listen_address(std::string_view text) {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct ListenAddress {
   std::string host;  ///< IPv4 or IPv6, without brackets
@@ -31,4 +31,4 @@ inline constexpr const char* kListenRule =
 /// Where the page is looked for, unless told otherwise.
 inline constexpr const char* kDefaultListen = "127.0.0.1:8402";
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

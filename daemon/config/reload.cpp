@@ -5,7 +5,7 @@
 #include <map>
 #include <string_view>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr std::array<std::string_view, 6> kAtOnce{"identify.",           "diagnose.every_s",
@@ -85,4 +85,4 @@ void Reloads::serve_with(std::function<void(const std::function<Config()>& load)
   if (service_ && std::exchange(waiting_, false)) service_(load_);
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

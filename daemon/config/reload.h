@@ -14,7 +14,7 @@
 
 #include "daemon/config/config.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct ConfigChanges {
   /// "store.recordings_mb = 100 (was 1024)"; of a secret only that it is another.
@@ -47,4 +47,4 @@ class Reloads {
   std::function<void(const std::function<Config()>&)> service_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

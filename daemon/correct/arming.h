@@ -8,7 +8,7 @@
 
 #include "daemon/store/event_log.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class Arming {
  public:
@@ -54,4 +54,4 @@ class Arming {
   EventLog& events_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

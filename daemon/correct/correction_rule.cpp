@@ -6,7 +6,7 @@
 #include "drivers/text.h"
 #include "ilc/gate.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using What = CorrectionRuling::What;
@@ -121,4 +121,4 @@ std::string gain_detail(const OffsetRun& run, const LearnedProgram& learned,
   return out.dump();
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

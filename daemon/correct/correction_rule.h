@@ -16,7 +16,7 @@
 
 #include "daemon/between/offset_plan.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 inline constexpr double kAsPredicted = 3.0;
 inline constexpr std::uint64_t kLeastCycles = 100;
@@ -36,4 +36,4 @@ struct CorrectionRuling {
 [[nodiscard]] std::string gain_detail(const OffsetRun& run, const LearnedProgram& learned,
                                       const CorrectionRuling& ruling);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

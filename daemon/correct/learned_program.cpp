@@ -15,7 +15,7 @@
 #include "drivers/text.h"
 #include "ilc/gate.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using Eigen::ArrayXd;
@@ -319,4 +319,4 @@ std::string detail_of(const LearnedProgram& learned) {
   return out.dump();
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

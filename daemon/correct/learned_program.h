@@ -22,7 +22,7 @@
 #include "drivers/messages.h"
 #include "ilc/learn.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// What is configured about learning and the axes of the machine.
 struct LearningRules {
@@ -56,4 +56,4 @@ struct LearningRules {
 /// As an event's detail: JSON.
 [[nodiscard]] std::string detail_of(const LearnedProgram& learned);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -6,7 +6,7 @@
 #include "daemon/between/clock.h"
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 constexpr double kPatience_s = 0.1;  // until it is seen that the worker is to stop
 }  // namespace
@@ -202,4 +202,4 @@ void LearningWorker::hand_over_plan(bool renewed) {
   std::erase_if(plans_, [&](const auto& one) { return one->generation < in_use; });
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -30,7 +30,7 @@
 #include "daemon/store/store.h"
 #include "drivers/dds.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class LearningWorker {
  public:
@@ -86,4 +86,4 @@ class LearningWorker {
   std::vector<std::unique_ptr<const OffsetPlan>> plans_;  // that the loop may still use
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

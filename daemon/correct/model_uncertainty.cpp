@@ -4,7 +4,7 @@
 
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 constexpr double kUnstated = 0.05;  // of every pole, where a model does not state deviations
 }  // namespace
@@ -47,4 +47,4 @@ ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& trans
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 #include "identification/model/model_file.h"
 #include "ilc/uncertainty.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct ModelUncertainty {
   TransferUncertainty of_transfer;
@@ -19,4 +19,4 @@ struct ModelUncertainty {
 [[nodiscard]] ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& transfer,
                                               double share = 0.0);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

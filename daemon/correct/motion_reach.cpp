@@ -6,7 +6,7 @@
 
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// To two digits, for people.
@@ -52,4 +52,4 @@ std::string jump_in(const Segment& path, const std::string& axis, bool rotary) {
   return {};
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

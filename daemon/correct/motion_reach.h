@@ -18,7 +18,7 @@
 
 #include "identification/model/model_file.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 inline constexpr double kBeyond = 1.5, kFarBeyond = 10.0;
 inline constexpr double kJump = 200.0, kJumpRotary = 2000.0;         ///< [m/s^2], [rad/s^2]
@@ -44,4 +44,4 @@ inline constexpr const char* kFarBeyondAdvice =
 /// empty: there is none.
 [[nodiscard]] std::string jump_in(const Segment& path, const std::string& axis, bool rotary);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

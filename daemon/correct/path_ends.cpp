@@ -5,7 +5,7 @@
 
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr double kStands = 1e-8;  // [m | rad]
@@ -46,4 +46,4 @@ std::vector<std::string> short_rests(std::span<const LearnAxis> axes) {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

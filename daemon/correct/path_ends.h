@@ -10,7 +10,7 @@
 
 #include "ilc/learn.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 inline constexpr double kEndRest_s = 0.1;  ///< what an end should rest
 
@@ -18,4 +18,4 @@ inline constexpr double kEndRest_s = 0.1;  ///< what an end should rest
 /// Of each end at which they rest for less, a sentence about the axis that rests least there.
 [[nodiscard]] std::vector<std::string> short_rests(std::span<const LearnAxis> axes);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -6,7 +6,7 @@
 #include "daemon/between/clock.h"
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // By how much of a cycle rows may be early or late: tables are written with six digits.
@@ -158,4 +158,4 @@ std::optional<ProgramRefusal> ProgramAssembly::overdue(std::int64_t now_ns) {
   return std::nullopt;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

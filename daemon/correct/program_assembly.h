@@ -18,7 +18,7 @@
 #include "daemon/between/offset_plan.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// Rows times axes of a program: 48 MB of what is known along it.
 inline constexpr std::size_t kMaxProgramValues = std::size_t{1} << 21U;
@@ -69,4 +69,4 @@ class ProgramAssembly {
   std::vector<Part> parts_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 #include "drivers/text.h"
 #include "ilc/feedforward.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 RobustAxis robust_axis(const ModelRecord& record, const Segment& path,
                        const CorrectionLimits& limits, double most_hz) {
@@ -35,4 +35,4 @@ RobustAxis robust_axis(const ModelRecord& record, const Segment& path,
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

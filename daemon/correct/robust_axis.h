@@ -10,7 +10,7 @@
 #include "identification/model/model_file.h"
 #include "ilc/learn.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct RobustAxis {
   LearnAxis learning;
@@ -23,4 +23,4 @@ struct RobustAxis {
                                      const CorrectionLimits& limits,
                                      double most_hz = std::numeric_limits<double>::infinity());
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -13,7 +13,7 @@
 #include "diagnosis/torque_text.h"
 #include "identification/recording/segments.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr double kMachineOff_s = 0.5;  // without a cycle
@@ -184,4 +184,4 @@ void DiagnosisWorker::keep(const StoredDiagnosis& diagnosis, const Event& event)
   announce_(diagnosis);
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

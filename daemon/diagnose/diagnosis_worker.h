@@ -31,7 +31,7 @@
 #include "diagnosis/diagnose.h"
 #include "diagnosis/torque.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class DiagnosisWorker {
  public:
@@ -83,4 +83,4 @@ class DiagnosisWorker {
   std::optional<std::pair<DiagnoseConfig, IdentifyConfig>> newer_config_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

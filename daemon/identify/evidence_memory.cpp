@@ -5,7 +5,7 @@
 
 #include "identification/loop/identify.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr double kSameRate = 1e-6;
@@ -103,4 +103,4 @@ EvidenceSeconds EvidenceMemory::seconds() const {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -20,7 +20,7 @@
 #include "identification/recording/evidence.h"
 #include "twin/sample.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct EvidenceBounds {
   double fast_s = 24.0, slow_s = 12.0, standstill_s = 8.0;  ///< most that is kept of each
@@ -65,4 +65,4 @@ class EvidenceMemory {
   std::vector<Kept> kept_;  // in order of time
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

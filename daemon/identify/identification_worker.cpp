@@ -11,7 +11,7 @@
 #include "drivers/text.h"
 #include "identification/recording/noise_floor.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr auto kPause = std::chrono::milliseconds(100);
@@ -440,4 +440,4 @@ void IdentificationWorker::note_refusal(std::size_t axis, const std::string& why
   events_.note("model_refused", axes_[axis].name, why, detail);
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -38,7 +38,7 @@
 #include "daemon/store/store.h"
 #include "identification/recording/segments.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class IdentificationWorker {
  public:
@@ -118,4 +118,4 @@ class IdentificationWorker {
   std::vector<AxisStatus> status_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

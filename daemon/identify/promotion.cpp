@@ -3,7 +3,7 @@
 #include <cmath>
 #include <sstream>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 std::string micro(double value, bool rotary) {
@@ -90,4 +90,4 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
   return {Ruling::kNotBetter, comparison + "; must be better by " + wanted.str() + " %"};
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -18,7 +18,7 @@
 
 #include "twin/sample.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct Candidacy {
   std::vector<std::string> refusals;  ///< of the identification: why it may not be used
@@ -65,4 +65,4 @@ struct Decision {
 
 [[nodiscard]] Decision decide(const Candidacy& candidacy, const PromotionRule& rule);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 std::size_t message_of(const CanMap& map, std::size_t axis) {
@@ -36,4 +36,4 @@ bool CanOffset::send(const AxisOffset& offset, CanBus& bus) noexcept {
   return bus.send({&encoder_.frame(message_), 1}) == 1;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

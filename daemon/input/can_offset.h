@@ -12,7 +12,7 @@
 #include "drivers/can_encoder.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class CanOffset {
  public:
@@ -33,4 +33,4 @@ class CanOffset {
   std::uint64_t not_carried_ = 0;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -9,7 +9,7 @@
 #include "daemon/between/clock.h"
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr std::size_t kMaxBuses = 8;
@@ -266,4 +266,4 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
   return lines;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -17,7 +17,7 @@
 #include "drivers/can_assembly.h"
 #include "drivers/can_bus.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class CanSource final : public FrameSource {
  public:
@@ -95,4 +95,4 @@ class CanSource final : public FrameSource {
   std::int64_t told_ns_ = 0;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

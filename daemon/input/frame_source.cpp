@@ -11,7 +11,7 @@
 #include "daemon/between/clock.h"
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // How often somebody who was behind is looked at again.
@@ -141,4 +141,4 @@ std::vector<SourceNews> DdsSource::news(std::int64_t now_ns) {
 
 std::int64_t DdsSource::age_ns() const noexcept { return wall_ns() - reader_.written_ns(); }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

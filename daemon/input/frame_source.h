@@ -16,7 +16,7 @@
 #include "drivers/replay.h"
 #include "twin/sample.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 enum class Received : std::uint8_t {
   kFrame,
@@ -115,4 +115,4 @@ class DdsSource final : public FrameSource {
   std::int64_t told_ignored_ns_ = 0;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -16,7 +16,7 @@
 #include "drivers/text.h"
 #include "twin/contour.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 MachineDescription described_by(const Config& config) {
@@ -234,4 +234,4 @@ std::vector<std::string> input_obstacles(const Config& config) {
   return found;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

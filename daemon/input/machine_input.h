@@ -16,7 +16,7 @@
 #include "drivers/dds.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct MachineInput {
   std::unique_ptr<FrameSource> source;
@@ -40,4 +40,4 @@ struct MachineInput {
 /// are wrong, recordings that cannot be replayed, axes that are others. One line each.
 [[nodiscard]] std::vector<std::string> input_obstacles(const Config& config);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

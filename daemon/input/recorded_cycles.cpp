@@ -8,7 +8,7 @@
 #include "identification/recording/segments.h"
 #include "identification/recording/stamps.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// Calls `action` with every column that the recording has, time aside.
@@ -122,4 +122,4 @@ RecordedCycles recorded_cycles(Recording recording) {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -12,7 +12,7 @@
 
 #include "twin/sample.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct RecordedCycles {
   double cycle_s = 0.0;
@@ -24,4 +24,4 @@ struct RecordedCycles {
 /// Throws if time stands still or runs backwards.
 [[nodiscard]] RecordedCycles recorded_cycles(Recording recording);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -6,7 +6,7 @@
 
 #include "daemon/between/clock.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 std::int64_t ns_of(double seconds) noexcept { return std::llround(1e9 * seconds); }
@@ -258,4 +258,4 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
   return says ? &offset_ : nullptr;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

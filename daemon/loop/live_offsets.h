@@ -29,7 +29,7 @@
 #include "ilc/gate.h"
 #include "twin/contour.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class LiveOffsets {
  public:
@@ -104,4 +104,4 @@ class LiveOffsets {
   MachineOffset offset_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// The first row that is away from the start.
@@ -120,4 +120,4 @@ std::optional<ProgramMatcher::Match> ProgramMatcher::see(std::span<const double>
   return followed == 1 ? out : std::nullopt;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -21,7 +21,7 @@
 
 #include "daemon/between/offset_plan.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// Whether two programs are one path: from their first motion on they are within the tolerance of
 /// each other, and where one is over before the other, that stands. Neither would ever be known.
@@ -73,4 +73,4 @@ class ProgramMatcher {
   std::array<Followed, kMaxPrograms> programs_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

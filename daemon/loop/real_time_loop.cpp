@@ -10,7 +10,7 @@
 #include "daemon/between/clock.h"
 #include "daemon/loop/live_offsets.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 static_assert(std::is_trivially_copyable_v<TwinInForce> &&
@@ -263,4 +263,4 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came) noexcept {
   return offset;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -34,7 +34,7 @@
 #include "drivers/messages.h"
 #include "twin/contour.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class LiveOffsets;
 
@@ -135,4 +135,4 @@ class RealTimeLoop {
   LoopCounters counters_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -10,7 +10,7 @@
 #include <cstring>
 #include <thread>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 std::string become_real_time(int priority) {
   if (priority == 0) return {};
@@ -94,4 +94,4 @@ std::string lock_memory() {
   return "memory is not locked: " + std::string(std::strerror(errno));
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// SCHED_FIFO at this priority (1..98); 0: nothing is done.
 [[nodiscard]] std::string become_real_time(int priority);
@@ -30,4 +30,4 @@ void name_thread(const char* name);
 /// Touches the stack that the real-time loop may come to use, so that it is in memory.
 void prefault_stack() noexcept;
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

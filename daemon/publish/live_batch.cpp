@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// A cycle of a point; `first`: the point begins with it.
@@ -81,4 +81,4 @@ void LiveBatcher::put(const MachinePrediction& cycle) {
   ++cycles_;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

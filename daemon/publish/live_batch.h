@@ -13,7 +13,7 @@
 
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// One quantity, point by point. What is not there is NaN.
 struct LiveSeries {
@@ -62,4 +62,4 @@ class LiveBatcher {
   bool any_ = false;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 void LiveFeed::Sum::add(double value) {
   if (!std::isfinite(value)) return;
@@ -82,4 +82,4 @@ void LiveFeed::hand_over() {
   for (; to.batches.size() > kMostWaiting; ++to.dropped) to.batches.pop_front();
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

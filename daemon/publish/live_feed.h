@@ -15,7 +15,7 @@
 #include "daemon/publish/live_batch.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// RMS and MAX of what came since the last status; NaN where nothing did.
 struct LiveFigures {
@@ -82,4 +82,4 @@ class LiveFeed {
   News news_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

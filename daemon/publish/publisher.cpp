@@ -6,7 +6,7 @@
 #include "daemon/between/clock.h"
 #include "identification/model/model_file.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 constexpr std::int64_t kStatusPeriod_ns = 1'000'000'000;
 constexpr std::int64_t kStopPatience_ns =
@@ -144,4 +144,4 @@ void Publisher::send_status() {
   if (page_ != nullptr) page_->add(status);
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -23,7 +23,7 @@
 #include "daemon/store/store.h"
 #include "drivers/dds.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class Publisher {
  public:
@@ -77,4 +77,4 @@ class Publisher {
   Ring<bool> turns_{16};        // this daemon began (true) or ceased to be heard; for news()
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 using nlohmann::json;
 
@@ -21,4 +21,4 @@ json figures_of(const MachineStatus& status) {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

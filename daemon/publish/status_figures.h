@@ -8,7 +8,7 @@
 
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct StatusCounter {
   const char* key;     ///< in JSON
@@ -45,4 +45,4 @@ inline constexpr std::array<StatusCounter, 9> kStatusCounters{{
 /// A number for JSON: null where there is none.
 [[nodiscard]] nlohmann::json number_json(double value);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

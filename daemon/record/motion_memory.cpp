@@ -5,7 +5,7 @@
 
 #include "daemon/between/clock.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // Where the stamps go back, identification must see a gap that it does not bridge.
@@ -149,4 +149,4 @@ Recording MotionMemory::copy_axes(std::size_t first, std::size_t last, double af
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

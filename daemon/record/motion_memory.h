@@ -15,7 +15,7 @@
 #include "drivers/messages.h"
 #include "twin/sample.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class MotionMemory {
  public:
@@ -59,4 +59,4 @@ class MotionMemory {
   double newest_s_ = 0.0;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -15,7 +15,7 @@
 #include "drivers/csv.h"
 #include "drivers/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // The ring holds seconds of rows, identification waits for seconds of motion: no reason to hurry.
@@ -308,4 +308,4 @@ void Recorder::remove(const std::filesystem::path& file) {
   deleted_ = true;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -30,7 +30,7 @@
 #include "daemon/record/residual_watch.h"
 #include "daemon/store/event_log.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// How much the files of a machine may be together [MB].
 struct RecordingRoom {
@@ -113,4 +113,4 @@ class Recorder {
   std::atomic<std::uint64_t> not_recorded_{0};
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr double kPiece_s = 1.0;
@@ -109,4 +109,4 @@ ResidualAlarm::Reference ResidualAlarm::learnt(double holdout_rms) const {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -26,7 +26,7 @@
 #include "daemon/between/cycle_row.h"
 #include "diagnosis/cusum.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct AlarmOptions {
   double false_alarm_s = 30.0 * 86400.0;  ///< of motion, on average between false alarms
@@ -82,4 +82,4 @@ class ResidualAlarm {
   Sum growth_;  // since the CUSUM was last at 0
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -5,7 +5,7 @@
 
 #include "diagnosis/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 ResidualWatch::ResidualWatch(const MachineDescription& machine, const DiagnoseConfig& config,
                              EventLog& events)
@@ -89,4 +89,4 @@ AlarmState ResidualWatch::state(std::size_t axis) const {
   return states_[axis];
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

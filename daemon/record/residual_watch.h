@@ -17,7 +17,7 @@
 #include "daemon/store/event_log.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 enum class AlarmState : std::uint8_t {
   kOff,       ///< the configuration wants none
@@ -55,4 +55,4 @@ class ResidualWatch {
   std::vector<AlarmState> states_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

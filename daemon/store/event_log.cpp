@@ -4,7 +4,7 @@
 
 #include "daemon/between/clock.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// Of what is no error: those that somebody should know of stand out.
@@ -73,4 +73,4 @@ void EventLog::update_last_error(std::string& text) const {
   if (lock.owns_lock()) text = last_error_;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

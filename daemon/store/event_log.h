@@ -12,7 +12,7 @@
 #include "daemon/store/journal.h"
 #include "daemon/store/store.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class EventLog {
  public:
@@ -48,4 +48,4 @@ class EventLog {
 [[nodiscard]] Event event_now(const std::string& kind, const std::string& axis,
                               const std::string& text, const std::string& detail = "");
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

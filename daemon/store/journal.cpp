@@ -9,7 +9,7 @@
 #include <cstdlib>
 #include <cstring>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // More than this of one field is in the store and not in the journal.
@@ -68,4 +68,4 @@ bool Journal::send(Priority priority, std::string_view message,
   }
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// Of syslog.
 enum class Priority { kError = 3, kWarning = 4, kNotice = 5, kInfo = 6 };
@@ -37,4 +37,4 @@ class Journal {
   int socket_ = -1;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

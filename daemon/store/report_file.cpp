@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <system_error>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 std::filesystem::path report_of(const std::filesystem::path& store, const std::string& machine,
@@ -40,4 +40,4 @@ std::optional<std::string> read_report(const std::filesystem::path& store,
   return std::string(std::istreambuf_iterator<char>(in), {});
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 void write_report(const std::filesystem::path& store, const std::string& machine,
                   const std::string& axis, const std::string& html);
@@ -16,4 +16,4 @@ void write_report(const std::filesystem::path& store, const std::string& machine
                                                      const std::string& machine,
                                                      const std::string& axis);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

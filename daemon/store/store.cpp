@@ -15,7 +15,7 @@
 #include "daemon/store/store_statement.h"
 #include "drivers/file_handle.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr int kSchemaVersion = 1;
@@ -428,4 +428,4 @@ std::string iso_time(std::int64_t wall_ns) {
   return text;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

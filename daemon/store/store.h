@@ -21,7 +21,7 @@
 
 struct sqlite3;
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct Event {
   std::string time;    ///< ISO 8601, UTC
@@ -148,4 +148,4 @@ class Store {
 /// "2026-01-31T12:00:00.000Z"
 [[nodiscard]] std::string iso_time(std::int64_t wall_ns);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

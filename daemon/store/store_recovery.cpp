@@ -12,7 +12,7 @@
 #include "daemon/store/store_statement.h"
 #include "drivers/file_handle.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr std::string_view kMagic("SQLite format 3\0", 16);
@@ -146,4 +146,4 @@ void Store::complete_copies() const {
   }
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 
 #include "daemon/store/store.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// A statement that is finalised when it goes out of scope.
 class Store::Statement {
@@ -69,4 +69,4 @@ class Store::Transaction {
   bool committed_ = false;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

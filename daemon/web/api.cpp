@@ -16,7 +16,7 @@
 #include "drivers/text.h"
 #include "identification/model/model_file.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using nlohmann::json;
@@ -294,4 +294,4 @@ HttpResponse Api::arm(bool wanted) {
   return offsets();
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

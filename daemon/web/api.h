@@ -16,7 +16,7 @@
 #include "daemon/web/http_message.h"
 #include "daemon/web/metrics.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// What the endpoints answer from.
 struct ApiSources {
@@ -54,4 +54,4 @@ class Api {
   ApiSources sources_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -1,6 +1,6 @@
 #include "daemon/web/event_stream.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 void EventStream::add(std::string_view event, std::string_view json, std::int64_t now_ns) {
   std::string message = "event: ";
@@ -11,4 +11,4 @@ void EventStream::add(std::string_view event, std::string_view json, std::int64_
   ++first_;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -10,7 +10,7 @@
 #include <string>
 #include <string_view>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class EventStream {
  public:
@@ -45,4 +45,4 @@ class EventStream {
   std::deque<Message> messages_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

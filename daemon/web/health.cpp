@@ -4,7 +4,7 @@
 
 #include "diagnosis/text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 void Health::on_turns(std::optional<std::uint64_t> turns, std::int64_t now_ns) {
   if (turns && turns == turns_) return;
@@ -33,4 +33,4 @@ std::vector<std::string> Health::problems(std::int64_t now_ns) {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -11,7 +11,7 @@
 
 #include "daemon/store/store.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class Health {
  public:
@@ -35,4 +35,4 @@ class Health {
   std::string store_problem_, recording_problem_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 #include <cctype>
 #include <nlohmann/json.hpp>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// "host:8402", "[::1]:8402" without the port and the brackets.
@@ -46,4 +46,4 @@ bool is_for(const std::string& host, const std::vector<std::string>& names) {
   return is_number(name) || std::find(names.begin(), names.end(), name) != names.end();
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct HttpRequest {
   std::string method;  ///< GET, HEAD or POST
@@ -32,4 +32,4 @@ struct HttpResponse {
 [[nodiscard]] bool is_for(const std::string& host, const std::vector<std::string>& names);
 [[nodiscard]] std::string in_lower_case(std::string text);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

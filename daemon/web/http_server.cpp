@@ -13,7 +13,7 @@
 
 #include "daemon/between/clock.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 // A little more than a batch of 8000 points a second; what is longer goes in parts.
@@ -268,4 +268,4 @@ std::int64_t HttpServer::read_stream(Reader& reader, char* to, std::size_t room)
   return static_cast<std::int64_t>(written);
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -24,7 +24,7 @@
 struct MHD_Connection;
 struct MHD_Daemon;
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// One line; what to do is in it where that is known.
 struct CannotListen : std::runtime_error {
@@ -83,4 +83,4 @@ class HttpServer {
   MHD_Daemon* daemon_ = nullptr;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

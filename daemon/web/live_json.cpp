@@ -7,7 +7,7 @@
 
 #include "daemon/publish/status_figures.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using nlohmann::json;
@@ -160,4 +160,4 @@ std::string batch_json(const LiveBatch& batch) {
   return out + "]}";
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

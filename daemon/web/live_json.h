@@ -11,7 +11,7 @@
 #include "daemon/record/residual_watch.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// `machine` without axes: not known yet; `alarms` one per axis.
 [[nodiscard]] nlohmann::json status_json(const LiveStatus& live, const MachineDescription& machine,
@@ -28,4 +28,4 @@ namespace servotwin {
 [[nodiscard]] const char* state_name(DaemonState state) noexcept;
 [[nodiscard]] const char* state_name(AxisState state) noexcept;
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

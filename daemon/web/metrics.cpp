@@ -9,7 +9,7 @@
 #include "daemon/publish/status_figures.h"
 #include "daemon/web/live_json.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr int kFirstOctave = 10, kLastOctave = 30;  // 2^10 ns: 1.024 us, 2^30 ns: 1.07 s
@@ -189,4 +189,4 @@ std::string metrics_text(const MetricsInput& input) {
   return text.take();
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -13,7 +13,7 @@
 #include "daemon/record/residual_watch.h"
 #include "drivers/messages.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct MetricsInput {
   std::string machine, version;
@@ -32,4 +32,4 @@ struct MetricsInput {
 
 [[nodiscard]] std::string metrics_text(const MetricsInput& input);
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -5,7 +5,7 @@
 #include <span>
 #include <string_view>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct PageFile {
   std::string_view path;  ///< as it is asked for: "/", "/main.js"
@@ -16,4 +16,4 @@ struct PageFile {
 
 [[nodiscard]] std::span<const PageFile> page_files() noexcept;
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 #include "daemon/loop/scheduling.h"
 #include "daemon/web/live_json.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr int kTurn_ms = 20;  // as often as the page can be told something new
@@ -157,4 +157,4 @@ MetricsInput WebService::now() {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -21,7 +21,7 @@
 #include "daemon/web/health.h"
 #include "daemon/web/http_server.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class WebService {
  public:
@@ -82,4 +82,4 @@ class WebService {
   std::jthread thread_;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

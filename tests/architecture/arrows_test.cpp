@@ -2,7 +2,6 @@
 // files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -11,6 +10,8 @@
 #include <set>
 #include <string>
 #include <vector>
+
+#include "tests/support/temporary_directory.h"
 
 namespace servotwin {
 namespace {
@@ -207,22 +208,13 @@ TEST(Architecture, EveryInnerRoomOfADividedRoomHasAFloor) {
 class Planted {
  public:
   Planted(const std::string& file, const std::string& text) {
-    std::string name = (fs::temp_directory_path() / "servotwin-arrows-XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary directory");
-    root_ = name;
-    fs::create_directories((root_ / file).parent_path());
-    std::ofstream(root_ / file) << text;
+    fs::create_directories((root_.path() / file).parent_path());
+    std::ofstream(root_.path() / file) << text;
   }
-  Planted(const Planted&) = delete;
-  Planted& operator=(const Planted&) = delete;
-  ~Planted() {
-    std::error_code ignored;
-    fs::remove_all(root_, ignored);
-  }
-  [[nodiscard]] std::vector<std::string> found() const { return violations(root_); }
+  [[nodiscard]] std::vector<std::string> found() const { return violations(root_.path()); }
 
  private:
-  fs::path root_;
+  test::TemporaryDirectory root_;
 };
 
 TEST(Architecture, AWrongIncludeIsFoundWithItsPlace) {

@@ -75,17 +75,17 @@ nlohmann::json run(const std::string& map_file, double seconds, const std::strin
     bus = std::make_unique<SocketCan>(place);
   }
   Machine machine(map);
-  const std::string refused_priority = become_real_time(kPriority);
+  const std::string refused_priority = daemon::become_real_time(kPriority);
   const auto cycle_ns = std::llround(1e9 * map.machine.cycle_s);
   const auto cycles = std::llround(seconds / map.machine.cycle_s);
   std::uint64_t frames = 0, sent = 0, late = 0;
   std::int64_t latest_ns = 0;
-  const std::int64_t begin = steady_ns() + cycle_ns;
+  const std::int64_t begin = daemon::steady_ns() + cycle_ns;
   for (std::int64_t k = 0; k < cycles; ++k) {
     const std::vector<CanFrame>& batch = machine.cycle(k);
     const std::int64_t due = begin + k * cycle_ns;
     sleep_until(due);
-    const std::int64_t behind = steady_ns() - due;
+    const std::int64_t behind = daemon::steady_ns() - due;
     late += behind > cycle_ns / 2;
     latest_ns = std::max(latest_ns, behind);
     frames += batch.size();

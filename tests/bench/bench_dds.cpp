@@ -52,12 +52,12 @@ bool is_rotary(int axis) { return axis >= 3; }
 std::string axis_name(int axis) { return "A" + std::to_string(axis + 1); }
 
 void prepare(const char* directory, const Load& load) {
-  Store store(directory, kMachine);
+  daemon::Store store(directory, kMachine);
   for (int axis = 0; axis < load.axes; ++axis) {
     ModelRecord record;
     record.axis = axis_name(axis);
     record.rotary = is_rotary(axis);
-    record.created = iso_time(wall_ns());
+    record.created = daemon::iso_time(daemon::wall_ns());
     record.model = bench::production_model();
     record.model.sample_time_s = 1.0 / load.hz;
     record.method = "pole-search";
@@ -176,7 +176,7 @@ class Predictions {
     void* loan[1] = {nullptr};
     dds_sample_info_t info;
     while (dds_take(reader, loan, &info, 1, 1) == 1) {
-      const std::int64_t now_ns = steady_ns();
+      const std::int64_t now_ns = daemon::steady_ns();
       const auto& prediction = *static_cast<const servotwin_msgs_Prediction*>(loan[0]);
       if (info.valid_data && prediction.sequence_number < trips_.size()) {
         RoundTrip& trip = trips_[prediction.sequence_number];
@@ -213,7 +213,7 @@ Sent send_frames(const DdsNode& node, DdsWriter<MachineFrame>& out, const Load& 
   frame->axis_count = load.axes;
   frame->ahead_count = load.ahead;
   const std::int64_t warm_up = kWarmUp_s * load.hz;
-  const std::int64_t start_ns = steady_ns() + 10'000'000;
+  const std::int64_t start_ns = daemon::steady_ns() + 10'000'000;
   for (std::int64_t cycle = 0; cycle < std::ssize(trips); ++cycle) {
     if (cycle == warm_up / 2) {
       sent.frame_bytes = (*probes)[0].bytes();
@@ -231,7 +231,7 @@ Sent send_frames(const DdsNode& node, DdsWriter<MachineFrame>& out, const Load& 
     const std::int64_t due_ns = start_ns + load.at_ns(cycle);
     sleep_until(due_ns);
     RoundTrip& trip = trips[static_cast<std::size_t>(cycle)];
-    trip.sent_ns = steady_ns();
+    trip.sent_ns = daemon::steady_ns();
     if (cycle >= warm_up && trip.sent_ns - due_ns > load.at_ns(1)) ++sent.late;
     out.write(*frame);
   }

@@ -65,21 +65,21 @@ struct LateWake {
 };
 
 /// A record that repeats, on a timer.
-class TimedSource final : public FrameSource {
+class TimedSource final : public daemon::FrameSource {
  public:
   TimedSource(const Segment& record, double seconds, double hz)
       : record_(record), cycles_(static_cast<std::uint64_t>(seconds * hz)), hz_(hz) {}
 
-  Received receive(MachineFrame& frame, double) noexcept override {
-    if (next_ == cycles_) return Received::kEnd;
-    if (next_ == 0) start_ns_ = steady_ns();
+  daemon::Received receive(MachineFrame& frame, double) noexcept override {
+    if (next_ == cycles_) return daemon::Received::kEnd;
+    if (next_ == 0) start_ns_ = daemon::steady_ns();
     due_ns_ = start_ns_ + std::llround(1e9 * static_cast<double>(next_) / hz_);
     const timespec until{static_cast<time_t>(due_ns_ / 1'000'000'000),
                          static_cast<long>(due_ns_ % 1'000'000'000)};
     const std::int64_t waited_before = delay_.ns();
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) != 0) {
     }
-    const std::int64_t late_ns = steady_ns() - due_ns_;
+    const std::int64_t late_ns = daemon::steady_ns() - due_ns_;
     if (late_ns > 1'000'000) late_.push_back({late_ns, delay_.ns() - waited_before});
     const auto size = static_cast<std::uint64_t>(record_.command.size());
     const auto at = static_cast<Eigen::Index>(next_ % size);
@@ -88,9 +88,11 @@ class TimedSource final : public FrameSource {
     frame.axis_count = 1;
     frame.axes[0] = {record_.command(at), record_.actual(at), kAbsent};
     ++next_;
-    return Received::kFrame;
+    return daemon::Received::kFrame;
   }
-  [[nodiscard]] std::int64_t age_ns() const noexcept override { return steady_ns() - due_ns_; }
+  [[nodiscard]] std::int64_t age_ns() const noexcept override {
+    return daemon::steady_ns() - due_ns_;
+  }
   [[nodiscard]] const std::vector<LateWake>& late() const { return late_; }
 
  private:
@@ -102,7 +104,7 @@ class TimedSource final : public FrameSource {
   std::int64_t start_ns_ = 0, due_ns_ = 0;
 };
 
-void print(const char* what, const Histogram& histogram) {
+void print(const char* what, const daemon::Histogram& histogram) {
   std::printf("  %-5s", what);
   for (const double q : {0.5, 0.99, 0.999, 0.9999})
     std::printf("  p%-6g %8.1f us", 100.0 * q, 1e6 * histogram.quantile_s(q));
@@ -129,28 +131,29 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
   const std::filesystem::path place =
       std::filesystem::temp_directory_path() / ("bench_real_time-" + std::to_string(getpid()));
   {
-    Store store(place, "bench");
+    daemon::Store store(place, "bench");
     std::ostringstream said;
-    EventLog events(store, said);
-    std::vector<LatestValue<TwinInForce>> models(1);
-    Ring<MachinePrediction> predictions(256);
-    Ring<CycleRow> rows(8192);
-    WakeUp predicted;
-    MotionMemory memory(machine, 120.0);
-    DiagnoseConfig diagnose;
+    daemon::EventLog events(store, said);
+    std::vector<daemon::LatestValue<daemon::TwinInForce>> models(1);
+    daemon::Ring<MachinePrediction> predictions(256);
+    daemon::Ring<daemon::CycleRow> rows(8192);
+    daemon::WakeUp predicted;
+    daemon::MotionMemory memory(machine, 120.0);
+    daemon::DiagnoseConfig diagnose;
     diagnose.every_s = 1.0;  // always due: it never rests
     diagnose.record_s = 10.0;
-    ResidualWatch watch(machine, diagnose, events);
-    Recorder recorder(machine, "bench", place, {.budget_mb = 100.0}, rows, memory, watch, events);
-    IdentifyConfig identify;
+    daemon::ResidualWatch watch(machine, diagnose, events);
+    daemon::Recorder recorder(machine, "bench", place, {.budget_mb = 100.0}, rows, memory, watch,
+                              events);
+    daemon::IdentifyConfig identify;
     identify.window_s = 2.0;
-    IdentificationWorker identification(machine, identify, memory, store, events, models,
-                                        [](const StoredModel&) {});
-    DiagnosisWorker diagnosis(machine, diagnose, identify, memory, watch, store, events,
-                              [](const StoredDiagnosis&) {});
-    const auto loop =
-        std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows, predicted);
-    (void)lock_memory();
+    daemon::IdentificationWorker identification(machine, identify, memory, store, events, models,
+                                                [](const daemon::StoredModel&) {});
+    daemon::DiagnosisWorker diagnosis(machine, diagnose, identify, memory, watch, store, events,
+                                      [](const daemon::StoredDiagnosis&) {});
+    const auto loop = std::make_unique<daemon::RealTimeLoop>(machine.cycle_s, models, predictions,
+                                                             rows, predicted);
+    (void)daemon::lock_memory();
 
     std::stop_source stop;
     diagnosis.give_up_with(stop.get_token());
@@ -166,20 +169,20 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
     });
     if (background) {
       workers.emplace_back([&] {
-        (void)become_idle();
+        (void)daemon::become_idle();
         identification.run(stop.get_token());
       });
       workers.emplace_back([&] {
-        (void)become_idle();
+        (void)daemon::become_idle();
         diagnosis.run(stop.get_token());
       });
     }
     std::string refused;
     std::vector<LateWake> late;
     std::thread real_time([&] {
-      if (cpu >= 0) refused = keep_to({cpu});
-      if (const std::string why = become_real_time(80); !why.empty()) refused = why;
-      prefault_stack();
+      if (cpu >= 0) refused = daemon::keep_to({cpu});
+      if (const std::string why = daemon::become_real_time(80); !why.empty()) refused = why;
+      daemon::prefault_stack();
       TimedSource source(record, seconds, hz);
       const std::atomic<bool> never{false};
       loop->run(source, never);
@@ -188,11 +191,11 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
     real_time.join();
     stop.request_stop();
     // As the daemon does when it ends: what is idle beside stress-ng would not end in minutes.
-    for (std::thread& worker : workers) hasten(worker.native_handle());
+    for (std::thread& worker : workers) daemon::hasten(worker.native_handle());
     for (std::thread& worker : workers) worker.join();
-    const LoopCounters& counters = loop->counters();
+    const daemon::LoopCounters& counters = loop->counters();
     std::size_t steps = 0, diagnoses = 0;
-    for (const Event& event : store.events(100'000)) {
+    for (const daemon::Event& event : store.events(100'000)) {
       steps += event.kind == "identification_step" ? 1U : 0U;
       diagnoses += event.kind == "diagnosis_begun" ? 1U : 0U;
     }

@@ -222,7 +222,7 @@ LearnAxis learner(const ModelRecord& record, const ArrayXd& command, bool basis)
   Segment path;
   path.sample_time_s = kCycle_s;
   path.command = command;
-  LearnAxis axis = robust_axis(record, path, {}).learning;
+  LearnAxis axis = daemon::robust_axis(record, path, {}).learning;
   if (!basis) axis.basis_bandwidth_hz = 0.0;
   return axis;
 }

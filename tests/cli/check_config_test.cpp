@@ -66,9 +66,10 @@ TEST(CheckConfig, AStoreWhereNothingCanBeMadeAndProcessorsThatAreNotThereAreSaid
 
 TEST(CheckConfig, AStoreAndAnAddressThatAreTakenAreNoted) {
   const Folder folder;
-  const HttpServer server({"127.0.0.1", 0, false}, {},
-                          [](const HttpRequest&) { return HttpResponse{}; });
-  const Store store(folder / "store", "mill");
+  const daemon::HttpServer server({"127.0.0.1", 0, false}, {}, [](const daemon::HttpRequest&) {
+    return daemon::HttpResponse{};
+  });
+  const daemon::Store store(folder / "store", "mill");
   const std::string address = server.address().text();
   const Answer answer = servotwin_says(
       {"check-config", folder.write("m.toml", "[store]\ndirectory = '" + folder / "store" +

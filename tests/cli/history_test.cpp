@@ -16,7 +16,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 
 /// Backlash that has grown from day to day.
-void keep(Store& store, int day, double width_m) {
+void keep(daemon::Store& store, int day, double width_m) {
   const json diagnosis{
       {"schema", "servotwin.diagnosis/1"},
       {"baseline", {{"rms_m", 2e-6}}},
@@ -30,7 +30,7 @@ void keep(Store& store, int day, double width_m) {
 
 TEST(History, IsALinePerDiagnosisTheNewestLastBesideTheDaemon) {
   const Folder folder;
-  Store store(folder / "store", "mill-7");
+  daemon::Store store(folder / "store", "mill-7");
   for (int day = 1; day <= 3; ++day) keep(store, day, day * 1e-6);
   const std::vector<std::string> asked{
       "history", "--store", folder / "store", "--machine", "mill-7", "--axis", "X", "--last", "2"};
@@ -54,7 +54,7 @@ TEST(History, IsALinePerDiagnosisTheNewestLastBesideTheDaemon) {
 
 TEST(History, WhatIsSuspectedAndWhatCannotShowIsThere) {
   const Folder folder;
-  Store store(folder / "store", "mill-7");
+  daemon::Store store(folder / "store", "mill-7");
   const json diagnosis{
       {"schema", "servotwin.diagnosis/1"},
       {"baseline", {{"rms_m", 2e-6}}},
@@ -87,10 +87,10 @@ TEST(History, WhatIsNotThereIsSaidAndNothingIsMade) {
     EXPECT_EQ(told.complaints().size(), 1U) << told;
     return told.err;
   };
-  { Store store(folder / "store", "mill-7"); }
+  { daemon::Store store(folder / "store", "mill-7"); }
   EXPECT_THAT(asked("mill-7", "X"), HasSubstr("no model and no diagnosis of any machine yet"));
   {
-    Store store(folder / "store", "mill-7");
+    daemon::Store store(folder / "store", "mill-7");
     keep(store, 1, 1e-6);
     ModelRecord y = known_axis("Y");
     store.promote(y, {"2026-01-01T12:00:00.000Z", "Y", "model_promoted", "first", ""});
@@ -102,7 +102,7 @@ TEST(History, WhatIsNotThereIsSaidAndNothingIsMade) {
 
 TEST(History, TheModelOfADiagnosisIsThereAndWhatOnlyTheTorqueShowsIsMarked) {
   const Folder folder;
-  Store store(folder / "store", "mill-7");
+  daemon::Store store(folder / "store", "mill-7");
   const json diagnosis = json::parse(
       R"({"baseline": {"rms_m": 2e-6}, "extended": {"rms_m": 2e-6}, "causes": [
           {"id": "cogging", "parameters": {"period_m": 0.01}, "gain": {"holdout_rms_before_m": null, "holdout_rms_before_Nm": 0.1}},

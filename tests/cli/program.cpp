@@ -27,25 +27,14 @@ std::ostream& operator<<(std::ostream& out, const Answer& answer) {
              << answer.err;
 }
 
-Folder::Folder() {
-  std::string name = (std::filesystem::temp_directory_path() / "servotwin-cli-XXXXXX").string();
-  if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error("cannot make " + name);
-  path_ = name;
-}
-
-Folder::~Folder() {
-  std::error_code ignored;
-  std::filesystem::remove_all(path_, ignored);
-}
-
 std::string Folder::write(const std::string& name, const std::string& content) const {
-  std::ofstream(path_ / name, std::ios::binary) << content;
+  std::ofstream(path() / name, std::ios::binary) << content;
   return *this / name;
 }
 
 std::vector<std::string> Folder::list() const {
   std::vector<std::string> names;
-  for (const auto& entry : std::filesystem::directory_iterator(path_))
+  for (const auto& entry : std::filesystem::directory_iterator(path()))
     names.push_back(entry.path().filename().string());
   std::sort(names.begin(), names.end());
   return names;

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/temporary_directory.h"
+
 namespace servotwin {
 
 struct Answer {
@@ -20,23 +22,15 @@ struct Answer {
 std::ostream& operator<<(std::ostream& out, const Answer& answer);
 
 /// A folder of its own for one test, gone with it.
-class Folder {
+class Folder : public test::TemporaryDirectory {
  public:
-  Folder();
-  ~Folder();
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-
   [[nodiscard]] std::string operator/(const std::string& name) const {
-    return (path_ / name).string();
+    return (path() / name).string();
   }
   /// Writes a file and gives its name.
   std::string write(const std::string& name, const std::string& content) const;
   /// The names of what is in it, sorted.
   [[nodiscard]] std::vector<std::string> list() const;
-
- private:
-  std::filesystem::path path_;
 };
 
 [[nodiscard]] std::string content_of(const std::string& file);

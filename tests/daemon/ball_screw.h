@@ -4,7 +4,7 @@
 #include "tests/virtual_machine/axis.h"
 #include "tests/virtual_machine/program.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// Moves to random targets, read every 1 ms with a resolution of 0.1 um.
 inline virtual_machine::AxisRecord ball_screw_record(double seconds) {
@@ -21,4 +21,4 @@ inline virtual_machine::AxisRecord ball_screw_record(double seconds) {
   return virtual_machine::record(axis, virtual_machine::moves(mix, 20));
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

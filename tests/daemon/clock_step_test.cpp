@@ -18,7 +18,7 @@
 #include "tests/daemon/support.h"
 #include "tests/support/process.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using test::built;
@@ -144,4 +144,4 @@ INSTANTIATE_TEST_SUITE_P(Source, ClockStep, testing::Values("dds", "udp"),
                          [](const auto& each) { return std::string(each.param); });
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 #include <cerrno>
 #include <cstddef>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// A disk that is full: SQLite's own system calls give what the kernel gives then.
 class FullDisk {
@@ -42,4 +42,4 @@ class FullDisk {
   }
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

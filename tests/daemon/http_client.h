@@ -12,7 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct HttpAnswer {
   int status = 0;
@@ -101,4 +101,4 @@ inline HttpAnswer ask(std::uint16_t port, const std::string& method, const std::
   return answer;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

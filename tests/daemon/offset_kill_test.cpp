@@ -2,7 +2,7 @@
 
 #include "drivers/can_udp.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using test::OffsetKill;
@@ -21,4 +21,4 @@ TEST_F(OffsetKill, ADriveRampsOutWhatADaemonThatWasKilledHasLeft) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -23,7 +23,7 @@
 #include "tests/daemon/support.h"
 #include "tests/support/process.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -398,4 +398,4 @@ TEST_F(ServotwindTest, TheLastDiagnosisIsThereForWhoComesLateAfterARestart) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

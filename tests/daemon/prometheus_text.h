@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct PrometheusSample {
   std::string name;
@@ -114,4 +114,4 @@ inline std::map<std::string, PrometheusFamily> read_prometheus(const std::string
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -21,7 +21,7 @@
 #include "tests/daemon/support.h"
 #include "twin/twin.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -415,4 +415,4 @@ TEST(ThreadTable, NamesEveryThreadThatIsStarted) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -12,7 +12,7 @@
 #include <stdexcept>
 #include <string>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 class StalledThread {
  public:
@@ -46,4 +46,4 @@ class StalledThread {
   int thread_ = -1;
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

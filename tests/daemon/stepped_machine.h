@@ -11,7 +11,7 @@
 #include "tests/virtual_machine/body.h"
 #include "tests/virtual_machine/program.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// A ball-screw axis with saturated Coulomb friction, 110 N.
 inline virtual_machine::Axis stepped_axis() {
@@ -97,4 +97,4 @@ inline std::array<Eigen::ArrayXd, 2> circle_program() {
   return out;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

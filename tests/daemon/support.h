@@ -3,7 +3,6 @@
 
 #include <gtest/gtest.h>
 #include <sqlite3.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <cstdlib>
@@ -15,9 +14,10 @@
 
 #include "drivers/messages.h"
 #include "identification/model/model_file.h"
+#include "tests/support/temporary_directory.h"
 #include "twin/model.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 inline constexpr double kCycle_s = 1e-3;
 
@@ -60,25 +60,7 @@ inline MachineDescription one_axis(const std::string& name = "X") {
   return {kCycle_s, {{name, false, ""}}};
 }
 
-/// A directory that is gone with the test.
-class TemporaryDirectory {
- public:
-  TemporaryDirectory() {
-    std::string name = (std::filesystem::temp_directory_path() / "servotwin-test-XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary directory");
-    path_ = name;
-  }
-  TemporaryDirectory(const TemporaryDirectory&) = delete;
-  TemporaryDirectory& operator=(const TemporaryDirectory&) = delete;
-  ~TemporaryDirectory() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
+using test::TemporaryDirectory;
 
 /// The message that `action` throws; fails the test if it throws none.
 template <class Action>
@@ -101,4 +83,4 @@ inline void spoil(const std::filesystem::path& store, const std::string& sql) {
   sqlite3_close(database);
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

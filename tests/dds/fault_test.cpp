@@ -46,7 +46,7 @@ class Faults : public testing::Test {
   }
 
   DdsPlace place_ = place_of("faults");
-  Home home_{place_, drive()};
+  Home home_{place_, daemon::drive()};
   DdsNode node_{place_};
   DdsWriter<MachineFrame> frames_{node_};
   DdsReader<MachinePrediction> predictions_{node_};

@@ -12,8 +12,8 @@ namespace {
 
 TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
   const DdsPlace place = place_of("standby");
-  const Home strong_home(place, drive(), 10, "of the strong one"),
-      weak_home(place, drive(), 1, "of the standby");
+  const Home strong_home(place, daemon::drive(), 10, "of the strong one"),
+      weak_home(place, daemon::drive(), 1, "of the standby");
   const DdsNode node(place);
   DdsWriter<MachineFrame> frames(node);
   DdsReader<MachinePrediction> predictions(node);
@@ -33,7 +33,7 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
       EXPECT_TRUE(first || seen->second == predictions.writer())
           << "cycle " << prediction.sequence << " from two daemons";
       ++heard[predictions.writer()];
-      const std::int64_t now_ns = steady_ns();
+      const std::int64_t now_ns = daemon::steady_ns();
       if (last_ns != 0) longest_ns = std::max(longest_ns, now_ns - last_ns);
       last_ns = now_ns;
     }

@@ -32,7 +32,8 @@ class Network : public testing::Test {
     for (int k = 0; k < kRows; ++k) {
       char line[100];
       const double command = command_of(static_cast<std::uint64_t>(k));
-      std::snprintf(line, sizeof line, "%.3f,%.9f,%.9f\n", k * kCycle_s, command, command - 1e-6);
+      std::snprintf(line, sizeof line, "%.3f,%.9f,%.9f\n", k * daemon::kCycle_s, command,
+                    command - 1e-6);
       table << line;
     }
   }
@@ -69,7 +70,7 @@ class Network : public testing::Test {
        "<Peer address=\"10.77.0.2\"/></Peers></Discovery>"}};
   TemporaryDirectory folder_;
   DdsPlace place_ = place_of("network");
-  Home home_{place_, drive()};
+  Home home_{place_, daemon::drive()};
 };
 
 std::vector<std::uint64_t> cycles_in(const std::string& said) {

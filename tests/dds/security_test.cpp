@@ -24,7 +24,7 @@ class Security : public testing::Test {
     table << "time[s],X.command[m],X.actual[m]\n";
     for (int k = 0; k < kRows; ++k) {
       char line[100];
-      std::snprintf(line, sizeof line, "%.3f,%.9f,%.9f\n", k * kCycle_s,
+      std::snprintf(line, sizeof line, "%.3f,%.9f,%.9f\n", k * daemon::kCycle_s,
                     command_of(static_cast<std::uint64_t>(k)),
                     command_of(static_cast<std::uint64_t>(k)) - 1e-6);
       table << line;
@@ -47,7 +47,7 @@ class Security : public testing::Test {
   static constexpr int kRows = 3000;
   TemporaryDirectory folder_;
   DdsPlace place_ = place_of("secure");
-  Home home_{place_, drive()};
+  Home home_{place_, daemon::drive()};
 };
 
 TEST_F(Security, AStrangerNeitherReadsPredictionsNorWritesFrames) {

@@ -14,7 +14,7 @@ using testing::Not;
 
 /// What the twin alone says of cycle k.
 double predicted(std::uint64_t k) {
-  Twin twin(drive());
+  Twin twin(daemon::drive());
   twin.start(command_of(0));
   double error = command_of(0) - twin.position();
   for (std::uint64_t i = 1; i <= k; ++i) error = twin.follow(command_of(i));
@@ -33,7 +33,7 @@ class Subscriber : public testing::TestWithParam<std::pair<const char*, const ch
 TEST_P(Subscriber, PrintsThePredictionsAndSaysThatTheDaemonIsGoneAndBack) {
   const auto& [program, axis] = GetParam();
   const DdsPlace place = place_of("subscriber");
-  const Home home(place, drive());
+  const Home home(place, daemon::drive());
   const DdsNode node(place);
   DdsWriter<MachineFrame> frames(node);
   DdsReader<MachineStatus> statuses(node);
@@ -80,7 +80,7 @@ TEST_P(Subscriber, PrintsThePredictionsAndSaysThatTheDaemonIsGoneAndBack) {
 
 TEST_P(Subscriber, GivesARotaryAxisInItsUnit) {
   const DdsPlace place = place_of("rotary");
-  TemporaryDirectory directory;
+  daemon::TemporaryDirectory directory;
   std::ofstream(directory.path() / "m.toml")
       << "[machine]\nname = '" << place.machine << "'\ncycle_s = 0.001\n[[axis]]\nname = 'X'\n"
       << "[[axis]]\nname = 'C'\nunits = 'rad'\n[dds]\ndomain = " << place.domain
@@ -123,7 +123,7 @@ INSTANTIATE_TEST_SUITE_P(, Subscriber,
 
 TEST(Silence, OfTheMachineIsToldOnceAndItsEndWithItsLength) {
   const DdsPlace place = place_of("silence");
-  const Home home(place, drive());
+  const Home home(place, daemon::drive());
   const DdsNode node(place);
   DdsReader<MachineStatus> statuses(node);
   DdsReader<MachinePrediction> predictions(node);

@@ -27,7 +27,9 @@ inline void run(const std::string& command) {
 }
 
 /// The command that cycle k of axis X has, and the frame of it.
-inline double command_of(std::uint64_t k) { return command_at(static_cast<double>(k) * kCycle_s); }
+inline double command_of(std::uint64_t k) {
+  return daemon::command_at(static_cast<double>(k) * daemon::kCycle_s);
+}
 
 inline MachineFrame frame_of(std::uint64_t k) {
   MachineFrame frame;
@@ -44,8 +46,8 @@ class Home {
  public:
   Home(const DdsPlace& place, const Model& model, int strength = 0,
        const std::string& reason = "for this test") {
-    Store store(directory_.path() / "store", place.machine);
-    ModelRecord record = record_of(model);
+    daemon::Store store(directory_.path() / "store", place.machine);
+    ModelRecord record = daemon::record_of(model);
     store.promote(record, {"2026-01-31T12:00:00.000Z", "X", "model_promoted", reason, ""});
     std::ofstream(directory_.path() / "m.toml")
         << "[machine]\nname = '" << place.machine << "'\ncycle_s = 0.001\n[[axis]]\nname = 'X'\n"

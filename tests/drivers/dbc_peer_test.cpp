@@ -1,7 +1,6 @@
 // The DBC reader against a peer that shares no code with it: canmatrix decodes the same frames by
 // the same files, and every signal is in the same frames with the same bits and the same value.
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <cstdio>
@@ -16,6 +15,7 @@
 #include <vector>
 
 #include "drivers/dbc.h"
+#include "tests/support/temporary_directory.h"
 
 namespace servotwin {
 namespace {
@@ -30,25 +30,6 @@ using Values = std::map<std::pair<std::size_t, std::string>, Value>;
 struct Frame {
   std::size_t message = 0;
   std::vector<std::uint8_t> data;
-};
-
-class Folder {
- public:
-  Folder() {
-    std::string name = (std::filesystem::temp_directory_path() / "servotwin-dbc-XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary directory");
-    path_ = name;
-  }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  ~Folder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] std::filesystem::path operator/(const char* name) const { return path_ / name; }
-
- private:
-  std::filesystem::path path_;
 };
 
 /// The bits as a whole number, or as a float in hex.
@@ -79,7 +60,8 @@ Values ours(const Dbc& dbc, const std::vector<Frame>& frames) {
   return values;
 }
 
-Values of_the_peer(const Folder& folder, const Dbc& dbc, const std::vector<Frame>& frames) {
+Values of_the_peer(const std::filesystem::path& folder, const Dbc& dbc,
+                   const std::vector<Frame>& frames) {
   {
     std::ofstream out(folder / "frames");
     for (const Frame& frame : frames) {
@@ -113,7 +95,8 @@ Values of_the_peer(const Folder& folder, const Dbc& dbc, const std::vector<Frame
 
 /// `frames` random frames of each message, by both.
 void compare(const std::string& text, int frames, std::uint64_t seed) {
-  const Folder folder;
+  const test::TemporaryDirectory place;
+  const std::filesystem::path& folder = place.path();
   std::ofstream(folder / "m.dbc") << text;
   const Dbc dbc = read_dbc(folder / "m.dbc");
   std::mt19937_64 rng{seed};

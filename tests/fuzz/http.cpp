@@ -4,10 +4,10 @@
 //
 // Sources: daemon/web/api.cpp daemon/web/health.cpp daemon/web/http_message.cpp
 // Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/store/report_file.cpp
-// daemon/store/store.cpp Sources: daemon/store/event_log.cpp daemon/store/journal.cpp
-// daemon/publish/status_figures.cpp Sources: drivers/file_handle.cpp drivers/text.cpp
-// identification/model/model_file.cpp Sources: twin/hold.cpp twin/loop.cpp twin/low_pass.cpp
-// twin/model.cpp twin/twin.cpp
+// Sources: daemon/store/store.cpp daemon/store/store_recovery.cpp daemon/store/event_log.cpp
+// Sources: daemon/store/journal.cpp daemon/publish/status_figures.cpp drivers/file_handle.cpp
+// Sources: drivers/text.cpp identification/model/model_file.cpp twin/hold.cpp twin/loop.cpp
+// Sources: twin/low_pass.cpp twin/model.cpp twin/twin.cpp
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -15,6 +15,7 @@
 
 #include "daemon/web/api.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/support/temporary_directory.h"
 
 namespace {
 
@@ -27,34 +28,27 @@ const std::vector<std::string> kNames{"localhost", "mill"};
 class Service {
  public:
   Service() {
-    store.add(Event{"2026-01-31T12:00:00.000Z", "X", "noted", "an event", R"({"a":[1,2]})"});
+    store.add(
+        daemon::Event{"2026-01-31T12:00:00.000Z", "X", "noted", "an event", R"({"a":[1,2]})"});
   }
-  ~Service() { std::filesystem::remove_all(directory); }
-  Service(const Service&) = delete;
-  Service& operator=(const Service&) = delete;
-
-  std::filesystem::path directory = [] {
-    std::string name = (std::filesystem::temp_directory_path() / "servotwin-fuzz-XXXXXX").string();
-    fuzz::require(mkdtemp(name.data()) != nullptr);
-    return std::filesystem::path(name);
-  }();
-  Store store{directory, "mill"};
-  Health health{store};
+  test::TemporaryDirectory directory;
+  daemon::Store store{directory.path(), "mill"};
+  daemon::Health health{store};
   int asked = 0;
-  Api api{{"mill", kToken, store, health,
-           [] {
-             MetricsInput now;
-             now.machine = "mill";
-             now.version = "1";
-             now.description = {0.001, {{"X", false, "Nm"}}};
-             return now;
-           },
-           [this](std::size_t axis) {
-             fuzz::require(axis == 0);
-             ++asked;
-             return true;
-           },
-           [] { return nullptr; }}};
+  daemon::Api api{{"mill", kToken, store, health,
+                   [] {
+                     daemon::MetricsInput now;
+                     now.machine = "mill";
+                     now.version = "1";
+                     now.description = {0.001, {{"X", false, "Nm"}}};
+                     return now;
+                   },
+                   [this](std::size_t axis) {
+                     fuzz::require(axis == 0);
+                     ++asked;
+                     return true;
+                   },
+                   [] { return nullptr; }}};
 };
 
 std::string unescaped(std::string_view text) {
@@ -82,9 +76,9 @@ std::string_view cut(std::string_view& text, char at) {
 }
 
 /// "GET /path?name=value HTTP/1.1", and "Field: value" on every line after it.
-HttpRequest request_of(std::string_view text, std::string& host) {
+daemon::HttpRequest request_of(std::string_view text, std::string& host) {
   std::string_view line = cut(text, '\n');
-  HttpRequest request;
+  daemon::HttpRequest request;
   request.method = cut(line, ' ');
   std::string_view target = cut(line, ' ');
   request.path = unescaped(cut(target, '?'));
@@ -109,11 +103,11 @@ HttpRequest request_of(std::string_view text, std::string& host) {
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static Service service;
   std::string host;
-  const HttpRequest request = request_of(fuzz::text(data, size), host);
+  const daemon::HttpRequest request = request_of(fuzz::text(data, size), host);
 
   // Another host's name is never taken for ours.
-  if (is_for(host, kNames)) {
-    std::string rest = in_lower_case(host);
+  if (daemon::is_for(host, kNames)) {
+    std::string rest = daemon::in_lower_case(host);
     for (const std::string& name : kNames) {
       if (rest.starts_with(name)) rest = rest.substr(name.size());
     }
@@ -122,7 +116,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   }
 
   service.asked = 0;
-  const HttpResponse response = service.api.answer(request);
+  const daemon::HttpResponse response = service.api.answer(request);
   fuzz::require(response.status == 200 || response.status == 202 || response.status == 304 ||
                 (response.status >= 400 && response.status <= 405) || response.status == 409 ||
                 response.status == 503);

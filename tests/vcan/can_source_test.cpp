@@ -24,10 +24,10 @@ using test::frame_of;
 using test::ip;
 using testing::HasSubstr;
 
-std::unique_ptr<CanSource> listening(const CanMap& map) {
+std::unique_ptr<daemon::CanSource> listening(const CanMap& map) {
   std::vector<std::unique_ptr<CanBus>> buses;
   for (const std::string& bus : map.buses) buses.push_back(std::make_unique<SocketCan>(bus));
-  return std::make_unique<CanSource>(map, std::move(buses), Pacing::kByStamp);
+  return std::make_unique<daemon::CanSource>(map, std::move(buses), Pacing::kByStamp);
 }
 
 std::vector<std::string> texts(const std::vector<SourceNews>& news) {
@@ -38,14 +38,14 @@ std::vector<std::string> texts(const std::vector<SourceNews>& news) {
 
 void sleep_until(std::int64_t steady) {
   std::this_thread::sleep_for(
-      std::chrono::nanoseconds(std::max<std::int64_t>(0, steady - steady_ns())));
+      std::chrono::nanoseconds(std::max<std::int64_t>(0, steady - daemon::steady_ns())));
 }
 
 /// Sends `cycles` cycles of a machine: position of axis a in cycle k is k um + a mm.
 void be_machine(const CanMap& map, int cycles, std::size_t silent_axis = 99) {
   SocketCan bus("vcan0");
   CanEncoder encoder(map);
-  const std::int64_t begin = steady_ns();
+  const std::int64_t begin = daemon::steady_ns();
   for (int k = 0; k < cycles; ++k) {
     std::vector<CanFrame> frames{encoder.start()};
     for (std::size_t a = 0; a < map.machine.axes.size(); ++a) {
@@ -75,7 +75,7 @@ TEST(CanSource, ThreeAxesAtFullLoadAreReceivedWithoutLoss) {
   MachineFrame frame;
   int cycles = 0;
   double last = -1.0;
-  while (source->receive(frame, 0.5) == Received::kFrame) {
+  while (source->receive(frame, 0.5) == daemon::Received::kFrame) {
     ++cycles;
     for (std::size_t a = 0; a < 3; ++a) {
       const AxisSample& axis = frame.axes[a];
@@ -99,7 +99,7 @@ TEST(CanSource, ANodeThatIsSilentIsNamedAndTheOthersGoOn) {
   std::thread machine([&] { be_machine(map, 300, 1); });
   MachineFrame frame;
   int good = 0, absent = 0;
-  while (source->receive(frame, 0.5) == Received::kFrame) {
+  while (source->receive(frame, 0.5) == daemon::Received::kFrame) {
     good += std::isfinite(frame.axes[0].command);
     absent += std::isnan(frame.axes[1].command);
   }
@@ -107,7 +107,7 @@ TEST(CanSource, ANodeThatIsSilentIsNamedAndTheOthersGoOn) {
   // A cycle of a busy host may reach its deadline before all has come.
   EXPECT_GE(good, 280);
   EXPECT_GE(absent, 299);
-  const auto news = texts(source->news(steady_ns()));
+  const auto news = texts(source->news(daemon::steady_ns()));
   EXPECT_THAT(news, testing::Contains(testing::AllOf(HasSubstr("0x182"), HasSubstr("axis A2"),
                                                      HasSubstr("fell silent"))));
 }
@@ -118,21 +118,21 @@ TEST(CanSource, TheInterfaceGoesDownAndUp) {
   MachineFrame frame;
   std::thread before([&] { be_machine(map, 50); });
   int cycles = 0;
-  while (source->receive(frame, 0.3) == Received::kFrame) ++cycles;
+  while (source->receive(frame, 0.3) == daemon::Received::kFrame) ++cycles;
   before.join();
   EXPECT_EQ(cycles, 50);
   ip("link set vcan0 down");
-  EXPECT_EQ(source->receive(frame, 0.7), Received::kNothing);
-  EXPECT_THAT(texts(source->news(steady_ns())),
+  EXPECT_EQ(source->receive(frame, 0.7), daemon::Received::kNothing);
+  EXPECT_THAT(texts(source->news(daemon::steady_ns())),
               testing::IsSupersetOf({HasSubstr("went down"), HasSubstr("no cycle begins")}));
   ip("link set vcan0 up");
-  EXPECT_EQ(source->receive(frame, 0.3), Received::kNothing);
+  EXPECT_EQ(source->receive(frame, 0.3), daemon::Received::kNothing);
   std::thread after([&] { be_machine(map, 50); });
   cycles = 0;
-  while (source->receive(frame, 0.3) == Received::kFrame) ++cycles;
+  while (source->receive(frame, 0.3) == daemon::Received::kFrame) ++cycles;
   after.join();
   EXPECT_EQ(cycles, 50);
-  EXPECT_THAT(texts(source->news(steady_ns())),
+  EXPECT_THAT(texts(source->news(daemon::steady_ns())),
               testing::IsSupersetOf({HasSubstr("up again"), HasSubstr("cycles begin again")}));
 }
 
@@ -180,8 +180,8 @@ TEST(CanSource, TheLoopOfControllerDriveAndTwinCloses) {
       frames.push_back(encoder.start());
       bus.send(frames);
       // The next cycle when the drives have answered this one, so that no host is too slow.
-      const std::int64_t patience = steady_ns() + 1'000'000'000;
-      while (cycles <= k && steady_ns() < patience)
+      const std::int64_t patience = daemon::steady_ns() + 1'000'000'000;
+      while (cycles <= k && daemon::steady_ns() < patience)
         std::this_thread::sleep_for(std::chrono::microseconds(100));
     }
   });
@@ -189,7 +189,7 @@ TEST(CanSource, TheLoopOfControllerDriveAndTwinCloses) {
   std::array<Twin, 2> twins{Twin(loop_model()), Twin(loop_model())};
   MachineFrame frame;
   double largest = 0.0;
-  while (source->receive(frame, 2.0) == Received::kFrame) {
+  while (source->receive(frame, 2.0) == daemon::Received::kFrame) {
     for (std::size_t a = 0; a < 2; ++a) {
       const AxisSample& axis = frame.axes[a];
       const double wanted = 0.01 * std::sin(0.01 * cycles) * static_cast<double>(a + 1);

@@ -104,7 +104,7 @@ class DaemonOnCan : public testing::Test {
   }
   /// The model that the daemon will begin with.
   void in_force(ModelRecord record) {
-    Store store(file("store"), kMachine);
+    daemon::Store store(file("store"), kMachine);
     store.promote(record,
                   {"2026-01-31T12:00:00.000Z", record.axis, "model_promoted", "for this test", ""});
   }
@@ -125,7 +125,7 @@ class DaemonOnCan : public testing::Test {
     ASSERT_TRUE(
         wait_for([&] { return status()["axes"].size() == 2 && !status()["buses"].empty(); }));
   }
-  [[nodiscard]] json status() const { return ask(port_, "GET", "/api/v1/status").json(); }
+  [[nodiscard]] json status() const { return daemon::ask(port_, "GET", "/api/v1/status").json(); }
   [[nodiscard]] json bus() const { return status()["buses"][0]; }
   /// Waits until so many cycles have come; the status then.
   json after_cycles(std::uint64_t cycles) {
@@ -136,7 +136,7 @@ class DaemonOnCan : public testing::Test {
   }
   void stop() { EXPECT_EQ(daemon_->end(SIGTERM), 0) << daemon_->said(); }
 
-  TemporaryDirectory directory_;
+  test::TemporaryDirectory directory_;
   std::string map_;
   std::optional<Process> daemon_;
   std::uint16_t port_ = 0;
@@ -209,7 +209,7 @@ TEST_F(DaemonOnCan, TakesInAReplayedMachineWithoutLossPredictsItAndItsLogReadsBa
   EXPECT_EQ(bus["missing"], 0);
   EXPECT_EQ(bus["unexpected"], 0);
   // A prediction of every cycle but for those that are counted as dropped.
-  const auto metrics = read_prometheus(ask(port_, "GET", "/metrics").body);
+  const auto metrics = daemon::read_prometheus(daemon::ask(port_, "GET", "/metrics").body);
   const double published = metrics.at("servotwin_publish_seconds").samples.back().value;
   const double dropped = metrics.at("servotwin_predictions_dropped_total").samples[0].value;
   EXPECT_EQ(published + dropped, static_cast<double>(kCycles));
@@ -240,7 +240,7 @@ ModelRecord slow_axis(const std::string& axis) {
   model.loop.order = 2;
   model.loop.denominator = denominator_of({0.0, 8.0 * 2.0 * std::numbers::pi, 0.6}, 2);
   model.loop.numerator = {1.0, model.loop.denominator[0], 0.0};
-  return record_of(model, axis);
+  return daemon::record_of(model, axis);
 }
 
 /// Two axes; the errors are of no drive.
@@ -357,7 +357,7 @@ TEST_F(DaemonOnCan, ANodeThatFallsSilentIsNamedAndTheOtherAxisGoesOn) {
   EXPECT_EQ(now["frames"], kCycles);
   EXPECT_EQ(now["buses"][0]["missing"], 2 * (kTo - kFrom)) << "two messages of the node";
   EXPECT_EQ(now["buses"][0]["dropped"], 0);
-  const std::string events = ask(port_, "GET", "/api/v1/events").body;
+  const std::string events = daemon::ask(port_, "GET", "/api/v1/events").body;
   EXPECT_THAT(events, AllOf(HasSubstr("0x182"), HasSubstr("0x282"), HasSubstr("fell silent"),
                             HasSubstr("is back")));
   EXPECT_THAT(events, testing::Not(HasSubstr("0x181")));

@@ -6,7 +6,7 @@
 #include "daemon/between/latest_value.h"
 #include "daemon/between/ring.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// Large enough to tear, and every part says which value it belongs to.
@@ -159,4 +159,4 @@ TEST(Ring, BetweenThreadsEveryValueIsReceivedInOrderOrCounted) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 TEST(Histogram, WithoutValuesHasNoQuantile) {
@@ -45,4 +45,4 @@ TEST(Histogram, TakesAnyTimeThatAClockCanGive) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

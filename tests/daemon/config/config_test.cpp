@@ -5,7 +5,7 @@
 
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -414,4 +414,4 @@ TEST(Config, MistakesOfTheBusesAreNamed) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::ElementsAre;
@@ -90,4 +90,4 @@ TEST(Reload, AWishThatComesTooEarlyIsNotForgotten) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 
 #include "ilc/gate.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -134,4 +134,4 @@ TEST(GainDetail, IsJsonAlsoWhereNothingWasMeasured) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

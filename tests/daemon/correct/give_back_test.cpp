@@ -13,7 +13,7 @@
 #include "tests/daemon/stepped_machine.h"
 #include "twin/program_error.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -442,4 +442,4 @@ TEST_F(GiveBack, AChangeInTheMiddleOfARunEndsIt) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -9,7 +9,7 @@
 #include "tests/daemon/stepped_machine.h"
 #include "twin/program_error.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::AllOf;
@@ -396,4 +396,4 @@ TEST_F(LearningWorkerTest, TheNewestCorrectionsAreKept) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

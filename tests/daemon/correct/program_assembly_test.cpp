@@ -6,7 +6,7 @@
 #include <functional>
 #include <limits>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -198,4 +198,4 @@ TEST(ProgramAssembly, ManyNamesTakeNoMoreThanTheirRoom) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

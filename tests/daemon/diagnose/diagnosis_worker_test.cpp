@@ -16,7 +16,7 @@
 #include "tests/hidden_effects/cases.h"
 #include "twin/twin.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using nlohmann::json;
@@ -294,4 +294,4 @@ TEST_F(DiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

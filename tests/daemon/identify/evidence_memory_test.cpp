@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr double kStep_s = 1e-3;
@@ -78,4 +78,4 @@ TEST(EvidenceMemory, MotionThatIsTakenTwiceIsKeptOnceAndWithoutASeam) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -12,7 +12,7 @@
 #include "tests/virtual_machine/program.h"
 #include "twin/twin.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::AllOf;
@@ -234,4 +234,4 @@ TEST_F(StepsTest, AStandingAxisShowsItsNoiseAndNothingIsSought) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

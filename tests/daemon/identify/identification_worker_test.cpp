@@ -10,7 +10,7 @@
 #include "tests/daemon/full_disk.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -332,4 +332,4 @@ TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

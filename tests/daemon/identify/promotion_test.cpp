@@ -7,7 +7,7 @@
 #include <limits>
 #include <sstream>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -166,4 +166,4 @@ TEST(Promotion, AModelHoldsWhereItLeavesNoMoreThanTwiceOfWhatItDid) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

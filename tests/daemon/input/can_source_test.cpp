@@ -18,7 +18,7 @@
 #include "tests/daemon/support.h"
 #include "tests/support/expect_error.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using test::expect_error;
@@ -478,4 +478,4 @@ TEST(VirtualDrive, NeedsATargetAndASync) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

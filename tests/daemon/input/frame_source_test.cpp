@@ -6,7 +6,7 @@
 #include "daemon/between/clock.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -99,4 +99,4 @@ TEST(ReplaySource, RecordingsOfDifferentMachinesAreRefused) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

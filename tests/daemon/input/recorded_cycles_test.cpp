@@ -11,7 +11,7 @@
 #include "identification/recording/segments.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::ElementsAre;
@@ -149,4 +149,4 @@ TEST(RecordedCycles, WhatHasNoTimeIsRefusedAsIdentificationRefusesIt) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

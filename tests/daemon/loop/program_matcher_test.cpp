@@ -6,7 +6,7 @@
 
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 constexpr double kTolerance = 2e-6;
@@ -147,4 +147,4 @@ TEST_F(ProgramMatcherTest, AProgramThatNeverMovesIsNeverRecognised) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -9,7 +9,7 @@
 #include "daemon/between/clock.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 TwinInForce in_force(const Model& model, int version = 1) {
@@ -577,4 +577,4 @@ TEST(RealTimeLoop, NeedsOneToThirtyTwoAxes) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -11,7 +11,7 @@
 #include "daemon/publish/live_feed.h"
 #include "daemon/web/live_json.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 MachinePrediction cycle(std::uint64_t sequence, int axes, double measured) {
@@ -139,4 +139,4 @@ TEST(LiveFeed, WhatNobodyTakesIsDroppedAndCounted) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 #include "daemon/between/clock.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 CycleRow row_at(std::int64_t cycle, double command, double actual = 0.0) {
@@ -133,4 +133,4 @@ TEST(MotionMemory, WhatIsNotANumberIsAbsentAndNoMotion) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

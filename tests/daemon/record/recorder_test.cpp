@@ -13,7 +13,7 @@
 #include "drivers/recording_file.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -354,4 +354,4 @@ TEST_F(RecorderTest, WhereTheDiskRefusesItGoesOnCountsAndSaysSoOnce) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

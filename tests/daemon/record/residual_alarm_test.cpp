@@ -12,7 +12,7 @@
 #include "tests/virtual_machine/program.h"
 #include "twin/twin.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using Kind = AlarmChange::Kind;
@@ -264,4 +264,4 @@ TEST(ResidualAlarm, OptionsThatMakeNoSenseAreRefused) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::AllOf;
@@ -114,4 +114,4 @@ TEST_F(ResidualWatchTest, NoneWhereNoneIsWanted) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

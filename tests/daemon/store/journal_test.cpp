@@ -13,7 +13,7 @@
 #include "daemon/store/event_log.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// Where a journal would listen.
@@ -97,4 +97,4 @@ TEST(JournalStream, IsWhatTheServiceManagerNamed) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -13,7 +13,7 @@
 #include "daemon/store/store.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::ElementsAre;
@@ -275,4 +275,4 @@ TEST(StoreAfterKill, NothingAcknowledgedIsLostInAHundredKillsAtRandomMoments) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

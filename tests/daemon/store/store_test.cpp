@@ -13,7 +13,7 @@
 #include "tests/daemon/support.h"
 #include "twin/twin.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::ElementsAre;
@@ -326,4 +326,4 @@ TEST(Store, TimesAreIso8601InUtc) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

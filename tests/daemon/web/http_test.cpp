@@ -15,7 +15,7 @@
 #include "tests/daemon/prometheus_text.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
@@ -457,4 +457,4 @@ TEST_F(HealthTest, AStoreThatCannotBeWrittenIsIllUntilItCan) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

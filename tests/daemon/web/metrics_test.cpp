@@ -9,7 +9,7 @@
 
 #include "tests/daemon/prometheus_text.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 MetricsInput an_input() {
@@ -131,4 +131,4 @@ TEST(Metrics, HistogramsHoldWhatWentIn) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon

@@ -7,7 +7,7 @@
 #include <atomic>
 #include <cstddef>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 thread_local bool forbidden = false;
@@ -31,7 +31,7 @@ Function* original(const char* name) {
 void forbid_heap_and_locks(bool forbid) noexcept { forbidden = forbid; }
 Violations violations() noexcept { return {heap_uses.load(), lock_uses.load()}; }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 

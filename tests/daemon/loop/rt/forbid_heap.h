@@ -8,7 +8,7 @@
 
 #include <cstdint>
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 struct Violations {
   std::uint64_t heap = 0;   ///< allocations and releases
@@ -30,4 +30,4 @@ class ForbidHeap {
   ~ForbidHeap() { forbid_heap_and_locks(false); }
 };
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

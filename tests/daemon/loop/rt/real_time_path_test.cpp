@@ -17,7 +17,7 @@
 #include "tests/daemon/loop/rt/forbid_heap.h"
 #include "tests/daemon/support.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 /// Forbids heap and locks from when a frame is received until the next one is asked for.
@@ -408,4 +408,4 @@ TEST(ForbidHeap, LeavesOtherThreadsAlone) {
 }
 
 }  // namespace
-}  // namespace servotwin
+}  // namespace servotwin::daemon
