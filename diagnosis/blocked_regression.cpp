@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "diagnosis/chance.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -17,7 +18,7 @@ constexpr double kRidge = 1e-10, kHeldAlready = 1e-7;
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
   Eigen::MatrixXd ridged = gram;
   ridged.diagonal() += kRidge * gram.diagonal().cwiseMax(1e-300);
-  return ridged.ldlt().solve(right);
+  return solve_symmetric(ridged, right);
 }
 
 /// Columns of unit length, and how long they were.
@@ -103,14 +104,13 @@ double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixX
   const Eigen::MatrixXd covariance =
       (inverse * scores * inverse).bottomRightCorner(added.cols(), added.cols()) * (m / degrees);
   const Eigen::VectorXd own = theta.tail(added.cols());
-  const double ratio = own.dot(covariance.ldlt().solve(own)) / q;
+  const double ratio = own.dot(solve_symmetric(covariance, own)) / q;
   return std::isfinite(ratio) && ratio > 0.0 ? z_of_f_ratio(ratio, q, degrees) : 0.0;
 }
 
 BlockedRegression::Beside::Beside(const BlockedRegression& data, const Eigen::MatrixXd& base)
     : left_(data.y_) {
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(scaled(base));
-  basis_ = qr.householderQ() * Eigen::MatrixXd::Identity(base.rows(), qr.rank());
+  basis_ = orthonormal_basis(scaled(base));
   left_ -= basis_ * (basis_.transpose() * data.y_);
 }
 
@@ -121,7 +121,7 @@ double BlockedRegression::Beside::explained(const Eigen::MatrixXd& columns) cons
   for (Eigen::Index i = 0; i < c.cols(); ++i)
     gram(i, i) += kHeldAlready * columns.col(i).squaredNorm() + 1e-300;
   const Eigen::VectorXd right = c.transpose() * left_;
-  return right.dot(gram.ldlt().solve(right));
+  return right.dot(solve_symmetric(gram, right));
 }
 
 }  // namespace servotwin

@@ -7,6 +7,7 @@
 
 #include "diagnosis/cuts.h"
 #include "diagnosis/quantile.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -42,7 +43,7 @@ Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right
   if (gram.size() == 0) return right;
   Eigen::MatrixXd ridged = gram;
   ridged.diagonal() += kRidge * gram.diagonal().cwiseMax(1e-300);
-  return ridged.ldlt().solve(right);
+  return solve_symmetric(ridged, right);
 }
 
 }  // namespace
@@ -105,8 +106,7 @@ void Screen::prepare() {
   tangent_.conservativeResize(Eigen::NoChange, kept);
   basis_.resize(tangent_.rows(), 0);
   if (kept == 0) return;
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(tangent_);
-  basis_ = qr.householderQ() * Eigen::MatrixXd::Identity(tangent_.rows(), qr.rank());
+  basis_ = orthonormal_basis(tangent_);
   left_ -= basis_ * (basis_.transpose() * left_);
 }
 
@@ -124,7 +124,7 @@ double Screen::explained(const Eigen::MatrixXd& given) const {
   Eigen::MatrixXd safe = gram;
   for (Eigen::Index i = 0; i < c.cols(); ++i)
     safe(i, i) += 1e-7 * given.col(i).squaredNorm() + 1e-300;
-  return right.dot(safe.ldlt().solve(right));
+  return right.dot(solve_symmetric(safe, right));
 }
 
 void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
@@ -180,7 +180,7 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
   const Eigen::MatrixXd cov = (inverse * scores * inverse).bottomRightCorner(c.cols(), c.cols()) *
                               (m / std::max(1.0, m - static_cast<double>(n)));
   const Eigen::VectorXd own = theta.tail(c.cols());
-  const double wald = own.dot(cov.ldlt().solve(own));
+  const double wald = own.dot(solve_symmetric(cov, own));
   const double degrees = std::max(1.0, m - static_cast<double>(n));
   out.statistic = std::isfinite(wald) && wald > 0.0 ? z_of_f(wald / q, q, degrees) : 0.0;
   out.p = tail(out.statistic);

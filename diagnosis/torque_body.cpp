@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <vector>
 
+#include "twin/linear_algebra.h"
+
 namespace servotwin {
 
 namespace {
@@ -40,7 +42,7 @@ TorqueBody body_of(TorqueRows& rows) {
   Eigen::MatrixXd line(velocity.size(), 2);
   line << Eigen::VectorXd::Ones(velocity.size()), rows.training(rows.time());
   const Eigen::VectorXd x = rows.training(rows.position());
-  out.one_speed = (x - line * line.colPivHouseholderQr().solve(x)).norm() <
+  out.one_speed = (x - line * least_squares(line, x)).norm() <
                   kStraight * rows.travel() * std::sqrt(static_cast<double>(x.size()));
   // The velocity at which friction has its direction, beside a constant where there may be one.
   double least = 1e300;

@@ -8,6 +8,7 @@
 
 #include "diagnosis/quantile.h"
 #include "identification/least_squares/unit_columns.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -251,7 +252,7 @@ std::vector<double> TorqueRows::tracking_error_at(const std::vector<double>& per
     c.middleCols(3 + 2 * i, 2) =
         columns({kind_of<Cogging>(), {periods[static_cast<std::size_t>(i)]}, 2});
   }
-  const Eigen::VectorXd theta = c.colPivHouseholderQr().solve(tracking_error_);
+  const Eigen::VectorXd theta = least_squares(c, tracking_error_);
   std::vector<double> out;
   for (Eigen::Index i = 0; i < count; ++i)
     out.push_back(std::hypot(theta(3 + 2 * i), theta(4 + 2 * i)));

@@ -10,6 +10,7 @@
 #include "diagnosis/extension.h"
 #include "diagnosis/search.h"
 #include "diagnosis/text.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -306,7 +307,7 @@ class TorqueSelection {
       // What the motion repeats with is its own.
       const Eigen::MatrixXd wave = rows_.training(rows_.rough_waves(term.kind, term.shapes[0]));
       const Eigen::VectorXd v = rows_.training(rows_.velocity());
-      const Eigen::VectorXd left = v - wave * wave.colPivHouseholderQr().solve(v);
+      const Eigen::VectorXd left = v - wave * least_squares(wave, v);
       return left.squaredNorm() > kOwnMotion * v.squaredNorm();
     }
     // Falling or rising, it stays friction at all speeds.

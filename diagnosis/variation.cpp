@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "diagnosis/search.h"
+#include "twin/linear_algebra.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -60,7 +61,7 @@ bool Variation::fit(Varied& v) const {
     for (int attempt = 0; attempt < 6; ++attempt, damping *= 30.0) {
       Eigen::MatrixXd damped = gram;
       damped.diagonal() += damping * gram.diagonal().cwiseMax(1e-300);
-      const Eigen::VectorXd trial = v.values - damped.ldlt().solve(gradient);
+      const Eigen::VectorXd trial = v.values - solve_symmetric(damped, gradient);
       const std::optional<Eigen::VectorXd> there = left(v.of(base_, trial), kSettle_s);
       if (!there || there->squaredNorm() >= v.cost) continue;
       gained = 1.0 - there->squaredNorm() / v.cost;
@@ -87,8 +88,7 @@ Eigen::VectorXd Variation::deviations(const Varied& v) const {
     const Eigen::VectorXd s = j->middleRows(k, count).transpose() * r->segment(k, count);
     scores += s * s.transpose();
   }
-  const Eigen::MatrixXd inverse =
-      (j->transpose() * *j).ldlt().solve(Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd inverse = inverse_symmetric(j->transpose() * *j);
   return (inverse * scores * inverse).diagonal().cwiseMax(0.0).cwiseSqrt();
 }
 

@@ -160,29 +160,22 @@ constexpr bool is_friction_law(std::size_t kind) {
   return std::find(kFrictionLaws.begin(), kFrictionLaws.end(), kind) != kFrictionLaws.end();
 }
 
+// The three below are defined in twin/catalogue_steps.h and compiled once for each scalar: for
+// double in twin/catalogue.cpp, for the derivatives by the shapes in
+// identification/least_squares/unit_columns.cpp.
+
+/// What the effect remembers before its first sample.
 template <class T>
-void start_memory(std::size_t kind, const T* shape, EffectMemory<T>& memory) noexcept {
-  // Not emplace(): to a checker it might throw.
-  visit_effect(kind, [&]<class E, std::size_t I>() {
-    memory = EffectMemory<T>(std::in_place_index<I>, shape);
-  });
-}
+void start_memory(std::size_t kind, const T* shape, EffectMemory<T>& memory) noexcept;
 
 /// Copies what this effect remembers, and not the room that the largest memory would take; `to` was
 /// started for the same effect.
 template <class T>
-void copy_memory(std::size_t kind, const EffectMemory<T>& from, EffectMemory<T>& to) noexcept {
-  visit_effect(kind,
-               [&]<class E, std::size_t I>() { *std::get_if<I>(&to) = *std::get_if<I>(&from); });
-}
+void copy_memory(std::size_t kind, const EffectMemory<T>& from, EffectMemory<T>& to) noexcept;
 
 /// Forces per unit coefficient of one effect at one sample; `force` has room for its coefficients.
 template <class T>
 void unit_forces(std::size_t kind, const T* shape, EffectMemory<T>& memory, const Motion& m,
-                 T* force) noexcept {
-  visit_effect(kind, [&]<class E, std::size_t I>() {
-    E::template unit_forces<T>(shape, *std::get_if<I>(&memory), m, force);
-  });
-}
+                 T* force) noexcept;
 
 }  // namespace servotwin

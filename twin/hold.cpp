@@ -2,7 +2,8 @@
 
 #include <cassert>
 #include <cmath>
-#include <unsupported/Eigen/MatrixFunctions>
+
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -23,9 +24,9 @@ Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, in
   for (Eigen::Index k = 0; k <= m; ++k) scale(n + k) = std::pow(rate, -static_cast<double>(n + k));
   const Eigen::MatrixXd scaled =
       scale.asDiagonal() * (augmented * h) * scale.cwiseInverse().asDiagonal();
-  Eigen::MatrixXd exponential = scaled.exp();
-  exponential = scale.cwiseInverse().asDiagonal() * exponential * scale.asDiagonal();
-  return {exponential.topLeftCorner(n, n), exponential.block(0, n, n, m + 1)};
+  const Eigen::MatrixXd step =
+      scale.cwiseInverse().asDiagonal() * exponential(scaled) * scale.asDiagonal();
+  return {step.topLeftCorner(n, n), step.block(0, n, n, m + 1)};
 }
 
 Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_begin,

@@ -8,7 +8,7 @@ namespace servotwin::daemon {
 namespace {
 
 /// A cycle of a point; `first`: the point begins with it.
-void put(LiveSeries& series, double value, bool first, bool points_are_cycles) {
+void append(LiveSeries& series, double value, bool first, bool points_are_cycles) {
   if (first) {
     series.value.push_back(value);
     if (points_are_cycles) return;
@@ -70,14 +70,14 @@ void LiveBatcher::put(const MachinePrediction& cycle) {
   for (std::size_t i = 0; i < axes; ++i) {
     const AxisPrediction& from = cycle.axes[i];
     LiveAxisBatch& to = batch_.axes[i];
-    servotwin::put(to.command, from.command, first, plain);
-    servotwin::put(to.measured, from.measured_error, first, plain);
-    servotwin::put(to.predicted, from.predicted_error, first, plain);
-    servotwin::put(to.residual, from.residual, first, plain);
+    append(to.command, from.command, first, plain);
+    append(to.measured, from.measured_error, first, plain);
+    append(to.predicted, from.predicted_error, first, plain);
+    append(to.residual, from.residual, first, plain);
     to.model_version = from.model_version;
     to.state = from.state;
   }
-  servotwin::put(batch_.contour, cycle.contour_error, first, plain);
+  append(batch_.contour, cycle.contour_error, first, plain);
   ++cycles_;
 }
 

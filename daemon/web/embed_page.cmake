@@ -52,7 +52,7 @@ file(WRITE ${OUT} "// Made by daemon/web/embed_page.cmake.
 #include <array>
 #include <cstddef>
 
-namespace servotwin {
+namespace servotwin::daemon {
 namespace {
 
 ${arrays}
@@ -68,5 +68,5 @@ ${table}  });
   return kFiles;
 }
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon
 ")

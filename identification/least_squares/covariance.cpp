@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "twin/linear_algebra.h"
+
 namespace servotwin {
 
 namespace {
@@ -30,8 +32,7 @@ Eigen::MatrixXd robust_covariance(const Eigen::MatrixXd& jacobian, const Eigen::
     const Eigen::MatrixXd cross = scores.topRows(n - lag).transpose() * scores.bottomRows(n - lag);
     meat += weight * (cross + cross.transpose());
   }
-  const Eigen::MatrixXd inverse =
-      bread.ldlt().solve(Eigen::MatrixXd::Identity(bread.rows(), bread.cols()));
+  const Eigen::MatrixXd inverse = inverse_symmetric(bread);
   return scale.asDiagonal() * (inverse * meat * inverse) * scale.asDiagonal();
 }
 

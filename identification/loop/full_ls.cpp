@@ -6,6 +6,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "twin/linear_algebra.h"
+
 namespace servotwin {
 
 namespace {
@@ -87,15 +89,12 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
   {
     Eigen::MatrixXd mm = phi.leftCols(8);
     mm.leftCols(6) *= 1e3;
-    const Eigen::MatrixXd triangle =
-        mm.householderQr().matrixQR().topRows(8).triangularView<Eigen::Upper>();
-    const auto singular = triangle.jacobiSvd().singularValues();
+    const Eigen::VectorXd singular = singular_values(triangle_of(mm));
     fit.condition_number = singular(0) / singular(7);
   }
   const Eigen::VectorXd scale = phi.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd scaled = phi * scale.asDiagonal();
-  const Eigen::VectorXd theta =
-      (scaled.colPivHouseholderQr().solve(x).array() * scale.array()).matrix();
+  const Eigen::VectorXd theta = (least_squares(scaled, x).array() * scale.array()).matrix();
   double a2 = -1.0 / theta(2);
   double a1 = theta(1) / theta(2);
   double a3 = theta(0) * a2;
@@ -114,11 +113,7 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
     four << phi.leftCols(3), x;
     Eigen::MatrixXd rotated = qr.householderQ().transpose() * four;
     EquationError cost;
-    cost.r = rotated.bottomRows(rows - rest.cols())
-                 .householderQr()
-                 .matrixQR()
-                 .topRows<4>()
-                 .triangularView<Eigen::Upper>();
+    cost.r = triangle_of(rotated.bottomRows(rows - rest.cols()));
     cost.r /= std::max(std::abs(cost.r(3, 3)), 1e-300) / std::sqrt(static_cast<double>(rows));
     double best = 1e300;
     std::array<double, 3> q{};
@@ -156,8 +151,7 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
     a1 = loop.denominator[0], a2 = loop.denominator[1], a3 = loop.denominator[2];
     const Eigen::VectorXd target =
         x - phi.leftCols(3) * Eigen::Vector3d(a3 / a2, -a1 / a2, -1.0 / a2);
-    linear = (rest.colPivHouseholderQr().solve(target).array() * scale.tail(rest.cols()).array())
-                 .matrix();
+    linear = (least_squares(rest, target).array() * scale.tail(rest.cols()).array()).matrix();
   }
   loop.numerator = {1.0 - a2 * linear(2), a1 - a2 * linear(1), a2 - a2 * linear(0)};
   fit.friction_positive = -a2 * linear(3);

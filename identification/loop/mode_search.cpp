@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "identification/response/response_modes.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -32,7 +33,7 @@ double cost_with_last_mode(const Projection& data, const Point& point) {
   const Eigen::MatrixXd by = at.jacobian.rightCols(2);
   const Eigen::VectorXd scale = by.colwise().norm().cwiseMax(1e-300);
   const Eigen::MatrixXd columns = by * scale.cwiseInverse().asDiagonal();
-  const Eigen::VectorXd step = columns.colPivHouseholderQr().solve(at.at.residual);
+  const Eigen::VectorXd step = least_squares(columns, at.at.residual);
   return 0.5 * (at.at.residual - columns * step).squaredNorm();
 }
 

@@ -10,6 +10,7 @@
 
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -141,7 +142,7 @@ class ProjectedCost final : public ceres::CostFunction {
     }
     both.col(columns - 1) = lin.at.residual;
     both *= unit_;
-    return both.householderQr().matrixQR().topRows(columns).triangularView<Eigen::Upper>();
+    return triangle_of(both);
   }
 
   const Projection& data_;
@@ -483,9 +484,7 @@ double condition_number(const Projection& data, const Point& point) {
   }
   r.conservativeResize(Eigen::NoChange, kept);
   // From the R of a QR: the tall matrix itself needs no SVD.
-  const Eigen::MatrixXd small =
-      r.householderQr().matrixQR().topRows(r.cols()).triangularView<Eigen::Upper>();
-  const auto singular = small.jacobiSvd().singularValues();
+  const Eigen::VectorXd singular = singular_values(triangle_of(r));
   return singular(singular.size() - 1) > 0.0 ? singular(0) / singular(singular.size() - 1)
                                              : std::numeric_limits<double>::infinity();
 }

@@ -1,8 +1,9 @@
 #include "identification/loop/structure_choice.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <optional>
 #include <stdexcept>
 #include <tuple>
@@ -11,6 +12,7 @@
 #include "identification/loop/moving_modes.h"
 #include "identification/loop/say.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/linear_algebra.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -59,7 +61,8 @@ double imitated_delay_share(const Loop& loop) {
   for (int i = 0; i + 1 < degree; ++i) companion(i + 1, i) = 1.0;
   for (int i = 0; i < degree; ++i) companion(i, degree - 1) = -b(n - i) / b(lead);
   double imitated = 0.0;
-  for (const auto& zero : companion.eigenvalues()) {
+  const Eigen::VectorXcd zeros = eigenvalues(companion);
+  for (const std::complex<double>& zero : zeros) {
     if (zero.real() > 0.0) imitated += 2.0 * zero.real() / std::norm(zero);
   }
   return imitated / lag;

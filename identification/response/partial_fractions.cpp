@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "twin/linear_algebra.h"
+
 namespace servotwin {
 
 using Complex = std::complex<double>;
@@ -66,7 +68,7 @@ namespace {
 /// Least squares with columns of any size.
 VectorXd solved(const MatrixXd& a, const VectorXd& b) {
   const VectorXd scale = a.colwise().norm().cwiseMax(1e-300).cwiseInverse();
-  return scale.cwiseProduct((a * scale.asDiagonal()).colPivHouseholderQr().solve(b));
+  return scale.cwiseProduct(least_squares(a * scale.asDiagonal(), b));
 }
 
 }  // namespace
@@ -113,7 +115,8 @@ Factors zeros_of(const Factors& factors, const VectorXd& sigma, double least_wid
   const MatrixXd closed = a - b * feedback.transpose();
   if (!closed.allFinite()) return {};
   Factors out;
-  for (const Complex z : closed.eigenvalues()) {
+  const Eigen::VectorXcd zeros = eigenvalues(closed);
+  for (const Complex z : zeros) {
     const double omega = std::clamp(std::abs(z), 1.0 / kFarthest, kFarthest);
     if (z.imag() > 0.0) {
       const double zeta = std::max(std::abs(z.real()) / std::abs(z), kLeastDamping);
@@ -137,7 +140,7 @@ Factors relocated(const WeightedResponse& p, const Factors& factors) {
     MatrixXd a(2 * rows, 2 * n);
     a << stacked(Eigen::MatrixXcd(w.asDiagonal() * basis)),
         stacked(Eigen::MatrixXcd(minus.asDiagonal() * basis));
-    const MatrixXd r = a.householderQr().matrixQR().triangularView<Eigen::Upper>();
+    const MatrixXd r = triangle_of(a);
     sigma_rows.middleRows(c * n, n) = r.block(n, n, n, n);
   }
   // Relaxed: the mean of sigma is 1, not its constant.

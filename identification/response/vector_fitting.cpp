@@ -9,6 +9,7 @@
 #include <numeric>
 
 #include "identification/response/partial_fractions.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -250,8 +251,7 @@ RationalFit described(const WeightedResponse& p, const Candidate& found, double 
   out.misfit = found.linear.cost / freedom;
   const VectorXd scale = jacobian.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const MatrixXd scaled = jacobian * scale.asDiagonal();
-  const MatrixXd inverse =
-      (scaled.transpose() * scaled).ldlt().solve(MatrixXd::Identity(x.size(), x.size()));
+  const MatrixXd inverse = inverse_symmetric(scaled.transpose() * scaled);
   const MatrixXd covariance =
       p.overlap * std::max(1.0, out.misfit) * (scale.asDiagonal() * inverse * scale.asDiagonal());
 

@@ -3,7 +3,8 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <unsupported/Eigen/MatrixFunctions>
+
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -25,10 +26,10 @@ HeldMechanics held(const BallScrew& screw, double nut, double step_s) {
   a.block(n, 2 * n, n, 1) = mass.solve(screw.motor);
   a.block(n, 2 * n + 1, n, 1) = -mass.solve(screw.table);
   const Eigen::MatrixXd scaled = a * step_s;
-  Eigen::MatrixXd exponential = scaled.exp();
-  exponential.topRows(n) /= rate;
-  exponential.leftCols(n) *= rate;
-  return {exponential.topLeftCorner(2 * n, 2 * n), exponential.block(0, 2 * n, 2 * n, 2)};
+  Eigen::MatrixXd step = exponential(scaled);
+  step.topRows(n) /= rate;
+  step.leftCols(n) *= rate;
+  return {step.topLeftCorner(2 * n, 2 * n), step.block(0, 2 * n, 2 * n, 2)};
 }
 
 FullMechanics::FullMechanics(const BallScrew& screw, const NutGrid& grid, double step_s)

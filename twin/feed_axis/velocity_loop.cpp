@@ -8,6 +8,7 @@
 
 #include "twin/feed_axis/drive_control.h"
 #include "twin/feed_axis/full_mechanics.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 namespace {
@@ -55,7 +56,7 @@ bool stable(const Loop& loop) {
   Eigen::MatrixXd closed(n + m, n + m);
   closed << loop.mechanics.phi - loop.mechanics.gain.col(0) * control.d * loop.velocity,
       loop.mechanics.gain.col(0) * control.c, -control.b * loop.velocity, control.a;
-  return closed.eigenvalues().cwiseAbs().maxCoeff() < 1.0 + kRounding;
+  return eigenvalues(closed).cwiseAbs().maxCoeff() < 1.0 + kRounding;
 }
 
 double decibels(double gain) { return 20.0 * std::log10(gain); }

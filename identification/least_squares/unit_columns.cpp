@@ -1,0 +1,51 @@
+#include "identification/least_squares/unit_columns.h"
+
+#include <ceres/jet.h>
+
+#include <array>
+
+#include "twin/catalogue_steps.h"
+
+namespace servotwin {
+
+using Jet = ceres::Jet<double, kMaxShapes>;
+template void start_memory<Jet>(std::size_t, const Jet*, EffectMemory<Jet>&) noexcept;
+template void unit_forces<Jet>(std::size_t, const Jet*, EffectMemory<Jet>&, const Motion&,
+                               Jet*) noexcept;
+
+UnitColumns unit_columns(std::size_t kind, const double* shapes, Eigen::Index n,
+                         const std::function<Motion(Eigen::Index)>& motion_at, bool derivatives) {
+  const std::size_t coefficients = coefficients_of(kind).size(),
+                    shape_count = shapes_of(kind).size();
+  UnitColumns out;
+  out.force.resize(n, static_cast<Eigen::Index>(coefficients));
+  if (!derivatives || shape_count == 0) {
+    EffectMemory<double> memory;
+    start_memory<double>(kind, shapes, memory);
+    std::array<double, kMaxCoefficients> force{};
+    for (Eigen::Index k = 0; k < n; ++k) {
+      unit_forces<double>(kind, shapes, memory, motion_at(k), force.data());
+      for (std::size_t c = 0; c < coefficients; ++c)
+        out.force(k, static_cast<Eigen::Index>(c)) = force[c];
+    }
+    return out;
+  }
+  out.by_shape.assign(shape_count, out.force);
+  std::array<Jet, kMaxShapes> shape{};
+  for (std::size_t p = 0; p < shape_count; ++p) shape[p] = Jet(shapes[p], static_cast<int>(p));
+  EffectMemory<Jet> memory;
+  start_memory<Jet>(kind, shape.data(), memory);
+  std::array<Jet, kMaxCoefficients> force{};
+  for (Eigen::Index k = 0; k < n; ++k) {
+    unit_forces<Jet>(kind, shape.data(), memory, motion_at(k), force.data());
+    for (std::size_t c = 0; c < coefficients; ++c) {
+      const auto column = static_cast<Eigen::Index>(c);
+      out.force(k, column) = force[c].a;
+      for (std::size_t p = 0; p < shape_count; ++p)
+        out.by_shape[p](k, column) = force[c].v(static_cast<Eigen::Index>(p));
+    }
+  }
+  return out;
+}
+
+}  // namespace servotwin
