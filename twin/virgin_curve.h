@@ -1,12 +1,16 @@
-// The virgin curve of presliding friction with three parameters: breakaway force, breakaway
-// displacement and shape factor (thesis 4.3; docs/theory.md 3.6).
+// The virgin curve of presliding friction (force of the first travel from rest) with three
+// parameters: breakaway force, breakaway displacement and shape factor (thesis 4.3;
+// docs/theory.md 3.6).
 //
 //   x(tau) = tau^2 [(3 + S - 8 phi) + (16 phi - 3 S - 2) tau + (2 S - 8 phi) tau^2]
 //   f(tau) = 1 - x(1 - tau),  0 <= tau <= 1
 //
-// starts vertically, ends horizontally, and passes ((1 - phi)/2, (1 + phi)/2): phi = 0 is the
-// straight line, phi -> 1 the step. S(phi) is the length of the end tangents, chosen so that the
-// curve is concave for every phi, which makes all its Maxwell-slip elements positive.
+// x is displacement over breakaway displacement, f is force over breakaway force. The curve starts
+// vertically, ends horizontally and passes ((1 - phi)/2, (1 + phi)/2): phi = 0 is a straight line,
+// phi -> 1 a step. S(phi) is the length of the end tangents. It is chosen so that the curve is
+// concave for every phi, which makes the stiffness of all Maxwell-slip elements positive.
+//
+// Any thread; allocates nothing, throws nothing.
 #pragma once
 
 #include <algorithm>
@@ -18,9 +22,10 @@ namespace servotwin {
 /// Shape factors for which a concave curve of this form exists.
 inline constexpr double kLeastShape = 0.002, kMostShape = 0.938;
 
-/// S(phi): concave for all of kLeastShape .. kMostShape. Up to 0.875 it is the smallest S whose
-/// curve stays within the unit square (thesis 4.8 is a fit of that); beyond, that one would turn
-/// back.
+/// S(phi), with which the curve is concave from kLeastShape to kMostShape. From 0.3875 to 0.875 it
+/// is the smallest S whose curve stays in the unit square, the criterion of thesis eq. 4.8. Below,
+/// every S >= 8 phi - 3 does, which is no bound up to 0.375; 0.1, or 8 phi where that is less, is
+/// concave and keeps the start vertical. Above 0.875 the curve with the smallest S would turn back.
 template <class T>
 T spline_length(const T& phi) noexcept {
   if (phi <= 0.0125) return 8.0 * phi;
@@ -37,8 +42,8 @@ T virgin_displacement(const T& phi, const T& length, double tau) noexcept {
           (2.0 * length - 8.0 * phi) * tau * tau);
 }
 
-/// The N elements whose springs make the chords of the curve between nodes uniform in tau, sorted
-/// by the displacement at which they slide. Sum of levels 1.
+/// N Maxwell-slip elements whose sum is the polygon through the curve's nodes, uniform in tau. They
+/// are sorted by the displacement at which they slide; their levels sum to 1.
 template <std::size_t N, class T>
 MaxwellElements<T, N> reduced_elements(const T& breakaway_displacement, const T& phi) noexcept {
   const T length = spline_length(phi);

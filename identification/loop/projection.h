@@ -5,10 +5,12 @@
 //
 // G is s/P or 1/P and what the modes make of a disturbance (twin/loop.h).
 //
-// The linear part is one least squares problem, solved and projected out; what is left is a
-// function of the denominator a1..an, the shapes and omega, zeta, gamma, delta of every mode alone,
-// with exact sensitivities (docs/theory.md 4; thesis 3.4; Golub and Pereyra 1973, Kaufman 1975).
-// Source of the filters: twin/hold.h.
+// The linear parameters are solved by least squares and projected out. The remaining cost depends
+// on the denominator a1..an, the shapes, and omega, zeta, gamma, delta of every mode; its gradient
+// is exact. Sources: thesis 3.5; Golub and Pereyra 1973; Kaufman 1975 (docs/theory.md 4). The
+// filters are those of twin/hold.h.
+//
+// Units: m or rad, s. Const members may be called from several threads at once. Allocates.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,15 +22,16 @@
 
 namespace servotwin {
 
-/// Which loop and which effects a fit may use.
+/// The loop and the effects that a fit uses.
 struct Structure {
   int order = 3;                     ///< 2 or 3
   std::vector<std::size_t> effects;  ///< places in the catalogue
   bool matched_feedforward = false;  ///< no velocity error: the last tracking coefficient is 0
-  bool every_coefficient = false;  ///< also those that a free loop contains: for a loop held fixed
-  int modes = 0;                   ///< of vibration
-  /// They move with position: known to the polish in free simulation alone (output_error.h); a
-  /// projection takes them for standing.
+  bool every_coefficient = false;    ///< include coefficients that a free loop already contains:
+                                     ///< only for a loop that is held fixed
+  int modes = 0;                     ///< number of modes of vibration
+  /// The modes depend on position. Only the refinement in free simulation (output_error.h) uses
+  /// this; a projection treats them as constant.
   bool moving = false;
 
   /// Shape parameters of all effects, and coefficients that a free loop leaves identifiable.
@@ -36,72 +39,72 @@ struct Structure {
   [[nodiscard]] int coefficient_count() const;
 };
 
-/// A point of the nonlinear parameters.
+/// The nonlinear parameters.
 struct Point {
   std::array<double, kMaxOrder> denominator{};
   std::vector<double> shapes{};  ///< in the order of the structure
-  std::vector<Mode> modes{};     ///< alpha and beta are linear: not read here
+  std::vector<Mode> modes{};     ///< alpha and beta are linear and not read here
 };
 
 /// The nonlinear parameters of a mode: omega, zeta, gamma, delta.
 inline constexpr int kModeShapes = 4;
 
-/// The motion that an effect of this kind feels at sample k.
+/// The motion that is passed to an effect of this kind at sample k.
 [[nodiscard]] Motion motion_of(const Signals& signals, const Spline& command, Acts acts,
                                Eigen::Index k);
 
-/// The columns of one more effect beside a fit: what its coefficients that a free loop leaves
-/// identifiable would add to the error per unit; rows as in a Projection of these segments.
+/// The columns of one more effect: the error per unit of each coefficient that is identifiable
+/// beside a free loop. Rows as in a Projection of these segments.
 [[nodiscard]] Eigen::MatrixXd effect_columns(const std::vector<Signals>& segments, const Loop& loop,
                                              double command_delay_s, std::size_t kind,
                                              const std::vector<double>& shapes);
 
 class Projection {
  public:
-  /// `free_response`: add what remains of an unknown starting state; false only for a start at
-  /// known rest.
+  /// `free_response`: add the free response of an unknown starting state of every segment as
+  /// columns. False only where the segments are known to start at rest.
   Projection(std::vector<Signals> segments, Structure structure, bool free_response = true);
 
   struct Solution {
     Eigen::VectorXd linear;    ///< c0.., effect coefficients, alpha, beta.., free responses
     Eigen::VectorXd residual;  ///< e - R linear
     double cost = 0.0;         ///< half the sum of squares
-    bool clamped = false;      ///< a coefficient was held at its lower bound 0
+    bool clamped = false;      ///< a coefficient was set to its lower bound 0
   };
   [[nodiscard]] Solution solve(const Point& point) const;
 
-  /// Kaufman's Jacobian of the residual: columns a1..an, then the shapes, then omega, zeta, gamma,
-  /// delta of every mode. Its gradient J^T r is exact.
+  /// Kaufman's Jacobian of the residual. Columns: a1..an, the shapes, then omega, zeta, gamma,
+  /// delta of every mode. The gradient J^T r is exact.
   struct Linearised {
     Solution at;
     Eigen::MatrixXd jacobian;
   };
   [[nodiscard]] Linearised linearise(const Point& point) const;
 
-  /// The regressors themselves (unscaled, no free responses) and their 2-norm condition.
+  /// The regressors, unscaled and without free responses.
   [[nodiscard]] Eigen::MatrixXd regressors(const Point& point) const;
-  /// All parameters' Jacobian, not projected: linear ones, then those of `linearise`. For
-  /// covariances.
+  /// Unprojected Jacobian by all parameters: the linear ones, then those of `linearise`.
+  /// Covariances are computed from it.
   [[nodiscard]] Eigen::MatrixXd full_jacobian(const Point& point,
                                               const Eigen::VectorXd& linear) const;
 
   [[nodiscard]] Eigen::Index rows() const { return rows_; }
-  /// c0.., effect coefficients, alpha, beta of every mode.
+  /// Number of columns of c0.., effect coefficients, alpha, beta of every mode.
   [[nodiscard]] Eigen::Index model_columns() const;
   [[nodiscard]] bool has_free_response() const { return free_response_; }
   [[nodiscard]] const Structure& structure() const { return structure_; }
   [[nodiscard]] const std::vector<Signals>& segments() const { return segments_; }
-  /// The model that this point and these linear parameters mean.
+  /// The model with these nonlinear and linear parameters.
   [[nodiscard]] Model model_of(const Point& point, const Eigen::VectorXd& linear) const;
 
  private:
-  struct Columns;  // regressors and, where asked for, what their derivatives need
+  struct Columns;  // regressors and, where requested, the data for their derivatives
   template <int N>
   void fill(const Point& point, bool derivatives, Columns& columns) const;
   template <int N, class Bank>
   void fill_free(const Bank& bank, Columns& columns, const Signals& s, Eigen::Index row0,
                  Eigen::Index first, bool derivatives, const Mode* mode) const;
-  /// The rows of lead-ins count for nothing.
+  /// Sets the rows of lead-ins to 0.
   void leave_out_leads(Columns& columns, bool derivatives) const;
   [[nodiscard]] Eigen::VectorXd& column_of(Columns& columns, int slot, int shape, bool first) const;
   [[nodiscard]] const Columns& columns_at(const Point& point, bool derivatives) const;
@@ -113,8 +116,8 @@ class Projection {
   Structure structure_;
   bool free_response_ = true;
   Eigen::Index rows_ = 0;
-  // One entry per identifiable coefficient: the effect's place in the structure and its index
-  // there.
+  // One entry per identifiable coefficient: the index of its effect in the structure, and its index
+  // in the effect.
   struct Slot {
     std::size_t effect = 0, coefficient = 0;
     bool non_negative = false;

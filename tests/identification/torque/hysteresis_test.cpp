@@ -1,4 +1,5 @@
-// The virgin curve by halving, from what the independent virtual machine recorded.
+// The virgin curve by halving reversal branches, from recordings of the independent virtual
+// machine.
 #include "identification/torque/hysteresis.h"
 
 #include <gtest/gtest.h>
@@ -17,7 +18,7 @@ namespace vm = virtual_machine;
 constexpr double kLevel = 80.0;       // [N]
 constexpr double kBreakaway = 30e-6;  // [m]
 
-/// A stiff axis that goes slowly to and fro, with a constant load.
+/// A stiff axis in position control that moves slowly back and forth under a constant load.
 Segment slow_reversals(const vm::Gms& friction) {
   vm::Axis axis;
   axis.body.mass = 100.0;
@@ -38,7 +39,7 @@ Segment slow_reversals(const vm::Gms& friction) {
   return s;
 }
 
-/// The virgin curve of Maxwell elements: each a spring up to its level.
+/// The virgin curve of Maxwell-slip elements: each is a spring up to its level.
 double virgin(const vm::Gms& friction, double x) {
   double force = 0.0;
   for (std::size_t i = 0; i < friction.stiffness.size(); ++i)
@@ -65,12 +66,15 @@ TEST(VirginCurve, GivesBreakawayForceAndDisplacement) {
   ASSERT_TRUE(fit);
   const Effect& presliding = fit->model.effects[0];
   EXPECT_NEAR(presliding.coefficient[0], kLevel, 0.01 * kLevel);
-  EXPECT_NEAR(presliding.shape[0], kBreakaway, 0.35 * kBreakaway);  // where a concave curve ends
-  EXPECT_LT(fit->error.rms, 0.015 * kLevel);  // the curve is of another family
+  // Where a concave curve ends is known only roughly.
+  EXPECT_NEAR(presliding.shape[0], kBreakaway, 0.35 * kBreakaway);
+  EXPECT_LT(fit->error.rms, 0.015 * kLevel);  // the machine's curve is not a reduced GMS
 }
 
-// Open loop, as in thesis 4.4: torque to position, without picking reversals.
-TEST(VirginCurve, TheSearchOverAllOfTheMotionFindsTheSame) {
+// The same parameters from the torque of the whole motion, without picking reversals. Thesis 4.4.2
+// finds them differently: in open loop, by comparing the displacement that the model simulates for
+// a recorded torque. Here the force of the recorded motion is fitted.
+TEST(VirginCurve, TheForceFitOverTheWholeMotionFindsTheSame) {
   const vm::Gms friction = vm::gms_with_curve(kLevel, kBreakaway, 3.0, 8);
   const auto fit = fit_force(ForceData::of_motion({slow_reversals(friction)}, 0.0),
                              {true, {kind_of<Presliding>(), kind_of<ConstantForce>()}});
