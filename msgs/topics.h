@@ -1,7 +1,9 @@
-// The topics: names, types and QoS in one place. What is sent: msgs/servotwin.idl.
+// The DDS topics: name, type and QoS of each in one place. The types are in msgs/servotwin.idl.
 //
-// A reader and a writer of a topic are made from the same entry, so that their QoS match. All that
-// a daemon says has one owner: of several daemons of a machine the strongest one that is alive.
+// Readers and writers of a topic are created from the same entry, so their QoS match. All topics
+// that a daemon publishes have exclusive ownership: of several daemons of a machine, readers get
+// the data of the live one with the highest strength.
+//
 // Any thread. Errors: none.
 #pragma once
 
@@ -23,25 +25,27 @@ struct Topic {
 };
 
 namespace topics {
+// "in": the daemon subscribes; "out": it publishes. Transient local: late joiners get the last
+// data.
 extern const Topic kMachineFrame;  ///< in: one servo cycle; reliable, the last 64
-extern const Topic kMachine;       ///< in: who the machine is; reliable, for late joiners
-extern const Topic kPrediction;  ///< out: best effort; its writer offers the cycle as the deadline
-extern const Topic kModel;       ///< out: the model in force; reliable, for late joiners
-extern const Topic kDiagnosis;   ///< out: the last diagnosis; reliable, for late joiners
-extern const Topic kStatus;      ///< out: how the daemon is; reliable, for late joiners
-extern const Topic kProgram;     ///< in: paths to preview or learn; reliable, for late joiners
-extern const Topic kCorrection;  ///< out: what came of a program; reliable
-extern const Topic kOffset;      ///< out: best effort, the newest, not older than its lifespan
+extern const Topic kMachine;       ///< in: description of the machine; reliable, transient local
+extern const Topic kPrediction;    ///< out: prediction of a cycle; best effort, deadline: the cycle
+extern const Topic kModel;         ///< out: the model in force; reliable, transient local
+extern const Topic kDiagnosis;     ///< out: the last diagnosis; reliable, transient local
+extern const Topic kStatus;        ///< out: state of the daemon; reliable, transient local
+extern const Topic kProgram;       ///< in: paths to preview or learn; reliable, transient local
+extern const Topic kCorrection;    ///< out: result of a program; reliable
+extern const Topic kOffset;        ///< out: the newest offset, within its lifespan; best effort
 }  // namespace topics
 
-/// The chunks of one program that are kept: as many as it can have.
+/// History depth of kProgram: the largest number of chunks of one program.
 inline constexpr int kProgramDepth = 256;
 
-/// A daemon that does not show itself for this long is taken for dead [ns].
+/// Liveliness lease: a daemon that is silent for this long counts as dead [ns].
 inline constexpr dds_duration_t kLivelinessLease_ns = DDS_SECS(2);
 
-/// A live offset that has not been read after this long is of no use to anybody [ns]. When a drive
-/// must drop one that it has says the offset itself, to the cycle.
+/// Lifespan of a live offset that has not been read [ns]. The time at which a drive must drop an
+/// offset that it has read is a field of the offset.
 inline constexpr dds_duration_t kOffsetLifespan_ns = DDS_MSECS(100);
 
 }  // namespace servotwin

@@ -1,13 +1,14 @@
-// Motor force beside the motion that it caused: what a force fit compares (force_fit.h).
+// Motor force and the motion it caused, filtered for a force fit (force_fit.h).
 //
 // From a recording, by parallel filtering: the position is filtered with zero phase (Butterworth of
-// fourth order at 2.5 times the bandwidth) and differentiated by central differences; then the
-// force and every column of the model go through one and the same low-pass (Chebyshev of eighth
-// order, 0.05 dB, zero phase) and are thinned. The relation between them stays what it was, and
-// what lies above the bandwidth is compared by nobody. With 40 Hz at 1 kHz these are the filters
-// with which the figures of the EMPS benchmark are published (Janot, Gautier, Brunot 2019).
+// fourth order at 2.5 times the bandwidth) and differentiated by central differences. Then the
+// force and every column of the model go through the same low-pass (Chebyshev of eighth order, 0.05
+// dB, zero phase) and are thinned. The relation between them does not change, and nothing above the
+// bandwidth is compared. With 40 Hz at 1 kHz these are the filters of the published figures of the
+// EMPS benchmark (Janot, Gautier and Brunot 2019; docs/theory.md 9.1).
 //
-// Units: m or rad, s; the force in whatever unit it was recorded in. Errors: std::runtime_error.
+// Units: m or rad, s; the force in its recorded unit. Errors: std::runtime_error. Allocates. Any
+// thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -21,13 +22,13 @@ namespace servotwin {
 
 class ForceData {
  public:
-  /// Every stretch of the segments that has a torque. `bandwidth_hz` 0: nothing is filtered, and
-  /// the motion between samples is that of a cubic spline, in `substeps` steps.
+  /// From every stretch of the segments that has a torque. With `bandwidth_hz` 0 nothing is
+  /// filtered, and the motion between samples is that of a cubic spline, in `substeps` steps.
   static ForceData of_motion(const std::vector<Segment>& segments, double bandwidth_hz = 40.0,
                              int substeps = 1);
-  /// The mean force at constant velocities.
+  /// From the mean force at constant velocities; both arrays of one length.
   static ForceData of_velocities(const Eigen::ArrayXd& velocity, const Eigen::ArrayXd& force);
-  /// Force over displacement from a relaxed start, at rising displacements.
+  /// From force over displacement of a first travel from rest; displacements rise.
   static ForceData of_virgin_curve(const Eigen::ArrayXd& displacement, const Eigen::ArrayXd& force);
 
   struct Stretch {
@@ -38,17 +39,17 @@ class ForceData {
   };
   [[nodiscard]] const std::vector<Stretch>& stretches() const { return stretches_; }
 
-  /// What is compared, and how far apart in time.
+  /// Filtered force, one value per row; rows are step_s() apart.
   [[nodiscard]] const Eigen::VectorXd& force() const { return force_; }
   [[nodiscard]] const Eigen::VectorXd& acceleration() const { return acceleration_; }
-  /// When, in the recording [s].
+  /// Time of every row in the recording [s].
   [[nodiscard]] const Eigen::VectorXd& time() const { return time_; }
-  /// The least speed within what each row's filters see of the motion.
+  /// The least speed within the span of the filters of every row [m/s | rad/s].
   [[nodiscard]] const Eigen::VectorXd& least_speed() const { return least_speed_; }
   [[nodiscard]] Eigen::Index rows() const { return force_.size(); }
   [[nodiscard]] double step_s() const { return step_s_; }
 
-  /// A column of one stretch, one value per sample of it, as it is compared.
+  /// A column of one stretch (one value per sample) after the same filter, one value per row.
   [[nodiscard]] Eigen::VectorXd compared(const Eigen::ArrayXd& samples) const;
 
  private:

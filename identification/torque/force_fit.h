@@ -1,12 +1,14 @@
-// Force fit: moved mass and friction from the motor's force and the motion (the inverse dynamic
-// model; docs/theory.md 9).
+// Force fit: moved mass and friction from motor force and motion (inverse dynamic model;
+// docs/theory.md 9).
 //
 //   F = m a + sum_i c_i f_i(motion; theta)
 //
 // The effects are those of the catalogue; the coefficients c_i = m d_i are in the unit of the
-// force. For given shapes theta the rest is one linear least squares problem (variable projection);
-// the shapes are sought over their whole physical range by controlled random search (NLopt, CRS2
+// force. For given shapes theta the rest is one linear least squares problem (variable projection).
+// The shapes are searched over their whole physical range by controlled random search (NLopt, CRS2
 // with local mutation; Kaelo and Ali 2006) and refined by Levenberg-Marquardt (Ceres).
+//
+// Any thread; the same data give the same result. Allocates.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,8 +22,8 @@
 namespace servotwin {
 
 struct ForceStructure {
-  bool mass = true;                  ///< false: the inertia is not sought and taken as 0
-  std::vector<std::size_t> effects;  ///< places in the catalogue
+  bool mass = true;                  ///< false: the mass is 0 and not fitted
+  std::vector<std::size_t> effects;  ///< indices in the catalogue
 };
 
 struct ForceModel {
@@ -30,10 +32,10 @@ struct ForceModel {
 };
 
 struct ForceFitOptions {
-  std::optional<std::vector<double>> shapes;  ///< held at these; otherwise sought
-  int evaluations = 0;       ///< of the global search; 0: as many as the amount of data allows
-  double least_speed = 0.0;  ///< rows that are slower are left out: at rest, static friction may
-                             ///< be anything up to breakaway
+  std::optional<std::vector<double>> shapes;  ///< held at these values; absent: searched
+  int evaluations = 0;       ///< of the global search; 0: chosen by the amount of data
+  double least_speed = 0.0;  ///< slower rows are left out: at rest, static friction may have any
+                             ///< value up to breakaway [m/s | rad/s]
 };
 
 /// Measured minus modelled force over all rows, in the unit of the force.
@@ -54,8 +56,8 @@ struct ForceFit {
 [[nodiscard]] Eigen::VectorXd force_of(const ForceModel& model, const ForceData& data);
 [[nodiscard]] ForceError judge(const ForceModel& model, const ForceData& data);
 
-/// Fits data.force() less `known`, a force of every row that is held (none where it is empty).
-/// Nothing where no shapes give a finite fit. Any thread; the same data give the same result.
+/// Fits data.force() minus `known`, a given force of every row (empty: none). Returns nothing where
+/// no shapes give a finite fit.
 [[nodiscard]] std::optional<ForceFit> fit_force(const ForceData& data,
                                                 const ForceStructure& structure,
                                                 const ForceFitOptions& options = {},

@@ -1,15 +1,14 @@
-// Friction models compared on the motor's torque, judged on what they were not fitted to.
+// Friction models compared on the motor's torque and judged on held-out data.
 //
 //   compare_on_ramps    stribeck, modified_stribeck and friction_map on the velocity-torque pairs
-//   of
-//                       constant-velocity ramps (paper 001). Velocities take turns in being held
-//                       out, both directions together; pairs with stick-slip are kept from
-//                       stribeck, which cannot show it, and from every judgement.
+//                       of constant-velocity ramps (Giberti et al. 2019, 3.1 and 3.4). Velocities
+//                       are held out in turn, both directions together. Pairs with stick-slip are
+//                       not used to fit stribeck, which cannot represent it, nor to judge.
 //   compare_on_motion   friction and inertia on the whole motion (force_fit.h): fitted to the first
-//                       part, judged on the rest. A friction of one symmetric force is tried with a
-//                       constant force and with unlike directions.
+//                       part, judged on the rest. A friction law with one symmetric force is tried
+//                       with a constant force and with a difference between the directions.
 //
-// Units as of force_fit.h. Any thread.
+// Units as in force_fit.h. Allocates. Any thread.
 #pragma once
 
 #include <vector>
@@ -22,9 +21,9 @@ namespace servotwin {
 struct FrictionTrial {
   ForceStructure structure;
   ForceFit fit;         ///< on ramps: to all pairs; on motion: to the first part
-  ForceError held_out;  ///< on what the judged fit had not seen
-  bool chosen =
-      false;  ///< the least held-out error; on ramps the simplest within its standard error
+  ForceError held_out;  ///< on data that the judged fit had not seen
+  /// Has the least held-out error; on ramps: the simplest within one standard error of the least.
+  bool chosen = false;
 };
 
 /// Throws std::runtime_error where there are too few velocities in either direction.
@@ -35,7 +34,7 @@ struct FrictionTrial {
     const std::vector<Segment>& segments, const std::vector<std::size_t>& frictions,
     double training_share, double bandwidth_hz);
 
-/// The friction of a model at a steady velocity, after long travel [unit of the force].
+/// The friction of a model at constant velocity, after long travel [unit of the force].
 [[nodiscard]] double steady_force(const ForceModel& model, double velocity);
 
 }  // namespace servotwin

@@ -1,13 +1,14 @@
-// The virgin curve of friction from measured hysteresis: by halving its reversal branches.
+// The virgin curve of friction from measured hysteresis, by halving its reversal branches.
 //
 // Friction with non-local memory leaves a reversal at (x_m, F_m) along
 //   F = F_m - 2 f((x_m - x) / 2),      f: the virgin curve                      (Masing's rule)
-// so that half of the force over half of the travel since a reversal is the virgin curve, whatever
-// the motion before, if that had been sliding long enough. Branches of both directions are
-// averaged: a constant load and unlike directions drop out. What speed does to the force is not
-// taken out: the reversals must be slow. Source: Al-Bender, Lampaert and Swevers 2005; thesis 4.3.
+// so half of the force over half of the travel since a reversal is the virgin curve, whatever the
+// motion before, if the axis had been sliding long enough. The mean over branches of both
+// directions does not depend on a constant load or on a difference between the directions. The
+// effect of speed is not removed: reversals must be slow. Sources: Masing 1926; Al-Bender, Lampaert
+// and Swevers 2005; thesis 4.4.2 (docs/theory.md 9.3 and Sources).
 //
-// Units: m or rad; the force as recorded. Any thread.
+// Units: m or rad; the force as recorded. Allocates. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,9 +25,9 @@ struct VirginCurve {
   int branches = 0;
 };
 
-/// From every reversal of the measured motion with at least `travel` [m | rad] before and behind
-/// it. `mass` is the moved mass in the unit of the torque per m/s^2. Throws std::runtime_error
-/// where there is no such reversal or no torque.
+/// From every reversal of the measured motion with at least `travel` [m | rad], > 0, before and
+/// after it. `mass` is the moved mass in the unit of the torque per m/s^2. Throws
+/// std::runtime_error where there is no such reversal or no torque.
 [[nodiscard]] VirginCurve virgin_curve_of(const std::vector<Segment>& segments, double travel,
                                           double mass);
 
