@@ -1,24 +1,25 @@
-// The safety gate of one axis: the only way for a position correction out of the program.
+// The safety gate of one axis: every position correction leaves the program through it.
 //
-// Whatever comes in, what goes out at t_k, valid until V_k, obeys
+// Whatever comes in, the offset y_k that goes out at t_k and is valid until V_k obeys
 //   |y_k| <= peak,   |y_k - y_(k-1)| <= rate (t_k - t_(k-1)),
 //   V_k <= min(t_k + validity, E_k),   |y_k| <= min(peak / ramp_s, rate) (E_k - t_k),
-// where E_k is when the last permitted request expires (none: no bound), and y_(k-1) is what the
+// where E_k is the expiry of the last permitted request (none: no bound), and y_(k-1) is what the
 // drive still applies at t_k: 0 if its validity is over by then, because the drive drops an offset
-// that is not renewed. So nothing is applied for longer than whoever asked allowed, not even if
-// nobody renews it, and nothing is left to drop then: the fade ends with the request. It is of
+// that is not renewed. So no offset is applied for longer than its request allows, and it has faded
+// to 0 when the request ends. The fade obeys
 //   gain_k <= (E_k - t_k) / ramp_s,
-// so that only a request that is valid for ramp_s or more is ever applied as a whole.
+// so only a request that is valid for ramp_s or longer is ever applied in full.
 //
-// A permitted request is faded in within ramp_s; whatever is not permitted is refused by name,
-// counted, and the offset that is out is faded out within the same time. A request above the limits
-// is refused, not clipped: a clipped correction is not the one that was learned. So is one that
-// ends before what is out can be faded out. Bandwidth: of a signal that is limited to B and to a
-// peak, Bernstein's inequality bounds the slope by 2 pi B peak and the curvature by (2 pi B)^2
-// peak; a request beyond is refused. Default is dry run: the output is advice, `send` is false.
+// A permitted request is faded in within ramp_s. A request that is not permitted is refused by name
+// and counted, and the active offset is faded out within the same time. A request above the limits
+// is refused, not clipped: a clipped correction is not the learned one. So is one that ends before
+// the active offset can be faded out. Bandwidth: for a signal limited to B and to a peak,
+// Bernstein's inequality (Bernstein 1912) bounds the slope by 2 pi B peak and the curvature by (2
+// pi B)^2 peak; a request beyond is refused. Default is dry run: the output is advice, `send` is
+// false.
 //
-// Units of position are the axis' own [m | rad]; times in ns by one clock. No dependencies,
-// allocates nothing, throws nothing. One thread.
+// Positions in the unit of the axis [m | rad]; times in ns of one clock. No dependencies, allocates
+// nothing, throws nothing. One thread. Source: docs/theory.md 14.
 #pragma once
 
 #include <array>
@@ -28,14 +29,15 @@
 
 namespace servotwin {
 
-/// Of the axis configuration; all must be positive and finite, else nothing is ever let through.
+/// From the axis configuration. All must be positive and finite, otherwise every request is
+/// refused.
 struct GateLimits {
   double peak = 0.0;  ///< [m | rad]
   double rate = 0.0;  ///< [m/s | rad/s]
   double bandwidth_hz = 0.0;
-  double ramp_s = 0.0;       ///< from nothing to the whole correction
-  double validity_s = 0.0;   ///< after which the drive must drop an offset
-  double model_age_s = 0.0;  ///< the oldest validation of a model that counts as fresh
+  double ramp_s = 0.0;       ///< fade-in time from 0 to the full correction
+  double validity_s = 0.0;   ///< time after which the drive must drop an offset
+  double model_age_s = 0.0;  ///< greatest age of the validation of a model
   bool live = false;         ///< false: dry run
 };
 
@@ -51,24 +53,24 @@ enum class Refusal : std::uint8_t {
   kRate = 7,
   kBandwidth = 8,
   kExpired = 9,       ///< the request was for an earlier time
-  kTimeStands = 10,   ///< the clock did not advance
-  kEndsTooSoon = 11,  ///< before what is out can be faded out
+  kTimeStands = 10,   ///< the clock has not advanced
+  kEndsTooSoon = 11,  ///< the request ends before the active offset can be faded out
 };
 inline constexpr std::size_t kRefusals = 12;
 [[nodiscard]] std::string_view name_of(Refusal refusal) noexcept;
 
 struct GateRequest {
   std::int64_t now_ns = 0;
-  double offset = 0.0;          ///< the correction at this moment
-  std::int64_t expires_ns = 0;  ///< after which the request must not be used
+  double offset = 0.0;          ///< correction at this moment [m | rad]
+  std::int64_t expires_ns = 0;  ///< the request must not be used after this time
   bool model_validated = false;
-  std::int64_t model_validated_ns = 0;  ///< when
+  std::int64_t model_validated_ns = 0;  ///< time of the validation
   bool axis_state_matches = false;
 };
 
 struct GateOutput {
   double offset = 0.0;
-  std::int64_t expires_ns = 0;  ///< when the drive must drop it
+  std::int64_t expires_ns = 0;  ///< time at which the drive must drop it
   bool send = false;            ///< false: advice only
   Refusal refusal = Refusal::kNone;
 };
@@ -77,7 +79,7 @@ class Gate {
  public:
   explicit Gate(const GateLimits& limits) noexcept;
   [[nodiscard]] GateOutput pass(const GateRequest& request) noexcept;
-  /// How often each reason was given.
+  /// How many requests were refused for this reason.
   [[nodiscard]] std::uint64_t count(Refusal refusal) const noexcept {
     return counts_[static_cast<std::size_t>(refusal)];
   }
@@ -91,12 +93,12 @@ class Gate {
   bool usable_;
   bool first_ = true;
   std::int64_t last_ns_ = 0;
-  std::int64_t expires_ns_ = 0;  // V, of the offset that is out
-  std::int64_t ends_ns_ = 0;     // E, of the request it is from
-  double out_ = 0.0;             // the offset that is out
-  double gain_ = 0.0;            // of the fade, 0..1
-  double held_ = 0.0;            // the permitted offset that is faded
-  // The requests before, for slope and curvature.
+  std::int64_t expires_ns_ = 0;  // V, of the active offset
+  std::int64_t ends_ns_ = 0;     // E, of the request it came from
+  double out_ = 0.0;             // the active offset
+  double gain_ = 0.0;            // gain of the fade, 0..1
+  double held_ = 0.0;            // the permitted offset that the fade scales
+  // Previous requests, for slope and curvature.
   int requests_ = 0;
   double request_ = 0.0, slope_ = 0.0;
   std::array<std::uint64_t, kRefusals> counts_{};

@@ -1,12 +1,14 @@
-// What a correction may be: peak and rate, and nothing at both ends.
+// Limits of a correction: peak, rate, and 0 at both ends.
 //
 //   |u_k| <= peak,   |u_k - u_(k-1)| <= rate h,   u_0 = u_(N-1) = 0
 //
-// `limited` gives a correction that obeys: the middle between the highest signal of that slope
-// below u and the lowest one above it, which of all signals of that slope is the nearest to u by
-// its largest deviation, then clipped, which leaves the slope. What obeys already is not changed.
+// `limited` gives a correction that obeys them. It takes the middle between the highest signal of
+// that slope below u and the lowest one above it, which of all signals of that slope is nearest to
+// u in the maximum norm, and clips it, which keeps the slope. A correction that already obeys is
+// not changed.
 //
-// Units of position are the axis' own [m | rad]. Any thread.
+// Positions in the unit of the axis [m | rad]; h is the sampling time [s]. Errors: none. Any
+// thread. Source: docs/theory.md 13.4.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,15 +1,14 @@
-// Where an axis turns round, starts or stops: there the learned signal may need another bandwidth
-// than elsewhere.
+// Windows around the reversals of an axis, where the learned signal may have another bandwidth.
 //
 //   u = w Q_reversal v + (1 - w) Q v,   0 <= w <= 1
 //
-// What friction does at a reversal is over within a hundredth of a second and needs much bandwidth;
-// elsewhere the error is smooth, and bandwidth only lets noise of the encoder and what the model
-// does not know into the correction. w is 1 around every change of the direction of the command and
-// falls to 0 by half a cosine. Both filters contract by the same condition, and so does their
-// mixture (ilc/learning_law.h).
+// The effect of friction at a reversal lasts a hundredth of a second and needs much bandwidth.
+// Elsewhere the error is smooth, and bandwidth only adds encoder noise and unmodelled dynamics to
+// the correction. w is 1 around every start, stop and change of direction of the command and falls
+// to 0 along half a cosine. Both filters contract by the same condition, and so does their mixture
+// (ilc/learning_law.h).
 //
-// Any thread.
+// Units: m | rad, s. Errors: none. Any thread. Source: docs/theory.md 13.3.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,11 +16,12 @@
 namespace servotwin {
 
 struct ReversalWindow {
-  double before_s = 0.02, after_s = 0.06;  ///< w = 1
-  double edge_s = 0.03;                    ///< over which it falls to 0
+  double before_s = 0.02, after_s = 0.06;  ///< w = 1 from before to after a reversal
+  double edge_s = 0.03;                    ///< then w falls to 0 within this time
 };
 
-/// w of a command; directions are compared above `slowest` [m/s | rad/s], below it stands.
+/// w of a command, one value per sample. Below the speed `slowest` [m/s | rad/s] the axis counts as
+/// standing.
 [[nodiscard]] Eigen::ArrayXd reversal_weight(const Eigen::ArrayXd& command, double h,
                                              const ReversalWindow& window = {},
                                              double slowest = 1e-6);

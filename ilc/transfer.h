@@ -1,14 +1,14 @@
-// The linear answer of a drive to its command.
+// The linear response of a drive to its command.
 //
 //   x = T(s) x_r,   T(s) = exp(-s tau) (1 - s N(s)/P(s) - (s | 1)/P(s) sum_i D_i(s))
 //
-// with P, N of the loop (twin/loop.h), tau the command's delay, and D_i what a mode of vibration
-// (`compliance`) disturbs by per command. The parts of other effects that are linear count into the
-// loop: viscous friction B' makes a1 + B' and c1 + B', feed-forward that is missing moves c1 and
-// c0. What else an effect does is not linear and no part of T; virtual trials see it.
+// P and N are those of the loop (twin/loop.h), tau is the command's delay, and D_i the disturbance
+// per command of a mode of vibration (`compliance`). Linear parts of other effects are added to the
+// loop: viscous friction B' makes a1 + B' and c1 + B', missing feed-forward changes c1 and c0.
+// Nonlinear effects are not part of T; the trials on the twin include them.
 //
-// T(0) = 1. Frequencies in rad/s. A mode that moves with position is taken where it is in the
-// middle of the travel. Any thread.
+// T(0) = 1. Frequencies in rad/s, times in s. A mode that moves with position is taken at the
+// middle of the travel. Errors: none. Any thread. Source: docs/theory.md 13.1.
 #pragma once
 
 #include <Eigen/Core>
@@ -32,16 +32,16 @@ struct Transfer {
   [[nodiscard]] std::complex<double> at(double omega) const;
   /// From a disturbance to the tracking error, (s | 1)/P and the modes of vibration.
   [[nodiscard]] std::complex<double> compliance_at(double omega) const;
-  /// The lag at constant speed, c_(n-1)/a_n + tau, and beta/omega^2 of every mode [s].
+  /// The lag at constant speed [s]: c_(n-1)/a_n + tau plus beta/omega^2 of every mode.
   [[nodiscard]] double lag_s() const;
 };
 
 /// Of a valid model (why_invalid is empty).
 [[nodiscard]] Transfer transfer_of(const Model& model);
 
-/// What the position does after the command of one sample alone was 1, straight lines between the
-/// samples (first-order hold): the first column of the lifted T. Tables behind springs are left
-/// out. A delay of whole and broken samples is taken by straight lines too. Allocates.
+/// Response of the position to a command that is 1 at one sample and 0 at all others, linear
+/// between samples (first-order hold): the first column of the lifted T. Tables behind springs are
+/// left out. A delay is interpolated linearly too. `h` [s] > 0. Allocates.
 [[nodiscard]] Eigen::ArrayXd impulse_response(const Transfer& transfer, double h,
                                               Eigen::Index samples);
 

@@ -1,21 +1,21 @@
-// The models that a stated uncertainty allows.
+// The models within a stated uncertainty.
 //
 //   (theta - theta_0)^T C^(-1) (theta - theta_0) <= deviations^2
 //
-// theta are the poles (real pole, natural frequency, damping), the coefficients of the tracking
-// numerator and the delay; C is their covariance as the identification found it
-// (twin/loop_covariance.h). They are estimated together: one of them off alone would have missed
-// the recording by far more than the model did. Nothing else comes into it, and the path that is to
-// be corrected least of all: it was not there when the model was found.
+// theta contains the poles (real pole, natural frequency, damping), the coefficients of the
+// tracking numerator and the delay. C is their covariance from the identification
+// (twin/loop_covariance.h). They are estimated together: a change of one of them alone would have
+// missed the recording by far more than the model did. The uncertainty does not depend on the path
+// that is to be corrected.
 //
-// Besides, the timing may be off by `timing_s` either way: what happens between the samples (held
-// forces, velocities from differences, stamps) is in no model. T(0) stays 1.
+// In addition, the timing may be off by `timing_s` either way, because no model contains what
+// happens between the samples (held forces, velocities from differences, time stamps). T(0) stays
+// 1.
 //
 // The models are the given one, the ends of the axes of the ellipsoid, and seeded draws from its
-// surface, all with the timing early, right and late by turns: the same for the same input. Source:
-// docs/theory.md 13.
+// surface, with the timing early, right and late in turn: the same for the same input.
 //
-// Any thread. Allocates.
+// Units: rad/s, s. Errors: none. Any thread. Allocates. Source: docs/theory.md 13.2.
 #pragma once
 
 #include <vector>
@@ -26,22 +26,22 @@
 namespace servotwin {
 
 struct TransferUncertainty {
-  /// C, with the poles as their first label names them (labels_of); finite, positive semidefinite.
+  /// C, for the poles as in the first of labels_of; finite, positive semidefinite.
   LoopCovariance covariance = LoopCovariance::Zero();
-  double timing_s = 0.0;    ///< a bound, not a deviation
-  double deviations = 2.0;  ///< how many of them a model may be off
+  double timing_s = 0.0;    ///< a bound, not a standard deviation
+  double deviations = 2.0;  ///< size of the ellipsoid in standard deviations
 };
 
-/// Of standard deviations one by one, as if each value could be off alone: where it is not known
-/// how they hang together. NaN counts as 0.
+/// A diagonal covariance from standard deviations, for models whose correlations are unknown. NaN
+/// counts as 0.
 [[nodiscard]] LoopCovariance one_by_one(const PoleSet& poles,
                                         const std::array<double, kMaxOrder>& numerator,
                                         double delay_s);
 
-/// The same share of every pole and coefficient, for models that do not state their own.
+/// The same relative deviation of every pole and coefficient, for models without deviations.
 [[nodiscard]] TransferUncertainty relative_uncertainty(const Transfer& transfer, double share);
 
-/// All of them stable.
+/// The models; all are stable.
 [[nodiscard]] std::vector<Transfer> models_within(const Transfer& transfer,
                                                   const TransferUncertainty& uncertainty,
                                                   int draws = 200);

@@ -1,13 +1,14 @@
-// A frequency response applied to a whole signal at once, causal or not.
+// A frequency response applied to a whole signal at once; it may be non-causal.
 //
 //   y = F^-1 (R(omega) F x)
 //
-// By FFT over at least twice the samples: the signal stands in the middle, its first and last value
-// are held on both sides, so that a response that looks ahead or behind does not wrap around. The
-// inverse of a loop whose zeros are right of the imaginary axis is applied this way: stable, but
-// not causal. A real R >= 0 moves nothing in time: zero phase.
+// By FFT over at least twice the samples. The signal is placed in the middle and its first and last
+// values are held on both sides, so that a response that looks ahead or back does not wrap around.
+// This applies the inverse of a loop whose zeros are right of the imaginary axis: stable, but not
+// causal. A real R >= 0 has zero phase.
 //
-// Responses are given on `omega()`, 0 to the Nyquist frequency. One thread per object; allocates.
+// Responses are given on `omega()`, from 0 to the Nyquist frequency [rad/s]. Errors: none. One
+// thread per object; allocates. Source: docs/theory.md 13.1.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,7 +19,7 @@ namespace servotwin {
 
 class ZeroPhase {
  public:
-  /// Of signals of so many samples, h [s] apart.
+  /// For signals of this many samples, h [s] apart.
   ZeroPhase(Eigen::Index samples, double h);
 
   [[nodiscard]] const Eigen::ArrayXd& omega() const { return omega_; }  ///< [rad/s]
