@@ -1,4 +1,8 @@
-// The catalogue of effects. To add one: twin/effects/, a line here, its C in cli/export/sources/.
+// The catalogue of effects. To add an effect: its header in twin/effects/, a line here, and its C
+// translation in cli/export/sources/ (docs/decisions/0009-c-sources-of-the-unit.md).
+//
+// The index of an effect in the catalogue is its kind. Any thread; nothing here allocates or
+// throws.
 #pragma once
 
 #include <algorithm>
@@ -84,16 +88,16 @@ template <class T, class Tuple>
 struct MemoryOf;
 template <class T, class... E>
 struct MemoryOf<T, std::tuple<E...>> {
-  // Distinct by position, not by type: two effects without memory may share one empty struct.
+  // Alternatives are selected by index, not by type: effects without memory share one empty struct.
   using type = std::variant<typename E::template Memory<T>...>;
 };
 }  // namespace detail
 
-/// What any one effect remembers from cycle to cycle; trivially copyable.
+/// The memory of any one effect from cycle to cycle; trivially copyable.
 template <class T>
 using EffectMemory = typename detail::MemoryOf<T, Catalogue>::type;
 
-/// Calls f.template operator()<Effect, Index>() for the effect of this kind (its place in the
+/// Calls f.template operator()<Effect, Index>() for the effect of this kind (its index in the
 /// catalogue).
 template <class F>
 constexpr decltype(auto) visit_effect(std::size_t kind, F&& f) {
@@ -127,7 +131,7 @@ inline std::span<const Parameter> coefficients_of(std::size_t kind) {
   return visit_effect(
       kind, []<class E, std::size_t>() -> std::span<const Parameter> { return E::kCoefficients; });
 }
-/// The place of E in the catalogue.
+/// The index of E in the catalogue.
 template <class E>
 constexpr std::size_t kind_of() {
   return []<std::size_t... I>(std::index_sequence<I...>) {
@@ -138,14 +142,14 @@ constexpr std::size_t kind_of() {
   }
   (std::make_index_sequence<kEffectKinds>{});
 }
-/// The place of the effect with this id, or kEffectKinds if there is none.
+/// The index of the effect with this id, or kEffectKinds if there is none.
 inline std::size_t kind_of(std::string_view id) {
   std::size_t kind = 0;
   while (kind < kEffectKinds && identity_of(kind).id != id) ++kind;
   return kind;
 }
 
-/// Each is the whole friction of a machine; a model has one at most.
+/// Friction laws: each is the whole friction of a machine, so a model has at most one.
 inline constexpr std::array kFrictionLaws{kind_of<CoulombFriction>(),
                                           kind_of<Dahl>(),
                                           kind_of<Presliding>(),
@@ -168,8 +172,8 @@ constexpr bool is_friction_law(std::size_t kind) {
 template <class T>
 void start_memory(std::size_t kind, const T* shape, EffectMemory<T>& memory) noexcept;
 
-/// Copies what this effect remembers, and not the room that the largest memory would take; `to` was
-/// started for the same effect.
+/// Copies the memory of this effect only, not the size of the largest memory; `to` was started for
+/// the same effect.
 template <class T>
 void copy_memory(std::size_t kind, const EffectMemory<T>& from, EffectMemory<T>& to) noexcept;
 

@@ -8,7 +8,7 @@ namespace servotwin {
 
 template <class T>
 void start_memory(std::size_t kind, const T* shape, EffectMemory<T>& memory) noexcept {
-  // Not emplace(): to a checker it might throw.
+  // Not emplace(): a static checker would assume that it throws.
   visit_effect(kind, [&]<class E, std::size_t I>() {
     memory = EffectMemory<T>(std::in_place_index<I>, shape);
   });

@@ -1,13 +1,14 @@
-// Which axis and which of its effects make the contour error of a program.
+// Shares of the contour error of a program by axis and effect.
 //
 //   share_(i,m) = sum_k -e_(i,m,k) away_(i,k) / sum_k |away_k|^2
 //
-// e_(i,m) is what effect m of axis i adds to its tracking error: the simulated error less that of
-// the model without the effect. e_(i,loop) is the error without any effect, less the way from the
-// nearest point of the path to the command of the moment: what all axes lag by together is none.
-// The shares add up to 1 but for what effects only do together, which is the rest.
+// e_(i,m) is the contribution of effect m of axis i to its tracking error: the simulated error
+// minus that of the model without the effect. e_(i,loop) is the error without any effect, minus the
+// distance from the nearest point of the path to the momentary command, so that a common lag of all
+// axes does not count. The shares sum to 1 except for what effects cause only together, which is
+// reported as the rest.
 //
-// Errors: as program_error. Any thread.
+// Units: m. Errors: as program_error. Allocates. Any thread. Source: docs/theory.md 12.
 #pragma once
 
 #include <string>
@@ -20,13 +21,13 @@
 namespace servotwin {
 
 struct ContourShare {
-  std::size_t axis = 0;  ///< of those given
+  std::size_t axis = 0;  ///< index of the axis in the input
   std::string what;      ///< "loop", an effect's id, or empty: the rest
-  double share = 0.0;    ///< of the squared contour error; below 0: it makes it smaller
+  double share = 0.0;    ///< of the squared contour error; below 0: it reduces the error
 };
 
-/// Of linear axes; `error` is the contour error that these models make of these commands. The
-/// largest share first, the rest at the end.
+/// For linear axes; `error` is the contour error of these models for these commands. The largest
+/// share comes first, the rest last.
 [[nodiscard]] std::vector<ContourShare> contour_shares(const std::vector<Model>& models,
                                                        const std::vector<Segment>& paths,
                                                        const ProgramError& error);

@@ -3,10 +3,12 @@
 //   w' = A w + B u,   u(t_n + s) = sum_k u_n^(k) s^k / k!,  k = 0..m
 //   w_(n+1) = Phi w_n + sum_k G_k u_n^(k)
 //
-// by one matrix exponential of the system augmented with a chain of integrators (docs/theory.md 2).
-// m = 0 is the zero-order hold, m = 1 the first-order hold; commands use the piecewise cubic of a
-// C2 spline: its first derivative (m = 2) drives the filters, so that a standing axis is the zero
-// state.
+// by one matrix exponential of the system augmented with a chain of integrators (van Loan 1978;
+// docs/theory.md 2.1). m = 0 is the zero-order hold, m = 1 the first-order hold. Commands are the
+// piecewise cubic of a C2 spline; its first derivative (m = 2) drives the filters, so that an axis
+// at rest is the zero state.
+//
+// Times in s. Errors: none. Allocates. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,28 +17,28 @@ namespace servotwin {
 
 struct Hold {
   Eigen::MatrixXd phi;  ///< n x n
-  Eigen::MatrixXd g;    ///< n x (m + 1), column k multiplies the k-th derivative of the input
+  Eigen::MatrixXd g;    ///< n x (m + 1); column k multiplies the k-th derivative of the input
 };
 
 /// Discretises for the step h [s] > 0. Allocates.
 [[nodiscard]] Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m);
 
-/// The C2 cubic spline through equidistant samples, as the hold needs it: the value and three
-/// derivatives at the start of every interval; the last row continues the last interval.
+/// The C2 cubic spline through equidistant samples, in the form that the hold uses: value and three
+/// derivatives at the start of every interval. The last row continues the last interval.
 struct Spline {
   double h = 0.0;
   Eigen::ArrayXd value, first, second, third;
 
-  /// With the end slopes given; 0 for a motion that starts and ends at rest.
+  /// With given end slopes; 0 for a motion that starts and ends at rest.
   static Spline through(const Eigen::ArrayXd& samples, double h, double slope_begin,
                         double slope_end);
-  /// With the end slopes of the cubics through the first and the last four samples, for a stretch
-  /// cut out of a motion.
+  /// With the end slopes of the cubics through the first and the last four samples, for a segment
+  /// that is cut out of a motion.
   static Spline through(const Eigen::ArrayXd& samples, double h);
-  /// Straight lines between the samples.
+  /// Linear between the samples.
   static Spline straight(const Eigen::ArrayXd& samples, double h);
-  /// The samples of the same motion delayed by `delay_s` >= 0; before the start it continues at the
-  /// first slope.
+  /// The samples of the same motion delayed by `delay_s` >= 0, extrapolated before the start with
+  /// the first slope.
   [[nodiscard]] Eigen::ArrayXd delayed(double delay_s) const;
 };
 

@@ -1,25 +1,28 @@
-// The linear loop of a servo drive, from command and disturbance to the tracking error.
+// The linear loop of a servo drive: tracking error from command and disturbance.
 //
-// Order 3 (integral action; thesis eq. 3.8, docs/theory.md 1.1):
+// Order 3 (integral action; thesis eq. 3.10, docs/theory.md 1.1):
 //   e = s (c0 s^2 + c1 s + c2) / P(s) x_r + s / P(s) d,   P = s^3 + a1 s^2 + a2 s + a3
 // Order 2 (P position, P velocity control, no integrator; docs/theory.md 1.2):
 //   e = s (c0 s + c1) / P(s) x_r + 1 / P(s) d,            P = s^2 + a1 s + a2
-// d is the disturbance as an acceleration [m/s^2 | rad/s^2], positive when it resists positive
+// d is the disturbance as an acceleration [m/s^2 | rad/s^2], positive if it resists positive
 // motion.
 //
-// Flexible machines have modes of vibration beside it, each a pair of poles in parallel
-// (docs/theory.md 1.5): with M = s^2 + 2 zeta omega s + omega^2, P as above, and G the (s | 1)/P of
-// a disturbance,
+// Modes of vibration of a flexible machine are pairs of poles in parallel (docs/theory.md 1.5).
+// With M = s^2 + 2 zeta omega s + omega^2, P as above, and G the (s | 1)/P of a disturbance,
 //   e += (alpha s + beta) / M s x_r
 //        + [gamma (s/M - s G - (a1 - 2 zeta omega) G) + delta (1/M - held/P - G)] d
-// held is a3 / omega^2 with integral action, else 0. What is taken off leaves d the deceleration of
-// what carries the encoder, and behind an integrator no constant force is felt.
+// held is a3 / omega^2 with integral action, else 0. The subtracted terms make d the deceleration
+// of the body that carries the encoder, and remove the effect of a constant force behind an
+// integrator.
 //
-// A mode of a machine whose stiffness depends on where its table stands moves with the commanded
-// position x (docs/theory.md 1.6), xi from -1 to 1 over the travel and held beyond it:
+// A mode moves if the stiffness of the machine depends on the position of its table. It follows the
+// commanded position x (docs/theory.md 1.6), with xi from -1 to 1 over the travel and held beyond:
 //   omega(x) = omega exp(slope xi + curve xi^2),   zeta(x) = zeta exp(zeta_slope xi)
-// What the control makes good at rest it does at any x: c(n-1) and, without an integrator, delta
-// move with omega so that the lag at constant speed and the give under a constant force stay.
+// What the control corrects at rest does not depend on x: c(n-1) and, without an integrator, delta
+// change with omega so that the lag at constant speed and the deflection under a constant force
+// stay the same.
+//
+// Errors: none; a model is checked by why_invalid (twin/model.h). Any thread.
 #pragma once
 
 #include <algorithm>
@@ -33,30 +36,30 @@ namespace servotwin {
 
 inline constexpr int kMaxOrder = 3;
 inline constexpr std::size_t kMaxModes = 6;
-/// Of slope and curve of a mode that moves: a factor of e.
+/// Bound of slope, curve and zeta_slope of a mode that moves: a factor of e.
 inline constexpr double kMostModeTravel = 1.0;
 
 /// A mode of vibration.
 struct Mode {
   double omega = 0.0;       ///< natural frequency [rad/s], > 0
   double zeta = 0.0;        ///< damping ratio, 0 < zeta < 1
-  double alpha = 0.0;       ///< of the command [-],
-  double beta = 0.0;        ///< [1/s],
-  double gamma = 0.0;       ///< of the disturbance [s],
-  double delta = 0.0;       ///< [-], 1 where the disturbance acts on nothing but this mode
-  double slope = 0.0;       ///< of log omega over half the travel [-],
-  double curve = 0.0;       ///< and what it is more at both ends; omega is that in the middle [-]
-  double zeta_slope = 0.0;  ///< of log zeta over half the travel [-]
+  double alpha = 0.0;       ///< coefficients of the command: [-]
+  double beta = 0.0;        ///< and [1/s]
+  double gamma = 0.0;       ///< coefficients of the disturbance: [s]
+  double delta = 0.0;       ///< and [-]; 1 if the disturbance acts on this mode alone
+  double slope = 0.0;       ///< change of log omega over half the travel [-]
+  double curve = 0.0;       ///< its increase at both ends; omega is that of the middle [-]
+  double zeta_slope = 0.0;  ///< change of log zeta over half the travel [-]
 
   [[nodiscard]] bool moves() const noexcept {
     return slope != 0.0 || curve != 0.0 || zeta_slope != 0.0;
   }
 };
 
-/// Of the commanded position [m | rad].
+/// The range of the commanded position [m | rad].
 struct Travel {
   double from = 0.0, to = 0.0;
-  /// -1 at its beginning, 1 at its end, held beyond; 0 where there is none.
+  /// xi: -1 at `from`, 1 at `to`, held beyond; 0 if the range is empty.
   [[nodiscard]] double place(double position) const noexcept {
     return to > from ? std::clamp((2.0 * position - from - to) / (to - from), -1.0, 1.0) : 0.0;
   }
@@ -67,25 +70,24 @@ struct Loop {
   std::array<double, kMaxOrder> denominator{};  ///< a1..an [1/s^i]
   std::array<double, kMaxOrder> numerator{};    ///< c0..c(n-1) [1/s^i]
   std::vector<Mode> modes{};                    ///< at most kMaxModes
-  Travel travel{};                              ///< over which modes move
+  Travel travel{};                              ///< range over which modes move
 };
 
-/// omega(x) [rad/s], `place` that of x in the travel.
+/// omega(x) [rad/s]; `place` is xi of x.
 [[nodiscard]] inline double omega_at(const Mode& mode, double place) noexcept {
   return mode.omega * std::exp(place * (mode.slope + mode.curve * place));
 }
-/// A mode as it is at this place, where it does not move; `lag`: what c(n-1) is more there.
+/// A mode at one place, constant there; `lag` is the change of c(n-1) there.
 struct PlacedMode {
   Mode mode;
   double lag = 0.0;
 };
 [[nodiscard]] PlacedMode at_place(const Mode& mode, double place, int order,
                                   const std::array<double, kMaxOrder>& denominator) noexcept;
-/// The loop of an axis that stays about this position: its modes are there and do not move.
+/// The loop of an axis near this position: its modes are those of the position and do not move.
 [[nodiscard]] Loop at_position(const Loop& loop, double position);
 
-/// The poles as the pole search names them: a real pole (order 3 only) and a pair, real where zeta
-/// > 1.
+/// The poles as a real pole (order 3 only) and a pair, which is two real poles if zeta > 1.
 struct PoleSet {
   double real = 0.0;   ///< p [rad/s], unused in order 2
   double omega = 0.0;  ///< natural frequency of the pair [rad/s]
@@ -96,14 +98,13 @@ struct PoleSet {
 [[nodiscard]] std::array<double, kMaxOrder> denominator_of(const PoleSet& poles, int order);
 /// The roots of P, the slowest real one first, pairs next to each other.
 [[nodiscard]] std::array<std::complex<double>, kMaxOrder> roots_of(const Loop& loop);
-/// All labels under which the loop's poles can be named: one for a complex pair, three for real
-/// poles.
+/// All pole sets that describe the same loop: one for a complex pair, three for three real poles.
 struct PoleLabels {
   int count = 0;
   std::array<PoleSet, 3> set{};
 };
 [[nodiscard]] PoleLabels labels_of(const Loop& loop);
-/// What the modes leave of the loop's own (s | 1)/P for a disturbance [-]; 1 without modes.
+/// The factor of the loop's own (s | 1)/P for a disturbance beside its modes [-]; 1 without modes.
 [[nodiscard]] double disturbance_share(const std::array<double, kMaxOrder>& denominator,
                                        const std::vector<Mode>& modes);
 /// Routh-Hurwitz: every pole left of the imaginary axis.

@@ -1,10 +1,13 @@
-// Low-pass filters run forwards and backwards: no phase, so that what passes stays where it is.
+// Zero-phase low-pass filters, run forwards and backwards.
 //
-// A filter of even order as second-order sections, by the bilinear transform of the analogue poles
-// (Butterworth; Chebyshev of the first kind), each section of gain 1 at rest. `zero_phase`
-// continues the samples at both ends by their reflection in the end point and starts at rest there,
-// as the usual `filtfilt` does, so that a constant or a ramp comes through unchanged up to the
-// ends. Errors: std::invalid_argument. Any thread.
+// A filter of even order consists of second-order sections, from the bilinear transform of the
+// analogue poles (Butterworth; Chebyshev of the first kind), each section of gain 1 at frequency 0.
+// `zero_phase` extends the samples at both ends by their reflection in the end point and starts at
+// rest there, as the usual `filtfilt` does, so a constant or a ramp passes unchanged up to the
+// ends.
+//
+// Frequencies as a share of the sampling rate. Errors: std::invalid_argument. Allocates. Any
+// thread. Used as in docs/theory.md 9.1.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,10 +23,11 @@ using LowPass = std::vector<Section>;
 
 /// -3 dB at `cutoff`, a share of the sampling rate in (0, 0.5); `order` even.
 [[nodiscard]] LowPass butterworth(int order, double cutoff);
-/// Leaves the band of its ripple [dB] at `cutoff`.
+/// `cutoff` (as above) is where the gain leaves the band of `ripple_db` > 0.
 [[nodiscard]] LowPass chebyshev(int order, double ripple_db, double cutoff);
 
-/// Filters twice, so that the gain is squared; `x` longer than the reflection of 3 * order samples.
+/// The gain is squared, because the filter runs twice. `x` must be longer than 3 * order samples,
+/// the length of the reflection.
 [[nodiscard]] Eigen::ArrayXd zero_phase(const LowPass& filter, const Eigen::ArrayXd& x);
 
 }  // namespace servotwin

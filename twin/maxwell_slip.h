@@ -1,10 +1,14 @@
-// Maxwell-slip elements: what presliding friction remembers (generalised Maxwell slip, Al-Bender,
-// Lampaert and Swevers 2005; thesis eq. 4.1, 4.2; docs/theory.md 3.5).
+// Maxwell-slip elements: the memory of presliding friction (generalised Maxwell slip; Al-Bender,
+// Lampaert and Swevers 2005; thesis eq. 4.1 and 4.2; docs/theory.md 3.5).
+//
+//   F <- clip(F + k dx, -level, level)
 //
 // An element is a spring that slides at its level. Over one cycle of displacement dx it sticks,
 // breaks away within the cycle, or slides; sliding it relaxes to its level, and it sticks again
-// when the motion turns. The step is exact in displacement, so that it is stable for any step and
+// when the motion reverses. The step is exact in displacement and therefore stable for any step and
 // stiffness: |F| never grows beyond the level.
+//
+// Any thread; allocates nothing, throws nothing.
 #pragma once
 
 #include <array>
@@ -13,13 +17,14 @@
 
 namespace servotwin {
 
-/// Of one unit of breakaway force: stiffness [1/m | 1/rad] and level [1], the levels' sum is 1.
+/// Elements per unit of breakaway force: stiffness [1/m | 1/rad] and level [1]; the levels sum
+/// to 1.
 template <class T, std::size_t N>
 struct MaxwellElements {
   std::array<T, N> stiffness, level;
 };
 
-/// The force after `dx` of an element of constant level: the spring's, clamped to the level.
+/// Force of an element of constant level after `dx`: that of the spring, clamped to the level.
 template <class T>
 T slip(const T& force, const T& stiffness, const T& level, double dx) noexcept {
   const T pulled = force + stiffness * dx;
@@ -28,18 +33,18 @@ T slip(const T& force, const T& stiffness, const T& level, double dx) noexcept {
   return pulled;
 }
 
-/// An element whose level changes with velocity, and which is drawn to it at a finite rate.
+/// An element whose level changes with velocity and is approached at a finite rate.
 template <class T>
 struct AttractedElement {
-  /// An element at rest is not drawn to its level; below this travel per cycle [m | rad] it is
-  /// drawn less, so that the force is continuous in the motion.
+  /// An element at rest does not approach its level. Below about this travel per cycle [m | rad] it
+  /// does so more slowly, which keeps the force continuous in the motion.
   static constexpr double kCreep = 1e-10;
 
   T force{0.0};
-  int sliding = 0;  ///< +1, -1: direction it slides in; 0: it sticks
+  int sliding = 0;  ///< +1, -1: direction of sliding; 0: it sticks
 
-  /// Over one cycle of `dx` during `step_s`, with the level of this velocity; `rate` [1/s]: how
-  /// fast a sliding element approaches its level.
+  /// One cycle of displacement `dx` [m | rad] in `step_s` [s], with the level at this velocity. A
+  /// sliding element approaches its level at `rate` [1/s].
   void advance(const T& stiffness, const T& level, const T& rate, double dx,
                double step_s) noexcept {
     using std::exp;
@@ -53,7 +58,7 @@ struct AttractedElement {
         force = pulled;
         return;
       }
-      // It breaks away within the cycle and is at its level then, or it had been above it already.
+      // It breaks away within the cycle and ends at its level, or it was above its level already.
       sliding = direction;
       if (sign * force < level) {
         force = sign * level;

@@ -1,11 +1,11 @@
-// One step of a mode of vibration, in closed form, so that one that moves can be taken anew every
-// cycle. No allocation; any thread.
+// One step of a mode of vibration in closed form, cheap enough to recompute every cycle for a mode
+// that moves. Allocates nothing, throws nothing; any thread. Source: docs/theory.md 1.6.
 //
 //   w' = A w + b u,   A = [-damping, 1; -stiffness, 0],   u = sum_k u^(k) s^k / k!
 //   w(h) = phi_0 w + sum_k h^(k+1) phi_(k+1) b u^(k),   phi_j = sum_i (h A)^i / (i + j)!
 //
-// Every phi_j is p_j + q_j A, because A^2 = -damping A - stiffness (Cayley and Hamilton), and
-// phi_j = 1 / j! + h A phi_(j+1) gives them from the last one down.
+// Every phi_j is p_j + q_j A, because A^2 = -damping A - stiffness (Cayley and Hamilton), and phi_j
+// = 1 / j! + h A phi_(j+1) gives them from the last one down.
 #pragma once
 
 #include <array>
@@ -39,8 +39,8 @@ class ModeStep {
 
  private:
   static constexpr int kInputs = 4;
-  // What is left out is below 1e-12 for steps of half a vibration, and with fewer terms for those
-  // of less than half a radian.
+  // The truncation error is below 1e-12 for steps of up to half a period, and with the fewer terms
+  // for steps of up to half a radian.
   static constexpr int kTerms = 24, kSlowTerms = 13;
   static constexpr double kSlow = 0.25;
   static constexpr double one_over_factorial(int of) {

@@ -1,4 +1,6 @@
 // A model of one axis: the loop and the effects that act on it. Plain data.
+//
+// SI units; for rotary axes read rad for m. Any thread. Errors: why_invalid names them.
 #pragma once
 
 #include <array>
@@ -10,21 +12,21 @@
 
 namespace servotwin {
 
-/// One effect with its parameters, in the catalogue's order of them.
+/// One effect with its parameters, in the order of the catalogue.
 struct Effect {
-  std::size_t kind = 0;  ///< place in the catalogue
+  std::size_t kind = 0;  ///< index in the catalogue
   std::array<double, kMaxShapes> shape{};
   std::array<double, kMaxCoefficients> coefficient{};
 };
 
-/// How many elements a law of friction has whose levels are its first coefficients; 0: one level.
+/// Number of elements of a friction law whose levels are its first coefficients; 0: one level.
 constexpr std::size_t free_elements_of(std::size_t kind) noexcept {
   if (kind == kind_of<Gms>()) return Gms::kElements;
   return kind == kind_of<MaxwellSlip>() ? MaxwellSlip::kElements : 0;
 }
 
-/// The level at which this law of friction slides, per moved mass [m/s^2 | rad/s^2]; of unlike
-/// directions that of the positive one.
+/// The level at which this friction law slides, per moved mass [m/s^2 | rad/s^2]; if it depends on
+/// the direction, that of the positive direction.
 inline double level_of(const Effect& law) noexcept {
   const std::size_t elements = free_elements_of(law.kind);
   double sum = elements == 0 ? law.coefficient[0] : 0.0;
@@ -32,9 +34,9 @@ inline double level_of(const Effect& law) noexcept {
   return sum;
 }
 
-/// Motion::friction from the forces per unit coefficient of a law.
+/// Motion::friction from the forces per unit coefficient of a friction law.
 inline double friction_of(const Effect& law, const double* force) noexcept {
-  // A coefficient for each direction, of which the other one has no force; or for each element.
+  // One coefficient per direction, of which only one has a force at a time; or one per element.
   if (law.kind == kind_of<Stribeck>() || law.kind == kind_of<ModifiedStribeck>())
     return force[0] + force[1];
   const std::size_t elements = free_elements_of(law.kind);
@@ -64,12 +66,11 @@ struct Model {
   [[nodiscard]] const Effect* find(std::size_t kind) const;
 };
 
-/// The longest command delay that a twin can look back over [cycles]: the 50 ms of the catalogue at
-/// 10 kHz.
+/// The longest command delay of a twin [cycles]: the 50 ms of the catalogue at 10 kHz.
 inline constexpr int kMaxDelayCycles = 500;
 
-/// Why a model cannot be used, naming the field, the value and the rule; empty if it can: finite,
-/// stable, within the physical bounds of the catalogue, its delay within kMaxDelayCycles.
+/// Why a model is invalid, naming field, value and rule; empty if it is valid: finite, stable,
+/// within the physical bounds of the catalogue, delay within kMaxDelayCycles.
 [[nodiscard]] std::string why_invalid(const Model& model);
 
 }  // namespace servotwin

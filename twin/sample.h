@@ -1,7 +1,8 @@
-// Samples and recordings: what enters the program, in SI units.
+// Samples and recordings: the input of the program, in SI units.
 //
-// Sign convention, everywhere: tracking error e = x_command - x_actual. A force effect that resists
-// motion in the positive direction is positive. Linear axes: m, N. Rotary axes: rad, N m.
+// Sign convention everywhere: tracking error e = x_command - x_actual. A force that resists motion
+// in the positive direction is positive. Linear axes: m, N. Rotary axes: rad, N m. Plain data; any
+// thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,25 +18,25 @@ inline constexpr int kMaxAxes = 32;
 inline constexpr int kMaxLookAhead = 32;
 inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
 
-/// One axis in one servo cycle. A channel that is not there is NaN.
+/// One axis in one servo cycle. An absent channel is NaN.
 struct AxisSample {
   double command = kAbsent;  ///< interpolator set-point [m | rad]
   double actual = kAbsent;   ///< position encoder [m | rad]
   double torque = kAbsent;   ///< measured torque, force or current, in its recorded unit
 };
 
-/// One servo cycle of one machine: all axes, and the commands that are already known of later
-/// cycles. Fixed size and trivially copyable: it crosses threads by value.
+/// One servo cycle of one machine: all axes, and the known commands of later cycles. Fixed size and
+/// trivially copyable: it is passed between threads by value.
 struct MachineFrame {
-  std::uint64_t sequence = 0;  ///< counts cycles; a jump is a loss
-  std::int64_t time_ns = 0;    ///< stamp of the cycle
+  std::uint64_t sequence = 0;  ///< cycle counter; a jump means lost cycles
+  std::int64_t time_ns = 0;    ///< time stamp of the cycle [ns]
   int axis_count = 0;          ///< 0..kMaxAxes
   int ahead_count = 0;         ///< 0..kMaxLookAhead, the same for all axes
   std::array<AxisSample, kMaxAxes> axes{};
   std::array<std::array<double, kMaxLookAhead>, kMaxAxes> ahead{};  ///< [axis][cycles ahead - 1]
 };
 
-/// One axis of a recording as it was read: one value per row, NaN where the file had none.
+/// One axis of a recording as read: one value per row, NaN where the file has none.
 struct AxisRecord {
   std::string name;
   bool rotary = false;
@@ -45,15 +46,15 @@ struct AxisRecord {
   std::string torque_unit;      ///< "N", "Nm", "A", "V", "%" or empty
 };
 
-/// A recording as it was read, before gaps, repeats and jitter are dealt with.
+/// A recording as read, before gaps, repeats and jitter are handled.
 struct Recording {
-  std::string source;              ///< the file's name, or who recorded it
+  std::string source;              ///< name of the file, or the recorder
   std::vector<double> time;        ///< [s], one per row
-  std::vector<AxisRecord> axes;    ///< in the file's order
-  std::vector<std::string> notes;  ///< what the reader repaired, dropped or ignored, for people
+  std::vector<AxisRecord> axes;    ///< in the order of the file
+  std::vector<std::string> notes;  ///< what the reader repaired, dropped or ignored, for output
 };
 
-/// An unbroken stretch of one axis with a constant sampling time. Arrays are of one length.
+/// An uninterrupted piece of one axis with constant sampling time. Arrays have one length.
 struct Segment {
   double start_s = 0.0;        ///< time of the first sample in the recording
   double sample_time_s = 0.0;  ///< > 0
@@ -61,10 +62,10 @@ struct Segment {
   Eigen::ArrayXd actual;       ///< [m | rad]
   Eigen::ArrayXd torque;       ///< empty, or one per sample
   Eigen::ArrayXd neighbour;    ///< command of another axis: empty, or one per sample
-  bool in_plane = false;       ///< this axis and the neighbour are linear: they draw a path
+  bool in_plane = false;       ///< this axis and the neighbour are linear: they form a path
   Eigen::ArrayXd in_cut;       ///< 1 while the tool cuts: empty, or one per sample
-  /// Samples at the start that lead in: what friction remembers from before is not known until they
-  /// are over, so that no fit and no figure counts them.
+  /// Number of lead-in samples at the start: they drive the state of friction, which is unknown
+  /// before them, and are not counted in any fit or error figure.
   Eigen::Index lead = 0;
 
   [[nodiscard]] Eigen::Index size() const { return command.size(); }

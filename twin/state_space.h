@@ -1,14 +1,17 @@
-// The linear loop of an axis as matrices, for programs that take those (docs/theory.md 2.5).
+// The linear loop of an axis as matrices, for programs that use a linear system (docs/theory.md
+// 2.5).
 //
 //   w' = a w + b u,  out = c w + d u       u: command velocity, disturbance force per moved mass
 //                                          out: tracking error, position, velocity of the axis
-//   w_(n+1) = phi w_n + g u_n              u_n: the command's velocity, acceleration and jerk and
-//                                          the disturbance and its rate, at the start of the cycle
+//   w_(n+1) = phi w_n + g u_n              u_n: velocity, acceleration and jerk of the command, the
+//                                          disturbance and its rate, at the start of the cycle
 //
-// The states are those of the observer canonical form of P and of every mode, of which the first
-// ones add up to the tracking error, and the commanded position. Exact where the command is a cubic
-// and the disturbance a straight line over each cycle; columns 0 and 3 alone are the zero-order
-// hold. Effects and the command's delay are no part of it. Allocates; any thread.
+// The states are those of the observer canonical form of P and of every mode, whose first states
+// sum to the tracking error, and the commanded position. Exact if the command is a cubic and the
+// disturbance a straight line over each cycle; columns 0 and 3 alone are the zero-order hold.
+// Effects and the command's delay are not included.
+//
+// Units: m | rad, s. Errors: none. Allocates; any thread.
 #pragma once
 
 #include <Eigen/Core>
