@@ -1,14 +1,15 @@
-// The mechanics of a feed axis: the ball screw in finite elements, and what hangs on it (paper 002,
-// 3; docs/theory.md 16.1).
+// The mechanics of a feed axis: the ball screw in finite elements, with motor, coupling and table
+// (Ferkl et al. 2021, section 3; docs/theory.md 16.1).
 //
 //   M q'' + (C + c_n h h') q' + (K + k_n h h') q = b_m T - b_t F
 //
-// q: motor with half of the coupling, other half, nodes of the thread turning, nodes of the thread
-// along the axis, table, added mass. h(x_n) = d delta / dq of the nut's deflection
-// delta = x_table - u(x_n) - lead / 2 pi theta(x_n) is the only part that moves with the nut: the
-// mesh stays where it is. The paper moves the mesh instead (4 + 4 elements); `remeshed` is that.
+// q: motor with half of the coupling, the other half, rotations of the thread's nodes, their axial
+// displacements, table, added mass. h(x_n) = d delta / dq is the vector of the nut's deflection
+// delta = x_table - u(x_n) - lead / 2 pi theta(x_n); it alone depends on the position x_n of the
+// nut, while the mesh is fixed. The paper moves the mesh instead (4 + 4 elements); `remeshed` is
+// that version.
 //
-// Errors: none, the parts are taken as given. Allocates. Any thread.
+// SI units. Errors: none, the parts are not checked here. Allocates. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,7 +18,7 @@
 
 namespace servotwin {
 
-/// Motion without deformation is `rigid`: 1 m of the table. K rigid = 0, h' rigid = 0.
+/// `rigid` is the motion without deformation, for 1 m of the table: K rigid = 0, h' rigid = 0.
 struct BallScrew {
   BallScrew() = default;
   /// With the thread in parts.screw.elements equal elements.
@@ -35,7 +36,7 @@ struct BallScrew {
 
   double radius = 0.0;  ///< lead / 2 pi [m/rad]
   SpringDamper nut;
-  Eigen::MatrixXd mass, damping, stiffness;  ///< M, C, K: without the nut
+  Eigen::MatrixXd mass, damping, stiffness;  ///< M, C, K, without the nut
   Eigen::VectorXd motor, table, rigid;       ///< theta_1 = motor' q, x_table = table' q
 
  private:
@@ -46,12 +47,12 @@ struct BallScrew {
   Eigen::MatrixXd along_;
 };
 
-/// Undamped, rising [Hz]; the first is the rigid motion, 0.
+/// Undamped natural frequencies, rising [Hz]; the first is 0, the rigid motion.
 [[nodiscard]] Eigen::VectorXd mode_frequencies(const BallScrew& screw, double nut);
-/// Of the table with the motor held [N/m]; of a screw in its own coordinates, not those of `in`.
+/// Static stiffness at the table with the motor held [N/m]. Not for a screw in coordinates of `in`.
 [[nodiscard]] double static_stiffness(const BallScrew& screw, double nut);
-/// Orthonormal coordinates (M = 1) that hold the rigid motion, as the first of them, and the lowest
-/// `modes` with the nut at five positions from `from` to `to`.
+/// A basis that is orthonormal in M and contains the rigid motion, as its first vector, and the
+/// lowest `modes` modes with the nut at five positions from `from` to `to` [m].
 [[nodiscard]] Eigen::MatrixXd modal_basis(const BallScrew& screw, double from, double to,
                                           int modes);
 

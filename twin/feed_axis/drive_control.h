@@ -1,14 +1,14 @@
-// The cascade of a drive: P position, PI velocity, filters of the torque command, current loop, all
-// in one cycle (paper 002, 2; docs/theory.md 16.2).
+// The cascade control of a drive: P position, PI velocity, filters of the torque command and
+// current loop, all in one cycle (Ferkl et al. 2021, section 2; docs/theory.md 16.2).
 //
 //   v_c = K_p (x_r - x_m),   e = (v_c - v_m) / radius,   I += K_vp h / T_n e,   T_c = K_vp e + I
 //   T = current loop of (band-stops, low-pass of T_c)
 //
-// x_m, v_m are the motor's, in the table's units. The current loop is a lag of first order, or PI
-// on R and L where their data are given; its torque is the mean over the cycle that follows.
-// Filters are discretised by Tustin's rule, true at their own frequency.
+// x_m and v_m are those of the motor in the units of the table [m, m/s]. The current loop is a
+// first-order lag, or PI on R and L if their data are given; its torque is the mean over the
+// following cycle. Filters are discretised by Tustin's rule, exact at their own frequency.
 //
-// One thread; step() allocates nothing.
+// Errors: none. One thread; step() allocates nothing and throws nothing.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,10 +24,11 @@ class DriveControl {
   DriveControl(const ControlParts& parts, double radius);
 
   void reset() noexcept;
-  /// One cycle: what is measured at its start [m, m/s], the motor's torque during it [Nm].
+  /// One cycle: from command, position and velocity at its start [m, m/s] to the motor's torque
+  /// during it [Nm].
   double step(double command, double position, double velocity) noexcept;
 
-  /// From the velocity's error e [m/s] to the torque [Nm]: s <- A s + b e, T = c s + d e.
+  /// From the velocity error [m/s] to the torque [Nm]: s <- A s + b e, T = c s + d e.
   struct Linear {
     Eigen::MatrixXd a;
     Eigen::VectorXd b;
@@ -51,7 +52,7 @@ class DriveControl {
 
   double step_s_, radius_, position_gain_, velocity_gain_, integral_gain_;
   double integral_ = 0.0;
-  std::vector<Filter> filters_;  // the last of them is the current loop
+  std::vector<Filter> filters_;  // the last one is the current loop
 };
 
 }  // namespace servotwin

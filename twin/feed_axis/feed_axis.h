@@ -1,16 +1,16 @@
-// A feed axis from its parts: drive control, ball screw, friction of guideways and cover on the
-// table (paper 002; docs/theory.md 16). Cycle by cycle:
+// A feed axis built from its parts: drive control, ball screw, friction of guideways and cover on
+// the table (Ferkl et al. 2021; docs/theory.md 16). Every cycle:
 //
-//   measured: motor position and velocity; friction of the table's velocity, held over the cycle
+//   measured: motor position and velocity; friction at the table's velocity, held over the cycle
 //   torque = control(command, measured)
 //   motor and table move under torque and friction
 //
-// Friction is the catalogue's LuGre (twin/effects/lugre.h); the force that is held is that of the
+// Friction is the LuGre law of the catalogue (twin/effects/lugre.h); the held force is that of the
 // middle of the cycle. The mechanics are FullMechanics, or ReducedMechanics for speed.
 //
-// Positions are of the axis [m]: the nut is at parts.nut.at_zero from the bearing when it is at 0.
-// A position where the nut would leave its travel is simulated with the nut at the end of it.
-// Errors: none but those of ReducedMechanics. One thread; step() allocates nothing.
+// Positions are those of the axis [m]; at 0 the nut is at parts.nut.at_zero from the bearing.
+// Outside of the nut's travel the nut is simulated at the end of it. Errors: only those of
+// ReducedMechanics. One thread; step() allocates nothing.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,7 +23,7 @@
 
 namespace servotwin {
 
-/// LuGre friction that is held over a cycle.
+/// LuGre friction, held over a cycle.
 class TableFriction {
  public:
   TableFriction(const LuGreParts& parts, double step_s);
@@ -37,7 +37,7 @@ class TableFriction {
   LuGre::Memory<double> memory_;
 };
 
-/// At a steady velocity, against the motion [N]; the limit from moving where it is 0.
+/// Friction at a constant speed [m/s], against the motion [N]; at 0 the limit from motion.
 [[nodiscard]] double steady_force(const LuGreParts& parts, double speed);
 
 struct FeedAxisSample {
@@ -48,23 +48,23 @@ struct FeedAxisSample {
 };
 
 struct FullAxisOptions {
-  double spacing = 5e-3;  ///< of the grid of nut positions [m]
+  double spacing = 5e-3;  ///< spacing of the grid of nut positions [m]
 };
 struct ReducedAxisOptions {
-  double spacing = 2e-3;
-  int modes = 3;  ///< at each of five positions, besides the rigid motion
+  double spacing = 2e-3;  ///< spacing of the grid of nut positions [m]
+  int modes = 3;          ///< modes at each of five positions, beside the rigid motion
 };
 
 template <class Mechanics>
 class FeedAxis {
  public:
-  /// The axis at rest at `position`, commanded there.
+  /// Starts at rest at `position` [m], which is also the command.
   void start(double position);
-  /// What is measured at the start of the cycle, and the torque during it.
+  /// The measured values at the start of the cycle, and the torque during it.
   [[nodiscard]] FeedAxisSample step(double command) noexcept;
 
   FeedAxis(const FeedAxisParts& parts, Mechanics mechanics);
-  /// Takes friction and cover of these parts in place of its own; start() is to follow.
+  /// Replaces friction and cover by those of these parts; call start() afterwards.
   void take_friction(const FeedAxisParts& parts);
 
  private:
@@ -81,7 +81,7 @@ using ReducedAxis = FeedAxis<ReducedMechanics>;
 [[nodiscard]] ReducedAxis reduced_axis(const FeedAxisParts& parts,
                                        const ReducedAxisOptions& options = {});
 
-/// The axis along a motion from rest, one sample per cycle.
+/// The axis along a motion from rest, one sample per cycle; units as in FeedAxisSample.
 struct FeedAxisRun {
   Eigen::ArrayXd torque, motor_position, table_position, friction, cover;
 };

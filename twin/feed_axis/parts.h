@@ -1,6 +1,6 @@
-// The parts of a feed axis with ball screw: what data sheets and drawings say of it (paper 002;
-// docs/theory.md 16). SI units: m, rad, kg, s, N, Nm. Ranges are checked where a file is read
-// (cli/feed_axis_file.h); everything here takes them as given.
+// The parts of a feed axis with ball screw, as in data sheets and drawings (Ferkl et al. 2021;
+// docs/theory.md 16). SI units: m, rad, kg, s, N, Nm. Ranges are checked when a file is read
+// (cli/feed_axis_file.h), not by the code that uses the parts. Plain data; any thread.
 #pragma once
 
 #include <optional>
@@ -15,15 +15,15 @@ struct MaterialDamping {
 };
 
 struct ScrewParts {
-  double diameter = 0.0;      ///< of the thread [m]
-  double lead = 0.0;          ///< [m] per revolution
-  double length = 0.0;        ///< of the thread [m]
-  double end_diameter = 0.0;  ///< of the shaft end towards the coupling [m]
-  double end_length = 0.0;    ///< [m]
-  double density = 7850.0;    ///< [kg/m^3]
+  double diameter = 0.0;                                   ///< of the thread [m]
+  double lead = 0.0;                                       ///< [m] per revolution
+  double length = 0.0;                                     ///< of the thread [m]
+  double end_diameter = 0.0;                               ///< of the shaft end at the coupling [m]
+  double end_length = 0.0;                                 ///< of the shaft end [m]
+  double density = 7850.0;                                 ///< [kg/m^3]
   double youngs_modulus = 2.1e11, shear_modulus = 8.1e10;  ///< [N/m^2]
   MaterialDamping axial, torsional;
-  int elements = 16;  ///< of the thread
+  int elements = 16;  ///< finite elements of the thread
 };
 
 struct SpringDamper {
@@ -33,22 +33,22 @@ struct SpringDamper {
 
 struct CouplingParts {
   SpringDamper spring;   ///< [Nm/rad], [Nm s/rad]
-  double inertia = 0.0;  ///< [kg m^2]; half of it on either side
+  double inertia = 0.0;  ///< [kg m^2], half of it on either side
 };
 
 struct NutParts {
   SpringDamper spring;          ///< axial
   double from = 0.0, to = 0.0;  ///< its travel, from the bearing [m]
-  double at_zero = 0.0;         ///< where it is when the axis is at 0 [m]
+  double at_zero = 0.0;         ///< its position when the axis is at 0 [m]
 };
 
-/// A mass on the table that is not rigid with it.
+/// A mass on the table, connected by a spring.
 struct AddedMass {
   double mass = 0.0;  ///< [kg]
   SpringDamper spring;
 };
 
-/// A current loop of its own; the drive feeds the motor's back-EMF forward.
+/// A PI current loop with feed-forward of the motor's back-EMF.
 struct CurrentLoopParts {
   double resistance = 0.0;  ///< [Ohm]
   double inductance = 0.0;  ///< [H]
@@ -59,22 +59,22 @@ struct CurrentLoopParts {
 /// (s^2 + 2 pi numerator s + w^2) / (s^2 + 2 pi bandwidth s + w^2), w = 2 pi frequency.
 struct BandStop {
   double frequency_hz = 0.0;
-  double bandwidth_hz = 0.0;            ///< -3 dB, where the numerator is 0
+  double bandwidth_hz = 0.0;            ///< -3 dB, for numerator_bandwidth_hz 0
   double numerator_bandwidth_hz = 0.0;  ///< 0: nothing passes at `frequency_hz`
 };
 
 struct ControlParts {
-  double rate_hz = 16000.0;         ///< of all loops
+  double rate_hz = 16000.0;         ///< cycle rate of all loops
   double position_gain = 0.0;       ///< [1/s]
   double velocity_gain = 0.0;       ///< [Nm s/rad]
   double reset_time = 0.0;          ///< of the velocity loop [s]
-  double current_loop_hz = 1000.0;  ///< first-order lag, where `current_loop` is absent
+  double current_loop_hz = 1000.0;  ///< first-order lag, if `current_loop` is absent
   std::optional<CurrentLoopParts> current_loop;
   std::optional<double> low_pass_hz;  ///< first order, on the torque command
-  std::vector<BandStop> band_stops;   ///< on the torque command, too
+  std::vector<BandStop> band_stops;   ///< on the torque command
 };
 
-/// LuGre friction as paper 002 prints it (eq. 1 to 3).
+/// LuGre friction as in Ferkl et al. 2021, eq. 1 to 3.
 struct LuGreParts {
   double breakaway = 0.0;          ///< F_s [N], > 0
   double coulomb = 0.0;            ///< F_c [N], > 0
@@ -87,14 +87,14 @@ struct LuGreParts {
 
 struct FeedAxisParts {
   ScrewParts screw;
-  SpringDamper bearing;  ///< axial, at the end towards the motor
+  SpringDamper bearing;  ///< axial, at the end of the motor
   CouplingParts coupling;
   NutParts nut;
   double motor_inertia = 0.0;  ///< [kg m^2]
-  double table_mass = 0.0;     ///< with all that is rigid on it [kg]
+  double table_mass = 0.0;     ///< including everything rigidly attached [kg]
   std::optional<AddedMass> added_mass;
   ControlParts control;
-  std::optional<LuGreParts> friction, cover;  ///< on the table
+  std::optional<LuGreParts> friction, cover;  ///< both act on the table
 };
 
 }  // namespace servotwin

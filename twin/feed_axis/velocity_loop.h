@@ -1,11 +1,12 @@
-// The velocity loop of a feed axis as frequency response: what stage 1 of paper 002 measures (its
-// fig. 5; docs/theory.md 16.4). Linear: without friction, with the nut at one place.
+// The velocity loop of a feed axis as a frequency response, as measured in stage 1 of Ferkl et al.
+// 2021 (fig. 5; docs/theory.md 16.4). Linear: without friction, with the nut at one position.
 //
-// From the matrices, sampled as the control sees them: with L(z) = control(z) P(z), P the motor's
-// velocity under a torque that holds over a cycle, the closed loop is L / (1 + L). It is the loop
-// that FeedAxis simulates, not an approximation of it.
+//   closed(z) = L / (1 + L),   L(z) = control(z) P(z)
 //
-// Frequencies are in Hz, below half of the control's rate. Errors: none. Allocates. Any thread.
+// P is the motor's velocity under a torque held over a cycle, computed from the sampled matrices as
+// the control sees them. It is exactly the loop that FeedAxis simulates, not an approximation.
+//
+// Frequencies in Hz, below half of the control's rate. Errors: none. Allocates. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,21 +20,21 @@ namespace servotwin {
 [[nodiscard]] Eigen::ArrayXcd closed_velocity_loop(const FeedAxisParts& parts, double nut,
                                                    const Eigen::ArrayXd& frequency_hz);
 
-/// What a loop is judged by.
+/// Figures of merit of the loop.
 struct LoopFigures {
-  double bandwidth_hz = 0.0;  ///< below which the closed loop stays above -3 dB
-  double peak_db = 0.0;       ///< most of the closed loop
-  double peak_hz = 0.0;       ///< where that is
+  double bandwidth_hz = 0.0;  ///< up to which the closed loop stays above -3 dB
+  double peak_db = 0.0;       ///< maximum of the closed loop
+  double peak_hz = 0.0;       ///< frequency of the maximum
   bool stable = false;        ///< by the eigenvalues of the sampled loop
-  /// By how much the gain may rise; of a loop that is not stable, negative, by how much it must
-  /// fall. Absent: the phase is nowhere -180 degrees.
+  /// Gain margin; negative if the loop is unstable: by how much the gain must fall. Absent if the
+  /// phase is never -180 degrees.
   std::optional<double> gain_margin_db;
-  /// Between the phase and -180 degrees where the gain is 1, the least. Absent: it is 1 nowhere.
+  /// The least phase margin where the gain is 1. Absent if the gain is never 1.
   std::optional<double> phase_margin_deg;
 };
 [[nodiscard]] LoopFigures velocity_loop_figures(const FeedAxisParts& parts, double nut);
 
-/// As many frequencies, evenly on a logarithmic scale [Hz].
+/// `count` frequencies, evenly spaced on a logarithmic scale [Hz].
 [[nodiscard]] Eigen::ArrayXd logarithmic(double from, double to, Eigen::Index count);
 
 }  // namespace servotwin
