@@ -1,6 +1,8 @@
 // Friction that sets in at a moment: a cover that grips, a guide that runs dry.
 //
-//   d = onset(t - time) (coulomb direction + viscous v),   direction: of the machine's own friction
+//   d = onset(t - time) (coulomb direction + viscous v)
+//
+// direction is that of the model's friction law (Motion::direction). Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

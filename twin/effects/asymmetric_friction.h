@@ -1,10 +1,11 @@
-// What friction in one direction is more than in the other, beside a symmetric friction.
+// Difference of friction between the two directions, beside a symmetric friction law.
 //
-//   d = coulomb_difference |direction| + viscous_difference |v|,   direction: of that friction
+//   d = coulomb_difference |direction| + viscous_difference |v|
 //
-// With F = F_c sgn(v) + F_v v:  F_c+- = F_c +- coulomb_difference, F_v+- = F_v +-
-// viscous_difference. A constant force acts at rest as well; the Coulomb difference acts in motion
-// only.
+// direction is that of the friction law (Motion::direction). With F = F_c sgn(v) + F_v v:
+//   F_c+- = F_c +- coulomb_difference,   F_v+- = F_v +- viscous_difference
+// A constant force acts at rest as well; the Coulomb difference acts only in motion. Source:
+// asymmetric model of Janot, Gautier and Brunot 2019; docs/theory.md 3.9.
 #pragma once
 
 #include <array>

@@ -1,9 +1,9 @@
-// Play between the loop's encoder and the one that is recorded.
+// Play between the loop's encoder and the recorded one.
 //
-//   reading - x = -p,   p of the load in the gap (twin/effects/load_in_gap.h)
+//   reading - x = -p,   p: play of the load in the gap (twin/effects/load_in_gap.h)
 //
-// A load whose friction stops it at once stays where it is until it is taken along: the play of the
-// textbooks.
+// If its friction stops the load at once, it stays where it is until it is taken along: the play of
+// the textbooks. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

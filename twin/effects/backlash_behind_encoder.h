@@ -1,10 +1,11 @@
-// Play between the encoder of the loop and the load, which crosses the gap by itself where it can
-// (twin/effects/load_in_gap.h).
+// Play between the encoder of the loop and the load. The load crosses the gap by itself where it
+// can (twin/effects/load_in_gap.h).
 //
 //   d = - friction (sat(v / velocity_limit) - sat(u / velocity_limit)) - load_share (v - u)'
 //
-// The model's friction and inertia have the load at all times: d is what of them is not there in
-// the gap, and the impact at its end (docs/theory.md 3.11).
+// u is the velocity of the load. The model's friction and inertia always include the load: d is the
+// part that does not act on the motor while the load is in the gap, and the impact at the end of
+// the gap. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

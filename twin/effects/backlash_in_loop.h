@@ -1,8 +1,9 @@
 // Play inside the loop: the motor crosses the gap at every reversal while the table stands.
 //
-//   play: p within +- width / 2 of the command, its rate p';   d = rate (x_r' - p')
+//   d = rate (x_r' - p'),   p: play, which follows the command within +- width / 2
 //
-// A push of `rate` x width at every reversal, spread over the crossing (docs/theory.md 3.11).
+// This is an impulse of rate times width at every reversal, spread over the crossing. Source:
+// docs/theory.md 3.11.
 #pragma once
 
 #include <array>

@@ -1,6 +1,8 @@
-// A force that is periodic in position: cogging of a motor, a screw's pitch, a ball's passage.
+// A force that is periodic in position: cogging of a motor, pitch of a screw, passage of balls.
 //
-//   d = sine sin(2 pi x / period) + cosine cos(..) + the same at twice the frequency
+//   d = sine sin(2 pi x / period) + cosine cos(..) + the same at half the period
+//
+// Source: docs/theory.md 3.10.
 #pragma once
 
 #include <array>

@@ -1,12 +1,12 @@
-// A mass that swings on a spring, driven by the commanded acceleration and by friction, which
-// strikes it at reversals: table, column, screw.
+// A mode of vibration (table, column, screw on a spring), excited by the commanded acceleration and
+// by the change of friction at reversals.
 //
 //   q'' + 2 zeta w q' + w^2 q = - x_r''
-//   r'' + 2 zeta w r' + w^2 r = - w^2 s,   s the direction of friction
+//   r'' + 2 zeta w r' + w^2 r = - w^2 s,   s: direction of friction (Motion::direction)
 //   d = spring w q + damper q' + ringing (r + s) + fading r' / w
 //
-// By exact steps of the mode with both held over the cycle. All coefficients are free, because the
-// loop moves the zeros of a mode that it feels (docs/theory.md 3.11).
+// Stepped exactly with both inputs held over the cycle. All coefficients are free, because a loop
+// that is disturbed by a mode moves its zeros. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

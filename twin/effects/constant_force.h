@@ -1,9 +1,10 @@
-// A constant force: gravity, a counterbalance out of trim, an amplifier offset.
+// A constant force: gravity, an unbalanced counterweight, an amplifier offset.
 //
 //   d = offset
 //
-// Positive: the force the motor must hold points in the positive direction. A loop with integral
-// action rejects it at rest, and command and encoder alone show only its transient.
+// Positive: the motor must hold a force in the positive direction. A loop with integral action
+// compensates it at rest; command and encoder then show only its transient. Source: docs/theory.md
+// 3.2.
 #pragma once
 
 #include <array>

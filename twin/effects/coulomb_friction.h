@@ -1,9 +1,10 @@
-// Friction of the rigid-body model: Coulomb with a saturated sign, and viscous (thesis eq. 3.12).
+// Friction of the rigid-body model: Coulomb friction with a saturated sign, and viscous friction
+// (thesis eq. 3.12; docs/theory.md 3.1).
 //
 //   d = coulomb * sat(v / velocity_limit) + viscous * v,   sat(q) = min(1, max(-1, q))
 //
-// In closed loop a viscous force moves the poles (a1 contains B/J), so that `viscous` is
-// identifiable only while the loop is held fixed; with free poles it stays 0.
+// In closed loop a viscous force moves the poles (a1 contains B/J), so `viscous` is identifiable
+// only if the loop is held fixed; with free poles it stays 0.
 #pragma once
 
 #include <array>

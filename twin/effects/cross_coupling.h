@@ -1,11 +1,12 @@
-// The acceleration of another axis, felt by this one.
+// A force by the acceleration of another axis.
 //
 //   q'' + 2 zeta w q' + w^2 q = w^2 u,   u = x_r'' of the other axis
 //   d = ratio q + lead q' / w + direct (u - q)
 //
-// What is known of the other axis is its command, and what is felt its motion, which lags: a loop
-// of two poles, with what its feed-forward of velocity (lead) and of acceleration (direct) makes
-// good. By exact steps with the command's acceleration held over each.
+// Of the other axis only the command is known, but its motion, which lags, is what acts. Its loop
+// is modelled by two poles, with the contributions of its velocity feed-forward (lead) and
+// acceleration feed-forward (direct). Stepped exactly with the command's acceleration held over the
+// cycle. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

@@ -1,8 +1,9 @@
-// The force of the cut: a mean one, and a tone as every tooth passes.
+// The cutting force: a mean, and a tone at the tooth-passing frequency.
 //
 //   d = in_cut (mean + sine sin(2 pi f t) + cosine cos(2 pi f t))
 //
-// `in_cut` comes with the recording, or from where the tone is heard (diagnosis/cuts.h).
+// `in_cut` is given by the recording, or detected from the tone (diagnosis/cuts.h). Source:
+// docs/theory.md 3.11.
 #pragma once
 
 #include <array>

@@ -1,8 +1,8 @@
-// Dahl friction (Dahl 1968), exact in displacement.
+// Dahl friction (Dahl 1968; docs/theory.md 3.7), exact in displacement.
 //
 //   dF/dx = (F_c / x_d) (1 - sgn(dx) F / F_c):   F -> g F_c + (F - g F_c) exp(-|dx| / x_d)
 //
-// Hysteresis without non-local memory: a small loop does not close.
+// g = sgn(dx). Hysteresis without non-local memory: a small loop does not close.
 #pragma once
 
 #include <array>

@@ -1,11 +1,12 @@
-// Breakaway that grows with the time of rest (ASME J. Lubrication Technology 94(3), 234).
+// Breakaway that grows with the time at rest (ASME J. Lubrication Technology 94(3), 234, 1972;
+// docs/theory.md 3.11).
 //
 //   d = growth E direction,   dE = d log(1 + theta / rest_time) while theta grows
 //                             dE/ds = -E / length  along the travel s
 //
 // theta is the age of the contacts, d theta/dt = 1 - |v| theta / kContact_m (the aging law of
-// rate-and-state friction, J. Geophys. Res. 84 (1979) 2161): the time of rest where the axis
-// stands, next to nothing in motion, and begun again by every settling after it.
+// rate-and-state friction, Dieterich 1979): the time at rest while the axis stands, close to 0 in
+// motion, starting anew after every settling. direction: Motion::direction.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +31,7 @@ struct DwellStiction {
        {"rest_time", "s", 1e-3, 10.0, 0.1, "of rest before it grows with the logarithm"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"growth", "m/s^2", 0.0, 100.0, 0.0, "per logarithm of the time of rest, per moved mass"}}};
-  /// Travel in which the contacts are new ones [m]: a few asperities.
+  /// Travel after which the contacts are new [m]: the size of a few asperities.
   static constexpr double kContact_m = 1e-6;
   template <class T>
   struct Memory {
@@ -44,7 +45,7 @@ struct DwellStiction {
   static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
     using std::exp;
     using std::log;
-    // Of the two the smaller: the last digit of an encoder that comes and goes is no motion.
+    // The smaller of the two: an encoder whose last digit toggles does not move.
     const double moved = std::min(std::abs(m.displacement), std::abs(m.velocity) * m.step_s);
     const double before = memory.age_s;
     memory.age_s = (before + m.step_s) * exp(-moved / kContact_m);

@@ -1,11 +1,10 @@
-// An error of the reading that the loop sees, periodic in position: an eccentric disc,
-// interpolation.
+// An error of the encoder in the loop, periodic in position: eccentric disc, interpolation.
 //
 //   reading = x + epsilon(x),   epsilon = sine sin(2 pi x / period) + cosine cos(..)
 //   d = - d2 epsilon / dt2
 //
-// In terms of the reading the loop is undisturbed but for the acceleration of epsilon
-// (docs/theory.md 3.11).
+// In terms of the reading, the loop is disturbed only by the acceleration of epsilon. Source:
+// docs/theory.md 3.11.
 #pragma once
 
 #include <array>

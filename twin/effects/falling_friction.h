@@ -1,6 +1,9 @@
-// The part of friction that falls as speed rises, beside a friction that does not (Stribeck 1902).
+// The part of friction that falls as speed rises, beside a friction law without it (Stribeck 1902;
+// Armstrong-Helouvry 1991; docs/theory.md 3.10).
 //
-//   d = drop direction exp(-(|v| / v_s)^delta),   direction: of that friction
+//   d = drop direction exp(-(|v| / v_s)^delta)
+//
+// direction is that of the friction law (Motion::direction).
 #pragma once
 
 #include <array>

@@ -1,10 +1,10 @@
-// Feed-forward that differs from what the loop was identified with.
+// Feed-forward that differs from that of the identified loop.
 //
 //   d = - velocity_gain * dx_r/dt - acceleration_gain * d2x_r/dt2
 //
-// Feed-forward pushes with the command, so more of it is a negative disturbance. With a free
-// tracking numerator the two columns are s^2/P x_r and s^3/P x_r and thus already part of it: the
-// effect is identifiable only against a loop held fixed (an earlier model).
+// More feed-forward pushes with the command and is a negative disturbance. A free tracking
+// numerator already contains both columns (order 3: s^2/P x_r and s^3/P x_r), so the effect is
+// identifiable only if the loop is held fixed (an earlier model). Source: docs/theory.md 3.3.
 #pragma once
 
 #include <array>

@@ -1,9 +1,10 @@
-// A small neural friction map (paper 001 eq. 3): one hidden layer of four units, linear output.
+// A small neural network for friction over velocity: one hidden layer of four units, linear output
+// (Giberti et al. 2019, eq. 3; docs/theory.md 3.8).
 //
 //   d = sum_j output_j tanh(weight_j v / velocity_unit + bias_j) + output_0
 //
-// velocity_unit is 1 m/s. Four units hold two directions of a Stribeck curve; more would fit the
-// noise.
+// velocity_unit is 1 m/s. Four units can represent both directions of a Stribeck curve; more would
+// fit the noise.
 #pragma once
 
 #include <array>

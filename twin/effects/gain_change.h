@@ -1,9 +1,10 @@
-// A position loop whose gain changes at a moment.
+// A position-loop gain that changes at a moment.
 //
 //   d = onset(t - time) (proportional e + integral int e dt)
 //
-// Less gain pushes less for the same tracking error e, which is a force against it. With a velocity
-// loop that integrates, the change is in both parts. Which ratio that is: docs/theory.md 3.11.
+// A lower gain gives less force for the same tracking error e, which equals a force against it. If
+// the velocity loop integrates, the change is in both parts. docs/theory.md 3.11 gives the ratio of
+// the gains.
 #pragma once
 
 #include <array>

@@ -1,6 +1,8 @@
 // Short pushes at a few moments: chips, a jammed cover segment, something that touches the table.
 //
 //   d = sum_i push_i (1 + cos(pi (t - time_i) / width)) / 2   within one width of the moment
+//
+// Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

@@ -1,9 +1,9 @@
-// A moved mass that changes at a moment: another tool, another part.
+// A moved mass that changes at a moment: another tool, another workpiece.
 //
 //   ratio x'' = u - f  is  x'' = u - f - d   with   d = (ratio - 1) onset(t - time) x''
 //
-// By the axis' own acceleration, which a soft velocity loop lets lag the command's and which
-// friction has a part in.
+// x'' is the acceleration of the axis itself, which lags that of the command with a soft velocity
+// loop and depends on friction. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

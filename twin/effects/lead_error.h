@@ -1,6 +1,8 @@
-// An error of the screw that an encoder behind it sees, and the loop does not.
+// A lead error of the screw, seen by an encoder behind it and not by the loop.
 //
-//   reading - x = slope x + sine sin(2 pi x / period) + cosine cos(..)
+//   reading - x = slope x + sine sin(2 pi x / period) + cosine cos(..) + offset
+//
+// Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

@@ -1,10 +1,11 @@
-// A load behind a gap. Where it need not be pushed or held it crosses the gap by itself, slowed by
-// its friction alone, and the motor moves without it; at the other side it is taken along at once.
+// A load behind a gap. Where it needs neither push nor hold it crosses the gap by itself,
+// decelerated by its friction alone, and the motor moves without it; at the other side it is taken
+// along at once.
 //
-//   u' = - deceleration sat(u / velocity_limit)     the load's velocity in the gap
-//   p' = v - u,   |p| <= width / 2                  there u becomes v
+//   u' = - deceleration sat(u / velocity_limit)     u: velocity of the load in the gap
+//   p' = v - u,   |p| <= width / 2                  at the limits u becomes v
 //
-// docs/theory.md 3.11
+// Used by backlash and backlash_behind_encoder. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>
@@ -32,10 +33,10 @@ struct LoadInGap {
   /// `shape`: those of kGapShapes.
   void follow(const T* shape, const Motion& m) noexcept {
     using std::abs;
-    if (!under_way) load = T(m.velocity);  // at first it goes with the motor
+    if (!under_way) load = T(m.velocity);  // starts with the motor
     under_way = true;
     const T half = 0.5 * shape[0], slows = m.step_s * shape[2];
-    // Implicit, since friction is stiff about rest.
+    // Implicit, because friction is stiff near rest.
     T slower = load / (1.0 + slows / shape[1]);
     if (slower > shape[1]) slower = load - slows;
     if (slower < -shape[1]) slower = load + slows;
@@ -44,7 +45,7 @@ struct LoadInGap {
     play += apart;
     const T beyond = abs(play) - half;
     if (beyond > 0.0) {
-      // At the side it meets the load with what is left of the cycle.
+      // It reaches the side within the cycle and moves with it for the rest of the cycle.
       const T left = 1.0 - beyond / (abs(apart) + 1e-15);
       apart_rate = left > 0.0 ? T(apart_rate * left) : T(0.0);
       play = play > 0.0 ? half : T(-half);

@@ -1,11 +1,12 @@
-// LuGre friction (Canudas de Wit et al. 1995; paper 002 eq. 8, with |v| in the exponent).
+// LuGre friction (Canudas de Wit et al. 1995; Ferkl et al. 2021, eq. 1 to 3, with |v| in the
+// exponent; docs/theory.md 3.7).
 //
 //   dz/dt = v - |v| z / g(v),   g = deflection [1 + (ratio - 1) exp(-(|v| / v_s)^delta)]
 //   d = coulomb (z + damping_time dz/dt) / deflection + viscous v
 //
-// that is sigma0 = coulomb / deflection, sigma1 = sigma0 damping_time, F_s = ratio F_c. The bristle
-// is stepped exactly in displacement for the g of the cycle's velocity, so that it is stable for
-// any step and stiffness; an explicit step at 1 ms is not (docs/theory.md 3.7).
+// that is, sigma0 = coulomb / deflection, sigma1 = sigma0 damping_time, F_s = ratio F_c. The
+// bristle is stepped exactly in displacement with g at the cycle's velocity, so it is stable for
+// any step and stiffness; an explicit step at 1 ms is not.
 #pragma once
 
 #include <array>

@@ -1,11 +1,11 @@
-// Maxwell slip with elements that are free in both, displacement and level: any virgin curve of
-// straight pieces, so that a friction of few elements is followed exactly.
+// Maxwell slip with elements of free displacement and level: any piecewise linear virgin curve, so
+// that a friction of few elements can be followed exactly.
 //
 //   d = sum_i level_i f_i,   f_i = clip(f_i + dx / x_i, -1, 1),   x_1 < x_2 < ...
 //
-// The displacements are the first one and how many times as far each next element goes. Where the
-// reduced forms (presliding) have three parameters this has twelve: it takes a motion with many
-// reversals, and a start near by.
+// The displacements are given by the first one and the ratio of each to the one before. The reduced
+// form (presliding) has three parameters, this one twelve: it needs a motion with many reversals
+// and a nearby start. Source: Al-Bender, Lampaert and Swevers 2005; docs/theory.md 3.5.
 #pragma once
 
 #include <array>

@@ -1,9 +1,9 @@
-// Stribeck friction that is continuous through rest, its two directions apart (paper 001 eq. 2,
-// with tanh over the whole bracket: as printed, over the exponential term alone, the force would
-// keep its jump at rest).
+// Stribeck friction that is continuous through rest, with separate directions (Giberti et al. 2019,
+// section 3.1, with tanh over the whole bracket: as printed, over the exponential term alone, the
+// force would still jump at rest; docs/theory.md 3.8).
 //
 //   v > 0:  d = [coulomb_plus  + drop_plus  exp(-(|v| / v_s+)^delta)] tanh(v / velocity_limit)
-//               + viscous_plus v,   v < 0 likewise with the values of minus
+//               + viscous_plus v,   v < 0 likewise with the minus parameters
 #pragma once
 
 #include <array>

@@ -1,9 +1,11 @@
-// Of effects that set in at a moment: 0 before it, 1 from 50 ms after it on.
+// The onset of effects that set in at a moment: 0 before it, then a ramp to 1 within 50 ms.
+//
+// Any thread; allocates nothing, throws nothing.
 #pragma once
 
 namespace servotwin {
 
-/// The ramp in between makes the moment a parameter that a search can follow.
+/// Duration of the ramp [s]. It makes the derivative by the moment nonzero, for a search.
 inline constexpr double kOnset_s = 0.05;
 
 template <class T>

@@ -1,6 +1,8 @@
-// A force of fixed frequency in time, moving or not: a pump, another machine, the mains.
+// A force of fixed frequency in time, in motion and at rest: a pump, another machine, the mains.
 //
 //   d = sine sin(2 pi f t) + cosine cos(2 pi f t)
+//
+// Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

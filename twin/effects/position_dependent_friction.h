@@ -2,8 +2,8 @@
 //
 //   d = direction (slope x + curvature x^2 + sine sin(2 pi x / wave) + cosine cos(..))
 //
-// beside the friction of x = 0, whose direction it has. Odd in v: a force that does not turn with
-// the direction is none.
+// beside the friction at x = 0, whose direction it has (Motion::direction). It is odd in v: a force
+// that does not change sign with the direction is another effect. Source: docs/theory.md 3.10.
 #pragma once
 
 #include <array>

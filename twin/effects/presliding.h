@@ -1,10 +1,10 @@
-// Presliding hysteresis: the reduced-parameter GMS of the thesis (4.3), with constant level.
+// Presliding hysteresis: the reduced-parameter GMS of the thesis (4.3) with constant level (5.2).
 //
 //   d = breakaway * sum_i F_i,   F_i = clip(F_i + k_i dx, -alpha_i, alpha_i)
 //
 // k_i and alpha_i are the elements of the virgin curve (twin/virgin_curve.h) with this breakaway
-// displacement and shape factor. Memory is non-local: inner loops close and return to the outer
-// one. Viscous friction is in the poles.
+// displacement and shape factor. The memory is non-local: inner loops close and return to the outer
+// one. Viscous friction is part of the poles. Source: docs/theory.md 3.5 and 3.6.
 #pragma once
 
 #include <array>

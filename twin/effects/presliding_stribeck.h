@@ -1,12 +1,12 @@
 // Presliding hysteresis whose level falls with speed: the reduced-parameter GMS with a Stribeck
-// curve (thesis 4.3 with eq. 4.2).
+// curve (thesis 4.3 and eq. 4.2; docs/theory.md 3.5).
 //
 //   s(v) = 1 + (ratio - 1) exp(-(v / v_s)^2)      level over the Coulomb force; ratio at rest
-//   F    = coulomb sum_i F_i:  F_i sticks on stiffness ratio k_i, slides when |F_i| reaches
-//          alpha_i s(v), and is then drawn to it at the rate attraction / s(v)
+//   F    = coulomb sum_i F_i:  F_i sticks with stiffness ratio k_i, slides when |F_i| reaches
+//          alpha_i s(v), and then approaches it at the rate attraction / s(v)
 //
-// k_i, alpha_i are those of the virgin curve (twin/virgin_curve.h), so that from rest the axis
-// slides after the breakaway displacement, at ratio times the Coulomb force.
+// k_i and alpha_i are those of the virgin curve (twin/virgin_curve.h). From rest the axis slides
+// after the breakaway displacement, at ratio times the Coulomb force.
 #pragma once
 
 #include <array>

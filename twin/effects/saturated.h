@@ -1,4 +1,6 @@
-// The sign of a velocity as friction has it, fully developed from a limit on.
+// The sign of a velocity, saturated: friction is fully developed from a limit velocity on.
+//
+// Any thread; allocates nothing, throws nothing.
 #pragma once
 
 namespace servotwin {

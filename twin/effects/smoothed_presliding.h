@@ -1,11 +1,12 @@
-// The reduced-parameter GMS with elements that give way gradually (smoothed GMS: the change from
-// sticking to sliding is continuous, after Boegli, De Laet, De Schutter and Swevers 2014).
+// The reduced-parameter GMS with elements that yield gradually (smoothed GMS: continuous transition
+// from sticking to sliding, after Boegli, De Laet, De Schutter and Swevers 2014; docs/theory.md
+// 3.5).
 //
-//   dF_i/dx = k_i (1 - sgn(dx) F_i / alpha_i),   exactly: F_i -> g alpha_i + (F_i - g alpha_i)
-//   exp(-|dx| k_i / alpha_i)
+//   dF_i/dx = k_i (1 - sgn(dx) F_i / alpha_i),   exactly:
+//   F_i -> g alpha_i + (F_i - g alpha_i) exp(-|dx| k_i / alpha_i),   g = sgn(dx)
 //
-// Each element is a Dahl spring, so that the force is smooth in the motion and in the parameters;
-// it reaches its level only in the limit, and closes inner loops only nearly.
+// Each element is a Dahl spring, so the force is smooth in the motion and in the parameters. It
+// reaches its level only asymptotically and closes inner loops only approximately.
 #pragma once
 
 #include <array>

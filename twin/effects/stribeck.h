@@ -1,10 +1,11 @@
-// Stribeck friction, its two directions apart (paper 001 eq. 1: nine parameters).
+// Stribeck friction with separate directions (Giberti et al. 2019, section 3.1: nine parameters;
+// docs/theory.md 3.8).
 //
 //   v > 0:  d =  coulomb_plus  + drop_plus  exp(-(|v| / v_s+)^delta) + viscous_plus v
 //   v < 0:  d = -coulomb_minus - drop_minus exp(-(|v| / v_s-)^delta) + viscous_minus v
 //
-// A constant force is not separable from unlike levels on one axis: it is in coulomb_plus and
-// coulomb_minus. drop = breakaway minus Coulomb force. The jump at v = 0 is a ramp over
+// drop = breakaway minus Coulomb force. On one axis a constant force cannot be separated from
+// different levels: it is part of coulomb_plus and coulomb_minus. The jump at v = 0 is a ramp over
 // +-velocity_limit, as in coulomb_friction, so that it can be simulated at rest.
 #pragma once
 

@@ -1,8 +1,9 @@
-// What follows something with two poles: a mass on a spring, the loop of another axis.
+// The response of a system with two poles: a mass on a spring, the loop of another axis.
 //
 //   q'' + 2 zeta w q' + w^2 q = w^2 rest
 //
-// By exact steps with `rest` held over each, at any damping.
+// Stepped exactly with `rest` held over the step, for any damping. Any thread; allocates nothing,
+// throws nothing.
 #pragma once
 
 #include <cmath>
@@ -10,7 +11,7 @@
 
 namespace servotwin {
 
-/// q and its rate.
+/// q and its derivative.
 template <class T>
 struct Swing {
   T q = T(0.0), rate = T(0.0);
@@ -41,7 +42,7 @@ class SwingStep {
   }
 
   void advance(Swing<T>& swing, const T& rest) const {
-    const T q = swing.q - rest;  // about where it would rest
+    const T q = swing.q - rest;  // deviation from rest
     const T drag = zeta_ * w;
     swing.q = rest + q * cosine_ + (swing.rate + drag * q) * sine_;
     swing.rate = swing.rate * cosine_ - (w * w * q + drag * swing.rate) * sine_;
@@ -50,7 +51,7 @@ class SwingStep {
   const T w;  ///< angular frequency, undamped [1/s]
 
  private:
-  static constexpr double kNearlyCritical = 1e-4;  // what the series leave is below 1e-14
+  static constexpr double kNearlyCritical = 1e-4;  // truncation error of the series below 1e-14
   T zeta_;
   T cosine_, sine_;  // e^(-zeta w h) cos(wd h), e^(-zeta w h) sin(wd h) / wd
 };

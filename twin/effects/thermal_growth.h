@@ -1,6 +1,8 @@
-// A screw that grows as it warms up, seen by an encoder behind it.
+// A screw that expands as it warms up, seen by an encoder behind it.
 //
-//   reading - x = growth x (1 - exp(-t / time_constant))
+//   reading - x = (growth x + drift) (1 - exp(-t / time_constant)) + offset
+//
+// Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

@@ -1,9 +1,9 @@
-// The feedback record lags the command record: transport, buffering, stamps of two clocks.
+// The feedback record lags the command record: transport, buffering, time stamps of two clocks.
 //
-//   the loop answers x_r(t - delay) while e is taken against x_r(t)
+//   the loop responds to x_r(t - delay), while e is taken against x_r(t)
 //
-// A delay has linear phase at all frequencies; a missing feed-forward or a low gain looks the same
-// at low frequency only (e = delay * v). Accelerating motion tells them apart.
+// A delay has linear phase at all frequencies. A missing feed-forward or a low gain looks the same
+// at low frequency (e = delay * v); accelerated motion separates them. Source: docs/theory.md 3.4.
 #pragma once
 
 #include <array>

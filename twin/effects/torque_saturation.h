@@ -1,13 +1,13 @@
-// A motor that cannot give what the control asks for.
+// A motor that cannot provide what the control demands.
 //
 //   asked = demand - held + viscous x',   d = share (asked - limit + held)  above the limit,
-//   likewise below its negative, and share held between them;   held' = a3 e - c2 x_r' + reset a1
-//   e'  while that leads further beyond
+//   likewise below its negative, and share held between them
+//   held' = a3 e - c2 x_r' + reset a1 e'   while that leads further beyond the limit
 //
-// The demand is the loop's own, with what friction and the tracking error add to the commanded
-// acceleration, so that the limit is met for as long as the error takes to be made good. A control
-// holds its integrator meanwhile, which the linear loop does not: `held` is what that would have
-// added, reset = 1/Ti of a PI velocity control.
+// The demand is that of the loop, including friction and the tracking error, so the limit stays
+// active until the error has been corrected. A control holds its integrator meanwhile
+// (anti-windup); the linear loop does not. `held` is what its integrator has added; reset = 1/Ti of
+// a PI velocity control. Source: docs/theory.md 3.11.
 #pragma once
 
 #include <array>

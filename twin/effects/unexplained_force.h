@@ -1,7 +1,9 @@
-// A force that nobody has named: a table over position, velocity or acceleration, linear between
-// nine knots from `low` to `high` and constant beyond. It predicts; it explains nothing.
+// A force of unknown cause: a table over position, velocity or acceleration, linear between nine
+// knots from `low` to `high` and constant beyond. It predicts, but does not explain.
 //
 //   d = sum force_i hat_i(u),   u = 8 (regressor - low) / (high - low)
+//
+// hat_i is the hat function of knot i. Source: docs/theory.md 10.3.
 #pragma once
 
 #include <array>

@@ -1,8 +1,9 @@
-// Viscous friction that fades as the machine warms up (Bittencourt, LiTH-ISY-R-2948).
+// Viscous friction that decreases as the machine warms up (Bittencourt et al. 2010,
+// LiTH-ISY-R-2948; docs/theory.md 3.11).
 //
 //   d = cold exp(-t / time_constant) v
 //
-// beside what is viscous when it is warm, which the poles hold.
+// beside the viscous friction of the warm machine, which is part of the poles.
 #pragma once
 
 #include <array>
