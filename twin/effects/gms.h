@@ -1,8 +1,9 @@
 // Generalised Maxwell slip with elements of free level (Al-Bender, Lampaert and Swevers 2005;
 // thesis eq. 4.1 and 4.2; docs/theory.md 3.5).
 //
-//   d = sum_i level_i f_i,   sticking: df_i = dx / x_i,   sliding: f_i -> s(v) at the rate
-//   attraction s(v) = 1 + (ratio - 1) exp(-(|v| / v_s)^2)
+//   d = sum_i level_i f_i,   sticking: df_i = dx / x_i
+//                            sliding:  f_i -> s(v) at the rate attraction / s(v)
+//   s(v) = 1 + (ratio - 1) exp(-(|v| / v_s)^2)
 //
 // The displacements x_i at which the elements slide are spaced evenly in the logarithm from `first`
 // to `last`. The levels are separate coefficients, so any concave virgin curve is found by one

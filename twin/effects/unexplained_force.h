@@ -1,5 +1,5 @@
-// A force of unknown cause: a table over position, velocity or acceleration, linear between nine
-// knots from `low` to `high` and constant beyond. It predicts, but does not explain.
+// A force of unknown cause: a table over position, velocity or commanded acceleration, linear
+// between nine knots from `low` to `high` and constant beyond. It predicts, but does not explain.
 //
 //   d = sum force_i hat_i(u),   u = 8 (regressor - low) / (high - low)
 //
