@@ -40,5 +40,10 @@ struct Command {
 [[nodiscard]] Command add_history(CLI::App& app);
 [[nodiscard]] Command add_export(CLI::App& app);
 [[nodiscard]] Command add_check_config(CLI::App& app);
+// These four read the tables of all commands when they run: `app` has to live as long.
+[[nodiscard]] Command add_help(CLI::App& app);
+[[nodiscard]] Command add_version(CLI::App& app);
+[[nodiscard]] Command add_completion(CLI::App& app);
+[[nodiscard]] Command add_manual(CLI::App& app);
 
 }  // namespace servotwin::cli

@@ -1,6 +1,5 @@
 // servotwin: the command-line tool. Exit status: 0 done, 1 the work failed, 2 wrong usage.
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -10,8 +9,8 @@
 #include <vector>
 
 #include "cli/command.h"
+#include "cli/help.h"
 #include "daemon/unknown_option.h"
-#include "drivers/text.h"
 
 namespace {
 
@@ -26,22 +25,39 @@ int fail(int status, const std::string& command, std::string message) {
   return status;
 }
 
+/// All commands, under the headings of --help. One without a heading is hidden.
+std::vector<servotwin::cli::Command> declare_commands(CLI::App& app) {
+  using namespace servotwin::cli;
+  std::vector<Command> commands;
+  const auto group = [&](const std::string& heading, const std::vector<Command>& members) {
+    for (const Command& member : members) {
+      member.app->group(heading);
+      commands.push_back(member);
+    }
+  };
+  group("Models of axes",
+        {add_identify(app), add_predict(app), add_simulate(app), add_export(app)});
+  group("Diagnosis", {add_diagnose(app), add_history(app)});
+  group("Friction from the motor's torque",
+        {add_motion_law(app), add_characterize(app), add_sequence(app)});
+  group("Frequency response and feed axes",
+        {add_frequency_response(app), add_multivariable(app), add_fit_axis(app), add_what_if(app)});
+  group("Path correction", {add_learn(app), add_preview(app)});
+  group("Machine and daemon", {add_replay(app), add_watch(app), add_check_config(app)});
+  group("This program", {add_help(app), add_version(app), add_completion(app)});
+  group("", {add_manual(app)});
+  return commands;
+}
+
 int run(int argc, char** argv) {
   using namespace servotwin::cli;
   CLI::App app{"Servotwin: models of servo drives from recordings, and what they predict.",
                "servotwin"};
   app.set_version_flag("--version", SERVOTWIN_VERSION);
   app.require_subcommand(1);
-  app.footer("Guide: docs/guide.md. Exit status: 0 done, 1 the work failed, 2 wrong usage.");
-  const std::array commands{add_identify(app),      add_predict(app),
-                            add_diagnose(app),      add_simulate(app),
-                            add_learn(app),         add_motion_law(app),
-                            add_characterize(app),  add_frequency_response(app),
-                            add_sequence(app),      add_preview(app),
-                            add_replay(app),        add_watch(app),
-                            add_history(app),       add_export(app),
-                            add_what_if(app),       add_fit_axis(app),
-                            add_multivariable(app), add_check_config(app)};
+  app.get_formatter()->label("SUBCOMMAND", "COMMAND");
+  app.footer("Manual: man servotwin. Exit status: 0 done, 1 the work failed, 2 wrong usage.");
+  const std::vector<Command> commands = declare_commands(app);
 
   std::string name = "servotwin";
   const auto called = [&] {
@@ -49,16 +65,10 @@ int run(int argc, char** argv) {
                         [](const Command& c) { return c.app->parsed(); });
   };
   // The parser would only say that a command is missing.
-  if (argc > 1 && argv[1][0] != '-') {
-    std::vector<std::string> names;
-    names.reserve(commands.size());
-    for (const Command& command : commands) names.push_back(command.app->get_name());
-    if (std::find(names.begin(), names.end(), argv[1]) == names.end()) {
-      return fail(kUsage, name,
-                  "there is no command " + servotwin::in_quotes(argv[1]) +
-                      servotwin::did_you_mean(argv[1], names) +
-                      " Commands: " + servotwin::listed(names));
-    }
+  if (argc == 1) return fail(kUsage, name, "a command is required (see servotwin --help)");
+  if (argv[1][0] != '-' &&
+      app.get_subcommands([&](const CLI::App* one) { return one->check_name(argv[1]); }).empty()) {
+    return fail(kUsage, name, unknown_command(app, argv[1]));
   }
   try {
     app.parse(argc, argv);

@@ -12,6 +12,7 @@
 #include <stop_token>
 #include <thread>
 
+#include "daemon/arguments.h"
 #include "daemon/between/clock.h"
 #include "daemon/config/config.h"
 #include "daemon/config/listen_address.h"
@@ -75,15 +76,7 @@ class Signals {
   std::thread thread_;
 };
 
-struct Arguments {
-  std::string config, store, machine, columns, http;
-  std::optional<std::uint32_t> domain;
-  std::optional<std::string> partition;
-  std::vector<std::filesystem::path> replay;
-  std::optional<double> speed;
-};
-
-Config configured(const Arguments& arguments) {
+Config configured(const DaemonArguments& arguments) {
   Config config = arguments.config.empty() ? Config{} : load_config(arguments.config);
   if (!arguments.store.empty()) config.store.directory = arguments.store;
   if (!arguments.machine.empty()) config.machine = arguments.machine;
@@ -106,28 +99,10 @@ Config configured(const Arguments& arguments) {
 }
 
 int run(int argc, char** argv, const Journal* journal) {
-  CLI::App app("The always-on digital twin of a machine's servo drives.", "servotwind");
+  CLI::App app(kDaemonDescription, "servotwind");
   app.set_version_flag("--version", SERVOTWIN_VERSION);
-  Arguments arguments;
-  app.add_option("--config", arguments.config,
-                 "Configuration (TOML); without it the defaults hold");
-  app.add_option("--store", arguments.store, "Directory of models, events and recordings");
-  app.add_option("--machine", arguments.machine, "Name of the machine");
-  app.add_option("--domain", arguments.domain, "DDS domain")->check(CLI::Range(0, 230));
-  app.add_option("--partition", arguments.partition, "DDS partition of the cell");
-  auto* replay = app.add_option("--replay", arguments.replay,
-                                "Recordings to replay instead of listening to a machine");
-  app.add_option("--columns", arguments.columns,
-                 "Names for foreign recordings: X.command=qg[m],...")
-      ->needs(replay);
-  app.add_option("--speed", arguments.speed, "Times as fast as recorded")
-      ->needs(replay)
-      ->check(CLI::Range(0.01, 1000.0));
-  app.add_option("--http", arguments.http,
-                 "Where the page is, ADDRESS:PORT, or none (127.0.0.1:8402)")
-      ->check([](const std::string& given) {
-        return given == "none" || parse_listen_address(given) ? std::string() : kListenRule;
-      });
+  DaemonArguments arguments;
+  arguments.declare(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {

@@ -1,0 +1,109 @@
+#include "cli/help.h"
+
+#include <memory>
+#include <vector>
+
+#include "cli/completion.h"
+#include "cli/manual.h"
+#include "cli/manual_text.h"
+#include "cli/output.h"
+#include "cli/usage.h"
+#include "daemon/arguments.h"
+#include "drivers/text.h"
+
+namespace servotwin::cli {
+namespace {
+
+constexpr const char* kTool = "servotwin";
+constexpr const char* kDaemon = "servotwind";
+
+/// --program: of which of the two.
+void declare_program(CLI::App& command, std::string& program) {
+  command.add_option("--program", program, "the program that it is for (default servotwin)")
+      ->check(CLI::IsMember({kTool, kDaemon}).name(""))
+      ->type_name("NAME");
+}
+
+Usage usage_of_program(CLI::App& tool, const std::string& program) {
+  if (program == kTool) return usage_of(tool);
+  CLI::App daemon(kDaemonDescription, kDaemon);
+  DaemonArguments arguments;
+  arguments.declare(daemon);
+  return usage_of(daemon);
+}
+
+}  // namespace
+
+std::string unknown_command(const CLI::App& app, const std::string& word) {
+  std::vector<std::string> names;
+  for (const CLI::App* command :
+       app.get_subcommands([](const CLI::App* one) { return !one->get_group().empty(); })) {
+    names.push_back(command->get_name());
+  }
+  return "there is no command " + in_quotes(word) + did_you_mean(word, names) +
+         " Commands: " + listed(names);
+}
+
+Command add_help(CLI::App& app) {
+  const auto name = std::make_shared<std::string>();
+  CLI::App& command =
+      *app.add_subcommand("help", "Shows the commands, or the options of one command.");
+  command.add_option("COMMAND", *name, "the command that is explained")->type_name("COMMAND");
+  return {&command, [&app, name] {
+            const CLI::App* subject = &app;
+            if (!name->empty()) {
+              const auto found = app.get_subcommands(
+                  [&](const CLI::App* one) { return one->get_name() == *name; });
+              if (found.empty()) throw UsageError(unknown_command(app, *name));
+              subject = found.front();
+            }
+            // App::help() gives the help of the command that was called, which is this one.
+            write_result("-", app.get_formatter()->make_help(
+                                  subject, app.get_name() + (name->empty() ? "" : " " + *name),
+                                  CLI::AppFormatMode::Normal));
+          }};
+}
+
+Command add_version(CLI::App& app) {
+  CLI::App& command = *app.add_subcommand("version", "Shows the version of this program.");
+  return {&command, [] { write_result("-", std::string(SERVOTWIN_VERSION) + "\n"); }};
+}
+
+Command add_completion(CLI::App& app) {
+  struct Arguments {
+    std::string shell, program = kTool;
+  };
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command = *app.add_subcommand(
+      "completion", "Writes the script that completes commands and options in a shell.");
+  command.add_option("SHELL", arguments->shell, "the shell that reads it")
+      ->required()
+      ->check(CLI::IsMember({"bash", "zsh", "fish"}).name(""));
+  declare_program(command, arguments->program);
+  return {&command, [&app, arguments] {
+            const Usage program = usage_of_program(app, arguments->program);
+            write_result("-", arguments->shell == "bash"  ? bash_completion(program)
+                              : arguments->shell == "zsh" ? zsh_completion(program)
+                                                          : fish_completion(program));
+          }};
+}
+
+Command add_manual(CLI::App& app) {
+  struct Arguments {
+    std::string program = kTool, date;
+  };
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App& command =
+      *app.add_subcommand("manual", "Writes the manual page, in the man macros of troff.");
+  declare_program(command, arguments->program);
+  command.add_option("--date", arguments->date, "date of the version, for the foot of the page")
+      ->type_name("DATE");
+  return {&command, [&app, arguments] {
+            write_result("-", manual_page(usage_of_program(app, arguments->program),
+                                          arguments->program == kTool ? servotwin_manual_text()
+                                                                      : servotwind_manual_text(),
+                                          SERVOTWIN_VERSION, arguments->date));
+          }};
+}
+
+}  // namespace servotwin::cli

@@ -1,0 +1,59 @@
+// What servotwind may be called with. Beside the daemon's main() the tool needs it, which writes
+// the manual page and the completions of both programs from their option tables.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "daemon/config/listen_address.h"
+
+namespace servotwin {
+
+/// Empty or nothing where an option was not given: then the configuration holds.
+struct DaemonArguments {
+  std::string config, store, machine, columns, http;
+  std::optional<std::uint32_t> domain;
+  std::optional<std::string> partition;
+  std::vector<std::filesystem::path> replay;
+  std::optional<double> speed;
+
+  /// Declares the options on `app`, which this has to outlive.
+  void declare(CLI::App& app) {
+    app.add_option("--config", config, "configuration (TOML); without it the defaults hold")
+        ->type_name("FILE");
+    app.add_option("--store", store, "directory of models, events and recordings")
+        ->type_name("DIR");
+    app.add_option("--machine", machine, "name of the machine")->type_name("NAME");
+    app.add_option("--domain", domain, "DDS domain")->type_name("N")->check(CLI::Range(0, 230));
+    app.add_option("--partition", partition, "DDS partition of the cell")->type_name("NAME");
+    auto* recordings =
+        app.add_option("--replay", replay, "recordings to replay instead of listening to a machine")
+            ->type_name("REC");
+    app.add_option("--columns", columns,
+                   "names for the columns of foreign recordings: \"X.command=qg[m],...\"")
+        ->type_name("MAP")
+        ->needs(recordings);
+    app.add_option("--speed", speed, "times as fast as recorded")
+        ->type_name("F")
+        ->needs(recordings)
+        ->check(CLI::Range(0.01, 1000.0));
+    app.add_option("--http", http,
+                   std::string("where the web page and the HTTP interface listen, or none "
+                               "(default ") +
+                       kDefaultListen + ")")
+        ->type_name("ADDRESS:PORT")
+        ->check([](const std::string& given) {
+          return given == "none" || parse_listen_address(given) ? std::string() : kListenRule;
+        });
+  }
+};
+
+/// What --help begins with.
+inline constexpr const char* kDaemonDescription =
+    "The always-on digital twin of a machine's servo drives.";
+
+}  // namespace servotwin
