@@ -208,7 +208,7 @@ std::string bash_completion(const Usage& program) {
   const std::string function = "_" + program.name;
   std::string out = heading(program, "bash") + function + R"(() {
   local word=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD - 1]}
-  local options='' kind='' words='' is_value='' command='' given='' index
+  local options='' kind='' words='' is_value='' given=''
   # Bash makes a word of its own of the = in --option=value.
   if [[ $word == = ]]; then
     word=''
@@ -219,7 +219,8 @@ std::string bash_completion(const Usage& program) {
   if (program.commands.empty()) {
     out += bash_branch(program, "  ");
   } else {
-    out += R"(  for ((index = 1; index < COMP_CWORD; index++)); do
+    out += R"(  local command='' index
+  for ((index = 1; index < COMP_CWORD; index++)); do
     if [[ ${COMP_WORDS[index]} != -* ]]; then
       command=${COMP_WORDS[index]}
       break

@@ -28,7 +28,7 @@ Usage usage_of_program(CLI::App& tool, const std::string& program) {
   if (program == kTool) return usage_of(tool);
   CLI::App daemon(kDaemonDescription, kDaemon);
   DaemonArguments arguments;
-  arguments.declare(daemon);
+  arguments.declare(daemon, SERVOTWIN_VERSION);
   return usage_of(daemon);
 }
 

@@ -4,6 +4,9 @@
 #include <cctype>
 #include <cstdint>
 #include <cstdio>
+#include <map>
+#include <tuple>
+#include <utility>
 
 namespace servotwin::cli {
 namespace {
@@ -166,6 +169,7 @@ std::string entry(const Argument& argument, bool is_positional) {
   std::string notes;
   const auto note = [&](const std::string& text) { notes += (notes.empty() ? "" : "; ") + text; };
   if (argument.required && !is_positional) note("required");
+  if (!argument.range.empty()) note(argument.range);
   if (!argument.needs.empty()) note("only with " + joined(argument.needs, ", "));
   out += prose(argument.description + (notes.empty() ? "" : " (" + notes + ")"));
   // The names of commands are in the page already.
@@ -181,22 +185,25 @@ std::string entry(const Argument& argument, bool is_positional) {
 
 bool is_help(const Argument& option) { return option.names.back() == "--help"; }
 
-/// The options that several commands have alike, in the order in which --help has them first.
-/// A required one is described where it is required.
+/// The options that several commands have alike, by name. A required one is described where it is
+/// required, and so is one that commands have in a second form.
 std::vector<Argument> shared_options(const Usage& program) {
-  std::vector<Argument> shared;
+  std::map<std::string, std::pair<std::ptrdiff_t, Argument>> most;  // by name: how many have it
   for (const Usage& command : program.commands) {
     for (const Argument& option : command.options) {
       if (is_help(option) || option.required) continue;
-      if (std::find(shared.begin(), shared.end(), option) != shared.end()) continue;
       const auto has_it = [&](const Usage& other) {
         return std::find(other.options.begin(), other.options.end(), option) != other.options.end();
       };
-      if (std::count_if(program.commands.begin(), program.commands.end(), has_it) >=
-          kCommandsThatShare) {
-        shared.push_back(option);
-      }
+      const std::ptrdiff_t sharing =
+          std::count_if(program.commands.begin(), program.commands.end(), has_it);
+      auto& [count, form] = most[option.names.back()];
+      if (sharing > count) std::tie(count, form) = std::pair(sharing, option);
     }
+  }
+  std::vector<Argument> shared;
+  for (const auto& [name, form] : most) {
+    if (form.first >= kCommandsThatShare) shared.push_back(form.second);
   }
   return shared;
 }
@@ -268,8 +275,10 @@ std::string manual_page(const Usage& program, const ManualText& text, const std:
   std::transform(name.begin(), name.end(), name.begin(),
                  [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
   std::string out = ".\\\" Written by: servotwin manual --program " + program.name + "\n.TH " +
-                    name + " " + std::to_string(text.section) + " \"" + literal(date) +
-                    "\" \"servotwin " + literal(version) + "\" \"" + text.book + "\"\n";
+                    name + " " + std::to_string(text.section) + " \"" + date + "\" \"servotwin " +
+                    literal(version) + "\" \"" + text.book + "\"\n";
+  out +=
+      ".nh\n.ad l\n";  // names and options are not to be hyphenated, nor lines filled with blanks
   out += heading(".SH", "Name") + literal(program.name) + " \\- " + prose(text.title);
   out += heading(".SH", "Synopsis");
   if (program.commands.empty()) {

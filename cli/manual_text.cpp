@@ -6,7 +6,7 @@ ManualText servotwin_manual_text() {
   return {
       .section = 1,
       .book = "User Commands",
-      .title = "identify, predict, diagnose and correct servo drives from recordings",
+      .title = "model, predict and diagnose servo drives from recordings",
       .before = {{
           .title = "Description",
           .paragraphs =
@@ -33,7 +33,8 @@ ManualText servotwin_manual_text() {
                            {"1",
                             "The work failed. One line on standard error says what failed and "
                             "what to do."},
-                           {"2", "The command line is wrong. Nothing was done."}},
+                           {"2",
+                            "The command line is wrong. One line on standard error says where."}},
                .examples = {},
            },
            {

@@ -64,19 +64,18 @@ Argument argument_of(CLI::Option& option, const std::vector<std::string>& comman
   argument.description = option.get_description();
   if (option.get_type_size() != 0) {
     argument.value = option.get_type_name();
-    std::string ranges;
     for (const std::string& rule : rules_of(option)) {
       const std::string shown = ":" + rule;
-      if (argument.value.ends_with(shown) || argument.value.find(shown + ":") != argument.value.npos) {
+      if (argument.value.ends_with(shown) ||
+          argument.value.find(shown + ":") != argument.value.npos) {
         argument.value.erase(argument.value.find(shown), shown.size());
       }
       if (is_choice(rule)) {
         argument.choices = CLI::detail::split(rule.substr(1, rule.size() - 2), ',');
       } else {
-        ranges += (ranges.empty() ? "" : ", ") + in_words(rule);
+        argument.range += (argument.range.empty() ? "" : ", ") + in_words(rule);
       }
     }
-    if (!ranges.empty()) argument.description += " (" + ranges + ")";
     if (argument.value == "COMMAND") argument.choices = commands;
     argument.value_optional = option.get_items_expected_min() == 0;
   }

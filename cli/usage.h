@@ -23,7 +23,8 @@ struct Argument {
   ValueKind kind = ValueKind::kNone;
   std::string value;  ///< how --help calls the value: "X", "OUT.json"
   std::vector<std::string> choices;
-  std::string description;         ///< with the range of the value, if it has one
+  std::string description;
+  std::string range;               ///< "0 to 230"; empty: any value
   std::vector<std::string> needs;  ///< options that have to be given with it
   bool value_optional = false;
   bool comma_separated = false;  ///< several values may be joined by commas

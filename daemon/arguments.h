@@ -22,7 +22,8 @@ struct DaemonArguments {
   std::optional<double> speed;
 
   /// Declares the options on `app`, which this has to outlive.
-  void declare(CLI::App& app) {
+  void declare(CLI::App& app, const std::string& version) {
+    app.set_version_flag("--version", version);
     app.add_option("--config", config, "configuration (TOML); without it the defaults hold")
         ->type_name("FILE");
     app.add_option("--store", store, "directory of models, events and recordings")

@@ -100,9 +100,8 @@ Config configured(const DaemonArguments& arguments) {
 
 int run(int argc, char** argv, const Journal* journal) {
   CLI::App app(kDaemonDescription, "servotwind");
-  app.set_version_flag("--version", SERVOTWIN_VERSION);
   DaemonArguments arguments;
-  arguments.declare(app);
+  arguments.declare(app, SERVOTWIN_VERSION);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& help) {
