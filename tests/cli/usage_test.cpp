@@ -1,6 +1,8 @@
 // What was typed wrong ends with status 2 and one line on standard error, before any work.
 #include <gmock/gmock.h>
 
+#include <sstream>
+
 #include "program.h"
 #include "recordings.h"
 
@@ -9,6 +11,7 @@ namespace {
 
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Not;
 
 struct Typed {
   std::vector<std::string> words;
@@ -29,8 +32,10 @@ TEST_P(WrongUsage, IsOneLineAndStatusTwo) {
 }
 
 const std::vector<Typed> kTyped{
-    {{}, "subcommand is required"},
+    {{}, "a command is required (see servotwin --help)"},
     {{"identfy"}, "'identfy'; did you mean 'identify'?"},
+    {{"help", "identfy"}, "'identfy'; did you mean 'identify'?"},
+    {{"completion", "csh"}, "csh not in {bash,zsh,fish}"},
     {{"--nonsense"}, "there is no option '--nonsense' (see"},
     {{"--versoin"}, "'--versoin'; did you mean '--version'?"},
     {{"identify"}, "REC is required"},
@@ -106,18 +111,52 @@ TEST(Usage, HelpNamesEveryCommand) {
   EXPECT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.err, IsEmpty());
   for (const char* command :
-       {"identify", "predict", "simulate", "export", "replay", "watch", "check-config"}) {
+       {"identify", "predict", "simulate", "export", "replay", "watch", "check-config", "help"}) {
     EXPECT_THAT(answer.out, HasSubstr(std::string("\n  ") + command));
     const Answer help = servotwin_says({command, "--help"});
     EXPECT_EQ(help.status, 0) << help;
     EXPECT_THAT(help.out, HasSubstr(std::string("Usage: servotwin ") + command));
+    EXPECT_EQ(servotwin_says({"help", command}).out, help.out);
   }
+  EXPECT_EQ(servotwin_says({"help"}).out, answer.out);
 }
 
-TEST(Usage, VersionIsANumber) {
+TEST(Usage, HelpGroupsTheCommandsByTaskAndNamesTheManual) {
+  const std::string help = servotwin_says({"--help"}).out;
+  std::size_t before = 0;
+  for (const char* line : {"\nModels of axes:\n  identify ", "\nDiagnosis:\n  diagnose ",
+                           "\nPath correction:\n  learn ", "\nThis program:\n  help "}) {
+    const std::size_t at = help.find(line);
+    ASSERT_NE(at, help.npos) << line << help;
+    EXPECT_GT(at, before);
+    before = at;
+  }
+  EXPECT_THAT(help, HasSubstr("man servotwin"));
+  EXPECT_THAT(help, Not(HasSubstr("docs/")));
+  EXPECT_THAT(help, Not(HasSubstr("\n  manual")));
+}
+
+/// What follows `start` in the first line of a file of the sources that begins with it, up to
+/// `end`.
+std::string first_after(const std::string& file, const std::string& start, char end) {
+  std::istringstream text(content_of(SERVOTWIN_SOURCE_DIR "/" + file));
+  for (std::string line; std::getline(text, line);) {
+    if (line.starts_with(start)) {
+      return line.substr(start.size(), line.find(end, start.size()) - start.size());
+    }
+  }
+  return "nothing in " + file;
+}
+
+TEST(Usage, VersionIsTheSameEverywhere) {
   const Answer answer = servotwin_says({"--version"});
   EXPECT_EQ(answer.status, 0);
   EXPECT_THAT(answer.out, testing::MatchesRegex("[0-9]+\\.[0-9]+\\.[0-9]+\n"));
+  EXPECT_EQ(servotwin_says({"version"}).out, answer.out);
+  const std::string version = answer.out.substr(0, answer.out.size() - 1);
+  EXPECT_EQ(first_after("CMakeLists.txt", "project(servotwin VERSION ", ' '), version);
+  EXPECT_EQ(first_after("CHANGELOG.md", "## [", ']'), version);
+  EXPECT_EQ(first_after("systemd/package/debian/changelog", "servotwin (", ')'), version);
 }
 
 }  // namespace
