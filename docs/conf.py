@@ -1,0 +1,38 @@
+# The documents as a site: `./dev docs`. The source folder is the whole tree, so that a link between Markdown files,
+# as ../daemon/README.md, leads to the same page on disk and in the site.
+from pathlib import Path
+
+project = "Servotwin"
+extensions = ["myst_parser"]
+root_doc = "docs/index"
+include_patterns = ["docs/**/*.md", "docs/*.md", "CHANGELOG.md", "*/README.md", "examples/*/README.md"]
+exclude_patterns = ["build*", ".*", "tests", "**/node_modules"]
+
+# Anchors of headings down to the third level, named as GitHub names them.
+myst_heading_anchors = 3
+highlight_language = "none"  # what a command prints is no program
+
+language = "en"
+html_theme = "furo"
+html_title = "Servotwin"
+html_show_copyright = False
+html_copy_source = False
+html_show_search_summary = False  # would have to read other files, which a browser forbids a page from file://
+
+
+def stand_alone(app, problem):
+    """Debian's furo imports a script as a module, which no page from file:// may, and a style sheet from a web server."""
+    static = Path(app.outdir) / "_static"
+    script, style = static / "scripts/furo.js", static / "styles/furo.css"
+    text = script.read_text()
+    line = 'import Gumshoe from "./gumshoe-patched.js";'
+    if text.startswith(line):
+        script.write_text((static / "scripts/gumshoe-patched.js").read_text() + text.removeprefix(line))
+    text = style.read_text()
+    line = "@import url(/javascript/normalize.css/normalize.css);"
+    if text.startswith(line):
+        style.write_text(Path("/usr/share/javascript/normalize.css/normalize.css").read_text() + text.removeprefix(line))
+
+
+def setup(app):
+    app.connect("build-finished", stand_alone)
