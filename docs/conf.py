@@ -1,5 +1,6 @@
 # The documents as a site: `./dev docs`. The source folder is the whole tree, so that a link between Markdown files,
 # as ../daemon/README.md, leads to the same page on disk and in the site.
+import re
 from pathlib import Path
 
 project = "Servotwin"
@@ -20,8 +21,9 @@ html_copy_source = False
 html_show_search_summary = False  # would have to read other files, which a browser forbids a page from file://
 
 
-def stand_alone(app, problem):
-    """Debian's furo imports a script as a module, which no page from file:// may, and a style sheet from a web server."""
+def complete_theme(app, problem):
+    """What Debian's build of furo leaves out: a script is imported as a module, which a page from file:// may not do; a
+    style sheet is imported from a web server; the dark colours are not used where the reader's system is dark."""
     static = Path(app.outdir) / "_static"
     script, style = static / "scripts/furo.js", static / "styles/furo.css"
     text = script.read_text()
@@ -31,8 +33,12 @@ def stand_alone(app, problem):
     text = style.read_text()
     line = "@import url(/javascript/normalize.css/normalize.css);"
     if text.startswith(line):
-        style.write_text(Path("/usr/share/javascript/normalize.css/normalize.css").read_text() + text.removeprefix(line))
+        text = Path("/usr/share/javascript/normalize.css/normalize.css").read_text() + text.removeprefix(line)
+    dark = re.search(r'body\[data-theme="dark"\] (\{.*?\})', text, re.DOTALL)
+    if dark and "prefers-color-scheme: dark" not in text:
+        text += f'@media (prefers-color-scheme: dark) {{ body[data-theme="auto"] {dark[1]} }}\n'
+    style.write_text(text + "code.literal { overflow-wrap: anywhere }\n")  # on a narrow screen
 
 
 def setup(app):
-    app.connect("build-finished", stand_alone)
+    app.connect("build-finished", complete_theme)
