@@ -37,7 +37,7 @@ def complete_theme(app, problem):
     dark = re.search(r'body\[data-theme="dark"\] (\{.*?\})', text, re.DOTALL)
     if dark and "prefers-color-scheme: dark" not in text:
         text += f'@media (prefers-color-scheme: dark) {{ body[data-theme="auto"] {dark[1]} }}\n'
-    style.write_text(text + "code.literal { overflow-wrap: anywhere }\n")  # on a narrow screen
+    style.write_text(text + "code.literal { overflow-wrap: break-word }\n")  # on a narrow screen
 
 
 def setup(app):

@@ -104,8 +104,8 @@ def figure(name, panels, x_label, title):
     """`panels`: of each (label of the y axis, curves, share of the height); a curve is (x, y, colour, label)."""
     plt.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "servotwin", "font.size": 11,
                          "font.family": "sans-serif", "path.simplify_threshold": 0.3})
-    height = 3.5 if len(panels) == 1 else 4.3
-    drawing, places = plt.subplots(len(panels), 1, figsize=(7.6, height), sharex=True, squeeze=False,
+    height = 3.2 if len(panels) == 1 else 4.0
+    drawing, places = plt.subplots(len(panels), 1, figsize=(6.6, height), sharex=True, squeeze=False,
                                    height_ratios=[panel[2] for panel in panels])
     for place, (label, curves, _) in zip(places[:, 0], panels):
         for x, y, colour, name_of in curves:
@@ -120,8 +120,12 @@ def figure(name, panels, x_label, title):
     low, high = last.get_ylim()
     last.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
     last.legend(loc="upper right", frameon=False, ncols=3, handlelength=1.4, columnspacing=1.2, borderaxespad=0.1)
-    places[0, 0].set_title(title, fontsize=11.5, loc="left")
-    drawing.tight_layout()
+    drawing.suptitle(title, fontsize=11, x=0.015, ha="left")
+    if any(curve[3] for curve in panels[0][1]) and len(panels) > 1:
+        places[0, 0].legend(loc="upper right", frameon=False, fontsize=9, handlelength=1.4, borderaxespad=0.1)
+    for _ in range(2):  # the first pass may change the ticks and so the room that they take
+        drawing.tight_layout(pad=0.6)
+        drawing.canvas.draw()
     out = HERE / "pictures" / f"{name}.svg"
     drawing.savefig(out, metadata={"Date": None, "Creator": None})
     plt.close(drawing)
@@ -270,10 +274,10 @@ PICTURES = {
         "cogging", "A force with a period of 10 mm: the same size at both speeds", [20, 80], PROPORTIONAL, [COULOMB],
         with_effect("cogging", period=0.01, sine=0.08, cosine=0.0, sine_2=0.02, cosine_2=0.0), (0, 60)),
     "lead_error": lambda: over_position(
-        "lead_error", "An error of the screw: a slope and a wave of its lead, the same at both speeds", [20, 80], INTEGRAL, [COULOMB],
+        "lead_error", "An error of the screw: a slope and a wave, the same at both speeds", [20, 80], INTEGRAL, [COULOMB],
         with_effect("lead_error", period=0.01, slope=3e-5, sine=2e-6, cosine=0.0, offset=0.0), (0, 120)),
     "encoder_error": lambda: over_position(
-        "encoder_error", "The loop's encoder is wrong by 2 µm every 5 mm: more error at higher speed", [20, 80],
+        "encoder_error", "The loop's encoder is wrong every 5 mm: more error at higher speed", [20, 80],
         PROPORTIONAL, [COULOMB], with_effect("encoder_error", period=0.005, sine=2e-6, cosine=0.0), (0, 60)),
     "gravity_offset": lambda: over_time(
         "gravity_offset", "A constant force: the same shift moving and at rest", PULSE, PROPORTIONAL, [COULOMB],
@@ -298,7 +302,7 @@ PICTURES = {
             [(60, 150, 2.4, 0.4), (0, 150, 2.4, 0.4), (60, 150, 0.8, 0.4), (0, 150, 0.8, 0.4)]), PROPORTIONAL, [COULOMB],
         with_effect("torque_saturation", limit_mps2=1.6, reset=60.0, viscous=1e-3, share=1.0)),
     "periodic_disturbance": lambda: over_time(
-        "periodic_disturbance", "A vibration of 11 Hz from outside: in motion, and at rest against friction", cycle(1, 60, 60, 1.0, 0.8), PROPORTIONAL,
+        "periodic_disturbance", "A vibration of 11 Hz from outside, in motion and at rest", cycle(1, 60, 60, 1.0, 0.8), PROPORTIONAL,
         [COULOMB], with_effect("periodic_disturbance", frequency_hz=11, sine=0.05, cosine=0.0)),
     "impulse_disturbance": lambda: over_time(
         "impulse_disturbance", "Two pushes: short, and not again at the same place of the cycle", PULSE, PROPORTIONAL, [COULOMB],
@@ -308,7 +312,7 @@ PICTURES = {
     "cross_coupling": cross_coupling,
     "dwell_stiction": dwell_stiction,
     "thermal_growth": lambda: over_time(
-        "thermal_growth", "The screw grows by 80 µm per metre: more with every cycle and with distance",
+        "thermal_growth", "The screw grows by 80 µm per metre: more with every cycle",
         moves([leg for _ in range(14) for leg in ((300, 150, 1.5, 0.8), (50, 150, 1.5, 0.8))], start=50), INTEGRAL, [COULOMB],
         with_effect("thermal_growth", time_constant_s=20.0, growth=8e-5, drift=0.0, offset=0.0), None, "position"),
     "dropped_samples": dropped_samples,
