@@ -80,6 +80,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
       say(people, "              not to be told from " + rival + " by this recording");
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
+    say(people, "              see " + cause_page(cause.id));
   }
   for (const Cause& cause : diagnosis.suspected) {
     std::string rivals;

@@ -345,4 +345,6 @@ std::string advice_for(const std::string& id) {
   return {};
 }
 
+std::string cause_page(const std::string& id) { return "docs/causes/" + id + ".md"; }
+
 }  // namespace servotwin

@@ -26,4 +26,8 @@ namespace servotwin {
 /// What to look at on the machine.
 [[nodiscard]] std::string advice_for(const std::string& id);
 
+/// The page of this cause, from the folder that has docs/: the source tree, or
+/// /usr/share/doc/servotwin where the package is installed.
+[[nodiscard]] std::string cause_page(const std::string& id);
+
 }  // namespace servotwin

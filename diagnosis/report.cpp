@@ -151,6 +151,7 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
   out += "<table>";
   if (const std::string advice = advice_for(cause.id); !advice.empty())
     out += row("check on the machine", escaped(advice));
+  out += row("more about this cause", "<code>" + cause_page(cause.id) + "</code>");
   if (std::isfinite(cause.gain.before))
     out += row("what it brings",
                text("without it the simulation is wrong by %.3g %s RMS, with it by %.3g %s",

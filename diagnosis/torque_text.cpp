@@ -221,6 +221,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
     }
     if (const std::string advice = check_of(cause); !advice.empty())
       out.push_back("              check " + advice);
+    out.push_back("              see " + cause_page(cause.id));
   }
   for (const TorqueCause& cause : torque.suspected) out.push_back(suspected_of(cause));
   if (details) {
@@ -252,7 +253,8 @@ std::string torque_section(const TorqueDiagnosis& torque) {
                 : "") +
            text("</td><td>%.0f %%", 100.0 * cause.confidence);
     for (const std::string& rival : cause.ambiguous_with) out += "<br>or " + escaped(rival);
-    out += "</td><td>" + escaped(check_of(cause)) + "</td></tr>\n";
+    out += "</td><td>" + escaped(check_of(cause)) + "; see <code>" + cause_page(cause.id) +
+           "</code></td></tr>\n";
   }
   return out + "</table>\n";
 }

@@ -5,11 +5,13 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <fstream>
 #include <numbers>
 #include <random>
 
 #include "diagnosis/cause_picture.h"
 #include "diagnosis/cause_words.h"
+#include "diagnosis/diagnosis_file.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -195,6 +197,13 @@ TEST(Words, EveryCauseOfTheContractHasAName) {
   }
 }
 
+TEST(CausePage, IsAmongTheDocumentsForEveryCauseOfTheContract) {
+  for (const std::string_view id : contract_ids()) {
+    const std::string page = cause_page(std::string(id));
+    EXPECT_TRUE(std::ifstream(std::string(SERVOTWIN_SOURCE_DIR) + "/" + page)) << page;
+  }
+}
+
 TEST(Report, NeedsNothingButItself) {
   Effect ripple = make_effect<Cogging>();
   ripple.shape[0] = kPeriod;
@@ -211,7 +220,7 @@ TEST(Report, NeedsNothingButItself) {
     EXPECT_EQ(page.find(outside), std::string::npos) << outside;
   for (const char* inside :
        {"Axis &lt;X&gt;", "a &amp; b.csv", "it may also be</th><td>an error of the encoder",
-        "The test that decides", "prefers-color-scheme:dark"})
+        "docs/causes/cogging.md", "The test that decides", "prefers-color-scheme:dark"})
     EXPECT_NE(page.find(inside), std::string::npos) << inside;
   const std::size_t nan = page.find("nan");
   EXPECT_EQ(nan, std::string::npos) << page.substr(nan < 80 ? 0 : nan - 80, 120);
