@@ -6,8 +6,8 @@ from pathlib import Path
 project = "Servotwin"
 extensions = ["myst_parser"]
 root_doc = "docs/index"
-include_patterns = ["docs/**/*.md", "docs/*.md", "CHANGELOG.md", "*/README.md", "examples/*/README.md"]
-exclude_patterns = ["build*", ".*", "tests", "**/node_modules"]
+include_patterns = ["docs/**.md", "**/README.md", "README.md", "CHANGELOG.md"]
+exclude_patterns = ["build*", ".*", "**/node_modules"]
 
 # Anchors of headings down to the third level, named as GitHub names them.
 myst_heading_anchors = 3
@@ -19,6 +19,17 @@ html_title = "Servotwin"
 html_show_copyright = False
 html_copy_source = False
 html_show_search_summary = False  # would have to read other files, which a browser forbids a page from file://
+
+
+def name_page_of_folder(app, page, text):
+    """A link to a folder leads to the page in it: [decisions](docs/decisions/) to docs/decisions/index.md."""
+    here = Path(app.env.doc2path(page)).parent
+
+    def named(link):
+        inside = [name for name in ("index.md", "README.md") if (here / link[1] / name).exists()]
+        return f"]({link[1]}{inside[0]})" if inside else link[0]
+
+    text[0] = re.sub(r"\]\(([^():#\s]+/)\)", named, text[0])
 
 
 def complete_theme(app, problem):
@@ -41,4 +52,5 @@ def complete_theme(app, problem):
 
 
 def setup(app):
+    app.connect("source-read", name_page_of_folder)
     app.connect("build-finished", complete_theme)

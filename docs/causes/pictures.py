@@ -240,7 +240,7 @@ def dwell_stiction():
 
 
 def cutting_force():
-    over_time("cutting_force", "In the cut: a mean force and a tone as the teeth pass; in air nothing", moves(
+    over_time("cutting_force", "In the cut: a mean force and a tone as the teeth pass; neither in air", moves(
         [(60, 30, 1.0, 0.5), (0, 30, 1.0, 0.3)]), PROPORTIONAL, [COULOMB], None, change=cutting)
 
 
