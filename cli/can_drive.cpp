@@ -51,7 +51,8 @@ void drive_on_can(const CanDriveOptions& options) {
   std::array<CanFrame, 64> batch;
   std::uint64_t not_sent = 0;
   while (!interrupt.came()) {
-    if (options.seconds > 0.0 && static_cast<double>(daemon::steady_ns() - begin) * 1e-9 > options.seconds)
+    if (options.seconds > 0.0 &&
+        static_cast<double>(daemon::steady_ns() - begin) * 1e-9 > options.seconds)
       break;
     // The bus with the SYNC is waited for; on the others only targets come.
     for (std::size_t i = 0; i < buses.size(); ++i) {

@@ -7,6 +7,7 @@
 #include "cli/command.h"
 #include "cli/force_text.h"
 #include "cli/model_text.h"
+#include "cli/number_check.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/plot.h"

@@ -1,4 +1,5 @@
 // servotwin check-config: would the daemon start with this configuration?
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
 #include <string>

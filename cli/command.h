@@ -6,9 +6,12 @@
 // what to do.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <functional>
 #include <stdexcept>
+
+namespace CLI {
+class App;
+}
 
 namespace servotwin::cli {
 

@@ -6,6 +6,7 @@
 #include "cli/model_text.h"
 #include "cli/output.h"
 #include "daemon/correct/path_ends.h"
+#include "drivers/text.h"
 
 namespace servotwin::cli {
 namespace {

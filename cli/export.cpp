@@ -1,4 +1,5 @@
 // servotwin export: a model for other programs, as a unit of FMI 2.0 and as matrices.
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -9,6 +10,7 @@
 #include "cli/model_text.h"
 #include "cli/output.h"
 #include "drivers/mat_writer.h"
+#include "drivers/text.h"
 #include "twin/state_space.h"
 
 namespace servotwin::cli {

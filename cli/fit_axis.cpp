@@ -1,5 +1,6 @@
 // servotwin fit-axis: the parts of a feed axis from what was measured on it, stage by stage (paper
 // 002).
+#include <CLI/CLI.hpp>
 #include <array>
 #include <charconv>
 #include <cmath>

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "cli/command.h"
+#include "cli/number_check.h"
 #include "cli/output.h"
 #include "cli/response_options.h"
 #include "diagnosis/bode.h"

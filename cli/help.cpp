@@ -1,5 +1,6 @@
 #include "cli/help.h"
 
+#include <CLI/CLI.hpp>
 #include <memory>
 #include <vector>
 
@@ -26,8 +27,8 @@ void declare_program(CLI::App& command, std::string& program) {
 
 Usage usage_of_program(CLI::App& tool, const std::string& program) {
   if (program == kTool) return usage_of(tool);
-  CLI::App daemon(kDaemonDescription, kDaemon);
-  DaemonArguments arguments;
+  CLI::App daemon(daemon::kDaemonDescription, kDaemon);
+  daemon::DaemonArguments arguments;
   arguments.declare(daemon, SERVOTWIN_VERSION);
   return usage_of(daemon);
 }

@@ -9,6 +9,7 @@
 
 #include "cli/command.h"
 #include "cli/model_text.h"
+#include "cli/number_check.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "identification/loop/joint.h"

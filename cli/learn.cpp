@@ -8,6 +8,7 @@
 #include "cli/command.h"
 #include "cli/correction.h"
 #include "cli/model_text.h"
+#include "cli/number_check.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/path_gcode.h"

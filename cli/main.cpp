@@ -1,4 +1,5 @@
 // servotwin: the command-line tool. Exit status: 0 done, 1 the work failed, 2 wrong usage.
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>

@@ -1,6 +1,7 @@
 // servotwin motion-law: the test motion that friction is measured with.
 #include "identification/torque/motion_law.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>

@@ -11,6 +11,7 @@
 
 #include "cli/axis_channels.h"
 #include "cli/command.h"
+#include "cli/number_check.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/bode.h"

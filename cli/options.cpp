@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "cli/number_check.h"
 #include "cli/output.h"
 #include "drivers/text.h"
 #include "twin/twin.h"

@@ -1,42 +1,22 @@
 // Options that several commands share, and what they stand for.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "drivers/dds.h"
 #include "drivers/recording_file.h"
-#include "drivers/text.h"
 #include "identification/model/model_file.h"
 #include "identification/recording/segments.h"
 
-namespace servotwin::cli {
+namespace CLI {
+class App;
+}
 
-/// A number within these, which nan is not (CLI::Range lets it pass).
-[[nodiscard]] inline CLI::Validator between(double low, double high) {
-  return {[low, high](std::string& input) -> std::string {
-            double value = 0.0;
-            if (CLI::detail::lexical_cast(input, value) && value >= low && value <= high) return {};
-            std::ostringstream out;
-            out << in_quotes(input) << " must be a number from " << low << " to " << high;
-            return out.str();
-          },
-          ""};
-}
-[[nodiscard]] inline CLI::Validator between(int low, int high) {
-  return {[low, high](std::string& input) -> std::string {
-            int value = 0;
-            if (CLI::detail::lexical_cast(input, value) && value >= low && value <= high) return {};
-            return in_quotes(input) + " must be a whole number from " + std::to_string(low) +
-                   " to " + std::to_string(high);
-          },
-          ""};
-}
+namespace servotwin::cli {
 
 /// REC --columns --from --to --rate: a recording and the part of it that is wanted.
 struct RecordingOptions {

@@ -1,4 +1,5 @@
 // servotwin predict: a model against a recording, in free simulation.
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <cmath>

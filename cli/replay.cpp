@@ -9,6 +9,7 @@
 #include "cli/can_replay.h"
 #include "cli/command.h"
 #include "cli/interrupt.h"
+#include "cli/number_check.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/input/frame_source.h"

@@ -1,5 +1,6 @@
 #include "cli/response_options.h"
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 

@@ -1,5 +1,6 @@
 // servotwin sequence: the friction that a part adds, from recordings without and with it (paper
 // 002).
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>

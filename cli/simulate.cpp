@@ -8,6 +8,7 @@
 #include "cli/command.h"
 #include "cli/command_table.h"
 #include "cli/model_text.h"
+#include "cli/number_check.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/correct/motion_reach.h"

@@ -11,6 +11,7 @@
 #include "cli/command.h"
 #include "cli/interrupt.h"
 #include "cli/live_record.h"
+#include "cli/number_check.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/summary_text.h"

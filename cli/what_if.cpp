@@ -1,4 +1,5 @@
 // servotwin what-if: what a change of a part does to a feed axis, before it is bought (paper 002).
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>

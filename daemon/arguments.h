@@ -11,7 +11,7 @@
 
 #include "daemon/config/listen_address.h"
 
-namespace servotwin {
+namespace servotwin::daemon {
 
 /// Empty or nothing where an option was not given: then the configuration holds.
 struct DaemonArguments {
@@ -57,4 +57,4 @@ struct DaemonArguments {
 inline constexpr const char* kDaemonDescription =
     "The always-on digital twin of a machine's servo drives.";
 
-}  // namespace servotwin
+}  // namespace servotwin::daemon

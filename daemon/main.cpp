@@ -129,15 +129,16 @@ int run(int argc, char** argv, const Journal* journal) {
 }  // namespace servotwin::daemon
 
 int main(int argc, char** argv) {
-  std::optional<servotwin::Journal> journal;
-  if (servotwin::Journal::is_behind(STDERR_FILENO)) journal.emplace();
+  std::optional<servotwin::daemon::Journal> journal;
+  if (servotwin::daemon::Journal::is_behind(STDERR_FILENO)) journal.emplace();
   try {
-    return servotwin::run(argc, argv, journal ? &*journal : nullptr);
+    return servotwin::daemon::run(argc, argv, journal ? &*journal : nullptr);
   } catch (const std::exception& error) {
     // Every problem of a configuration is a line of its own.
     std::istringstream lines(error.what());
     for (std::string line; std::getline(lines, line);) {
-      if (!journal || !journal->send(servotwin::Priority::kError, line, {{"EVENT", "not_started"}}))
+      if (!journal ||
+          !journal->send(servotwin::daemon::Priority::kError, line, {{"EVENT", "not_started"}}))
         std::cerr << "servotwind: " << line << '\n';
     }
     return 1;
