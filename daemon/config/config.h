@@ -1,4 +1,4 @@
-// The daemon's configuration (TOML; all keys: daemon/README.md). Without a file these defaults
+// The daemon's configuration (TOML; all keys: docs/reference.md). Without a file these defaults
 // hold.
 //
 // Every problem of a file is reported at once, each on one line with its place: a wrong type, a

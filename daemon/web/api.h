@@ -1,5 +1,5 @@
 // What is asked over HTTP, and what is answered: the page, /healthz, /metrics and /api/v1
-// (daemon/README.md).
+// (docs/reference.md).
 //
 // Every JSON has a schema. What cannot be answered is a servotwin.error/1 that says why. One
 // thread.

@@ -120,7 +120,7 @@ TEST(CheckConfig, ALimitThatIsWrongIsOneProblemAndWhatItNamesIsLookedAtLater) {
 }
 
 TEST(CheckConfig, TakesTheFileOfTheReference) {
-  std::ifstream readme(SERVOTWIN_SOURCE_DIR "/daemon/README.md");
+  std::ifstream readme(SERVOTWIN_SOURCE_DIR "/docs/reference.md");
   std::string text;
   bool within = false;
   for (std::string line; std::getline(readme, line);) {

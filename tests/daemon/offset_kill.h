@@ -41,7 +41,7 @@ class OffsetKill : public testing::Test {
     const std::string map = "cycle_s = " + std::to_string(cycle_s) + kAxis;
     std::ofstream(directory_.path() / "map.toml") << map;
     map_ = check_can_map(map, "map.toml", "").map;
-    Model model = drive();
+    Model model = daemon::drive();
     model.sample_time_s = cycle_s;
     controller_.emplace(map_);
     drive_.emplace(map_, std::vector<Twin>{Twin(model)});
@@ -56,9 +56,9 @@ class OffsetKill : public testing::Test {
         << "[ilc]\nlive = true\nmatch_tolerance = 4e-4\n"
         << "[http]\nlisten = \"127.0.0.1:0\"\ntoken = \"" << kToken << "\"\n";
     {
-      Store store(directory_.path() / "store", name_);
-      ModelRecord record = record_of(model);
-      record.created = iso_time(wall_ns());
+      daemon::Store store(directory_.path() / "store", name_);
+      ModelRecord record = daemon::record_of(model);
+      record.created = daemon::iso_time(daemon::wall_ns());
       store.promote(record, {record.created, "X", "model_promoted", "made for this test", ""});
     }
     Process daemon({built("servotwind"), "--config", directory_.path() / "m.toml", "--store",
@@ -70,7 +70,7 @@ class OffsetKill : public testing::Test {
         std::stoi(daemon.said().substr(daemon.said().find(at) + at.size())));
     for (int k = 0; k < cycles(1.0); ++k) cycle(0.0);
     send_program(DdsNode({name_, 95, ""}));
-    ASSERT_EQ(ask(port, "POST", "/api/v1/offsets/arm",
+    ASSERT_EQ(daemon::ask(port, "POST", "/api/v1/offsets/arm",
                   std::string("Authorization: Bearer ") + kToken + "\r\n")
                   .status,
               200);
