@@ -93,8 +93,8 @@ const std::map<std::string, std::vector<std::string>>& options() {
 }
 
 std::string daemon_help() {
-  CLI::App app(kDaemonDescription, "servotwind");
-  DaemonArguments arguments;
+  CLI::App app(daemon::kDaemonDescription, "servotwind");
+  daemon::DaemonArguments arguments;
   arguments.declare(app, "0");
   return app.help();
 }

@@ -71,7 +71,7 @@ class OffsetKill : public testing::Test {
     for (int k = 0; k < cycles(1.0); ++k) cycle(0.0);
     send_program(DdsNode({name_, 95, ""}));
     ASSERT_EQ(daemon::ask(port, "POST", "/api/v1/offsets/arm",
-                  std::string("Authorization: Bearer ") + kToken + "\r\n")
+                          std::string("Authorization: Bearer ") + kToken + "\r\n")
                   .status,
               200);
     for (int k = 0; k < cycles(0.2); ++k) cycle(0.0);

@@ -6,7 +6,7 @@
 int main(int argc, char** argv) {
   try {
     if (argc != 3) throw std::runtime_error("usage: stall_thread PID NAME");
-    const servotwin::StalledThread stalled(std::stoi(argv[1]), argv[2]);
+    const servotwin::daemon::StalledThread stalled(std::stoi(argv[1]), argv[2]);
     std::cout << "stalled" << std::endl;
     stalled.wait_for_its_end();
   } catch (const std::exception& error) {

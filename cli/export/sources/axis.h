@@ -2,7 +2,8 @@
  *
  * Both structs are plain data without pointers: a copy is a state that one can go back to. Any
  * thread, one at a time for one state; no allocation. Metres or radians, seconds, forces per moved
- * mass. tests/cli/export/translation_test.cpp holds it together with twin/twin.cpp (docs/decisions/0009). */
+ * mass. tests/cli/export/translation_test.cpp holds it together with twin/twin.cpp
+ * (docs/decisions/0009). */
 #ifndef SERVOTWIN_AXIS_H
 #define SERVOTWIN_AXIS_H
 

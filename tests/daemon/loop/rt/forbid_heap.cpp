@@ -37,8 +37,8 @@ Violations violations() noexcept { return {heap_uses.load(), lock_uses.load()}; 
 
 extern "C" {
 // Called by the sanitizer's own malloc and free.
-void __sanitizer_malloc_hook(const volatile void*, std::size_t) { servotwin::heap_used(); }
-void __sanitizer_free_hook(const volatile void*) { servotwin::heap_used(); }
+void __sanitizer_malloc_hook(const volatile void*, std::size_t) { servotwin::daemon::heap_used(); }
+void __sanitizer_free_hook(const volatile void*) { servotwin::daemon::heap_used(); }
 }
 
 #else
@@ -54,32 +54,32 @@ void __libc_free(void* pointer);
 
 // operator new and delete of libstdc++ come here too.
 void* malloc(std::size_t size) {
-  servotwin::heap_used();
+  servotwin::daemon::heap_used();
   return __libc_malloc(size);
 }
 void* calloc(std::size_t count, std::size_t size) {
-  servotwin::heap_used();
+  servotwin::daemon::heap_used();
   return __libc_calloc(count, size);
 }
 void* realloc(void* pointer, std::size_t size) {
-  servotwin::heap_used();
+  servotwin::daemon::heap_used();
   return __libc_realloc(pointer, size);
 }
 void* memalign(std::size_t alignment, std::size_t size) {
-  servotwin::heap_used();
+  servotwin::daemon::heap_used();
   return __libc_memalign(alignment, size);
 }
 void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  servotwin::heap_used();
+  servotwin::daemon::heap_used();
   return __libc_memalign(alignment, size);
 }
 int posix_memalign(void** pointer, std::size_t alignment, std::size_t size) {
-  servotwin::heap_used();
+  servotwin::daemon::heap_used();
   *pointer = __libc_memalign(alignment, size);
   return *pointer == nullptr ? 12 : 0;  // ENOMEM
 }
 void free(void* pointer) {
-  if (pointer != nullptr) servotwin::heap_used();
+  if (pointer != nullptr) servotwin::daemon::heap_used();
   __libc_free(pointer);
 }
 }
@@ -88,28 +88,32 @@ void free(void* pointer) {
 
 extern "C" {
 int pthread_mutex_lock(pthread_mutex_t* mutex) {
-  static auto* const lock = servotwin::original<int(pthread_mutex_t*)>("pthread_mutex_lock");
-  servotwin::lock_used();
+  static auto* const lock =
+      servotwin::daemon::original<int(pthread_mutex_t*)>("pthread_mutex_lock");
+  servotwin::daemon::lock_used();
   return lock(mutex);
 }
 int pthread_mutex_trylock(pthread_mutex_t* mutex) {
-  static auto* const lock = servotwin::original<int(pthread_mutex_t*)>("pthread_mutex_trylock");
-  servotwin::lock_used();
+  static auto* const lock =
+      servotwin::daemon::original<int(pthread_mutex_t*)>("pthread_mutex_trylock");
+  servotwin::daemon::lock_used();
   return lock(mutex);
 }
 int pthread_rwlock_rdlock(pthread_rwlock_t* rwlock) {
-  static auto* const lock = servotwin::original<int(pthread_rwlock_t*)>("pthread_rwlock_rdlock");
-  servotwin::lock_used();
+  static auto* const lock =
+      servotwin::daemon::original<int(pthread_rwlock_t*)>("pthread_rwlock_rdlock");
+  servotwin::daemon::lock_used();
   return lock(rwlock);
 }
 int pthread_rwlock_wrlock(pthread_rwlock_t* rwlock) {
-  static auto* const lock = servotwin::original<int(pthread_rwlock_t*)>("pthread_rwlock_wrlock");
-  servotwin::lock_used();
+  static auto* const lock =
+      servotwin::daemon::original<int(pthread_rwlock_t*)>("pthread_rwlock_wrlock");
+  servotwin::daemon::lock_used();
   return lock(rwlock);
 }
 int sem_wait(sem_t* semaphore) {
-  static auto* const wait = servotwin::original<int(sem_t*)>("sem_wait");
-  servotwin::lock_used();
+  static auto* const wait = servotwin::daemon::original<int(sem_t*)>("sem_wait");
+  servotwin::daemon::lock_used();
   return wait(semaphore);
 }
 }
