@@ -14,6 +14,7 @@
 #include "drivers/text.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/joint.h"
+#include "identification/model/json_number.h"
 #include "identification/torque/friction_from_torque.h"
 #include "identification/torque/hysteresis.h"
 
@@ -260,14 +261,12 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
   out.result["trials"] = trials_json(trials, unit);
   json pairs = json::array();
   for (const Ramp& ramp : ramps) {
-    pairs.push_back(
-        {{"velocity", ramp.velocity},
-         {"torque", ramp.torque / unit.scale},
-         {"sd",
-          std::isfinite(ramp.torque_deviation) ? json(ramp.torque_deviation / unit.scale) : json()},
-         {"begin_s", ramp.begin_s},
-         {"end_s", ramp.end_s},
-         {"stick_slip", ramp.stick_slip}});
+    pairs.push_back({{"velocity", ramp.velocity},
+                     {"torque", ramp.torque / unit.scale},
+                     {"sd", number_or_null(ramp.torque_deviation / unit.scale)},
+                     {"begin_s", ramp.begin_s},
+                     {"end_s", ramp.end_s},
+                     {"stick_slip", ramp.stick_slip}});
   }
   out.result["ramps"] = pairs;
   out.result["stick_slip_below"] = stick_slip_below(ramps);

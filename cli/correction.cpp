@@ -7,13 +7,12 @@
 #include "cli/output.h"
 #include "daemon/correct/path_ends.h"
 #include "drivers/text.h"
+#include "identification/model/json_number.h"
 
 namespace servotwin::cli {
 namespace {
 
 using nlohmann::json;
-
-json number(double value) { return std::isfinite(value) ? json(value) : json(); }
 
 json size_json(const ErrorSize& size, bool rotary) {
   const std::string unit = rotary ? "_rad" : "_m";
@@ -38,13 +37,13 @@ json axis_json(const Correction& correction, std::size_t i) {
       {"contraction", axis.contraction.most()},
       {"contraction_at_hz", axis.contraction.most_at_hz()},
       {"models_within_uncertainty", axis.models},
-      {"limit_peak" + unit, number(axis.learning.limits.peak)},
-      {"limit_rate" + unit + "_per_s", number(axis.learning.limits.rate)},
+      {"limit_peak" + unit, number_or_null(axis.learning.limits.peak)},
+      {"limit_rate" + unit + "_per_s", number_or_null(axis.learning.limits.rate)},
       {"peak" + unit, u.abs().maxCoeff()},
       {"rate" + unit + "_per_s", steepest},
       {"before", size_json(correction.learned.trials.front().axis[i], rotary)},
       {"after", size_json(correction.learned.trials[best].axis[i], rotary)},
-      {"expected_rms" + unit, number(expected_rms(correction, i))},
+      {"expected_rms" + unit, number_or_null(expected_rms(correction, i))},
       {"limited_by", limited_by(correction, i)},
       {"offset" + unit, std::vector<double>(u.begin(), u.end())},
   };
@@ -180,7 +179,7 @@ json to_json(const Correction& correction) {
           {"best_trial", learned.best},
           {"ended", learned.ending == Ending::kGrew ? "errors_grew" : "all_trials"},
           {"trials", trials},
-          {"expected_contour_rms_m", number(expected_contour_rms(correction))},
+          {"expected_contour_rms_m", number_or_null(expected_contour_rms(correction))},
           {"contour_shares", shares},
           {"axes", axes}};
 }

@@ -8,6 +8,7 @@
 
 #include "cli/output.h"
 #include "identification/loop/joint.h"
+#include "twin/effect.h"
 
 namespace servotwin::cli {
 
@@ -17,10 +18,7 @@ std::string ForceUnit::of(std::string_view per_mass) const {
   return std::string(per_mass);
 }
 
-std::string ForceUnit::of_shape(std::string_view unit) const {
-  const bool length = rotary && (unit == "m" || unit.starts_with("m/"));
-  return length ? "rad" + std::string(unit.substr(1)) : std::string(unit);
-}
+std::string ForceUnit::of_shape(std::string_view unit) const { return unit_on_axis(unit, rotary); }
 
 std::string ForceUnit::of_mass() const {
   if (!rotary && name == "N") return "kg";

@@ -13,6 +13,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "identification/loop/joint.h"
+#include "identification/model/json_number.h"
 
 namespace servotwin::cli {
 namespace {
@@ -47,8 +48,7 @@ json result_of(const Identified& identified) {
                       {"modes", trial.modes},
                       {"moving", trial.moving},
                       {"effects", effects},
-                      {"validation_rms_m",
-                       std::isfinite(trial.validation_rms) ? json(trial.validation_rms) : json()},
+                      {"validation_rms_m", number_or_null(trial.validation_rms)},
                       {"chosen", trial.chosen},
                       {"ruled_out", trial.ruled_out}});
   }

@@ -6,6 +6,7 @@
 
 #include "cli/output.h"
 #include "diagnosis/diagnosis_file.h"
+#include "twin/effect.h"
 
 namespace servotwin::cli {
 namespace {
@@ -17,12 +18,6 @@ std::string with_deviation(double value, double sd, const std::string& unit) {
   if (std::isfinite(sd) && sd > 0.0) out += text(" +- %.2g", sd);
   if (unit != "1") out += " " + unit;
   return out;
-}
-
-std::string unit_of(const Parameter& parameter, bool rotary) {
-  std::string unit(parameter.unit);
-  if (rotary && unit.starts_with("m/")) unit.replace(0, 1, "rad");
-  return unit;
 }
 
 std::string poles_line(const ModelRecord& record) {
@@ -86,7 +81,7 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
   const char* separator = "  ";
   const auto add = [&](const Parameter& parameter, double value, double deviation) {
     line += separator + std::string(parameter.name) + " " +
-            with_deviation(value, deviation, unit_of(parameter, rotary));
+            with_deviation(value, deviation, unit_on_axis(parameter.unit, rotary));
     separator = ", ";
   };
   std::size_t k = 0;

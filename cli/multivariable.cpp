@@ -18,6 +18,7 @@
 #include "drivers/mat_writer.h"
 #include "drivers/text.h"
 #include "identification/loop/identify.h"
+#include "identification/model/json_number.h"
 #include "identification/response/frequency_response.h"
 #include "twin/hold.h"
 
@@ -397,9 +398,8 @@ json result_of(const Arguments& arguments, const Signals& signals, const Multiva
     out["poles"].push_back(one);
   }
   for (const MultivariableTrial& trial : fit.trials)
-    out["trials"].push_back({{"order", trial.order},
-                             {"left", std::isfinite(trial.left) ? json(trial.left) : json()},
-                             {"chosen", trial.chosen}});
+    out["trials"].push_back(
+        {{"order", trial.order}, {"left", number_or_null(trial.left)}, {"chosen", trial.chosen}});
   for (std::size_t j = 0; j < signals.outputs.size(); ++j) {
     const auto row = static_cast<Eigen::Index>(j);
     json coefficients = json::array(), parts = json::object();

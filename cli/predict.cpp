@@ -12,6 +12,7 @@
 #include "cli/output.h"
 #include "daemon/correct/motion_reach.h"
 #include "identification/loop/identify.h"
+#include "identification/model/json_number.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/twin.h"
 
@@ -33,24 +34,22 @@ struct Judged {
   Eigen::Index rows = 0;  // that the figures are of
 };
 
-json figure(double value) { return std::isfinite(value) ? json(value) : json(); }
-
 json result_of(const std::string& axis, const ErrorFigures& all, double noise_floor_rms,
                bool overlaps_training, const std::vector<Judged>& judged) {
   json segments = json::array();
   for (const Judged& one : judged) {
     segments.push_back({{"from_s", one.segment->start_s},
                         {"to_s", one.segment->end_s()},
-                        {"rms_m", figure(one.figures.rms)},
-                        {"max_m", figure(one.figures.max)},
+                        {"rms_m", number_or_null(one.figures.rms)},
+                        {"max_m", number_or_null(one.figures.max)},
                         {"rows", one.segment->size()},
                         {"rows_judged", one.rows}});
   }
   return {{"schema", kPredictionSchema},
           {"axis", axis},
-          {"rms_m", figure(all.rms)},
-          {"max_m", figure(all.max)},
-          {"noise_floor_rms_m", figure(noise_floor_rms)},
+          {"rms_m", number_or_null(all.rms)},
+          {"max_m", number_or_null(all.max)},
+          {"noise_floor_rms_m", number_or_null(noise_floor_rms)},
           {"overlaps_training", overlaps_training},
           {"segments", segments}};
 }

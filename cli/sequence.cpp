@@ -11,6 +11,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/plot.h"
+#include "identification/model/json_number.h"
 #include "identification/torque/friction_from_torque.h"
 
 namespace servotwin::cli {
@@ -290,7 +291,7 @@ void run(const Arguments& arguments) {
     out["without"] = {{"rms", without.rms / unit.scale}, {"relative", without.relative}};
     out["verified"] = verified;
     out["share"] = share_json;
-    out["direction_ratio"] = std::isfinite(ratio) ? json(ratio) : json();
+    out["direction_ratio"] = number_or_null(ratio);
     write_json(arguments.result, out);
   }
 }

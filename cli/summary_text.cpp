@@ -7,6 +7,7 @@
 #include "cli/model_text.h"
 #include "cli/output.h"
 #include "daemon/publish/status_figures.h"
+#include "identification/model/json_number.h"
 
 namespace servotwin::cli {
 namespace {
@@ -17,7 +18,7 @@ constexpr const char* kWatchSchema = "servotwin.watch/1";
 constexpr std::size_t kShownRefusals = 3;  // a summary is one screen
 
 json figures_json(const ErrorFigures& figures) {
-  return {{"rms_m", daemon::number_json(figures.rms)}, {"max_m", daemon::number_json(figures.max)}};
+  return {{"rms_m", number_or_null(figures.rms)}, {"max_m", number_or_null(figures.max)}};
 }
 
 bool rotary(const LiveAxis& axis) { return axis.model && axis.model->rotary; }
@@ -147,7 +148,7 @@ std::string table_row(const LiveRecord& record, const LiveAxis& axis) {
 json head_json(const LiveRecord& record, const std::string& machine, double seconds) {
   return {{"schema", kWatchSchema},       {"machine", machine},
           {"seconds", seconds},           {"predictions", record.predictions()},
-          {"missed", record.missed()},    {"rate_hz", daemon::number_json(record.rate_hz())},
+          {"missed", record.missed()},    {"rate_hz", number_or_null(record.rate_hz())},
           {"silent_s", record.silent_s()}};
 }
 
@@ -183,9 +184,9 @@ std::vector<std::string> summary_lines(const LiveRecord& record, const std::stri
 json summary_json(const LiveRecord& record, const std::string& machine, double seconds) {
   json out = head_json(record, machine, seconds);
   out["status"] = record.status() ? daemon::figures_of(*record.status()) : json();
-  out["latency"] = {{"p50_s", daemon::number_json(record.latency_s(0.5))},
-                    {"p99_s", daemon::number_json(record.latency_s(0.99))},
-                    {"max_s", daemon::number_json(record.latency_s(1.0))}};
+  out["latency"] = {{"p50_s", number_or_null(record.latency_s(0.5))},
+                    {"p99_s", number_or_null(record.latency_s(0.99))},
+                    {"max_s", number_or_null(record.latency_s(1.0))}};
   out["axes"] = json::array();
   for (std::size_t i = 0; i < record.axes().size(); ++i) {
     const LiveAxis& axis = record.axes()[i];

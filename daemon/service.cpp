@@ -312,10 +312,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   std::string last_error;
   const auto status = [&] {
     MachineStatus now = counted(loop->counters());
-    if (input.source->silent(steady_ns())) now.state = DaemonState::kWaiting;
+    SourceState source = input.source->state(steady_ns());
+    if (source.silent) now.state = DaemonState::kWaiting;
     if (stop.stop_requested()) now.state = DaemonState::kStopping;
-    now.malformed += input.source->malformed();
-    now.buses = input.source->buses();
+    now.malformed += source.malformed;
+    now.buses = std::move(source.buses);
     now.publish_p50_s = published.quantile_s(0.5);
     now.publish_p99_s = published.quantile_s(0.99);
     now.publish_p999_s = published.quantile_s(0.999);
@@ -389,7 +390,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
           events.error("source", "", news.text);
         }
       }
-      if (const std::string why = input.source->offsets_held_back(); !why.empty())
+      if (const std::string why = input.source->state(steady_ns()).offsets_held_back; !why.empty())
         arming.forbid(why);
       for (const std::string& line : publisher.news()) events.note("network", "", line);
       const std::uint64_t malformed = loop->counters().malformed;

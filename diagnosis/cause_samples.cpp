@@ -82,18 +82,6 @@ Eigen::ArrayXd force_of(const Loop& loop, const Eigen::ArrayXd& difference, doub
 
 }  // namespace
 
-bool is_friction(std::size_t kind) {
-  constexpr std::array kBeside{kind_of<ConstantForce>(),
-                               kind_of<FrictionMap>(),
-                               kind_of<AsymmetricFriction>(),
-                               kind_of<FallingFriction>(),
-                               kind_of<PositionDependentFriction>(),
-                               kind_of<AddedFriction>(),
-                               kind_of<ViscousDrift>(),
-                               kind_of<DwellStiction>()};
-  return is_friction_law(kind) || std::find(kBeside.begin(), kBeside.end(), kind) != kBeside.end();
-}
-
 CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
                         const std::vector<Segment>& segments, double scale) {
   CauseSamples out;

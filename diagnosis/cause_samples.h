@@ -12,9 +12,6 @@
 
 namespace servotwin {
 
-/// Whether an effect is a part of the friction, whose parts are drawn together.
-[[nodiscard]] bool is_friction(std::size_t kind);
-
 /// The samples of all segments, with what is drawn of them; NaN where nothing is to be drawn.
 struct CauseSamples {
   std::vector<double> velocity, acceleration, neighbour, position, time, since_rest;

@@ -11,12 +11,6 @@ namespace {
 
 constexpr double kRatioStep = 1e-6;
 
-bool is_friction(std::size_t kind) {
-  const auto& kinds = friction_kinds();
-  return kind == kind_of<AsymmetricFriction>() ||
-         std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
-}
-
 bool is_force(const Effect& effect) { return identity_of(effect.kind).acts == Acts::kForce; }
 
 Quantity ratio(const char* name) { return {name, "1", 0.0, kRatioStep, true}; }
@@ -112,7 +106,8 @@ std::vector<Change> changes_of(const Model& model) {
   for (std::size_t i = 0; i < model.effects.size(); ++i) {
     const std::size_t kind = model.effects[i].kind;
     const std::string cause(identity_of(kind).cause);
-    const bool friction = is_friction(kind);
+    // A law of friction, or what takes its place where the directions differ.
+    const bool friction = is_friction_law(kind) || kind == kind_of<AsymmetricFriction>();
     has_friction = has_friction || friction;
     has_constant = has_constant || kind == kind_of<ConstantForce>();
     if (kind == kind_of<TimeDelay>()) {

@@ -9,20 +9,14 @@
 
 #include "diagnosis/text.h"
 #include "identification/loop/joint.h"
+#include "identification/model/json_number.h"
+#include "twin/effect.h"
 
 namespace servotwin {
 
 namespace {
 
 using nlohmann::json;
-
-json number_or_null(double value) { return std::isfinite(value) ? json(value) : json(); }
-
-std::string unit_of(const Parameter& parameter, bool rotary) {
-  std::string unit(parameter.unit);
-  if (rotary && unit.starts_with("m")) unit.replace(0, 1, "rad");
-  return unit;
-}
 
 /// Amplitudes of the fundamental and of the second harmonic.
 std::array<double, 2> amplitudes(const Effect& cogging) {
@@ -255,7 +249,7 @@ std::string moved_text(const Moved& moved, bool rotary) {
   Parameter p;
   p.unit = moved.unit;
   std::string out = moved.name + text(" %.4g -> %.4g", moved.before, moved.after) +
-                    (moved.unit == "1" ? "" : " " + unit_of(p, rotary));
+                    (moved.unit == "1" ? "" : " " + unit_on_axis(p.unit, rotary));
   if (moved.deviation > 0.0)
     out += text(" (+-%.2g, %.0f standard deviations)", moved.deviation,
                 std::abs(moved.after - moved.before) / moved.deviation);
@@ -286,7 +280,7 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
   std::string out;
   const auto add = [&](const Parameter& p, double value) {
     out += (out.empty() ? "" : ", ") + std::string(p.name) + text(" %.4g", value) +
-           (p.unit == "1" ? "" : " " + unit_of(p, rotary));
+           (p.unit == "1" ? "" : " " + unit_on_axis(p.unit, rotary));
   };
   if (effect.kind == kind_of<Cogging>()) {
     const auto [first, second] = amplitudes(effect);

@@ -8,6 +8,7 @@
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
+#include "identification/model/json_number.h"
 #include "twin/catalogue.h"
 
 namespace servotwin {
@@ -15,8 +16,6 @@ namespace servotwin {
 namespace {
 
 using nlohmann::json;
-
-json number_or_null(double value) { return std::isfinite(value) ? json(value) : json(); }
 
 json harmonics_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
   const std::string unit = key_of_unit(torque.unit), length = torque.rotary ? "rad" : "m";

@@ -164,6 +164,21 @@ constexpr bool is_friction_law(std::size_t kind) {
   return std::find(kFrictionLaws.begin(), kFrictionLaws.end(), kind) != kFrictionLaws.end();
 }
 
+/// A law of friction, or a force that changes or joins it: together they are what the axis feels as
+/// friction.
+constexpr bool is_friction(std::size_t kind) {
+  constexpr std::array kBesideTheLaw{kind_of<ConstantForce>(),
+                                     kind_of<FrictionMap>(),
+                                     kind_of<AsymmetricFriction>(),
+                                     kind_of<FallingFriction>(),
+                                     kind_of<PositionDependentFriction>(),
+                                     kind_of<AddedFriction>(),
+                                     kind_of<ViscousDrift>(),
+                                     kind_of<DwellStiction>()};
+  return is_friction_law(kind) ||
+         std::find(kBesideTheLaw.begin(), kBesideTheLaw.end(), kind) != kBesideTheLaw.end();
+}
+
 // The three below are defined in twin/catalogue_steps.h and compiled once for each scalar: for
 // double in twin/catalogue.cpp, for the derivatives by the shapes in
 // identification/least_squares/unit_columns.cpp.

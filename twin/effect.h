@@ -32,6 +32,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <string>
 #include <string_view>
 
 namespace servotwin {
@@ -107,6 +108,14 @@ struct Parameter {
   Scan scan = Scan::kNone;
   bool behind_integrator = false;  ///< identifiable only with an integrator, else a constant force
 };
+
+/// A unit of the catalogue as it reads on an axis: a rotary one has rad where a linear one has m.
+[[nodiscard]] inline std::string unit_on_axis(std::string_view unit, bool rotary) {
+  std::string out(unit);
+  if (const std::size_t at = out.find('m'); rotary && at != std::string::npos)
+    out.replace(at, 1, "rad");
+  return out;
+}
 
 /// Whether this coefficient can be identified beside a free loop of this order.
 [[nodiscard]] constexpr bool told_from_loop(const Parameter& p, int order) noexcept {

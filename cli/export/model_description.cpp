@@ -9,6 +9,7 @@
 
 extern "C" {
 #include "cli/export/sources/effects.h"
+#include "twin/effect.h"
 }
 
 namespace servotwin {
@@ -38,14 +39,6 @@ constexpr std::array kUnits{CatalogueUnit{"m", 1, 0},      CatalogueUnit{"s", 0,
                             CatalogueUnit{"1/s^2", 0, -2}, CatalogueUnit{"1/s^3", 0, -3},
                             CatalogueUnit{"s/m", -1, 1},   CatalogueUnit{"1/(m s^2)", -1, -2}};
 
-/// Rotary axes read rad for m.
-std::string unit_of(std::string_view name, bool rotary) {
-  std::string unit(name);
-  const std::size_t at = unit.find('m');
-  if (rotary && at != std::string::npos) unit.replace(at, 1, "rad");
-  return unit;
-}
-
 std::string number(double value) {
   std::array<char, 32> digits{};
   return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
@@ -58,7 +51,7 @@ std::string unit_definitions(const UnitDescription& unit, bool rotary) {
   for (const UnitVariable& variable : unit.variables) used.insert(variable.unit);
   std::string xml = "  <UnitDefinitions>\n";
   for (const CatalogueUnit& one : kUnits) {
-    const std::string name = unit_of(one.name, rotary);
+    const std::string name = unit_on_axis(one.name, rotary);
     if (used.erase(name) == 0) continue;
     xml += "    <Unit name=\"" + name + "\"><BaseUnit";
     if (one.length != 0) xml += (rotary ? " rad=\"" : " m=\"") + std::to_string(one.length) + "\"";
@@ -120,11 +113,11 @@ UnitDescription describe(const ModelRecord& record) {
   unit.identifier = "servotwin_";
   for (const char c : record.axis)
     unit.identifier += std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
-  const std::string length = unit_of("m", record.rotary);
+  const std::string length = unit_on_axis("m", record.rotary);
   const auto add = [&](const char* name, unsigned reference, const char* causality,
                        std::string_view of, const char* meaning) {
     unit.variables.push_back(
-        {name, reference, causality, unit_of(of, record.rotary), meaning, 0.0, 0.0, 0.0});
+        {name, reference, causality, unit_on_axis(of, record.rotary), meaning, 0.0, 0.0, 0.0});
   };
   add("command", kCommandReference, "input", "m",
       "commanded position at the end of the step; the axis starts at rest there");
@@ -147,7 +140,7 @@ UnitDescription describe(const ModelRecord& record) {
         static_cast<unsigned>(kFirstReference + kReferencesPerEffect * static_cast<unsigned>(i));
     const auto add_parameter = [&](const Parameter& p, unsigned reference, double value) {
       unit.variables.push_back({name + std::string(p.name), reference, "parameter",
-                                unit_of(p.unit, record.rotary), std::string(p.meaning), value,
+                                unit_on_axis(p.unit, record.rotary), std::string(p.meaning), value,
                                 p.lower, p.upper});
     };
     unsigned k = 0;

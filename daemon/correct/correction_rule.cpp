@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "drivers/text.h"
+#include "identification/model/json_number.h"
 #include "ilc/gate.h"
 
 namespace servotwin::daemon {
@@ -95,7 +96,7 @@ std::string gain_detail(const OffsetRun& run, const LearnedProgram& learned,
   const auto figures = [&](const RunSquares& squares, const std::string& unit) {
     const auto value = [&](double sum) {
       const double one = rms(sum, run);
-      return std::isfinite(one) ? json(one) : json();
+      return number_or_null(one);
     };
     return json{{"measured_rms" + unit, value(squares.measured)},
                 {"before_rms" + unit, value(squares.before)},

@@ -172,6 +172,11 @@ std::string CanSource::offsets_held_back() const {
 
 std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_ns_; }
 
+SourceState CanSource::state(std::int64_t /*now_ns*/) const {
+  // relaxed: for people; it orders nothing.
+  return {stalled_.load(std::memory_order_relaxed), malformed(), buses(), offsets_held_back()};
+}
+
 std::uint64_t CanSource::malformed() const noexcept {
   std::uint64_t total = 0;
   for (std::size_t i = 0; i < assembly_.map().messages.size(); ++i)

@@ -25,7 +25,7 @@ class CanSource final : public FrameSource {
   CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing);
 
   /// Offsets of these axes are sent from now on, until somebody else sends some at the same time:
-  /// then none are until the daemon is started again, and offsets_held_back() says why. Throws
+  /// then none are until the daemon is started again, and state() says why. Throws
   /// std::runtime_error if the mapping has no place for one (daemon/input/can_offset.h). Before the
   /// first frame.
   void carry_offsets(const std::vector<std::size_t>& axes);
@@ -33,13 +33,8 @@ class CanSource final : public FrameSource {
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   void send(const MachineOffset& offset) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
-  [[nodiscard]] std::uint64_t malformed() const noexcept override;
-  [[nodiscard]] bool silent(std::int64_t /*now_ns*/) const noexcept override {
-    return stalled_.load(std::memory_order_relaxed);
-  }
+  [[nodiscard]] SourceState state(std::int64_t now_ns) const override;
   [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
-  [[nodiscard]] std::string offsets_held_back() const override;
-  [[nodiscard]] std::vector<BusStatus> buses() const override;
 
   [[nodiscard]] const CanMap& map() const noexcept { return assembly_.map(); }
   [[nodiscard]] CanCounts counts() const { return assembly_.counts(); }
@@ -48,6 +43,9 @@ class CanSource final : public FrameSource {
   }
 
  private:
+  [[nodiscard]] std::uint64_t malformed() const noexcept;
+  [[nodiscard]] std::string offsets_held_back() const;
+  [[nodiscard]] std::vector<BusStatus> buses() const;
   struct Queue {
     std::array<CanFrame, 64> frames;
     std::size_t next = 0, count = 0;

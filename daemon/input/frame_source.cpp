@@ -107,6 +107,14 @@ bool DdsSource::accept(std::int64_t now_ns) noexcept {
   return true;
 }
 
+SourceState DdsSource::state(std::int64_t now_ns) const {
+  SourceState out;
+  out.silent = silent(now_ns);
+  out.malformed =
+      malformed_.load(std::memory_order_relaxed);  // a number for people; orders nothing
+  return out;
+}
+
 bool DdsSource::silent(std::int64_t now_ns) const noexcept {
   const std::int64_t last_ns = last_ns_.load(std::memory_order_relaxed);
   return last_ns != 0 && now_ns - last_ns >= kSilence_ns;

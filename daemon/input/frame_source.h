@@ -24,6 +24,14 @@ enum class Received : std::uint8_t {
   kEnd,      ///< there will be no more
 };
 
+/// How a source is, for the status.
+struct SourceState {
+  bool silent = false;            ///< frames that came before have stopped
+  std::uint64_t malformed = 0;    ///< frames refused so far
+  std::vector<BusStatus> buses;   ///< that it assembles frames from
+  std::string offsets_held_back;  ///< why no offset is sent any more; empty: they are
+};
+
 class FrameSource {
  public:
   virtual ~FrameSource() = default;
@@ -36,16 +44,10 @@ class FrameSource {
   virtual void send(const MachineOffset& /*offset*/) noexcept {}
   /// How long ago the frame that came last was due or sent [ns], by the clocks of this host.
   [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
-  /// Frames refused so far. Any thread.
-  [[nodiscard]] virtual std::uint64_t malformed() const noexcept { return 0; }
-  /// True while frames that came before have stopped. `now_ns`: steady. Any thread.
-  [[nodiscard]] virtual bool silent(std::int64_t /*now_ns*/) const noexcept { return false; }
+  /// How the source is. `now_ns`: steady. Any thread.
+  [[nodiscard]] virtual SourceState state(std::int64_t /*now_ns*/) const { return {}; }
   /// What happened since the last call. `now_ns`: steady. Any one thread but that of receive().
   [[nodiscard]] virtual std::vector<SourceNews> news(std::int64_t /*now_ns*/) { return {}; }
-  /// Why no offset is sent any more; empty: they are. Any thread.
-  [[nodiscard]] virtual std::string offsets_held_back() const { return {}; }
-  /// The buses that it assembles frames from. Any thread.
-  [[nodiscard]] virtual std::vector<BusStatus> buses() const { return {}; }
 };
 
 /// No machine: nothing ever comes.
@@ -92,14 +94,12 @@ class DdsSource final : public FrameSource {
   explicit DdsSource(const DdsNode& node) : reader_(node) {}
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
-  [[nodiscard]] std::uint64_t malformed() const noexcept override {
-    return malformed_.load(std::memory_order_relaxed);  // a number for people; orders nothing
-  }
-  [[nodiscard]] bool silent(std::int64_t now_ns) const noexcept override;
+  [[nodiscard]] SourceState state(std::int64_t now_ns) const override;
   [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
 
  private:
   bool accept(std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool silent(std::int64_t now_ns) const noexcept;
 
   DdsReader<MachineFrame> reader_;
   dds_instance_handle_t followed_ = 0;

@@ -42,7 +42,4 @@ inline constexpr std::array<StatusCounter, 9> kStatusCounters{{
 /// Counters, rates, latencies of the loop and the last error, by their keys.
 [[nodiscard]] nlohmann::json figures_of(const MachineStatus& status);
 
-/// A number for JSON: null where there is none.
-[[nodiscard]] nlohmann::json number_json(double value);
-
 }  // namespace servotwin::daemon

@@ -14,6 +14,7 @@
 #include "daemon/web/live_json.h"
 #include "daemon/web/page.h"
 #include "drivers/text.h"
+#include "identification/model/json_number.h"
 #include "identification/model/model_file.h"
 
 namespace servotwin::daemon {
@@ -202,7 +203,7 @@ HttpResponse Api::status() {
   out["machine"] = now.machine;
   out["version"] = now.version;
   out["uptime_s"] = now.uptime_s;
-  out["silent_s"] = number_json(now.silent_s);
+  out["silent_s"] = number_or_null(now.silent_s);
   out["offsets"] = arming_json(sources_.arming());
   return answer_json(out);
 }

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/publish/status_figures.h"
+#include "identification/model/json_number.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -46,7 +47,7 @@ void append(std::string& out, const std::string& name, const LiveSeries& series,
 }
 
 json figures_json(const LiveFigures& figures) {
-  return {{"rms_m", number_json(figures.rms)}, {"max_m", number_json(figures.max)}};
+  return {{"rms_m", number_or_null(figures.rms)}, {"max_m", number_or_null(figures.max)}};
 }
 
 json axis_json(const AxisDescription& axis) {
@@ -80,7 +81,7 @@ json status_json(const LiveStatus& live, const MachineDescription& machine,
     if (i < status.axes.size()) {
       const AxisStatus& known = status.axes[i];
       axis["model_version"] = known.model_version;
-      axis["holdout_rms_m"] = number_json(known.holdout_rms);
+      axis["holdout_rms_m"] = number_or_null(known.holdout_rms);
       axis["activity"] = known.activity;
       axis["refused"] = known.refused;
       axis["last_refusal"] = known.last_refusal;
@@ -108,11 +109,11 @@ json status_json(const LiveStatus& live, const MachineDescription& machine,
   out.update({{"schema", "servotwin.status/1"},
               {"state", state_name(status.state)},
               {"time_ns", status.time_ns},
-              {"cycle_s", number_json(machine.axes.empty() ? kAbsent : machine.cycle_s)},
-              {"publish_p50_s", number_json(status.publish_p50_s)},
-              {"publish_p99_s", number_json(status.publish_p99_s)},
-              {"publish_p999_s", number_json(status.publish_p999_s)},
-              {"publish_max_s", number_json(status.publish_max_s)},
+              {"cycle_s", number_or_null(machine.axes.empty() ? kAbsent : machine.cycle_s)},
+              {"publish_p50_s", number_or_null(status.publish_p50_s)},
+              {"publish_p99_s", number_or_null(status.publish_p99_s)},
+              {"publish_p999_s", number_or_null(status.publish_p999_s)},
+              {"publish_max_s", number_or_null(status.publish_max_s)},
               {"buses", std::move(buses)},
               {"contour_last_second", figures_json(live.contour)},
               {"not_recording", status.not_recording},

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "identification/model/json_number.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -18,17 +19,6 @@ using nlohmann::json;
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-
-/// JSON has no NaN: what is not known is null.
-json number(double value) { return std::isfinite(value) ? json(value) : json(nullptr); }
-
-std::string unit_of(const Parameter& parameter, bool rotary) {
-  std::string unit(parameter.unit);
-  if (rotary) {
-    if (const auto at = unit.find("m/"); at == 0) unit.replace(0, 1, "rad");
-  }
-  return unit;
-}
 
 [[noreturn]] void refuse(const std::string& field, const std::string& why) {
   throw std::runtime_error("model file: " + field + ": " + why);
@@ -52,9 +42,13 @@ double finite(const json& object, const std::string& path, const char* key) {
   return value.get<double>();
 }
 
-/// A value in another unit must not be read as one in ours.
-void require_unit(const json& object, const std::string& path, const std::string& unit) {
-  if (const auto found = object.find("unit"); found != object.end() && *found != unit) {
+/// A value in another unit must not be read as one in ours. Before version 0.2.0 the lengths of a
+/// rotary axis were called m where they do not begin the unit's name: that is read as well.
+void require_unit(const json& object, const std::string& path, const Parameter& parameter,
+                  bool rotary) {
+  const std::string unit = unit_on_axis(parameter.unit, rotary);
+  if (const auto found = object.find("unit");
+      found != object.end() && *found != unit && *found != parameter.unit) {
     refuse(path + ".unit", "must be \"" + unit + "\", is " + found->dump());
   }
 }
@@ -89,7 +83,7 @@ std::array<double, kMaxOrder> coefficients(const json& object, const std::string
 
 json deviations(const std::array<double, kMaxOrder>& sd, int order) {
   json out = json::array();
-  for (int i = 0; i < order; ++i) out.push_back(number(sd[static_cast<std::size_t>(i)]));
+  for (int i = 0; i < order; ++i) out.push_back(number_or_null(sd[static_cast<std::size_t>(i)]));
   return out;
 }
 
@@ -108,7 +102,7 @@ json covariance_json(const ModelRecord& record) {
   json out = json::array();
   for (const int i : rows) {
     json row = json::array();
-    for (const int k : rows) row.push_back(number((*record.loop_covariance)(i, k)));
+    for (const int k : rows) row.push_back(number_or_null((*record.loop_covariance)(i, k)));
     out.push_back(std::move(row));
   }
   return out;
@@ -140,7 +134,9 @@ std::optional<LoopCovariance> covariance_from(const json& loop, int order) {
   return out;
 }
 
-json figures(const ErrorFigures& f) { return {{"rms_m", number(f.rms)}, {"max_m", number(f.max)}}; }
+json figures(const ErrorFigures& f) {
+  return {{"rms_m", number_or_null(f.rms)}, {"max_m", number_or_null(f.max)}};
+}
 
 ErrorFigures figures_from(const json& fit, const char* key) {
   const auto found = fit.is_object() ? fit.find(key) : fit.end();
@@ -175,7 +171,7 @@ json modes_json(const ModelRecord& record) {
     const auto put = [&](const ModeValue& v) {
       mode[v.name] = record.model.loop.modes[i].*v.value;
       if (i < record.mode_deviations.size())
-        mode[std::string(v.name) + "_sd"] = number(record.mode_deviations[i].*v.value);
+        mode[std::string(v.name) + "_sd"] = number_or_null(record.mode_deviations[i].*v.value);
     };
     for (const ModeValue& v : kModeValues) put(v);
     for (const ModeValue& v : kMovingValues) {
@@ -230,14 +226,14 @@ json loop_json(const ModelRecord& record) {
            {"tracking_error_numerator", numerator},
            {"natural_frequency_hz", named.omega / kTwoPi},
            {"damping_ratio", named.zeta},
-           {"natural_frequency_sd_hz", number(record.pole_deviation.omega / kTwoPi)},
-           {"damping_ratio_sd", number(record.pole_deviation.zeta)},
+           {"natural_frequency_sd_hz", number_or_null(record.pole_deviation.omega / kTwoPi)},
+           {"damping_ratio_sd", number_or_null(record.pole_deviation.zeta)},
            {"denominator_sd", deviations(record.denominator_deviation, loop.order)},
            {"tracking_error_numerator_sd", deviations(record.numerator_deviation, loop.order)},
            {"covariance", covariance_json(record)}};
   if (loop.order == 3) {
     out["real_pole_hz"] = named.real / kTwoPi;
-    out["real_pole_sd_hz"] = number(record.pole_deviation.real / kTwoPi);
+    out["real_pole_sd_hz"] = number_or_null(record.pole_deviation.real / kTwoPi);
   }
   if (!loop.modes.empty()) out["modes"] = modes_json(record);
   if (std::any_of(loop.modes.begin(), loop.modes.end(), [](const Mode& m) { return m.moves(); }))
@@ -260,15 +256,15 @@ json to_json(const ModelRecord& record) {
     std::size_t k = 0;
     for (const Parameter& p : shapes_of(effect.kind)) {
       parameters[std::string(p.name)] = {{"value", effect.shape[k]},
-                                         {"unit", unit_of(p, record.rotary)},
-                                         {"sd", number(sd.shape[k])}};
+                                         {"unit", unit_on_axis(p.unit, record.rotary)},
+                                         {"sd", number_or_null(sd.shape[k])}};
       ++k;
     }
     k = 0;
     for (const Parameter& p : coefficients_of(effect.kind)) {
       parameters[std::string(p.name)] = {{"value", effect.coefficient[k]},
-                                         {"unit", unit_of(p, record.rotary)},
-                                         {"sd", number(sd.coefficient[k])}};
+                                         {"unit", unit_on_axis(p.unit, record.rotary)},
+                                         {"sd", number_or_null(sd.coefficient[k])}};
       ++k;
     }
     effects.push_back({{"id", identity_of(effect.kind).id}, {"parameters", parameters}});
@@ -286,9 +282,9 @@ json to_json(const ModelRecord& record) {
            {{"method", record.method},
             {"training", figures(record.training)},
             {"holdout", figures(record.holdout)},
-            {"noise_floor_rms_m", number(record.noise_floor_rms)},
-            {"condition_number", number(record.condition_number)},
-            {"time_taken_s", number(record.time_taken_s)}}},
+            {"noise_floor_rms_m", number_or_null(record.noise_floor_rms)},
+            {"condition_number", number_or_null(record.condition_number)},
+            {"time_taken_s", number_or_null(record.time_taken_s)}}},
           {"data",
            {{"source", record.source},
             {"from", record.from_s},
@@ -296,8 +292,8 @@ json to_json(const ModelRecord& record) {
             {"training_to", record.training_to_s},
             {"rows", record.rows},
             {"motion",
-             {{"speed_m_per_s", number(record.motion.speed)},
-              {"acceleration_m_per_s2", number(record.motion.acceleration)}}},
+             {{"speed_m_per_s", number_or_null(record.motion.speed)},
+              {"acceleration_m_per_s2", number_or_null(record.motion.acceleration)}}},
             {"excitation",
              {{"sufficient", record.excitation.empty()}, {"missing", record.excitation}}}}}};
 }
@@ -349,7 +345,7 @@ ModelRecord model_from_json(const json& j) {
         const std::string name(p.name);
         const json& entry = member(parameters, path + ".parameters", name.c_str());
         values[k] = finite(entry, path + ".parameters." + name, "value");
-        require_unit(entry, path + ".parameters." + name, unit_of(p, record.rotary));
+        require_unit(entry, path + ".parameters." + name, p, record.rotary);
         deviation[k] = optional(entry, "sd");
         ++k;
       }

@@ -102,7 +102,7 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
 }
 
 // A law of friction that falls with speed says the Stribeck effect under whatever name.
-TEST(Diagnosis, LeavesACauseOutOfTheLawsThatSayItWithAnother) {
+TEST(LongDiagnosis, LeavesACauseOutOfTheLawsThatSayItWithAnother) {
   const SegmentedAxis axis = segment_axis(
       read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "Y");
   DiagnoseOptions options;

@@ -32,7 +32,7 @@ TEST_P(AHiddenEffect, IsNamedFirst) {
   EXPECT_EQ(named(answer, asked).front(), GetParam());
 }
 // The motor meets its limit in the last seconds only: by time alone no fit would have seen it.
-TEST(AMotorAtItsLimit, IsNamedWhereAllOfItIsLateInTheRecording) {
+TEST(LongAMotorAtItsLimit, IsNamedWhereAllOfItIsLateInTheRecording) {
   const Case asked = single_case(Part::kDev, "torque_saturation", Class::kClear, 1);
   const Answer answer = ask(asked.csv, {});
   ASSERT_EQ(answer.failure, "");
@@ -55,14 +55,18 @@ TEST_P(AMotorsLimit, IsAllThatIsNamedAndLeavesTheNoise) {
   EXPECT_THAT(named(answer, asked), testing::ElementsAre("torque_saturation"));
   EXPECT_LT(answer.after_rms, 1.2 * asked.noise_rms);
 }
-INSTANTIATE_TEST_SUITE_P(Dev, AMotorsLimit, testing::Values(63, 81));
+INSTANTIATE_TEST_SUITE_P(Dev, AMotorsLimit, testing::Values(63));
+INSTANTIATE_TEST_SUITE_P(LongDev, AMotorsLimit, testing::Values(81));
 
 INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect,
-                         testing::Values("asymmetric_friction", "cogging", "cross_coupling",
-                                         "encoder_error", "gain_change", "impulse_disturbance",
-                                         "lead_error", "periodic_disturbance",
-                                         "position_dependent_friction", "presliding", "stribeck",
-                                         "thermal_growth", "time_delay", "viscous_drift"),
+                         testing::Values("asymmetric_friction", "cross_coupling", "encoder_error",
+                                         "lead_error", "presliding", "stribeck", "thermal_growth",
+                                         "time_delay"),
+                         [](const auto& test) { return std::string(test.param); });
+INSTANTIATE_TEST_SUITE_P(LongDev, AHiddenEffect,
+                         testing::Values("cogging", "gain_change", "impulse_disturbance",
+                                         "periodic_disturbance", "position_dependent_friction",
+                                         "viscous_drift"),
                          [](const auto& test) { return std::string(test.param); });
 
 class ACleanMachine : public testing::TestWithParam<int> {};
@@ -73,11 +77,12 @@ TEST_P(ACleanMachine, GetsNoCauseButItsOwnFriction) {
   ASSERT_EQ(answer.failure, "");
   EXPECT_THAT(named(answer, asked), testing::IsEmpty());
 }
-INSTANTIATE_TEST_SUITE_P(Dev, ACleanMachine, testing::Values(0, 1, 2, 3, 4));
+INSTANTIATE_TEST_SUITE_P(Dev, ACleanMachine, testing::Values(0, 1, 3));
+INSTANTIATE_TEST_SUITE_P(LongDev, ACleanMachine, testing::Values(2, 4));
 
 // The proof that an effect is one file: without it in the catalogue it is not named, and nothing
 // that is put in its place predicts as well.
-TEST(LeaveOut, WithoutCoggingTheRippleIsNotExplained) {
+TEST(LongLeaveOut, WithoutCoggingTheRippleIsNotExplained) {
   const Case asked = single_case(Part::kDev, "cogging", Class::kClear, 0);
   const Answer with = ask(asked.csv, {}), without = ask(asked.csv, {"cogging"});
   ASSERT_EQ(without.failure, "");

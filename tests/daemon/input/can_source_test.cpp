@@ -153,7 +153,7 @@ TEST(CanSource, EveryBusHasItsFigures) {
   machine.buses[0]->frames.push_back(frame_of(0x80, now + 2'000'000));  // ends the second cycle
   (void)machine.source->receive(frame, 0.1);
   machine.buses[1]->set_up(false);
-  const std::vector<BusStatus> buses = machine.source->buses();
+  const std::vector<BusStatus> buses = machine.source->state(0).buses;
   ASSERT_EQ(buses.size(), 2U);
   EXPECT_EQ(buses[0].name, "a");
   EXPECT_EQ(buses[0].missing, 0U);
@@ -191,7 +191,7 @@ TEST(CanSource, TellsWhatHappenedOnceAndWhatGoesOnOnceAMinute) {
   constexpr std::int64_t kSecond = 1'000'000'000;
   cycle_with_wrong_length();
   EXPECT_THAT(machine.source->news(kSecond), ElementsAre(bad("0x181 on b of axis Y")));
-  EXPECT_EQ(machine.source->malformed(), 1U);
+  EXPECT_EQ(machine.source->state(0).malformed, 1U);
   cycle_with_wrong_length();
   EXPECT_THAT(machine.source->news(2 * kSecond), IsEmpty());
   EXPECT_THAT(machine.source->news(62 * kSecond), ElementsAre(bad("of a wrong length")));
@@ -335,12 +335,12 @@ TEST(CanOffset, WhereTwoSendThemOursAreHeldBackForGood) {
   ours.hear(0x301);
   ours.send(true);
   EXPECT_EQ(ours.bus->sent.size(), 1U) << "a target is the controller's";
-  EXPECT_EQ(ours.source->offsets_held_back(), "");
+  EXPECT_EQ(ours.source->state(0).offsets_held_back, "");
   ours.hear(0x401);
-  EXPECT_NE(ours.source->offsets_held_back(), "") << "at once, not with the next of ours";
+  EXPECT_NE(ours.source->state(0).offsets_held_back, "") << "at once, not with the next of ours";
   ours.send(true);
   EXPECT_EQ(ours.bus->sent.size(), 1U);
-  EXPECT_THAT(ours.source->offsets_held_back(),
+  EXPECT_THAT(ours.source->state(0).offsets_held_back,
               HasSubstr("somebody else sends offsets to the drive of axis X"));
 }
 
@@ -350,7 +350,7 @@ TEST(CanOffset, WhoIsNotArmedHearsTheOffsetsOfAnotherAndSendsWhenItIsQuiet) {
   ours.send(false);
   ours.hear(0x401);
   ours.send(false);
-  EXPECT_EQ(ours.source->offsets_held_back(), "");
+  EXPECT_EQ(ours.source->state(0).offsets_held_back, "");
   std::this_thread::sleep_for(std::chrono::milliseconds(1050));
   ours.send(true);
   EXPECT_EQ(ours.bus->sent.size(), 1U);
@@ -359,7 +359,7 @@ TEST(CanOffset, WhoIsNotArmedHearsTheOffsetsOfAnotherAndSendsWhenItIsQuiet) {
   other.hear(0x401);
   other.send(true);
   EXPECT_THAT(other.bus->sent, IsEmpty()) << "armed beside it";
-  EXPECT_NE(other.source->offsets_held_back(), "");
+  EXPECT_NE(other.source->state(0).offsets_held_back, "");
 }
 
 TEST(CanOffset, AMessageWithMoreInItIsRefused) {

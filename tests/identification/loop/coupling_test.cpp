@@ -47,7 +47,7 @@ TEST(Coupling, AndVibrationAreFoundTogether) {
 
 // Each has the mode of the machine as a whole, not the one that it would have alone: 44.35 Hz and
 // 63.68 Hz where they would be 44.74 and 62.56.
-TEST(Coupling, OfTwoAxesThatBothVibrate) {
+TEST(LongCoupling, OfTwoAxesThatBothVibrate) {
   const test::CoupledMachine machine = test::coupled_machine(62.0);
   const auto axes = test::recorded(machine, test::production_of_both());
   const auto truths = test::modes_of(machine);
