@@ -42,13 +42,16 @@ double finite(const json& object, const std::string& path, const char* key) {
   return value.get<double>();
 }
 
-/// A value in another unit must not be read as one in ours. Before version 0.2.0 the lengths of a
-/// rotary axis were called m where they do not begin the unit's name: that is read as well.
+/// A value in another unit must not be read as one in ours. Programs before version 0.2.0 wrote rad
+/// for a rotary axis only in units that begin with "m/", and left m in the others (m, s/m, 1/m^2):
+/// such files are read as well.
 void require_unit(const json& object, const std::string& path, const Parameter& parameter,
                   bool rotary) {
   const std::string unit = unit_on_axis(parameter.unit, rotary);
+  const std::string before =
+      parameter.unit.substr(0, 2) == "m/" ? unit : std::string(parameter.unit);
   if (const auto found = object.find("unit");
-      found != object.end() && *found != unit && *found != parameter.unit) {
+      found != object.end() && *found != unit && *found != before) {
     refuse(path + ".unit", "must be \"" + unit + "\", is " + found->dump());
   }
 }

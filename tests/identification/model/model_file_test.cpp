@@ -151,6 +151,23 @@ TEST(ModelFile, UnitsAreThoseOfTheKindOfAxisAndMayBeLeftOut) {
   EXPECT_NO_THROW((void)model_from_json(j));
 }
 
+// Version 0.1.0 wrote rad only where a unit begins with "m/": velocity_limit was "rad/s" and a
+// deflection "m".
+TEST(ModelFile, ARotaryAxisUnitsOfVersion010AreRead) {
+  std::mt19937_64 rng{4};
+  ModelRecord record = random_record(rng);
+  record.rotary = true;
+  record.model.effects[0] = make_effect<Dahl>();
+  record.model.effects[0].coefficient[0] = 0.3;
+  json j = to_json(record);
+  json& deflection = j["effects"][0]["parameters"]["deflection"];
+  ASSERT_EQ(deflection["unit"], "rad");
+  deflection["unit"] = "m";
+  EXPECT_EQ(to_json(model_from_json(j)), to_json(record));
+  deflection["unit"] = "mm";
+  expect_error<std::runtime_error>([&] { (void)model_from_json(j); }, {"unit", "rad", "mm"});
+}
+
 TEST(ModelFile, TheMotionItWasFoundOnIsOptional) {
   json file = valid();
   EXPECT_TRUE(std::isnan(model_from_json(file).motion.speed)) << "not known";
