@@ -1,34 +1,18 @@
 #include "daemon/service.h"
 
-#include <algorithm>
-#include <atomic>
-#include <chrono>
-#include <condition_variable>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <ostream>
 #include <sstream>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
-#include "daemon/between/clock.h"
 #include "daemon/config/listen_address.h"
 #include "daemon/config/reload.h"
-#include "daemon/correct/arming.h"
-#include "daemon/correct/learning_worker.h"
-#include "daemon/diagnose/diagnosis_worker.h"
-#include "daemon/identify/identification_worker.h"
 #include "daemon/input/machine_input.h"
-#include "daemon/loop/live_offsets.h"
-#include "daemon/loop/real_time_loop.h"
 #include "daemon/loop/scheduling.h"
-#include "daemon/publish/publisher.h"
-#include "daemon/record/motion_memory.h"
-#include "daemon/record/recorder.h"
-#include "daemon/record/residual_watch.h"
+#include "daemon/machine_service.h"
 #include "daemon/service_manager.h"
 #include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
@@ -40,81 +24,11 @@
 namespace servotwin::daemon {
 namespace {
 
-// At 1 kHz: a quarter of a second until a publisher that does not get on loses predictions, and
-// eight seconds for the recorder, which may have to wait for a disk.
-constexpr std::size_t kPredictionRing = 256;
-constexpr std::size_t kRowRing = 8192;
-// What is older is of no use to a drive.
-constexpr std::size_t kOffsetRing = 64;
-// How much longer motion is remembered than a search and a judgement need, for a busy processor.
-constexpr double kLag_s = 30.0;
-// How much longer than the motion that a diagnosis looks at: an axis stands in between.
-constexpr double kStandingToo = 4.0;
-// The ceiling of all recordings where none is given, at least.
-constexpr double kLeastCeiling_mb = 1024.0;
-// How often it is asked what happened at the source.
-constexpr std::chrono::milliseconds kNews{500};
-// Frames of another machine that go on are told of no more often than this.
-constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
-
-double remembered_s(const Config& config) {
-  const IdentifyConfig& identify = config.identify;
-  const double to_identify_s = identify.memory_s + identify.window_s + identify.judge_s + kLag_s;
-  const bool diagnoses = config.diagnose.every_s > 0.0 || config.diagnose.false_alarm_days > 0.0;
-  return std::max(to_identify_s, diagnoses ? kStandingToo * config.diagnose.record_s : 0.0);
-}
-
-RecordingRoom room_of(const Config& config) {
-  return {config.store.recordings_mb, config.store.recordings_max_mb.value_or(std::max(
-                                          kLeastCeiling_mb, 4.0 * config.store.recordings_mb))};
-}
-
 DdsPlace place_of(const Config& config, const DdsConfig& dds) {
   // Frames come through Cyclone's threads: what the loop waits for is as urgent as the loop.
   const bool urgent = config.source == SourceKind::kDds && config.priority > 0 &&
                       real_time_refused(config.priority).empty();
   return {config.machine, dds.domain, dds.partition, dds.strength, urgent ? config.priority : 0};
-}
-
-/// Why frames do not come through real-time threads; empty if they do.
-std::string slow_receipt(const Config& config, const DdsPlace& place) {
-  if (config.source != SourceKind::kDds || config.priority == 0) return {};
-  if (dds_configured_outside()) {
-    return "CYCLONEDDS_URI says at what priority DDS receives; [real_time] priority is not used "
-           "for that";
-  }
-  return place.receive_priority == 0 ? "DDS receives at normal priority, too" : "";
-}
-
-/// The part of the status that the loop counts.
-MachineStatus counted(const LoopCounters& counters) {
-  MachineStatus status;
-  status.frames = counters.frames;
-  status.state = status.frames == 0 ? DaemonState::kWaiting : DaemonState::kRunning;
-  status.lost = counters.lost;
-  status.malformed = counters.malformed;
-  status.time_jumps = counters.time_jumps;
-  status.not_finite = counters.not_finite;
-  status.overruns = counters.overruns;
-  status.repeated = counters.repeated;
-  status.wake_p50_s = counters.wake.quantile_s(0.5);
-  status.wake_p99_s = counters.wake.quantile_s(0.99);
-  status.work_p50_s = counters.work.quantile_s(0.5);
-  status.work_p99_s = counters.work.quantile_s(0.99);
-  status.work_max_s = counters.work.max_s();
-  return status;
-}
-
-/// ", 3 lost, 1 repeated" of the frames that did not come as they should.
-std::string amiss(const MachineStatus& status) {
-  std::string out;
-  for (const auto& [count, what] : {std::pair{status.lost, "lost"},
-                                    {status.repeated, "repeated and ignored"},
-                                    {status.malformed, "malformed and ignored"},
-                                    {status.rows_dropped, "not recorded"}}) {
-    if (count > 0) out += ", " + std::to_string(count) + " " + what;
-  }
-  return out;
 }
 
 /// The page, if it is wanted and can be.
@@ -164,12 +78,6 @@ bool read_again(const std::function<Config()>& load, Config& running, EventLog& 
     events.error("config_refused", "", "the new configuration is refused; the one before holds");
     return false;
   }
-}
-
-/// A position demand of a drive has its offset in it, a path of an interpolator has not.
-bool offset_in_command(const Config& config) {
-  return config.ilc.in_command.value_or(config.source == SourceKind::kCan ||
-                                        config.source == SourceKind::kUdp);
 }
 
 /// "X (model 3), Y": the axes that the store knows, with the version in force.
@@ -267,202 +175,13 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     events.note("stopped", "", "stopped before a machine came");
     return;
   }
-  MachineInput& input = *opened;
-  if (config.cycle_s) input.machine.cycle_s = *config.cycle_s;
-  const MachineDescription& machine = input.machine;
-
-  // What lies between the threads.
-  std::vector<LatestValue<TwinInForce>> models(machine.axes.size());
-  Ring<MachinePrediction> predictions(kPredictionRing);
-  Ring<CycleRow> rows(kRowRing);
-  Ring<MachineOffset> offsets(kOffsetRing);
-  OffsetHandOver hand_over;
-  WakeUp predicted;
-  Histogram published;
-  MotionMemory memory(machine, remembered_s(running));
-  ResidualWatch watch(machine, running.diagnose, events);
-
-  // Who works.
-  const auto loop = std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows,
-                                                   predicted, paths_of(config, machine));
-  const LearningRules rules = learning_rules(config, machine);
-  const auto live_offsets =
-      std::make_unique<LiveOffsets>(offset_rules(rules, offset_in_command(config)), hand_over);
-  loop->give_back(*live_offsets, offsets);
-  input.source->wait_while([&] { return rows.waiting() > rows.capacity() / 2; });
-  Arming arming(config.ilc.live, hand_over.armed, events);
-  Recorder recorder(machine, config.machine, store.directory(), room_of(running), rows, memory,
-                    watch, events);
-  Publisher* to_network = nullptr;
-  const auto shown = web == nullptr
-                         ? nullptr
-                         : std::make_unique<WebService::Shown>(*web, machine, loop->counters(),
-                                                               published, watch, &arming);
-  IdentificationWorker identification(
-      machine, running.identify, memory, store, events, models,
-      [&](const StoredModel& model) { to_network->announce(model); });
-  DiagnosisWorker diagnosis(machine, running.diagnose, running.identify, memory, watch, store,
-                            events,
-                            [&](const StoredDiagnosis& made) { to_network->announce(made); });
-  DdsReader<ProgramChunk> programs(node_in);
-  DdsWriter<CorrectionChunk> corrections(node);
-  LearningWorker learner(rules, store, events, hand_over,
-                         [&](const CorrectionChunk& chunk) { corrections.write(chunk); });
-  std::vector<AxisStatus> axes;
-  std::string last_error;
-  const auto status = [&] {
-    MachineStatus now = counted(loop->counters());
-    SourceState source = input.source->state(steady_ns());
-    if (source.silent) now.state = DaemonState::kWaiting;
-    if (stop.stop_requested()) now.state = DaemonState::kStopping;
-    now.malformed += source.malformed;
-    now.buses = std::move(source.buses);
-    now.publish_p50_s = published.quantile_s(0.5);
-    now.publish_p99_s = published.quantile_s(0.99);
-    now.publish_p999_s = published.quantile_s(0.999);
-    now.publish_max_s = published.count() > 0 ? published.max_s() : kAbsent;
-    now.rows_dropped = rows.drops() + recorder.rows_not_recorded();
-    now.not_recording = recorder.problem();
-    identification.update(axes);
-    events.update_last_error(last_error);
-    now.axes = axes;
-    for (std::size_t i = 0; i < now.axes.size(); ++i) now.axes[i].rotary = machine.axes[i].rotary;
-    now.last_error = last_error;
-    return now;
-  };
-  Publisher publisher(node, machine.cycle_s, predictions, offsets, predicted, published, status,
-                      shown == nullptr ? nullptr : &shown->feed());
-  to_network = &publisher;
-  recorder.spare([&] { return store.cited(); });
-  identification.cite_with(
-      [&](double from_s, double until_s) { return recorder.files_with(from_s, until_s); });
-  identification.restore();
-  diagnosis.restore();
-  diagnosis.give_up_with(stop);
-  learner.give_up_with(stop);
-
-  if (const std::string why = slow_receipt(config, node_in.place()); !why.empty())
-    events.note("real_time", "", why);
-  if (const std::string why = lock_memory(); !why.empty()) events.note("real_time", "", why);
-  std::atomic<bool> stop_loop{false};
-  std::mutex mutex;
-  std::condition_variable_any ended_changed;
-  bool ended = false;
-
-  std::jthread publishing([&](const std::stop_token& its_stop) {
-    name_thread("publisher");
-    // A prediction is of use when it is out. Where this is not permitted the loop says so for both.
-    (void)become_real_time(std::max(config.priority - 1, 0));
-    publisher.run(its_stop);
-  });
-  std::jthread recording([&](const std::stop_token& its_stop) {
-    name_thread("recorder");
-    recorder.run(its_stop);
-  });
-  std::jthread identifying([&](const std::stop_token& its_stop) {
-    name_thread("identification");
-    if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
-    identification.run(its_stop);
-  });
-  std::jthread diagnosing([&](const std::stop_token& its_stop) {
-    name_thread("diagnosis");
-    if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
-    diagnosis.run(its_stop);
-  });
-  std::jthread learning([&](const std::stop_token& its_stop) {
-    name_thread("learning");
-    if (const std::string why = become_idle(); !why.empty()) events.note("real_time", "", why);
-    learner.run(its_stop, programs);
-  });
-  std::jthread reporting([&](const std::stop_token& its_stop) {
-    name_thread("events");
-    std::uint64_t told_malformed = 0;
-    std::int64_t told_malformed_ns = 0;
-    std::mutex its_mutex;
-    std::condition_variable_any never;
-    std::unique_lock its_lock(its_mutex);
-    while (!its_stop.stop_requested()) {
-      never.wait_for(its_lock, its_stop, kNews, [] { return false; });
-      for (const SourceNews& news : input.source->news(steady_ns())) {
-        if (news.good) {
-          events.note("source", "", news.text);
-        } else {
-          events.error("source", "", news.text);
-        }
-      }
-      if (const std::string why = input.source->state(steady_ns()).offsets_held_back; !why.empty())
-        arming.forbid(why);
-      for (const std::string& line : publisher.news()) events.note("network", "", line);
-      const std::uint64_t malformed = loop->counters().malformed;
-      if (malformed > told_malformed &&
-          (told_malformed == 0 || steady_ns() - told_malformed_ns >= kTellEvery_ns)) {
-        events.error("source", "",
-                     std::to_string(malformed - told_malformed) + " frames do not have the " +
-                         std::to_string(machine.axes.size()) +
-                         " axes of the machine and are ignored; start the daemon again if the "
-                         "machine has changed");
-        told_malformed = malformed;
-        told_malformed_ns = steady_ns();
-      }
-    }
-  });
-  std::jthread real_time([&] {
-    name_thread("real-time loop");
-    // In this order: a real-time thread does not wait for the store.
-    if (const std::string why = keep_to(config.cpus); !why.empty())
-      events.note("real_time", "", why);
-    if (const std::string why = become_real_time(config.priority); !why.empty())
-      events.note("real_time", "", why);
-    prefault_stack();
-    watchdog.watch(&loop->counters().turns);
-    loop->run(*input.source, stop_loop);
-    watchdog.watch(nullptr);
-    const std::lock_guard lock(mutex);
-    ended = true;
-    ended_changed.notify_all();
-  });
-
+  if (config.cycle_s) opened->machine.cycle_s = *config.cycle_s;
+  MachineService service({config, store, events, node, node_in, web.get(), watchdog, stop}, *opened,
+                         running);
   const WhileServing reloading(surroundings.reloads, [&](const std::function<Config()>& load) {
-    if (!read_again(load, running, events)) return;
-    identification.reconfigure(running.identify);
-    diagnosis.reconfigure(running.diagnose, running.identify);
-    recorder.keep(room_of(running));
-    memory.remember(remembered_s(running));
+    if (read_again(load, running, events)) service.reconfigure(running);
   });
-
-  {
-    std::unique_lock lock(mutex);
-    ended_changed.wait(lock, stop, [&] { return ended; });
-  }
-
-  // Downstream, so that nothing is left in a ring.
-  stop_loop = true;
-  real_time.join();
-  if (shown != nullptr) shown->loop_has_ended();
-  reporting.request_stop();
-  reporting.join();
-  recording.request_stop();
-  recording.join();
-  identifying.request_stop();
-  diagnosing.request_stop();
-  learning.request_stop();
-  // What they have begun is waited for now; on a busy host that could be for ever.
-  hasten(identifying.native_handle());
-  hasten(diagnosing.native_handle());
-  hasten(learning.native_handle());
-  identifying.join();
-  diagnosing.join();
-  learning.join();
-  if (!stop.stop_requested()) {
-    identification.finish();
-    diagnosis.finish(stop);
-  }
-  publishing.request_stop();
-  publishing.join();
-  for (const std::string& line : publisher.news()) events.note("network", "", line);
-  const MachineStatus total = status();
-  events.note("stopped", "",
-              "stopped after " + std::to_string(total.frames) + " frames" + amiss(total));
+  service.run();
 }
 
 }  // namespace servotwin::daemon

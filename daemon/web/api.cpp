@@ -30,9 +30,13 @@ struct Refused : std::runtime_error {
   int status;
 };
 
+/// In one line; a name that is no UTF-8 does not make the answer fail.
+std::string text_of(const json& body) {
+  return body.dump(-1, ' ', false, json::error_handler_t::replace);
+}
+
 HttpResponse answer_json(const json& body, int status = 200) {
-  return {status, "application/json",
-          body.dump(-1, ' ', false, json::error_handler_t::replace) + "\n"};
+  return {status, "application/json", text_of(body) + "\n"};
 }
 
 /// `name`=N of the query.
@@ -147,7 +151,7 @@ HttpResponse Api::get(const HttpRequest& request) {
   know_only(request, {});
   if (path == "/healthz") return healthz();
   if (path == "/metrics") return metrics();
-  if (path == "/api/v1/status") return status();
+  if (path == "/api/v1/status") return {200, "application/json", status() + "\n"};
   if (path == "/api/v1/offsets") return offsets();
   if (path == "/api/v1/stream") {
     HttpResponse out;
@@ -196,7 +200,7 @@ HttpResponse Api::metrics() {
   return {200, "text/plain; version=0.0.4; charset=utf-8", metrics_text(now)};
 }
 
-HttpResponse Api::status() {
+std::string Api::status() {
   const MetricsInput now = sources_.now();
   json out = status_json(now.live, now.description, now.alarms);
   if (now.published != nullptr) out["publish_octaves"] = octaves_json(*now.published);
@@ -205,7 +209,7 @@ HttpResponse Api::status() {
   out["uptime_s"] = now.uptime_s;
   out["silent_s"] = number_or_null(now.silent_s);
   out["offsets"] = arming_json(sources_.arming());
-  return answer_json(out);
+  return text_of(out);
 }
 
 HttpResponse Api::models() {

@@ -35,13 +35,14 @@ class Api {
   explicit Api(ApiSources sources) : sources_(std::move(sources)) {}
 
   [[nodiscard]] HttpResponse answer(const HttpRequest& request);
+  /// The JSON that /api/v1/status answers and the live stream sends, in one line.
+  [[nodiscard]] std::string status();
 
  private:
   [[nodiscard]] HttpResponse get(const HttpRequest& request);
   [[nodiscard]] HttpResponse post(const HttpRequest& request);
   [[nodiscard]] HttpResponse healthz();
   [[nodiscard]] HttpResponse metrics();
-  [[nodiscard]] HttpResponse status();
   [[nodiscard]] HttpResponse models();
   [[nodiscard]] HttpResponse versions(const std::string& axis, const HttpRequest& request);
   [[nodiscard]] HttpResponse diagnoses(const std::string& axis, const HttpRequest& request);

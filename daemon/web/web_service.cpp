@@ -129,8 +129,7 @@ void WebService::pass_on(LiveFeed::News news) {
 void WebService::say_status() {
   said_ns_ = steady_ns();
   if (shown_ == nullptr) live_.status.time_ns = wall_ns();
-  const HttpResponse status = api_.answer({"GET", "/api/v1/status", {}, {}, {}});
-  server_.send("status", std::string_view(status.body).substr(0, status.body.size() - 1));
+  server_.send("status", api_.status());
 }
 
 MetricsInput WebService::now() {

@@ -1,0 +1,281 @@
+#include "daemon/machine_service.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <thread>
+#include <utility>
+
+#include "daemon/between/clock.h"
+#include "daemon/loop/scheduling.h"
+#include "drivers/text.h"
+
+namespace servotwin::daemon {
+namespace {
+
+// At 1 kHz: a quarter of a second until a publisher that does not get on loses predictions, and
+// eight seconds for the recorder, which may have to wait for a disk.
+constexpr std::size_t kPredictionRing = 256;
+constexpr std::size_t kRowRing = 8192;
+// What is older is of no use to a drive.
+constexpr std::size_t kOffsetRing = 64;
+// How much longer motion is remembered than a search and a judgement need, for a busy processor.
+constexpr double kLag_s = 30.0;
+// How much longer than the motion that a diagnosis looks at: an axis stands in between.
+constexpr double kStandingToo = 4.0;
+// The ceiling of all recordings where none is given, at least.
+constexpr double kLeastCeiling_mb = 1024.0;
+// How often the source is asked for news.
+constexpr std::chrono::milliseconds kNewsInterval{500};
+// Malformed frames that go on are reported no more often than this.
+constexpr std::int64_t kReportInterval_ns = 60'000'000'000;
+
+double remembered_s(const Config& config) {
+  const IdentifyConfig& identify = config.identify;
+  const double to_identify_s = identify.memory_s + identify.window_s + identify.judge_s + kLag_s;
+  const bool diagnoses = config.diagnose.every_s > 0.0 || config.diagnose.false_alarm_days > 0.0;
+  return std::max(to_identify_s, diagnoses ? kStandingToo * config.diagnose.record_s : 0.0);
+}
+
+RecordingRoom room_of(const Config& config) {
+  return {config.store.recordings_mb, config.store.recordings_max_mb.value_or(std::max(
+                                          kLeastCeiling_mb, 4.0 * config.store.recordings_mb))};
+}
+
+/// Why frames do not come through real-time threads; empty if they do.
+std::string slow_receipt(const Config& config, const DdsPlace& place) {
+  if (config.source != SourceKind::kDds || config.priority == 0) return {};
+  if (dds_configured_outside()) {
+    return "CYCLONEDDS_URI says at what priority DDS receives; [real_time] priority is not used "
+           "for that";
+  }
+  return place.receive_priority == 0 ? "DDS receives at normal priority, too" : "";
+}
+
+/// The part of the status that the loop counts.
+MachineStatus counted(const LoopCounters& counters) {
+  MachineStatus status;
+  status.frames = counters.frames;
+  status.state = status.frames == 0 ? DaemonState::kWaiting : DaemonState::kRunning;
+  status.lost = counters.lost;
+  status.malformed = counters.malformed;
+  status.time_jumps = counters.time_jumps;
+  status.not_finite = counters.not_finite;
+  status.overruns = counters.overruns;
+  status.repeated = counters.repeated;
+  status.wake_p50_s = counters.wake.quantile_s(0.5);
+  status.wake_p99_s = counters.wake.quantile_s(0.99);
+  status.work_p50_s = counters.work.quantile_s(0.5);
+  status.work_p99_s = counters.work.quantile_s(0.99);
+  status.work_max_s = counters.work.max_s();
+  return status;
+}
+
+/// ", 3 lost, 1 repeated" of the frames that did not come as they should.
+std::string amiss(const MachineStatus& status) {
+  std::string out;
+  for (const auto& [count, what] : {std::pair{status.lost, "lost"},
+                                    {status.repeated, "repeated and ignored"},
+                                    {status.malformed, "malformed and ignored"},
+                                    {status.rows_dropped, "not recorded"}}) {
+    if (count > 0) out += ", " + std::to_string(count) + " " + what;
+  }
+  return out;
+}
+
+/// A position demand of a drive has its offset in it, a path of an interpolator has not.
+bool offset_in_command(const Config& config) {
+  return config.ilc.in_command.value_or(config.source == SourceKind::kCan ||
+                                        config.source == SourceKind::kUdp);
+}
+
+}  // namespace
+
+MachineService::MachineService(const ServiceBase& base, MachineInput& input, const Config& current)
+    : base_(base),
+      source_(*input.source),
+      machine_(input.machine),
+      models_(machine_.axes.size()),
+      predictions_(kPredictionRing),
+      rows_(kRowRing),
+      offsets_(kOffsetRing),
+      memory_(machine_, remembered_s(current)),
+      watch_(machine_, current.diagnose, base.events),
+      loop_(std::make_unique<RealTimeLoop>(machine_.cycle_s, models_, predictions_, rows_,
+                                           predicted_, paths_of(base.config, machine_))),
+      rules_(learning_rules(base.config, machine_)),
+      live_offsets_(std::make_unique<LiveOffsets>(
+          offset_rules(rules_, offset_in_command(base.config)), hand_over_)),
+      arming_(base.config.ilc.live, hand_over_.armed, base.events),
+      recorder_(machine_, base.config.machine, base.store.directory(), room_of(current), rows_,
+                memory_, watch_, base.events),
+      shown_(base.web == nullptr
+                 ? nullptr
+                 : std::make_unique<WebService::Shown>(*base.web, machine_, loop_->counters(),
+                                                       published_, watch_, &arming_)),
+      identification_(machine_, current.identify, memory_, base.store, base.events, models_,
+                      [this](const StoredModel& model) { publisher_.announce(model); }),
+      diagnosis_(machine_, current.diagnose, current.identify, memory_, watch_, base.store,
+                 base.events, [this](const StoredDiagnosis& made) { publisher_.announce(made); }),
+      programs_(base.node_in),
+      corrections_(base.node),
+      learner_(rules_, base.store, base.events, hand_over_,
+               [this](const CorrectionChunk& chunk) { corrections_.write(chunk); }),
+      publisher_(
+          base.node, machine_.cycle_s, predictions_, offsets_, predicted_, published_,
+          [this] { return status(); }, shown_ == nullptr ? nullptr : &shown_->feed()) {
+  loop_->give_back(*live_offsets_, offsets_);
+  source_.wait_while([this] { return rows_.waiting() > rows_.capacity() / 2; });
+  recorder_.spare([this] { return base_.store.cited(); });
+  identification_.cite_with(
+      [this](double from_s, double until_s) { return recorder_.files_with(from_s, until_s); });
+  identification_.restore();
+  diagnosis_.restore();
+  diagnosis_.give_up_with(base_.stop);
+  learner_.give_up_with(base_.stop);
+}
+
+void MachineService::reconfigure(const Config& current) {
+  identification_.reconfigure(current.identify);
+  diagnosis_.reconfigure(current.diagnose, current.identify);
+  recorder_.keep(room_of(current));
+  memory_.remember(remembered_s(current));
+}
+
+void MachineService::run() {
+  const auto note = [this](const std::string& why) {
+    if (!why.empty()) base_.events.note("real_time", "", why);
+  };
+  note(slow_receipt(base_.config, base_.node_in.place()));
+  note(lock_memory());
+
+  std::jthread publishing([this](const std::stop_token& stop) {
+    name_thread("publisher");
+    // A prediction is of use when it is out. Where this is not permitted the loop says so for both.
+    (void)become_real_time(std::max(base_.config.priority - 1, 0));
+    publisher_.run(stop);
+  });
+  std::jthread recording([this](const std::stop_token& stop) {
+    name_thread("recorder");
+    recorder_.run(stop);
+  });
+  const auto in_idle_time = [&note](const char* name, auto work) {
+    return std::jthread([&note, name, work](const std::stop_token& stop) {
+      name_thread(name);
+      note(become_idle());
+      work(stop);
+    });
+  };
+  std::jthread identifying = in_idle_time(
+      "identification", [this](const std::stop_token& stop) { identification_.run(stop); });
+  std::jthread diagnosing =
+      in_idle_time("diagnosis", [this](const std::stop_token& stop) { diagnosis_.run(stop); });
+  std::jthread learning = in_idle_time(
+      "learning", [this](const std::stop_token& stop) { learner_.run(stop, programs_); });
+  std::jthread reporting([this](const std::stop_token& stop) {
+    name_thread("events");
+    report_news(stop);
+  });
+  std::jthread real_time([this] { run_loop(); });
+
+  {
+    std::unique_lock lock(mutex_);
+    ended_changed_.wait(lock, base_.stop, [this] { return ended_; });
+  }
+
+  stop_loop_ = true;
+  real_time.join();
+  if (shown_ != nullptr) shown_->loop_has_ended();
+  const auto end = [](std::jthread& thread) {
+    thread.request_stop();
+    thread.join();
+  };
+  end(reporting);
+  end(recording);
+  // What the idle threads have begun is waited for; on a busy host that could be for ever.
+  for (std::jthread* idle : {&identifying, &diagnosing, &learning}) {
+    idle->request_stop();
+    hasten(idle->native_handle());
+  }
+  for (std::jthread* idle : {&identifying, &diagnosing, &learning}) idle->join();
+  if (!base_.stop.stop_requested()) {
+    identification_.finish();
+    diagnosis_.finish(base_.stop);
+  }
+  end(publishing);
+  for (const std::string& line : publisher_.news()) base_.events.note("network", "", line);
+  const MachineStatus total = status();
+  base_.events.note("stopped", "",
+                    "stopped after " + std::to_string(total.frames) + " frames" + amiss(total));
+}
+
+void MachineService::run_loop() {
+  name_thread("real-time loop");
+  // In this order: a real-time thread does not wait for the store.
+  if (const std::string why = keep_to(base_.config.cpus); !why.empty())
+    base_.events.note("real_time", "", why);
+  if (const std::string why = become_real_time(base_.config.priority); !why.empty())
+    base_.events.note("real_time", "", why);
+  prefault_stack();
+  base_.watchdog.watch(&loop_->counters().turns);
+  loop_->run(source_, stop_loop_);
+  base_.watchdog.watch(nullptr);
+  const std::lock_guard lock(mutex_);
+  ended_ = true;
+  ended_changed_.notify_all();
+}
+
+void MachineService::report_news(const std::stop_token& stop) {
+  std::uint64_t reported = 0;  // malformed frames
+  std::int64_t reported_ns = 0;
+  std::mutex mutex;
+  std::condition_variable_any never;
+  std::unique_lock lock(mutex);
+  while (!stop.stop_requested()) {
+    never.wait_for(lock, stop, kNewsInterval, [] { return false; });
+    for (const SourceNews& news : source_.news(steady_ns())) {
+      if (news.good) {
+        base_.events.note("source", "", news.text);
+      } else {
+        base_.events.error("source", "", news.text);
+      }
+    }
+    if (const std::string why = source_.state(steady_ns()).offsets_held_back; !why.empty())
+      arming_.forbid(why);
+    for (const std::string& line : publisher_.news()) base_.events.note("network", "", line);
+    const std::uint64_t malformed = loop_->counters().malformed;
+    if (malformed > reported &&
+        (reported == 0 || steady_ns() - reported_ns >= kReportInterval_ns)) {
+      base_.events.error("source", "",
+                         std::to_string(malformed - reported) + " frames do not have the " +
+                             std::to_string(machine_.axes.size()) +
+                             " axes of the machine and are ignored; start the daemon again if "
+                             "the machine has changed");
+      reported = malformed;
+      reported_ns = steady_ns();
+    }
+  }
+}
+
+MachineStatus MachineService::status() {
+  MachineStatus now = counted(loop_->counters());
+  SourceState source = source_.state(steady_ns());
+  if (source.silent) now.state = DaemonState::kWaiting;
+  if (base_.stop.stop_requested()) now.state = DaemonState::kStopping;
+  now.malformed += source.malformed;
+  now.buses = std::move(source.buses);
+  now.publish_p50_s = published_.quantile_s(0.5);
+  now.publish_p99_s = published_.quantile_s(0.99);
+  now.publish_p999_s = published_.quantile_s(0.999);
+  now.publish_max_s = published_.count() > 0 ? published_.max_s() : kAbsent;
+  now.rows_dropped = rows_.drops() + recorder_.rows_not_recorded();
+  now.not_recording = recorder_.problem();
+  identification_.update(axes_);
+  base_.events.update_last_error(last_error_);
+  now.axes = axes_;
+  for (std::size_t i = 0; i < now.axes.size(); ++i) now.axes[i].rotary = machine_.axes[i].rotary;
+  now.last_error = last_error_;
+  return now;
+}
+
+}  // namespace servotwin::daemon
