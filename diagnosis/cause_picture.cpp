@@ -225,7 +225,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     const bool reading = identity_of(effect.kind).acts == Acts::kReading;
     const std::string y = reading ? "encoder reading error " + micro : "force " + force;
     const auto [low, high] = std::minmax_element(drawn.position.begin(), drawn.position.end());
-    // At least 8 bins for each period; fewer would show a false, longer period (aliasing).
+    // About 8 bins for each period; fewer would show a false, longer period (aliasing).
     const int bins = std::clamp(static_cast<int>(8.0 * (*high - *low) / period), 24, 240);
     panels.push_back(panel_over(
         drawn, {text("within a period of %.5g ", 1e3 * period) + length,

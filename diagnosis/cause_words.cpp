@@ -110,10 +110,10 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
                             rotary);
   if (id == "stribeck" && std::isfinite(of("drop")))
     out =
-        text("%.3g %s %s at creeping speed, fading out above about %.3g %s/s", std::abs(of("drop")),
+        text("%.3g %s %s at creeping speed, no effect above about %.3g %s/s", std::abs(of("drop")),
              force, of("drop") > 0.0 ? "more" : "less", 3e3 * of("stribeck_velocity"), milli);
   if (id == "stribeck" && std::isfinite(of("breakaway_ratio")))
-    out = text("%.3g times as high at creeping speed, fading out above about %.3g %s/s",
+    out = text("%.3g times as high at creeping speed, no effect above about %.3g %s/s",
                of("breakaway_ratio"), 3e3 * of("stribeck_velocity"), milli);
   if (id == "presliding") {
     const double level = std::isfinite(of("breakaway")) ? of("breakaway") : of("coulomb");
@@ -158,8 +158,7 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
   if (std::isfinite(before) && after < before)
     out += text(
         " The extended model explains %.0f %% of what was unexplained: the simulation error is now "
-        "%.3g %s RMS "
-        "instead of %.3g.",
+        "%.3g %s RMS instead of %.3g.",
         100.0 * (1.0 - diagnosis.unexplained_share), after, micro, before);
   if (const std::string advice = advice_for(first.id); !advice.empty())
     out += " Check first: " + advice + ".";
