@@ -308,8 +308,8 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
          "<section><details><summary>Method</summary><p>Each candidate was fitted together with "
          "the position loop on the first part of the recording (training data). It was kept only "
          "if it lowered the prediction error of blocks that it was not fitted to significantly. "
-         "All errors above are those of a free simulation of the held-out rest, which was used "
-         "for no decision. A force per moved mass in N/kg is an acceleration in m/s^2; it is "
+         "All errors above are those of a free simulation of the held-out rest, which the "
+         "search did not use. A force per moved mass in N/kg is an acceleration in m/s^2; it is "
          "reconstructed from the tracking error through the model of the loop.</p>"
          "<table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
   for (const Cause& cause : diagnosis.causes) {
