@@ -8,7 +8,7 @@
 namespace servotwin {
 
 /// Elementary test motions, in the order in which a test runs them: the gentlest first.
-enum Piece : unsigned {
+enum TestPart : unsigned {
   kStandstill = 1u << 0,
   kReversals = 1u << 1,
   kRests = 1u << 2,
@@ -23,7 +23,7 @@ enum Piece : unsigned {
 /// What a cause depends on, and the test motions that isolate it.
 struct CauseNature {
   std::string_view id;
-  unsigned pieces;
+  unsigned parts;
   const char* shows;         // how it is recognised; continues "<cause> "
   const char* besides = "";  // what is needed in addition to the test motion
 };
@@ -91,7 +91,7 @@ inline constexpr std::array<CauseNature, 24> kNatures{{
 /// distinguishes.
 struct PairNature {
   std::string_view a, b;
-  unsigned pieces;  // 0: no test distinguishes the two
+  unsigned parts;  // 0: no test distinguishes the two
   const char* words;
 };
 inline constexpr std::array<PairNature, 11> kPairNatures{{

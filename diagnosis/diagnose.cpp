@@ -500,10 +500,10 @@ std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const Segment
 
 Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   Diagnosis first = diagnose_divided(axis, options);
-  const auto pushes = [&](const Cause& cause) { return unforeseeable(first, cause); };
+  const auto isolated = [&](const Cause& cause) { return unforeseeable(first, cause); };
   if (first.verdict != Verdict::kUnexplained ||
-      std::any_of(first.causes.begin(), first.causes.end(), pushes) ||
-      std::any_of(first.suspected.begin(), first.suspected.end(), pushes))
+      std::any_of(first.causes.begin(), first.causes.end(), isolated) ||
+      std::any_of(first.suspected.begin(), first.suspected.end(), isolated))
     return first;
   for (const SecondAttempt& attempt : second_attempts(first, axis, options)) {
     try {

@@ -23,8 +23,8 @@ bool blocks_agree(const Tried& one) {
   // If a few breakaways make most of the error, the mean is uncertain; the rank test is used then.
   const double z = std::max(paired_z(one.before->pieces, one.model.pieces),
                             signed_rank_z(one.before->pieces, one.model.pieces));
-  const bool pushes = !shapes.empty() && shapes.front().scan == Scan::kMoments;
-  return pushes || z > (sets_in || is_intermittent(one.screened.kind) ? 0.0 : kMinBlockZ);
+  const bool impulses = !shapes.empty() && shapes.front().scan == Scan::kMoments;
+  return impulses || z > (sets_in || is_intermittent(one.screened.kind) ? 0.0 : kMinBlockZ);
 }
 
 }  // namespace
@@ -34,14 +34,14 @@ double removed_rms(const Hypothesis& before, const Hypothesis& after) {
 }
 
 double share_beaten(const Tried& best, const Tried& rival) {
-  const auto taken_by = [](const Tried& one, std::size_t i) {
+  const auto removed_by = [](const Tried& one, std::size_t i) {
     return one.before->pieces[i] - one.model.pieces[i];
   };
   const std::size_t n = std::min({best.model.pieces.size(), best.before->pieces.size(),
                                   rival.model.pieces.size(), rival.before->pieces.size()});
   const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
     double sum = 0.0;
-    for (const std::size_t i : places) sum += taken_by(best, i) - taken_by(rival, i);
+    for (const std::size_t i : places) sum += removed_by(best, i) - removed_by(rival, i);
     return sum;
   });
   return static_cast<double>(std::count_if(differences.begin(), differences.end(),

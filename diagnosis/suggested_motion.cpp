@@ -33,8 +33,8 @@ const PairNature* special_of(const Doubt& doubt) {
   return nullptr;
 }
 
-const char* description(Piece piece) {
-  switch (piece) {
+const char* description(TestPart part) {
+  switch (part) {
     case kStandstill:
       return "a rest of 10 s";
     case kReversals:
@@ -74,11 +74,11 @@ class Builder {
     centre_ = 0.5 * (seen.low + seen.high);
   }
 
-  TestMotion of(unsigned pieces) {
+  TestMotion of(unsigned parts) {
     for (unsigned bit = kStandstill; bit <= kRepeats; bit <<= 1u) {
-      if ((pieces & bit) == 0) continue;
-      begins_ = description(static_cast<Piece>(bit));
-      add(static_cast<Piece>(bit));
+      if ((parts & bit) == 0) continue;
+      begins_ = description(static_cast<TestPart>(bit));
+      add(static_cast<TestPart>(bit));
     }
     begins_.clear();
     go(seen_.start, v_, a_, settle_);
@@ -99,8 +99,8 @@ class Builder {
     go(centre_ - 0.5 * way, velocity, acceleration, rest);
   }
 
-  void add(Piece piece) {
-    switch (piece) {
+  void add(TestPart part) {
+    switch (part) {
       case kStandstill:
         go(motion_.end(), v_, a_, 10.0);
         break;
@@ -194,11 +194,11 @@ class Builder {
   std::string begins_;
 };
 
-std::string described(unsigned pieces) {
+std::string described(unsigned parts) {
   std::string out;
   for (unsigned bit = kStandstill; bit <= kRepeats; bit <<= 1u) {
-    if ((pieces & bit) == 0) continue;
-    out += (out.empty() ? "" : "; ") + std::string(description(static_cast<Piece>(bit)));
+    if ((parts & bit) == 0) continue;
+    out += (out.empty() ? "" : "; ") + std::string(description(static_cast<TestPart>(bit)));
   }
   return out;
 }
@@ -219,7 +219,7 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
                                             const SeenMotion& seen, const TestSizes& sizes) {
   if (doubts.empty()) return {};
   constexpr unsigned kSurvey = kStandstill | kReversals | kSpeeds | kStrokes | kAccelerations;
-  unsigned pieces = 0;
+  unsigned parts = 0;
   std::string words;
   std::set<std::string> said;
   const auto add = [&](const std::string& sentence) {
@@ -227,23 +227,23 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
   };
   for (const Doubt& doubt : doubts) {
     if (doubt.cause.empty()) {
-      pieces |= kSurvey;
+      parts |= kSurvey;
       add("In this motion everything that an error can depend on changes separately.");
       continue;
     }
     const CauseNature& one = nature_of(doubt.cause);
     if (doubt.rival.empty()) {
-      pieces |= one.pieces;
+      parts |= one.parts;
       add(one_shows(one));
     } else {
       const CauseNature& other = nature_of(doubt.rival);
       const PairNature* special = special_of(doubt);
-      if (special != nullptr && special->pieces == 0) {
+      if (special != nullptr && special->parts == 0) {
         add(doubt.cause + " and " + doubt.rival +
             " cannot be distinguished with these sensors: " + special->words + ".");
         continue;
       }
-      pieces |= special != nullptr ? special->pieces : one.pieces | other.pieces;
+      parts |= special != nullptr ? special->parts : one.parts | other.parts;
       add(one_shows(one));
       add(one_shows(other));
       if (special != nullptr)
@@ -252,17 +252,17 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
     }
     if (*one.besides != '\0') add("For " + doubt.cause + ": " + one.besides + ".");
   }
-  if (pieces == 0) return SuggestedTest{words, {}};
+  if (parts == 0) return SuggestedTest{words, {}};
   if (!(seen.high > seen.low) || !(seen.velocity > 0.0) || !(seen.acceleration > 0.0))
     return SuggestedTest{words + " The recording contains no motion that a test could stay within.",
                          {}};
   constexpr double kLeastPeriods = 3.0;
-  if ((pieces & kTwoSpeeds) != 0 && seen.high - seen.low < kLeastPeriods * sizes.period)
+  if ((parts & kTwoSpeeds) != 0 && seen.high - seen.low < kLeastPeriods * sizes.period)
     add(text("The travel of this recording covers %.1f periods: a longer travel decides better.",
              (seen.high - seen.low) / sizes.period));
   SuggestedTest out;
-  out.motion = Builder(seen, sizes).of(pieces);
-  out.words = "Run " + described(pieces) +
+  out.motion = Builder(seen, sizes).of(parts);
+  out.words = "Run " + described(parts) +
               text(
                   " (%.0f s, within the recorded travel, speed and acceleration), record it and "
                   "diagnose the recording. ",

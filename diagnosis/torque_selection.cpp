@@ -97,10 +97,10 @@ class TorqueSelection {
     }
     out.rms = root_mean(out.pieces);
     const double rms = root_mean(pieces);
-    const double taken = std::sqrt(std::max(0.0, rms * rms - out.rms * out.rms));
+    const double removed = std::sqrt(std::max(0.0, rms * rms - out.rms * out.rms));
     out.earned = out.rms < kMaxRmsRatioToAdd * rms &&
-                 taken > kMinRemovedShareOfBaseline * baseline_ &&
-                 taken > kMinRemovedShareOfFriction * body_.coulomb &&
+                 removed > kMinRemovedShareOfBaseline * baseline_ &&
+                 removed > kMinRemovedShareOfFriction * body_.coulomb &&
                  out.p < chance / static_cast<double>(candidates);
     return out;
   }
