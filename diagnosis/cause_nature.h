@@ -28,7 +28,7 @@ struct CauseNature {
   const char* besides = "";  // what is needed in addition to the test motion
 };
 
-inline constexpr const char* kPast =
+inline constexpr const char* kPastChange =
     "the change is over: give the model from before it with --model, since a new model includes it";
 inline constexpr const char* kLoadEncoder =
     "record an encoder at the load or a laser interferometer: a motor encoder does not measure it";
@@ -41,7 +41,7 @@ inline constexpr std::array<CauseNature, 24> kNatures{{
     {"position_dependent_friction", kStrokes,
      "repeats at the same position with the sign of the direction and varies smoothly"},
     {"added_friction", kRepeats | kSpeeds,
-     "sets in at a time or position and stays, equally at all speeds", kPast},
+     "sets in at a time or position and stays, equally at all speeds", kPastChange},
     {"backlash", kReversals | kAccelerations,
      "is a step of the same width at every reversal, whatever the force"},
     {"compliance", kAccelerations | kSweep,
@@ -55,7 +55,8 @@ inline constexpr std::array<CauseNature, 24> kNatures{{
      "repeats with position too, but the loop follows it: its effect grows with the speed"},
     {"gravity_offset", kSpeeds | kStandstill, "is the same at rest and at all speeds"},
     {"inertia_change", kAccelerations,
-     "is proportional to the acceleration and changes neither constant speed nor reversals", kPast},
+     "is proportional to the acceleration and changes neither constant speed nor reversals",
+     kPastChange},
     {"viscous_drift", kRepeats | kSpeeds,
      "is proportional to the speed and decreases from cycle to cycle as the axis warms up: start "
      "cold"},
@@ -66,7 +67,8 @@ inline constexpr std::array<CauseNature, 24> kNatures{{
      "not above",
      "give an earlier model of the axis to compare with (--model)"},
     {"gain_change", kAccelerations | kSweep | kReversals,
-     "scales every error, also that of friction at reversals, and shifts the bandwidth", kPast},
+     "scales every error, also that of friction at reversals, and shifts the bandwidth",
+     kPastChange},
     {"torque_saturation", kAccelerations,
      "appears at the highest acceleration and not at a third of it"},
     {"periodic_disturbance", kStandstill | kTwoSpeeds,

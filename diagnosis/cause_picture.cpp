@@ -38,12 +38,12 @@ struct Abscissa {
 };
 
 PlotPanel panel_over(const CauseSamples& drawn, const Abscissa& over) {
-  constexpr double kStanding = 0.005;
+  constexpr double kMaxRestSpeedShare = 0.005;  // share of the peak speed: the axis is at rest
   const auto series = [&](const std::vector<double>& values, const char* name, bool line,
                           const char* colour, bool dashed) {
     std::vector<double> y(values.size());
     for (std::size_t i = 0; i < values.size(); ++i) {
-      const bool stands = std::abs(drawn.velocity[i]) < kStanding * drawn.fastest;
+      const bool stands = std::abs(drawn.velocity[i]) < kMaxRestSpeedShare * drawn.fastest;
       const double sign = over.turned == Turned::kNo          ? 1.0
                           : over.turned == Turned::kSinceTurn ? drawn.direction[i]
                           : stands                            ? kNaN

@@ -38,7 +38,7 @@ constexpr double kMaxScreenP = 0.05;
 // .. and if it lowers the squared error at least by this share.
 constexpr double kMinScreenGain = 0.004;
 constexpr std::size_t kMaxFitsPerRound = 4;  // changes
-constexpr std::size_t kMostChanges = 6;
+constexpr std::size_t kMaxChanges = 6;
 // A rival that loses in a smaller share of the bootstrap resamples is reported as ambiguous.
 constexpr double kMinShareToExcludeRival = 0.95;
 // Share of the best gain above which a change counts as a rival.
@@ -231,7 +231,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   // two changes.
   const double own = std::isfinite(out.earlier_rms) ? kEarlierMisfitShare * out.earlier_rms : 0.0;
   const double least = std::max(own, kMinRemovedShare * rms(current.pieces));
-  for (std::size_t round = 0; round < kMostChanges; ++round) {
+  for (std::size_t round = 0; round < kMaxChanges; ++round) {
     if (options.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
     auto promising = promising_changes(variation, current, options);
     const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;

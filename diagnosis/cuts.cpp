@@ -64,14 +64,15 @@ Eigen::ArrayXd running_mean(const Eigen::ArrayXd& x, double h, double window_s) 
 /// Share of the tone in the squared residual: the median over the windows in which the tone is
 /// `on`. Slower parts are removed first. The transients as the tool enters and leaves are in few
 /// windows and do not change the median.
-double share_of_tone(const Eigen::ArrayXd& x, const Eigen::ArrayXd& heard, const Eigen::ArrayXd& on,
-                     double h, double f) {
+double share_of_tone(const Eigen::ArrayXd& x, const Eigen::ArrayXd& tone_envelope,
+                     const Eigen::ArrayXd& on, double h, double f) {
   const Eigen::ArrayXd faster = x - running_mean(x, h, kHighPassPeriods / f),
                        there = running_mean(faster.square(), h, envelope_window_s(f));
   std::vector<double> shares;
   for (Eigen::Index k = 0; k < x.size(); ++k) {
     // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2.
-    if (on(k) > 0.0 && there(k) > 0.0) shares.push_back(heard(k) * heard(k) / (0.5 * there(k)));
+    if (on(k) > 0.0 && there(k) > 0.0)
+      shares.push_back(tone_envelope(k) * tone_envelope(k) / (0.5 * there(k)));
   }
   return shares.empty() ? 0.0
                         : quantile(Eigen::Map<const Eigen::ArrayXd>(
@@ -160,15 +161,15 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
   for (const double f : strongest_of(left[longest].matrix(), h)) tones.push_back(f);
   for (const double f : tones) {
     if (f < kMinTone_hz || f > 0.45 / h) continue;
-    const Eigen::ArrayXd heard = envelope(left[longest], h, f);
-    const double threshold = 0.5 * quantile(heard, 0.95);
-    const auto on = (heard > threshold).cast<double>().eval();
+    const Eigen::ArrayXd tone_envelope = envelope(left[longest], h, f);
+    const double threshold = 0.5 * quantile(tone_envelope, 0.95);
+    const auto on = (tone_envelope > threshold).cast<double>().eval();
     const double share = on.mean();
     if (share < kMinCutTimeShare || share > kMaxCutTimeShare) continue;
-    const double contrast = (heard * on).sum() / on.sum() /
-                            std::max(1e-300, (heard * (1.0 - on)).sum() / (1.0 - on).sum());
+    const double contrast = (tone_envelope * on).sum() / on.sum() /
+                            std::max(1e-300, (tone_envelope * (1.0 - on)).sum() / (1.0 - on).sum());
     if (contrast > kMinContrast) {
-      const double tone_share = share_of_tone(left[longest], heard, on, h, f);
+      const double tone_share = share_of_tone(left[longest], tone_envelope, on, h, f);
       if (tone_share > best) best = tone_share, tone = f, level = threshold;
     }
   }

@@ -15,7 +15,8 @@ constexpr Eigen::Index kSamples = 6000;      // the data are thinned to about th
 constexpr Eigen::Index kScanned = 3000;      // and to this one for the scan of periods
 constexpr int kShuffles = 999, kScans = 99;  // number of shuffles, without the unshuffled data
 constexpr int kBins = 20;
-constexpr double kStanding = 0.005;  // share of the peak speed below which the axis is at rest
+constexpr double kMaxRestSpeedShare =
+    0.005;  // share of the peak speed below which the axis is at rest
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// The thinned data: the residual without its mean, and the value of every variable.
@@ -44,7 +45,7 @@ Samples samples_of(std::span<const ResidualStretch> stretches) {
     for (Eigen::Index k = 0; k < stretches[i].residual.size(); k += every) {
       if (!std::isfinite(stretches[i].residual(k)) || !std::isfinite(v.velocity(k))) continue;
       residual.push_back(stretches[i].residual(k));
-      const bool moving = std::abs(v.velocity(k)) > kStanding * fastest;
+      const bool moving = std::abs(v.velocity(k)) > kMaxRestSpeedShare * fastest;
       const std::array<double, kRegressors> row{
           v.velocity(k),     !moving ? 0.0 : v.velocity(k) > 0.0 ? 1.0 : -1.0,
           v.position(k),     moving ? v.position(k) : kNaN,
@@ -210,7 +211,7 @@ Variables variables_of(const ResidualStretch& stretch) {
   Eigen::Index reversal = -1, rest = -1;
   for (Eigen::Index k = 0; k < n; ++k) {
     const double v = out.velocity(k);
-    if (std::abs(v) > kStanding * fastest) {
+    if (std::abs(v) > kMaxRestSpeedShare * fastest) {
       const int now = v > 0.0 ? 1 : -1;
       if (direction != 0 && now != direction) reversal = k;
       direction = now;
@@ -253,7 +254,7 @@ RegressorShares by_regressor(std::span<const ResidualStretch> stretches) {
 }
 
 std::vector<Bin> bins_of(const Eigen::ArrayXd& x, const Eigen::ArrayXd& y, int most) {
-  constexpr Eigen::Index kLeast = 8;
+  constexpr Eigen::Index kMinSamplesPerBin = 8;
   double low = 1e300, high = -1e300;
   for (Eigen::Index k = 0; k < x.size(); ++k) {
     if (!std::isfinite(x(k)) || !std::isfinite(y(k))) continue;
@@ -283,7 +284,7 @@ std::vector<Bin> bins_of(const Eigen::ArrayXd& x, const Eigen::ArrayXd& y, int m
     last = b;
   }
   for (const Sums& s : sums) {
-    if (s.count < kLeast) continue;
+    if (s.count < kMinSamplesPerBin) continue;
     const auto count = static_cast<double>(s.count);
     Bin bin{s.x / count, s.y / count, 0.0, s.count};
     // Sum over runs of the squared sum of deviations (clusters; Liang and Zeger 1986).

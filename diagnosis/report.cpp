@@ -267,8 +267,8 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
     out += "<section><h2>Suggested test</h2>\n<p>" + escaped(diagnosis.suggested_test->words) +
            "</p>\n";
     if (const auto& motion = diagnosis.suggested_test->motion; motion) {
-      constexpr double kShown = 2000.0;
-      const double h = motion->duration_s() / kShown, scale = 1e3;
+      constexpr double kMotionPlotPoints = 2000.0;
+      const double h = motion->duration_s() / kMotionPlotPoints, scale = 1e3;
       const Eigen::ArrayXd path = motion->command(h);
       PlotSeries series{"", {}, {}, true, ""};
       for (Eigen::Index k = 0; k < path.size(); ++k) {

@@ -25,7 +25,7 @@ constexpr double kMinRmsOverFloorForFreeLaw = 2.0;
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
 // In sampling times: a shorter delay can come from the way the signals were recorded.
 constexpr double kMinDelaySamples = 0.25;
-constexpr int kMostCauses = 6;
+constexpr int kMaxCauses = 6;
 constexpr std::size_t kMaxFitsPerRound = 3;  // candidates
 // A candidate is fitted only with a p from screening of at most this, ..
 constexpr double kMaxScreenP = 0.05;
@@ -66,7 +66,7 @@ class Selection {
 
  private:
   void add_causes() {
-    while (static_cast<int>(found_.size()) < kMostCauses) {
+    while (static_cast<int>(found_.size()) < kMaxCauses) {
       const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
       const auto found = found_;
       if (!add_one()) {

@@ -61,14 +61,14 @@ const char* description(TestPart part) {
 class Builder {
  public:
   Builder(const SeenMotion& seen, const TestSizes& sizes) : seen_(seen), sizes_(sizes) {
-    // Share of the recorded peaks that the test uses: in a coarsely rounded command they are not
-    // known more exactly.
-    constexpr double kWithin = 0.97, kLeast_s = 0.02, kMost_s = 0.2;
-    v_ = kWithin * seen.velocity;
-    a_ = kWithin * seen.acceleration;
+    // kPeakShare: of the recorded peaks that the test uses, since in a coarsely rounded command
+    // they are not known more exactly.
+    constexpr double kPeakShare = 0.97, kMinSmoothing_s = 0.02, kMaxSmoothing_s = 0.2;
+    v_ = kPeakShare * seen.velocity;
+    a_ = kPeakShare * seen.acceleration;
     motion_.start = seen.start;
-    motion_.smoothing_s =
-        std::clamp(seen.jerk > 0.0 ? 2.0 * a_ / seen.jerk : kLeast_s, kLeast_s, kMost_s);
+    motion_.smoothing_s = std::clamp(seen.jerk > 0.0 ? 2.0 * a_ / seen.jerk : kMinSmoothing_s,
+                                     kMinSmoothing_s, kMaxSmoothing_s);
     settle_ = motion_.smoothing_s + 0.1;
     stroke_ = seen.high - seen.low;
     centre_ = 0.5 * (seen.low + seen.high);
@@ -115,17 +115,17 @@ class Builder {
         break;
       case kSpeeds:
         for (const double share : {1.0, 0.3, 0.1, 0.03, 0.01, 0.003}) {
-          constexpr double kEach_s = 2.0;
+          constexpr double kMaxTimePerSpeed_s = 2.0;
           const double v = share * v_;
-          lap(std::min(stroke_, v * kEach_s + v * v / a_), v, a_, settle_);
+          lap(std::min(stroke_, v * kMaxTimePerSpeed_s + v * v / a_), v, a_, settle_);
         }
         break;
       case kTwoSpeeds:
         two_speeds();
         break;
       case kStrokes: {
-        constexpr double kEach_s = 6.0;
-        for (int i = 0; i < 2; ++i) lap(stroke_, stroke_ / kEach_s, a_, settle_);
+        constexpr double kStrokeTime_s = 6.0;
+        for (int i = 0; i < 2; ++i) lap(stroke_, stroke_ / kStrokeTime_s, a_, settle_);
         break;
       }
       case kAccelerations:
@@ -256,8 +256,8 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
   if (!(seen.high > seen.low) || !(seen.velocity > 0.0) || !(seen.acceleration > 0.0))
     return SuggestedTest{words + " The recording contains no motion that a test could stay within.",
                          {}};
-  constexpr double kLeastPeriods = 3.0;
-  if ((parts & kTwoSpeeds) != 0 && seen.high - seen.low < kLeastPeriods * sizes.period)
+  constexpr double kMinPeriods = 3.0;
+  if ((parts & kTwoSpeeds) != 0 && seen.high - seen.low < kMinPeriods * sizes.period)
     add(text("The travel of this recording covers %.1f periods: a longer travel decides better.",
              (seen.high - seen.low) / sizes.period));
   SuggestedTest out;

@@ -39,8 +39,8 @@ constexpr double kMinVelocityShareLeft = 0.8;
 constexpr double kMinUnevenness = 0.1;
 // Share of the squared error explained with a period that half the period must reach to replace it.
 constexpr double kMinShareOfHalfPeriod = 0.9;
-constexpr int kMostCauses = 6, kMostHarmonic = 8;
-constexpr std::size_t kMostLines = 6, kLinesTried = 4;  // of cogging: periods in all, per round
+constexpr int kMaxCauses = 6, kMaxHarmonic = 8;
+constexpr std::size_t kMaxLines = 6, kLinesTried = 4;  // of cogging: periods in all, per round
 
 /// RMS from the mean squares of the intervals.
 double root_mean(const std::vector<double>& pieces) {
@@ -59,7 +59,7 @@ class TorqueSelection {
     baseline_ = root_mean(training_of(rows_).predicted(rows_.training(body_.columns)));
     out_.steps.push_back(text("rigid body: %.4g RMS", baseline_));
     play();
-    while (static_cast<int>(out_.parts.size()) < kMostCauses && add_one()) remove_unnecessary();
+    while (static_cast<int>(out_.parts.size()) < kMaxCauses && add_one()) remove_unnecessary();
     return std::move(out_);
   }
 
@@ -348,10 +348,10 @@ class TorqueSelection {
   void lines() {
     const double period = out_.parts.back().terms.front().shapes[0];
     std::vector<double> periods;
-    for (int n = 3; n <= kMostHarmonic && !rotary_; ++n) periods.push_back(period / n);
+    for (int n = 3; n <= kMaxHarmonic && !rotary_; ++n) periods.push_back(period / n);
     for (const auto& shapes : rows_.grid(kind_of<Cogging>(), body_.velocity_limit))
       periods.push_back(shapes[0]);
-    while (out_.parts.back().terms.size() < kMostLines) {
+    while (out_.parts.back().terms.size() < kMaxLines) {
       const BlockedRegression data = training_of(rows_);
       const Eigen::MatrixXd base = all();
       const BlockedRegression::Beside beside(data, rows_.training(base));

@@ -388,7 +388,7 @@ TEST(RealTorque, OdrivesCompensationTakesTheErrorAway) {
     EXPECT_LT(error_at(after, order), 0.3 * error_at(before, order)) << order;
 }
 
-// The published figure shows plateaus near zero force of 0.1 in one direction and 0.07 in the
+// A plot of the recording shows plateaus near zero force of 0.1 in one direction and 0.07 in the
 // other.
 TEST(RealTorque, TheBacklashRigHasItsPlateau) {
   SERVOTWIN_REAL_DATA(file, "brfd_backlash/d3_0.5Hz_30lb_0.5in.csv");
