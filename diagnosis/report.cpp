@@ -84,8 +84,8 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
                     unit,
                     false,
                     {baseline, extended}}}) +
-         "<figcaption>A few seconds of held-out data, which no fit has "
-         "used.</figcaption></figure>\n";
+         "<figcaption>A few seconds of held-out data, which no fit has used."
+         "</figcaption></figure>\n";
 }
 
 /// The frequency response from command to position: as measured, and as estimated in the same way
@@ -116,9 +116,9 @@ std::string frequency_section(const Diagnosis& diagnosis, const std::vector<Segm
          plot_svg(bode_panels(machine, {"command"}, "position", {model})) +
          text(
              "<figcaption>From command to position, averaged over %d windows of %.3g s. "
-             "Frequencies "
-             "whose coherence could be chance are not drawn. A peak that the twin lacks is an "
-             "unmodelled mode of vibration: see <code>servotwin frequency-response</code>."
+             "Frequencies whose coherence could be chance are not drawn. A peak that the twin "
+             "lacks is an unmodelled mode of vibration: see <code>servotwin "
+             "frequency-response</code>."
              "</figcaption></figure></section>\n",
              machine.windows, machine.window_s);
 }

@@ -216,7 +216,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
       out.push_back("              " + line_of(torque, harmonic));
     for (const std::string& rival : cause.ambiguous_with) {
       out.push_back(
-          "              not distinguishable from " + rival + " in this recording" +
+          "              not distinguishable from " + rival + " with this recording" +
           (rival == "periodic_disturbance" ? ": it has only one speed; record a second one" : ""));
     }
     if (const std::string advice = check_of(cause); !advice.empty())
