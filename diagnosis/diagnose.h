@@ -68,8 +68,8 @@ struct Diagnosis {
   ModelRecord baseline;          ///< judged on the hold-out
   ModelRecord extended;          ///< with all causes; the baseline if there is no cause
   std::vector<Cause> causes;     ///< named, sorted by the error that they explain
-  /// Of too low a confidence to be named. They are kept in the extended model, which predicts
-  /// better with them.
+  /// Of too low a confidence to be named, or with a gain that may be zero. They are kept in the
+  /// extended model, which predicts better with them.
   std::vector<Cause> suspected;
   std::vector<NotObservable> not_observable;  ///< without those that are named or suspected
   /// Place in the extended model of a term that improves the prediction but is not explained by a

@@ -288,8 +288,9 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
   }
   if (!diagnosis.suspected.empty()) {
     out +=
-        "<section><h2>Suspected causes</h2>\n<p>Their confidence is too low to name them. They are "
-        "kept in the extended model because it predicts better with them.</p>\n<table>";
+        "<section><h2>Suspected causes</h2>\n<p>Their confidence is too low to name them, or "
+        "their gain on held-out data may be zero. They are kept in the extended model because it "
+        "predicts better with them.</p>\n<table>";
     for (const Cause& cause : diagnosis.suspected)
       out += row(escaped(plain_name(cause.id)).c_str(),
                  text("confidence %.0f %%: ", 100.0 * cause.confidence) +
@@ -307,7 +308,7 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
   out += more + frequency_section(diagnosis, segments) + left_of(diagnosis, segments) +
          "<section><details><summary>Method</summary><p>Each candidate was fitted together with "
          "the position loop on the first part of the recording (training data). It was kept only "
-         "if it lowered the prediction error of blocks that it was not fitted to significantly. "
+         "if it significantly lowered the prediction error of blocks that it was not fitted to. "
          "All errors above are those of a free simulation of the held-out rest, which the "
          "search did not use. A force per moved mass in N/kg is an acceleration in m/s^2; it is "
          "reconstructed from the tracking error through the model of the loop.</p>"
