@@ -10,10 +10,12 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kPiece_s = 0.25;
-constexpr int kBlocks = 5;
-constexpr double kUnseen = 0.03;  // of the information of all blocks
-constexpr double kRidge = 1e-10, kHeldAlready = 1e-7;
+constexpr double kPiece_s = 0.25;  // interval of the paired test
+constexpr int kBlocks = 5;         // of the cross-validation
+// Weight of all blocks in a fit to the other blocks.
+constexpr double kPriorWeight = 0.03;
+// Of the diagonal, against singular matrices: in fits, and in what a column explains beside a base.
+constexpr double kRidge = 1e-10, kRidgeBesideBase = 1e-7;
 
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
   Eigen::MatrixXd ridged = gram;
@@ -21,7 +23,7 @@ Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right
   return solve_symmetric(ridged, right);
 }
 
-/// Columns of unit length, and how long they were.
+/// The columns scaled to unit length, and their former lengths.
 Eigen::MatrixXd scaled(const Eigen::MatrixXd& columns, Eigen::VectorXd* length = nullptr) {
   Eigen::VectorXd norms = columns.colwise().norm();
   for (double& norm : norms) norm = norm > 0.0 ? norm : 1.0;
@@ -52,18 +54,18 @@ Eigen::VectorXd BlockedRegression::fit(const Eigen::MatrixXd& columns) const {
 
 std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
                                                  const Eigen::MatrixXd& added) const {
-  // What is not seen stays near the base's fit with all rows.
+  // Coefficients that the other blocks do not determine stay near the fit of the base to all rows.
   const Eigen::VectorXd y = y_ - base * fit(base);
   Eigen::MatrixXd both(base.rows(), base.cols() + added.cols());
   both << base, added;
   const Eigen::MatrixXd a = scaled(both);
   const Eigen::MatrixXd gram = a.transpose() * a;
   const Eigen::VectorXd right = a.transpose() * y;
-  // By their rows: a piece that the axis mostly rests in is a small one.
+  // Average number of rows: an interval mostly at rest has few rows and counts accordingly.
   const double usual = static_cast<double>(y_.size()) / static_cast<double>(pieces_.size());
   std::vector<double> out(pieces_.size());
   for (int b = 0; b < kBlocks; ++b) {
-    Eigen::MatrixXd g = (1.0 + kUnseen) * gram;
+    Eigen::MatrixXd g = (1.0 + kPriorWeight) * gram;
     Eigen::VectorXd x = right;
     for (const Piece& piece : pieces_) {
       if (piece.block != b) continue;
@@ -117,9 +119,9 @@ BlockedRegression::Beside::Beside(const BlockedRegression& data, const Eigen::Ma
 double BlockedRegression::Beside::explained(const Eigen::MatrixXd& columns) const {
   const Eigen::MatrixXd c = columns - basis_ * (basis_.transpose() * columns);
   Eigen::MatrixXd gram = c.transpose() * c;
-  // A column that the base holds already explains nothing but rounding.
+  // A column inside the space of the base explains only rounding errors.
   for (Eigen::Index i = 0; i < c.cols(); ++i)
-    gram(i, i) += kHeldAlready * columns.col(i).squaredNorm() + 1e-300;
+    gram(i, i) += kRidgeBesideBase * columns.col(i).squaredNorm() + 1e-300;
   const Eigen::VectorXd right = c.transpose() * left_;
   return right.dot(solve_symmetric(gram, right));
 }

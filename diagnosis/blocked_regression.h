@@ -1,12 +1,12 @@
-// Linear least squares that is judged on blocks of time it was not fitted to.
+// Linear least squares, judged by cross-validation over blocks of time.
 //
-//   y = B b + C c:  do the columns C earn their place beside B?
+//   y = B b + C c:  do the columns C improve the prediction beside B?
 //
-// Every block is predicted with the coefficients of the other blocks, with C and without. What
-// comes by chance is told by the differences over pieces of a quarter of a second, and by a Wald
-// test with a covariance that takes the pieces as clusters (Liang and Zeger 1986). What the other
-// blocks do not show is held near the fit of B alone by 3 % of the information of all. Units of y.
-// Any thread.
+// Every block is predicted with coefficients fitted to the other blocks, with C and without.
+// Whether the difference is significant is decided by a paired test over intervals of 0.25 s, and
+// by a Wald test whose covariance treats these intervals as clusters (Liang and Zeger 1986).
+// Coefficients that the other blocks do not determine are kept near the fit of B alone by 3 % of
+// the information of all blocks. Units of y. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,19 +16,19 @@ namespace servotwin {
 
 class BlockedRegression {
  public:
-  /// Rows in the order of their times [s].
+  /// Rows in order of `time` [s].
   BlockedRegression(Eigen::VectorXd y, const Eigen::VectorXd& time);
 
-  /// Coefficients of all rows.
+  /// Coefficients fitted to all rows.
   [[nodiscard]] Eigen::VectorXd fit(const Eigen::MatrixXd& columns) const;
-  /// The squares of every piece over the usual number of its rows, each predicted by the other
-  /// blocks: their mean is the mean square.
+  /// Squared prediction errors of every interval of 0.25 s, each predicted by the other blocks and
+  /// divided by the average number of rows of an interval: their mean is the mean square error.
   [[nodiscard]] std::vector<double> predicted(const Eigen::MatrixXd& base,
                                               const Eigen::MatrixXd& added = {}) const;
-  /// z of the coefficients of `added` beside `base`.
+  /// z of the coefficients of `added` in a fit together with `base` (Wald test).
   [[nodiscard]] double wald(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) const;
 
-  /// What columns explain of the squared error beside a base.
+  /// The squared error that columns explain in addition to a base.
   class Beside {
    public:
     Beside(const BlockedRegression& data, const Eigen::MatrixXd& base);
@@ -40,7 +40,7 @@ class BlockedRegression {
   };
 
  private:
-  struct Piece {
+  struct Piece {  // an interval of 0.25 s
     Eigen::Index first = 0, count = 0;
     int block = 0;
   };

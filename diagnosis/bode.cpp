@@ -8,11 +8,11 @@
 namespace servotwin {
 namespace {
 
-constexpr double kSure = 1.96;  // standard deviations
+constexpr double kOf95 = 1.96;  // standard deviations: half of a 95 % confidence band
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr double kGap = std::numeric_limits<double>::quiet_NaN();
 
-/// Degrees without jumps, the first one nearest to `near`; gaps stay.
+/// The phases [degrees] unwrapped, the first one as close to `near` as possible; gaps stay gaps.
 std::vector<double> unwrapped(const std::vector<std::complex<double>>& values, double near) {
   std::vector<double> out;
   for (const std::complex<double> g : values) {
@@ -23,7 +23,7 @@ std::vector<double> unwrapped(const std::vector<std::complex<double>>& values, d
   return out;
 }
 
-/// The first value from this x on.
+/// The first finite value of the series at or after this x; 0 where there is none.
 double value_from(double x, const PlotSeries& series) {
   for (std::size_t i = 0; i < series.x.size(); ++i) {
     if (series.x[i] >= x - 1e-9 * x && std::isfinite(series.y[i])) return series.y[i];
@@ -42,14 +42,14 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
   const std::string x_label = "frequency [Hz]";
   PlotPanel magnitude{inputs.front() + " to " + output, x_label, "magnitude", true, {}, {}, true};
   PlotPanel phase{"phase", x_label, "phase [degrees]", true, {}};
-  PlotPanel coherence{"coherence", x_label, "share explained", true, {}};
-  std::vector<PlotSeries> sizes, angles;  // of the models, behind all that was measured
+  PlotPanel coherence{"coherence", x_label, "coherence", true, {}};
+  std::vector<PlotSeries> sizes, angles;  // of the models, drawn after the measured ones
   const std::vector<double> hz = list(measured.frequency_hz);
-  // Beside several inputs every model is of its input's colour.
+  // With several inputs each model has the colour of its input.
   const bool several = models.size() > 1;
   for (std::size_t c = 0; c < std::max(measured.channels.size(), models.size()); ++c) {
     const std::string colour = several ? plot_colour(c) : "";
-    double near = 0.0;  // phase where the model begins
+    double near = 0.0;  // measured phase at the first frequency of the model
     if (c < measured.channels.size()) {
       const ResponseChannel& channel = measured.channels[c];
       const std::string name = inputs.size() > 1 ? inputs[c] : "measured, 95 % band";
@@ -62,8 +62,8 @@ std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
       for (const Eigen::Index i : places) {
         const auto k = static_cast<std::size_t>(i);
         shown[k] = channel.response(i);
-        size.error[k] = kSure * channel.deviation(i);
-        angle.error[k] = kSure * kDegrees * channel.deviation(i) / std::abs(shown[k]);
+        size.error[k] = kOf95 * channel.deviation(i);
+        angle.error[k] = kOf95 * kDegrees * channel.deviation(i) / std::abs(shown[k]);
       }
       for (const std::complex<double> g : shown) size.y.push_back(std::abs(g));
       angle.y = unwrapped(shown, 0.0);

@@ -1,5 +1,6 @@
-// A frequency response as a picture: magnitude, phase and coherence over the logarithm of
-// frequency, with a 95 % band. What is not significant is left out. Any thread; errors: none.
+// A Bode plot of a measured frequency response: magnitude, phase and coherence over frequency on a
+// logarithmic axis, with a 95 % confidence band. Frequencies that are not significant are left out.
+// Any thread; errors: none.
 #pragma once
 
 #include <complex>
@@ -11,16 +12,16 @@
 
 namespace servotwin {
 
-/// What a model answers at these frequencies.
+/// The frequency response of a model at these frequencies.
 struct ModelledResponse {
-  std::string name;  ///< in the legend; empty: not there
+  std::string name;  ///< in the legend; empty: not in the legend
   std::vector<double> frequency_hz;
   std::vector<std::complex<double>> response;
 };
 
-/// `inputs` names the channels of `measured`, `models` are beside them one by one, or none; they
-/// are drawn whether the measured one says anything or not. The coherence alone where there is
-/// nothing else.
+/// The panels of the plot. `inputs`: one name for each channel of `measured`. `models`: one for
+/// each channel, or none; they are drawn even where the measured response is not significant. Where
+/// neither a response nor a model can be drawn, the coherence is the only panel.
 [[nodiscard]] std::vector<PlotPanel> bode_panels(const FrequencyResponse& measured,
                                                  const std::vector<std::string>& inputs,
                                                  const std::string& output,

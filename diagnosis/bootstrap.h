@@ -1,4 +1,5 @@
-// Resampling of pieces of a recording (Efron 1979; blocks as long as the loop remembers).
+// Block bootstrap (Efron 1979): resamples intervals of a recording that are longer than the memory
+// of the loop. Any thread.
 #pragma once
 
 #include <algorithm>
@@ -9,7 +10,8 @@ namespace servotwin {
 
 inline constexpr int kResamples = 500;
 
-/// Resamples pieces; `value` of each sample of their places, sorted.
+/// Resamples the indices 0 .. pieces - 1 kResamples times and returns `value` of each resample,
+/// sorted.
 template <class Value>
 std::vector<double> bootstrap(std::size_t pieces, const Value& value) {
   std::mt19937_64 random(1);

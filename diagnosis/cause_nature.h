@@ -1,5 +1,5 @@
-// What every cause of the contract depends on, and the pieces of motion in which that changes by
-// itself. Engineering knowledge; docs/theory.md 10.
+// What every cause of the contract depends on, and the elementary test motions in which that
+// variable changes separately. Engineering knowledge; docs/theory.md 10.
 #pragma once
 
 #include <array>
@@ -7,8 +7,8 @@
 
 namespace servotwin {
 
-/// Pieces of motion, in the order in which a test runs them: what is gentle first.
-enum Piece : unsigned {
+/// Elementary test motions, in the order in which a test runs them: the gentlest first.
+enum TestPart : unsigned {
   kStandstill = 1u << 0,
   kReversals = 1u << 1,
   kRests = 1u << 2,
@@ -20,108 +20,118 @@ enum Piece : unsigned {
   kRepeats = 1u << 8,
 };
 
-/// What a cause depends on, and where that shows alone.
+/// What a cause depends on, and the test motions that isolate it.
 struct CauseNature {
   std::string_view id;
-  unsigned pieces;
-  const char* shows;         // continues "<cause> "
-  const char* besides = "";  // what the path alone does not do
+  unsigned parts;
+  const char* shows;         // how it is recognised; continues "<cause> "
+  const char* besides = "";  // what is needed in addition to the test motion
 };
 
-inline constexpr const char* kPast =
-    "it has happened: give the model from before with --model, or the new one shows it all along";
+inline constexpr const char* kPastChange =
+    "the change is over: give the model from before it with --model, since a new model includes it";
 inline constexpr const char* kLoadEncoder =
-    "it needs a record of an encoder at the load or of a laser: one at the motor cannot see it";
+    "record an encoder at the load or a laser interferometer: a motor encoder does not measure it";
 
 inline constexpr std::array<CauseNature, 24> kNatures{{
     {"stribeck", kSpeeds | kReversals,
-     "follows the speed: it differs between creeping and feed, wherever and however long"},
-    {"presliding", kReversals,
-     "follows the way since the reversal and turns with it, at any acceleration"},
-    {"asymmetric_friction", kSpeeds, "differs between the directions, at rest not at all"},
+     "depends on speed only: it differs between creeping and feed speeds at any position and time"},
+    {"presliding", kReversals, "depends on the travel since the reversal, at any acceleration"},
+    {"asymmetric_friction", kSpeeds, "differs between the two directions and vanishes at rest"},
     {"position_dependent_friction", kStrokes,
-     "comes back at the same place with the sign of the direction, smoothly"},
+     "repeats at the same position with the sign of the direction and varies smoothly"},
     {"added_friction", kRepeats | kSpeeds,
-     "begins at a moment or place and stays, at all speeds alike", kPast},
+     "sets in at a time or position and stays, equally at all speeds", kPastChange},
     {"backlash", kReversals | kAccelerations,
-     "is a step of one width at every reversal, whatever the force"},
+     "is a step of the same width at every reversal, whatever the force"},
     {"compliance", kAccelerations | kSweep,
-     "grows in proportion to the acceleration and rings at its own frequency"},
+     "is proportional to the acceleration and oscillates at its natural frequency"},
     {"cogging", kTwoSpeeds,
-     "is a force by the place that keeps its size at any speed, and vanishes in no direction"},
-    {"lead_error", kTwoSpeeds, "is an error by the place of one size at any speed", kLoadEncoder},
+     "is a force that repeats with position, of the same amplitude at any speed and in both "
+     "directions"},
+    {"lead_error", kTwoSpeeds,
+     "is an error that repeats with position, of the same size at any speed", kLoadEncoder},
     {"encoder_error", kTwoSpeeds,
-     "is by the place as well, but the loop follows it: what it does grows with the speed"},
-    {"gravity_offset", kSpeeds | kStandstill, "is there at rest and at all speeds alike"},
+     "repeats with position too, but the loop follows it: its effect grows with the speed"},
+    {"gravity_offset", kSpeeds | kStandstill, "is the same at rest and at all speeds"},
     {"inertia_change", kAccelerations,
-     "goes with the acceleration, and leaves constant speed and reversals as they are", kPast},
+     "is proportional to the acceleration and changes neither constant speed nor reversals",
+     kPastChange},
     {"viscous_drift", kRepeats | kSpeeds,
-     "is in proportion to the speed and fades from one cycle to the next as the axis warms: begin "
+     "is proportional to the speed and decreases from cycle to cycle as the axis warms up: start "
      "cold"},
     {"time_delay", kAccelerations | kSweep,
-     "shifts everything by one time, so that its phase grows in proportion to the frequency"},
+     "delays the whole record by a fixed time, so that its phase is proportional to the frequency"},
     {"feedforward_mismatch", kAccelerations | kSweep,
-     "is in proportion to the commanded speed or acceleration up to the bandwidth of the loop and "
-     "no further",
-     "an earlier model of the axis to compare with (--model)"},
+     "is proportional to the commanded speed or acceleration up to the bandwidth of the loop, and "
+     "not above",
+     "give an earlier model of the axis to compare with (--model)"},
     {"gain_change", kAccelerations | kSweep | kReversals,
-     "scales every error, that of friction at reversals too, and moves the bandwidth", kPast},
+     "scales every error, also that of friction at reversals, and shifts the bandwidth",
+     kPastChange},
     {"torque_saturation", kAccelerations,
-     "is there at the largest acceleration and gone at a third of it"},
+     "appears at the highest acceleration and not at a third of it"},
     {"periodic_disturbance", kStandstill | kTwoSpeeds,
-     "keeps its frequency at any speed and at rest"},
-    {"impulse_disturbance", kRepeats, "does not come back at the same place or moment of a cycle"},
-    {"cutting_force", kRepeats, "is gone when the same motion runs in air",
-     "run it without cutting, and once more in the cut"},
+     "has the same frequency at any speed and at rest"},
+    {"impulse_disturbance", kRepeats, "does not repeat at the same position or time of a cycle"},
+    {"cutting_force", kRepeats, "is absent when the same motion runs without cutting",
+     "run the test once without cutting and once while cutting"},
     {"cross_coupling", kStandstill | kAccelerations,
-     "is there only while the other axis accelerates",
-     "let the other axis move during the first rest and stand afterwards, and record both"},
-    {"dwell_stiction", kRests, "grows with the logarithm of the rest before the move"},
+     "appears only while the other axis accelerates",
+     "move the other axis during the first rest, keep it at rest afterwards, and record both"},
+    {"dwell_stiction", kRests,
+     "grows with the logarithm of the duration of the rest before the move"},
     {"thermal_growth", kRepeats,
-     "grows from cycle to cycle with the way from the fixed bearing: begin cold", kLoadEncoder},
+     "grows from cycle to cycle, in proportion to the distance from the fixed bearing: start cold",
+     kLoadEncoder},
     {"dropped_samples", kRepeats,
-     "is in the record and not in the machine: it does not come back when the motion is recorded "
+     "is a fault of the record, not of the machine: it does not repeat when the motion is recorded "
      "again"},
 }};
 
-/// Pairs that need more, or other, motion than the pieces of both, or that nothing decides.
+/// Pairs of causes that need other test motions than those of both causes together, or that no test
+/// distinguishes.
 struct PairNature {
   std::string_view a, b;
-  unsigned pieces;  // 0: nothing decides
+  unsigned parts;  // 0: no test distinguishes the two
   const char* words;
 };
 inline constexpr std::array<PairNature, 11> kPairNatures{{
     {"asymmetric_friction", "gravity_offset", 0,
-     "a weight and unlike friction in the two directions are the same constant force on one axis "
-     "in one attitude, and what friction holds at rest is not known; what changes when the "
-     "counterbalance or the load changes is the weight"},
+     "on one axis in one attitude a weight and friction that differs between the directions are "
+     "the "
+     "same constant force, and the friction force at rest is not known; the part that changes with "
+     "the counterbalance or the load is the weight"},
     {"lead_error", "thermal_growth", kStrokes | kRepeats,
-     "over one stroke both are a length that is wrong; only from cycle to cycle does one of them "
-     "grow"},
+     "over one stroke both are an error of length; only thermal growth increases from cycle to "
+     "cycle"},
     {"time_delay", "gain_change", kAccelerations | kSweep,
-     "at low frequency both are an error in proportion to the speed; above the bandwidth of the "
-     "loop only the delay's phase goes on growing"},
+     "at low frequency both are an error proportional to the speed; above the bandwidth of the "
+     "loop only the phase of the delay keeps growing"},
     {"time_delay", "feedforward_mismatch", kAccelerations | kSweep,
-     "at low frequency both are an error in proportion to the speed; above the bandwidth of the "
-     "loop only the delay's phase goes on growing"},
+     "at low frequency both are an error proportional to the speed; above the bandwidth of the "
+     "loop only the phase of the delay keeps growing"},
     {"gain_change", "feedforward_mismatch", kAccelerations | kSweep | kReversals,
-     "both are an error in proportion to the speed; only the gain changes what a reversal of "
-     "friction does"},
+     "both are an error proportional to the speed; only the gain changes the error of friction at "
+     "reversals"},
     {"backlash", "compliance", kReversals | kAccelerations | kSweep,
-     "under rising acceleration the gap stays a step of one width, the spring gives in a straight "
-     "line"},
+     "with increasing acceleration the gap stays a step of the same width, while the deflection of "
+     "a spring increases in proportion"},
     {"backlash", "presliding", kReversals,
-     "small reversals are lost in a gap altogether and return nothing; presliding gives a closed "
-     "loop that grows with them"},
+     "reversals smaller than the gap do not move the load at all; presliding gives a closed "
+     "hysteresis loop that grows with the amplitude"},
     {"compliance", "presliding", kReversals | kAccelerations | kSweep,
-     "at a slow reversal of small amplitude the spring does nothing, and presliding all it does"},
+     "at a slow reversal of small amplitude a spring has no effect and presliding its full "
+     "effect"},
     {"stribeck", "presliding", kSpeeds | kReversals,
-     "creeping at one speed over a long way shows the one, tiny reversals the other"},
+     "creeping at constant speed over a long travel shows stribeck, tiny reversals show "
+     "presliding"},
     {"stribeck", "dwell_stiction", kSpeeds | kRests,
-     "creeping without a stop shows the one; moves of one kind after unlike rests the other"},
+     "creeping without a stop shows stribeck; equal moves after rests of different length show "
+     "dwell_stiction"},
     {"position_dependent_friction", "added_friction", kStrokes | kRepeats,
-     "a cover segment or clamp is a step at a place or moment, unlike on the way out and back; "
-     "wear is smooth and the same on both"},
+     "a cover segment or a clamp is a step at a position or time that differs between the two "
+     "directions of travel; wear varies smoothly and is the same in both"},
 }};
 
 }  // namespace servotwin

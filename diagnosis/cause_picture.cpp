@@ -13,7 +13,7 @@ namespace servotwin {
 namespace {
 
 constexpr double kNaN = kAbsent;
-constexpr double kOf95 = 1.96;
+constexpr double kOf95 = 1.96;  // standard deviations: half of a 95 % confidence interval
 
 bool is(const std::string& id, std::initializer_list<const char*> ids) {
   return std::any_of(ids.begin(), ids.end(), [&](const char* one) { return id == one; });
@@ -23,26 +23,27 @@ Eigen::ArrayXd array(const std::vector<double>& values) {
   return Eigen::Map<const Eigen::ArrayXd>(values.data(), static_cast<Eigen::Index>(values.size()));
 }
 
-/// With the sign of the motion: of the moment, or of the way since the axis turned round.
+/// Whether values are multiplied by the direction of motion: not at all, by the sign of the present
+/// velocity (nothing at standstill), or by the direction since the last reversal.
 enum class Turned { kNo, kMoving, kSinceTurn };
 
-/// Means of the three over x.
+/// What the measured and the two simulated series are plotted over, and how.
 struct Abscissa {
   std::string title, x_label, y_label;
-  std::vector<double> x;  // as drawn
-  double scale = 1.0;     // of y as drawn
+  std::vector<double> x;  // in the plotted unit
+  double scale = 1.0;     // from SI to the plotted unit of y
   Turned turned = Turned::kNo;
   int bins = 24;
   std::vector<double> marks = {};
 };
 
 PlotPanel panel_over(const CauseSamples& drawn, const Abscissa& over) {
-  constexpr double kStanding = 0.005;
+  constexpr double kMaxRestSpeedShare = 0.005;  // share of the peak speed: the axis is at rest
   const auto series = [&](const std::vector<double>& values, const char* name, bool line,
                           const char* colour, bool dashed) {
     std::vector<double> y(values.size());
     for (std::size_t i = 0; i < values.size(); ++i) {
-      const bool stands = std::abs(drawn.velocity[i]) < kStanding * drawn.fastest;
+      const bool stands = std::abs(drawn.velocity[i]) < kMaxRestSpeedShare * drawn.fastest;
       const double sign = over.turned == Turned::kNo          ? 1.0
                           : over.turned == Turned::kSinceTurn ? drawn.direction[i]
                           : stands                            ? kNaN
@@ -67,7 +68,7 @@ PlotPanel panel_over(const CauseSamples& drawn, const Abscissa& over) {
           over.marks};
 }
 
-/// Values where they belong to |x| < limit, else nothing.
+/// The values in low..high, times `scale`; NaN for the others.
 std::vector<double> within(const std::vector<double>& x, double low, double high, double scale) {
   std::vector<double> out(x.size(), kNaN);
   for (std::size_t i = 0; i < x.size(); ++i) {
@@ -76,7 +77,7 @@ std::vector<double> within(const std::vector<double>& x, double low, double high
   return out;
 }
 
-/// What the simulation is wrong by, without and with the cause, over time.
+/// RMS of the simulation error without and with the cause, over time.
 PlotPanel error_over_time(const CauseSamples& drawn, const std::string& unit,
                           const std::vector<double>& marks) {
   const auto rms = [&](const std::vector<double>& left, const char* name, const char* colour) {
@@ -87,7 +88,7 @@ PlotPanel error_over_time(const CauseSamples& drawn, const std::string& unit,
     }
     return out;
   };
-  return {"error of the simulation",
+  return {"simulation error",
           "time in the recording [s]",
           unit + " RMS",
           false,
@@ -102,7 +103,7 @@ PlotPanel error_over_frequency(const CauseSamples& drawn, const std::string& uni
                              const char* colour) {
     const Spectrum spectrum = spectrum_of(left);
     PlotSeries out{name, {}, {}, true, colour};
-    // Peaks of bins of equal width on the logarithmic axis, so that no line is lost.
+    // The largest amplitude in each bin of equal width on the logarithmic axis: no line is lost.
     constexpr double kFrom_hz = 1.0, kWidth = 1.012;
     double low = kFrom_hz;
     std::size_t i = 0;
@@ -119,7 +120,7 @@ PlotPanel error_over_frequency(const CauseSamples& drawn, const std::string& uni
     }
     return out;
   };
-  return {"error of the simulation by frequency",
+  return {"spectrum of the simulation error",
           "frequency [Hz]",
           "amplitude " + unit,
           true,
@@ -128,7 +129,7 @@ PlotPanel error_over_frequency(const CauseSamples& drawn, const std::string& uni
           marks};
 }
 
-/// The three as they are over a short time.
+/// The measured and the two simulated series sample by sample over a short time.
 PlotPanel moment(const CauseSamples& drawn, double from, double to, const std::string& y_label) {
   const auto series = [&](const std::vector<double>& values, const char* name, const char* colour,
                           bool dashed) {
@@ -140,7 +141,7 @@ PlotPanel moment(const CauseSamples& drawn, double from, double to, const std::s
     }
     return out;
   };
-  return {"the largest of them",
+  return {"the largest impulse",
           "time in the recording [s]",
           y_label,
           false,
@@ -169,7 +170,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     }
     return kNaN;
   };
-  double scale = 20e-6;  // of the way in which friction turns over
+  double scale = 20e-6;  // travel [m | rad] over which friction reverses after a reversal
   for (const char* name : {"breakaway_displacement", "deflection", "width", "length"}) {
     if (std::isfinite(shape(name))) scale = shape(name);
   }
@@ -177,26 +178,26 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
   if (drawn.time.size() < 100) return {};
   const std::string& id = cause.id;
   const std::string friction = is_friction(effect.kind) ? "friction " + force : "force " + force;
-  const std::string turned = "friction against the motion " + force;
+  const std::string turned = "friction opposing the motion " + force;
   std::vector<PlotPanel> panels;
   std::string caption;
   const double all = 1e300;
 
   if (is(id, {"stribeck", "asymmetric_friction", "gravity_offset"})) {
-    panels.push_back(panel_over(
-        drawn, {"at all speeds", speed, friction, within(drawn.velocity, -all, all, 1e3)}));
+    panels.push_back(
+        panel_over(drawn, {"all speeds", speed, friction, within(drawn.velocity, -all, all, 1e3)}));
     const double slow = shape("stribeck_velocity");
     if (std::isfinite(slow) && 4.0 * slow < 0.8 * drawn.fastest)
-      panels.push_back(panel_over(
-          drawn, {"slow", speed, friction, within(drawn.velocity, -4.0 * slow, 4.0 * slow, 1e3)}));
+      panels.push_back(panel_over(drawn, {"low speeds", speed, friction,
+                                          within(drawn.velocity, -4.0 * slow, 4.0 * slow, 1e3)}));
     caption =
-        "Friction over speed; what grows with speed alike in both directions is in the loop and "
-        "not drawn. Left of zero the axis moves backwards.";
+        "Friction over speed. Viscous friction that is the same in both directions is part of the "
+        "loop model and not drawn. Negative speeds are backward motion.";
   } else if (is(id, {"presliding", "backlash", "dwell_stiction"})) {
     const bool reading = identity_of(effect.kind).acts == Acts::kReading;
     Abscissa over{"after a reversal",
-                  rotary ? "way since the reversal [urad]" : "way since the reversal [um]",
-                  reading ? "error of the reading with the motion " + micro : turned,
+                  rotary ? "travel since reversal [urad]" : "travel since reversal [um]",
+                  reading ? "encoder reading error in the direction of motion " + micro : turned,
                   within(drawn.travel, 0.0, 5.0 * scale, 1e6)};
     over.turned = Turned::kSinceTurn;
     over.scale = reading ? 1e6 : 1.0;
@@ -206,14 +207,14 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
           panel_over(drawn, {"after a rest", "time since the rest [s]", turned,
                              within(drawn.since_rest, 0.0, 0.5, 1.0), 1.0, Turned::kMoving}));
     caption = id == "backlash"
-                  ? "A gap shows as a step right after the axis has turned round."
-                  : "After the axis has turned round its friction changes over to the other side "
-                    "within this way.";
+                  ? "A gap shows as a step directly after a reversal of the axis."
+                  : "After a reversal of the axis its friction changes to the opposite sign over "
+                    "this travel.";
   } else if (id == "position_dependent_friction") {
     panels.push_back(
         panel_over(drawn, {"along the axis", "position [" + length + "]", turned,
                            within(drawn.position, -all, all, 1e3), 1.0, Turned::kMoving}));
-    caption = "Friction where the axis is, both directions together.";
+    caption = "Friction over the position of the axis, both directions together.";
   } else if (is(id, {"cogging", "encoder_error", "lead_error"})) {
     const double period = shape("period");
     std::vector<double> place(drawn.position.size(), kNaN);
@@ -222,25 +223,25 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
         place[i] = 1e3 * (drawn.position[i] - period * std::floor(drawn.position[i] / period));
     }
     const bool reading = identity_of(effect.kind).acts == Acts::kReading;
-    const std::string y = reading ? "error of the reading " + micro : "force " + force;
+    const std::string y = reading ? "encoder reading error " + micro : "force " + force;
     const auto [low, high] = std::minmax_element(drawn.position.begin(), drawn.position.end());
-    // A period on some points, or it would be another.
+    // About 8 bins for each period; fewer would show a false, longer period (aliasing).
     const int bins = std::clamp(static_cast<int>(8.0 * (*high - *low) / period), 24, 240);
     panels.push_back(panel_over(
         drawn, {text("within a period of %.5g ", 1e3 * period) + length,
-                "position less whole periods [" + length + "]", y, place, reading ? 1e6 : 1.0}));
+                "position modulo the period [" + length + "]", y, place, reading ? 1e6 : 1.0}));
     if (reading)
       panels.push_back(
           panel_over(drawn, {"along the axis", "position [" + length + "]", y,
                              within(drawn.position, -all, all, 1e3), 1e6, Turned::kNo, bins}));
-    caption = "All periods of the recording laid upon each other.";
+    caption = "All periods of the recording superimposed.";
   } else if (is(id, {"added_friction", "viscous_drift"})) {
     Abscissa over{"friction over time", "time in the recording [s]", turned, drawn.time, 1.0,
                   Turned::kMoving};
     if (std::isfinite(shape("time_s"))) over.marks = {shape("time_s")};
     panels.push_back(panel_over(drawn, over));
     panels.push_back(error_over_time(drawn, micro, over.marks));
-    caption = "The friction of the whole recording in its order of time.";
+    caption = "Friction over the time of the recording.";
   } else if (is(id, {"inertia_change", "torque_saturation", "cross_coupling"})) {
     const bool other = id == "cross_coupling";
     std::vector<double> x = within(other ? drawn.neighbour : drawn.acceleration, -all, all, 1.0);
@@ -252,11 +253,11 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
       }
     }
     panels.push_back(panel_over(
-        drawn, {marks.empty() ? "over acceleration" : "over acceleration, after it",
+        drawn, {marks.empty() ? "over acceleration" : "over acceleration, after the change",
                 (other ? "acceleration of the other axis " : "acceleration ") + acceleration,
                 "force " + force, x}));
     panels.push_back(error_over_time(drawn, micro, marks));
-    caption = "What the axis needs beyond the simulation, over the commanded acceleration.";
+    caption = "Force that the axis needs in addition to the simulated one, over the acceleration.";
   } else if (is(id, {"compliance", "periodic_disturbance", "cutting_force"})) {
     std::vector<double> marks;
     for (const char* name : {"frequency_hz", "tooth_frequency_hz"}) {
@@ -265,13 +266,12 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     panels.push_back(error_over_frequency(drawn, micro, marks));
     panels.push_back(error_over_time(drawn, micro, {}));
     caption =
-        "What the simulation is wrong by, as vibration; the dotted line is the frequency "
-        "that was found.";
+        "Amplitude spectrum of the simulation error; the dotted line is the identified frequency.";
   } else if (id == "time_delay") {
     panels.push_back(
         panel_over(drawn, {"tracking error over speed", speed, "tracking error " + micro,
                            within(drawn.velocity, -all, all, 1e3), 1e6}));
-    caption = "A record that lags makes a tracking error in proportion to the speed.";
+    caption = "A delayed record makes a tracking error in proportion to the speed.";
   } else if (id == "impulse_disturbance") {
     std::vector<double> marks;
     double largest = 0.0, at = kNaN;
@@ -282,15 +282,15 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     }
     panels.push_back(error_over_time(drawn, micro, marks));
     if (std::isfinite(at)) panels.push_back(moment(drawn, at - 0.1, at + 0.15, "force " + force));
-    caption = "The dotted lines are the moments at which something pushed.";
+    caption = "The dotted lines are the times of the impulses.";
   } else {
     std::vector<double> marks;
     if (std::isfinite(shape("time_s"))) marks = {shape("time_s")};
     panels.push_back(error_over_time(drawn, micro, marks));
-    caption = "What the simulation is wrong by over the recording.";
+    caption = "The simulation error over the recording.";
     if (id == "thermal_growth")
-      panels.push_back(panel_over(drawn, {"error of the reading", "time in the recording [s]",
-                                          "error of the reading " + micro, drawn.time, 1e6}));
+      panels.push_back(panel_over(drawn, {"encoder reading error", "time in the recording [s]",
+                                          "encoder reading error " + micro, drawn.time, 1e6}));
   }
   std::erase_if(panels, [](const PlotPanel& panel) {
     return std::all_of(panel.series.begin(), panel.series.end(),

@@ -1,17 +1,19 @@
-// A cause drawn over what it depends on: measured, simulated without it, simulated with it.
+// A cause plotted over the variable that it depends on: measured, simulated without it and
+// simulated with it.
 //
-// What the tracking error says about a force is got back from it through the loop,
+// Forces are reconstructed from the tracking error through the model of the loop,
 //
 //   P(s) e = s d  (order 3),   P(s) e = d  (order 2)
 //   d_X = F + L^-1 (e_X - e_with),   X: measured, without,   d_with = F
 //
-// where F is the force of the effect itself (of all friction together where the cause is one of
-// friction) along the simulated motion, and L^-1 is taken behind a low-pass without phase. What the
-// integrator has made of it longer than a second ago is left out. Effects on the reading are drawn
-// as lengths, a delay as the tracking error itself, changes in time as the error over time.
+// where F is the force of the effect itself along the simulated motion (the sum of all friction
+// where the cause is one of friction), and L^-1 acts on a zero-phase low-pass filtered error. The
+// integral forgets with a time constant of one second, so that it does not drift. Effects on the
+// encoder reading are plotted as lengths, a delay as the tracking error itself, and changes over
+// time as the error over time.
 //
-// Points are means of bins with 95 % bars from the scatter of separate visits to a bin. Absolute
-// scales, units on the axes. Any thread.
+// Points are means over bins. Their bars are 95 % confidence intervals from the scatter between
+// separate visits to a bin. Absolute scales, units on the axes. Any thread.
 #pragma once
 
 #include <string>
@@ -24,8 +26,8 @@
 namespace servotwin {
 
 struct CausePicture {
-  std::vector<PlotPanel> panels;  ///< none: the cause has no picture
-  std::string caption;            ///< what is seen
+  std::vector<PlotPanel> panels;  ///< empty: there is no plot for this cause
+  std::string caption;            ///< what the plot shows
 };
 
 /// `segments`: the recording that was diagnosed.

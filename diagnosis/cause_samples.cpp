@@ -14,11 +14,12 @@ namespace servotwin {
 namespace {
 
 constexpr double kNaN = kAbsent;
-constexpr double kSettle_s = 0.5;      // of every segment: its starting state is not the cause's
-constexpr double kBandwidth_hz = 100;  // of forces that are got back from the error
-constexpr double kForgets_s = 1.0;     // of the integrator
+constexpr double kSettle_s = 0.5;      // start of every segment, not plotted: transient
+constexpr double kBandwidth_hz = 100;  // of forces reconstructed from the error
+constexpr double kForgets_s = 1.0;     // time constant of the leaky integral of the error
 
-/// The way since the last turn of more than `least`, and the direction since; NaN before the first.
+/// The travel since the last reversal by more than `least`, and the direction since; NaN before the
+/// first reversal.
 struct Turns {
   Eigen::ArrayXd travel, direction;
 };
@@ -38,7 +39,7 @@ Turns turns_of(const Eigen::ArrayXd& x, double least) {
       direction = way > 0.0 ? 1.0 : -1.0;
       turn = extreme;
       extreme = k;
-      // What lies between the turn and here has turned already.
+      // The samples since the reversal belong to the new direction already.
       for (Eigen::Index i = turn; turned && i < k; ++i) put(i);
     } else if (direction * way > 0.0) {
       extreme = k;
@@ -48,7 +49,7 @@ Turns turns_of(const Eigen::ArrayXd& x, double least) {
   return out;
 }
 
-/// What an effect does along a motion, per sample.
+/// The contribution of an effect along a motion, sample by sample.
 Eigen::ArrayXd along(const Effect& effect, const Signals& signals, const Spline& command) {
   EffectMemory<double> memory;
   start_memory(effect.kind, effect.shape.data(), memory);
@@ -64,7 +65,7 @@ Eigen::ArrayXd along(const Effect& effect, const Signals& signals, const Spline&
   return out;
 }
 
-/// The disturbance that would make this difference of tracking errors.
+/// The disturbance force that would make this difference between two tracking errors.
 Eigen::ArrayXd force_of(const Loop& loop, const Eigen::ArrayXd& difference, double h) {
   const Eigen::Index n = difference.size();
   const Eigen::ArrayXd e = zero_phase(butterworth(4, std::min(0.3, kBandwidth_hz * h)), difference);
@@ -121,7 +122,7 @@ CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
     const ResidualStretch stretch{s.command, error - by_with, h, s.start_s};
     out.stretch_with.push_back(stretch);
     out.stretch_without.push_back({s.command, error - by_without, h, s.start_s});
-    // Effects live in where the axis is and not in where it was sent.
+    // Effects depend on the position of the axis and not on its command.
     const Variables v = variables_of({signals.position, stretch.residual, h, s.start_s});
     const Turns turns = turns_of(signals.position, 0.01 * scale);
     for (Eigen::Index k = skip; k + skip < s.size(); ++k) {

@@ -1,4 +1,4 @@
-// The samples of a recording with what a cause does in them: measured, simulated without it,
+// The samples of a recording with the contribution of a cause: measured, simulated without it and
 // simulated with it (equations in diagnosis/cause_picture.h).
 //
 // SI units. Any thread.
@@ -12,18 +12,18 @@
 
 namespace servotwin {
 
-/// The samples of all segments, with what is drawn of them; NaN where nothing is to be drawn.
+/// The samples of all segments with the plotted quantities; NaN where nothing is plotted.
 struct CauseSamples {
   std::vector<double> velocity, acceleration, neighbour, position, time, since_rest;
-  std::vector<double> travel, direction;                       // since the axis turned round
+  std::vector<double> travel, direction;                       // since the last reversal
   std::vector<double> measured, without, with;                 // force, length or error
   std::vector<double> left_without, left_with;                 // measured less simulated [m | rad]
   std::vector<ResidualStretch> stretch_without, stretch_with;  // the same
   double fastest = 0.0;
 };
 
-/// `scale`: the way in which friction turns over or a gap is crossed [m | rad]. The cause has an
-/// effect in the extended model, and `without`.
+/// The samples for this cause, which must have an effect in the extended model and a model
+/// `without`. `scale`: travel [m | rad] over which friction reverses or a gap is crossed.
 [[nodiscard]] CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
                                       const std::vector<Segment>& segments, double scale);
 

@@ -15,38 +15,38 @@ namespace {
 using nlohmann::json;
 
 constexpr std::array<std::pair<const char*, const char*>, 24> kNames{{
-    {"stribeck", "friction that changes between creeping and feed"},
-    {"presliding", "friction that builds up over a short way after every reversal"},
-    {"asymmetric_friction", "friction unlike in the two directions"},
-    {"position_dependent_friction", "friction that depends on where the axis stands"},
-    {"added_friction", "friction that was added"},
+    {"stribeck", "friction that differs between creeping and feed speeds (Stribeck)"},
+    {"presliding", "friction that builds up over a short travel after every reversal"},
+    {"asymmetric_friction", "friction that differs between the two directions"},
+    {"position_dependent_friction", "friction that depends on the position of the axis"},
+    {"added_friction", "added friction"},
     {"backlash", "play (backlash)"},
-    {"compliance", "a part that swings when the axis accelerates"},
+    {"compliance", "an elastic part that oscillates when the axis accelerates"},
     {"cogging", "a force ripple that repeats along the axis"},
-    {"lead_error", "an error of the screw's pitch"},
+    {"lead_error", "a pitch error of the screw"},
     {"encoder_error", "an error of the encoder that repeats along the axis"},
     {"gravity_offset", "a constant force (weight, counterbalance, cable)"},
     {"inertia_change", "a moved mass that changed"},
     {"viscous_drift", "friction that changes as the axis warms up"},
-    {"time_delay", "an encoder record that lags the command record"},
-    {"feedforward_mismatch", "a feed-forward other than the model's"},
+    {"time_delay", "an encoder record delayed against the command record"},
+    {"feedforward_mismatch", "a feed-forward that differs from that of the model"},
     {"gain_change", "a position loop gain that changed"},
-    {"torque_saturation", "a motor at its limit"},
-    {"periodic_disturbance", "a vibration from outside"},
-    {"impulse_disturbance", "single pushes"},
-    {"cutting_force", "the force of the cut"},
-    {"cross_coupling", "a push by the other axis when that accelerates"},
-    {"dwell_stiction", "sticking after a rest"},
-    {"thermal_growth", "a screw that grows as it warms up"},
+    {"torque_saturation", "a motor at its torque limit"},
+    {"periodic_disturbance", "a vibration from an external source"},
+    {"impulse_disturbance", "single impulses"},
+    {"cutting_force", "the cutting force"},
+    {"cross_coupling", "a force from the acceleration of the other axis"},
+    {"dwell_stiction", "higher breakaway force after a rest"},
+    {"thermal_growth", "thermal growth of the screw"},
     {"dropped_samples", "samples lost by the recorder"},
 }};
 
-/// What one direction needs more than the other.
+/// By how much the friction in one direction exceeds that in the other.
 std::string unlike_directions(double creeping, double per_speed, const char* force, bool rotary) {
   const auto way = [](double more) { return more > 0.0 ? "forwards" : "backwards"; };
   const bool alike = creeping * per_speed > 0.0;
   return std::string(way(creeping)) +
-         text(" it needs %.3g %s more at creeping speed, and %s%.3g more for every %s",
+         text(" the axis needs %.3g %s more at creeping speed, and %s%.3g more for every %s",
               std::abs(creeping), force, alike ? "" : (std::string(way(per_speed)) + " ").c_str(),
               (rotary ? 1.0 : 0.1) * std::abs(per_speed), rotary ? "rad/s" : "100 mm/s");
 }
@@ -99,9 +99,9 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
     out = text("%.3g %s, teeth at %.4g Hz", of("mean"), force, of("tooth_frequency_hz"));
   if (id == "cross_coupling")
     out = text("%.2g %% of the other axis' acceleration", 100.0 * std::abs(of("ratio")));
-  if (id == "torque_saturation") out = text("no more than %.3g %s", of("limit_mps2"), force);
+  if (id == "torque_saturation") out = text("at most %.3g %s", of("limit_mps2"), force);
   if (id == "viscous_drift")
-    out = text("fades with a time constant of %.3g s", of("time_constant_s"));
+    out = text("decays with a time constant of %.3g s", of("time_constant_s"));
   if (id == "thermal_growth")
     out = text("%.3g um per m, with a time constant of %.3g s", 1e6 * of("growth"),
                of("time_constant_s"));
@@ -109,18 +109,19 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
     out = unlike_directions(2.0 * of("coulomb_difference"), 2.0 * of("viscous_difference"), force,
                             rotary);
   if (id == "stribeck" && std::isfinite(of("drop")))
-    out = text("%.3g %s %s at creeping speed, gone above some %.3g %s/s", std::abs(of("drop")),
-               force, of("drop") > 0.0 ? "more" : "less", 3e3 * of("stribeck_velocity"), milli);
+    out =
+        text("%.3g %s %s at creeping speed, no effect above about %.3g %s/s", std::abs(of("drop")),
+             force, of("drop") > 0.0 ? "more" : "less", 3e3 * of("stribeck_velocity"), milli);
   if (id == "stribeck" && std::isfinite(of("breakaway_ratio")))
-    out = text("%.3g times as high at creeping speed, gone above some %.3g %s/s",
+    out = text("%.3g times as high at creeping speed, no effect above about %.3g %s/s",
                of("breakaway_ratio"), 3e3 * of("stribeck_velocity"), milli);
   if (id == "presliding") {
     const double level = std::isfinite(of("breakaway")) ? of("breakaway") : of("coulomb");
     const double way = std::isfinite(of("breakaway_displacement")) ? of("breakaway_displacement")
                                                                    : of("deflection");
-    out = text("%.3g %s, built up within some %.3g %s", level, force, 1e6 * way, micro);
+    out = text("%.3g %s, built up within about %.3g %s", level, force, 1e6 * way, micro);
   }
-  // A key that this effect does not have would be no number.
+  // A key that this effect does not have would print as nan.
   if (out.empty() || out.find("nan") != std::string::npos) out = cause_text(diagnosis, cause);
   return out;
 }
@@ -134,13 +135,14 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
   switch (diagnosis.verdict) {
     case Verdict::kNothingSignificant:
       return axis +
-             text(" does what its simulation says, to %.3g %s: there is nothing to look for.",
+             text(" agrees with its simulation to %.3g %s RMS: no cause needs to be looked for.",
                   before, micro);
     case Verdict::kUnexplained:
-      return axis + text(" does something that %s: its simulation is wrong by %.3g %s.",
-                         diagnosis.causes.empty() ? "none of the known causes explains"
-                                                  : "the causes below explain but a part of",
-                         before, micro);
+      return axis +
+             text(" deviates from its simulation in a way that %s: the error is %.3g %s RMS.",
+                  diagnosis.causes.empty() ? "none of the known causes explains"
+                                           : "the causes below explain only in part",
+                  before, micro);
     case Verdict::kExplained:
       break;
   }
@@ -148,18 +150,18 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
   std::string out =
       axis + " has " + plain_name(first.id) + ": " + plain_size(diagnosis, first) + ".";
   if (diagnosis.causes.size() > 1) {
-    out += " Beside it: ";
+    out += " Further causes: ";
     for (std::size_t i = 1; i < diagnosis.causes.size(); ++i)
       out += (i > 1 ? "; " : "") + plain_name(diagnosis.causes[i].id);
     out += ".";
   }
   if (std::isfinite(before) && after < before)
     out += text(
-        " That explains %.0f %% of what was unexplained: the simulation is now right to "
-        "%.3g %s in place of %.3g.",
+        " The extended model explains %.0f %% of what was unexplained: the simulation error is now "
+        "%.3g %s RMS instead of %.3g.",
         100.0 * (1.0 - diagnosis.unexplained_share), after, micro, before);
   if (const std::string advice = advice_for(first.id); !advice.empty())
-    out += " Look first at: " + advice + ".";
+    out += " Check first: " + advice + ".";
   return out;
 }
 

@@ -1,4 +1,4 @@
-// Causes in the words of the shop floor. Any thread.
+// Causes in plain English for a maintenance engineer. Any thread.
 #pragma once
 
 #include <string>
@@ -7,13 +7,15 @@
 
 namespace servotwin {
 
-/// "friction unlike in the two directions", for a cause of the contract; its identifier for others.
+/// The plain name of a cause of the contract, such as "friction that differs between the two
+/// directions"; the identifier itself where there is no such cause.
 [[nodiscard]] std::string plain_name(const std::string& id);
 
-/// How large it is, in mm, um, ms and N per kg of moved mass.
+/// How large the cause is, in mm, um, ms and N per kg of moved mass (mrad, urad and N m per kg m^2
+/// on a rotary axis).
 [[nodiscard]] std::string plain_size(const Diagnosis& diagnosis, const Cause& cause);
 
-/// Which axis, what is wrong, how much, what to do first: a few sentences.
+/// The verdict in a few sentences: which axis, which causes, how large, and what to check first.
 [[nodiscard]] std::string plain_verdict(const Diagnosis& diagnosis);
 
 }  // namespace servotwin

@@ -1,4 +1,4 @@
-// How likely a statistic is by chance. Any thread.
+// Significance of test statistics. Any thread.
 #pragma once
 
 #include <cmath>
@@ -7,19 +7,19 @@
 
 namespace servotwin {
 
-/// Of a standard normal variable that is larger than z.
+/// The probability that a standard normal variable exceeds z.
 [[nodiscard]] inline double chance_beyond(double z) {
   return 0.5 * std::erfc(z / std::numbers::sqrt2);
 }
 
-/// z with the same chance as F(k, n) (Wilson and Hilferty 1931, Paulson 1942).
+/// z with the same one-sided p as F(k, n) (Wilson and Hilferty 1931, Paulson 1942).
 [[nodiscard]] inline double z_of_f_ratio(double f, double k, double n) {
   const double a = 2.0 / (9.0 * k), b = 2.0 / (9.0 * n), root = std::cbrt(f);
   return ((1.0 - b) * root - (1.0 - a)) / std::sqrt(b * root * root + a);
 }
 
-/// z with the one-sided chance of the mean of these values being 0 (Student's t); 0 where there are
-/// fewer than four or where they do not differ.
+/// z with the same one-sided p as Student's t test of the mean of these values against 0; 0 where
+/// there are fewer than four values or all are equal.
 [[nodiscard]] inline double z_of_mean(const std::vector<double>& values) {
   const auto n = static_cast<double>(values.size());
   if (values.size() < 4) return 0.0;

@@ -9,13 +9,13 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kRatioStep = 1e-6;
+constexpr double kRatioStep = 1e-6;  // of a relative quantity, for finite differences
 
 bool is_force(const Effect& effect) { return identity_of(effect.kind).acts == Acts::kForce; }
 
 Quantity ratio(const char* name) { return {name, "1", 0.0, kRatioStep, true}; }
 
-/// The loop of these gains, feed-forward and k = a1 as they are.
+/// Sets Kp and 1/Ti of the loop; k = a1 and the feed-forward stay.
 void set_gains(Loop& loop, const Gains& gains) {
   const double k = loop.denominator[0];
   if (loop.order == 2) {
@@ -46,7 +46,8 @@ void scale_mass(Model& model, double by) {
 Gains gains_of(const Loop& loop) {
   const double k = loop.denominator[0];
   if (loop.order == 2) return {loop.denominator[1] / k, 0.0};
-  // Kp and 1/Ti are the roots of z^2 - (a2/k) z + a3/k; which is which the numerator says.
+  // Kp and 1/Ti are the roots of z^2 - (a2/k) z + a3/k. The numerator tells which of them is 1/Ti:
+  // c2 / c1 = 1/Ti.
   const double sum = loop.denominator[1] / k, product = loop.denominator[2] / k;
   const double root = std::sqrt(std::max(0.0, 0.25 * sum * sum - product));
   const double large = 0.5 * sum + root, small = product > 0.0 ? product / large : 0.0;
@@ -60,7 +61,7 @@ std::vector<Change> changes_of(const Model& model) {
   out.push_back({"inertia_change", {ratio("mass")}, [](Model& m, std::span<const double> v) {
                    scale_mass(m, 1.0 + v[0]);
                  }});
-  // Of a complex pair the loop does not say which part is Kp and which 1/Ti.
+  // With a complex pair of roots there are no real Kp and 1/Ti to scale separately.
   const Loop& loop = model.loop;
   const bool apart = loop.order == 2 || loop.denominator[1] * loop.denominator[1] >
                                             4.0 * loop.denominator[0] * loop.denominator[2];
@@ -106,7 +107,7 @@ std::vector<Change> changes_of(const Model& model) {
   for (std::size_t i = 0; i < model.effects.size(); ++i) {
     const std::size_t kind = model.effects[i].kind;
     const std::string cause(identity_of(kind).cause);
-    // A law of friction, or what takes its place where the directions differ.
+    // A law of friction, or asymmetric friction, which replaces one.
     const bool friction = is_friction_law(kind) || kind == kind_of<AsymmetricFriction>();
     has_friction = has_friction || friction;
     has_constant = has_constant || kind == kind_of<ConstantForce>();
@@ -147,14 +148,15 @@ std::vector<Change> changes_of(const Model& model) {
 }
 
 Change addition_to(const Model& model, std::size_t kind, const std::vector<double>& shapes) {
-  constexpr double kSmall = 1e-9;  // of the physical range
+  constexpr double kStepShare = 1e-9;  // of the physical range, for finite differences
   Effect effect;
   effect.kind = kind;
   std::copy(shapes.begin(), shapes.end(), effect.shape.begin());
   const std::size_t replaced = kind_of(identity_of(kind).replaces);
   if (const Effect* old = model.find(replaced); old != nullptr)
     effect.coefficient[0] = old->coefficient[0];
-  // Of what a motor cannot give all is missing; at none the limit would have no derivative.
+  // Saturation removes all of the torque above the limit: coefficient 1. At 0 the limit would have
+  // no derivative.
   if (kind == kind_of<TorqueSaturation>()) effect.coefficient[0] = 1.0;
   Change out;
   out.cause = identity_of(kind).cause;
@@ -162,9 +164,9 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
   std::size_t i = 0;
   for (const Parameter& p : coefficients_of(kind)) {
     out.quantities.push_back({std::string(p.name), std::string(p.unit), effect.coefficient[i++],
-                              kSmall * (p.upper - p.lower), false});
+                              kStepShare * (p.upper - p.lower), false});
   }
-  // The velocity at which a force turns is that of the friction it goes with.
+  // The velocity limit is that of the friction in the model and is not fitted.
   std::vector<std::size_t> free;
   for (std::size_t k = 0; k < shapes_of(kind).size(); ++k) {
     const Parameter& p = shapes_of(kind)[k];

@@ -22,20 +22,30 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kWorthIt = 0.98;     // a change must bring the error below this
-constexpr double kOwn = 0.5;          // of the earlier model's error: less is not the machine's
-constexpr double kIsRight = 0.02;     // of the error: less is what a change is not modelled to
-constexpr double kAgrees = 1.64;      // z of the pieces that does not contradict
-constexpr double kChance = 0.01;      // false changes of a machine that did not change
-constexpr double kPromising = 0.05;   // p of a change that is worth fitting
-constexpr double kLeastGain = 0.004;  // of squared error, likewise
-constexpr std::size_t kTried = 4;     // changes of a round that are fitted
-constexpr std::size_t kMostChanges = 6;
-constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
-constexpr double kNearlyAsGood = 0.9;  // share of the gain that makes a rival
-constexpr double kCoarse_s = 2e-3;     // step of the data that changes are screened on
+// RMS with a change over RMS without it that a change must reach.
+constexpr double kMaxRmsRatioToAdd = 0.98;
+// Share of the RMS that the earlier model had on its own data: a change that removes less may be
+// its misfit and not a change of the machine.
+constexpr double kEarlierMisfitShare = 0.5;
+// Share of the RMS on this recording: changes are not modelled more accurately than this.
+constexpr double kMinRemovedShare = 0.02;
+// z of the paired test above which it does not contradict the score test: one-sided 5 %.
+constexpr double kMinBlockZ = 1.64;
+// Expected number of false changes on an unchanged machine, before the Bonferroni correction.
+constexpr double kFalseAlarmRate = 0.01;
+// A change is fitted only with a p from screening of at most this, ..
+constexpr double kMaxScreenP = 0.05;
+// .. and if it lowers the squared error at least by this share.
+constexpr double kMinScreenGain = 0.004;
+constexpr std::size_t kMaxFitsPerRound = 4;  // changes
+constexpr std::size_t kMaxChanges = 6;
+// A rival that loses in a smaller share of the bootstrap resamples is reported as ambiguous.
+constexpr double kMinShareToExcludeRival = 0.95;
+// Share of the best gain above which a change counts as a rival.
+constexpr double kMinGainShareOfRival = 0.9;
+constexpr double kScreenStep_s = 2e-3;  // sampling time of the data for screening
 
-/// Every so many samples of every segment.
+/// Every n-th sample of every segment (n = `every`).
 Eigen::VectorXd thinned(const Eigen::VectorXd& all, const std::vector<Segment>& segments,
                         int every) {
   std::vector<double> out;
@@ -47,15 +57,15 @@ Eigen::VectorXd thinned(const Eigen::VectorXd& all, const std::vector<Segment>& 
   return Eigen::Map<Eigen::VectorXd>(out.data(), static_cast<Eigen::Index>(out.size()));
 }
 
-/// What could be added to this, the best first.
+/// The changes that are worth fitting in addition to those in `v`, the best first.
 std::vector<std::pair<Change, Screened>> promising_changes(const Variation& variation,
                                                            const Varied& v,
                                                            const DiagnoseOptions& options) {
   const std::vector<std::string>& leave_out = options.leave_out;
   const std::vector<Segment>& training = variation.training();
   const Model model = v.of(variation.base());
-  const int every =
-      std::max(1, static_cast<int>(std::floor(kCoarse_s / training.front().sample_time_s + 1e-9)));
+  const int every = std::max(
+      1, static_cast<int>(std::floor(kScreenStep_s / training.front().sample_time_s + 1e-9)));
   std::vector<Signals> signals;
   for (const Segment& s : training) {
     Signals all = signals_of(s);
@@ -71,7 +81,7 @@ std::vector<std::pair<Change, Screened>> promising_changes(const Variation& vari
   if (!fine || !derivatives) return {};
   const Eigen::VectorXd coarse = thinned(*fine, training, every);
   Eigen::MatrixXd tangent(coarse.size(), v.values.size());
-  // What is simulated grows as what is left falls.
+  // Derivatives of the simulated error: those of the residual with the opposite sign.
   for (Eigen::Index c = 0; c < tangent.cols(); ++c)
     tangent.col(c) = -thinned(derivatives->col(c), training, every);
   const Screen screen(signals, model, coarse, std::move(tangent));
@@ -102,24 +112,25 @@ std::vector<std::pair<Change, Screened>> promising_changes(const Variation& vari
   structure.order = model.loop.order;
   for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
   for (const std::size_t kind : candidates_of(structure, {}, leave_out, channels)) {
-    // There all the time, they are changes of the loop and the forces.
+    // A constant force and a delay are among the changes of the loop and the forces already.
     if (kind == kind_of<ConstantForce>() || identity_of(kind).acts == Acts::kCommandDelay) continue;
     const Screened screened = screen.look(kind);
     if (!screened.shapes.empty() || shapes_of(kind).empty())
       out.emplace_back(addition_to(model, kind, screened.shapes), screened);
   }
   std::erase_if(out, [](const auto& one) {
-    return one.second.p > kPromising || one.second.gain < kLeastGain;
+    return one.second.p > kMaxScreenP || one.second.gain < kMinScreenGain;
   });
   std::sort(out.begin(), out.end(),
             [](const auto& l, const auto& r) { return l.second.gain > r.second.gain; });
   return out;
 }
 
-/// Viscous friction that holds against the peak speed more than a few times the rest of the
-/// friction is a servo loop that has changed.
+/// Whether the changes are physically plausible. A viscous friction force of more than a few times
+/// the other friction at peak speed indicates a changed servo loop instead.
 bool plausible(const Variation& variation, const Varied& v) {
-  constexpr double kMost = 3.0, kLittle_mps2 = 0.5;
+  // Limit of the viscous force at peak speed: this multiple of the other friction plus an offset.
+  constexpr double kMaxOverFriction = 3.0, kOffset_mps2 = 0.5;
   double speed = 0.0;
   for (const Segment& s : variation.training()) {
     const Eigen::Index n = s.size() - 1;
@@ -137,25 +148,27 @@ bool plausible(const Variation& variation, const Varied& v) {
     for (const Quantity& quantity : change.quantities) {
       const double value = v.values(at++);
       if (quantity.unit == "1/s" && change.cause != "gain_change" &&
-          std::abs(value) * speed > kMost * level + kLittle_mps2)
+          std::abs(value) * speed > kMaxOverFriction * level + kOffset_mps2)
         return false;
     }
   }
   return true;
 }
 
+/// RMS from the mean squares of equal intervals.
 double rms(const std::vector<double>& pieces) {
   double sum = 0.0;
   for (const double piece : pieces) sum += piece;
   return std::sqrt(sum / std::max<double>(1.0, static_cast<double>(pieces.size())));
 }
 
-/// The error that a change takes away, in quadrature.
-double taken(const std::vector<double>& before, const std::vector<double>& after) {
+/// The error that a change removes: sqrt(before^2 - after^2) of the RMS.
+double removed_rms(const std::vector<double>& before, const std::vector<double>& after) {
   return std::sqrt(std::max(0.0, rms(before) * rms(before) - rms(after) * rms(after)));
 }
 
-/// `own`: the error [m | rad] that the earlier model makes of itself.
+/// Share of bootstrap resamples in which the squared error of `rival` exceeds that of `best` by
+/// more than `own`^2. `own`: misfit [m | rad] that the earlier model already had on its own data.
 double share_beaten(const Varied& best, const Varied& rival, double own) {
   const auto differences =
       bootstrap(best.pieces.size(), [&](const std::vector<std::size_t>& places) {
@@ -196,7 +209,8 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   find_cuts(segments, residuals);
   const auto [training, holdout] = split(segments, options.identify.training_share);
   if (training.empty() || holdout.empty())
-    throw std::runtime_error(axis.axis + ": too short to fit a part and to judge by the rest");
+    throw std::runtime_error(
+        axis.axis + ": the recording is too short to divide into training data and hold-out");
   out.baseline.motion = motion_range(segments);
   out.baseline.from_s = segments.front().start_s;
   out.baseline.to_s = segments.back().end_s();
@@ -213,20 +227,20 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     std::vector<std::string> ambiguous_with;
   };
   std::vector<Evidence> evidence;
-  // What the earlier model was wrong by where it was identified is no change, nor does it tell two
-  // changes apart.
-  const double own = std::isfinite(out.earlier_rms) ? kOwn * out.earlier_rms : 0.0;
-  const double least = std::max(own, kIsRight * rms(current.pieces));
-  for (std::size_t round = 0; round < kMostChanges; ++round) {
+  // The error that the earlier model had on its own data is no change, and it does not distinguish
+  // two changes.
+  const double own = std::isfinite(out.earlier_rms) ? kEarlierMisfitShare * out.earlier_rms : 0.0;
+  const double least = std::max(own, kMinRemovedShare * rms(current.pieces));
+  for (std::size_t round = 0; round < kMaxChanges; ++round) {
     if (options.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
     auto promising = promising_changes(variation, current, options);
     const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;
-    if (promising.size() > kTried) promising.resize(kTried);
-    std::string step = text("%.4g um, promising:", 1e6 * rms(current.pieces));
+    if (promising.size() > kMaxFitsPerRound) promising.resize(kMaxFitsPerRound);
+    std::string step = text("%.4g um RMS, promising candidates:", 1e6 * rms(current.pieces));
     for (const auto& [change, s] : promising)
       step += text(" %s/%s (%.1f %%, p %.1g)", change.cause.c_str(),
                    change.quantities.front().name.c_str(), 100.0 * s.gain, s.p);
-    out.steps.push_back(promising.empty() ? step + " nothing" : step);
+    out.steps.push_back(promising.empty() ? step + " none" : step);
     struct Tried {
       Varied varied;
       Evidence evidence;
@@ -239,23 +253,24 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       if (!variation.fit(one.varied)) continue;
       one.evidence.z = paired_z(current.pieces, one.varied.pieces);
       one.evidence.p = 0.5 * std::erfc(one.evidence.z / std::sqrt(2.0));
-      // By what the pieces say, or by the coefficients themselves, if the pieces agree.
-      if (one.evidence.z > kAgrees) one.evidence.p = std::min(one.evidence.p, screened.p);
-      out.steps.push_back(text("  with %s %.4g um, z %.1f", change.cause.c_str(),
+      // Passes the paired block test, or the score test if the blocks do not contradict it.
+      if (one.evidence.z > kMinBlockZ) one.evidence.p = std::min(one.evidence.p, screened.p);
+      out.steps.push_back(text("  with %s: %.4g um RMS, z %.1f", change.cause.c_str(),
                                1e6 * rms(one.varied.pieces), one.evidence.z));
-      if (rms(one.varied.pieces) < kWorthIt * rms(current.pieces) &&
-          taken(current.pieces, one.varied.pieces) > least && plausible(variation, one.varied) &&
-          one.evidence.p < kChance / static_cast<double>(candidates))
+      if (rms(one.varied.pieces) < kMaxRmsRatioToAdd * rms(current.pieces) &&
+          removed_rms(current.pieces, one.varied.pieces) > least &&
+          plausible(variation, one.varied) &&
+          one.evidence.p < kFalseAlarmRate / static_cast<double>(candidates))
         tried.push_back(std::move(one));
     }
     if (tried.empty()) break;
     std::sort(tried.begin(), tried.end(),
               [](const Tried& l, const Tried& r) { return l.varied.cost < r.varied.cost; });
-    // Of two that the pieces cannot tell apart, the one that needs less.
+    // Of two changes that the blocks do not distinguish, prefer the one with fewer parameters.
     std::size_t best = 0;
     for (std::size_t i = 1; i < tried.size(); ++i) {
       if (tried[i].varied.values.size() < tried[best].varied.values.size() &&
-          share_beaten(tried[best].varied, tried[i].varied, own) < kDecisive)
+          share_beaten(tried[best].varied, tried[i].varied, own) < kMinShareToExcludeRival)
         best = i;
     }
     const double before = rms(current.pieces);
@@ -266,15 +281,15 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       const std::string& rival = tried[i].varied.changes.back().cause;
       if (rival == chosen.varied.changes.back().cause) continue;
       const bool as_good = before - rms(tried[i].varied.pieces) >
-                           kNearlyAsGood * (before - rms(chosen.varied.pieces));
+                           kMinGainShareOfRival * (before - rms(chosen.varied.pieces));
       auto& rivals = chosen.evidence.ambiguous_with;
-      if (beaten < kDecisive && as_good) {
+      if (beaten < kMinShareToExcludeRival && as_good) {
         if (std::find(rivals.begin(), rivals.end(), rival) == rivals.end()) rivals.push_back(rival);
       } else {
         chosen.evidence.beaten = std::min(chosen.evidence.beaten, beaten);
       }
     }
-    // Which of them it is, nobody knows.
+    // With n ambiguous rivals each of the n + 1 changes is equally likely.
     chosen.evidence.beaten =
         std::min(chosen.evidence.beaten,
                  1.0 / (1.0 + static_cast<double>(chosen.evidence.ambiguous_with.size())));
@@ -282,16 +297,16 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     out.steps.push_back("  " + chosen.varied.changes.back().cause + ": added");
     current = std::move(chosen.varied);
     evidence.push_back(std::move(chosen.evidence));
-    // What the new one made needless goes.
+    // Remove earlier changes that the new one has made unnecessary.
     for (std::size_t i = 0; i + 1 < current.changes.size();) {
       Varied less =
           current.without([&](const Change& change) { return &change == &current.changes[i]; });
       ++out.fits;
-      if (!variation.fit(less) || rms(current.pieces) < kWorthIt * rms(less.pieces)) {
+      if (!variation.fit(less) || rms(current.pieces) < kMaxRmsRatioToAdd * rms(less.pieces)) {
         ++i;
         continue;
       }
-      out.steps.push_back("  " + current.changes[i].cause + ": needless");
+      out.steps.push_back("  " + current.changes[i].cause + ": no longer needed, removed");
       current = std::move(less);
       evidence.erase(evidence.begin() + static_cast<std::ptrdiff_t>(i));
     }
@@ -299,7 +314,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
 
   if (!(judge(current.of(variation.base()), holdout).rms < out.baseline.holdout.rms)) {
     if (!current.changes.empty())
-      out.steps.emplace_back("on data not seen nothing of it is better: taken back");
+      out.steps.emplace_back("the changes do not lower the error on held-out data: discarded");
     current = Varied{};
     evidence.clear();
   }

@@ -1,19 +1,21 @@
-// What changed since an earlier model of the axis was identified (docs/theory.md 10.2).
+// Finds what has changed since an earlier model of the axis was identified (docs/theory.md 10.2).
 //
-// The earlier model is held. Changes (diagnosis/change.h: mass, gains, feed-forward, friction,
-// delay, and every effect of the catalogue that the model does not have) are added one by one: all
-// are screened by how much they could explain of what the model misses, the promising are fitted in
-// free simulation together with those found before, and one is kept if it makes the error smaller
-// by more than chance, as in a diagnosis without a model. The hold-out decides nothing.
+// The earlier model is fixed. Changes (diagnosis/change.h: mass, gains, feed-forward, friction,
+// delay, and every effect of the catalogue that the model does not have) are added one by one. All
+// are screened for the share of the simulation error that they could explain. The promising ones
+// are fitted in free simulation together with the changes found before, and one is kept if it
+// lowers the error significantly, as in a diagnosis without a model. Changes are selected on the
+// training data alone; all are discarded where they do not lower the error on the hold-out.
 #pragma once
 
 #include "diagnosis/diagnose.h"
 
 namespace servotwin {
 
-/// `baseline` of the result is the earlier model judged on this recording. Of the options the
-/// training share and what is left out count. Throws std::runtime_error where there is nothing to
-/// compare: another axis or another kind of axis, no motion, too short. Any thread.
+/// The changes as a diagnosis, whose `baseline` is the earlier model evaluated on this recording.
+/// Of the options only the training share, `leave_out`, `encoder_in_loop` and `stop` are used.
+/// Throws std::runtime_error where a comparison is not possible (another axis or another kind of
+/// axis, no motion, too short), and where it was asked to stop. Any thread.
 [[nodiscard]] Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
                                 const DiagnoseOptions& options = {});
 

@@ -43,7 +43,7 @@ double threshold_for(double drift, double run_length) {
 SteadyLevel level_of(const std::vector<double>& values, std::size_t lags) {
   if (values.size() < 8)
     throw std::invalid_argument("the level of " + std::to_string(values.size()) +
-                                " values is not known; needs 8");
+                                " values cannot be estimated; at least 8 are needed");
   const std::size_t n = values.size();
   const auto count = static_cast<double>(n);
   SteadyLevel out;

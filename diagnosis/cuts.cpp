@@ -12,19 +12,21 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kLowest_hz = 8.0;  // a tone; below it is motion
-constexpr double kHeard_s = 0.12;   // over which the envelope is taken, and the shortest cut
-constexpr double kContrast = 4.0;   // of the envelope in the cut to outside of it
-constexpr double kPeriods = 3.0;    // of a tone: what is slower is none
-constexpr double kTellsOf = 0.5;    // of the squared error without that, the tone in the cut
-constexpr double kLeast = 0.03, kMost = 0.9;  // of the time in the cut
+constexpr double kMinTone_hz = 8.0;       // below it the residual is that of the axis motion
+constexpr double kEnvelope_s = 0.12;      // window of the envelope, and the shortest cut
+constexpr double kMinContrast = 4.0;      // of the envelope inside a cut to outside
+constexpr double kHighPassPeriods = 3.0;  // of the tone: slower parts of the residual are removed
+// Share of the tone in the squared residual during the cut, after that high-pass.
+constexpr double kMinToneShare = 0.5;
+constexpr double kMinCutTimeShare = 0.03, kMaxCutTimeShare = 0.9;
 
-constexpr std::size_t kLines = 10, kStrongest = 4;  // frequencies that are listened to
-constexpr double kApart = 1.1;                      // ratio of two of the strongest
+constexpr std::size_t kLines = 10, kStrongest = 4;  // number of frequencies that are tried
+constexpr double kMinFrequencyRatio = 1.1;          // between two of the strongest
 
-double heard_over(double f) { return std::max(kHeard_s, 3.0 / f); }
+/// Window of the envelope [s]: at least three periods of the tone.
+double envelope_window_s(double f) { return std::max(kEnvelope_s, 3.0 / f); }
 
-/// |mean of x exp(-2 pi i f t)| over a window about every sample.
+/// |mean of x exp(-2 pi i f t)| over a window centred on every sample.
 Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
   const Eigen::Index n = x.size();
   std::vector<std::complex<double>> sum(static_cast<std::size_t>(n) + 1);
@@ -33,7 +35,7 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
     sum[static_cast<std::size_t>(k) + 1] =
         sum[static_cast<std::size_t>(k)] + x(k) * std::polar(1.0, angle);
   }
-  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * heard_over(f) / h));
+  const auto half = static_cast<Eigen::Index>(std::lround(0.5 * envelope_window_s(f) / h));
   Eigen::ArrayXd out(n);
   for (Eigen::Index k = 0; k < n; ++k) {
     const Eigen::Index from = std::max<Eigen::Index>(0, k - half), to = std::min(n, k + half + 1);
@@ -43,7 +45,7 @@ Eigen::ArrayXd envelope(const Eigen::ArrayXd& x, double h, double f) {
   return out;
 }
 
-/// Over a window of this length about every sample.
+/// Mean over a window of this length centred on every sample.
 Eigen::ArrayXd running_mean(const Eigen::ArrayXd& x, double h, double window_s) {
   const Eigen::Index n = x.size();
   const auto half = static_cast<Eigen::Index>(std::lround(0.5 * window_s / h));
@@ -59,16 +61,18 @@ Eigen::ArrayXd running_mean(const Eigen::ArrayXd& x, double h, double window_s) 
   return out;
 }
 
-/// Of the squared error, in the middle one of the windows in which a tone is `on`. What is slower
-/// is none of it, and the pushes as the tool enters and leaves, however large, are in few windows.
-double share_of_tone(const Eigen::ArrayXd& x, const Eigen::ArrayXd& heard, const Eigen::ArrayXd& on,
-                     double h, double f) {
-  const Eigen::ArrayXd faster = x - running_mean(x, h, kPeriods / f),
-                       there = running_mean(faster.square(), h, heard_over(f));
+/// Share of the tone in the squared residual: the median over the windows in which the tone is
+/// `on`. Slower parts are removed first. The transients as the tool enters and leaves are in few
+/// windows and do not change the median.
+double share_of_tone(const Eigen::ArrayXd& x, const Eigen::ArrayXd& tone_envelope,
+                     const Eigen::ArrayXd& on, double h, double f) {
+  const Eigen::ArrayXd faster = x - running_mean(x, h, kHighPassPeriods / f),
+                       there = running_mean(faster.square(), h, envelope_window_s(f));
   std::vector<double> shares;
   for (Eigen::Index k = 0; k < x.size(); ++k) {
     // A tone of amplitude a has the envelope a / 2 and the mean square a^2 / 2.
-    if (on(k) > 0.0 && there(k) > 0.0) shares.push_back(heard(k) * heard(k) / (0.5 * there(k)));
+    if (on(k) > 0.0 && there(k) > 0.0)
+      shares.push_back(tone_envelope(k) * tone_envelope(k) / (0.5 * there(k)));
   }
   return shares.empty() ? 0.0
                         : quantile(Eigen::Map<const Eigen::ArrayXd>(
@@ -81,7 +85,8 @@ struct Spectrum {
   double step_hz;
 };
 
-/// Windowed, and with zeros behind it: neighbours half a line apart.
+/// Power spectrum with a Hann window and zero padding to at least twice the length, which halves
+/// the distance between frequencies.
 Spectrum spectrum_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h) {
   Eigen::Index length = 1;
   while (length < 2 * signal.size()) length *= 2;
@@ -108,7 +113,7 @@ bool is_peak(const std::vector<double>& power, std::size_t i) {
 std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h,
                              std::size_t most) {
   const auto [power, step_hz] = spectrum_of(signal, h);
-  // A line stands out from its own neighbourhood, not from the whole spectrum.
+  // A line is compared with its own neighbourhood, not with the whole spectrum.
   std::vector<std::pair<double, double>> lines;
   for (std::size_t i = 2; i + 2 < power.size(); ++i) {
     if (!is_peak(power, i)) continue;
@@ -130,14 +135,15 @@ std::vector<double> strongest_of(const Eigen::Ref<const Eigen::VectorXd>& signal
   std::vector<std::pair<double, double>> peaks;
   for (std::size_t i = 2; i + 2 < power.size(); ++i) {
     const double f = step_hz * static_cast<double>(i);
-    if (f >= kLowest_hz && is_peak(power, i)) peaks.emplace_back(-power[i], f);
+    if (f >= kMinTone_hz && is_peak(power, i)) peaks.emplace_back(-power[i], f);
   }
   std::sort(peaks.begin(), peaks.end());
   std::vector<double> out;
   for (const auto& [negative, f] : peaks) {
     if (out.size() == kStrongest) break;
-    if (std::none_of(out.begin(), out.end(),
-                     [f = f](double other) { return f < kApart * other && other < kApart * f; }))
+    if (std::none_of(out.begin(), out.end(), [f = f](double other) {
+          return f < kMinFrequencyRatio * other && other < kMinFrequencyRatio * f;
+        }))
       out.push_back(f);
   }
   return out;
@@ -149,22 +155,22 @@ bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>
                        [](const auto& l, const auto& r) { return l.size() < r.size(); }) -
       segments.begin());
   const double h = segments[longest].sample_time_s;
-  double best = kTellsOf, tone = 0.0, level = 0.0;
-  // A tone that is there part of the time is broader than a line.
+  double best = kMinToneShare, tone = 0.0, level = 0.0;
+  // An intermittent tone is broader than a line.
   std::vector<double> tones = lines_of(left[longest].matrix(), h, kLines);
   for (const double f : strongest_of(left[longest].matrix(), h)) tones.push_back(f);
   for (const double f : tones) {
-    if (f < kLowest_hz || f > 0.45 / h) continue;
-    const Eigen::ArrayXd heard = envelope(left[longest], h, f);
-    const double threshold = 0.5 * quantile(heard, 0.95);
-    const auto on = (heard > threshold).cast<double>().eval();
+    if (f < kMinTone_hz || f > 0.45 / h) continue;
+    const Eigen::ArrayXd tone_envelope = envelope(left[longest], h, f);
+    const double threshold = 0.5 * quantile(tone_envelope, 0.95);
+    const auto on = (tone_envelope > threshold).cast<double>().eval();
     const double share = on.mean();
-    if (share < kLeast || share > kMost) continue;
-    const double contrast = (heard * on).sum() / on.sum() /
-                            std::max(1e-300, (heard * (1.0 - on)).sum() / (1.0 - on).sum());
-    if (contrast > kContrast) {
-      const double tells = share_of_tone(left[longest], heard, on, h, f);
-      if (tells > best) best = tells, tone = f, level = threshold;
+    if (share < kMinCutTimeShare || share > kMaxCutTimeShare) continue;
+    const double contrast = (tone_envelope * on).sum() / on.sum() /
+                            std::max(1e-300, (tone_envelope * (1.0 - on)).sum() / (1.0 - on).sum());
+    if (contrast > kMinContrast) {
+      const double tone_share = share_of_tone(left[longest], tone_envelope, on, h, f);
+      if (tone_share > best) best = tone_share, tone = f, level = threshold;
     }
   }
   if (tone == 0.0) return false;

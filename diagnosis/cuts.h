@@ -1,7 +1,7 @@
-// When the tool was in the cut, from the tone that is heard then and not otherwise.
+// Detects when the tool was cutting, from a tone in the residual that is present only then.
 //
-// The envelope of a line of the spectrum of what a model leaves: a pump is heard all the time,
-// teeth only in the cut. Any thread.
+// The detector uses the envelope of a spectral line of the residual: a pump is present all the
+// time, the tooth frequency only during a cut. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,16 +11,18 @@
 
 namespace servotwin {
 
-/// The frequencies [Hz] that stand out most from their neighbourhood in a signal of this step.
+/// The frequencies [Hz] of the spectral lines that are highest above their neighbourhood, at most
+/// `most` of them. `h`: sampling time of the signal [s].
 [[nodiscard]] std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal,
                                            double h, std::size_t most);
 
-/// Those that have most power: a tone that is there a part of the time is broader than a line.
+/// The frequencies [Hz] of highest power. They include intermittent tones, which are broader than a
+/// line. `h`: sampling time of the signal [s].
 [[nodiscard]] std::vector<double> strongest_of(const Eigen::Ref<const Eigen::VectorXd>& signal,
                                                double h);
 
-/// Sets `in_cut` of every segment, where `left` has a tone that comes and goes. False: there is
-/// none.
+/// Sets `in_cut` of every segment to 1 where the residual `left` contains an intermittent tone and
+/// 0 elsewhere. False: there is no such tone, and nothing is set.
 bool find_cuts(std::vector<Segment>& segments, const std::vector<Eigen::ArrayXd>& left);
 
 }  // namespace servotwin

@@ -18,21 +18,32 @@ namespace servotwin {
 
 namespace {
 
-// How often a cause is right that takes all of the error away, and how much less one that takes
-// next to nothing: what the catalogue does not know is not in its own figures. Chosen, not fitted;
-// how well it holds is measured (docs/measurements.md 11, calibration error).
-constexpr double kRight = 0.97, kLessRight = 0.4;
-constexpr double kGrown = 2.0;            // times what the earlier model left: something changed
-constexpr double kStructured = 4.0;       // of the noise floor: more is not chance
-constexpr double kFar = 5.0;              // of the noise floor: there is more than what is named
-constexpr double kLeavesOfItself = 0.15;  // of the error that it takes away, any model
-// Of the squared error beyond the floor: another loop, and with it any neighbour of the cause,
-// may explain a part.
-constexpr double kNextToNothing = 0.1;
-constexpr double kLittle = 0.8;                  // of the error is left: a small gain
-constexpr double kNoWorse = 1.02, kWorse = 1.1;  // of the error without any cause
-constexpr double kAboveFloor = 1.3;  // times the noise floor: less is no error that has a cause
-constexpr double kMost = 0.5;  // of the squared error beyond the floor: then nothing is explained
+// Prior hit rate of a cause that removes the whole error, and how much lower it is for a cause that
+// removes next to nothing. It allows for causes that the catalogue does not contain. Chosen, not
+// fitted; how well it holds is measured (docs/measurements.md 11, calibration error).
+constexpr double kHitRate = 0.97, kHitRateLoss = 0.4;
+// RMS over that of the earlier model on its own data above which the machine has changed.
+constexpr double kMinRmsOverEarlier = 2.0;
+// RMS over noise floor above which the residual is not chance.
+constexpr double kMinRmsOverFloorOfStructure = 4.0;
+// RMS over noise floor above which the named causes do not explain the recording.
+constexpr double kMaxRmsOverFloorToAccept = 5.0;
+// Misfit of any model over the error that its causes remove: a smaller residual is no evidence of a
+// further cause.
+constexpr double kModelMisfitShare = 0.15;
+// Unexplained share that a diagnosis with the other loop order must reach: a loop of another order
+// can explain a part of the error together with a wrong cause that resembles the right one.
+constexpr double kMaxUnexplainedShareOfOtherOrder = 0.1;
+// RMS with a cause over RMS without it above which its gain is small.
+constexpr double kMaxRmsRatioOfClearGain = 0.8;
+// RMS on the hold-out over that without any cause, up to which the causes count as no worse, and up
+// to which they are not discarded.
+constexpr double kMaxRmsRatioNoWorse = 1.02, kMaxRmsRatioToKeepCauses = 1.1;
+// RMS over noise floor that the error without a cause must exceed for the cause to be named.
+constexpr double kMinRmsOverFloorOfCause = 1.3;
+// Share of the squared error above the noise floor: with more unexplained, the verdict is
+// "unexplained".
+constexpr double kMaxUnexplainedShare = 0.5;
 
 }  // namespace
 
@@ -50,19 +61,20 @@ std::string_view name_of(Verdict verdict) {
 
 namespace {
 
-/// What happens at moments that nothing foretells is not to be predicted.
+/// Whether the cause consists of isolated events at times that cannot be predicted.
 bool unforeseeable(const Diagnosis& diagnosis, const Cause& cause) {
   if (cause.place >= diagnosis.extended.model.effects.size()) return false;
   const auto shapes = shapes_of(diagnosis.extended.model.effects[cause.place].kind);
   return !shapes.empty() && shapes.front().scan == Scan::kMoments;
 }
 
-/// Little, on motion that was not seen, and by its interval perhaps none of it.
-bool perhaps_nothing(const Gain& gain) {
-  return gain.low <= 0.0 && gain.after > kLittle * gain.before;
+/// Whether the gain on held-out data is small and its confidence interval includes zero.
+bool may_be_zero(const Gain& gain) {
+  return gain.low <= 0.0 && gain.after > kMaxRmsRatioOfClearGain * gain.before;
 }
 
-/// Where the motor is at its limit: by its torque, or by the limit that is in the model.
+/// 1 where the motor is at its torque limit, from the limit in the model or, without one, from the
+/// recorded torque; empty where neither is known.
 Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::ArrayXd& simulated) {
   const Effect* limit = model.find(kind_of<TorqueSaturation>());
   if (limit == nullptr) return at_limit(s.torque, s.sample_time_s);
@@ -76,7 +88,7 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
     std::array<double, kMaxCoefficients> missing{};
     unit_forces<double>(limit->kind, limit->shape.data(), memory,
                         motion_of(signals, signals.command, Acts::kForce, k), missing.data());
-    // What is given then is the limit.
+    // The torque that the motor does give, which equals the limit where it is saturated.
     const double given = signals.demand(k) - missing[0] + limit->shape[2] * signals.velocity(k);
     out(k) = std::abs(given) > (1.0 - 1e-9) * limit->shape[0] ? 1.0 : 0.0;
   }
@@ -104,7 +116,7 @@ std::vector<ResidualStretch> residual_stretches(const Model& model,
   std::vector<ResidualStretch> out;
   for (const Segment& s : segments) {
     const Eigen::ArrayXd simulated = simulate(model, s);
-    // From where the hold-out is judged: before, the starting state is still being found.
+    // Begins where the hold-out is judged from: the samples before estimate the starting state.
     const Eigen::Index from = std::max(s.lead, starting_state_samples(model, s));
     if (s.size() <= from + 10) continue;
     const Eigen::Index count = s.size() - from;
@@ -130,7 +142,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   diagnosis.regressors = by_regressor(stretches);
   diagnosis.peaks = spectrum_peaks(stretches);
   const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
-  // A cause that the baseline has already is explained by it.
+  // The error without causes: an effect that the baseline already contains counts as explained.
   double without = diagnosis.baseline.holdout.rms;
   for (const Cause& cause : diagnosis.causes) {
     if (cause.place < diagnosis.extended.model.effects.size() && std::isfinite(cause.gain.before) &&
@@ -141,33 +153,35 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   const double all = without * without - noise;
   const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
   diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
-  // What happens at unforeseeable moments leaves on other motion what is no evidence of another
-  // cause.
-  const bool no_worse = diagnosis.extended.holdout.rms <= kNoWorse * diagnosis.baseline.holdout.rms;
+  // Isolated events are not predictable on other motion; the error that they leave on the hold-out
+  // is no evidence of another cause.
+  const bool no_worse =
+      diagnosis.extended.holdout.rms <= kMaxRmsRatioNoWorse * diagnosis.baseline.holdout.rms;
   const bool pushed =
       no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
                               [&](const Cause& cause) { return unforeseeable(diagnosis, cause); });
   if (pushed) diagnosis.unexplained_share = 0.0;
-  // As sure as such a cause has been right, as it beats its rivals of the catalogue, and as all of
-  // them together explain: what is left may be of a cause that is not in it.
+  // confidence = prior hit rate x P(beats nearest rival) x explained share. The unexplained rest
+  // may have a cause that is not in the catalogue.
   for (Cause& cause : diagnosis.causes) {
     const double stays = cause.gain.after / cause.gain.before;
     const double right =
-        std::isfinite(stays) ? kRight - kLessRight * std::min(1.0, stays * stays) : kRight;
+        std::isfinite(stays) ? kHitRate - kHitRateLoss * std::min(1.0, stays * stays) : kHitRate;
     cause.confidence =
         cause.counts.empty() ? right * cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
   }
-  // Pushes cannot be foretold, so that no other motion can confirm them: they are named by how far
-  // they stand out (diagnosis/screen.h).
-  if (!diagnosis.causes.empty() && perhaps_nothing(diagnosis.causes.back().gain))
+  // The cause that removes the least error is doubted if its gain may be zero. (Impulses are named
+  // all the same: other motion cannot confirm them, see the condition below.)
+  if (!diagnosis.causes.empty() && may_be_zero(diagnosis.causes.back().gain))
     diagnosis.causes.back().doubted = true;
-  // What disturbs at rest is in the floor as well; what a model leaves is not below it.
+  // A disturbance that acts at rest raises the noise floor too; the true floor is not above the
+  // residual of the model.
   const double quiet = std::min(floor.rms, diagnosis.extended.holdout.rms);
   const auto unsure =
       std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(), [&](const Cause& c) {
-        const bool seen = !c.counts.empty() || !(c.gain.before <= kAboveFloor * quiet);
-        // Of changes that say the same it is one: they are named together, unless there is more to
-        // doubt.
+        const bool seen = !c.counts.empty() || !(c.gain.before <= kMinRmsOverFloorOfCause * quiet);
+        // Of several ambiguous changes one is real: they are named together, unless their
+        // confidence is low for other reasons too.
         const double each = 1.0 / (1.0 + static_cast<double>(c.ambiguous_with.size()));
         const double one_of_them =
             diagnosis.against_earlier && !(c.beaten < each) ? c.confidence / each : c.confidence;
@@ -176,20 +190,22 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
   diagnosis.causes.erase(unsure, diagnosis.causes.end());
-  // What an earlier model was wrong by of itself is no change of the machine.
-  double usual = kStructured * floor.rms;
-  if (std::isfinite(diagnosis.earlier_rms)) usual = std::max(usual, kGrown * diagnosis.earlier_rms);
-  // What is only suspected explains nothing.
+  // The error that an earlier model had on its own data is no change of the machine.
+  double usual = kMinRmsOverFloorOfStructure * floor.rms;
+  if (std::isfinite(diagnosis.earlier_rms))
+    usual = std::max(usual, kMinRmsOverEarlier * diagnosis.earlier_rms);
+  // Causes that are only suspected do not explain the error.
   const double stays =
       (diagnosis.causes.empty() ? diagnosis.baseline : diagnosis.extended).holdout.rms;
   const bool structured = std::isfinite(usual) && stays > usual;
-  // What is named takes most away, and as models of friction go what they leave is not of another
-  // cause.
+  // The error that the causes remove. A residual below the usual misfit of a model, as a share of
+  // it, is no evidence of another cause.
   const double named = std::sqrt(std::max(
       0.0, without * without - diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms));
-  const bool much_is_left = structured && (diagnosis.unexplained_share > kMost ||
-                                           diagnosis.extended.holdout.rms >
-                                               std::max(kFar * floor.rms, kLeavesOfItself * named));
+  const bool much_is_left =
+      structured && (diagnosis.unexplained_share > kMaxUnexplainedShare ||
+                     diagnosis.extended.holdout.rms >
+                         std::max(kMaxRmsOverFloorToAccept * floor.rms, kModelMisfitShare * named));
   diagnosis.verdict = much_is_left                ? Verdict::kUnexplained
                       : !diagnosis.causes.empty() ? Verdict::kExplained
                       : structured                ? Verdict::kUnexplained
@@ -207,38 +223,40 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
 
 namespace {
 
-/// The share of time that holds this share of the squared error, where the error is so uneven over
-/// the recording that one of the parts would have next to none of it.
+/// The share of time for training, so that it contains `share` of the squared error. Returns
+/// `share` itself unless the error is so unevenly distributed over the recording that training data
+/// or hold-out would contain hardly any of it.
 double balanced_share(const Model& model, const std::vector<Segment>& segments, double noise,
                       double share) {
-  constexpr double kFew = 0.35, kMany = 0.85;   // of the squared error, in the training data
-  constexpr double kFirst = 0.3, kLast = 0.85;  // of the time
+  // Range of the share of the squared error in the training data that needs no other division.
+  constexpr double kMinErrorShare = 0.35, kMaxErrorShare = 0.85;
+  constexpr double kMinTimeShare = 0.3, kMaxTimeShare = 0.85;  // of the training data
   const double floor = std::isfinite(noise) ? noise * noise : 0.0;
   std::vector<double> sums{0.0};
   for (const double piece : left_by(model, segments))
     sums.push_back(sums.back() + std::max(0.0, piece - floor));
   const auto n = static_cast<double>(sums.size() - 1);
   const double there = sums[static_cast<std::size_t>(share * n)] / sums.back();
-  if (!(there < kFew) && !(there > kMany)) return share;
+  if (!(there < kMinErrorShare) && !(there > kMaxErrorShare)) return share;
   const auto at = std::lower_bound(sums.begin(), sums.end(), share * sums.back());
-  return std::clamp(static_cast<double>(at - sums.begin()) / n, kFirst, kLast);
+  return std::clamp(static_cast<double>(at - sums.begin()) / n, kMinTimeShare, kMaxTimeShare);
 }
 
-/// The model without its i-th effect; the baseline where that took the place of another one.
-Model taken_off(const Model& model, std::size_t i, const Model& baseline) {
+/// The model without its i-th effect; the baseline where that effect replaced another one.
+Model without_effect(const Model& model, std::size_t i, const Model& baseline) {
   if (!identity_of(model.effects[i].kind).replaces.empty()) return baseline;
   Model out = model;
   out.effects.erase(out.effects.begin() + static_cast<std::ptrdiff_t>(i));
   return out;
 }
 
-/// Marks the causes that gain perhaps nothing. Of several that say the same each gains nothing
-/// beside the others: from the least on, each is asked without those that are doubted already.
+/// Marks the causes whose gain may be zero. Of several equivalent causes each has no gain beside
+/// the others: starting with the least, each is tested without the causes already doubted.
 void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
            const std::vector<Segment>& holdout) {
   std::vector<Cause*> asked;
   for (Cause& cause : causes) {
-    if (perhaps_nothing(cause.gain) && cause.id != cause_of(kind_of<TimeDelay>()))
+    if (may_be_zero(cause.gain) && cause.id != cause_of(kind_of<TimeDelay>()))
       asked.push_back(&cause);
   }
   std::sort(asked.begin(), asked.end(),
@@ -248,16 +266,16 @@ void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
     Hypothesis less;
     const std::size_t kind = all.model.effects[cause->place].kind;
     less.structure = without(rest.structure, cause->id, kind);
-    if (less.structure.effects == rest.structure.effects) continue;  // of a law that is gone
+    if (less.structure.effects == rest.structure.effects)
+      continue;  // contained in a law already removed
     if (!search.fit(less, {point_of(all.model, less.structure)})) return;
-    if (cause != asked.front() && !perhaps_nothing(gain_of(less.model, rest.model, holdout)))
-      return;
+    if (cause != asked.front() && !may_be_zero(gain_of(less.model, rest.model, holdout))) return;
     cause->doubted = true;
     rest = std::move(less);
   }
 }
 
-/// By this division of the recording.
+/// The diagnosis with the division of the recording into training data and hold-out by the options.
 Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
   Diagnosis out;
   SegmentedAxis axis = recorded;
@@ -270,7 +288,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   if (!is_left_out("dropped_samples")) dropped = bridge_dropped(axis, floor.encoder_step);
   IdentifyOptions loop = options.identify;
   if (is_left_out("time_delay")) loop.delay_max_s = 0.0;
-  loop.must_predict = false;  // what it does not predict is the question
+  loop.must_predict = false;  // the diagnosis is about what it does not predict
   const Identified identified = identify(axis, loop);
   if (!identified.refusals.empty())
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
@@ -293,11 +311,11 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   const double holdout_from_s = out.baseline.training_to_s + 0.5 * axis.sample_time_s;
   std::vector<Segment> holdout =
       holdout_for(selected.model.model, search.recorded(), holdout_from_s);
-  const double worst = kWorse * judge(selected.settled, holdout).rms;
+  const double worst = kMaxRmsRatioToKeepCauses * judge(selected.settled, holdout).rms;
   if (const double rms = judge(selected.model.model, holdout).rms;
       std::isfinite(worst) && !(rms < worst)) {
     selected.steps.push_back(
-        text("on data not seen what was found is worse (%.4g um): taken back", 1e6 * rms));
+        text("the causes raise the error on held-out data (%.4g um RMS): discarded", 1e6 * rms));
     selected.model = std::move(baseline);
     selected.found.clear();
     search.polish(selected.model);
@@ -309,7 +327,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   const auto& found = selected.found;
   out.steps.insert(out.steps.end(), selected.steps.begin(), selected.steps.end());
   const std::vector<Segment>& training = search.training();
-  // What better values of the same parameters do is no gain of a cause.
+  // The gain of better values of the same parameters is not a gain of a cause: the baseline gets
+  // them.
   const ErrorFigures settled = judge(selected.settled, training);
   if (settled.rms < judge(out.baseline.model, training).rms) {
     out.baseline.model = selected.settled;
@@ -325,7 +344,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.extended.method = "diagnosis";
     out.extended.training = judge(model, training);
     out.extended.holdout = judge(model, holdout);
-    // Those of the baseline are of other poles; these have none yet.
+    // The uncertainties of the baseline belong to other poles; for these none are estimated yet.
     out.extended.denominator_deviation.fill(kAbsent);
     out.extended.numerator_deviation.fill(kAbsent);
     out.extended.pole_deviation = {kAbsent, kAbsent, kAbsent};
@@ -333,7 +352,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   }
   out.extended.effect_deviations.assign(out.extended.model.effects.size(), {});
 
-  // What each is worth: everything else as it is, fitted again without it.
+  // The gain of each cause: the model is refitted without it, with all other causes.
   const Model& extended = out.extended.model;
   std::map<std::string, Found> causes = found;
   for (const Effect& effect : extended.effects) {
@@ -349,12 +368,12 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     const std::size_t i = cause.place;
     Hypothesis less;
     less.structure = without(current.structure, id, one.kind);
-    // Where nothing can be fitted without it, everything else stays as it is.
-    less.model = taken_off(extended, i, out.baseline.model);
+    // If that fit fails, the effect is removed without a refit.
+    less.model = without_effect(extended, i, out.baseline.model);
     less.point = point_of(less.model, less.structure);
     if (one.kind == kind_of<TimeDelay>()) {
-      // Without it the loop may have the velocity lag that looks like one, but not the zeros that
-      // no drive has.
+      // Without the delay the loop may have a velocity error that looks like a delay, but not the
+      // zeros that no drive has.
       less.structure.matched_feedforward = false;
       for (const std::vector<Point>& from :
            {std::vector<Point>{point_of(current.model, less.structure)}, std::vector<Point>{}}) {
@@ -364,7 +383,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
             lagging.cost < less.cost)
           less = std::move(lagging);
       }
-      // What was found to do without it does so here, too.
+      // If the search found a model without the delay, that is the comparison.
       if (!named && selected.undelayed) less = *selected.undelayed;
     } else if (Hypothesis fitted = less;
                search.fit(fitted, {point_of(current.model, less.structure)})) {
@@ -373,7 +392,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     const Gain fitted_again = gain_of(less.model, extended, holdout);
     cause.worth = worth_of(fitted_again);
     if (one.kind == kind_of<TimeDelay>()) {
-      // At once, or, where that is better, with a loop that imitates it.
+      // Compare with the same loop without the delay or, where that is better, with a loop that
+      // imitates the delay.
       Model at_once = extended;
       at_once.effects[i].shape[0] = 0.0;
       cause.gain = gain_of(at_once, extended, holdout);
@@ -386,11 +406,12 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
       }
     } else {
       cause.gain = fitted_again;
-      // A law that takes the place of another has nothing that could be taken off the machine.
+      // A law of friction that replaces another one is nothing that could be repaired.
       const auto laws = friction_kinds();
       if (identity_of(one.kind).replaces.empty() &&
           std::find(laws.begin(), laws.end(), one.kind) == laws.end()) {
-        judge_repair(extended, taken_off(extended, i, out.baseline.model), holdout, cause.gain);
+        judge_repair(extended, without_effect(extended, i, out.baseline.model), holdout,
+                     cause.gain);
       }
       cause.without = less.model;
       if (!named) {
@@ -414,7 +435,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     cause.counts = {{"missing", static_cast<double>(dropped.missing)},
                     {"gaps", static_cast<double>(dropped.gaps)},
                     {"held", static_cast<double>(dropped.held)}};
-    if (dropped.held > 0) {  // what is not in the recording has no error
+    if (dropped.held > 0) {  // samples that are missing have no error
       cause.gain.before = judge(extended, as_recorded).rms;
       cause.gain.after = judge(extended, holdout).rms;
       cause.worth = worth_of(cause.gain);
@@ -437,38 +458,40 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   return out;
 }
 
-/// Another way to come to the same recording, where the first explains too little of it.
-struct Anew {
-  std::string words;
+/// A second diagnosis of the same recording with other options, after a first one that explains too
+/// little.
+struct SecondAttempt {
+  std::string words;  ///< what is different, for the steps
   DiagnoseOptions options;
-  /// How much it may leave of the squared error beyond the floor to be believed.
-  double leaves = 1.0;
+  /// Unexplained share that it must stay below to be accepted.
+  double max_unexplained_share = 1.0;
 
   [[nodiscard]] bool explains(const Diagnosis& first, const Diagnosis& second) const {
     const bool same_data = second.baseline.training_to_s == first.baseline.training_to_s;
     const bool leaves_more =
-        second.extended.holdout.rms > kNoWorse * first.extended.holdout.rms && same_data;
-    return second.unexplained_share < leaves && !leaves_more &&
+        second.extended.holdout.rms > kMaxRmsRatioNoWorse * first.extended.holdout.rms && same_data;
+    return second.unexplained_share < max_unexplained_share && !leaves_more &&
            (second.verdict == Verdict::kExplained || second.causes.size() > first.causes.size());
   }
 };
 
-std::vector<Anew> other_ways(const Diagnosis& first, const SegmentedAxis& axis,
-                             const DiagnoseOptions& options) {
-  std::vector<Anew> out;
+std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const SegmentedAxis& axis,
+                                           const DiagnoseOptions& options) {
+  std::vector<SecondAttempt> out;
   const double share =
       balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms,
                      options.identify.training_share);
   if (options.balance && share != options.identify.training_share) {
-    out.push_back({text("divided anew: %.0f %% of the time is fitted", 100.0 * share), options});
+    out.push_back(
+        {text("repeated with %.0f %% of the time as training data", 100.0 * share), options});
     out.back().options.identify.training_share = share;
   }
-  // A cause that makes most of the error bends the loop that is fitted without it.
+  // A cause that makes most of the error distorts the loop that is fitted without it.
   if (options.identify.order == 0) {
     const int order = first.baseline.model.loop.order == 2 ? 3 : 2;
-    out.push_back({text("begun anew with a loop of order %d", order), options});
+    out.push_back({text("repeated with a loop of order %d", order), options});
     out.back().options.identify.order = order;
-    out.back().leaves = kNextToNothing;
+    out.back().max_unexplained_share = kMaxUnexplainedShareOfOtherOrder;
   }
   return out;
 }
@@ -477,22 +500,22 @@ std::vector<Anew> other_ways(const Diagnosis& first, const SegmentedAxis& axis,
 
 Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   Diagnosis first = diagnose_divided(axis, options);
-  const auto pushes = [&](const Cause& cause) { return unforeseeable(first, cause); };
+  const auto isolated = [&](const Cause& cause) { return unforeseeable(first, cause); };
   if (first.verdict != Verdict::kUnexplained ||
-      std::any_of(first.causes.begin(), first.causes.end(), pushes) ||
-      std::any_of(first.suspected.begin(), first.suspected.end(), pushes))
+      std::any_of(first.causes.begin(), first.causes.end(), isolated) ||
+      std::any_of(first.suspected.begin(), first.suspected.end(), isolated))
     return first;
-  for (const Anew& anew : other_ways(first, axis, options)) {
+  for (const SecondAttempt& attempt : second_attempts(first, axis, options)) {
     try {
-      Diagnosis second = diagnose_divided(axis, anew.options);
-      if (anew.explains(first, second)) {
-        second.steps.insert(second.steps.begin(), anew.words);
+      Diagnosis second = diagnose_divided(axis, attempt.options);
+      if (attempt.explains(first, second)) {
+        second.steps.insert(second.steps.begin(), attempt.words);
         return second;
       }
-      first.steps.push_back(anew.words + ", and explains no more");
+      first.steps.push_back(attempt.words + ": explains no more");
     } catch (const std::runtime_error& error) {
       if (options.stop.stop_requested()) throw;
-      first.steps.push_back(anew.words + ": " + error.what());
+      first.steps.push_back(attempt.words + ": " + error.what());
     }
   }
   return first;

@@ -1,14 +1,15 @@
-// What the simulation gets wrong: finds it, names it, extends the model, and measures the gain on
-// data that it has not seen (docs/theory.md 10).
+// Finds what the simulation of an axis gets wrong, names the causes, extends the model by them, and
+// measures their gain on held-out data (docs/theory.md 10).
 //
-// From a baseline (identify's) candidates of the catalogue are added one by one. Each is fitted
-// with the loop and all effects before it by variable projection, so that the loop does not absorb
-// the effect nor the effect the loop, and judged in free simulation by blocked cross-validation
-// within the training data. It earns its place if the error falls by kWorthIt, in most blocks, and
-// by more than chance: a paired test over quarter-second pieces whose threshold is divided by the
-// number of candidates (Bonferroni), so that a clean machine gets no cause. An effect that another
-// one has made needless is taken out again. The hold-out decides nothing but where it begins; gains
-// are measured on it.
+// Starting from the baseline of `identify`, candidate effects of the catalogue are added one by
+// one. Each is fitted together with the loop and all earlier effects by variable projection, so
+// that neither absorbs a part of the other, and judged in free simulation by blocked
+// cross-validation within the training data. It is added if the error falls by a minimum ratio
+// (judgement.h) and significantly: a paired test over intervals of 0.25 s, whose threshold is
+// divided by the number of candidates (Bonferroni), so that a machine without effects gets no
+// cause. An effect that a later one has made unnecessary is removed again. Which effects are
+// added is decided on the training data alone. The hold-out measures the gains; a cause without a
+// clear gain on it is only suspected, and all causes are discarded where they raise its error.
 #pragma once
 
 #include <stop_token>
@@ -29,83 +30,91 @@ namespace servotwin {
 enum class Verdict { kExplained, kNothingSignificant, kUnexplained };
 [[nodiscard]] std::string_view name_of(Verdict verdict);
 
-/// A cause that is more likely wrong than right is no answer: it is suspected.
+/// Least confidence of a named cause. Below it the cause is more likely wrong than right: it is
+/// only suspected.
 inline constexpr double kNamed = 0.5;
 
+/// The place of a cause that has no effect in the model.
 inline constexpr std::size_t kNoEffect = static_cast<std::size_t>(-1);
 
-/// A quantity of the machine against an earlier model.
+/// A quantity that has changed since an earlier model was identified.
 struct Moved {
   std::string name, unit;
-  double before = 0.0, after = 0.0;  ///< both 1 and a ratio, or both in the unit
+  double before = 0.0, after = 0.0;  ///< 1 and a ratio, or both values in the unit
   double deviation = kAbsent;        ///< standard deviation of `after`
 };
 
 struct Cause {
-  std::string id;         ///< of the contract: "stribeck", "cogging", ..
-  std::size_t place = 0;  ///< of the effect in the extended model; kNoEffect: of the record alone
-  std::vector<std::pair<std::string, double>> counts;  ///< where there is no effect
+  std::string id;         ///< identifier of the contract: "stribeck", "cogging", ..
+  std::size_t place = 0;  ///< of its effect in the extended model; kNoEffect: none
+  std::vector<std::pair<std::string, double>> counts;  ///< what was counted, where it has no effect
   double beaten = 0.0;      ///< share of bootstrap samples in which it beats its nearest rival
-  double confidence = 0.0;  ///< the same times the share that all causes explain and the share of
-                            ///< such causes that were right; 1: it is counted
-  double statistic = 0.0;   ///< of the paired test when it was added; 0: it was in the baseline
+  double confidence = 0.0;  ///< prior hit rate x beaten x share that all causes explain; 1 if it
+                            ///< was counted
+  double statistic = 0.0;   ///< z of the paired test when it was added; 0: it was in the baseline
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
-  std::vector<std::string> ambiguous_with;
+  std::vector<std::string> ambiguous_with;  ///< causes that explain the recording nearly as well
   Gain gain;
-  double worth = 0.0;    ///< squared error that it takes away, the rest fitted again [m^2 | rad^2]
-  bool doubted = false;  ///< on data not seen it gains little, and perhaps nothing
-  std::vector<Moved> moved;      ///< against an earlier model only
-  std::optional<Model> without;  ///< the extended model fitted again without it
+  double worth = 0.0;            ///< squared error that it removes, the rest refitted [m^2 | rad^2]
+  bool doubted = false;          ///< its gain on held-out data is small and may be zero
+  std::vector<Moved> moved;      ///< in a comparison with an earlier model only
+  std::optional<Model> without;  ///< the extended model refitted without it
 };
 
 struct Diagnosis {
   Verdict verdict = Verdict::kNothingSignificant;
-  bool against_earlier = false;  ///< the baseline is an earlier model: causes are what changed
-  double earlier_rms = kAbsent;  ///< of that model where it was identified [m | rad]
+  bool against_earlier = false;  ///< the baseline is an earlier model; causes are changes
+  double earlier_rms = kAbsent;  ///< RMS of that model on its own data [m | rad]
   ModelRecord baseline;          ///< judged on the hold-out
-  ModelRecord extended;          ///< with all causes; the baseline where there is none
-  std::vector<Cause> causes;     ///< by their share of the error explained
-  /// Too unsure to be named: in the extended model, where they predict better, and no answer.
+  ModelRecord extended;          ///< with all causes; the baseline if there is no cause
+  std::vector<Cause> causes;     ///< named, sorted by the error that they explain
+  /// Of too low a confidence to be named, or with a gain that may be zero. They are kept in the
+  /// extended model, which predicts better with them.
   std::vector<Cause> suspected;
-  std::vector<NotObservable> not_observable;  ///< of what is neither named nor suspected
-  /// Place in the extended model of a term that predicts and explains nothing; kNoEffect: none.
+  std::vector<NotObservable> not_observable;  ///< without those that are named or suspected
+  /// Place in the extended model of a term that improves the prediction but is not explained by a
+  /// cause; kNoEffect: there is none.
   std::size_t not_understood = kNoEffect;
-  RegimeShares regimes;             ///< of what is left on the hold-out
-  RegressorShares regressors;       ///< likewise
-  std::vector<SpectrumPeak> peaks;  ///< likewise
+  RegimeShares regimes;             ///< of the residual on the hold-out
+  RegressorShares regressors;       ///< of the same residual
+  std::vector<SpectrumPeak> peaks;  ///< of the same residual
   double unexplained_share = 0.0;   ///< of the baseline's squared error beyond the noise floor
-  std::optional<SuggestedTest> suggested_test;  ///< where something is left in doubt
-  int fits = 0;
-  std::vector<std::string> steps;  ///< what was tried, added and taken out, for people
+  std::optional<SuggestedTest> suggested_test;  ///< where the recording leaves causes undecided
+  int fits = 0;                                 ///< number of fits of the search
+  std::vector<std::string> steps;               ///< of the search, as text
 };
 
 struct DiagnoseOptions {
   IdentifyOptions identify;
-  std::vector<std::string> leave_out;  ///< causes that are not looked for
-  /// The recorded encoder is the one that the position loop uses, which cannot show what the loop
-  /// makes right; false: not known.
+  std::vector<std::string> leave_out;  ///< causes that are not searched for
+  /// The recorded encoder is the one that the position loop uses: its own errors are not
+  /// observable. False: not known.
   bool encoder_in_loop = false;
-  /// Where too much is left and nearly all of it in one part, the recording is divided anew, so
-  /// that what happens late in it is in the training data; false: by time alone.
+  /// If the verdict is "unexplained" and nearly all of the error lies in one part of the recording,
+  /// repeats the diagnosis with another division into training data and hold-out, so that both
+  /// contain a part of the error. False: the division is by time alone.
   bool balance = true;
-  std::stop_token stop;  ///< ends a diagnosis before its next fit: it throws
+  std::stop_token stop;  ///< asks a running diagnosis to stop: it throws before its next fit
 };
 
-/// Throws std::runtime_error as `identify` does. Any thread.
+/// The diagnosis of an axis. Throws std::runtime_error where `identify` does, and where it was
+/// asked to stop. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
-/// What follows this time, to judge a model on. Of one with a limit of the motor the motion before
-/// it comes as lead: a control that holds its integrator there does not forget.
+/// The segments after this time, to judge a model on. For a model with torque saturation they
+/// include the earlier motion as lead, since the integrator of a saturated control keeps its state.
 [[nodiscard]] std::vector<Segment> holdout_for(const Model& model,
                                                const std::vector<Segment>& segments, double from_s);
 
-/// What a model gets wrong of each segment, from where its starting state is found.
+/// The simulation error of a model in each segment, from the sample at which its starting state has
+/// been estimated.
 [[nodiscard]] std::vector<ResidualStretch> residual_stretches(const Model& model,
                                                               const std::vector<Segment>& segments);
 
-/// Orders the causes of a search and says what is left: verdict, regimes, regressors, lines of the
-/// spectrum, unexplained share, what could not show, and the motion that would decide what is in
-/// doubt. `holdout` with its cuts.
+/// Completes a diagnosis after the search: sorts the causes into named and suspected ones, and
+/// fills in the verdict, the confidences, the shares of the residual, the spectral lines, the
+/// unexplained share, the causes that are not observable, and the suggested test. `holdout`: with
+/// detected cuts.
 void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
               const NoiseFloor& floor, const DiagnoseOptions& options);
 

@@ -75,7 +75,7 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   } else if (cause.id == "backlash") {
     out["width_m"] = effect.shape[0];
   } else if (effect.kind == kind_of<Compliance>() && out["frequency_hz"].is_null()) {
-    // Loop and mode have changed their places: what swings are the poles of the loop, if any.
+    // The fit has exchanged loop and mode: the oscillating poles, if any, are those of the loop.
     for (const std::complex<double>& root : roots_of(model.loop)) {
       if (!(root.imag() > 0.0)) continue;
       out["frequency_hz"] = std::abs(root) / (2.0 * std::numbers::pi);
@@ -195,50 +195,49 @@ std::string verdict_text(const Diagnosis& diagnosis) {
   const char* plural = count == 1 ? "" : "s";
   if (diagnosis.against_earlier && diagnosis.verdict == Verdict::kNothingSignificant)
     return text(
-               "nothing changed that shows: the earlier model is wrong by %.3g %s RMS, by %.3g "
-               "when "
-               "it was identified (",
+               "no significant change: the simulation error of the earlier model is %.3g %s RMS, "
+               "it was %.3g when the model was identified (",
                before, unit, 1e6 * diagnosis.earlier_rms) +
            noise + ")";
   if (diagnosis.against_earlier && diagnosis.verdict == Verdict::kUnexplained)
     return text(
-               "something changed that is not explained: the earlier model is wrong by %.3g %s "
-               "RMS, "
-               "by %.3g when it was identified",
+               "unexplained change: the simulation error of the earlier model is %.3g %s RMS, it "
+               "was %.3g when the model was identified",
                before, unit, 1e6 * diagnosis.earlier_rms) +
            (count == 0 ? std::string()
-                       : text("; %zu change%s explain%s a part, %.3g are left", count, plural,
+                       : text("; %zu change%s explain%s a part of it, %.3g remain", count, plural,
                               count == 1 ? "s" : "", after)) +
            " (" + noise + ")";
   if (diagnosis.against_earlier)
     return text(
-               "%zu change%s since the earlier model: it is wrong by %.3g %s RMS on data not seen "
-               "by the fit, with what changed by %.3g (",
+               "%zu change%s since the earlier model: its simulation error on held-out data is "
+               "%.3g %s RMS, with the changes %.3g (",
                count, plural, before, unit, after) +
            noise + ")";
   switch (diagnosis.verdict) {
     case Verdict::kExplained:
       return text(
-                 "%zu cause%s named: on data not seen by the fit the simulation is wrong by %.3g "
-                 "%s "
-                 "RMS in place of %.3g (",
+                 "%zu cause%s named: the simulation error on held-out data is %.3g %s RMS instead "
+                 "of %.3g (",
                  count, plural, after, unit, before) +
              noise + ")";
     case Verdict::kNothingSignificant:
-      return text("nothing significant: the simulation is wrong by %.3g %s RMS, ", before, unit) +
+      return text("nothing significant: the simulation error is %.3g %s RMS, ", before, unit) +
              noise;
     case Verdict::kUnexplained:
       if (count > 0)
         return text(
-            "unexplained: %zu cause%s named, which leave%s too much; on data not seen by the fit "
-            "the "
-            "simulation is wrong by %.3g %s RMS in place of %.3g, %.1f times the noise floor",
-            count, plural, count == 1 ? "s" : "", after, unit, before, after / floor);
+            "unexplained: %zu cause%s named, but too large a residual remains; the simulation "
+            "error "
+            "on held-out data is %.3g %s RMS instead of %.3g, %.1f times the noise floor",
+            count, plural, after, unit, before, after / floor);
       return text(
-                 "unexplained: the simulation is wrong by %.3g %s RMS, %.1f times the noise floor, "
-                 "and no effect of the catalogue explains it",
+                 "unexplained: the simulation error is %.3g %s RMS, %.1f times the noise floor, "
+                 "and no cause in the catalogue explains it",
                  before, unit, before / floor) +
-             (diagnosis.suspected.empty() ? "" : " surely: what may is suspected");
+             (diagnosis.suspected.empty()
+                  ? ""
+                  : " with enough confidence to be named; see the suspected causes");
   }
   return {};
 }
@@ -317,15 +316,15 @@ std::vector<std::string> left_lines(const Diagnosis& diagnosis) {
     std::string name(name_of(s.regressor));
     std::replace(name.begin(), name.end(), '_', ' ');
     if (s.regressor == Regressor::kPositionInPeriod)
-      name = text("place within %.4g %s", 1e3 * s.period, rotary ? "mrad" : "mm");
+      name = text("position within a period of %.4g %s", 1e3 * s.period, rotary ? "mrad" : "mm");
     by += (by.empty() ? "" : ", ") + name +
-          text(" %.2g %% (chance %.2g %%)", 100.0 * s.share, 100.0 * s.chance);
+          text(" %.2g %% (by chance %.2g %%)", 100.0 * s.share, 100.0 * s.chance);
   }
   for (const SpectrumPeak& peak : diagnosis.peaks)
     lines += text("%s%.1f Hz %.2g %s", lines.empty() ? "" : ", ", peak.frequency_hz,
                   1e6 * peak.amplitude, rotary ? "urad" : "um");
-  return {"by variable: " + (by.empty() ? "none explains more of it than chance" : by),
-          "by frequency: " + (lines.empty() ? "no line stands out" : lines)};
+  return {"explained by " + (by.empty() ? "no variable beyond chance" : by),
+          "spectral lines: " + (lines.empty() ? "none is significant" : lines)};
 }
 
 std::string advice_for(const std::string& id) {
@@ -333,9 +332,9 @@ std::string advice_for(const std::string& id) {
     if (identity_of(kind).cause == id) return std::string(identity_of(kind).check);
   }
   if (id == "feedforward_mismatch")
-    return "feed-forward and its gains in the control, filters before it";
+    return "the feed-forward gains in the control and the filters ahead of them";
   if (id == "dropped_samples")
-    return "load and clock of what records; the connection to the encoder";
+    return "the load and the clock of the recording device; the connection to the encoder";
   return {};
 }
 

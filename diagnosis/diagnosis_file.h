@@ -8,26 +8,29 @@
 
 namespace servotwin {
 
-/// `extended_model`: the name of the file that the extended model was written to; empty: none.
+/// The diagnosis as JSON. `extended_model`: the name of the file that the extended model was
+/// written to; empty: none was written.
 [[nodiscard]] nlohmann::json to_json(const Diagnosis& diagnosis, const std::string& extended_model);
 
-/// One sentence for a person on the shop floor.
+/// The verdict in one line: how many causes are named, and the simulation error with and without
+/// them.
 [[nodiscard]] std::string verdict_text(const Diagnosis& diagnosis);
-/// Whether a shape of an effect says something in this model: what resets the integrator of a
-/// control does not where there is none, nor a mode that swings faster than the recording can show.
+/// Whether a shape parameter of an effect has a meaning in this model. The reset of the integrator
+/// has none in a loop without an integrator, nor has a mode above the Nyquist frequency.
 [[nodiscard]] bool means_something(const Effect& effect, const Parameter& shape,
                                    const Model& model);
-/// What the cause is, with its sizes, in one line.
+/// The parameters of the cause with their values and units, in one line.
 [[nodiscard]] std::string cause_text(const Diagnosis& diagnosis, const Cause& cause);
-/// The term that is not understood, in one line; empty: there is none.
+/// The term of the extended model that no cause explains, in one line; empty: there is none.
 [[nodiscard]] std::string not_understood_text(const Diagnosis& diagnosis);
-/// What explains what is left, against chance; two lines.
+/// The remaining residual in two lines: the share explained by each significant variable, and the
+/// lines of its spectrum.
 [[nodiscard]] std::vector<std::string> left_lines(const Diagnosis& diagnosis);
-/// What to look at on the machine.
+/// What to check on the machine for this cause; empty: there is no advice.
 [[nodiscard]] std::string advice_for(const std::string& id);
 
-/// The page of this cause, from the folder that has docs/: the source tree, or
-/// /usr/share/doc/servotwin where the package is installed.
+/// The path of the document about this cause, relative to the folder that contains docs/: the
+/// source tree, or /usr/share/doc/servotwin where the package is installed.
 [[nodiscard]] std::string cause_page(const std::string& id);
 
 }  // namespace servotwin

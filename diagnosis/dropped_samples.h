@@ -1,7 +1,7 @@
-// Samples that the recording lost: rows that are not there, and encoder values that were held.
+// Detects samples that the recording lost: missing rows, and encoder values that were held.
 //
-// A held value: the encoder says the same for some samples while the command moves, and then makes
-// good for all of them at once. An axis that sticks starts slowly. Any thread.
+// A held value: the encoder value stays constant for some samples while the command moves, and then
+// jumps to the true position at once. (An axis that sticks starts slowly instead.) Any thread.
 #pragma once
 
 #include <cstddef>
@@ -12,14 +12,15 @@
 namespace servotwin {
 
 struct DroppedSamples {
-  std::size_t missing = 0;  ///< rows that were bridged when the recording was read
-  std::size_t gaps = 0;     ///< longer ones, at which it was split
-  std::size_t held = 0;     ///< samples
-  /// A value or two that repeat may be how the axis moved.
+  std::size_t missing = 0;  ///< missing rows, interpolated when the recording was read
+  std::size_t gaps = 0;     ///< longer gaps, at which the recording was split
+  std::size_t held = 0;     ///< samples with a held value
+  /// Whether samples were lost. One or two repeated values may be real motion.
   [[nodiscard]] bool any() const { return missing + gaps > 0 || held > 2; }
 };
 
-/// Counts them, and bridges the held ones in these segments.
+/// Counts the lost samples, and interpolates the held ones in these segments. `encoder_step`
+/// [m | rad].
 [[nodiscard]] DroppedSamples bridge_dropped(SegmentedAxis& axis, double encoder_step);
 
 }  // namespace servotwin

@@ -8,12 +8,13 @@ namespace servotwin {
 
 Channels::Channels(const std::vector<Segment>& segments, bool encoder_in_loop)
     : reading(!encoder_in_loop) {
-  constexpr double kHardlyRests = 0.02;  // of the time; a turn takes more than half of it
+  // Share of the time. Reversals of a smooth motion alone reach more than half of it.
+  constexpr double kMinRestShare = 0.02;
   for (const Segment& s : segments) {
     neighbour = neighbour && s.neighbour.size() == s.size();
     in_cut = in_cut && s.in_cut.size() == s.size();
   }
-  rests = excitation_of(segments).rest_share >= kHardlyRests;
+  rests = excitation_of(segments).rest_share >= kMinRestShare;
 }
 
 std::string cause_of(std::size_t kind) { return std::string(identity_of(kind).cause); }
@@ -33,8 +34,8 @@ std::vector<std::size_t> candidates_of(const Structure& structure,
         std::find(known.begin(), known.end(), identity.cause) != known.end())
       continue;
     if (std::find(leave_out.begin(), leave_out.end(), identity.cause) != leave_out.end()) continue;
-    // Behind an integrator a constant force is not seen; beside unlike directions it is one of
-    // them.
+    // With an integrator in the loop a constant force is not observable; asymmetric friction
+    // includes it.
     if (kind == kind_of<ConstantForce>() &&
         (structure.order == 3 || has(kind_of<AsymmetricFriction>())))
       continue;

@@ -14,7 +14,8 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kSettle_s = 0.5;  // from a start at rest into whatever moves
+// The simulation starts at rest even in the middle of a motion; the transient is over by then.
+constexpr double kSettle_s = 0.5;
 
 double root_mean(const std::vector<double>& pieces, const std::vector<std::size_t>& places) {
   double sum = 0.0;
@@ -22,22 +23,23 @@ double root_mean(const std::vector<double>& pieces, const std::vector<std::size_
   return std::sqrt(sum / static_cast<double>(places.size()));
 }
 
-/// How much of an error of this axis is across the path, per unit; 0 at rest. To first order in the
-/// error, with the other axis on its command.
+/// The component across the path of a unit error of this axis, 0..1; 0 at rest. First order in the
+/// error, with the other axis exactly on its command.
 Eigen::ArrayXd across_path(const Segment& s) {
-  constexpr double kAtRest = 0.01;  // of the largest speed along the path
+  // Share of the largest path speed below which the axes count as at rest.
+  constexpr double kMaxRestSpeedShare = 0.01;
   const Eigen::ArrayXd own = Spline::through(s.command, s.sample_time_s).first,
                        other = Spline::through(s.neighbour, s.sample_time_s).first;
   const Eigen::ArrayXd speed = (own.square() + other.square()).sqrt();
-  const double rest = kAtRest * speed.maxCoeff();
+  const double rest = kMaxRestSpeedShare * speed.maxCoeff();
   return (speed > rest).select(other.abs() / speed.max(1e-300), 0.0);
 }
 
-/// Of the tracking error, and of its part across the path.
+/// RMS of the simulated tracking error, and of its component across the path.
 std::pair<double, double> simulated_rms(const Model& model, const std::vector<Segment>& segments) {
   double tracking = 0.0, contour = 0.0, count = 0.0, count_in_plane = 0.0;
   for (Segment s : segments) {
-    // The state in which the encoder found the machine is not that of a repaired one.
+    // The recorded position would set the starting state, which a repaired machine does not share.
     s.actual.resize(0);
     const Eigen::ArrayXd error = simulate(model, s);
     const Eigen::Index settled =

@@ -1,4 +1,4 @@
-// What one cause is worth, measured in free simulation on data that no fit has seen.
+// The gain of one cause: how much it lowers the error of a free simulation on held-out data.
 #pragma once
 
 #include <vector>
@@ -8,27 +8,27 @@
 
 namespace servotwin {
 
-/// RMS without and with one cause, everything else as it is in the extended model [m | rad].
+/// RMS [m | rad] without and with one cause, with the rest of the extended model unchanged.
 struct Gain {
   double before = kAbsent, after = kAbsent;  ///< of measured minus simulated
   double low = kAbsent, high = kAbsent;      ///< 95 % interval of before - after (block bootstrap)
-  /// Of the tracking error itself, simulated: as the machine is, and with the cause repaired on the
-  /// machine. Absent where there is nothing to repair.
+  /// RMS of the simulated tracking error: of the machine as it is, and with the cause repaired.
+  /// Absent where there is nothing to repair.
   double tracking_now = kAbsent, tracking_repaired = kAbsent;
-  /// Of the part of it that is across the path of this axis and its neighbour: what this axis
-  /// contributes to the contour error. Absent where no other linear axis was recorded.
+  /// RMS of its component across the path of this axis and its neighbour, which is the contribution
+  /// of this axis to the contour error. Absent where no other linear axis was recorded.
   double contour_now = kAbsent, contour_repaired = kAbsent;
 };
 
-/// before^2 - after^2; 0 where it was not measured.
+/// before^2 - after^2 [m^2 | rad^2]; 0 where the gain was not measured.
 [[nodiscard]] double worth_of(const Gain& gain);
 
-/// Any thread.
+/// The gain of the cause that `with` has and `without` lacks. Any thread.
 [[nodiscard]] Gain gain_of(const Model& without, const Model& with,
                            const std::vector<Segment>& holdout);
 
-/// Fills in what repair would bring: the tracking and contour error that the two models simulate
-/// for these commands.
+/// Fills in the tracking and contour errors that the two models simulate for these commands: `now`
+/// for the machine as it is, `repaired` for the machine without the cause.
 void judge_repair(const Model& now, const Model& repaired, const std::vector<Segment>& segments,
                   Gain& gain);
 

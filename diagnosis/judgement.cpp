@@ -10,37 +10,38 @@ namespace servotwin {
 
 namespace {
 
-// A law of friction is right to a few hundredths: what it leaves of the baseline's error is its
-// own.
-constexpr double kLawIsRight = 0.02;
+// Share of the baseline's error: a law of friction is accurate to a few hundredths of the error, so
+// that a smaller removed error may be its misfit.
+constexpr double kMinRemovedShare = 0.02;
 
-/// Whether the pieces do not contradict. What set in at a moment may be in few of them, and what
-/// happens now and then is.
-bool agree(const Tried& one) {
+/// Whether the paired test does not contradict the score test. An effect that sets in at some time,
+/// or an intermittent one, is present in few of the blocks and needs only a positive z; impulses
+/// always pass.
+bool blocks_agree(const Tried& one) {
   const auto shapes = shapes_of(one.screened.kind);
   const bool sets_in = !shapes.empty() && shapes.front().scan == Scan::kTime;
-  // A few breakaways may hold most of the error: then the mean is uncertain, and the ranks decide.
+  // If a few breakaways make most of the error, the mean is uncertain; the rank test is used then.
   const double z = std::max(paired_z(one.before->pieces, one.model.pieces),
                             signed_rank_z(one.before->pieces, one.model.pieces));
-  const bool pushes = !shapes.empty() && shapes.front().scan == Scan::kMoments;
-  return pushes || z > (sets_in || happens_now_and_then(one.screened.kind) ? 0.0 : kAgrees);
+  const bool impulses = !shapes.empty() && shapes.front().scan == Scan::kMoments;
+  return impulses || z > (sets_in || is_intermittent(one.screened.kind) ? 0.0 : kMinBlockZ);
 }
 
 }  // namespace
 
-double taken(const Hypothesis& before, const Hypothesis& after) {
+double removed_rms(const Hypothesis& before, const Hypothesis& after) {
   return std::sqrt(std::max(0.0, before.rms() * before.rms() - after.rms() * after.rms()));
 }
 
 double share_beaten(const Tried& best, const Tried& rival) {
-  const auto taken_by = [](const Tried& one, std::size_t i) {
+  const auto removed_by = [](const Tried& one, std::size_t i) {
     return one.before->pieces[i] - one.model.pieces[i];
   };
   const std::size_t n = std::min({best.model.pieces.size(), best.before->pieces.size(),
                                   rival.model.pieces.size(), rival.before->pieces.size()});
   const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
     double sum = 0.0;
-    for (const std::size_t i : places) sum += taken_by(best, i) - taken_by(rival, i);
+    for (const std::size_t i : places) sum += removed_by(best, i) - removed_by(rival, i);
     return sum;
   });
   return static_cast<double>(std::count_if(differences.begin(), differences.end(),
@@ -60,17 +61,18 @@ Judgement judged(const Tried& one, const Bar& bar) {
   Judgement out;
   out.z = paired_z(one.before->pieces, one.model.pieces);
   out.p = 0.5 * std::erfc(out.z / std::sqrt(2.0));
-  if (agree(one)) out.p = std::min(out.p, one.screened.p);
-  const bool much = one.model.rms() < kMuch * one.before->rms();
-  // A few breakaways may hold most of the error: the mean is uncertain then, and the ranks decide.
+  if (blocks_agree(one)) out.p = std::min(out.p, one.screened.p);
+  const bool much = one.model.rms() < kMaxErrorRatioOfLargeGain * one.before->rms();
+  // If a few breakaways make most of the error, the mean is uncertain; the rank test is used then.
   if (much)
     out.p = std::min(out.p, 0.5 * std::erfc(signed_rank_z(one.before->pieces, one.model.pieces) /
                                             std::sqrt(2.0)));
-  out.earned = one.model.rms() < kWorthIt * one.before->rms() &&
-               taken(*one.before, one.model) >
-                   std::max(kLawIsRight * bar.baseline,
-                            like_friction(one.screened.kind) ? kLawLeaves * bar.friction : 0.0) &&
-               out.p < kChance / static_cast<double>(bar.candidates);
+  out.earned =
+      one.model.rms() < kMaxRmsRatioToAdd * one.before->rms() &&
+      removed_rms(*one.before, one.model) >
+          std::max(kMinRemovedShare * bar.baseline,
+                   like_friction(one.screened.kind) ? kLawMisfitShare * bar.friction : 0.0) &&
+      out.p < kFalseAlarmRate / static_cast<double>(bar.candidates);
   return out;
 }
 

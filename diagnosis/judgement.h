@@ -1,48 +1,61 @@
-// Whether an addition to a model has earned its place (docs/theory.md 10).
+// Whether a candidate effect improves a model enough to be added (docs/theory.md 10).
 #pragma once
 
 #include "diagnosis/search.h"
 
 namespace servotwin {
 
-constexpr double kWorthIt = 0.98;   // a cause must bring the error below this
-constexpr double kLawLeaves = 0.1;  // of what a law of friction explains, fitted to another one
-constexpr double kChance = 0.01;    // false causes of a clean machine
-constexpr double kAgrees = 1.64;    // z of the pieces that does not contradict
-constexpr double kMuch = 0.7;       // of the squared error, and of the error: explains much
+// RMS with a cause over RMS without it, both from cross-validation: a smaller improvement than 2 %
+// is not worth a parameter.
+constexpr double kMaxRmsRatioToAdd = 0.98;
+// Share of the error that a law of friction explains which remains as misfit when the machine
+// follows another law of friction.
+constexpr double kLawMisfitShare = 0.1;
+// Expected number of false causes in the diagnosis of a machine without any; divided by the number
+// of candidates (Bonferroni).
+constexpr double kFalseAlarmRate = 0.01;
+// z of the paired test above which it does not contradict the score test: one-sided 5 %.
+constexpr double kMinBlockZ = 1.64;
+// Ratio of errors (RMS, or cost where costs are compared) below which a candidate explains a large
+// part of the error.
+constexpr double kMaxErrorRatioOfLargeGain = 0.7;
 
-/// A candidate beside the model without it, fitted by the same means.
+/// A candidate, and the model without it to compare with; both were fitted in the same way.
 struct Tried {
   Hypothesis model;
   const Hypothesis* before;
   Screened screened;
+  /// RMS with the candidate over RMS without it.
   [[nodiscard]] double left() const { return model.rms() / before->rms(); }
 };
 
 struct Judgement {
-  double z = 0.0, p = 1.0;
-  bool earned = false;
+  double z = 0.0, p = 1.0;  ///< of the paired test; p is one-sided
+  bool earned = false;      ///< the candidate may be added
 };
 
-/// What a candidate has to be more than.
+/// What the error that a candidate removes is compared with.
 struct Bar {
   double baseline = 0.0;       ///< RMS before anything was added [m | rad]
-  double friction = 0.0;       ///< RMS that laws of friction have taken away so far
-  std::size_t candidates = 1;  ///< that were looked at
+  double friction = 0.0;       ///< RMS that laws of friction have removed so far
+  std::size_t candidates = 1;  ///< that were tried
 };
 
-/// Either by what the pieces say, or by the coefficients themselves, if the pieces agree.
+/// Passes the paired block test, or the score test if the blocks do not contradict it; and removes
+/// enough of the error.
 [[nodiscard]] Judgement judged(const Tried& one, const Bar& bar);
 
-/// The error that an addition takes away, in quadrature [m | rad].
-[[nodiscard]] double taken(const Hypothesis& before, const Hypothesis& after);
+/// The error that an addition removes: sqrt(before^2 - after^2) of the RMS [m | rad].
+[[nodiscard]] double removed_rms(const Hypothesis& before, const Hypothesis& after);
 
-/// Share of resamples in which the best takes more away than the rival, each from its own before.
+/// Share of bootstrap resamples in which `best` lowers the squared error of its own comparison
+/// model more than `rival` lowers that of its own.
 [[nodiscard]] double share_beaten(const Tried& best, const Tried& rival);
 
-/// Whether what a law of friction leaves could be taken for this: what acts at reversals and low
-/// speed all the time. A period, a moment or another signal is none of friction's, and a law that
-/// is the same both ways leaves the same both ways.
+/// Whether the misfit of a law of friction can look like this effect, as it can for effects that
+/// act at all reversals and low speeds. It cannot look like effects that are periodic, isolated in
+/// time or driven by another signal, nor like a difference between the directions, since the laws
+/// are symmetric.
 [[nodiscard]] bool like_friction(std::size_t kind);
 
 }  // namespace servotwin

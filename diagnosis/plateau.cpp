@@ -9,14 +9,20 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kNear = 0.1, kFar = 0.7;  // of the force before and after
-constexpr double kSlides = 0.3;            // of the highest tenth: less is no sliding
-constexpr double kLeastStroke = 0.05;      // of the travel: less is no reversal
-constexpr double kSteeper = 1.25;          // ratio of slopes that filters and rough guides make
-constexpr std::size_t kFewest = 4;
-constexpr double kSure = 3.0;      // z
-constexpr double kOneWidth = 0.5;  // deviation over width
-constexpr double kOneSpeed = 0.2;  // deviation of the logarithm of speeds that do not differ
+// Force levels, as shares of the level before or after the reversal: the band around zero lies
+// within kBandLevel; slopes beside it are taken from there to kSlopeLevel.
+constexpr double kBandLevel = 0.1, kSlopeLevel = 0.7;
+// Share of the 90 % quantile of the force that both levels must reach: below it the axis does not
+// slide.
+constexpr double kMinSlidingForce = 0.3;
+// Share of the travel between two reversals below which they do not count.
+constexpr double kMinStrokeShare = 0.05;
+constexpr double kNoGapRatio = 1.25;  // ratio of slopes that filters and rough guideways can reach
+constexpr std::size_t kMinReversals = 4;
+constexpr double kMinZ = 3.0;
+constexpr double kMaxDeviationOverWidth = 0.5;
+// Deviation of the logarithm of the speeds below which they count as equal.
+constexpr double kMaxSpeedDeviation = 0.2;
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -31,7 +37,7 @@ double robust_deviation(const std::vector<double>& values) {
   return 1.4826 * median(away);
 }
 
-/// Places at which the position turns, with at least `least` of travel between them.
+/// Samples at which the position reverses, with a travel of at least `least` between them.
 std::vector<Eigen::Index> turns_of(const Eigen::ArrayXd& x, double least) {
   std::vector<Eigen::Index> out;
   Eigen::Index high = 0, low = 0;
@@ -52,7 +58,8 @@ std::vector<Eigen::Index> turns_of(const Eigen::ArrayXd& x, double least) {
   return out;
 }
 
-/// The first place, between samples, from `from` on at which the values reach this level.
+/// The first index, interpolated between samples, from `from` on at which the values reach this
+/// level from below; -1: never.
 double reached(const std::vector<double>& values, double level, double from) {
   for (auto k = static_cast<std::size_t>(from); k + 1 < values.size(); ++k) {
     if (values[k] > level || values[k + 1] <= level) continue;
@@ -61,12 +68,15 @@ double reached(const std::vector<double>& values, double level, double from) {
   return -1.0;
 }
 
+/// The value at an interpolated index.
 double at(const std::vector<double>& values, double place) {
   const auto k = static_cast<std::size_t>(place);
   const double rest = place - static_cast<double>(k);
   return k + 1 < values.size() ? values[k] + rest * (values[k + 1] - values[k]) : values[k];
 }
 
+/// Appends the reversal at sample `from`, with the stroke up to sample `to`, if its force changes
+/// sign completely. `least`: force level on both sides that counts as sliding.
 void look(const PositionForce& one, Eigen::Index from, Eigen::Index to, double least,
           std::vector<Reversal>& out) {
   const double sign = one.position(to) > one.position(from) ? 1.0 : -1.0;
@@ -80,24 +90,25 @@ void look(const PositionForce& one, Eigen::Index from, Eigen::Index to, double l
                              force.end());
   const double after = median(second);
   if (before < least || after < least) return;
-  const double leaves = reached(force, -kFar * before, 0.0);
+  const double leaves = reached(force, -kSlopeLevel * before, 0.0);
   if (leaves < 0.0) return;
-  const double in = reached(force, -kNear * before, leaves);
+  const double in = reached(force, -kBandLevel * before, leaves);
   if (in < 0.0) return;
-  const double passes = reached(force, kNear * after, in);
+  const double passes = reached(force, kBandLevel * after, in);
   if (passes < 0.0) return;
-  const double arrives = reached(force, kFar * after, passes);
+  const double arrives = reached(force, kSlopeLevel * after, passes);
   if (arrives < 0.0) return;
   const double down = at(travel, in) - at(travel, leaves),
                band = at(travel, passes) - at(travel, in),
                up = at(travel, arrives) - at(travel, passes);
-  // Faster than the samples: nothing can be said.
+  // The band is passed within two samples: too fast to resolve.
   if (passes - in < 2.0 || !(down > 0.0) || !(band > 0.0) || !(up > 0.0)) return;
-  const double share = kNear / (kFar - kNear);
+  const double share = kBandLevel / (kSlopeLevel - kBandLevel);
   Reversal reversal;
   reversal.forward = sign > 0.0;
   reversal.time_s = one.start_s + one.step_s * static_cast<double>(from);
-  reversal.ratio = ((kFar - kNear) * after / up) / (kNear * (before + after) / band);
+  reversal.ratio =
+      ((kSlopeLevel - kBandLevel) * after / up) / (kBandLevel * (before + after) / band);
   reversal.width = band - share * (down + up);
   reversal.passing = (passes - in) * one.step_s;
   out.push_back(reversal);
@@ -106,8 +117,8 @@ void look(const PositionForce& one, Eigen::Index from, Eigen::Index to, double l
 }  // namespace
 
 bool Plateau::found() const {
-  return reversals.size() >= kFewest && statistic > kSure && width > 0.0 &&
-         deviation < kOneWidth * width && by_travel;
+  return reversals.size() >= kMinReversals && statistic > kMinZ && width > 0.0 &&
+         deviation < kMaxDeviationOverWidth * width && by_travel;
 }
 
 Plateau plateau_of(const std::vector<PositionForce>& stretches) {
@@ -120,18 +131,18 @@ Plateau plateau_of(const std::vector<PositionForce>& stretches) {
   }
   if (forces.empty()) return out;
   std::sort(forces.begin(), forces.end());
-  const double least = kSlides * forces[forces.size() * 9 / 10];
+  const double least = kMinSlidingForce * forces[forces.size() * 9 / 10];
   for (const PositionForce& one : stretches) {
-    const std::vector<Eigen::Index> turns = turns_of(one.position, kLeastStroke * travel);
+    const std::vector<Eigen::Index> turns = turns_of(one.position, kMinStrokeShare * travel);
     for (std::size_t i = 0; i < turns.size(); ++i)
       look(one, turns[i], i + 1 < turns.size() ? turns[i + 1] : one.position.size() - 1, least,
            out.reversals);
   }
-  if (out.reversals.size() < kFewest) return out;
+  if (out.reversals.size() < kMinReversals) return out;
   std::vector<double> ratios, away, speeds, in_travel, in_time;
-  for (const Reversal& r : out.reversals) ratios.push_back(std::log(r.ratio / kSteeper));
+  for (const Reversal& r : out.reversals) ratios.push_back(std::log(r.ratio / kNoGapRatio));
   out.statistic = z_of_mean(ratios);
-  // Each direction about its own median: nuts and guides have unlike flanks.
+  // Deviations from the median of each direction, since the flanks of nuts and guideways differ.
   int directions = 0;
   for (const bool forward : {true, false}) {
     std::vector<double> widths, logarithms, times;
@@ -155,7 +166,7 @@ Plateau plateau_of(const std::vector<PositionForce>& stretches) {
   }
   out.width /= directions;
   out.deviation = robust_deviation(away);
-  out.by_travel = robust_deviation(speeds) < kOneSpeed ||
+  out.by_travel = robust_deviation(speeds) < kMaxSpeedDeviation ||
                   robust_deviation(in_travel) < robust_deviation(in_time);
   return out;
 }
@@ -164,7 +175,7 @@ Eigen::ArrayXd force_through_gap(const Eigen::ArrayXd& position, double width, d
                                  double start) {
   Eigen::ArrayXd out(position.size());
   const double most = 0.5 * width + give;
-  double inside = start * most;  // of gap and spring
+  double inside = start * most;  // position relative to the middle of the gap
   for (Eigen::Index k = 0; k < position.size(); ++k) {
     if (k > 0) inside = std::clamp(inside + position(k) - position(k - 1), -most, most);
     const double pressed = std::max(0.0, std::abs(inside) - 0.5 * width) / give;

@@ -13,16 +13,18 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kWidth = 560.0, kHeight = 380.0;  // of a panel
-constexpr double kLeft = 64.0, kRight = 16.0, kBottom = 48.0;
-constexpr double kTitle = 20.0, kLine = 18.0;  // of its baseline; from one line to the next
-constexpr double kLetter = 7.4;                // about as wide as one
+// All in px.
+constexpr double kWidth = 560.0, kHeight = 380.0;              // of a panel
+constexpr double kLeft = 64.0, kRight = 16.0, kBottom = 48.0;  // margins of a panel
+constexpr double kTitle = 20.0;                                // y of the baseline of the title
+constexpr double kLine = 18.0;                                 // distance between lines of text
+constexpr double kLetter = 7.4;                                // about the width of a letter
 constexpr std::array<const char*, 6> kPalette = {"#3b7dd8", "#d9542b", "#2f9e58",
                                                  "#9b59b6", "#c79a1b", "#6b7785"};
 
-/// One axis of a panel: from a value to a place.
+/// One axis of a panel: converts a value to a coordinate [px].
 struct Scale {
-  double low = 0.0, high = 1.0;  // of log10 where logarithmic
+  double low = 0.0, high = 1.0;  // range of values; of log10(value) where logarithmic
   double begin = 0.0, end = 1.0;
   bool logarithmic = false;
 
@@ -65,7 +67,7 @@ struct Place {
   double x = 0.0, y = 0.0;
 };
 
-/// Where the names of the series go: line by line under the title.
+/// Positions of the legend entries: line by line under the title.
 std::vector<Place> legend_of(const PlotPanel& panel) {
   std::vector<Place> places;
   Place next{kLeft, kTitle + kLine};
@@ -100,7 +102,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   }
   if (!(x.low <= x.high)) throw std::invalid_argument("plot '" + panel.title + "' has no points");
   for (Scale* scale : {&x, &y}) {
-    // A range within the digits of its values has no ticks of its own.
+    // A range as small as the rounding of its values would have no ticks: it is widened.
     const double size = std::max(std::abs(scale->low), std::abs(scale->high));
     const double margin = scale->high - scale->low > 1e-9 * size
                               ? 0.05 * (scale->high - scale->low)
@@ -145,7 +147,7 @@ std::string panel_svg(const PlotPanel& panel, double offset) {
   std::size_t next = 0, entry = 0;
   for (const PlotSeries& s : panel.series) {
     const std::string colour = s.colour.empty() ? plot_colour(next++) : s.colour;
-    std::string points, above, below;  // of an unbroken part of a line, and of the band about it
+    std::string points, above, below;  // of a line up to its next gap, and of its error band
     const auto end_line = [&] {
       if (!above.empty()) {
         out +=

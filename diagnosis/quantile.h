@@ -7,7 +7,7 @@
 
 namespace servotwin {
 
-/// The value that a share `at`, 0 to 1, of the values is not above; `values` not empty.
+/// The quantile of the values at the share `at`, 0..1; `values` must not be empty.
 [[nodiscard]] inline double quantile(const Eigen::ArrayXd& values, double at) {
   std::vector<double> sorted(values.data(), values.data() + values.size());
   const auto place =

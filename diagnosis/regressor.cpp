@@ -11,14 +11,15 @@ namespace servotwin {
 
 namespace {
 
-constexpr Eigen::Index kSamples = 6000;      // that shares are taken of
-constexpr Eigen::Index kScanned = 3000;      // and those of a position within a period
-constexpr int kShuffles = 999, kScans = 99;  // without the data as they are
+constexpr Eigen::Index kSamples = 6000;      // the data are thinned to about this number
+constexpr Eigen::Index kScanned = 3000;      // and to this one for the scan of periods
+constexpr int kShuffles = 999, kScans = 99;  // number of shuffles, without the unshuffled data
 constexpr int kBins = 20;
-constexpr double kStanding = 0.005;  // of the peak speed
+constexpr double kMaxRestSpeedShare =
+    0.005;  // share of the peak speed below which the axis is at rest
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-/// What shares are taken of: thinned, with a value each, the mean taken out.
+/// The thinned data: the residual without its mean, and the value of every variable.
 struct Samples {
   Eigen::ArrayXd residual;
   std::array<Eigen::ArrayXd, kRegressors> value;
@@ -44,7 +45,7 @@ Samples samples_of(std::span<const ResidualStretch> stretches) {
     for (Eigen::Index k = 0; k < stretches[i].residual.size(); k += every) {
       if (!std::isfinite(stretches[i].residual(k)) || !std::isfinite(v.velocity(k))) continue;
       residual.push_back(stretches[i].residual(k));
-      const bool moving = std::abs(v.velocity(k)) > kStanding * fastest;
+      const bool moving = std::abs(v.velocity(k)) > kMaxRestSpeedShare * fastest;
       const std::array<double, kRegressors> row{
           v.velocity(k),     !moving ? 0.0 : v.velocity(k) > 0.0 ? 1.0 : -1.0,
           v.position(k),     moving ? v.position(k) : kNaN,
@@ -63,7 +64,7 @@ Samples samples_of(std::span<const ResidualStretch> stretches) {
   return out;
 }
 
-/// Samples after which the residual is a new one.
+/// Length of the shuffled blocks [samples]: the residual is uncorrelated over it.
 Eigen::Index block_of(const Samples& s) {
   const Eigen::Index n = s.residual.size();
   const double power = s.residual.square().mean();
@@ -78,7 +79,7 @@ Eigen::Index block_of(const Samples& s) {
                                   std::max<Eigen::Index>(least, n / 20));
 }
 
-/// The samples in the order of shuffled blocks.
+/// The indices of the samples in the order of the shuffled blocks.
 std::vector<Eigen::Index> shuffled(Eigen::Index n, Eigen::Index block, std::mt19937_64& random) {
   std::vector<Eigen::Index> order(static_cast<std::size_t>((n + block - 1) / block));
   std::iota(order.begin(), order.end(), 0);
@@ -91,7 +92,8 @@ std::vector<Eigen::Index> shuffled(Eigen::Index n, Eigen::Index block, std::mt19
   return out;
 }
 
-/// Bin of every sample; -1 where there is no value. Edges at quantiles, as far as they differ.
+/// The bin of every sample; -1 where the variable has no value. The edges are quantiles; equal ones
+/// are merged.
 std::vector<int> places_of(const Eigen::ArrayXd& x) {
   std::vector<double> sorted;
   for (const double value : x) {
@@ -113,7 +115,8 @@ std::vector<int> places_of(const Eigen::ArrayXd& x) {
   return out;
 }
 
-/// Sum of squares that the means of the bins say, where the i-th sample has the residual order[i].
+/// Sum of squares explained by the means of the bins, where the k-th sample has the residual
+/// (*order)[k]; `order` null: its own.
 double explained(const std::vector<int>& places, const Eigen::ArrayXd& residual,
                  const std::vector<Eigen::Index>* order) {
   std::array<double, kBins + 1> sum{}, count{};
@@ -129,7 +132,7 @@ double explained(const std::vector<int>& places, const Eigen::ArrayXd& residual,
   return out;
 }
 
-/// The best period, and what its sine and cosine say of the variance.
+/// Fills in the best period, and the share of the variance that its sine and cosine explain.
 void scan_periods(const Samples& s, Eigen::Index block, std::mt19937_64& random,
                   RegressorShare& out) {
   const Eigen::ArrayXd& x = s.value[static_cast<std::size_t>(Regressor::kPositionInPeriod)];
@@ -141,7 +144,7 @@ void scan_periods(const Samples& s, Eigen::Index block, std::mt19937_64& random,
     if (std::isfinite(value)) low = std::min(low, value), high = std::max(high, value);
   }
   if (!(high > low) || m < 100) return;
-  constexpr int kFrom = 3, kTo = 200, kFine = 2;  // waves over the way
+  constexpr int kFrom = 3, kTo = 200, kFine = 2;  // periods over the travel; steps for each
   const Eigen::Index waves = (kTo - kFrom) * kFine;
   Eigen::MatrixXf right(m, kScans + 1);
   for (int column = 0; column <= kScans; ++column) {
@@ -170,7 +173,7 @@ void scan_periods(const Samples& s, Eigen::Index block, std::mt19937_64& random,
   const Eigen::MatrixXf power = (sine * right).cwiseAbs2() + (cosine * right).cwiseAbs2();
   Eigen::Index best = 0;
   const double peak = power.col(0).maxCoeff(&best);
-  // Of the variance of all samples, in units of what was scanned.
+  // The variance of all scanned samples, in the scale of `right`.
   double all = 0.0;
   for (Eigen::Index i = 0; i < m; ++i) all += std::pow(s.residual(i * every) / size, 2);
   const double to_share = 2.0 / (static_cast<double>(moving) * all);
@@ -208,7 +211,7 @@ Variables variables_of(const ResidualStretch& stretch) {
   Eigen::Index reversal = -1, rest = -1;
   for (Eigen::Index k = 0; k < n; ++k) {
     const double v = out.velocity(k);
-    if (std::abs(v) > kStanding * fastest) {
+    if (std::abs(v) > kMaxRestSpeedShare * fastest) {
       const int now = v > 0.0 ? 1 : -1;
       if (direction != 0 && now != direction) reversal = k;
       direction = now;
@@ -251,7 +254,7 @@ RegressorShares by_regressor(std::span<const ResidualStretch> stretches) {
 }
 
 std::vector<Bin> bins_of(const Eigen::ArrayXd& x, const Eigen::ArrayXd& y, int most) {
-  constexpr Eigen::Index kLeast = 8;
+  constexpr Eigen::Index kMinSamplesPerBin = 8;
   double low = 1e300, high = -1e300;
   for (Eigen::Index k = 0; k < x.size(); ++k) {
     if (!std::isfinite(x(k)) || !std::isfinite(y(k))) continue;
@@ -259,7 +262,7 @@ std::vector<Bin> bins_of(const Eigen::ArrayXd& x, const Eigen::ArrayXd& y, int m
   }
   std::vector<Bin> out;
   if (!(low <= high)) return out;
-  // Samples that follow each other in a bin are one run: no more is known than there are runs.
+  // Consecutive samples in a bin form a run. Runs, not samples, are taken as independent.
   struct Sums {
     double x = 0.0, y = 0.0;
     Eigen::Index count = 0;
@@ -281,7 +284,7 @@ std::vector<Bin> bins_of(const Eigen::ArrayXd& x, const Eigen::ArrayXd& y, int m
     last = b;
   }
   for (const Sums& s : sums) {
-    if (s.count < kLeast) continue;
+    if (s.count < kMinSamplesPerBin) continue;
     const auto count = static_cast<double>(s.count);
     Bin bin{s.x / count, s.y / count, 0.0, s.count};
     // Sum over runs of the squared sum of deviations (clusters; Liang and Zeger 1986).

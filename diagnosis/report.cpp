@@ -18,8 +18,10 @@ namespace servotwin {
 
 namespace {
 
-constexpr std::size_t kFewestFrequencies = 12;  // of a picture over frequency
-constexpr double kShown_s = 4.0;                // of the hold-out, from its middle
+// A Bode plot with fewer significant frequencies is not shown.
+constexpr std::size_t kMinBodeFrequencies = 12;
+// Length of held-out data that the error plot shows, from the middle of the hold-out.
+constexpr double kErrorPlotLength_s = 4.0;
 
 constexpr const char* kStyle =
     ":root{color-scheme:light dark;--line:#8884;--soft:#8881}"
@@ -43,7 +45,8 @@ std::string row(const char* name, const std::string& cell) {
   return std::string("<tr><th>") + name + "</th><td>" + cell + "</td></tr>\n";
 }
 
-/// What the two models leave over a few seconds of the hold-out, on one scale.
+/// The simulation error of baseline and extended model over a few seconds of the hold-out, with the
+/// measured tracking error beside it.
 std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
   const std::vector<Segment> holdout =
@@ -54,10 +57,12 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
   const Eigen::ArrayXd before = 1e6 * (error - simulate(diagnosis.baseline.model, s)),
                        after = 1e6 * (error - simulate(diagnosis.extended.model, s));
   const auto count = std::min<Eigen::Index>(
-      s.size() - s.lead, static_cast<Eigen::Index>(std::lround(kShown_s / s.sample_time_s)));
+      s.size() - s.lead,
+      static_cast<Eigen::Index>(std::lround(kErrorPlotLength_s / s.sample_time_s)));
   const Eigen::Index begin = s.lead + (s.size() - s.lead - count) / 2;
-  PlotSeries measured{"measured", {}, {}, true, ""}, baseline{"before", {}, {}, true, "#d9542b"},
-      extended{"with all that was found", {}, {}, true, "#2f9e58"};
+  PlotSeries measured{"measured", {}, {}, true, ""},
+      baseline{"baseline model", {}, {}, true, "#d9542b"},
+      extended{"extended model", {}, {}, true, "#2f9e58"};
   for (Eigen::Index k = begin; k < begin + count; ++k) {
     const double t = s.start_s + s.sample_time_s * static_cast<double>(k);
     measured.x.push_back(t);
@@ -69,21 +74,23 @@ std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segm
   }
   const std::string unit = rotary ? "error [urad]" : "error [um]";
   return "<figure>" +
-         plot_svg({{"tracking error: command less encoder",
+         plot_svg({{"tracking error (command minus encoder)",
                     "time in the recording [s]",
                     unit,
                     false,
                     {measured}},
-                   {"what the simulation is wrong by",
+                   {"simulation error (measured minus simulated)",
                     "time in the recording [s]",
                     unit,
                     false,
                     {baseline, extended}}}) +
-         "<figcaption>A few seconds of motion that no fit has seen.</figcaption></figure>\n";
+         "<figcaption>A few seconds of held-out data, which no fit has used."
+         "</figcaption></figure>\n";
 }
 
-/// The response of the position to the command as measured, and as the model with all causes has it
-/// along the same motion, which takes its friction along. Nothing where the recording shows none.
+/// The frequency response from command to position: as measured, and as estimated in the same way
+/// from the extended model's simulation of the same motion, so that friction acts on both alike.
+/// Empty where the recording is too short or has too few significant frequencies.
 std::string frequency_section(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   std::vector<ResponseRecord> measured, simulated;
   for (const Segment& s : segments) {
@@ -99,41 +106,42 @@ std::string frequency_section(const Diagnosis& diagnosis, const std::vector<Segm
     return {};  // too short
   }
   const std::vector<Eigen::Index> places = machine.significant(0, 0.0, 0.5 / machine.sample_time_s);
-  if (places.size() < kFewestFrequencies) return {};
+  if (places.size() < kMinBodeFrequencies) return {};
   ModelledResponse model{"the twin", {}, {}};
   for (const Eigen::Index i : places) {
     model.frequency_hz.push_back(machine.frequency_hz(i));
     model.response.push_back(twin.channels[0].response(i));
   }
-  return "<section><h2>How it answers at every frequency</h2>\n<figure>" +
+  return "<section><h2>Frequency response</h2>\n<figure>" +
          plot_svg(bode_panels(machine, {"command"}, "position", {model})) +
          text(
-             "<figcaption>Command to position, from %d windows of %.3g s; where the coherence is "
-             "no more than chance, nothing is drawn. A peak that the twin has not is a mode: see "
-             "<code>servotwin frequency-response</code>.</figcaption></figure></section>\n",
+             "<figcaption>From command to position, averaged over %d windows of %.3g s. "
+             "Frequencies whose coherence could be chance are not drawn. A peak that the twin "
+             "lacks is an unmodelled mode of vibration: see <code>servotwin "
+             "frequency-response</code>."
+             "</figcaption></figure></section>\n",
              machine.windows, machine.window_s);
 }
 
-/// Why one believes it, in words.
-std::string how_sure(const Cause& cause, double unexplained_share, const char* unit) {
-  if (!cause.counts.empty()) return "counted in the recording, not inferred";
+/// The confidence of a cause and the figures that it is computed from.
+std::string confidence_text(const Cause& cause, double unexplained_share, const char* unit) {
+  if (!cause.counts.empty()) return "counted in the recording, not estimated";
   std::string out =
       cause.confidence >= 0.995 ? "over 99 %" : text("%.0f %%", 100.0 * cause.confidence);
   out += text(
-      ": it beats its nearest rival in %.0f %% of the resamplings of the recording, and what is "
-      "named here is %.0f %% of what there is to explain; a cause that takes less away is less "
-      "often "
-      "right",
+      "; it explains more than its nearest rival in %.0f %% of the bootstrap resamples, and all "
+      "causes together explain %.0f %% of the simulation error above the noise floor; a cause that "
+      "removes a smaller share of the error is rated lower",
       100.0 * cause.beaten, 100.0 * (1.0 - unexplained_share));
   if (std::isfinite(cause.gain.low)) {
     out += cause.gain.low > 0.0
                ? text(
-                     "; what it gains on motion that no fit has seen is beyond chance (%.2g to "
-                     "%.2g %s with 95 %%)",
+                     "; on held-out data it lowers the error by %.2g to %.2g %s (95 %% "
+                     "confidence interval)",
                      1e6 * cause.gain.low, 1e6 * cause.gain.high, unit)
                : text(
-                     "; what it gains on motion that no fit has seen may be chance (%.2g to %.2g "
-                     "%s with 95 %%)",
+                     "; its gain on held-out data may be chance (95 %% confidence interval %.2g "
+                     "to %.2g %s)",
                      1e6 * cause.gain.low, 1e6 * cause.gain.high, unit);
   }
   return out + ".";
@@ -147,47 +155,52 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
                     "</h2>\n<p class='size'>" + escaped(plain_size(diagnosis, cause)) + "</p>\n";
   if (const CausePicture picture = picture_of(diagnosis, cause, segments); !picture.panels.empty())
     out += "<figure>" + plot_svg(picture.panels) + "<figcaption>" + escaped(picture.caption) +
-           " Points are measured, with 95 % bars where they are means.</figcaption></figure>\n";
+           " Points are measured values; bars are 95 % confidence intervals of means."
+           "</figcaption></figure>\n";
   out += "<table>";
   if (const std::string advice = advice_for(cause.id); !advice.empty())
     out += row("check on the machine", escaped(advice));
-  out += row("more about this cause", "<code>" + cause_page(cause.id) + "</code>");
+  out += row("about this cause", "<code>" + cause_page(cause.id) + "</code>");
   if (std::isfinite(cause.gain.before))
-    out += row("what it brings",
-               text("without it the simulation is wrong by %.3g %s RMS, with it by %.3g %s",
+    out += row("simulation error",
+               text("%.3g %s RMS without this cause in the model, %.3g %s RMS with it",
                     1e6 * cause.gain.before, unit, 1e6 * cause.gain.after, unit));
   const Gain& gain = cause.gain;
   if (std::isfinite(gain.tracking_repaired)) {
-    std::string repair = text("tracking error %.4g %s RMS in place of %.4g",
+    std::string repair = text("tracking error %.4g %s RMS instead of %.4g",
                               1e6 * gain.tracking_repaired, unit, 1e6 * gain.tracking_now);
     if (std::isfinite(gain.contour_repaired))
-      repair += text(", across the path %.4g in place of %.4g", 1e6 * gain.contour_repaired,
+      repair += text(", across the path %.4g instead of %.4g", 1e6 * gain.contour_repaired,
                      1e6 * gain.contour_now);
-    out += row("what repair would bring", repair + " (simulated)");
+    out += row("expected from a repair", repair + " (simulated)");
   }
-  out += row("how sure", how_sure(cause, diagnosis.unexplained_share, unit));
+  out += row("confidence", confidence_text(cause, diagnosis.unexplained_share, unit));
   if (!cause.ambiguous_with.empty()) {
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with)
       rivals += (rivals.empty() ? "" : "; ") + escaped(plain_name(rival));
-    out += row("it may also be", rivals + ": this recording cannot tell. See the test below.");
+    out +=
+        row("it may also be",
+            rivals + ": this recording does not distinguish them. See the suggested test below.");
   }
   out += row("in the model",
              "<code>" + escaped(cause.id) + "</code>: " + escaped(cause_text(diagnosis, cause)));
   return out + "</table></section>\n";
 }
 
-/// What is left, over what the command does and over every variable.
+/// The residual of the extended model: by regime of the commanded motion, by variable and by
+/// frequency.
 std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
   const char* unit = rotary ? "urad" : "um";
   std::string out =
-      "<section><h2>What is left</h2>\n<table><tr><th>while the axis</th><th>RMS</th><th>MAX</th>"
+      "<section><h2>Remaining residual</h2>\n<table><tr><th>while the axis</th><th>RMS</th>"
+      "<th>MAX</th>"
       "<th>share of the squared error</th><th>share of the time</th></tr>\n";
   for (const RegimeShare& share : diagnosis.regimes) {
     if (share.samples == 0) continue;
-    constexpr std::array kDoes{"stands", "moves at constant speed", "accelerates", "turns round",
-                               "has its motor at the limit"};
+    constexpr std::array kDoes{"is at standstill", "moves at constant speed", "accelerates",
+                               "reverses", "has its motor at the torque limit"};
     out += std::string("<tr><td>") + kDoes[static_cast<std::size_t>(share.regime)] + "</td>" +
            text("<td>%.3g %s</td><td>%.3g %s</td><td>%.0f %%</td><td>%.0f %%</td></tr>\n",
                 1e6 * share.rms, unit, 1e6 * share.max, unit, 100.0 * share.share,
@@ -196,9 +209,9 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
   const RegressorShares before = by_regressor(residual_stretches(
       diagnosis.baseline.model, cut(segments, diagnosis.baseline.training_to_s + 1e-9, 1e300)));
   out +=
-      "</table>\n<p>What could explain it, one variable at a time:</p>\n<table><tr><th>variable"
-      "</th><th>share of the squared error</th><th>chance alone reaches</th><th></th><th>before "
-      "the causes were named</th></tr>\n";
+      "</table>\n<p>Residual explained by each variable alone:</p>\n<table><tr><th>variable"
+      "</th><th>share of the residual variance</th><th>share reached by chance</th><th></th>"
+      "<th>share in the baseline model</th></tr>\n";
   for (const RegressorShare& share : diagnosis.regressors) {
     const RegressorShare& then = before[static_cast<std::size_t>(share.regressor)];
     std::string name = spaced(name_of(share.regressor));
@@ -207,8 +220,8 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
     out += "<tr><td>" + name +
            text("</td><td>%.2g %%</td><td>%.2g %%</td><td>", 100.0 * share.share,
                 100.0 * share.chance) +
-           (share.significant ? "<b>beyond chance</b>" : "chance") + "</td><td>" +
-           text("%.2g %%", 100.0 * then.share) + (then.significant ? ", beyond chance" : "") +
+           (share.significant ? "<b>significant</b>" : "not significant") + "</td><td>" +
+           text("%.2g %%", 100.0 * then.share) + (then.significant ? ", significant" : "") +
            (share.regressor == Regressor::kPositionInPeriod && then.significant
                 ? text(", %.4g %s", 1e3 * then.period, rotary ? "mrad" : "mm")
                 : "") +
@@ -216,12 +229,15 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
   }
   out += "</table>\n<p>";
   for (const SpectrumPeak& peak : diagnosis.peaks)
-    out += text("%s%.1f Hz with %.2g %s", &peak == &diagnosis.peaks.front() ? "Vibration: " : ", ",
-                peak.frequency_hz, 1e6 * peak.amplitude, unit);
-  out += diagnosis.peaks.empty() ? "No frequency stands out.</p>" : ".</p>";
+    out +=
+        text("%s%.1f Hz at %.2g %s", &peak == &diagnosis.peaks.front() ? "Spectral lines: " : ", ",
+             peak.frequency_hz, 1e6 * peak.amplitude, unit);
+  out += diagnosis.peaks.empty() ? "The residual has no significant spectral line.</p>" : ".</p>";
   if (std::isfinite(diagnosis.baseline.noise_floor_rms))
-    out += text("<p>No model could do better than the noise of the recording, %.2g %s RMS.</p>",
-                1e6 * diagnosis.baseline.noise_floor_rms, unit);
+    out += text(
+        "<p>The noise floor of the recording, the lowest error that any model can reach, is "
+        "%.2g %s RMS.</p>",
+        1e6 * diagnosis.baseline.noise_floor_rms, unit);
   return out + "</section>\n";
 }
 
@@ -236,21 +252,23 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
   out += "<h1>Axis " + escaped(diagnosis.baseline.axis) + "</h1>\n<p class='verdict'>" +
          escaped(plain_verdict(diagnosis)) + "</p>\n";
   if (diagnosis.suggested_test)
-    out += "<p class='note'>Something is left in doubt: see the test at the end.</p>\n";
+    out +=
+        "<p class='note'>This recording does not decide everything: see the suggested test at the "
+        "end.</p>\n";
   out += "<p>From " + escaped(source);
   if (!segments.empty())
     out +=
-        text(", %.4g to %.4g s; judged on what follows %.4g s, which no fit has seen",
+        text(", %.4g to %.4g s; errors are evaluated on the held-out data after %.4g s",
              segments.front().start_s, segments.back().end_s(), diagnosis.baseline.training_to_s);
   out += ".</p>\n" + picture(diagnosis, segments);
   for (std::size_t i = 0; i < diagnosis.causes.size(); ++i)
     out += section_of(diagnosis, i, segments);
   if (diagnosis.suggested_test) {
-    out += "<section><h2>The test that decides</h2>\n<p>" +
-           escaped(diagnosis.suggested_test->words) + "</p>\n";
+    out += "<section><h2>Suggested test</h2>\n<p>" + escaped(diagnosis.suggested_test->words) +
+           "</p>\n";
     if (const auto& motion = diagnosis.suggested_test->motion; motion) {
-      constexpr double kShown = 2000.0;
-      const double h = motion->duration_s() / kShown, scale = 1e3;
+      constexpr double kMotionPlotPoints = 2000.0;
+      const double h = motion->duration_s() / kMotionPlotPoints, scale = 1e3;
       const Eigen::ArrayXd path = motion->command(h);
       PlotSeries series{"", {}, {}, true, ""};
       for (Eigen::Index k = 0; k < path.size(); ++k) {
@@ -263,42 +281,44 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
                         diagnosis.baseline.rotary ? "position [mrad]" : "position [mm]",
                         false,
                         {series}}}) +
-             "<figcaption>servotwin diagnose --suggested-test writes it as a path and as G-code."
-             "</figcaption></figure>\n";
+             "<figcaption><code>servotwin diagnose --suggested-test</code> writes this motion as a "
+             "path and as G-code.</figcaption></figure>\n";
     }
     out += "</section>\n";
   }
   if (!diagnosis.suspected.empty()) {
     out +=
-        "<section><h2>Suspected</h2>\n<p>Too unsure to be named; they are in the extended model, "
-        "which predicts better with them.</p>\n<table>";
+        "<section><h2>Suspected causes</h2>\n<p>Their confidence is too low to name them, or "
+        "their gain on held-out data may be zero. They are kept in the extended model because it "
+        "predicts better with them.</p>\n<table>";
     for (const Cause& cause : diagnosis.suspected)
-      out += row(
-          escaped(plain_name(cause.id)).c_str(),
-          text("sure %.0f %%: ", 100.0 * cause.confidence) + escaped(cause_text(diagnosis, cause)));
+      out += row(escaped(plain_name(cause.id)).c_str(),
+                 text("confidence %.0f %%: ", 100.0 * cause.confidence) +
+                     escaped(cause_text(diagnosis, cause)));
     out += "</table></section>\n";
   }
   if (!diagnosis.not_observable.empty()) {
     out +=
-        "<section><h2>What this recording cannot show</h2>\n<p>That these are not named says "
-        "nothing.</p>\n<table>";
+        "<section><h2>Not observable here</h2>\n<p>This recording can neither confirm nor exclude "
+        "these causes.</p>\n<table>";
     for (const NotObservable& one : diagnosis.not_observable)
       out += row(escaped(plain_name(one.id)).c_str(), escaped(one.why));
     out += "</table></section>\n";
   }
   out += more + frequency_section(diagnosis, segments) + left_of(diagnosis, segments) +
-         "<section><details><summary>How this was found</summary><p>Candidates were fitted with "
-         "the loop on the first part of the recording and had to predict blocks of it that they "
-         "had not seen better than without them, by more than chance. All errors above are in "
-         "free simulation on the rest, which decided nothing. A force per moved mass in N/kg is "
-         "an acceleration in m/s^2; it is got back from the tracking error through the loop.</p>"
+         "<section><details><summary>Method</summary><p>Each candidate was fitted together with "
+         "the position loop on the first part of the recording (training data). It was kept only "
+         "if it significantly lowered the prediction error of blocks that it was not fitted to. "
+         "All errors above are those of a free simulation of the held-out rest, which the "
+         "search did not use. A force per moved mass in N/kg is an acceleration in m/s^2; it is "
+         "reconstructed from the tracking error through the model of the loop.</p>"
          "<table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
   for (const Cause& cause : diagnosis.causes) {
     if (!cause.counts.empty()) continue;
     out += "<tr><td>" + escaped(cause.id) + text("</td><td>%.2f</td><td>", cause.statistic) +
            (std::isfinite(cause.p) ? text("%.2g", cause.p) : "") + "</td></tr>";
   }
-  out += "</table><p>What was tried, in its order:</p><pre>";
+  out += "</table><p>Steps of the search, in order:</p><pre>";
   for (const std::string& step : diagnosis.steps) out += escaped(step) + "\n";
   return out + "</pre></details></section>\n</body></html>\n";
 }

@@ -1,4 +1,5 @@
-// The diagnosis as one self-contained page for a maintenance engineer: no network, no script.
+// The diagnosis as one self-contained HTML page for a maintenance engineer; it loads nothing from
+// the network and runs no script.
 #pragma once
 
 #include <string>
@@ -9,8 +10,9 @@
 
 namespace servotwin {
 
-/// `segments`: the recording that was diagnosed; its hold-out is shown. `more`: a section that
-/// comes behind the causes, as HTML. Any thread.
+/// The page as HTML. `segments`: the recording that was diagnosed; the plots show its held-out
+/// part. `source`: where the recording comes from, for the first line. `more`: a further section in
+/// HTML, inserted after the causes. Any thread.
 [[nodiscard]] std::string report_html(const Diagnosis& diagnosis,
                                       const std::vector<Segment>& segments,
                                       const std::string& source, const std::string& more = {});

@@ -9,21 +9,23 @@
 namespace servotwin {
 namespace {
 
-constexpr double kMoving = 0.005;       // of the peak speed
-constexpr double kAccelerating = 0.05;  // of the peak acceleration
-// Of the peak speed, over the span: what a motion at one speed has left of acceleration is
-// rounding.
-constexpr double kSteady = 0.001;
+constexpr double kMovingSpeedShare = 0.005;  // of the peak speed, above which the axis moves
+constexpr double kAcceleratingShare = 0.05;  // of the peak acceleration, above which it accelerates
+// Change of speed over the span, as a share of the peak speed, that rounding of the command can
+// make in a motion at constant speed.
+constexpr double kRoundingSpeedShare = 0.001;
 
-constexpr double kCutOff = 5.0;
-constexpr double kOfPeak = 0.5;  // of the largest torque in either direction
-constexpr double kStays_s = 0.003;
+// Number of samples at a torque limit over the number one digit below it.
+constexpr double kMinLimitCountRatio = 5.0;
+// Least share of a limit in the largest torque in either direction.
+constexpr double kMinLimitShareOfPeak = 0.5;
+constexpr double kMinLimitRun_s = 0.003;
 
 Eigen::Index samples_in(double time_s, double h) {
   return std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::lround(time_s / h)));
 }
 
-/// Half of what velocity and acceleration are taken over: whole samples.
+/// Half the span of the differences for velocity and acceleration, in whole samples [s].
 double span_s(double h) { return static_cast<double>(samples_in(kRegimeSpan_s, h)) * h; }
 
 }  // namespace
@@ -53,7 +55,7 @@ double peak(const Eigen::ArrayXd& values) {
   return largest;
 }
 
-/// Marks where the command turns round.
+/// Marks the samples near a reversal of the command.
 std::vector<bool> reversals(const Eigen::ArrayXd& velocity, double moving, double h) {
   const Eigen::Index n = velocity.size();
   const Eigen::Index window = samples_in(kReversalWindow_s, h);
@@ -79,7 +81,7 @@ std::vector<bool> reversals(const Eigen::ArrayXd& velocity, double moving, doubl
 
 Eigen::ArrayXd at_limit(const Eigen::ArrayXd& torque, double h) {
   Eigen::ArrayXd out;
-  const Eigen::Index shortest = std::max<Eigen::Index>(3, samples_in(kStays_s, h));
+  const Eigen::Index shortest = std::max<Eigen::Index>(3, samples_in(kMinLimitRun_s, h));
   for (const double sign : {1.0, -1.0}) {
     double most = -std::numeric_limits<double>::infinity(), next = most;
     for (const double value : sign* torque) {
@@ -89,9 +91,9 @@ Eigen::ArrayXd at_limit(const Eigen::ArrayXd& torque, double h) {
     const auto count = [&](double value) {
       return static_cast<double>((sign * torque == value).count());
     };
-    // A torque that does not vary, or is 0 at rest, has an extreme as well.
-    if (!std::isfinite(next) || !(most > kOfPeak * torque.abs().maxCoeff()) ||
-        !(count(most) > kCutOff * count(next)))
+    // A constant torque, and one that is 0 at rest, also has many samples at its extreme.
+    if (!std::isfinite(next) || !(most > kMinLimitShareOfPeak * torque.abs().maxCoeff()) ||
+        !(count(most) > kMinLimitCountRatio * count(next)))
       continue;
     for (Eigen::Index k = 0, run = 0; k < torque.size(); ++k) {
       run = sign * torque(k) == most ? run + 1 : 0;
@@ -135,10 +137,10 @@ RegimeShares by_regime(std::span<const ResidualStretch> stretches) {
     }
     motions.push_back(motion_of(stretch));
     const double top_speed = peak(motions.back().velocity);
-    const double steady = kSteady * top_speed / (2 * span_s(stretch.h));
-    moving = std::max(moving, kMoving * top_speed);
+    const double steady = kRoundingSpeedShare * top_speed / (2 * span_s(stretch.h));
+    moving = std::max(moving, kMovingSpeedShare * top_speed);
     accelerating =
-        std::max({accelerating, kAccelerating * peak(motions.back().acceleration), steady});
+        std::max({accelerating, kAcceleratingShare * peak(motions.back().acceleration), steady});
   }
 
   RegimeShares shares;

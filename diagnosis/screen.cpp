@@ -15,17 +15,21 @@ namespace {
 
 constexpr double kPiece_s = 0.25;
 constexpr int kBlocks = 5;
-constexpr double kSettle_s = 0.25;  // of every segment; its starting state is not in the problem
-constexpr double kRidge = 1e-10;
-constexpr double kUnseen = 0.03;      // of the information of all blocks
-constexpr double kFundamental = 0.9;  // share of what the double period explains
-constexpr std::size_t kTones = 10;    // highest lines of the spectrum that are looked at
-constexpr double kOfALine = 0.02;     // of a line of the spectrum, to which a tone is sought
-constexpr int kLinesAround = 24;      // quarters of a line, about the best
-constexpr std::size_t kMoments = 8;   // largest peaks in time
-constexpr double kStandsOut = 2.5;    // peaks that moments explain, over those that remain
+constexpr double kSettle_s = 0.25;  // start of every segment, not used: its state is not estimated
+constexpr double kRidge = 1e-10;    // of the diagonal, against singular matrices
+// Weight of all blocks in a fit to the other blocks: keeps coefficients near 0 that the other
+// blocks do not determine.
+constexpr double kPriorWeight = 0.03;
+// Share of the squared error explained with a period that half the period must reach to replace it.
+constexpr double kMinShareOfHalfPeriod = 0.9;
+constexpr std::size_t kTones = 10;  // highest spectral lines that are tried
+constexpr double kToneStep = 0.02;  // final resolution of a tone, in distances of spectral lines
+constexpr int kToneSearch = 24;  // range of the search about a line, in quarters of that distance
+constexpr std::size_t kMoments = 8;  // largest peaks in time that are tried
+// Peaks that impulses explain over peaks that remain: impulses must stand out by this ratio.
+constexpr double kMinPeakRatio = 2.5;
 
-/// z of the chance that F(k, n) is that large (Wilson and Hilferty 1931, Paulson 1942).
+/// z with the same one-sided p as F(k, n) (Wilson and Hilferty 1931, Paulson 1942).
 double z_of_f(double f, double k, double n) {
   const double a = 2.0 / (9.0 * k), b = 2.0 / (9.0 * n), root = std::cbrt(f);
   return ((1.0 - b) * root - (1.0 - a)) / std::sqrt(b * root * root + a);
@@ -48,7 +52,7 @@ Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right
 
 }  // namespace
 
-/// A' A, A' r and r' r of every piece, A = [J C].
+/// A' A, A' r and r' r of every interval, A = [J C].
 struct Screen::Sums {
   std::vector<Eigen::MatrixXd> gram;
   std::vector<Eigen::VectorXd> right;
@@ -61,7 +65,7 @@ Screen::Screen(const Projection& data, const Point& at) : segments_(data.segment
   model_ = data.model_of(at, solution.linear);
   left_ = solution.residual;
   const Eigen::MatrixXd all = data.full_jacobian(at, solution.linear);
-  // Without the free responses: they are over when a piece begins.
+  // Without the columns of the free responses, which have decayed before the first interval.
   const Eigen::Index linear = structure.order + structure.coefficient_count(),
                      rest = structure.order + structure.shape_count();
   tangent_.resize(all.rows(), linear + rest);
@@ -114,13 +118,13 @@ Eigen::MatrixXd Screen::columns(std::size_t kind, const std::vector<double>& sha
   return effect_columns(segments_, model_.loop, model_.command_delay_s(), kind, shapes);
 }
 
-/// The square that the columns explain beyond the tangent space.
+/// The squared error that the columns explain beyond the tangent space.
 double Screen::explained(const Eigen::MatrixXd& given) const {
   Eigen::MatrixXd c = given;
   c.noalias() -= basis_ * (basis_.transpose() * given);
   const Eigen::MatrixXd gram = c.transpose() * c;
   const Eigen::VectorXd right = c.transpose() * left_;
-  // A column that the tangent space holds already explains nothing but rounding.
+  // A column inside the tangent space explains only rounding errors.
   Eigen::MatrixXd safe = gram;
   for (Eigen::Index i = 0; i < c.cols(); ++i)
     safe(i, i) += 1e-7 * given.col(i).squaredNorm() + 1e-300;
@@ -147,7 +151,7 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
     gram += sums.gram.back();
     right += sums.right.back();
   }
-  // Every block predicted by the others, with the candidate and without.
+  // Predict every block by the others, with the candidate and without.
   double with = 0.0, without = 0.0;
   for (int b = 0; b < kBlocks; ++b) {
     Eigen::MatrixXd g = gram;
@@ -157,8 +161,8 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
       g -= sums.gram[i];
       x -= sums.right[i];
     }
-    // What the other blocks do not show stays near 0 in place of anywhere.
-    g += kUnseen * gram;
+    // Coefficients that the other blocks do not determine stay near 0.
+    g += kPriorWeight * gram;
     const Eigen::VectorXd both = solved(g, x), base = solved(g.topLeftCorner(k, k), x.head(k));
     for (std::size_t i = 0; i < pieces_.size(); ++i) {
       if (pieces_[i].block != b) continue;
@@ -186,8 +190,8 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
   out.p = tail(out.statistic);
 }
 
-/// What happened once cannot be predicted from other blocks: the peaks that it explains must stand
-/// out from those that remain.
+/// Isolated events cannot be predicted from other blocks: instead, the peaks that the impulses
+/// explain must stand out from those that remain.
 void Screen::judge_moment(std::size_t kind, Screened& out) const {
   const Eigen::MatrixXd own = columns(kind, out.shapes);
   out.gain = explained(own) / left_.squaredNorm();
@@ -202,8 +206,8 @@ void Screen::judge_moment(std::size_t kind, Screened& out) const {
   std::sort(after.begin(), after.end(), std::greater<>());
   const auto pushes = static_cast<std::size_t>(own.cols());
   if (before.size() <= 2 * pushes) return;
-  // The peaks that go against those that stay, of which some may be further pushes.
-  const bool stands_out = before[pushes / 2] > kStandsOut * after[pushes];
+  // Compare the explained peaks with the remaining ones, some of which may be further impulses.
+  const bool stands_out = before[pushes / 2] > kMinPeakRatio * after[pushes];
   const double usual = 1.4826 * median(after);
   out.statistic = stands_out && usual > 0.0 ? before[pushes / 2] / usual : 0.0;
   out.p = stands_out ? tail(out.statistic) : 1.0;
@@ -223,8 +227,8 @@ std::vector<double> Screen::tones() const {
   return out;
 }
 
-/// The moments one by one: each where one more push explains most of what is left at the largest
-/// peaks.
+/// Starting values of the times of the impulses, found one by one: each at the peak where one more
+/// impulse explains most of the remaining residual.
 std::vector<double> Screen::moments(std::size_t kind, std::vector<double> shapes) const {
   constexpr double kNever = 1e6;
   const std::size_t pushes = coefficients_of(kind).size();
@@ -247,7 +251,7 @@ std::vector<double> Screen::moments(std::size_t kind, std::vector<double> shapes
     double most = 0.0, best_time = 0.0;
     Eigen::VectorXd best_column;
     for (const auto& [negative, time] : peaks) {
-      // The axis answers some time after it has been pushed.
+      // The response of the axis peaks some time after the impulse.
       for (const double earlier : {0.0, 0.005, 0.01, 0.02, 0.03}) {
         std::vector<double> trial(shapes.size(), kNever);
         trial.back() = shapes.back();
@@ -271,7 +275,7 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
   std::vector<double> start;
   for (const Parameter& p : shapes) {
     double value = p.start;
-    // What a friction of the base has found: where the force has its direction.
+    // Shape parameters shared with a friction of the model start at the values found for it.
     for (const Effect& other : model_.effects) {
       std::size_t shape = 0;
       for (const Parameter& q : shapes_of(other.kind)) {
@@ -302,7 +306,7 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
     case Scan::kFrequency:
       for (const double tone : tones()) add(tone);
       if (shapes.size() > 1) {
-        // A mode is broader than a tone.
+        // A mode is broader than a tone: a grid over all frequencies is tried as well.
         const double top = 0.4 / segments_.front().h;
         for (double f = 5.0; f < top; f *= 1.06) add(f);
       }
@@ -314,8 +318,8 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       out.push_back(moments(kind, start));
       break;
     case Scan::kDemand: {
-      // Viscous friction may make up much of what is asked for, or nothing; a limit is met at the
-      // peaks first.
+      // Viscous friction may be a large part of the demanded torque, or none of it. The limit is
+      // tried at high quantiles of the demand, since the peaks meet it first.
       const auto of_viscous = static_cast<std::size_t>(
           std::find_if(shapes.begin(), shapes.end(),
                        [](const Parameter& q) { return q.name == "viscous"; }) -
@@ -360,8 +364,8 @@ Screened Screen::look(std::size_t kind) const {
   }
   if (best <= 0.0) return out;
   if (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kFrequency) {
-    // To a small part of a line, and not on the next one: a tone that is there now and then must be
-    // in phase each time.
+    // Refine the frequency to a small fraction of the line distance: an intermittent tone must be
+    // in phase each time it is present.
     const double line = 1.0 / (end_s_ - begin_s_);
     const auto better = [&](double to) {
       if (!(to > shapes_of(kind)[0].lower) || !(to < shapes_of(kind)[0].upper)) return;
@@ -372,19 +376,20 @@ Screened Screen::look(std::size_t kind) const {
       if (square > best) best = square, out.shapes = point, of_best = std::move(c);
     };
     const double middle = out.shapes[0];
-    for (int i = -kLinesAround; i <= kLinesAround; ++i) better(middle + 0.25 * line * i);
-    for (double step = 0.125 * line; step > kOfALine * line; step *= 0.5) {
+    for (int i = -kToneSearch; i <= kToneSearch; ++i) better(middle + 0.25 * line * i);
+    for (double step = 0.125 * line; step > kToneStep * line; step *= 0.5) {
       better(out.shapes[0] - step);
       better(out.shapes[0] + step);
     }
   }
-  // The period itself and not its double, which has it as second harmonic.
+  // Prefer half the period where it explains nearly as much: twice a period fits it as the second
+  // harmonic.
   while (shapes_of(kind).size() > 0 && shapes_of(kind)[0].scan == Scan::kPeriod) {
     std::vector<double> half = out.shapes;
     half[0] *= 0.5;
     if (half[0] < shapes_of(kind)[0].lower) break;
     Eigen::MatrixXd c = columns(kind, half);
-    if (explained(c) < kFundamental * best) break;
+    if (explained(c) < kMinShareOfHalfPeriod * best) break;
     out.shapes = half, of_best = std::move(c);
   }
   if (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kMoments) {

@@ -1,13 +1,13 @@
-// How much of what a fit leaves one more effect could explain, for the whole catalogue at once and
-// without fitting any of it (a score test; Rao 1948).
+// Screening: how much of the residual of a fit one more effect could explain, for the whole
+// catalogue and without fitting any effect (a score test; Rao 1948).
 //
-//   r  what the fit leaves,  J  all its derivatives (coefficients, poles, shapes),  C  the columns
-//   of the candidate:   [J C] theta = r
+//   r  residual of the fit,  J  all its derivatives (coefficients, poles, shape parameters),
+//   C  columns of the candidate:   [J C] theta = r
 //
-// J is in the problem, so that neither the loop absorbs what is the candidate's nor the candidate
-// what the loop could take up. The sums are kept by pieces of a quarter of a second, so that
-// leaving out a block, and standard deviations that know of correlated residuals (Liang and Zeger
-// 1986), cost next to nothing. One thread; no clock.
+// Since J is part of the problem, the candidate is not credited with what the loop could absorb.
+// The sums are kept for intervals of 0.25 s, so that leaving out a block, and standard deviations
+// that are robust against correlated residuals (Liang and Zeger 1986), need no further pass over
+// the data. One thread; no clock.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,31 +17,33 @@
 
 namespace servotwin {
 
-/// What one candidate of the catalogue is worth at the best point of its grid.
+/// How much one candidate of the catalogue explains at the best point of its grid.
 struct Screened {
   std::size_t kind = 0;
   std::vector<double> shapes;
   double gain = 0.0;       ///< share by which the squared error of left-out blocks falls
   double statistic = 0.0;  ///< z of its coefficients
-  double p = 1.0;          ///< chance of coefficients as large, over all points looked at
+  double p = 1.0;          ///< one-sided, corrected for the number of points of the grid
 };
 
 class Screen {
  public:
-  /// `data` at the optimum `at` of its structure; thinned data will do.
+  /// Screens against a fit of `data` with its optimum at `at`; thinned data are accurate enough.
   Screen(const Projection& data, const Point& at);
 
-  /// Beside a model that is held but for what `tangent` says: its columns are the derivatives of
-  /// what is simulated, `left` what it misses; rows as in the segments.
+  /// Screens against a model that is fixed except for the parameters in `tangent`, whose columns
+  /// are the derivatives of the simulated error. `left`: the residual. Both have the rows of the
+  /// segments.
   Screen(const std::vector<Signals>& segments, const Model& model, Eigen::VectorXd left,
          Eigen::MatrixXd tangent);
 
+  /// The result for an effect of the catalogue.
   [[nodiscard]] Screened look(std::size_t kind) const;
-  /// Of columns that are no effect of the catalogue.
+  /// The result for given columns, of anything that is not in the catalogue.
   [[nodiscard]] Screened look(const Eigen::MatrixXd& columns) const;
 
  private:
-  struct Piece {
+  struct Piece {  // an interval of 0.25 s
     Eigen::Index first = 0, count = 0;
     int block = 0;
   };
@@ -58,7 +60,7 @@ class Screen {
 
   const std::vector<Signals>& segments_;
   Model model_;
-  Eigen::VectorXd left_;     // r, 0 where nothing is judged
+  Eigen::VectorXd left_;     // r; 0 in samples that are not used
   Eigen::MatrixXd tangent_;  // J, unit columns
   Eigen::MatrixXd basis_;    // of the space of J, orthonormal
   std::vector<Piece> pieces_;

@@ -15,36 +15,44 @@ namespace servotwin {
 
 namespace {
 
-constexpr int kBlocks = 4;
-constexpr double kPiece_s = 0.25;
-constexpr double kSettle_s = 0.25;  // of every stretch; does not count
-constexpr double kKnows = 0.7;      // of the squared error: a simulated motion is trusted
-constexpr double kFitted_s = 1e-3;  // of the data that hypotheses are fitted to
-constexpr double kCoarse_s = 2e-3;  // step of the data that candidates are screened on
+constexpr int kBlocks = 4;          // of the cross-validation
+constexpr double kPiece_s = 0.25;   // interval over which squared errors are averaged
+constexpr double kSettle_s = 0.25;  // start of every segment that is not judged: transient
+// Cost along the simulated motion over cost along the measured one, below which the simulated
+// motion is used.
+constexpr double kMaxCostRatioToUseSimulation = 0.7;
+constexpr double kFitStep_s = 1e-3;     // sampling time of the data for fits
+constexpr double kScreenStep_s = 2e-3;  // sampling time of the data for screening
 
-constexpr double kMeasured = 0.5, kSimulated = 0.1;  // how far all may be from all
+// Allowed deviation of the saturation coefficient from 1: along a measured motion, where it is
+// estimated roughly, and along a simulated one.
+constexpr double kMaxDeviationMeasured = 0.5, kMaxDeviationSimulated = 0.1;
 
-/// Short pushes at moments apart. All of them at one moment, or one as long as a push can be, are
-/// what something else does there.
-bool are_pushes(const Effect& effect) {
-  constexpr double kMuchOf = 0.2, kLongest = 0.9, kApart_s = 0.25;
+/// Whether the effect consists of short impulses at separate times. Impulses all at one time, or a
+/// single one of nearly the longest possible duration, model something else.
+bool are_impulses(const Effect& effect) {
+  // An impulse smaller than kMinShare of the largest one does not count. kMaxDurationShare: of the
+  // longest duration that the catalogue allows. kMinSpread_s: between first and last.
+  constexpr double kMinShare = 0.2, kMaxDurationShare = 0.9, kMinSpread_s = 0.25;
   constexpr std::size_t kPushes = ImpulseDisturbance::kPushes;
   double most = 0.0;
   for (std::size_t i = 0; i < kPushes; ++i) most = std::max(most, std::abs(effect.coefficient[i]));
   std::vector<double> moments;
   for (std::size_t i = 0; i < kPushes; ++i) {
-    if (std::abs(effect.coefficient[i]) > kMuchOf * most) moments.push_back(effect.shape[i]);
+    if (std::abs(effect.coefficient[i]) > kMinShare * most) moments.push_back(effect.shape[i]);
   }
   if (moments.empty()) return false;
   const auto [first, last] = std::minmax_element(moments.begin(), moments.end());
-  if (*last - *first > kApart_s) return true;
+  if (*last - *first > kMinSpread_s) return true;
   return moments.size() == 1 &&
-         effect.shape[kPushes] < kLongest * shapes_of(effect.kind)[kPushes].upper;
+         effect.shape[kPushes] < kMaxDurationShare * shapes_of(effect.kind)[kPushes].upper;
 }
 
-/// What the bounds of single parameters do not say.
-bool plausible(const Model& model, double begin_s, double end_s, double all_is) {
-  // What sets in at the very beginning or end did not happen within the recording.
+/// Whether a model is physically plausible beyond the bounds of its single parameters.
+/// `max_deviation`: of the saturation coefficient from 1.
+bool plausible(const Model& model, double begin_s, double end_s, double max_deviation) {
+  // An effect that sets in within this share of the recording from its begin or end is not
+  // accepted: there is too little data before or after it.
   constexpr double kEdge = 0.06;
   for (const Effect& effect : model.effects) {
     const auto shapes = shapes_of(effect.kind);
@@ -52,52 +60,55 @@ bool plausible(const Model& model, double begin_s, double end_s, double all_is) 
     const double share = (effect.shape[0] - begin_s) / (end_s - begin_s);
     if (share < kEdge || share > 1.0 - kEdge) return false;
   }
-  // Of what a motor cannot give all is missing, and not a tenth: a measured motion says that
-  // roughly, a simulated one well.
+  // Saturation removes all of the torque above the limit, so that its coefficient must be near 1.
   const Effect* limit = model.find(kind_of<TorqueSaturation>());
-  if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < all_is)) return false;
-  // What is damped more than a table or a screw ever is, beyond the poles of the loop that could
-  // damp it so, is a lag of the control and no mode.
-  constexpr double kMostDamped = 0.1, kBeyond = 2.0;
+  if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < max_deviation)) return false;
+  // A damping ratio above kMaxDamping, more than tables and screws have, can only come from the
+  // loop when the frequency is near its poles. Beyond kMaxOverFastestPole times the fastest pole it
+  // is a lag of the control and not a mode.
+  constexpr double kMaxDamping = 0.1, kMaxOverFastestPole = 2.0;
   if (const Effect* mode = model.find(kind_of<Compliance>());
-      mode != nullptr && mode->shape[1] > kMostDamped) {
+      mode != nullptr && mode->shape[1] > kMaxDamping) {
     double fastest = 0.0;
     const auto roots = roots_of(model.loop);
     for (int i = 0; i < model.loop.order; ++i)
       fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
-    if (2.0 * std::numbers::pi * mode->shape[0] > kBeyond * fastest) return false;
+    if (2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest) return false;
   }
   if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
-      pushes != nullptr && !are_pushes(*pushes))
+      pushes != nullptr && !are_impulses(*pushes))
     return false;
-  // What is behind a gap has a part of the friction or of the mass.
-  constexpr double kLeastPart = 0.02;
+  // The part behind a gap must carry at least this share of the friction or of the mass.
+  constexpr double kMinPartShare = 0.02;
   if (const Effect* gap = model.find(kind_of<BacklashBehindEncoder>()); gap != nullptr) {
     double level = 0.0;
     for (const Effect& effect : model.effects) {
       if (is_friction_law(effect.kind)) level += level_of(effect);
     }
-    if (std::abs(gap->coefficient[0]) <= kLeastPart * level && gap->coefficient[1] < kLeastPart)
+    if (std::abs(gap->coefficient[0]) <= kMinPartShare * level &&
+        gap->coefficient[1] < kMinPartShare)
       return false;
   }
-  // A gap is crossed at the gain of the velocity loop, which is most of the first coefficient.
-  constexpr double kLeast = 0.3, kMost = 2.0;
+  // A gap is crossed with the gain of the velocity loop, which makes most of the first denominator
+  // coefficient: their ratio must lie between these.
+  constexpr double kMinGainRatio = 0.3, kMaxGainRatio = 2.0;
   const Effect* play = model.find(kind_of<BacklashInLoop>());
   if (play == nullptr) return true;
   const double share = play->coefficient[0] / model.loop.denominator[0];
-  return share > kLeast && share < kMost;
+  return share > kMinGainRatio && share < kMaxGainRatio;
 }
 
-/// As it was found, in a model that was fitted to other data.
-void keep_what_happens_now_and_then(const Model& found, Model& model) {
+/// Copies the intermittent effects from `found` to a model that was refitted to other data.
+void keep_intermittent(const Model& found, Model& model) {
   for (std::size_t i = 0; i < model.effects.size(); ++i) {
-    if (happens_now_and_then(model.effects[i].kind)) model.effects[i] = found.effects[i];
+    if (is_intermittent(model.effects[i].kind)) model.effects[i] = found.effects[i];
   }
 }
 
-/// Along a motion that the model has wrong a small gap several times is what a large one looks
-/// like: it gets the width of all of them. True where that is another model.
-bool at_the_size_it_is_seen(Model& model) {
+/// Along an inaccurate motion a wide gap is fitted as a narrow one with a coefficient above 1: sets
+/// the width to width times coefficient, and the coefficient to 1. True where the model was
+/// changed.
+bool widen_gap(Model& model) {
   for (Effect& effect : model.effects) {
     if (effect.kind != kind_of<Backlash>()) continue;
     const Parameter& width = shapes_of(effect.kind)[0];
@@ -124,7 +135,7 @@ bool Hypothesis::has(std::size_t kind) const {
          structure.effects.end();
 }
 
-bool happens_now_and_then(std::size_t kind) {
+bool is_intermittent(std::size_t kind) {
   const auto shapes = shapes_of(kind);
   const Scan scan = shapes.empty() ? Scan::kNone : shapes.front().scan;
   return scan == Scan::kMoments || scan == Scan::kDemand;
@@ -145,7 +156,7 @@ Point point_of(const Model& model, const Structure& structure) {
   for (const std::size_t kind : structure.effects) {
     for (const Parameter& parameter : shapes_of(kind)) {
       double value = shape_of(model, kind, parameter.name);
-      // A new effect begins with what an effect of the model that it may replace has found.
+      // A new effect starts with the value of this parameter in an effect that it may replace.
       for (const Effect& other : model.effects) {
         const double known = shape_of(model, other.kind, parameter.name);
         if (!std::isfinite(value) && std::isfinite(known) && parameter.scan == Scan::kNone)
@@ -159,7 +170,7 @@ Point point_of(const Model& model, const Structure& structure) {
 
 namespace {
 
-/// Adds the mean squares of what is left of a segment, piece by piece.
+/// Appends the mean squares of the residual of a segment, interval by interval.
 void add_pieces(const Segment& s, const Eigen::Ref<const Eigen::ArrayXd>& left,
                 std::vector<double>& out) {
   const auto piece = std::max<Eigen::Index>(1, std::lround(kPiece_s / s.sample_time_s));
@@ -211,7 +222,7 @@ Search::Search(std::vector<Segment> recorded, double training_to_s, const PoleBo
   divide();
 }
 
-void Search::listen(const Model& model) {
+void Search::detect_cuts(const Model& model) {
   std::vector<Eigen::ArrayXd> left;
   for (const Segment& s : recorded_) left.emplace_back(s.command - s.actual - simulate(model, s));
   if (find_cuts(recorded_, left)) divide();
@@ -221,7 +232,7 @@ void Search::divide() {
   training_ = cut(recorded_, -1e300, training_to_s_);
   held_.clear();
   rest_.clear();
-  // Blocks of equal time of the recording; a gap costs its block.
+  // Blocks of equal duration; a gap in the recording shortens its block.
   const double from = training_.front().start_s, to = training_.back().end_s();
   for (int b = 0; b < kBlocks; ++b) {
     const double begin = from + (to - from) * b / kBlocks,
@@ -236,13 +247,13 @@ void Search::divide() {
 void Search::follow(const Hypothesis& h) {
   followed_ = Driver{h.model, servotwin::judge(h.model, training_).rms, false};
   const auto left = [&] {
-    return thinned(Projection(signals(training_, followed_), h.structure), kFitted_s)
+    return thinned(Projection(signals(training_, followed_), h.structure), kFitStep_s)
         .solve(h.point)
         .cost;
   };
   const double by_encoder = left();
   followed_->knows_motion = true;
-  followed_->knows_motion = left() < kKnows * by_encoder;
+  followed_->knows_motion = left() < kMaxCostRatioToUseSimulation * by_encoder;
 }
 
 std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
@@ -284,11 +295,13 @@ void Search::polish(Hypothesis& h) {
 }
 
 bool Search::is_plausible(const Model& model) const {
-  return plausible(model, training_.front().start_s, training_.back().end_s(), kSimulated);
+  return plausible(model, training_.front().start_s, training_.back().end_s(),
+                   kMaxDeviationSimulated);
 }
 
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
-  const Projection all = thinned(Projection(signals(training_, followed_), h.structure), kFitted_s);
+  const Projection all =
+      thinned(Projection(signals(training_, followed_), h.structure), kFitStep_s);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
@@ -297,14 +310,14 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   const auto found = pole_search(all, options);
   if (!found) return false;
   h.model = all.model_of(found->point, found->solution.linear);
-  h.model.sample_time_s = training_.front().sample_time_s;  // of the poles it is the same loop
-  const bool seen_otherwise = at_the_size_it_is_seen(h.model);
-  if (!why_invalid(h.model).empty() ||
-      !plausible(h.model, training_.front().start_s, training_.back().end_s(), kMeasured))
+  h.model.sample_time_s = training_.front().sample_time_s;  // of the data before thinning
+  const bool widened = widen_gap(h.model);
+  if (!why_invalid(h.model).empty() || !plausible(h.model, training_.front().start_s,
+                                                  training_.back().end_s(), kMaxDeviationMeasured))
     return false;
   h.point = point_of(h.model, h.structure);
   h.cost = found->solution.cost;
-  if (seen_otherwise) polish(h);
+  if (widened) polish(h);
   return true;
 }
 
@@ -327,8 +340,9 @@ std::vector<std::vector<double>> Search::starts_of(std::size_t kind,
                                                    const std::vector<double>& shapes) const {
   std::vector<std::vector<double>> out{shapes};
   if (kind != kind_of<TorqueSaturation>()) return out;
-  // Along a measured motion a limit is in the wrong place, and one that is never met has no
-  // derivative: it is sought from below, at several viscous frictions that would have to be given.
+  // Along a measured motion the limit is estimated wrongly, and a limit above all demands has no
+  // derivative. The search therefore starts below the largest demands, for several values of the
+  // viscous friction that the motor has to overcome.
   std::optional<Driver> simulated = followed_;
   if (simulated) simulated->knows_motion = true;
   const std::vector<Signals> motion = signals(training_, simulated);
@@ -367,7 +381,7 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
   h.point = point_of(h.model, h.structure);
   h.cost = 0.5 * all.cost;
   h.pieces.clear();
-  const bool once = happens_now_and_then(kind);
+  const bool once = is_intermittent(kind);
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
     Varied rest = all;
@@ -380,7 +394,7 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
 
 std::vector<double> Search::left_in(std::size_t block, const Model& model) const {
   if (model.find(kind_of<TorqueSaturation>()) == nullptr) return left_by(model, held_[block]);
-  // A control that holds its integrator at a limit does not forget: it is simulated from the start.
+  // The integrator of a saturated control keeps its state: the segment is simulated from its start.
   std::vector<double> out;
   for (const Segment& whole : training_) {
     const Eigen::ArrayXd left = whole.command - whole.actual - simulate(model, whole);
@@ -403,11 +417,12 @@ void Search::judge_as_is(Hypothesis& h) const {
 }
 
 void Search::judge(Hypothesis& h) const {
-  // Along a measured motion a limit is in the wrong place, and a fit to what is left of a motion
-  // that is cut out of it does not know what the integrator held.
+  // With saturation nothing is refitted: along a measured motion the limit is estimated wrongly,
+  // and the state of the integrator at the start of a cut-out block is not known.
   if (h.model.find(kind_of<TorqueSaturation>()) != nullptr) return judge_as_is(h);
   h.pieces.clear();
-  // The motion of the better model: a law of friction is not to be judged by one without it.
+  // Effects are driven by the motion of the better model, so that a law of friction is not judged
+  // by the motion of a model without it.
   std::optional<Driver> driver = followed_;
   const double own = servotwin::judge(h.model, training_).rms;
   if (!driver || own < driver->rms) driver = Driver{h.model, own, driver && driver->knows_motion};
@@ -415,7 +430,7 @@ void Search::judge(Hypothesis& h) const {
     if (held_[b].empty() || rest_[b].empty()) continue;
     const Projection rest(signals(rest_[b], driver), h.structure);
     Model model = rest.model_of(h.point, rest.solve(h.point).linear);
-    keep_what_happens_now_and_then(h.model, model);
+    keep_intermittent(h.model, model);
     if (!why_invalid(model).empty()) model = h.model;
     const std::vector<double> left = left_in(b, model);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
@@ -429,7 +444,7 @@ void Search::judge_polished(Hypothesis& h) const {
     const auto polished = output_error(rest_[b], h.structure, h.model, polishing(floor_));
     Model model = h.model;
     if (polished && why_invalid(polished->model).empty()) model = polished->model;
-    keep_what_happens_now_and_then(h.model, model);
+    keep_intermittent(h.model, model);
     const std::vector<double> left = left_in(b, model);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
   }
@@ -438,7 +453,7 @@ void Search::judge_polished(Hypothesis& h) const {
 std::vector<Screened> Search::screen(const Hypothesis& h,
                                      const std::vector<std::size_t>& kinds) const {
   const Projection coarse =
-      thinned(Projection(signals(training_, followed_), h.structure), kCoarse_s);
+      thinned(Projection(signals(training_, followed_), h.structure), kScreenStep_s);
   const Screen screen(coarse, h.point);
   std::vector<Screened> out;
   for (const std::size_t kind : kinds) out.push_back(screen.look(kind));

@@ -1,4 +1,5 @@
-// Hypotheses about what acts on an axis, fitted and judged within the training data.
+// Hypotheses about the effects that act on an axis, fitted and judged on the training data only.
+// Units: SI, rad instead of m on rotary axes. One thread.
 #pragma once
 
 #include <vector>
@@ -9,81 +10,88 @@
 
 namespace servotwin {
 
-/// A structure with its best fit, and how well it predicts blocks that its coefficients were not
+/// A model structure with its best fit, and with its error on blocks that its coefficients were not
 /// fitted to.
 struct Hypothesis {
   Structure structure;
   Point point;
   Model model;
-  double cost = 1e300;         ///< on the training data
-  std::vector<double> pieces;  ///< mean squares of the cross-validation, piece by piece [m^2]
+  double cost = 1e300;  ///< on the training data
+  /// Mean square of the error of the cross-validation in every interval of 0.25 s [m^2 | rad^2].
+  std::vector<double> pieces;
 
-  [[nodiscard]] double rms() const;
+  [[nodiscard]] double rms() const;  ///< of all intervals [m | rad]
   [[nodiscard]] bool has(std::size_t kind) const;
 };
 
-/// The starting point of a structure: this model's loop and shapes, the catalogue's where the model
-/// has none.
+/// The starting point for a structure: the loop and the shape parameters of this model, with those
+/// of the catalogue where the model has none.
 [[nodiscard]] Point point_of(const Model& model, const Structure& structure);
 
-/// What happened at a moment is not in the other blocks, and a limit may hardly be met there: it
-/// stays as it was found, and a few pieces hold all that it explains.
-[[nodiscard]] bool happens_now_and_then(std::size_t kind);
+/// Whether the effect is intermittent (impulses, saturation). Isolated events cannot be refitted on
+/// the other blocks; their parameters are kept, and few intervals contain all that they explain.
+[[nodiscard]] bool is_intermittent(std::size_t kind);
 
 /// A shape parameter by its name; NaN where the model or the effect has none.
 [[nodiscard]] double shape_of(const Model& model, std::size_t kind, std::string_view name);
 
-/// What a model leaves in free simulation: the mean square of every piece of a quarter of a second.
+/// The mean square of the simulation error of a model in every interval of 0.25 s [m^2 | rad^2].
 [[nodiscard]] std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments);
 
 /// z of the mean of paired differences; 0 where there are fewer than four.
 [[nodiscard]] double paired_z(const std::vector<double>& before, const std::vector<double>& after);
 /// z of the signed ranks of paired differences (Wilcoxon, Biometrics Bulletin 1 (1945) 80), which
-/// does not fall when a few pieces hold most of the error; 0 where there are fewer than ten.
+/// does not fall when a few intervals contain most of the error; 0 where there are fewer than ten.
 [[nodiscard]] double signed_rank_z(const std::vector<double>& before,
                                    const std::vector<double>& after);
 
+/// Fits hypotheses to the training data and judges them by cross-validation over blocks of it.
 class Search {
  public:
-  /// `recorded`: hypotheses are fitted to what lies before `training_to_s`.
+  /// `recorded`: the whole recording; hypotheses are fitted to the part before `training_to_s`.
   Search(std::vector<Segment> recorded, double training_to_s, const PoleBounds& bounds,
          const NoiseFloor& floor);
 
-  /// Refines from this point on the training data; from the grid of the poles where `from` is
-  /// empty. False where there is no valid fit.
+  /// Fits the hypothesis to the training data, starting from these points; from the grid of poles
+  /// where `from` is empty. False where there is no valid fit.
   [[nodiscard]] bool fit(Hypothesis& h, const std::vector<Point>& from);
   /// The same for a structure with a law of friction, by the steps of identification/loop/joint.h:
-  /// from a grid of its shapes, along the simulated motion where the encoder is coarse, and
-  /// polished.
+  /// from a grid of its shape parameters, along the simulated motion where the encoder is coarse,
+  /// and refitted in free simulation.
   [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
-  /// This kind beside a model that is held, fitted in free simulation; judged like `judge`, by what
-  /// the other blocks say of the addition. False where there is no valid fit.
+  /// Fits an effect of this kind in free simulation while the model `held` is fixed, and judges it
+  /// as `judge` does, with the parameters of the effect from the other blocks. False where there is
+  /// no valid fit.
   [[nodiscard]] bool vary(Hypothesis& h, const Model& held, std::size_t kind,
                           const std::vector<double>& shapes) const;
-  /// The pieces of a model as it is, fitted to all blocks.
+  /// Fills in `pieces` by the model as it is, which was fitted to all blocks.
   void judge_as_is(Hypothesis& h) const;
-  /// Predicts every block in free simulation by the coefficients that the other blocks say. Poles
-  /// and shapes are those of all blocks: to search them in a part would judge the search.
+  /// Fills in `pieces` by cross-validation: every block is simulated with coefficients fitted to
+  /// the other blocks. Poles and shape parameters are those of all blocks, so that the model is
+  /// judged and not the search for its poles.
   void judge(Hypothesis& h) const;
-  /// The same with poles, shapes and coefficients polished in free simulation on the other blocks,
-  /// where their measured motion is too coarse to say the coefficients. Takes a polish per block.
+  /// The same with poles, shape parameters and coefficients refitted in free simulation on the
+  /// other blocks, for motion that is measured too coarsely to estimate the coefficients directly.
+  /// Takes one such fit per block.
   void judge_polished(Hypothesis& h) const;
-  /// What each of these kinds could explain of what the hypothesis leaves.
+  /// How much of the residual of the hypothesis each of these kinds could explain, the best first.
   [[nodiscard]] std::vector<Screened> screen(const Hypothesis& h,
                                              const std::vector<std::size_t>& kinds) const;
-  /// Polishes in free simulation, where that predicts the training data better.
+  /// Refits the hypothesis in free simulation; keeps the result where its error on the training
+  /// data is smaller.
   void polish(Hypothesis& h);
-  /// What the bounds of single parameters do not say, of a model whose coefficients are those of
-  /// the simulation.
+  /// Whether a model fitted in free simulation is physically plausible beyond the bounds of its
+  /// single parameters.
   [[nodiscard]] bool is_plausible(const Model& model) const;
-  /// From here on effects are driven by the motion of this hypothesis: those on the reading always,
-  /// all where less is left of it by its own motion than by the encoder's. A coarse encoder or a
-  /// long sampling time does not say when the axis turned.
+  /// From here on the motion simulated with this hypothesis drives the effects: those on the
+  /// encoder reading always, and all effects where the residual is smaller with the simulated
+  /// motion than with the measured one. A coarse encoder or a long sampling time does not resolve
+  /// the reversals.
   void follow(const Hypothesis& h);
-  /// Listens for the cuts of the tool in what this model leaves.
-  void listen(const Model& model);
+  /// Detects the cuts of the tool in the residual of this model (diagnosis/cuts.h).
+  void detect_cuts(const Model& model);
 
-  /// All that was recorded, with the cuts as they were heard last.
+  /// The whole recording, with the cuts as detected last.
   [[nodiscard]] const std::vector<Segment>& recorded() const { return recorded_; }
   [[nodiscard]] const NoiseFloor& floor() const { return floor_; }
   [[nodiscard]] const std::vector<Segment>& training() const { return training_; }
@@ -93,18 +101,19 @@ class Search {
   /// A model whose simulated motion drives effects.
   struct Driver {
     Model model;
-    double rms = 1e300;  ///< that it leaves on the training data
-    bool knows_motion = false;
+    double rms = 1e300;         ///< of its simulation error on the training data
+    bool knows_motion = false;  ///< its motion is more accurate than the measured one
   };
   [[nodiscard]] std::vector<Signals> signals(const std::vector<Segment>& segments,
                                              const std::optional<Driver>& driver) const;
 
-  /// Where an addition is begun: as it was screened, and elsewhere where that is not enough.
+  /// Starting points of the fit of an added effect: the screened one, and further ones where that
+  /// is not enough.
   [[nodiscard]] std::vector<std::vector<double>> starts_of(std::size_t kind,
                                                            const std::vector<double>& shapes) const;
-  /// What a model leaves of a block, piece by piece.
+  /// The mean squares of the simulation error in a block, interval by interval.
   [[nodiscard]] std::vector<double> left_in(std::size_t block, const Model& model) const;
-  /// Cuts the training data and their blocks out of the recording.
+  /// Divides the recording into training data and hold-out, and the training data into blocks.
   void divide();
 
   std::vector<Segment> recorded_, training_;

@@ -15,21 +15,34 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kHolds = 0.99;       // of what a polish does without a cause
-constexpr double kFar = 2.0;          // times the noise floor
-constexpr double kClearly = 0.8;      // of the error: a law that says more than is known
-constexpr double kLeastDelay = 0.25;  // of the sampling time: less is how it was recorded
-constexpr int kMostCauses = 6;
-constexpr std::size_t kTried = 3;      // candidates of a round that are fitted
-constexpr double kPromising = 0.05;    // p of a candidate that is worth fitting
-constexpr double kLeastGain = 0.004;   // of squared error, likewise
-constexpr double kDecisive = 0.95;     // share of resamples in which a rival is beaten
-constexpr double kAsGood = 0.9;        // share of the gain that makes the simpler one do
-constexpr double kDoesBetter = 0.9;    // of the error with a mode, a delay in its place
-constexpr double kNearlyAsGood = 0.8;  // share of the gain that makes a rival
-constexpr double kFalls = 0.12;  // share of the level by which friction falls or rises with speed
+// RMS with a new cause over RMS before, both refitted in free simulation: with a smaller
+// improvement the cause is discarded, since better values of the other parameters did as much.
+constexpr double kMaxRmsRatioAfterRefit = 0.99;
+// RMS over noise floor above which a law of friction with a free virgin curve is tried.
+constexpr double kMinRmsOverFloorForFreeLaw = 2.0;
+// RMS over RMS of the current model below which a model is clearly better; demanded of a law of
+// friction that implies more than is known.
+constexpr double kMaxRmsRatioClearlyBetter = 0.8;
+// In sampling times: a shorter delay can come from the way the signals were recorded.
+constexpr double kMinDelaySamples = 0.25;
+constexpr int kMaxCauses = 6;
+constexpr std::size_t kMaxFitsPerRound = 3;  // candidates
+// A candidate is fitted only with a p from screening of at most this, ..
+constexpr double kMaxScreenP = 0.05;
+// .. and if it lowers the squared error at least by this share.
+constexpr double kMinScreenGain = 0.004;
+// A rival that loses in a smaller share of the bootstrap resamples is reported as ambiguous.
+constexpr double kMinShareToExcludeRival = 0.95;
+// Share of the best gain with which a candidate with fewer parameters is preferred.
+constexpr double kMinGainShareOfSimpler = 0.9;
+// RMS with a delay over RMS with a mode below which the delay replaces the mode.
+constexpr double kMaxRmsRatioDelayOverMode = 0.9;
+// Share of the best gain above which a candidate counts as a rival.
+constexpr double kMinGainShareOfRival = 0.8;
+// Share of the friction level by which friction must fall or rise with speed to be named.
+constexpr double kMinStribeckShare = 0.12;
 
-/// The causes one by one, while they earn their place.
+/// Adds causes one by one, as long as each improves the model enough.
 class Selection {
  public:
   Selection(Search& search, Hypothesis baseline, const DiagnoseOptions& options)
@@ -41,9 +54,9 @@ class Selection {
     delay();
     baseline_ = current_.rms();
     integrator();
-    add_while_they_earn_it();
-    if (any_law()) add_while_they_earn_it();
-    law_in_its_place();
+    add_causes();
+    if (free_law()) add_causes();
+    replace_misfit_by_law();
   }
   [[nodiscard]] const Hypothesis& current() const { return current_; }
   [[nodiscard]] const Model& settled() const { return settled_; }
@@ -52,8 +65,8 @@ class Selection {
   [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
 
  private:
-  void add_while_they_earn_it() {
-    while (static_cast<int>(found_.size()) < kMostCauses) {
+  void add_causes() {
+    while (static_cast<int>(found_.size()) < kMaxCauses) {
       const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
       const auto found = found_;
       if (!add_one()) {
@@ -65,20 +78,21 @@ class Selection {
       delay();
       one_law_of_friction();
       integrator();
-      // What better values of the parameters would have done as well is no cause.
+      // Discard a cause if better values of the other parameters lower the error as much.
       const bool stays_it = !current_.has(added) || !search_.is_plausible(current.model) ||
                             search_.is_plausible(current_.model);
-      if (current_.rms() >= kHolds * current.rms() || !stays_it) {
-        steps_.emplace_back(stays_it ? "  no better after the polish: taken back"
-                                     : "  after the polish it is no such thing: taken back");
+      if (current_.rms() >= kMaxRmsRatioAfterRefit * current.rms() || !stays_it) {
+        steps_.emplace_back(stays_it
+                                ? "  no better after refitting in free simulation: discarded"
+                                : "  not plausible after refitting in free simulation: discarded");
         current_ = current, fitted_ = fitted, as_is_ = as_is, found_ = found;
         rejected_.insert(added);
         search_.follow(current_);
         continue;
       }
       if (last_ == "presliding" || last_ == "stribeck")
-        friction_ = std::hypot(friction_, taken(current, current_));
-      take_out_the_needless();
+        friction_ = std::hypot(friction_, removed_rms(current, current_));
+      remove_unnecessary();
     }
   }
 
@@ -87,21 +101,22 @@ class Selection {
     return std::find(all.begin(), all.end(), cause) != all.end();
   }
 
-  void go_on() const {
+  /// Throws where the diagnosis was asked to stop.
+  void check_stop() const {
     if (options_.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
   }
 
-  /// The best that this structure can do, before it is asked what it lacks.
+  /// Refits the present structure as well as possible, before candidates are added to it.
   void settle() {
-    go_on();
+    check_stop();
     search_.polish(current_);
     search_.follow(current_);
     as_is_ = current_;
     search_.judge_as_is(as_is_);
     search_.judge(current_);
     fitted_ = current_;
-    // The coefficients that a coarse motion says are not those of the simulation.
-    if (as_is_.rms() < kMuch * current_.rms()) {
+    // Coefficients estimated along a coarsely measured motion may not suit the simulation.
+    if (as_is_.rms() < kMaxErrorRatioOfLargeGain * current_.rms()) {
       Hypothesis polished = current_;
       search_.judge_polished(polished);
       if (polished.rms() < current_.rms()) current_ = std::move(polished);
@@ -113,7 +128,8 @@ class Selection {
     }
   }
 
-  /// A delay that a free loop does without is none: an unmodelled friction looks like one.
+  /// Removes the delay if a loop with free numerator fits as well without it: unmodelled friction
+  /// can look like a delay.
   void delay() {
     const auto& effects = current_.structure.effects;
     if (std::find(effects.begin(), effects.end(), kind_of<TimeDelay>()) == effects.end()) return;
@@ -122,17 +138,17 @@ class Selection {
     h.structure = current_.structure;
     h.structure.matched_feedforward = false;
     std::erase(h.structure.effects, kind_of<TimeDelay>());
-    const bool tiny = delay_s < kLeastDelay * current_.model.sample_time_s,
+    const bool tiny = delay_s < kMinDelaySamples * current_.model.sample_time_s,
                lag = lag_in_disguise(current_.model);
-    // From here, or, since the delay may have bent the poles, from anywhere.
+    // Starting from the present poles and, since the delay may have distorted them, from the grid.
     bool needed = true;
     for (const std::vector<Point>& from :
          {std::vector<Point>{point_of(current_.model, h.structure)}, std::vector<Point>{}}) {
       if (!search_.fit(h, from)) continue;
       search_.polish(h);
       search_.judge(h);
-      needed =
-          !tiny && !lag && (current_.rms() < kWorthIt * h.rms() || delay_in_disguise(h.model.loop));
+      needed = !tiny && !lag &&
+               (current_.rms() < kMaxRmsRatioToAdd * h.rms() || delay_in_disguise(h.model.loop));
       if (!needed) break;
     }
     if (needed) return;
@@ -142,7 +158,8 @@ class Selection {
     undelayed_ = current_;
   }
 
-  /// A delay beside a velocity error, which the baseline's structures do not have.
+  /// Adds a delay to a loop with a velocity error; the structures of the baseline do not combine
+  /// the two. False where it does not improve the model enough.
   bool add_delay() {
     if (current_.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0 ||
         is_left_out("time_delay"))
@@ -159,45 +176,48 @@ class Selection {
     }
     if (!(best.cost < 1e300)) return false;
     const double delay_s = best.model.command_delay_s();
-    if (delay_s < kLeastDelay * best.model.sample_time_s || delay_s > options_.identify.delay_max_s)
+    if (delay_s < kMinDelaySamples * best.model.sample_time_s ||
+        delay_s > options_.identify.delay_max_s)
       return false;
     search_.judge(best);
-    const bool little =
-        best.rms() >= kMuch * fitted_.rms() && taken(fitted_, best) < kLawLeaves * friction_;
-    if (best.rms() >= kWorthIt * fitted_.rms() || little ||
-        paired_z(fitted_.pieces, best.pieces) < kAgrees)
+    const bool small_gain = best.rms() >= kMaxErrorRatioOfLargeGain * fitted_.rms() &&
+                            removed_rms(fitted_, best) < kLawMisfitShare * friction_;
+    if (best.rms() >= kMaxRmsRatioToAdd * fitted_.rms() || small_gain ||
+        paired_z(fitted_.pieces, best.pieces) < kMinBlockZ)
       return false;
-    steps_.push_back(text("with a delay of %.3g ms %.4g um", 1e3 * delay_s, 1e6 * best.rms()));
+    steps_.push_back(text("with a delay of %.3g ms: %.4g um RMS", 1e3 * delay_s, 1e6 * best.rms()));
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     current_ = std::move(best);
     settle();
-    if (current_.rms() < kWorthIt * current.rms()) return true;
+    if (current_.rms() < kMaxRmsRatioToAdd * current.rms()) return true;
     current_ = current, fitted_ = fitted, as_is_ = as_is;
     search_.follow(current_);
     return false;
   }
 
-  /// The poles and zeros of a mode imitate a delay, which needs one parameter in place of four.
+  /// Replaces a mode by a delay where that fits better: the poles and zeros of a mode can imitate a
+  /// delay, which needs one parameter instead of four.
   bool delay_does_better(Hypothesis mode) {
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     if (!add_delay()) return false;
     search_.polish(mode);
     search_.judge(mode);
-    if (current_.rms() < kDoesBetter * mode.rms()) return true;
+    if (current_.rms() < kMaxRmsRatioDelayOverMode * mode.rms()) return true;
     current_ = current, fitted_ = fitted, as_is_ = as_is;
     search_.follow(current_);
     return false;
   }
 
-  /// A loop with an integrator where there is none yet: no cause, but what causes are sought
-  /// beside. A cause that is not yet in the model may have hidden it.
+  /// Tries a loop with an integrator where the model has none. An integrator is not a cause but
+  /// part of the loop beside which causes are searched; a missing cause may have hidden it.
   void integrator() {
     if (current_.structure.order != 2) return;
     Hypothesis h;
     h.structure = current_.structure;
     h.structure.order = 3;
     std::erase(h.structure.effects, kind_of<ConstantForce>());
-    // From anywhere while there are no shapes that would be lost on the way, and from here.
+    // Without causes the poles are searched from the grid. With causes the search starts from the
+    // present model, so that their shape parameters are kept.
     std::vector<Point> from;
     if (!found_.empty()) {
       const std::array<double, kMaxOrder>& a = current_.model.loop.denominator;
@@ -211,23 +231,23 @@ class Selection {
     }
     if (!search_.fit(h, from)) return;
     search_.judge(h);
-    const bool better =
-        h.rms() < kWorthIt * fitted_.rms() && paired_z(fitted_.pieces, h.pieces) > kAgrees;
-    steps_.push_back(text("integrator: %s, %.4g um", better ? "yes" : "no", 1e6 * h.rms()));
+    const bool better = h.rms() < kMaxRmsRatioToAdd * fitted_.rms() &&
+                        paired_z(fitted_.pieces, h.pieces) > kMinBlockZ;
+    steps_.push_back(text("integrator: %s, %.4g um RMS", better ? "yes" : "no", 1e6 * h.rms()));
     if (!better) return;
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     const auto found = found_;
     current_ = std::move(h);
-    // Behind an integrator a constant force is not seen.
+    // With an integrator in the loop a constant force is not observable.
     std::erase_if(found_, [&](const auto& one) { return !current_.has(one.second.kind); });
     settle();
-    if (as_is_.rms() < kWorthIt * as_is.rms()) return;
+    if (as_is_.rms() < kMaxRmsRatioToAdd * as_is.rms()) return;
     current_ = current, fitted_ = fitted, as_is_ = as_is, found_ = found;
     search_.follow(current_);
   }
 
   bool add_one() {
-    if (!current_.has(kind_of<CuttingForce>())) search_.listen(current_.model);
+    if (!current_.has(kind_of<CuttingForce>())) search_.detect_cuts(current_.model);
     std::vector<std::string> known;
     for (const auto& [id, one] : found_) known.push_back(id);
     std::vector<std::size_t> kinds =
@@ -236,18 +256,18 @@ class Selection {
     std::erase_if(kinds, [&](std::size_t kind) { return rejected_.count(kind) > 0; });
     std::vector<Screened> promising = search_.screen(current_, kinds);
     std::erase_if(promising,
-                  [](const Screened& s) { return s.p > kPromising || s.gain < kLeastGain; });
-    if (promising.size() > 2 * kTried) promising.resize(2 * kTried);
-    std::string step = text("%.4g um, promising:", 1e6 * current_.rms());
+                  [](const Screened& s) { return s.p > kMaxScreenP || s.gain < kMinScreenGain; });
+    if (promising.size() > 2 * kMaxFitsPerRound) promising.resize(2 * kMaxFitsPerRound);
+    std::string step = text("%.4g um RMS, promising candidates:", 1e6 * current_.rms());
     for (const Screened& s : promising)
       step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
-    steps_.push_back(promising.empty() ? step + " nothing" : step);
+    steps_.push_back(promising.empty() ? step + " none" : step);
     std::vector<Tried> tried, doubted;
     for (const Screened& s : promising) {
-      if (tried.size() == kTried) break;
-      // With the loop, which may have taken up a part of it; or beside the loop as it is, where the
-      // measured motion says less than the simulated one.
-      go_on();
+      if (tried.size() == kMaxFitsPerRound) break;
+      // Fitted together with the loop, which may have absorbed a part of the effect; or with the
+      // loop fixed, which is better where the measured motion is less accurate than the simulated.
+      check_stop();
       Hypothesis h, beside;
       h.structure = beside.structure = extended_by(current_.structure, s.kind);
       const Point from = start_of(h.structure, s);
@@ -256,16 +276,18 @@ class Selection {
       if (fits) search_.judge(h);
       const bool varies = search_.vary(beside, current_.model, s.kind, s.shapes);
       if (!fits && !varies) continue;
-      // Fitted it explains much, and blocks that it is not fitted to disagree.
-      if (fits && h.cost < kMuch * fitted_.cost) doubted.push_back({h, &as_is_, s});
+      // A candidate that explains much of the training data is kept for a second judgement, in case
+      // the left-out blocks disagree.
+      if (fits && h.cost < kMaxErrorRatioOfLargeGain * fitted_.cost)
+        doubted.push_back({h, &as_is_, s});
       const bool is_beside =
           varies && (!fits || beside.rms() * fitted_.rms() < h.rms() * as_is_.rms());
       tried.push_back(
           {is_beside ? std::move(beside) : std::move(h), is_beside ? &as_is_ : &fitted_, s});
-      steps_.push_back(text("  with %s %.4g um%s, z %.1f", identity_of(s.kind).id.data(),
-                            1e6 * tried.back().model.rms(), is_beside ? " beside the loop" : "",
+      steps_.push_back(text("  with %s: %.4g um RMS%s, z %.1f", identity_of(s.kind).id.data(),
+                            1e6 * tried.back().model.rms(), is_beside ? " with the loop fixed" : "",
                             paired_z(tried.back().before->pieces, tried.back().model.pieces)));
-      // One that explains nothing takes no other one's place.
+      // A candidate that explains nothing does not count towards kMaxFitsPerRound.
       if (!(tried.back().left() < 1.0)) tried.pop_back();
     }
     std::sort(tried.begin(), tried.end(),
@@ -277,12 +299,12 @@ class Selection {
                                [&](const Tried& one) { return judgement_of(one).earned; });
     if (chosen == tried.end()) {
       for (Tried& one : doubted) {
-        go_on();
+        check_stop();
         search_.polish(one.model);
         search_.judge_as_is(one.model);
-        if (one.left() > kMuch) continue;
+        if (one.left() > kMaxErrorRatioOfLargeGain) continue;
         search_.judge_polished(one.model);
-        steps_.push_back(text("  with %s, polished %.4g um, z %.1f",
+        steps_.push_back(text("  with %s, refitted in free simulation: %.4g um RMS, z %.1f",
                               identity_of(one.screened.kind).id.data(), 1e6 * one.model.rms(),
                               paired_z(one.before->pieces, one.model.pieces)));
         tried.push_back(std::move(one));
@@ -293,14 +315,14 @@ class Selection {
                             [&](const Tried& one) { return judgement_of(one).earned; });
     }
     if (chosen == tried.end()) {
-      if (!tried.empty()) steps_.emplace_back("  none earns its place");
+      if (!tried.empty()) steps_.emplace_back("  no candidate improves the model significantly");
       return false;
     }
-    // Of two that the pieces cannot tell apart, the one that needs less.
+    // Of two candidates that the blocks do not distinguish, prefer the one with fewer parameters.
     for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
       if (parameters_of(rival->screened.kind) < parameters_of(chosen->screened.kind) &&
-          judgement_of(*rival).earned && share_beaten(*chosen, *rival) < kDecisive &&
-          1.0 - rival->left() > kAsGood * (1.0 - chosen->left()))
+          judgement_of(*rival).earned && share_beaten(*chosen, *rival) < kMinShareToExcludeRival &&
+          1.0 - rival->left() > kMinGainShareOfSimpler * (1.0 - chosen->left()))
         chosen = rival;
     }
     if (chosen->screened.kind == kind_of<Compliance>() && delay_does_better(chosen->model))
@@ -313,12 +335,14 @@ class Selection {
     cause.p = judgement.p;
     cause.beaten = 1.0 - judgement.p;
     for (const Tried& rival : tried) {
-      // Two laws of one cause are no rivals.
-      if (cause_of(rival.screened.kind) == cause_of(screened.kind) || rival.screened.p > kChance)
+      // Two laws of the same cause are not rivals.
+      if (cause_of(rival.screened.kind) == cause_of(screened.kind) ||
+          rival.screened.p > kFalseAlarmRate)
         continue;
       const double beaten = share_beaten(*chosen, rival);
       cause.beaten = std::min(cause.beaten, beaten);
-      if (beaten < kDecisive && 1.0 - rival.left() > kNearlyAsGood * (1.0 - chosen->left()))
+      if (beaten < kMinShareToExcludeRival &&
+          1.0 - rival.left() > kMinGainShareOfRival * (1.0 - chosen->left()))
         cause.ambiguous_with.push_back(cause_of(rival.screened.kind));
     }
     cause.id = cause_of(screened.kind);
@@ -328,15 +352,18 @@ class Selection {
     return true;
   }
 
-  /// Of two that explain nearly the same the better one is the one that does at its best.
+  /// Refits the two best candidates in free simulation where they explain nearly the same, so that
+  /// the better one is chosen by its best fit.
   void polish_rivals(std::vector<Tried>& tried) {
-    if (tried.size() < 2 || 1.0 - tried[1].left() < kNearlyAsGood * (1.0 - tried[0].left())) return;
+    if (tried.size() < 2 || 1.0 - tried[1].left() < kMinGainShareOfRival * (1.0 - tried[0].left()))
+      return;
     for (std::size_t i = 0; i < 2; ++i) {
-      go_on();
+      check_stop();
       Tried best{tried[i].model, &fitted_, tried[i].screened};
       if (const auto moment = moment_of(tried[1 - i].model, tried[1 - i].screened.kind);
           moment && moment_of(best.model, best.screened.kind)) {
-        // Between two rests any moment is as good: it is sought where the rival found it, too.
+        // The time at which an effect sets in is not unique between two moves: the fit also starts
+        // from the time that the rival found.
         Hypothesis there;
         there.structure = best.model.structure;
         Point from = best.model.point;
@@ -350,12 +377,12 @@ class Selection {
       Hypothesis as_is = best.model;
       search_.judge_as_is(as_is);
       search_.judge(best.model);
-      // The coefficients that a measured motion says are not those of the simulation.
-      if (as_is.rms() < kClearly * best.model.rms()) {
+      // Coefficients estimated along the measured motion may not suit the simulation.
+      if (as_is.rms() < kMaxRmsRatioClearlyBetter * best.model.rms()) {
         search_.judge_polished(best.model);
-        best.before = &current_;  // as polished as it is
+        best.before = &current_;  // refitted in free simulation as well
       }
-      steps_.push_back(text("  polished, with %s %.4g um",
+      steps_.push_back(text("  refitted in free simulation, with %s: %.4g um RMS",
                             identity_of(best.screened.kind).id.data(), 1e6 * best.model.rms()));
       if (best.left() < tried[i].left() && search_.is_plausible(best.model.model))
         tried[i] = std::move(best);
@@ -364,7 +391,7 @@ class Selection {
               [](const Tried& l, const Tried& r) { return l.left() < r.left(); });
   }
 
-  /// When an effect sets in; nothing where it does not.
+  /// The time at which an effect sets in; nothing where it acts all the time.
   [[nodiscard]] static std::optional<double> moment_of(const Hypothesis& h, std::size_t kind) {
     const auto shapes = shapes_of(kind);
     if (shapes.empty() || shapes.front().scan != Scan::kTime) return {};
@@ -387,18 +414,18 @@ class Selection {
     return at;
   }
 
-  /// What presliding and falling friction say as two is said by one law, where that predicts
-  /// better.
+  /// Replaces presliding and falling friction, two effects, by one law of friction where that
+  /// predicts better.
   void one_law_of_friction() {
     if (last_ != "presliding" && last_ != "stribeck") return;
-    if (is_left_out("presliding") || is_left_out("stribeck")) return;  // it says both
+    if (is_left_out("presliding") || is_left_out("stribeck")) return;  // the law contains both
     const Found friction = found_.at(last_);
     const bool both = found_.count("presliding") > 0 && found_.count("stribeck") > 0;
     if (std::find(kLaws.begin(), kLaws.end(), friction.kind) != kLaws.end()) return;
     Hypothesis best = current_;
     std::size_t law = kEffectKinds;
     for (const std::size_t kind : {kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
-      go_on();
+      check_stop();
       Hypothesis h;
       h.structure = current_.structure;
       auto& effects = h.structure.effects;
@@ -409,10 +436,11 @@ class Selection {
           !search_.fit_friction(h, point_of(current_.model, h.structure)))
         continue;
       search_.judge(h);
-      steps_.push_back(text("  as %s %.4g um", identity_of(kind).id.data(), 1e6 * h.rms()));
-      // To say more than is known it must be clearly the better law.
-      if (!both && h.rms() > kClearly * current_.rms()) continue;
-      if (h.rms() < kWorthIt * best.rms()) best = std::move(h), law = kind;
+      steps_.push_back(text("  as %s: %.4g um RMS", identity_of(kind).id.data(), 1e6 * h.rms()));
+      // Where only one of the two causes was found, the law implies more than is known: it must be
+      // clearly better.
+      if (!both && h.rms() > kMaxRmsRatioClearlyBetter * current_.rms()) continue;
+      if (h.rms() < kMaxRmsRatioToAdd * best.rms()) best = std::move(h), law = kind;
     }
     if (law == kEffectKinds) return;
     current_ = std::move(best);
@@ -420,13 +448,15 @@ class Selection {
     named_by(law, friction.cause);
   }
 
-  /// Where a law of friction leaves much it is the law that is wrong: one whose virgin curve can be
-  /// any. True where it is clearly the better one.
-  bool any_law() {
+  /// Where the residual stays large with a law of friction, the law itself may be wrong: tries one
+  /// whose virgin curve is free. True where that is clearly better and was accepted.
+  bool free_law() {
     const auto friction = found_.find("presliding");
-    if (friction == found_.end() || !(current_.rms() > kFar * search_.floor().rms)) return false;
-    if (is_left_out("stribeck")) return false;  // it falls with speed as well
-    go_on();
+    if (friction == found_.end() ||
+        !(current_.rms() > kMinRmsOverFloorForFreeLaw * search_.floor().rms))
+      return false;
+    if (is_left_out("stribeck")) return false;  // the law also falls with speed
+    check_stop();
     Hypothesis h;
     h.structure = current_.structure;
     auto& effects = h.structure.effects;
@@ -434,12 +464,12 @@ class Selection {
     std::replace_if(effects.begin(), effects.end(), is_friction_law, kind_of<Gms>());
     if (!search_.fit_friction(h, point_of(current_.model, h.structure))) return false;
     search_.judge(h);
-    steps_.push_back(text("  as gms %.4g um", 1e6 * h.rms()));
-    if (!(h.rms() < kClearly * current_.rms())) return false;
+    steps_.push_back(text("  as gms: %.4g um RMS", 1e6 * h.rms()));
+    if (!(h.rms() < kMaxRmsRatioClearlyBetter * current_.rms())) return false;
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     current_ = std::move(h);
     settle();
-    if (!(current_.rms() < kClearly * current.rms())) {
+    if (!(current_.rms() < kMaxRmsRatioClearlyBetter * current.rms())) {
       current_ = current, fitted_ = fitted, as_is_ = as_is;
       search_.follow(current_);
       return false;
@@ -449,18 +479,18 @@ class Selection {
     return true;
   }
 
-  /// What one law of friction leaves of another looks like play, a mode or rest: where a law does
-  /// without it, it goes.
-  void law_in_its_place() {
+  /// The misfit of a wrong law of friction can look like backlash, a mode or dwell stiction:
+  /// removes such a cause where another law of friction fits as well without it.
+  void replace_misfit_by_law() {
     for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
       if (id == "presliding" || id == "stribeck" || !like_friction(one.kind)) continue;
       Hypothesis best;
-      double least = current_.rms() / kWorthIt;
+      double least = current_.rms() / kMaxRmsRatioToAdd;
       for (const std::size_t law :
            {kind_of<Presliding>(), kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
         const bool falls = law != kind_of<Presliding>();
         if (is_left_out("presliding") || (falls && is_left_out("stribeck"))) continue;
-        go_on();
+        check_stop();
         Hypothesis h;
         h.structure = without(current_.structure, id, one.kind);
         auto& effects = h.structure.effects;
@@ -476,15 +506,15 @@ class Selection {
       const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
       current_ = std::move(best);
       settle();
-      if (current_.rms() > current.rms() / kWorthIt) {
+      if (current_.rms() > current.rms() / kMaxRmsRatioToAdd) {
         current_ = current, fitted_ = fitted, as_is_ = as_is;
         search_.follow(current_);
         continue;
       }
       const auto& effects = current_.structure.effects;
       const auto law = *std::find_if(effects.begin(), effects.end(), is_friction_law);
-      steps_.push_back(text("  %s does without %s: %.4g um", identity_of(law).id.data(), id.c_str(),
-                            1e6 * current_.rms()));
+      steps_.push_back(text("  %s makes %s unnecessary: %.4g um RMS", identity_of(law).id.data(),
+                            id.c_str(), 1e6 * current_.rms()));
       Cause cause = one.cause;
       cause.ambiguous_with.clear();
       found_.erase(id);
@@ -492,7 +522,8 @@ class Selection {
     }
   }
 
-  /// Both are in a law that says so: each is named if it was before, or if the law says so.
+  /// Names the causes contained in a law of friction: presliding always, stribeck if it was named
+  /// before or if the friction of the law changes enough with speed.
   void named_by(std::size_t law, const Cause& evidence) {
     const double ratio = shape_of(current_.model, law, "breakaway_ratio");
     for (const char* id : {"presliding", "stribeck"}) {
@@ -502,20 +533,20 @@ class Selection {
         found_.erase(id);
         continue;
       }
-      if (falls && found_.count(id) == 0 && std::abs(ratio - 1.0) <= kFalls) continue;
+      if (falls && found_.count(id) == 0 && std::abs(ratio - 1.0) <= kMinStribeckShare) continue;
       Found found{found_.count(id) > 0 ? found_.at(id).cause : evidence, law};
       found.cause.id = id;
       found_[id] = found;
     }
   }
 
-  /// An effect that another one has made needless goes.
-  void take_out_the_needless() {
+  /// Removes a cause that a later one has made unnecessary.
+  void remove_unnecessary() {
     if (found_.size() < 2) return;
     for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
       if (id == last_) continue;
-      if (!current_.has(one.kind)) {  // another one has taken its place
-        steps_.push_back(text("  %s: needless", id.c_str()));
+      if (!current_.has(one.kind)) {  // another effect has replaced it
+        steps_.push_back(text("  %s: no longer needed, removed", id.c_str()));
         found_.erase(id);
         continue;
       }
@@ -523,11 +554,11 @@ class Selection {
       less.structure = without(current_.structure, id, one.kind);
       if (!search_.fit(less, {point_of(current_.model, less.structure)})) continue;
       search_.judge(less);
-      if (std::min(fitted_.rms(), current_.rms()) < kWorthIt * less.rms()) continue;
-      steps_.push_back(text("  %s: needless", id.c_str()));
+      if (std::min(fitted_.rms(), current_.rms()) < kMaxRmsRatioToAdd * less.rms()) continue;
+      steps_.push_back(text("  %s: no longer needed, removed", id.c_str()));
       current_ = std::move(less);
       found_.erase(id);
-      // A law that said two causes in one has become the effect of the one that stays.
+      // A law that contained both causes has become the effect of the one that stays.
       for (auto& [other, kept] : found_) {
         if (current_.has(kept.kind)) continue;
         kept.kind = other == "stribeck" ? kind_of<FallingFriction>() : kind_of<Presliding>();
@@ -538,17 +569,17 @@ class Selection {
   }
 
   Search& search_;
-  Hypothesis current_;  // polished
-  Hypothesis fitted_;   // the same by projection, with which candidates are fitted
-  Hypothesis as_is_;    // as polished, with its error on all blocks
+  Hypothesis current_;  // the present model, refitted in free simulation
+  Hypothesis fitted_;   // the same structure fitted by projection, to compare candidates with
+  Hypothesis as_is_;    // current_ with its error on all blocks, its coefficients fixed
   const DiagnoseOptions& options_;
   Model settled_;
   std::optional<Hypothesis> undelayed_;
   std::set<std::size_t> rejected_;
-  double baseline_ = 0.0;  // RMS
-  double friction_ = 0.0;  // RMS that laws of friction have taken away
+  double baseline_ = 0.0;  // RMS before any cause [m | rad]
+  double friction_ = 0.0;  // RMS that laws of friction have removed
   std::map<std::string, Found> found_;
-  std::string last_;  // that was added
+  std::string last_;  // the cause added last
   std::vector<std::string> steps_;
 };
 

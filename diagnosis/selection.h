@@ -1,4 +1,5 @@
-// Which causes are added to a model, one by one while they earn their place (docs/theory.md 10).
+// Selects the causes that are added to a model, one by one, as long as each improves it enough
+// (docs/theory.md 10).
 #pragma once
 
 #include <map>
@@ -19,15 +20,16 @@ struct Found {
 };
 
 struct Selected {
-  Model settled;     ///< the baseline's structure, polished
-  Hypothesis model;  ///< with all causes, polished
-  /// Where the baseline's delay was found not to be needed: as good without it.
+  Model settled;     ///< the baseline's structure, refitted in free simulation
+  Hypothesis model;  ///< with all causes, refitted in free simulation
+  /// The model without the baseline's delay, where the delay was found not to be needed.
   std::optional<Hypothesis> undelayed;
   std::map<std::string, Found> found;  ///< by cause
-  std::vector<std::string> steps;      ///< what was tried, for people
+  std::vector<std::string> steps;      ///< of the search, as text
 };
 
-/// From a baseline that the search has fitted.
+/// The causes found, starting from a baseline that `search` has fitted. Throws std::runtime_error
+/// where the options ask to stop. One thread.
 [[nodiscard]] Selected select_causes(Search& search, Hypothesis baseline,
                                      const DiagnoseOptions& options);
 

@@ -10,14 +10,14 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kLeast_s = 0.5;  // of a stretch
-constexpr double kSignificant = 0.01;
-constexpr std::size_t kMost = 6;
-constexpr double kHigher =
-    0.45;  // of the sampling rate: what is beyond is the filter of a recorder
+constexpr double kMinStretch_s = 0.5;
+constexpr double kMaxP = 0.01;  // of a line to be significant
+constexpr std::size_t kMaxLines = 6;
+// Of the sampling rate: above it the anti-aliasing filter of the recorder shapes the spectrum.
+constexpr double kMaxFrequencyShare = 0.45;
 
 bool usable(const ResidualStretch& s, double h) {
-  return s.h == h && static_cast<double>(s.residual.size()) * h >= kLeast_s &&
+  return s.h == h && static_cast<double>(s.residual.size()) * h >= kMinStretch_s &&
          s.residual.isFinite().all();
 }
 
@@ -69,11 +69,11 @@ std::vector<SpectrumPeak> spectrum_peaks(std::span<const ResidualStretch> stretc
   const std::size_t n = spectrum.amplitude.size();
   if (n < 64) return out;
   const double longest = longest_s(stretches);
-  // Below a few periods in the record a line is a trend of the motion.
+  // Lines with fewer periods in the longest stretch belong to the motion itself.
   constexpr double kPeriods = 8.0, kNeighbourhood = 0.1;
   const auto first = static_cast<std::size_t>(kPeriods / longest / spectrum.step_hz) + 1;
   const auto last =
-      std::min(n - 2, static_cast<std::size_t>(kHigher * 2.0 * static_cast<double>(n)));
+      std::min(n - 2, static_cast<std::size_t>(kMaxFrequencyShare * 2.0 * static_cast<double>(n)));
   const double independent = static_cast<double>(last - first) * spectrum.step_hz * longest;
   for (std::size_t i = first; i <= last; ++i) {
     const double a = spectrum.amplitude[i];
@@ -87,17 +87,17 @@ std::vector<SpectrumPeak> spectrum_peaks(std::span<const ResidualStretch> stretc
     std::nth_element(near.begin(), middle, near.end());
     const double background = *middle * *middle / std::numbers::ln2;
     const double p = background > 0.0 ? independent * std::exp(-a * a / background) : 0.0;
-    if (p < kSignificant) out.push_back({spectrum.step_hz * static_cast<double>(i), a, p});
+    if (p < kMaxP) out.push_back({spectrum.step_hz * static_cast<double>(i), a, p});
   }
   std::sort(out.begin(), out.end(),
             [](const auto& l, const auto& r) { return l.amplitude > r.amplitude; });
-  // The skirts of a line are no lines of their own.
+  // Side lobes of a line do not count as lines.
   std::vector<SpectrumPeak> apart;
   for (const SpectrumPeak& peak : out) {
     const bool skirt = std::any_of(apart.begin(), apart.end(), [&](const SpectrumPeak& other) {
       return std::abs(other.frequency_hz - peak.frequency_hz) < 5.0 / longest;
     });
-    if (!skirt && apart.size() < kMost) apart.push_back(peak);
+    if (!skirt && apart.size() < kMaxLines) apart.push_back(peak);
   }
   return apart;
 }

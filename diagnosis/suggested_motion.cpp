@@ -24,6 +24,7 @@ const CauseNature& nature_of(std::string_view id) {
   return *found;
 }
 
+/// The entry for this pair of causes; nullptr where the pair needs nothing special.
 const PairNature* special_of(const Doubt& doubt) {
   for (const PairNature& s : kPairNatures) {
     if ((s.a == doubt.cause && s.b == doubt.rival) || (s.b == doubt.cause && s.a == doubt.rival))
@@ -32,52 +33,52 @@ const PairNature* special_of(const Doubt& doubt) {
   return nullptr;
 }
 
-const char* description(Piece piece) {
-  switch (piece) {
+const char* description(TestPart part) {
+  switch (part) {
     case kStandstill:
       return "a rest of 10 s";
     case kReversals:
-      return "slow reversals of growing amplitude under a small and a large acceleration";
+      return "slow reversals of increasing amplitude, with a low and a high acceleration";
     case kRests:
-      return "one move after rests of 0.1 to 10 s";
+      return "the same move after rests of 0.1 to 10 s";
     case kSpeeds:
-      return "constant speeds from creeping to the fastest in both directions";
+      return "constant speeds from creeping to the maximum in both directions";
     case kTwoSpeeds:
       return "two constant speeds over several periods";
     case kStrokes:
       return "slow full strokes in both directions";
     case kAccelerations:
-      return "one move under three accelerations";
+      return "the same move with three accelerations";
     case kSweep:
-      return "to and fro faster and faster over a shrinking way";
+      return "oscillation of increasing frequency and decreasing amplitude";
     case kRepeats:
-      return "one cycle, fast and slow, six times with pauses";
+      return "the same cycle, fast and slow, six times with pauses";
   }
   return "";
 }
 
-/// Puts pieces together within the limits.
+/// Assembles a test motion from elementary motions within the limits of the recording.
 class Builder {
  public:
   Builder(const SeenMotion& seen, const TestSizes& sizes) : seen_(seen), sizes_(sizes) {
-    // Between the samples of a command that was written with few digits the peaks are not known to
-    // more than this.
-    constexpr double kWithin = 0.97, kLeast_s = 0.02, kMost_s = 0.2;
-    v_ = kWithin * seen.velocity;
-    a_ = kWithin * seen.acceleration;
+    // kPeakShare: of the recorded peaks that the test uses, since in a coarsely rounded command
+    // they are not known more exactly.
+    constexpr double kPeakShare = 0.97, kMinSmoothing_s = 0.02, kMaxSmoothing_s = 0.2;
+    v_ = kPeakShare * seen.velocity;
+    a_ = kPeakShare * seen.acceleration;
     motion_.start = seen.start;
-    motion_.smoothing_s =
-        std::clamp(seen.jerk > 0.0 ? 2.0 * a_ / seen.jerk : kLeast_s, kLeast_s, kMost_s);
+    motion_.smoothing_s = std::clamp(seen.jerk > 0.0 ? 2.0 * a_ / seen.jerk : kMinSmoothing_s,
+                                     kMinSmoothing_s, kMaxSmoothing_s);
     settle_ = motion_.smoothing_s + 0.1;
     stroke_ = seen.high - seen.low;
     centre_ = 0.5 * (seen.low + seen.high);
   }
 
-  TestMotion of(unsigned pieces) {
+  TestMotion of(unsigned parts) {
     for (unsigned bit = kStandstill; bit <= kRepeats; bit <<= 1u) {
-      if ((pieces & bit) == 0) continue;
-      begins_ = description(static_cast<Piece>(bit));
-      add(static_cast<Piece>(bit));
+      if ((parts & bit) == 0) continue;
+      begins_ = description(static_cast<TestPart>(bit));
+      add(static_cast<TestPart>(bit));
     }
     begins_.clear();
     go(seen_.start, v_, a_, settle_);
@@ -91,15 +92,15 @@ class Builder {
     motion_.legs.push_back({place, std::min(velocity, v_), std::min(acceleration, a_), rest,
                             std::exchange(begins_, {})});
   }
-  /// There and back over this way about the middle.
+  /// A stroke of this length about the middle of the travel, forwards and back.
   void lap(double way, double velocity, double acceleration, double rest) {
     go(centre_ - 0.5 * way, v_, a_, rest);
     go(centre_ + 0.5 * way, velocity, acceleration, rest);
     go(centre_ - 0.5 * way, velocity, acceleration, rest);
   }
 
-  void add(Piece piece) {
-    switch (piece) {
+  void add(TestPart part) {
+    switch (part) {
       case kStandstill:
         go(motion_.end(), v_, a_, 10.0);
         break;
@@ -114,22 +115,23 @@ class Builder {
         break;
       case kSpeeds:
         for (const double share : {1.0, 0.3, 0.1, 0.03, 0.01, 0.003}) {
-          constexpr double kEach_s = 2.0;
+          constexpr double kMaxTimePerSpeed_s = 2.0;
           const double v = share * v_;
-          lap(std::min(stroke_, v * kEach_s + v * v / a_), v, a_, settle_);
+          lap(std::min(stroke_, v * kMaxTimePerSpeed_s + v * v / a_), v, a_, settle_);
         }
         break;
       case kTwoSpeeds:
         two_speeds();
         break;
       case kStrokes: {
-        constexpr double kEach_s = 6.0;
-        for (int i = 0; i < 2; ++i) lap(stroke_, stroke_ / kEach_s, a_, settle_);
+        constexpr double kStrokeTime_s = 6.0;
+        for (int i = 0; i < 2; ++i) lap(stroke_, stroke_ / kStrokeTime_s, a_, settle_);
         break;
       }
       case kAccelerations:
         for (const double share : {1.0, 1.0 / 3.0, 1.0 / 9.0}) {
-          // Slow enough for the hardest to have a steady middle on the same way.
+          // The stroke is the same for all three. Its length leaves a part at constant speed at
+          // the highest acceleration.
           const double way = std::min(stroke_, 2.0 * v_ * v_ / a_);
           for (int i = 0; i < 2; ++i) lap(way, v_, share * a_, settle_);
         }
@@ -147,13 +149,13 @@ class Builder {
   }
 
   void reversals() {
-    // From what the encoder can just resolve to well beyond where friction slides.
+    // Amplitudes from the encoder resolution to well beyond the travel at which friction slides.
     const double least = std::max(4.0 * sizes_.encoder_step, 1e-6);
     const double from = sizes_.travel > 0.0 ? std::max(least, 0.1 * sizes_.travel) : least;
     const double to =
         std::min(0.25 * stroke_, sizes_.travel > 0.0 ? 30.0 * sizes_.travel : 1000.0 * from);
     for (const double share : {0.05, 1.0}) {
-      // A long way in one direction wipes out what friction remembers.
+      // A long travel in one direction resets the memory of the friction.
       go(centre_ - 0.25 * stroke_, v_, a_, settle_);
       go(centre_, v_, a_, settle_);
       for (double way = from; way <= to; way *= 2.5) {
@@ -165,7 +167,7 @@ class Builder {
 
   void two_speeds() {
     const double way = sizes_.period > 0.0 ? std::min(stroke_, 8.0 * sizes_.period) : stroke_;
-    // Half of the way at constant speed.
+    // At this speed half of the stroke is at constant speed.
     const double fast = std::min(v_, std::sqrt(0.5 * a_ * way));
     for (const double v : {fast, fast / 5.0}) {
       for (int i = 0; i < 2; ++i) lap(way, v, a_, settle_);
@@ -192,11 +194,11 @@ class Builder {
   std::string begins_;
 };
 
-std::string described(unsigned pieces) {
+std::string described(unsigned parts) {
   std::string out;
   for (unsigned bit = kStandstill; bit <= kRepeats; bit <<= 1u) {
-    if ((pieces & bit) == 0) continue;
-    out += (out.empty() ? "" : "; ") + std::string(description(static_cast<Piece>(bit)));
+    if ((parts & bit) == 0) continue;
+    out += (out.empty() ? "" : "; ") + std::string(description(static_cast<TestPart>(bit)));
   }
   return out;
 }
@@ -217,7 +219,7 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
                                             const SeenMotion& seen, const TestSizes& sizes) {
   if (doubts.empty()) return {};
   constexpr unsigned kSurvey = kStandstill | kReversals | kSpeeds | kStrokes | kAccelerations;
-  unsigned pieces = 0;
+  unsigned parts = 0;
   std::string words;
   std::set<std::string> said;
   const auto add = [&](const std::string& sentence) {
@@ -225,23 +227,23 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
   };
   for (const Doubt& doubt : doubts) {
     if (doubt.cause.empty()) {
-      pieces |= kSurvey;
-      add("In it everything that an error can depend on changes by itself.");
+      parts |= kSurvey;
+      add("In this motion everything that an error can depend on changes separately.");
       continue;
     }
     const CauseNature& one = nature_of(doubt.cause);
     if (doubt.rival.empty()) {
-      pieces |= one.pieces;
+      parts |= one.parts;
       add(one_shows(one));
     } else {
       const CauseNature& other = nature_of(doubt.rival);
       const PairNature* special = special_of(doubt);
-      if (special != nullptr && special->pieces == 0) {
+      if (special != nullptr && special->parts == 0) {
         add(doubt.cause + " and " + doubt.rival +
-            " cannot be told apart with these sensors: " + special->words + ".");
+            " cannot be distinguished with these sensors: " + special->words + ".");
         continue;
       }
-      pieces |= special != nullptr ? special->pieces : one.pieces | other.pieces;
+      parts |= special != nullptr ? special->parts : one.parts | other.parts;
       add(one_shows(one));
       add(one_shows(other));
       if (special != nullptr)
@@ -250,27 +252,29 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
     }
     if (*one.besides != '\0') add("For " + doubt.cause + ": " + one.besides + ".");
   }
-  if (pieces == 0) return SuggestedTest{words, {}};
+  if (parts == 0) return SuggestedTest{words, {}};
   if (!(seen.high > seen.low) || !(seen.velocity > 0.0) || !(seen.acceleration > 0.0))
-    return SuggestedTest{words + " The recording holds no motion within which a test could stay.",
+    return SuggestedTest{words + " The recording contains no motion that a test could stay within.",
                          {}};
-  constexpr double kLeastPeriods = 3.0;
-  if ((pieces & kTwoSpeeds) != 0 && seen.high - seen.low < kLeastPeriods * sizes.period)
-    add(text("The way of this recording is %.1f periods long: a longer one decides better.",
+  constexpr double kMinPeriods = 3.0;
+  if ((parts & kTwoSpeeds) != 0 && seen.high - seen.low < kMinPeriods * sizes.period)
+    add(text("The travel of this recording covers %.1f periods: a longer travel decides better.",
              (seen.high - seen.low) / sizes.period));
   SuggestedTest out;
-  out.motion = Builder(seen, sizes).of(pieces);
-  out.words = "Run " + described(pieces) +
+  out.motion = Builder(seen, sizes).of(parts);
+  out.words = "Run " + described(parts) +
               text(
-                  " (%.0f s, within the recorded way, speed and acceleration), record it and "
-                  "diagnose it. ",
+                  " (%.0f s, within the recorded travel, speed and acceleration), record it and "
+                  "diagnose the recording. ",
                   out.motion->duration_s()) +
               words;
   return out;
 }
 
 std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const SegmentedAxis& axis) {
-  constexpr double kUnsure = 0.6;  // confidence below which a cause is in doubt
+  // A cause of lower confidence is tested even without a rival. Above kNamed, so that a cause named
+  // by a small margin is tested as well.
+  constexpr double kMinConfidenceWithoutTest = 0.6;
   std::vector<Doubt> doubts;
   TestSizes sizes;
   sizes.encoder_step = noise_floor(axis.segments).encoder_step;
@@ -278,7 +282,7 @@ std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const Se
   all.insert(all.end(), diagnosis.suspected.begin(), diagnosis.suspected.end());
   for (const Cause& cause : all) {
     for (const std::string& rival : cause.ambiguous_with) doubts.push_back({cause.id, rival});
-    if (cause.ambiguous_with.empty() && cause.confidence < kUnsure)
+    if (cause.ambiguous_with.empty() && cause.confidence < kMinConfidenceWithoutTest)
       doubts.push_back({cause.id, ""});
     if (cause.place >= diagnosis.extended.model.effects.size()) continue;
     const Effect& effect = diagnosis.extended.model.effects[cause.place];
@@ -290,7 +294,8 @@ std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const Se
       ++i;
     }
   }
-  // Not what a model that lacks a cause leaves uncertain, but what the motion does not contain.
+  // What the recorded motion does not contain, rather than what the fit leaves uncertain: a model
+  // that lacks a cause has no reliable uncertainties.
   const std::vector<std::string> missing =
       missing_motion(excitation_of(axis.segments), axis.rotary);
   if (diagnosis.verdict == Verdict::kUnexplained || !missing.empty()) doubts.push_back({});

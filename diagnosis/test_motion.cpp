@@ -11,11 +11,12 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kDifference_s =
-    0.02;                        // as of the acceleration in identification/recording/evidence.h
-constexpr double kPeak = 0.995;  // likewise
+// Time step of the differences and quantile that counts as the peak: both the same as for the
+// acceleration in identification/recording/evidence.h.
+constexpr double kDifference_s = 0.02;
+constexpr double kPeakQuantile = 0.995;
 
-/// A leg in time: velocity rises to `peak`, holds, and falls.
+/// The velocity profile of a leg: a ramp up to `peak`, constant velocity, and a ramp down.
 struct Trapezoid {
   double distance = 0.0, ramp_s = 0.0, hold_s = 0.0, acceleration = 0.0, peak = 0.0;
 
@@ -50,8 +51,8 @@ double peak_jerk(const std::vector<Segment>& segments) {
     }
   }
   if (all.empty()) return 0.0;
-  const auto at =
-      all.begin() + static_cast<std::ptrdiff_t>(kPeak * static_cast<double>(all.size() - 1));
+  const auto at = all.begin() +
+                  static_cast<std::ptrdiff_t>(kPeakQuantile * static_cast<double>(all.size() - 1));
   std::nth_element(all.begin(), at, all.end());
   return *at;
 }
@@ -118,13 +119,14 @@ std::string gcode(const TestMotion& motion, const std::string& axis, bool rotary
   }
   std::string out =
       "(test motion of axis " + axis + ", " + text("%.0f s)\n", motion.duration_s()) +
-      text("(from %.4f to %.4f %s, up to %.5g %s/min and %.4g %s/s^2: as recorded before)\n",
-           unit * low, unit * high, length, 60.0 * unit * fastest, length, unit * hardest, length) +
-      text("(begins at %.4f %s; record command and encoder throughout)\n", unit * motion.start,
+      text(
+          "(from %.4f to %.4f %s, up to %.5g %s/min and %.4g %s/s^2: within the recorded motion)\n",
+          unit * low, unit * high, length, 60.0 * unit * fastest, length, unit * hardest, length) +
+      text("(start position %.4f %s; record command and encoder throughout)\n", unit * motion.start,
            length) +
-      "(G4 P in seconds: where the control counts otherwise, convert)\nG90 G94" +
+      "(G4 P is in seconds: convert it if the control uses another unit)\nG90 G94" +
       (rotary ? "\n" : " G21\n");
-  // A name of one letter is an address; others are assigned to.
+  // An axis name of one letter is an address word (X1.0); a longer name needs "=" (C1=1.0).
   const std::string address = axis.size() == 1 ? axis : axis + "=";
   const auto dwell = [&](double seconds) {
     if (seconds > 0.0) out += text("G4 P%.3f\n", seconds);
@@ -134,7 +136,7 @@ std::string gcode(const TestMotion& motion, const std::string& axis, bool rotary
     if (!leg.shows.empty()) out += "(" + leg.shows + ")\n";
     if (leg.to != place) {
       if (leg.acceleration != acceleration)
-        out += text("(axis acceleration %.4g %s/s^2, %.0f percent of the largest)\n",
+        out += text("(axis acceleration %.4g %s/s^2, %.0f percent of the maximum)\n",
                     unit * leg.acceleration, length, 100.0 * leg.acceleration / hardest);
       acceleration = leg.acceleration;
       out += "G1 " + address + text("%.5f F%.4f\n", unit * leg.to, 60.0 * unit * leg.velocity);

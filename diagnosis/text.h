@@ -1,4 +1,4 @@
-// Text for people: numbers in a format, and what HTML and SVG need escaped.
+// Helpers for printed text: formatted numbers, and escaping for HTML and SVG. Any thread.
 #pragma once
 
 #include <array>
@@ -7,7 +7,7 @@
 
 namespace servotwin {
 
-/// As printf, up to 511 characters.
+/// Formats as printf does; the result is cut after 511 characters.
 template <class... T>
 [[nodiscard]] std::string text(const char* format, T... values) {
   std::array<char, 512> buffer{};
@@ -15,6 +15,7 @@ template <class... T>
   return buffer.data();
 }
 
+/// The text with &, < and > as HTML entities.
 [[nodiscard]] inline std::string escaped(const std::string& given) {
   std::string out;
   for (const char c : given) {

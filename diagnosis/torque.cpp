@@ -13,9 +13,12 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kDecisive = 0.95;  // share of resamples in which a rival is beaten
-constexpr double kPiece_s = 0.25;   // that are resampled,
-constexpr double kFewest = 10.0;    // or shorter ones where there were fewer
+// A rival that loses in a smaller share of the bootstrap resamples is reported as ambiguous.
+constexpr double kMinShareToExcludeRival = 0.95;
+// Length of the resampled blocks; shorter in a short hold-out, so that there are at least
+// kMinBlocks.
+constexpr double kBlock_s = 0.25;
+constexpr double kMinBlocks = 10.0;
 
 double rms_of(const Eigen::VectorXd& left) {
   return std::sqrt(left.squaredNorm() / std::max<double>(1.0, static_cast<double>(left.size())));
@@ -63,15 +66,16 @@ class TorqueConclusion {
   }
 
  private:
-  /// What a model leaves of the hold-out, its coefficients from the training data.
+  /// Residual of a model on the hold-out, with coefficients fitted to the training data.
   [[nodiscard]] Eigen::VectorXd left_by(const Eigen::MatrixXd& columns) const {
     return rows_.holdout(rows_.torque()) -
            rows_.holdout(columns) * training_.fit(rows_.training(columns));
   }
+  /// Mean squares of a residual of the hold-out, block by block.
   [[nodiscard]] std::vector<double> pieces_of(const Eigen::VectorXd& left) const {
     const Eigen::VectorXd time = rows_.holdout(rows_.time());
     const double piece_s =
-        std::min(kPiece_s, static_cast<double>(left.size()) * rows_.step_s() / kFewest);
+        std::min(kBlock_s, static_cast<double>(left.size()) * rows_.step_s() / kMinBlocks);
     const auto piece_at = [&](Eigen::Index k) { return std::floor(time(k) / piece_s); };
     std::vector<double> out;
     for (Eigen::Index k = 0; k < left.size();) {
@@ -83,10 +87,10 @@ class TorqueConclusion {
     return out;
   }
 
-  /// What one cause is worth, everything else as it is.
+  /// Gain of one cause on the hold-out, with all other causes in the model.
   [[nodiscard]] Gain gain_of(std::size_t i) const {
     Eigen::MatrixXd without = columns_of(rows_, body_, parts_, i);
-    // Play against the same spring without a gap.
+    // Backlash is compared with the same spring without a gap.
     if (parts_[i].id == "backlash") append(without, rows_.columns(parts_[i].terms.front()));
     const Eigen::VectorXd before = left_by(without),
                           after = left_by(columns_of(rows_, body_, parts_));
@@ -118,11 +122,11 @@ class TorqueConclusion {
                       [&, &id = rival](const auto& other) { return other.id == id; });
       if (named) continue;
       cause.confidence = std::min(cause.confidence, share);
-      if (share < kDecisive) cause.ambiguous_with.push_back(rival);
+      if (share < kMinShareToExcludeRival) cause.ambiguous_with.push_back(rival);
     }
   }
 
-  /// The keys of the contract, from the coefficients of the cause.
+  /// Fills in the parameters of the cause, by the keys of the contract, from its coefficients `c`.
   void parameters(const TorquePart& part, const Eigen::VectorXd& c, TorqueCause& cause) const {
     const TorqueTerm& term = part.terms.front();
     const std::string unit = key_of_unit(out_.unit);
@@ -233,7 +237,8 @@ std::string key_of_unit(const std::string& unit) {
 
 TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions& options,
                                 bool commanded) {
-  if (!has_torque(axis)) throw std::runtime_error(axis.axis + ": there is no torque");
+  if (!has_torque(axis))
+    throw std::runtime_error(axis.axis + ": the recording has no torque of this axis");
   TorqueRows rows(axis, options.identify.training_share, commanded);
   const TorqueBody body = body_of(rows);
   const TorqueSelected selected = select_torque_causes(

@@ -12,8 +12,11 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kBothWays = 0.15;  // of the path, in the rarer direction
-constexpr double kStraight = 0.02;  // of the travel: a position that is a line over time
+// Share of the path in the rarer direction above which the motion counts as in both directions.
+constexpr double kMinRarerDirectionShare = 0.15;
+// RMS distance of the position from a straight line over time, over the travel. Below it the motion
+// counts as one constant speed.
+constexpr double kMaxDeviationFromLine = 0.02;
 
 }  // namespace
 
@@ -38,13 +41,14 @@ TorqueBody body_of(TorqueRows& rows) {
   const BlockedRegression data = training_of(rows);
   const Eigen::VectorXd velocity = rows.training(rows.velocity());
   const double forward = velocity.cwiseMax(0.0).sum() / velocity.cwiseAbs().sum();
-  out.both_ways = std::min(forward, 1.0 - forward) > kBothWays;
+  out.both_ways = std::min(forward, 1.0 - forward) > kMinRarerDirectionShare;
   Eigen::MatrixXd line(velocity.size(), 2);
   line << Eigen::VectorXd::Ones(velocity.size()), rows.training(rows.time());
   const Eigen::VectorXd x = rows.training(rows.position());
   out.one_speed = (x - line * least_squares(line, x)).norm() <
-                  kStraight * rows.travel() * std::sqrt(static_cast<double>(x.size()));
-  // The velocity at which friction has its direction, beside a constant where there may be one.
+                  kMaxDeviationFromLine * rows.travel() * std::sqrt(static_cast<double>(x.size()));
+  // Velocity above which Coulomb friction has its full value, fitted together with a constant force
+  // where the motion can distinguish one.
   double least = 1e300;
   for (double limit = 2e-5; limit < 2.1e-2; limit *= 1.78) {
     Eigen::MatrixXd trial = rows.body(limit);
@@ -56,7 +60,8 @@ TorqueBody body_of(TorqueRows& rows) {
   const Eigen::MatrixXd shown = rows.training(out.columns);
   const Eigen::VectorXd theta = data.fit(shown);
   if (out.both_ways) {
-    // What moves a body works on it: mass and friction are positive, or the sign is the other.
+    // Mass and friction are positive. Where they come out negative, the torque has the opposite
+    // sign.
     const double work =
         (theta.head(3).array() * shown.leftCols(3).colwise().norm().transpose().array()).sum();
     out.opposite = work < 0.0;
@@ -64,7 +69,7 @@ TorqueBody body_of(TorqueRows& rows) {
   if (out.opposite) rows.turn_torque();
   rows.friction_from(out.velocity_limit);
   out.columns = rows.body(out.velocity_limit);
-  // A mass or a friction that would be negative is not seen by this motion.
+  // A mass or friction with a negative estimate is not observable in this motion: it is removed.
   const BlockedRegression turned = training_of(rows);
   std::vector<int> kept{0, 1, 2};
   for (bool again = true; again && !kept.empty();) {
@@ -87,7 +92,7 @@ TorqueBody body_of(TorqueRows& rows) {
   for (const int i : kept) append(c, out.columns.col(i));
   if (kept.empty()) {
     throw std::runtime_error(
-        "neither mass nor friction has a part in the torque: is it the torque of this axis?");
+        "neither mass nor friction contributes to the torque: is it the torque of this axis?");
   }
   out.columns = c;
   return out;

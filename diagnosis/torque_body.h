@@ -1,5 +1,5 @@
-// The rigid body with friction in a measured torque: T = m a + F_c sat(v / v_l) + B v, none of
-// them negative; and which way the torque counts. Units as of torque.h. Any thread.
+// The rigid body with friction in a measured torque, T = m a + F_c sat(v / v_l) + B v with
+// m, F_c, B >= 0, and the sign of the recorded torque. Units as in torque.h. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,21 +12,24 @@ namespace servotwin {
 struct TorqueBody {
   double mass = 0.0, coulomb = 0.0, viscous = 0.0;
   double velocity_limit = 1e-3;  ///< v_l
-  Eigen::MatrixXd columns;       ///< of those that are not 0, in this order, over all rows
-  bool opposite = false;         ///< the record counts the torque against the position
-  bool both_ways = false;        ///< the motion has both directions
-  bool one_speed = false;        ///< its position is a straight line over time
+  Eigen::MatrixXd columns;       ///< regressors of those that are not 0, in this order, all rows
+  bool opposite = false;         ///< the recorded torque has the opposite sign to the position
+  bool both_ways = false;        ///< the axis moves in both directions
+  bool one_speed = false;        ///< the axis moves at one constant speed throughout
 
-  /// The column of the Coulomb friction, of the viscous friction; -1: there is none.
+  /// The column of the Coulomb friction and that of the viscous friction; -1: there is none.
   [[nodiscard]] Eigen::Index coulomb_column() const;
   [[nodiscard]] Eigen::Index viscous_column() const;
 };
 
-/// From the training rows; turns the torque of the rows where it counts against the position.
-/// Throws std::runtime_error where neither mass nor friction has a part in the torque.
+/// Fits the rigid body to the training rows. Changes the sign of the torque in `rows` where it is
+/// opposite to the position. Throws std::runtime_error where neither mass nor friction contributes
+/// to the torque.
 [[nodiscard]] TorqueBody body_of(TorqueRows& rows);
 
+/// The torque of the training rows as the left-hand side of a blocked regression.
 [[nodiscard]] BlockedRegression training_of(const TorqueRows& rows);
+/// Appends columns on the right.
 void append(Eigen::MatrixXd& to, const Eigen::MatrixXd& columns);
 
 }  // namespace servotwin

@@ -14,12 +14,15 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kBandwidth_hz = 40.0, kOfRate = 0.15;
-constexpr double kAtRest = 0.01;  // of the highest tenth of the speeds
-constexpr Eigen::Index kFewestRows = 40;
-constexpr double kMostTurns = 400.0, kSlowTurns = 5.0;  // over the travel
-constexpr double kLowest_hz = 0.5;
-constexpr double kHeard = 0.3;  // of the motion, within the bandwidth
+constexpr double kBandwidth_hz = 40.0;       // of the filters, ..
+constexpr double kMaxBandwidthShare = 0.15;  // .. and at most this share of the sampling rate
+constexpr double kMaxRestSpeedShare = 0.01;  // of the 90 % quantile of the speeds
+constexpr Eigen::Index kMinRows = 40;
+// Periods over the travel: at most, and at most for position-dependent friction.
+constexpr double kMaxPeriods = 400.0, kMaxSlowPeriods = 5.0;
+constexpr double kMinFrequency_hz = 0.5;
+// Share of the motion in which a ripple must lie within the bandwidth of the filters.
+constexpr double kMinInBandShare = 0.3;
 
 /// The same motion with the tracking error in place of the torque.
 std::vector<Segment> with_tracking_error(std::vector<Segment> segments) {
@@ -48,11 +51,12 @@ Eigen::VectorXd TorqueRows::compared(const Value& value) const {
 }
 
 TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded)
-    : bandwidth_hz_(std::min(kBandwidth_hz, kOfRate / axis.sample_time_s)), rotary_(axis.rotary) {
+    : bandwidth_hz_(std::min(kBandwidth_hz, kMaxBandwidthShare / axis.sample_time_s)),
+      rotary_(axis.rotary) {
   data_ = ForceData::of_motion(axis.segments, bandwidth_hz_);
   for (const ForceData::Stretch& stretch : data_.stretches()) {
     motion_.push_back(stretch.motion);
-    // What the body feels is its own acceleration, whatever was commanded.
+    // The force on the body depends on its actual acceleration, not on the commanded one.
     for (std::size_t k = 0; k < motion_.back().size(); ++k) {
       Motion& m = motion_.back()[k];
       m.acceleration = m.command_acceleration = stretch.acceleration(static_cast<Eigen::Index>(k));
@@ -60,15 +64,15 @@ TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool co
     }
   }
   const Eigen::VectorXd speed = compared([](const Motion& m) { return m.velocity; });
-  const double least = kAtRest * quantile(speed.array().abs(), 0.9);
+  const double least = kMaxRestSpeedShare * quantile(speed.array().abs(), 0.9);
   const double fastest = speed.cwiseAbs().maxCoeff();
   for (Eigen::Index row = 0; row < speed.size(); ++row) {
     if (std::abs(speed(row)) > std::max(least, 1e-3 * fastest)) used_.push_back(row);
   }
-  if (static_cast<Eigen::Index>(used_.size()) < kFewestRows) {
-    throw std::runtime_error(axis.axis + ": the axis is under way with torque for " +
+  if (static_cast<Eigen::Index>(used_.size()) < kMinRows) {
+    throw std::runtime_error(axis.axis + ": the axis moves with a recorded torque for only " +
                              std::to_string(static_cast<double>(used_.size()) * data_.step_s()) +
-                             " s, too little to explain its torque; record more motion");
+                             " s, too short to explain its torque; record more motion");
   }
   torque_ = under_way(data_.force());
   time_ = under_way(data_.time());
@@ -92,10 +96,10 @@ TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool co
   }
   for (Eigen::Index row = 0; row < time_.size(); ++row)
     (time_(row) < training_to_s_ ? training_ : holdout_).push_back(row);
-  if (static_cast<Eigen::Index>(training_.size()) < kFewestRows)
-    throw std::runtime_error(axis.axis + ": the axis hardly moves in the part that is fitted");
+  if (static_cast<Eigen::Index>(training_.size()) < kMinRows)
+    throw std::runtime_error(axis.axis + ": the axis moves too little in the training data");
   if (holdout_.empty())
-    throw std::runtime_error(axis.axis + ": the axis does not move in the part that judges");
+    throw std::runtime_error(axis.axis + ": the axis does not move in the held-out data");
 }
 
 void TorqueRows::turn_torque() {
@@ -129,7 +133,7 @@ Eigen::MatrixXd TorqueRows::columns(const TorqueTerm& term) const {
       Eigen::ArrayXd position(n);
       for (Eigen::Index k = 0; k < n; ++k)
         position(k) = motion[static_cast<std::size_t>(k)].position;
-      // Unlike levels in the two directions.
+      // Separate levels for the two directions.
       const Eigen::ArrayXd unit =
           force_through_gap(position, term.shapes[0], term.shapes[1], term.shapes[2]);
       force.resize(n, 2);
@@ -160,12 +164,12 @@ Eigen::MatrixXd TorqueRows::rough_waves(std::size_t kind, double first_shape) co
   for (Eigen::Index row = 0; row < out.rows(); ++row) {
     const double hz = of_time ? first_shape : std::abs(velocity_(row)) / first_shape;
     const double turns = of_time ? first_shape * time_(row) : position_(row) / first_shape;
-    const double heard = hz < bandwidth_hz_ ? 1.0 : 0.0;
-    out(row, 0) = heard * std::sin(2.0 * std::numbers::pi * turns);
-    out(row, 1) = heard * std::cos(2.0 * std::numbers::pi * turns);
-    passing += heard;
+    const double in_band = hz < bandwidth_hz_ ? 1.0 : 0.0;
+    out(row, 0) = in_band * std::sin(2.0 * std::numbers::pi * turns);
+    out(row, 1) = in_band * std::cos(2.0 * std::numbers::pi * turns);
+    passing += in_band;
   }
-  if (passing < kHeard * static_cast<double>(out.rows())) out.setZero();
+  if (passing < kMinInBandShare * static_cast<double>(out.rows())) out.setZero();
   return out;
 }
 
@@ -188,18 +192,19 @@ std::vector<std::vector<double>> TorqueRows::grid(std::size_t kind, double veloc
   switch (p.scan) {
     case Scan::kPeriod: {
       const bool slow = kind == kind_of<PositionDependentFriction>();
-      // What goes round repeats after a turn: whole orders per revolution.
+      // A rotary ripple repeats after a revolution: whole orders per revolution.
       for (int order = 1; rotary_ && !slow && order < 400; ++order) {
         const double period = 2.0 * std::numbers::pi / order;
-        if (travel_ / period >= 1.5 && travel_ / period < kMostTurns) add(period);
+        if (travel_ / period >= 1.5 && travel_ / period < kMaxPeriods) add(period);
       }
       if (rotary_ && !slow) break;
-      for (double turns = slow ? 0.75 : 1.5; turns < (slow ? kSlowTurns : kMostTurns); turns += 0.5)
+      for (double turns = slow ? 0.75 : 1.5; turns < (slow ? kMaxSlowPeriods : kMaxPeriods);
+           turns += 0.5)
         add(travel_ / turns);
       break;
     }
     case Scan::kFrequency:
-      for (double hz = kLowest_hz; hz < 0.9 * bandwidth_hz_; hz += 0.5 / (end_s - begin_s_))
+      for (double hz = kMinFrequency_hz; hz < 0.9 * bandwidth_hz_; hz += 0.5 / (end_s - begin_s_))
         add(hz);
       break;
     case Scan::kTime:

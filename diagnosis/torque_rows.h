@@ -1,7 +1,7 @@
-// The rows on which torque is compared with motion: those of ForceData that are under way, split
-// into training data and hold-out, and the columns of the body and of the catalogue on them.
+// The rows of ForceData in which the axis moves, divided into training data and hold-out, with the
+// regressors of the rigid body and of the effects of the catalogue in these rows.
 //
-// Units as of force_data.h. One thread.
+// Units as in force_data.h. One thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,20 +14,22 @@
 
 namespace servotwin {
 
-/// One effect at these shapes. Play is none of the catalogue's forces: kind is kEffectKinds, the
-/// shapes are width, give and start (plateau.h).
+/// One effect with these shape parameters. Backlash is not a force of the catalogue: its kind is
+/// kEffectKinds, its shape parameters are width, give and start (plateau.h).
 struct TorqueTerm {
   std::size_t kind = kEffectKinds;
   std::vector<double> shapes;
-  Eigen::Index first = 0;  ///< of its columns; 0: all of them
+  Eigen::Index first = 0;  ///< number of its columns to use, from the first; 0: all
   [[nodiscard]] static TorqueTerm gap(double width, double give, double start) {
     return {kEffectKinds, {width, give, start}, 0};
   }
 };
 
+/// The torque of the moving rows and the regressors that it is fitted by.
 class TorqueRows {
  public:
-  /// Throws std::runtime_error where too little of the motion has a torque.
+  /// Throws std::runtime_error where too little of the motion has a torque. `commanded`: the
+  /// segments have a true position command.
   TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded);
 
   [[nodiscard]] const Eigen::VectorXd& torque() const { return torque_; }
@@ -37,17 +39,19 @@ class TorqueRows {
   [[nodiscard]] double travel() const { return travel_; }
   [[nodiscard]] double step_s() const { return data_.step_s(); }
   [[nodiscard]] double training_to_s() const { return training_to_s_; }
-  void turn_torque();  ///< the other sign from here on
-  /// From here on the friction of the motion has its direction from this velocity on.
+  void turn_torque();  ///< changes the sign of the torque
+  /// Sets the velocity above which the friction in the motion has its full value.
   void friction_from(double velocity_limit);
 
-  /// Acceleration, saturated sign of the velocity, velocity.
+  /// The regressors of the rigid body: acceleration, saturated sign of the velocity, velocity.
   [[nodiscard]] Eigen::MatrixXd body(double velocity_limit) const;
+  /// The regressors of an effect.
   [[nodiscard]] Eigen::MatrixXd columns(const TorqueTerm& term) const;
-  /// Sine and cosine of this period of position, or frequency of time, without the filters; 0 where
-  /// they would leave nothing, everywhere if that is most of the motion.
+  /// Sine and cosine of this period in position, or of this frequency in time, computed without the
+  /// filters. 0 where the filters would remove them; 0 everywhere if that is most of the motion.
   [[nodiscard]] Eigen::MatrixXd rough_waves(std::size_t kind, double first_shape) const;
-  /// Points of the first shape at which this kind is looked for.
+  /// The grid of shape parameters at which this kind is tried; it varies mainly the first
+  /// parameter.
   [[nodiscard]] std::vector<std::vector<double>> grid(std::size_t kind,
                                                       double velocity_limit) const;
 
@@ -61,14 +65,15 @@ class TorqueRows {
     return all(holdout_, Eigen::all);
   }
 
-  /// Position, and the torque less that of the mass, at all times.
+  /// Position, and torque minus mass times acceleration, of all rows.
   [[nodiscard]] std::vector<PositionForce> stretches(double mass) const;
-  /// Amplitudes of the tracking error at periods of position; nothing where there is no command.
+  /// Amplitudes of the tracking error [m | rad] at these periods in position; NaN where there is no
+  /// command.
   [[nodiscard]] std::vector<double> tracking_error_at(const std::vector<double>& periods) const;
 
  private:
   [[nodiscard]] Eigen::VectorXd under_way(const Eigen::VectorXd& all) const { return all(used_); }
-  /// A value of every sample, as it is compared, of the rows that are under way.
+  /// A value of every sample, filtered as the torque is, in the rows in which the axis moves.
   template <class Value>
   [[nodiscard]] Eigen::VectorXd compared(const Value& value) const;
 

@@ -16,21 +16,33 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kWorthIt = 0.98;       // a cause must bring the error below this
-constexpr double kOfBaseline = 0.05;    // and take away this of the baseline's, in quadrature
-constexpr double kOfFriction = 0.01;    // and this of Coulomb friction: no law is better than that
-constexpr double kChance = 0.01;        // false causes of a clean machine
-constexpr double kChanceOfLine = 0.05;  // of a line of a cause that is named already
-constexpr double kAgrees = 2.0;         // z of the pieces that does not contradict
-constexpr double kDecisive = 0.95;      // share of resamples in which a rival is beaten
-constexpr double kNearlyAsGood = 0.8, kAsGood = 0.9;  // shares of the gain
-constexpr double kFalls = 0.12;                       // of Coulomb friction: as in selection.cpp
-constexpr double kOwnMotion = 0.8;    // of the squared velocity that a tone must leave
-constexpr double kUneven = 0.1;       // of Coulomb friction: less is every guide's
-constexpr double kFundamental = 0.9;  // share of what the double period explains
-constexpr int kMostCauses = 6, kMostHarmonic = 8;
-constexpr std::size_t kMostLines = 6, kLinesTried = 4;  // of cogging
+// RMS with a cause over RMS without it that a cause must reach.
+constexpr double kMaxRmsRatioToAdd = 0.98;
+// Least RMS that a cause must remove, as a share of the RMS of the baseline, ..
+constexpr double kMinRemovedShareOfBaseline = 0.05;
+// .. and of Coulomb friction: no law of friction is more accurate than that.
+constexpr double kMinRemovedShareOfFriction = 0.01;
+// Expected number of false causes on a machine without effects, before the Bonferroni correction.
+constexpr double kFalseAlarmRate = 0.01;
+constexpr double kFalseAlarmRateOfLine = 0.05;  // of a further period of a cause named already
+// z of the paired test above which it does not contradict the Wald test.
+constexpr double kMinBlockZ = 2.0;
+// A rival that loses in a smaller share of the bootstrap resamples is no worse.
+constexpr double kMinShareToExcludeRival = 0.95;
+// Shares of the best gain: of a rival, and of a candidate with fewer parameters that is preferred.
+constexpr double kMinGainShareOfRival = 0.8, kMinGainShareOfSimpler = 0.9;
+constexpr double kMinStribeckShare = 0.12;  // of Coulomb friction, as in selection.cpp
+// Share of the squared velocity that is not explained by the frequency of a disturbance: below it
+// the frequency is that of the motion itself.
+constexpr double kMinVelocityShareLeft = 0.8;
+// Share of Coulomb friction by which friction must vary with position; every guideway varies less.
+constexpr double kMinUnevenness = 0.1;
+// Share of the squared error explained with a period that half the period must reach to replace it.
+constexpr double kMinShareOfHalfPeriod = 0.9;
+constexpr int kMaxCauses = 6, kMaxHarmonic = 8;
+constexpr std::size_t kMaxLines = 6, kLinesTried = 4;  // of cogging: periods in all, per round
 
+/// RMS from the mean squares of the intervals.
 double root_mean(const std::vector<double>& pieces) {
   double sum = 0.0;
   for (const double piece : pieces) sum += piece;
@@ -45,9 +57,9 @@ class TorqueSelection {
 
   TorqueSelected run() {
     baseline_ = root_mean(training_of(rows_).predicted(rows_.training(body_.columns)));
-    out_.steps.push_back(text("rigid body: %.4g", baseline_));
+    out_.steps.push_back(text("rigid body: %.4g RMS", baseline_));
     play();
-    while (static_cast<int>(out_.parts.size()) < kMostCauses && add_one()) take_out_the_needless();
+    while (static_cast<int>(out_.parts.size()) < kMaxCauses && add_one()) remove_unnecessary();
     return std::move(out_);
   }
 
@@ -71,7 +83,7 @@ class TorqueSelection {
   };
   [[nodiscard]] Judgement judged(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added,
                                  std::size_t candidates, std::size_t points,
-                                 double chance = kChance) const {
+                                 double chance = kFalseAlarmRate) const {
     const BlockedRegression data = training_of(rows_);
     const Eigen::MatrixXd before = rows_.training(base), more = rows_.training(added);
     const std::vector<double> pieces = data.predicted(before);
@@ -79,30 +91,31 @@ class TorqueSelection {
     out.pieces = data.predicted(before, more);
     out.z = paired_z(pieces, out.pieces);
     out.p = chance_beyond(out.z);
-    if (out.z > kAgrees) {
+    if (out.z > kMinBlockZ) {
       out.p = std::min(out.p, std::min(1.0, static_cast<double>(points) *
                                                 chance_beyond(data.wald(before, more))));
     }
     out.rms = root_mean(out.pieces);
     const double rms = root_mean(pieces);
-    const double taken = std::sqrt(std::max(0.0, rms * rms - out.rms * out.rms));
-    out.earned = out.rms < kWorthIt * rms && taken > kOfBaseline * baseline_ &&
-                 taken > kOfFriction * body_.coulomb &&
+    const double removed = std::sqrt(std::max(0.0, rms * rms - out.rms * out.rms));
+    out.earned = out.rms < kMaxRmsRatioToAdd * rms &&
+                 removed > kMinRemovedShareOfBaseline * baseline_ &&
+                 removed > kMinRemovedShareOfFriction * body_.coulomb &&
                  out.p < chance / static_cast<double>(candidates);
     return out;
   }
 
-  /// Play first, since all that has memory looks different beside it.
+  /// Backlash first, since all effects with memory look different in its presence.
   void play() {
     if (!wanted("backlash")) return;
     out_.plateau = plateau_of(rows_.stretches(body_.mass));
     const Plateau& plateau = out_.plateau;
     if (plateau.reversals.size() < 2) return;
-    out_.steps.push_back(text("plateau after reversals: %zu, width %.4g +- %.2g, z %.1f%s",
+    out_.steps.push_back(text("force plateau after %zu reversals: width %.4g +- %.2g, z %.1f%s",
                               plateau.reversals.size(), plateau.width, plateau.deviation,
-                              plateau.statistic, plateau.found() ? "" : ": none"));
+                              plateau.statistic, plateau.found() ? "" : ": no backlash"));
     if (!plateau.found()) return;
-    // The same spring without the gap is friction that gives, and no play.
+    // The same spring without a gap is elastic friction and no backlash.
     const BlockedRegression data = training_of(rows_);
     const BlockedRegression::Beside beside(data, rows_.training(body_.columns));
     TorqueTerm elastic, gap;
@@ -122,7 +135,7 @@ class TorqueSelection {
     Eigen::MatrixXd without = body_.columns;
     append(without, rows_.columns(elastic));
     const Judgement judgement = judged(without, rows_.columns(gap), 1, points);
-    out_.steps.push_back(text("  with a gap %.4g, z %.1f", judgement.rms, judgement.z));
+    out_.steps.push_back(text("  with a gap: %.4g RMS, z %.1f", judgement.rms, judgement.z));
     if (!judgement.earned) return;
     TorquePart part;
     part.id = "backlash";
@@ -149,7 +162,8 @@ class TorqueSelection {
       const std::string_view id = identity_of(kind).cause;
       if (!wanted(id) || named(id)) continue;
       const bool unlike = kind == kind_of<ConstantForce>() || kind == kind_of<AsymmetricFriction>();
-      // In one direction a constant force is Coulomb friction, at one speed a place is a time.
+      // With motion in one direction only, a constant force looks like Coulomb friction; at
+      // constant speed, position and time are not distinguishable.
       if (unlike && (!body_.both_ways || named("gravity_offset") || named("asymmetric_friction")))
         continue;
       const bool by_speed = kind == kind_of<FallingFriction>() || kind == kind_of<ViscousDrift>() ||
@@ -164,7 +178,7 @@ class TorqueSelection {
     return out;
   }
 
-  /// The best shapes on the grid of a kind, refined about it; none where nothing fits.
+  /// The best shape parameters of a kind, refined from its grid; explained = 0 where nothing fits.
   struct Looked {
     std::size_t kind = 0, points = 0;
     double explained = 0.0;
@@ -173,7 +187,7 @@ class TorqueSelection {
   [[nodiscard]] Looked looked(std::size_t kind, const BlockedRegression::Beside& beside) const {
     Looked out{kind, 0, 0.0, {}};
     const auto try_out = [&](const std::vector<double>& shapes) {
-      // The body has its viscous friction already.
+      // For presliding without the viscous column, which the body already has.
       const TorqueTerm term{kind, shapes, kind == kind_of<Presliding>() ? 1 : 0};
       const double explained = beside.explained(rows_.training(rows_.columns(term)));
       ++out.points;
@@ -181,7 +195,7 @@ class TorqueSelection {
     };
     const std::vector<std::vector<double>> grid = rows_.grid(kind, body_.velocity_limit);
     if (kind == kind_of<Cogging>() || kind == kind_of<PeriodicDisturbance>()) {
-      // Waves by their columns without filters, the best ones with them.
+      // Ripples are first ranked without filters; the best ones are then tried with them.
       std::vector<std::pair<double, std::vector<double>>> rough;
       for (const std::vector<double>& shapes : grid)
         rough.emplace_back(-beside.explained(rows_.training(rows_.rough_waves(kind, shapes[0]))),
@@ -202,7 +216,7 @@ class TorqueSelection {
       if (half[0] < shapes_of(kind)[0].lower) break;
       const TorqueTerm term{kind, half, 0};
       const double explained = beside.explained(rows_.training(rows_.columns(term)));
-      if (explained < kFundamental * out.explained) break;
+      if (explained < kMinShareOfHalfPeriod * out.explained) break;
       out.explained = explained, out.term = term;
       if (!whole_orders) refine(out, try_out);
     }
@@ -211,7 +225,7 @@ class TorqueSelection {
   template <class TryOut>
   void refine(const Looked& best, const TryOut& try_out) const {
     const Parameter& p = shapes_of(best.kind)[0];
-    // A period is known to a part of a turn over the travel, a scale to a part of itself.
+    // Relative step: for a period a fraction of one period over the travel, else a fixed one.
     double step = 0.3;
     if (p.scan == Scan::kPeriod) step = std::min(0.2, 0.25 * best.term.shapes[0] / rows_.travel());
     if (p.scan == Scan::kFrequency || p.scan == Scan::kTime) step = 0.01;
@@ -237,12 +251,13 @@ class TorqueSelection {
       Looked best = looked(kind, beside);
       if (best.explained <= 0.0) continue;
       const Judgement judgement = judged(base, rows_.columns(best.term), kinds.size(), best.points);
-      out_.steps.push_back(text("  %.4g with %s %.4g, z %.1f, p %.1g%s", rms,
+      out_.steps.push_back(text("  %.4g RMS, with %s: %.4g RMS, z %.1f, p %.1g%s", rms,
                                 std::string(identity_of(kind).id).c_str(), judgement.rms,
-                                judgement.z, judgement.p, judgement.earned ? "" : ": no"));
+                                judgement.z, judgement.p, judgement.earned ? "" : ": not added"));
       if (judgement.earned && possible(best.term, base)) tried.emplace_back(judgement, best);
     }
-    // What is still to be explained beside the cause before is no rival of it.
+    // A rival of the previous cause that still improves the model beside it is not a rival but a
+    // cause of its own.
     if (!out_.parts.empty()) {
       std::erase_if(out_.parts.back().rivals, [&](const auto& rival) {
         return std::any_of(tried.begin(), tried.end(), [&](const auto& one) {
@@ -254,11 +269,11 @@ class TorqueSelection {
     std::sort(tried.begin(), tried.end(),
               [](const auto& l, const auto& r) { return l.first.rms < r.first.rms; });
     auto chosen = tried.begin();
-    // Of two that the pieces cannot tell apart, the one that needs less.
+    // Of two candidates that the blocks do not distinguish, prefer the one with fewer parameters.
     for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
       if (parameters_of(rival->second.kind) < parameters_of(chosen->second.kind) &&
-          rms - rival->first.rms > kAsGood * (rms - chosen->first.rms) &&
-          beaten(chosen->first, rival->first) < kDecisive)
+          rms - rival->first.rms > kMinGainShareOfSimpler * (rms - chosen->first.rms) &&
+          beaten(chosen->first, rival->first) < kMinShareToExcludeRival)
         chosen = rival;
     }
     const auto& [judgement, best] = *chosen;
@@ -269,11 +284,12 @@ class TorqueSelection {
                       judgement.p}};
     part.confidence = 1.0 - judgement.p;
     for (const auto& [rival, of_rival] : tried) {
-      if (of_rival.kind != best.kind && rms - rival.rms > kNearlyAsGood * (rms - judgement.rms))
+      if (of_rival.kind != best.kind &&
+          rms - rival.rms > kMinGainShareOfRival * (rms - judgement.rms))
         part.rivals.emplace_back(identity_of(of_rival.kind).cause, beaten(judgement, rival));
     }
     if (best.kind == kind_of<Cogging>() && body_.one_speed) {
-      // Nothing in the recording tells them apart.
+      // At constant speed the two are not distinguishable.
       part.ambiguous_with.emplace_back("periodic_disturbance");
       part.confidence = std::min(part.confidence, 0.5);
     }
@@ -283,6 +299,7 @@ class TorqueSelection {
     return true;
   }
 
+  /// Share of bootstrap resamples in which `best` has the smaller error.
   static double beaten(const Judgement& best, const Judgement& rival) {
     const auto differences =
         bootstrap(best.pieces.size(), [&](const std::vector<std::size_t>& places) {
@@ -295,7 +312,8 @@ class TorqueSelection {
            static_cast<double>(differences.size());
   }
 
-  /// Friction that would push, or that is unlike by less than that of every guide, is none.
+  /// Whether the fitted coefficients are physically possible and large enough. Friction must not
+  /// drive the axis, and must vary by more than that of every guideway does.
   [[nodiscard]] bool possible(const TorqueTerm& term, const Eigen::MatrixXd& base) const {
     Eigen::MatrixXd all = base;
     const Eigen::MatrixXd own = rows_.columns(term);
@@ -304,36 +322,36 @@ class TorqueSelection {
     const Eigen::VectorXd of_own = theta.tail(own.cols());
     if (term.kind == kind_of<AsymmetricFriction>()) return std::abs(of_own(0)) < body_.coulomb;
     if (term.kind == kind_of<PeriodicDisturbance>()) {
-      // What the motion repeats with is its own.
+      // A frequency with which the motion itself repeats is not a disturbance.
       const Eigen::MatrixXd wave = rows_.training(rows_.rough_waves(term.kind, term.shapes[0]));
       const Eigen::VectorXd v = rows_.training(rows_.velocity());
       const Eigen::VectorXd left = v - wave * least_squares(wave, v);
-      return left.squaredNorm() > kOwnMotion * v.squaredNorm();
+      return left.squaredNorm() > kMinVelocityShareLeft * v.squaredNorm();
     }
-    // Falling or rising, it stays friction at all speeds.
+    // Falling or rising with speed, the force must oppose the motion at all speeds.
     if (term.kind == kind_of<FallingFriction>())
-      return std::abs(of_own(0)) > kFalls * body_.coulomb && of_own(0) > -body_.coulomb;
+      return std::abs(of_own(0)) > kMinStribeckShare * body_.coulomb && of_own(0) > -body_.coulomb;
     if (term.kind == kind_of<AddedFriction>()) {
       const double fastest = rows_.velocity().cwiseAbs().maxCoeff();
       return of_own(0) * (of_own(0) + of_own(1) * fastest) > 0.0;
     }
     if (term.kind == kind_of<PositionDependentFriction>())
-      return unevenness(rows_, term, of_own) > kUneven * body_.coulomb;
+      return unevenness(rows_, term, of_own) > kMinUnevenness * body_.coulomb;
     for (Eigen::Index i = 0; i < own.cols(); ++i) {
       if (coefficients_of(term.kind)[static_cast<std::size_t>(i)].lower == 0.0 && of_own(i) < 0.0)
         return false;
     }
     return true;
   }
-  /// What repeats beside the cogging that was added last, line by line: its harmonics, and other
-  /// periods, since a motor has slots beside its poles.
+  /// Adds further periods to the cogging that was added last, one by one: its harmonics and other
+  /// periods, since a motor has slots as well as poles.
   void lines() {
     const double period = out_.parts.back().terms.front().shapes[0];
     std::vector<double> periods;
-    for (int n = 3; n <= kMostHarmonic && !rotary_; ++n) periods.push_back(period / n);
+    for (int n = 3; n <= kMaxHarmonic && !rotary_; ++n) periods.push_back(period / n);
     for (const auto& shapes : rows_.grid(kind_of<Cogging>(), body_.velocity_limit))
       periods.push_back(shapes[0]);
-    while (out_.parts.back().terms.size() < kMostLines) {
+    while (out_.parts.back().terms.size() < kMaxLines) {
       const BlockedRegression data = training_of(rows_);
       const Eigen::MatrixXd base = all();
       const BlockedRegression::Beside beside(data, rows_.training(base));
@@ -348,10 +366,10 @@ class TorqueSelection {
       for (std::size_t i = 0; i < std::min(kLinesTried, rough.size()); ++i) {
         const TorqueTerm term{kind_of<Cogging>(), {rough[i].second}, 2};
         Judgement judgement =
-            judged(base, rows_.columns(term), kLinesTried, periods.size(), kChanceOfLine);
-        out_.steps.push_back(text("  line of period %.4g: %.4g, z %.1f, p %.1g%s", term.shapes[0],
-                                  judgement.rms, judgement.z, judgement.p,
-                                  judgement.earned ? "" : ": no"));
+            judged(base, rows_.columns(term), kLinesTried, periods.size(), kFalseAlarmRateOfLine);
+        out_.steps.push_back(text("  further period %.4g: %.4g RMS, z %.1f, p %.1g%s",
+                                  term.shapes[0], judgement.rms, judgement.z, judgement.p,
+                                  judgement.earned ? "" : ": not added"));
         if (!judgement.earned || (best.earned && best.rms <= judgement.rms)) continue;
         best = std::move(judgement);
         line = term;
@@ -361,15 +379,15 @@ class TorqueSelection {
     }
   }
 
-  /// A cause that another has made needless goes.
-  void take_out_the_needless() {
+  /// Removes a cause that a later one has made unnecessary.
+  void remove_unnecessary() {
     const BlockedRegression data = training_of(rows_);
     const std::vector<double> with = data.predicted(rows_.training(all()));
     for (std::size_t i = 0; i + 1 < out_.parts.size(); ++i) {
       if (out_.parts[i].id == "backlash") continue;
       const std::vector<double> without = data.predicted(rows_.training(all(i)));
-      if (root_mean(with) < kWorthIt * root_mean(without)) continue;
-      out_.steps.push_back(out_.parts[i].id + ": needless");
+      if (root_mean(with) < kMaxRmsRatioToAdd * root_mean(without)) continue;
+      out_.steps.push_back(out_.parts[i].id + ": no longer needed, removed");
       out_.parts.erase(out_.parts.begin() + static_cast<std::ptrdiff_t>(i));
       return;
     }

@@ -1,5 +1,5 @@
-// Which causes are added to the rigid body, one by one while they earn their place (docs/theory.md
-// 10.1). Units as of torque.h. Any thread.
+// Selects the causes that are added to the rigid body, one by one, as long as each improves the
+// prediction enough (docs/theory.md 10.1). Units as in torque.h. Any thread.
 #pragma once
 
 #include <string>
@@ -19,27 +19,30 @@ struct TorquePart {
   std::vector<TorqueEvidence> evidence;
   double confidence = 0.0;
   std::vector<std::string> ambiguous_with;
-  /// Causes that would have explained nearly as much, and the share of resamples that this one
-  /// beats them in.
+  /// Causes that would explain nearly as much, and the share of bootstrap resamples in which this
+  /// one explains more.
   std::vector<std::pair<std::string, double>> rivals;
 };
 
 struct TorqueSelected {
   std::vector<TorquePart> parts;
   Plateau plateau;
-  std::vector<std::string> steps;  ///< what was tried, for people
+  std::vector<std::string> steps;  ///< of the search, as text
 };
 
+/// The causes found. `rests`: the axis rests long enough for dwell stiction; `rotary`: it is a
+/// rotary axis.
 [[nodiscard]] TorqueSelected select_torque_causes(const TorqueRows& rows, const TorqueBody& body,
                                                   const DiagnoseOptions& options, bool rests,
                                                   bool rotary);
 
-/// The columns of the body and of all parts but one (kNoEffect: of all), over all rows.
+/// The regressors of the body and of all parts except one (`but` = kNoEffect: of all), over all
+/// rows.
 [[nodiscard]] Eigen::MatrixXd columns_of(const TorqueRows& rows, const TorqueBody& body,
                                          const std::vector<TorquePart>& parts,
                                          std::size_t but = kNoEffect);
 
-/// Half of what the level of a position-dependent friction varies over the travel.
+/// Half the range of a position-dependent friction level over the travel.
 [[nodiscard]] double unevenness(const TorqueRows& rows, const TorqueTerm& term,
                                 const Eigen::VectorXd& coefficients);
 

@@ -31,7 +31,7 @@ json harmonics_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
 }
 
 std::string suspected_of(const TorqueCause& cause) {
-  std::string out = text("suspected   by torque %s: sure %.0f %%, too little to name it",
+  std::string out = text("suspected   by torque %s: confidence %.0f %%, too low to name it",
                          cause.id.c_str(), 100.0 * cause.confidence);
   for (const std::string& rival : cause.ambiguous_with) out += ", or " + rival;
   return out;
@@ -41,9 +41,9 @@ std::string verdict_of(const TorqueDiagnosis& torque) {
   const std::size_t n = torque.causes.size();
   const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
   if (n == 0)
-    return "nothing significant: the rigid body leaves " + left + " of data not seen by the fit";
-  return text("%zu cause%s named: of data not seen by the fit %.3g %s RMS are left in place of %s",
-              n, n == 1 ? "" : "s", torque.extended_rms, torque.unit.c_str(),
+    return "nothing significant: the residual of the rigid body on held-out data is " + left;
+  return text("%zu cause%s named: the residual on held-out data is %.3g %s RMS instead of %s", n,
+              n == 1 ? "" : "s", torque.extended_rms, torque.unit.c_str(),
               text("%.3g", torque.baseline_rms).c_str());
 }
 
@@ -54,10 +54,10 @@ std::string body_of(const TorqueDiagnosis& torque) {
 }
 
 const char* kAgainst =
-    "counts against the position: a positive one drives the axis backwards; a constant force is "
-    "given as recorded";
+    "has the opposite sign to the position: a positive torque drives the axis backwards; a "
+    "constant force is given with its recorded sign";
 
-/// Here play is anywhere between motor and load.
+/// What to check for this cause. In the torque, backlash may be anywhere between motor and load.
 std::string check_of(const TorqueCause& cause) {
   return cause.id == "backlash" ? std::string(identity_of(kind_of<BacklashInLoop>()).check)
                                 : advice_for(cause.id);
@@ -76,7 +76,7 @@ std::string line_of(const TorqueDiagnosis& torque, const Harmonic& harmonic) {
                     : text("period %.5g mm", 1e3 * harmonic.period);
   out += text(": %.4g %s", harmonic.amplitude, torque.unit.c_str());
   if (std::isfinite(harmonic.tracking_error)) {
-    out += text(", of the tracking error %.4g %s", 1e6 * harmonic.tracking_error,
+    out += text(", tracking error %.4g %s", 1e6 * harmonic.tracking_error,
                 torque.rotary ? "urad" : "um");
   }
   return out;
@@ -98,9 +98,9 @@ std::string picture(const TorqueDiagnosis& torque) {
   const std::string unit = "[" + torque.unit + "]";
   std::vector<PlotPanel> panels{
       {"torque", "time [s]", unit, false, {measured}},
-      {"measured minus modelled", "time [s]", unit, false, {before, after}}};
+      {"residual (measured minus modelled)", "time [s]", unit, false, {before, after}}};
   if (torque.plateau.found()) {
-    // Where the force stays near zero while the axis moves.
+    // Backlash shows as a plateau: the force stays near zero while the axis moves.
     measured.x.clear();
     for (const double x : torque.position) measured.x.push_back(1e3 * x);
     panels.push_back({"torque over position",
@@ -190,7 +190,7 @@ std::string torque_beside(const TorqueDiagnosis& torque, const std::string& id) 
   for (const TorqueCause& cause : torque.causes) {
     if (cause.id != id) continue;
     std::string out =
-        text("by torque as well: %.4g -> %.4g %s without and with it, sure %.0f %%",
+        text("by torque as well: %.4g -> %.4g %s without and with it, confidence %.0f %%",
              cause.gain.before, cause.gain.after, torque.unit.c_str(), 100.0 * cause.confidence);
     if (const std::string sizes = sizes_of(cause); !sizes.empty()) out += "; " + sizes;
     return out;
@@ -210,13 +210,14 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
                   (std::isfinite(cause.gain.low)
                        ? text(" (gain %.2g to %.2g)", cause.gain.low, cause.gain.high)
                        : "") +
-                  text(", sure %.0f %%", 100.0 * cause.confidence));
+                  text(", confidence %.0f %%", 100.0 * cause.confidence));
     out.push_back("              " + sizes_of(cause));
     for (const Harmonic& harmonic : cause.harmonics)
       out.push_back("              " + line_of(torque, harmonic));
     for (const std::string& rival : cause.ambiguous_with) {
-      out.push_back("              not to be told from " + rival + " by this recording" +
-                    (rival == "periodic_disturbance" ? ": it has one speed; record another" : ""));
+      out.push_back(
+          "              not distinguishable from " + rival + " with this recording" +
+          (rival == "periodic_disturbance" ? ": it has only one speed; record a second one" : ""));
     }
     if (const std::string advice = check_of(cause); !advice.empty())
       out.push_back("              check " + advice);
@@ -230,7 +231,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
 }
 
 std::string torque_section(const TorqueDiagnosis& torque) {
-  std::string out = "<h2>What the torque says</h2>\n<p>" + escaped(verdict_of(torque)) +
+  std::string out = "<h2>Torque</h2>\n<p>" + escaped(verdict_of(torque)) +
                     ".</p>\n<p>Rigid body: " + escaped(body_of(torque)) + ".</p>\n";
   if (torque.opposite) out += std::string("<p>The recorded torque ") + kAgainst + ".</p>\n";
   out += picture(torque);
@@ -238,8 +239,8 @@ std::string torque_section(const TorqueDiagnosis& torque) {
     out += "<p>" + escaped(suspected_of(cause)) + ".</p>\n";
   if (torque.causes.empty()) return out;
   out +=
-      "<table><tr><th>cause</th><th>how large</th><th>torque left without it</th><th>with it</th>"
-      "<th>gain, 95 %</th><th>sure</th><th>what to check</th></tr>\n";
+      "<table><tr><th>cause</th><th>size</th><th>torque residual without it</th><th>with it</th>"
+      "<th>gain, 95 %</th><th>confidence</th><th>what to check</th></tr>\n";
   for (const TorqueCause& cause : torque.causes) {
     std::string sizes = escaped(sizes_of(cause));
     for (const Harmonic& harmonic : cause.harmonics)

@@ -1,4 +1,5 @@
-// What the torque says, in the diagnosis file, on the terminal and on the page (docs/files.md).
+// Output of the torque diagnosis: in the diagnosis file, on the terminal and in the report
+// (docs/files.md).
 // Any thread.
 #pragma once
 
@@ -10,19 +11,21 @@
 
 namespace servotwin {
 
-/// Adds it to a diagnosis file: a cause that is there already gets the torque's evidence,
-/// parameters and gain, another is added.
+/// Adds the torque diagnosis to a diagnosis file. A cause that the file already has gets the
+/// evidence, parameters and gain from the torque as well; any other cause is added.
 void add_torque(nlohmann::json& file, const TorqueDiagnosis& torque);
-/// The diagnosis file of a recording of which the torque alone was explained. `reason`: why.
+/// The diagnosis file where only the torque was diagnosed. `reason`: why the position loop was not.
 [[nodiscard]] nlohmann::json torque_alone(const TorqueDiagnosis& torque, const std::string& reason);
 
-/// For people, one thing per line, but nothing of the causes that are `told` already.
+/// The torque diagnosis as lines of text, without the causes in `told`, which were printed before.
+/// `details`: with the steps of the search.
 [[nodiscard]] std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool details,
                                                     const std::vector<std::string>& told = {});
-/// What it says of a cause that the position names as well; empty if that is nothing.
+/// One line about a cause that the position loop names as well; empty where the torque does not
+/// name it.
 [[nodiscard]] std::string torque_beside(const TorqueDiagnosis& torque, const std::string& id);
 
-/// A section of the page, and the page of the torque alone.
+/// The torque diagnosis as a section of the report, and as a report of its own, in HTML.
 [[nodiscard]] std::string torque_section(const TorqueDiagnosis& torque);
 [[nodiscard]] std::string torque_page(const TorqueDiagnosis& torque, const std::string& source);
 

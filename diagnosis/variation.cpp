@@ -12,10 +12,10 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kSettle_s = 0.25;  // of every stretch
-constexpr double kPiece_s = 0.25;   // that scores are summed over
-constexpr int kRounds = 12;         // of a fit
-constexpr double kEnough = 1e-4;    // relative decrease that ends it
+constexpr double kSettle_s = 0.25;     // start of every segment, not used: transient
+constexpr double kPiece_s = 0.25;      // interval over which scores are summed
+constexpr int kRounds = 12;            // most iterations of a fit
+constexpr double kMinDecrease = 1e-4;  // relative decrease of the cost that continues the fit
 
 }  // namespace
 
@@ -69,7 +69,7 @@ bool Variation::fit(Varied& v) const {
       damping = std::max(1e-9, damping * 0.1);
       break;
     }
-    if (gained < kEnough) break;
+    if (gained < kMinDecrease) break;
   }
   v.pieces = left_by(v.of(base_), training_);
   return true;

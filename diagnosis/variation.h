@@ -1,4 +1,5 @@
-// A model with changes, whose values are fitted in free simulation while everything else is held.
+// A model with changes, whose values are fitted in free simulation while the rest of the model is
+// fixed.
 //
 //   min sum (measured - simulated)^2 over the values of the changes   (Levenberg-Marquardt)
 //
@@ -18,11 +19,11 @@ namespace servotwin {
 struct Varied {
   std::vector<Change> changes;
   Eigen::VectorXd values;
-  double cost = 1e300;         ///< sum of squares on the training data
-  std::vector<double> pieces;  ///< mean squares of quarter seconds [m^2]
+  double cost = 1e300;         ///< sum of squared errors on the training data
+  std::vector<double> pieces;  ///< mean squares over intervals of 0.25 s [m^2 | rad^2]
 
-  void add(const Change& change);  ///< at its start
-  /// Without the changes for which this holds.
+  void add(const Change& change);  ///< with the starting values of the change
+  /// The same without the changes for which `which` is true.
   template <class Which>
   [[nodiscard]] Varied without(const Which& which) const {
     Varied out;
@@ -40,23 +41,25 @@ struct Varied {
   /// The model with these changes.
   [[nodiscard]] Model of(const Model& base) const { return of(base, values); }
   [[nodiscard]] Model of(const Model& base, const Eigen::VectorXd& at) const;
+  /// The step of this value for finite differences.
   [[nodiscard]] double step(Eigen::Index value) const;
 };
 
+/// Fits the values of changes of a base model to training data.
 class Variation {
  public:
   Variation(Model base, std::vector<Segment> training)
       : base_(std::move(base)), training_(std::move(training)) {}
 
-  /// From the values as they are. False where there is no valid model.
+  /// Fits the values, starting from the present ones. False where there is no valid model.
   [[nodiscard]] bool fit(Varied& v) const;
-  /// Standard deviations of the values, robust against correlated residuals (sums over quarter
-  /// seconds; docs/theory.md 4.4).
+  /// Standard deviations of the values, robust against correlated residuals (sums over intervals of
+  /// 0.25 s; docs/theory.md 4.4).
   [[nodiscard]] Eigen::VectorXd deviations(const Varied& v) const;
-  /// Measured minus simulated, one value per sample of the training data in its order; 0 for the
-  /// settling of every segment.
+  /// The residual (measured minus simulated) of every sample of the training data, in order; 0
+  /// during the first `settle_s` of every segment. Nothing where the model is not valid.
   [[nodiscard]] std::optional<Eigen::VectorXd> left(const Model& model, double settle_s) const;
-  /// Its derivatives by the values from `first` on.
+  /// The derivatives of that residual with respect to the values from index `first` on.
   [[nodiscard]] std::optional<Eigen::MatrixXd> derivatives(const Varied& v, double settle_s,
                                                            Eigen::Index first = 0) const;
 

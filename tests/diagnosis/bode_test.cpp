@@ -1,4 +1,4 @@
-// The picture of a frequency response: what is drawn, and what is not.
+// The Bode plot of a frequency response: which points are drawn and which are left out.
 #include "diagnosis/bode.h"
 
 #include <gmock/gmock.h>
@@ -27,7 +27,7 @@ TEST(Bode, ThePhaseHasNoJumpsAndTheModelLiesOnIt) {
     model.frequency_hz.push_back(hz);
     model.response.push_back(measured.channels[0].response(static_cast<Eigen::Index>(hz) - 1));
   }
-  // A model that begins where the measured response has turned by many rounds.
+  // A model that begins at a frequency where the measured phase has passed many revolutions.
   const std::vector<PlotPanel> panels = bode_panels(measured, {"u"}, "y", {model});
   ASSERT_EQ(panels.size(), 3u);
   EXPECT_EQ(panels[0].title, "u to y");
@@ -35,7 +35,7 @@ TEST(Bode, ThePhaseHasNoJumpsAndTheModelLiesOnIt) {
   const PlotSeries& phase = panels[1].series[0];
   EXPECT_NEAR(phase.y[398], -360.0 * 0.04 * 399.0, 15.0);
   EXPECT_NEAR(panels[1].series[1].y[10], phase.y[209], 1.0);
-  // The band: 1.96 deviations.
+  // The band: 1.96 standard deviations.
   EXPECT_DOUBLE_EQ(panels[0].series[0].error[50], 1.96 * measured.channels[0].deviation(50));
 }
 
@@ -46,7 +46,7 @@ TEST(Bode, OfSeveralInputsEveryModelHasTheColourOfItsInput) {
   const ModelledResponse one{"one, fit", {10.0, 20.0}, {1.0, 2.0}}, other{"", {10.0}, {3.0}};
   const std::vector<PlotPanel> panels = bode_panels(measured, {"one", "other"}, "y", {one, other});
   ASSERT_EQ(panels.size(), 3u);
-  // The first says nothing: its model is there all the same.
+  // The first input has no significant response: its model is drawn all the same.
   const auto& series = panels[0].series;
   ASSERT_EQ(series.size(), 3u);
   EXPECT_EQ(series[0].name, "other");
@@ -56,7 +56,7 @@ TEST(Bode, OfSeveralInputsEveryModelHasTheColourOfItsInput) {
   EXPECT_EQ(series[0].colour, series[2].colour);
   EXPECT_FALSE(series[0].dashed);
   EXPECT_TRUE(series[1].dashed && series[2].dashed);
-  // Nothing measured at all.
+  // No measured response is significant, and there is no model.
   EXPECT_EQ(bode_panels({}, {"one", "other"}, "y", {one, other})[0].series.size(), 2u);
 }
 

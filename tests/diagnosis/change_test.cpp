@@ -1,4 +1,4 @@
-// A change of the model against the loop written down anew from the changed drive: the closed form
+// A change of the model against the loop derived directly from the changed drive: the closed form
 // of diagnosis/change.h, evaluated here from the physical parameters.
 #include "diagnosis/change.h"
 

@@ -1,4 +1,4 @@
-// What a comparison with an earlier model refuses. Whether it is right: tests/hidden_effects.
+// Errors of a comparison with an earlier model. Its results are tested in tests/hidden_effects.
 #include "diagnosis/comparison.h"
 
 #include <gmock/gmock.h>

@@ -56,7 +56,7 @@ struct Published {
   double mean, run_length_h4, run_length_h5;
 };
 // Montgomery, Introduction to Statistical Quality Control, table 9.3 (after Lucas): two-sided,
-// k = 1/2. Of two sides that are alike 1/ARL is the sum; far from 0 only one of them ever alarms.
+// k = 1/2. For two equal sides the sum of 1/ARL counts; far from 0 only one side ever alarms.
 constexpr Published kTable[] = {{1.0, 8.38, 10.4}, {1.5, 4.75, 5.75}, {2.0, 3.34, 4.01}};
 
 TEST(CusumClosedForm, IsWithinFivePercentOfThePublishedTable) {
@@ -71,7 +71,8 @@ TEST(CusumClosedForm, IsWithinFivePercentOfThePublishedTable) {
 }
 
 TEST(CusumClosedForm, IsWithinTwoPercentOfTheIntegralEquationWhereTheDaemonWorks) {
-  // One false alarm in 30 days of one-second pieces, and what notices a growth.
+  // One false alarm in 30 days of one-second intervals, and the delay until an increase is
+  // detected.
   const double threshold = threshold_for(0.5, 30.0 * 86400.0);
   EXPECT_NEAR(exact_run_length(0.5, threshold, 0.0) / (30.0 * 86400.0), 1.0, 0.02);
   for (const double mean : {0.75, 1.0, 1.5}) {
@@ -79,7 +80,7 @@ TEST(CusumClosedForm, IsWithinTwoPercentOfTheIntegralEquationWhereTheDaemonWorks
                 1.0, 0.02)
         << mean;
   }
-  EXPECT_NEAR(exact_run_length(0.5, 4.0, 1.0), 8.38, 0.01) << "the reference itself, by the table";
+  EXPECT_NEAR(exact_run_length(0.5, 4.0, 1.0), 8.38, 0.01) << "the reference value from the table";
 }
 
 TEST(CusumClosedForm, WithoutADriftOfTheSumItIsTheSquareOfTheThreshold) {
@@ -95,7 +96,7 @@ TEST(CusumClosedForm, TheThresholdIsTheInverse) {
       EXPECT_NEAR(average_run_length(drift, threshold) / run_length, 1.0, 1e-9);
     }
   }
-  EXPECT_EQ(threshold_for(2.0, 10.0), 0.0) << "rare enough without one";
+  EXPECT_EQ(threshold_for(2.0, 10.0), 0.0) << "rare enough without a threshold";
 }
 
 TEST(Cusum, RunsAsLongAsTheClosedFormSays) {
@@ -110,9 +111,9 @@ TEST(Cusum, RunsAsLongAsTheClosedFormSays) {
 TEST(Cusum, EndsTheAlarmWhenTheSumIsBackAtZero) {
   Cusum cusum(0.5, 4.0);
   EXPECT_FALSE(cusum.add(4.0));  // S = 3.5
-  EXPECT_TRUE(cusum.add(1.5));   // 4.5: held at 4
+  EXPECT_TRUE(cusum.add(1.5));   // 4.5: limited to 4
   EXPECT_TRUE(cusum.add(1000.0));
-  EXPECT_EQ(cusum.sum(), 4.0) << "it does not have to come down from 1000";
+  EXPECT_EQ(cusum.sum(), 4.0) << "S was limited and need not fall from 1000";
   for (int i = 0; i < 7; ++i) EXPECT_TRUE(cusum.add(0.0)) << i;
   EXPECT_FALSE(cusum.add(0.0));
   EXPECT_EQ(cusum.sum(), 0.0);
@@ -153,7 +154,8 @@ TEST(SteadyLevel, OfAnAutoregressionIsItsLongRunDeviation) {
 TEST(SteadyLevel, OfASwingIsNotLessThanItsDeviation) {
   std::vector<double> values(1000);
   for (std::size_t i = 0; i < values.size(); ++i) values[i] = i % 2 == 0 ? 1.0 : -1.0;
-  EXPECT_NEAR(level_of(values, 10).deviation, 1.0, 1e-3) << "its sum does not grow at all";
+  EXPECT_NEAR(level_of(values, 10).deviation, 1.0, 1e-3)
+      << "the sum of such a sequence does not grow";
 }
 
 TEST(SteadyLevel, ItsErrorsAreThoseOfRepetition) {

@@ -1,4 +1,4 @@
-// When the tool was in the cut: a tone that comes and goes is, one that stays is not.
+// Detection of cuts: an intermittent tone is a cut, a permanent tone is not.
 #include "diagnosis/cuts.h"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@ constexpr Eigen::Index kSamples = 12000;
 
 bool cutting(double t) { return std::fmod(t, 3.0) > 1.0 && std::fmod(t, 3.0) < 2.2; }
 
-/// Noise of 0.2, and a tone of 1 while `on` says so.
+/// Noise of 0.2, and a tone of 1 while `on` is true.
 template <class On>
 std::vector<Eigen::ArrayXd> heard(const On& on) {
   std::mt19937_64 random(2);
@@ -43,7 +43,7 @@ TEST(Cuts, AreWhereTheToneIs) {
   EXPECT_LT(wrong, 8 * 20);  // 20 ms at each of the eight edges
 }
 
-// A control with an integrator takes the mean force of the cut up: what is left of it are pushes of
+// The integrator of a control compensates the mean cutting force: what remains are transients of
 // thirty times the tone as the tool enters and leaves.
 TEST(Cuts, AreHeardHoweverHardTheToolEntersAndLeaves) {
   std::vector<Eigen::ArrayXd> left = heard(cutting);

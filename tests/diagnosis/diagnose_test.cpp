@@ -1,4 +1,4 @@
-// Diagnosis: causes that are there are named, and none on a machine that has none.
+// Diagnosis: names the causes that are present, and none on a machine without any.
 #include "diagnosis/diagnose.h"
 
 #include <gmock/gmock.h>
@@ -81,7 +81,7 @@ TEST(Diagnosis, ThatIsStoppedIsGivenUp) {
   options.stop = source.get_token();
   try {
     static_cast<void>(diagnose(axis, options));
-    FAIL() << "it was finished";
+    FAIL() << "the diagnosis was not stopped";
   } catch (const std::runtime_error& error) {
     EXPECT_STREQ(error.what(), "stopped before it was finished");
   }
@@ -101,7 +101,7 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   EXPECT_GT(cause.gain.low, 0.0);
 }
 
-// A law of friction that falls with speed says the Stribeck effect under whatever name.
+// A law of friction that falls with speed implies the Stribeck effect, whatever it is called.
 TEST(LongDiagnosis, LeavesACauseOutOfTheLawsThatSayItWithAnother) {
   const SegmentedAxis axis = segment_axis(
       read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "Y");
@@ -127,8 +127,8 @@ TEST(Diagnosis, NamesWhatThePublishedModelOfEmpsGetsWrong) {
   EXPECT_NEAR(diagnosis.baseline.holdout.rms, 1.53e-6, 0.02e-6);
   EXPECT_LT(diagnosis.extended.holdout.rms, 0.7e-6);
   ASSERT_NE(find(diagnosis, "asymmetric_friction"), nullptr);
-  // Of the ripple the loop alone is about as sure as has to be to name it: the last digit of an
-  // exponential decides.
+  // The confidence of the ripple is close to the limit for naming it: the last digit of an
+  // exponential function decides.
   const auto& suspected = diagnosis.suspected;
   const auto doubted = std::find_if(suspected.begin(), suspected.end(),
                                     [](const Cause& cause) { return cause.id == "cogging"; });

@@ -11,7 +11,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-/// A motor at its limit beside a loop of this order.
+/// A diagnosis with torque saturation and a loop of this order.
 Diagnosis saturated(int order) {
   Diagnosis diagnosis;
   diagnosis.extended.model.loop.order = order;
@@ -30,7 +30,7 @@ TEST(DiagnosisFile, WithoutAnIntegratorNothingIsSaidOfItsReset) {
   EXPECT_THAT(cause_text(without, without.causes[0]), HasSubstr("limit_mps2"));
   EXPECT_EQ(to_json(with, "")["causes"][0]["parameters"]["reset"], 77.0);
   const nlohmann::json parameters = to_json(without, "")["causes"][0]["parameters"];
-  ASSERT_TRUE(parameters.contains("reset")) << "keys stay";
+  ASSERT_TRUE(parameters.contains("reset")) << "the key is always present";
   EXPECT_TRUE(parameters["reset"].is_null());
 }
 

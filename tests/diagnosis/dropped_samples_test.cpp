@@ -1,4 +1,4 @@
-// Samples that were lost: held values are counted and bridged, an axis that stands is not one.
+// Lost samples: held values are counted and interpolated; an axis at rest is not taken for one.
 #include "diagnosis/dropped_samples.h"
 
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kH = 1e-3, kStep = 1e-7;
 
-/// To and fro by 40 mm, with 5 ms of lag, read by an encoder of 0.1 um with noise.
+/// Oscillation over 40 mm with a delay of 5 ms, read by an encoder of 0.1 um with noise.
 SegmentedAxis moving() {
   SegmentedAxis axis;
   axis.sample_time_s = kH;
@@ -45,7 +45,7 @@ TEST(DroppedSamples, HeldValuesAreCountedAndBridged) {
   }
   const DroppedSamples dropped = bridge_dropped(axis, kStep);
   EXPECT_EQ(dropped.held, 17U);
-  // 12 ms of a sine of 0.5 Hz and 20 mm bend by a v'' t^2 / 8 of 3.6 um from their chord.
+  // 12 ms of a sine of 0.5 Hz and 20 mm deviate by x'' t^2 / 8 = 3.6 um from their chord.
   EXPECT_LT((axis.segments[0].actual - truth).abs().maxCoeff(), 4e-6);
 }
 
@@ -65,7 +65,7 @@ TEST(DroppedSamples, TwoValuesThatRepeatAreNoneAndThreeAre) {
 TEST(DroppedSamples, AnAxisThatSticksIsNone) {
   SegmentedAxis axis = moving();
   Segment& s = axis.segments[0];
-  // It stays behind at the reversal for 30 ms and then follows again, slowly at first.
+  // The axis sticks at the reversal for 30 ms and then follows again, slowly at first.
   for (Eigen::Index k = 505; k < 535; ++k) s.actual(k) = s.actual(505);
   for (Eigen::Index k = 535; k < 600; ++k) {
     const double share = static_cast<double>(k - 534) / 66.0;

@@ -1,4 +1,4 @@
-// How structures grow by effects and shrink by causes.
+// Adding effects to structures and removing causes from them.
 #include "diagnosis/extension.h"
 
 #include <gmock/gmock.h>
@@ -21,7 +21,7 @@ TEST(Extension, WithoutACauseWhatItsEffectReplacedReturns) {
               ElementsAre(kind_of<PreslidingStribeck>()));
 }
 
-// An effect that another one has replaced meanwhile was once written behind the end of the list.
+// Regression: removing an effect that another one had replaced wrote beyond the end of the list.
 TEST(Extension, WithoutWhatIsNotInItAStructureStaysAsItIs) {
   const Structure base{2, {kind_of<LuGre>(), kind_of<AsymmetricFriction>()}};
   for (const std::size_t kind :

@@ -1,4 +1,4 @@
-// What repair would bring, against closed forms.
+// The tracking and contour error expected from a repair, against closed forms.
 #include "diagnosis/gain.h"
 
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kH = 1e-3;
 
-/// Order 2, a velocity lag of c1/a2 and no forces.
+/// A loop of order 2 with a velocity error of c1/a2 and no forces.
 Model lagging() {
   Model model;
   model.sample_time_s = kH;
@@ -20,7 +20,7 @@ Model lagging() {
   return model;
 }
 
-/// At constant speed along a line at this angle to the axis.
+/// Motion at constant speed along a line at this angle to the axis.
 Segment line(double angle, bool in_plane) {
   Segment s;
   s.sample_time_s = kH;

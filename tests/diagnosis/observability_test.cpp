@@ -1,4 +1,5 @@
-// What a recording cannot show is said with its reason; what it can show is not.
+// A cause that is not observable in a recording is listed with its reason; an observable one is
+// not listed.
 #include "diagnosis/observability.h"
 
 #include <gtest/gtest.h>
@@ -12,7 +13,7 @@ namespace {
 
 constexpr double kH = 1e-3;
 
-/// `duration_s` of there and back with rests, or in one direction only.
+/// Strokes in both directions with rests, or in one direction only, for `duration_s`.
 SegmentedAxis axis(double duration_s, bool one_way) {
   const auto n = static_cast<Eigen::Index>(duration_s / kH);
   Segment s;
@@ -67,7 +68,7 @@ TEST(NotObservable, WithoutItsMotion) {
   for (const char* id : {"presliding", "backlash", "asymmetric_friction"})
     EXPECT_TRUE(says(one_way, id)) << id;
   EXPECT_FALSE(says(one_way, "dwell_stiction"));
-  // The same without rests, and with the reason that is the case.
+  // The same motion without rests: the reason must name the rests.
   SegmentedAxis restless = axis(20.0, false);
   for (Eigen::Index k = 0; k < restless.segments[0].size(); ++k)
     restless.segments[0].command(k) =

@@ -1,4 +1,4 @@
-// Plots: what is drawn where.
+// Plots: positions and elements of the SVG.
 #include "diagnosis/plot.h"
 
 #include <gmock/gmock.h>

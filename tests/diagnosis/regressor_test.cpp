@@ -1,5 +1,5 @@
-// What the residual depends on: dependences that are put in are found, with their size, and noise
-// that remembers itself is chance.
+// Residual explained by variables: added dependences are found with their size, and correlated
+// noise counts as chance.
 #include "diagnosis/regressor.h"
 
 #include <gmock/gmock.h>
@@ -17,7 +17,7 @@ namespace {
 constexpr double kStep = 1e-3;
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
-/// Laps of unlike speed and way with rests, 24 s.
+/// Strokes of different speed and length with rests, 24 s.
 ResidualStretch motion() {
   ResidualStretch out;
   out.h = kStep;
@@ -40,7 +40,7 @@ ResidualStretch motion() {
   return out;
 }
 
-/// Noise that forgets itself with a time constant, RMS 1.
+/// Noise with a correlation time constant, RMS 1.
 Eigen::ArrayXd noise(Eigen::Index n, double memory_s, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
@@ -100,7 +100,7 @@ TEST_P(ADependence, IsFoundWithItsShare) {
   }
   const double mean = stretch.residual.mean();
   const double variance = (stretch.residual - mean).square().mean();
-  // As much noise as there is dependence: it explains half.
+  // As much noise as dependence: the variable explains half.
   stretch.residual += std::sqrt(variance) * noise(stretch.command.size(), 0.005, 3);
   const RegressorShares shares = by_regressor(std::span(&stretch, 1));
   EXPECT_EQ(first(shares), one.on) << name_of(first(shares));
@@ -112,8 +112,8 @@ TEST_P(ADependence, IsFoundWithItsShare) {
 }
 INSTANTIATE_TEST_SUITE_P(Variables, ADependence, testing::Range(0, 6));
 
-// 1 in 1000 for seven variables and 1 in 100 for the periods: of 8 recordings two are wrong with a
-// chance of 1 %.
+// A false alarm rate of 1 in 1000 for seven variables and 1 in 100 for the periods: two false
+// alarms in 8 recordings have a probability of 1 %.
 class Noise : public testing::TestWithParam<double> {};
 
 TEST_P(Noise, IsChance) {
@@ -187,7 +187,7 @@ TEST(Spectrum, ALineHasItsFrequencyAndAmplitude) {
   EXPECT_NEAR(peaks.front().frequency_hz, 49.9, 0.1);
   EXPECT_NEAR(peaks.front().amplitude, 0.3e-6, 0.05e-6);
   EXPECT_LT(peaks.front().significance, 1e-6);
-  // Two stretches show the same line.
+  // Two stretches contain the same line.
   ResidualStretch first = s, second = s;
   first.residual = s.residual.head(6000);
   second.residual = s.residual.tail(6000);

@@ -1,5 +1,5 @@
-// The report: pictures show what is there and not what the model says, words say which axis, what,
-// how much and what to do, and the page needs nothing but itself.
+// The report: its plots show measured values and not those of the model, its text names the axis,
+// the cause, its size and what to check, and the page is self-contained.
 #include "diagnosis/report.h"
 
 #include <gmock/gmock.h>
@@ -23,7 +23,7 @@ using testing::Not;
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kPeriod = 4e-3;
 
-/// There and back over 60 mm at several speeds with rests.
+/// Strokes of 60 mm forwards and back at several speeds, with rests.
 Segment commanded() {
   std::vector<double> x(500, 0.0);
   for (const double speed : {0.02, 0.05, 0.1, 0.03}) {
@@ -32,7 +32,7 @@ Segment commanded() {
       const auto n = static_cast<int>(0.06 / speed / 1e-3);
       for (int k = 1; k <= n; ++k) {
         const double s = static_cast<double>(k) / n;
-        // Steady but for its ends.
+        // Nearly constant speed except at the ends of the stroke.
         x.push_back(from + (to - from) * (s - std::sin(kTwoPi * s) / kTwoPi * 0.3));
       }
       x.insert(x.end(), 200, to);
@@ -57,7 +57,7 @@ Model plain(int order) {
   return model;
 }
 
-/// A machine of which the extended model knows half of the effect, and how it was diagnosed.
+/// A recording, and a diagnosis of it whose extended model has the effect at half its true size.
 struct Case {
   Diagnosis diagnosis;
   Segment segment;
@@ -132,7 +132,7 @@ TEST(PictureOf, UnlikeDirectionsAreMeasuredAtTheirSizes) {
   const CausePicture picture =
       picture_of(one.diagnosis, one.diagnosis.causes.front(), {one.segment});
   ASSERT_GE(picture.panels.size(), 1U);
-  // 0.2 either way and 0.05 with the sign of the direction; the model says 0.025.
+  // 0.2 in both directions, and 0.05 with the sign of the direction; the model has 0.025.
   const PlotSeries& measured = series(picture.panels[0], "measured");
   EXPECT_NEAR(measured.y.back(), 0.25, 0.01);
   EXPECT_NEAR(measured.y.front(), -0.15, 0.01);
@@ -186,8 +186,8 @@ TEST(Words, SayWhichAxisWhatHowMuchAndWhatToDo) {
   EXPECT_THAT(words,
               HasSubstr("Axis X has a force ripple that repeats along the axis: +-0.02 N per "
                         "kg of moved mass, every 4 mm."));
-  EXPECT_THAT(words, HasSubstr("right to 1 um in place of 2"));
-  EXPECT_THAT(words, HasSubstr("Look first at: what repeats with this period"));
+  EXPECT_THAT(words, HasSubstr("error is now 1 um RMS instead of 2"));
+  EXPECT_THAT(words, HasSubstr("Check first: what repeats with this period"));
 }
 
 TEST(Words, EveryCauseOfTheContractHasAName) {
@@ -214,13 +214,13 @@ TEST(Report, NeedsNothingButItself) {
   one.diagnosis.suggested_test = suggested_test({{"cogging", "encoder_error"}},
                                                 seen_motion({one.segment}), {.period = kPeriod});
   const std::string page = report_html(one.diagnosis, {one.segment}, "a & b.csv");
-  EXPECT_THAT(page, HasSubstr("How it answers at every frequency"));
+  EXPECT_THAT(page, HasSubstr("<h2>Frequency response</h2>"));
   EXPECT_THAT(page, HasSubstr("the twin"));
   for (const char* outside : {"src=", "href", "<script", "@import", "url(", "https:"})
     EXPECT_EQ(page.find(outside), std::string::npos) << outside;
   for (const char* inside :
        {"Axis &lt;X&gt;", "a &amp; b.csv", "it may also be</th><td>an error of the encoder",
-        "docs/causes/cogging.md", "The test that decides", "prefers-color-scheme:dark"})
+        "docs/causes/cogging.md", "<h2>Suggested test</h2>", "prefers-color-scheme:dark"})
     EXPECT_NE(page.find(inside), std::string::npos) << inside;
   const std::size_t nan = page.find("nan");
   EXPECT_EQ(nan, std::string::npos) << page.substr(nan < 80 ? 0 : nan - 80, 120);

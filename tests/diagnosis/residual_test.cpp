@@ -45,7 +45,7 @@ double samples_of(const RegimeShares& shares, Regime regime) {
   return static_cast<double>(of(shares, regime).samples);
 }
 
-/// The boundary of a regime is known to the span over which velocity is taken.
+/// The boundary of a regime is uncertain by the span of the velocity differences.
 constexpr int kBlur = static_cast<int>(kRegimeSpan_s / kStep + 0.5) + 1;
 
 TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
@@ -62,10 +62,10 @@ TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
     sum += regime.samples;
     time += regime.time_share;
     share += regime.share;
-    if (regime.samples == 0) continue;  // saturation, of which nothing is known here
+    if (regime.samples == 0) continue;  // saturation is not known here
     EXPECT_DOUBLE_EQ(regime.rms, 1.0);
     EXPECT_DOUBLE_EQ(regime.max, 1.0);
-    EXPECT_DOUBLE_EQ(regime.share, regime.time_share);  // a residual of one size everywhere
+    EXPECT_DOUBLE_EQ(regime.share, regime.time_share);  // the residual has the same size everywhere
   }
   EXPECT_EQ(sum, x.size() - 2 * (kBlur - 1));  // the ends have no velocity
   EXPECT_NEAR(time, 1.0, 1e-12);
@@ -75,7 +75,7 @@ TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
 TEST(ByRegime, AReversalWithoutAStopCountsOnBothSides) {
   const Eigen::ArrayXd x = out_and_back(0.0);
   const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
-  // The command stands for one instant (t = 2 s): 50 ms before the last and after the first motion.
+  // The command stops for one instant (t = 2 s): 50 ms before the last and after the first motion.
   EXPECT_NEAR(samples_of(shares, Regime::kReversal), 101, 4);
   EXPECT_NEAR(samples_of(shares, Regime::kStandstill), 2000 - 2 * (kBlur - 1), 2 * kBlur);
 }
@@ -121,7 +121,7 @@ TEST(ByRegime, AQuantisedCommandIsNotAcceleration) {
 }
 
 TEST(ByRegime, RoundingIsNotAcceleration) {
-  // One speed throughout: what the differences leave of acceleration is 1e-13 m/s^2 or so.
+  // Constant speed throughout: the differences give an acceleration of about 1e-13 m/s^2.
   Eigen::ArrayXd x(2000);
   for (Eigen::Index k = 0; k < x.size(); ++k) x(k) = 0.1 * static_cast<double>(k) * kStep;
   const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
@@ -140,7 +140,7 @@ TEST(ByRegime, HolesAreLeftOut) {
 }
 
 TEST(ByRegime, StretchesShareTheirPeaks) {
-  // Alone, the slow stretch would be a motion of its own; beside the fast one it stands still.
+  // Alone, the slow stretch counts as motion; together with the fast one it counts as standstill.
   ResidualStretch fast{out_and_back(1.0), {}, kStep};
   fast.residual = Eigen::ArrayXd::Zero(fast.command.size());
   ResidualStretch slow{fast.command * 1e-3, Eigen::ArrayXd::Ones(fast.command.size()), kStep};
@@ -167,12 +167,13 @@ TEST(AtLimit, IsWhereATorqueIsCutOffAndNotWhereItOnlyPeaks) {
   for (Eigen::Index k = 0; k < n; ++k)
     sine(k) = 10.0 * std::sin(2.0 * std::numbers::pi * 0.5 * kStep * static_cast<double>(k));
   EXPECT_EQ(at_limit(sine, kStep).size(), 0);
-  EXPECT_EQ(at_limit(sine.round(), kStep).size(), 0) << "a torque of few digits stays at its peak";
+  EXPECT_EQ(at_limit(sine.round(), kStep).size(), 0)
+      << "a coarsely rounded torque stays at its peak";
   EXPECT_EQ(at_limit({}, kStep).size(), 0);
-  EXPECT_EQ(at_limit(Eigen::ArrayXd::Zero(n), kStep).size(), 0) << "a drive that sends none";
+  EXPECT_EQ(at_limit(Eigen::ArrayXd::Zero(n), kStep).size(), 0) << "a drive that sends no torque";
   EXPECT_EQ(at_limit(Eigen::ArrayXd::Constant(n, 3.0), kStep).size(), 0);
   EXPECT_EQ(at_limit(sine.max(0.0), kStep).size(), 0) << "a load meter rests at 0";
-  // Cut off above only: where the sine is above 8.
+  // Clipped above only: where the sine exceeds 8.
   const Eigen::ArrayXd limit = at_limit(sine.min(8.0), kStep);
   ASSERT_EQ(limit.size(), n);
   EXPECT_EQ((limit > 0.0).count(), (sine >= 8.0).count());

@@ -9,7 +9,7 @@
 namespace servotwin {
 namespace {
 
-/// Pieces whose differences have the ranks 1 to n, the ones listed with the other sign.
+/// Mean squares of intervals whose differences have the ranks 1 to n; those listed are negative.
 struct Pieces {
   std::vector<double> before, after;
   Pieces(int n, const std::vector<int>& worse) {
@@ -35,7 +35,7 @@ TEST(SignedRankZ, DoesNotSeeHowLargeTheLargestIs) {
   const double mean = paired_z(pieces.before, pieces.after);
   pieces.after.back() = -1e6;
   EXPECT_DOUBLE_EQ(signed_rank_z(pieces.before, pieces.after), z);
-  // One piece that holds nearly everything makes the mean uncertain: z of one in n is sqrt(n).
+  // One interval with nearly all of the error makes the mean uncertain: z of one in n is sqrt(n).
   EXPECT_LT(paired_z(pieces.before, pieces.after), mean);
   EXPECT_NEAR(paired_z(pieces.before, pieces.after), 1.0, 1e-2);
 }

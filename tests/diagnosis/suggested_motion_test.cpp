@@ -1,5 +1,5 @@
-// The motion that would decide: for every pair of causes one or a reason, never beyond what the
-// recording shows.
+// The suggested test motion: for every pair of causes there is one, or a reason why not, and it
+// stays within the limits of the recording.
 #include "diagnosis/suggested_motion.h"
 
 #include <gmock/gmock.h>
@@ -77,7 +77,7 @@ TEST_P(EveryPair, HasAMotionWithinWhatWasSeenOrAReason) {
     EXPECT_THAT(test->words, HasSubstr(std::string(first)));
     EXPECT_THAT(test->words, HasSubstr(std::string(second)));
     if (!test->motion) {
-      EXPECT_THAT(test->words, HasSubstr("cannot be told apart with these sensors: "));
+      EXPECT_THAT(test->words, HasSubstr("cannot be distinguished with these sensors: "));
       continue;
     }
     const Eigen::ArrayXd x = test->motion->command(kStep);
@@ -113,11 +113,12 @@ TEST(SuggestedTest, AWeightAndUnlikeDirectionsAreOneClassOnOneAxis) {
   const SeenMotion seen = seen_motion(recorded(1));
   const auto alone = suggested_test({{"asymmetric_friction", "gravity_offset"}}, seen, {});
   EXPECT_FALSE(alone->motion.has_value());
-  // Beside a pair that a motion decides, that motion is made and the reason said.
+  // Together with a pair that a motion decides, the motion is suggested and the reason is given.
   const auto both = suggested_test(
       {{"gravity_offset", "asymmetric_friction"}, {"cogging", "encoder_error"}}, seen, {});
   EXPECT_TRUE(both->motion.has_value());
-  EXPECT_THAT(both->words, HasSubstr("gravity_offset and asymmetric_friction cannot be told"));
+  EXPECT_THAT(both->words,
+              HasSubstr("gravity_offset and asymmetric_friction cannot be distinguished"));
 }
 
 TEST(SuggestedTest, RipplesAreRunAtTwoSpeedsOverSeveralPeriods) {
@@ -135,7 +136,7 @@ TEST(SuggestedTest, RipplesAreRunAtTwoSpeedsOverSeveralPeriods) {
             4.0 * *std::min_element(speeds.begin(), speeds.end()));
   const auto too_short =
       suggested_test({{"cogging", "encoder_error"}}, seen, {.period = seen.high - seen.low});
-  EXPECT_THAT(too_short->words, HasSubstr("1.0 periods long"));
+  EXPECT_THAT(too_short->words, HasSubstr("covers 1.0 periods"));
 }
 
 TEST(SuggestedTest, OfADiagnosisAsksAboutItsRivalsAtTheirSizes) {
@@ -156,12 +157,12 @@ TEST(SuggestedTest, OfADiagnosisAsksAboutItsRivalsAtTheirSizes) {
   const auto test = suggested_test(diagnosis, axis);
   ASSERT_TRUE(test && test->motion);
   EXPECT_THAT(test->words, HasSubstr("encoder_error"));
-  double longest = 0.0;  // of the strokes at the test's own speeds
+  double longest = 0.0;  // stroke at the speeds of the test
   for (std::size_t i = 1; i + 1 < test->motion->legs.size(); ++i)
     longest = std::max(longest, std::abs(test->motion->legs[i].to - test->motion->legs[i - 1].to));
   EXPECT_NEAR(longest, 8.0 * 3e-3, 1e-9);
   diagnosis.causes[0].ambiguous_with.clear();
-  diagnosis.causes[0].confidence = 0.5;  // not sure, and no rival
+  diagnosis.causes[0].confidence = 0.5;  // low confidence and no rival
   EXPECT_TRUE(suggested_test(diagnosis, axis)->motion.has_value());
   diagnosis.causes.clear();
   diagnosis.verdict = Verdict::kUnexplained;
@@ -174,7 +175,7 @@ TEST(SuggestedTest, AStandingAxisGetsWordsAndNoMotion) {
   s.command = Eigen::ArrayXd::Constant(2000, 0.1);
   const auto test = suggested_test({{"cogging", "encoder_error"}}, seen_motion({s}), {});
   EXPECT_FALSE(test->motion.has_value());
-  EXPECT_THAT(test->words, HasSubstr("no motion within which"));
+  EXPECT_THAT(test->words, HasSubstr("contains no motion that a test could stay within"));
 }
 
 TEST(TestMotion, ALegTakesTheTimeOfItsTrapezoid) {

@@ -1,5 +1,5 @@
-// The torque's causes: named where they are there, in their sizes, and none where there is none.
-// The torque is written in closed form along a motion that is known, by nothing of the twin.
+// Causes in the torque: named with their sizes where they are present, and none where there is
+// none. The torque is computed in closed form along a known motion, without any code of the twin.
 #include "diagnosis/torque.h"
 
 #include <gmock/gmock.h>
@@ -48,7 +48,7 @@ struct Body {
   Eigen::Index samples = 20'000;  // 1 ms apart
 };
 
-/// Three sines that do not repeat, and more force by `more(x, v, t)`.
+/// Motion of three sines that does not repeat, with an additional force `more(x, v, t)`.
 template <class More>
 SegmentedAxis recorded(const Body& body, const More& more) {
   constexpr double kStep_s = 1e-3, kQuantum = 1e-7;
@@ -160,20 +160,21 @@ TEST(Torque, NamesFrictionThatFallsWithSpeed) {
   EXPECT_NEAR(value(diagnosis, "stribeck", "stribeck_velocity"), 0.02, 0.004);
 }
 
-// The force of a body behind play and a spring, by the travel since the last reversal, which it
-// always leaves sliding at `level`: closed form.
+// The force of a body behind backlash and a spring over the travel since the last reversal, before
+// which the body slid at `level`: closed form.
 double through_gap(double travel, double level, double stiffness, double width) {
   const double released = travel - level / stiffness;
   if (released < 0.0) return -level + stiffness * travel;
   if (released < width) return 0.0;
   return std::min(level, stiffness * (released - width));
 }
-// Masing's branch of a virgin curve that goes to `level` exponentially.
+// Masing branch of a virgin curve that approaches `level` exponentially.
 double through_presliding(double travel, double level, double scale) {
   return level * (1.0 - 2.0 * std::exp(-0.5 * travel / scale));
 }
 
-/// A displacement of +-10 mm back and forth, ever faster, and a force by the travel since.
+/// An oscillation of +-10 mm with increasing frequency, and a force over the travel since the
+/// reversal.
 template <class Force>
 SegmentedAxis driven(const Force& force, double lag_s = 0.0) {
   constexpr double kStep_s = 1e-3, kStroke = 0.02;
@@ -305,12 +306,12 @@ TEST(Torque, TellsTheLoadsAndTheFrictionOfTheExampleMachine) {
   EXPECT_NEAR(value(x, "gravity_offset", "offset_nm"), 8.0 * per_newton, 0.02 * 8.0 * per_newton);
   EXPECT_NEAR(value(y, "gravity_offset", "offset_nm"), 25.0 * per_newton, 0.02 * 25.0 * per_newton);
   EXPECT_NEAR(value(x, "presliding", "breakaway_displacement"), 20e-6, 7e-6);
-  // Loads of less than the friction may as well be unlike directions.
+  // Loads below the friction level may also be asymmetric friction.
   EXPECT_THAT(x.causes.front().ambiguous_with, ElementsAre("asymmetric_friction"));
 }
 
-// -21 N m and 3.3 to 3.7 N m of Coulomb friction are seen in this record, its torque counting
-// against the position.
+// This record shows -21 N m and 3.3 to 3.7 N m of Coulomb friction; its torque has the opposite
+// sign to the position.
 TEST(RealTorque, SinumerikAxisY1HoldsAConstantForce) {
   SERVOTWIN_REAL_DATA(file, "sinumerik_edge_5axis/axis_Y1.csv");
   const TorqueDiagnosis diagnosis = diagnose_torque(read(
@@ -324,7 +325,7 @@ TEST(RealTorque, SinumerikAxisY1HoldsAConstantForce) {
 }
 
 // Published: 167 and 240 N s/m, 20.1 and 20.6 N, a ripple of 1.08 N at 2.5 mm, friction that
-// changes at low speed; and none that depends on position, and no play.
+// changes at low speed; no position-dependent friction and no backlash.
 TEST(RealTorque, EmpsIsExplainedAsPublished) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   DiagnoseOptions options;
@@ -354,8 +355,7 @@ class AnOdriveRun : public testing::TestWithParam<const char*> {
       "M.torque=iq_A[A]";
 };
 
-// The orders that the map of the motor's holding current has (7, 28, 14, 36 and 12 are its
-// largest).
+// The orders in the map of the motor's holding current (the largest are 7, 28, 14, 36 and 12).
 TEST_P(AnOdriveRun, HasItsCoggingInTheCurrent) {
   SERVOTWIN_REAL_DATA(file, std::string("odrive_cogging/slow_goodgains_2__") + GetParam() + ".csv");
   const TorqueDiagnosis diagnosis = diagnose_torque(read(file, "M", kColumns, 0.5));
@@ -371,8 +371,8 @@ TEST_P(AnOdriveRun, HasItsCoggingInTheCurrent) {
 INSTANTIATE_TEST_SUITE_P(Runs, AnOdriveRun,
                          testing::Values("nocomp_1", "nocomp_2", "comp_1", "comp_2"));
 
-// The compensation adds the current that the motor needs, so that it is there in both; what it
-// takes away is the error.
+// The compensation adds the current that the motor needs, so that both records contain the ripple
+// in the current; it reduces the error only.
 TEST(RealTorque, OdrivesCompensationTakesTheErrorAway) {
   SERVOTWIN_REAL_DATA(without, "odrive_cogging/slow_goodgains_2__nocomp_1.csv");
   SERVOTWIN_REAL_DATA(with, "odrive_cogging/slow_goodgains_2__comp_1.csv");
@@ -388,7 +388,8 @@ TEST(RealTorque, OdrivesCompensationTakesTheErrorAway) {
     EXPECT_LT(error_at(after, order), 0.3 * error_at(before, order)) << order;
 }
 
-// Plateaus near zero force of 0.1 in one way and 0.07 in the other are seen in the picture.
+// A plot of the recording shows plateaus near zero force of 0.1 in one direction and 0.07 in the
+// other.
 TEST(RealTorque, TheBacklashRigHasItsPlateau) {
   SERVOTWIN_REAL_DATA(file, "brfd_backlash/d3_0.5Hz_30lb_0.5in.csv");
   const SegmentedAxis axis =

@@ -1,5 +1,5 @@
-// The term for what is not understood: it finds what it goes with and predicts motion that it has
-// not seen. The force that it is to find is no table.
+// The term for the unexplained residual: it finds the variable that the residual depends on and
+// predicts held-out motion. The true force is smooth, not a table like the term.
 #include "diagnosis/unexplained.h"
 
 #include <gtest/gtest.h>
@@ -26,7 +26,7 @@ Model axis() {
   return model;
 }
 
-/// Strokes of changing length, and what an axis with this model answers.
+/// Strokes of varying length, and the response of an axis with this model.
 Segment recorded(const Model& truth, double begin_s, double length_s) {
   Segment s;
   s.start_s = begin_s;

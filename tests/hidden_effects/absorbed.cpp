@@ -6,7 +6,7 @@
 namespace servotwin::hidden_effects {
 namespace {
 
-/// The machine with one number of its own a little different.
+/// Copies of the machine, each with one parameter changed by 1 %.
 std::vector<Rig> neighbours(const Rig& rig) {
   constexpr double kStep = 0.01;
   std::vector<Rig> out;
@@ -41,7 +41,7 @@ Absorbed::Absorbed(const Rig& rig, const virtual_machine::Trajectory& command, c
   for (const Rig& other : neighbours(rig)) {
     const Trace trace = simulate(other, command);
     if (trace.runaway) continue;
-    // Modified Gram-Schmidt, twice, since directions are much alike.
+    // Modified Gram-Schmidt, twice, since the directions are nearly parallel.
     Eigen::VectorXd direction = difference(trace, clean);
     const double length = direction.norm();
     for (int pass = 0; pass < 2; ++pass) {

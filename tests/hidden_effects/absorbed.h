@@ -1,9 +1,9 @@
-// What another tuning of the same machine would do as well.
+// The part of an effect that another tuning of the same machine would produce as well.
 //
-// A change of the error that a somewhat different loop, feed-forward or level of friction would
-// make too names no cause. The directions d e / d p of all of the machine's own numbers p, by
-// finite differences of its simulation, are taken out of it by least squares; what is left is the
-// effect's own.
+// A change of the tracking error that a slightly different loop, feed-forward or friction level
+// would also produce is evidence of no cause. Therefore the sensitivities d e / d p to all
+// parameters p of the machine, by finite differences of its simulation, are projected out of the
+// change by least squares; the remainder is specific to the effect.
 //
 // SI units. Any thread.
 #pragma once
@@ -18,7 +18,7 @@ class Absorbed {
  public:
   Absorbed(const Rig& rig, const virtual_machine::Trajectory& command, const Trace& clean);
 
-  /// RMS of what is left of `with - without`; infinite where one of them ran away.
+  /// RMS of the remainder of `with - without`; infinite where one of them ran away.
   [[nodiscard]] double left_rms(const Trace& with, const Trace& without) const;
 
  private:

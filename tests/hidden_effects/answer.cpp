@@ -46,7 +46,7 @@ void read(const nlohmann::json& file, Answer& answer) {
   for (const nlohmann::json& cause : file.at("suspected")) answer.suspected.push_back(one(cause));
 }
 
-/// `diagnosis` is what is timed.
+/// Calls `diagnosis`, measures its time, and reads its result.
 template <class Diagnosing>
 Answer answer_of(const Diagnosing& diagnosis) {
   Answer answer;

@@ -1,5 +1,5 @@
-// hidden_effects [dev|test]: hides effects in recordings, asks the program what they are, and
-// prints how often it was right. `--help` lists the options.
+// hidden_effects [dev|test]: hides effects in recordings, diagnoses them, and prints how often the
+// diagnosis was right. `--help` lists the options.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
@@ -32,11 +32,11 @@ struct Options {
 struct Job {
   Kind kind;
   std::function<Case()> make;
-  std::string left_out = {};            ///< of the catalogue, besides what the options say
-  std::function<Outcome()> whole = {};  ///< in place of all this
+  std::string left_out = {};            ///< of the catalogue, in addition to the options
+  std::function<Outcome()> whole = {};  ///< if set, called instead of all this
 };
 
-/// A machine before and after a change, and what the program says has changed.
+/// A machine before and after a change, and the changes that the comparison names.
 Outcome changed_outcome(Part part, const std::string& id, int index) {
   const ChangedMachine machine = changed_machine(part, id, index);
   Outcome out;
@@ -89,7 +89,7 @@ std::vector<Job> jobs_of(const Options& options) {
   return out;
 }
 
-/// The recording, and beside it what is hidden in it.
+/// Writes the recording and a text file with the effects hidden in it.
 void write(const Case& made, const std::filesystem::path& directory) {
   std::string name = made.name;
   std::replace(name.begin(), name.end(), '/', '-');
@@ -155,27 +155,31 @@ int main(int argc, char** argv) {
   CLI::App app{"Hides effects in recordings and counts how often the diagnosis names them."};
   Options options;
   const auto count = CLI::Range(0, 100'000);
-  app.add_option("part", options.part, "dev to work on, test to measure by")
+  app.add_option("part", options.part, "dev: for development; test: for measurements")
       ->check(CLI::IsMember({"dev", "test"}));
   app.add_option("--cases", options.cases, "clear cases of every effect")->check(count);
   app.add_option("--clean", options.clean, "clean machines")->check(count);
   app.add_option("--pairs", options.pairs, "machines with two effects")->check(count);
   app.add_option("--faint", options.faint, "faint cases of every effect")->check(count);
-  app.add_option("--blind", options.blind, "cases of every effect that the encoder cannot see")
+  app.add_option("--blind", options.blind,
+                 "cases of every effect that can be unobservable, where it is")
       ->check(count);
   app.add_option("--outside", options.outside,
-                 "clear cases of every effect, which is not in the catalogue")
+                 "clear cases of every effect, with the effect left out of the catalogue")
       ->check(count);
-  app.add_option("--changed", options.changed, "machines before and after a change, of every sort")
+  app.add_option("--changed", options.changed,
+                 "machines before and after a change, for every kind of change")
       ->check(count);
-  app.add_option("--first", options.first, "index of the first case of every sort")->check(count);
-  app.add_option("--effect", options.effects, "only these, of the cases with one effect")
+  app.add_option("--first", options.first, "index of the first case of every kind")->check(count);
+  app.add_option("--effect", options.effects, "effects of the cases with one effect (default: all)")
       ->delimiter(',')
       ->check(CLI::IsMember(effect_ids()));
-  app.add_option("--leave-out", options.leave_out, "not in the catalogue")->delimiter(',');
-  app.add_option("--jobs", options.jobs, "cases at once")->check(CLI::Range(1, 256));
-  app.add_option("--list", options.list, "one line for every case");
-  app.add_option("--write", options.write, "directory for the recordings and their truths");
+  app.add_option("--leave-out", options.leave_out, "effects left out of the catalogue")
+      ->delimiter(',');
+  app.add_option("--jobs", options.jobs, "number of cases diagnosed at the same time")
+      ->check(CLI::Range(1, 256));
+  app.add_option("--list", options.list, "file for one line about every case");
+  app.add_option("--write", options.write, "directory for the recordings and their hidden effects");
   CLI11_PARSE(app, argc, argv);
   try {
     print_scores(run(options), options.leave_out, std::cout);

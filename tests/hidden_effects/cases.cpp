@@ -14,23 +14,23 @@
 namespace servotwin::hidden_effects {
 namespace {
 
-constexpr int kMachines = 300;    // drawn at most until one shows the effects in the class wanted
-constexpr double kStiff = 400.0;  // [Hz], of the contact beside a gap
+constexpr int kMaxMachines = 300;            // draws until a machine reaches the class
+constexpr double kContactFrequency = 400.0;  // of the stiff contact at a gap [Hz]
 
-/// The size that contributes about `target`, if a plausible one does.
+/// The size with a contribution of about `target`; nothing where no plausible size reaches it.
 std::optional<double> size_for(const Hidden& hidden, double target,
                                const std::function<double(double)>& contribution) {
   constexpr int kTries = 9;
-  constexpr double kClose = 1.12;  // a factor
+  constexpr double kTolerance = 1.12;  // ratio to the target
   double low = hidden.smallest, high = hidden.largest;
   double size = std::sqrt(low * high);
   for (int i = 0; i < kTries; ++i) {
     const double is = contribution(size);
-    if (is > target / kClose && is < target * kClose) return size;
+    if (is > target / kTolerance && is < target * kTolerance) return size;
     if (size == hidden.largest && is < target) return {};
     if (size == hidden.smallest && is > target) return {};
     (is < target ? low : high) = size;
-    // As if it grew in proportion; else by halves of the logarithm.
+    // Next try in proportion; outside the bracket, bisection of the logarithm.
     const double next = is > 0.0 && std::isfinite(is) ? size * target / is : 0.0;
     if (next > low && next < high) {
       size = next;
@@ -101,7 +101,7 @@ bool in_class(Class size, double ratio) {
   return ratio >= kClearFrom && std::isfinite(ratio);
 }
 
-/// One drawn machine; none if it cannot show the effects as wished.
+/// One drawn machine; nothing if its effects do not reach the wanted class.
 std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
   Machine machine = draw_machine(ranges_of(part), needs_of(wish), random);
   Scene& scene = machine.scene;
@@ -109,7 +109,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
     return std::find(wish.ids.begin(), wish.ids.end(), id) != wish.ids.end();
   };
   if (hides("backlash"))
-    scene.rig.body.spring_frequency_hz = kStiff, scene.rig.body.damping_ratio = 0.1;
+    scene.rig.body.spring_frequency_hz = kContactFrequency, scene.rig.body.damping_ratio = 0.1;
 
   const Trace clean = simulate(scene.rig, scene.command);
   if (clean.runaway) return {};
@@ -121,7 +121,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
   Case out;
   {
     Trace trace = simulate(noisy, scene.command);
-    trace.exact = clean.exact;  // so that torque noise counts as well
+    trace.exact = clean.exact;  // so that noise_rms includes the torque noise
     out.noise_rms = noise_rms(trace);
   }
   Trace other;
@@ -144,7 +144,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
       one.put(rig, size);
       return simulate(rig, scene.command);
     };
-    // Seen at once of most machines that cannot show it.
+    // Quick rejection of most machines that cannot reach the target.
     if (!wish.blind && rms_apart(with(one.largest), clean) < target) return {};
     if (!absorbed) absorbed.emplace(scene.rig, scene.command, clean);
     const auto contribution = [&](double size) { return absorbed->left_rms(with(size), clean); };
@@ -180,7 +180,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
   out.machine = describe(scene.rig);
   std::vector<NamedTrace> axes{{"X", &recorded}};
   if (machine.records_other) axes.push_back({"Y", &other});
-  // A recorder that loses samples repeats the last ones, or writes no rows.
+  // A recorder that loses samples repeats the last value or omits the rows.
   const bool lose_rows = hides("dropped_samples") && random.chance(0.3);
   out.csv =
       csv_of(axes, out.sample_time_s, lose_rows ? with_all.reading.stuck : std::vector<bool>{});
@@ -192,7 +192,7 @@ Case make_case(Part part, const Wish& wish, const std::string& kind, int index) 
       std::string(part == Part::kDev ? "dev/" : "test/") + kind + '/' + std::to_string(index);
   const std::uint64_t seed = seed_of(name);
   Random random(seed);
-  for (int i = 0; i < kMachines; ++i) {
+  for (int i = 0; i < kMaxMachines; ++i) {
     if (std::optional<Case> found = try_machine(part, wish, random)) {
       found->name = name;
       found->seed = seed;
@@ -200,8 +200,8 @@ Case make_case(Part part, const Wish& wish, const std::string& kind, int index) 
       return *found;
     }
   }
-  throw std::runtime_error("hidden effects: no machine shows " + name + " in " +
-                           std::to_string(kMachines) + " draws");
+  throw std::runtime_error("hidden effects: no machine reaches the class of " + name + " in " +
+                           std::to_string(kMaxMachines) + " draws");
 }
 
 }  // namespace
@@ -266,7 +266,7 @@ Case single_case(Part part, const std::string& id, Class size, int index) {
 }
 
 Case pair_case(Part part, int index) {
-  // Which two does not hang on the machines that are drawn for them.
+  // The choice of the pair has its own seed, independent of the machines drawn for it.
   Random random(seed_of((part == Part::kDev ? "dev/pair/" : "test/pair/") + std::to_string(index)));
   const std::vector<std::string>& ids = effect_ids();
   for (;;) {

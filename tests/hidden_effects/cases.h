@@ -1,18 +1,18 @@
-// Recordings of random machines in which effects are hidden, from fixed seeds.
+// Recordings of random machines with hidden effects, from fixed seeds.
 //
-// The size of an effect is chosen so that what it does to the tracking error stands to the noise of
-// the record (encoder noise, encoder step, torque noise) as its class wants: clear from 5 times on,
-// faint 1 to 3 times. A machine on which no plausible size does that is drawn again. What an effect
-// does is the RMS difference to the same machine without it, less what another tuning of the
-// machine would do as well (absorbed.h): a delay of 50 us moves the error by a lot, and no record
-// could tell it from a little less feed-forward.
+// The size of an effect is chosen by its class: its contribution to the tracking error is at least
+// 5 times the noise of the record (encoder noise, encoder step, torque noise) if it is clear, and 1
+// to 3 times if it is faint. If no plausible size reaches that, another machine is drawn. The
+// contribution is the RMS difference to the same machine without the effect, minus the part that
+// another tuning of the machine would produce as well (absorbed.h): a delay of 50 us changes the
+// error much, but is not distinguishable from slightly less feed-forward.
 //
-// dev and test differ in seeds and in ranges; test has the wider ones. The friction family of a
-// machine is its own nature (`own`): to name it is neither a find nor a false alarm.
+// The parts dev and test differ in seeds and in ranges; those of test are wider. The friction
+// family of a machine is its own property (`own`): naming it is neither a hit nor a false alarm.
 //
 // SI units. Deterministic: the same part, effects and index give the same text, bit for bit.
-// Errors: std::invalid_argument for unknown effects, std::runtime_error where no machine can show
-// them. Any thread.
+// Errors: std::invalid_argument for unknown effects, std::runtime_error where no drawn machine
+// reaches the class. Any thread.
 #pragma once
 
 #include <cstdint>
@@ -33,10 +33,10 @@ inline constexpr double kFaintFrom = 1.0, kFaintTo = 3.0;  // of the noise
 struct Truth {
   std::string id;
   Parameters parameters;
-  double contribution_rms = 0.0;  ///< of its own [m]: decides its class
-  double difference_rms = 0.0;    ///< with what another tuning would do as well [m]
+  double contribution_rms = 0.0;  ///< specific to the effect [m]: decides its class
+  double difference_rms = 0.0;    ///< including what another tuning would produce [m]
   bool clear = true;
-  bool observable = true;  ///< false: the right answer is that no cause is named
+  bool observable = true;  ///< false: the correct answer is to name no cause
 };
 
 struct Case {
@@ -45,17 +45,17 @@ struct Case {
   std::vector<Truth> hidden;
   std::vector<std::string> own;
   double sample_time_s = 0.0, noise_rms = 0.0;
-  int draws = 1;        ///< of machines, until one showed the effects as wished
-  std::string machine;  ///< in a line, for people
+  int draws = 1;        ///< number of machines drawn until one reached the class
+  std::string machine;  ///< description in one line
   std::string csv;  ///< time[s],X.command[mm],X.actual[mm] and the same of Y where it is recorded
 
   [[nodiscard]] bool hides(const std::string& id) const;
   [[nodiscard]] bool owns(const std::string& id) const;
 };
 
-/// What the machines of this part are drawn from.
+/// The ranges from which the machines of this part are drawn.
 [[nodiscard]] const Ranges& ranges_of(Part part);
-/// No case shares its seed with another of either part.
+/// The seed of a case; different for every case of both parts.
 [[nodiscard]] std::uint64_t seed_of(const std::string& name);
 /// A recording of axis X alone.
 [[nodiscard]] std::string csv_of(const Trace& trace, double sample_time);
@@ -63,12 +63,13 @@ struct Case {
 /// A machine without any of the effects.
 [[nodiscard]] Case clean_case(Part part, int index);
 
+/// A machine with one effect.
 [[nodiscard]] Case single_case(Part part, const std::string& id, Class size, int index);
 
 /// Two clear effects, drawn by the index.
 [[nodiscard]] Case pair_case(Part part, int index);
 
-/// An effect that is there and that the record cannot show.
+/// An effect that is present but not observable in the record.
 [[nodiscard]] Case blind_case(Part part, const std::string& id, int index);
 
 }  // namespace servotwin::hidden_effects

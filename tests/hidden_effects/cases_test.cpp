@@ -1,4 +1,4 @@
-// The cases: the same from the same seeds, and of the class that they say.
+// The cases: the same seeds give the same recordings, and every case belongs to its class.
 #include "tests/hidden_effects/cases.h"
 
 #include <gmock/gmock.h>

@@ -9,9 +9,11 @@
 namespace servotwin::hidden_effects {
 namespace {
 
-constexpr int kMachines = 100;       // drawn at most until one shows the change
-constexpr double kShows = 6.0;       // times the noise that the change moves the error by
-constexpr double kLeast_m = 0.5e-6;  // and at least this, which a model of no effects is right to
+constexpr int kMaxMachines = 100;  // draws until the change is large enough
+// Least effect of the change on the error, over the noise, ..
+constexpr double kMinChangeOverNoise = 6.0;
+// .. and in metres: a model without effects is accurate to about this.
+constexpr double kMinChange_m = 0.5e-6;
 
 /// Puts the change into the rig; returns the ratio of what changed.
 double change(Rig& rig, const std::string& id, Random& random) {
@@ -61,7 +63,7 @@ ChangedMachine changed_machine(Part part, const std::string& id, int index) {
                            '/' + std::to_string(index);
   Random random(seed_of(name));
   const Needs needs{.inside = true};
-  for (int i = 0; i < kMachines; ++i) {
+  for (int i = 0; i < kMaxMachines; ++i) {
     Machine machine = draw_machine(ranges_of(part), needs, random);
     const Machine other_motion = draw_machine(ranges_of(part), needs, random);
     Rig before = machine.scene.rig;
@@ -77,15 +79,15 @@ ChangedMachine changed_machine(Part part, const std::string& id, int index) {
                 second = simulate(after, other_motion.scene.command);
     if (first.runaway || unchanged.runaway || second.runaway) continue;
     out.noise_rms = noise_rms(unchanged);
-    const double shows = std::max(kShows * out.noise_rms, kLeast_m);
-    if (!id.empty() && rms_apart(unchanged, second) < shows) continue;
+    const double least = std::max(kMinChangeOverNoise * out.noise_rms, kMinChange_m);
+    if (!id.empty() && rms_apart(unchanged, second) < least) continue;
     out.before_csv = csv_of(first, before.reading.sample_time);
     out.after_csv = csv_of(second, after.reading.sample_time);
     out.machine = describe(after);
     out.own = own_effects(before);
     return out;
   }
-  throw std::runtime_error("hidden effects: no machine shows " + name);
+  throw std::runtime_error("hidden effects: the change is too small on all machines of " + name);
 }
 
 }  // namespace servotwin::hidden_effects

@@ -1,8 +1,8 @@
-// Machines that are recorded twice, before and after something on them has changed.
+// Machines that are recorded twice, before and after a change.
 //
 // SI units. Deterministic: the same change and index give the same texts, bit for bit. Errors:
-// std::invalid_argument for an unknown change, std::runtime_error where no machine shows it. Any
-// thread.
+// std::invalid_argument for an unknown change, std::runtime_error where it is too small on all
+// drawn machines. Any thread.
 #pragma once
 
 #include <string>
@@ -13,14 +13,14 @@
 namespace servotwin::hidden_effects {
 
 struct ChangedMachine {
-  std::string before_csv, after_csv;  ///< of the same axis X, in other motion
-  std::string machine;                ///< in a line, for people
+  std::string before_csv, after_csv;  ///< of the same axis X, with different motion
+  std::string machine;                ///< description in one line
   double ratio = 1.0;                 ///< of the quantity that changed, after to before
   std::vector<std::string> own;
   double noise_rms = 0.0;
 };
 
-/// What can change: causes of the contract.
+/// The possible changes: causes of the contract.
 [[nodiscard]] const std::vector<std::string>& change_ids();
 
 /// `id` empty: nothing changes.

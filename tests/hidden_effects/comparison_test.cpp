@@ -1,4 +1,5 @@
-// What has changed on a machine between two recordings, by the model of the first.
+// Changes of a machine between two recordings, found by comparing the second with the model of the
+// first.
 #include <gmock/gmock.h>
 
 #include "tests/hidden_effects/answer.h"

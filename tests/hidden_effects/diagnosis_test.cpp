@@ -1,5 +1,5 @@
-// What diagnosis makes of a few of the cases: the fast part of the benchmark. How good it is over
-// all of them is measured by the program hidden_effects, not asserted here.
+// The diagnosis of a few of the cases: the fast part of the benchmark. The hit rate over all cases
+// is measured by the program hidden_effects, not asserted here.
 #include <gmock/gmock.h>
 
 #include "tests/hidden_effects/answer.h"
@@ -8,7 +8,7 @@
 namespace servotwin::hidden_effects {
 namespace {
 
-/// The causes that are named beyond the machine's own nature, in their order.
+/// The named causes without the machine's own friction, in order.
 std::vector<std::string> named(const Answer& answer, const Case& asked) {
   std::vector<std::string> out;
   for (const NamedCause& cause : answer.causes) {
@@ -23,15 +23,16 @@ TEST_P(AHiddenEffect, IsNamedFirst) {
   const Case asked = single_case(Part::kDev, GetParam(), Class::kClear, 0);
   const Answer answer = ask(asked.csv, {});
   ASSERT_EQ(answer.failure, "");
-  // The pushes of the part that no fit has seen are not to be predicted: what they leave may be
-  // called unexplained beside the cause that is named.
+  // The impulses in the held-out data cannot be predicted: the verdict may be "unexplained"
+  // although the cause is named.
   if (GetParam() != std::string("impulse_disturbance")) {
     EXPECT_EQ(answer.verdict, "explained");
   }
   ASSERT_FALSE(named(answer, asked).empty());
   EXPECT_EQ(named(answer, asked).front(), GetParam());
 }
-// The motor meets its limit in the last seconds only: by time alone no fit would have seen it.
+// The motor reaches its limit only in the last seconds: divided by time alone, the training data
+// would not contain it.
 TEST(LongAMotorAtItsLimit, IsNamedWhereAllOfItIsLateInTheRecording) {
   const Case asked = single_case(Part::kDev, "torque_saturation", Class::kClear, 1);
   const Answer answer = ask(asked.csv, {});
@@ -42,9 +43,9 @@ TEST(LongAMotorAtItsLimit, IsNamedWhereAllOfItIsLateInTheRecording) {
   EXPECT_LT(answer.after_rms, 0.1 * answer.before_rms);
 }
 
-// 81: what is left of motion that is cut out of a recording with such a limit is no evidence: it
-// had made friction and play come before it. 63: the part that no fit has seen begins within a
-// motion, with an integrator that has been held.
+// Case 81: the residual of motion cut out of a recording with saturation is no evidence; it had led
+// to friction and backlash being named first. Case 63: the held-out data begin within a motion,
+// while the integrator is held.
 class AMotorsLimit : public testing::TestWithParam<int> {};
 
 TEST_P(AMotorsLimit, IsAllThatIsNamedAndLeavesTheNoise) {
@@ -80,8 +81,8 @@ TEST_P(ACleanMachine, GetsNoCauseButItsOwnFriction) {
 INSTANTIATE_TEST_SUITE_P(Dev, ACleanMachine, testing::Values(0, 1, 3));
 INSTANTIATE_TEST_SUITE_P(LongDev, ACleanMachine, testing::Values(2, 4));
 
-// The proof that an effect is one file: without it in the catalogue it is not named, and nothing
-// that is put in its place predicts as well.
+// An effect left out of the catalogue is not named, and no other effect predicts as well in its
+// place.
 TEST(LongLeaveOut, WithoutCoggingTheRippleIsNotExplained) {
   const Case asked = single_case(Part::kDev, "cogging", Class::kClear, 0);
   const Answer with = ask(asked.csv, {}), without = ask(asked.csv, {"cogging"});

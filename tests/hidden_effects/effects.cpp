@@ -67,8 +67,9 @@ const std::vector<std::string>& blind_ids() {
 }
 
 bool may_pair(std::string_view a, std::string_view b) {
-  // One spring carries both; in one attitude an asymmetry is a constant force and a change of
-  // friction; a slow growth and a slope of the screw are the same line for most of the record.
+  // Backlash and compliance share one spring. In one attitude an asymmetry is a constant force plus
+  // a change of friction. Slow thermal growth and a slope of the screw are the same line for most
+  // of the record.
   static const std::set<std::pair<std::string_view, std::string_view>> never{
       {"backlash", "compliance"},
       {"asymmetric_friction", "gravity_offset"},
@@ -88,7 +89,7 @@ Needs Needs::with(const Needs& o) const {
 Needs needs_of(std::string_view id, bool blind) {
   Needs needs = entry_of(id).needs;
   if (!blind) return needs;
-  // Screw and table are not in the motor's reading; an integrator holds the load without an error.
+  // The motor's encoder does not measure screw and table; an integrator holds a load without error.
   if (needs.outside) return {.inside = true, .motor_loop = true};
   return {.integrator = true};
 }

@@ -1,7 +1,9 @@
-// The effects that the rig can hide: what each needs of the machine, and how it is put in.
+// The effects that can be hidden in the rig: what each requires of the machine, and how it is
+// added.
 //
-// Every effect has one size, in which its contribution grows; what else it has (periods, places,
-// times, signs) is drawn. Identifiers and parameter keys are those of servotwin.diagnosis/1.
+// Every effect has one size, with which its contribution grows; its other parameters (periods,
+// positions, times, signs) are drawn. Identifiers and parameter keys are those of
+// servotwin.diagnosis/1.
 //
 // SI units. Errors: std::invalid_argument for an unknown identifier. Any thread.
 #pragma once
@@ -17,22 +19,24 @@
 
 namespace servotwin::hidden_effects {
 
-/// Of the contract, but for feedforward_mismatch, which only an earlier model can show.
+/// The causes of the contract except feedforward_mismatch, which is observable only in a comparison
+/// with an earlier model.
 [[nodiscard]] const std::vector<std::string>& effect_ids();
 
-/// Those that some encoder places or loops cannot show: the record is that of the clean machine.
+/// Effects that are not observable with some encoders or loops: the record is that of the machine
+/// without the effect.
 [[nodiscard]] const std::vector<std::string>& blind_ids();
 
-/// Two effects that one machine can have, and that physics tells apart.
+/// Whether one machine can have both effects and they are physically distinguishable.
 [[nodiscard]] bool may_pair(std::string_view a, std::string_view b);
 
-/// What of the machine must be so that the effect is there and seen; otherwise free.
+/// What an effect requires of the machine to be present and observable; everything else is free.
 struct Needs {
   bool coulomb = false;         ///< friction without presliding
   bool level_friction = false;  ///< friction that does not fall with velocity
   bool outside = false;     ///< the record is a load encoder's, the loop is closed on the motor's
   bool inside = false;      ///< the record is of the encoder that closes the loop
-  bool motor_loop = false;  ///< the loop is closed on the motor's
+  bool motor_loop = false;  ///< the loop is closed on the motor's encoder
   bool no_integrator = false, integrator = false;
   bool other_axis = false;  ///< a second axis moves and is recorded
   bool long_rests = false;
@@ -40,28 +44,31 @@ struct Needs {
   [[nodiscard]] Needs with(const Needs& other) const;
 };
 
-/// `blind`: of a machine on which it cannot be seen.
+/// The requirements of an effect; `blind`: those of a machine on which it is not observable.
 [[nodiscard]] Needs needs_of(std::string_view id, bool blind = false);
 
-/// A machine and its motion, clean, and what effects refer to.
+/// A machine without effects, its motion, and the quantities that effects refer to.
 struct Scene {
   Rig rig;
   virtual_machine::Trajectory command;
   double stroke = 0.1;
-  double peak_force = 0.0;                         ///< of the clean machine [N]
-  std::vector<double> other_acceleration;          ///< of the second axis, one per control period
-  double first_change = 0.15, last_change = 0.45;  ///< shares of the record in which things change
+  double peak_force = 0.0;                 ///< of the clean machine [N]
+  std::vector<double> other_acceleration;  ///< of the second axis, one per control period
+  double first_change = 0.15,
+         last_change = 0.45;  ///< range, in shares of the record, of times at which effects set in
 };
 
 using Parameters = std::map<std::string, double>;
 
+/// A drawn effect: its range of sizes, and how a size is added to a rig.
 struct Hidden {
   std::string id;
-  double smallest = 0.0, largest = 0.0;  ///< sizes that are plausible
+  double smallest = 0.0, largest = 0.0;  ///< range of plausible sizes
   std::function<void(Rig&, double size)> put;
   std::function<Parameters(double size)> parameters;
 };
 
+/// Draws an effect for this scene.
 [[nodiscard]] Hidden hide(std::string_view id, const Scene& scene, Random& random);
 
 }  // namespace servotwin::hidden_effects

@@ -95,8 +95,8 @@ Rig draw_rig(const Ranges& ranges, const Needs& needs, Random& random) {
   return rig;
 }
 
-/// White from period to period. Through the loop 1 / (s^2 + a1 s + a2) its RMS in the position is
-/// that of the force over the mass times 1 / sqrt(2 a1 a2 rate).
+/// White noise, one value per control period. Behind the loop 1 / (s^2 + a1 s + a2) the RMS of the
+/// position is that of the force over the mass times 1 / sqrt(2 a1 a2 rate).
 std::vector<double> draw_torque_noise(const Rig& rig, double share, double duration,
                                       Random& random) {
   const double a1 = rig.drive.velocity_gain / rig.body.mass, a2 = a1 * rig.drive.position_gain;
@@ -122,7 +122,7 @@ Machine draw_machine(const Ranges& ranges, const Needs& needs, Random& random) {
                                            motion.duration, random);
   scene.rig.reading.noise_seed = static_cast<std::uint64_t>(random.uniform() * 0x1p53);
 
-  // Some recordings have a second axis, whether it has a part in anything or not.
+  // Some recordings contain a second axis even if it has no influence.
   machine.records_other = random.chance(0.3) || needs.other_axis;
   if (!machine.records_other) return machine;
   machine.other = draw_rig(ranges, {}, random);

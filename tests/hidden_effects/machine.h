@@ -1,4 +1,4 @@
-// Random machines and what they are commanded to do, clean.
+// Random machines without effects, and their commanded motion.
 //
 // SI units. Deterministic. Any thread.
 #pragma once
@@ -9,7 +9,7 @@
 
 namespace servotwin::hidden_effects {
 
-/// What machines are drawn from; `low`, `high` of a value that is spread in its logarithm.
+/// Ranges from which machines are drawn, uniformly in the logarithm of the value.
 struct Ranges {
   struct Range {
     double low = 1.0, high = 1.0;
@@ -18,13 +18,13 @@ struct Ranges {
   Range friction_mps2, drag_per_s, presliding_m;
   Range encoder_step_m, noise_to_step;
   Range velocity, acceleration, jerk, stroke;
-  double torque_noise = 0.5;  ///< at most this share of the reading's noise
+  double torque_noise = 0.5;  ///< at most, as a share of the noise of the reading
   double first_change = 0.15, last_change = 0.45;
 };
 
 struct Machine {
   Scene scene;
-  Rig other;  ///< the second axis, clean
+  Rig other;  ///< the second axis, without effects
   virtual_machine::Trajectory other_command;
   bool records_other = false;
   std::vector<double> torque_noise;  ///< one per control period [N]
@@ -32,9 +32,10 @@ struct Machine {
 
 [[nodiscard]] Machine draw_machine(const Ranges& ranges, const Needs& needs, Random& random);
 
-/// The effects that are the nature of its friction.
+/// The effects that belong to the friction family of the machine.
 [[nodiscard]] std::vector<std::string> own_effects(const Rig& rig);
 
+/// A description in one line.
 [[nodiscard]] std::string describe(const Rig& rig);
 
 }  // namespace servotwin::hidden_effects

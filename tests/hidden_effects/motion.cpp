@@ -10,15 +10,15 @@ namespace {
 using virtual_machine::Limits;
 using virtual_machine::Trajectory;
 
-constexpr double kLongestFeed = 1.2;       // [s], so that no slow move fills the record
-constexpr double kReversalsAtLeast = 5.0;  // [s] apart
+constexpr double kMaxFeedMove_s = 1.2;          // so that no slow move fills the record
+constexpr double kMaxReversalInterval_s = 5.0;  // between slow reversals
 
 class Mix {
  public:
   Mix(const Motion& motion, Random& random) : motion_(motion), random_(random) {}
 
   void add(Trajectory& path) {
-    if (path.duration() - last_reversals_ > kReversalsAtLeast) return slow_reversals(path);
+    if (path.duration() - last_reversals_ > kMaxReversalInterval_s) return slow_reversals(path);
     const double pick = random_.uniform();
     switch (motion_.style) {
       case Motion::Style::kProduction:
@@ -54,7 +54,7 @@ class Mix {
   }
   void feed(Trajectory& path) {
     const double velocity = random_.log_between(0.02, 1.0) * motion_.limits.velocity;
-    const double reach = velocity * kLongestFeed;
+    const double reach = velocity * kMaxFeedMove_s;
     const double here = path.end_position();
     path.move_to(std::clamp(target(), here - reach, here + reach), with_velocity(velocity));
     if (random_.chance(0.7)) rest(path);

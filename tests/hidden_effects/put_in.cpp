@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
 
-/// Adds to the force on the table; `at` is asked once per control period.
+/// Adds a force on the table; `at` is called once per control period.
 void push(Rig& rig, double duration, const std::function<double(double)>& at) {
   const auto periods = static_cast<std::size_t>(duration * kControlRate) + 1;
   rig.external_force.resize(std::max(periods, rig.external_force.size()));
@@ -18,11 +18,11 @@ void push(Rig& rig, double duration, const std::function<double(double)>& at) {
   }
 }
 
-/// While the axis rests: a payload is not put on in motion.
+/// A time within a rest: a payload is not mounted during motion.
 double change_at_rest(const Scene& s, Random& random) {
   const double duration = s.command.duration();
   const double wanted = random.between(s.first_change, s.last_change) * duration;
-  double best = wanted, least = duration;  // in motion where there is no rest in that time
+  double best = wanted, least = duration;  // during motion if there is no rest in that interval
   for (const Interval& rest : rests(s.command)) {
     const double middle = 0.5 * (rest.begin + rest.end);
     if (middle < s.first_change * duration || middle > s.last_change * duration) continue;
@@ -35,7 +35,7 @@ double change_at_any_time(const Scene& s, Random& random) {
   return random.between(s.first_change, s.last_change) * s.command.duration();
 }
 
-/// A tone that the record can show.
+/// A frequency below the Nyquist frequency of the record.
 double tone(const Scene& s, Random& random, double low, double high) {
   return random.log_between(low, std::min(high, 0.4 / s.rig.reading.sample_time));
 }
@@ -107,7 +107,7 @@ Hidden added_friction(const Scene& s, Random& random) {
           }};
 }
 
-/// The contact is stiff, so that the gap is what is seen.
+/// The contact is stiff, so that the gap dominates.
 Hidden backlash(const Scene&, Random&) {
   return {"backlash", 2e-7, 1e-4, [](Rig& rig, double width) { rig.body.gap = width; },
           [](double width) {
@@ -115,7 +115,7 @@ Hidden backlash(const Scene&, Random&) {
           }};
 }
 
-/// The size is the compliance against that of 20 Hz.
+/// The size is the compliance relative to that of a 20 Hz mode.
 Hidden compliance(const Scene&, Random& random) {
   const double damping = random.log_between(0.01, 0.06);
   return {"compliance", 0.005, 1.0,
@@ -230,7 +230,7 @@ Hidden gain_change(const Scene& s, Random& random) {
           }};
 }
 
-/// The size is the share of the peak force that is not there.
+/// The size is the missing share of the peak force.
 Hidden torque_saturation(const Scene& s, Random&) {
   const double peak = s.peak_force, mass = s.rig.body.mass;
   return {"torque_saturation", 0.005, 0.6,
@@ -283,7 +283,7 @@ Hidden cutting_force(const Scene& s, Random& random) {
   const double frequency = tone(s, random, 20.0, 200.0);
   const double ripple = random.between(0.4, 1.0), sign = random.sign();
   const double mass = s.rig.body.mass, duration = s.command.duration();
-  // Every cut begins and ends within a move: the tool has a way to go to the part.
+  // Every cut begins and ends within a move, since the tool approaches the part.
   std::vector<Interval> cuts;
   for (const Interval& move : moves(s.command)) {
     const double length = move.end - move.begin;
@@ -354,7 +354,7 @@ Hidden dropped_samples(const Scene& s, Random& random) {
   const double sample_time = s.rig.reading.sample_time;
   const auto rows = static_cast<std::size_t>(s.command.duration() / sample_time) + 1;
   struct Drop {
-    double rank;  // it happens from this size on
+    double rank;  // the row is lost if the size is at least this
     std::size_t row;
     int length;
   };

@@ -1,4 +1,5 @@
-// How each effect is put into the rig, by its physics: draws what it has besides its size.
+// How each effect is added to the rig, by its physics. Each function draws the parameters of the
+// effect other than its size.
 //
 // SI units. Any thread.
 #pragma once

@@ -63,8 +63,9 @@ class FrictionState {
     std::copy_n(curve.share.begin(), kElements, share_.begin());
   }
 
-  /// Over one step with this velocity. What rest has added grows as dE/dt = c / (t0 + t_rest), so
-  /// that E = c ln(1 + t_rest / t0), and goes with the way: dE/ds = -E / d.
+  /// Advances by one step with this velocity. The breakaway excess E grows during rest as
+  /// dE/dt = c / (t0 + t_rest), so that E = c ln(1 + t_rest / t0), and decays with travel:
+  /// dE/ds = -E / d.
   void advance(double v) {
     const double way = v * kStep;
     const double s = fall(v);
@@ -106,8 +107,8 @@ class FrictionState {
     }
     if (time_ >= f_.added_time) level += f_.added_level, viscous += f_.added_viscous;
     level += extra_;
-    // The mean of both directions stays. The sign of phi, not of v, so that no force jumps while
-    // the axis turns in presliding.
+    // The mean of both directions stays. The sign is that of phi, not of v, so that the force does
+    // not jump at a reversal within presliding.
     const double plus = 2.0 * f_.direction_ratio / (1.0 + f_.direction_ratio);
     return level * phi * (phi > 0.0 ? plus : 2.0 - plus) +
            viscous * v * (v > 0.0 ? plus : 2.0 - plus);
@@ -151,7 +152,7 @@ class Plant {
     damping_ = 2.0 * body_.damping_ratio * table * omega;
     motor.x = load.x = start;
     if (rigid_) return;
-    // What the load hangs on is wound up by it, on that side of the gap.
+    // The constant load deflects the spring on one side of the gap.
     const double held = body_.constant_force;
     load.x -= held / stiffness() + (held > 0.0 ? 0.5 : held < 0.0 ? -0.5 : 0.0) * body_.gap;
   }
@@ -178,7 +179,7 @@ class Plant {
     load.drift();
     friction_.advance(load.v);
     const double contact = contact_force();
-    // Half of the viscous friction is the motor's and the screw's.
+    // Half of the viscous friction acts on motor and screw.
     const double half = 0.5 * viscous_;
     motor.a =
         (force + cogging(motor.x) - half * motor.v - contact) / (body_.mass * body_.motor_share);
@@ -199,7 +200,7 @@ class Plant {
     const double stiffer = 1.0 + body_.spring_by_position * load.x;
     return stiffness_ * stiffer * stiffer;
   }
-  /// Never pulls across the gap: at the end of a contact the damper lets go.
+  /// Never pulls across the gap: at the end of a contact the damper releases.
   [[nodiscard]] double contact_force() const {
     const double apart = motor.x - load.x;
     const double damper = damping_ * (motor.v - load.v);
@@ -231,7 +232,7 @@ class Controller {
     const double wanted = drive_.velocity_gain * error + integral_ +
                           drive_.acceleration_feedforward * command.acceleration;
     const double force = std::clamp(wanted, -drive_.force_limit, drive_.force_limit);
-    // Held while limited, unless the error leads back.
+    // Anti-windup: the integrator is held while limited, unless the error reduces the force.
     if (drive_.integral_time > 0.0 && (wanted - force) * error <= 0.0) {
       integral_ += drive_.velocity_gain / drive_.integral_time * kPeriod * error;
     }

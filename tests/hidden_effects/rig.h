@@ -1,25 +1,25 @@
-// A feed axis with hidden effects: motor and table on a spring with play, friction, cascade
-// control.
+// A feed axis with hidden effects: motor and table connected by a spring with backlash, friction,
+// cascade control.
 //
 //   m1 x1'' = u - B x1' / 2 + cogging(x1) - c                  motor side
 //   m2 x2'' = c - B x2' / 2 - F(x2, x2') - F0 + d(t)           table
 //   c       = k s + k_d (x1' - x2') while in contact,   s: x1 - x2 beyond +-gap/2
 //
 // A spring_frequency_hz of 0 makes them one body, x1 = x2. Friction is F = L phi, phi the unit
-// state of the family (all families: |phi| = 1 in steady sliding, but for the fall with velocity)
-// and L the level of the place, the time, the direction and the rest before.
+// state of the family (all families: |phi| = 1 in steady sliding, except for the fall with
+// velocity) and L the level, which depends on position, time, direction and the preceding rest.
 //
 //   kCoulomb   phi = sat(v / saturation_velocity) S(v)         S(v) = 1 + rise exp(-|v| / v_s)
 //   kMaxwell   phi = sum phi_i,  phi_i' = k_i v within +-share_i S(v)
 //   kLuGre     phi = z + damping z',  z' = (v - |v| z / S(v)) / D
 //
-// Control acts at 8 kHz, the force is held in between:
+// The control runs at 8 kHz; the force is held between its periods:
 //
 //   w = Kp (r - y) + Kvff r' - v,   u = clamp(Kv w + I + Maff r''),   I' = Kv / Tn w
 //
 // y is the reading of the encoder that closes the position loop, v always the motor's. The body is
 // integrated by velocity Verlet at 64 kHz. The axis starts at rest on its command with the
-// load held. It is a model apart from twin/: nothing is shared with what is tested.
+// load held. The rig is independent of twin/: it shares no code with what is tested.
 //
 // SI units. Deterministic. Errors: std::invalid_argument for parameters out of range. Any thread.
 #pragma once
@@ -50,9 +50,9 @@ struct Friction {
   double stribeck_rise = 0.0;         ///< at v = 0, share of the level
   double stribeck_velocity = 5e-3;    ///< [m/s]
 
-  double direction_ratio = 1.0;  ///< all friction, viscous too: that of + over that of -
+  double direction_ratio = 1.0;  ///< of all friction, viscous too: positive over negative direction
 
-  double wear = 0.0;                           ///< level at wear_place is 1 + wear times as high
+  double wear = 0.0;  ///< the level at wear_place is 1 + wear times as high
   double wear_place = 0.0, wear_width = 0.05;  ///< a Gaussian of that standard deviation [m]
 
   double added_time = kNever;  ///< from here on [s]
@@ -63,7 +63,7 @@ struct Friction {
 
   double dwell_growth = 0.0;     ///< [N] per e-fold of the time at rest
   double dwell_time = 0.05;      ///< [s] of the first e-fold
-  double dwell_distance = 2e-5;  ///< in which motion takes it away again [m]
+  double dwell_distance = 2e-5;  ///< travel over which motion removes it again [m]
 };
 
 struct Body {
@@ -71,9 +71,9 @@ struct Body {
   double motor_share = 0.4;        ///< m1 / mass
   double spring_frequency_hz = 0;  ///< of the table with the motor held; 0: rigid
   double damping_ratio = 0.05;     ///< of the same
-  /// That frequency is 1 + this times the table's position as high [1/m]; the damper stays.
+  /// The frequency is multiplied by 1 + this times the table position [1/m]; the damper stays.
   double spring_by_position = 0.0;
-  double gap = 0.0;                                    ///< play, from end to end [m]
+  double gap = 0.0;                                    ///< backlash, from end to end [m]
   double constant_force = 0.0;                         ///< F0 [N]
   double cogging = 0.0;                                ///< amplitude [N]
   double cogging_period = 0.005, cogging_phase = 0.0;  ///< [m], [rad]
@@ -95,17 +95,17 @@ struct Drive {
   double gain_time = kNever;  ///< [s]
 };
 
-/// What the encoders read, and what of it is written down.
+/// What the encoders measure, and what is recorded.
 struct Reading {
   double cyclic_error = 0.0;  ///< of both encoders, at their scale, in the loop [m]
   double cyclic_period = 0.002, cyclic_phase = 0.0;
 
   Encoder recorded = Encoder::kMotor;
-  /// Screw and table against the motor's encoder: only a load encoder outside the loop sees these.
+  /// Errors between motor and table: only a load encoder outside the loop measures them.
   double lead_error = 0.0, lead_period = 0.01, lead_phase = 0.0, lead_slope = 0.0;
-  double growth = 0.0;       ///< relative, in the end; grows as 1 - exp(-t / growth_time)
+  double growth = 0.0;       ///< final relative value; grows as 1 - exp(-t / growth_time)
   double growth_time = 1.0;  ///< [s]
-  double fixed_end = 0.0;    ///< position that does not grow [m]
+  double fixed_end = 0.0;    ///< position of the fixed bearing [m]
 
   double sample_time = 1e-3;  ///< [s]
   double delay = 0.0;         ///< of the record against the command [s]
@@ -124,7 +124,7 @@ struct Rig {
   std::vector<double> external_force;
 };
 
-/// One value per row, but for `acceleration`.
+/// The result of a simulation: one value per row, except for `acceleration`.
 struct Trace {
   std::vector<double> command;
   std::vector<double> actual;        ///< as recorded
@@ -137,7 +137,7 @@ struct Trace {
 };
 
 [[nodiscard]] Trace simulate(const Rig& rig, const Command& command);
-/// The same of any command as a function of time.
+/// The same for any command as a function of time.
 [[nodiscard]] Trace simulate(const Rig& rig,
                              const std::function<virtual_machine::Setpoint(double)>& command,
                              double duration);
@@ -145,7 +145,7 @@ struct Trace {
 /// RMS of the difference of `exact`; infinite where one of them ran away.
 [[nodiscard]] double rms_apart(const Trace& a, const Trace& b);
 
-/// RMS of what noise and step add to the record.
+/// RMS of the error that noise and encoder step add to the record.
 [[nodiscard]] double noise_rms(const Trace& trace);
 
 }  // namespace servotwin::hidden_effects

@@ -1,4 +1,5 @@
-// The rig against closed forms: were it wrong, the benchmark would ask for what is not there.
+// The rig against closed forms: with a wrong rig the benchmark would ask for effects that the
+// recordings do not contain.
 #include "tests/hidden_effects/rig.h"
 
 #include <gmock/gmock.h>
@@ -128,7 +129,7 @@ TEST(Rig, BacklashIsTheLostMotionBetweenTheEncoders) {
   EXPECT_NEAR(lost(20e-6), 20e-6 + 2.0 * 40.0 / stiffness, 1e-10);
 }
 
-// A loop far softer than the spring lets both masses swing freely against each other:
+// With a loop far softer than the spring both masses oscillate freely against each other:
 // f sqrt(1 + m2 / m1) of the free pair.
 TEST(Rig, TwoMassesSwingAtTheirOwnFrequencies) {
   Rig rig = plain();
@@ -137,7 +138,7 @@ TEST(Rig, TwoMassesSwingAtTheirOwnFrequencies) {
   rig.body.spring_frequency_hz = 50.0;
   rig.body.damping_ratio = 0.001;
   rig.body.motor_share = 0.4;
-  rig.external_force.assign(4, 5e4);  // a blow
+  rig.external_force.assign(4, 5e4);  // an impulse
   rig.reading.sample_time = 1.25e-4;
   Trajectory rest(0.0);
   rest.dwell(1.0);
@@ -156,7 +157,7 @@ TEST(Rig, TwoMassesSwingAtTheirOwnFrequencies) {
     return (crossings - 1) / (last - first);
   };
   EXPECT_NEAR(frequency_of(false), 50.0 * std::sqrt(1.0 + 0.6 / 0.4), 0.05);
-  EXPECT_NEAR(frequency_of(true), 50.0, 0.1);  // on a motor that does not give way
+  EXPECT_NEAR(frequency_of(true), 50.0, 0.1);  // with the motor held
 }
 
 // At a steady speed the motor holds the cogging: its force has that period in the position.
@@ -267,7 +268,7 @@ TEST(Rig, RefusesWhatIsNoMachine) {
   EXPECT_THROW((void)simulate(rig, one_move()), std::invalid_argument);
 }
 
-// Another gain is another tuning: nothing of it is left. Cogging is not, and most of it is left.
+// Another gain is another tuning: nothing of it remains. Most of the effect of cogging remains.
 TEST(Absorbed, TakesOutTuningAndLeavesCauses) {
   Rig rig = plain();
   rig.friction.level = 30.0;

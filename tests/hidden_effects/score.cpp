@@ -141,7 +141,7 @@ void print_calibration(const std::vector<Outcome>& outcomes, std::ostream& out) 
   }
   if (all == 0) return;
   double error = 0.0;
-  out << "confidence of a named cause, and how often it was right\n";
+  out << "mean confidence of named causes, and how many of them were right\n";
   for (const Bin& bin : bins) {
     if (bin.count == 0) continue;
     error += std::abs(bin.confidence - bin.right) / all;
@@ -151,7 +151,8 @@ void print_calibration(const std::vector<Outcome>& outcomes, std::ostream& out) 
   out << "  expected calibration error         " << std::setprecision(3) << error << '\n';
 }
 
-/// (before^2 - after^2) / (before^2 - noise^2), where there is an excess to be explained.
+/// Explained share (before^2 - after^2) / (before^2 - noise^2) of cases whose error exceeds the
+/// noise.
 void print_explained(const std::vector<const Outcome*>& singles, std::ostream& out) {
   std::vector<double> share;
   double sum = 0.0;
@@ -165,7 +166,7 @@ void print_explained(const std::vector<const Outcome*>& singles, std::ostream& o
   if (share.empty()) return;
   out << "explained share of the excess        median " << std::fixed << std::setprecision(3)
       << quantile(share, 0.5) << ", mean " << sum / static_cast<double>(share.size())
-      << ", lowest tenth below " << quantile(share, 0.1) << " (" << share.size() << " cases)\n";
+      << ", 10 % quantile " << quantile(share, 0.1) << " (" << share.size() << " cases)\n";
 }
 
 void print_parameters(const std::vector<const Outcome*>& singles, std::ostream& out) {
@@ -177,7 +178,7 @@ void print_parameters(const std::vector<const Outcome*>& singles, std::ostream& 
     for (const auto& [key, value] : truth.parameters) {
       const auto found = named->parameters.find(key);
       if (found == named->parameters.end()) continue;
-      // Times are off by seconds, all else by shares.
+      // Errors of times are absolute in seconds, all others are relative.
       const double scale = key == "time_s" ? 1.0 : std::abs(value);
       errors[truth.id + ' ' + key].push_back(std::abs(found->second - value) / scale);
     }
@@ -201,8 +202,8 @@ void print_time(const std::vector<Outcome>& outcomes, std::ostream& out) {
     seconds.push_back(o.answer.seconds);
     wall.push_back(o.answer.wall_seconds);
   }
-  out << std::fixed << std::setprecision(2) << "time of a diagnosis, processor       median "
-      << quantile(seconds, 0.5) << " s, 90 % " << quantile(seconds, 0.9) << " s; by the clock "
+  out << std::fixed << std::setprecision(2) << "time of a diagnosis, CPU             median "
+      << quantile(seconds, 0.5) << " s, 90 % " << quantile(seconds, 0.9) << " s; wall time "
       << quantile(wall, 0.5) << " s\n"
       << "failed                               "
       << shares(failed, static_cast<int>(outcomes.size())) << '\n';
@@ -223,7 +224,7 @@ void print_confusion(const std::vector<const Outcome*>& singles, std::ostream& o
   }
 }
 
-/// A cause outside the catalogue must not be given another name as if it were certain.
+/// An effect outside the catalogue must not be named as another cause with high confidence.
 void print_outside(const std::vector<const Outcome*>& outside, std::ostream& out) {
   if (outside.empty()) return;
   const auto unexplained = [](const Outcome& o) {
@@ -240,7 +241,7 @@ void print_outside(const std::vector<const Outcome*>& outside, std::ostream& out
       << shares(count_if(outside, unsure), size_of(outside)) << '\n';
 }
 
-/// What changed between two recordings.
+/// Changes between two recordings.
 void print_changed(const std::vector<const Outcome*>& changed, std::ostream& out) {
   std::vector<const Outcome*> same, moved;
   for (const Outcome* o : changed) (o->made.hidden.empty() ? same : moved).push_back(o);
@@ -249,12 +250,12 @@ void print_changed(const std::vector<const Outcome*>& changed, std::ostream& out
   const auto alone = [&](const Outcome& o) { return right(o) && o.named().size() == 1; };
   out << "changed machines: named first        " << shares(count_if(moved, right), size_of(moved))
       << ", alone " << shares(count_if(moved, alone), size_of(moved)) << '\n'
-      << "unchanged machines: a change is said "
+      << "unchanged machines: a change is named "
       << shares(count_if(same, [](const Outcome& o) { return !o.named().empty(); }), size_of(same))
       << '\n';
 }
 
-/// The same where the user left it out.
+/// The same for effects that the user left out of the catalogue.
 void print_left_out(const std::vector<const Outcome*>& singles,
                     const std::vector<std::string>& left_out, std::ostream& out) {
   for (const std::string& id : left_out) {
@@ -295,7 +296,7 @@ std::string Outcome::first() const {
 
 double upper_bound(int count, int of) {
   if (count >= of) return 1.0;
-  // The share at which so few or fewer would be seen once in twenty times.
+  // The share for which `count` or fewer are observed with a probability of 5 %.
   const auto at_most = [&](double p) {
     double sum = 0.0;
     for (int k = 0; k <= count; ++k) {
@@ -330,7 +331,7 @@ void print_scores(const std::vector<Outcome>& outcomes, const std::vector<std::s
         << '\n';
   }
   if (!blind.empty()) {
-    out << "effects that cannot be seen: none named "
+    out << "effects that are not observable: none named "
         << shares(count_if(blind, [](const Outcome& o) { return o.first() == "none"; }),
                   size_of(blind))
         << '\n';

@@ -1,8 +1,8 @@
-// Answers against truths: the figures of the benchmark.
+// Compares answers with the truth: the figures of the benchmark.
 //
-// A cause that is the nature of the machine's friction (`own`) is neither a find nor a false alarm.
-// The answer to a case is its first cause besides; "none" if there is none, "unexplained" if the
-// verdict says so.
+// A cause that belongs to the machine's own friction (`own`) is neither a hit nor a false alarm.
+// The answer to a case is its first other cause; "none" if there is none, "unexplained" if that is
+// the verdict.
 //
 // Any thread.
 #pragma once
@@ -23,16 +23,17 @@ struct Outcome {
   Case made;  ///< without its text
   Answer answer;
 
-  /// The causes besides the machine's own.
+  /// The named causes without the machine's own.
   [[nodiscard]] std::vector<NamedCause> named() const;
   /// The first of them, or "none", "unexplained", "failed".
   [[nodiscard]] std::string first() const;
 };
 
-/// Upper end of the one-sided 95 % interval of a share of which `count` in `of` were seen (Clopper
-/// and Pearson).
+/// Upper end of the one-sided 95 % confidence interval of a share, where `count` of `of` were
+/// observed (Clopper and Pearson).
 [[nodiscard]] double upper_bound(int count, int of);
 
+/// The figures of the benchmark as text.
 void print_scores(const std::vector<Outcome>& outcomes, const std::vector<std::string>& left_out,
                   std::ostream& out);
 

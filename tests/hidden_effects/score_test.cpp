@@ -1,4 +1,4 @@
-// How answers are counted.
+// The counting of answers.
 #include "tests/hidden_effects/score.h"
 
 #include <gmock/gmock.h>

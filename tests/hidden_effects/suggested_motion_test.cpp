@@ -1,6 +1,6 @@
 // The suggested motion decides: on a machine with one effect, two rival causes fitted to an
-// ordinary recording predict nearly the same there, and unlike errors on the suggested motion,
-// where the machine itself says which is right.
+// ordinary recording predict nearly the same error there, but different errors on the suggested
+// motion, where the recorded error shows which is right.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -34,7 +34,7 @@ Segment recorded(const Rig& rig, const Command& command) {
   return s;
 }
 
-/// What a control makes of the program: its own jerk-limited moves.
+/// The jerk-limited motion that a control generates from the test program.
 Command run_by_control(const TestMotion& motion) {
   Command out(motion.start);
   double place = motion.start;
@@ -60,7 +60,7 @@ Rig machine() {
   return rig;
 }
 
-/// One speed, there and back: enough to find an effect, not enough to tell it from its rival.
+/// Strokes at one speed: enough to find an effect, not enough to distinguish it from its rival.
 Command one_speed() {
   Command out(0.0);
   for (int i = 0; i < 4; ++i) {
@@ -92,10 +92,10 @@ Model fitted(Search& search, std::size_t kind) {
   search.follow(plain);
   Hypothesis h;
   h.structure = extended_by(plain.structure, kind);
-  // In one of the two ways of the diagnosis, from the best point of a grid.
+  // By one of the two methods of the diagnosis, from the best point of the grid.
   const Screened screened = search.screen(plain, {kind}).front();
   EXPECT_TRUE(search.vary(h, plain.model, kind, screened.shapes));
-  // To the end: what is asked is whether the motion decides, not how far a search goes.
+  // Fully converged: the test is about the motion, not about the search.
   const auto polished = output_error(search.training(), h.structure, h.model);
   EXPECT_TRUE(polished);
   if (polished) h.model = polished->model;
@@ -120,11 +120,11 @@ TEST_P(SuggestedMotion, Decides) {
   const double apart_before = rms(simulate(truth, ordinary) - simulate(rival, ordinary)),
                apart = rms(by_truth - by_rival);
   const Eigen::ArrayXd error = test.command - test.actual;
-  std::cout << p.truth << " or " << p.rival << ": apart by " << apart_before / kNoise
+  std::cout << p.truth << " or " << p.rival << ": predictions differ by " << apart_before / kNoise
             << " times the noise in the recording, " << apart / kNoise << " on the test motion ("
-            << suggested->motion->duration_s() << " s); it leaves "
-            << rms(error - by_truth) / kNoise << ", the rival " << rms(error - by_rival) / kNoise
-            << '\n';
+            << suggested->motion->duration_s()
+            << " s); RMS residual over noise: " << rms(error - by_truth) / kNoise
+            << ", of the rival " << rms(error - by_rival) / kNoise << '\n';
   EXPECT_LT(apart_before, 2.0 * kNoise);  // the ordinary recording does not decide
   EXPECT_GT(apart, 4.0 * std::max(kNoise, apart_before));
   EXPECT_LT(rms(error - by_truth), 1.5 * kNoise);
