@@ -9,7 +9,7 @@ import { commandScale, commandUnit, digits, errorUnit, kErrorScale } from "./uni
 const kCharts = [
   { id: "chart-command", title: "Command", series: [["command", 1.5]], isCommand: true },
   { id: "chart-error", title: "Tracking error", series: [["measured", 4], ["predicted", 1.75, [7, 5]]] },
-  { id: "chart-residual", title: "Measured less predicted", series: [["residual", 1.5]], isLast: true },
+  { id: "chart-residual", title: "Residual, measured minus predicted", series: [["residual", 1.5]], isLast: true },
 ];
 
 export class Charts {

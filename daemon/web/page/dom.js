@@ -1,4 +1,4 @@
-// Elements from values. Text is always text: nothing that came from outside is read as HTML.
+// Creates elements from values. Received text is always inserted as text, never as HTML.
 
 /** The element with this id. */
 export const at = (id) => document.getElementById(id);

@@ -59,7 +59,7 @@ export class Stream {
   }
 
   become(state, since = new Date()) {
-    // A message that was long on its way tells of its state too late, never too early.
+    // A delayed message may report its state too late, never too early: the earlier time is right.
     if (state === this.state && since >= this.since) return;
     this.state = state;
     this.since = since;
