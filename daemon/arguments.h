@@ -24,7 +24,8 @@ struct DaemonArguments {
   /// Declares the options on `app`, which this has to outlive.
   void declare(CLI::App& app, const std::string& version) {
     app.set_version_flag("--version", version);
-    app.add_option("--config", config, "configuration (TOML); without it the defaults hold")
+    app.add_option("--config", config,
+                   "configuration file (TOML); default values where it is not given")
         ->type_name("FILE");
     app.add_option("--store", store, "directory of models, events and recordings")
         ->type_name("DIR");
@@ -38,7 +39,7 @@ struct DaemonArguments {
                    "names for the columns of foreign recordings: \"X.command=qg[m],...\"")
         ->type_name("MAP")
         ->needs(recordings);
-    app.add_option("--speed", speed, "times as fast as recorded")
+    app.add_option("--speed", speed, "replay speed, as a multiple of the recorded speed")
         ->type_name("F")
         ->needs(recordings)
         ->check(CLI::Range(0.01, 1000.0));

@@ -80,10 +80,11 @@ DdsPlace place_of(const Config& config, const DdsConfig& dds) {
 std::string slow_receipt(const Config& config, const DdsPlace& place) {
   if (config.source != SourceKind::kDds || config.priority == 0) return {};
   if (dds_configured_outside()) {
-    return "CYCLONEDDS_URI says at what priority DDS receives; [real_time] priority is not used "
-           "for that";
+    return "CYCLONEDDS_URI sets the priority of the DDS receive threads; [real_time] priority does "
+           "not apply to them";
   }
-  return place.receive_priority == 0 ? "DDS receives at normal priority, too" : "";
+  return place.receive_priority == 0 ? "the DDS receive threads run at normal priority as well"
+                                     : "";
 }
 
 /// The part of the status that the loop counts.
@@ -126,7 +127,7 @@ std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog
     return web;
   } catch (const std::runtime_error& error) {
     if (config.http.needed) throw;
-    events.note("http", "", std::string("there is no page: ") + error.what());
+    events.note("http", "", std::string("the web page is not served: ") + error.what());
     return nullptr;
   }
 }
@@ -161,7 +162,8 @@ bool read_again(const std::function<Config()>& load, Config& running, EventLog& 
     // Each line of a message that has several is an event.
     std::istringstream lines(error.what());
     for (std::string line; std::getline(lines, line);) events.error("config_refused", "", line);
-    events.error("config_refused", "", "the new configuration is refused; the one before holds");
+    events.error("config_refused", "",
+                 "the new configuration is refused; the previous one stays in force");
     return false;
   }
 }
@@ -217,12 +219,12 @@ std::vector<std::string> obstacles(const Config& config) {
 std::vector<std::string> taken(const Config& config) {
   std::vector<std::string> found;
   if (Store::in_use(store_of(config)))
-    found.push_back("store " + store_of(config).string() + " is in use by a servotwind");
+    found.push_back("store " + store_of(config).string() + " is in use by a running servotwind");
   try {
     if (const auto address = parse_listen_address(config.http.listen))
       HttpServer::try_listening(*address);
   } catch (const CannotListen& error) {
-    if (error.error == EADDRINUSE) found.push_back(config.http.listen + " is listened to");
+    if (error.error == EADDRINUSE) found.push_back(config.http.listen + " is already in use");
   }
   return found;
 }
@@ -235,7 +237,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   store.add(event_now("started", "", "started"));
   if (!store.lost().empty()) events.error("store", "", store.lost());
   if (const std::string known = known_axes(store); !known.empty())
-    events.note("store", "", "the store knows " + known);
+    events.note("store", "", "axes in the store: " + known);
   const DdsNode node(place_of(config, config.dds));
   std::optional<DdsNode> apart;  // where the frames come from elsewhere
   if (config.source == SourceKind::kDds && config.dds_in)
@@ -250,8 +252,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
       surroundings.manager != nullptr ? *surroundings.manager : nobody, config.priority,
       [&](double silent_s) {
         events.print(event_now("stalled", "",
-                               "the real-time loop has not moved for " + number(silent_s) +
-                                   " s; the service manager will start it again"));
+                               "the real-time loop has made no progress for " + number(silent_s) +
+                                   " s; the service manager will restart the daemon"));
       });
 
   // What the configuration may change on the way. The loop and its rings have no part in it.
@@ -264,7 +266,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     opened = open_input(config, node, node_in, descriptions, stop, events);
   }
   if (!opened) {
-    events.note("stopped", "", "stopped before a machine came");
+    events.note("stopped", "", "stopped before a machine was found");
     return;
   }
   MachineInput& input = *opened;
@@ -397,10 +399,10 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
       if (malformed > told_malformed &&
           (told_malformed == 0 || steady_ns() - told_malformed_ns >= kTellEvery_ns)) {
         events.error("source", "",
-                     std::to_string(malformed - told_malformed) + " frames do not have the " +
+                     std::to_string(malformed - told_malformed) +
+                         " frames ignored: they do not have the " +
                          std::to_string(machine.axes.size()) +
-                         " axes of the machine and are ignored; start the daemon again if the "
-                         "machine has changed");
+                         " axes of the machine; restart the daemon if the machine has changed");
         told_malformed = malformed;
         told_malformed_ns = steady_ns();
       }

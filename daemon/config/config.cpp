@@ -57,10 +57,10 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   if (!source.name.empty()) source.where = table.get("source")->source();
   axis.rotary = units == "rad";
   if (axis.rotary && !axis.path.empty())
-    section.report("path", "is drawn by linear axes, and this one has units = 'rad'");
+    section.report("path", "needs linear axes, but this axis has units = 'rad'");
   for (const AxisConfig& other : config.axes) {
     if (!axis.name.empty() && other.name == axis.name) {
-      section.report("name", "there is an axis of this name already");
+      section.report("name", "another axis has the same name");
     }
   }
   config.axes.push_back(axis);
@@ -76,7 +76,7 @@ void check_paths(const toml::array& axes, const Config& config, Problems& proble
     const int count = axes_of[path];
     if (path.empty() || count == 0 || (count >= 2 && count <= kMaxPathAxes)) continue;
     problems.add("axis.path", *axes[i].as_table()->get("path"),
-                 "a path has 2 to " + std::to_string(kMaxPathAxes) + " axes, and this one " +
+                 "a path has 2 to " + std::to_string(kMaxPathAxes) + " axes, this one has " +
                      std::to_string(count));
     axes_of[path] = 0;  // once is enough
   }
@@ -118,7 +118,7 @@ void read_replay(Section& replay, const std::filesystem::path& folder, ReplayCon
       for (const toml::node& name : *list) config.files.emplace_back(*name.value<std::string>());
     }
   } else if (replay.given()) {
-    replay.report_missing("files", "is missing; which recordings are to be replayed?");
+    replay.report_missing("files", "is missing: list the recordings to replay");
   }
   replay.text("columns", 0, 4096, config.columns);
   read_map(replay, "can_map", folder, config.can_map);
@@ -129,7 +129,7 @@ void read_replay(Section& replay, const std::filesystem::path& folder, ReplayCon
 void read_can(Section& can, const std::filesystem::path& folder, CanConfig& config) {
   read_map(can, "map", folder, config.map);
   if (can.given() && !can.has("map"))
-    can.report_missing("map", "is missing; which file says which bits are which signal?");
+    can.report_missing("map", "is missing: name the file that maps bits to signals");
   if (const toml::node* names = can.find("interfaces")) {
     const toml::array* list = names->as_array();
     if (list == nullptr || list->empty() || list->size() > 8 ||
@@ -146,7 +146,7 @@ void read_can(Section& can, const std::filesystem::path& folder, CanConfig& conf
 void read_udp(Section& udp, const std::filesystem::path& folder, UdpConfig& config) {
   read_map(udp, "map", folder, config.map);
   if (udp.given() && !udp.has("map"))
-    udp.report_missing("map", "is missing; which file says which bits are which signal?");
+    udp.report_missing("map", "is missing: name the file that maps bits to signals");
   udp.text("listen", 3, 255, config.listen);
   udp.text("peer", 3, 255, config.peer);
   udp.refuse_unknown();
@@ -168,15 +168,15 @@ void choose_source(Section& source, const std::vector<NamedSource>& named, Confi
   if (!named.empty()) {
     chosen = named.front().name;
   } else if (given.size() > 1) {
-    source.report(given.back(),
-                  "there is a source." + given.front() +
-                      " as well; say which one with axis.source" +
-                      (source.has("dds") ? ", or put what the daemon says into [dds]" : ""));
+    source.report(
+        given.back(),
+        "there is a source." + given.front() + " as well; choose one with axis.source" +
+            (source.has("dds") ? ", or move the daemon's own DDS settings to [dds]" : ""));
   }
   for (const NamedSource& other : named) {
     if (other.name != chosen) {
-      problems.add(other.where, "axis.source = '" + other.name + "': another axis says '" + chosen +
-                                    "', and all axes of a machine come from one source");
+      problems.add(other.where, "axis.source = '" + other.name + "': another axis has '" + chosen +
+                                    "', but all axes of a machine must have the same source");
     }
   }
   if (chosen != "dds" && !source.has(chosen)) {
@@ -206,7 +206,8 @@ void read_dds(Section out, Section in, Config& config) {
   if (frames.domain != config.dds.domain || frames.partition != config.dds.partition)
     config.dds_in = frames;
   if (in.has("strength") && out.has("strength"))
-    in.report("strength", "is that of what the daemon says, and dds.strength is given as well");
+    in.report("strength",
+              "is given as dds.strength as well; both set the strength of the daemon's outputs");
   out.refuse_unknown();
   in.refuse_unknown();
 }
@@ -240,7 +241,7 @@ void read_identify(Section section, IdentifyConfig& identify) {
   section.number("delay_max_s", delay.lower, delay.upper, "s", identify.options.delay_max_s);
   if (identify.memory_s < identify.window_s) {
     section.report(section.find("window_s") != nullptr ? "window_s" : "memory_s",
-                   "a model is sought on the last memory_s = " + number(identify.memory_s) +
+                   "a model is fitted to the last memory_s = " + number(identify.memory_s) +
                        " s, which must not be less than window_s = " + number(identify.window_s) +
                        " s");
   }
@@ -388,7 +389,7 @@ std::filesystem::path default_store() {
     return home / ".local" / "state" / "servotwin";
   }
   throw std::runtime_error(
-      "no place for the store: neither STATE_DIRECTORY, XDG_STATE_HOME nor HOME is set; give "
+      "no directory for the store: none of STATE_DIRECTORY, XDG_STATE_HOME and HOME is set; give "
       "--store");
 }
 

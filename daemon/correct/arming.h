@@ -25,7 +25,7 @@ class Arming {
       const std::lock_guard lock(mutex_);
       if (!forbidden_.empty()) return forbidden_;
     }
-    if (!live_) return "offsets are advice: the configuration does not say ilc.live = true";
+    if (!live_) return "offsets are a dry run: the configuration does not have ilc.live = true";
     if (!armed_.exchange(true, std::memory_order_relaxed))
       events_.note("offsets_armed", "", "armed: from the next run on, offsets are sent to drives");
     return {};

@@ -38,8 +38,8 @@ const ModelRecord& model_of(const std::vector<StoredModel>& in_force, const std:
     const ModelRecord& record = stored.record;
     if (record.axis != axis) continue;
     if (std::abs(record.model.sample_time_s - cycle_s) > 1e-9 * cycle_s)
-      throw std::runtime_error("axis " + axis + ": its model is of a cycle of " +
-                               number(record.model.sample_time_s) + " s, and the machine has " +
+      throw std::runtime_error("axis " + axis + ": its model is for a cycle of " +
+                               number(record.model.sample_time_s) + " s, the machine runs at " +
                                number(cycle_s) + " s");
     return record;
   }
@@ -185,7 +185,8 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   const Learned result = learn(
       axes,
       [&](const std::vector<ArrayXd>& commands) {
-        if (stop.stop_requested()) throw std::runtime_error("given up, the daemon stops");
+        if (stop.stop_requested())
+          throw std::runtime_error("learning was aborted, because the daemon stops");
         return twins(commands);
       },
       options);
@@ -210,22 +211,22 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   }
   out.summary = summary_of(out);
   if (!program.learn) {
-    out.why_not_live = "it was asked for without learning";
+    out.why_not_live = "only a preview was requested";
     return out;
   }
   if (const std::string expected = expected_of(out, beyond); !expected.empty())
     out.notes.insert(out.notes.begin(), expected);
   for (const std::string& line : short_rests(axes)) out.notes.push_back(line);
   if (stale(out, rules, wall_ns))
-    out.notes.push_back("its models were last found to hold longer ago than ilc.model_age_s, " +
+    out.notes.push_back("its models were last validated longer ago than ilc.model_age_s = " +
                         number(rules.ilc.model_age_s) +
-                        " s: nothing is sent until they are found to hold again");
+                        " s: nothing is sent until they are validated again");
   if (result.best == 0)
     throw std::runtime_error(
         out.summary + ": " + why_none_is_kept(result, axes) +
         (result.before && options.aim == Aim::kTracking
-             ? R"(; wider limits, or ilc.aim = "contour", which spends them on the path alone)"
-             : "; wider limits, or a better model"));
+             ? R"(; try wider limits, or ilc.aim = "contour", which corrects the path error only)"
+             : "; try wider limits or a better model"));
   for (std::size_t i = 0; i < axes.size() && out.why_not_live.empty(); ++i) {
     const std::optional<OffsetLimits>& limits = rules.limits[program.axes[i]];
     if (!limits) {

@@ -30,10 +30,11 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
     heed_arming();
     renew(steady_ns());
     if (const std::uint64_t malformed = programs.counts().malformed; malformed > told_malformed) {
-      events_.error("program_refused", "",
-                    std::to_string(malformed - told_malformed) +
-                        " chunks of programs whose names have other characters than letters, "
-                        "digits and . _ - are ignored");
+      events_.error(
+          "program_refused", "",
+          std::to_string(malformed - told_malformed) +
+              " program chunks ignored: the name of a program may contain letters, digits "
+              "and . _ - only");
       told_malformed = malformed;
     }
   }
@@ -60,8 +61,9 @@ void LearningWorker::learn_now(const CommandedPath& program) {
           !same_course(one->program, program, rules_.ilc.match_tolerance))
         continue;
       same.push_back(one);
-      made.notes.push_back("it takes the place of program '" + one->program.name +
-                           "', which is the same path: beside each other neither would be known");
+      made.notes.push_back(
+          "it replaces program '" + one->program.name +
+          "', which is the same path: if both were kept, neither would be recognised");
     }
     const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin_ns);
     const std::vector<CorrectionChunk> chunks = chunks_of(made, rules_);
@@ -73,7 +75,7 @@ void LearningWorker::learn_now(const CommandedPath& program) {
     for (const CorrectionChunk& chunk : chunks) announce_(chunk);
     if (program.learn) keep(std::make_shared<const LearnedProgram>(std::move(made)));
     for (const Kept& one : same)
-      withdraw(one, "program '" + program.name + "' is the same path and takes its place");
+      withdraw(one, "program '" + program.name + "' is the same path and replaces it");
   } catch (const std::exception& error) {
     refuse({program.name, program.revision, error.what()});
   }
@@ -89,10 +91,11 @@ void LearningWorker::heed_arming() {
   if (before || !armed_) return;
   for (const Kept& one : kept_) {
     if (stale(*one, rules_, wall_ns()))
-      events_.error("correction_stale", "",
-                    "program '" + one->program.name +
-                        "': armed, but its models were last found to hold longer ago than "
-                        "ilc.model_age_s: nothing is sent until they are found to hold again");
+      events_.error(
+          "correction_stale", "",
+          "program '" + one->program.name +
+              "': armed, but its models were last validated longer ago than ilc.model_age_s: "
+              "nothing is sent until they are validated again");
   }
 }
 
@@ -138,9 +141,10 @@ void LearningWorker::learn_anew(const Kept& learned) {
   if (!std::all_of(in_force.begin(), in_force.end(), known)) {
     learn_now(learned->program);
   } else {
-    events_.note("correction_kept", "",
-                 "program '" + learned->program.name +
-                     "' is kept, since there are no other models to learn it on yet");
+    events_.note(
+        "correction_kept", "",
+        "program '" + learned->program.name +
+            "': its correction is kept, because no newer model is in force to learn it on");
     hand_over_plan();  // the loop uses it again
   }
 }

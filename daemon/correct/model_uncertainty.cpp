@@ -31,19 +31,19 @@ ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& trans
           delay_s = record.effect_deviations[i].shape[0];
       }
       covariance = one_by_one(poles, record.numerator_deviation, delay_s);
-      out.words += ", one by one since its file has no covariance (identify it anew)";
+      out.words += ", taken as independent because its file has no covariance (identify it again)";
     }
     // The deviations are of the scatter in what was fitted. What was not fitted may show more.
     const double more = record.holdout.rms / record.training.rms;
     if (more > 1.0 && std::isfinite(more)) {
       covariance *= more * more;
       out.words += ", " + number(std::round(100.0 * more) / 100.0) +
-                   " times as large since it missed that much more of its hold-out";
+                   " times as large because its residual was that much larger on held-out data";
     }
   }
   out.of_transfer.timing_s = record.model.sample_time_s;
-  out.words += out.words.find(',') == std::string::npos ? " and a cycle of its recording"
-                                                        : ", and a cycle of its recording";
+  out.words += out.words.find(',') == std::string::npos ? " and one sampling time of delay"
+                                                        : ", and one sampling time of delay";
   return out;
 }
 

@@ -29,7 +29,7 @@ MotionReach motion_reach(const ModelRecord& record, std::span<const Segment> pat
   out.words = record.axis + ": the command reaches " + rounded(out.speed) + " times the speed (" +
               rounded(asked.speed) + unit + ") and " + rounded(out.acceleration) +
               " times the acceleration (" + rounded(asked.acceleration) + unit +
-              "^2) of the motion that its model was found on";
+              "^2) of the motion that its model was identified from";
   return out;
 }
 

@@ -36,9 +36,8 @@ struct MotionReach {
 
 /// What to do about a path that is far beyond.
 inline constexpr const char* kFarBeyondAdvice =
-    "so far beyond, it is a wrong unit in the table or a path that must first be run and "
-    "identified "
-    "from; nothing is learned";
+    "that far outside, either a unit in the table is wrong, or the path must first be run and a "
+    "model identified from it; nothing is learned";
 
 /// The first jump: "X.command jumps by 50 mm ..", with its row, counted from 1, and what to do;
 /// empty: there is none.

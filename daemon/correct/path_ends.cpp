@@ -37,11 +37,12 @@ std::vector<std::string> short_rests(std::span<const LearnAxis> axes) {
         });
     const double rest = rest_s(shortest->path, at_end);
     if (rest > kEndRest_s - 0.5 * shortest->path.sample_time_s) continue;
-    out.push_back(shortest->name + " rests " + number(rest) + " s at the path's " +
-                  (at_end ? "end" : "start") + ", less than " + number(kEndRest_s) +
-                  " s: the correction is 0 there and looks ahead, so that the error next to it "
-                  "stays; let the path " +
-                  (at_end ? "end" : "begin") + " with a dwell");
+    out.push_back(shortest->name + " rests " + number(rest) + " s at the " +
+                  (at_end ? "end" : "start") + " of the path" + ", less than " +
+                  number(kEndRest_s) +
+                  " s: the correction is 0 there and acts ahead of the motion, so that the error "
+                  "next to that end remains; add a dwell at the " +
+                  (at_end ? "end" : "start"));
   }
   return out;
 }

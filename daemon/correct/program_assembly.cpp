@@ -52,11 +52,13 @@ std::string ProgramAssembly::contradiction(const ProgramChunk& chunk, const Part
            " rows are possible";
   if (chunk.chunk != part.next)
     return of_chunks(part.next, chunk.chunks) + " is missing: chunk " +
-           std::to_string(chunk.chunk) + " came in its place";
+           std::to_string(chunk.chunk) + " came instead";
   if (part.next > 0 &&
       (chunk.chunks != part.chunks || chunk.axes != part.names || chunk.learn != part.learn))
     return of_chunks(chunk.chunk, chunk.chunks) +
-           " says other chunks, axes or learn than those before; start again with chunk 0";
+           " has other values of chunks, axes or learn than the chunks before; start again with "
+           "chunk "
+           "0";
   const std::size_t rows = chunk.time_s.size();
   if (rows == 0) return of_chunks(chunk.chunk, chunk.chunks) + " has no rows";
   if (chunk.command.size() != rows * chunk.axes.size())
@@ -74,10 +76,10 @@ std::string ProgramAssembly::unknown_axes(const ProgramChunk& chunk,
   for (const std::string& name : chunk.axes) {
     const auto found = std::find(known.begin(), known.end(), name);
     if (found == known.end())
-      return "axis " + in_quotes(name) + " is none of the machine's; there are " + listed(known);
+      return "the machine has no axis " + in_quotes(name) + "; it has " + listed(known);
     const auto axis = static_cast<std::size_t>(found - known.begin());
     if (std::find(axes.begin(), axes.end(), axis) != axes.end())
-      return "axis " + in_quotes(name) + " is there twice";
+      return "axis " + in_quotes(name) + " is named twice";
     axes.push_back(axis);
   }
   return {};
@@ -97,7 +99,7 @@ std::string ProgramAssembly::not_usable(const ProgramChunk& chunk, const Part& p
       const double step_s = time_s - (k == 0 ? part.last_time_s : chunk.time_s[k - 1]);
       if (!(std::abs(step_s - machine_.cycle_s) <= kUneven * machine_.cycle_s))
         return "uneven time: time_s" + row + " comes " + number(step_s) +
-               " s after the row before, and rows are one cycle of the machine apart, " +
+               " s after the row before, but rows must be one cycle of the machine apart, " +
                number(machine_.cycle_s) + " s";
     }
     for (std::size_t i = 0; i < part.axes.size(); ++i) {

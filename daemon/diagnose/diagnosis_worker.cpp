@@ -144,9 +144,8 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     if (torque) add_torque(json, *torque);
     json["created"] = event.time;
     json["reason"] = reason;
-    keep_report(name,
-                report_html(diagnosis, motion.segments, "what the daemon saw until " + event.time,
-                            torque ? torque_section(*torque) : ""));
+    keep_report(name, report_html(diagnosis, motion.segments, "live data until " + event.time,
+                                  torque ? torque_section(*torque) : ""));
     keep({event.time, name, reason, json.at("verdict").get<std::string>(), json.dump(),
           to_json(diagnosis.extended).dump()},
          event);
@@ -178,8 +177,9 @@ void DiagnosisWorker::keep(const StoredDiagnosis& diagnosis, const Event& event)
   try {
     store_.add(diagnosis, event);
   } catch (const std::runtime_error& error) {
-    events_.error("not_stored", diagnosis.axis,
-                  std::string("the diagnosis is published and not stored: ") + error.what());
+    events_.error(
+        "not_stored", diagnosis.axis,
+        std::string("the diagnosis is published but could not be stored: ") + error.what());
   }
   announce_(diagnosis);
 }

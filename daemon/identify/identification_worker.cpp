@@ -180,8 +180,8 @@ bool IdentificationWorker::look(std::size_t axis) {
   if (until_s && *until_s <= memory_.oldest_s() && moved_s - config_.window_s > state.moved_s) {
     events_.note("motion_skipped", state.name,
                  tenths(moved_s - config_.window_s - state.moved_s) +
-                     " of motion were not looked at while they were remembered; the processor is "
-                     "too busy");
+                     " of motion were skipped: they left the memory before they could be used; the "
+                     "processor is too busy");
     state.moved_s = moved_s - config_.window_s;
     return true;
   }
@@ -232,17 +232,17 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   } else if (fast_s >= kEnough_s) {
     state.last_step = "loop and friction" + on + tenths(fast_s) + " of fast motion are new";
   } else if (slow_s < kEnough_s) {
-    state.last_step = "no step: neither fast motion nor slow reversals are new";
+    state.last_step = "no step: there is no new fast motion and no new slow reversal";
     return;
   } else if (kept.of(Evidence::kFastMotion) == 0.0) {
     state.last_step =
-        "no step: no fast motion is kept that would hold the loop while friction is "
-        "found from slow reversals";
+        "no step: friction from slow reversals needs stored fast motion to determine the "
+        "loop, and there is none";
     return;
   } else {
     options.start = state.in_force->record.model;
     state.last_step = "friction" + on + tenths(slow_s) +
-                      " of slow reversals are new and no fast motion; from model " +
+                      " of slow reversals are new, fast motion is not; starting from model " +
                       std::to_string(state.in_force->record.version);
   }
   events_.note("identification_step", state.name, state.last_step);
@@ -268,18 +268,19 @@ void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
   try {
     sort(axis, until_s);
   } catch (const std::exception& error) {
-    state.last_step = std::string("no noise floor of the standing axis: ") + error.what();
+    state.last_step = std::string("noise floor at standstill not measured: ") + error.what();
     return;
   }
   const double floor = noise_floor_of(state.evidence);
   double& known = state.in_force->record.noise_floor_rms;
   const std::string version = "model " + std::to_string(state.in_force->record.version);
   if (!std::isfinite(floor)) {
-    state.last_step = "standing: the noise floor of " + version + " stays, no motion is kept";
+    state.last_step =
+        "standstill: the noise floor of " + version + " is unchanged, no motion is stored";
     return;
   }
   state.last_step =
-      "standing: noise floor of " + version + " " + micro(floor, state.rotary) + ", no search";
+      "standstill: noise floor of " + version + " " + micro(floor, state.rotary) + ", no fit";
   if (std::abs(floor - known) <= kSameNoise * known) return;
   const std::string before = std::isfinite(known) ? ", was " + micro(known, state.rotary) : "";
   known = floor;
@@ -334,7 +335,7 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
   try {
     if (memory_.oldest_s() > candidate.until_s + 2.0 * machine_.cycle_s) {
       throw std::runtime_error(
-          "the motion to judge it on is not remembered any more; the processor is too busy");
+          "the held-out motion is no longer in memory; the processor is too busy");
     }
     const std::vector<Segment> unseen =
         segment_axis(memory_.copy(axis, candidate.until_s, until_s, "live"), state.name).segments;
@@ -349,7 +350,7 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     candidacy.sureness = sureness(left, left_in_force);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
-    note_refusal(axis, std::string("a candidate was not judged: ") + error.what());
+    note_refusal(axis, std::string("candidate not judged: ") + error.what());
     return;
   }
   rule(axis, candidate, candidacy);
@@ -374,8 +375,7 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
   } catch (const std::runtime_error& error) {
     events_.error(
         "not_stored", state.name,
-        std::string(
-            "a better model was found and is not put in force, because it cannot be stored: ") +
+        std::string("a better model was found but is not in force, because it cannot be stored: ") +
             error.what());
     return;
   }
@@ -391,7 +391,7 @@ void IdentificationWorker::validate(std::size_t axis, const Candidacy& candidacy
   } catch (const std::runtime_error& error) {
     events_.error(
         "not_stored", axes_[axis].name,
-        std::string("that the model in force still holds is not stored: ") + error.what());
+        std::string("the validation of the model in force could not be stored: ") + error.what());
   }
 }
 
@@ -414,8 +414,8 @@ void IdentificationWorker::finish() {
     }
     if (!axes_[axis].candidate) continue;
     const double judged_s = memory_.moved_s(axis) - axes_[axis].candidate->moved_s;
-    note_refusal(axis, "a candidate stays undecided: " +
-                           progress_of("judged on", judged_s, config_.judge_s));
+    note_refusal(axis,
+                 "candidate not decided: " + progress_of("judged on", judged_s, config_.judge_s));
     axes_[axis].candidate.reset();
   }
 }

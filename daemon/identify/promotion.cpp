@@ -56,10 +56,10 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
                                     " of motion to judge on, needs " + seconds(rule.judge_s)};
   }
   if (!std::isfinite(candidacy.rms))
-    return {Ruling::kNotJudged, "it cannot be simulated on unseen motion"};
+    return {Ruling::kNotJudged, "it cannot be simulated on held-out motion"};
 
   const std::string figures = "leaves " + micro(candidacy.rms, candidacy.rotary) + " RMS on " +
-                              seconds(candidacy.judged_s) + " of unseen motion";
+                              seconds(candidacy.judged_s) + " of held-out motion";
   // A model in force that cannot be simulated there is beaten by any that can.
   if (!std::isfinite(candidacy.rms_in_force)) {
     return {Ruling::kPromoted,
@@ -80,8 +80,8 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
       return {Ruling::kPromoted, comparison};
     std::ostringstream sure;
     sure.precision(3);
-    sure << "; better by " << candidacy.sureness << " standard errors, which may be chance (needs "
-         << wanted << ", or " << 100.0 * kPlain * rule.min_improvement << " %)";
+    sure << "; better by " << candidacy.sureness << " standard errors, not significant (needs "
+         << wanted << ", or an RMS lower by " << 100.0 * kPlain * rule.min_improvement << " %)";
     return {Ruling::kByChance, comparison + sure.str()};
   }
   std::ostringstream wanted;

@@ -165,9 +165,9 @@ void CanSource::send(const MachineOffset& offset) noexcept {
 std::string CanSource::offsets_held_back() const {
   const int axis = rival_.load(std::memory_order_relaxed);
   if (axis < 0) return {};
-  return "somebody else sends offsets to the drive of axis " +
+  return "another sender also sends offsets to the drive of axis " +
          assembly_.map().machine.axes[static_cast<std::size_t>(axis)].name +
-         ", too: ours are held back; leave one of them armed, and start this daemon again";
+         ": this daemon sends none until it is restarted; arm only one of them";
 }
 
 std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_ns_; }
@@ -243,25 +243,25 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
     const CanBusCounts& a = told_.buses[i];
     const CanBusCounts& b = now.buses[i];
     const std::string& name = known.buses[i];
-    if (b.downs > a.downs) lines.push_back({name + ": the interface went down or away"});
+    if (b.downs > a.downs) lines.push_back({name + ": the interface went down or was removed"});
     if (b.up && (!a.up || b.downs > a.downs))
       lines.push_back({name + ": the interface is up again", true});
     if (b.dropped > a.dropped) {
       lines.push_back({name + ": " + std::to_string(b.dropped - a.dropped) +
-                       " frames dropped by the kernel: they were not taken in time"});
+                       " frames dropped by the kernel: they were not read in time"});
     }
     if (b.lost > a.lost)
       lines.push_back({name + ": " + std::to_string(b.lost - a.lost) + " packets lost"});
     if (b.malformed > a.malformed) {
       lines.push_back({name + ": " + std::to_string(b.malformed - a.malformed) +
-                       " packets that are none of CAN frames, or not from the peer"});
+                       " packets ignored: not CAN frames, or not from the peer"});
     }
   }
   if (now.stalled != told_.stalled) {
     const std::string start =
         can_id_text(known.start.id, known.start.extended) + " on " + known.buses[known.start.bus];
-    lines.push_back(now.stalled ? SourceNews{"no cycle begins: " + start + " does not come"}
-                                : SourceNews{"cycles begin again with " + start, true});
+    lines.push_back(now.stalled ? SourceNews{"no cycle starts: " + start + " is not received"}
+                                : SourceNews{"cycles start again with " + start, true});
   }
   for (SourceNews& line : happened(known, told_.counts, now.counts))
     lines.push_back(std::move(line));

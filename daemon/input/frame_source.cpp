@@ -128,18 +128,18 @@ std::vector<SourceNews> DdsSource::news(std::int64_t now_ns) {
     told_silent_ = false;
     const auto length_s = static_cast<double>(silence_ns_.load(std::memory_order_relaxed)) * 1e-9;
     lines.push_back(
-        {"frames again after " + number(std::round(10.0 * length_s) / 10.0) + " s", true});
+        {"frames received again after " + number(std::round(10.0 * length_s) / 10.0) + " s", true});
   }
   if (!told_silent_ && silent(now_ns)) {
     told_silent_ = true;
-    lines.push_back({std::string("no frame for 1 s: ") + (reader_.matched()
-                                                              ? "who sends them is there and silent"
-                                                              : "nobody sends frames any more")});
+    lines.push_back({reader_.matched()
+                         ? "frame source silent: no frame for 1 s, but it is still connected"
+                         : "frame source stopped: no frame for 1 s"});
   }
   const std::uint64_t ignored = ignored_.load(std::memory_order_relaxed);
   if (ignored != told_ignored_ &&
       (told_ignored_ == 0 || now_ns - told_ignored_ns_ >= kTellEvery_ns)) {
-    lines.push_back({"a second writer says that it is this machine; " +
+    lines.push_back({"a second writer sends frames of this machine; " +
                      std::to_string(ignored - told_ignored_) + " of its frames are ignored"});
     told_ignored_ = ignored;
     told_ignored_ns_ = now_ns;

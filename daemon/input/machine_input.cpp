@@ -60,18 +60,18 @@ CanMap mapping(const Config& config) {
   CanMap map = load_can_map(config.source == SourceKind::kUdp ? config.udp.map : config.can.map);
   if (config.cycle_s && *config.cycle_s != map.machine.cycle_s) {
     throw std::runtime_error("machine.cycle_s is " + number(*config.cycle_s) +
-                             " s, and cycle_s of the CAN mapping " + number(map.machine.cycle_s) +
-                             " s; leave it out here");
+                             " s, but cycle_s of the CAN mapping is " +
+                             number(map.machine.cycle_s) + " s; remove machine.cycle_s");
   }
   if (config.source == SourceKind::kUdp && map.buses.size() > 1) {
-    throw std::runtime_error("CAN over UDP is one bus, and the mapping has " +
+    throw std::runtime_error("CAN over UDP is one bus, but the mapping has " +
                              std::to_string(map.buses.size()) + ": " + listed(map.buses));
   }
   if (config.source == SourceKind::kCan && !config.can.interfaces.empty()) {
     if (config.can.interfaces.size() != map.buses.size()) {
       throw std::runtime_error("source.can.interfaces names " +
                                std::to_string(config.can.interfaces.size()) +
-                               ", and the mapping has the buses " + listed(map.buses));
+                               " interfaces, but the mapping has the buses " + listed(map.buses));
     }
     map.buses = config.can.interfaces;
   }
@@ -149,8 +149,8 @@ std::vector<std::vector<std::size_t>> paths_of(const Config& config,
     const AxisConfig& axis = config.axes[i];
     if (axis.path.empty()) continue;
     if (machine.axes[i].rotary)
-      throw std::runtime_error("axis " + axis.name + " is rotary, and path '" + axis.path +
-                               "' is drawn by linear axes");
+      throw std::runtime_error("axis " + axis.name + " is rotary, but path '" + axis.path +
+                               "' needs linear axes");
     named[axis.path].push_back(i);
   }
   std::vector<std::vector<std::size_t>> paths;

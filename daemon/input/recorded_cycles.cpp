@@ -87,8 +87,8 @@ std::vector<std::string> notes_of(const std::string& source, const Stamps& stamp
                     " ms: rows taken as evenly spaced at the mean step");
   }
   if (stamps.spacing == Spacing::kUneven) {
-    notes.push_back(source + ": jitter " + number(1e2 * stamps.jitter_rms) +
-                    " % of the step rms: " + std::to_string(rows) +
+    notes.push_back(source + ": time stamps have a jitter of " + number(1e2 * stamps.jitter_rms) +
+                    " % RMS of the step: " + std::to_string(rows) +
                     " rows resampled linearly onto " + std::to_string(cycles) + " cycles of " +
                     number(1e3 * stamps.step_s) + " ms");
   }

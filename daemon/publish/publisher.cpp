@@ -115,9 +115,9 @@ void Publisher::look_who_is_heard() {
 std::vector<std::string> Publisher::news() {
   std::vector<std::string> lines;
   for (bool ours = false; turns_.pop(ours);) {
-    lines.emplace_back(
-        ours ? "this daemon speaks for the machine now: the other one is gone or weaker"
-             : "standing by: another daemon speaks for this machine");
+    lines.emplace_back(ours ? "this daemon is now active for the machine: the other one stopped or "
+                              "has a lower strength"
+                            : "standby: another daemon is active for this machine");
   }
   return lines;
 }

@@ -95,7 +95,7 @@ Recorder::Recorder(const MachineDescription& machine, const std::string& machine
   std::filesystem::create_directories(directory_, error);
   if (error)
     throw std::runtime_error("recordings " + directory_.string() +
-                             ": cannot be made: " + error.message());
+                             ": cannot be created: " + error.message());
   // What a crash left half written; the store's lock says that nobody else is writing here.
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
     if (entry.path().filename().string().find(".csv.part-") != std::string::npos) {
@@ -180,9 +180,10 @@ std::string Recorder::problem() const {
   if (budget_bytes_ <= 0.0) return {};
   switch (state_.load(std::memory_order_relaxed)) {
     case State::kRefused:
-      return "cycles are not recorded: the disk refuses them";
+      return "cycles are not recorded: they cannot be written to the disk";
     case State::kFull:
-      return "cycles are not recorded: the recordings that models were found or judged on leave no "
+      return "cycles are not recorded: the recordings that models were fitted to or judged on "
+             "leave no "
              "room below store.recordings_max_mb = " +
              number(most_bytes_ / 1e6);
     case State::kRecords:
@@ -268,11 +269,11 @@ void Recorder::delete_oldest() {
   const bool over = bytes > budget && spared > 0;
   if (over && !spared_) {
     events_.note("recording", "",
-                 "the " + std::to_string(spared) +
-                     " recordings that models were found or judged on are kept beyond "
+                 std::to_string(spared) +
+                     " recordings that models were fitted to or judged on are kept beyond "
                      "store.recordings_mb = " +
                      number(budget / 1e6) +
-                     "; give more room, or delete by hand what nobody will ask for");
+                     "; raise that limit, or delete recordings that are no longer needed");
   }
   spared_ = over;
 }
@@ -282,16 +283,16 @@ void Recorder::judge_room(double bytes) {
   if (full && !is(State::kFull)) {
     events_.error("recording", "",
                   "recording stops: there are " + number(std::round(bytes / 1e5) / 10.0) +
-                      " MB of recordings, and another one could make them more than "
+                      " MB of recordings, and another file could exceed "
                       "store.recordings_max_mb = " +
                       number(most_bytes_ / 1e6) +
-                      "; models go on as before. Give more room, or delete by hand what nobody "
-                      "will ask for: it goes on by itself");
+                      "; prediction and identification continue. Raise that limit, or delete "
+                      "recordings that are no longer needed: recording then resumes by itself");
     become(State::kFull);
   } else if (!full && is(State::kFull)) {
     become(State::kRecords);
     events_.note("recording", "",
-                 "recording goes on; " + std::to_string(rows_not_recorded()) +
+                 "recording resumed; " + std::to_string(rows_not_recorded()) +
                      " rows are missing since the start");
   }
 }

@@ -45,7 +45,7 @@ void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
                                ", normal is " + normal;
       events_.note("alarm_raised", state.name,
                    "alarm: " + what +
-                       text(" (CUSUM beyond %.1f; a false alarm once in %g days of motion)",
+                       text(" (CUSUM above %.1f; on average one false alarm in %g days of motion)",
                             change.threshold, false_alarm_days_));
       const std::lock_guard lock(mutex_);
       raised_[axis] = what;
@@ -64,9 +64,10 @@ void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
       if (change.ended)
         events_.note("alarm_cleared", state.name,
                      "alarm over: the model in force has a reference of its own");
-      events_.note("alarm_reference", state.name,
-                   text("the residual is watched: %s RMS is normal, by %.0f s of motion",
-                        normal.c_str(), change.motion_s));
+      events_.note(
+          "alarm_reference", state.name,
+          text("the residual is monitored: %s RMS is normal, learned from %.0f s of motion",
+               normal.c_str(), change.motion_s));
       const std::lock_guard lock(mutex_);
       states_[axis] = AlarmState::kWatching;
       return;

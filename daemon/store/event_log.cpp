@@ -31,7 +31,7 @@ void EventLog::add(const Event& event, Priority priority) {
   try {
     store_.add(event);
   } catch (const std::runtime_error& failure) {
-    const std::string why = std::string("this event is not stored: ") + failure.what();
+    const std::string why = std::string("this event could not be stored: ") + failure.what();
     print({event.time, "", "not_stored", why, ""}, Priority::kError);
     const std::lock_guard lock(mutex_);
     last_error_ = event.time + " " + failure.what();

@@ -63,18 +63,18 @@ int lock_directory(const std::filesystem::path& directory) {
   std::error_code error;
   std::filesystem::create_directories(directory, error);
   if (error)
-    throw std::runtime_error("store " + directory.string() + ": cannot be made: " +
-                             error.message() + "; give a place that can be written with --store");
+    throw std::runtime_error("store " + directory.string() + ": cannot be created: " +
+                             error.message() + "; give a writable directory with --store");
   const std::filesystem::path file = directory / "lock";
   const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock < 0)
-    throw std::runtime_error("store " + directory.string() +
-                             ": cannot be written: " + system_error(errno) +
-                             "; give a place that can be written with --store");
+    throw std::runtime_error("store " + directory.string() + ": cannot be written: " +
+                             system_error(errno) + "; give a writable directory with --store");
   if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
     close(lock);
-    throw std::runtime_error("store " + directory.string() +
-                             ": is in use by another servotwind; give --store");
+    throw std::runtime_error(
+        "store " + directory.string() +
+        ": is in use by another servotwind; give another directory with --store");
   }
   return lock;
 }
@@ -100,7 +100,7 @@ void Store::try_making(const std::filesystem::path& directory) {
   const std::filesystem::path place = nearest(directory);
   std::string name = place / ".servotwin-XXXXXX";
   if (mkdtemp(name.data()) == nullptr)
-    refuse(directory, place, "nothing can be made there: " + system_error(errno));
+    refuse(directory, place, "no file can be created there: " + system_error(errno));
   rmdir(name.c_str());
 }
 
@@ -136,9 +136,10 @@ Store::Store(const std::filesystem::path& directory, std::string machine, StoreA
 void Store::open(StoreAccess access) {
   if (std::error_code ignored;
       access == StoreAccess::kRead && !std::filesystem::exists(file_, ignored))
-    throw std::runtime_error("store " + file_.string() +
-                             ": there is none; --store is the daemon's directory, as servotwin "
-                             "check-config prints it");
+    throw std::runtime_error(
+        "store " + file_.string() +
+        ": does not exist; --store takes the daemon's directory, which servotwin "
+        "check-config prints");
   sqlite3* database = nullptr;
   const int opened =
       sqlite3_open_v2(file_.c_str(), &database,
@@ -157,7 +158,7 @@ void Store::open(StoreAccess access) {
   if (found > kSchemaVersion) {
     throw std::runtime_error(
         "store " + file_.string() + ": was written by a newer servotwind (layout " +
-        std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
+        std::to_string(found) + ", this version supports " + std::to_string(kSchemaVersion) + ")");
   }
   if (access == StoreAccess::kRead) return;
   Transaction transaction(*this);
@@ -222,7 +223,7 @@ std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
     *passed_over += passed_over->empty() ? unusable : "; " + unusable;
     *passed_over += out.size() > found
                         ? "version " + std::to_string(out.back().record.version) + " is in force"
-                        : "the axis is identified anew";
+                        : "the axis is identified again";
   }
   return out;
 }

@@ -32,7 +32,7 @@ std::vector<std::string> recordings_of(const nlohmann::json& model) {
 std::string Store::damage() const {
   std::error_code error;
   const bool copies = std::filesystem::exists(directory_ / "models", error);
-  if (!std::filesystem::exists(file_, error)) return copies ? "the database is gone" : "";
+  if (!std::filesystem::exists(file_, error)) return copies ? "the database file is missing" : "";
   std::array<char, kMagic.size() + 2> start{};  // with the size of a page
   const FileHandle file = FileHandle::open(file_, O_RDONLY);
   const std::size_t size = file.read(start.data(), start.size());
@@ -41,7 +41,7 @@ std::string Store::damage() const {
   if (!std::string_view(start.data(), size).starts_with(kMagic.substr(0, size))) return "";
   constexpr std::uintmax_t kSmallestPage = 512;
   if (const std::uintmax_t bytes = std::filesystem::file_size(file_); bytes < kSmallestPage)
-    return copies ? "of the database there are " + std::to_string(bytes) + " bytes" : "";
+    return copies ? "the database file has only " + std::to_string(bytes) + " bytes" : "";
   // A page of which a part is missing reads as zeros, and that may be within a model.
   const std::filesystem::path journal = file_.string() + "-wal";
   const auto high = static_cast<unsigned char>(start[16]),
@@ -49,7 +49,7 @@ std::string Store::damage() const {
   const unsigned page = high == 0 && low == 1 ? 65'536U : 256U * high + low;
   const bool journaled = std::filesystem::exists(journal) && !std::filesystem::is_empty(journal);
   if (!journaled && page != 0 && std::filesystem::file_size(file_) % page != 0)
-    return "the database ends within a page";
+    return "the database file is truncated within a page";
   sqlite3* database = nullptr;
   sqlite3_open_v2(file_.c_str(), &database, SQLITE_OPEN_READWRITE, nullptr);
   const std::unique_ptr<sqlite3, Close> closed(database);
@@ -80,7 +80,7 @@ void Store::put_aside(const std::string& why) {
       std::filesystem::rename(from, directory_ / (aside + part));
   }
   lost_ = "the store was damaged (" + why +
-          "): older models, diagnoses and events are lost; what is left of them is in " +
+          "): older models, diagnoses and events are lost; the damaged file is kept as " +
           (directory_ / aside).string();
 }
 
@@ -107,10 +107,10 @@ void Store::restore_models() {
                         recording);
       ++restored;
     } catch (const std::exception& error) {
-      lost_ += "; a model in force is lost, too: " + std::string(error.what());
+      lost_ += "; a model in force could not be restored: " + std::string(error.what());
     }
   }
-  lost_ += "; models in force that are back: " + std::to_string(restored);
+  lost_ += "; models in force restored: " + std::to_string(restored);
 }
 
 /// Of stores that were made before there were copies, and where a crash came between the two.

@@ -274,7 +274,7 @@ HttpResponse Api::ask(const std::string& axis) {
     throw Refused(409, "no machine is known yet");
   return answer_json({{"schema", "servotwin.request/1"},
                       {"axis", axis},
-                      {"text", "a diagnosis is made as soon as there is motion enough"}},
+                      {"text", "a diagnosis is made as soon as there is enough motion"}},
                      202);
 }
 

@@ -190,20 +190,20 @@ HttpResponse HttpServer::answer(MHD_Connection* connection, const HttpRequest& r
                                 bool has_body) {
   if (const std::string host = header(connection, "Host"); !is_for(host, names_)) {
     return http_error(
-        421, "this is not '" + host + "'; ask by address, or name this host in http.names");
+        421, "unknown host name '" + host + "'; use the IP address, or add the name to http.names");
   }
   if (request.method != "GET" && request.method != "HEAD" && request.method != "POST") {
-    HttpResponse refused = http_error(405, "GET, HEAD and POST are understood");
+    HttpResponse refused = http_error(405, "only GET, HEAD and POST are supported");
     refused.headers.emplace_back("Allow", "GET, HEAD, POST");
     return refused;
   }
-  if (has_body) return http_error(413, "nothing here takes a body");
+  if (has_body) return http_error(413, "requests with a body are not accepted");
   HttpResponse response = handler_(request);
   if (response.stream && request.method != "GET") {
     response.stream = false;
   } else if (response.stream && readers_.size() >= kMostStreams) {
     return http_error(503, "there are " + std::to_string(kMostStreams) +
-                               " live streams already, and no more are served");
+                               " live streams already; no more are served");
   }
   return response;
 }

@@ -50,7 +50,7 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
       api_({machine, config.token, reading_, health_, [this] { return now(); },
             [this](std::size_t axis) {
               if (shown_ == nullptr) return false;
-              shown_->watch_.ask(axis, "asked for over HTTP");
+              shown_->watch_.ask(axis, "requested over HTTP");
               return true;
             },
             [this] { return shown_ == nullptr ? nullptr : shown_->arming_; }}),
@@ -70,7 +70,7 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
       known.holdout_rms = model.record.holdout.rms;
       known.rotary = model.record.rotary;
     }
-    known.activity = "waits for the machine";
+    known.activity = "waiting for the machine";
     stored_.axes.push_back({axis, known.rotary, {}});
   }
   thread_ = std::jthread([this](const std::stop_token& stop) {

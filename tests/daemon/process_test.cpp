@@ -259,7 +259,7 @@ TEST_F(ServotwindTest, TheWatchdogIsFedAsLongAsTheLoopTurnsAlsoInSilence) {
   for (int i = 0; i < 10; ++i) EXPECT_EQ(manager.next(), "WATCHDOG=1");
   {
     const StalledThread stalled(daemon.id(), "real-time loop");
-    ASSERT_TRUE(daemon.says("the real-time loop has not moved for 0.4 s"));
+    ASSERT_TRUE(daemon.says("the real-time loop has made no progress for 0.4 s"));
     manager.forget();
     EXPECT_EQ(manager.next_within(2000), "nothing") << "all threads but the loop run";
   }
@@ -281,14 +281,14 @@ TEST_P(HangupTest, TheConfigurationIsReadAgain) {
                       "[real_time]\npriority = 0\n");
   daemon.send(SIGHUP);
   ASSERT_TRUE(
-      daemon.says("identify.window_s = 9 (was 8); only a restart brings http.names = [ 'mill' ] "
-                  "(was its default), another http.token, real_time.priority = 0 (was its "
+      daemon.says("identify.window_s = 9 (was 8); needs a restart: http.names = [ 'mill' ] "
+                  "(was its default), a new http.token, real_time.priority = 0 (was its "
                   "default)\n"));
   EXPECT_THAT(manager.next(), testing::MatchesRegex("RELOADING=1\nMONOTONIC_USEC=[0-9]+"));
   EXPECT_EQ(manager.next(), "READY=1");
   write("m.toml", text + "'nine'\nwindow = 1\n");
   daemon.send(SIGHUP);
-  ASSERT_TRUE(daemon.says("the new configuration is refused; the one before holds"));
+  ASSERT_TRUE(daemon.says("the new configuration is refused; the previous one stays in force"));
   const Ended ended = daemon.wait_after(SIGTERM);
   EXPECT_EQ(ended.status, 0);
   EXPECT_THAT(ended.said, testing::Not(HasSubstr("foreman")));

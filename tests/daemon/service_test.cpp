@@ -194,7 +194,8 @@ TEST_F(ServiceTest, FramesComeThroughRealTimeThreadsWhereThatIsPermitted) {
     EXPECT_EQ(policy, permitted ? SCHED_FIFO : SCHED_OTHER);
     EXPECT_EQ(priority, permitted ? 40 : 0);
   }
-  EXPECT_EQ(said_.str().find("DDS receives at normal priority") == std::string::npos, permitted)
+  EXPECT_EQ(said_.str().find("the DDS receive threads run at normal priority") == std::string::npos,
+            permitted)
       << said_.str();
 }
 
@@ -234,7 +235,7 @@ TEST_F(ServiceTest, StopsWhileItWaitsForAMachine) {
   start();
   stop();
   EXPECT_EQ(failure_, "");
-  EXPECT_THAT(said_.str(), HasSubstr("stopped before a machine came"));
+  EXPECT_THAT(said_.str(), HasSubstr("stopped before a machine was found"));
 }
 
 TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {

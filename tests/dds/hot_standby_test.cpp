@@ -21,7 +21,7 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
   auto strong = std::make_unique<Process>(strong_home.daemon());
   Process weak(weak_home.daemon());
   ASSERT_TRUE(frames.wait_for_readers(2, kPatience_s));
-  ASSERT_TRUE(weak.says("standing by: another daemon speaks")) << weak.said();
+  ASSERT_TRUE(weak.says("standby: another daemon is active")) << weak.said();
   // Both write predictions to us from now on, and only one may be heard.
   std::map<std::uint64_t, dds_instance_handle_t> writer_of;
   std::map<dds_instance_handle_t, int> heard;
@@ -64,7 +64,7 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
   std::printf("gap at kill -9: %.0f ms, with a lease of %.0f ms\n",
               1e-6 * static_cast<double>(longest_ns), 1e-6 * kLivelinessLease_ns);
 
-  EXPECT_TRUE(weak.says("this daemon speaks for the machine now")) << weak.said();
+  EXPECT_TRUE(weak.says("this daemon is now active for the machine")) << weak.said();
   ModelAnnouncement model;
   do {
     ASSERT_TRUE(models.receive(model, kPatience_s)) << "the standby's model is never heard";
@@ -74,8 +74,7 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
   const auto standbys = [&] {
     int count = 0;
     const std::string& said = weak.said();
-    for (std::size_t at = 0; (at = said.find("standing by", at)) != std::string::npos; ++at)
-      ++count;
+    for (std::size_t at = 0; (at = said.find("standby: ", at)) != std::string::npos; ++at) ++count;
     return count;
   };
   strong = std::make_unique<Process>(strong_home.daemon());

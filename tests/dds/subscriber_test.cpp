@@ -145,24 +145,26 @@ TEST(Silence, OfTheMachineIsToldOnceAndItsEndWithItsLength) {
     k = send_until(frames, k, [&] {
       return statuses.receive(status, 0.0) && status.state == DaemonState::kRunning;
     });
-    ASSERT_TRUE(daemon.says("no frame for 1 s: who sends them is there and silent"))
+    ASSERT_TRUE(daemon.says("frame source silent: no frame for 1 s, but it is still connected"))
         << daemon.said();
     EXPECT_TRUE(until_state(DaemonState::kWaiting));
-    k = send_until(frames, k,
-                   [&] { return daemon.said().find("frames again after ") != std::string::npos; });
+    k = send_until(frames, k, [&] {
+      return daemon.said().find("frames received again after ") != std::string::npos;
+    });
     k = send_until(frames, k, [&] {
       return statuses.receive(status, 0.0) && status.state == DaemonState::kRunning;
     });
   }
-  EXPECT_TRUE(daemon.says("no frame for 1 s: nobody sends frames any more")) << daemon.said();
+  EXPECT_TRUE(daemon.says("frame source stopped: no frame for 1 s")) << daemon.said();
   EXPECT_TRUE(until_state(DaemonState::kWaiting));
   // What is well again is no error; the error says when it was.
-  EXPECT_THAT(status.last_error,
-              testing::MatchesRegex("20..-..-..T..:..:......Z no frame for 1 s: .*"));
+  EXPECT_THAT(
+      status.last_error,
+      testing::MatchesRegex("20..-..-..T..:..:......Z frame source stopped: no frame for 1 s"));
   EXPECT_EQ(daemon.end(SIGTERM), 0);
   const std::string& said = daemon.said();
-  EXPECT_EQ(said.find("is there and silent"), said.rfind("is there and silent")) << said;
-  EXPECT_EQ(said.find("frames again"), said.rfind("frames again")) << said;
+  EXPECT_EQ(said.find("frame source silent"), said.rfind("frame source silent")) << said;
+  EXPECT_EQ(said.find("frames received again"), said.rfind("frames received again")) << said;
   EXPECT_THAT(said, Not(HasSubstr("second writer")));
 }
 

@@ -267,8 +267,8 @@ TEST_F(LearningWorkerTest, WhatLearnWarnsOfIsSaidHereToo) {
   EXPECT_THAT(announced_[0].reason, Not(HasSubstr("dwell")));
   send({path.head(900)}, true, "cut");
   EXPECT_THAT(announced_.back().reason,
-              AllOf(HasSubstr("X rests 0 s at the path's end, less than 0.1 s"),
-                    HasSubstr("let the path end with a dwell")));
+              AllOf(HasSubstr("X rests 0 s at the end of the path, less than 0.1 s"),
+                    HasSubstr("add a dwell at the end")));
 }
 
 // Ten days are more than ilc.model_age_s, a week.
@@ -277,8 +277,7 @@ TEST_F(LearningWorkerTest, ACorrectionOfModelsThatAreTooOldSaysSoAndAgainWhenItI
   start();
   send({circle_program()[0]}, true);
   ASSERT_FALSE(announced_.empty());
-  EXPECT_THAT(announced_[0].reason,
-              HasSubstr("nothing is sent until they are found to hold again"));
+  EXPECT_THAT(announced_[0].reason, HasSubstr("nothing is sent until they are validated again"));
   worker_->heed_arming();
   EXPECT_TRUE(events("correction_stale").empty());
   hand_over_.armed = true;
@@ -323,8 +322,7 @@ TEST_F(LearningWorkerTest, TheSamePathUnderAnotherNameTakesThePlaceOfTheFirst) {
   EXPECT_EQ(announced_.back().program, "ca");
   EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
   EXPECT_THAT(announced_.back().reason, HasSubstr("program 'cb' is the same path"));
-  EXPECT_THAT(worker_->kept()[0]->notes,
-              testing::Contains(HasSubstr("takes the place of program 'ca'")));
+  EXPECT_THAT(worker_->kept()[0]->notes, testing::Contains(HasSubstr("replaces program 'ca'")));
 
   send({0.999 * path}, true, "other");
   EXPECT_EQ(worker_->kept().size(), 2U);
@@ -357,7 +355,7 @@ TEST_F(LearningWorkerTest, WhatCannotBeLearnedIsRefusedByName) {
   other.sample_time_s = 0.002;
   put_in_force(other, "X");
   send({circle_program()[0]}, true, "part", 2);
-  EXPECT_THAT(announced_.back().reason, HasSubstr("its model is of a cycle of 0.002 s"));
+  EXPECT_THAT(announced_.back().reason, HasSubstr("its model is for a cycle of 0.002 s"));
 
   send({Eigen::ArrayXd::Constant(100, kAbsent)}, true, "wild", 1);
   EXPECT_EQ(announced_.back().program, "wild");

@@ -192,7 +192,7 @@ TEST_F(DiagnosisWorkerTest, OnAFullDiskItIsPublishedAllTheSameAndSaid) {
     ASSERT_TRUE(worker_->look(0));
   }
   EXPECT_THAT(announced_, SizeIs(1)) << said_.str();
-  EXPECT_THAT(said_.str(), HasSubstr("the diagnosis is published and not stored: store "));
+  EXPECT_THAT(said_.str(), HasSubstr("the diagnosis is published but could not be stored: store "));
   std::string why;
   const json made = json::parse(announced_.at(0).json);
   for (const json& one : made["not_observable"]) {

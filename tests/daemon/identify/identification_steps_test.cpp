@@ -132,13 +132,14 @@ TEST_F(StepsTest, FastMotionThenSlowReversalsThenStandstillEachGetTheirStep) {
   reverse_slowly(program, 10.0);
   program.dwell(14.0);
   run(program);
-  EXPECT_THAT(steps(),
-              ElementsAre(StartsWith("loop and friction on 6.0 s of fast motion and 0.0 s of slow "
-                                     "reversals: no model is in force"),
-                          AllOf(StartsWith("friction on "),
-                                HasSubstr("s of slow reversals are new and no fast motion; from "
-                                          "model 1"))));
-  EXPECT_THAT(activity(), HasSubstr("standing: noise floor of model 2 "));
+  EXPECT_THAT(
+      steps(),
+      ElementsAre(StartsWith("loop and friction on 6.0 s of fast motion and 0.0 s of slow "
+                             "reversals: no model is in force"),
+                  AllOf(StartsWith("friction on "),
+                        HasSubstr("s of slow reversals are new, fast motion is not; starting "
+                                  "from model 1"))));
+  EXPECT_THAT(activity(), HasSubstr("standstill: noise floor of model 2 "));
   ASSERT_EQ(announced_.size(), 2U) << said_.str();
 
   // On reversals that neither has seen, against the position that no encoder has rounded.
@@ -215,7 +216,8 @@ TEST_F(StepsTest, SteadyMotionIsNoReasonForAnyStep) {
   program.move_to(program.end_position() + 0.03, kSlow);
   run(program);
   EXPECT_EQ(steps().size(), 1U) << said_.str();
-  EXPECT_THAT(activity(), HasSubstr("no step: neither fast motion nor slow reversals are new"));
+  EXPECT_THAT(activity(),
+              HasSubstr("no step: there is no new fast motion and no new slow reversal"));
 }
 
 TEST_F(StepsTest, AStandingAxisShowsItsNoiseAndNothingIsSought) {
@@ -228,8 +230,8 @@ TEST_F(StepsTest, AStandingAxisShowsItsNoiseAndNothingIsSought) {
   const std::size_t before = steps().size();
   stand(13.0, 5e-6);
   EXPECT_EQ(steps().size(), before + 1) << said_.str();
-  EXPECT_THAT(steps().back(), StartsWith("standing: noise floor of model 1 4."));
-  EXPECT_THAT(steps().back(), HasSubstr(" um, no search, was 0."));
+  EXPECT_THAT(steps().back(), StartsWith("standstill: noise floor of model 1 4."));
+  EXPECT_THAT(steps().back(), HasSubstr(" um, no fit, was 0."));
   EXPECT_EQ(announced_.size(), 1U);
 }
 

@@ -74,7 +74,7 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
 TEST(Promotion, NamesTheFiguresItWasPromotedFor) {
   const Decision decision = decide(good(), kRule);
   EXPECT_EQ(decision.ruling, Ruling::kPromoted);
-  EXPECT_EQ(decision.reason, "leaves 1.5 um RMS on 4.2 s of unseen motion, model 3 leaves 2 um");
+  EXPECT_EQ(decision.reason, "leaves 1.5 um RMS on 4.2 s of held-out motion, model 3 leaves 2 um");
 }
 
 TEST(Promotion, WithoutAModelInForceThereIsTheErrorItselfToBeat) {
@@ -107,8 +107,8 @@ TEST(Promotion, ALittleBetterMustBeBetterOnMostOfTheMotion) {
   const Decision decision = decide(candidacy, kRule);
   EXPECT_EQ(decision.ruling, Ruling::kByChance);
   EXPECT_EQ(decision.reason,
-            "leaves 1.9 um RMS on 4.2 s of unseen motion, model 3 leaves 2 um; better by 1.3 "
-            "standard errors, which may be chance (needs 3, or 20 %)");
+            "leaves 1.9 um RMS on 4.2 s of held-out motion, model 3 leaves 2 um; better by 1.3 "
+            "standard errors, not significant (needs 3, or an RMS lower by 20 %)");
   candidacy.sureness = 3.1;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
   candidacy.sureness = 1.8;

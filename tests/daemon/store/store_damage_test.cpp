@@ -103,7 +103,7 @@ TEST(StoreAfterDamage, OfADatabaseThatIsCutAnywhereTheModelInForceComesBack) {
     cut(database(copy), length);
     Store store(copy, "mill");
     ASSERT_THAT(store.lost(), HasSubstr("the store was damaged (")) << length;
-    ASSERT_THAT(store.lost(), HasSubstr("models in force that are back: 1")) << length;
+    ASSERT_THAT(store.lost(), HasSubstr("models in force restored: 1")) << length;
     const std::vector<StoredModel> models = store.in_force();
     ASSERT_EQ(models.size(), 1U) << length;
     ASSERT_EQ(models[0].record.version, 3);
@@ -129,7 +129,7 @@ TEST(StoreAfterDamage, ADatabaseThatIsGoneIsSaidAndTheModelComesBack) {
   }
   fs::remove(database(directory.path()));
   const Store store(directory.path(), "mill");
-  EXPECT_THAT(store.lost(), HasSubstr("the database is gone"));
+  EXPECT_THAT(store.lost(), HasSubstr("the database file is missing"));
   EXPECT_EQ(store.in_force().size(), 1U);
 }
 
@@ -145,7 +145,7 @@ TEST(StoreAfterDamage, TheModelThatComesBackStillCitesItsRecordings) {
   fs::remove(database(directory.path()));
   {
     const Store store(directory.path(), "mill");
-    ASSERT_THAT(store.lost(), HasSubstr("the database is gone"));
+    ASSERT_THAT(store.lost(), HasSubstr("the database file is missing"));
     EXPECT_THAT(store.cited(), ElementsAre("b.csv", "c.csv"));
   }
   fs::remove(directory.path() / "models" / "mill" / "X.json");
@@ -165,9 +165,9 @@ TEST(StoreAfterDamage, ACopyThatIsDamagedTooIsNamed) {
   cut(database(directory.path()), 5000);
   cut(directory.path() / "models" / "mill" / "Y.json", 100);
   const Store store(directory.path(), "mill");
-  EXPECT_THAT(store.lost(), HasSubstr("a model in force is lost, too: "));
+  EXPECT_THAT(store.lost(), HasSubstr("a model in force could not be restored: "));
   EXPECT_THAT(store.lost(), HasSubstr("Y.json"));
-  EXPECT_THAT(store.lost(), HasSubstr("models in force that are back: 1"));
+  EXPECT_THAT(store.lost(), HasSubstr("models in force restored: 1"));
   ASSERT_EQ(store.in_force().size(), 1U);
   EXPECT_EQ(store.in_force()[0].record.axis, "X");
 }

@@ -158,7 +158,7 @@ TEST_F(HttpTest, WhoChangesSomethingNeedsTheToken) {
   EXPECT_EQ(post(kToken).status, 401);
   EXPECT_EQ(watch_->take_alarm(0), std::nullopt);
   EXPECT_EQ(post(std::string("Bearer ") + kToken).status, 202);
-  EXPECT_EQ(watch_->take_alarm(0), "asked for over HTTP");
+  EXPECT_EQ(watch_->take_alarm(0), "requested over HTTP");
 }
 
 TEST_F(HttpTest, WithoutAConfiguredTokenNothingCanBeChanged) {
