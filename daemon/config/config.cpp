@@ -18,7 +18,7 @@
 namespace servotwin::daemon {
 namespace {
 
-/// The limits of an axis' correction, all of them or none. Units are those of the axis.
+/// Reads the limits of the correction of an axis, all of them or none, in units of the axis.
 void read_correction(Section section, std::optional<OffsetLimits>& to) {
   if (!section.given()) return;
   OffsetLimits limits;
@@ -33,7 +33,7 @@ void read_correction(Section section, std::optional<OffsetLimits>& to) {
   to = limits;
 }
 
-/// The source that an axis names, with the place where it does.
+/// The source that an axis names, with its position in the file.
 struct NamedSource {
   std::string name;
   toml::source_region where;
@@ -67,7 +67,7 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   return source;
 }
 
-/// A path has as many axes as its contour error can have.
+/// Reports paths whose number of axes is not 2 to kMaxPathAxes.
 void check_paths(const toml::array& axes, const Config& config, Problems& problems) {
   std::map<std::string, int> axes_of;
   for (const AxisConfig& axis : config.axes) ++axes_of[axis.path];
@@ -78,7 +78,7 @@ void check_paths(const toml::array& axes, const Config& config, Problems& proble
     problems.add("axis.path", *axes[i].as_table()->get("path"),
                  "a path has 2 to " + std::to_string(kMaxPathAxes) + " axes, this one has " +
                      std::to_string(count));
-    axes_of[path] = 0;  // once is enough
+    axes_of[path] = 0;  // reported once
   }
 }
 
@@ -101,7 +101,7 @@ std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Probl
   return sources;
 }
 
-/// A file beside the configuration.
+/// Reads the name of a file, relative to the configuration.
 void read_map(Section& section, const std::string& key, const std::filesystem::path& folder,
               std::filesystem::path& to) {
   std::string file;
@@ -152,7 +152,7 @@ void read_udp(Section& udp, const std::filesystem::path& folder, UdpConfig& conf
   udp.refuse_unknown();
 }
 
-/// Which of the sources that are given it is.
+/// Chooses the source among those that the file configures.
 void choose_source(Section& source, const std::vector<NamedSource>& named, Config& config,
                    Problems& problems) {
   constexpr std::array<std::pair<const char*, SourceKind>, 4> kKinds{
@@ -196,7 +196,8 @@ void read_dds(Section& dds, DdsConfig& config) {
   dds.integer("strength", 0, 1000, config.strength);
 }
 
-/// What one of the two sections does not say, the other one does: most machines have one place.
+/// Reads [dds] and [source.dds]; a key that is missing in one of them is taken from the other,
+/// because most machines use the same domain and partition for both.
 void read_dds(Section out, Section in, Config& config) {
   read_dds(in, config.dds);
   DdsConfig frames = config.dds;
@@ -293,7 +294,7 @@ void read_http(Section section, HttpConfig& http) {
   section.refuse_unknown();
 }
 
-/// Every key with its value as text; a list, also one of tables, is one value.
+/// All keys with their values as text; a list, also a list of tables, is one value.
 void flatten(const toml::table& table, const std::string& path,
              std::map<std::string, std::string>& out) {
   for (const auto& [key, node] : table) {
@@ -336,7 +337,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   store.number("recordings_max_mb", 0.0, 1e9, "MB", most_mb);
   if (least_mb >= 0.0) config.store.recordings_mb = least_mb;
   if (most_mb >= 0.0) config.store.recordings_max_mb = most_mb;
-  // One that is wrong has been reported; the default that stands for it is not to be blamed.
+  // A wrong recordings_mb has been reported already: its default must not be reported as well.
   const bool both_known = most_mb >= 0.0 && (least_mb >= 0.0 || !store.has("recordings_mb"));
   if (both_known && most_mb < config.store.recordings_mb)
     store.report("recordings_max_mb",

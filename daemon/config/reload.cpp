@@ -18,7 +18,7 @@ bool is_at_once(const std::string& key) {
   });
 }
 
-/// What a log must not show: events are read by everybody who sees the page.
+/// Keys whose values a log must not show: everybody who can open the page can read the events.
 bool is_secret(const std::string& key) { return key == "http.token"; }
 
 std::string joined(const std::vector<std::string>& parts) {
