@@ -13,13 +13,14 @@ namespace servotwin::daemon {
 namespace {
 
 constexpr std::size_t kMaxBuses = 8;
-// A clock that differs by more from the steady one than before was set, not slewed.
+// If the offset from the steady clock changes by more than this, the wall clock was set, not
+// slewed.
 constexpr std::int64_t kClockSet_ns = 2'000'000;
-// A frame may be stamped and not yet be here.
+// Time between the stamp of a frame and its reception.
 constexpr std::int64_t kGrace_ns = 100'000;
-// An interface that is away is looked after so often.
+// How often an interface that is down is checked.
 constexpr double kLook_s = 0.1;
-// What goes wrong all the time is told once a minute.
+// A persisting problem is reported once a minute.
 constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
 
 }  // namespace
@@ -71,7 +72,7 @@ int CanSource::oldest() noexcept {
 void CanSource::follow_clock() noexcept {
   const std::int64_t before = steady_ns();
   const std::int64_t offset = wall_ns() - before;
-  // A busy host may take its time between two readings; that is no step of a clock.
+  // Too much time between the two readings (busy host): the difference proves no step of the clock.
   if (steady_ns() - before > kClockSet_ns / 2) return;
   const std::int64_t step = offset - clock_offset_ns_;
   if (std::abs(step) > kClockSet_ns) assembly_.on_clock_set(step);
@@ -97,7 +98,7 @@ Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
   while (true) {
     if (assembly_.take(frame)) {
       last_cycle_ns_ = steady_ns();
-      stalled_.store(false, std::memory_order_relaxed);  // a fact for people; orders nothing
+      stalled_.store(false, std::memory_order_relaxed);  // for display; orders no data
       return Received::kFrame;
     }
     if (const int bus = oldest(); bus >= 0) {
@@ -138,7 +139,7 @@ void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
 void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
   for (const Carried& one : carried_) {
     const MappedMessage& ours = assembly_.map().messages[one.message];
-    // What a bus receives was sent by another: it never gives back what is sent on it.
+    // A bus never delivers own frames: this one comes from another sender.
     if (ours.bus != bus || ours.id != frame.id || ours.extended != frame.extended) continue;
     rival_ns_ = steady_ns();
     if (sent_ns_ && *rival_ns_ - *sent_ns_ < kTogether_ns)
@@ -147,7 +148,7 @@ void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexce
 }
 
 void CanSource::send(const MachineOffset& offset) noexcept {
-  // relaxed: a fact for people; it orders nothing.
+  // relaxed: the flag orders no other data.
   if (rival_.load(std::memory_order_relaxed) >= 0) return;
   for (Carried& one : carried_) {
     const AxisOffset& axis = offset.axes[one.axis];
@@ -157,7 +158,7 @@ void CanSource::send(const MachineOffset& offset) noexcept {
       rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
       return;
     }
-    // What does not leave is counted by the bus; the drive drops what is not renewed.
+    // The bus counts offsets that it cannot send; the drive drops an offset that is not renewed.
     (void)one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
   }
 }
@@ -173,7 +174,7 @@ std::string CanSource::offsets_held_back() const {
 std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_ns_; }
 
 SourceState CanSource::state(std::int64_t /*now_ns*/) const {
-  // relaxed: for people; it orders nothing.
+  // relaxed: for display; orders no data.
   return {stalled_.load(std::memory_order_relaxed), malformed(), buses(), offsets_held_back()};
 }
 
@@ -265,7 +266,7 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
   }
   for (SourceNews& line : happened(known, told_.counts, now.counts))
     lines.push_back(std::move(line));
-  // The minute counts from when there was something to tell.
+  // The minute starts with the last report.
   if (!lines.empty()) told_ns_ = now_ns;
   told_ = now;
   return lines;

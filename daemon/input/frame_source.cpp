@@ -14,9 +14,9 @@
 namespace servotwin::daemon {
 namespace {
 
-// How often somebody who was behind is looked at again.
+// How often `behind` is asked again.
 constexpr std::int64_t kBreath_ns = 1'000'000;
-// A second writer that goes on is told of no more often than this.
+// A second writer that persists is reported no more often than this.
 constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
 
 void sleep_until(std::int64_t steady) noexcept {
@@ -69,7 +69,7 @@ Received ReplaySource::receive(MachineFrame& frame, double timeout_s) noexcept {
   const std::int64_t patience = asked_ns + std::llround(timeout_s * 1e9);
   if (behind_()) {
     while (behind_() && steady_ns() < patience) sleep_until(steady_ns() + kBreath_ns);
-    // The rest of the recording comes later by as much, rather than all at once.
+    // The rest of the recording is delayed by the same time, so that no burst follows.
     const std::int64_t waited_ns = std::max(steady_ns() - std::max(asked_ns, due_ns_), 0L);
     started_ns_ += waited_ns;
     due_ns_ += waited_ns;
@@ -110,8 +110,7 @@ bool DdsSource::accept(std::int64_t now_ns) noexcept {
 SourceState DdsSource::state(std::int64_t now_ns) const {
   SourceState out;
   out.silent = silent(now_ns);
-  out.malformed =
-      malformed_.load(std::memory_order_relaxed);  // a number for people; orders nothing
+  out.malformed = malformed_.load(std::memory_order_relaxed);  // for display; orders no data
   return out;
 }
 

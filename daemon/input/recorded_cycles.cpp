@@ -29,11 +29,11 @@ bool same_values(const Recording& recording, std::size_t a, std::size_t b) {
   return same;
 }
 
-/// A cycle between two rows; where it is that of a row, both are that one.
+/// The position of a cycle between two rows; both are the same row if the cycle is that of a row.
 struct Place {
   std::int64_t cycle = 0;
   std::size_t before = 0, after = 0;
-  double share = 0.0;  // of the way from one to the other
+  double share = 0.0;  // position between `before` (0) and `after` (1)
 
   [[nodiscard]] double in(const std::vector<double>& column) const {
     // NaN times zero is NaN: a row must not take what is missing in another.

@@ -6,7 +6,7 @@
 namespace servotwin::daemon {
 namespace {
 
-/// The first row that is away from the start.
+/// The first row that differs from the start by more than the tolerance.
 Eigen::Index first_motion_of(const CommandedPath& program, double tolerance) noexcept {
   const std::vector<Eigen::ArrayXd>& path = program.command;
   const auto away = [&](Eigen::Index row) {
@@ -77,7 +77,7 @@ void ProgramMatcher::follow(Followed& one, std::span<const double> command) noex
     if (!begins) return;
     for (int i = 0; i < kRows; ++i) {
       const auto n = static_cast<std::size_t>(i);
-      // One less: they are moved on below, as in every cycle.
+      // One row less: all candidates are advanced below, as in every cycle.
       one.row[n] = one.first_motion + i - kAligned - 1;
       one.alive[n] = one.row[n] >= -1;
       one.square[n] = 0.0;
