@@ -56,9 +56,8 @@ std::string ProgramAssembly::contradiction(const ProgramChunk& chunk, const Part
   if (part.next > 0 &&
       (chunk.chunks != part.chunks || chunk.axes != part.names || chunk.learn != part.learn))
     return of_chunks(chunk.chunk, chunk.chunks) +
-           " has other values of chunks, axes or learn than the chunks before; start again with "
-           "chunk "
-           "0";
+           " has other values of chunks, axes or learn than the chunks before; start again at "
+           "chunk 0";
   const std::size_t rows = chunk.time_s.size();
   if (rows == 0) return of_chunks(chunk.chunk, chunk.chunks) + " has no rows";
   if (chunk.command.size() != rows * chunk.axes.size())

@@ -183,8 +183,7 @@ std::string Recorder::problem() const {
       return "cycles are not recorded: they cannot be written to the disk";
     case State::kFull:
       return "cycles are not recorded: the recordings that models were fitted to or judged on "
-             "leave no "
-             "room below store.recordings_max_mb = " +
+             "leave no room below store.recordings_max_mb = " +
              number(most_bytes_ / 1e6);
     case State::kRecords:
       break;
