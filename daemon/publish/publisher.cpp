@@ -9,10 +9,11 @@
 namespace servotwin::daemon {
 namespace {
 constexpr std::int64_t kStatusPeriod_ns = 1'000'000'000;
-constexpr std::int64_t kStopPatience_ns =
-    100'000'000;  // until it is seen that the publisher is to stop
-// Readers notice up to a lease later than we do that we speak now.
-constexpr int kSayAgain = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeriod_ns);
+// How often the publisher checks whether to stop.
+constexpr std::int64_t kStopCheck_ns = 100'000'000;
+// Readers may notice a takeover up to a lease later than this daemon: models are repeated until
+// then.
+constexpr int kRepeatsAfterTakeover = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeriod_ns);
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
@@ -41,7 +42,7 @@ void Publisher::run(const std::stop_token& stop) {
       next_status = now + kStatusPeriod_ns;
     }
     wake_up_.wait(
-        static_cast<int>(std::min(kStopPatience_ns, next_status - now + 1'000'000) / 1'000'000));
+        static_cast<int>(std::min(kStopCheck_ns, next_status - now + 1'000'000) / 1'000'000));
     send_offsets();
     send_predictions();
     send_announcements();
@@ -82,7 +83,7 @@ void Publisher::send_announcements() {
   std::vector<ModelAnnouncement> models;
   std::vector<DiagnosisAnnouncement> diagnoses;
   {
-    // Predictions do not wait for a thread at idle priority; the next round comes soon.
+    // try_lock: predictions must not wait for a thread at idle priority; the next round is soon.
     const std::unique_lock lock(mutex_, std::try_to_lock);
     if (lock.owns_lock()) {
       models.swap(waiting_);
@@ -101,13 +102,13 @@ void Publisher::send_announcements() {
   }
 }
 
-// Our own reader hears what every reader does: the status of the one that speaks.
+// The daemon's own reader gets what every reader gets: the status of the active daemon.
 void Publisher::look_who_is_heard() {
   MachineStatus status;
   while (heard_.receive(status, 0.0)) {
     const bool ours = heard_.writer() == status_writer_.handle();
     if (ours != speaks_.value_or(true)) turns_.push(ours);
-    if (ours && !speaks_.value_or(true)) says_again_ = kSayAgain;
+    if (ours && !speaks_.value_or(true)) says_again_ = kRepeatsAfterTakeover;
     speaks_ = ours;
   }
 }

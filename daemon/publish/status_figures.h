@@ -1,5 +1,5 @@
-// The figures of a status that everybody is shown, in one table: the page, /metrics, the terminal
-// and programs tell the same. Any thread.
+// The counters of a status in one table, so that the page, /metrics, the terminal and JSON give the
+// same figures. Any thread; errors: none.
 #pragma once
 
 #include <array>
@@ -11,10 +11,10 @@
 namespace servotwin::daemon {
 
 struct StatusCounter {
-  const char* key;     ///< in JSON
-  const char* words;   ///< on the terminal, behind the number's comma
-  const char* metric;  ///< in /metrics
-  const char* help;    ///< likewise
+  const char* key;     ///< key in JSON
+  const char* words;   ///< text on the terminal, after the number
+  const char* metric;  ///< name in /metrics
+  const char* help;    ///< help text in /metrics
   std::uint64_t MachineStatus::*count;
 };
 
@@ -40,7 +40,7 @@ inline constexpr std::array<StatusCounter, 9> kStatusCounters{{
      &MachineStatus::rows_dropped},
 }};
 
-/// Counters, rates, latencies of the loop and the last error, by their keys.
+/// JSON object with counters, rates, latencies of the loop and the last error.
 [[nodiscard]] nlohmann::json figures_of(const MachineStatus& status);
 
 }  // namespace servotwin::daemon

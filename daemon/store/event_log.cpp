@@ -7,7 +7,7 @@
 namespace servotwin::daemon {
 namespace {
 
-/// Of what is no error: those that somebody should know of stand out.
+/// The syslog priority of events that are not errors.
 Priority priority_of(const std::string& kind) {
   for (const char* one : {"alarm_raised", "diagnosis_failed", "model_unused", "stalled"}) {
     if (kind == one) return Priority::kWarning;

@@ -41,7 +41,7 @@ constexpr const char* kSchema = R"(
 
 std::string system_error(int error) { return std::strerror(error); }
 
-/// What is not there yet will be made in the nearest directory that is.
+/// The nearest existing directory, in which missing ones would be created.
 std::filesystem::path nearest(const std::filesystem::path& directory) {
   std::error_code ignored;
   std::filesystem::path place = directory;
@@ -58,7 +58,7 @@ std::filesystem::path nearest(const std::filesystem::path& directory) {
   throw std::runtime_error("store " + directory.string() + ": cannot be written: " + where + why);
 }
 
-/// Holds the directory for this process; given back by the kernel when the process ends.
+/// Locks the directory for this process; the kernel releases the lock when the process ends.
 int lock_directory(const std::filesystem::path& directory) {
   std::error_code error;
   std::filesystem::create_directories(directory, error);
@@ -148,7 +148,7 @@ void Store::open(StoreAccess access) {
                       nullptr);
   database_.reset(database);
   if (opened != SQLITE_OK) fail("cannot be opened");
-  sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
+  sqlite3_busy_timeout(database, 2000);  // another program, such as sqlite3, may be reading
   if (access == StoreAccess::kOwn) {
     execute("PRAGMA journal_mode=WAL");
     execute("PRAGMA synchronous=FULL");
@@ -231,7 +231,7 @@ std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
 std::vector<StoredModel> Store::in_force() const {
   const std::lock_guard lock(mutex_);
   std::vector<StoredModel> models = newest_usable();
-  if (lock_ < 0) return models;  // one that was not opened by us may not have the table
+  if (lock_ < 0) return models;  // a store of an older version may not have the table
   for (StoredModel& model : models) {
     Statement validated(*this,
                         "SELECT time FROM validations WHERE machine = ? AND axis = ? AND version = "
@@ -281,7 +281,7 @@ std::vector<StoredModel> Store::versions(const std::string& axis, int most) cons
     try {
       out.push_back(model_in(rows));
     } catch (const std::exception&) {
-      continue;  // one that cannot be used is no version to go back to
+      continue;  // an unusable version cannot be restored
     }
   }
   return out;
@@ -312,7 +312,7 @@ void Store::promote(ModelRecord& record, const Event& event,
   for (const std::string& recording : recordings)
     insert_citation(machine_, stored.axis, stored.version, recording);
   insert_event(event);
-  // All that could fail for want of space comes before the commit.
+  // Everything that may fail on a full disk comes before the commit.
   const std::filesystem::path copy = copy_of(machine_, stored.axis);
   std::filesystem::create_directories(copy.parent_path());
   AtomicFile file(copy);
@@ -321,7 +321,7 @@ void Store::promote(ModelRecord& record, const Event& event,
   try {
     file.commit();
   } catch (const std::runtime_error&) {
-    // It is stored; the next start completes the copy.
+    // The model is stored; the next start completes the copy.
   }
   record = std::move(stored);
 }

@@ -22,7 +22,7 @@ std::string value_text(double value) {
   return {text, end.ptr};
 }
 
-/// In a label's quotes.
+/// Escapes a text for the quotes of a label.
 std::string escaped_label(const std::string& text) {
   std::string out;
   for (const char c : text) {
@@ -42,7 +42,7 @@ std::string label(const char* name, const std::string& value) {
 
 class Text {
  public:
-  /// What follows is of this metric.
+  /// Begins a metric; the following samples belong to it.
   void family(const std::string& name, const char* type, const char* help) {
     name_ = "servotwin_" + name;
     out_ += "# HELP " + name_ + " " + help + "\n# TYPE " + name_ + " " + type + "\n";
@@ -67,7 +67,7 @@ class Text {
       sample(static_cast<double>(below), label("le", value_text(std::ldexp(1e-9, octave))),
              "_bucket");
     }
-    // The loop goes on counting meanwhile: no bucket may hold less than the one before.
+    // The loop counts at the same time: no bucket may be smaller than the one before.
     const auto all = static_cast<double>(std::max(below, histogram.count()));
     sample(all, label("le", "+Inf"), "_bucket");
     sample(histogram.sum_s(), "", "_sum");

@@ -11,7 +11,7 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr int kTurn_ms = 20;  // as often as the page can be told something new
+constexpr int kTurn_ms = 20;  // period at which the page gets new data
 constexpr std::int64_t kStatus_ns = 1'000'000'000;
 
 ListenAddress address_of(const HttpConfig& config) {
@@ -34,7 +34,7 @@ WebService::Shown::Shown(WebService& service, const MachineDescription& machine,
       feed_(machine.cycle_s, machine.axes.size()) {
   const std::lock_guard lock(service_.mutex_);
   service_.shown_ = this;
-  service_.live_.status.axes.clear();  // they were the store's
+  service_.live_.status.axes.clear();  // until now those of the store
 }
 
 WebService::Shown::~Shown() {
@@ -97,7 +97,7 @@ void WebService::look() {
   const std::lock_guard lock(mutex_);
   std::optional<std::uint64_t> turns;
   if (shown_ != nullptr) {
-    // relaxed: the number is compared with itself, the flag orders nothing.
+    // relaxed: number and flag order no other data.
     if (!shown_->ended_.load(std::memory_order_relaxed))
       turns = shown_->counters_.turns.load(std::memory_order_relaxed);
     pass_on(shown_->feed_.take());

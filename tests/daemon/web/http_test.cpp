@@ -351,7 +351,7 @@ TEST_F(HttpTest, AStreamTellsWhatThePublisherPublishes) {
 
 TEST_F(HttpTest, ThereAreNotMoreStreamsThanAreServed) {
   std::vector<std::unique_ptr<HttpConnection>> streams;
-  for (unsigned i = 0; i < HttpServer::kMostStreams; ++i) {
+  for (unsigned i = 0; i < HttpServer::kMaxStreams; ++i) {
     streams.push_back(std::make_unique<HttpConnection>(port_));
     streams.back()->send("GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n");
     ASSERT_TRUE(streams.back()->has_sent("200 OK"));
@@ -452,8 +452,8 @@ TEST_F(HealthTest, AStoreThatCannotBeWrittenIsIllUntilItCan) {
   ASSERT_EQ(problems.size(), 1U);
   EXPECT_THAT(problems[0], HasSubstr("cannot be written"));
   sqlite3_close(other);
-  EXPECT_EQ(health_.problems(Health::kStoreLook_ns - 1).size(), 1U);  // not tried so soon
-  EXPECT_TRUE(health_.problems(Health::kStoreLook_ns).empty());
+  EXPECT_EQ(health_.problems(Health::kStoreCheck_ns - 1).size(), 1U);  // not tried so soon
+  EXPECT_TRUE(health_.problems(Health::kStoreCheck_ns).empty());
 }
 
 }  // namespace
