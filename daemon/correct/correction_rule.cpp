@@ -48,7 +48,7 @@ CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learne
                           (refusal == Refusal::kOtherAxisState || refusal == Refusal::kModelStale);
     return {of_model ? What::kLearnAnew : What::kWithdraw, why};
   }
-  if (run.cycles < kLeastCycles) return {What::kKeep, "too few cycles to judge"};
+  if (run.cycles < kMinCountedCycles) return {What::kKeep, "too few cycles to judge"};
 
   if (run.live && learned.contour_before.size() > 0 && run.contour.measured >= run.contour.before)
     return {What::kWithdraw, "the path error was no smaller than predicted without a correction"};
@@ -65,8 +65,8 @@ CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learne
     const double expected = run.live ? std::hypot(predicted, learned.missed[n]) : predicted;
     const double measured = rms(squares.measured, run);
     const bool as_predicted =
-        run.live ? measured <= kAsPredicted * expected
-                 : std::abs(measured - predicted) <= kAsPredicted * learned.missed[n];
+        run.live ? measured <= kMaxRatioToExpectedRms * expected
+                 : std::abs(measured - predicted) <= kMaxRatioToExpectedRms * learned.missed[n];
     if (!as_predicted)
       off += (off.empty() ? "axis " : ", axis ") + name + " " +
              length_text(measured, learned.axes[n].rotary) + " instead of the expected " +

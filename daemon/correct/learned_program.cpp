@@ -20,7 +20,7 @@ namespace {
 
 using Eigen::ArrayXd;
 
-/// Of "2026-01-31T12:00:00.000Z" [ns since 1970]; 0 if it is none.
+/// Parses "2026-01-31T12:00:00.000Z" [ns since 1970]; 0 if the text is not such a time.
 std::int64_t wall_ns_of(const std::string& iso) {
   std::tm at{};
   int ms = 0;
@@ -46,14 +46,14 @@ const ModelRecord& model_of(const std::vector<StoredModel>& in_force, const std:
   throw std::runtime_error("axis " + axis + " has no model in force yet");
 }
 
-/// What a correction may be so that the gate passes it.
+/// Limits within which the gate lets a correction pass.
 CorrectionLimits limits_of(const std::optional<OffsetLimits>& limits) {
   if (!limits) return {};
   const double omega = 2.0 * std::numbers::pi * limits->bandwidth_hz;
   return {limits->peak, std::min(limits->rate, omega * limits->peak)};
 }
 
-/// Where the gate would refuse this offset; empty if nowhere.
+/// Reason and time at which the gate would refuse this offset; empty if it lets all of it pass.
 std::string refused_by_gate(const ArrayXd& offset, const OffsetLimits& limits,
                             const LearningRules& rules) {
   Gate gate({limits.peak, limits.rate, limits.bandwidth_hz, rules.ilc.ramp_s, 1.0, 1.0, true});
@@ -88,7 +88,8 @@ std::string summary_of(const LearnedProgram& learned) {
   return "predicted RMS " + out;
 }
 
-/// What the machine will leave at best: what the twin leaves, and what its models missed.
+/// The error to expect on the machine: the predicted one and the residual of the model on held-out
+/// data, added as squares. `beyond`: axes that are left out, because the path exceeds their data.
 std::string expected_of(const LearnedProgram& learned, const std::vector<bool>& beyond) {
   std::string out;
   for (std::size_t i = 0; i < learned.axes.size(); ++i) {
@@ -136,7 +137,7 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   out.program = program;
   out.created_ns = out.validated_ns = wall_ns;
   std::vector<LearnAxis> axes;
-  std::vector<bool> beyond;  // of the motion of its model
+  std::vector<bool> beyond;  // per axis: the path exceeds the motion of the model's data
   std::ptrdiff_t linear = 0;
   for (std::size_t i = 0; i < program.axes.size(); ++i) {
     const std::size_t number_in_machine = program.axes[i];

@@ -8,7 +8,7 @@
 
 namespace servotwin::daemon {
 namespace {
-constexpr double kPatience_s = 0.1;  // until it is seen that the worker is to stop
+constexpr double kReceiveTimeout_s = 0.1;  // timeout after which the worker checks whether to stop
 }  // namespace
 
 LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& events,
@@ -24,7 +24,7 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
   std::uint64_t told_malformed = 0;
   ProgramChunk chunk;
   while (!stop.stop_requested()) {
-    if (programs.receive(chunk, kPatience_s)) take(chunk, steady_ns());
+    if (programs.receive(chunk, kReceiveTimeout_s)) take(chunk, steady_ns());
     refuse_overdue(steady_ns());
     heed_runs();
     heed_arming();
@@ -108,7 +108,7 @@ void LearningWorker::renew(std::int64_t now_ns) {
     std::optional<std::int64_t> validated = validated_ns(*one, in_force);
     if (!validated || *validated <= one->validated_ns) continue;
     LearnedProgram newer = *one;
-    // The clock may have been set back since.
+    // The wall clock may have been set back in the meantime.
     newer.validated_ns = std::min(wall_ns(), *validated);
     one = std::make_shared<const LearnedProgram>(std::move(newer));
     any = true;
@@ -119,7 +119,7 @@ void LearningWorker::renew(std::int64_t now_ns) {
 void LearningWorker::heed(const OffsetRun& run) {
   const auto found = std::find_if(kept_.begin(), kept_.end(),
                                   [&](const Kept& one) { return one->number == run.learned; });
-  if (found == kept_.end()) return;  // another one has taken its place by now
+  if (found == kept_.end()) return;  // replaced by another correction in the meantime
   const Kept learned = *found;
   const CorrectionRuling ruling = ruling_after(run, *learned, rules_.machine);
   events_.note(
@@ -191,7 +191,8 @@ void LearningWorker::forget(const std::string& program) {
 
 void LearningWorker::hand_over_plan(bool renewed) {
   auto plan = std::make_unique<OffsetPlan>();
-  // One that was not taken yet may have come of a ruling; this one takes its place.
+  // A plan that the loop has not taken yet may come from a decision; this plan then replaces it and
+  // must not count as a mere renewal.
   // acquire: pairs with the release of the loop.
   plan->renewed = renewed && hand_over_.in_use.load(std::memory_order_acquire) == plans_made_;
   plan->generation = ++plans_made_;

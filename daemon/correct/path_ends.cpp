@@ -8,15 +8,16 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr double kStands = 1e-8;  // [m | rad]
+constexpr double kStandstillTolerance = 1e-8;  // [m | rad]
 
-/// From the first or to the last row, how long an axis stands [s].
+/// How long an axis stands after the first row, or before the last row [s].
 double rest_s(const Segment& path, bool at_end) {
   const Eigen::Index n = path.size();
   Eigen::Index k = 0;
   while (k + 1 < n) {
     const Eigen::Index next = at_end ? n - 2 - k : k + 1;
-    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStands) break;
+    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStandstillTolerance)
+      break;
     ++k;
   }
   return path.sample_time_s * static_cast<double>(k);

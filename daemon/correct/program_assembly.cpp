@@ -9,8 +9,8 @@
 namespace servotwin::daemon {
 namespace {
 
-// By how much of a cycle rows may be early or late: tables are written with six digits.
-constexpr double kUneven = 0.01;
+// Tolerance of the row distance as a share of the cycle: tables are written with six digits.
+constexpr double kRowSpacingTolerance = 0.01;
 
 std::string of_chunks(std::uint32_t chunk, std::uint32_t chunks) {
   return "chunk " + std::to_string(chunk) + " of " + std::to_string(chunks);
@@ -96,7 +96,7 @@ std::string ProgramAssembly::not_usable(const ProgramChunk& chunk, const Part& p
     if (!std::isfinite(time_s)) return "time_s" + row + " is not a number";
     if (before + k > 0) {
       const double step_s = time_s - (k == 0 ? part.last_time_s : chunk.time_s[k - 1]);
-      if (!(std::abs(step_s - machine_.cycle_s) <= kUneven * machine_.cycle_s))
+      if (!(std::abs(step_s - machine_.cycle_s) <= kRowSpacingTolerance * machine_.cycle_s))
         return "uneven time: time_s" + row + " comes " + number(step_s) +
                " s after the row before, but rows must be one cycle of the machine apart, " +
                number(machine_.cycle_s) + " s";
@@ -135,9 +135,9 @@ ProgramAssembly::Outcome ProgramAssembly::take(const ProgramChunk& chunk, std::i
   }
   part.last_time_s = chunk.time_s.back();
   if (++part.next < part.chunks) return std::monostate();
-  if (part.command.front().size() < kLeastProgramRows)
+  if (part.command.front().size() < kMinProgramRows)
     return refuse("too short: " + std::to_string(part.command.front().size()) + " rows, at least " +
-                  std::to_string(kLeastProgramRows) + " are needed");
+                  std::to_string(kMinProgramRows) + " are needed");
   CommandedPath program{part.name, part.revision, part.learn, part.axes, {}};
   for (const std::vector<double>& axis : part.command)
     program.command.emplace_back(

@@ -15,15 +15,15 @@ namespace servotwin::daemon {
 namespace {
 
 constexpr auto kPause = std::chrono::milliseconds(100);
-// Inside the window: the rest chooses nothing, but tells the identification whether it predicts at
-// all.
+// Share of the window that is fitted. The rest does not choose the structure; it only tests whether
+// the model predicts at all.
 constexpr double kTrainingShare = 0.8;
-// New evidence of less than this is none.
-constexpr double kEnough_s = 1.0;
-// A noise floor that differs by less than this share is the same.
-constexpr double kSameNoise = 0.1;
-// A model of another sampling time is another machine's.
-constexpr double kSameCycle = 0.01;
+// Less new evidence than this starts no step.
+constexpr double kMinNewEvidence_s = 1.0;
+// A noise floor that changes by less than this share is not updated.
+constexpr double kNoiseFloorTolerance = 0.1;
+// Relative tolerance of the sampling time: a model of another sampling time cannot be used.
+constexpr double kCycleTolerance = 0.01;
 
 std::string progress_of(const char* what, double done_s, double needed_s) {
   std::ostringstream out;
@@ -33,7 +33,7 @@ std::string progress_of(const char* what, double done_s, double needed_s) {
   return out.str();
 }
 
-/// Of standing that is looked at.
+/// Length of standstill for which the noise floor is measured [s].
 double standing_s(const IdentifyConfig& config) {
   return std::max(config.window_s, EvidenceLimits().rest_s);
 }
@@ -54,11 +54,12 @@ std::string tenths(double value) {
 }
 
 EvidenceBounds bounds_of(const IdentifyConfig& config) {
-  constexpr double kForgotten = 10.0;
-  return {config.memory_s, 0.5 * config.memory_s, standing_s(config), kForgotten * config.memory_s};
+  constexpr double kMemoriesUntilForgotten = 10.0;
+  return {config.memory_s, 0.5 * config.memory_s, standing_s(config),
+          kMemoriesUntilForgotten * config.memory_s};
 }
 
-/// The largest of what the standing axis and its motion show; NaN where the motion is not known.
+/// The larger noise floor of standstill and motion [m | rad]; NaN without stored motion.
 double noise_floor_of(const EvidenceMemory& evidence) {
   const NoiseFloor motion =
       noise_floor(evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals}));
@@ -66,8 +67,8 @@ double noise_floor_of(const EvidenceMemory& evidence) {
   return standing.standstill_rms > motion.rms ? standing.standstill_rms : motion.rms;
 }
 
-/// What is left of the error by this model, or by none, where the first `skip_s` of every segment
-/// do not count.
+/// The residual of the tracking error with this model, or the tracking error itself without a
+/// model; the first `skip_s` of every segment are left out.
 Eigen::ArrayXd left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
   std::vector<Eigen::ArrayXd> parts;
   Eigen::Index count = 0;
@@ -128,7 +129,7 @@ void IdentificationWorker::restore() {
                    version + (found->rotary ? " is for a linear axis, this one is rotary"
                                             : " is for a rotary axis, this one is linear"));
     } else if (std::abs(model.record.model.sample_time_s - machine_.cycle_s) >
-               kSameCycle * machine_.cycle_s) {
+               kCycleTolerance * machine_.cycle_s) {
       events_.note("model_unused", model.record.axis,
                    version + " is for a cycle of " + number(model.record.model.sample_time_s) +
                        " s, the machine runs at " + number(machine_.cycle_s) + " s");
@@ -176,7 +177,7 @@ bool IdentificationWorker::look(std::size_t axis) {
                 (state.last_step.empty() ? "" : "; last: " + state.last_step));
   const std::optional<double> until_s =
       memory_.time_when_moved(axis, state.moved_s + config_.window_s);
-  // A worker that got no processor for so long goes on with what there is.
+  // A worker that got no processor for too long continues with the motion that is still in memory.
   if (until_s && *until_s <= memory_.oldest_s() && moved_s - config_.window_s > state.moved_s) {
     events_.note("motion_skipped", state.name,
                  tenths(moved_s - config_.window_s - state.moved_s) +
@@ -185,7 +186,7 @@ bool IdentificationWorker::look(std::size_t axis) {
     state.moved_s = moved_s - config_.window_s;
     return true;
   }
-  // Without a model there is nothing whose noise floor could be renewed.
+  // Without a model in force there is no noise floor to update.
   const std::optional<double> stood_s =
       state.in_force ? memory_.time_when_stood(axis, state.sorted_s, standing_s(config_))
                      : std::nullopt;
@@ -229,9 +230,9 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   options.split_each = true;
   if (!state.in_force) {
     state.last_step = "loop and friction" + on + "no model is in force";
-  } else if (fast_s >= kEnough_s) {
+  } else if (fast_s >= kMinNewEvidence_s) {
     state.last_step = "loop and friction" + on + tenths(fast_s) + " of fast motion are new";
-  } else if (slow_s < kEnough_s) {
+  } else if (slow_s < kMinNewEvidence_s) {
     state.last_step = "no step: there is no new fast motion and no new slow reversal";
     return;
   } else if (kept.of(Evidence::kFastMotion) == 0.0) {
@@ -249,7 +250,7 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   say(axis, "identifying " + state.last_step);
   std::vector<Segment> evidence =
       state.evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals});
-  // Motion that is evidence of nothing is tried as it is, so that the refusal says what it lacks.
+  // Motion without evidence is fitted as it is, so that the refusal says what excitation it lacks.
   if (!evidence.empty()) motion.segments = std::move(evidence);
   seek(axis, until_s, motion, options);
 }
@@ -281,7 +282,7 @@ void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
   }
   state.last_step =
       "standstill: noise floor of " + version + " " + micro(floor, state.rotary) + ", no fit";
-  if (std::abs(floor - known) <= kSameNoise * known) return;
+  if (std::abs(floor - known) <= kNoiseFloorTolerance * known) return;
   const std::string before = std::isfinite(known) ? ", was " + micro(known, state.rotary) : "";
   known = floor;
   events_.note("noise_floor", state.name, state.last_step + before);
@@ -306,11 +307,11 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, const Segmente
     note_refusal(axis, std::string("no model was found: ") + error.what());
     return;
   }
-  // What may not be used need not be judged.
+  // A candidate that must not be used is refused without waiting for held-out motion.
   Candidacy candidacy;
   candidacy.rotary = state.rotary;
   candidacy.refusals = candidate.identified.refusals;
-  // What the motion did not show, a person may overlook; a machine left alone may not.
+  // A person may accept a model with parameters that were not excited; the daemon refuses it.
   const std::vector<std::string>& not_excited = candidate.identified.record.excitation;
   candidacy.refusals.insert(candidacy.refusals.end(), not_excited.begin(), not_excited.end());
   candidacy.invalid = why_invalid(candidate.identified.record.model);
@@ -339,7 +340,7 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     }
     const std::vector<Segment> unseen =
         segment_axis(memory_.copy(axis, candidate.until_s, until_s, "live"), state.name).segments;
-    // The same samples for both.
+    // Both models are compared on the same samples.
     const double skip_s =
         std::max(starting_state_s(model), other != nullptr ? starting_state_s(*other) : 0.0);
     const Eigen::ArrayXd left = left_by(&model, unseen, skip_s);

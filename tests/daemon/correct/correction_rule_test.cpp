@@ -107,9 +107,10 @@ INSTANTIATE_TEST_SUITE_P(
                     r.refusal = static_cast<std::uint8_t>(Refusal::kRate);
                   }),
              What::kWithdraw, "rate"},
-        Case{"TooShort", false,
-             with(run_of(100.0, 100.0, 1.0), [](OffsetRun& r) { r.cycles = kLeastCycles - 1; }),
-             What::kKeep, "too few cycles"},
+        Case{
+            "TooShort", false,
+            with(run_of(100.0, 100.0, 1.0), [](OffsetRun& r) { r.cycles = kMinCountedCycles - 1; }),
+            What::kKeep, "too few cycles"},
         Case{"DryAsPredicted", false,
              with(run_of(105.0, 100.0, 1.0), [](OffsetRun& r) { r.live = false; }), What::kKeep,
              "as predicted"},
