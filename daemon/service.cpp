@@ -40,43 +40,45 @@
 namespace servotwin::daemon {
 namespace {
 
-// At 1 kHz: a quarter of a second until a publisher that does not get on loses predictions, and
-// eight seconds for the recorder, which may have to wait for a disk.
+// Capacities in cycles. At 1 kHz a publisher that is blocked loses predictions after a quarter of a
+// second; the recorder, which may have to wait for a disk, loses rows after eight seconds.
 constexpr std::size_t kPredictionRing = 256;
 constexpr std::size_t kRowRing = 8192;
-// What is older is of no use to a drive.
+// Older offsets are of no use to a drive.
 constexpr std::size_t kOffsetRing = 64;
-// How much longer motion is remembered than a search and a judgement need, for a busy processor.
-constexpr double kLag_s = 30.0;
-// How much longer than the motion that a diagnosis looks at: an axis stands in between.
-constexpr double kStandingToo = 4.0;
-// The ceiling of all recordings where none is given, at least.
-constexpr double kLeastCeiling_mb = 1024.0;
-// How often it is asked what happened at the source.
-constexpr std::chrono::milliseconds kNews{500};
-// Frames of another machine that go on are told of no more often than this.
-constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
+// Time by which the motion memory is longer than a fit and a comparison need, for a busy processor.
+constexpr double kMemoryReserve_s = 30.0;
+// Memory as a multiple of the motion that a diagnosis uses, because an axis also stands still.
+constexpr double kMemoryOverRecordTime = 4.0;
+// Minimum of the default ceiling for all recordings.
+constexpr double kMinCeiling_mb = 1024.0;
+// Period at which the reports of source and publisher are collected.
+constexpr std::chrono::milliseconds kNewsPeriod{500};
+// Minimum time between two reports of malformed frames.
+constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 double remembered_s(const Config& config) {
   const IdentifyConfig& identify = config.identify;
-  const double to_identify_s = identify.memory_s + identify.window_s + identify.judge_s + kLag_s;
+  const double to_identify_s =
+      identify.memory_s + identify.window_s + identify.judge_s + kMemoryReserve_s;
   const bool diagnoses = config.diagnose.every_s > 0.0 || config.diagnose.false_alarm_days > 0.0;
-  return std::max(to_identify_s, diagnoses ? kStandingToo * config.diagnose.record_s : 0.0);
+  return std::max(to_identify_s,
+                  diagnoses ? kMemoryOverRecordTime * config.diagnose.record_s : 0.0);
 }
 
 RecordingRoom room_of(const Config& config) {
   return {config.store.recordings_mb, config.store.recordings_max_mb.value_or(std::max(
-                                          kLeastCeiling_mb, 4.0 * config.store.recordings_mb))};
+                                          kMinCeiling_mb, 4.0 * config.store.recordings_mb))};
 }
 
 DdsPlace place_of(const Config& config, const DdsConfig& dds) {
-  // Frames come through Cyclone's threads: what the loop waits for is as urgent as the loop.
+  // Frames pass through threads of Cyclone DDS, which must have the priority of the loop.
   const bool urgent = config.source == SourceKind::kDds && config.priority > 0 &&
                       real_time_refused(config.priority).empty();
   return {config.machine, dds.domain, dds.partition, dds.strength, urgent ? config.priority : 0};
 }
 
-/// Why frames do not come through real-time threads; empty if they do.
+/// Why the receive threads of DDS are not real-time threads; empty if they are, or are not needed.
 std::string slow_receipt(const Config& config, const DdsPlace& place) {
   if (config.source != SourceKind::kDds || config.priority == 0) return {};
   if (dds_configured_outside()) {
@@ -87,7 +89,7 @@ std::string slow_receipt(const Config& config, const DdsPlace& place) {
                                      : "";
 }
 
-/// The part of the status that the loop counts.
+/// The part of the status that comes from the counters of the loop.
 MachineStatus counted(const LoopCounters& counters) {
   MachineStatus status;
   status.frames = counters.frames;
@@ -106,7 +108,7 @@ MachineStatus counted(const LoopCounters& counters) {
   return status;
 }
 
-/// ", 3 lost, 1 repeated" of the frames that did not come as they should.
+/// The counters of faulty frames that are not 0: ", 3 lost, 1 repeated and ignored".
 std::string amiss(const MachineStatus& status) {
   std::string out;
   for (const auto& [count, what] : {std::pair{status.lost, "lost"},
@@ -118,7 +120,7 @@ std::string amiss(const MachineStatus& status) {
   return out;
 }
 
-/// The page, if it is wanted and can be.
+/// The page; null if it is not configured, or if its default address is in use.
 std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog& events) {
   if (config.http.listen.empty() || config.http.listen == "none") return nullptr;
   try {
@@ -132,7 +134,7 @@ std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog
   }
 }
 
-/// Asks for what is to be done while it lives.
+/// Handles requests to reload the configuration for as long as it lives.
 class WhileServing {
  public:
   using Handler = std::function<void(const std::function<Config()>& load)>;
@@ -149,8 +151,8 @@ class WhileServing {
   Reloads* reloads_;
 };
 
-/// `running` with what the configuration changes at once, and the event that tells of it; false,
-/// and nothing has changed, if it is refused.
+/// Reads the configuration again and changes the keys of `running` that change at once; reports the
+/// result as an event. False, without any change, if the new configuration is refused.
 bool read_again(const std::function<Config()>& load, Config& running, EventLog& events) {
   try {
     const Config newer = load();
@@ -159,7 +161,7 @@ bool read_again(const std::function<Config()>& load, Config& running, EventLog& 
     events.note("reloaded", "", changes.text());
     return true;
   } catch (const std::exception& error) {
-    // Each line of a message that has several is an event.
+    // Each line of the message is an event.
     std::istringstream lines(error.what());
     for (std::string line; std::getline(lines, line);) events.error("config_refused", "", line);
     events.error("config_refused", "",
@@ -168,13 +170,14 @@ bool read_again(const std::function<Config()>& load, Config& running, EventLog& 
   }
 }
 
-/// A position demand of a drive has its offset in it, a path of an interpolator has not.
+/// Whether the command of a frame contains the offset. By default: yes for the position demand of a
+/// drive (CAN), no for the path of an interpolator.
 bool offset_in_command(const Config& config) {
   return config.ilc.in_command.value_or(config.source == SourceKind::kCan ||
                                         config.source == SourceKind::kUdp);
 }
 
-/// "X (model 3), Y": the axes that the store knows, with the version in force.
+/// The axes in the store, with their version in force: "X (model 3), Y".
 std::string known_axes(const Store& store) {
   std::vector<std::string> out = store.axes();
   const std::vector<StoredModel> models = store.in_force();
@@ -233,18 +236,18 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
            std::ostream& out, const Surroundings& surroundings) {
   Store store(store_of(config), config.machine);
   EventLog events(store, out, surroundings.journal, config.machine);
-  // A disk that refuses is found out now, not with the first model.
+  // This write detects a faulty disk now, not with the first model.
   store.add(event_now("started", "", "started"));
   if (!store.lost().empty()) events.error("store", "", store.lost());
   if (const std::string known = known_axes(store); !known.empty())
     events.note("store", "", "axes in the store: " + known);
   const DdsNode node(place_of(config, config.dds));
-  std::optional<DdsNode> apart;  // where the frames come from elsewhere
+  std::optional<DdsNode> apart;  // used if the frames have a DDS domain or partition of their own
   if (config.source == SourceKind::kDds && config.dds_in)
     apart.emplace(place_of(config, *config.dds_in));
   const DdsNode& node_in = apart ? *apart : node;
   const std::unique_ptr<WebService> web = page_of(config, store, events);
-  // Kept for as long as we listen: whoever introduces a machine waits to see it.
+  // Lives as long as the daemon: the sender of a description waits for a matching reader.
   DdsReader<MachineDescription> descriptions(node_in);
   ready();
   const ServiceManager nobody;
@@ -256,7 +259,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
                                    " s; the service manager will restart the daemon"));
       });
 
-  // What the configuration may change on the way. The loop and its rings have no part in it.
+  // The configuration that a reload may change. The loop and its rings do not use it.
   Config running = config;
   std::optional<MachineInput> opened;
   {
@@ -273,7 +276,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   if (config.cycle_s) input.machine.cycle_s = *config.cycle_s;
   const MachineDescription& machine = input.machine;
 
-  // What lies between the threads.
+  // Data between the threads.
   std::vector<LatestValue<TwinInForce>> models(machine.axes.size());
   Ring<MachinePrediction> predictions(kPredictionRing);
   Ring<CycleRow> rows(kRowRing);
@@ -284,7 +287,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   MotionMemory memory(machine, remembered_s(running));
   ResidualWatch watch(machine, running.diagnose, events);
 
-  // Who works.
+  // The workers.
   const auto loop = std::make_unique<RealTimeLoop>(machine.cycle_s, models, predictions, rows,
                                                    predicted, paths_of(config, machine));
   const LearningRules rules = learning_rules(config, machine);
@@ -353,7 +356,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
 
   std::jthread publishing([&](const std::stop_token& its_stop) {
     name_thread("publisher");
-    // A prediction is of use when it is out. Where this is not permitted the loop says so for both.
+    // Predictions must be sent in time. If this is not permitted, the loop reports it for both.
     (void)become_real_time(std::max(config.priority - 1, 0));
     publisher.run(its_stop);
   });
@@ -384,7 +387,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     std::condition_variable_any never;
     std::unique_lock its_lock(its_mutex);
     while (!its_stop.stop_requested()) {
-      never.wait_for(its_lock, its_stop, kNews, [] { return false; });
+      never.wait_for(its_lock, its_stop, kNewsPeriod, [] { return false; });
       for (const SourceNews& news : input.source->news(steady_ns())) {
         if (news.good) {
           events.note("source", "", news.text);
@@ -397,7 +400,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
       for (const std::string& line : publisher.news()) events.note("network", "", line);
       const std::uint64_t malformed = loop->counters().malformed;
       if (malformed > told_malformed &&
-          (told_malformed == 0 || steady_ns() - told_malformed_ns >= kTellEvery_ns)) {
+          (told_malformed == 0 || steady_ns() - told_malformed_ns >= kReportPeriod_ns)) {
         events.error("source", "",
                      std::to_string(malformed - told_malformed) +
                          " frames ignored: they do not have the " +
@@ -410,7 +413,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   });
   std::jthread real_time([&] {
     name_thread("real-time loop");
-    // In this order: a real-time thread does not wait for the store.
+    // In this order, because events wait for the store, which a real-time thread must not do.
     if (const std::string why = keep_to(config.cpus); !why.empty())
       events.note("real_time", "", why);
     if (const std::string why = become_real_time(config.priority); !why.empty())
@@ -437,7 +440,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     ended_changed.wait(lock, stop, [&] { return ended; });
   }
 
-  // Downstream, so that nothing is left in a ring.
+  // Stops in the direction of the data, so that nothing is left in a ring.
   stop_loop = true;
   real_time.join();
   if (shown != nullptr) shown->loop_has_ended();
@@ -448,7 +451,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   identifying.request_stop();
   diagnosing.request_stop();
   learning.request_stop();
-  // What they have begun is waited for now; on a busy host that could be for ever.
+  // The workers finish what they have begun; at idle priority that could take for ever on a busy
+  // host.
   hasten(identifying.native_handle());
   hasten(diagnosing.native_handle());
   hasten(learning.native_handle());

@@ -49,10 +49,9 @@ struct ReplayConfig {
 };
 
 struct CanConfig {
-  std::filesystem::path map;  ///< which bits carry which signal (drivers/can_map.h)
-  std::vector<std::string>
-      interfaces;       ///< one per bus of the mapping; empty: the names in the mapping
-  bool filter = false;  ///< only ids of the mapping are received
+  std::filesystem::path map;            ///< which bits carry which signal (drivers/can_map.h)
+  std::vector<std::string> interfaces;  ///< one per bus; empty: the names in the mapping
+  bool filter = false;                  ///< only ids of the mapping are received
 };
 
 struct UdpConfig {
@@ -99,8 +98,8 @@ struct IlcConfig {
 
 struct StoreConfig {
   std::filesystem::path directory;  ///< empty: default_store()
-  double recordings_mb =
-      1024.0;  ///< the oldest recordings are deleted beyond this; 0: nothing is recorded
+  /// The oldest recordings are deleted beyond this; 0: nothing is recorded.
+  double recordings_mb = 1024.0;
   std::optional<double> recordings_max_mb;  ///< including those that models cite; recording stops
                                             ///< there; absent: four times recordings_mb
 };
@@ -119,8 +118,7 @@ struct Config {
   std::vector<AxisConfig> axes;     ///< in the order of the frames; empty: given by the source
   SourceKind source = SourceKind::kDds;
   DdsConfig dds;  ///< where the daemon publishes, whatever the source of its frames is
-  std::optional<DdsConfig>
-      dds_in;  ///< where the frames are, if they come over DDS from another place
+  std::optional<DdsConfig> dds_in;  ///< where the frames are, if not at `dds`
   ReplayConfig replay;
   CanConfig can;
   UdpConfig udp;

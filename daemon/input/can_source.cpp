@@ -17,11 +17,11 @@ constexpr std::size_t kMaxBuses = 8;
 // slewed.
 constexpr std::int64_t kClockSet_ns = 2'000'000;
 // Time between the stamp of a frame and its reception.
-constexpr std::int64_t kGrace_ns = 100'000;
+constexpr std::int64_t kReceptionDelay_ns = 100'000;
 // How often an interface that is down is checked.
-constexpr double kLook_s = 0.1;
+constexpr double kInterfaceCheck_s = 0.1;
 // A persisting problem is reported once a minute.
-constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
+constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 }  // namespace
 
@@ -85,7 +85,7 @@ void CanSource::wait(double timeout_s) noexcept {
   for (std::size_t i = 0; i < buses_.size(); ++i) {
     const int descriptor = buses_[i]->descriptor();
     if (descriptor >= 0) wanted[count++] = {descriptor, POLLIN, 0};
-    if (!buses_[i]->counts().up) timeout_s = std::min(timeout_s, kLook_s);
+    if (!buses_[i]->counts().up) timeout_s = std::min(timeout_s, kInterfaceCheck_s);
   }
   const timespec timeout{static_cast<time_t>(timeout_s),
                          static_cast<long>((timeout_s - std::floor(timeout_s)) * 1e9)};
@@ -112,7 +112,7 @@ Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
     follow_clock();
     std::int64_t patience = until - steady_ns();
     if (const auto deadline = assembly_.deadline_ns()) {
-      const std::int64_t left = between_ns(wall_ns(), *deadline) + kGrace_ns;
+      const std::int64_t left = between_ns(wall_ns(), *deadline) + kReceptionDelay_ns;
       if (left <= 0) {
         completed_ns_ = *deadline;
         assembly_.on_time(*deadline + 1);
@@ -142,7 +142,7 @@ void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexce
     // A bus never delivers own frames: this one comes from another sender.
     if (ours.bus != bus || ours.id != frame.id || ours.extended != frame.extended) continue;
     rival_ns_ = steady_ns();
-    if (sent_ns_ && *rival_ns_ - *sent_ns_ < kTogether_ns)
+    if (sent_ns_ && *rival_ns_ - *sent_ns_ < kSimultaneous_ns)
       rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
   }
 }
@@ -154,7 +154,7 @@ void CanSource::send(const MachineOffset& offset) noexcept {
     const AxisOffset& axis = offset.axes[one.axis];
     if (!axis.send) continue;
     sent_ns_ = steady_ns();
-    if (rival_ns_ && *sent_ns_ - *rival_ns_ < kTogether_ns) {
+    if (rival_ns_ && *sent_ns_ - *rival_ns_ < kSimultaneous_ns) {
       rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
       return;
     }
@@ -236,7 +236,7 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
     changed = changed || a.silent != b.silent || a.silences != b.silences;
   }
   changed = changed || now.counts.unexpected.size() != told_.counts.unexpected.size();
-  if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kTellEvery_ns) return {};
+  if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kReportPeriod_ns) return {};
 
   const CanMap& known = assembly_.map();
   std::vector<SourceNews> lines;

@@ -75,17 +75,16 @@ class CanSource final : public FrameSource {
     CanOffset offset;
   };
   std::vector<Carried> carried_;
-  std::vector<std::size_t>
-      order_;  // reading order: the bus with the start of cycles is the last one
+  std::vector<std::size_t> order_;  // reading order; the bus with the start of cycles is last
   std::vector<Queue> queues_;
   std::int64_t clock_offset_ns_ = 0;  // wall clock (of the stamps) minus steady clock
   std::int64_t completed_ns_ = 0;     // when the last cycle was complete, or its deadline
   std::int64_t last_cycle_ns_ = 0;    // steady
   std::int64_t patience_ns_;          // without a cycle for this long the source is stalled
   std::atomic<bool> stalled_{false};
-  static constexpr std::int64_t kTogether_ns = 1'000'000'000;
+  static constexpr std::int64_t kSimultaneous_ns = 1'000'000'000;
   // Steady times of the last own offset and of the last offset of another sender. Less than
-  // kTogether_ns apart means that both are active.
+  // kSimultaneous_ns apart means that both are active.
   std::optional<std::int64_t> sent_ns_, rival_ns_;
   std::atomic<int> rival_{-1};  // axis with two senders; -1: none. No offset is sent then
 

@@ -15,9 +15,9 @@ namespace servotwin::daemon {
 namespace {
 
 // How often `behind` is asked again.
-constexpr std::int64_t kBreath_ns = 1'000'000;
+constexpr std::int64_t kPollPeriod_ns = 1'000'000;
 // A second writer that persists is reported no more often than this.
-constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
+constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 void sleep_until(std::int64_t steady) noexcept {
   const timespec until{static_cast<time_t>(steady / 1'000'000'000),
@@ -68,7 +68,7 @@ Received ReplaySource::receive(MachineFrame& frame, double timeout_s) noexcept {
   const std::int64_t asked_ns = steady_ns();
   const std::int64_t patience = asked_ns + std::llround(timeout_s * 1e9);
   if (behind_()) {
-    while (behind_() && steady_ns() < patience) sleep_until(steady_ns() + kBreath_ns);
+    while (behind_() && steady_ns() < patience) sleep_until(steady_ns() + kPollPeriod_ns);
     // The rest of the recording is delayed by the same time, so that no burst follows.
     const std::int64_t waited_ns = std::max(steady_ns() - std::max(asked_ns, due_ns_), 0L);
     started_ns_ += waited_ns;
@@ -137,7 +137,7 @@ std::vector<SourceNews> DdsSource::news(std::int64_t now_ns) {
   }
   const std::uint64_t ignored = ignored_.load(std::memory_order_relaxed);
   if (ignored != told_ignored_ &&
-      (told_ignored_ == 0 || now_ns - told_ignored_ns_ >= kTellEvery_ns)) {
+      (told_ignored_ == 0 || now_ns - told_ignored_ns_ >= kReportPeriod_ns)) {
     lines.push_back({"a second writer sends frames of this machine; " +
                      std::to_string(ignored - told_ignored_) + " of its frames are ignored"});
     told_ignored_ = ignored;

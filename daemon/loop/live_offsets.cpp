@@ -112,10 +112,10 @@ void LiveOffsets::watch_residuals(const MachinePrediction& prediction) noexcept 
     const AxisPrediction& axis = prediction.axes[program.axes[n]];
     // A missing encoder value (NaN) counts as outside: the state of the machine is unknown.
     const double band = std::max(rules_.residual_band * axis.standard_deviation,
-                                 kBeyondMost * run_.learned->missed_most[n]);
+                                 kBandOverHoldoutMax * run_.learned->missed_most[n]);
     const bool within = std::abs(axis.residual) <= band;
     run_.outside[n] = within ? 0 : run_.outside[n] + 1;
-    if (run_.outside[n] >= kOutside)
+    if (run_.outside[n] >= kCyclesOutsideToEnd)
       return end(RunEnd::kResidual, static_cast<int>(program.axes[n]));
   }
 }
@@ -157,8 +157,8 @@ void LiveOffsets::measure_contour(const MachineFrame& frame, bool counts) noexce
   squares.measured += measured;
   squares.before += before;
   squares.after += squared(learned.contour_after(run_.row));
-  run_.window_measured += (measured - run_.window_measured) / kWindow;
-  run_.window_before += (before - run_.window_before) / kWindow;
+  run_.window_measured += (measured - run_.window_measured) / kContourWindowCycles;
+  run_.window_before += (before - run_.window_before) / kContourWindowCycles;
   // Where the path error is small even without a correction, its RMS over the whole path is the
   // limit.
   const double allowed = std::max(run_.window_before, squared(learned.contour_size_before.rms));

@@ -7,10 +7,10 @@
 //
 // A run is a dry run unless the configuration has `live` and a person has armed it; this is decided
 // when the run begins. A run begins only when no offset is active. It ends, and its offset is faded
-// out, when a residual is outside its band for kOutside cycles, when the path error is larger than
-// predicted without a correction, when a gate refuses, when cycles are lost, when the commands no
-// longer follow the program, or when somebody disarms. A program whose run was given up is not
-// begun again before a new plan comes. If the clock of the frames goes back by more than the
+// out, when a residual is outside its band for kCyclesOutsideToEnd cycles, when the path error is
+// larger than predicted without a correction, when a gate refuses, when cycles are lost, when the
+// commands no longer follow the program, or when somebody disarms. A program whose run was given up
+// is not begun again before a new plan comes. If the clock of the frames goes back by more than the
 // validity of an offset, active offsets are withdrawn by one answer with `send` false, and
 // everything starts again; a drive on CAN, which gets no frame for such an answer, drops its offset
 // as it does when a daemon has died.
@@ -36,9 +36,11 @@ class LiveOffsets {
  public:
   /// Band of the residual as a multiple of the largest residual on held-out data: residuals have
   /// rare peaks at reversals that the standard deviation does not cover.
-  static constexpr double kBeyondMost = 1.5;
-  static constexpr int kOutside = 3;   ///< consecutive cycles outside the band that end a run
-  static constexpr int kWindow = 100;  ///< time constant of the mean square contour error [cycles]
+  static constexpr double kBandOverHoldoutMax = 1.5;
+  /// Consecutive cycles outside the band that end a run.
+  static constexpr int kCyclesOutsideToEnd = 3;
+  /// Time constant of the mean square contour error [cycles].
+  static constexpr int kContourWindowCycles = 100;
 
   LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over);
 
@@ -88,9 +90,8 @@ class LiveOffsets {
   const OffsetPlan* next_ = nullptr;  // replaces plan_ when no run is affected
   std::int64_t plan_frame_ns_ = 0;    // stamp of the frame in which plan_ was received
   std::int64_t next_frame_ns_ = 0;
-  std::optional<std::uint64_t>
-      barred_;            // program that was given up, until the worker has decided about it
-  bool matched_ = false;  // a program was matched in the cycle before
+  std::optional<std::uint64_t> barred_;  // program given up, until the worker has decided
+  bool matched_ = false;                 // a program was matched in the cycle before
   bool gap_ = true;
   bool came_before_ = false;
   std::int64_t time_ns_ = 0;  // of the frame before

@@ -1,10 +1,11 @@
 // Recognises by the commands that the machine runs a known program, and at which row it is.
 //
-//   the machine stands at the start of the program for kStanding cycles, then moves
-//   --> candidates: the first row with motion and kAligned rows before and after it; each is
+//   the machine stands at the start of the program for kStandstillCycles cycles, then moves
+//   --> candidates: the first row with motion and kAlignmentRows rows before and after it; each is
 //   followed
 //       row by row as long as every command is within the tolerance of its row
-//   --> after kConfirmed cycles the candidate with the smallest deviation is the match, if no other
+//   --> after kConfirmationCycles cycles the candidate with the smallest deviation is the match, if
+//   no other
 //       program is followed as well
 //
 // A program repeats sample by sample or not at all: another feed rate, a pause or another path ends
@@ -32,9 +33,11 @@ namespace servotwin::daemon {
 class ProgramMatcher {
  public:
   static constexpr std::size_t kMaxPrograms = 8;
-  static constexpr int kStanding = 10;   ///< cycles at the start position that count as a start
-  static constexpr int kAligned = 2;     ///< rows by which the begin of motion may be early or late
-  static constexpr int kConfirmed = 20;  ///< cycles of motion until a match is confirmed
+  /// Cycles at the start position that are needed before a start.
+  static constexpr int kStandstillCycles = 10;
+  /// Rows by which the begin of motion may be early or late.
+  static constexpr int kAlignmentRows = 2;
+  static constexpr int kConfirmationCycles = 20;  ///< cycles of motion until a match is confirmed
 
   explicit ProgramMatcher(double tolerance) noexcept : tolerance_(tolerance) {}
 
@@ -54,7 +57,7 @@ class ProgramMatcher {
   [[nodiscard]] std::optional<Match> see(std::span<const double> command) noexcept;
 
  private:
-  static constexpr int kRows = 2 * kAligned + 1;
+  static constexpr int kRows = 2 * kAlignmentRows + 1;
   struct Followed {
     const CommandedPath* program = nullptr;
     Eigen::Index first_motion = 0;  // the first row that differs from the start

@@ -18,10 +18,10 @@ static_assert(std::is_trivially_copyable_v<TwinInForce> &&
               std::is_trivially_copyable_v<MachinePrediction>);
 
 // Timeout of receive(), after which the loop checks whether it has to stop.
-constexpr double kPatience_s = 0.1;
+constexpr double kReceiveTimeout_s = 0.1;
 // A frame that seems older than this was on its way while the wall clock was set: its age is
 // unknown.
-constexpr std::int64_t kOldest_ns = 60'000'000'000;
+constexpr std::int64_t kMaxAge_ns = 60'000'000'000;
 // Time stamps from a PC clock jitter by parts of a cycle; lost cycles show in the sequence numbers.
 constexpr std::int64_t kTimeToleranceCycles = 2;
 
@@ -153,13 +153,13 @@ void RealTimeLoop::give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) no
 void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexcept {
   // relaxed: the flag orders nothing; whoever sets it joins this thread.
   while (!stop.load(std::memory_order_relaxed)) {
-    const Received received = source.receive(frame_, kPatience_s);
+    const Received received = source.receive(frame_, kReceiveTimeout_s);
     count(counters_.turns);
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();
     std::int64_t age = source.age_ns();
-    if (age > kOldest_ns) age = 0;
+    if (age > kMaxAge_ns) age = 0;
     counters_.wake.add(age);
     prediction_.due_ns = begin - age;
     if (const MachineOffset* offset = on_frame(frame_)) source.send(*offset);

@@ -46,8 +46,8 @@ struct LoopCounters {
   std::atomic<std::uint64_t> turns{0};  ///< returns from receive(), with or without a frame
   std::atomic<std::uint64_t> frames{0};
   std::atomic<std::uint64_t> lost{0};  ///< missing cycles, by the sequence numbers
-  std::atomic<std::uint64_t> repeated{
-      0};  ///< frames with the sequence number of the one before; ignored
+  /// Frames with the sequence number of the one before; ignored.
+  std::atomic<std::uint64_t> repeated{0};
   std::atomic<std::uint64_t> time_jumps{0};  ///< stamps or sequence numbers that go back or jump
   std::atomic<std::uint64_t> malformed{0};   ///< frames with a wrong number of axes; ignored
   std::atomic<std::uint64_t> not_finite{0};  ///< commands or encoder values, summed over the axes

@@ -18,12 +18,13 @@
 namespace servotwin::daemon {
 namespace {
 
-// The ring holds seconds of rows, identification waits for seconds of motion: no reason to hurry.
+// The ring holds seconds of rows and identification waits for seconds of motion: this is often
+// enough.
 constexpr auto kPause = std::chrono::milliseconds(20);
 // Without a row for this long the file is finished.
 constexpr auto kSilence_ns = static_cast<std::int64_t>(Recorder::kFile_s * 1e9);
 
-// "-2.2250738585072014e-308," is as long as a number gets.
+// The longest number is "-2.2250738585072014e-308,".
 constexpr double kBytesPerNumber = 25.0;
 
 double largest_file(const MachineDescription& machine) {
@@ -41,7 +42,7 @@ struct FileName {
   auto operator<=>(const FileName&) const = default;
 };
 
-/// Nothing for what is none of ours.
+/// Nothing if the recorder did not write a file of this name.
 std::optional<FileName> parsed(const std::string& name) {
   static const std::regex ours(R"((\d{4}-\d\d-\d\dT\d{6}\.\d{3}Z)(?:_(\d{2,9}))?\.csv)");
   std::smatch parts;
@@ -49,13 +50,13 @@ std::optional<FileName> parsed(const std::string& name) {
   return FileName{parts[1], parts[2].matched ? std::stoi(parts[2]) : 1};
 }
 
-/// A name that sorts behind all that are there; '_' comes after the '.' of the extension. By the
-/// wall clock or, where that was set back, by the newest file's until it has caught up.
+/// A name that sorts after all existing ones ('_' sorts after the '.' of the extension). It has the
+/// time of the wall clock, or that of the newest file if the clock was set back.
 std::string name_of_file(const std::filesystem::path& directory) {
   std::string stamp = iso_time(wall_ns());
   std::erase(stamp, ':');
   FileName next{stamp, 1};
-  std::error_code unreadable;  // shows in writing
+  std::error_code unreadable;  // reported when the file is written
   for (std::filesystem::directory_iterator entry(directory, unreadable), end;
        !unreadable && entry != end; entry.increment(unreadable)) {
     const std::optional<FileName> there = parsed(entry->path().filename());
@@ -96,7 +97,7 @@ Recorder::Recorder(const MachineDescription& machine, const std::string& machine
   if (error)
     throw std::runtime_error("recordings " + directory_.string() +
                              ": cannot be created: " + error.message());
-  // What a crash left half written; the store's lock says that nobody else is writing here.
+  // Removes files that a crash left incomplete; the lock of the store excludes other writers.
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
     if (entry.path().filename().string().find(".csv.part-") != std::string::npos) {
       std::filesystem::remove(entry.path());
@@ -110,7 +111,8 @@ void Recorder::run(const std::stop_token& stop) {
     if (drain()) {
       last_ns = steady_ns();
     } else {
-      // A machine that is switched off in the evening has its last rows on the disk before.
+      // Without new rows the file is finished, so that the last rows are on the disk if the host is
+      // switched off as well.
       if (steady_ns() - last_ns > kSilence_ns) finish_file();
       std::this_thread::sleep_for(kPause);
     }
@@ -136,7 +138,7 @@ void Recorder::collect(const CycleRow& row) {
   const auto since_start_s = [&] {
     return 1e-9 * static_cast<double>(between_ns(file_start_ns_, row.time_ns));
   };
-  // A stamp that is repeated is only coarse; one that goes back is of a source that started again.
+  // A repeated stamp only has a coarse resolution; a stamp that goes back means a restarted source.
   if (!file_.time.empty() && (since_start_s() < file_.time.back() || since_start_s() >= kFile_s)) {
     finish_file();
   }
@@ -158,7 +160,7 @@ void Recorder::collect(const CycleRow& row) {
 }
 
 bool Recorder::begin_file(const CycleRow& row) {
-  // There is none yet where nothing was to be recorded at first; what is wrong shows in writing.
+  // The directory is missing if recording was off at the start; errors are reported when writing.
   std::error_code ignored;
   std::filesystem::create_directories(directory_, ignored);
   const auto since_look_s = [&] {
@@ -243,7 +245,7 @@ void Recorder::delete_oldest() {
   double bytes = 0.0;
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
     if (!entry.is_regular_file() || !parsed(entry.path().filename())) continue;
-    std::error_code gone;  // somebody else may tidy up here, too
+    std::error_code gone;  // another program may delete files, too
     const auto size = static_cast<double>(entry.file_size(gone));
     if (gone) continue;
     files.push_back({entry.path(), size});

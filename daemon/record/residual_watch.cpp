@@ -25,7 +25,7 @@ void ResidualWatch::append(const CycleRow& row) {
     Axis& axis = axes_[i];
     const double command = row.axes[i].command;
     const double before = std::exchange(axis.last_command, command);
-    // A command that is not finite is no motion, whatever it is compared with.
+    // A change from or to a command that is not finite does not count as motion.
     const bool moves =
         !row.after_gap && std::isfinite(command) && std::isfinite(before) && command != before;
     if (!moves) continue;
