@@ -1,4 +1,4 @@
-// What can be wrong with the frames of a machine, and what people see of it.
+// Faults in the frames of a machine, and how they are reported.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -118,7 +118,7 @@ TEST_F(Faults, OfTwoWritersTheFirstIsFollowedUntilItLeaves) {
   EXPECT_TRUE(told) << daemon_.said();
   EXPECT_TRUE(status_has([](const MachineStatus& now) { return now.frames > 0; }));
   EXPECT_EQ(status_.time_jumps, 0U);
-  // The first one falls silent: the other is the machine now.
+  // The first writer falls silent: the other one is followed now.
   dds_sleepfor(DDS_MSECS(1500));
   drain();
   foreign.sequence = 1'000'000;

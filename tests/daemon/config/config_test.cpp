@@ -18,7 +18,7 @@ std::vector<std::string> problems_of(const std::string& text) {
   return out;
 }
 
-/// The one problem that the text has.
+/// The only problem of the text.
 std::string problem_of(const std::string& text) {
   const std::vector<std::string> problems = problems_of(text);
   EXPECT_EQ(problems.size(), 1U) << testing::PrintToString(problems);

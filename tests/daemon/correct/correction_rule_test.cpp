@@ -67,7 +67,7 @@ INSTANTIATE_TEST_SUITE_P(
     , RulingAfter,
     testing::Values(
         Case{"AsPredicted", true, run_of(3.0, 100.0, 1.0), What::kKeep, "as predicted"},
-        // sqrt(1 + 2^2) um was to be expected: three times that is 6.7 um.
+        // sqrt(1 + 2^2) um is expected: three times that is 6.7 um.
         Case{"JustAsExpected", false, run_of(6.7, 100.0, 1.0), What::kKeep, "as predicted"},
         Case{"NotAsExpected", false, run_of(6.75, 100.0, 1.0), What::kLearnAnew,
              "axis Y 6.75 um instead of the expected 2.236 um"},

@@ -90,7 +90,7 @@ class LearningWorkerTest : public testing::Test {
   std::unique_ptr<LearningWorker> worker_;
 };
 
-// At constant velocity the loop lags by (a1 v + friction) / a2, whatever simulates it.
+// At constant velocity the lag is (a1 v + friction) / a2, independent of the simulation.
 TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
   put_in_force(drive(20.0, 0.3), "X");
   start();
@@ -116,7 +116,7 @@ TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
   EXPECT_EQ(events("program_previewed").size(), 1U);
 }
 
-// Models are validated again as long as the machine works; what was learned on them stays usable.
+// Models are validated again as long as the machine works, so their corrections stay usable.
 TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels) {
   const std::int64_t now = wall_ns(), hour = 3'600'000'000'000;
   put_in_force(model_of(stepped_axis()), "X", 4 * hour);
@@ -151,7 +151,7 @@ TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels)
   EXPECT_TRUE(renewed->renewed) << "what was given up stays so";
   EXPECT_EQ(renewed->programs[0], worker_->kept()[0]);
 
-  // The clock was ahead by a day when the models were found to hold.
+  // The clock was a day ahead when the models were validated.
   for (const char* axis : {"X", "Y"}) store_.validate(axis, 1, iso_time(now + 24 * hour));
   worker_->renew(3 * LearningWorker::kRenewEvery_ns);
   EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "nothing is validated in the future";
@@ -228,7 +228,7 @@ TEST_F(LearningWorkerTest, WhatTheLimitsDoNotAllowIsLearnedWithinThem) {
   EXPECT_LE(step.abs().maxCoeff(), 0.01 * kCycle_s * (1.0 + 1e-6));
 }
 
-// Axis by axis these would leave the path worse than no correction.
+// Corrected axis by axis, the path error would be larger than without a correction.
 TEST_F(LearningWorkerTest, LimitsThatLeaveNoCorrectionAreNamed) {
   virtual_machine::Axis other = stepped_axis();
   other.drive.position_gain = 40.0;
@@ -262,7 +262,7 @@ TEST_F(LearningWorkerTest, WhatLearnWarnsOfIsSaidHereToo) {
   const Eigen::ArrayXd path = circle_program()[0];
   send({path}, true);
   ASSERT_FALSE(announced_.empty());
-  // What the twin leaves is far below.
+  // The predicted error itself is far smaller.
   EXPECT_THAT(announced_[0].reason, HasSubstr("; expect X 3.0"));
   EXPECT_THAT(announced_[0].reason, Not(HasSubstr("dwell")));
   send({path.head(900)}, true, "cut");
@@ -310,7 +310,7 @@ TEST_F(LearningWorkerTest, BeyondTheMotionOfTheModelItIsSaidAndFarBeyondRefused)
   }
 }
 
-// Beside each other neither would be known: the matcher waits for them to part.
+// If both were kept, neither would be recognised: the matcher would wait until they differ.
 TEST_F(LearningWorkerTest, TheSamePathUnderAnotherNameTakesThePlaceOfTheFirst) {
   put_in_force(model_of(stepped_axis()), "X");
   start();

@@ -24,7 +24,7 @@ Candidacy good() {
   return candidacy;
 }
 
-// Every combination of what may come in, against the rule said in another way.
+// All combinations of inputs, against an independent formulation of the rule.
 TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
   int promoted = 0, all = 0;
   for (const bool invalid : {false, true}) {
@@ -117,9 +117,9 @@ TEST(Promotion, ALittleBetterMustBeBetterOnMostOfTheMotion) {
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
 }
 
-// Sixteen parts of two samples: with squares that differ by 1 and by 3 in turn the mean is 2, the
-// standard deviation sqrt(16/15), and of the mean a quarter of that. Two more samples than that
-// fill no part and are left out.
+// Sixteen blocks of two samples: the squares differ by 1 and 3 in turn, so the mean is 2, the
+// standard deviation sqrt(16/15), and that of the mean a quarter of it. Two further samples fill no
+// block and are left out.
 TEST(Promotion, SurenessIsTheMeanAdvantageByItsStandardError) {
   Eigen::ArrayXd left = Eigen::ArrayXd::Zero(34), other(34);
   for (Eigen::Index k = 0; k < 34; ++k) other[k] = std::sqrt(k / 2 % 2 == 0 ? 1.0 : 3.0);
@@ -152,7 +152,7 @@ TEST(Promotion, RotaryAxesAreJudgedInMicroradians) {
   EXPECT_THAT(decide(candidacy, kRule).reason, HasSubstr("1.5 urad"));
 }
 
-// The model in force left 1 um where it was judged itself.
+// The model in force had a residual of 1 um on its held-out data.
 TEST(Promotion, AModelHoldsWhereItLeavesNoMoreThanTwiceOfWhatItDid) {
   Candidacy c = good();
   EXPECT_TRUE(still_holds(c, 1.0e-6));

@@ -329,7 +329,7 @@ struct CarriedOffsets {
   }
 };
 
-// Two armed daemons on one bus: each would answer what the other adds.
+// Two armed daemons on one bus: each would correct the offsets of the other.
 TEST(CanOffset, WhereTwoSendThemOursAreHeldBackForGood) {
   const CarriedOffsets ours;
   ours.hear(0x301);
@@ -344,7 +344,7 @@ TEST(CanOffset, WhereTwoSendThemOursAreHeldBackForGood) {
               HasSubstr("another sender also sends offsets to the drive of axis X"));
 }
 
-// A standby hears the first daemon's all the time; it has to work when that is gone.
+// A standby daemon receives the offsets of the active one; it must work when that has stopped.
 TEST(CanOffset, WhoIsNotArmedHearsTheOffsetsOfAnotherAndSendsWhenItIsQuiet) {
   const CarriedOffsets ours;
   ours.send(false);

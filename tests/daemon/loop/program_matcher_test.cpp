@@ -61,7 +61,7 @@ TEST_F(ProgramMatcherTest, KnowsTheRowAfterALongerOrShorterDwell) {
       ASSERT_EQ(match->row, row);
       ASSERT_EQ(match->program, 0U);
     }
-    // It moves by the tolerance within 4 cycles, and is sure of it 20 cycles later.
+    // The motion exceeds the tolerance within 4 cycles; the match is confirmed 20 cycles later.
     EXPECT_GE(seen, 400 - 4 - ProgramMatcher::kConfirmationCycles);
   }
 }

@@ -53,7 +53,7 @@ TEST(LiveBatch, AtOneKilohertzAPointIsACycle) {
   }
 }
 
-// A single cycle's peak, anywhere, stands in the least or the greatest value of its point.
+// The peak of a single cycle appears in the minimum or maximum of its point.
 TEST(LiveBatch, BeyondThatNoPeakIsLost) {
   constexpr int kAxes = 32;
   constexpr double kFast_s = 0.25e-3;

@@ -121,7 +121,7 @@ TEST_F(RecorderTest, RowsThatShareACoarseStampStayInOneFile) {
   EXPECT_EQ(read_recording(files()[0]).time.size(), 2000U);
 }
 
-// A link to itself is nothing that can be looked at, so that the oldest cannot be told.
+// A link to itself cannot be examined, so that the oldest file cannot be found.
 TEST_F(RecorderTest, WhatCannotBeDeletedIsSaidOnceAndTheRowsAreRecorded) {
   Recorder recorder = this->recorder(100.0);
   const std::filesystem::path loop = directory_.path() / "recordings" / "mill" / "loop.csv";

@@ -14,12 +14,12 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-/// A machine with a cycle of a second, so that every cycle in motion is a piece.
+/// A machine with a cycle of one second, so that every cycle in motion is a block.
 class ResidualWatchTest : public testing::Test {
  protected:
   ResidualWatchTest() { config_.reference_s = 60.0; }
 
-  /// X moves and leaves this much; B, rotary, stands but for its first two cycles.
+  /// X moves with this residual; B, rotary, stands still except for its first two cycles.
   void run(ResidualWatch& watch, int cycles, double residual) {
     for (int i = 0; i < cycles; ++i) {
       CycleRow row;
@@ -57,8 +57,8 @@ TEST_F(ResidualWatchTest, AnAlarmIsAnEventWithItsFiguresAndIsTakenOnce) {
               testing::ElementsAre(
                   "X: the residual is monitored: 1 um RMS is normal, learned from 60 s of motion"));
   run(watch, 30, 3e-6);
-  // y grows by 2 ln 3 = 2.2, which is 6 of the least deviation and counts 3; less the drift, six
-  // pieces bring the sum from 0 to 15, beyond 12.9.
+  // y grows by 2 ln 3 = 2.2, which is 6 times the minimum deviation and is limited to 3; minus the
+  // drift, six blocks raise the sum from 0 to 15, above 12.9.
   EXPECT_THAT(
       events("alarm_raised"),
       testing::ElementsAre("X: alarm: the residual has grown: 3 um RMS over the last 6 s of "

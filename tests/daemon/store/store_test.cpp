@@ -276,7 +276,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
     EXPECT_EQ(store.versions("X").size(), 1U);
     EXPECT_EQ(store.versions("X", 1).size(), 1U) << "the newest that can be used";
   }
-  // The next one takes no number that was there, and comes of the one in force.
+  // The next model gets a new version number, and its parent is the model in force.
   ModelRecord next = record_of(drive());
   {
     Store store(directory.path(), "mill");

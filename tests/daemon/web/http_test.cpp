@@ -75,7 +75,7 @@ TEST_F(HttpTest, ThePageIsServedWithAllItsFilesAndNothingFromElsewhere) {
     const HttpAnswer answer = get(std::string(file.path));
     EXPECT_EQ(answer.status, 200) << file.path;
     EXPECT_EQ(answer.body, file.content) << file.path;
-    // The address of its licence's project stands in the library; nothing is loaded from there.
+    // The library contains the address of its project in the licence; nothing is loaded from there.
     if (!file.path.starts_with("/vendor/") && file.path != "/icon.svg") {
       EXPECT_THAT(answer.body, Not(HasSubstr("http://"))) << file.path;
     }
@@ -134,7 +134,7 @@ TEST_F(HttpTest, MethodsAndBodiesThatNothingTakesAreRefused) {
   EXPECT_THAT(put.head, HasSubstr("Allow: GET, HEAD, POST"));
   EXPECT_EQ(ask(port_, "POST", "/api/v1/status").status, 405);
   EXPECT_EQ(ask(port_, "POST", "/api/v1/diagnoses/X", "", std::string(20'000, 'x')).status, 413);
-  // Larger than what is kept of a request.
+  // Larger than the limit of a request.
   const HttpAnswer large = ask(port_, "GET", "/" + std::string(40'000, 'x'));
   EXPECT_GE(large.status, 400);
   EXPECT_LT(large.status, 500);
@@ -339,7 +339,7 @@ TEST_F(HttpTest, AStreamTellsWhatThePublisherPublishes) {
   status.frames = 4711;
   shown_->feed().add(status);
   ASSERT_TRUE(stream.has_sent("\"frames\":4711"));
-  // Who comes later gets the last seconds at once.
+  // A later reader gets the last seconds at once.
   HttpConnection late(port_);
   late.send("GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n");
   EXPECT_TRUE(late.has_sent("\"frames\":4711"));
