@@ -109,7 +109,7 @@ MachineStatus counted(const LoopCounters& counters) {
 }
 
 /// The counters of faulty frames that are not 0: ", 3 lost, 1 repeated and ignored".
-std::string amiss(const MachineStatus& status) {
+std::string fault_counts(const MachineStatus& status) {
   std::string out;
   for (const auto& [count, what] : {std::pair{status.lost, "lost"},
                                     {status.repeated, "repeated and ignored"},
@@ -227,7 +227,7 @@ std::vector<std::string> taken(const Config& config) {
     if (const auto address = parse_listen_address(config.http.listen))
       HttpServer::try_listening(*address);
   } catch (const CannotListen& error) {
-    if (error.error == EADDRINUSE) found.push_back(config.http.listen + " is already in use");
+    if (error.error == EADDRINUSE) found.push_back(config.http.listen + " is in use");
   }
   return found;
 }
@@ -381,8 +381,8 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   });
   std::jthread reporting([&](const std::stop_token& its_stop) {
     name_thread("events");
-    std::uint64_t told_malformed = 0;
-    std::int64_t told_malformed_ns = 0;
+    std::uint64_t reported_malformed = 0;
+    std::int64_t reported_malformed_ns = 0;
     std::mutex its_mutex;
     std::condition_variable_any never;
     std::unique_lock its_lock(its_mutex);
@@ -399,15 +399,15 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
         arming.forbid(why);
       for (const std::string& line : publisher.news()) events.note("network", "", line);
       const std::uint64_t malformed = loop->counters().malformed;
-      if (malformed > told_malformed &&
-          (told_malformed == 0 || steady_ns() - told_malformed_ns >= kReportPeriod_ns)) {
+      if (malformed > reported_malformed &&
+          (reported_malformed == 0 || steady_ns() - reported_malformed_ns >= kReportPeriod_ns)) {
         events.error("source", "",
-                     std::to_string(malformed - told_malformed) +
+                     std::to_string(malformed - reported_malformed) +
                          " frames ignored: they do not have the " +
                          std::to_string(machine.axes.size()) +
                          " axes of the machine; restart the daemon if the machine has changed");
-        told_malformed = malformed;
-        told_malformed_ns = steady_ns();
+        reported_malformed = malformed;
+        reported_malformed_ns = steady_ns();
       }
     }
   });
@@ -453,9 +453,9 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   learning.request_stop();
   // The workers finish what they have begun; at idle priority that could take for ever on a busy
   // host.
-  hasten(identifying.native_handle());
-  hasten(diagnosing.native_handle());
-  hasten(learning.native_handle());
+  restore_normal_priority(identifying.native_handle());
+  restore_normal_priority(diagnosing.native_handle());
+  restore_normal_priority(learning.native_handle());
   identifying.join();
   diagnosing.join();
   learning.join();
@@ -468,7 +468,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   for (const std::string& line : publisher.news()) events.note("network", "", line);
   const MachineStatus total = status();
   events.note("stopped", "",
-              "stopped after " + std::to_string(total.frames) + " frames" + amiss(total));
+              "stopped after " + std::to_string(total.frames) + " frames" + fault_counts(total));
 }
 
 }  // namespace servotwin::daemon

@@ -37,7 +37,7 @@ struct LearnedProgram {
   CommandedPath program;
   /// Residual of each axis' model on held-out data, in the order of program.axes, RMS and maximum
   /// [m | rad]; 0: not known.
-  std::vector<double> missed, missed_most;
+  std::vector<double> holdout_rms, holdout_max;
   std::vector<AxisCorrectionFigures> axes;  ///< in the order of program.axes
   std::vector<Eigen::ArrayXd> offset;       ///< of each axis, per cycle; 0 if not learned
   std::vector<Eigen::ArrayXd> error_before, error_after;  ///< predicted tracking error

@@ -21,7 +21,7 @@ std::string length_text(double rms, bool rotary) {
 }
 
 /// Why the run ended early through a fault of model, path or offset; empty if it did not.
-std::string trouble(const OffsetRun& run, const std::string& axis) {
+std::string failure_of(const OffsetRun& run, const std::string& axis) {
   const std::string at = " " + number(run.at_s) + " s after the start of the program";
   switch (run.end) {
     case RunEnd::kResidual:
@@ -42,7 +42,7 @@ CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learne
                               const MachineDescription& machine) {
   const std::string axis =
       run.axis >= 0 ? machine.axes[static_cast<std::size_t>(run.axis)].name : std::string();
-  if (const std::string why = trouble(run, axis); !why.empty()) {
+  if (const std::string why = failure_of(run, axis); !why.empty()) {
     const auto refusal = static_cast<Refusal>(run.refusal);
     const bool of_model = run.end == RunEnd::kRefused &&
                           (refusal == Refusal::kOtherAxisState || refusal == Refusal::kModelStale);
@@ -62,11 +62,11 @@ CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learne
       return {What::kWithdraw,
               "the error of axis " + name + " was no smaller than predicted without a correction"};
     const double predicted = rms(run.live ? squares.after : squares.before, run);
-    const double expected = run.live ? std::hypot(predicted, learned.missed[n]) : predicted;
+    const double expected = run.live ? std::hypot(predicted, learned.holdout_rms[n]) : predicted;
     const double measured = rms(squares.measured, run);
-    const bool as_predicted =
-        run.live ? measured <= kMaxRatioToExpectedRms * expected
-                 : std::abs(measured - predicted) <= kMaxRatioToExpectedRms * learned.missed[n];
+    const bool as_predicted = run.live ? measured <= kMaxRatioToExpectedRms * expected
+                                       : std::abs(measured - predicted) <=
+                                             kMaxRatioToExpectedRms * learned.holdout_rms[n];
     if (!as_predicted)
       off += (off.empty() ? "axis " : ", axis ") + name + " " +
              length_text(measured, learned.axes[n].rotary) + " instead of the expected " +

@@ -94,9 +94,9 @@ std::string expected_of(const LearnedProgram& learned, const std::vector<bool>& 
   std::string out;
   for (std::size_t i = 0; i < learned.axes.size(); ++i) {
     const AxisCorrectionFigures& axis = learned.axes[i];
-    if (beyond[i] || learned.missed[i] == 0.0) continue;
+    if (beyond[i] || learned.holdout_rms[i] == 0.0) continue;
     out += (out.empty() ? "expect " : ", ") + axis.name + " " +
-           length_text(std::hypot(axis.after_rms, learned.missed[i]), axis.rotary);
+           length_text(std::hypot(axis.after_rms, learned.holdout_rms[i]), axis.rotary);
   }
   return out.empty() ? out : out + " RMS on the machine";
 }
@@ -171,8 +171,8 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     axes.back().rotary = axis.rotary;
     out.axes.push_back({axis.name, axis.rotary, record.version});
     const auto known = [](double value) { return std::isfinite(value) ? value : 0.0; };
-    out.missed.push_back(known(record.holdout.rms));
-    out.missed_most.push_back(known(record.holdout.max));
+    out.holdout_rms.push_back(known(record.holdout.rms));
+    out.holdout_max.push_back(known(record.holdout.max));
     linear += axis.rotary ? 0 : 1;
   }
 

@@ -21,21 +21,22 @@ LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& even
       assembly_(rules_.machine) {}
 
 void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs) {
-  std::uint64_t told_malformed = 0;
+  std::uint64_t reported_malformed = 0;
   ProgramChunk chunk;
   while (!stop.stop_requested()) {
     if (programs.receive(chunk, kReceiveTimeout_s)) take(chunk, steady_ns());
     refuse_overdue(steady_ns());
-    heed_runs();
-    heed_arming();
+    judge_runs();
+    report_stale();
     renew(steady_ns());
-    if (const std::uint64_t malformed = programs.counts().malformed; malformed > told_malformed) {
+    if (const std::uint64_t malformed = programs.counts().malformed;
+        malformed > reported_malformed) {
       events_.error(
           "program_refused", "",
-          std::to_string(malformed - told_malformed) +
+          std::to_string(malformed - reported_malformed) +
               " program chunks ignored: the name of a program may contain letters, digits "
               "and . _ - only");
-      told_malformed = malformed;
+      reported_malformed = malformed;
     }
   }
 }
@@ -81,11 +82,11 @@ void LearningWorker::learn_now(const CommandedPath& program) {
   }
 }
 
-void LearningWorker::heed_runs() {
-  for (OffsetRun run; hand_over_.runs.pop(run);) heed(run);
+void LearningWorker::judge_runs() {
+  for (OffsetRun run; hand_over_.runs.pop(run);) judge(run);
 }
 
-void LearningWorker::heed_arming() {
+void LearningWorker::report_stale() {
   // relaxed: the flag orders nothing.
   const bool before = std::exchange(armed_, hand_over_.armed.load(std::memory_order_relaxed));
   if (before || !armed_) return;
@@ -116,7 +117,7 @@ void LearningWorker::renew(std::int64_t now_ns) {
   if (any) hand_over_plan(true);
 }
 
-void LearningWorker::heed(const OffsetRun& run) {
+void LearningWorker::judge(const OffsetRun& run) {
   const auto found = std::find_if(kept_.begin(), kept_.end(),
                                   [&](const Kept& one) { return one->number == run.learned; });
   if (found == kept_.end()) return;  // replaced by another correction in the meantime

@@ -51,12 +51,12 @@ class LearningWorker {
   /// Refuses programs whose next chunk has not come in time.
   void refuse_overdue(std::int64_t now_ns);
   /// Judges the runs that the real-time loop has reported since the last call.
-  void heed_runs();
+  void judge_runs();
   /// Updates the validation time of the corrections from that of their models, at most every
   /// kRenewEvery_ns.
   void renew(std::int64_t now_ns);
   /// Reports, after a person has armed the daemon, the corrections that are too old to be sent.
-  void heed_arming();
+  void report_stale();
   /// The corrections that are kept; the newest is the last one.
   [[nodiscard]] const std::vector<std::shared_ptr<const LearnedProgram>>& kept() const noexcept {
     return kept_;
@@ -65,7 +65,7 @@ class LearningWorker {
  private:
   using Kept = std::shared_ptr<const LearnedProgram>;
   void learn_now(const CommandedPath& program);
-  void heed(const OffsetRun& run);
+  void judge(const OffsetRun& run);
   void learn_anew(const Kept& learned);
   void withdraw(const Kept& learned, const std::string& why);
   void refuse(const ProgramRefusal& refusal);

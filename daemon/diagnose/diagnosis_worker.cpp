@@ -25,16 +25,16 @@ constexpr double kMinMotionShare = 0.5;
 /// those from the position, because two ripples may be two different ones.
 std::string line_of(const Diagnosis& diagnosis, const TorqueDiagnosis& torque) {
   std::string line = verdict_text(diagnosis);
-  std::set<std::string> told;
+  std::set<std::string> named;
   for (const Cause& cause : diagnosis.causes) {
     line += "; " + cause.id + ": " + cause_text(diagnosis, cause);
     if (const std::string also = torque_beside(torque, cause.id); !also.empty())
       line += ", " + also;
-    told.insert(cause.id);
+    named.insert(cause.id);
   }
   for (const Cause& cause : diagnosis.suspected) line += "; suspected " + cause.id;
   for (const TorqueCause& cause : torque.causes) {
-    if (told.insert(cause.id).second) line += "; by torque " + cause.id;
+    if (named.insert(cause.id).second) line += "; by torque " + cause.id;
   }
   return line;
 }

@@ -168,13 +168,13 @@ bool IdentificationWorker::look(std::size_t axis) {
   const double moved_s = memory_.moved_s(axis);
   if (state.candidate) {
     const double from_s = state.candidate->moved_s;
-    say(axis, progress_of("judging a candidate", moved_s - from_s, config_.judge_s));
+    set_activity(axis, progress_of("judging a candidate", moved_s - from_s, config_.judge_s));
     const std::optional<double> until_s = memory_.time_when_moved(axis, from_s + config_.judge_s);
     if (until_s) judge_candidate(axis, *until_s);
     return until_s.has_value();
   }
-  say(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s) +
-                (state.last_step.empty() ? "" : "; last: " + state.last_step));
+  set_activity(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s) +
+                         (state.last_step.empty() ? "" : "; last: " + state.last_step));
   const std::optional<double> until_s =
       memory_.time_when_moved(axis, state.moved_s + config_.window_s);
   // A worker that got no processor for too long continues with the motion that is still in memory.
@@ -211,7 +211,7 @@ SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
 
 void IdentificationWorker::step(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
-  say(axis, "identifying");
+  set_activity(axis, "identifying");
   state.moved_s += config_.window_s;
   SegmentedAxis motion;
   try {
@@ -247,7 +247,7 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
                       std::to_string(state.in_force->record.version);
   }
   events_.note("identification_step", state.name, state.last_step);
-  say(axis, "identifying " + state.last_step);
+  set_activity(axis, "identifying " + state.last_step);
   std::vector<Segment> evidence =
       state.evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals});
   // Motion without evidence is fitted as it is, so that the refusal says what excitation it lacks.
@@ -324,7 +324,7 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, const Segmente
 
 void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
-  say(axis, "judging");
+  set_activity(axis, "judging");
   Pending candidate = std::move(*state.candidate);
   state.candidate.reset();
   const Model& model = candidate.identified.record.model;
@@ -338,17 +338,17 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
       throw std::runtime_error(
           "the held-out motion is no longer in memory; the processor is too busy");
     }
-    const std::vector<Segment> unseen =
+    const std::vector<Segment> held_out =
         segment_axis(memory_.copy(axis, candidate.until_s, until_s, "live"), state.name).segments;
     // Both models are compared on the same samples.
     const double skip_s =
         std::max(starting_state_s(model), other != nullptr ? starting_state_s(*other) : 0.0);
-    const Eigen::ArrayXd left = left_by(&model, unseen, skip_s);
-    const Eigen::ArrayXd left_in_force = left_by(other, unseen, skip_s);
+    const Eigen::ArrayXd left = left_by(&model, held_out, skip_s);
+    const Eigen::ArrayXd left_in_force = left_by(other, held_out, skip_s);
     candidate.identified.record.holdout = figures_of(left);
     candidacy.rms = candidate.identified.record.holdout.rms;
     candidacy.rms_in_force = figures_of(left_in_force).rms;
-    candidacy.sureness = sureness(left, left_in_force);
+    candidacy.significance = significance(left, left_in_force);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
     note_refusal(axis, std::string("candidate not judged: ") + error.what());
@@ -426,7 +426,7 @@ void IdentificationWorker::update(std::vector<AxisStatus>& status) const {
   if (lock.owns_lock()) status = status_;
 }
 
-void IdentificationWorker::say(std::size_t axis, const std::string& activity) {
+void IdentificationWorker::set_activity(std::size_t axis, const std::string& activity) {
   const std::lock_guard lock(status_mutex_);
   status_[axis].activity = activity;
 }

@@ -100,7 +100,7 @@ class IdentificationWorker {
   /// Stores that the model in force is still valid, if it is.
   void validate(std::size_t axis, const Candidacy& candidacy);
   void put_in_force(std::size_t axis, const StoredModel& model);
-  void say(std::size_t axis, const std::string& activity);
+  void set_activity(std::size_t axis, const std::string& activity);
   void note_refusal(std::size_t axis, const std::string& why, const std::string& detail = "");
 
   MachineDescription machine_;

@@ -32,7 +32,7 @@ bool still_holds(const Candidacy& candidacy, double holdout_rms) {
          candidacy.rms_in_force <= kMaxRatioToHoldoutRms * holdout_rms;
 }
 
-double sureness(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other) {
+double significance(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other) {
   constexpr Eigen::Index kBlocks = 16;
   const Eigen::Index each = left.size() / kBlocks;
   if (each == 0 || left_by_other.size() != left.size()) return kAbsent;
@@ -80,11 +80,11 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
     };
     const double wanted = better_by(kLargeImprovement) ? 1.75 : 3.0;
     if (candidacy.version_in_force == 0 || better_by(kObviousImprovement) ||
-        candidacy.sureness >= wanted)
+        candidacy.significance >= wanted)
       return {Ruling::kPromoted, comparison};
     std::ostringstream sure;
     sure.precision(3);
-    sure << "; better by " << candidacy.sureness << " standard errors, not significant (needs "
+    sure << "; better by " << candidacy.significance << " standard errors, not significant (needs "
          << wanted << ", or an RMS lower by " << 100.0 * kObviousImprovement * rule.min_improvement
          << " %)";
     return {Ruling::kByChance, comparison + sure.str()};

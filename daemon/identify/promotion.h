@@ -3,7 +3,8 @@
 // A candidate is promoted if
 //   - it may be used: excited, stable, within its bounds;
 //   - RMS(candidate) <= (1 - min_improvement) RMS(in force) on held-out motion;
-//   - the improvement is significant: ten times min_improvement, or a `sureness` of at least 1.75
+//   - the improvement is significant: ten times min_improvement, or a `significance` of at
+//   least 1.75
 //     standard errors (3 if the improvement is below five times min_improvement).
 //
 // Significance is required because a machine that does not change is judged thousands of times:
@@ -27,7 +28,7 @@ struct Candidacy {
   double rms = kAbsent;               ///< of the candidate on the held-out motion
   double rms_in_force = kAbsent;      ///< of the model in force, or of no prediction
   int version_in_force = 0;           ///< 0: none
-  double sureness = kAbsent;          ///< of the advantage of the candidate, in standard errors
+  double significance = kAbsent;      ///< of the advantage of the candidate, in standard errors
   double judged_s = 0.0;              ///< length of the held-out motion
   bool rotary = false;
 };
@@ -62,7 +63,7 @@ struct Decision {
 /// Significance of the difference of two residuals along the same samples: the mean difference of
 /// their squares over sixteen blocks, divided by its standard error. Positive if `left` is smaller
 /// than `left_by_other`; NaN with fewer than sixteen samples or if all blocks agree.
-[[nodiscard]] double sureness(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other);
+[[nodiscard]] double significance(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other);
 
 [[nodiscard]] Decision decide(const Candidacy& candidacy, const PromotionRule& rule);
 

@@ -43,7 +43,7 @@ CanSource::CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pac
   }
   order_.push_back(known.start.bus);
   patience_ns_ = std::max<std::int64_t>(500'000'000, std::llround(known.machine.cycle_s * 1e11));
-  told_ = snapshot();
+  reported_ = snapshot();
 }
 
 void CanSource::refill(std::size_t bus) noexcept {
@@ -105,7 +105,7 @@ Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
       Queue& queue = queues_[static_cast<std::size_t>(bus)];
       const CanFrame& next = queue.frames[queue.next++];
       completed_ns_ = next.time_ns;
-      heed_other_sender(static_cast<std::size_t>(bus), next);
+      detect_other_sender(static_cast<std::size_t>(bus), next);
       assembly_.on_frame(static_cast<std::size_t>(bus), next);
       continue;
     }
@@ -136,26 +136,26 @@ void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
   }
 }
 
-void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
+void CanSource::detect_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
   for (const Carried& one : carried_) {
     const MappedMessage& ours = assembly_.map().messages[one.message];
     // A bus never delivers own frames: this one comes from another sender.
     if (ours.bus != bus || ours.id != frame.id || ours.extended != frame.extended) continue;
-    rival_ns_ = steady_ns();
-    if (sent_ns_ && *rival_ns_ - *sent_ns_ < kSimultaneous_ns)
-      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
+    other_sender_ns_ = steady_ns();
+    if (sent_ns_ && *other_sender_ns_ - *sent_ns_ < kSimultaneous_ns)
+      other_sender_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
   }
 }
 
 void CanSource::send(const MachineOffset& offset) noexcept {
   // relaxed: the flag orders no other data.
-  if (rival_.load(std::memory_order_relaxed) >= 0) return;
+  if (other_sender_.load(std::memory_order_relaxed) >= 0) return;
   for (Carried& one : carried_) {
     const AxisOffset& axis = offset.axes[one.axis];
     if (!axis.send) continue;
     sent_ns_ = steady_ns();
-    if (rival_ns_ && *sent_ns_ - *rival_ns_ < kSimultaneous_ns) {
-      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
+    if (other_sender_ns_ && *sent_ns_ - *other_sender_ns_ < kSimultaneous_ns) {
+      other_sender_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
       return;
     }
     // The bus counts offsets that it cannot send; the drive drops an offset that is not renewed.
@@ -164,7 +164,7 @@ void CanSource::send(const MachineOffset& offset) noexcept {
 }
 
 std::string CanSource::offsets_held_back() const {
-  const int axis = rival_.load(std::memory_order_relaxed);
+  const int axis = other_sender_.load(std::memory_order_relaxed);
   if (axis < 0) return {};
   return "another sender also sends offsets to the drive of axis " +
          assembly_.map().machine.axes[static_cast<std::size_t>(axis)].name +
@@ -221,27 +221,27 @@ CanSource::Snapshot CanSource::snapshot() const {
 
 std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
   const Snapshot now = snapshot();
-  bool changed = now.stalled != told_.stalled;
+  bool changed = now.stalled != reported_.stalled;
   for (std::size_t i = 0; i < buses_.size(); ++i) {
-    const CanTrafficCounts& a = told_.counts.buses[i];
+    const CanTrafficCounts& a = reported_.counts.buses[i];
     const CanTrafficCounts& b = now.counts.buses[i];
-    changed = changed || (now.buses[i].malformed > 0 && told_.buses[i].malformed == 0);
-    changed = changed || now.buses[i].up != told_.buses[i].up ||
-              now.buses[i].downs != told_.buses[i].downs || a.bus_off != b.bus_off ||
+    changed = changed || (now.buses[i].malformed > 0 && reported_.buses[i].malformed == 0);
+    changed = changed || now.buses[i].up != reported_.buses[i].up ||
+              now.buses[i].downs != reported_.buses[i].downs || a.bus_off != b.bus_off ||
               a.restarted != b.restarted;
   }
   for (std::size_t i = 0; i < now.counts.messages.size(); ++i) {
-    const CanMessageCounts& a = told_.counts.messages[i];
+    const CanMessageCounts& a = reported_.counts.messages[i];
     const CanMessageCounts& b = now.counts.messages[i];
     changed = changed || a.silent != b.silent || a.silences != b.silences;
   }
-  changed = changed || now.counts.unexpected.size() != told_.counts.unexpected.size();
-  if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kReportPeriod_ns) return {};
+  changed = changed || now.counts.unexpected.size() != reported_.counts.unexpected.size();
+  if (!changed && reported_ns_ != 0 && now_ns - reported_ns_ < kReportPeriod_ns) return {};
 
   const CanMap& known = assembly_.map();
   std::vector<SourceNews> lines;
   for (std::size_t i = 0; i < buses_.size(); ++i) {
-    const CanBusCounts& a = told_.buses[i];
+    const CanBusCounts& a = reported_.buses[i];
     const CanBusCounts& b = now.buses[i];
     const std::string& name = known.buses[i];
     if (b.downs > a.downs) lines.push_back({name + ": the interface went down or was removed"});
@@ -258,17 +258,17 @@ std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
                        " packets ignored: not CAN frames, or not from the peer"});
     }
   }
-  if (now.stalled != told_.stalled) {
+  if (now.stalled != reported_.stalled) {
     const std::string start =
         can_id_text(known.start.id, known.start.extended) + " on " + known.buses[known.start.bus];
     lines.push_back(now.stalled ? SourceNews{"no cycle starts: " + start + " is not received"}
                                 : SourceNews{"cycles start again with " + start, true});
   }
-  for (SourceNews& line : happened(known, told_.counts, now.counts))
+  for (SourceNews& line : happened(known, reported_.counts, now.counts))
     lines.push_back(std::move(line));
   // The minute starts with the last report.
-  if (!lines.empty()) told_ns_ = now_ns;
-  told_ = now;
+  if (!lines.empty()) reported_ns_ = now_ns;
+  reported_ = now;
   return lines;
 }
 

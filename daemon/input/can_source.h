@@ -65,7 +65,7 @@ class CanSource final : public FrameSource {
   void follow_clock() noexcept;
   /// Detects another sender of offsets to a drive that this daemon corrects: each of the two would
   /// correct what the other adds.
-  void heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept;
+  void detect_other_sender(std::size_t bus, const CanFrame& frame) noexcept;
   [[nodiscard]] Snapshot snapshot() const;
 
   CanAssembly assembly_;
@@ -85,12 +85,12 @@ class CanSource final : public FrameSource {
   static constexpr std::int64_t kSimultaneous_ns = 1'000'000'000;
   // Steady times of the last own offset and of the last offset of another sender. Less than
   // kSimultaneous_ns apart means that both are active.
-  std::optional<std::int64_t> sent_ns_, rival_ns_;
-  std::atomic<int> rival_{-1};  // axis with two senders; -1: none. No offset is sent then
+  std::optional<std::int64_t> sent_ns_, other_sender_ns_;
+  std::atomic<int> other_sender_{-1};  // axis with two senders; -1: none. No offset is sent then
 
   // Of news().
-  Snapshot told_;
-  std::int64_t told_ns_ = 0;
+  Snapshot reported_;
+  std::int64_t reported_ns_ = 0;
 };
 
 }  // namespace servotwin::daemon

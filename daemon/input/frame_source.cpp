@@ -122,26 +122,26 @@ bool DdsSource::silent(std::int64_t now_ns) const noexcept {
 std::vector<SourceNews> DdsSource::news(std::int64_t now_ns) {
   std::vector<SourceNews> lines;
   if (const std::uint64_t over = silences_.load(std::memory_order_acquire);
-      over != told_silences_) {
-    told_silences_ = over;
-    told_silent_ = false;
+      over != reported_silences_) {
+    reported_silences_ = over;
+    reported_silent_ = false;
     const auto length_s = static_cast<double>(silence_ns_.load(std::memory_order_relaxed)) * 1e-9;
     lines.push_back(
         {"frames received again after " + number(std::round(10.0 * length_s) / 10.0) + " s", true});
   }
-  if (!told_silent_ && silent(now_ns)) {
-    told_silent_ = true;
+  if (!reported_silent_ && silent(now_ns)) {
+    reported_silent_ = true;
     lines.push_back({reader_.matched()
                          ? "frame source silent: no frame for 1 s, but it is still connected"
                          : "frame source stopped: no frame for 1 s"});
   }
   const std::uint64_t ignored = ignored_.load(std::memory_order_relaxed);
-  if (ignored != told_ignored_ &&
-      (told_ignored_ == 0 || now_ns - told_ignored_ns_ >= kReportPeriod_ns)) {
+  if (ignored != reported_ignored_ &&
+      (reported_ignored_ == 0 || now_ns - reported_ignored_ns_ >= kReportPeriod_ns)) {
     lines.push_back({"a second writer sends frames of this machine; " +
-                     std::to_string(ignored - told_ignored_) + " of its frames are ignored"});
-    told_ignored_ = ignored;
-    told_ignored_ns_ = now_ns;
+                     std::to_string(ignored - reported_ignored_) + " of its frames are ignored"});
+    reported_ignored_ = ignored;
+    reported_ignored_ns_ = now_ns;
   }
   return lines;
 }

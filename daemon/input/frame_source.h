@@ -113,9 +113,9 @@ class DdsSource final : public FrameSource {
   std::atomic<std::uint64_t> ignored_{0};    // frames of other writers
 
   // Of news().
-  bool told_silent_ = false;
-  std::uint64_t told_silences_ = 0, told_ignored_ = 0;
-  std::int64_t told_ignored_ns_ = 0;
+  bool reported_silent_ = false;
+  std::uint64_t reported_silences_ = 0, reported_ignored_ = 0;
+  std::int64_t reported_ignored_ns_ = 0;
 };
 
 }  // namespace servotwin::daemon

@@ -76,12 +76,12 @@ std::vector<Place> resampled(const Stamps& stamps) {
 std::vector<std::string> notes_of(const std::string& source, const Stamps& stamps, std::size_t rows,
                                   std::size_t cycles) {
   std::vector<std::string> notes;
-  const auto say = [&](std::size_t count, const std::string& what) {
+  const auto note = [&](std::size_t count, const std::string& what) {
     if (count > 0) notes.push_back(source + ": " + std::to_string(count) + what);
   };
-  say(stamps.repeated, " rows dropped: the stamp of the row before was repeated");
-  say(stamps.repaired, " wrong stamps replaced by the place between their neighbours");
-  say(stamps.unplaced, " rows dropped: no usable stamp");
+  note(stamps.repeated, " rows dropped: the stamp of the row before was repeated");
+  note(stamps.repaired, " wrong stamps replaced by the place between their neighbours");
+  note(stamps.unplaced, " rows dropped: no usable stamp");
   if (stamps.resolution_s > 0.0) {
     notes.push_back(source + ": stamps are only written to " + number(1e3 * stamps.resolution_s) +
                     " ms: rows taken as evenly spaced at the mean step");

@@ -112,7 +112,7 @@ void LiveOffsets::watch_residuals(const MachinePrediction& prediction) noexcept 
     const AxisPrediction& axis = prediction.axes[program.axes[n]];
     // A missing encoder value (NaN) counts as outside: the state of the machine is unknown.
     const double band = std::max(rules_.residual_band * axis.standard_deviation,
-                                 kBandOverHoldoutMax * run_.learned->missed_most[n]);
+                                 kBandOverHoldoutMax * run_.learned->holdout_max[n]);
     const bool within = std::abs(axis.residual) <= band;
     run_.outside[n] = within ? 0 : run_.outside[n] + 1;
     if (run_.outside[n] >= kCyclesOutsideToEnd)

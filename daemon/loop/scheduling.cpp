@@ -65,7 +65,7 @@ std::string become_idle() {
   return "background work runs at normal priority: " + std::string(std::strerror(error));
 }
 
-void hasten(pthread_t thread) noexcept {
+void restore_normal_priority(pthread_t thread) noexcept {
   const sched_param parameter{};
   (void)pthread_setschedparam(thread, SCHED_OTHER, &parameter);
 }

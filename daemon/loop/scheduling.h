@@ -22,7 +22,7 @@ namespace servotwin::daemon {
 /// Switches to SCHED_IDLE: the thread runs only when no other thread needs the processor.
 [[nodiscard]] std::string become_idle();
 /// Gives another thread, which had become idle, normal priority again, if that is permitted.
-void hasten(pthread_t thread) noexcept;
+void restore_normal_priority(pthread_t thread) noexcept;
 /// Sets the name that top and gdb show, at most 15 characters.
 void name_thread(const char* name);
 /// Locks memory: a page of the process is never swapped out once it has been touched.

@@ -24,7 +24,7 @@ Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction
       model_writer_(node),
       diagnosis_writer_(node),
       status_writer_(node),
-      heard_(node),
+      status_reader_(node),
       predictions_(predictions),
       offsets_(offsets),
       wake_up_(wake_up),
@@ -38,7 +38,7 @@ void Publisher::run(const std::stop_token& stop) {
     const std::int64_t now = steady_ns();
     if (now >= next_status) {
       send_status();
-      say_again();
+      repeat_announcements();
       next_status = now + kStatusPeriod_ns;
     }
     wake_up_.wait(
@@ -46,7 +46,7 @@ void Publisher::run(const std::stop_token& stop) {
     send_offsets();
     send_predictions();
     send_announcements();
-    look_who_is_heard();
+    find_active_daemon();
   }
   send_offsets();
   send_predictions();
@@ -103,19 +103,19 @@ void Publisher::send_announcements() {
 }
 
 // The daemon's own reader gets what every reader gets: the status of the active daemon.
-void Publisher::look_who_is_heard() {
+void Publisher::find_active_daemon() {
   MachineStatus status;
-  while (heard_.receive(status, 0.0)) {
-    const bool ours = heard_.writer() == status_writer_.handle();
-    if (ours != speaks_.value_or(true)) turns_.push(ours);
-    if (ours && !speaks_.value_or(true)) says_again_ = kRepeatsAfterTakeover;
-    speaks_ = ours;
+  while (status_reader_.receive(status, 0.0)) {
+    const bool ours = status_reader_.writer() == status_writer_.handle();
+    if (ours != active_.value_or(true)) changes_.push(ours);
+    if (ours && !active_.value_or(true)) repeats_left_ = kRepeatsAfterTakeover;
+    active_ = ours;
   }
 }
 
 std::vector<std::string> Publisher::news() {
   std::vector<std::string> lines;
-  for (bool ours = false; turns_.pop(ours);) {
+  for (bool ours = false; changes_.pop(ours);) {
     lines.emplace_back(ours ? "this daemon is now active for the machine: the other one stopped or "
                               "has a lower strength"
                             : "standby: another daemon is active for this machine");
@@ -123,9 +123,9 @@ std::vector<std::string> Publisher::news() {
   return lines;
 }
 
-void Publisher::say_again() {
-  if (says_again_ == 0) return;
-  --says_again_;
+void Publisher::repeat_announcements() {
+  if (repeats_left_ == 0) return;
+  --repeats_left_;
   for (const auto& [axis, model] : models_) model_writer_.write(model);
   for (const auto& [axis, diagnosis] : diagnoses_) diagnosis_writer_.write(diagnosis);
 }

@@ -48,15 +48,15 @@ class Publisher {
   void send_predictions();
   void send_announcements();
   void send_status();
-  void look_who_is_heard();
-  void say_again();
+  void find_active_daemon();
+  void repeat_announcements();
 
   DdsWriter<MachinePrediction> prediction_writer_;
   DdsWriter<MachineOffset> offset_writer_;
   DdsWriter<ModelAnnouncement> model_writer_;
   DdsWriter<DiagnosisAnnouncement> diagnosis_writer_;
   DdsWriter<MachineStatus> status_writer_;
-  DdsReader<MachineStatus> heard_;
+  DdsReader<MachineStatus> status_reader_;
   Ring<MachinePrediction>& predictions_;
   Ring<MachineOffset>& offsets_;
   const WakeUp& wake_up_;
@@ -72,9 +72,9 @@ class Publisher {
   std::vector<DiagnosisAnnouncement> waiting_diagnoses_;
   std::map<std::string, ModelAnnouncement> models_;  // last announcement of every axis
   std::map<std::string, DiagnosisAnnouncement> diagnoses_;
-  std::optional<bool> speaks_;  // this daemon is the active one
-  int says_again_ = 0;          // remaining repetitions after a takeover
-  Ring<bool> turns_{16};        // this daemon became active (true) or standby; for news()
+  std::optional<bool> active_;  // this daemon is the active one
+  int repeats_left_ = 0;        // remaining repetitions after a takeover
+  Ring<bool> changes_{16};      // this daemon became active (true) or standby; for news()
 };
 
 }  // namespace servotwin::daemon

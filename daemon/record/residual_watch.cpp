@@ -29,11 +29,12 @@ void ResidualWatch::append(const CycleRow& row) {
     const bool moves =
         !row.after_gap && std::isfinite(command) && std::isfinite(before) && command != before;
     if (!moves) continue;
-    if (const std::optional<AlarmChange> change = axis.alarm.add(row.residuals[i])) say(i, *change);
+    if (const std::optional<AlarmChange> change = axis.alarm.add(row.residuals[i]))
+      report(i, *change);
   }
 }
 
-void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
+void ResidualWatch::report(std::size_t axis, const AlarmChange& change) {
   const Axis& state = axes_[axis];
   const char* unit = state.rotary ? "urad" : "um";
   const std::string rms = text("%.3g %s RMS", 1e6 * change.rms, unit),

@@ -45,7 +45,7 @@ class ResidualWatch {
     ResidualAlarm alarm;
     double last_command = kAbsent;
   };
-  void say(std::size_t axis, const AlarmChange& change);
+  void report(std::size_t axis, const AlarmChange& change);
 
   double false_alarm_days_;
   EventLog& events_;

@@ -104,7 +104,7 @@ void WebService::look() {
   }
   health_.on_turns(turns, steady_ns());
   health_.on_recording(live_.status.not_recording);
-  if (shown_ == nullptr && steady_ns() - said_ns_ >= kStatus_ns) say_status();
+  if (shown_ == nullptr && steady_ns() - status_sent_ns_ >= kStatus_ns) send_status();
 }
 
 void WebService::pass_on(LiveFeed::News news) {
@@ -123,11 +123,11 @@ void WebService::pass_on(LiveFeed::News news) {
     server_.send("diagnosis", diagnosis.diagnosis_json);
   if (!news.status) return;
   live_ = std::move(*news.status);
-  say_status();
+  send_status();
 }
 
-void WebService::say_status() {
-  said_ns_ = steady_ns();
+void WebService::send_status() {
+  status_sent_ns_ = steady_ns();
   if (shown_ == nullptr) live_.status.time_ns = wall_ns();
   const HttpResponse status = api_.answer({"GET", "/api/v1/status", {}, {}, {}});
   server_.send("status", std::string_view(status.body).substr(0, status.body.size() - 1));

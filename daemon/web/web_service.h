@@ -62,7 +62,7 @@ class WebService {
   void run(const std::stop_token& stop);
   void look();
   void pass_on(LiveFeed::News news);
-  void say_status();
+  void send_status();
   [[nodiscard]] MetricsInput now();
 
   std::string machine_;
@@ -75,8 +75,8 @@ class WebService {
   MachineDescription stored_;  // axes in the store, used until the machine is known
   LiveStatus live_;
   std::uint64_t batches_dropped_ = 0;
-  std::int64_t live_ns_ = 0;  // time of the last cycle; 0: none
-  std::int64_t said_ns_ = 0;  // time of the last status sent to the streams
+  std::int64_t live_ns_ = 0;         // time of the last cycle; 0: none
+  std::int64_t status_sent_ns_ = 0;  // time of the last status sent to the streams
 
   HttpServer server_;  // declared last: its last responses use the members above
   std::jthread thread_;

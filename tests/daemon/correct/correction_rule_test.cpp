@@ -23,7 +23,7 @@ LearnedProgram learned_of(bool path) {
   out.program.axes = path ? std::vector<std::size_t>{0, 1} : std::vector<std::size_t>{1};
   for (const std::size_t axis : out.program.axes) {
     out.axes.push_back({kMachine.axes[axis].name, false, 1});
-    out.missed.push_back(2e-6);
+    out.holdout_rms.push_back(2e-6);
   }
   if (path) out.contour_before = Eigen::ArrayXd::Constant(10, 1e-5);
   return out;

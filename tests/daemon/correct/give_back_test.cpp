@@ -132,7 +132,7 @@ class GiveBack : public testing::Test {
         out.advised_peak = std::max(out.advised_peak, std::abs(offset.offset));
       drain();
     }
-    worker_->heed_runs();
+    worker_->judge_runs();
     out.tracking_rms =
         std::hypot(size_of(path[0] - out.actual[0]).rms, size_of(path[1] - out.actual[1]).rms);
     if (path[0].abs().maxCoeff() > 0.0) out.contour = program_error(path, out.actual).distance;

@@ -278,11 +278,11 @@ TEST_F(LearningWorkerTest, ACorrectionOfModelsThatAreTooOldSaysSoAndAgainWhenItI
   send({circle_program()[0]}, true);
   ASSERT_FALSE(announced_.empty());
   EXPECT_THAT(announced_[0].reason, HasSubstr("nothing is sent until they are validated again"));
-  worker_->heed_arming();
+  worker_->report_stale();
   EXPECT_TRUE(events("correction_stale").empty());
   hand_over_.armed = true;
-  worker_->heed_arming();
-  worker_->heed_arming();
+  worker_->report_stale();
+  worker_->report_stale();
   ASSERT_EQ(events("correction_stale").size(), 1U);
   EXPECT_THAT(events("correction_stale")[0].text, HasSubstr("program 'part': armed, but"));
 

@@ -36,7 +36,7 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
             for (const int version : {0, 1, 7}) {
               for (const double sure : {kAbsent, -3.0, 1.74, 1.75, 2.99, 3.0, kInfinity}) {
                 Candidacy c;
-                c.sureness = sure;
+                c.significance = sure;
                 c.invalid = invalid ? "the loop is unstable" : "";
                 for (int i = 0; i < refusals; ++i) c.refusals.push_back("mass is not excited");
                 c.judged_s = judged_s;
@@ -103,15 +103,15 @@ TEST(Promotion, NearlyBetterIsRefusedWithTheShareThatIsMissing) {
 TEST(Promotion, ALittleBetterMustBeBetterOnMostOfTheMotion) {
   Candidacy candidacy = good();
   candidacy.rms = 1.9e-6;
-  candidacy.sureness = 1.3;
+  candidacy.significance = 1.3;
   const Decision decision = decide(candidacy, kRule);
   EXPECT_EQ(decision.ruling, Ruling::kByChance);
   EXPECT_EQ(decision.reason,
             "leaves 1.9 um RMS on 4.2 s of held-out motion, model 3 leaves 2 um; better by 1.3 "
             "standard errors, not significant (needs 3, or an RMS lower by 20 %)");
-  candidacy.sureness = 3.1;
+  candidacy.significance = 3.1;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
-  candidacy.sureness = 1.8;
+  candidacy.significance = 1.8;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kByChance);
   candidacy.rms = 1.75e-6;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
@@ -124,10 +124,10 @@ TEST(Promotion, SurenessIsTheMeanAdvantageByItsStandardError) {
   Eigen::ArrayXd left = Eigen::ArrayXd::Zero(34), other(34);
   for (Eigen::Index k = 0; k < 34; ++k) other[k] = std::sqrt(k / 2 % 2 == 0 ? 1.0 : 3.0);
   other[32] = other[33] = 1000.0;
-  EXPECT_NEAR(sureness(left, other), 2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
-  EXPECT_NEAR(sureness(other, left), -2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
-  EXPECT_TRUE(std::isnan(sureness(left, left))) << "no part differs from another";
-  EXPECT_TRUE(std::isnan(sureness(left.head(15), other.head(15)))) << "too short";
+  EXPECT_NEAR(significance(left, other), 2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
+  EXPECT_NEAR(significance(other, left), -2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
+  EXPECT_TRUE(std::isnan(significance(left, left))) << "no part differs from another";
+  EXPECT_TRUE(std::isnan(significance(left.head(15), other.head(15)))) << "too short";
 }
 
 TEST(Promotion, SaysWhatTheIdentificationRefused) {

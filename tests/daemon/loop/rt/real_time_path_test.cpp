@@ -198,8 +198,8 @@ TEST(RealTimePath, AllocatesNothingWhileCorrectionsAreGivenBack) {
     const double bent = name[0] == 'X' ? 0.0 : 1.0;
     learned->program.command.emplace_back(0.01 * bump * (0.5 + bent * time));
     learned->axes.push_back({name, false, 1});
-    learned->missed.push_back(0.0);
-    learned->missed_most.push_back(0.0);
+    learned->holdout_rms.push_back(0.0);
+    learned->holdout_max.push_back(0.0);
     learned->offset.emplace_back(1e-4 * bump * (4.0 * std::numbers::pi * time).sin().square());
     learned->error_before.emplace_back(Eigen::ArrayXd::Constant(kRows, 1.0));
     learned->error_after.emplace_back(Eigen::ArrayXd::Zero(kRows));
