@@ -32,9 +32,9 @@ export class Figures {
     const { measured, residual } = one.last_second;
     this.set("measured", `${error(measured.rms_m, one.rotary)} RMS`, `max ${error(measured.max_m, one.rotary)}`);
     this.set("residual", residual.rms_m === null ? "no prediction" : `${error(residual.rms_m, one.rotary)} RMS`,
-      residual.rms_m === null ? one.activity : `max ${error(residual.max_m, one.rotary)}, ${digits(measured.rms_m / residual.rms_m)} times smaller`);
+      residual.rms_m === null ? one.activity : `max ${error(residual.max_m, one.rotary)}, ${digits(measured.rms_m / residual.rms_m)}× smaller`);
     this.set("model", one.model_version > 0 ? `version ${one.model_version}` : "none yet",
-      one.model_version > 0 ? `residual ${error(one.holdout_rms_m, one.rotary)} on held-out motion` : one.activity);
+      one.model_version > 0 ? `held-out RMS ${error(one.holdout_rms_m, one.rotary)}` : one.activity);
     const peak = this.peaks.get(axis);
     this.set("peak", peak ? error(peak.value, one.rotary) : "–", peak ? `since ${peak.since}` : "");
   }
