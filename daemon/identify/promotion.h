@@ -3,9 +3,8 @@
 // A candidate is promoted if
 //   - it may be used: excited, stable, within its bounds;
 //   - RMS(candidate) <= (1 - min_improvement) RMS(in force) on held-out motion;
-//   - the improvement is significant: ten times min_improvement, or a `significance` of at
-//   least 1.75
-//     standard errors (3 if the improvement is below five times min_improvement).
+//   - the improvement is significant: ten times min_improvement, or a `significance` of at least
+//     1.75 standard errors (3 if the improvement is below five times min_improvement).
 //
 // Significance is required because a machine that does not change is judged thousands of times:
 // some of so many candidates are two percent better on four seconds and worse on the next. Without

@@ -1,12 +1,10 @@
 // Recognises by the commands that the machine runs a known program, and at which row it is.
 //
 //   the machine stands at the start of the program for kStandstillCycles cycles, then moves
-//   --> candidates: the first row with motion and kAlignmentRows rows before and after it; each is
-//   followed
-//       row by row as long as every command is within the tolerance of its row
+//   --> candidates: the first row with motion and kAlignmentRows rows before and after it; each of
+//   them is followed row by row as long as every command is within the tolerance of its row
 //   --> after kConfirmationCycles cycles the candidate with the smallest deviation is the match, if
-//   no other
-//       program is followed as well
+//   no other program is followed as well
 //
 // A program repeats sample by sample or not at all: another feed rate, a pause or another path ends
 // the match at once, and the program is recognised again only from its start. The work per cycle
