@@ -120,7 +120,7 @@ std::string fault_counts(const MachineStatus& status) {
   return out;
 }
 
-/// The page; null if it is not configured, or if its default address is in use.
+/// The page; null if it is not configured, or if it cannot be served and is not required.
 std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog& events) {
   if (config.http.listen.empty() || config.http.listen == "none") return nullptr;
   try {

@@ -1,10 +1,10 @@
 // The rule that is applied after a run: the correction is kept, learned again or withdrawn.
 //
-//   withdraw     a residual left its band; the path or an axis error was no smaller than predicted
-//                without a correction; or the gate refused the offset
-//   learn again  another model is in force, or the measured RMS is more than kMaxRatioToExpectedRms
-//                times the expected one: sqrt(predicted^2 + residual of the model on held-out
-//                data^2)
+//   withdraw     a residual left its band; the error of the path or of an axis was no smaller than
+//                predicted without a correction; or the gate refused the offset itself
+//   learn again  the gate refused because another model is in force or the model is too old; or the
+//                measured RMS is more than kMaxRatioToExpectedRms times the expected one, which is
+//                sqrt(p^2 + h^2) of the predicted RMS p and the RMS h of the model on held-out data
 //   keep         otherwise
 //
 // The measured errors of a dry run are compared with the prediction without correction. A run with

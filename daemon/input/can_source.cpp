@@ -16,7 +16,7 @@ constexpr std::size_t kMaxBuses = 8;
 // If the offset from the steady clock changes by more than this, the wall clock was set, not
 // slewed.
 constexpr std::int64_t kClockSet_ns = 2'000'000;
-// Time between the stamp of a frame and its reception.
+// Allowance for a frame that has its stamp and has not been received yet.
 constexpr std::int64_t kReceptionDelay_ns = 100'000;
 // How often an interface that is down is checked.
 constexpr double kInterfaceCheck_s = 0.1;

@@ -7,7 +7,7 @@
 namespace servotwin::daemon {
 namespace {
 
-// Motion per block: longer than the correlation of a residual.
+// Motion per block: most of the correlation of a residual is within a second.
 constexpr double kBlock_s = 1.0;
 constexpr double kMinReference_s = 60.0;
 // Lower limit of the mean square of a block [m^2]: that of 1 pm, far below any encoder.
