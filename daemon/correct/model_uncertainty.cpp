@@ -43,8 +43,9 @@ ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& trans
     }
   }
   out.of_transfer.timing_s = record.model.sample_time_s;
-  out.words += out.words.find(',') == std::string::npos ? " and one sampling time of delay"
-                                                        : ", and one sampling time of delay";
+  out.words += out.words.find(',') == std::string::npos
+                   ? " and a timing error of one sampling time"
+                   : ", and a timing error of one sampling time";
   return out;
 }
 

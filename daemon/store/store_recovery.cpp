@@ -79,9 +79,10 @@ void Store::put_aside(const std::string& why) {
     if (std::filesystem::exists(from, error))
       std::filesystem::rename(from, directory_ / (aside + part));
   }
-  lost_ = "the store was damaged (" + why +
-          "): older models, diagnoses and events are lost; the damaged file is kept as " +
-          (directory_ / aside).string();
+  lost_ =
+      "the store was damaged (" + why +
+      "): older models, diagnoses and events are lost; what is left of the database is kept as " +
+      (directory_ / aside).string();
 }
 
 std::filesystem::path Store::copy_of(const std::string& machine, const std::string& axis) const {

@@ -494,7 +494,7 @@ TEST_F(Learn, AModelsUncertaintyIsOfItsOwnFile) {
   };
   ModelRecord record = stated(known_axis("X"));
   const double together =
-      bandwidth_of(record, "two standard deviations of the model and one sampling time");
+      bandwidth_of(record, "two standard deviations of the model and a timing error");
   record.holdout.rms = 1.5e-6;
   EXPECT_LT(bandwidth_of(record, "1.5 times as large"), together);
   record.holdout.rms = 1e-6;

@@ -36,9 +36,9 @@ export function showSending({ live, armed }) {
   at("arm").hidden = !live;
 }
 
-/** An event with a row for every axis and the path that it has figures of, and one for its words. */
+/** The rows of an event: one with its text, and one for every axis and path with figures. */
 function rowsOf({ time, kind, text, detail }) {
-  // A run that was over before its correction was in as a whole has no figures.
+  // A run that ended before its correction was fully faded in has no figures.
   const figures = detail?.cycles === 0 ? [] : figuresOf(detail ?? {});
   const [what, tag] = detail?.ruling in kRulings ? [words(detail.ruling), kRulings[detail.ruling]] : kKinds[kind];
   const lines = [
@@ -51,7 +51,7 @@ function rowsOf({ time, kind, text, detail }) {
   return lines;
 }
 
-/** RMS of every axis and of the path. */
+/** The RMS figures of every axis and of the path. */
 function figuresOf({ axes = [], contour, contour_before_rms_m, contour_after_rms_m }) {
   const figure = (name, one) => {
     const rotary = "before_rms_rad" in one;

@@ -73,13 +73,13 @@ function showReport(axis, time) {
   frame.setAttribute("src", source);
 }
 
-/** The report is light or dark as the page is. */
+/** Gives the report the theme of the page. */
 export function colourReport() {
   const page = at("report").contentDocument;
   if (page?.documentElement) page.documentElement.style.colorScheme = document.documentElement.dataset.theme;
 }
 
-/** `axis()` names the axis that is shown. */
+/** `axis()` returns the name of the axis shown. */
 export function startAsking(axis) {
   at("ask-form").addEventListener("submit", async (event) => {
     event.preventDefault();

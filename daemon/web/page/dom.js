@@ -11,10 +11,10 @@ export function make(name, attributes = {}, ...children) {
   return element;
 }
 
-/** Puts these children in place of those that are there. */
+/** Replaces the children of an element. */
 export const fill = (element, ...children) => element.replaceChildren(...children);
 
-/** Sets the text of an element, if it is another one: screen readers read what changes. */
+/** Sets the text of an element if it differs: screen readers announce every change. */
 export function write(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }

@@ -1,4 +1,4 @@
-// The versions of an axis' model with their reasons, the newest first.
+// The model versions of an axis with their reasons, the newest first.
 import { get } from "./api.js";
 import { at, fill, make, write } from "./dom.js";
 import { clock, error, words } from "./units.js";
