@@ -1,5 +1,5 @@
-// What servotwind may be called with. Beside the daemon's main() the tool needs it, which writes
-// the manual page and the completions of both programs from their option tables.
+// The options of servotwind. They are used by its main() and by the command servotwin, which writes
+// the manual pages and the completions of both programs.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -13,7 +13,7 @@
 
 namespace servotwin::daemon {
 
-/// Empty or nothing where an option was not given: then the configuration holds.
+/// Empty if an option was not given: then the configuration applies.
 struct DaemonArguments {
   std::string config, store, machine, columns, http;
   std::optional<std::uint32_t> domain;
@@ -21,10 +21,11 @@ struct DaemonArguments {
   std::vector<std::filesystem::path> replay;
   std::optional<double> speed;
 
-  /// Declares the options on `app`, which this has to outlive.
+  /// Declares the options on `app`; this object must outlive it.
   void declare(CLI::App& app, const std::string& version) {
     app.set_version_flag("--version", version);
-    app.add_option("--config", config, "configuration (TOML); without it the defaults hold")
+    app.add_option("--config", config,
+                   "configuration file (TOML); default values where it is not given")
         ->type_name("FILE");
     app.add_option("--store", store, "directory of models, events and recordings")
         ->type_name("DIR");
@@ -38,7 +39,7 @@ struct DaemonArguments {
                    "names for the columns of foreign recordings: \"X.command=qg[m],...\"")
         ->type_name("MAP")
         ->needs(recordings);
-    app.add_option("--speed", speed, "times as fast as recorded")
+    app.add_option("--speed", speed, "replay speed, as a multiple of the recorded speed")
         ->type_name("F")
         ->needs(recordings)
         ->check(CLI::Range(0.01, 1000.0));
@@ -53,7 +54,7 @@ struct DaemonArguments {
   }
 };
 
-/// What --help begins with.
+/// The first line of --help.
 inline constexpr const char* kDaemonDescription =
     "The always-on digital twin of a machine's servo drives.";
 

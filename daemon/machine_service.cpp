@@ -13,46 +13,49 @@
 namespace servotwin::daemon {
 namespace {
 
-// At 1 kHz: a quarter of a second until a publisher that does not get on loses predictions, and
-// eight seconds for the recorder, which may have to wait for a disk.
+// Capacities in cycles. At 1 kHz a publisher that is blocked loses predictions after a quarter of a
+// second; the recorder, which may have to wait for a disk, loses rows after eight seconds.
 constexpr std::size_t kPredictionRing = 256;
 constexpr std::size_t kRowRing = 8192;
-// What is older is of no use to a drive.
+// Older offsets are of no use to a drive.
 constexpr std::size_t kOffsetRing = 64;
-// How much longer motion is remembered than a search and a judgement need, for a busy processor.
-constexpr double kLag_s = 30.0;
-// How much longer than the motion that a diagnosis looks at: an axis stands in between.
-constexpr double kStandingToo = 4.0;
-// The ceiling of all recordings where none is given, at least.
-constexpr double kLeastCeiling_mb = 1024.0;
-// How often the source is asked for news.
-constexpr std::chrono::milliseconds kNewsInterval{500};
-// Malformed frames that go on are reported no more often than this.
-constexpr std::int64_t kReportInterval_ns = 60'000'000'000;
+// Time by which the motion memory is longer than a fit and a comparison need, for a busy processor.
+constexpr double kMemoryReserve_s = 30.0;
+// Memory as a multiple of the motion that a diagnosis uses, because an axis also stands still.
+constexpr double kMemoryOverRecordTime = 4.0;
+// Minimum of the default ceiling for all recordings.
+constexpr double kMinCeiling_mb = 1024.0;
+// Period at which the reports of source and publisher are collected.
+constexpr std::chrono::milliseconds kNewsPeriod{500};
+// Minimum time between two reports of malformed frames.
+constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 double remembered_s(const Config& config) {
   const IdentifyConfig& identify = config.identify;
-  const double to_identify_s = identify.memory_s + identify.window_s + identify.judge_s + kLag_s;
+  const double to_identify_s =
+      identify.memory_s + identify.window_s + identify.judge_s + kMemoryReserve_s;
   const bool diagnoses = config.diagnose.every_s > 0.0 || config.diagnose.false_alarm_days > 0.0;
-  return std::max(to_identify_s, diagnoses ? kStandingToo * config.diagnose.record_s : 0.0);
+  return std::max(to_identify_s,
+                  diagnoses ? kMemoryOverRecordTime * config.diagnose.record_s : 0.0);
 }
 
 RecordingRoom room_of(const Config& config) {
   return {config.store.recordings_mb, config.store.recordings_max_mb.value_or(std::max(
-                                          kLeastCeiling_mb, 4.0 * config.store.recordings_mb))};
+                                          kMinCeiling_mb, 4.0 * config.store.recordings_mb))};
 }
 
-/// Why frames do not come through real-time threads; empty if they do.
+/// Why the receive threads of DDS are not real-time threads; empty if they are, or are not needed.
 std::string slow_receipt(const Config& config, const DdsPlace& place) {
   if (config.source != SourceKind::kDds || config.priority == 0) return {};
   if (dds_configured_outside()) {
-    return "CYCLONEDDS_URI says at what priority DDS receives; [real_time] priority is not used "
-           "for that";
+    return "CYCLONEDDS_URI sets the priority of the DDS receive threads; [real_time] priority does "
+           "not apply to them";
   }
-  return place.receive_priority == 0 ? "DDS receives at normal priority, too" : "";
+  return place.receive_priority == 0 ? "the DDS receive threads run at normal priority as well"
+                                     : "";
 }
 
-/// The part of the status that the loop counts.
+/// The part of the status that comes from the counters of the loop.
 MachineStatus counted(const LoopCounters& counters) {
   MachineStatus status;
   status.frames = counters.frames;
@@ -71,8 +74,8 @@ MachineStatus counted(const LoopCounters& counters) {
   return status;
 }
 
-/// ", 3 lost, 1 repeated" of the frames that did not come as they should.
-std::string amiss(const MachineStatus& status) {
+/// The counters of faulty frames that are not 0: ", 3 lost, 1 repeated and ignored".
+std::string fault_counts(const MachineStatus& status) {
   std::string out;
   for (const auto& [count, what] : {std::pair{status.lost, "lost"},
                                     {status.repeated, "repeated and ignored"},
@@ -83,7 +86,8 @@ std::string amiss(const MachineStatus& status) {
   return out;
 }
 
-/// A position demand of a drive has its offset in it, a path of an interpolator has not.
+/// Whether the command of a frame contains the offset. By default: yes for the position demand of a
+/// drive (CAN), no for the path of an interpolator.
 bool offset_in_command(const Config& config) {
   return config.ilc.in_command.value_or(config.source == SourceKind::kCan ||
                                         config.source == SourceKind::kUdp);
@@ -151,7 +155,7 @@ void MachineService::run() {
 
   std::jthread publishing([this](const std::stop_token& stop) {
     name_thread("publisher");
-    // A prediction is of use when it is out. Where this is not permitted the loop says so for both.
+    // Predictions must be sent in time. If this is not permitted, the loop reports it for both.
     (void)become_real_time(std::max(base_.config.priority - 1, 0));
     publisher_.run(stop);
   });
@@ -192,10 +196,11 @@ void MachineService::run() {
   };
   end(reporting);
   end(recording);
-  // What the idle threads have begun is waited for; on a busy host that could be for ever.
+  // The workers finish what they have begun; at idle priority that could take for ever on a busy
+  // host.
   for (std::jthread* idle : {&identifying, &diagnosing, &learning}) {
     idle->request_stop();
-    hasten(idle->native_handle());
+    restore_normal_priority(idle->native_handle());
   }
   for (std::jthread* idle : {&identifying, &diagnosing, &learning}) idle->join();
   if (!base_.stop.stop_requested()) {
@@ -205,13 +210,14 @@ void MachineService::run() {
   end(publishing);
   for (const std::string& line : publisher_.news()) base_.events.note("network", "", line);
   const MachineStatus total = status();
-  base_.events.note("stopped", "",
-                    "stopped after " + std::to_string(total.frames) + " frames" + amiss(total));
+  base_.events.note(
+      "stopped", "",
+      "stopped after " + std::to_string(total.frames) + " frames" + fault_counts(total));
 }
 
 void MachineService::run_loop() {
   name_thread("real-time loop");
-  // In this order: a real-time thread does not wait for the store.
+  // In this order, because events wait for the store, which a real-time thread must not do.
   if (const std::string why = keep_to(base_.config.cpus); !why.empty())
     base_.events.note("real_time", "", why);
   if (const std::string why = become_real_time(base_.config.priority); !why.empty())
@@ -232,7 +238,7 @@ void MachineService::report_news(const std::stop_token& stop) {
   std::condition_variable_any never;
   std::unique_lock lock(mutex);
   while (!stop.stop_requested()) {
-    never.wait_for(lock, stop, kNewsInterval, [] { return false; });
+    never.wait_for(lock, stop, kNewsPeriod, [] { return false; });
     for (const SourceNews& news : source_.news(steady_ns())) {
       if (news.good) {
         base_.events.note("source", "", news.text);
@@ -244,13 +250,12 @@ void MachineService::report_news(const std::stop_token& stop) {
       arming_.forbid(why);
     for (const std::string& line : publisher_.news()) base_.events.note("network", "", line);
     const std::uint64_t malformed = loop_->counters().malformed;
-    if (malformed > reported &&
-        (reported == 0 || steady_ns() - reported_ns >= kReportInterval_ns)) {
+    if (malformed > reported && (reported == 0 || steady_ns() - reported_ns >= kReportPeriod_ns)) {
       base_.events.error("source", "",
-                         std::to_string(malformed - reported) + " frames do not have the " +
+                         std::to_string(malformed - reported) +
+                             " frames ignored: they do not have the " +
                              std::to_string(machine_.axes.size()) +
-                             " axes of the machine and are ignored; start the daemon again if "
-                             "the machine has changed");
+                             " axes of the machine; restart the daemon if the machine has changed");
       reported = malformed;
       reported_ns = steady_ns();
     }

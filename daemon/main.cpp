@@ -25,20 +25,21 @@
 namespace servotwin::daemon {
 namespace {
 
-/// Who waits for signals.
+/// The thread that waits for signals.
 pthread_t waiting_for_signals;
 
-/// A library may have threads since before main() that do not block them (OpenBLAS beneath Ceres
-/// has): where they get one they pass it on.
+/// Handler for threads that a library started before main() and that therefore do not block the
+/// signals (OpenBLAS, which Ceres uses, has such threads): it passes the signal on.
 void pass_on(int number) { pthread_kill(waiting_for_signals, number); }
 
-/// Signals become a request to stop, or to read the configuration again. To be made before any
-/// other thread of ours, so that all of them block them. All arguments outlive it.
+/// Turns SIGTERM and SIGINT into a request to stop, and SIGHUP into a request to read the
+/// configuration again. Must be constructed before every other thread of the daemon, so that all of
+/// them inherit the blocked signal mask. All arguments must outlive it.
 class Signals {
  public:
   Signals(const std::stop_source& stop, const ServiceManager& manager, Reloads& reloads) {
     signal(SIGPIPE, SIG_IGN);
-    signal(SIGXFSZ, SIG_IGN);  // a file too large is an error of write(), not the end of the daemon
+    signal(SIGXFSZ, SIG_IGN);  // a file too large: write() fails, the daemon goes on
     sigemptyset(&wanted_);
     for (const int number : kWanted) sigaddset(&wanted_, number);
     pthread_sigmask(SIG_BLOCK, &wanted_, nullptr);
@@ -63,8 +64,8 @@ class Signals {
   Signals& operator=(const Signals&) = delete;
   ~Signals() {
     for (const int number : {SIGTERM, SIGINT, SIGHUP}) signal(number, SIG_IGN);
-    // Where the recordings ended by themselves it waits still. Ignored before it has it, the signal
-    // would be lost.
+    // If the replayed recordings ended by themselves, the thread still waits in sigwait(): SIGUSR1
+    // ends it. Ignoring SIGUSR1 before the join would lose the signal.
     pthread_kill(thread_.native_handle(), SIGUSR1);
     thread_.join();
     signal(SIGUSR1, SIG_IGN);
@@ -91,7 +92,7 @@ Config configured(const DaemonArguments& arguments) {
   }
   if (arguments.speed) config.replay.speed = *arguments.speed;
   if (!arguments.http.empty()) config.http.listen = arguments.http;
-  if (config.http.listen.empty()) {  // nobody asked: another daemon may have it
+  if (config.http.listen.empty()) {  // not configured: another daemon may use the default address
     config.http.listen = kDefaultListen;
     config.http.needed = false;
   }
@@ -115,7 +116,8 @@ int run(int argc, char** argv, const Journal* journal) {
   const ServiceManager manager;
   Reloads reloads([&] {
     if (arguments.config.empty())
-      throw std::runtime_error("there is no configuration to read again; give --config");
+      throw std::runtime_error(
+          "there is no configuration file to read again: the daemon runs without --config");
     return configured(arguments);
   });
   std::stop_source stop;
@@ -134,7 +136,7 @@ int main(int argc, char** argv) {
   try {
     return servotwin::daemon::run(argc, argv, journal ? &*journal : nullptr);
   } catch (const std::exception& error) {
-    // Every problem of a configuration is a line of its own.
+    // A configuration error has one line per problem.
     std::istringstream lines(error.what());
     for (std::string line; std::getline(lines, line);) {
       if (!journal ||

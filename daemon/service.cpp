@@ -25,13 +25,13 @@ namespace servotwin::daemon {
 namespace {
 
 DdsPlace place_of(const Config& config, const DdsConfig& dds) {
-  // Frames come through Cyclone's threads: what the loop waits for is as urgent as the loop.
+  // Frames pass through threads of Cyclone DDS, which must have the priority of the loop.
   const bool urgent = config.source == SourceKind::kDds && config.priority > 0 &&
                       real_time_refused(config.priority).empty();
   return {config.machine, dds.domain, dds.partition, dds.strength, urgent ? config.priority : 0};
 }
 
-/// The page, if it is wanted and can be.
+/// The page; null if it is not configured, or if it cannot be served and is not required.
 std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog& events) {
   if (config.http.listen.empty() || config.http.listen == "none") return nullptr;
   try {
@@ -40,12 +40,12 @@ std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog
     return web;
   } catch (const std::runtime_error& error) {
     if (config.http.needed) throw;
-    events.note("http", "", std::string("there is no page: ") + error.what());
+    events.note("http", "", std::string("the web page is not served: ") + error.what());
     return nullptr;
   }
 }
 
-/// Asks for what is to be done while it lives.
+/// Handles requests to reload the configuration for as long as it lives.
 class WhileServing {
  public:
   using Handler = std::function<void(const std::function<Config()>& load)>;
@@ -62,8 +62,8 @@ class WhileServing {
   Reloads* reloads_;
 };
 
-/// `running` with what the configuration changes at once, and the event that tells of it; false,
-/// and nothing has changed, if it is refused.
+/// Reads the configuration again and changes the keys of `running` that change at once; reports the
+/// result as an event. False, without any change, if the new configuration is refused.
 bool read_again(const std::function<Config()>& load, Config& running, EventLog& events) {
   try {
     const Config newer = load();
@@ -72,15 +72,16 @@ bool read_again(const std::function<Config()>& load, Config& running, EventLog& 
     events.note("reloaded", "", changes.text());
     return true;
   } catch (const std::exception& error) {
-    // Each line of a message that has several is an event.
+    // Each line of the message is an event.
     std::istringstream lines(error.what());
     for (std::string line; std::getline(lines, line);) events.error("config_refused", "", line);
-    events.error("config_refused", "", "the new configuration is refused; the one before holds");
+    events.error("config_refused", "",
+                 "the new configuration is refused; the previous one stays in force");
     return false;
   }
 }
 
-/// "X (model 3), Y": the axes that the store knows, with the version in force.
+/// The axes in the store, with their version in force: "X (model 3), Y".
 std::string known_axes(const Store& store) {
   std::vector<std::string> out = store.axes();
   const std::vector<StoredModel> models = store.in_force();
@@ -125,12 +126,12 @@ std::vector<std::string> obstacles(const Config& config) {
 std::vector<std::string> taken(const Config& config) {
   std::vector<std::string> found;
   if (Store::in_use(store_of(config)))
-    found.push_back("store " + store_of(config).string() + " is in use by a servotwind");
+    found.push_back("store " + store_of(config).string() + " is in use by a running servotwind");
   try {
     if (const auto address = parse_listen_address(config.http.listen))
       HttpServer::try_listening(*address);
   } catch (const CannotListen& error) {
-    if (error.error == EADDRINUSE) found.push_back(config.http.listen + " is listened to");
+    if (error.error == EADDRINUSE) found.push_back(config.http.listen + " is in use");
   }
   return found;
 }
@@ -139,18 +140,18 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
            std::ostream& out, const Surroundings& surroundings) {
   Store store(store_of(config), config.machine);
   EventLog events(store, out, surroundings.journal, config.machine);
-  // A disk that refuses is found out now, not with the first model.
+  // This write detects a faulty disk now, not with the first model.
   store.add(event_now("started", "", "started"));
   if (!store.lost().empty()) events.error("store", "", store.lost());
   if (const std::string known = known_axes(store); !known.empty())
-    events.note("store", "", "the store knows " + known);
+    events.note("store", "", "axes in the store: " + known);
   const DdsNode node(place_of(config, config.dds));
-  std::optional<DdsNode> apart;  // where the frames come from elsewhere
+  std::optional<DdsNode> apart;  // used if the frames have a DDS domain or partition of their own
   if (config.source == SourceKind::kDds && config.dds_in)
     apart.emplace(place_of(config, *config.dds_in));
   const DdsNode& node_in = apart ? *apart : node;
   const std::unique_ptr<WebService> web = page_of(config, store, events);
-  // Kept for as long as we listen: whoever introduces a machine waits to see it.
+  // Lives as long as the daemon: the sender of a description waits for a matching reader.
   DdsReader<MachineDescription> descriptions(node_in);
   ready();
   const ServiceManager nobody;
@@ -158,11 +159,11 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
       surroundings.manager != nullptr ? *surroundings.manager : nobody, config.priority,
       [&](double silent_s) {
         events.print(event_now("stalled", "",
-                               "the real-time loop has not moved for " + number(silent_s) +
-                                   " s; the service manager will start it again"));
+                               "the real-time loop has made no progress for " + number(silent_s) +
+                                   " s; the service manager will restart the daemon"));
       });
 
-  // What the configuration may change on the way. The loop and its rings have no part in it.
+  // The configuration that a reload may change. The loop and its rings do not use it.
   Config running = config;
   std::optional<MachineInput> opened;
   {
@@ -172,7 +173,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
     opened = open_input(config, node, node_in, descriptions, stop, events);
   }
   if (!opened) {
-    events.note("stopped", "", "stopped before a machine came");
+    events.note("stopped", "", "stopped before a machine was found");
     return;
   }
   if (config.cycle_s) opened->machine.cycle_s = *config.cycle_s;

@@ -16,8 +16,8 @@
 namespace servotwin::daemon {
 namespace {
 
-// Four looks in the time after which the manager loses patience: two of them may come late.
-constexpr double kLooks = 4.0;
+// Checks per watchdog timeout: two of them may come late.
+constexpr double kChecksPerTimeout = 4.0;
 
 std::string variable(const char* name) {
   const char* value = std::getenv(name);
@@ -60,9 +60,9 @@ void Watchdog::watch(const std::atomic<std::uint64_t>* turns) {
 
 void Watchdog::run(const std::stop_token& stop) {
   name_thread("watchdog");
-  // Where this is not permitted, it is not for the loop either, and that is said.
+  // If this is not permitted, it is not permitted for the loop either, which reports it.
   if (loop_priority_ > 0) (void)become_real_time(loop_priority_ + 1);
-  const std::chrono::duration<double> look(manager_.watchdog_s() / kLooks);
+  const std::chrono::duration<double> look(manager_.watchdog_s() / kChecksPerTimeout);
   const std::atomic<std::uint64_t>* watched = nullptr;
   std::uint64_t seen = 0;
   int silent = 0;
@@ -74,7 +74,7 @@ void Watchdog::run(const std::stop_token& stop) {
     seen = now;
     silent = gets_on ? 0 : silent + 1;
     if (gets_on) manager_.notify("WATCHDOG=1");
-    if (silent == static_cast<int>(kLooks) / 2) stalled_(silent * look.count());
+    if (silent == static_cast<int>(kChecksPerTimeout) / 2) stalled_(silent * look.count());
     wake_.wait_for(lock, stop, look, [] { return false; });
   }
 }

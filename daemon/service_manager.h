@@ -1,13 +1,14 @@
-// The service manager (systemd), or nobody: told how far the daemon is, and that its real-time loop
-// gets on.
+// Notifies the service manager (systemd), if there is one, of the state of the daemon and of the
+// progress of its real-time loop.
 //
-// The watchdog (sd_watchdog_enabled(3)) says WATCHDOG=1 as long as the loop turns. The loop counts
-// every return from `receive`, with a frame or without, so that a silent machine is no stall; a
-// busy identification does not count at all. Where no loop runs, before a machine has come and
-// while the workers finish, there is nothing that could stall. A manager that hears nothing for
-// WatchdogSec starts the daemon again.
-// The thread runs above the loop: one that is overloaded and never sleeps is no stall either, its
-// overruns are counted.
+// The watchdog (sd_watchdog_enabled(3)) sends WATCHDOG=1 as long as the loop makes turns. The loop
+// counts every return from `receive`, with or without a frame, so that a silent machine is not a
+// stall; a long identification does not matter. While no loop runs, before a machine is known and
+// while the workers finish, WATCHDOG=1 is always sent. A service manager that gets none for
+// WatchdogSec restarts the daemon.
+//
+// The watchdog thread has a higher priority than the loop: an overloaded loop that never sleeps is
+// not a stall either; its overruns are counted.
 #pragma once
 
 #include <atomic>
@@ -22,12 +23,12 @@ namespace servotwin::daemon {
 
 class ServiceManager {
  public:
-  /// Whoever $NOTIFY_SOCKET and $WATCHDOG_USEC name.
+  /// Reads $NOTIFY_SOCKET and $WATCHDOG_USEC.
   ServiceManager();
 
-  /// One datagram (sd_notify(3)). Any thread.
+  /// Sends one datagram (sd_notify(3)); does nothing without a service manager. Any thread.
   void notify(const std::string& state) const noexcept;
-  /// How often it wants to hear that all is well [s]; 0: it does not ask.
+  /// Time within which the service manager expects WATCHDOG=1 [s]; 0: it does not.
   [[nodiscard]] double watchdog_s() const noexcept { return watchdog_s_; }
 
  private:
@@ -37,13 +38,14 @@ class ServiceManager {
 
 class Watchdog {
  public:
-  /// `stalled` is called once when the loop stops getting on. Both outlive the watchdog.
+  /// `stalled` is called once when the loop stops making progress. `manager` must outlive the
+  /// watchdog.
   Watchdog(const ServiceManager& manager, int loop_priority,
            std::function<void(double silent_s)> stalled);
   Watchdog(const Watchdog&) = delete;
   Watchdog& operator=(const Watchdog&) = delete;
 
-  /// From now on this counter has to move; nullptr: nothing has to.
+  /// From now on this counter must change; nullptr: none is watched.
   void watch(const std::atomic<std::uint64_t>* turns);
 
  private:
@@ -55,7 +57,7 @@ class Watchdog {
   std::mutex mutex_;
   std::condition_variable_any wake_;
   const std::atomic<std::uint64_t>* turns_ = nullptr;
-  std::jthread thread_;  // the last one: it uses all the others
+  std::jthread thread_;  // declared last: it uses the members above
 };
 
 }  // namespace servotwin::daemon

@@ -1,4 +1,4 @@
-// A slip in the name of an option, which the parser only calls "not expected".
+// A message for a misspelt option, for which the parser has no better word than "not expected".
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -9,10 +9,10 @@
 
 namespace servotwin::daemon {
 
-/// What is wrong with an option that the command does not have; empty if it has them all.
+/// The message for the first unknown option, with the nearest known name; empty if there is none.
 [[nodiscard]] inline std::string unknown_option(const CLI::App& command) {
   for (const std::string& word : command.remaining()) {
-    if (word == "--") break;  // what follows are no options
+    if (word == "--") break;  // the rest are not options
     if (word.empty() || word.front() != '-' || word.find_first_not_of('-') == word.npos) continue;
     std::vector<std::string> names;
     for (const CLI::Option* option : command.get_options()) {

@@ -12,7 +12,7 @@ Qos reliable_stream() {
   return qos;
 }
 
-/// Of several daemons of a machine only the strongest that is alive is heard.
+/// Of several daemons of a machine, readers get only the data of the strongest live one.
 void let_one_speak(Qos& qos) {
   dds_qset_ownership(qos.get(), DDS_OWNERSHIP_EXCLUSIVE);
   dds_qset_liveliness(qos.get(), DDS_LIVELINESS_AUTOMATIC, kLivelinessLease_ns);
@@ -26,7 +26,7 @@ Qos newest_best_effort() {
   return qos;
 }
 
-/// What comes late must not be applied, so it does not come at all.
+/// A late offset must not be applied, so it expires.
 Qos newest_while_it_lasts() {
   Qos qos(dds_create_qos());
   dds_qset_reliability(qos.get(), DDS_RELIABILITY_BEST_EFFORT, 0);
@@ -50,7 +50,7 @@ Qos of_one_daemon() {
   return qos;
 }
 
-/// Of every program the chunks of a whole one, also for who comes late.
+/// All chunks of a complete program, also for late joiners.
 Qos chunks_for_late_joiners() {
   Qos qos = for_late_joiners();
   dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, kProgramDepth);

@@ -1,5 +1,5 @@
-// The clocks, and stamps of others. Only the daemon asks clocks; twin, identification and diagnosis
-// are told the time.
+// The clocks of the host, and differences of time stamps. Only the daemon reads clocks; twin,
+// identification and diagnosis get the time as an argument. Any thread; errors: none.
 #pragma once
 
 #include <time.h>
@@ -16,13 +16,13 @@ inline std::int64_t clock_ns(clockid_t clock) noexcept {
 }
 }  // namespace detail
 
-/// Since some moment before the program started [ns]; never goes back.
+/// Monotonic clock: time since an arbitrary moment before the program started [ns].
 [[nodiscard]] inline std::int64_t steady_ns() noexcept { return detail::clock_ns(CLOCK_MONOTONIC); }
-/// Since 1970 [ns].
+/// Wall clock: time since 1970-01-01 UTC [ns].
 [[nodiscard]] inline std::int64_t wall_ns() noexcept { return detail::clock_ns(CLOCK_REALTIME); }
 
-/// From one stamp to another [ns]. A foreign stamp may be anything: the difference wraps instead of
-/// overflowing.
+/// Time from one stamp to another [ns]. Stamps from outside may have any value: the difference
+/// wraps around instead of overflowing.
 [[nodiscard]] constexpr std::int64_t between_ns(std::int64_t from, std::int64_t to) noexcept {
   return static_cast<std::int64_t>(static_cast<std::uint64_t>(to) -
                                    static_cast<std::uint64_t>(from));

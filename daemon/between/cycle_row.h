@@ -1,7 +1,8 @@
-// What the real-time loop takes and gives, cycle by cycle: the twin in force of an axis, and the
-// row that is recorded. Trivially copyable: they cross threads by value (latest_value.h, ring.h).
+// The data that the real-time loop exchanges with other threads: the twin in force of an axis
+// (input) and the recorded row of a cycle (output). All types are trivially copyable and cross
+// threads by value (latest_value.h, ring.h).
 //
-// Linear axes in m, rotary axes in rad; a number that is not there is NaN. Errors: none.
+// Linear axes in m, rotary axes in rad; a missing number is NaN. Errors: none.
 #pragma once
 
 #include <array>
@@ -17,23 +18,23 @@ struct TwinInForce {
   Twin twin;
   int version = 0;
   double standard_deviation = kAbsent;  ///< hold-out RMS [m | rad]
-  int settling_cycles = 0;              ///< until a wrong starting state is forgotten
+  int settling_cycles = 0;              ///< until a wrong initial state has decayed to 1 %
 };
 
-/// One cycle of an axis as the alarm sees it.
+/// The residual of one axis in one cycle: the input of the residual alarm.
 struct LiveResidual {
   double residual = kAbsent;     ///< measured - predicted, NaN where nothing is predicted
   double holdout_rms = kAbsent;  ///< of the model in force
   int model_version = 0;         ///< 0: none
 };
 
-/// One cycle as it is recorded, and what the twins left of it.
+/// One cycle as it is recorded, with the residuals of its axes.
 struct CycleRow {
   std::int64_t time_ns = 0;  ///< stamp of the frame
-  bool after_gap = true;     ///< the cycle before is not the row before
+  bool after_gap = true;     ///< cycles or rows are missing before this one
   int axis_count = 0;
   std::array<AxisSample, kMaxAxes> axes{};
-  std::array<LiveResidual, kMaxAxes> residuals{};  ///< NaN but for AxisState::kPredicting
+  std::array<LiveResidual, kMaxAxes> residuals{};  ///< NaN unless AxisState::kPredicting
 };
 
 }  // namespace servotwin::daemon

@@ -1,7 +1,7 @@
-// How long things took: a fixed histogram that one thread fills and any thread reads.
+// A histogram of durations with fixed bins: one thread fills it, any thread reads it.
 //
-// Eight bins per octave of nanoseconds: a quantile is at most 12.5 % above the true one. Up to 2^40
-// ns. `add` is wait-free and allocates nothing; one writer thread.
+// Durations in ns up to 2^40 ns, eight bins per octave: a quantile is at most 12.5 % above the true
+// one. `add` is wait-free and allocates nothing; one writer thread. Errors: none.
 #pragma once
 
 #include <array>
@@ -19,13 +19,13 @@ class Histogram {
   void add(std::int64_t ns) noexcept {
     const std::uint64_t value = ns > 0 ? static_cast<std::uint64_t>(ns) : 0;
     bump(bins_[bin_of(value)]);
-    // relaxed throughout: numbers for people; they order nothing, and one thread writes.
+    // relaxed throughout: figures for display that order no other data; one thread writes.
     sum_.store(sum_.load(std::memory_order_relaxed) + value, std::memory_order_relaxed);
     if (value > max_.load(std::memory_order_relaxed)) max_.store(value, std::memory_order_relaxed);
   }
 
-  /// The upper end [s] of the bin in which the share `q` of all values is reached; NaN if there are
-  /// none.
+  /// The quantile `q` (0..1) of all values [s]: the upper end of the bin that contains it; NaN if
+  /// there are no values.
   [[nodiscard]] double quantile_s(double q) const noexcept {
     std::uint64_t count = 0;
     for (const auto& bin : bins_) count += bin.load(std::memory_order_relaxed);
@@ -38,8 +38,7 @@ class Histogram {
     }
     return max_s();
   }
-  /// How many values were below 2^`octave` ns; 2^kBits at least. The bins end there, so this is
-  /// exact.
+  /// Number of values below 2^`octave` ns, for `octave` >= kBits. Exact, because a bin ends there.
   [[nodiscard]] std::uint64_t below_octave(int octave) const noexcept {
     const std::size_t end = bin_of(std::uint64_t{1} << octave);
     std::uint64_t seen = 0;
@@ -82,7 +81,7 @@ class Histogram {
 
   std::array<std::atomic<std::uint64_t>, kBins> bins_{};
   std::atomic<std::uint64_t> max_{0};
-  std::atomic<std::uint64_t> sum_{0};  // [ns]; full after 584 years
+  std::atomic<std::uint64_t> sum_{0};  // [ns]; overflows after 584 years
 };
 
 }  // namespace servotwin::daemon

@@ -1,4 +1,5 @@
-// The newest value from one thread to another: newer replaces older, nobody waits.
+// Hands the newest value from one thread to another: a newer value replaces the older one, and no
+// thread waits.
 //
 // Three slots: the writer fills one, the reader holds one, the middle one changes hands with a
 // single atomic exchange. One writer thread, one reader thread; all functions are wait-free and
@@ -31,7 +32,7 @@ class LatestValue {
   /// Reader thread only: the newest value if one came since the last call, else null. What it
   /// points to does not change until the next call.
   [[nodiscard]] const T* fresh() noexcept {
-    // relaxed: only asks whether to look; the exchange below orders.
+    // relaxed: a cheap test only; the exchange below provides the ordering.
     if ((middle_.load(std::memory_order_relaxed) & kFresh) == 0) return nullptr;
     // acquire: pairs with the release in publish(); release: pairs with its acquire.
     front_ = middle_.exchange(front_, std::memory_order_acq_rel) & kSlot;

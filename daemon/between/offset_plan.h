@@ -1,5 +1,5 @@
-// The corrections that may be given back, as the learning worker hands them to the real-time loop,
-// and the rules by which the loop gives them back.
+// The corrections that may be applied live, as the learning worker hands them to the real-time
+// loop, and the rules by which the loop applies them.
 //
 // Positions in the axes' own units [m | rad]; times in ns. Errors: none.
 #pragma once
@@ -20,12 +20,12 @@
 
 namespace servotwin::daemon {
 
-/// A program's path, one row per cycle.
+/// The commanded path of a program, one row per cycle.
 struct CommandedPath {
   std::string name;
   std::uint64_t revision = 0;
   bool learn = false;                   ///< false: preview only
-  std::vector<std::size_t> axes;        ///< of the machine, by number
+  std::vector<std::size_t> axes;        ///< indices of the machine's axes
   std::vector<Eigen::ArrayXd> command;  ///< of each of them, one value per cycle [m | rad]
 
   [[nodiscard]] Eigen::Index rows() const { return command.front().size(); }
@@ -33,49 +33,51 @@ struct CommandedPath {
 
 /// A program and the correction that was learned for it (daemon/correct/learned_program.h).
 struct LearnedProgram {
-  std::uint64_t number = 0;  ///< of whoever keeps it
+  std::uint64_t number = 0;  ///< assigned by the learning worker
   CommandedPath program;
-  /// Of each axis' model on its hold-out, as program.axes, RMS and MAX [m | rad]; 0: not known.
-  std::vector<double> missed, missed_most;
-  std::vector<AxisCorrectionFigures> axes;  ///< as program.axes
-  std::vector<Eigen::ArrayXd> offset;       ///< of each of them; 0 if it was not learned
-  std::vector<Eigen::ArrayXd> error_before, error_after;  ///< predicted, against the command
+  /// Residual of each axis' model on held-out data, in the order of program.axes, RMS and maximum
+  /// [m | rad]; 0: not known.
+  std::vector<double> holdout_rms, holdout_max;
+  std::vector<AxisCorrectionFigures> axes;  ///< in the order of program.axes
+  std::vector<Eigen::ArrayXd> offset;       ///< of each axis, per cycle; 0 if not learned
+  std::vector<Eigen::ArrayXd> error_before, error_after;  ///< predicted tracking error
   Eigen::ArrayXd contour_before, contour_after;           ///< predicted [m]; empty without a path
   ErrorSize contour_size_before, contour_size_after;
   std::int64_t created_ns = 0;
-  std::int64_t validated_ns = 0;   ///< when the one of its models was that was so the longest ago
-  std::string summary;             ///< what came of it, one line for people
-  std::vector<std::string> notes;  ///< what people should know of it, a line each
+  std::int64_t validated_ns = 0;   ///< validation time of the model that was validated longest ago
+  std::string summary;             ///< predicted result, one line for people
+  std::vector<std::string> notes;  ///< remarks for people, one line each
   std::string why_not_live;        ///< why it must not be sent to drives; empty: it may
 };
 
-/// How offsets are given back: what the loop must know of the configuration.
+/// How offsets are applied: the part of the configuration that the loop needs.
 struct OffsetRules {
   double cycle_s = 0.0;
-  std::vector<GateLimits> limits;  ///< of every axis of the machine; zeros: nothing goes out
-  double ramp_s = 0.0;             ///< from nothing to the whole offset, and back
-  double validity_s = 0.0;         ///< after which a drive must drop an offset
-  double match_tolerance = 0.0;    ///< of a command that belongs to a program [m | rad]
-  double residual_band = 0.0;      ///< standard deviations; beyond it offsets fade out
+  std::vector<GateLimits> limits;  ///< of every axis of the machine; zeros: no offset is sent
+  double ramp_s = 0.0;             ///< fade-in time from 0 to the full offset, and fade-out time
+  double validity_s = 0.0;         ///< time after which a drive must drop an offset
+  double match_tolerance = 0.0;    ///< deviation of a command from its program row [m | rad]
+  double residual_band = 0.0;      ///< in standard deviations; beyond it offsets fade out
   int delay_cycles = 1;            ///< from a frame to the cycle that applies its offset; >= 1
-  bool live = false;               ///< false: offsets are advice, whoever arms them
-  bool in_command = false;         ///< the frames' command has the offset in it
+  bool live = false;               ///< false: dry run, even when armed
+  bool in_command = false;         ///< the frames' command contains the offset
 };
 
-/// The corrections that may be given back, as the worker hands them over. It is kept until the loop
-/// has taken a newer one.
+/// The corrections that may be applied live. The learning worker keeps a plan until the loop uses a
+/// newer one.
 struct OffsetPlan {
   std::uint64_t generation = 0;
-  std::int64_t wall_ns = 0;                                     ///< when it was handed over
+  std::int64_t wall_ns = 0;                                     ///< time of the hand-over
   std::vector<std::shared_ptr<const LearnedProgram>> programs;  ///< at most kMaxPrograms
-  bool renewed = false;  ///< as the one before, only validated later: what was given up stays so
+  bool renewed = false;  ///< same programs as before with a later validation: programs that were
+                         ///< given up stay barred
 };
 
-/// What lies between the loop and the others. It outlives both.
+/// Everything that the loop and the other threads share about corrections. It outlives both.
 struct OffsetHandOver {
   LatestValue<const OffsetPlan*> plans;
-  std::atomic<std::uint64_t> in_use{0};  ///< generation of the plan that the loop has taken
-  std::atomic<bool> armed{false};        ///< by a person; not remembered
+  std::atomic<std::uint64_t> in_use{0};  ///< generation of the plan that the loop uses
+  std::atomic<bool> armed{false};        ///< by a person; not kept over a restart
   Ring<OffsetRun> runs{16};
 };
 

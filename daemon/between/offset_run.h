@@ -1,5 +1,5 @@
-// One run of a known program, as the real-time loop saw it: what was measured beside what was
-// predicted for it. Crosses threads by value.
+// One run of a known program as the real-time loop measured it: measured errors beside predicted
+// ones. Crosses threads by value.
 #pragma once
 
 #include <array>
@@ -13,9 +13,9 @@ namespace servotwin::daemon {
 /// How a run ended. Numbered, never reused.
 enum class RunEnd : std::uint8_t {
   kFinished = 0,
-  kLeft = 1,      ///< the commands were the program's no longer
-  kResidual = 2,  ///< beyond the predicted band: the machine is not the model's any more
-  kContour = 3,   ///< the path was followed worse than it would be without
+  kLeft = 1,      ///< the commands no longer follow the program
+  kResidual = 2,  ///< outside its band: the model no longer describes the machine
+  kContour = 3,   ///< the path error was larger than predicted without a correction
   kGap = 4,       ///< cycles were lost
   kDisarmed = 5,
   kRefused = 6,  ///< by the gate
@@ -28,23 +28,23 @@ enum class RunEnd : std::uint8_t {
   return index < kNames.size() ? kNames[index] : "unknown";
 }
 
-/// Sums of squares over the cycles that count [m^2 | rad^2 each].
+/// Sums of squared errors over the counted cycles [m^2 | rad^2].
 struct RunSquares {
-  double measured = 0.0;  ///< against the program's command
+  double measured = 0.0;  ///< deviation from the program's command
   double before = 0.0;    ///< predicted without correction
-  double after = 0.0;     ///< predicted with it
+  double after = 0.0;     ///< predicted with correction
 };
 
 struct OffsetRun {
   std::uint64_t learned = 0;  ///< LearnedProgram::number
-  bool live = false;          ///< false: dry, nothing was sent
+  bool live = false;          ///< false: dry run, nothing was sent
   RunEnd end = RunEnd::kFinished;
-  int axis = -1;             ///< of the machine, whose residual or gate ended it; -1: none
-  std::uint8_t refusal = 0;  ///< of the gate, where that ended it
-  double at_s = 0.0;         ///< of the program, where it ended
-  std::uint64_t cycles = 0;  ///< that count: the correction was in as a whole
-  std::array<RunSquares, kMaxAxes> axes{};  ///< as the program's axes
-  RunSquares contour;                       ///< of a path
+  int axis = -1;             ///< index of the axis whose residual or gate ended the run; -1: none
+  std::uint8_t refusal = 0;  ///< of the gate, if that ended the run
+  double at_s = 0.0;         ///< time in the program at which the run ended
+  std::uint64_t cycles = 0;  ///< counted cycles: those after the correction was faded in
+  std::array<RunSquares, kMaxAxes> axes{};  ///< in the order of the program's axes
+  RunSquares contour;                       ///< if the program has a path
 };
 
 }  // namespace servotwin::daemon

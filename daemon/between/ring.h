@@ -1,4 +1,5 @@
-// A bounded stream from one thread to another, in order; what does not fit is dropped and counted.
+// A bounded queue from one thread to another, in order; a value that does not fit is dropped and
+// counted.
 //
 // One writer thread, one reader thread; all functions are wait-free and allocate nothing (the
 // constructor allocates). Full means that the reader is too slow: the new value is dropped, never

@@ -1,5 +1,5 @@
-// Wakes a worker from the real-time loop: a counter in the kernel, one system call, no lock, no
-// memory.
+// Wakes a worker thread from the real-time loop: an eventfd, one system call, no lock, no
+// allocation. Errors: the constructor throws std::runtime_error.
 #pragma once
 
 #include <poll.h>
@@ -22,9 +22,9 @@ class WakeUp {
   WakeUp& operator=(const WakeUp&) = delete;
   ~WakeUp() { close(event_); }
 
-  /// Any thread. Many calls before the worker looks are one call.
+  /// Any thread. Several calls before the worker wakes up count as one.
   void notify() const noexcept { eventfd_write(event_, 1); }
-  /// The worker: sleeps until notified, or for `timeout_ms`.
+  /// Worker thread only: sleeps until notified, at most `timeout_ms`.
   void wait(int timeout_ms) const noexcept {
     pollfd event{event_, POLLIN, 0};
     poll(&event, 1, timeout_ms);

@@ -18,7 +18,7 @@
 namespace servotwin::daemon {
 namespace {
 
-/// The limits of an axis' correction, all of them or none. Units are those of the axis.
+/// Reads the limits of the correction of an axis, all of them or none, in units of the axis.
 void read_correction(Section section, std::optional<OffsetLimits>& to) {
   if (!section.given()) return;
   OffsetLimits limits;
@@ -33,7 +33,7 @@ void read_correction(Section section, std::optional<OffsetLimits>& to) {
   to = limits;
 }
 
-/// The source that an axis names, with the place where it does.
+/// The source that an axis names, with its position in the file.
 struct NamedSource {
   std::string name;
   toml::source_region where;
@@ -57,17 +57,17 @@ NamedSource read_axis(const toml::table& table, Config& config, Problems& proble
   if (!source.name.empty()) source.where = table.get("source")->source();
   axis.rotary = units == "rad";
   if (axis.rotary && !axis.path.empty())
-    section.report("path", "is drawn by linear axes, and this one has units = 'rad'");
+    section.report("path", "needs linear axes, but this axis has units = 'rad'");
   for (const AxisConfig& other : config.axes) {
     if (!axis.name.empty() && other.name == axis.name) {
-      section.report("name", "there is an axis of this name already");
+      section.report("name", "another axis has the same name");
     }
   }
   config.axes.push_back(axis);
   return source;
 }
 
-/// A path has as many axes as its contour error can have.
+/// Reports paths whose number of axes is not 2 to kMaxPathAxes.
 void check_paths(const toml::array& axes, const Config& config, Problems& problems) {
   std::map<std::string, int> axes_of;
   for (const AxisConfig& axis : config.axes) ++axes_of[axis.path];
@@ -76,9 +76,9 @@ void check_paths(const toml::array& axes, const Config& config, Problems& proble
     const int count = axes_of[path];
     if (path.empty() || count == 0 || (count >= 2 && count <= kMaxPathAxes)) continue;
     problems.add("axis.path", *axes[i].as_table()->get("path"),
-                 "a path has 2 to " + std::to_string(kMaxPathAxes) + " axes, and this one " +
+                 "a path has 2 to " + std::to_string(kMaxPathAxes) + " axes, this one has " +
                      std::to_string(count));
-    axes_of[path] = 0;  // once is enough
+    axes_of[path] = 0;  // reported once
   }
 }
 
@@ -101,7 +101,7 @@ std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Probl
   return sources;
 }
 
-/// A file beside the configuration.
+/// Reads the name of a file, relative to the configuration.
 void read_map(Section& section, const std::string& key, const std::filesystem::path& folder,
               std::filesystem::path& to) {
   std::string file;
@@ -118,7 +118,7 @@ void read_replay(Section& replay, const std::filesystem::path& folder, ReplayCon
       for (const toml::node& name : *list) config.files.emplace_back(*name.value<std::string>());
     }
   } else if (replay.given()) {
-    replay.report_missing("files", "is missing; which recordings are to be replayed?");
+    replay.report_missing("files", "is missing: list the recordings to replay");
   }
   replay.text("columns", 0, 4096, config.columns);
   read_map(replay, "can_map", folder, config.can_map);
@@ -129,7 +129,7 @@ void read_replay(Section& replay, const std::filesystem::path& folder, ReplayCon
 void read_can(Section& can, const std::filesystem::path& folder, CanConfig& config) {
   read_map(can, "map", folder, config.map);
   if (can.given() && !can.has("map"))
-    can.report_missing("map", "is missing; which file says which bits are which signal?");
+    can.report_missing("map", "is missing: name the file that maps bits to signals");
   if (const toml::node* names = can.find("interfaces")) {
     const toml::array* list = names->as_array();
     if (list == nullptr || list->empty() || list->size() > 8 ||
@@ -146,13 +146,13 @@ void read_can(Section& can, const std::filesystem::path& folder, CanConfig& conf
 void read_udp(Section& udp, const std::filesystem::path& folder, UdpConfig& config) {
   read_map(udp, "map", folder, config.map);
   if (udp.given() && !udp.has("map"))
-    udp.report_missing("map", "is missing; which file says which bits are which signal?");
+    udp.report_missing("map", "is missing: name the file that maps bits to signals");
   udp.text("listen", 3, 255, config.listen);
   udp.text("peer", 3, 255, config.peer);
   udp.refuse_unknown();
 }
 
-/// Which of the sources that are given it is.
+/// Chooses the source among those that the file configures.
 void choose_source(Section& source, const std::vector<NamedSource>& named, Config& config,
                    Problems& problems) {
   constexpr std::array<std::pair<const char*, SourceKind>, 4> kKinds{
@@ -168,15 +168,15 @@ void choose_source(Section& source, const std::vector<NamedSource>& named, Confi
   if (!named.empty()) {
     chosen = named.front().name;
   } else if (given.size() > 1) {
-    source.report(given.back(),
-                  "there is a source." + given.front() +
-                      " as well; say which one with axis.source" +
-                      (source.has("dds") ? ", or put what the daemon says into [dds]" : ""));
+    source.report(
+        given.back(),
+        "there is a source." + given.front() + " as well; choose one with axis.source" +
+            (source.has("dds") ? ", or move the daemon's own DDS settings to [dds]" : ""));
   }
   for (const NamedSource& other : named) {
     if (other.name != chosen) {
-      problems.add(other.where, "axis.source = '" + other.name + "': another axis says '" + chosen +
-                                    "', and all axes of a machine come from one source");
+      problems.add(other.where, "axis.source = '" + other.name + "': another axis has '" + chosen +
+                                    "', but all axes of a machine must have the same source");
     }
   }
   if (chosen != "dds" && !source.has(chosen)) {
@@ -196,7 +196,8 @@ void read_dds(Section& dds, DdsConfig& config) {
   dds.integer("strength", 0, 1000, config.strength);
 }
 
-/// What one of the two sections does not say, the other one does: most machines have one place.
+/// Reads [dds] and [source.dds]; a key that is missing in one of them is taken from the other,
+/// because most machines use the same domain and partition for both.
 void read_dds(Section out, Section in, Config& config) {
   read_dds(in, config.dds);
   DdsConfig frames = config.dds;
@@ -206,7 +207,8 @@ void read_dds(Section out, Section in, Config& config) {
   if (frames.domain != config.dds.domain || frames.partition != config.dds.partition)
     config.dds_in = frames;
   if (in.has("strength") && out.has("strength"))
-    in.report("strength", "is that of what the daemon says, and dds.strength is given as well");
+    in.report("strength",
+              "is given as dds.strength as well; both set the strength of the daemon's outputs");
   out.refuse_unknown();
   in.refuse_unknown();
 }
@@ -240,7 +242,7 @@ void read_identify(Section section, IdentifyConfig& identify) {
   section.number("delay_max_s", delay.lower, delay.upper, "s", identify.options.delay_max_s);
   if (identify.memory_s < identify.window_s) {
     section.report(section.find("window_s") != nullptr ? "window_s" : "memory_s",
-                   "a model is sought on the last memory_s = " + number(identify.memory_s) +
+                   "a model is fitted to the last memory_s = " + number(identify.memory_s) +
                        " s, which must not be less than window_s = " + number(identify.window_s) +
                        " s");
   }
@@ -292,7 +294,7 @@ void read_http(Section section, HttpConfig& http) {
   section.refuse_unknown();
 }
 
-/// Every key with its value as text; a list, also one of tables, is one value.
+/// All keys with their values as text; a list, also a list of tables, is one value.
 void flatten(const toml::table& table, const std::string& path,
              std::map<std::string, std::string>& out) {
   for (const auto& [key, node] : table) {
@@ -335,7 +337,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   store.number("recordings_max_mb", 0.0, 1e9, "MB", most_mb);
   if (least_mb >= 0.0) config.store.recordings_mb = least_mb;
   if (most_mb >= 0.0) config.store.recordings_max_mb = most_mb;
-  // One that is wrong has been reported; the default that stands for it is not to be blamed.
+  // A wrong recordings_mb has been reported already: its default must not be reported as well.
   const bool both_known = most_mb >= 0.0 && (least_mb >= 0.0 || !store.has("recordings_mb"));
   if (both_known && most_mb < config.store.recordings_mb)
     store.report("recordings_max_mb",
@@ -388,7 +390,7 @@ std::filesystem::path default_store() {
     return home / ".local" / "state" / "servotwin";
   }
   throw std::runtime_error(
-      "no place for the store: neither STATE_DIRECTORY, XDG_STATE_HOME nor HOME is set; give "
+      "no directory for the store: none of STATE_DIRECTORY, XDG_STATE_HOME and HOME is set; give "
       "--store");
 }
 

@@ -1,8 +1,8 @@
-// The daemon's configuration (TOML; all keys: docs/reference.md). Without a file these defaults
-// hold.
+// The configuration of the daemon (TOML; all keys: docs/reference.md). Without a file these default
+// values apply.
 //
-// Every problem of a file is reported at once, each on one line with its place: a wrong type, a
-// value out of its range, a key that does not exist with the nearest one that does. Any thread.
+// All problems of a file are reported together, each on one line with its position: a wrong type, a
+// value out of range, an unknown key with the nearest known one. Any thread.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@
 
 namespace servotwin::daemon {
 
-/// What a correction of an axis may be (ilc/gate.h); all positive.
+/// Limits of the correction of an axis (ilc/gate.h); all positive.
 struct OffsetLimits {
   double peak = 0.0;          ///< [m | rad]
   double rate = 0.0;          ///< [m/s | rad/s]
@@ -28,9 +28,9 @@ struct OffsetLimits {
 struct AxisConfig {
   std::string name;         ///< 1..31 characters
   bool rotary = false;      ///< units = "rad"; else "m"
-  std::string torque_unit;  ///< of what the machine sends; empty: it sends none
-  std::string path{};       ///< that it draws together with others of this name; empty: none
-  std::optional<OffsetLimits> correction{};  ///< absent: it is never sent one
+  std::string torque_unit;  ///< unit of the torque that the machine sends; empty: none
+  std::string path{};       ///< name of the path that it forms with other axes; empty: none
+  std::optional<OffsetLimits> correction{};  ///< absent: no offset is ever sent
 };
 
 enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
@@ -38,87 +38,87 @@ enum class SourceKind : std::uint8_t { kDds, kReplay, kCan, kUdp };
 struct DdsConfig {
   std::uint32_t domain = 0;  ///< 0..230
   std::string partition;     ///< empty: the default one
-  int strength = 0;          ///< of two daemons of a machine the stronger one is heard
+  int strength = 0;          ///< of several daemons of a machine the strongest is active
 };
 
 struct ReplayConfig {
   std::vector<std::filesystem::path> files;
-  std::string columns;            ///< names for foreign files, as on the command line
+  std::string columns;            ///< column names of other tools' files, as on the command line
   std::filesystem::path can_map;  ///< for CAN logs
-  double speed = 1.0;             ///< times as fast as recorded
+  double speed = 1.0;             ///< multiple of the recorded speed
 };
 
 struct CanConfig {
-  std::filesystem::path map;            ///< which bits are which signal (drivers/can_map.h)
-  std::vector<std::string> interfaces;  ///< one per bus of the mapping; empty: as they are called
-  bool filter = false;                  ///< only ids of the mapping are listened to
+  std::filesystem::path map;            ///< which bits carry which signal (drivers/can_map.h)
+  std::vector<std::string> interfaces;  ///< one per bus; empty: the names in the mapping
+  bool filter = false;                  ///< only ids of the mapping are received
 };
 
 struct UdpConfig {
   std::filesystem::path map;
   std::string listen = "127.0.0.1:20000";
-  std::string peer;  ///< HOST:PORT; empty: anybody
+  std::string peer;  ///< HOST:PORT; empty: packets of any sender
 };
 
 struct IdentifyConfig {
-  double window_s = 8.0;          ///< new motion until the next model is sought
-  double memory_s = 24.0;         ///< most fast motion it is sought on; half of slow reversals
-  double judge_s = 4.0;           ///< motion that neither model has seen, to judge on
-  double min_improvement = 0.02;  ///< share by which the RMS must fall for a new model
+  double window_s = 8.0;          ///< new motion between two identification steps
+  double memory_s = 24.0;         ///< maximum of stored fast motion; of slow reversals half of it
+  double judge_s = 4.0;           ///< held-out motion on which both models are compared
+  double min_improvement = 0.02;  ///< relative reduction of the RMS that a new model must reach
   IdentifyOptions options;
 
   IdentifyConfig() { options.method = Method::kJoint; }
 };
 
 struct DiagnoseConfig {
-  double every_s = 3600.0;         ///< of the machine's time, from diagnosis to diagnosis; 0: never
-  double record_s = 30.0;          ///< the most recent motion that is looked at
-  double false_alarm_days = 30.0;  ///< of motion, between false alarms; 0: there is no alarm
-  double reference_s = 900.0;      ///< motion that tells what a model leaves when all is well
-  /// What comes as the actual value is the encoder that the position loop uses, of every axis but
-  /// those that say it themselves.
+  double every_s = 3600.0;         ///< machine time between two diagnoses; 0: none on schedule
+  double record_s = 30.0;          ///< length of the most recent motion that is diagnosed
+  double false_alarm_days = 30.0;  ///< mean motion between two false alarms; 0: no alarm
+  double reference_s = 900.0;      ///< motion from which the normal residual is learned
+  /// True: the actual value is that of the encoder which closes the position loop. Applies to every
+  /// axis without an entry of its own in encoder_in_loop_of.
   bool encoder_in_loop = false;
   std::map<std::string, bool> encoder_in_loop_of;
 };
 
-/// Corrections of programs: how they are learned, and how they may be given back.
+/// Corrections of programs: how they are learned and how they may be applied live.
 struct IlcConfig {
-  bool contour = false;            ///< aim = "contour": on the path; else every axis on its command
-  int trials = 10;                 ///< virtual ones, at most
-  bool live = false;               ///< false: offsets are advice, whoever arms them
-  double ramp_s = 0.1;             ///< from nothing to the whole offset, and back
-  double validity_s = 0.02;        ///< after which a drive must drop an offset
-  double model_age_s = 604800.0;   ///< the oldest model whose corrections are sent
-  double match_tolerance = 2e-6;   ///< of a command that belongs to a program [m | rad]
-  double residual_band = 8.0;      ///< standard deviations of the model; beyond it offsets go out
-  int delay_cycles = 1;            ///< from a frame to the offset that answers it being applied
-  std::optional<bool> in_command;  ///< whether the frames' command has the offset in it; absent: on
-                                   ///< CAN it has, elsewhere not
+  bool contour = false;      ///< aim = "contour": reduces the path error; else that of every axis
+  int trials = 10;           ///< maximum number of virtual trials
+  bool live = false;         ///< false: dry run, even when armed
+  double ramp_s = 0.1;       ///< fade-in time from 0 to the full offset, and fade-out time
+  double validity_s = 0.02;  ///< time after which a drive must drop an offset
+  double model_age_s = 604800.0;  ///< maximum time since the validation of the models
+  double match_tolerance = 2e-6;  ///< deviation of a command from its program row [m | rad]
+  double residual_band = 8.0;  ///< in standard deviations of the model; beyond it offsets fade out
+  int delay_cycles = 1;        ///< cycles from a frame to the cycle that applies its offset
+  std::optional<bool> in_command;  ///< whether the frames' command contains the offset; absent:
+                                   ///< yes on CAN, otherwise no
 };
 
 struct StoreConfig {
   std::filesystem::path directory;  ///< empty: default_store()
-  double recordings_mb =
-      1024.0;  ///< the oldest recordings go when there are more; 0: none are kept
-  std::optional<double> recordings_max_mb;  ///< with those that models cite, too, where recording
-                                            ///< stops; absent: four times as much
+  /// The oldest recordings are deleted beyond this; 0: nothing is recorded.
+  double recordings_mb = 1024.0;
+  std::optional<double> recordings_max_mb;  ///< including those that models cite; recording stops
+                                            ///< there; absent: four times recordings_mb
 };
 
-/// The page and its API.
+/// The web page and the HTTP interface.
 struct HttpConfig {
-  std::string listen;              ///< ADDRESS:PORT; empty or "none": nowhere
-  std::string token;               ///< of who may change something; empty: nobody
-  std::vector<std::string> names;  ///< what this host is called besides its host name
-  bool needed = true;              ///< where it cannot listen the daemon does not start
+  std::string listen;              ///< ADDRESS:PORT; empty or "none": no page
+  std::string token;               ///< needed for every change over HTTP; empty: no changes
+  std::vector<std::string> names;  ///< further names of this host
+  bool needed = true;              ///< the daemon does not start if it cannot listen
 };
 
 struct Config {
   std::string machine = "machine";  ///< 1..63 characters
-  std::optional<double> cycle_s;    ///< absent: the source says it
-  std::vector<AxisConfig> axes;     ///< in the order of the frames; empty: the source says them
+  std::optional<double> cycle_s;    ///< absent: given by the source
+  std::vector<AxisConfig> axes;     ///< in the order of the frames; empty: given by the source
   SourceKind source = SourceKind::kDds;
-  DdsConfig dds;  ///< where the daemon says what it has to say, wherever its frames come from
-  std::optional<DdsConfig> dds_in;  ///< where these are, if it is DDS and elsewhere
+  DdsConfig dds;  ///< where the daemon publishes, whatever the source of its frames is
+  std::optional<DdsConfig> dds_in;  ///< where the frames are, if not at `dds`
   ReplayConfig replay;
   CanConfig can;
   UdpConfig udp;
@@ -128,12 +128,12 @@ struct Config {
   StoreConfig store;
   HttpConfig http;
   int priority = 80;      ///< SCHED_FIFO priority of the real-time loop, 1..98; 0: none
-  std::vector<int> cpus;  ///< that the real-time loop may use; empty: all
-  std::map<std::string, std::string> given;  ///< the keys of the file as they stand there
+  std::vector<int> cpus;  ///< processors that the real-time loop may use; empty: all
+  std::map<std::string, std::string> given;  ///< the keys of the file and their values as text
 };
 
 struct CheckedConfig {
-  Config config;                        ///< to be used only if there are no problems
+  Config config;                        ///< valid only if there are no problems
   std::vector<ConfigProblem> problems;  ///< in the order of the file
 };
 

@@ -1,7 +1,8 @@
-// Where the daemon is asked over HTTP: "127.0.0.1:8402", "[::1]:8402", "0.0.0.0:8402" for
-// everybody.
+// The address on which the daemon answers HTTP: "127.0.0.1:8402", "[::1]:8402", or "0.0.0.0:8402"
+// for all interfaces.
 //
-// Numbers only: a name would be looked up at every start. Port 0: any that is free. Any thread.
+// Numeric addresses only: a name would be looked up at every start. Port 0: any free port. Any
+// thread; errors: none.
 #pragma once
 
 #include <cstdint>
@@ -20,15 +21,15 @@ struct ListenAddress {
   [[nodiscard]] std::string text() const;
 };
 
-/// Nothing if it is none.
+/// Nothing if the text is not such an address.
 [[nodiscard]] std::optional<ListenAddress> parse_listen_address(std::string_view text);
 
-/// What a message says of an address that is none.
+/// The error message for a text that is not such an address.
 inline constexpr const char* kListenRule =
     "must be ADDRESS:PORT, such as '127.0.0.1:8402', '[::1]:8402' or, for everybody on the "
     "network, '0.0.0.0:8402'; or 'none'";
 
-/// Where the page is looked for, unless told otherwise.
+/// The default address of the page.
 inline constexpr const char* kDefaultListen = "127.0.0.1:8402";
 
 }  // namespace servotwin::daemon

@@ -18,7 +18,7 @@ bool is_at_once(const std::string& key) {
   });
 }
 
-/// What a log must not show: events are read by everybody who sees the page.
+/// Keys whose values a log must not show: everybody who can open the page can read the events.
 bool is_secret(const std::string& key) { return key == "http.token"; }
 
 std::string joined(const std::vector<std::string>& parts) {
@@ -41,7 +41,7 @@ ConfigChanges changes_between(const Config& running, const Config& newer) {
       return value.empty() ? std::string("its default") : value;
     };
     (is_at_once(key) ? out.at_once : out.by_restart)
-        .push_back(is_secret(key) ? "another " + key
+        .push_back(is_secret(key) ? "a new " + key
                                   : key + " = " + shown(now) + " (was " + shown(before) + ")");
   }
   return out;
@@ -51,7 +51,7 @@ std::string ConfigChanges::text() const {
   if (at_once.empty() && by_restart.empty()) return "configuration read again: nothing changed";
   std::string out = "configuration read again";
   if (!at_once.empty()) out += ": " + joined(at_once);
-  if (!by_restart.empty()) out += "; only a restart brings " + joined(by_restart);
+  if (!by_restart.empty()) out += "; needs a restart: " + joined(by_restart);
   return out;
 }
 

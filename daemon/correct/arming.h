@@ -1,5 +1,5 @@
-// Whether offsets may go to drives: the configuration says live, and a person has armed it. It is
-// not remembered: a daemon that starts is not armed. Any thread; errors: none.
+// Whether offsets may be sent to drives: only if the configuration has `live` and a person has
+// armed the daemon. Arming is not stored: a daemon starts disarmed. Any thread; errors: none.
 #pragma once
 
 #include <atomic>
@@ -12,30 +12,30 @@ namespace servotwin::daemon {
 
 class Arming {
  public:
-  /// Both outlive it.
+  /// `armed` and `events` must outlive the object.
   Arming(bool live, std::atomic<bool>& armed, EventLog& events)
       : live_(live), armed_(armed), events_(events) {}
 
   [[nodiscard]] bool live() const noexcept { return live_; }
   // relaxed, here and below: the flag orders nothing.
   [[nodiscard]] bool armed() const noexcept { return armed_.load(std::memory_order_relaxed); }
-  /// Why it cannot be armed; empty: it is.
+  /// Arms. Returns why that is not possible; empty if it is armed now.
   std::string arm() {
     {
       const std::lock_guard lock(mutex_);
       if (!forbidden_.empty()) return forbidden_;
     }
-    if (!live_) return "offsets are advice: the configuration does not say ilc.live = true";
+    if (!live_) return "offsets are a dry run: the configuration does not have ilc.live = true";
     if (!armed_.exchange(true, std::memory_order_relaxed))
       events_.note("offsets_armed", "", "armed: from the next run on, offsets are sent to drives");
     return {};
   }
-  /// What is out fades to nothing.
+  /// Disarms: active offsets fade to 0.
   void disarm() {
     if (armed_.exchange(false, std::memory_order_relaxed))
       events_.note("offsets_disarmed", "", "disarmed: offsets are not sent to drives");
   }
-  /// It is disarmed and stays so, for this reason, which is told once.
+  /// Disarms until the next start of the daemon. The first call reports the reason as an event.
   void forbid(const std::string& why) {
     {
       const std::lock_guard lock(mutex_);

@@ -20,16 +20,16 @@ std::string length_text(double rms, bool rotary) {
   return number(std::round(1e9 * rms) * 1e-3) + (rotary ? " urad" : " um");
 }
 
-/// Why the run did not go to its end, or not well; empty if it tells nothing of that kind.
-std::string trouble(const OffsetRun& run, const std::string& axis) {
-  const std::string at = " at " + number(run.at_s) + " s of it";
+/// Why the run ended early through a fault of model, path or offset; empty if it did not.
+std::string failure_of(const OffsetRun& run, const std::string& axis) {
+  const std::string at = " " + number(run.at_s) + " s after the start of the program";
   switch (run.end) {
     case RunEnd::kResidual:
-      return "axis " + axis + " left the band of its prediction" + at;
+      return "the residual of axis " + axis + " left its band" + at;
     case RunEnd::kContour:
-      return "the path was followed worse than predicted without a correction" + at;
+      return "the path error was larger than predicted without a correction" + at;
     case RunEnd::kRefused:
-      return "the gate refused axis " + axis + at + ": " +
+      return "the gate refused the offset of axis " + axis + at + ": " +
              std::string(name_of(static_cast<Refusal>(run.refusal)));
     default:
       return {};
@@ -42,16 +42,16 @@ CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learne
                               const MachineDescription& machine) {
   const std::string axis =
       run.axis >= 0 ? machine.axes[static_cast<std::size_t>(run.axis)].name : std::string();
-  if (const std::string why = trouble(run, axis); !why.empty()) {
+  if (const std::string why = failure_of(run, axis); !why.empty()) {
     const auto refusal = static_cast<Refusal>(run.refusal);
     const bool of_model = run.end == RunEnd::kRefused &&
                           (refusal == Refusal::kOtherAxisState || refusal == Refusal::kModelStale);
     return {of_model ? What::kLearnAnew : What::kWithdraw, why};
   }
-  if (run.cycles < kLeastCycles) return {What::kKeep, "too few cycles to judge"};
+  if (run.cycles < kMinCountedCycles) return {What::kKeep, "too few cycles to judge"};
 
   if (run.live && learned.contour_before.size() > 0 && run.contour.measured >= run.contour.before)
-    return {What::kWithdraw, "the path was followed no better than predicted without"};
+    return {What::kWithdraw, "the path error was no smaller than predicted without a correction"};
   std::string off;
   for (std::size_t n = 0; n < learned.axes.size(); ++n) {
     const RunSquares& squares = run.axes[n];
@@ -59,17 +59,18 @@ CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learne
     if (!std::isfinite(squares.measured))
       return {What::kWithdraw, "axis " + name + " has cycles without an encoder value"};
     if (run.live && squares.measured >= squares.before)
-      return {What::kWithdraw, "axis " + name + " was followed no better than predicted without"};
+      return {What::kWithdraw,
+              "the error of axis " + name + " was no smaller than predicted without a correction"};
     const double predicted = rms(run.live ? squares.after : squares.before, run);
-    const double expected = run.live ? std::hypot(predicted, learned.missed[n]) : predicted;
+    const double expected = run.live ? std::hypot(predicted, learned.holdout_rms[n]) : predicted;
     const double measured = rms(squares.measured, run);
-    const bool as_predicted =
-        run.live ? measured <= kAsPredicted * expected
-                 : std::abs(measured - predicted) <= kAsPredicted * learned.missed[n];
+    const bool as_predicted = run.live ? measured <= kMaxRatioToExpectedRms * expected
+                                       : std::abs(measured - predicted) <=
+                                             kMaxRatioToExpectedRms * learned.holdout_rms[n];
     if (!as_predicted)
       off += (off.empty() ? "axis " : ", axis ") + name + " " +
-             length_text(measured, learned.axes[n].rotary) + " where " +
-             length_text(expected, learned.axes[n].rotary) + " was expected";
+             length_text(measured, learned.axes[n].rotary) + " instead of the expected " +
+             length_text(expected, learned.axes[n].rotary);
   }
   if (!off.empty()) return {What::kLearnAnew, off};
   return {What::kKeep, "as predicted"};
@@ -82,7 +83,7 @@ std::string gain_text(const OffsetRun& run, const LearnedProgram& learned) {
   const auto add = [&](const std::string& what, const RunSquares& squares, bool rotary) {
     out += "; " + what + " RMS measured " + length_text(rms(squares.measured, run), rotary) +
            ", predicted " + length_text(rms(squares.before, run), rotary) + " without and " +
-           length_text(rms(squares.after, run), rotary) + " with it";
+           length_text(rms(squares.after, run), rotary) + " with correction";
   };
   for (std::size_t n = 0; n < learned.axes.size(); ++n)
     add(learned.axes[n].name, run.axes[n], learned.axes[n].rotary);

@@ -1,14 +1,14 @@
-// What becomes of a correction after a run: the rule by which it is kept, learned anew or
-// withdrawn.
+// The rule that is applied after a run: the correction is kept, learned again or withdrawn.
 //
-//   withdraw    the machine is not the model's any more, the path or an axis was followed no better
-//               than it would be without, the gate refuses what was learned
-//   learn anew  the model in force is another one, or what was measured is more than kAsPredicted
-//               times what was to be expected: predicted and missed of the hold-out, as squares
-//   keep        else
+//   withdraw     a residual left its band; the error of the path or of an axis was no smaller than
+//                predicted without a correction; or the gate refused the offset itself
+//   learn again  the gate refused because another model is in force or the model is too old; or the
+//                measured RMS is more than kMaxRatioToExpectedRms times the expected one, which is
+//                sqrt(p^2 + h^2) of the predicted RMS p and the RMS h of the model on held-out data
+//   keep         otherwise
 //
-// Of a dry run what was measured is held against the prediction without correction. Fewer than
-// kLeastCycles that count say nothing. Pure: no clock, file or thread.
+// The measured errors of a dry run are compared with the prediction without correction. A run with
+// fewer than kMinCountedCycles counted cycles changes nothing. Pure: no clock, file or thread.
 #pragma once
 
 #include <cstdint>
@@ -18,8 +18,10 @@
 
 namespace servotwin::daemon {
 
-inline constexpr double kAsPredicted = 3.0;
-inline constexpr std::uint64_t kLeastCycles = 100;
+/// Measured RMS over expected RMS above which a correction is learned again.
+inline constexpr double kMaxRatioToExpectedRms = 3.0;
+/// Minimum number of counted cycles (0.1 s at 1 kHz) for a decision.
+inline constexpr std::uint64_t kMinCountedCycles = 100;
 
 struct CorrectionRuling {
   enum class What : std::uint8_t { kKeep, kLearnAnew, kWithdraw };
@@ -31,7 +33,7 @@ struct CorrectionRuling {
 [[nodiscard]] CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learned,
                                             const MachineDescription& machine);
 
-/// What was measured beside what was predicted, RMS: for people, and as an event's detail (JSON).
+/// Measured and predicted RMS of a run: one line for people, and the detail of the event (JSON).
 [[nodiscard]] std::string gain_text(const OffsetRun& run, const LearnedProgram& learned);
 [[nodiscard]] std::string gain_detail(const OffsetRun& run, const LearnedProgram& learned,
                                       const CorrectionRuling& ruling);

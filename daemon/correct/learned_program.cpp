@@ -20,7 +20,7 @@ namespace {
 
 using Eigen::ArrayXd;
 
-/// Of "2026-01-31T12:00:00.000Z" [ns since 1970]; 0 if it is none.
+/// Parses "2026-01-31T12:00:00.000Z" [ns since 1970]; 0 if the text is not such a time.
 std::int64_t wall_ns_of(const std::string& iso) {
   std::tm at{};
   int ms = 0;
@@ -38,22 +38,22 @@ const ModelRecord& model_of(const std::vector<StoredModel>& in_force, const std:
     const ModelRecord& record = stored.record;
     if (record.axis != axis) continue;
     if (std::abs(record.model.sample_time_s - cycle_s) > 1e-9 * cycle_s)
-      throw std::runtime_error("axis " + axis + ": its model is of a cycle of " +
-                               number(record.model.sample_time_s) + " s, and the machine has " +
+      throw std::runtime_error("axis " + axis + ": its model is for a cycle of " +
+                               number(record.model.sample_time_s) + " s, the machine runs at " +
                                number(cycle_s) + " s");
     return record;
   }
   throw std::runtime_error("axis " + axis + " has no model in force yet");
 }
 
-/// What a correction may be so that the gate passes it.
+/// Limits within which the gate lets a correction pass.
 CorrectionLimits limits_of(const std::optional<OffsetLimits>& limits) {
   if (!limits) return {};
   const double omega = 2.0 * std::numbers::pi * limits->bandwidth_hz;
   return {limits->peak, std::min(limits->rate, omega * limits->peak)};
 }
 
-/// Where the gate would refuse this offset; empty if nowhere.
+/// Reason and time at which the gate would refuse this offset; empty if it lets all of it pass.
 std::string refused_by_gate(const ArrayXd& offset, const OffsetLimits& limits,
                             const LearningRules& rules) {
   Gate gate({limits.peak, limits.rate, limits.bandwidth_hz, rules.ilc.ramp_s, 1.0, 1.0, true});
@@ -88,14 +88,15 @@ std::string summary_of(const LearnedProgram& learned) {
   return "predicted RMS " + out;
 }
 
-/// What the machine will leave at best: what the twin leaves, and what its models missed.
+/// The error to expect on the machine: the predicted one and the residual of the model on held-out
+/// data, added as squares. `beyond`: axes that are left out, because the path exceeds their data.
 std::string expected_of(const LearnedProgram& learned, const std::vector<bool>& beyond) {
   std::string out;
   for (std::size_t i = 0; i < learned.axes.size(); ++i) {
     const AxisCorrectionFigures& axis = learned.axes[i];
-    if (beyond[i] || learned.missed[i] == 0.0) continue;
+    if (beyond[i] || learned.holdout_rms[i] == 0.0) continue;
     out += (out.empty() ? "expect " : ", ") + axis.name + " " +
-           length_text(std::hypot(axis.after_rms, learned.missed[i]), axis.rotary);
+           length_text(std::hypot(axis.after_rms, learned.holdout_rms[i]), axis.rotary);
   }
   return out.empty() ? out : out + " RMS on the machine";
 }
@@ -136,7 +137,7 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   out.program = program;
   out.created_ns = out.validated_ns = wall_ns;
   std::vector<LearnAxis> axes;
-  std::vector<bool> beyond;  // of the motion of its model
+  std::vector<bool> beyond;  // per axis: the path exceeds the motion of the model's data
   std::ptrdiff_t linear = 0;
   for (std::size_t i = 0; i < program.axes.size(); ++i) {
     const std::size_t number_in_machine = program.axes[i];
@@ -170,8 +171,8 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
     axes.back().rotary = axis.rotary;
     out.axes.push_back({axis.name, axis.rotary, record.version});
     const auto known = [](double value) { return std::isfinite(value) ? value : 0.0; };
-    out.missed.push_back(known(record.holdout.rms));
-    out.missed_most.push_back(known(record.holdout.max));
+    out.holdout_rms.push_back(known(record.holdout.rms));
+    out.holdout_max.push_back(known(record.holdout.max));
     linear += axis.rotary ? 0 : 1;
   }
 
@@ -185,7 +186,8 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   const Learned result = learn(
       axes,
       [&](const std::vector<ArrayXd>& commands) {
-        if (stop.stop_requested()) throw std::runtime_error("given up, the daemon stops");
+        if (stop.stop_requested())
+          throw std::runtime_error("learning was aborted, because the daemon stops");
         return twins(commands);
       },
       options);
@@ -210,22 +212,22 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
   }
   out.summary = summary_of(out);
   if (!program.learn) {
-    out.why_not_live = "it was asked for without learning";
+    out.why_not_live = "only a preview was requested";
     return out;
   }
   if (const std::string expected = expected_of(out, beyond); !expected.empty())
     out.notes.insert(out.notes.begin(), expected);
   for (const std::string& line : short_rests(axes)) out.notes.push_back(line);
   if (stale(out, rules, wall_ns))
-    out.notes.push_back("its models were last found to hold longer ago than ilc.model_age_s, " +
+    out.notes.push_back("its models were last validated longer ago than ilc.model_age_s = " +
                         number(rules.ilc.model_age_s) +
-                        " s: nothing is sent until they are found to hold again");
+                        " s: nothing is sent until they are validated again");
   if (result.best == 0)
     throw std::runtime_error(
         out.summary + ": " + why_none_is_kept(result, axes) +
         (result.before && options.aim == Aim::kTracking
-             ? R"(; wider limits, or ilc.aim = "contour", which spends them on the path alone)"
-             : "; wider limits, or a better model"));
+             ? R"(; try wider limits, or ilc.aim = "contour", which corrects the path error only)"
+             : "; try wider limits or a better model"));
   for (std::size_t i = 0; i < axes.size() && out.why_not_live.empty(); ++i) {
     const std::optional<OffsetLimits>& limits = rules.limits[program.axes[i]];
     if (!limits) {

@@ -1,12 +1,14 @@
-// A program and what the models in force say of it: predicted errors, and the correction that was
-// learned in virtual trials on the twins (ilc/learn.h).
+// Predicts the errors of a program with the models in force, and learns its correction in virtual
+// trials on the twins (ilc/learn.h).
 //
-// Every axis learns by the inverse of its model, with the largest bandwidth at which all models
-// within its uncertainty contract, within peak, rate and bandwidth of its configuration. What the
-// gate would not let through along the whole program is not sent: `why_not_live` says so.
+// Every axis learns with the inverse of its model, at the largest bandwidth at which the iteration
+// converges for all models within the uncertainty, and within peak, rate and bandwidth of its
+// configuration. A correction that the gate would refuse anywhere along the program is not sent;
+// `why_not_live` gives the reason.
 //
 // SI units; times since 1970 [ns]. Any thread; the same input gives the same result. Errors:
-// std::runtime_error with the reason, one line: no model, a model at another cycle, no bandwidth.
+// std::runtime_error with the reason in one line: no model, a model for another cycle time, no
+// bandwidth, no trial better than no correction.
 #pragma once
 
 #include <Eigen/Core>
@@ -24,36 +26,37 @@
 
 namespace servotwin::daemon {
 
-/// What is configured about learning and the axes of the machine.
+/// The configuration of learning, and the axes of the machine.
 struct LearningRules {
   MachineDescription machine;
   std::vector<std::optional<OffsetLimits>> limits;  ///< of each axis
   IlcConfig ilc;
 };
 [[nodiscard]] LearningRules learning_rules(const Config& config, const MachineDescription& machine);
-/// The same as the real-time loop needs it. `in_command`: the frames' command has the offset in it.
+/// The part that the real-time loop needs. `in_command`: the command of a frame contains the
+/// offset.
 [[nodiscard]] OffsetRules offset_rules(const LearningRules& rules, bool in_command);
 
-/// `in_force`: the models of the machine. When `stop` is requested it is given up before its next
-/// trial, by throwing.
+/// Predicts and, if `program.learn`, learns. `in_force`: the models of the machine. `wall_ns`: now.
+/// When `stop` is requested, it throws before the next trial.
 [[nodiscard]] LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
                                      const std::vector<StoredModel>& in_force, std::int64_t wall_ns,
                                      const std::stop_token& stop = {});
 
-/// When of these models the one was last found to hold for which that is the longest ago; nothing
-/// where another version is in force by now.
+/// The validation time of its models, that of the model validated longest ago; nothing if another
+/// version of one of them is in force by now.
 [[nodiscard]] std::optional<std::int64_t> validated_ns(const LearnedProgram& learned,
                                                        const std::vector<StoredModel>& in_force);
 
-/// Whether its models are too old by now: the gate would refuse it (ilc/gate.h).
+/// Whether the validation of its models is too old, so that the gate would refuse it (ilc/gate.h).
 [[nodiscard]] bool stale(const LearnedProgram& learned, const LearningRules& rules,
                          std::int64_t wall_ns);
 
-/// As it is published.
+/// The messages in which it is published.
 [[nodiscard]] std::vector<CorrectionChunk> chunks_of(const LearnedProgram& learned,
                                                      const LearningRules& rules);
 
-/// As an event's detail: JSON.
+/// The detail of its event (JSON).
 [[nodiscard]] std::string detail_of(const LearnedProgram& learned);
 
 }  // namespace servotwin::daemon

@@ -8,7 +8,7 @@
 
 namespace servotwin::daemon {
 namespace {
-constexpr double kPatience_s = 0.1;  // until it is seen that the worker is to stop
+constexpr double kReceiveTimeout_s = 0.1;  // timeout after which the worker checks whether to stop
 }  // namespace
 
 LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& events,
@@ -21,20 +21,22 @@ LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& even
       assembly_(rules_.machine) {}
 
 void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs) {
-  std::uint64_t told_malformed = 0;
+  std::uint64_t reported_malformed = 0;
   ProgramChunk chunk;
   while (!stop.stop_requested()) {
-    if (programs.receive(chunk, kPatience_s)) take(chunk, steady_ns());
+    if (programs.receive(chunk, kReceiveTimeout_s)) take(chunk, steady_ns());
     refuse_overdue(steady_ns());
-    heed_runs();
-    heed_arming();
+    judge_runs();
+    report_stale();
     renew(steady_ns());
-    if (const std::uint64_t malformed = programs.counts().malformed; malformed > told_malformed) {
-      events_.error("program_refused", "",
-                    std::to_string(malformed - told_malformed) +
-                        " chunks of programs whose names have other characters than letters, "
-                        "digits and . _ - are ignored");
-      told_malformed = malformed;
+    if (const std::uint64_t malformed = programs.counts().malformed;
+        malformed > reported_malformed) {
+      events_.error(
+          "program_refused", "",
+          std::to_string(malformed - reported_malformed) +
+              " program chunks ignored: the name of a program may contain letters, digits "
+              "and . _ - only");
+      reported_malformed = malformed;
     }
   }
 }
@@ -60,8 +62,9 @@ void LearningWorker::learn_now(const CommandedPath& program) {
           !same_course(one->program, program, rules_.ilc.match_tolerance))
         continue;
       same.push_back(one);
-      made.notes.push_back("it takes the place of program '" + one->program.name +
-                           "', which is the same path: beside each other neither would be known");
+      made.notes.push_back(
+          "it replaces program '" + one->program.name +
+          "', which is the same path: if both were kept, neither would be recognised");
     }
     const double taken_s = 1e-9 * static_cast<double>(steady_ns() - begin_ns);
     const std::vector<CorrectionChunk> chunks = chunks_of(made, rules_);
@@ -73,26 +76,27 @@ void LearningWorker::learn_now(const CommandedPath& program) {
     for (const CorrectionChunk& chunk : chunks) announce_(chunk);
     if (program.learn) keep(std::make_shared<const LearnedProgram>(std::move(made)));
     for (const Kept& one : same)
-      withdraw(one, "program '" + program.name + "' is the same path and takes its place");
+      withdraw(one, "program '" + program.name + "' is the same path and replaces it");
   } catch (const std::exception& error) {
     refuse({program.name, program.revision, error.what()});
   }
 }
 
-void LearningWorker::heed_runs() {
-  for (OffsetRun run; hand_over_.runs.pop(run);) heed(run);
+void LearningWorker::judge_runs() {
+  for (OffsetRun run; hand_over_.runs.pop(run);) judge(run);
 }
 
-void LearningWorker::heed_arming() {
+void LearningWorker::report_stale() {
   // relaxed: the flag orders nothing.
   const bool before = std::exchange(armed_, hand_over_.armed.load(std::memory_order_relaxed));
   if (before || !armed_) return;
   for (const Kept& one : kept_) {
     if (stale(*one, rules_, wall_ns()))
-      events_.error("correction_stale", "",
-                    "program '" + one->program.name +
-                        "': armed, but its models were last found to hold longer ago than "
-                        "ilc.model_age_s: nothing is sent until they are found to hold again");
+      events_.error(
+          "correction_stale", "",
+          "program '" + one->program.name +
+              "': armed, but its models were last validated longer ago than ilc.model_age_s: "
+              "nothing is sent until they are validated again");
   }
 }
 
@@ -105,7 +109,7 @@ void LearningWorker::renew(std::int64_t now_ns) {
     std::optional<std::int64_t> validated = validated_ns(*one, in_force);
     if (!validated || *validated <= one->validated_ns) continue;
     LearnedProgram newer = *one;
-    // The clock may have been set back since.
+    // The wall clock may have been set back in the meantime.
     newer.validated_ns = std::min(wall_ns(), *validated);
     one = std::make_shared<const LearnedProgram>(std::move(newer));
     any = true;
@@ -113,10 +117,10 @@ void LearningWorker::renew(std::int64_t now_ns) {
   if (any) hand_over_plan(true);
 }
 
-void LearningWorker::heed(const OffsetRun& run) {
+void LearningWorker::judge(const OffsetRun& run) {
   const auto found = std::find_if(kept_.begin(), kept_.end(),
                                   [&](const Kept& one) { return one->number == run.learned; });
-  if (found == kept_.end()) return;  // another one has taken its place by now
+  if (found == kept_.end()) return;  // replaced by another correction in the meantime
   const Kept learned = *found;
   const CorrectionRuling ruling = ruling_after(run, *learned, rules_.machine);
   events_.note(
@@ -138,9 +142,10 @@ void LearningWorker::learn_anew(const Kept& learned) {
   if (!std::all_of(in_force.begin(), in_force.end(), known)) {
     learn_now(learned->program);
   } else {
-    events_.note("correction_kept", "",
-                 "program '" + learned->program.name +
-                     "' is kept, since there are no other models to learn it on yet");
+    events_.note(
+        "correction_kept", "",
+        "program '" + learned->program.name +
+            "': its correction is kept, because no newer model is in force to learn it on");
     hand_over_plan();  // the loop uses it again
   }
 }
@@ -187,7 +192,8 @@ void LearningWorker::forget(const std::string& program) {
 
 void LearningWorker::hand_over_plan(bool renewed) {
   auto plan = std::make_unique<OffsetPlan>();
-  // One that was not taken yet may have come of a ruling; this one takes its place.
+  // A plan that the loop has not taken yet may come from a decision; this plan then replaces it and
+  // must not count as a mere renewal.
   // acquire: pairs with the release of the loop.
   plan->renewed = renewed && hand_over_.in_use.load(std::memory_order_acquire) == plans_made_;
   plan->generation = ++plans_made_;

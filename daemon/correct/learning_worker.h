@@ -1,18 +1,19 @@
-// The learning worker: takes commanded programs from the network, learns their corrections on the
-// models in force, and publishes what came of it.
+// The learning worker: receives commanded programs from the network, learns their corrections with
+// the models in force, and publishes the results.
 //
-//   chunks --> whole and checked (daemon/correct/program_assembly.h) --> virtual trials on the
-//   twins (daemon/correct/learned_program.h) --> correction on the network, an event with its
-//   figures in the store --> a plan for the real-time loop (daemon/loop/live_offsets.h), which
-//   tells of every run
-//   --> kept, learned anew or withdrawn (daemon/correct/correction_rule.h), the gain an event
+//   chunks --> complete and checked program (daemon/correct/program_assembly.h) --> virtual trials
+//   on the twins (daemon/correct/learned_program.h) --> correction on the network, event with its
+//   figures in the store --> plan for the real-time loop (daemon/loop/live_offsets.h), which
+//   reports every run
+//   --> kept, learned again or withdrawn (daemon/correct/correction_rule.h); the gain is an event
 //
-// Nothing is learned that was not asked for. Learned, previewed, refused, used, withdrawn: each is
-// an event with its reason, and a refusal the last error of the status, too. The newest corrections
-// are kept, until the daemon stops: whoever sends programs keeps them for late joiners.
+// Nothing is learned without a request. Every result (learned, previewed, refused, used, withdrawn)
+// is an event with its reason; a refusal is also the last error of the status. The kMaxKept newest
+// corrections are kept until the daemon stops; after a restart they are learned from the programs
+// that their sender still publishes.
 //
-// One worker thread at idle priority. When the daemon is asked to stop, learning is given up before
-// its next trial.
+// One worker thread at idle priority. When the daemon is asked to stop, learning is aborted before
+// the next trial.
 #pragma once
 
 #include <functional>
@@ -42,21 +43,21 @@ class LearningWorker {
   LearningWorker(LearningRules rules, Store& store, EventLog& events, OffsetHandOver& hand_over,
                  Announce announce);
 
-  /// When this stops, learning is given up before its next trial. Before the thread.
+  /// When `stop` is requested, learning is aborted before the next trial. Call it before run().
   void give_up_with(const std::stop_token& stop) { give_up_ = stop; }
   void run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs);
-  /// One chunk of a program. `now_ns`: any clock that goes on.
+  /// Takes one chunk of a program. `now_ns`: any monotonic clock, here and below.
   void take(const ProgramChunk& chunk, std::int64_t now_ns);
-  /// Refuses what has waited for a chunk for too long.
+  /// Refuses programs whose next chunk has not come in time.
   void refuse_overdue(std::int64_t now_ns);
-  /// Heeds what the real-time loop told of runs since the last call.
-  void heed_runs();
-  /// What was learned is as fresh as its models, which are found to hold again and again. Looks
-  /// after that every kRenewEvery_ns; `now_ns` as above.
+  /// Judges the runs that the real-time loop has reported since the last call.
+  void judge_runs();
+  /// Updates the validation time of the corrections from that of their models, at most every
+  /// kRenewEvery_ns.
   void renew(std::int64_t now_ns);
-  /// Says which corrections are too old to be sent, when a person has armed it.
-  void heed_arming();
-  /// The corrections that are kept, the newest last.
+  /// Reports, after a person has armed the daemon, the corrections that are too old to be sent.
+  void report_stale();
+  /// The corrections that are kept; the newest is the last one.
   [[nodiscard]] const std::vector<std::shared_ptr<const LearnedProgram>>& kept() const noexcept {
     return kept_;
   }
@@ -64,7 +65,7 @@ class LearningWorker {
  private:
   using Kept = std::shared_ptr<const LearnedProgram>;
   void learn_now(const CommandedPath& program);
-  void heed(const OffsetRun& run);
+  void judge(const OffsetRun& run);
   void learn_anew(const Kept& learned);
   void withdraw(const Kept& learned, const std::string& why);
   void refuse(const ProgramRefusal& refusal);
@@ -83,7 +84,7 @@ class LearningWorker {
   std::int64_t renewed_ns_ = 0;
   bool armed_ = false;
   std::vector<Kept> kept_;
-  std::vector<std::unique_ptr<const OffsetPlan>> plans_;  // that the loop may still use
+  std::vector<std::unique_ptr<const OffsetPlan>> plans_;  // plans that the loop may still use
 };
 
 }  // namespace servotwin::daemon

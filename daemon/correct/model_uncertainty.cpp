@@ -6,14 +6,14 @@
 
 namespace servotwin::daemon {
 namespace {
-constexpr double kUnstated = 0.05;  // of every pole, where a model does not state deviations
+constexpr double kUnstatedPoleUncertainty = 0.05;  // relative, of every pole and coefficient
 }  // namespace
 
 ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& transfer, double share) {
   ModelUncertainty out;
   const PoleSet& poles = record.pole_deviation;
   if (share > 0.0 || !(poles.omega > 0.0 || poles.zeta > 0.0)) {
-    const double taken = share > 0.0 ? share : kUnstated;
+    const double taken = share > 0.0 ? share : kUnstatedPoleUncertainty;
     out.of_transfer = relative_uncertainty(transfer, taken);
     out.of_transfer.deviations = 1.0;
     out.words = number(100.0 * taken) + " % of every pole and coefficient" +
@@ -31,19 +31,21 @@ ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& trans
           delay_s = record.effect_deviations[i].shape[0];
       }
       covariance = one_by_one(poles, record.numerator_deviation, delay_s);
-      out.words += ", one by one since its file has no covariance (identify it anew)";
+      out.words += ", taken as independent because its file has no covariance (identify it again)";
     }
-    // The deviations are of the scatter in what was fitted. What was not fitted may show more.
+    // The stated deviations cover the scatter of the training data; a larger residual on held-out
+    // data scales them.
     const double more = record.holdout.rms / record.training.rms;
     if (more > 1.0 && std::isfinite(more)) {
       covariance *= more * more;
       out.words += ", " + number(std::round(100.0 * more) / 100.0) +
-                   " times as large since it missed that much more of its hold-out";
+                   " times as large because its residual was that much larger on held-out data";
     }
   }
   out.of_transfer.timing_s = record.model.sample_time_s;
-  out.words += out.words.find(',') == std::string::npos ? " and a cycle of its recording"
-                                                        : ", and a cycle of its recording";
+  out.words += out.words.find(',') == std::string::npos
+                   ? " and a timing error of one sampling time"
+                   : ", and a timing error of one sampling time";
   return out;
 }
 

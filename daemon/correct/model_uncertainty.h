@@ -1,5 +1,6 @@
-// What a model file says of its own uncertainty, or a share where it says nothing
-// (ilc/uncertainty.h). The path that is to be corrected has no say in it. Any thread.
+// The uncertainty of a model for learning (ilc/uncertainty.h): that stated in the model file, or a
+// share of every pole and coefficient if the file states none. It does not depend on the path that
+// is corrected. Any thread; errors: none.
 #pragma once
 
 #include <string>
@@ -11,11 +12,11 @@ namespace servotwin::daemon {
 
 struct ModelUncertainty {
   TransferUncertainty of_transfer;
-  std::string words;  ///< what it is and where it is from
+  std::string words;  ///< what is assumed and where it comes from
 };
 
-/// `transfer`: of the record's model. `share`: of every pole and coefficient, in place of what the
-/// model says; 0: what it says.
+/// `transfer`: transfer function of the record's model. `share`: relative uncertainty of every pole
+/// and coefficient that replaces the stated one; 0: the stated one is used.
 [[nodiscard]] ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& transfer,
                                               double share = 0.0);
 

@@ -24,19 +24,19 @@ MotionReach motion_reach(const ModelRecord& record, std::span<const Segment> pat
   const MotionRange asked = motion_range(path), &known = record.motion;
   MotionReach out{times(asked.speed, known.speed), times(asked.acceleration, known.acceleration),
                   ""};
-  if (!(std::max(out.speed, out.acceleration) > kBeyond)) return out;
+  if (!(std::max(out.speed, out.acceleration) > kMaxRatioToPredict)) return out;
   const std::string unit = record.rotary ? " rad/s" : " m/s";
   out.words = record.axis + ": the command reaches " + rounded(out.speed) + " times the speed (" +
               rounded(asked.speed) + unit + ") and " + rounded(out.acceleration) +
               " times the acceleration (" + rounded(asked.acceleration) + unit +
-              "^2) of the motion that its model was found on";
+              "^2) of the motion that its model was identified from";
   return out;
 }
 
 std::string jump_in(const Segment& path, const std::string& axis, bool rotary) {
   const double h = path.sample_time_s;
-  const double most =
-      std::max((rotary ? kJumpRotary : kJump) * h * h, rotary ? kLeastJumpRotary : kLeastJump);
+  const double most = std::max((rotary ? kMinJumpAccelerationRotary : kMinJumpAcceleration) * h * h,
+                               rotary ? kMinJumpStepRotary : kMinJumpStep);
   const auto step = [&](Eigen::Index k) {  // into row k
     return k > 0 && k < path.size() ? path.command(k) - path.command(k - 1) : 0.0;
   };

@@ -8,15 +8,16 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr double kStands = 1e-8;  // [m | rad]
+constexpr double kStandstillTolerance = 1e-8;  // [m | rad]
 
-/// From the first or to the last row, how long an axis stands [s].
+/// How long an axis stands after the first row, or before the last row [s].
 double rest_s(const Segment& path, bool at_end) {
   const Eigen::Index n = path.size();
   Eigen::Index k = 0;
   while (k + 1 < n) {
     const Eigen::Index next = at_end ? n - 2 - k : k + 1;
-    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStands) break;
+    if (std::abs(path.command(next) - path.command(at_end ? n - 1 : 0)) > kStandstillTolerance)
+      break;
     ++k;
   }
   return path.sample_time_s * static_cast<double>(k);
@@ -37,11 +38,12 @@ std::vector<std::string> short_rests(std::span<const LearnAxis> axes) {
         });
     const double rest = rest_s(shortest->path, at_end);
     if (rest > kEndRest_s - 0.5 * shortest->path.sample_time_s) continue;
-    out.push_back(shortest->name + " rests " + number(rest) + " s at the path's " +
-                  (at_end ? "end" : "start") + ", less than " + number(kEndRest_s) +
-                  " s: the correction is 0 there and looks ahead, so that the error next to it "
-                  "stays; let the path " +
-                  (at_end ? "end" : "begin") + " with a dwell");
+    out.push_back(shortest->name + " rests " + number(rest) + " s at the " +
+                  (at_end ? "end" : "start") + " of the path" + ", less than " +
+                  number(kEndRest_s) +
+                  " s: the correction is 0 there and acts ahead of the motion, so that the error "
+                  "next to that end remains; add a dwell at the " +
+                  (at_end ? "end" : "start"));
   }
   return out;
 }

@@ -1,5 +1,5 @@
-// The ends of a path: a correction starts and ends at 0 and looks ahead, so that the error beside
-// them stays where the axes do not rest.
+// The ends of a path. A correction is 0 at both ends and acts ahead of the motion, so the error
+// near an end remains unless the axes rest there.
 //
 // Any thread; errors: none.
 #pragma once
@@ -12,10 +12,12 @@
 
 namespace servotwin::daemon {
 
-inline constexpr double kEndRest_s = 0.1;  ///< what an end should rest
+inline constexpr double kEndRest_s = 0.1;  ///< minimum rest at an end
 
+/// Whether the command of the path changes at all.
 [[nodiscard]] bool moves(const Segment& path);
-/// Of each end at which they rest for less, a sentence about the axis that rests least there.
+/// For each end at which an axis rests for less than kEndRest_s: a sentence about the axis with the
+/// shortest rest.
 [[nodiscard]] std::vector<std::string> short_rests(std::span<const LearnAxis> axes);
 
 }  // namespace servotwin::daemon

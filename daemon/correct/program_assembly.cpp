@@ -9,8 +9,8 @@
 namespace servotwin::daemon {
 namespace {
 
-// By how much of a cycle rows may be early or late: tables are written with six digits.
-constexpr double kUneven = 0.01;
+// Tolerance of the row distance as a share of the cycle: tables are written with six digits.
+constexpr double kRowSpacingTolerance = 0.01;
 
 std::string of_chunks(std::uint32_t chunk, std::uint32_t chunks) {
   return "chunk " + std::to_string(chunk) + " of " + std::to_string(chunks);
@@ -52,11 +52,12 @@ std::string ProgramAssembly::contradiction(const ProgramChunk& chunk, const Part
            " rows are possible";
   if (chunk.chunk != part.next)
     return of_chunks(part.next, chunk.chunks) + " is missing: chunk " +
-           std::to_string(chunk.chunk) + " came in its place";
+           std::to_string(chunk.chunk) + " came instead";
   if (part.next > 0 &&
       (chunk.chunks != part.chunks || chunk.axes != part.names || chunk.learn != part.learn))
     return of_chunks(chunk.chunk, chunk.chunks) +
-           " says other chunks, axes or learn than those before; start again with chunk 0";
+           " has other values of chunks, axes or learn than the chunks before; start again at "
+           "chunk 0";
   const std::size_t rows = chunk.time_s.size();
   if (rows == 0) return of_chunks(chunk.chunk, chunk.chunks) + " has no rows";
   if (chunk.command.size() != rows * chunk.axes.size())
@@ -74,10 +75,10 @@ std::string ProgramAssembly::unknown_axes(const ProgramChunk& chunk,
   for (const std::string& name : chunk.axes) {
     const auto found = std::find(known.begin(), known.end(), name);
     if (found == known.end())
-      return "axis " + in_quotes(name) + " is none of the machine's; there are " + listed(known);
+      return "the machine has no axis " + in_quotes(name) + "; it has " + listed(known);
     const auto axis = static_cast<std::size_t>(found - known.begin());
     if (std::find(axes.begin(), axes.end(), axis) != axes.end())
-      return "axis " + in_quotes(name) + " is there twice";
+      return "axis " + in_quotes(name) + " is named twice";
     axes.push_back(axis);
   }
   return {};
@@ -95,9 +96,9 @@ std::string ProgramAssembly::not_usable(const ProgramChunk& chunk, const Part& p
     if (!std::isfinite(time_s)) return "time_s" + row + " is not a number";
     if (before + k > 0) {
       const double step_s = time_s - (k == 0 ? part.last_time_s : chunk.time_s[k - 1]);
-      if (!(std::abs(step_s - machine_.cycle_s) <= kUneven * machine_.cycle_s))
+      if (!(std::abs(step_s - machine_.cycle_s) <= kRowSpacingTolerance * machine_.cycle_s))
         return "uneven time: time_s" + row + " comes " + number(step_s) +
-               " s after the row before, and rows are one cycle of the machine apart, " +
+               " s after the row before, but rows must be one cycle of the machine apart, " +
                number(machine_.cycle_s) + " s";
     }
     for (std::size_t i = 0; i < part.axes.size(); ++i) {
@@ -134,9 +135,9 @@ ProgramAssembly::Outcome ProgramAssembly::take(const ProgramChunk& chunk, std::i
   }
   part.last_time_s = chunk.time_s.back();
   if (++part.next < part.chunks) return std::monostate();
-  if (part.command.front().size() < kLeastProgramRows)
+  if (part.command.front().size() < kMinProgramRows)
     return refuse("too short: " + std::to_string(part.command.front().size()) + " rows, at least " +
-                  std::to_string(kLeastProgramRows) + " are needed");
+                  std::to_string(kMinProgramRows) + " are needed");
   CommandedPath program{part.name, part.revision, part.learn, part.axes, {}};
   for (const std::vector<double>& axis : part.command)
     program.command.emplace_back(

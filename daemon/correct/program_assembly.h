@@ -1,10 +1,10 @@
-// Commanded paths as they come over the network, chunk by chunk, made whole and checked.
+// Assembles commanded paths from the chunks that come over the network, and checks them.
 //
-// A program is a path of some of the machine's axes in samples one cycle apart. What cannot be used
-// is refused by name: chunks that are missing or contradict each other, axes that the machine has
-// not, numbers that are none, rows that are not one cycle apart, too many of them. Each revision is
-// refused once; the rest of it is ignored. At most kMaxProgramsAtOnce programs are put together at
-// a time, the one that has waited longest makes room.
+// A program is a path of some of the machine's axes in rows one cycle apart. These are refused with
+// the reason: missing or contradicting chunks, axes that the machine does not have, values that are
+// not finite, rows that are not one cycle apart, too many or too few rows. A revision is refused
+// once; the rest of it is ignored. At most kMaxProgramsAtOnce programs are assembled at a time; a
+// further one replaces the one that has waited longest.
 //
 // SI units. One thread; errors: none are thrown.
 #pragma once
@@ -20,11 +20,11 @@
 
 namespace servotwin::daemon {
 
-/// Rows times axes of a program: 48 MB of what is known along it.
+/// Maximum of rows times axes of a program: 48 MB for everything that is computed along it.
 inline constexpr std::size_t kMaxProgramValues = std::size_t{1} << 21U;
-inline constexpr std::size_t kLeastProgramRows = 16;
+inline constexpr std::size_t kMinProgramRows = 16;
 inline constexpr std::size_t kMaxProgramsAtOnce = 16;
-/// A program whose next chunk has not come for this long is missing it [ns].
+/// A program whose next chunk has not come within this time is refused [ns].
 inline constexpr std::int64_t kChunkPatience_ns = 10'000'000'000;
 
 struct ProgramRefusal {
@@ -37,11 +37,11 @@ class ProgramAssembly {
  public:
   explicit ProgramAssembly(MachineDescription machine) : machine_(std::move(machine)) {}
 
-  /// The program that this chunk completes, why it is refused, or neither. `now_ns`: any clock that
-  /// goes on.
+  /// The program that this chunk completes, or its refusal, or neither. `now_ns`: any monotonic
+  /// clock.
   using Outcome = std::variant<std::monostate, CommandedPath, ProgramRefusal>;
   [[nodiscard]] Outcome take(const ProgramChunk& chunk, std::int64_t now_ns);
-  /// A program that waits for a chunk for too long; asked again until there is none.
+  /// The refusal of one program that has waited too long for a chunk; call it until there is none.
   [[nodiscard]] std::optional<ProgramRefusal> overdue(std::int64_t now_ns);
 
  private:

@@ -28,7 +28,7 @@ RobustAxis robust_axis(const ModelRecord& record, const Segment& path,
   const std::string why = axis.law.bandwidth_hz < kLeastBandwidth_hz
                               ? "no bandwidth keeps |Q (1 - L T)| below " + number(kContraction) +
                                     " for every model within " + out.uncertainty +
-                                    "; it takes a model from richer motion"
+                                    "; identify a model from motion that excites the axis more"
                               : why_refused(axis.law, models, h);
   if (!why.empty()) throw std::runtime_error("axis " + axis.name + ": " + why);
   axis.basis_bandwidth_hz = std::min(harmless_bandwidth(axis.law, models, h), most_hz);

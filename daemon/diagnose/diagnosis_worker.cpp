@@ -16,25 +16,25 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr double kMachineOff_s = 0.5;  // without a cycle
+constexpr double kMinOffTime_s = 0.5;  // without a cycle: the machine was off
 constexpr auto kPause = std::chrono::milliseconds(100);
-// Of the motion that is looked at; less shows too little.
-constexpr double kLeastShare = 0.5;
+// Minimum motion in memory as a share of record_s; less would show too little.
+constexpr double kMinMotionShare = 0.5;
 
-/// Every cause once, whoever names it; what the torque says of it beside what the position does,
-/// since two ripples may be two.
+/// The line of the event. Every cause is named once; the findings from the torque are given beside
+/// those from the position, because two ripples may be two different ones.
 std::string line_of(const Diagnosis& diagnosis, const TorqueDiagnosis& torque) {
   std::string line = verdict_text(diagnosis);
-  std::set<std::string> told;
+  std::set<std::string> named;
   for (const Cause& cause : diagnosis.causes) {
     line += "; " + cause.id + ": " + cause_text(diagnosis, cause);
     if (const std::string also = torque_beside(torque, cause.id); !also.empty())
       line += ", " + also;
-    told.insert(cause.id);
+    named.insert(cause.id);
   }
   for (const Cause& cause : diagnosis.suspected) line += "; suspected " + cause.id;
   for (const TorqueCause& cause : torque.causes) {
-    if (told.insert(cause.id).second) line += "; by torque " + cause.id;
+    if (named.insert(cause.id).second) line += "; by torque " + cause.id;
   }
   return line;
 }
@@ -93,7 +93,7 @@ bool DiagnosisWorker::look(std::size_t axis) {
 
 void DiagnosisWorker::finish(const std::stop_token& stop) {
   for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
-    look(axis, kLeastShare * config_.record_s);
+    look(axis, kMinMotionShare * config_.record_s);
 }
 
 bool DiagnosisWorker::look(std::size_t axis, double least_motion_s) {
@@ -105,7 +105,7 @@ bool DiagnosisWorker::look(std::size_t axis, double least_motion_s) {
   if (!state.alarm && !on_schedule) return false;
   if (moved_s - state.moved_s < least_motion_s) return false;
   const std::optional<double> least_from_s =
-      memory_.time_when_moved(axis, moved_s - kLeastShare * config_.record_s);
+      memory_.time_when_moved(axis, moved_s - kMinMotionShare * config_.record_s);
   if (!least_from_s || *least_from_s <= memory_.oldest_s()) return false;
   const std::optional<double> from_s = memory_.time_when_moved(axis, moved_s - config_.record_s);
   const std::string reason = state.alarm ? *state.alarm : "on schedule";
@@ -122,12 +122,11 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
   events_.note("diagnosis_begun", name, "diagnosis begun, " + reason);
   try {
     const std::int64_t begin = steady_ns();
-    // With the other axes, whose motion may be what disturbs this one.
+    // With the other axes, because their motion may disturb this one.
     SegmentedAxis motion = segment_axis(memory_.copy(from_s, until_s, "live"), name);
-    // A machine that was off has lost nothing; cycles that are lost on the way are counted by their
-    // numbers.
+    // A long pause means that the machine was off: that is not a loss of cycles.
     std::erase_if(motion.report.splits,
-                  [](const auto& split) { return split.length_s > kMachineOff_s; });
+                  [](const auto& split) { return split.length_s > kMinOffTime_s; });
     const auto own = config_.encoder_in_loop_of.find(name);
     options_.encoder_in_loop =
         own == config_.encoder_in_loop_of.end() ? config_.encoder_in_loop : own->second;
@@ -144,9 +143,8 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     if (torque) add_torque(json, *torque);
     json["created"] = event.time;
     json["reason"] = reason;
-    keep_report(name,
-                report_html(diagnosis, motion.segments, "what the daemon saw until " + event.time,
-                            torque ? torque_section(*torque) : ""));
+    keep_report(name, report_html(diagnosis, motion.segments, "live data until " + event.time,
+                                  torque ? torque_section(*torque) : ""));
     keep({event.time, name, reason, json.at("verdict").get<std::string>(), json.dump(),
           to_json(diagnosis.extended).dump()},
          event);
@@ -178,8 +176,9 @@ void DiagnosisWorker::keep(const StoredDiagnosis& diagnosis, const Event& event)
   try {
     store_.add(diagnosis, event);
   } catch (const std::runtime_error& error) {
-    events_.error("not_stored", diagnosis.axis,
-                  std::string("the diagnosis is published and not stored: ") + error.what());
+    events_.error(
+        "not_stored", diagnosis.axis,
+        std::string("the diagnosis is published but could not be stored: ") + error.what());
   }
   announce_(diagnosis);
 }

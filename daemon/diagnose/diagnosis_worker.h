@@ -1,18 +1,19 @@
-// The diagnosis worker: says what the simulation of every axis gets wrong (diagnosis/diagnose.h),
-// on a schedule and when the residual alarm is raised.
+// The diagnosis worker: finds what the simulation of an axis gets wrong (diagnosis/diagnose.h), on
+// a schedule and after a residual alarm.
 //
-//   every_s of the machine's time, or an alarm --> the axis has moved for record_s since the last
-//   diagnosis, and half of that is remembered --> the most recent record_s of its motion
-//   --> diagnose(), and diagnose_torque() where there is a torque --> store, with the extended
-//   model --> publisher
+//   every_s of machine time, or an alarm --> wait until the axis has moved for record_s since the
+//   last diagnosis and at least half of that is in memory --> the most recent record_s of its
+//   motion
+//   --> diagnose(), and diagnose_torque() if there is a torque --> store, with the extended model
+//   --> publisher
 //
-// The first diagnosis is due as soon as there is that much motion. All of this is counted in the
-// machine's time and motion, not in time of the worker. A diagnosis changes no model in force: it
-// is for people. Begun, finished, failed: every one is an event with its reason.
+// The first diagnosis is due as soon as there is that much motion. Times are machine time and
+// motion of the axis, not time of the worker. A diagnosis changes no model in force. Begin, result
+// and failure are events with their reason.
 //
 // One worker thread at idle priority, one axis at a time. When the daemon is asked to stop, a
-// diagnosis that runs is given up before its next fit; where the motion has ended it is finished.
-// The constructor and restore() before the thread, finish() after it.
+// running diagnosis is aborted before its next fit; when a replay has ended, it is finished. The
+// constructor and restore() run before the thread, finish() after it.
 #pragma once
 
 #include <functional>
@@ -37,36 +38,37 @@ class DiagnosisWorker {
  public:
   using Announce = std::function<void(const StoredDiagnosis&)>;
 
-  /// `identify`: the poles' box and the longest delay are those of the identification. `announce`
-  /// is called with every diagnosis. All arguments outlive the worker.
+  /// `identify`: gives the pole bounds and the maximum delay. `announce` is called with every
+  /// diagnosis. All references must outlive the worker.
   DiagnosisWorker(const MachineDescription& machine, const DiagnoseConfig& config,
                   const IdentifyConfig& identify, const MotionMemory& memory, ResidualWatch& watch,
                   Store& store, EventLog& events, Announce announce);
 
-  /// When this stops, a diagnosis that runs is given up before its next fit. Before the thread.
+  /// When `stop` is requested, a running diagnosis is aborted before its next fit. Call it before
+  /// run().
   void give_up_with(const std::stop_token& stop) { options_.stop = stop; }
-  /// Announces the last diagnosis of every axis that is in the store.
+  /// Announces the last stored diagnosis of every axis.
   void restore();
   void run(const std::stop_token& stop);
-  /// From the next diagnosis on. Any thread.
+  /// The new configuration applies from the next diagnosis on. Any thread.
   void reconfigure(const DiagnoseConfig& config, const IdentifyConfig& identify);
-  /// One look at one axis; true if it was diagnosed.
+  /// Checks one axis and diagnoses it if that is due; true if it was.
   bool look(std::size_t axis);
-  /// No more motion will come: diagnoses what is due with half of the motion, too.
+  /// To be called when no more motion will come: half of record_s is enough then.
   void finish(const std::stop_token& stop = {});
 
  private:
   struct Axis {
     std::string name;
-    std::optional<std::string> alarm;   // not worked off yet
+    std::optional<std::string> alarm;   // not handled yet
     std::optional<double> diagnosed_s;  // the newest row at the last diagnosis
-    double moved_s = 0.0;               // of the axis by then
+    double moved_s = 0.0;               // motion of the axis at the last diagnosis
   };
 
   void take_newer_config();
   bool look(std::size_t axis, double least_motion_s);
   void diagnose_now(std::size_t axis, const std::string& reason, double from_s, double until_s);
-  /// Nothing where there is no torque, or too little of it, which is noted.
+  /// Nothing if there is no torque, or too little (reported as an event).
   [[nodiscard]] std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& motion);
   void keep_report(const std::string& axis, const std::string& html);
   void keep(const StoredDiagnosis& diagnosis, const Event& event);

@@ -8,14 +8,14 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr double kSameRate = 1e-6;
+constexpr double kSamplingTimeTolerance = 1e-6;
 
 double length_s(const Segment& s) { return s.sample_time_s * static_cast<double>(s.size()); }
 
-/// Whether one goes on where the other ends, on the same grid.
+/// Whether `next` continues `before` on the same sampling grid.
 bool follows(const Segment& next, const Segment& before) {
   const double h = before.sample_time_s;
-  return std::abs(next.sample_time_s - h) < kSameRate * h &&
+  return std::abs(next.sample_time_s - h) < kSamplingTimeTolerance * h &&
          std::abs(next.start_s - before.end_s() - h) < 0.1 * h &&
          (next.torque.size() == 0) == (before.torque.size() == 0);
 }

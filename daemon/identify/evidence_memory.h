@@ -1,16 +1,16 @@
-// What is kept of one axis's motion beyond the motion memory, by what it is evidence of
-// (identification/recording/evidence.h): the most recent seconds of each class, forgotten oldest
-// first.
+// Motion of one axis that is kept longer than the motion memory, sorted by evidence class
+// (identification/recording/evidence.h): of every class the most recent seconds; the oldest are
+// dropped first.
 //
-// A machine changes. So evidence is forgotten as well when the axis has moved for
-// `forgotten_after_s` since it left the recent motion: what an old ball screw showed is not mixed
-// with the new one's for ever, however rare the class. Time in seconds of the motion memory; age in
-// seconds of motion of this axis, so that a standing machine forgets nothing.
+// A machine changes, for example when a ball screw is replaced. Evidence is therefore dropped when
+// the axis has moved for `forgotten_after_s` since the evidence left the recent motion, however
+// rare its class. Times are seconds of the motion memory; the age is motion of this axis, so that a
+// standing machine drops nothing.
 //
-// The peaks by which motion counts as fast or slow are the largest since the start; they are not
-// forgotten, or a machine that only creeps for a while would take its creeping for fast motion.
+// The peaks that separate fast from slow motion are the largest since the start and are not
+// dropped: otherwise a machine that only creeps for a while would count creeping as fast motion.
 //
-// One thread; no clock.
+// One thread; no clock; errors: none.
 #pragma once
 
 #include <array>
@@ -23,11 +23,11 @@
 namespace servotwin::daemon {
 
 struct EvidenceBounds {
-  double fast_s = 24.0, slow_s = 12.0, standstill_s = 8.0;  ///< most that is kept of each
+  double fast_s = 24.0, slow_s = 12.0, standstill_s = 8.0;  ///< maximum kept of each class
   double forgotten_after_s = 240.0;                         ///< of motion
 };
 
-/// Seconds of each class.
+/// Seconds of motion of each class.
 class EvidenceSeconds {
  public:
   [[nodiscard]] double& of(Evidence e) { return seconds_[static_cast<std::size_t>(e)]; }
@@ -41,14 +41,14 @@ class EvidenceMemory {
  public:
   explicit EvidenceMemory(const EvidenceBounds& bounds) : bounds_(bounds) {}
 
-  /// From now on this much is kept.
+  /// Sets new bounds.
   void keep(const EvidenceBounds& bounds) { bounds_ = bounds; }
-  /// Sorts the most recent motion, unbroken from its first segment on; replaces what was kept of
-  /// that time. `moved_s`: how long the axis has moved by its end. Returns what it shows after
-  /// `new_after_s`.
+  /// Sorts the most recent motion, which must be complete from its first segment on, and replaces
+  /// what was kept of that time. `moved_s`: motion of the axis until the end of `recent`. Returns
+  /// the seconds of each class later than `new_after_s`.
   EvidenceSeconds take(const std::vector<Segment>& recent, double new_after_s, double moved_s);
 
-  /// What is kept of these classes, in order of time; stretches of one class that follow upon each
+  /// The kept motion of these classes in order of time; stretches of one class that follow each
   /// other without a gap are one segment.
   [[nodiscard]] std::vector<Segment> kept(std::initializer_list<Evidence> classes) const;
   [[nodiscard]] EvidenceSeconds seconds() const;
@@ -56,7 +56,7 @@ class EvidenceMemory {
  private:
   struct Kept {
     EvidenceStretch stretch;
-    double moved_s = 0.0;  // of the axis when it was last part of the recent motion
+    double moved_s = 0.0;  // motion of the axis when the stretch was last recent
   };
   void forget(double moved_s);
 

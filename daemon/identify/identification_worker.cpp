@@ -15,15 +15,15 @@ namespace servotwin::daemon {
 namespace {
 
 constexpr auto kPause = std::chrono::milliseconds(100);
-// Inside the window: the rest chooses nothing, but tells the identification whether it predicts at
-// all.
+// Share of the window that is fitted. The rest does not choose the structure; it only tests whether
+// the model predicts at all.
 constexpr double kTrainingShare = 0.8;
-// New evidence of less than this is none.
-constexpr double kEnough_s = 1.0;
-// A noise floor that differs by less than this share is the same.
-constexpr double kSameNoise = 0.1;
-// A model of another sampling time is another machine's.
-constexpr double kSameCycle = 0.01;
+// Less new evidence than this starts no step.
+constexpr double kMinNewEvidence_s = 1.0;
+// A noise floor that changes by less than this share is not updated.
+constexpr double kNoiseFloorTolerance = 0.1;
+// Relative tolerance of the sampling time: a model of another sampling time cannot be used.
+constexpr double kCycleTolerance = 0.01;
 
 std::string progress_of(const char* what, double done_s, double needed_s) {
   std::ostringstream out;
@@ -33,7 +33,7 @@ std::string progress_of(const char* what, double done_s, double needed_s) {
   return out.str();
 }
 
-/// Of standing that is looked at.
+/// Length of standstill for which the noise floor is measured [s].
 double standing_s(const IdentifyConfig& config) {
   return std::max(config.window_s, EvidenceLimits().rest_s);
 }
@@ -54,11 +54,12 @@ std::string tenths(double value) {
 }
 
 EvidenceBounds bounds_of(const IdentifyConfig& config) {
-  constexpr double kForgotten = 10.0;
-  return {config.memory_s, 0.5 * config.memory_s, standing_s(config), kForgotten * config.memory_s};
+  constexpr double kMemoriesUntilForgotten = 10.0;
+  return {config.memory_s, 0.5 * config.memory_s, standing_s(config),
+          kMemoriesUntilForgotten * config.memory_s};
 }
 
-/// The largest of what the standing axis and its motion show; NaN where the motion is not known.
+/// The larger noise floor of standstill and motion [m | rad]; NaN without stored motion.
 double noise_floor_of(const EvidenceMemory& evidence) {
   const NoiseFloor motion =
       noise_floor(evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals}));
@@ -66,8 +67,8 @@ double noise_floor_of(const EvidenceMemory& evidence) {
   return standing.standstill_rms > motion.rms ? standing.standstill_rms : motion.rms;
 }
 
-/// What is left of the error by this model, or by none, where the first `skip_s` of every segment
-/// do not count.
+/// The residual of the tracking error with this model, or the tracking error itself without a
+/// model; the first `skip_s` of every segment are left out.
 Eigen::ArrayXd left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
   std::vector<Eigen::ArrayXd> parts;
   Eigen::Index count = 0;
@@ -128,7 +129,7 @@ void IdentificationWorker::restore() {
                    version + (found->rotary ? " is for a linear axis, this one is rotary"
                                             : " is for a rotary axis, this one is linear"));
     } else if (std::abs(model.record.model.sample_time_s - machine_.cycle_s) >
-               kSameCycle * machine_.cycle_s) {
+               kCycleTolerance * machine_.cycle_s) {
       events_.note("model_unused", model.record.axis,
                    version + " is for a cycle of " + number(model.record.model.sample_time_s) +
                        " s, the machine runs at " + number(machine_.cycle_s) + " s");
@@ -167,25 +168,25 @@ bool IdentificationWorker::look(std::size_t axis) {
   const double moved_s = memory_.moved_s(axis);
   if (state.candidate) {
     const double from_s = state.candidate->moved_s;
-    say(axis, progress_of("judging a candidate", moved_s - from_s, config_.judge_s));
+    set_activity(axis, progress_of("judging a candidate", moved_s - from_s, config_.judge_s));
     const std::optional<double> until_s = memory_.time_when_moved(axis, from_s + config_.judge_s);
     if (until_s) judge_candidate(axis, *until_s);
     return until_s.has_value();
   }
-  say(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s) +
-                (state.last_step.empty() ? "" : "; last: " + state.last_step));
+  set_activity(axis, progress_of("collecting", moved_s - state.moved_s, config_.window_s) +
+                         (state.last_step.empty() ? "" : "; last: " + state.last_step));
   const std::optional<double> until_s =
       memory_.time_when_moved(axis, state.moved_s + config_.window_s);
-  // A worker that got no processor for so long goes on with what there is.
+  // A worker that got no processor for too long continues with the motion that is still in memory.
   if (until_s && *until_s <= memory_.oldest_s() && moved_s - config_.window_s > state.moved_s) {
     events_.note("motion_skipped", state.name,
                  tenths(moved_s - config_.window_s - state.moved_s) +
-                     " of motion were not looked at while they were remembered; the processor is "
-                     "too busy");
+                     " of motion were skipped: they left the memory before they could be used; the "
+                     "processor is too busy");
     state.moved_s = moved_s - config_.window_s;
     return true;
   }
-  // Without a model there is nothing whose noise floor could be renewed.
+  // Without a model in force there is no noise floor to update.
   const std::optional<double> stood_s =
       state.in_force ? memory_.time_when_stood(axis, state.sorted_s, standing_s(config_))
                      : std::nullopt;
@@ -210,7 +211,7 @@ SegmentedAxis IdentificationWorker::sort(std::size_t axis, double until_s) {
 
 void IdentificationWorker::step(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
-  say(axis, "identifying");
+  set_activity(axis, "identifying");
   state.moved_s += config_.window_s;
   SegmentedAxis motion;
   try {
@@ -229,27 +230,27 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
   options.split_each = true;
   if (!state.in_force) {
     state.last_step = "loop and friction" + on + "no model is in force";
-  } else if (fast_s >= kEnough_s) {
+  } else if (fast_s >= kMinNewEvidence_s) {
     state.last_step = "loop and friction" + on + tenths(fast_s) + " of fast motion are new";
-  } else if (slow_s < kEnough_s) {
-    state.last_step = "no step: neither fast motion nor slow reversals are new";
+  } else if (slow_s < kMinNewEvidence_s) {
+    state.last_step = "no step: there is no new fast motion and no new slow reversal";
     return;
   } else if (kept.of(Evidence::kFastMotion) == 0.0) {
     state.last_step =
-        "no step: no fast motion is kept that would hold the loop while friction is "
-        "found from slow reversals";
+        "no step: friction from slow reversals needs stored fast motion to determine the "
+        "loop, and there is none";
     return;
   } else {
     options.start = state.in_force->record.model;
     state.last_step = "friction" + on + tenths(slow_s) +
-                      " of slow reversals are new and no fast motion; from model " +
+                      " of slow reversals are new, fast motion is not; starting from model " +
                       std::to_string(state.in_force->record.version);
   }
   events_.note("identification_step", state.name, state.last_step);
-  say(axis, "identifying " + state.last_step);
+  set_activity(axis, "identifying " + state.last_step);
   std::vector<Segment> evidence =
       state.evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals});
-  // Motion that is evidence of nothing is tried as it is, so that the refusal says what it lacks.
+  // Motion without evidence is fitted as it is, so that the refusal says what excitation it lacks.
   if (!evidence.empty()) motion.segments = std::move(evidence);
   seek(axis, until_s, motion, options);
 }
@@ -268,19 +269,20 @@ void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
   try {
     sort(axis, until_s);
   } catch (const std::exception& error) {
-    state.last_step = std::string("no noise floor of the standing axis: ") + error.what();
+    state.last_step = std::string("noise floor at standstill not measured: ") + error.what();
     return;
   }
   const double floor = noise_floor_of(state.evidence);
   double& known = state.in_force->record.noise_floor_rms;
   const std::string version = "model " + std::to_string(state.in_force->record.version);
   if (!std::isfinite(floor)) {
-    state.last_step = "standing: the noise floor of " + version + " stays, no motion is kept";
+    state.last_step =
+        "standstill: the noise floor of " + version + " is unchanged, no motion is stored";
     return;
   }
   state.last_step =
-      "standing: noise floor of " + version + " " + micro(floor, state.rotary) + ", no search";
-  if (std::abs(floor - known) <= kSameNoise * known) return;
+      "standstill: noise floor of " + version + " " + micro(floor, state.rotary) + ", no fit";
+  if (std::abs(floor - known) <= kNoiseFloorTolerance * known) return;
   const std::string before = std::isfinite(known) ? ", was " + micro(known, state.rotary) : "";
   known = floor;
   events_.note("noise_floor", state.name, state.last_step + before);
@@ -305,11 +307,11 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, const Segmente
     note_refusal(axis, std::string("no model was found: ") + error.what());
     return;
   }
-  // What may not be used need not be judged.
+  // A candidate that must not be used is refused without waiting for held-out motion.
   Candidacy candidacy;
   candidacy.rotary = state.rotary;
   candidacy.refusals = candidate.identified.refusals;
-  // What the motion did not show, a person may overlook; a machine left alone may not.
+  // A person may accept a model with parameters that were not excited; the daemon refuses it.
   const std::vector<std::string>& not_excited = candidate.identified.record.excitation;
   candidacy.refusals.insert(candidacy.refusals.end(), not_excited.begin(), not_excited.end());
   candidacy.invalid = why_invalid(candidate.identified.record.model);
@@ -322,7 +324,7 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, const Segmente
 
 void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
   Axis& state = axes_[axis];
-  say(axis, "judging");
+  set_activity(axis, "judging");
   Pending candidate = std::move(*state.candidate);
   state.candidate.reset();
   const Model& model = candidate.identified.record.model;
@@ -334,22 +336,22 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
   try {
     if (memory_.oldest_s() > candidate.until_s + 2.0 * machine_.cycle_s) {
       throw std::runtime_error(
-          "the motion to judge it on is not remembered any more; the processor is too busy");
+          "the held-out motion is no longer in memory; the processor is too busy");
     }
-    const std::vector<Segment> unseen =
+    const std::vector<Segment> held_out =
         segment_axis(memory_.copy(axis, candidate.until_s, until_s, "live"), state.name).segments;
-    // The same samples for both.
+    // Both models are compared on the same samples.
     const double skip_s =
         std::max(starting_state_s(model), other != nullptr ? starting_state_s(*other) : 0.0);
-    const Eigen::ArrayXd left = left_by(&model, unseen, skip_s);
-    const Eigen::ArrayXd left_in_force = left_by(other, unseen, skip_s);
+    const Eigen::ArrayXd left = left_by(&model, held_out, skip_s);
+    const Eigen::ArrayXd left_in_force = left_by(other, held_out, skip_s);
     candidate.identified.record.holdout = figures_of(left);
     candidacy.rms = candidate.identified.record.holdout.rms;
     candidacy.rms_in_force = figures_of(left_in_force).rms;
-    candidacy.sureness = sureness(left, left_in_force);
+    candidacy.significance = significance(left, left_in_force);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
-    note_refusal(axis, std::string("a candidate was not judged: ") + error.what());
+    note_refusal(axis, std::string("candidate not judged: ") + error.what());
     return;
   }
   rule(axis, candidate, candidacy);
@@ -374,8 +376,7 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
   } catch (const std::runtime_error& error) {
     events_.error(
         "not_stored", state.name,
-        std::string(
-            "a better model was found and is not put in force, because it cannot be stored: ") +
+        std::string("a better model was found but is not in force, because it cannot be stored: ") +
             error.what());
     return;
   }
@@ -391,7 +392,7 @@ void IdentificationWorker::validate(std::size_t axis, const Candidacy& candidacy
   } catch (const std::runtime_error& error) {
     events_.error(
         "not_stored", axes_[axis].name,
-        std::string("that the model in force still holds is not stored: ") + error.what());
+        std::string("the validation of the model in force could not be stored: ") + error.what());
   }
 }
 
@@ -414,8 +415,8 @@ void IdentificationWorker::finish() {
     }
     if (!axes_[axis].candidate) continue;
     const double judged_s = memory_.moved_s(axis) - axes_[axis].candidate->moved_s;
-    note_refusal(axis, "a candidate stays undecided: " +
-                           progress_of("judged on", judged_s, config_.judge_s));
+    note_refusal(axis,
+                 "candidate not decided: " + progress_of("judged on", judged_s, config_.judge_s));
     axes_[axis].candidate.reset();
   }
 }
@@ -425,7 +426,7 @@ void IdentificationWorker::update(std::vector<AxisStatus>& status) const {
   if (lock.owns_lock()) status = status_;
 }
 
-void IdentificationWorker::say(std::size_t axis, const std::string& activity) {
+void IdentificationWorker::set_activity(std::size_t axis, const std::string& activity) {
   const std::lock_guard lock(status_mutex_);
   status_[axis].activity = activity;
 }

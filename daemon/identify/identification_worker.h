@@ -1,20 +1,20 @@
-// The identification worker: seeks a model for every axis, judges it, and puts it in force if it is
-// better.
+// The identification worker: fits a model to every axis, compares it with the model in force on
+// held-out motion, and puts it in force if it is better.
 //
-//   window_s of new motion --> sort it by what it shows (identification/recording/evidence.h) -->
+//   window_s of new motion --> sort it by evidence class (identification/recording/evidence.h) -->
 //   one step:
-//     fast motion, or no model in force   loop and friction on the evidence that is kept
-//     slow reversals and nothing faster   friction, starting from the model in force
-//     neither                             none
-//   --> candidate --> judge_s of motion that neither the candidate nor the model in force has seen
-//   --> daemon/identify/promotion.h --> store --> in force
+//     new fast motion, or no model in force   fit loop and friction to the stored evidence
+//     new slow reversals only                 fit friction, starting from the model in force
+//     neither                                 none
+//   --> candidate --> judge_s of held-out motion, to which neither the candidate nor the model in
+//   force was fitted --> daemon/identify/promotion.h --> store --> in force
 //
-//   window_s of standing --> the noise floor of the model in force, and no search
+//   window_s of standstill --> measures the noise floor of the model in force, without a fit
 //
-// All of this is counted in motion of the machine, not in time of the worker: a worker that lags
-// does the same as one that does not, as long as the motion is remembered. Evidence is kept for
-// longer than that (daemon/identify/evidence_memory.h), but not over a restart. A model is in force
-// only when it is on the disk. Every step and every decision is an event with its reason.
+// Steps are counted in motion of the axis, not in time of the worker: a worker that lags behind
+// gives the same models, as long as the motion is still in memory. Evidence is kept longer
+// (daemon/identify/evidence_memory.h), but not over a restart. A model is in force only when it is
+// on the disk. Every step and every decision is an event with its reason.
 //
 // One worker thread at idle priority; the constructor and restore() before it starts; update() any
 // thread.
@@ -44,47 +44,47 @@ class IdentificationWorker {
  public:
   using Announce = std::function<void(const StoredModel&)>;
 
-  /// `in_force`: one per axis, to the loop. `announce` is called with every model that comes into
-  /// force.
+  /// `in_force`: hands the models to the loop, one entry per axis. `announce` is called with every
+  /// model that comes into force. All references must outlive the worker.
   IdentificationWorker(const MachineDescription& machine, const IdentifyConfig& config,
                        const MotionMemory& memory, Store& store, EventLog& events,
                        std::span<LatestValue<TwinInForce>> in_force, Announce announce);
 
-  /// Asks this for the recordings of a time, to be stored with a model as what it was found and
-  /// judged on. Before the thread.
+  /// Sets the function that names the recordings of a time span; a model is stored with the
+  /// recordings that it was fitted to and judged on. Call it before run().
   void cite_with(std::function<std::vector<std::string>(double from_s, double until_s)> files) {
     files_with_ = std::move(files);
   }
-  /// Puts the models of the store in force. Throws std::runtime_error if one of them cannot be
-  /// read.
+  /// Puts the stored models in force. Throws std::runtime_error if one of them cannot be read.
   void restore();
   void run(const std::stop_token& stop);
-  /// From the next look on; the step that runs ends as it began. Any thread.
+  /// The new configuration applies from the next step on. Any thread.
   void reconfigure(const IdentifyConfig& config);
-  /// One look at one axis; true if there was something to do.
+  /// Checks one axis and does what is due; true if something was.
   bool look(std::size_t axis);
-  /// No more motion will come: works off what is there, and says what stays undecided.
+  /// To be called when no more motion will come: processes the rest and reports undecided
+  /// candidates.
   void finish();
-  /// Brings `status` up to date, unless the worker is writing it just now: nobody waits for a
-  /// thread at idle priority.
+  /// Updates `status`, unless the worker is just writing it: callers must not wait for a thread at
+  /// idle priority.
   void update(std::vector<AxisStatus>& status) const;
 
  private:
   struct Pending {
     Identified identified;
-    std::vector<std::string> recordings;  // that it was found on
-    double until_s = 0.0;                 // the newest data that it has seen
-    double moved_s = 0.0;                 // of the axis by then
+    std::vector<std::string> recordings;  // that it was fitted to
+    double until_s = 0.0;                 // end of the data that it was fitted to
+    double moved_s = 0.0;                 // motion of the axis until then
   };
   struct Axis {
     std::string name;
     bool rotary = false;
     std::optional<StoredModel> in_force;
     std::optional<Pending> candidate;
-    double moved_s = 0.0;   // by the end of the last window
-    double sorted_s = 0.0;  // until here the motion has been sorted
+    double moved_s = 0.0;   // motion until the end of the last window
+    double sorted_s = 0.0;  // the motion has been sorted until this time
     EvidenceMemory evidence;
-    EvidenceSeconds fresh;  // sorted since the last step
+    EvidenceSeconds fresh;  // new evidence since the last step
     std::string last_step;  // for people
   };
 
@@ -97,10 +97,10 @@ class IdentificationWorker {
   void renew_noise_floor(std::size_t axis, double until_s);
   void judge_candidate(std::size_t axis, double until_s);
   void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);
-  /// Keeps that the model in force still holds, if it does.
+  /// Stores that the model in force is still valid, if it is.
   void validate(std::size_t axis, const Candidacy& candidacy);
   void put_in_force(std::size_t axis, const StoredModel& model);
-  void say(std::size_t axis, const std::string& activity);
+  void set_activity(std::size_t axis, const std::string& activity);
   void note_refusal(std::size_t axis, const std::string& why, const std::string& detail = "");
 
   MachineDescription machine_;

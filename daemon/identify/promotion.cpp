@@ -27,20 +27,21 @@ std::string the_other(int version) {
 }  // namespace
 
 bool still_holds(const Candidacy& candidacy, double holdout_rms) {
-  constexpr double kMost = 2.0;
-  return candidacy.version_in_force > 0 && candidacy.rms_in_force <= kMost * holdout_rms;
+  constexpr double kMaxRatioToHoldoutRms = 2.0;
+  return candidacy.version_in_force > 0 &&
+         candidacy.rms_in_force <= kMaxRatioToHoldoutRms * holdout_rms;
 }
 
-double sureness(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other) {
-  constexpr Eigen::Index kParts = 16;
-  const Eigen::Index each = left.size() / kParts;
+double significance(const Eigen::ArrayXd& left, const Eigen::ArrayXd& left_by_other) {
+  constexpr Eigen::Index kBlocks = 16;
+  const Eigen::Index each = left.size() / kBlocks;
   if (each == 0 || left_by_other.size() != left.size()) return kAbsent;
   const Eigen::ArrayXd less = left_by_other.square() - left.square();
-  Eigen::ArrayXd parts(kParts);
-  for (Eigen::Index k = 0; k < kParts; ++k) parts[k] = less.segment(k * each, each).mean();
+  Eigen::ArrayXd parts(kBlocks);
+  for (Eigen::Index k = 0; k < kBlocks; ++k) parts[k] = less.segment(k * each, each).mean();
   const double mean = parts.mean();
-  const double variance = (parts - mean).square().sum() / (kParts - 1);
-  return variance > 0.0 ? mean / std::sqrt(variance / kParts) : kAbsent;
+  const double variance = (parts - mean).square().sum() / (kBlocks - 1);
+  return variance > 0.0 ? mean / std::sqrt(variance / kBlocks) : kAbsent;
 }
 
 Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
@@ -56,11 +57,11 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
                                     " of motion to judge on, needs " + seconds(rule.judge_s)};
   }
   if (!std::isfinite(candidacy.rms))
-    return {Ruling::kNotJudged, "it cannot be simulated on unseen motion"};
+    return {Ruling::kNotJudged, "it cannot be simulated on held-out motion"};
 
   const std::string figures = "leaves " + micro(candidacy.rms, candidacy.rotary) + " RMS on " +
-                              seconds(candidacy.judged_s) + " of unseen motion";
-  // A model in force that cannot be simulated there is beaten by any that can.
+                              seconds(candidacy.judged_s) + " of held-out motion";
+  // A candidate that can be simulated beats a model in force that cannot.
   if (!std::isfinite(candidacy.rms_in_force)) {
     return {Ruling::kPromoted,
             figures + ", where " + the_other(candidacy.version_in_force) + " cannot be simulated"};
@@ -69,19 +70,23 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
                                  " leaves " + micro(candidacy.rms_in_force, candidacy.rotary);
   if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
       candidacy.rms < candidacy.rms_in_force) {
-    // Of 15 degrees of freedom: by chance in one judgement of twenty, and of two hundred where it
-    // is little, as it mostly is of a machine that has not changed.
-    constexpr double kMuch = 5.0, kPlain = 10.0;
+    // Improvements as multiples of min_improvement. Above the obvious one no test of significance
+    // is needed. Otherwise the t statistic with 15 degrees of freedom must be 1.75 (5 % by chance)
+    // for a large improvement, and 3.0 (0.5 %) for a smaller one, because most comparisons are of a
+    // machine that has not changed.
+    constexpr double kLargeImprovement = 5.0, kObviousImprovement = 10.0;
     const auto better_by = [&](double times) {
       return candidacy.rms <= (1.0 - times * rule.min_improvement) * candidacy.rms_in_force;
     };
-    const double wanted = better_by(kMuch) ? 1.75 : 3.0;
-    if (candidacy.version_in_force == 0 || better_by(kPlain) || candidacy.sureness >= wanted)
+    const double wanted = better_by(kLargeImprovement) ? 1.75 : 3.0;
+    if (candidacy.version_in_force == 0 || better_by(kObviousImprovement) ||
+        candidacy.significance >= wanted)
       return {Ruling::kPromoted, comparison};
     std::ostringstream sure;
     sure.precision(3);
-    sure << "; better by " << candidacy.sureness << " standard errors, which may be chance (needs "
-         << wanted << ", or " << 100.0 * kPlain * rule.min_improvement << " %)";
+    sure << "; better by " << candidacy.significance << " standard errors, not significant (needs "
+         << wanted << ", or an RMS lower by " << 100.0 * kObviousImprovement * rule.min_improvement
+         << " %)";
     return {Ruling::kByChance, comparison + sure.str()};
   }
   std::ostringstream wanted;

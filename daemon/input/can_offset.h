@@ -1,9 +1,9 @@
-// Live corrections to a drive: position offsets (0x60B0) in a receive PDO, behind the safety gate.
+// Sends live corrections to a drive: position offsets (object 0x60B0) in a receive PDO, behind the
+// safety gate.
 //
-// What the gate does not send, nothing here sends. The drive must drop an offset that is not
-// renewed; an RPDO has no expiry of its own, so that a correction that is over is sent as 0 by the
-// gate's fade. One thread; send() allocates nothing and throws nothing. Source: CiA 402-2,
-// ilc/gate.h.
+// Only offsets that the gate lets pass are sent. The drive must drop an offset that is not renewed.
+// An RPDO does not expire by itself: at the end of a correction the gate fades the offset to 0. One
+// thread; send() allocates nothing and throws nothing. Source: CiA 402-2, ilc/gate.h.
 #pragma once
 
 #include <cstdint>
@@ -20,8 +20,8 @@ class CanOffset {
   /// anything else: that would be overwritten with 0.
   CanOffset(const CanMap& map, std::size_t axis);
 
-  /// True if the offset left; false if the gate does not let it, its bits cannot carry it (counted)
-  /// or the bus did not take it.
+  /// True if the offset was sent; false if the gate does not let it pass, if it does not fit into
+  /// the bits of its signal (counted) or if the bus did not accept it.
   bool send(const AxisOffset& offset, CanBus& bus) noexcept;
   [[nodiscard]] std::uint64_t not_carried() const noexcept { return not_carried_; }
   [[nodiscard]] const CanFrame& frame() const noexcept { return encoder_.frame(message_); }

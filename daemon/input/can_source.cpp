@@ -13,14 +13,15 @@ namespace servotwin::daemon {
 namespace {
 
 constexpr std::size_t kMaxBuses = 8;
-// A clock that differs by more from the steady one than before was set, not slewed.
+// If the offset from the steady clock changes by more than this, the wall clock was set, not
+// slewed.
 constexpr std::int64_t kClockSet_ns = 2'000'000;
-// A frame may be stamped and not yet be here.
-constexpr std::int64_t kGrace_ns = 100'000;
-// An interface that is away is looked after so often.
-constexpr double kLook_s = 0.1;
-// What goes wrong all the time is told once a minute.
-constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
+// Allowance for a frame that has its stamp and has not been received yet.
+constexpr std::int64_t kReceptionDelay_ns = 100'000;
+// How often an interface that is down is checked.
+constexpr double kInterfaceCheck_s = 0.1;
+// A persisting problem is reported once a minute.
+constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 }  // namespace
 
@@ -42,7 +43,7 @@ CanSource::CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pac
   }
   order_.push_back(known.start.bus);
   patience_ns_ = std::max<std::int64_t>(500'000'000, std::llround(known.machine.cycle_s * 1e11));
-  told_ = snapshot();
+  reported_ = snapshot();
 }
 
 void CanSource::refill(std::size_t bus) noexcept {
@@ -71,7 +72,7 @@ int CanSource::oldest() noexcept {
 void CanSource::follow_clock() noexcept {
   const std::int64_t before = steady_ns();
   const std::int64_t offset = wall_ns() - before;
-  // A busy host may take its time between two readings; that is no step of a clock.
+  // Too much time between the two readings (busy host): the difference proves no step of the clock.
   if (steady_ns() - before > kClockSet_ns / 2) return;
   const std::int64_t step = offset - clock_offset_ns_;
   if (std::abs(step) > kClockSet_ns) assembly_.on_clock_set(step);
@@ -84,7 +85,7 @@ void CanSource::wait(double timeout_s) noexcept {
   for (std::size_t i = 0; i < buses_.size(); ++i) {
     const int descriptor = buses_[i]->descriptor();
     if (descriptor >= 0) wanted[count++] = {descriptor, POLLIN, 0};
-    if (!buses_[i]->counts().up) timeout_s = std::min(timeout_s, kLook_s);
+    if (!buses_[i]->counts().up) timeout_s = std::min(timeout_s, kInterfaceCheck_s);
   }
   const timespec timeout{static_cast<time_t>(timeout_s),
                          static_cast<long>((timeout_s - std::floor(timeout_s)) * 1e9)};
@@ -97,21 +98,21 @@ Received CanSource::receive(MachineFrame& frame, double timeout_s) noexcept {
   while (true) {
     if (assembly_.take(frame)) {
       last_cycle_ns_ = steady_ns();
-      stalled_.store(false, std::memory_order_relaxed);  // a fact for people; orders nothing
+      stalled_.store(false, std::memory_order_relaxed);  // for display; orders no data
       return Received::kFrame;
     }
     if (const int bus = oldest(); bus >= 0) {
       Queue& queue = queues_[static_cast<std::size_t>(bus)];
       const CanFrame& next = queue.frames[queue.next++];
       completed_ns_ = next.time_ns;
-      heed_other_sender(static_cast<std::size_t>(bus), next);
+      detect_other_sender(static_cast<std::size_t>(bus), next);
       assembly_.on_frame(static_cast<std::size_t>(bus), next);
       continue;
     }
     follow_clock();
     std::int64_t patience = until - steady_ns();
     if (const auto deadline = assembly_.deadline_ns()) {
-      const std::int64_t left = between_ns(wall_ns(), *deadline) + kGrace_ns;
+      const std::int64_t left = between_ns(wall_ns(), *deadline) + kReceptionDelay_ns;
       if (left <= 0) {
         completed_ns_ = *deadline;
         assembly_.on_time(*deadline + 1);
@@ -135,45 +136,45 @@ void CanSource::carry_offsets(const std::vector<std::size_t>& axes) {
   }
 }
 
-void CanSource::heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
+void CanSource::detect_other_sender(std::size_t bus, const CanFrame& frame) noexcept {
   for (const Carried& one : carried_) {
     const MappedMessage& ours = assembly_.map().messages[one.message];
-    // What a bus receives was sent by another: it never gives back what is sent on it.
+    // A bus never delivers own frames: this one comes from another sender.
     if (ours.bus != bus || ours.id != frame.id || ours.extended != frame.extended) continue;
-    rival_ns_ = steady_ns();
-    if (sent_ns_ && *rival_ns_ - *sent_ns_ < kTogether_ns)
-      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
+    other_sender_ns_ = steady_ns();
+    if (sent_ns_ && *other_sender_ns_ - *sent_ns_ < kSimultaneous_ns)
+      other_sender_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
   }
 }
 
 void CanSource::send(const MachineOffset& offset) noexcept {
-  // relaxed: a fact for people; it orders nothing.
-  if (rival_.load(std::memory_order_relaxed) >= 0) return;
+  // relaxed: the flag orders no other data.
+  if (other_sender_.load(std::memory_order_relaxed) >= 0) return;
   for (Carried& one : carried_) {
     const AxisOffset& axis = offset.axes[one.axis];
     if (!axis.send) continue;
     sent_ns_ = steady_ns();
-    if (rival_ns_ && *sent_ns_ - *rival_ns_ < kTogether_ns) {
-      rival_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
+    if (other_sender_ns_ && *sent_ns_ - *other_sender_ns_ < kSimultaneous_ns) {
+      other_sender_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
       return;
     }
-    // What does not leave is counted by the bus; the drive drops what is not renewed.
+    // The bus counts offsets that it cannot send; the drive drops an offset that is not renewed.
     (void)one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
   }
 }
 
 std::string CanSource::offsets_held_back() const {
-  const int axis = rival_.load(std::memory_order_relaxed);
+  const int axis = other_sender_.load(std::memory_order_relaxed);
   if (axis < 0) return {};
-  return "somebody else sends offsets to the drive of axis " +
+  return "another sender also sends offsets to the drive of axis " +
          assembly_.map().machine.axes[static_cast<std::size_t>(axis)].name +
-         ", too: ours are held back; leave one of them armed, and start this daemon again";
+         ": this daemon sends none until it is restarted; arm only one of them";
 }
 
 std::int64_t CanSource::age_ns() const noexcept { return wall_ns() - completed_ns_; }
 
 SourceState CanSource::state(std::int64_t /*now_ns*/) const {
-  // relaxed: for people; it orders nothing.
+  // relaxed: for display; orders no data.
   return {stalled_.load(std::memory_order_relaxed), malformed(), buses(), offsets_held_back()};
 }
 
@@ -220,54 +221,54 @@ CanSource::Snapshot CanSource::snapshot() const {
 
 std::vector<SourceNews> CanSource::news(std::int64_t now_ns) {
   const Snapshot now = snapshot();
-  bool changed = now.stalled != told_.stalled;
+  bool changed = now.stalled != reported_.stalled;
   for (std::size_t i = 0; i < buses_.size(); ++i) {
-    const CanTrafficCounts& a = told_.counts.buses[i];
+    const CanTrafficCounts& a = reported_.counts.buses[i];
     const CanTrafficCounts& b = now.counts.buses[i];
-    changed = changed || (now.buses[i].malformed > 0 && told_.buses[i].malformed == 0);
-    changed = changed || now.buses[i].up != told_.buses[i].up ||
-              now.buses[i].downs != told_.buses[i].downs || a.bus_off != b.bus_off ||
+    changed = changed || (now.buses[i].malformed > 0 && reported_.buses[i].malformed == 0);
+    changed = changed || now.buses[i].up != reported_.buses[i].up ||
+              now.buses[i].downs != reported_.buses[i].downs || a.bus_off != b.bus_off ||
               a.restarted != b.restarted;
   }
   for (std::size_t i = 0; i < now.counts.messages.size(); ++i) {
-    const CanMessageCounts& a = told_.counts.messages[i];
+    const CanMessageCounts& a = reported_.counts.messages[i];
     const CanMessageCounts& b = now.counts.messages[i];
     changed = changed || a.silent != b.silent || a.silences != b.silences;
   }
-  changed = changed || now.counts.unexpected.size() != told_.counts.unexpected.size();
-  if (!changed && told_ns_ != 0 && now_ns - told_ns_ < kTellEvery_ns) return {};
+  changed = changed || now.counts.unexpected.size() != reported_.counts.unexpected.size();
+  if (!changed && reported_ns_ != 0 && now_ns - reported_ns_ < kReportPeriod_ns) return {};
 
   const CanMap& known = assembly_.map();
   std::vector<SourceNews> lines;
   for (std::size_t i = 0; i < buses_.size(); ++i) {
-    const CanBusCounts& a = told_.buses[i];
+    const CanBusCounts& a = reported_.buses[i];
     const CanBusCounts& b = now.buses[i];
     const std::string& name = known.buses[i];
-    if (b.downs > a.downs) lines.push_back({name + ": the interface went down or away"});
+    if (b.downs > a.downs) lines.push_back({name + ": the interface went down or was removed"});
     if (b.up && (!a.up || b.downs > a.downs))
       lines.push_back({name + ": the interface is up again", true});
     if (b.dropped > a.dropped) {
       lines.push_back({name + ": " + std::to_string(b.dropped - a.dropped) +
-                       " frames dropped by the kernel: they were not taken in time"});
+                       " frames dropped by the kernel: they were not read in time"});
     }
     if (b.lost > a.lost)
       lines.push_back({name + ": " + std::to_string(b.lost - a.lost) + " packets lost"});
     if (b.malformed > a.malformed) {
       lines.push_back({name + ": " + std::to_string(b.malformed - a.malformed) +
-                       " packets that are none of CAN frames, or not from the peer"});
+                       " packets ignored: not CAN frames, or not from the peer"});
     }
   }
-  if (now.stalled != told_.stalled) {
+  if (now.stalled != reported_.stalled) {
     const std::string start =
         can_id_text(known.start.id, known.start.extended) + " on " + known.buses[known.start.bus];
-    lines.push_back(now.stalled ? SourceNews{"no cycle begins: " + start + " does not come"}
-                                : SourceNews{"cycles begin again with " + start, true});
+    lines.push_back(now.stalled ? SourceNews{"no cycle starts: " + start + " is not received"}
+                                : SourceNews{"cycles start again with " + start, true});
   }
-  for (SourceNews& line : happened(known, told_.counts, now.counts))
+  for (SourceNews& line : happened(known, reported_.counts, now.counts))
     lines.push_back(std::move(line));
-  // The minute counts from when there was something to tell.
-  if (!lines.empty()) told_ns_ = now_ns;
-  told_ = now;
+  // The minute starts with the last report.
+  if (!lines.empty()) reported_ns_ = now_ns;
+  reported_ = now;
   return lines;
 }
 

@@ -1,5 +1,5 @@
-// A machine on its CAN buses, as a source of frames: waits on all of them at once, merges what came
-// by its stamps, and assembles cycles (drivers/can_assembly.h).
+// A frame source for a machine on CAN: waits on all buses at once, merges their frames by time
+// stamp and assembles them to cycles (drivers/can_assembly.h).
 //
 // After its construction receive() allocates nothing and takes no lock. news() and the counts may
 // be called by another thread.
@@ -24,10 +24,10 @@ class CanSource final : public FrameSource {
   /// One bus per bus of the map; throws std::invalid_argument if there are more or fewer.
   CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pacing pacing);
 
-  /// Offsets of these axes are sent from now on, until somebody else sends some at the same time:
-  /// then none are until the daemon is started again, and state() says why. Throws
-  /// std::runtime_error if the mapping has no place for one (daemon/input/can_offset.h). Before the
-  /// first frame.
+  /// From now on send() sends offsets to the drives of these axes. If another sender sends offsets
+  /// to one of them within a second, none are sent until the daemon is restarted, and state() gives
+  /// the reason. Call it before the first frame. Throws std::runtime_error if the mapping has no
+  /// offset of an axis (daemon/input/can_offset.h).
   void carry_offsets(const std::vector<std::size_t>& axes);
 
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
@@ -51,7 +51,7 @@ class CanSource final : public FrameSource {
     std::size_t next = 0, count = 0;
     bool may_have_more = false;
   };
-  /// Everything that was counted, at one moment.
+  /// All counters at one moment.
   struct Snapshot {
     CanCounts counts;
     std::vector<CanBusCounts> buses;
@@ -59,13 +59,13 @@ class CanSource final : public FrameSource {
   };
 
   void refill(std::size_t bus) noexcept;
-  /// The bus whose next frame is the oldest one that is here; none if nothing is.
+  /// The bus whose next frame has the oldest stamp; -1 if no frame has been received.
   [[nodiscard]] int oldest() noexcept;
   void wait(double timeout_s) noexcept;
   void follow_clock() noexcept;
-  /// Notes who else sends offsets to a drive of ours: two that do would each correct what the other
-  /// adds.
-  void heed_other_sender(std::size_t bus, const CanFrame& frame) noexcept;
+  /// Detects another sender of offsets to a drive that this daemon corrects: each of the two would
+  /// correct what the other adds.
+  void detect_other_sender(std::size_t bus, const CanFrame& frame) noexcept;
   [[nodiscard]] Snapshot snapshot() const;
 
   CanAssembly assembly_;
@@ -75,22 +75,22 @@ class CanSource final : public FrameSource {
     CanOffset offset;
   };
   std::vector<Carried> carried_;
-  std::vector<std::size_t> order_;  // in which they are read: the one with the cycles' start last
+  std::vector<std::size_t> order_;  // reading order; the bus with the start of cycles is last
   std::vector<Queue> queues_;
-  std::int64_t clock_offset_ns_ = 0;  // of the clock of the stamps to the steady one
-  std::int64_t completed_ns_ = 0;     // when the cycle that came last was whole or over
+  std::int64_t clock_offset_ns_ = 0;  // wall clock (of the stamps) minus steady clock
+  std::int64_t completed_ns_ = 0;     // when the last cycle was complete, or its deadline
   std::int64_t last_cycle_ns_ = 0;    // steady
-  std::int64_t patience_ns_;          // for a cycle to begin
+  std::int64_t patience_ns_;          // without a cycle for this long the source is stalled
   std::atomic<bool> stalled_{false};
-  static constexpr std::int64_t kTogether_ns = 1'000'000'000;
-  // Of offsets [steady]: when ours left, when somebody else's came. Both within a second: two at
-  // once.
-  std::optional<std::int64_t> sent_ns_, rival_ns_;
-  std::atomic<int> rival_{-1};  // axis to whose drive two have sent; none of ours leave then
+  static constexpr std::int64_t kSimultaneous_ns = 1'000'000'000;
+  // Steady times of the last own offset and of the last offset of another sender. Less than
+  // kSimultaneous_ns apart means that both are active.
+  std::optional<std::int64_t> sent_ns_, other_sender_ns_;
+  std::atomic<int> other_sender_{-1};  // axis with two senders; -1: none. No offset is sent then
 
   // Of news().
-  Snapshot told_;
-  std::int64_t told_ns_ = 0;
+  Snapshot reported_;
+  std::int64_t reported_ns_ = 0;
 };
 
 }  // namespace servotwin::daemon

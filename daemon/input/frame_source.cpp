@@ -14,10 +14,10 @@
 namespace servotwin::daemon {
 namespace {
 
-// How often somebody who was behind is looked at again.
-constexpr std::int64_t kBreath_ns = 1'000'000;
-// A second writer that goes on is told of no more often than this.
-constexpr std::int64_t kTellEvery_ns = 60'000'000'000;
+// How often `behind` is asked again.
+constexpr std::int64_t kPollPeriod_ns = 1'000'000;
+// A second writer that persists is reported no more often than this.
+constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 void sleep_until(std::int64_t steady) noexcept {
   const timespec until{static_cast<time_t>(steady / 1'000'000'000),
@@ -68,8 +68,8 @@ Received ReplaySource::receive(MachineFrame& frame, double timeout_s) noexcept {
   const std::int64_t asked_ns = steady_ns();
   const std::int64_t patience = asked_ns + std::llround(timeout_s * 1e9);
   if (behind_()) {
-    while (behind_() && steady_ns() < patience) sleep_until(steady_ns() + kBreath_ns);
-    // The rest of the recording comes later by as much, rather than all at once.
+    while (behind_() && steady_ns() < patience) sleep_until(steady_ns() + kPollPeriod_ns);
+    // The rest of the recording is delayed by the same time, so that no burst follows.
     const std::int64_t waited_ns = std::max(steady_ns() - std::max(asked_ns, due_ns_), 0L);
     started_ns_ += waited_ns;
     due_ns_ += waited_ns;
@@ -110,8 +110,7 @@ bool DdsSource::accept(std::int64_t now_ns) noexcept {
 SourceState DdsSource::state(std::int64_t now_ns) const {
   SourceState out;
   out.silent = silent(now_ns);
-  out.malformed =
-      malformed_.load(std::memory_order_relaxed);  // a number for people; orders nothing
+  out.malformed = malformed_.load(std::memory_order_relaxed);  // for display; orders no data
   return out;
 }
 
@@ -123,26 +122,26 @@ bool DdsSource::silent(std::int64_t now_ns) const noexcept {
 std::vector<SourceNews> DdsSource::news(std::int64_t now_ns) {
   std::vector<SourceNews> lines;
   if (const std::uint64_t over = silences_.load(std::memory_order_acquire);
-      over != told_silences_) {
-    told_silences_ = over;
-    told_silent_ = false;
+      over != reported_silences_) {
+    reported_silences_ = over;
+    reported_silent_ = false;
     const auto length_s = static_cast<double>(silence_ns_.load(std::memory_order_relaxed)) * 1e-9;
     lines.push_back(
-        {"frames again after " + number(std::round(10.0 * length_s) / 10.0) + " s", true});
+        {"frames received again after " + number(std::round(10.0 * length_s) / 10.0) + " s", true});
   }
-  if (!told_silent_ && silent(now_ns)) {
-    told_silent_ = true;
-    lines.push_back({std::string("no frame for 1 s: ") + (reader_.matched()
-                                                              ? "who sends them is there and silent"
-                                                              : "nobody sends frames any more")});
+  if (!reported_silent_ && silent(now_ns)) {
+    reported_silent_ = true;
+    lines.push_back({reader_.matched()
+                         ? "frame source silent: no frame for 1 s, but it is still connected"
+                         : "frame source stopped: no frame for 1 s"});
   }
   const std::uint64_t ignored = ignored_.load(std::memory_order_relaxed);
-  if (ignored != told_ignored_ &&
-      (told_ignored_ == 0 || now_ns - told_ignored_ns_ >= kTellEvery_ns)) {
-    lines.push_back({"a second writer says that it is this machine; " +
-                     std::to_string(ignored - told_ignored_) + " of its frames are ignored"});
-    told_ignored_ = ignored;
-    told_ignored_ns_ = now_ns;
+  if (ignored != reported_ignored_ &&
+      (reported_ignored_ == 0 || now_ns - reported_ignored_ns_ >= kReportPeriod_ns)) {
+    lines.push_back({"a second writer sends frames of this machine; " +
+                     std::to_string(ignored - reported_ignored_) + " of its frames are ignored"});
+    reported_ignored_ = ignored;
+    reported_ignored_ns_ = now_ns;
   }
   return lines;
 }

@@ -1,7 +1,8 @@
-// Where axis frames come from: a port with a null, a replaying and a DDS implementation.
+// The interface of a source of axis frames, and its implementations for no machine, for replayed
+// recordings and for DDS.
 //
-// `receive` is the only place where the real-time loop sleeps. One thread. What happens inside it
-// is the source's business (a DDS source allocates there); it throws nothing.
+// `receive` is the only place where the real-time loop sleeps. One thread. It throws nothing, but
+// it may allocate (the DDS source does).
 #pragma once
 
 #include <atomic>
@@ -20,16 +21,16 @@ namespace servotwin::daemon {
 
 enum class Received : std::uint8_t {
   kFrame,
-  kNothing,  ///< the time to wait was over
-  kEnd,      ///< there will be no more
+  kNothing,  ///< timeout
+  kEnd,      ///< the source has ended
 };
 
-/// How a source is, for the status.
+/// State of a source, for the status.
 struct SourceState {
-  bool silent = false;            ///< frames that came before have stopped
+  bool silent = false;            ///< frames were received before, and have stopped
   std::uint64_t malformed = 0;    ///< frames refused so far
-  std::vector<BusStatus> buses;   ///< that it assembles frames from
-  std::string offsets_held_back;  ///< why no offset is sent any more; empty: they are
+  std::vector<BusStatus> buses;   ///< buses that the source reads
+  std::string offsets_held_back;  ///< why offsets are not sent any more; empty: they are sent
 };
 
 class FrameSource {
@@ -37,32 +38,34 @@ class FrameSource {
   virtual ~FrameSource() = default;
   /// Waits for the next frame for at most `timeout_s`.
   virtual Received receive(MachineFrame& frame, double timeout_s) noexcept = 0;
-  /// A source that need not go on when its time has come waits while `behind` says so: a recording
-  /// can, a machine cannot. Before the first receive(); `behind` is asked by its thread.
+  /// Lets a source that can wait (a recording, not a machine) hold its next frame while `behind`
+  /// returns true. Call it before the first receive(); `behind` is called by the thread of
+  /// receive().
   virtual void wait_while(const std::function<bool()>& /*behind*/) {}
-  /// Sends offsets to the drives where these are on its buses. The thread of receive().
+  /// Sends offsets to the drives that are on the buses of the source. Thread of receive().
   virtual void send(const MachineOffset& /*offset*/) noexcept {}
-  /// How long ago the frame that came last was due or sent [ns], by the clocks of this host.
+  /// Time since the last received frame was due (replay) or sent [ns], by the clocks of this host.
   [[nodiscard]] virtual std::int64_t age_ns() const noexcept = 0;
-  /// How the source is. `now_ns`: steady. Any thread.
+  /// The state of the source. `now_ns`: steady clock. Any thread.
   [[nodiscard]] virtual SourceState state(std::int64_t /*now_ns*/) const { return {}; }
-  /// What happened since the last call. `now_ns`: steady. Any one thread but that of receive().
+  /// What has happened since the last call. `now_ns`: steady clock. Always the same thread, not
+  /// that of receive().
   [[nodiscard]] virtual std::vector<SourceNews> news(std::int64_t /*now_ns*/) { return {}; }
 };
 
-/// No machine: nothing ever comes.
+/// No machine: there are no frames.
 class NullSource final : public FrameSource {
  public:
   Received receive(MachineFrame&, double) noexcept override { return Received::kEnd; }
   [[nodiscard]] std::int64_t age_ns() const noexcept override { return 0; }
 };
 
-/// Recordings, one after the other, as if their machine were running now. Between two of them the
-/// sequence starts again, as after a restart of the machine.
+/// Replays recordings one after the other in real time. The sequence numbers start again with every
+/// recording, as after a restart of the machine.
 class ReplaySource final : public FrameSource {
  public:
-  /// `speed`: times as fast as recorded; 0: as fast as frames are asked for. The recordings must be
-  /// of one machine: throws std::runtime_error if axes or cycle differ.
+  /// `speed`: multiple of the recorded speed; 0: as fast as frames are requested. Throws
+  /// std::runtime_error if there is no recording, or if axes or cycle of the recordings differ.
   ReplaySource(std::vector<Replay> recordings, double speed);
   void wait_while(const std::function<bool()>& behind) override { behind_ = behind; }
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
@@ -78,14 +81,14 @@ class ReplaySource final : public FrameSource {
   double speed_;
   std::function<bool()> behind_ = [] { return false; };
   std::size_t playing_ = 0;
-  std::int64_t started_ns_ = 0;  // when the recording that is playing began
+  std::int64_t started_ns_ = 0;  // when the current recording began
   std::int64_t due_ns_ = 0;
-  bool waits_ = false;  // next_ is read and its time has not come
+  bool waits_ = false;  // next_ has been read and is not due yet
   MachineFrame next_;
 };
 
-/// A machine on the network. Where several writers say that they are the machine, the first is
-/// followed until it leaves or is silent; the frames of the others are ignored, and that is said.
+/// A machine on the network. If several writers send frames of the machine, the first is followed
+/// until it leaves or is silent; frames of the others are ignored and reported.
 class DdsSource final : public FrameSource {
  public:
   /// Without a frame for this long the machine is silent [ns].
@@ -105,14 +108,14 @@ class DdsSource final : public FrameSource {
   dds_instance_handle_t followed_ = 0;
   std::atomic<std::uint64_t> malformed_{0};
   std::atomic<std::int64_t> last_ns_{0};     // steady; 0: no frame has come
-  std::atomic<std::uint64_t> silences_{0};   // that are over
-  std::atomic<std::int64_t> silence_ns_{0};  // how long the last of them was
+  std::atomic<std::uint64_t> silences_{0};   // number of silences that have ended
+  std::atomic<std::int64_t> silence_ns_{0};  // length of the last of them
   std::atomic<std::uint64_t> ignored_{0};    // frames of other writers
 
   // Of news().
-  bool told_silent_ = false;
-  std::uint64_t told_silences_ = 0, told_ignored_ = 0;
-  std::int64_t told_ignored_ns_ = 0;
+  bool reported_silent_ = false;
+  std::uint64_t reported_silences_ = 0, reported_ignored_ = 0;
+  std::int64_t reported_ignored_ns_ = 0;
 };
 
 }  // namespace servotwin::daemon

@@ -27,7 +27,7 @@ MachineDescription described_by(const Config& config) {
   return machine;
 }
 
-/// One of the recordings to replay, and what there is to say about it.
+/// One of the recordings to replay, with the notes about it.
 struct ReadReplay {
   Replay replay;
   std::vector<std::string> notes;
@@ -55,30 +55,30 @@ MachineInput replaying(const Config& config, EventLog& events) {
   return {std::move(source), machine};
 }
 
-/// The mapping of the source that is configured, held against the rest of the configuration.
+/// The mapping of the configured source, checked against the rest of the configuration.
 CanMap mapping(const Config& config) {
   CanMap map = load_can_map(config.source == SourceKind::kUdp ? config.udp.map : config.can.map);
   if (config.cycle_s && *config.cycle_s != map.machine.cycle_s) {
     throw std::runtime_error("machine.cycle_s is " + number(*config.cycle_s) +
-                             " s, and cycle_s of the CAN mapping " + number(map.machine.cycle_s) +
-                             " s; leave it out here");
+                             " s, but cycle_s of the CAN mapping is " +
+                             number(map.machine.cycle_s) + " s; remove machine.cycle_s");
   }
   if (config.source == SourceKind::kUdp && map.buses.size() > 1) {
-    throw std::runtime_error("CAN over UDP is one bus, and the mapping has " +
+    throw std::runtime_error("CAN over UDP is one bus, but the mapping has " +
                              std::to_string(map.buses.size()) + ": " + listed(map.buses));
   }
   if (config.source == SourceKind::kCan && !config.can.interfaces.empty()) {
     if (config.can.interfaces.size() != map.buses.size()) {
       throw std::runtime_error("source.can.interfaces names " +
                                std::to_string(config.can.interfaces.size()) +
-                               ", and the mapping has the buses " + listed(map.buses));
+                               " interfaces, but the mapping has the buses " + listed(map.buses));
     }
     map.buses = config.can.interfaces;
   }
   return map;
 }
 
-/// The axes whose offsets go to drives.
+/// Indices of the axes whose offsets are sent to drives.
 std::vector<std::size_t> corrected_axes(const Config& config) {
   std::vector<std::size_t> out;
   for (std::size_t i = 0; config.ilc.live && i < config.axes.size(); ++i) {
@@ -110,8 +110,8 @@ MachineInput listening(const Config& config, EventLog& events) {
   return {std::move(source), machine};
 }
 
-/// Waits until somebody on the network says what machine this is; nothing if asked to stop before.
-/// `node`: where it is said meanwhile that this is waited for.
+/// Waits for the description of the machine on the network; nothing if `stop` is requested before.
+/// Publishes the state "waiting" on `node`.
 std::optional<MachineDescription> introduced(const DdsNode& node,
                                              DdsReader<MachineDescription>& reader,
                                              const std::stop_token& stop) {
@@ -149,8 +149,8 @@ std::vector<std::vector<std::size_t>> paths_of(const Config& config,
     const AxisConfig& axis = config.axes[i];
     if (axis.path.empty()) continue;
     if (machine.axes[i].rotary)
-      throw std::runtime_error("axis " + axis.name + " is rotary, and path '" + axis.path +
-                               "' is drawn by linear axes");
+      throw std::runtime_error("axis " + axis.name + " is rotary, but path '" + axis.path +
+                               "' needs linear axes");
     named[axis.path].push_back(i);
   }
   std::vector<std::vector<std::size_t>> paths;
@@ -199,7 +199,7 @@ std::vector<std::string> input_obstacles(const Config& config) {
     try {
       action();
     } catch (const std::exception& error) {
-      // Every problem of a mapping is a line of its own.
+      // The message has one line per problem of a mapping.
       std::istringstream lines(error.what());
       for (std::string line; std::getline(lines, line);) found.push_back(line);
     }

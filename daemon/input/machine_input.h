@@ -1,6 +1,7 @@
-// Where the frames come from, and of what machine: recordings, CAN buses, the network.
+// Opens the configured source of frames (recordings, CAN buses, DDS) and finds out which machine it
+// is.
 //
-// Errors: std::runtime_error where the source cannot be opened or says another machine than the
+// Errors: std::runtime_error if the source cannot be opened or has other axes than the
 // configuration. One thread.
 #pragma once
 
@@ -23,21 +24,22 @@ struct MachineInput {
   MachineDescription machine;
 };
 
-/// Opens the source that is configured. Where the machine is to say itself who it is, waits for
-/// that on `descriptions`, and says on `node` that it does; nothing if asked to stop before.
-/// `node_in`: where the frames are, if they come over DDS.
+/// Opens the configured source. If the configuration names no axes and frames come over DDS, waits
+/// for the description of the machine on `descriptions` and publishes the state "waiting" on
+/// `node`; returns nothing if `stop` is requested before. `node_in`: DDS node of the frames.
 [[nodiscard]] std::optional<MachineInput> open_input(const Config& config, const DdsNode& node,
                                                      const DdsNode& node_in,
                                                      DdsReader<MachineDescription>& descriptions,
                                                      const std::stop_token& stop, EventLog& events);
 
-/// The axes that draw a path, as the configuration says; else the linear ones draw one. Of more
-/// than a path can have it is not known which.
+/// The paths of the machine, each with the indices of its axes: those of the configuration, else
+/// one path of all linear axes if there are 2 to kMaxPathAxes of them. Throws std::runtime_error if
+/// a rotary axis has a path.
 [[nodiscard]] std::vector<std::vector<std::size_t>> paths_of(const Config& config,
                                                              const MachineDescription& machine);
 
-/// Why the source could not be opened, as far as that can be told without opening it: mappings that
-/// are wrong, recordings that cannot be replayed, axes that are others. One line each.
+/// Reasons why the source could not be opened, as far as they can be found without opening it:
+/// wrong mappings, recordings that cannot be replayed, axes that differ. One line each.
 [[nodiscard]] std::vector<std::string> input_obstacles(const Config& config);
 
 }  // namespace servotwin::daemon

@@ -29,11 +29,11 @@ bool same_values(const Recording& recording, std::size_t a, std::size_t b) {
   return same;
 }
 
-/// A cycle between two rows; where it is that of a row, both are that one.
+/// The position of a cycle between two rows; both are the same row if the cycle is that of a row.
 struct Place {
   std::int64_t cycle = 0;
   std::size_t before = 0, after = 0;
-  double share = 0.0;  // of the way from one to the other
+  double share = 0.0;  // position between `before` (0) and `after` (1)
 
   [[nodiscard]] double in(const std::vector<double>& column) const {
     // NaN times zero is NaN: a row must not take what is missing in another.
@@ -76,19 +76,19 @@ std::vector<Place> resampled(const Stamps& stamps) {
 std::vector<std::string> notes_of(const std::string& source, const Stamps& stamps, std::size_t rows,
                                   std::size_t cycles) {
   std::vector<std::string> notes;
-  const auto say = [&](std::size_t count, const std::string& what) {
+  const auto note = [&](std::size_t count, const std::string& what) {
     if (count > 0) notes.push_back(source + ": " + std::to_string(count) + what);
   };
-  say(stamps.repeated, " rows dropped: the stamp of the row before was repeated");
-  say(stamps.repaired, " wrong stamps replaced by the place between their neighbours");
-  say(stamps.unplaced, " rows dropped: no usable stamp");
+  note(stamps.repeated, " rows dropped: the stamp of the row before was repeated");
+  note(stamps.repaired, " wrong stamps replaced by the place between their neighbours");
+  note(stamps.unplaced, " rows dropped: no usable stamp");
   if (stamps.resolution_s > 0.0) {
     notes.push_back(source + ": stamps are only written to " + number(1e3 * stamps.resolution_s) +
                     " ms: rows taken as evenly spaced at the mean step");
   }
   if (stamps.spacing == Spacing::kUneven) {
-    notes.push_back(source + ": jitter " + number(1e2 * stamps.jitter_rms) +
-                    " % of the step rms: " + std::to_string(rows) +
+    notes.push_back(source + ": time stamps have a jitter of " + number(1e2 * stamps.jitter_rms) +
+                    " % RMS of the step: " + std::to_string(rows) +
                     " rows resampled linearly onto " + std::to_string(cycles) + " cycles of " +
                     number(1e3 * stamps.step_s) + " ms");
   }

@@ -1,9 +1,9 @@
-// A recording as the cycles of the machine that made it: what is replayed.
+// Converts a recording to the servo cycles that are replayed.
 //
-// The stamps are read by identification/recording/stamps.h and by nothing else, so that a daemon to
-// which a recording is replayed sees the samples that `servotwin identify` takes from it. What is
-// evenly spaced is numbered; what is not is resampled linearly onto the cycle, except over gaps
-// that identification does not bridge. Missing cycles stay missing. Errors: std::runtime_error. Any
+// The time stamps are interpreted by identification/recording/stamps.h only, so that a daemon that
+// replays a recording sees the same samples as `servotwin identify`. Evenly spaced rows are
+// numbered; other rows are resampled linearly onto the cycle, except across gaps that
+// identification does not bridge. Missing cycles stay missing. Errors: std::runtime_error. Any
 // thread.
 #pragma once
 
@@ -16,12 +16,11 @@ namespace servotwin::daemon {
 
 struct RecordedCycles {
   double cycle_s = 0.0;
-  Recording recording;  ///< every row stamped with its cycle's time, a whole number of cycles after
-                        ///< the first
-  std::vector<std::string> notes;  ///< what became of rows that are not as they were, for people
+  Recording recording;  ///< the time of every row is a whole number of cycles after the first row
+  std::vector<std::string> notes;  ///< what was done to dropped, repaired and resampled rows
 };
 
-/// Throws if time stands still or runs backwards.
+/// Throws if the time stamps do not increase.
 [[nodiscard]] RecordedCycles recorded_cycles(Recording recording);
 
 }  // namespace servotwin::daemon

@@ -18,7 +18,7 @@ double squared(double value) noexcept { return value * value; }
 LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
     : rules_(std::move(rules)),
       hand_over_(hand_over),
-      // What the fade-in did dies out within another ramp.
+      // The transient of the fade-in is taken to decay within another ramp.
       counts_after_(std::lround(2.0 * rules_.ramp_s / rules_.cycle_s)),
       matcher_(rules_.match_tolerance),
       sent_(static_cast<std::size_t>(rules_.delay_cycles)) {
@@ -28,7 +28,7 @@ LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
 
 const MachineFrame& LiveOffsets::seen(const MachineFrame& frame, bool follows) noexcept {
   gap_ = !follows;
-  if (gap_) {  // a drive has kept what came last
+  if (gap_) {  // the drive has kept its last offset
     const MachineOffset last = sent_[newest_];
     std::fill(sent_.begin(), sent_.end(), last);
   }
@@ -56,8 +56,9 @@ void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
     next_ = *fresh;
     next_frame_ns_ = frame.time_ns;
   }
-  // What has begun would not be known again before its next start: a reason to wait with what is
-  // only fresher, not with what may take a correction away.
+  // A new plan restarts the matcher, and a program that has begun would not be recognised before
+  // its next start. A plan that only renews the validation can wait for that; one that may withdraw
+  // a correction cannot.
   if (next_ == nullptr || (next_->renewed && matcher_.follows())) return;
   plan_ = std::exchange(next_, nullptr);
   plan_frame_ns_ = next_frame_ns_;
@@ -79,7 +80,7 @@ void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
   run_.row = row;
   const double left_s =
       static_cast<double>(learned.program.rows() - row + rules_.delay_cycles) * rules_.cycle_s;
-  // Stamps of others may be anything: they wrap instead of overflowing.
+  // Stamps from outside may have any value: they wrap around instead of overflowing.
   run_.ends_ns = between_ns(-ns_of(left_s + 2.0 * rules_.ramp_s), frame.time_ns);
   run_.validated_ns = between_ns(between_ns(learned.validated_ns, plan_->wall_ns), plan_frame_ns_);
   run_.seen.learned = learned.number;
@@ -109,12 +110,12 @@ void LiveOffsets::watch_residuals(const MachinePrediction& prediction) noexcept 
   const CommandedPath& program = run_.learned->program;
   for (std::size_t n = 0; n < program.axes.size(); ++n) {
     const AxisPrediction& axis = prediction.axes[program.axes[n]];
-    // Without an encoder value nobody knows what the machine does.
+    // A missing encoder value (NaN) counts as outside: the state of the machine is unknown.
     const double band = std::max(rules_.residual_band * axis.standard_deviation,
-                                 kBeyondMost * run_.learned->missed_most[n]);
+                                 kBandOverHoldoutMax * run_.learned->holdout_max[n]);
     const bool within = std::abs(axis.residual) <= band;
     run_.outside[n] = within ? 0 : run_.outside[n] + 1;
-    if (run_.outside[n] >= kOutside)
+    if (run_.outside[n] >= kCyclesOutsideToEnd)
       return end(RunEnd::kResidual, static_cast<int>(program.axes[n]));
   }
 }
@@ -156,9 +157,10 @@ void LiveOffsets::measure_contour(const MachineFrame& frame, bool counts) noexce
   squares.measured += measured;
   squares.before += before;
   squares.after += squared(learned.contour_after(run_.row));
-  run_.window_measured += (measured - run_.window_measured) / kWindow;
-  run_.window_before += (before - run_.window_before) / kWindow;
-  // Where the path is followed well without a correction, too, the whole of it is the measure.
+  run_.window_measured += (measured - run_.window_measured) / kContourWindowCycles;
+  run_.window_before += (before - run_.window_before) / kContourWindowCycles;
+  // Where the path error is small even without a correction, its RMS over the whole path is the
+  // limit.
   const double allowed = std::max(run_.window_before, squared(learned.contour_size_before.rms));
   if (run_.live && run_.window_measured > allowed) end(RunEnd::kContour);
 }
@@ -194,8 +196,8 @@ void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& pred
   if (phase_ == Phase::kFading && !out) phase_ = Phase::kNone;
 }
 
-/// The clock went back by more than an offset is valid: what is out would stay until the clock has
-/// caught up. It is taken back, and nothing is left of the time of the gates.
+/// The clock went back by more than the validity of an offset: an active offset would stay until
+/// the clock has caught up. It is withdrawn, and the gates start again without their old times.
 void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
   end(RunEnd::kGap);
   phase_ = Phase::kNone;

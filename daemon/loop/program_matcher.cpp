@@ -6,7 +6,7 @@
 namespace servotwin::daemon {
 namespace {
 
-/// The first row that is away from the start.
+/// The first row that differs from the start by more than the tolerance.
 Eigen::Index first_motion_of(const CommandedPath& program, double tolerance) noexcept {
   const std::vector<Eigen::ArrayXd>& path = program.command;
   const auto away = [&](Eigen::Index row) {
@@ -69,16 +69,16 @@ void ProgramMatcher::follow(Followed& one, std::span<const double> command) noex
   if (one.cycles == 0) {
     double ignored = 0.0;
     if (at(program, 0, command, ignored)) {
-      one.stood = std::min(one.stood + 1, kStanding);
+      one.stood = std::min(one.stood + 1, kStandstillCycles);
       return;
     }
-    const bool begins = one.stood == kStanding && one.first_motion < program.rows();
+    const bool begins = one.stood == kStandstillCycles && one.first_motion < program.rows();
     one.stood = 0;
     if (!begins) return;
     for (int i = 0; i < kRows; ++i) {
       const auto n = static_cast<std::size_t>(i);
-      // One less: they are moved on below, as in every cycle.
-      one.row[n] = one.first_motion + i - kAligned - 1;
+      // One row less: all candidates are advanced below, as in every cycle.
+      one.row[n] = one.first_motion + i - kAlignmentRows - 1;
       one.alive[n] = one.row[n] >= -1;
       one.square[n] = 0.0;
     }
@@ -93,7 +93,7 @@ void ProgramMatcher::follow(Followed& one, std::span<const double> command) noex
   }
   if (!any) {
     one.cycles = 0;
-  } else if (one.cycles == kConfirmed) {
+  } else if (one.cycles == kConfirmationCycles) {
     const std::size_t best = best_of(one);
     for (std::size_t n = 0; n < one.alive.size(); ++n) one.alive[n] = n == best;
   }
@@ -115,7 +115,7 @@ std::optional<ProgramMatcher::Match> ProgramMatcher::see(std::span<const double>
     follow(one, command);
     if (one.cycles == 0) continue;
     ++followed;
-    if (one.cycles >= kConfirmed) out = Match{i, one.row[best_of(one)]};
+    if (one.cycles >= kConfirmationCycles) out = Match{i, one.row[best_of(one)]};
   }
   return followed == 1 ? out : std::nullopt;
 }

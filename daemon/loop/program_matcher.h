@@ -1,14 +1,14 @@
-// Recognises that the machine runs a program that is known, and where in it it is.
+// Recognises by the commands that the machine runs a known program, and at which row it is.
 //
-//   stands at the program's start for kStanding cycles, then moves
-//   --> the row at which the program begins to move, and kAligned rows beside it, each followed row
-//   by row for as long as every command is within the tolerance of its row
-//   --> after kConfirmed cycles the best of them is where the machine is, if it is in no other
-//       program as well
+//   the machine stands at the start of the program for kStandstillCycles cycles, then moves
+//   --> candidates: the first row with motion and kAlignmentRows rows before and after it; each of
+//   them is followed row by row as long as every command is within the tolerance of its row
+//   --> after kConfirmationCycles cycles the candidate with the smallest deviation is the match, if
+//   no other program is followed as well
 //
-// A program repeats sample by sample or not at all: another feed, a pause or another path ends the
-// match at once, and it is not found again before its start. The work per cycle is bounded by the
-// programs (kMaxPrograms), not by their length.
+// A program repeats sample by sample or not at all: another feed rate, a pause or another path ends
+// the match at once, and the program is recognised again only from its start. The work per cycle
+// depends on the number of programs (at most kMaxPrograms), not on their length.
 //
 // Positions in the axes' own units [m | rad]. One thread; see() allocates nothing, throws nothing.
 #pragma once
@@ -23,44 +23,47 @@
 
 namespace servotwin::daemon {
 
-/// Whether two programs are one path: from their first motion on they are within the tolerance of
-/// each other, and where one is over before the other, that stands. Neither would ever be known.
+/// Whether two programs are the same path: from their first motion on their commands are within
+/// `tolerance` of each other, and after the end of the shorter one the longer one stands still. If
+/// both were watched, neither would ever be recognised.
 [[nodiscard]] bool same_course(const CommandedPath& a, const CommandedPath& b, double tolerance);
 
 class ProgramMatcher {
  public:
   static constexpr std::size_t kMaxPrograms = 8;
-  static constexpr int kStanding = 10;   ///< cycles at the start before it counts as one
-  static constexpr int kAligned = 2;     ///< rows before and after that the motion may begin at
-  static constexpr int kConfirmed = 20;  ///< cycles until a match is one
+  /// Cycles at the start position that are needed before a start.
+  static constexpr int kStandstillCycles = 10;
+  /// Rows by which the begin of motion may be early or late.
+  static constexpr int kAlignmentRows = 2;
+  static constexpr int kConfirmationCycles = 20;  ///< cycles of motion until a match is confirmed
 
   explicit ProgramMatcher(double tolerance) noexcept : tolerance_(tolerance) {}
 
   struct Match {
-    std::size_t program = 0;  ///< of those that are watched for
+    std::size_t program = 0;  ///< index in the programs that are watched
     Eigen::Index row = 0;     ///< of this cycle's command
   };
 
-  /// The programs to watch for, at most kMaxPrograms; they outlive the matcher or the next call.
-  /// What was followed is forgotten.
+  /// Sets the programs to watch, at most kMaxPrograms; they must live until the next call or the
+  /// end of the matcher. Programs that are being followed are forgotten.
   void watch(std::span<const CommandedPath* const> programs) noexcept;
-  /// What came before does not count any more.
+  /// Forgets the cycles so far, after a gap.
   void forget() noexcept;
-  /// Whether one of them has begun and is followed.
+  /// Whether a program has begun and is being followed.
   [[nodiscard]] bool follows() const noexcept;
-  /// One cycle. `command`: of every axis of the machine, by number.
+  /// One cycle. `command`: of every axis of the machine, by index [m | rad].
   [[nodiscard]] std::optional<Match> see(std::span<const double> command) noexcept;
 
  private:
-  static constexpr int kRows = 2 * kAligned + 1;
+  static constexpr int kRows = 2 * kAlignmentRows + 1;
   struct Followed {
     const CommandedPath* program = nullptr;
-    Eigen::Index first_motion = 0;  // the first row that is away from the start
-    int stood = 0;                  // cycles at the start until now
-    int cycles = 0;                 // followed; 0: it is not
+    Eigen::Index first_motion = 0;  // the first row that differs from the start
+    int stood = 0;                  // consecutive cycles at the start
+    int cycles = 0;                 // of motion followed; 0: not followed
     std::array<Eigen::Index, kRows> row{};
     std::array<bool, kRows> alive{};
-    std::array<double, kRows> square{};  // of the deviations so far
+    std::array<double, kRows> square{};  // sum of squared deviations
   };
 
   [[nodiscard]] bool at(const CommandedPath& program, Eigen::Index row,

@@ -17,11 +17,12 @@ static_assert(std::is_trivially_copyable_v<TwinInForce> &&
               std::is_trivially_copyable_v<MachineFrame> &&
               std::is_trivially_copyable_v<MachinePrediction>);
 
-// How long the loop may wait before it looks whether it is to stop.
-constexpr double kPatience_s = 0.1;
-// What is older was on its way while the wall clock was set, and its age is that of nothing.
-constexpr std::int64_t kOldest_ns = 60'000'000'000;
-// Stamps of a PC's clock scatter by parts of a cycle; a lost cycle shows in the sequence numbers.
+// Timeout of receive(), after which the loop checks whether it has to stop.
+constexpr double kReceiveTimeout_s = 0.1;
+// A frame that seems older than this was on its way while the wall clock was set: its age is
+// unknown.
+constexpr std::int64_t kMaxAge_ns = 60'000'000'000;
+// Time stamps from a PC clock jitter by parts of a cycle; lost cycles show in the sequence numbers.
 constexpr std::int64_t kTimeToleranceCycles = 2;
 
 void count(std::atomic<std::uint64_t>& counter, std::uint64_t by = 1) noexcept {
@@ -43,7 +44,7 @@ void AxisLoop::take(const TwinInForce& model) noexcept {
   next_ = model;
   catching_up_ = true;
   next_run_ = 0;
-  // One less than there is room for, because the next command comes before the first is fed.
+  // One less than the history holds, because the next command is added before the first is read.
   next_fed_ = count_ >= kHistory ? count_ - kHistory + 1 : 0;
 }
 
@@ -98,7 +99,8 @@ AxisPrediction AxisLoop::predict(double command) noexcept {
   }
   if (in_force_.version == 0) return out;
   out.model_version = in_force_.version;
-  if (!std::isfinite(error)) {  // a command beyond all bounds; the next one starts again
+  if (!std::isfinite(
+          error)) {  // the command was too large; the twin starts again with the next one
     forget();
     out.state = AxisState::kBadSample;
     return out;
@@ -151,13 +153,13 @@ void RealTimeLoop::give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) no
 void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexcept {
   // relaxed: the flag orders nothing; whoever sets it joins this thread.
   while (!stop.load(std::memory_order_relaxed)) {
-    const Received received = source.receive(frame_, kPatience_s);
+    const Received received = source.receive(frame_, kReceiveTimeout_s);
     count(counters_.turns);
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;
     const std::int64_t begin = steady_ns();
     std::int64_t age = source.age_ns();
-    if (age > kOldest_ns) age = 0;
+    if (age > kMaxAge_ns) age = 0;
     counters_.wake.add(age);
     prediction_.due_ns = begin - age;
     if (const MachineOffset* offset = on_frame(frame_)) source.send(*offset);
@@ -223,7 +225,7 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came) noexcept {
   prediction_.ahead_count = std::clamp(frame.ahead_count, 0, kMaxLookAhead);
   const auto ahead = static_cast<std::size_t>(prediction_.ahead_count);
 
-  // First what is predicted, from commands alone ...
+  // First the prediction, from commands alone ...
   for (std::size_t i = 0; i < models_.size(); ++i) {
     AxisLoop& axis = axes_[i];
     if (order == Order::kAfterGap) axis.forget();
@@ -237,7 +239,7 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came) noexcept {
     double& farthest = prediction_.contour_error;
     if (std::isnan(farthest) || std::abs(error) > std::abs(farthest)) farthest = error;
   }
-  // ... then what came.
+  // ... then the measured values.
   for (std::size_t i = 0; i < models_.size(); ++i) {
     const AxisSample& sample = frame.axes[i];
     AxisPrediction& axis = prediction_.axes[i];

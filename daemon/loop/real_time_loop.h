@@ -1,22 +1,21 @@
-// The real-time loop of one machine: a frame comes, the error of its cycle is predicted, then
-// measured.
+// The real-time loop of one machine: for every frame it predicts the tracking error of the cycle
+// from the commands, and measures it afterwards.
 //
 //   predicted error of cycle k = twin(commands up to k); the encoder value of cycle k is read
 //   afterwards
 //
-// A new model comes at a sample boundary (daemon/between/latest_value.h). It is fed the command
-// history first, a bounded number of cycles per cycle, and takes over when it has caught up; until
-// then the old one predicts. After lost cycles, a jump of time or a command that is not a number
-// the twin starts again at rest at the next command, and says so (AxisState::kSettling) until the
-// model's slowest mode has died out.
+// A new model is received at a sample boundary (daemon/between/latest_value.h). Its twin first runs
+// through the command history, a bounded number of samples per cycle, and takes over when it has
+// caught up; until then the old twin predicts. After lost cycles, a jump of time or a command that
+// is not finite, the twin starts again at rest at the next command; its state is
+// AxisState::kSettling until the slowest mode of the model has decayed.
 //
-// Where corrections are given back (daemon/loop/live_offsets.h), what a frame commands is what the
-// drives follow: the program's command with the offset. The offsets of a cycle leave with its
-// prediction.
+// With live corrections (daemon/loop/live_offsets.h) the command of a frame is the one that the
+// drives follow: that of the program plus the offset. The offsets of a cycle are sent together with
+// its prediction.
 //
-// One thread. It sleeps only in FrameSource::receive; on_frame takes no lock and no memory, writes
-// no log or file and throws nothing (tests/daemon/loop/rt). What it has to say leaves through the
-// two rings.
+// One thread. It sleeps only in FrameSource::receive; on_frame takes no lock, allocates nothing,
+// writes no log or file and throws nothing (tests/daemon/loop/rt). Its output leaves through rings.
 #pragma once
 
 #include <array>
@@ -38,37 +37,38 @@ namespace servotwin::daemon {
 
 class LiveOffsets;
 
-/// The cycles after which a wrong starting state has fallen below one percent.
+/// The number of cycles after which the effect of a wrong initial state is below 1 %.
 [[nodiscard]] int settling_cycles(const Model& model);
 
-/// Written by the loop, read by any thread; numbers for people, so relaxed: they order nothing.
+/// Written by the loop, read by any thread. Accesses are relaxed: the figures are for display and
+/// order no other data.
 struct LoopCounters {
-  std::atomic<std::uint64_t> turns{0};  ///< returns from receive, with a frame or without
+  std::atomic<std::uint64_t> turns{0};  ///< returns from receive(), with or without a frame
   std::atomic<std::uint64_t> frames{0};
-  std::atomic<std::uint64_t> lost{0};  ///< cycles that never came, by the sequence numbers
-  std::atomic<std::uint64_t> repeated{
-      0};  ///< frames with the sequence number of the one before; ignored
-  std::atomic<std::uint64_t> time_jumps{0};  ///< stamps or sequence numbers that do not follow
-  std::atomic<std::uint64_t> malformed{0};   ///< frames with another number of axes; ignored
-  std::atomic<std::uint64_t> not_finite{0};  ///< commands or encoder values, by axis
+  std::atomic<std::uint64_t> lost{0};  ///< missing cycles, by the sequence numbers
+  /// Frames with the sequence number of the one before; ignored.
+  std::atomic<std::uint64_t> repeated{0};
+  std::atomic<std::uint64_t> time_jumps{0};  ///< stamps or sequence numbers that go back or jump
+  std::atomic<std::uint64_t> malformed{0};   ///< frames with a wrong number of axes; ignored
+  std::atomic<std::uint64_t> not_finite{0};  ///< commands or encoder values, summed over the axes
   std::atomic<std::uint64_t> overruns{0};    ///< cycles whose work took longer than the cycle
-  Histogram wake;                            ///< from the frame being due or sent to the loop
-  Histogram work;                            ///< from the frame to the end of its cycle's work
+  Histogram wake;  ///< time from the frame being due or sent until the loop has it
+  Histogram work;  ///< time from the frame to the end of the work on its cycle
 };
 
-/// What the loop keeps of one axis.
+/// The state of one axis in the loop: its twins and its command history.
 class AxisLoop {
  public:
   static constexpr int kHistory = 2048;      // commands kept for a new model; 2 s at 1 kHz
-  static constexpr int kCatchUpCycles = 64;  // fed per cycle: about 10 us
+  static constexpr int kCatchUpCycles = 64;  // samples of the history per cycle: about 10 us
 
-  /// The newest model that came since the last cycle.
+  /// Starts to use a new model, which first runs through the command history.
   void take(const TwinInForce& model) noexcept;
-  /// What came before does not count any more.
+  /// Forgets the command history, after a gap.
   void forget() noexcept;
-  /// One cycle: the prediction from the command alone.
+  /// One cycle: predicts the error from the command alone [m | rad].
   AxisPrediction predict(double command) noexcept;
-  /// The errors of coming cycles.
+  /// Predicts the errors of coming cycles from their commands; NaN without a model.
   void look_ahead(std::span<const double> commands, std::span<double> errors) const noexcept;
 
  private:
@@ -85,20 +85,21 @@ class AxisLoop {
 
 class RealTimeLoop {
  public:
-  /// `models`: one per axis; throws std::invalid_argument if that is none or too many. `paths`:
-  /// of every path the axes, by number, whose commands draw it, 2 to kMaxPathAxes; the contour
-  /// error is that of the axes that are farthest from theirs. The rings and the rest outlive the
-  /// loop.
+  /// `cycle_s`: cycle time. `models`: one per axis, 1 to kMaxAxes. `paths`: for every path the
+  /// indices of its axes, 2 to kMaxPathAxes; the published contour error is the largest of all
+  /// paths. Throws std::invalid_argument if a number is wrong. All arguments except `paths` must
+  /// outlive the loop.
   RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> models,
                Ring<MachinePrediction>& predictions, Ring<CycleRow>& rows, const WakeUp& publisher,
                const std::vector<std::vector<std::size_t>>& paths = {});
 
-  /// Corrections are given back, and each cycle's offsets go to the source and into this ring.
-  /// Before the first frame; both outlive the loop.
+  /// Enables live corrections: the offsets of every cycle go to the source and into this ring. Call
+  /// it before the first frame; both must outlive the loop.
   void give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) noexcept;
-  /// Until the source ends or `stop` is set.
+  /// Runs until the source ends or `stop` is set.
   void run(FrameSource& source, const std::atomic<bool>& stop) noexcept;
-  /// The offsets that are to be sent for this cycle; null: none. Valid until the next call.
+  /// Processes one frame. Returns the offsets to be sent in this cycle; null: none. Valid until the
+  /// next call.
   const MachineOffset* on_frame(const MachineFrame& frame) noexcept;
   [[nodiscard]] const LoopCounters& counters() const noexcept { return counters_; }
 
@@ -111,7 +112,8 @@ class RealTimeLoop {
     std::vector<std::size_t> axes;
     ContourError contour;
   };
-  /// `frame`: as the drives follow it. The path is that of the program.
+  /// `frame`: with the commands that the drives follow. The path is that of the program, without
+  /// offsets.
   [[nodiscard]] double contour_error(Path& path, const MachineFrame& frame, Order order) noexcept;
 
   std::int64_t cycle_ns_;

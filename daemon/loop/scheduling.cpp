@@ -39,7 +39,7 @@ std::string keep_to(const std::vector<int>& cpus) {
   }
   const int error = pthread_setaffinity_np(pthread_self(), sizeof set, &set);
   if (error == 0) {
-    // The kernel takes those that it has and says nothing of the others.
+    // The kernel ignores processors that do not exist without an error.
     const std::vector<int> missing = missing_processors(cpus);
     return missing.empty() ? std::string()
                            : "real_time.cpus = [" + list + "]: there is no processor " +
@@ -65,7 +65,7 @@ std::string become_idle() {
   return "background work runs at normal priority: " + std::string(std::strerror(error));
 }
 
-void hasten(pthread_t thread) noexcept {
+void restore_normal_priority(pthread_t thread) noexcept {
   const sched_param parameter{};
   (void)pthread_setschedparam(thread, SCHED_OTHER, &parameter);
 }
@@ -81,15 +81,14 @@ void prefault_stack() noexcept {
 }
 
 std::string lock_memory() {
-  // Not under a limit: what is locked now would leave too little for later, and an allocation would
-  // fail.
+  // Not with a limit: MCL_FUTURE would make later allocations fail once the limit is reached.
   rlimit limit{};
   getrlimit(RLIMIT_MEMLOCK, &limit);
   if (limit.rlim_cur != RLIM_INFINITY) {
     return "memory is not locked: the limit is " + std::to_string(limit.rlim_cur / 1024) +
            " kB; needs LimitMEMLOCK=infinity";
   }
-  // On fault: the stacks of all workers need not be in memory, only what has been used.
+  // MCL_ONFAULT: only touched pages are locked, not the whole stacks of all workers.
   if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return {};
   return "memory is not locked: " + std::string(std::strerror(errno));
 }

@@ -27,8 +27,8 @@ void append(LiveSeries& series, double value, bool first, bool points_are_cycles
 LiveBatcher::LiveBatcher(double cycle_s, std::size_t axes)
     : cycle_s_(cycle_s),
       cycles_per_point_(std::max(
-          1,
-          static_cast<int>(std::ceil(static_cast<double>(axes) / (cycle_s * kMostPoints) - 1e-9)))),
+          1, static_cast<int>(
+                 std::ceil(static_cast<double>(axes) / (cycle_s * kMaxPointsPerSecond) - 1e-9)))),
       cycles_per_batch_(
           cycles_per_point_ *
           std::max(1, static_cast<int>(std::lround(kBatch_s / (cycle_s * cycles_per_point_))))) {

@@ -1,8 +1,8 @@
-// A twentieth of a second of live cycles, as the page draws them.
+// Live cycles of a twentieth of a second, as points for the charts of the page.
 //
-// Up to kMostPoints points a second over all axes a point is a cycle. Beyond that a point is
-// several: its value is that of its last cycle, and the least and the greatest of all of them stand
-// beside it, so that no peak is lost. A batch ends early where the cycles do not follow each other.
+// Up to kMaxPointsPerSecond points per second over all axes, a point is one cycle. Beyond that, a
+// point covers several cycles: it has the value of the last cycle and the minimum and maximum of
+// all, so that no peak is lost. A batch ends early at a gap in the cycles.
 //
 // Errors and commands [m | rad]. Pure: no clock. One thread.
 #pragma once
@@ -15,10 +15,10 @@
 
 namespace servotwin::daemon {
 
-/// One quantity, point by point. What is not there is NaN.
+/// One quantity, one value per point; a missing value is NaN.
 struct LiveSeries {
-  std::vector<double> value;            ///< at the last cycle of the point
-  std::vector<double> least, greatest;  ///< of its cycles; empty where a point is a cycle
+  std::vector<double> value;            ///< of the last cycle of the point
+  std::vector<double> least, greatest;  ///< of all its cycles; empty if a point is one cycle
 };
 
 struct LiveAxisBatch {
@@ -30,9 +30,9 @@ struct LiveAxisBatch {
 struct LiveBatch {
   std::uint64_t first_sequence = 0;
   std::int64_t first_time_ns = 0;  ///< stamp of the first cycle
-  double point_s = 0.0;            ///< from point to point
+  double point_s = 0.0;            ///< time between two points
   int cycles_per_point = 1;
-  bool after_gap = true;  ///< the cycle before its first is not the last one of the batch before
+  bool after_gap = true;  ///< cycles are missing between the batch before and this one
   std::vector<LiveAxisBatch> axes;
   LiveSeries contour;
 };
@@ -40,13 +40,13 @@ struct LiveBatch {
 class LiveBatcher {
  public:
   static constexpr double kBatch_s = 0.05;
-  static constexpr double kMostPoints = 8000.0;  // per second, over all axes
+  static constexpr double kMaxPointsPerSecond = 8000.0;  // per second, over all axes
 
   LiveBatcher(double cycle_s, std::size_t axes);
 
-  /// The next cycle; a batch where that completes one, or does not follow on what there is.
+  /// Adds the next cycle; returns a batch if that completes it, or ends it by a gap.
   std::optional<LiveBatch> add(const MachinePrediction& cycle);
-  /// What there is, if anything: nothing more may come.
+  /// The incomplete batch, if there is one.
   std::optional<LiveBatch> flush();
 
  private:

@@ -37,7 +37,7 @@ void LiveFeed::add(const MachineStatus& status) {
   for (AxisSums& sums : sums_)
     live.axes.push_back({sums.measured.take(), sums.predicted.take(), sums.residual.take()});
   collected_.status = std::move(live);
-  // Where the machine has fallen silent the last cycles are not held back.
+  // When the machine is silent, the last cycles must not wait for a complete batch.
   collect(batcher_.flush());
   hand_over();
 }
@@ -79,7 +79,7 @@ void LiveFeed::hand_over() {
     if (from.status) news_.status = from.status;
     news_.dropped += from.dropped;
   }
-  for (; to.batches.size() > kMostWaiting; ++to.dropped) to.batches.pop_front();
+  for (; to.batches.size() > kMaxWaitingBatches; ++to.dropped) to.batches.pop_front();
 }
 
 }  // namespace servotwin::daemon

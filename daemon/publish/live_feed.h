@@ -1,9 +1,9 @@
-// What the publisher publishes, for whoever looks at the page: cycles in batches, the status with
-// the figures of the last second, models and diagnoses.
+// Passes published data from the publisher to the web page: cycles in batches, the status with the
+// figures of the last second, models and diagnoses.
 //
-// Two threads: the publisher adds, the web thread takes. The publisher collects on its own side,
-// hands over what is complete, and does not wait for that: where the web thread is just taking, it
-// hands over with the next batch. If nobody takes, the oldest batches are dropped and counted.
+// Two threads: the publisher adds, the web thread takes. The publisher collects data on its own
+// side and hands over complete batches without waiting: if the web thread is just taking, it hands
+// them over with the next batch. If nobody takes them, the oldest batches are dropped and counted.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@
 
 namespace servotwin::daemon {
 
-/// RMS and MAX of what came since the last status; NaN where nothing did.
+/// RMS and maximum since the last status; NaN without values.
 struct LiveFigures {
   double rms = kAbsent, max = kAbsent;
 };
@@ -26,7 +26,7 @@ struct LiveAxisFigures {
   LiveFigures measured, predicted, residual;
 };
 
-/// The status as it is published, and what was seen since the one before.
+/// The published status, and the figures since the one before.
 struct LiveStatus {
   MachineStatus status;
   std::vector<LiveAxisFigures> axes;
@@ -35,15 +35,15 @@ struct LiveStatus {
 
 class LiveFeed {
  public:
-  /// Batches that wait for the web thread at most: three seconds.
-  static constexpr std::size_t kMostWaiting = 64;
+  /// Maximum number of batches that wait for the web thread: three seconds.
+  static constexpr std::size_t kMaxWaitingBatches = 64;
 
   struct News {
     std::deque<LiveBatch> batches;
     std::optional<LiveStatus> status;
     std::vector<ModelAnnouncement> models;
     std::vector<DiagnosisAnnouncement> diagnoses;
-    std::uint64_t dropped = 0;  ///< batches that were not taken in time, since the start
+    std::uint64_t dropped = 0;  ///< batches dropped since the start
   };
 
   LiveFeed(double cycle_s, std::size_t axes);

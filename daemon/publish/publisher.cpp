@@ -9,10 +9,11 @@
 namespace servotwin::daemon {
 namespace {
 constexpr std::int64_t kStatusPeriod_ns = 1'000'000'000;
-constexpr std::int64_t kStopPatience_ns =
-    100'000'000;  // until it is seen that the publisher is to stop
-// Readers notice up to a lease later than we do that we speak now.
-constexpr int kSayAgain = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeriod_ns);
+// How often the publisher checks whether to stop.
+constexpr std::int64_t kStopCheck_ns = 100'000'000;
+// Readers may notice a takeover up to a lease later than this daemon: models are repeated until
+// then.
+constexpr int kRepeatsAfterTakeover = 1 + static_cast<int>(kLivelinessLease_ns / kStatusPeriod_ns);
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
@@ -23,7 +24,7 @@ Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction
       model_writer_(node),
       diagnosis_writer_(node),
       status_writer_(node),
-      heard_(node),
+      status_reader_(node),
       predictions_(predictions),
       offsets_(offsets),
       wake_up_(wake_up),
@@ -37,15 +38,15 @@ void Publisher::run(const std::stop_token& stop) {
     const std::int64_t now = steady_ns();
     if (now >= next_status) {
       send_status();
-      say_again();
+      repeat_announcements();
       next_status = now + kStatusPeriod_ns;
     }
     wake_up_.wait(
-        static_cast<int>(std::min(kStopPatience_ns, next_status - now + 1'000'000) / 1'000'000));
+        static_cast<int>(std::min(kStopCheck_ns, next_status - now + 1'000'000) / 1'000'000));
     send_offsets();
     send_predictions();
     send_announcements();
-    look_who_is_heard();
+    find_active_daemon();
   }
   send_offsets();
   send_predictions();
@@ -82,7 +83,7 @@ void Publisher::send_announcements() {
   std::vector<ModelAnnouncement> models;
   std::vector<DiagnosisAnnouncement> diagnoses;
   {
-    // Predictions do not wait for a thread at idle priority; the next round comes soon.
+    // try_lock: predictions must not wait for a thread at idle priority; the next round is soon.
     const std::unique_lock lock(mutex_, std::try_to_lock);
     if (lock.owns_lock()) {
       models.swap(waiting_);
@@ -101,30 +102,30 @@ void Publisher::send_announcements() {
   }
 }
 
-// Our own reader hears what every reader does: the status of the one that speaks.
-void Publisher::look_who_is_heard() {
+// The daemon's own reader gets what every reader gets: the status of the active daemon.
+void Publisher::find_active_daemon() {
   MachineStatus status;
-  while (heard_.receive(status, 0.0)) {
-    const bool ours = heard_.writer() == status_writer_.handle();
-    if (ours != speaks_.value_or(true)) turns_.push(ours);
-    if (ours && !speaks_.value_or(true)) says_again_ = kSayAgain;
-    speaks_ = ours;
+  while (status_reader_.receive(status, 0.0)) {
+    const bool ours = status_reader_.writer() == status_writer_.handle();
+    if (ours != active_.value_or(true)) changes_.push(ours);
+    if (ours && !active_.value_or(true)) repeats_left_ = kRepeatsAfterTakeover;
+    active_ = ours;
   }
 }
 
 std::vector<std::string> Publisher::news() {
   std::vector<std::string> lines;
-  for (bool ours = false; turns_.pop(ours);) {
-    lines.emplace_back(
-        ours ? "this daemon speaks for the machine now: the other one is gone or weaker"
-             : "standing by: another daemon speaks for this machine");
+  for (bool ours = false; changes_.pop(ours);) {
+    lines.emplace_back(ours ? "this daemon is now active for the machine: the other one stopped or "
+                              "has a lower strength"
+                            : "standby: another daemon is active for this machine");
   }
   return lines;
 }
 
-void Publisher::say_again() {
-  if (says_again_ == 0) return;
-  --says_again_;
+void Publisher::repeat_announcements() {
+  if (repeats_left_ == 0) return;
+  --repeats_left_;
   for (const auto& [axis, model] : models_) model_writer_.write(model);
   for (const auto& [axis, diagnosis] : diagnoses_) diagnosis_writer_.write(diagnosis);
 }

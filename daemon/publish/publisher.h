@@ -1,10 +1,11 @@
-// The publisher: takes predictions from the real-time loop to the network, and says how things are.
+// The publisher: sends predictions, offsets, models, diagnoses and the status to the network.
 //
-// A prediction and live offsets go out as soon as the loop has them; the status once a second; a
-// model when it comes into force, a diagnosis when it is made. Where there is another daemon of
-// this machine the stronger one is heard; a daemon that takes over says its models and diagnoses
-// again, because readers have dropped what it said before. One worker thread, which may be a
-// real-time one: it waits for the network and for nothing else. announce() any thread.
+// Predictions and live offsets are sent as soon as the loop has them, the status once a second, a
+// model when it comes into force, a diagnosis when it is made. Of several daemons of a machine,
+// readers get the data of the strongest; a daemon that takes over sends its models and diagnoses
+// again, because readers have dropped what it sent before. One worker thread, which may be a
+// real-time thread: it waits for the network and for nothing else. announce(): any thread. Errors:
+// the constructor throws std::runtime_error (drivers/dds.h).
 #pragma once
 
 #include <cstdint>
@@ -29,9 +30,9 @@ class Publisher {
  public:
   using Status = std::function<MachineStatus()>;
 
-  /// `cycle_s`: the deadline that is offered for predictions; `published`: how long after its frame
-  /// each was handed to the network; `page`: who shows the same, or null.
-  /// All arguments outlive the publisher.
+  /// `cycle_s`: deadline offered for predictions. `published`: gets the time from every frame until
+  /// its prediction was handed to DDS. `status`: gives the status to send. `page`: gets the same
+  /// data; may be null. All references must outlive the publisher.
   Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
             Ring<MachineOffset>& offsets, const WakeUp& wake_up, Histogram& published,
             Status status, LiveFeed* page = nullptr);
@@ -39,8 +40,7 @@ class Publisher {
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
   void announce(const StoredDiagnosis& diagnosis);
-  /// That another daemon is heard since the last call, or this one again: one line each, for
-  /// people. Any one thread; what is done with them is no business of the worker.
+  /// Changes between active and standby since the last call, one line each. Always the same thread.
   [[nodiscard]] std::vector<std::string> news();
 
  private:
@@ -48,15 +48,15 @@ class Publisher {
   void send_predictions();
   void send_announcements();
   void send_status();
-  void look_who_is_heard();
-  void say_again();
+  void find_active_daemon();
+  void repeat_announcements();
 
   DdsWriter<MachinePrediction> prediction_writer_;
   DdsWriter<MachineOffset> offset_writer_;
   DdsWriter<ModelAnnouncement> model_writer_;
   DdsWriter<DiagnosisAnnouncement> diagnosis_writer_;
   DdsWriter<MachineStatus> status_writer_;
-  DdsReader<MachineStatus> heard_;
+  DdsReader<MachineStatus> status_reader_;
   Ring<MachinePrediction>& predictions_;
   Ring<MachineOffset>& offsets_;
   const WakeUp& wake_up_;
@@ -70,11 +70,11 @@ class Publisher {
   std::mutex mutex_;
   std::vector<ModelAnnouncement> waiting_;
   std::vector<DiagnosisAnnouncement> waiting_diagnoses_;
-  std::map<std::string, ModelAnnouncement> models_;  // the last one of every axis
+  std::map<std::string, ModelAnnouncement> models_;  // last announcement of every axis
   std::map<std::string, DiagnosisAnnouncement> diagnoses_;
-  std::optional<bool> speaks_;  // this daemon is the one that is heard
-  int says_again_ = 0;          // so many times more
-  Ring<bool> turns_{16};        // this daemon began (true) or ceased to be heard; for news()
+  std::optional<bool> active_;  // this daemon is the active one
+  int repeats_left_ = 0;        // remaining repetitions after a takeover
+  Ring<bool> changes_{16};      // this daemon became active (true) or standby; for news()
 };
 
 }  // namespace servotwin::daemon

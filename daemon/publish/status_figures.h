@@ -1,5 +1,5 @@
-// The figures of a status that everybody is shown, in one table: the page, /metrics, the terminal
-// and programs tell the same. Any thread.
+// The counters of a status in one table, so that the page, /metrics, the terminal and JSON give the
+// same figures. Any thread; errors: none.
 #pragma once
 
 #include <array>
@@ -11,35 +11,36 @@
 namespace servotwin::daemon {
 
 struct StatusCounter {
-  const char* key;     ///< in JSON
-  const char* words;   ///< on the terminal, behind the number's comma
-  const char* metric;  ///< in /metrics
-  const char* help;    ///< likewise
+  const char* key;     ///< key in JSON
+  const char* words;   ///< text on the terminal, after the number
+  const char* metric;  ///< name in /metrics
+  const char* help;    ///< help text in /metrics
   std::uint64_t MachineStatus::*count;
 };
 
 inline constexpr std::array<StatusCounter, 9> kStatusCounters{{
-    {"frames", "frames", "frames_total", "Servo cycles that came.", &MachineStatus::frames},
-    {"lost", "lost", "frames_lost_total", "Servo cycles that never came, by the sequence numbers.",
+    {"frames", "frames", "frames_total", "Servo cycles received.", &MachineStatus::frames},
+    {"lost", "lost", "frames_lost_total", "Servo cycles lost, by the sequence numbers.",
      &MachineStatus::lost},
     {"repeated", "repeated", "frames_repeated_total",
      "Frames with the sequence number of the one before; ignored.", &MachineStatus::repeated},
     {"malformed", "malformed", "frames_malformed_total", "Frames refused on receipt.",
      &MachineStatus::malformed},
     {"not_finite", "not finite", "not_finite_total",
-     "Commands or encoder values that are no numbers, by axis.", &MachineStatus::not_finite},
+     "Commands or encoder values that are not finite, summed over the axes.",
+     &MachineStatus::not_finite},
     {"time_jumps", "time jumps", "time_jumps_total",
-     "Stamps or sequence numbers that do not follow.", &MachineStatus::time_jumps},
-    {"overruns", "overruns", "overruns_total", "Cycles whose work took longer than the cycle.",
-     &MachineStatus::overruns},
+     "Time stamps or sequence numbers that go back or jump.", &MachineStatus::time_jumps},
+    {"overruns", "overruns", "overruns_total",
+     "Cycles in which the work of the loop took longer than the cycle.", &MachineStatus::overruns},
     {"predictions_dropped", "predictions dropped", "predictions_dropped_total",
-     "Predictions that the publisher was too slow for, or that the network refused.",
+     "Predictions not sent: the publisher was too slow, or the network refused them.",
      &MachineStatus::predictions_dropped},
     {"rows_dropped", "rows dropped", "rows_dropped_total", "Cycles that were not recorded.",
      &MachineStatus::rows_dropped},
 }};
 
-/// Counters, rates, latencies of the loop and the last error, by their keys.
+/// JSON object with counters, rates, latencies of the loop and the last error.
 [[nodiscard]] nlohmann::json figures_of(const MachineStatus& status);
 
 }  // namespace servotwin::daemon

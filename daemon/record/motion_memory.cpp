@@ -8,7 +8,7 @@
 namespace servotwin::daemon {
 namespace {
 
-// Where the stamps go back, identification must see a gap that it does not bridge.
+// Step of the machine time where stamps go back: a gap that identification does not bridge.
 constexpr double kRestartGap_s = 1.0;
 
 template <class Column>
@@ -63,7 +63,7 @@ void MotionMemory::append(const CycleRow& row) {
       axis.torque.push_back(std::isfinite(sample.torque) ? sample.torque : kAbsent);
   }
   time_.push_back(newest_s_);
-  // A fifth of the rows at once, so that forgetting costs little.
+  // Drops a fifth of the rows at once, so that the cost per row is small.
   if (time_.size() >= most_rows_ + most_rows_ / 4 + 1) forget_old();
 }
 
@@ -104,7 +104,7 @@ std::optional<double> MotionMemory::time_when_stood(std::size_t axis, double aft
     const double by_end_s = moved[static_cast<std::size_t>(end)];
     if (by_end_s == moved[static_cast<std::size_t>(begin)])
       return time_[static_cast<std::size_t>(end)];
-    // It moved in between: nothing that begins before the last of that is long enough.
+    // The axis moved in between: start again after the last of that motion.
     begin = std::lower_bound(moved.begin() + begin, moved.begin() + end, by_end_s) - moved.begin();
   }
   return std::nullopt;

@@ -1,8 +1,8 @@
 // The last seconds of every axis, for identification and diagnosis. Written by the recorder, read
-// by their workers; a mutex, because none of them is in a hurry.
+// by the workers; protected by a mutex, because none of these threads is urgent. Errors: none.
 //
-// Time here is the machine's own, in seconds since its first frame, and never goes back: where the
-// stamps of the frames do (the source was restarted), it goes on one second later.
+// Times are machine time: seconds since the first frame. It never goes back: where the stamps of
+// the frames do (restart of the source), it continues one second later.
 #pragma once
 
 #include <cstdint>
@@ -19,28 +19,28 @@ namespace servotwin::daemon {
 
 class MotionMemory {
  public:
-  /// `remembered_s`: at least this much is kept.
+  /// `remembered_s`: minimum time that is kept [s].
   MotionMemory(const MachineDescription& machine, double remembered_s);
 
   void append(const CycleRow& row);
-  /// From now on this much is kept, at least.
+  /// Changes the minimum time that is kept [s].
   void remember(double remembered_s);
 
   /// How long an axis has moved since its first frame: time with the command changing [s].
   [[nodiscard]] double moved_s(std::size_t axis) const;
-  /// The time at which it had moved that long; nothing if it has not yet. What is forgotten counts
-  /// as the oldest row.
+  /// The time at which the axis had moved for `moved_s`; nothing if it has not yet. For rows that
+  /// were dropped, the time of the oldest row.
   [[nodiscard]] std::optional<double> time_when_moved(std::size_t axis, double moved_s) const;
-  /// The time at which it had stood for `seconds` without a break, of the rows after `after_s`;
-  /// nothing if it has not yet.
+  /// The first time at which the axis had stood still for `seconds` after `after_s`; nothing if it
+  /// has not yet.
   [[nodiscard]] std::optional<double> time_when_stood(std::size_t axis, double after_s,
                                                       double seconds) const;
-  /// The rows of one axis after one time until another, as a recording named `source`.
+  /// The rows of one axis in (after_s, until_s], as a recording named `source`.
   [[nodiscard]] Recording copy(std::size_t axis, double after_s, double until_s,
                                const std::string& source) const;
   /// The same of all axes.
   [[nodiscard]] Recording copy(double after_s, double until_s, const std::string& source) const;
-  /// The times of the oldest and the newest row that are here.
+  /// The times of the oldest and of the newest row.
   [[nodiscard]] double oldest_s() const;
   [[nodiscard]] double newest_s() const;
 

@@ -18,12 +18,13 @@
 namespace servotwin::daemon {
 namespace {
 
-// The ring holds seconds of rows, identification waits for seconds of motion: no reason to hurry.
+// The ring holds seconds of rows and identification waits for seconds of motion: this is often
+// enough.
 constexpr auto kPause = std::chrono::milliseconds(20);
 // Without a row for this long the file is finished.
 constexpr auto kSilence_ns = static_cast<std::int64_t>(Recorder::kFile_s * 1e9);
 
-// "-2.2250738585072014e-308," is as long as a number gets.
+// The longest number is "-2.2250738585072014e-308,".
 constexpr double kBytesPerNumber = 25.0;
 
 double largest_file(const MachineDescription& machine) {
@@ -41,7 +42,7 @@ struct FileName {
   auto operator<=>(const FileName&) const = default;
 };
 
-/// Nothing for what is none of ours.
+/// Nothing if the recorder did not write a file of this name.
 std::optional<FileName> parsed(const std::string& name) {
   static const std::regex ours(R"((\d{4}-\d\d-\d\dT\d{6}\.\d{3}Z)(?:_(\d{2,9}))?\.csv)");
   std::smatch parts;
@@ -49,13 +50,13 @@ std::optional<FileName> parsed(const std::string& name) {
   return FileName{parts[1], parts[2].matched ? std::stoi(parts[2]) : 1};
 }
 
-/// A name that sorts behind all that are there; '_' comes after the '.' of the extension. By the
-/// wall clock or, where that was set back, by the newest file's until it has caught up.
+/// A name that sorts after all existing ones ('_' sorts after the '.' of the extension). It has the
+/// time of the wall clock, or that of the newest file if the clock was set back.
 std::string name_of_file(const std::filesystem::path& directory) {
   std::string stamp = iso_time(wall_ns());
   std::erase(stamp, ':');
   FileName next{stamp, 1};
-  std::error_code unreadable;  // shows in writing
+  std::error_code unreadable;  // reported when the file is written
   for (std::filesystem::directory_iterator entry(directory, unreadable), end;
        !unreadable && entry != end; entry.increment(unreadable)) {
     const std::optional<FileName> there = parsed(entry->path().filename());
@@ -95,8 +96,8 @@ Recorder::Recorder(const MachineDescription& machine, const std::string& machine
   std::filesystem::create_directories(directory_, error);
   if (error)
     throw std::runtime_error("recordings " + directory_.string() +
-                             ": cannot be made: " + error.message());
-  // What a crash left half written; the store's lock says that nobody else is writing here.
+                             ": cannot be created: " + error.message());
+  // Removes files that a crash left incomplete; the lock of the store excludes other writers.
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
     if (entry.path().filename().string().find(".csv.part-") != std::string::npos) {
       std::filesystem::remove(entry.path());
@@ -110,7 +111,8 @@ void Recorder::run(const std::stop_token& stop) {
     if (drain()) {
       last_ns = steady_ns();
     } else {
-      // A machine that is switched off in the evening has its last rows on the disk before.
+      // Without new rows the file is finished, so that the last rows are on the disk if the host is
+      // switched off as well.
       if (steady_ns() - last_ns > kSilence_ns) finish_file();
       std::this_thread::sleep_for(kPause);
     }
@@ -136,7 +138,7 @@ void Recorder::collect(const CycleRow& row) {
   const auto since_start_s = [&] {
     return 1e-9 * static_cast<double>(between_ns(file_start_ns_, row.time_ns));
   };
-  // A stamp that is repeated is only coarse; one that goes back is of a source that started again.
+  // A repeated stamp only has a coarse resolution; a stamp that goes back means a restarted source.
   if (!file_.time.empty() && (since_start_s() < file_.time.back() || since_start_s() >= kFile_s)) {
     finish_file();
   }
@@ -158,7 +160,7 @@ void Recorder::collect(const CycleRow& row) {
 }
 
 bool Recorder::begin_file(const CycleRow& row) {
-  // There is none yet where nothing was to be recorded at first; what is wrong shows in writing.
+  // The directory is missing if recording was off at the start; errors are reported when writing.
   std::error_code ignored;
   std::filesystem::create_directories(directory_, ignored);
   const auto since_look_s = [&] {
@@ -180,10 +182,10 @@ std::string Recorder::problem() const {
   if (budget_bytes_ <= 0.0) return {};
   switch (state_.load(std::memory_order_relaxed)) {
     case State::kRefused:
-      return "cycles are not recorded: the disk refuses them";
+      return "cycles are not recorded: they cannot be written to the disk";
     case State::kFull:
-      return "cycles are not recorded: the recordings that models were found or judged on leave no "
-             "room below store.recordings_max_mb = " +
+      return "cycles are not recorded: the recordings that models were fitted to or judged on "
+             "leave no room below store.recordings_max_mb = " +
              number(most_bytes_ / 1e6);
     case State::kRecords:
       break;
@@ -243,7 +245,7 @@ void Recorder::delete_oldest() {
   double bytes = 0.0;
   for (const auto& entry : std::filesystem::directory_iterator(directory_)) {
     if (!entry.is_regular_file() || !parsed(entry.path().filename())) continue;
-    std::error_code gone;  // somebody else may tidy up here, too
+    std::error_code gone;  // another program may delete files, too
     const auto size = static_cast<double>(entry.file_size(gone));
     if (gone) continue;
     files.push_back({entry.path(), size});
@@ -268,11 +270,11 @@ void Recorder::delete_oldest() {
   const bool over = bytes > budget && spared > 0;
   if (over && !spared_) {
     events_.note("recording", "",
-                 "the " + std::to_string(spared) +
-                     " recordings that models were found or judged on are kept beyond "
+                 std::to_string(spared) +
+                     " recordings that models were fitted to or judged on are kept beyond "
                      "store.recordings_mb = " +
                      number(budget / 1e6) +
-                     "; give more room, or delete by hand what nobody will ask for");
+                     "; raise that limit, or delete recordings that are no longer needed");
   }
   spared_ = over;
 }
@@ -282,16 +284,16 @@ void Recorder::judge_room(double bytes) {
   if (full && !is(State::kFull)) {
     events_.error("recording", "",
                   "recording stops: there are " + number(std::round(bytes / 1e5) / 10.0) +
-                      " MB of recordings, and another one could make them more than "
+                      " MB of recordings, and another file could exceed "
                       "store.recordings_max_mb = " +
                       number(most_bytes_ / 1e6) +
-                      "; models go on as before. Give more room, or delete by hand what nobody "
-                      "will ask for: it goes on by itself");
+                      "; prediction and identification continue. Raise that limit, or delete "
+                      "recordings that are no longer needed: recording then resumes by itself");
     become(State::kFull);
   } else if (!full && is(State::kFull)) {
     become(State::kRecords);
     events_.note("recording", "",
-                 "recording goes on; " + std::to_string(rows_not_recorded()) +
+                 "recording resumed; " + std::to_string(rows_not_recorded()) +
                      " rows are missing since the start");
   }
 }

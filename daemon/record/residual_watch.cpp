@@ -25,15 +25,16 @@ void ResidualWatch::append(const CycleRow& row) {
     Axis& axis = axes_[i];
     const double command = row.axes[i].command;
     const double before = std::exchange(axis.last_command, command);
-    // A command that is not finite is no motion, whatever it is compared with.
+    // A change from or to a command that is not finite does not count as motion.
     const bool moves =
         !row.after_gap && std::isfinite(command) && std::isfinite(before) && command != before;
     if (!moves) continue;
-    if (const std::optional<AlarmChange> change = axis.alarm.add(row.residuals[i])) say(i, *change);
+    if (const std::optional<AlarmChange> change = axis.alarm.add(row.residuals[i]))
+      report(i, *change);
   }
 }
 
-void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
+void ResidualWatch::report(std::size_t axis, const AlarmChange& change) {
   const Axis& state = axes_[axis];
   const char* unit = state.rotary ? "urad" : "um";
   const std::string rms = text("%.3g %s RMS", 1e6 * change.rms, unit),
@@ -45,7 +46,7 @@ void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
                                ", normal is " + normal;
       events_.note("alarm_raised", state.name,
                    "alarm: " + what +
-                       text(" (CUSUM beyond %.1f; a false alarm once in %g days of motion)",
+                       text(" (CUSUM above %.1f; on average one false alarm in %g days of motion)",
                             change.threshold, false_alarm_days_));
       const std::lock_guard lock(mutex_);
       raised_[axis] = what;
@@ -64,9 +65,10 @@ void ResidualWatch::say(std::size_t axis, const AlarmChange& change) {
       if (change.ended)
         events_.note("alarm_cleared", state.name,
                      "alarm over: the model in force has a reference of its own");
-      events_.note("alarm_reference", state.name,
-                   text("the residual is watched: %s RMS is normal, by %.0f s of motion",
-                        normal.c_str(), change.motion_s));
+      events_.note(
+          "alarm_reference", state.name,
+          text("the residual is monitored: %s RMS is normal, learned from %.0f s of motion",
+               normal.c_str(), change.motion_s));
       const std::lock_guard lock(mutex_);
       states_[axis] = AlarmState::kWatching;
       return;

@@ -1,5 +1,5 @@
-// The residual alarms of all axes (daemon/record/residual_alarm.h): fed by the recorder, asked by
-// the diagnosis worker. Alarms are events the moment they come, however busy the diagnosis is.
+// The residual alarms of all axes (daemon/record/residual_alarm.h): fed by the recorder, read by
+// the diagnosis worker. An alarm is an event at once, even if the diagnosis worker is busy.
 //
 // An axis moves where its command changes from cycle to cycle, as in daemon/record/motion_memory.h.
 // append() one thread, take_alarm() another, the rest any thread.
@@ -20,8 +20,8 @@
 namespace servotwin::daemon {
 
 enum class AlarmState : std::uint8_t {
-  kOff,       ///< the configuration wants none
-  kLearning,  ///< it is not known yet what is normal
+  kOff,       ///< not configured
+  kLearning,  ///< the normal residual is being learned
   kWatching,
   kRaised,
 };
@@ -31,9 +31,9 @@ class ResidualWatch {
   ResidualWatch(const MachineDescription& machine, const DiagnoseConfig& config, EventLog& events);
 
   void append(const CycleRow& row);
-  /// What the alarm says that was raised since this was last asked; nothing if none was.
+  /// The text of the alarm, or of ask(), since the last call; nothing if there was none.
   [[nodiscard]] std::optional<std::string> take_alarm(std::size_t axis);
-  /// Somebody wants a diagnosis: take_alarm says so as if it were an alarm. Any thread.
+  /// Requests a diagnosis: take_alarm() returns `why` as if it were an alarm. Any thread.
   void ask(std::size_t axis, const std::string& why);
   /// Any thread.
   [[nodiscard]] AlarmState state(std::size_t axis) const;
@@ -45,11 +45,11 @@ class ResidualWatch {
     ResidualAlarm alarm;
     double last_command = kAbsent;
   };
-  void say(std::size_t axis, const AlarmChange& change);
+  void report(std::size_t axis, const AlarmChange& change);
 
   double false_alarm_days_;
   EventLog& events_;
-  std::vector<Axis> axes_;  // none where there is no alarm
+  std::vector<Axis> axes_;  // empty if no alarm is configured
   mutable std::mutex mutex_;
   std::vector<std::optional<std::string>> raised_;
   std::vector<AlarmState> states_;

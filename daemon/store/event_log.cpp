@@ -7,7 +7,7 @@
 namespace servotwin::daemon {
 namespace {
 
-/// Of what is no error: those that somebody should know of stand out.
+/// The syslog priority of events that are not errors.
 Priority priority_of(const std::string& kind) {
   for (const char* one : {"alarm_raised", "diagnosis_failed", "model_unused", "stalled"}) {
     if (kind == one) return Priority::kWarning;
@@ -31,7 +31,7 @@ void EventLog::add(const Event& event, Priority priority) {
   try {
     store_.add(event);
   } catch (const std::runtime_error& failure) {
-    const std::string why = std::string("this event is not stored: ") + failure.what();
+    const std::string why = std::string("this event could not be stored: ") + failure.what();
     print({event.time, "", "not_stored", why, ""}, Priority::kError);
     const std::lock_guard lock(mutex_);
     last_error_ = event.time + " " + failure.what();

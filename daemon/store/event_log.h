@@ -1,7 +1,8 @@
-// What happened, one line each: on standard error at once, and in the store.
+// The event log: every event is one line on standard error (or in the journal), and a row in the
+// store.
 //
-// A line that cannot be stored is printed all the same, with why. Any thread but the real-time
-// loop.
+// An event that cannot be stored is printed nevertheless, together with the reason. Any thread
+// except the real-time loop. Errors: none.
 #pragma once
 
 #include <mutex>
@@ -16,20 +17,21 @@ namespace servotwin::daemon {
 
 class EventLog {
  public:
-  /// Both outlive the log.
+  /// Both must outlive the log.
   EventLog(Store& store, std::ostream& out) : store_(store), out_(out) {}
-  /// With a journal, lines go there instead, with fields: MACHINE, AXIS, EVENT, DETAIL. It outlives
-  /// the log, too.
+  /// With a journal, lines go there instead of `out`, with the fields MACHINE, AXIS, EVENT and
+  /// DETAIL. It must outlive the log.
   EventLog(Store& store, std::ostream& out, const Journal* journal, std::string machine)
       : store_(store), out_(out), journal_(journal), machine_(std::move(machine)) {}
 
+  /// Logs an event. `axis` empty: of the machine. `detail`: JSON, or empty.
   void note(const std::string& kind, const std::string& axis, const std::string& text,
             const std::string& detail = "");
-  /// The same for what somebody should look after; the status shows the last one with its time.
+  /// Logs an error that needs attention; the status shows the last one with its time.
   void error(const std::string& kind, const std::string& axis, const std::string& text);
-  /// Prints an event that is in the store already.
+  /// Prints an event that has been stored already.
   void print(const Event& event);
-  /// Brings `text` up to date with the last error, unless somebody is writing just now.
+  /// Sets `text` to the last error, unless another thread is just writing it.
   void update_last_error(std::string& text) const;
 
  private:

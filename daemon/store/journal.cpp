@@ -12,12 +12,12 @@
 namespace servotwin::daemon {
 namespace {
 
-// More than this of one field is in the store and not in the journal.
-constexpr std::size_t kLongest = 32 * 1024;
+// Longer fields are truncated in the journal; the store has all of them.
+constexpr std::size_t kMaxFieldBytes = 32 * 1024;
 
-/// NAME=value, or where the value has lines of its own: NAME, its length in 64 bits, the value.
+/// Appends NAME=value, or for a value with several lines: NAME, its length in 64 bits, the value.
 void append(std::string& entry, std::string_view name, std::string_view value) {
-  value = value.substr(0, kLongest);
+  value = value.substr(0, kMaxFieldBytes);
   entry += name;
   if (value.find('\n') == value.npos) {
     entry += '=';

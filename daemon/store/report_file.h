@@ -1,6 +1,6 @@
-// The page of an axis' last diagnosis (diagnosis/report.h), in a file beside the store:
-// reports/<machine>/<axis>.html. The old one stays until the new one is complete. Any thread.
-// Errors: std::runtime_error where it cannot be written.
+// The report of the last diagnosis of an axis (diagnosis/report.h), in a file beside the database:
+// reports/<machine>/<axis>.html. The old report stays until the new one is complete. Any thread.
+// Errors: std::runtime_error if it cannot be written.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +11,7 @@ namespace servotwin::daemon {
 
 void write_report(const std::filesystem::path& store, const std::string& machine,
                   const std::string& axis, const std::string& html);
-/// Nothing if there is none.
+/// The report as HTML; nothing if there is none.
 [[nodiscard]] std::optional<std::string> read_report(const std::filesystem::path& store,
                                                      const std::string& machine,
                                                      const std::string& axis);

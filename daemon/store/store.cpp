@@ -41,7 +41,7 @@ constexpr const char* kSchema = R"(
 
 std::string system_error(int error) { return std::strerror(error); }
 
-/// What is not there yet will be made in the nearest directory that is.
+/// The nearest existing directory, in which missing ones would be created.
 std::filesystem::path nearest(const std::filesystem::path& directory) {
   std::error_code ignored;
   std::filesystem::path place = directory;
@@ -58,23 +58,23 @@ std::filesystem::path nearest(const std::filesystem::path& directory) {
   throw std::runtime_error("store " + directory.string() + ": cannot be written: " + where + why);
 }
 
-/// Holds the directory for this process; given back by the kernel when the process ends.
+/// Locks the directory for this process; the kernel releases the lock when the process ends.
 int lock_directory(const std::filesystem::path& directory) {
   std::error_code error;
   std::filesystem::create_directories(directory, error);
   if (error)
-    throw std::runtime_error("store " + directory.string() + ": cannot be made: " +
-                             error.message() + "; give a place that can be written with --store");
+    throw std::runtime_error("store " + directory.string() + ": cannot be created: " +
+                             error.message() + "; give a writable directory with --store");
   const std::filesystem::path file = directory / "lock";
   const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (lock < 0)
-    throw std::runtime_error("store " + directory.string() +
-                             ": cannot be written: " + system_error(errno) +
-                             "; give a place that can be written with --store");
+    throw std::runtime_error("store " + directory.string() + ": cannot be written: " +
+                             system_error(errno) + "; give a writable directory with --store");
   if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
     close(lock);
-    throw std::runtime_error("store " + directory.string() +
-                             ": is in use by another servotwind; give --store");
+    throw std::runtime_error(
+        "store " + directory.string() +
+        ": is in use by another servotwind; give another directory with --store");
   }
   return lock;
 }
@@ -100,7 +100,7 @@ void Store::try_making(const std::filesystem::path& directory) {
   const std::filesystem::path place = nearest(directory);
   std::string name = place / ".servotwin-XXXXXX";
   if (mkdtemp(name.data()) == nullptr)
-    refuse(directory, place, "nothing can be made there: " + system_error(errno));
+    refuse(directory, place, "no file can be created there: " + system_error(errno));
   rmdir(name.c_str());
 }
 
@@ -136,9 +136,10 @@ Store::Store(const std::filesystem::path& directory, std::string machine, StoreA
 void Store::open(StoreAccess access) {
   if (std::error_code ignored;
       access == StoreAccess::kRead && !std::filesystem::exists(file_, ignored))
-    throw std::runtime_error("store " + file_.string() +
-                             ": there is none; --store is the daemon's directory, as servotwin "
-                             "check-config prints it");
+    throw std::runtime_error(
+        "store " + file_.string() +
+        ": does not exist; --store takes the daemon's directory, which servotwin "
+        "check-config prints");
   sqlite3* database = nullptr;
   const int opened =
       sqlite3_open_v2(file_.c_str(), &database,
@@ -147,7 +148,7 @@ void Store::open(StoreAccess access) {
                       nullptr);
   database_.reset(database);
   if (opened != SQLITE_OK) fail("cannot be opened");
-  sqlite3_busy_timeout(database, 2000);  // somebody reads it with the sqlite3 program
+  sqlite3_busy_timeout(database, 2000);  // another program, such as sqlite3, may be reading
   if (access == StoreAccess::kOwn) {
     execute("PRAGMA journal_mode=WAL");
     execute("PRAGMA synchronous=FULL");
@@ -157,7 +158,7 @@ void Store::open(StoreAccess access) {
   if (found > kSchemaVersion) {
     throw std::runtime_error(
         "store " + file_.string() + ": was written by a newer servotwind (layout " +
-        std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) + ")");
+        std::to_string(found) + ", this version supports " + std::to_string(kSchemaVersion) + ")");
   }
   if (access == StoreAccess::kRead) return;
   Transaction transaction(*this);
@@ -222,7 +223,7 @@ std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
     *passed_over += passed_over->empty() ? unusable : "; " + unusable;
     *passed_over += out.size() > found
                         ? "version " + std::to_string(out.back().record.version) + " is in force"
-                        : "the axis is identified anew";
+                        : "the axis is identified again";
   }
   return out;
 }
@@ -230,7 +231,7 @@ std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
 std::vector<StoredModel> Store::in_force() const {
   const std::lock_guard lock(mutex_);
   std::vector<StoredModel> models = newest_usable();
-  if (lock_ < 0) return models;  // one that was not opened by us may not have the table
+  if (lock_ < 0) return models;  // a store of an older version may not have the table
   for (StoredModel& model : models) {
     Statement validated(*this,
                         "SELECT time FROM validations WHERE machine = ? AND axis = ? AND version = "
@@ -280,7 +281,7 @@ std::vector<StoredModel> Store::versions(const std::string& axis, int most) cons
     try {
       out.push_back(model_in(rows));
     } catch (const std::exception&) {
-      continue;  // one that cannot be used is no version to go back to
+      continue;  // an unusable version cannot be restored
     }
   }
   return out;
@@ -311,7 +312,7 @@ void Store::promote(ModelRecord& record, const Event& event,
   for (const std::string& recording : recordings)
     insert_citation(machine_, stored.axis, stored.version, recording);
   insert_event(event);
-  // All that could fail for want of space comes before the commit.
+  // Everything that may fail on a full disk comes before the commit.
   const std::filesystem::path copy = copy_of(machine_, stored.axis);
   std::filesystem::create_directories(copy.parent_path());
   AtomicFile file(copy);
@@ -320,7 +321,7 @@ void Store::promote(ModelRecord& record, const Event& event,
   try {
     file.commit();
   } catch (const std::runtime_error&) {
-    // It is stored; the next start completes the copy.
+    // The model is stored; the next start completes the copy.
   }
   record = std::move(stored);
 }

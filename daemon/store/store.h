@@ -1,13 +1,14 @@
-// What must outlive the daemon: every model that was in force, diagnoses and events (SQLite).
+// The store: every model that was in force, diagnoses and events, in an SQLite database that
+// outlives the daemon.
 //
 // Nothing is acknowledged before it is on the disk: WAL journal, synchronous=FULL, one transaction
-// for a model or a diagnosis and its event. The version in force of an axis is its highest one. One
-// process per directory, and any number that read.
+// for a model or a diagnosis with its event. The version in force of an axis is its highest usable
+// one. One process may write to a directory; any number may read.
 //
-// The model in force of every axis is beside the database, too: models/<machine>/<axis>.json. A
-// database that is damaged is put aside, and the models in force come back from there, with the
-// recordings that they cite. Errors: std::runtime_error, one line with the file and the reason. Any
-// thread.
+// A copy of the model in force of every axis is in models/<machine>/<axis>.json beside the
+// database. A damaged database is put aside, and the models in force are restored from these
+// copies, with the recordings that they cite. Errors: std::runtime_error, one line with the file
+// and the reason. Any thread.
 #pragma once
 
 #include <filesystem>
@@ -31,20 +32,20 @@ struct Event {
   std::string detail;  ///< JSON, or empty
 };
 
-/// A model with why it came into force.
+/// A model with the reason why it came into force.
 struct StoredModel {
   ModelRecord record;
   std::string reason;
-  /// When it was last found to hold on motion that nobody was fitted to, ISO 8601; empty: when it
-  /// came into force, or not known where the store is only read.
+  /// When it was last validated on held-out motion, ISO 8601; empty: not since it came into force,
+  /// or not known because the store is opened for reading only.
   std::string validated{};
 };
 
-/// A diagnosis as it is kept and published.
+/// A diagnosis as it is stored and published.
 struct StoredDiagnosis {
   std::string time;  ///< ISO 8601, UTC
   std::string axis;
-  std::string reason;          ///< why it was made: "on schedule", or the alarm
+  std::string reason;          ///< why it was made: "on schedule", or the text of the alarm
   std::string verdict;         ///< name_of(Verdict)
   std::string json;            ///< servotwin.diagnosis/1
   std::string extended_model;  ///< servotwin.model/1
@@ -54,60 +55,64 @@ enum class StoreAccess { kOwn, kRead };
 
 class Store {
  public:
-  /// The newest events that are kept; some months of decisions.
+  /// Number of the newest events that are kept: some months of decisions.
   static constexpr int kEventsKept = 100'000;
-  /// The newest diagnoses of an axis that are kept: seven months of one an hour.
+  /// Number of the newest diagnoses of an axis that are kept: seven months of one per hour.
   static constexpr int kDiagnosesKept = 5000;
 
-  /// Opens or makes `directory`/servotwin.sqlite. To read it neither is made nor held, so that it
-  /// can be read beside the daemon; nothing can be written then.
+  /// Opens `directory`/servotwin.sqlite. With kOwn it is created if it does not exist, and locked
+  /// for this process. With kRead it is neither created nor locked, so that it can be read while
+  /// the daemon runs, and nothing can be written.
   Store(const std::filesystem::path& directory, std::string machine,
         StoreAccess access = StoreAccess::kOwn);
-  /// Throws if it could not be opened or made there, as far as that can be told from outside.
+  /// Throws if the permissions do not allow to open or create a store there.
   static void require_writable(const std::filesystem::path& directory);
-  /// Throws if nothing can be made there, or where it would be made; leaves nothing behind.
+  /// Throws if no file can be created there, or in the nearest existing parent; leaves no file
+  /// behind.
   static void try_making(const std::filesystem::path& directory);
-  /// True while a process has it open as its own.
+  /// True while a process has opened it with kOwn.
   [[nodiscard]] static bool in_use(const std::filesystem::path& directory);
   Store(const Store&) = delete;
   Store& operator=(const Store&) = delete;
   ~Store();
 
-  /// The model in force of every axis: the newest that this program can use. A damaged one, or one
-  /// of a program with other effects, stays where it is; `lost` names it.
+  /// The model in force of every axis: the newest version that this program can use. A damaged
+  /// model, or one of a program with other effects, stays in the store; `lost` names it.
   [[nodiscard]] std::vector<StoredModel> in_force() const;
-  /// The versions of an axis, the newest first; -1: all of them.
+  /// The `most` newest usable versions of an axis, the newest first; -1: all.
   [[nodiscard]] std::vector<StoredModel> versions(const std::string& axis, int most = -1) const;
-  /// Stores a model as the axis' next version, with the event that tells of it; version and parent
-  /// of `record` are set. When this returns it is on the disk; when it throws nothing has changed.
-  /// `recordings`: the files of recordings/<machine> that it was found and judged on; its JSON
-  /// names them, too, as data.recordings.
+  /// Stores a model as the next version of its axis, together with its event, and sets version and
+  /// parent of `record`. When it returns, the model is on the disk; when it throws, nothing has
+  /// changed. `recordings`: the files in recordings/<machine> that the model was fitted to and
+  /// judged on; its JSON names them as data.recordings.
   void promote(ModelRecord& record, const Event& event,
                const std::vector<std::string>& recordings = {});
-  /// The version in force of an axis was found to hold, at this time (ISO 8601).
+  /// Stores that the version in force of an axis was validated again at `time` (ISO 8601).
   void validate(const std::string& axis, int version, const std::string& time);
-  /// The recordings that models were found and judged on. Every model is kept, in force or not.
+  /// The recordings that stored models, in force or not, were fitted to or judged on.
   [[nodiscard]] std::set<std::string> cited() const;
 
-  /// Stores a diagnosis with the event that tells of it, and forgets what is too old.
+  /// Stores a diagnosis with its event, and deletes the oldest ones beyond kDiagnosesKept.
   void add(const StoredDiagnosis& diagnosis, const Event& event);
-  /// Of an axis, the newest first.
+  /// The `most` newest diagnoses of an axis, the newest first.
   [[nodiscard]] std::vector<StoredDiagnosis> diagnoses(const std::string& axis, int most) const;
 
-  /// The axes of this machine of which there is a model or a diagnosis, in alphabetical order.
+  /// The axes of this machine with a stored model or diagnosis, in alphabetical order.
   [[nodiscard]] std::vector<std::string> axes() const;
-  /// The machines, likewise.
+  /// The machines with a stored model or diagnosis, in alphabetical order.
   [[nodiscard]] std::vector<std::string> machines() const;
 
+  /// Stores an event, and deletes the oldest ones beyond kEventsKept.
   void add(const Event& event);
-  /// Writes to the disk what is there already. Throws if that fails.
+  /// Tests writing, without changing the content. Throws if it fails.
   void try_writing();
-  /// The newest first.
+  /// The `most` newest events, the newest first.
   [[nodiscard]] std::vector<Event> events(int most) const;
 
   [[nodiscard]] const std::filesystem::path& directory() const noexcept { return directory_; }
   [[nodiscard]] const std::string& machine() const noexcept { return machine_; }
-  /// What was lost or cannot be used when it was opened, and where it is kept; empty if nothing.
+  /// What was lost or could not be used when the store was opened, and where it is kept; empty:
+  /// nothing.
   [[nodiscard]] const std::string& lost() const noexcept { return lost_; }
 
  private:
@@ -118,7 +123,8 @@ class Store {
   class Transaction;
 
   void open(StoreAccess access);
-  /// Why the database cannot be used; empty if it can. Throws where it is none of ours.
+  /// Why the database cannot be used; empty if it can, or if the file is not an SQLite database
+  /// (then opening it fails).
   [[nodiscard]] std::string damage() const;
   void put_aside(const std::string& why);
   void restore_models();
@@ -130,11 +136,12 @@ class Store {
   void insert_event(const Event& event);
   void insert_citation(const std::string& machine, const std::string& axis, int version,
                        const std::string& recording) const;
-  /// Of a row of axis, version, reason, json. Throws where this program cannot use it.
+  /// The model of a row (axis, version, reason, json). Throws if this program cannot use it.
   [[nodiscard]] static StoredModel model_in(const Statement& row);
   /// The first column of all rows.
   [[nodiscard]] static std::vector<std::string> all_texts(Statement& rows);
-  /// Of every axis; what was newer and cannot be used is added to `passed_over`, as a sentence.
+  /// The newest usable model of every axis; a sentence about newer unusable ones is added to
+  /// `passed_over`.
   [[nodiscard]] std::vector<StoredModel> newest_usable(std::string* passed_over = nullptr) const;
 
   std::filesystem::path directory_, file_;
@@ -145,7 +152,7 @@ class Store {
   mutable std::mutex mutex_;
 };
 
-/// "2026-01-31T12:00:00.000Z"
+/// Formats ns since 1970 as "2026-01-31T12:00:00.000Z".
 [[nodiscard]] std::string iso_time(std::int64_t wall_ns);
 
 }  // namespace servotwin::daemon

@@ -1,5 +1,5 @@
-// What a Store does about a database that is damaged or gone: it is put aside, and the models in
-// force come back from their copies.
+// Recovery of a Store from a damaged or missing database: the database is put aside, and the models
+// in force are restored from their copies.
 #include <fcntl.h>
 #include <sqlite3.h>
 
@@ -32,24 +32,24 @@ std::vector<std::string> recordings_of(const nlohmann::json& model) {
 std::string Store::damage() const {
   std::error_code error;
   const bool copies = std::filesystem::exists(directory_ / "models", error);
-  if (!std::filesystem::exists(file_, error)) return copies ? "the database is gone" : "";
+  if (!std::filesystem::exists(file_, error)) return copies ? "the database file is missing" : "";
   std::array<char, kMagic.size() + 2> start{};  // with the size of a page
   const FileHandle file = FileHandle::open(file_, O_RDONLY);
   const std::size_t size = file.read(start.data(), start.size());
-  // What begins otherwise is somebody else's file; opening it says so. What is shorter than a page
-  // SQLite takes for a new one; but that was before the first copy.
+  // A file with another beginning is not an SQLite database: opening it reports that. SQLite treats
+  // a file shorter than a page as a new database; if there are copies of models, it was truncated.
   if (!std::string_view(start.data(), size).starts_with(kMagic.substr(0, size))) return "";
   constexpr std::uintmax_t kSmallestPage = 512;
   if (const std::uintmax_t bytes = std::filesystem::file_size(file_); bytes < kSmallestPage)
-    return copies ? "of the database there are " + std::to_string(bytes) + " bytes" : "";
-  // A page of which a part is missing reads as zeros, and that may be within a model.
+    return copies ? "the database file has only " + std::to_string(bytes) + " bytes" : "";
+  // SQLite reads the missing part of a truncated page as zeros, which may be inside a model.
   const std::filesystem::path journal = file_.string() + "-wal";
   const auto high = static_cast<unsigned char>(start[16]),
              low = static_cast<unsigned char>(start[17]);
   const unsigned page = high == 0 && low == 1 ? 65'536U : 256U * high + low;
   const bool journaled = std::filesystem::exists(journal) && !std::filesystem::is_empty(journal);
   if (!journaled && page != 0 && std::filesystem::file_size(file_) % page != 0)
-    return "the database ends within a page";
+    return "the database file is truncated within a page";
   sqlite3* database = nullptr;
   sqlite3_open_v2(file_.c_str(), &database, SQLITE_OPEN_READWRITE, nullptr);
   const std::unique_ptr<sqlite3, Close> closed(database);
@@ -79,9 +79,10 @@ void Store::put_aside(const std::string& why) {
     if (std::filesystem::exists(from, error))
       std::filesystem::rename(from, directory_ / (aside + part));
   }
-  lost_ = "the store was damaged (" + why +
-          "): older models, diagnoses and events are lost; what is left of them is in " +
-          (directory_ / aside).string();
+  lost_ =
+      "the store was damaged (" + why +
+      "): older models, diagnoses and events are lost; what is left of the database is kept as " +
+      (directory_ / aside).string();
 }
 
 std::filesystem::path Store::copy_of(const std::string& machine, const std::string& axis) const {
@@ -107,13 +108,13 @@ void Store::restore_models() {
                         recording);
       ++restored;
     } catch (const std::exception& error) {
-      lost_ += "; a model in force is lost, too: " + std::string(error.what());
+      lost_ += "; a model in force could not be restored: " + std::string(error.what());
     }
   }
-  lost_ += "; models in force that are back: " + std::to_string(restored);
+  lost_ += "; models in force restored: " + std::to_string(restored);
 }
 
-/// Of stores that were made before there were copies, and where a crash came between the two.
+/// Writes missing copies: of stores of a version without copies, and after a crash between the two.
 void Store::complete_copies() const {
   Statement axes(*this, "SELECT DISTINCT machine, axis FROM models");
   while (axes.step("cannot be read")) {
@@ -122,7 +123,7 @@ void Store::complete_copies() const {
                    "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
                    "ORDER BY version DESC");
     rows.bind(machine).bind(axis);
-    // Of what cannot be used no copy takes the place of one that can.
+    // The copy of a usable model is not replaced by an unusable one.
     bool usable = false;
     while (!usable && rows.step("cannot be read")) {
       try {
@@ -137,7 +138,7 @@ void Store::complete_copies() const {
     try {
       if (std::filesystem::exists(copy) && read_model(copy).version == rows.number(1)) continue;
     } catch (const std::exception&) {
-      // It is written again.
+      // An unreadable copy is written again.
     }
     std::filesystem::create_directories(copy.parent_path());
     AtomicFile file(copy);

@@ -1,4 +1,5 @@
-// How a Store speaks SQL. Errors as those of the store.
+// Prepared SQL statements and transactions of a Store; for store*.cpp only. Errors as those of the
+// store.
 #pragma once
 
 #include <sqlite3.h>
@@ -10,7 +11,7 @@
 
 namespace servotwin::daemon {
 
-/// A statement that is finalised when it goes out of scope.
+/// A prepared statement that is finalised when it goes out of scope.
 class Store::Statement {
  public:
   Statement(const Store& store, const char* sql) : store_(store) {
@@ -30,7 +31,7 @@ class Store::Statement {
     sqlite3_bind_int64(statement_, ++bound_, number);
     return *this;
   }
-  /// True if there is a row.
+  /// Steps to the next row; true if there is one. `doing`: text of the error.
   bool step(const char* doing) {
     const int result = sqlite3_step(statement_);
     if (result != SQLITE_ROW && result != SQLITE_DONE) store_.fail(doing);
@@ -50,7 +51,7 @@ class Store::Statement {
   int bound_ = 0;
 };
 
-/// Everything between here and commit() is on the disk together or not at all.
+/// A transaction: all changes until commit() are stored together or not at all.
 class Store::Transaction {
  public:
   explicit Transaction(const Store& store) : store_(store) { store.execute("BEGIN IMMEDIATE"); }

@@ -22,9 +22,9 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kMostVersions = 1000, kMostDiagnoses = 1000, kMostEvents = 10'000;
+constexpr int kMaxVersions = 1000, kMaxDiagnoses = 1000, kMaxEvents = 10'000;
 
-/// What a request gets wrong, with the status that says so.
+/// A wrong request, with the HTTP status of the answer.
 struct Refused : std::runtime_error {
   Refused(int the_status, const std::string& what) : std::runtime_error(what), status(the_status) {}
   int status;
@@ -39,7 +39,7 @@ HttpResponse answer_json(const json& body, int status = 200) {
   return {status, "application/json", text_of(body) + "\n"};
 }
 
-/// `name`=N of the query.
+/// The whole number `name` of the query, 1 to `most`; `otherwise` if it is not given.
 int whole_number(const HttpRequest& request, const std::string& name, int otherwise, int most) {
   const auto found = request.query.find(name);
   if (found == request.query.end()) return otherwise;
@@ -71,7 +71,7 @@ HttpResponse page_file(const HttpRequest& request, const PageFile& file) {
   return out;
 }
 
-/// Takes the same time wherever they differ.
+/// Compares in constant time, wherever the texts differ.
 bool same_secret(const std::string& a, const std::string& b) {
   unsigned difference = a.size() == b.size() ? 0 : 1;
   for (std::size_t i = 0; i < a.size(); ++i)
@@ -88,14 +88,14 @@ json version_json(const StoredModel& model) {
           {"effects", out["effects"]}};
 }
 
-/// A diagnosis as it was published, and when and why.
+/// A diagnosis as it was published, with time and reason.
 json diagnosis_json(const StoredDiagnosis& diagnosis) {
   json out{{"time", diagnosis.time}, {"reason", diagnosis.reason}, {"verdict", diagnosis.verdict}};
   out["diagnosis"] = json::parse(diagnosis.json);
   return out;
 }
 
-/// The rest of `path` behind `prefix`, where there is one and it is one name.
+/// The rest of `path` after `prefix` if it is a single name; nothing otherwise.
 std::optional<std::string> rest(const std::string& path, std::string_view prefix) {
   if (!path.starts_with(prefix) || path.size() == prefix.size()) return std::nullopt;
   std::string name = path.substr(prefix.size());
@@ -109,7 +109,8 @@ std::vector<std::string> names_of(const std::vector<AxisDescription>& axes) {
   return out;
 }
 
-/// The number of an axis. Its name stands in file names, so this is more than a courtesy.
+/// The index of an axis; throws if there is no such axis. Names are used in file names, so they
+/// must be checked.
 std::size_t number_of(const std::string& axis, const MachineDescription& machine) {
   const std::vector<std::string> names = names_of(machine.axes);
   const auto found = std::find(names.begin(), names.end(), axis);
@@ -193,7 +194,7 @@ HttpResponse Api::metrics() {
   const auto recordings = sources_.store.directory() / "recordings" / sources_.machine;
   for (const auto& file : std::filesystem::directory_iterator(recordings, ignored)) {
     const std::uintmax_t size = file.file_size(ignored);
-    if (ignored) continue;  // it was the oldest, and is gone by now
+    if (ignored) continue;  // deleted in the meantime
     now.recordings_bytes += static_cast<double>(size);
     now.recordings_files += 1.0;
   }
@@ -224,7 +225,7 @@ HttpResponse Api::models() {
 
 HttpResponse Api::versions(const std::string& axis, const HttpRequest& request) {
   know_only(request, {"most"});
-  const int most = whole_number(request, "most", 100, kMostVersions);
+  const int most = whole_number(request, "most", 100, kMaxVersions);
   number_of(axis, sources_.now().description);
   json versions = json::array();
   for (const StoredModel& model : sources_.store.versions(axis, most))
@@ -234,7 +235,7 @@ HttpResponse Api::versions(const std::string& axis, const HttpRequest& request) 
 
 HttpResponse Api::diagnoses(const std::string& axis, const HttpRequest& request) {
   know_only(request, {"most"});
-  const int most = whole_number(request, "most", 10, kMostDiagnoses);
+  const int most = whole_number(request, "most", 10, kMaxDiagnoses);
   number_of(axis, sources_.now().description);
   json diagnoses = json::array();
   for (const StoredDiagnosis& diagnosis : sources_.store.diagnoses(axis, most))
@@ -245,7 +246,7 @@ HttpResponse Api::diagnoses(const std::string& axis, const HttpRequest& request)
 
 HttpResponse Api::events(const HttpRequest& request) {
   know_only(request, {"most"});
-  const int most = whole_number(request, "most", 100, kMostEvents);
+  const int most = whole_number(request, "most", 100, kMaxEvents);
   json events = json::array();
   for (const Event& event : sources_.store.events(most)) {
     json detail;
@@ -265,7 +266,7 @@ HttpResponse Api::report(const std::string& axis) {
       read_report(sources_.store.directory(), sources_.machine, axis);
   if (!html) return http_error(404, "axis " + in_quotes(axis) + " has not been diagnosed yet");
   HttpResponse out{200, "text/html; charset=utf-8", *html};
-  // It is shown inside the page; its style stands in it, and it needs nothing else.
+  // The report is shown inside the page; it has an inline style and loads nothing.
   out.headers = {{"Content-Security-Policy",
                   "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action "
                   "'none'; frame-ancestors 'self'"},
@@ -278,7 +279,7 @@ HttpResponse Api::ask(const std::string& axis) {
     throw Refused(409, "no machine is known yet");
   return answer_json({{"schema", "servotwin.request/1"},
                       {"axis", axis},
-                      {"text", "a diagnosis is made as soon as there is motion enough"}},
+                      {"text", "a diagnosis is made as soon as there is enough motion"}},
                      202);
 }
 

@@ -1,8 +1,7 @@
-// What is asked over HTTP, and what is answered: the page, /healthz, /metrics and /api/v1
-// (docs/reference.md).
+// The HTTP endpoints: the page, /healthz, /metrics and /api/v1 (docs/reference.md).
 //
-// Every JSON has a schema. What cannot be answered is a servotwin.error/1 that says why. One
-// thread.
+// Every JSON document has a schema. A request that cannot be answered gets a servotwin.error/1 with
+// the reason. One thread.
 #pragma once
 
 #include <functional>
@@ -18,15 +17,15 @@
 
 namespace servotwin::daemon {
 
-/// What the endpoints answer from.
+/// The data sources of the endpoints.
 struct ApiSources {
-  std::string machine, token;  ///< an empty token: nothing may be changed
-  Store& store;                ///< opened to be read
+  std::string machine, token;  ///< empty token: changes are not allowed
+  Store& store;                ///< opened for reading
   Health& health;
   std::function<MetricsInput()> now;
-  /// Asks for a diagnosis of an axis, by its number; false where no machine is known.
+  /// Requests a diagnosis of an axis, by its index; false if no machine is known.
   std::function<bool(std::size_t)> ask_diagnosis;
-  /// What arms live offsets; null where no machine is known.
+  /// The arming of live offsets; null if no machine is known.
   std::function<Arming*()> arming;
 };
 

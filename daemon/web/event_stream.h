@@ -1,7 +1,7 @@
-// The messages of the live stream (server-sent events), the newest of them kept for who comes now
-// and for who reads slowly. Who falls further behind than that has lost some: his stream ends.
+// The messages of the live stream (server-sent events). The newest kKept are kept for new readers
+// and for slow readers; the stream of a reader that falls further behind is ended.
 //
-// One thread.
+// One thread; errors: none.
 #pragma once
 
 #include <algorithm>
@@ -14,24 +14,24 @@ namespace servotwin::daemon {
 
 class EventStream {
  public:
-  /// Nineteen seconds of twenty batches and a status per second.
+  /// Number of messages kept: nineteen seconds of twenty batches and one status per second.
   static constexpr std::size_t kKept = 400;
-  /// What a new reader gets of the past.
+  /// How much of the past a new reader gets.
   static constexpr std::int64_t kPast_ns = 10'000'000'000;
 
-  /// `json` is one line. `now_ns`: steady, here as below.
+  /// Adds a message. `json`: one line. `now_ns`: steady clock, here and below.
   void add(std::string_view event, std::string_view json, std::int64_t now_ns);
 
-  /// The number of the first message for a new reader.
+  /// Number of the first message for a new reader.
   [[nodiscard]] std::uint64_t start(std::int64_t now_ns) const noexcept {
     const auto first = std::find_if(messages_.begin(), messages_.end(), [&](const Message& one) {
       return now_ns - one.added_ns <= kPast_ns;
     });
     return first_ + static_cast<std::uint64_t>(first - messages_.begin());
   }
-  /// The number that the next message will have.
+  /// Number that the next message will have.
   [[nodiscard]] std::uint64_t end() const noexcept { return first_ + messages_.size(); }
-  /// Null if it is not kept any more; `number` below end().
+  /// The message; null if it is not kept any more. `number` must be below end().
   [[nodiscard]] const std::string* at(std::uint64_t number) const noexcept {
     return number < first_ ? nullptr : &messages_[static_cast<std::size_t>(number - first_)].text;
   }

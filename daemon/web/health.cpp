@@ -14,11 +14,11 @@ void Health::on_turns(std::optional<std::uint64_t> turns, std::int64_t now_ns) {
 
 std::vector<std::string> Health::problems(std::int64_t now_ns) {
   std::vector<std::string> out;
-  if (turns_ && now_ns - turned_ns_ > kLoopPatience_ns) {
+  if (turns_ && now_ns - turned_ns_ > kMaxLoopSilence_ns) {
     out.push_back(text("the real-time loop has made no progress for %.1f s",
                        1e-9 * static_cast<double>(now_ns - turned_ns_)));
   }
-  if (!tried_ns_ || now_ns - *tried_ns_ >= kStoreLook_ns) {
+  if (!tried_ns_ || now_ns - *tried_ns_ >= kStoreCheck_ns) {
     tried_ns_ = now_ns;
     store_problem_.clear();
     try {

@@ -1,7 +1,7 @@
-// Whether the daemon does its work: does the real-time loop go on, can the store be written, are
-// cycles recorded?
+// Whether the daemon works: the real-time loop makes progress, the store can be written, cycles are
+// recorded.
 //
-// A machine that is silent is no illness of the daemon. One thread; the time is an argument.
+// A silent machine is not a problem of the daemon. One thread; the time is an argument.
 #pragma once
 
 #include <cstdint>
@@ -15,16 +15,18 @@ namespace servotwin::daemon {
 
 class Health {
  public:
-  static constexpr std::int64_t kLoopPatience_ns = 2'000'000'000;  // it turns every 0.1 s at least
-  static constexpr std::int64_t kStoreLook_ns = 10'000'000'000;  // a try costs a write to the disk
+  /// The loop makes a turn at least every 0.1 s.
+  static constexpr std::int64_t kMaxLoopSilence_ns = 2'000'000'000;
+  static constexpr std::int64_t kStoreCheck_ns = 10'000'000'000;  // every check writes to the disk
 
   explicit Health(Store& store) : store_(store) {}
 
-  /// The turns of the loop so far; nothing while there is none. Some times a second.
+  /// Reports the turns of the loop so far; nothing without a loop. To be called several times a
+  /// second.
   void on_turns(std::optional<std::uint64_t> turns, std::int64_t now_ns);
-  /// Why cycles are not recorded though they should be; empty: they are, or there are none.
+  /// Reports why cycles are not recorded; empty: they are, or there are none.
   void on_recording(const std::string& problem) { recording_problem_ = problem; }
-  /// What is wrong; nothing if all is well.
+  /// The problems, one line each; empty if there are none.
   [[nodiscard]] std::vector<std::string> problems(std::int64_t now_ns);
 
  private:

@@ -20,7 +20,7 @@ std::string name_in(const std::string& host) {
 }
 
 bool is_number(const std::string& host) {
-  if (host.find('\0') != host.npos) return false;  // inet_pton would read as far as that
+  if (host.find('\0') != host.npos) return false;  // inet_pton would stop there
   unsigned char bytes[sizeof(in6_addr)];
   return inet_pton(AF_INET, host.c_str(), bytes) == 1 ||
          inet_pton(AF_INET6, host.c_str(), bytes) == 1;
@@ -30,7 +30,7 @@ bool is_number(const std::string& host) {
 
 HttpResponse http_error(int status, const std::string& error) {
   const nlohmann::json json{{"schema", "servotwin.error/1"}, {"status", status}, {"error", error}};
-  // What was asked for may be quoted, and may be anything.
+  // The message may quote bytes of the request that are not UTF-8: they are replaced.
   return {status, "application/json",
           json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }

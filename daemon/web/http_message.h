@@ -1,5 +1,5 @@
-// A request and its answer, as the endpoints see them, and whom a request may be for. Any thread;
-// errors: none.
+// An HTTP request and its response as the endpoints see them, and the check of the Host field. Any
+// thread; errors: none.
 #pragma once
 
 #include <map>
@@ -21,14 +21,14 @@ struct HttpResponse {
   std::string type = "application/json";
   std::string body;
   std::vector<std::pair<std::string, std::string>> headers{};
-  bool stream = false;  ///< the live stream follows in place of the body
+  bool stream = false;  ///< the live stream follows instead of the body
 };
 
-/// {"schema":"servotwin.error/1","status":..,"error":".."}
+/// The response {"schema":"servotwin.error/1","status":..,"error":".."}.
 [[nodiscard]] HttpResponse http_error(int status, const std::string& error);
 
-/// Whether a Host field ("mill:8402", "[::1]:8402") is a number or one of `names`, which are in
-/// lower case.
+/// Whether a Host field ("mill:8402", "[::1]:8402") is an IP address or one of `names`, which must
+/// be in lower case.
 [[nodiscard]] bool is_for(const std::string& host, const std::vector<std::string>& names);
 [[nodiscard]] std::string in_lower_case(std::string text);
 

@@ -16,10 +16,10 @@
 namespace servotwin::daemon {
 namespace {
 
-// A little more than a batch of 8000 points a second; what is longer goes in parts.
+// Somewhat more than a batch of 8000 points per second; longer messages are sent in parts.
 constexpr std::size_t kStreamBlock = 32 * 1024;
 
-constexpr int kLastTurns = 10;
+constexpr int kMaxClosingPolls = 10;
 
 constexpr const char* kPageSecurity =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src "
@@ -88,7 +88,7 @@ void HttpServer::try_listening(const ListenAddress& address) {
   close(listening_socket(address, port));
 }
 
-/// Who reads the live stream.
+/// A reader of the live stream.
 struct HttpServer::Reader {
   HttpServer* server = nullptr;
   MHD_Connection* connection = nullptr;
@@ -154,10 +154,10 @@ void HttpServer::listen_on(const ListenAddress& address) {
   daemon_ = MHD_start_daemon(
       MHD_USE_EPOLL | MHD_USE_ITC | MHD_ALLOW_SUSPEND_RESUME, 0, nullptr, nullptr,
       Callbacks::on_request, this, MHD_OPTION_LISTEN_SOCKET, socket, MHD_OPTION_CONNECTION_LIMIT,
-      kMostConnections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, kMostPerAddress,
-      MHD_OPTION_CONNECTION_TIMEOUT, kSilence_s, MHD_OPTION_CONNECTION_MEMORY_LIMIT, kRequestBytes,
-      MHD_OPTION_NOTIFY_COMPLETED, Callbacks::on_end, nullptr, MHD_OPTION_STRICT_FOR_CLIENT, 1,
-      MHD_OPTION_END);
+      kMaxConnections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, kMaxConnectionsPerAddress,
+      MHD_OPTION_CONNECTION_TIMEOUT, kConnectionTimeout_s, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+      kMaxRequestBytes, MHD_OPTION_NOTIFY_COMPLETED, Callbacks::on_end, nullptr,
+      MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_END);
   if (daemon_ == nullptr) {
     close(socket);
     throw std::runtime_error("http.listen = '" + address.text() +
@@ -171,8 +171,8 @@ HttpServer::~HttpServer() {
     if (reader->suspended) MHD_resume_connection(reader->connection);
     reader->suspended = false;
   }
-  // Streams end as they should, for who reads them.
-  for (int turn = 0; turn < kLastTurns && !readers_.empty(); ++turn) poll(10);
+  // Gives the readers a regular end of their streams.
+  for (int turn = 0; turn < kMaxClosingPolls && !readers_.empty(); ++turn) poll(10);
   MHD_stop_daemon(daemon_);
 }
 
@@ -190,20 +190,20 @@ HttpResponse HttpServer::answer(MHD_Connection* connection, const HttpRequest& r
                                 bool has_body) {
   if (const std::string host = header(connection, "Host"); !is_for(host, names_)) {
     return http_error(
-        421, "this is not '" + host + "'; ask by address, or name this host in http.names");
+        421, "unknown host name '" + host + "'; use the IP address, or add the name to http.names");
   }
   if (request.method != "GET" && request.method != "HEAD" && request.method != "POST") {
-    HttpResponse refused = http_error(405, "GET, HEAD and POST are understood");
+    HttpResponse refused = http_error(405, "only GET, HEAD and POST are supported");
     refused.headers.emplace_back("Allow", "GET, HEAD, POST");
     return refused;
   }
-  if (has_body) return http_error(413, "nothing here takes a body");
+  if (has_body) return http_error(413, "requests with a body are not accepted");
   HttpResponse response = handler_(request);
   if (response.stream && request.method != "GET") {
     response.stream = false;
-  } else if (response.stream && readers_.size() >= kMostStreams) {
-    return http_error(503, "there are " + std::to_string(kMostStreams) +
-                               " live streams already, and no more are served");
+  } else if (response.stream && readers_.size() >= kMaxStreams) {
+    return http_error(503, "there are " + std::to_string(kMaxStreams) +
+                               " live streams already; no more are served");
   }
   return response;
 }

@@ -1,11 +1,10 @@
-// HTTP/1.1 on one socket: GNU libmicrohttpd, turned by poll() in one thread of the caller.
+// HTTP/1.1 on one socket with GNU libmicrohttpd, driven by poll() in one thread of the caller.
 //
-// What is limited: connections (all, and of one address), the size of a request, the time that a
-// connection may be silent, live streams, and how far a stream may fall behind. What is refused
-// before an endpoint sees it: methods other than GET, HEAD and POST, bodies, and a Host that is
-// neither a number, localhost, this host nor among `names` (a page elsewhere could make its own
-// name point here). Every answer carries the headers that keep a browser from doing more with it
-// than show it.
+// Limited are the connections (all, and per address), the size of a request, the time that a
+// connection may be silent, the live streams, and how far a stream may fall behind. Refused before
+// an endpoint sees them are methods other than GET, HEAD and POST, requests with a body, and a Host
+// field that is neither an IP address, localhost, this host nor one of `names` (protection against
+// DNS rebinding). Every response has headers that restrict what a browser may do with it.
 //
 // Errors: the constructor throws CannotListen. One thread.
 #pragma once
@@ -26,7 +25,7 @@ struct MHD_Daemon;
 
 namespace servotwin::daemon {
 
-/// One line; what to do is in it where that is known.
+/// One line, with advice where there is some.
 struct CannotListen : std::runtime_error {
   CannotListen(const ListenAddress& address, int the_error);
   int error;  ///< errno
@@ -34,28 +33,28 @@ struct CannotListen : std::runtime_error {
 
 class HttpServer {
  public:
-  static constexpr unsigned kMostConnections = 64;
-  static constexpr unsigned kMostPerAddress = 48;
-  static constexpr unsigned kMostStreams = 16;
-  static constexpr unsigned kSilence_s = 10;
-  static constexpr std::size_t kRequestBytes = 32 * 1024;
+  static constexpr unsigned kMaxConnections = 64;
+  static constexpr unsigned kMaxConnectionsPerAddress = 48;
+  static constexpr unsigned kMaxStreams = 16;
+  static constexpr unsigned kConnectionTimeout_s = 10;
+  static constexpr std::size_t kMaxRequestBytes = 32 * 1024;
 
   using Handler = std::function<HttpResponse(const HttpRequest&)>;
 
-  /// `names`: what else this host is called. `handler` must not throw.
+  /// `names`: further names of this host. `handler` must not throw.
   HttpServer(const ListenAddress& address, std::vector<std::string> names, Handler handler);
-  /// Throws CannotListen where nobody could listen now; takes nothing.
+  /// Throws CannotListen if the address cannot be used now; does not keep it.
   static void try_listening(const ListenAddress& address);
   HttpServer(const HttpServer&) = delete;
   HttpServer& operator=(const HttpServer&) = delete;
   ~HttpServer();
 
-  /// Answers what is asked, for about this long at most.
+  /// Answers requests for about `timeout_ms` at most.
   void poll(int timeout_ms);
-  /// A message to all streams.
+  /// Sends a message to all streams.
   void send(std::string_view event, std::string_view json);
 
-  /// With the port that was taken.
+  /// The address with the actual port.
   [[nodiscard]] const ListenAddress& address() const noexcept { return address_; }
   [[nodiscard]] std::size_t streams() const noexcept { return readers_.size(); }
   /// Streams that were ended because their reader was too slow.

@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-// A nanometre in ten metres; an error of a metre to 0.1 um, one of a millimetre to 0.1 nm.
+// Significant digits: commands to 1 nm in 10 m; an error of 1 m to 0.1 um, one of 1 mm to 0.1 nm.
 constexpr int kCommandDigits = 11;
 constexpr int kErrorDigits = 7;
 constexpr int kFirstOctave = 10, kLastOctave = 30;  // as in /metrics

@@ -1,6 +1,7 @@
-// What the page and programs are told about now: servotwin.status/1 and servotwin.live/1.
+// The JSON of the current state for the page and for programs: servotwin.status/1 and
+// servotwin.live/1.
 //
-// A number that is not there is null. Any thread.
+// A missing number is null. Any thread; errors: none.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -13,12 +14,12 @@
 
 namespace servotwin::daemon {
 
-/// `machine` without axes: not known yet; `alarms` one per axis.
+/// servotwin.status/1. `machine` without axes: not known yet. `alarms`: one per axis.
 [[nodiscard]] nlohmann::json status_json(const LiveStatus& live, const MachineDescription& machine,
                                          const std::vector<AlarmState>& alarms);
 
-/// The octaves of a histogram from the first to the last that has something: [{"below_s", "count"},
-/// ..]; the last one may have no bound.
+/// The octaves of a histogram from the first to the last non-empty one: [{"below_s", "count"}, ..];
+/// the last one may have no bound.
 [[nodiscard]] nlohmann::json octaves_json(const Histogram& histogram);
 
 /// servotwin.live/1 on one line, errors to 7 digits.

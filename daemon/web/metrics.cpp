@@ -22,7 +22,7 @@ std::string value_text(double value) {
   return {text, end.ptr};
 }
 
-/// In a label's quotes.
+/// Escapes a text for the quotes of a label.
 std::string escaped_label(const std::string& text) {
   std::string out;
   for (const char c : text) {
@@ -42,7 +42,7 @@ std::string label(const char* name, const std::string& value) {
 
 class Text {
  public:
-  /// What follows is of this metric.
+  /// Begins a metric; the following samples belong to it.
   void family(const std::string& name, const char* type, const char* help) {
     name_ = "servotwin_" + name;
     out_ += "# HELP " + name_ + " " + help + "\n# TYPE " + name_ + " " + type + "\n";
@@ -67,7 +67,7 @@ class Text {
       sample(static_cast<double>(below), label("le", value_text(std::ldexp(1e-9, octave))),
              "_bucket");
     }
-    // The loop goes on counting meanwhile: no bucket may hold less than the one before.
+    // The loop counts at the same time: no bucket may be smaller than the one before.
     const auto all = static_cast<double>(std::max(below, histogram.count()));
     sample(all, label("le", "+Inf"), "_bucket");
     sample(histogram.sum_s(), "", "_sum");
@@ -82,7 +82,7 @@ class Text {
 void write_counters(const MachineStatus& status, Text& text) {
   for (const StatusCounter& counter : kStatusCounters)
     text.counter(counter.metric, counter.help, status.*counter.count);
-  text.gauge("recording_stopped", "1 where cycles that should be recorded are not.",
+  text.gauge("recording_stopped", "1 if cycles that should be recorded are not recorded.",
              status.not_recording.empty() ? 0.0 : 1.0);
 }
 
@@ -92,21 +92,21 @@ void write_buses(const std::vector<BusStatus>& buses, Text& text) {
     for (const BusStatus& bus : buses)
       text.sample(static_cast<double>(bus.*member), label("bus", bus.name));
   };
-  each("bus_up", "gauge", "1 where the interface is up.", &BusStatus::up);
-  each("bus_frames_total", "counter", "Frames that came.", &BusStatus::frames);
+  each("bus_up", "gauge", "1 if the interface is up.", &BusStatus::up);
+  each("bus_frames_total", "counter", "Frames received.", &BusStatus::frames);
   each("bus_frames_dropped_total", "counter",
-       "Frames dropped by the kernel: they were not taken in time.", &BusStatus::dropped);
-  each("bus_packets_lost_total", "counter", "Packets of CAN over UDP that never came.",
+       "Frames dropped by the kernel: they were not read in time.", &BusStatus::dropped);
+  each("bus_packets_lost_total", "counter", "Packets of CAN over UDP that were lost.",
        &BusStatus::packets_lost);
-  each("bus_messages_missing_total", "counter", "Messages that did not come in their cycle.",
+  each("bus_messages_missing_total", "counter", "Messages missing in their cycle.",
        &BusStatus::missing);
-  each("bus_messages_late_total", "counter", "Messages after the deadline of their cycle.",
+  each("bus_messages_late_total", "counter", "Messages received after the deadline of their cycle.",
        &BusStatus::late);
-  each("bus_frames_unexpected_total", "counter", "Frames of ids that the mapping does not have.",
+  each("bus_frames_unexpected_total", "counter", "Frames with an id that is not in the mapping.",
        &BusStatus::unexpected);
   each("bus_error_frames_total", "counter", "Error frames of the interface.",
        &BusStatus::error_frames);
-  each("bus_downs_total", "counter", "How often the interface went down or away.",
+  each("bus_downs_total", "counter", "How often the interface went down or was removed.",
        &BusStatus::downs);
 }
 
@@ -127,25 +127,25 @@ void write_axes(const MetricsInput& input, Text& text) {
   each("model_version", "gauge", "Version of the model in force; 0: none.",
        [&](std::size_t i) { return known(i).model_version; });
   each("model_holdout_rms", "gauge",
-       "RMS that the model in force left on motion its fit had not seen, in m or rad.",
+       "Residual RMS of the model in force on held-out motion, in m or rad.",
        [&](std::size_t i) { return known(i).holdout_rms; });
   each("models_refused_total", "counter", "Candidates that did not come into force.",
        [&](std::size_t i) { return known(i).refused; });
   each("tracking_error_rms", "gauge",
-       "RMS of command less encoder over the last second, in m or rad.",
+       "RMS of command minus encoder value over the last second, in m or rad.",
        [&](std::size_t i) { return seen(i).measured.rms; });
   each("tracking_error_max", "gauge",
-       "Greatest distance of command and encoder over the last second, in m or rad.",
+       "Largest absolute difference of command and encoder over the last second, in m or rad.",
        [&](std::size_t i) { return seen(i).measured.max; });
   each("predicted_error_rms", "gauge",
        "RMS of the predicted error over the last second, in m or rad.",
        [&](std::size_t i) { return seen(i).predicted.rms; });
   each("residual_rms", "gauge",
-       "RMS of measured less predicted error over the last second, in m or rad.",
+       "RMS of measured minus predicted error over the last second, in m or rad.",
        [&](std::size_t i) { return seen(i).residual.rms; });
-  each("residual_max", "gauge", "Greatest residual over the last second, in m or rad.",
+  each("residual_max", "gauge", "Largest absolute residual over the last second, in m or rad.",
        [&](std::size_t i) { return seen(i).residual.max; });
-  text.family("alarm", "gauge", "State of the residual alarm: 1 for the one that holds.");
+  text.family("alarm", "gauge", "State of the residual alarm: 1 for the current state.");
   for (std::size_t i = 0; i < input.alarms.size() && i < axes.size(); ++i) {
     for (const AlarmState state :
          {AlarmState::kOff, AlarmState::kLearning, AlarmState::kWatching, AlarmState::kRaised}) {
@@ -159,32 +159,37 @@ void write_axes(const MetricsInput& input, Text& text) {
 
 std::string metrics_text(const MetricsInput& input) {
   Text text;
-  text.family("build_info", "gauge", "The program and the machine that it is the twin of.");
+  text.family("build_info", "gauge", "Version of the program and name of its machine.");
   text.sample(1.0, label("machine", input.machine) + "," + label("version", input.version));
-  text.gauge("uptime_seconds", "Since the daemon started.", input.uptime_s);
-  text.gauge("healthy", "1 where /healthz says 200.", input.healthy ? 1.0 : 0.0);
+  text.gauge("uptime_seconds", "Time since the daemon started.", input.uptime_s);
+  text.gauge("healthy", "1 if /healthz answers 200.", input.healthy ? 1.0 : 0.0);
   text.gauge("frame_rate_hz", "Servo cycles per second, over the last second.",
              input.live.status.frame_rate_hz);
   write_counters(input.live.status, text);
   if (input.wake != nullptr)
-    text.histogram("wake_seconds", "From a frame being due or sent to the real-time loop.",
+    text.histogram("wake_seconds",
+                   "Time from a frame being due or sent until the real-time loop has it.",
                    *input.wake);
   if (input.work != nullptr)
-    text.histogram("work_seconds", "Of the real-time loop, for one cycle.", *input.work);
+    text.histogram("work_seconds", "Time that the real-time loop works on one cycle.", *input.work);
   if (input.published != nullptr)
-    text.histogram("publish_seconds",
-                   "From a frame being due, sent or whole to its prediction being handed on.",
-                   *input.published);
+    text.histogram(
+        "publish_seconds",
+        "Time from a frame being due, sent or complete until its prediction is handed to DDS.",
+        *input.published);
   if (!input.live.status.buses.empty()) write_buses(input.live.status.buses, text);
   write_axes(input, text);
   text.gauge("contour_error_rms", "RMS of the predicted contour error over the last second, in m.",
              input.live.contour.rms);
-  text.gauge("recordings_bytes", "Of all recorded files of this machine.", input.recordings_bytes);
-  text.gauge("recordings_files", "Recorded files of this machine.", input.recordings_files);
+  text.gauge("recordings_bytes", "Size of all recorded files of this machine.",
+             input.recordings_bytes);
+  text.gauge("recordings_files", "Number of recorded files of this machine.",
+             input.recordings_files);
   text.gauge("streams", "Live streams that are open.", static_cast<double>(input.streams));
   text.counter("streams_dropped_total", "Live streams ended because their reader was too slow.",
                input.slow_streams);
-  text.counter("live_batches_dropped_total", "Batches of live cycles that the page did not take.",
+  text.counter("live_batches_dropped_total",
+               "Batches of live cycles dropped because the web thread was too slow.",
                input.batches_dropped);
   return text.take();
 }

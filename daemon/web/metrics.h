@@ -1,7 +1,7 @@
 // The figures of the daemon as Prometheus text (exposition format 0.0.4).
 //
-// Counters end in _total, everything is in SI units, histograms have a bucket per octave of
-// nanoseconds from 1 us to 1 s. Any thread.
+// Counters end in _total, all figures are in SI units, histograms have one bucket per octave from
+// 1 us to 1 s. Any thread; errors: none.
 #pragma once
 
 #include <cstdint>
@@ -19,10 +19,10 @@ struct MetricsInput {
   std::string machine, version;
   double uptime_s = 0.0;
   LiveStatus live;
-  double silent_s = kAbsent;        ///< since the last cycle; NaN: none came yet
-  MachineDescription description;   ///< without axes: not known yet
+  double silent_s = kAbsent;        ///< time since the last cycle; NaN: no cycle yet
+  MachineDescription description;   ///< without axes: machine not known yet
   std::vector<AlarmState> alarms;   ///< one per axis
-  const Histogram* wake = nullptr;  ///< null: there is no loop yet
+  const Histogram* wake = nullptr;  ///< null: no loop yet
   const Histogram* work = nullptr;
   const Histogram* published = nullptr;
   double recordings_bytes = 0.0, recordings_files = 0.0;

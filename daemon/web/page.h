@@ -1,5 +1,5 @@
-// The files of the page, built into the program: daemon/web/page and daemon/web/vendor
-// (docs/decisions/0007). Any thread.
+// The files of the page (daemon/web/page and daemon/web/vendor), which are built into the program
+// (docs/decisions/0007). Any thread; errors: none.
 #pragma once
 
 #include <span>
@@ -8,9 +8,9 @@
 namespace servotwin::daemon {
 
 struct PageFile {
-  std::string_view path;  ///< as it is asked for: "/", "/main.js"
+  std::string_view path;  ///< path of the request: "/", "/main.js"
   std::string_view type;
-  std::string_view tag;  ///< of its content, in quotes: the ETag
+  std::string_view tag;  ///< ETag of the content, in quotes
   std::string_view content;
 };
 

@@ -11,7 +11,7 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr int kTurn_ms = 20;  // as often as the page can be told something new
+constexpr int kTurn_ms = 20;  // period at which the page gets new data
 constexpr std::int64_t kStatus_ns = 1'000'000'000;
 
 ListenAddress address_of(const HttpConfig& config) {
@@ -34,7 +34,7 @@ WebService::Shown::Shown(WebService& service, const MachineDescription& machine,
       feed_(machine.cycle_s, machine.axes.size()) {
   const std::lock_guard lock(service_.mutex_);
   service_.shown_ = this;
-  service_.live_.status.axes.clear();  // they were the store's
+  service_.live_.status.axes.clear();  // until now those of the store
 }
 
 WebService::Shown::~Shown() {
@@ -50,7 +50,7 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
       api_({machine, config.token, reading_, health_, [this] { return now(); },
             [this](std::size_t axis) {
               if (shown_ == nullptr) return false;
-              shown_->watch_.ask(axis, "asked for over HTTP");
+              shown_->watch_.ask(axis, "requested over HTTP");
               return true;
             },
             [this] { return shown_ == nullptr ? nullptr : shown_->arming_; }}),
@@ -70,7 +70,7 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
       known.holdout_rms = model.record.holdout.rms;
       known.rotary = model.record.rotary;
     }
-    known.activity = "waits for the machine";
+    known.activity = "waiting for the machine";
     stored_.axes.push_back({axis, known.rotary, {}});
   }
   thread_ = std::jthread([this](const std::stop_token& stop) {
@@ -97,14 +97,14 @@ void WebService::look() {
   const std::lock_guard lock(mutex_);
   std::optional<std::uint64_t> turns;
   if (shown_ != nullptr) {
-    // relaxed: the number is compared with itself, the flag orders nothing.
+    // relaxed: number and flag order no other data.
     if (!shown_->ended_.load(std::memory_order_relaxed))
       turns = shown_->counters_.turns.load(std::memory_order_relaxed);
     pass_on(shown_->feed_.take());
   }
   health_.on_turns(turns, steady_ns());
   health_.on_recording(live_.status.not_recording);
-  if (shown_ == nullptr && steady_ns() - said_ns_ >= kStatus_ns) say_status();
+  if (shown_ == nullptr && steady_ns() - status_sent_ns_ >= kStatus_ns) send_status();
 }
 
 void WebService::pass_on(LiveFeed::News news) {
@@ -123,11 +123,11 @@ void WebService::pass_on(LiveFeed::News news) {
     server_.send("diagnosis", diagnosis.diagnosis_json);
   if (!news.status) return;
   live_ = std::move(*news.status);
-  say_status();
+  send_status();
 }
 
-void WebService::say_status() {
-  said_ns_ = steady_ns();
+void WebService::send_status() {
+  status_sent_ns_ = steady_ns();
   if (shown_ == nullptr) live_.status.time_ns = wall_ns();
   server_.send("status", api_.status());
 }

@@ -1,9 +1,9 @@
-// The page and its programs' side, in a thread of its own at normal priority: HTTP in, what the
-// publisher publishes and what the store holds out.
+// The web page and the HTTP interface, in a thread of their own at normal priority. They show what
+// the publisher publishes and what the store holds.
 //
-// The real-time loop knows nothing of it. What it counts is read in passing (LoopCounters); its
-// cycles come through the publisher and daemon/publish/live_feed.h; the store is opened once more,
-// to be read. Errors: the constructor throws std::runtime_error where it cannot listen.
+// The real-time loop does not depend on it: its counters are read without locks (LoopCounters), its
+// cycles come through the publisher and daemon/publish/live_feed.h. The store is opened a second
+// time, for reading. Errors: the constructor throws std::runtime_error if it cannot listen.
 #pragma once
 
 #include <atomic>
@@ -25,12 +25,12 @@ namespace servotwin::daemon {
 
 class WebService {
  public:
-  /// `store` outlives the service.
+  /// `store` must outlive the service.
   WebService(const HttpConfig& config, const std::string& machine, Store& store);
   ~WebService();
 
-  /// What there is to see once the machine is known. While this lives it is shown; what it refers
-  /// to outlives it.
+  /// The data that is shown once the machine is known, for as long as this object lives. All
+  /// references must outlive it.
   class Shown {
    public:
     Shown(WebService& service, const MachineDescription& machine, const LoopCounters& counters,
@@ -38,9 +38,9 @@ class WebService {
     Shown(const Shown&) = delete;
     Shown& operator=(const Shown&) = delete;
     ~Shown();
-    /// The publisher's end.
+    /// The end of the feed that the publisher uses.
     [[nodiscard]] LiveFeed& feed() noexcept { return feed_; }
-    /// From now on the loop need not make progress.
+    /// From now on a loop without progress is not a problem.
     void loop_has_ended() noexcept { ended_.store(true, std::memory_order_relaxed); }
 
    private:
@@ -62,7 +62,7 @@ class WebService {
   void run(const std::stop_token& stop);
   void look();
   void pass_on(LiveFeed::News news);
-  void say_status();
+  void send_status();
   [[nodiscard]] MetricsInput now();
 
   std::string machine_;
@@ -70,15 +70,15 @@ class WebService {
   Store reading_;
   Health health_;
   Api api_;
-  std::mutex mutex_;           // held while anything below is used
+  std::mutex mutex_;           // protects the members below
   Shown* shown_ = nullptr;     // null: no machine is known
-  MachineDescription stored_;  // the axes that the store knows, while no machine is known
+  MachineDescription stored_;  // axes in the store, used until the machine is known
   LiveStatus live_;
   std::uint64_t batches_dropped_ = 0;
-  std::int64_t live_ns_ = 0;  // the last cycle; 0: none
-  std::int64_t said_ns_ = 0;  // the last status to the streams
+  std::int64_t live_ns_ = 0;         // time of the last cycle; 0: none
+  std::int64_t status_sent_ns_ = 0;  // time of the last status sent to the streams
 
-  HttpServer server_;  // its last answers use what is above
+  HttpServer server_;  // declared last: its last responses use the members above
   std::jthread thread_;
 };
 

@@ -191,7 +191,7 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
     real_time.join();
     stop.request_stop();
     // As the daemon does when it ends: what is idle beside stress-ng would not end in minutes.
-    for (std::thread& worker : workers) daemon::hasten(worker.native_handle());
+    for (std::thread& worker : workers) daemon::restore_normal_priority(worker.native_handle());
     for (std::thread& worker : workers) worker.join();
     const daemon::LoopCounters& counters = loop->counters();
     std::size_t steps = 0, diagnoses = 0;

@@ -150,9 +150,9 @@ test("models and diagnoses come with their reasons and pictures", async () => {
     await shows(page, "#contour", /by the daemon-?[\d.]+ µm/);
     await other.says(/X: diagnosis of/);
     await page.getByRole("link", { name: "Diagnosis" }).click();
-    await shows(page, "#verdict", /The simulation is wrong by [\d.]+ µm RMS/);
+    await shows(page, "#verdict", /The residual of the simulation is [\d.]+ µm RMS/);
     await shows(page, "#causes", /check.+/);
-    await shows(page, "#doubt", /What this motion cannot show.*: ./);
+    await shows(page, "#doubt", /Not observable here.*: ./);
     await page.frameLocator("#report").locator("figure svg").first().waitFor();
     await page.locator("#ask summary").click();
     await page.locator("#token").fill("a wrong token");
@@ -181,7 +181,7 @@ test("shows what was learned of a program, and what became of it", async () => {
   const { page, complaints } = await open(browser, `${other.url}#corrections`);
   try {
     await shows(page, "#sending", /Not armed: nothing goes to the drives/);
-    await shows(page, "#programs", /No program has come yet/);
+    await shows(page, "#programs", /No program has been received yet/);
     await other.says(/X: model \d+ is in force/);
     await other.says(/Y: model \d+ is in force/);
     await run(join(dirname(program), "servotwin"), ["preview", recording, "--dds", "--learn", "--name", "part", "--machine", machine, "--domain", "97"]);
@@ -234,7 +234,7 @@ test("shows what was lost on every bus", async () => {
     await shows(page, "#buses", /interfaceup/);
     socket.send(packet(0, 0x7ff), port, "127.0.0.1");
     socket.send(packet(5, 0x80), port, "127.0.0.1"); // four packets never came
-    await shows(page, "#buses", /frames that came2/);
+    await shows(page, "#buses", /frames received2/);
     await shows(page, "#buses", /packets lost4/);
     await shows(page, "#buses", /frames not in the mapping1/);
     await shows(page, "#buses th[scope=col]", new RegExp(`127.0.0.1:${port}`));
@@ -275,7 +275,7 @@ test("says when the machine falls silent", async () => {
   const { page } = await open(browser, other.url);
   try {
     await shows(page, "#state", /waiting for the machine/);
-    await shows(page, "#banner", /The daemon waits for its machine/);
+    await shows(page, "#banner", /The daemon is waiting for its machine/);
   } finally {
     await page.close();
     await other.stop("SIGKILL");
@@ -291,7 +291,7 @@ test("says since when to who opens it later", async () => {
     const end = Date.now();
     await new Promise((resolve) => setTimeout(resolve, 5000));
     const { page } = await open(browser, other.url);
-    await shows(page, "#banner", /No cycles have come from the machine since/);
+    await shows(page, "#banner", /No cycles have been received from the machine since/);
     await new Promise((resolve) => setTimeout(resolve, 1500)); // until the stream's past is read
     const said = /since (\d+):(\d+):(\d+)/.exec(await page.locator("#banner").textContent());
     const since = new Date(end).setHours(...said.slice(1).map(Number), 0);

@@ -10,7 +10,7 @@ try {
   await daemon.says(/X: model 1 is in force/);
   const { page } = await open(browser, daemon.url, { viewport: { width: 1280, height: 800 }, colorScheme: "light" });
   await live(page);
-  await shows(page, "#figure-residual", /times less/);
+  await shows(page, "#figure-residual", /× smaller/);
   // Until the window is full of cycles that were predicted.
   const now = Number(await page.evaluate(() => performance.now()));
   await page.waitForFunction((since) => performance.now() - since > 11_000, now);

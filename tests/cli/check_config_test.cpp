@@ -76,7 +76,7 @@ TEST(CheckConfig, AStoreAndAnAddressThatAreTakenAreNoted) {
                                                   "'\n[http]\nlisten = '" + address + "'\n")});
   EXPECT_EQ(answer.status, 0) << "it may be for the daemon that has them: " << answer;
   EXPECT_THAT(answer.out, HasSubstr("note: store " + folder / "store" + " is in use"));
-  EXPECT_THAT(answer.out, HasSubstr("note: " + address + " is listened to"));
+  EXPECT_THAT(answer.out, HasSubstr("note: " + address + " is in use"));
 }
 
 TEST(CheckConfig, ABandwidthThatLimitsNothingIsNoted) {

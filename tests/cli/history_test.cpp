@@ -77,7 +77,7 @@ TEST(History, WhatIsNotThereIsSaidAndNothingIsMade) {
   EXPECT_EQ(answer.status, 1);
   EXPECT_THAT(answer.out, IsEmpty());
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("servotwin.sqlite: there is none; --store"));
+  EXPECT_THAT(answer.err, HasSubstr("servotwin.sqlite: does not exist; --store"));
   EXPECT_THAT(folder.list(), IsEmpty());
 
   const auto asked = [&](const std::string& machine, const std::string& axis) {

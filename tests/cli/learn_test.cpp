@@ -493,7 +493,8 @@ TEST_F(Learn, AModelsUncertaintyIsOfItsOwnFile) {
     return json::parse(answer.out)["axes"][0]["bandwidth_hz"].get<double>();
   };
   ModelRecord record = stated(known_axis("X"));
-  const double together = bandwidth_of(record, "two standard deviations of the model and a cycle");
+  const double together =
+      bandwidth_of(record, "two standard deviations of the model and a timing error");
   record.holdout.rms = 1.5e-6;
   EXPECT_LT(bandwidth_of(record, "1.5 times as large"), together);
   record.holdout.rms = 1e-6;
@@ -535,7 +536,7 @@ TEST_F(Learn, AWrongUnitIsRefused) {
   const Answer answer = learn({"--out", folder_ / "out.csv"});
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.err, HasSubstr("unit.csv: X: the command reaches"));
-  EXPECT_THAT(answer.err, HasSubstr("a wrong unit in the table"));
+  EXPECT_THAT(answer.err, HasSubstr("a unit in the table is wrong"));
   EXPECT_EQ(answer.complaints().size(), 1U) << answer;
 }
 

@@ -25,12 +25,12 @@ using test::built;
 using test::Process;
 using testing::HasSubstr;
 
-// Slow enough that a busy host, without real-time threads, loses nothing either.
+// Slow enough that a busy host without real-time threads loses no cycles.
 constexpr double kSlowCycle_s = 0.005;
 constexpr std::size_t kCycles = 1200;
 constexpr std::int64_t kHour_ns = 3'600'000'000'000;
 
-/// What is added to the wall clock of every program that is started with environment().
+/// Offset added to the wall clock of every program that is started with environment().
 class SteppedClock {
  public:
   explicit SteppedClock(std::string file) : file_(std::move(file)) {

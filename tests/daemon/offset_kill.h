@@ -32,8 +32,8 @@ namespace servotwin::test {
 
 class OffsetKill : public testing::Test {
  protected:
-  /// `source`: the daemon's [source..] of this bus; the map is map.toml. It learns and is armed, it
-  /// is killed while its offset is out, and the drive is watched.
+  /// `source`: the [source..] section of this bus; the map is map.toml. The daemon learns, is armed
+  /// and is killed while its offset is active; the test observes the drive.
   void kill_it_and_watch_the_drive(std::unique_ptr<CanBus> bus, const std::string& source,
                                    double cycle_s) {
     bus_ = std::move(bus);
@@ -76,7 +76,7 @@ class OffsetKill : public testing::Test {
               200);
     for (int k = 0; k < cycles(0.2); ++k) cycle(0.0);
 
-    // Until some of the correction has been out for a while; a host that held the bus up in the
+    // Until part of the correction has been active for a while; a host that held the bus up in the
     // middle of a run has another one.
     int k = 0, runs = 0;
     for (int out = 0; out < cycles(0.2); ++k) {
@@ -132,7 +132,8 @@ offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes 
     return t < 0.0 || t > 4.0 ? 0.0 : 0.01 * (1.0 - std::cos(std::numbers::pi * t));
   }
 
-  /// One cycle of the controller, the drive and the bus. What the daemon has sent by now is heard.
+  /// One cycle of the controller, the drive and the bus; the drive receives what the daemon has
+  /// sent.
   void cycle(double target) {
     const auto tell = [&](const CanFrame& frame) {
       for (const VirtualDrive::Answer& answer : drive_->on_frame(0, frame))

@@ -40,7 +40,7 @@ class Daemon : public test::Process {
   explicit Daemon(const std::vector<std::string>& arguments, void (*prepare)() = nullptr)
       : Process(words(arguments), {.prepare = prepare}) {}
 
-  /// What it has said behind this so far.
+  /// What the process has printed so far after this text.
   [[nodiscard]] std::string said_after(const std::string& text) {
     const std::size_t at = said().find(text);
     return at == std::string::npos ? "" : said().substr(at + text.size());
@@ -58,7 +58,7 @@ class Daemon : public test::Process {
   }
 };
 
-/// What a service manager listens on.
+/// The socket on which a service manager listens.
 class NotifySocket {
  public:
   explicit NotifySocket(const std::filesystem::path& path)
@@ -76,7 +76,7 @@ class NotifySocket {
     close(socket_);
   }
   std::string next() const { return next_within(30'000); }
-  /// What came already does not count.
+  /// Drops messages that have been received already.
   void forget() const {
     while (next_within(0) != "nothing") {
     }
@@ -95,7 +95,7 @@ class NotifySocket {
 
 class ServotwindTest : public testing::Test {
  protected:
-  /// Without a page, unless it is asked for: a test beside this one may have its address.
+  /// Without a page by default: another test may use its address at the same time.
   [[nodiscard]] std::vector<std::string> here(const std::string& page = "none") const {
     return {"--store",   directory_.path() / "store",           "--domain", "94",
             "--machine", "process-" + std::to_string(getpid()), "--http",   page};
@@ -259,7 +259,7 @@ TEST_F(ServotwindTest, TheWatchdogIsFedAsLongAsTheLoopTurnsAlsoInSilence) {
   for (int i = 0; i < 10; ++i) EXPECT_EQ(manager.next(), "WATCHDOG=1");
   {
     const StalledThread stalled(daemon.id(), "real-time loop");
-    ASSERT_TRUE(daemon.says("the real-time loop has not moved for 0.4 s"));
+    ASSERT_TRUE(daemon.says("the real-time loop has made no progress for 0.4 s"));
     manager.forget();
     EXPECT_EQ(manager.next_within(2000), "nothing") << "all threads but the loop run";
   }
@@ -267,7 +267,7 @@ TEST_F(ServotwindTest, TheWatchdogIsFedAsLongAsTheLoopTurnsAlsoInSilence) {
   EXPECT_EQ(daemon.wait_after(SIGTERM).status, 0);
 }
 
-/// With the axes in the configuration it runs; without it waits for a machine that names them.
+/// With the axes in the configuration the daemon runs; without them it waits for a machine.
 class HangupTest : public ServotwindTest, public testing::WithParamInterface<std::string> {};
 
 TEST_P(HangupTest, TheConfigurationIsReadAgain) {
@@ -281,14 +281,14 @@ TEST_P(HangupTest, TheConfigurationIsReadAgain) {
                       "[real_time]\npriority = 0\n");
   daemon.send(SIGHUP);
   ASSERT_TRUE(
-      daemon.says("identify.window_s = 9 (was 8); only a restart brings http.names = [ 'mill' ] "
-                  "(was its default), another http.token, real_time.priority = 0 (was its "
+      daemon.says("identify.window_s = 9 (was 8); needs a restart: http.names = [ 'mill' ] "
+                  "(was its default), a new http.token, real_time.priority = 0 (was its "
                   "default)\n"));
   EXPECT_THAT(manager.next(), testing::MatchesRegex("RELOADING=1\nMONOTONIC_USEC=[0-9]+"));
   EXPECT_EQ(manager.next(), "READY=1");
   write("m.toml", text + "'nine'\nwindow = 1\n");
   daemon.send(SIGHUP);
-  ASSERT_TRUE(daemon.says("the new configuration is refused; the one before holds"));
+  ASSERT_TRUE(daemon.says("the new configuration is refused; the previous one stays in force"));
   const Ended ended = daemon.wait_after(SIGTERM);
   EXPECT_EQ(ended.status, 0);
   EXPECT_THAT(ended.said, testing::Not(HasSubstr("foreman")));
@@ -298,7 +298,7 @@ TEST_P(HangupTest, TheConfigurationIsReadAgain) {
 INSTANTIATE_TEST_SUITE_P(RunningAndWaiting, HangupTest,
                          testing::Values("[[axis]]\nname = 'X'\n", "\n\n"));
 
-// As many hangups as come in while a recording is played: every one of its frames goes through.
+// Many SIGHUPs while a recording is replayed: no frame is lost.
 TEST_F(ServotwindTest, ReadingTheConfigurationAgainLosesNoSample) {
   std::ofstream recording(directory_.path() / "machine.csv");
   recording.precision(12);

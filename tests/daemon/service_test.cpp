@@ -194,7 +194,8 @@ TEST_F(ServiceTest, FramesComeThroughRealTimeThreadsWhereThatIsPermitted) {
     EXPECT_EQ(policy, permitted ? SCHED_FIFO : SCHED_OTHER);
     EXPECT_EQ(priority, permitted ? 40 : 0);
   }
-  EXPECT_EQ(said_.str().find("DDS receives at normal priority") == std::string::npos, permitted)
+  EXPECT_EQ(said_.str().find("the DDS receive threads run at normal priority") == std::string::npos,
+            permitted)
       << said_.str();
 }
 
@@ -234,7 +235,7 @@ TEST_F(ServiceTest, StopsWhileItWaitsForAMachine) {
   start();
   stop();
   EXPECT_EQ(failure_, "");
-  EXPECT_THAT(said_.str(), HasSubstr("stopped before a machine came"));
+  EXPECT_THAT(said_.str(), HasSubstr("stopped before a machine was found"));
 }
 
 TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
@@ -281,7 +282,7 @@ TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
                                                    << said_.str();
 }
 
-// A drive that is what its model says for 80 s of motion, and then has twice the friction.
+// A drive that agrees with its model for 80 s of motion and then has twice the friction.
 TEST_F(ServiceTest, GrownFrictionRaisesTheAlarmAndADiagnosisWhoComesLateReads) {
   store_model(drive());
   Recording recording;
@@ -296,7 +297,7 @@ TEST_F(ServiceTest, GrownFrictionRaisesTheAlarmAndADiagnosisWhoComesLateReads) {
       before.start(command);
       after.start(command);
     }
-    // Both move all the time: one that began to follow on the way would jump as no machine does.
+    // Both axes move all the time: starting to follow in between would be a jump of the command.
     const double light = i == 0 ? 0.0 : before.follow(command);
     const double heavy = i == 0 ? 0.0 : after.follow(command);
     const double error = i < 80'000 ? light : heavy;
@@ -325,7 +326,7 @@ TEST_F(ServiceTest, GrownFrictionRaisesTheAlarmAndADiagnosisWhoComesLateReads) {
     EXPECT_THAT(made[0].reason, HasSubstr("the residual has grown: "));
     last = made[0].json;
   }
-  // The daemon is started again, and somebody comes after that.
+  // The daemon is restarted, and a reader joins after that.
   config_.source = SourceKind::kDds;
   config_.axes = {{"X", false, ""}};
   start();

@@ -34,7 +34,7 @@ class StalledThread {
   }
   StalledThread(const StalledThread&) = delete;
   StalledThread& operator=(const StalledThread&) = delete;
-  /// Whoever holds a thread has to take note of its end, too, or its process cannot end.
+  /// The tracer must also wait for the end of the thread, or its process cannot end.
   void wait_for_its_end() const {
     int status = 0;
     while (waitpid(thread_, &status, __WALL) == thread_ && WIFSTOPPED(status)) {

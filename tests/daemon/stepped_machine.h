@@ -48,7 +48,7 @@ class SteppedAxis {
   explicit SteppedAxis(const virtual_machine::Axis& axis, double start = 0.0)
       : axis_(axis), body_(axis.body, start), command_(start), reading_(start) {}
 
-  /// The plant is another one from now on, where it is.
+  /// Changes the plant; position and velocity stay.
   void change(const virtual_machine::Axis& axis) {
     const double position = body_.state().position, velocity = body_.state().velocity;
     axis_ = axis;

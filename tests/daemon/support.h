@@ -21,7 +21,7 @@ namespace servotwin::daemon {
 
 inline constexpr double kCycle_s = 1e-3;
 
-/// A P-P drive with Coulomb friction: what EMPS is like.
+/// A P-P drive with Coulomb friction, similar to EMPS.
 inline Model drive(double omega_hz = 20.0, double coulomb = 0.3) {
   Model model;
   model.sample_time_s = kCycle_s;

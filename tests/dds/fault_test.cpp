@@ -1,4 +1,4 @@
-// What can be wrong with the frames of a machine, and what people see of it.
+// Faults in the frames of a machine, and how they are reported.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -95,7 +95,8 @@ TEST_F(Faults, FramesWithAnotherNumberOfAxesAreIgnoredAndToldOf) {
   two.axes[1] = two.axes[0];
   ASSERT_TRUE(frames_.write(two));
   EXPECT_FALSE(predictions_.receive(prediction_, 0.3));
-  EXPECT_TRUE(daemon_.says("1 frames do not have the 1 axes of the machine")) << daemon_.said();
+  EXPECT_TRUE(daemon_.says("1 frames ignored: they do not have the 1 axes of the machine"))
+      << daemon_.said();
   EXPECT_EQ(after(next()), AxisState::kPredicting) << "nothing was lost by it";
   EXPECT_TRUE(status_has([](const MachineStatus& now) { return now.malformed == 1; }));
 }
@@ -111,13 +112,13 @@ TEST_F(Faults, OfTwoWritersTheFirstIsFollowedUntilItLeaves) {
     EXPECT_TRUE(other.write(foreign));
     foreign.sequence++;
     ASSERT_EQ(after(next()), AxisState::kPredicting) << "the second one disturbs";
-    told = daemon_.said().find("a second writer says that it is this machine") != std::string::npos;
+    told = daemon_.said().find("a second writer sends frames of this machine") != std::string::npos;
     dds_sleepfor(DDS_MSECS(1));
   }
   EXPECT_TRUE(told) << daemon_.said();
   EXPECT_TRUE(status_has([](const MachineStatus& now) { return now.frames > 0; }));
   EXPECT_EQ(status_.time_jumps, 0U);
-  // The first one falls silent: the other is the machine now.
+  // The first writer falls silent: the other one is followed now.
   dds_sleepfor(DDS_MSECS(1500));
   drain();
   foreign.sequence = 1'000'000;

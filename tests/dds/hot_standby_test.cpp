@@ -1,4 +1,4 @@
-// Two daemons of one machine: one is heard, and when it dies the other.
+// Two daemons of one machine: one is active, and when it dies the other takes over.
 #include <gmock/gmock.h>
 
 #include <cstdio>
@@ -21,8 +21,8 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
   auto strong = std::make_unique<Process>(strong_home.daemon());
   Process weak(weak_home.daemon());
   ASSERT_TRUE(frames.wait_for_readers(2, kPatience_s));
-  ASSERT_TRUE(weak.says("standing by: another daemon speaks")) << weak.said();
-  // Both write predictions to us from now on, and only one may be heard.
+  ASSERT_TRUE(weak.says("standby: another daemon is active")) << weak.said();
+  // Both daemons write predictions from now on, and only one of them may be received.
   std::map<std::uint64_t, dds_instance_handle_t> writer_of;
   std::map<dds_instance_handle_t, int> heard;
   std::int64_t last_ns = 0, longest_ns = 0;
@@ -38,8 +38,8 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
       last_ns = now_ns;
     }
   };
-  // Who is the stronger one a reader knows from its first prediction: until then it may hear the
-  // other one, and a cycle twice.
+  // A reader knows the stronger daemon from its first prediction on: until then it may receive
+  // those of the other one, and a cycle twice.
   std::uint64_t k = send_until(frames, 0, [&] {
     while (predictions.receive(prediction, 0.0)) ++heard[predictions.writer()];
     return !heard.empty() && heard.begin()->second + heard.rbegin()->second >= 200;
@@ -64,18 +64,17 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
   std::printf("gap at kill -9: %.0f ms, with a lease of %.0f ms\n",
               1e-6 * static_cast<double>(longest_ns), 1e-6 * kLivelinessLease_ns);
 
-  EXPECT_TRUE(weak.says("this daemon speaks for the machine now")) << weak.said();
+  EXPECT_TRUE(weak.says("this daemon is now active for the machine")) << weak.said();
   ModelAnnouncement model;
   do {
     ASSERT_TRUE(models.receive(model, kPatience_s)) << "the standby's model is never heard";
   } while (model.reason != "of the standby");
 
-  // Back again, it takes over again, and may say a few cycles that the standby has said.
+  // When the stronger daemon is back, it takes over and may repeat some cycles of the standby.
   const auto standbys = [&] {
     int count = 0;
     const std::string& said = weak.said();
-    for (std::size_t at = 0; (at = said.find("standing by", at)) != std::string::npos; ++at)
-      ++count;
+    for (std::size_t at = 0; (at = said.find("standby: ", at)) != std::string::npos; ++at) ++count;
     return count;
   };
   strong = std::make_unique<Process>(strong_home.daemon());

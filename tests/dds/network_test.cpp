@@ -118,7 +118,7 @@ TEST_F(Network, AfterASplitBothSidesFindEachOtherAgain) {
   EXPECT_TRUE(subscriber.says("silent: ")) << subscriber.said();
   EXPECT_TRUE(subscriber.says("gone: ")) << subscriber.said();
   disturb("delay 1ms");
-  EXPECT_TRUE(daemon.says("frames again after ")) << daemon.said();
+  EXPECT_TRUE(daemon.says("frames received again after ")) << daemon.said();
   EXPECT_TRUE(subscriber.says("again after ")) << subscriber.said();
   std::smatch healed;
   const std::string said = subscriber.said();

@@ -1,5 +1,5 @@
-// DDS Security with the example's certificates: who may, can; a stranger can neither hear nor
-// speak.
+// DDS Security with the certificates of the example: permitted roles can communicate; others can
+// neither read nor write.
 #include <gmock/gmock.h>
 
 #include <cstdio>
@@ -54,8 +54,8 @@ TEST_F(Security, AStrangerNeitherReadsPredictionsNorWritesFrames) {
   Process daemon(home_.daemon(), {as("ours", "daemon")});
   Process viewer(subscriber(), {as("ours", "viewer")});
   Process plain(subscriber(), {as("")}), stranger(subscriber(), {as("strangers", "viewer")});
-  // Who may not write frames: nobody we know, somebody of another authority, and one who may only
-  // read.
+  // Writers of frames that are refused: without a certificate, with one of another authority, and
+  // with one that permits reading only.
   for (const Environment& who : {as(""), as("strangers", "machine"), as("ours", "viewer")}) {
     Process intruder(replay("3"), {who});
     EXPECT_NE(intruder.end(0), 0) << intruder.said();

@@ -1,4 +1,4 @@
-// The example subscribers, and silence on either side: what people see of it.
+// The example subscribers, and how silence of machine or daemon is reported.
 #include <gmock/gmock.h>
 
 #include <cstdio>
@@ -12,7 +12,7 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-/// What the twin alone says of cycle k.
+/// The prediction of the twin alone for cycle k.
 double predicted(std::uint64_t k) {
   Twin twin(daemon::drive());
   twin.start(command_of(0));
@@ -45,7 +45,7 @@ TEST_P(Subscriber, PrintsThePredictionsAndSaysThatTheDaemonIsGoneAndBack) {
   const std::uint64_t k =
       send_until(frames, 0, [&] { return subscriber.said().find("cycle ") != std::string::npos; });
   DdsReader<MachinePrediction> predictions(node);
-  // What is written before the two know of each other does not come.
+  // Samples written before discovery are not received.
   MachinePrediction prediction;
   std::uint64_t first = k;
   while (!predictions.receive(prediction, 0.05)) {
@@ -145,24 +145,26 @@ TEST(Silence, OfTheMachineIsToldOnceAndItsEndWithItsLength) {
     k = send_until(frames, k, [&] {
       return statuses.receive(status, 0.0) && status.state == DaemonState::kRunning;
     });
-    ASSERT_TRUE(daemon.says("no frame for 1 s: who sends them is there and silent"))
+    ASSERT_TRUE(daemon.says("frame source silent: no frame for 1 s, but it is still connected"))
         << daemon.said();
     EXPECT_TRUE(until_state(DaemonState::kWaiting));
-    k = send_until(frames, k,
-                   [&] { return daemon.said().find("frames again after ") != std::string::npos; });
+    k = send_until(frames, k, [&] {
+      return daemon.said().find("frames received again after ") != std::string::npos;
+    });
     k = send_until(frames, k, [&] {
       return statuses.receive(status, 0.0) && status.state == DaemonState::kRunning;
     });
   }
-  EXPECT_TRUE(daemon.says("no frame for 1 s: nobody sends frames any more")) << daemon.said();
+  EXPECT_TRUE(daemon.says("frame source stopped: no frame for 1 s")) << daemon.said();
   EXPECT_TRUE(until_state(DaemonState::kWaiting));
-  // What is well again is no error; the error says when it was.
-  EXPECT_THAT(status.last_error,
-              testing::MatchesRegex("20..-..-..T..:..:......Z no frame for 1 s: .*"));
+  // The last error stays in the status, with its time, after the frames are back.
+  EXPECT_THAT(
+      status.last_error,
+      testing::MatchesRegex("20..-..-..T..:..:......Z frame source stopped: no frame for 1 s"));
   EXPECT_EQ(daemon.end(SIGTERM), 0);
   const std::string& said = daemon.said();
-  EXPECT_EQ(said.find("is there and silent"), said.rfind("is there and silent")) << said;
-  EXPECT_EQ(said.find("frames again"), said.rfind("frames again")) << said;
+  EXPECT_EQ(said.find("frame source silent"), said.rfind("frame source silent")) << said;
+  EXPECT_EQ(said.find("frames received again"), said.rfind("frames received again")) << said;
   EXPECT_THAT(said, Not(HasSubstr("second writer")));
 }
 

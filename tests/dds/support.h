@@ -1,4 +1,4 @@
-// What the tests over DDS share: a machine, and the home of its daemon.
+// Shared by the tests over DDS: a machine, and the directory of its daemon.
 #pragma once
 
 #include <gtest/gtest.h>

@@ -124,7 +124,7 @@ TEST(CanSource, TheInterfaceGoesDownAndUp) {
   ip("link set vcan0 down");
   EXPECT_EQ(source->receive(frame, 0.7), daemon::Received::kNothing);
   EXPECT_THAT(texts(source->news(daemon::steady_ns())),
-              testing::IsSupersetOf({HasSubstr("went down"), HasSubstr("no cycle begins")}));
+              testing::IsSupersetOf({HasSubstr("went down"), HasSubstr("no cycle starts")}));
   ip("link set vcan0 up");
   EXPECT_EQ(source->receive(frame, 0.3), daemon::Received::kNothing);
   std::thread after([&] { be_machine(map, 50); });
@@ -133,7 +133,7 @@ TEST(CanSource, TheInterfaceGoesDownAndUp) {
   after.join();
   EXPECT_EQ(cycles, 50);
   EXPECT_THAT(texts(source->news(daemon::steady_ns())),
-              testing::IsSupersetOf({HasSubstr("up again"), HasSubstr("cycles begin again")}));
+              testing::IsSupersetOf({HasSubstr("up again"), HasSubstr("cycles start again")}));
 }
 
 /// A stiff loop of second order without friction.

@@ -375,8 +375,8 @@ TEST_F(DaemonOnCan, TheInterfaceGoesDownAndUpAndTheMachineIsThereAgain) {
   play();
   EXPECT_EQ(after_cycles(200)["frames"], 200);
   ip("link set vcan0 down");
-  ASSERT_TRUE(daemon_->says("vcan0: the interface went down or away")) << daemon_->said();
-  ASSERT_TRUE(daemon_->says("no cycle begins: 0x080 on vcan0")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("vcan0: the interface went down or was removed")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("no cycle starts: 0x080 on vcan0")) << daemon_->said();
   json down;
   EXPECT_TRUE(wait_for([&] { return (down = status())["state"] == "waiting"; })) << down.dump(1);
   EXPECT_EQ(down["buses"][0]["up"], false);
@@ -389,7 +389,7 @@ TEST_F(DaemonOnCan, TheInterfaceGoesDownAndUpAndTheMachineIsThereAgain) {
   ip("link set vcan0 up");
   play();
   ASSERT_TRUE(daemon_->says("vcan0: the interface is up again")) << daemon_->said();
-  ASSERT_TRUE(daemon_->says("cycles begin again with 0x080 on vcan0")) << daemon_->said();
+  ASSERT_TRUE(daemon_->says("cycles start again with 0x080 on vcan0")) << daemon_->said();
   const json now = after_cycles(400);
   EXPECT_EQ(now["frames"], 400);
   EXPECT_EQ(now["state"], "running");

@@ -1,6 +1,6 @@
-// What the daemon has stored.
+// Requests to the daemon's HTTP interface.
 
-/** Throws what the daemon says is wrong. */
+/** Throws an Error with the daemon's message if the request fails. */
 export async function get(path) {
   return read(await fetch(path));
 }

@@ -5,11 +5,11 @@ import { SteadyLimit, roundUp } from "./scale.js";
 import { colour } from "./theme.js";
 import { commandScale, commandUnit, digits, errorUnit, kErrorScale } from "./units.js";
 
-/** What each chart shows; a line differs from the next by width and dashes, not by colour alone. */
+/** The charts and their series; lines differ in width and dashes, not only in colour. */
 const kCharts = [
   { id: "chart-command", title: "Command", series: [["command", 1.5]], isCommand: true },
   { id: "chart-error", title: "Tracking error", series: [["measured", 4], ["predicted", 1.75, [7, 5]]] },
-  { id: "chart-residual", title: "Measured less predicted", series: [["residual", 1.5]], isLast: true },
+  { id: "chart-residual", title: "Residual, measured minus predicted", series: [["residual", 1.5]], isLast: true },
 ];
 
 export class Charts {
@@ -21,7 +21,7 @@ export class Charts {
     for (const { id } of kCharts) at(id).addEventListener("keydown", (event) => this.moveCursor(event));
   }
 
-  /** Another axis, or other colours. */
+  /** Shows an axis; also called when the colours change. */
   show(axis, rotary) {
     this.axis = axis;
     this.rotary = rotary;
@@ -68,7 +68,7 @@ export class Charts {
     return [0, 1, 2, 3, 4, 5].map((i) => this.now - this.window_s + (i * this.window_s) / 5);
   }
 
-  /** An instant as the time before now. */
+  /** A time relative to now, as text. */
   ago(time) {
     return `${Math.abs(time - this.now) < 1e-9 ? "" : "−"}${+Math.abs(time - this.now).toFixed(1)} s`;
   }
@@ -87,7 +87,7 @@ export class Charts {
     }
   }
 
-  /** In words, for who cannot see it. */
+  /** Describes the chart in words, for screen readers. */
   describe(one, data) {
     const parts = one.chart.series.map(([name], i) => `${name} ${digits(data[i].findLast((value) => value !== null))} ${one.unit}`);
     one.figure.setAttribute("aria-label", `${one.chart.title} of axis ${this.axis}, last ${this.window_s} s: now ${parts.join(", ")}. Arrow keys read single values.`);
@@ -130,7 +130,7 @@ function symmetric(data, limit, now) {
   return [-most, most];
 }
 
-/** Round limits around what there is. */
+/** Round limits around the values. */
 function spanOf(values) {
   let low = Infinity;
   let high = -Infinity;

@@ -1,5 +1,5 @@
-// How far the axes are from the commanded path: from every measured point to the nearest point of
-// the path, which is where the tool should have been at some moment nearby.
+// Contour error of two axes: the distance from every measured point to the nearest point of the
+// commanded path.
 
 /** The nearest point to (px, py) on the segment from (ax, ay) to (bx, by), and which share of it lies before. */
 export function nearestOnSegment(px, py, ax, ay, bx, by) {
@@ -14,9 +14,9 @@ export function nearestOnSegment(px, py, ax, ay, bx, by) {
 
 /**
  * The nearest point to (pu, pv) of the path through us[j], vs[j], of the segments that end at `first`
- * to `last`; null marks a gap. {u, v, du, dv, distance}: where it is, and the way from there. Null where
- * that is an end of what is known of the path: the nearest point may lie beyond, and the way to an end is
- * lag, most of it.
+ * to `last`; null marks a gap. {u, v, du, dv, distance}: the nearest point and the vector from it. Null
+ * where the nearest point is an end of the known path: the true nearest point may lie beyond it, and the
+ * distance to an end is mostly lag.
  */
 export function nearestOnPath(pu, pv, us, vs, first, last) {
   const known = (j) => j >= Math.max(1, first) && j <= last && us[j] !== null && us[j - 1] !== null && vs[j] !== null && vs[j - 1] !== null;
@@ -31,13 +31,14 @@ export function nearestOnPath(pu, pv, us, vs, first, last) {
 }
 
 /**
- * Deviations of the points that are so much (`quantity`: an error) off the command, row by row of a
- * History, each found once. Looked at is what was commanded from `back` rows before to `ahead` after.
+ * Deviations from the path, row by row of a History, each computed once. `quantity`: the error that is
+ * subtracted from the command to get the position. The path of a row is the commands from `back` rows
+ * before it to `ahead` rows after it.
  */
 export class Deviations {
   constructor(history, u, v, quantity, { back, ahead = 20 }) {
     Object.assign(this, { history, u, v, quantity, back, ahead });
-    this.first = history.forgotten; // the row that found[0] is of, counted from the start
+    this.first = history.forgotten; // row of found[0], counted from the start
     this.found = [];
   }
 
@@ -65,7 +66,7 @@ export class Deviations {
   }
 }
 
-/** {rms, max} of what there is; null where there is nothing. */
+/** {rms, max} of the distances that are not null; null if there are none. */
 export function figures(distances) {
   let squares = 0;
   let max = 0;

@@ -1,5 +1,5 @@
-// Corrections that are given back: whether they are sent, what the twin promised of each program, and what the encoders
-// then said.
+// Corrections of programs: whether they are sent to the drives, the predicted errors of each program, and the errors that
+// were measured afterwards.
 import { get, post } from "./api.js";
 import { at, fill, make, write } from "./dom.js";
 import { clock, error, words } from "./units.js";
@@ -15,30 +15,30 @@ const kKinds = {
   offsets_disarmed: ["disarmed", "soft"],
 };
 const kRulings = { keep: "good", learn_anew: "warn", withdraw: "bad" };
-const kHeads = ["When", "What", "Error of", "Without correction", "With it", "Measured"];
+const kHeads = ["When", "What", "Error of", "Without correction", "With correction", "Measured"];
 
 export async function showCorrections() {
   showSending(await get("/api/v1/offsets"));
   const { events } = await get("/api/v1/events?most=1000");
   const rows = events.filter((event) => event.kind in kKinds).flatMap(rowsOf);
   if (rows.length === 0)
-    rows.push(make("tr", {}, make("td", { colspan: kHeads.length }, "No program has come yet: servotwin preview sends one, with --learn to have it corrected.")));
+    rows.push(make("tr", {}, make("td", { colspan: kHeads.length }, "No program has been received yet: servotwin preview sends one, with --learn to have a correction learned.")));
   fill(at("programs"),
     make("thead", {}, make("tr", {}, ...kHeads.map((name, i) => make("th", { scope: "col", ...(i > 2 && { class: "number" }) }, name)))),
     make("tbody", {}, ...rows));
 }
 
 export function showSending({ live, armed }) {
-  const [text, kind] = !live ? ["Dry run: the configuration sends nothing to the drives; what would be sent is compared all the same.", "soft"]
-    : armed ? ["Armed: offsets go to the drives from the next run of a known program on.", "warn"]
+  const [text, kind] = !live ? ["Dry run: by configuration nothing is sent to the drives; predicted and measured errors are compared all the same.", "soft"]
+    : armed ? ["Armed: offsets go to the drives, beginning with the next run of a known program.", "warn"]
     : ["Not armed: nothing goes to the drives until a person arms it.", "good"];
   fill(at("sending"), make("span", { class: `tag ${kind}` }, !live ? "dry run" : armed ? "armed" : "not armed"), ` ${text}`);
   at("arm").hidden = !live;
 }
 
-/** An event with a row for every axis and the path that it has figures of, and one for its words. */
+/** The rows of an event: one with its text, and one for every axis and path with figures. */
 function rowsOf({ time, kind, text, detail }) {
-  // A run that was over before its correction was in as a whole has no figures.
+  // A run that ended before its correction was fully faded in has no figures.
   const figures = detail?.cycles === 0 ? [] : figuresOf(detail ?? {});
   const [what, tag] = detail?.ruling in kRulings ? [words(detail.ruling), kRulings[detail.ruling]] : kKinds[kind];
   const lines = [
@@ -51,7 +51,7 @@ function rowsOf({ time, kind, text, detail }) {
   return lines;
 }
 
-/** RMS of every axis and of the path. */
+/** The RMS figures of every axis and of the path. */
 function figuresOf({ axes = [], contour, contour_before_rms_m, contour_after_rms_m }) {
   const figure = (name, one) => {
     const rotary = "before_rms_rad" in one;

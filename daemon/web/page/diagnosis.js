@@ -1,12 +1,12 @@
-// The last diagnosis of an axis: verdict, causes with how sure and what to check, and its pictures.
+// The last diagnosis of an axis: verdict, causes with their confidence and what to check, and the report.
 import { get, post } from "./api.js";
 import { at, fill, make, write } from "./dom.js";
 import { clock, error, percent, quantity, words } from "./units.js";
 
 const kVerdicts = {
-  explained: "Explained: what is wrong has names.",
-  nothing_significant: "Nothing significant: the model leaves little more than the noise.",
-  unexplained: "Unexplained: something is wrong that nothing in the catalogue explains.",
+  explained: "Explained: the causes of the residual are named below.",
+  nothing_significant: "Nothing significant: the remaining residual is at the noise floor.",
+  unexplained: "Unexplained: there is a residual that no cause in the catalogue explains.",
 };
 
 export async function showDiagnosis(axis, rotary) {
@@ -22,8 +22,8 @@ export async function showDiagnosis(axis, rotary) {
   const [{ time, reason, diagnosis }] = diagnoses;
   const { baseline, extended, causes } = diagnosis;
   fill(at("verdict"), make("b", {}, kVerdicts[diagnosis.verdict] ?? diagnosis.verdict),
-    make("p", {}, `The simulation is wrong by ${error(baseline.rms_m, rotary)} RMS on motion it has not seen` +
-      (causes.length > 0 ? `, and by ${error(extended.rms_m, rotary)} with what is named below` : "") +
+    make("p", {}, `The residual of the simulation is ${error(baseline.rms_m, rotary)} RMS on held-out motion` +
+      (causes.length > 0 ? `, and ${error(extended.rms_m, rotary)} with the causes named below` : "") +
       `; the noise floor is ${error(baseline.noise_floor_rms_m, rotary)}.`),
     make("p", {}, `${clock(time)}, ${reason}`));
   fill(at("causes"), ...causes.map((cause) => causeItem(cause, rotary)));
@@ -31,14 +31,14 @@ export async function showDiagnosis(axis, rotary) {
   showReport(axis, time);
 }
 
-/** What is suspected, what the motion could not show, and the test that would. */
+/** Suspected causes, causes that this motion does not make observable, and the test that would. */
 function doubts({ suspected = [], not_observable: hidden = [], suggested_test: test }) {
   const part = (title, list) => list.length === 0 ? [] : [make("h3", {}, title), make("ul", {}, ...list.map((line) => make("li", {}, line)))];
   return [
-    ...part("Suspected, and too unsure to be named", suspected.map((one) =>
-      [`${words(one.id)}, sure ${percent(one.confidence)}`, ...one.ambiguous_with.map(words)].join(", or "))),
-    ...part("What this motion cannot show", hidden.map((one) => `${words(one.id)}: ${one.why}`)),
-    ...(test ? [make("h3", {}, "The test that decides"), make("p", {}, test)] : []),
+    ...part("Suspected, with too little confidence to be named", suspected.map((one) =>
+      [`${words(one.id)}, confidence ${percent(one.confidence)}`, ...one.ambiguous_with.map(words)].join(", or "))),
+    ...part("Not observable here", hidden.map((one) => `${words(one.id)}: ${one.why}`)),
+    ...(test ? [make("h3", {}, "Suggested test"), make("p", {}, test)] : []),
   ];
 }
 
@@ -46,18 +46,18 @@ function causeItem(cause, rotary) {
   const { gain } = cause;
   const facts = [];
   const fact = (name, ...value) => facts.push(make("dt", {}, name), make("dd", {}, ...value));
-  fact("sure", make("meter", { min: "0", max: "1", value: String(cause.confidence), "aria-hidden": "true" }), ` ${percent(cause.confidence)}`);
+  fact("confidence", make("meter", { min: "0", max: "1", value: String(cause.confidence), "aria-hidden": "true" }), ` ${percent(cause.confidence)}`);
   const sizes = Object.entries(cause.parameters).filter(([, value]) => value !== null).map(([name, value]) => quantity(name, value));
   if (sizes.length > 0) fact("size", sizes.join(", "));
   if (gain.holdout_rms_before_m !== null)
-    fact("brings", `${error(gain.holdout_rms_before_m, rotary)} without it, ${error(gain.holdout_rms_after_m, rotary)} with it`);
+    fact("residual", `${error(gain.holdout_rms_before_m, rotary)} without it, ${error(gain.holdout_rms_after_m, rotary)} with it`);
   if (cause.check) fact("check", cause.check);
   fact("see", `docs/causes/${cause.id}.md`);
-  if (cause.ambiguous_with.length > 0) fact("or it is", cause.ambiguous_with.map(words).join(", "));
+  if (cause.ambiguous_with.length > 0) fact("ambiguous with", cause.ambiguous_with.map(words).join(", "));
   return make("li", {}, make("h3", {}, words(cause.id)), make("dl", {}, ...facts));
 }
 
-/** The report's height is its own: one scroll bar is enough. */
+/** Gives the frame the height of the report, so that only the page has a scroll bar. */
 function showReport(axis, time) {
   const frame = at("report");
   const source = `/api/v1/report/${encodeURIComponent(axis)}?of=${encodeURIComponent(time)}`;
@@ -73,13 +73,13 @@ function showReport(axis, time) {
   frame.setAttribute("src", source);
 }
 
-/** The report is light or dark as the page is. */
+/** Gives the report the theme of the page. */
 export function colourReport() {
   const page = at("report").contentDocument;
   if (page?.documentElement) page.documentElement.style.colorScheme = document.documentElement.dataset.theme;
 }
 
-/** `axis()` names the axis that is shown. */
+/** `axis()` returns the name of the axis shown. */
 export function startAsking(axis) {
   at("ask-form").addEventListener("submit", async (event) => {
     event.preventDefault();

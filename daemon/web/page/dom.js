@@ -1,4 +1,4 @@
-// Elements from values. Text is always text: nothing that came from outside is read as HTML.
+// Creates elements from values. Received text is always inserted as text, never as HTML.
 
 /** The element with this id. */
 export const at = (id) => document.getElementById(id);
@@ -11,10 +11,10 @@ export function make(name, attributes = {}, ...children) {
   return element;
 }
 
-/** Puts these children in place of those that are there. */
+/** Replaces the children of an element. */
 export const fill = (element, ...children) => element.replaceChildren(...children);
 
-/** Sets the text of an element, if it is another one: screen readers read what changes. */
+/** Sets the text of an element if it differs: screen readers announce every change. */
 export function write(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }

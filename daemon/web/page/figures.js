@@ -1,4 +1,4 @@
-// The last second of one axis in figures, and the greatest error since somebody asked.
+// RMS and maximum of one axis over the last second, and the peak error since the last reset.
 import { at, fill, make, write } from "./dom.js";
 import { digits, error } from "./units.js";
 
@@ -17,7 +17,7 @@ export class Figures {
       this.peaks.clear();
       this.show(this.last, this.axis);
     });
-    fill(at("figures"), tile("measured", "Tracking error, 1 s"), tile("residual", "Prediction wrong by, 1 s"),
+    fill(at("figures"), tile("measured", "Tracking error, 1 s"), tile("residual", "Residual, 1 s"),
       tile("model", "Model in force"), tile("peak", "Peak error", reset));
   }
 
@@ -26,15 +26,15 @@ export class Figures {
     this.last = status;
     this.axis = axis;
     if (!status) return;
-    if (!(status.silent_s > 1)) for (const one of status.axes) this.remember(one); // else it is of earlier
+    if (!(status.silent_s > 1)) for (const one of status.axes) this.remember(one); // silent for longer: the figures are old
     const one = status.axes.find((candidate) => candidate.name === axis);
     if (!one) return;
     const { measured, residual } = one.last_second;
     this.set("measured", `${error(measured.rms_m, one.rotary)} RMS`, `max ${error(measured.max_m, one.rotary)}`);
-    this.set("residual", residual.rms_m === null ? "nothing predicted" : `${error(residual.rms_m, one.rotary)} RMS`,
-      residual.rms_m === null ? one.activity : `max ${error(residual.max_m, one.rotary)}, ${digits(measured.rms_m / residual.rms_m)} times less`);
+    this.set("residual", residual.rms_m === null ? "no prediction" : `${error(residual.rms_m, one.rotary)} RMS`,
+      residual.rms_m === null ? one.activity : `max ${error(residual.max_m, one.rotary)}, ${digits(measured.rms_m / residual.rms_m)}× smaller`);
     this.set("model", one.model_version > 0 ? `version ${one.model_version}` : "none yet",
-      one.model_version > 0 ? `left ${error(one.holdout_rms_m, one.rotary)} on unseen motion` : one.activity);
+      one.model_version > 0 ? `held-out RMS ${error(one.holdout_rms_m, one.rotary)}` : one.activity);
     const peak = this.peaks.get(axis);
     this.set("peak", peak ? error(peak.value, one.rotary) : "–", peak ? `since ${peak.since}` : "");
   }

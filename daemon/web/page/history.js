@@ -1,4 +1,4 @@
-// Columns of numbers side by side, the newest kept; null where there is no number.
+// A table of numbers that keeps the newest rows; null where there is no number.
 
 export class History {
   /** `names`: of the columns; the first one is the time [s], which only grows. */
@@ -9,7 +9,7 @@ export class History {
   }
 
   clear() {
-    this.forgotten = 0; // rows that were kept once
+    this.forgotten = 0; // rows that have been dropped
     this.columns = Object.fromEntries(this.names.map((name) => [name, []]));
   }
 

@@ -1,4 +1,4 @@
-// The page: what comes over the stream goes to what shows it.
+// The page: passes the messages of the live stream to the views.
 import { Charts } from "./charts.js";
 import { showCorrections, showSending, startArming } from "./corrections.js";
 import { colourReport, startAsking, showDiagnosis } from "./diagnosis.js";
@@ -55,7 +55,7 @@ function offerAxes() {
   chooseAxis(name);
 }
 
-/** What is fetched for the view that is open. */
+/** Fetches the data of the open view. */
 async function refresh() {
   const one = axisNow();
   try {
@@ -64,7 +64,7 @@ async function refresh() {
     if (view() === "corrections") await showCorrections();
     if (view() === "service") await showEvents();
   } catch (problem) {
-    // The stream says when the daemon is gone; what is shown stays until it is back.
+    // A lost daemon is reported by the stream; the view keeps its content until the daemon is back.
     if (!(problem instanceof TypeError)) throw problem;
   }
 }
@@ -94,7 +94,7 @@ function draw() {
   });
 }
 
-/** How it is, in the header; and what is wrong, in a banner. */
+/** Shows the state in the header, and a fault in the banner. */
 function showState(state, when = new Date()) {
   document.body.classList.toggle("stale", state !== "live");
   at("state").dataset.state = state;
@@ -108,8 +108,8 @@ function showState(state, when = new Date()) {
   write(at("state").querySelector("b"), words[state]);
   const since = when.toLocaleTimeString("sv");
   const banners = {
-    silent: waiting ? "The daemon waits for its machine." : `No cycles have come from the machine since ${since}; what is shown is old.`,
-    lost: `No connection to the daemon since ${since}; what is shown is old. Trying again.`,
+    silent: waiting ? "The daemon is waiting for its machine." : `No cycles have been received from the machine since ${since}; the figures shown are old.`,
+    lost: `No connection to the daemon since ${since}; the figures shown are old. Trying again.`,
   };
   at("banner").hidden = !(state in banners);
   if (state in banners) write(at("banner"), banners[state]);
@@ -153,7 +153,7 @@ at("window").addEventListener("change", () => {
 at("pause").addEventListener("click", () => {
   paused = !paused;
   at("pause").setAttribute("aria-pressed", String(paused));
-  write(at("pause"), paused ? "Go on" : "Pause");
+  write(at("pause"), paused ? "Resume" : "Pause");
   draw();
 });
 startAsking(() => axis);

@@ -1,11 +1,11 @@
-// The versions of an axis' model with their reasons, the newest first.
+// The model versions of an axis with their reasons, the newest first.
 import { get } from "./api.js";
 import { at, fill, make, write } from "./dom.js";
 import { clock, error, words } from "./units.js";
 
 export async function showModels(axis, rotary) {
   const { versions } = await get(`/api/v1/models/${encodeURIComponent(axis)}`);
-  const heads = ["Version", "In force since", "Leaves on unseen motion", "Structure", "Reason"];
+  const heads = ["Version", "In force since", "Residual on held-out motion", "Structure", "Reason"];
   const rows = versions.map((one, i) =>
     make("tr", i === 0 ? { class: "in-force" } : {},
       make("td", {}, `${one.version} `, i === 0 ? make("span", { class: "tag good" }, "in force") : ""),
@@ -18,6 +18,6 @@ export async function showModels(axis, rotary) {
 }
 
 export function showActivity(axis) {
-  const refused = axis.refused > 0 ? ` ${axis.refused} refused, last: ${axis.last_refusal}` : "";
+  const refused = axis.refused > 0 ? ` ${axis.refused} candidates refused, last: ${axis.last_refusal}` : "";
   write(at("activity"), `Now: ${axis.activity || "nothing"}.${refused}`);
 }

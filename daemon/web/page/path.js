@@ -1,12 +1,12 @@
-// The path of two axes in their plane, with the way from it magnified: what lies beside the
-// commanded path is drawn so many times further away, what lies along it is left out.
+// The path of two axes in their plane. The deviation perpendicular to the commanded path is drawn
+// magnified; the deviation along the path is left out.
 import { Deviations, figures } from "./contour.js";
 import { at, fill, make, write } from "./dom.js";
 import { roundUp } from "./scale.js";
 import { colour } from "./theme.js";
 import { digits, error } from "./units.js";
 
-const kShare = 0.06; // of the picture, that the greatest deviation takes with the automatic factor
+const kShare = 0.06; // share of the picture that the largest deviation takes with the automatic factor
 const kBack_s = 0.4; // how far the axes may lag
 
 export class PathPicture {
@@ -108,7 +108,7 @@ export class PathPicture {
     const chosen = Number(at("path-factor").value);
     if (chosen > 0) return chosen;
     const most = figures(measured)?.max ?? 0;
-    // The same factor as before as long as it serves, so that the picture does not jump.
+    // Keeps the factor while it fits, so that the picture does not jump.
     const fits = (factor) => factor * most <= 1.6 * room && factor * most >= 0.3 * room;
     if (!(most > 0)) return this.factor || 1;
     if (!this.factor || !fits(this.factor)) this.factor = Math.max(1, roundUp(room / most / 2.5));

@@ -1,5 +1,5 @@
-// What came over the stream, ready to be drawn: for the charts, where a point of several cycles is
-// its least and its greatest value, and for the path, where all axes must be of one instant.
+// The received cycles, ready to be drawn. For the charts a point of several cycles is two rows, its
+// minimum and its maximum; for the path it is the last cycle of all axes, which belong together.
 import { History } from "./history.js";
 
 const kKept_s = 32;
@@ -52,19 +52,19 @@ export class Recording {
     );
   }
 
-  /** Seconds, growing: by counting cycles, and by the stamps over a gap. */
+  /** The time of a batch [s], always growing: cycles are counted; over a gap the time stamps decide. */
   timeOf(batch) {
     const stamp = batch.first_time_ns * 1e-9;
     if (this.next === undefined) this.offset = stamp;
     else if (!batch.after_gap) return this.next;
     const time = stamp - this.offset;
     if (this.next === undefined || (time > this.next && time < this.next + kKept_s)) return time;
-    // The machine's clock was set: it goes on a little later.
+    // The machine's clock was set: time continues 0.1 s later.
     this.offset = stamp - (this.next + 0.1);
     return this.next + 0.1;
   }
 
-  /** No line is drawn over what did not come. */
+  /** Adds an empty row, so that no line is drawn across lost cycles. */
   cut(time) {
     const nothing = (history) => history.push([time - 1e-6, ...Array(history.names.length - 1).fill(null)]);
     nothing(this.charts);

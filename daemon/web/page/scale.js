@@ -1,7 +1,7 @@
-// Scales that can be compared: limits of a round number times a power of ten, which grow at once and
-// shrink only when much less was needed for a while.
+// Limits of a scale: a round number times a power of ten. They grow at once, and shrink only after
+// much less was needed for some seconds.
 
-/** The least of ..1, 2, 5, 10.. (or of other steps) that is not less than `value`. */
+/** The smallest of the round numbers ..1, 2, 5, 10.. (or of other steps) that is not less than `value`. */
 export function roundUp(value, steps = [1, 2, 5, 10]) {
   if (!(value > 0)) return 1e-3;
   const power = 10 ** Math.floor(Math.log10(value));

@@ -1,20 +1,20 @@
-// What was lost, how long things take, and what happened.
+// Losses, latencies, alarms and events.
 import { get } from "./api.js";
 import { at, fill, make, write } from "./dom.js";
 import { clock, count, span } from "./units.js";
 
 const kLosses = [
-  ["lost", "cycles that never came"],
-  ["repeated", "frames that came twice"],
+  ["lost", "cycles lost"],
+  ["repeated", "frames received twice"],
   ["malformed", "frames refused"],
-  ["time_jumps", "jumps of the machine's time"],
-  ["not_finite", "values that were no numbers"],
-  ["overruns", "cycles that took too long"],
+  ["time_jumps", "jumps of the time stamps"],
+  ["not_finite", "values that are not finite"],
+  ["overruns", "cycles with too much work"],
   ["predictions_dropped", "predictions not sent"],
   ["rows_dropped", "cycles not recorded"],
 ];
 
-/** What is counted on a bus that should not be there. */
+/** Counters of a bus that should be 0. */
 const kBusLosses = [
   ["missing", "messages missing"],
   ["late", "messages late"],
@@ -22,19 +22,19 @@ const kBusLosses = [
   ["packets_lost", "packets lost"],
   ["error_frames", "error frames"],
   ["unexpected", "frames not in the mapping"],
-  ["downs", "times down or away"],
+  ["downs", "times down or removed"],
 ];
 
 const kAlarms = {
-  off: ["not watched", "soft"],
-  learning: ["learns what is normal", "soft"],
-  watching: ["as it should be", "good"],
+  off: ["off", "soft"],
+  learning: ["learning the normal residual", "soft"],
+  watching: ["residual is normal", "good"],
   raised: ["the residual has grown", "bad"],
 };
 
 export function showService(status) {
   fill(at("losses"), make("tbody", {},
-    make("tr", {}, make("th", { scope: "row" }, "cycles that came"), make("td", { class: "number" }, count(status.frames)), make("td", {}, "")),
+    make("tr", {}, make("th", { scope: "row" }, "cycles received"), make("td", { class: "number" }, count(status.frames)), make("td", {}, "")),
     ...kLosses.map(([key, words]) =>
       make("tr", {}, make("th", { scope: "row" }, words), make("td", { class: "number" }, count(status[key])),
         make("td", {}, make("span", { class: status[key] > 0 ? "tag warn" : "good" }, status[key] > 0 ? "some" : "none"))))));
@@ -42,7 +42,7 @@ export function showService(status) {
   showBuses(status.buses);
   const row = (words, ...spans) => make("tr", {}, make("th", { scope: "row" }, words), ...spans.map((value) => make("td", { class: "number" }, span(value))));
   fill(at("latency"),
-    make("thead", {}, make("tr", {}, make("th", {}, "share below"), ...["half", "99 %", "99.9 %", "longest"].map((name) => make("th", { scope: "col", class: "number" }, name)))),
+    make("thead", {}, make("tr", {}, make("th", {}, "quantile"), ...["50 %", "99 %", "99.9 %", "maximum"].map((name) => make("th", { scope: "col", class: "number" }, name)))),
     make("tbody", {}, row("frame sent to loop", status.wake_p50_s, status.wake_p99_s, null, null),
       row("work of the loop", status.work_p50_s, status.work_p99_s, null, status.work_max_s),
       row("frame to prediction sent", status.publish_p50_s, status.publish_p99_s, status.publish_p999_s, status.publish_max_s)));
@@ -62,12 +62,12 @@ function showBuses(buses) {
     make("tbody", {},
       make("tr", {}, make("th", { scope: "row" }, "interface"), ...buses.map((bus) =>
         make("td", { class: "number" }, make("span", { class: `tag ${bus.up ? "good" : "bad"}` }, bus.up ? "up" : "down")))),
-      make("tr", {}, make("th", { scope: "row" }, "frames that came"), ...buses.map((bus) => number(bus.frames, false))),
+      make("tr", {}, make("th", { scope: "row" }, "frames received"), ...buses.map((bus) => number(bus.frames, false))),
       ...kBusLosses.map(([key, words]) =>
         make("tr", {}, make("th", { scope: "row" }, words), ...buses.map((bus) => number(bus[key], bus[key] > 0))))));
 }
 
-/** A histogram; the bars are logarithmic, because what is rare is what one looks for. */
+/** A histogram with logarithmic bars, so that rare long times remain visible. */
 function showOctaves(octaves) {
   at("octaves-part").hidden = octaves.length === 0;
   const most = Math.max(1, ...octaves.map((one) => one.count));

@@ -1,9 +1,9 @@
-// The live stream of the daemon: opens it, notices when it falls silent, opens it again.
+// The live stream of the daemon: opens it, detects silence, and reconnects.
 //
-// States: connecting, live, silent (the daemon is there, and no cycles come), lost (no daemon).
+// States: connecting, live, silent (connected, but no cycles), lost (no connection).
 
 const kSilent_ms = 2000; // cycles come twenty times a second
-const kDead_ms = 6000; // a status comes every second: the connection is dead without being closed
+const kDead_ms = 6000; // a status comes every second: without one the connection is dead
 const kRetry_ms = 1500;
 
 export class Stream {
@@ -28,7 +28,7 @@ export class Stream {
     };
     source.onerror = () => {
       this.become("lost");
-      // A browser tries again by itself, but not after an answer that was no stream.
+      // A browser reconnects by itself, except after a response that was not a stream.
       if (source.readyState === EventSource.CLOSED) setTimeout(() => this.open(), kRetry_ms);
     };
     for (const kind of ["live", "status", "model", "diagnosis"])
@@ -59,7 +59,7 @@ export class Stream {
   }
 
   become(state, since = new Date()) {
-    // A message that was long on its way tells of its state too late, never too early.
+    // A delayed message may report its state too late, never too early: the earlier time is right.
     if (state === this.state && since >= this.since) return;
     this.state = state;
     this.since = since;

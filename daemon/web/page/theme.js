@@ -1,4 +1,4 @@
-// Light or dark: what the system says, until somebody says otherwise; that is remembered.
+// Light or dark colours: those of the system until the button is used; the choice is stored.
 import { at } from "./dom.js";
 
 const kKey = "servotwin.theme";

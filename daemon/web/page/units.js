@@ -6,7 +6,7 @@ export const errorUnit = (rotary) => (rotary ? "µrad" : "µm");
 export const commandUnit = (rotary) => (rotary ? "°" : "mm");
 export const commandScale = (rotary) => (rotary ? 180 / Math.PI : 1e3);
 
-/** Three digits that count: "1489", "35.2", "0.0353"; "–" where there is no number. */
+/** Three significant digits: "1489", "35.2", "0.0353"; "–" where there is no number. */
 export function digits(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
@@ -15,7 +15,7 @@ export function digits(value) {
   return value.toPrecision(3).includes("e") ? value.toExponential(1) : value.toPrecision(3);
 }
 
-/** What is below half a nanometre no encoder has measured: it is what rounding leaves. */
+/** An error in µm or µrad. Less than half a nanometre is rounding and is shown as 0. */
 export const error = (metres, rotary) => {
   const value = metres === null || metres === undefined ? metres : metres * kErrorScale;
   return value === null || value === undefined ? "–" : `${Math.abs(value) < 5e-4 ? "0" : digits(value)} ${errorUnit(rotary)}`;
@@ -30,7 +30,7 @@ export function span(seconds) {
 
 export const count = (value) => (value ?? 0).toLocaleString("en").replaceAll(",", "\u202f");
 export const percent = (share) => (share >= 0.995 && share < 1 ? "over 99 %" : `${Math.round(share * 100)} %`);
-/** An instant of the daemon, by the clock of whoever looks. */
+/** A time of the daemon as local time of the browser. */
 export const clock = (iso) => new Date(iso).toLocaleString("sv");
 // Parameters carry their unit at the end of their name.
 const kUnits = { m: ["µm", 1e6], rad: ["µrad", 1e6], s: ["ms", 1e3], hz: ["Hz", 1], n: ["N", 1], nm: ["N m", 1], mps2: ["m/s²", 1] };

@@ -9,7 +9,7 @@
 namespace servotwin::daemon {
 namespace {
 
-/// Large enough to tear, and every part says which value it belongs to.
+/// Large enough for torn reads; every part identifies the value to which it belongs.
 struct Value {
   std::array<std::uint64_t, 32> parts{};
 
@@ -64,7 +64,7 @@ class TwoSlots {
   std::atomic<bool> fresh_{false};
 };
 
-/// Whether what the reader holds stays what it is while the writer goes on.
+/// Whether the value of the reader stays unchanged while the writer continues.
 template <class Latest>
 bool stays() {
   Latest latest;

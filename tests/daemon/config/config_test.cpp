@@ -18,7 +18,7 @@ std::vector<std::string> problems_of(const std::string& text) {
   return out;
 }
 
-/// The one problem that the text has.
+/// The only problem of the text.
 std::string problem_of(const std::string& text) {
   const std::vector<std::string> problems = problems_of(text);
   EXPECT_EQ(problems.size(), 1U) << testing::PrintToString(problems);
@@ -160,7 +160,7 @@ TEST(Config, WhatTheDaemonSaysHasAPlaceWhateverTheSource) {
   EXPECT_THAT(problem_of("[dds]\nstrength = 1\n[source.dds]\nstrength = 2\n"),
               HasSubstr("m.toml:4:12: source.dds.strength = 2: "));
   EXPECT_THAT(problem_of("[dds]\ndomian = 1\n"), HasSubstr("dds.domian: there is no such key"));
-  EXPECT_THAT(problem_of("[source.can]\nmap = 'm.toml'\n[source.dds]\n"), HasSubstr("into [dds]"));
+  EXPECT_THAT(problem_of("[source.can]\nmap = 'm.toml'\n[source.dds]\n"), HasSubstr("to [dds]"));
 }
 
 TEST(Config, ReplayIsReadWithItsFiles) {
@@ -223,17 +223,17 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{"axis = 3\n", "m.toml:1:8: axis = 3: must be given as [[axis]] tables"},
         Wrong{"[[axis]]\n", "m.toml:1:1: axis.name: every axis needs one"},
         Wrong{"[[axis]]\nname = 'X'\n[[axis]]\nname = 'X'\n",
-              "m.toml:4:8: axis.name = 'X': there is an axis of this name already"},
+              "m.toml:4:8: axis.name = 'X': another axis has the same name"},
         Wrong{"[[axis]]\nname = 'X,Y'\n",
               "m.toml:2:8: axis.name = 'X,Y': must be 1 to 31 letters, digits or any of . _ -, not "
               "beginning with a dot"},
         Wrong{"[[axis]]\nname = 'X'\nunits = 'mm'\n",
               "m.toml:3:9: axis.units = 'mm': must be one of 'm', 'rad'"},
         Wrong{"[[axis]]\nname = 'X'\npath = 'main'\n",
-              "m.toml:3:8: axis.path = 'main': a path has 2 to 5 axes, and this one 1"},
+              "m.toml:3:8: axis.path = 'main': a path has 2 to 5 axes, this one has 1"},
         Wrong{"[[axis]]\nname = 'X'\npath = 'main'\n[[axis]]\nname = 'Y'\npath = 'main'\n"
               "[[axis]]\nname = 'C'\nunits = 'rad'\npath = 'main'\n",
-              "m.toml:10:8: axis.path = 'main': is drawn by linear axes, and this one has units = "
+              "m.toml:10:8: axis.path = 'main': needs linear axes, but this axis has units = "
               "'rad'"},
         Wrong{"[[axis]]\nname = 'X'\nencoder_in_loop = 'yes'\n",
               "m.toml:3:19: axis.encoder_in_loop = 'yes': must be true or false"},
@@ -263,20 +263,20 @@ INSTANTIATE_TEST_SUITE_P(
         Wrong{"[source.dds]\ndomain = 1.5\n",
               "m.toml:2:10: source.dds.domain = 1.5: must be a whole number from 0 to 230"},
         Wrong{"[source.replay]\n",
-              "m.toml:1:1: source.replay.files: is missing; which recordings are to be replayed?"},
+              "m.toml:1:1: source.replay.files: is missing: list the recordings to replay"},
         Wrong{"[source.replay]\nfiles = 'a.csv'\n",
               "m.toml:2:9: source.replay.files = 'a.csv': must be a list of file names in quotes"},
         Wrong{"[source.replay]\nfiles = ['a.csv', 3]\n",
               "m.toml:2:9: source.replay.files = [ 'a.csv', 3 ]: must be a list of file names in "
               "quotes"},
         Wrong{"[source.dds]\n[source.replay]\nfiles = ['a']\n",
-              "m.toml:2:1: source.replay: there is a source.dds as well; say "
-              "which one with axis.source, or put what the daemon says into [dds]"},
+              "m.toml:2:1: source.replay: there is a source.dds as well; choose "
+              "one with axis.source, or move the daemon's own DDS settings to [dds]"},
         Wrong{"[identify]\nomega_hz = [210, 1]\n",
               "m.toml:2:12: identify.omega_hz = [ 210, 1 ]: must be [lowest, highest] within 0.001 "
               "to 100000 Hz"},
         Wrong{"[identify]\nwindow_s = 30\n",
-              "m.toml:2:12: identify.window_s = 30: a model is sought on the last memory_s = 24 s, "
+              "m.toml:2:12: identify.window_s = 30: a model is fitted to the last memory_s = 24 s, "
               "which must not be less than window_s = 30 s"},
         Wrong{"[diagnose]\nevery_s = -1\n",
               "m.toml:2:11: diagnose.every_s = -1: must be a number from 0 to 1e+07 s"},

@@ -52,7 +52,7 @@ TEST(Reload, WhatNeedsARestartIsNamedUntilThereWasOne) {
   EXPECT_THAT(again.at_once, IsEmpty());
   EXPECT_THAT(again.by_restart, ElementsAre("machine.name = 'lathe' (was 'mill')"));
   EXPECT_EQ(again.text(),
-            "configuration read again; only a restart brings machine.name = 'lathe' (was 'mill')");
+            "configuration read again; needs a restart: machine.name = 'lathe' (was 'mill')");
 }
 
 TEST(Reload, ThePageNeedsARestartAndNobodyReadsItsTokenInTheLog) {
@@ -62,8 +62,8 @@ TEST(Reload, ThePageNeedsARestartAndNobodyReadsItsTokenInTheLog) {
   const ConfigChanges changes = changes_between(before, newer);
   EXPECT_THAT(changes.at_once, IsEmpty());
   EXPECT_EQ(changes.text(),
-            "configuration read again; only a restart brings http.listen = '0.0.0.0:8402' (was "
-            "'127.0.0.1:8402'), http.names = [ 'mill' ] (was its default), another http.token");
+            "configuration read again; needs a restart: http.listen = '0.0.0.0:8402' (was "
+            "'127.0.0.1:8402'), http.names = [ 'mill' ] (was its default), a new http.token");
   const Config after = reloaded(before, newer);
   EXPECT_EQ(after.http.listen, "127.0.0.1:8402");
   EXPECT_EQ(after.http.token, "0123456789abcdef");

@@ -23,7 +23,7 @@ LearnedProgram learned_of(bool path) {
   out.program.axes = path ? std::vector<std::size_t>{0, 1} : std::vector<std::size_t>{1};
   for (const std::size_t axis : out.program.axes) {
     out.axes.push_back({kMachine.axes[axis].name, false, 1});
-    out.missed.push_back(2e-6);
+    out.holdout_rms.push_back(2e-6);
   }
   if (path) out.contour_before = Eigen::ArrayXd::Constant(10, 1e-5);
   return out;
@@ -67,14 +67,14 @@ INSTANTIATE_TEST_SUITE_P(
     , RulingAfter,
     testing::Values(
         Case{"AsPredicted", true, run_of(3.0, 100.0, 1.0), What::kKeep, "as predicted"},
-        // sqrt(1 + 2^2) um was to be expected: three times that is 6.7 um.
+        // sqrt(1 + 2^2) um is expected: three times that is 6.7 um.
         Case{"JustAsExpected", false, run_of(6.7, 100.0, 1.0), What::kKeep, "as predicted"},
         Case{"NotAsExpected", false, run_of(6.75, 100.0, 1.0), What::kLearnAnew,
-             "axis Y 6.75 um where 2.236 um was expected"},
+             "axis Y 6.75 um instead of the expected 2.236 um"},
         Case{"WorseThanWithout", false, run_of(100.0, 100.0, 1.0), What::kWithdraw,
-             "axis Y was followed no better"},
+             "the error of axis Y was no smaller"},
         Case{"PathWorseThanWithout", true, run_of(3.0, 100.0, 1.0, 10.0), What::kWithdraw,
-             "the path was followed no better"},
+             "the path error was no smaller"},
         Case{"NoEncoder", false,
              with(run_of(3.0, 100.0, 1.0), [](OffsetRun& r) { r.axes[0].measured = kAbsent; }),
              What::kWithdraw, "without an encoder value"},
@@ -85,10 +85,10 @@ INSTANTIATE_TEST_SUITE_P(
                     r.axis = 1;
                     r.at_s = 1.25;
                   }),
-             What::kWithdraw, "axis Y left the band of its prediction at 1.25 s"},
+             What::kWithdraw, "the residual of axis Y left its band 1.25 s"},
         Case{"Contour", true,
              with(run_of(3.0, 100.0, 1.0), [](OffsetRun& r) { r.end = RunEnd::kContour; }),
-             What::kWithdraw, "followed worse"},
+             What::kWithdraw, "the path error was larger"},
         Case{"OtherModel", true,
              with(run_of(3.0, 100.0, 1.0),
                   [](OffsetRun& r) {
@@ -96,7 +96,9 @@ INSTANTIATE_TEST_SUITE_P(
                     r.axis = 0;
                     r.refusal = static_cast<std::uint8_t>(Refusal::kOtherAxisState);
                   }),
-             What::kLearnAnew, "the gate refused axis X at 0 s of it: other_axis_state"},
+             What::kLearnAnew,
+             "the gate refused the offset of axis X 0 s after the start of the program: "
+             "other_axis_state"},
         Case{"GateRefuses", true,
              with(run_of(3.0, 100.0, 1.0),
                   [](OffsetRun& r) {
@@ -105,15 +107,16 @@ INSTANTIATE_TEST_SUITE_P(
                     r.refusal = static_cast<std::uint8_t>(Refusal::kRate);
                   }),
              What::kWithdraw, "rate"},
-        Case{"TooShort", false,
-             with(run_of(100.0, 100.0, 1.0), [](OffsetRun& r) { r.cycles = kLeastCycles - 1; }),
-             What::kKeep, "too few cycles"},
+        Case{
+            "TooShort", false,
+            with(run_of(100.0, 100.0, 1.0), [](OffsetRun& r) { r.cycles = kMinCountedCycles - 1; }),
+            What::kKeep, "too few cycles"},
         Case{"DryAsPredicted", false,
              with(run_of(105.0, 100.0, 1.0), [](OffsetRun& r) { r.live = false; }), What::kKeep,
              "as predicted"},
         Case{"DryNotAsPredicted", false,
              with(run_of(107.0, 100.0, 1.0), [](OffsetRun& r) { r.live = false; }),
-             What::kLearnAnew, "axis Y 107 um where 100 um was expected"}),
+             What::kLearnAnew, "axis Y 107 um instead of the expected 100 um"}),
     [](const auto& one) { return one.param.name; });
 
 TEST(GainDetail, IsJsonAlsoWhereNothingWasMeasured) {

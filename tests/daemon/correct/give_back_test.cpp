@@ -28,7 +28,7 @@ class GiveBack : public testing::Test {
  protected:
   GiveBack() {
     const Model model = model_of(stepped_axis());
-    // What the model misses of this machine, on another path: as a hold-out would have it.
+    // Residual of the model for this machine on another path, as on held-out data.
     missed_ = missed_of(model);
     for (const char* name : {"X", "Y"}) store(model, name);
   }
@@ -97,7 +97,7 @@ class GiveBack : public testing::Test {
     ASSERT_EQ(worker_->kept()[0]->why_not_live, "");
   }
 
-  /// What a run of the path leaves of it.
+  /// The errors of one run of the path.
   struct Left {
     std::vector<Eigen::ArrayXd> actual;
     double tracking_rms = 0.0, contour_rms = 0.0;  ///< of both axes; of the path
@@ -108,7 +108,7 @@ class GiveBack : public testing::Test {
   Left run(const Path& path, const std::function<void(Eigen::Index)>& at = {}) {
     Left out;
     out.actual.assign(2, Eigen::ArrayXd(path[0].size()));
-    // And stands for a moment, so that the end is seen.
+    // Then the axes stand for a moment, so that the end is detected.
     for (Eigen::Index cycle = 0; cycle < path[0].size() + 20; ++cycle) {
       const Eigen::Index k = std::min(cycle, path[0].size() - 1);
       if (at) at(cycle);
@@ -132,7 +132,7 @@ class GiveBack : public testing::Test {
         out.advised_peak = std::max(out.advised_peak, std::abs(offset.offset));
       drain();
     }
-    worker_->heed_runs();
+    worker_->judge_runs();
     out.tracking_rms =
         std::hypot(size_of(path[0] - out.actual[0]).rms, size_of(path[1] - out.actual[1]).rms);
     if (path[0].abs().maxCoeff() > 0.0) out.contour = program_error(path, out.actual).distance;
@@ -211,7 +211,7 @@ TEST_F(GiveBack, ArmedTheRepeatedProgramIsFollowedAsWasPredictedAndTheGainIsKept
     const Path path = circle_program();
     learn(path);
     const Left before = uncorrected(path, stepped_axis()), after = run(path);
-    // The part that is faded in is the worst of what is left.
+    // The largest remaining error is in the part where the correction is faded in.
     EXPECT_LT(after.tracking_rms, before.tracking_rms / 3.0);
     EXPECT_LT(after.contour.tail(1200).abs().maxCoeff(),
               before.contour.tail(1200).abs().maxCoeff() / 3.0);
@@ -313,7 +313,7 @@ TEST_F(GiveBack, WhereTheClockGoesBackTheOffsetIsTakenBackAndTheNextRunIsCorrect
     if (k == 900) back_ns_ = 3'600'000'000'000;
     const AxisOffset& offset = applied_.axes[0];
     const double out = offset.send ? std::abs(offset.offset) : 0.0;
-    // It is heard in the cycle after.
+    // The drive receives it in the next cycle.
     if (k > 900) most = std::max(most, out);
     if (k == 900) {
       EXPECT_GT(out, 1e-4);
@@ -349,8 +349,8 @@ struct Change {
 };
 class PlantChange : public GiveBack, public testing::WithParamInterface<Change> {};
 
-// The plant is another one when the correction is used: it is withdrawn before the path is followed
-// worse than without, and the drives get nothing any more.
+// The plant has changed when the correction is used: it is withdrawn before the path error is
+// larger than without it, and no more offsets are sent.
 TEST_P(PlantChange, WithdrawsTheCorrectionBeforeThePathIsWorseThanWithout) {
   start();
   hand_over_->armed = true;
@@ -387,8 +387,8 @@ INSTANTIATE_TEST_SUITE_P(
                            [](virtual_machine::Axis& a) { a.drive.position_gain *= 0.8; }}),
     [](const auto& one) { return one.param.name; });
 
-// Who asks for so wide a band that no residual is beyond it has the path watched all the same: the
-// gain of one axis falls, and the other one's correction pulls the path away.
+// With a band so wide that no residual leaves it, the path error is still watched: the gain of one
+// axis falls, and the correction of the other one increases the path error.
 TEST_F(GiveBack, ThePathItselfEndsARunToo) {
   ilc_.residual_band = 1000.0;
   start();
@@ -410,7 +410,7 @@ TEST_F(GiveBack, ThePathItselfEndsARunToo) {
   EXPECT_LT(with.contour_rms, size_of(program_error(path, alone).distance).rms);
 }
 
-// A machine that changes too little to matter keeps its correction, which still is a gain.
+// After a small change of the machine the correction is kept, because it still reduces the error.
 TEST_F(GiveBack, ASmallChangeOfFrictionKeepsTheCorrection) {
   start();
   hand_over_->armed = true;

@@ -90,7 +90,7 @@ class LearningWorkerTest : public testing::Test {
   std::unique_ptr<LearningWorker> worker_;
 };
 
-// At constant velocity the loop lags by (a1 v + friction) / a2, whatever simulates it.
+// At constant velocity the lag is (a1 v + friction) / a2, independent of the simulation.
 TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
   put_in_force(drive(20.0, 0.3), "X");
   start();
@@ -116,7 +116,7 @@ TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
   EXPECT_EQ(events("program_previewed").size(), 1U);
 }
 
-// Models are validated again as long as the machine works; what was learned on them stays usable.
+// Models are validated again as long as the machine works, so their corrections stay usable.
 TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels) {
   const std::int64_t now = wall_ns(), hour = 3'600'000'000'000;
   put_in_force(model_of(stepped_axis()), "X", 4 * hour);
@@ -151,7 +151,7 @@ TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels)
   EXPECT_TRUE(renewed->renewed) << "what was given up stays so";
   EXPECT_EQ(renewed->programs[0], worker_->kept()[0]);
 
-  // The clock was ahead by a day when the models were found to hold.
+  // The clock was a day ahead when the models were validated.
   for (const char* axis : {"X", "Y"}) store_.validate(axis, 1, iso_time(now + 24 * hour));
   worker_->renew(3 * LearningWorker::kRenewEvery_ns);
   EXPECT_NEAR(fresh_for_h(), 0.0, 0.1) << "nothing is validated in the future";
@@ -228,7 +228,7 @@ TEST_F(LearningWorkerTest, WhatTheLimitsDoNotAllowIsLearnedWithinThem) {
   EXPECT_LE(step.abs().maxCoeff(), 0.01 * kCycle_s * (1.0 + 1e-6));
 }
 
-// Axis by axis these would leave the path worse than no correction.
+// Corrected axis by axis, the path error would be larger than without a correction.
 TEST_F(LearningWorkerTest, LimitsThatLeaveNoCorrectionAreNamed) {
   virtual_machine::Axis other = stepped_axis();
   other.drive.position_gain = 40.0;
@@ -262,13 +262,13 @@ TEST_F(LearningWorkerTest, WhatLearnWarnsOfIsSaidHereToo) {
   const Eigen::ArrayXd path = circle_program()[0];
   send({path}, true);
   ASSERT_FALSE(announced_.empty());
-  // What the twin leaves is far below.
+  // The predicted error itself is far smaller.
   EXPECT_THAT(announced_[0].reason, HasSubstr("; expect X 3.0"));
   EXPECT_THAT(announced_[0].reason, Not(HasSubstr("dwell")));
   send({path.head(900)}, true, "cut");
   EXPECT_THAT(announced_.back().reason,
-              AllOf(HasSubstr("X rests 0 s at the path's end, less than 0.1 s"),
-                    HasSubstr("let the path end with a dwell")));
+              AllOf(HasSubstr("X rests 0 s at the end of the path, less than 0.1 s"),
+                    HasSubstr("add a dwell at the end")));
 }
 
 // Ten days are more than ilc.model_age_s, a week.
@@ -277,13 +277,12 @@ TEST_F(LearningWorkerTest, ACorrectionOfModelsThatAreTooOldSaysSoAndAgainWhenItI
   start();
   send({circle_program()[0]}, true);
   ASSERT_FALSE(announced_.empty());
-  EXPECT_THAT(announced_[0].reason,
-              HasSubstr("nothing is sent until they are found to hold again"));
-  worker_->heed_arming();
+  EXPECT_THAT(announced_[0].reason, HasSubstr("nothing is sent until they are validated again"));
+  worker_->report_stale();
   EXPECT_TRUE(events("correction_stale").empty());
   hand_over_.armed = true;
-  worker_->heed_arming();
-  worker_->heed_arming();
+  worker_->report_stale();
+  worker_->report_stale();
   ASSERT_EQ(events("correction_stale").size(), 1U);
   EXPECT_THAT(events("correction_stale")[0].text, HasSubstr("program 'part': armed, but"));
 
@@ -311,7 +310,7 @@ TEST_F(LearningWorkerTest, BeyondTheMotionOfTheModelItIsSaidAndFarBeyondRefused)
   }
 }
 
-// Beside each other neither would be known: the matcher waits for them to part.
+// If both were kept, neither would be recognised: the matcher would wait until they differ.
 TEST_F(LearningWorkerTest, TheSamePathUnderAnotherNameTakesThePlaceOfTheFirst) {
   put_in_force(model_of(stepped_axis()), "X");
   start();
@@ -323,8 +322,7 @@ TEST_F(LearningWorkerTest, TheSamePathUnderAnotherNameTakesThePlaceOfTheFirst) {
   EXPECT_EQ(announced_.back().program, "ca");
   EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
   EXPECT_THAT(announced_.back().reason, HasSubstr("program 'cb' is the same path"));
-  EXPECT_THAT(worker_->kept()[0]->notes,
-              testing::Contains(HasSubstr("takes the place of program 'ca'")));
+  EXPECT_THAT(worker_->kept()[0]->notes, testing::Contains(HasSubstr("replaces program 'ca'")));
 
   send({0.999 * path}, true, "other");
   EXPECT_EQ(worker_->kept().size(), 2U);
@@ -357,7 +355,7 @@ TEST_F(LearningWorkerTest, WhatCannotBeLearnedIsRefusedByName) {
   other.sample_time_s = 0.002;
   put_in_force(other, "X");
   send({circle_program()[0]}, true, "part", 2);
-  EXPECT_THAT(announced_.back().reason, HasSubstr("its model is of a cycle of 0.002 s"));
+  EXPECT_THAT(announced_.back().reason, HasSubstr("its model is for a cycle of 0.002 s"));
 
   send({Eigen::ArrayXd::Constant(100, kAbsent)}, true, "wild", 1);
   EXPECT_EQ(announced_.back().program, "wild");

@@ -94,15 +94,17 @@ INSTANTIATE_TEST_SUITE_P(
     , WrongChunk,
     testing::Values(
         Wrong{"Missing", [](ProgramChunk& c) { c.chunk = 2; },
-              "chunk 1 of 3 is missing: chunk 2 came in its place"},
+              "chunk 1 of 3 is missing: chunk 2 came instead"},
         Wrong{"Number", [](ProgramChunk& c) { c.chunk = 3; }, "chunk 3 of 3"},
-        Wrong{"OtherCount", [](ProgramChunk& c) { c.chunks = 4; }, "other chunks, axes or learn"},
+        Wrong{"OtherCount", [](ProgramChunk& c) { c.chunks = 4; },
+              "other values of chunks, axes or learn"},
         Wrong{"OtherAxes",
               [](ProgramChunk& c) {
                 c.axes = {"B", "Y"};
               },
-              "other chunks, axes or learn"},
-        Wrong{"OtherWish", [](ProgramChunk& c) { c.learn = false; }, "other chunks, axes or learn"},
+              "other values of chunks, axes or learn"},
+        Wrong{"OtherWish", [](ProgramChunk& c) { c.learn = false; },
+              "other values of chunks, axes or learn"},
         Wrong{"Empty",
               [](ProgramChunk& c) {
                 c.time_s.clear();
@@ -133,9 +135,9 @@ TEST(ProgramAssembly, AxesThatTheMachineHasNotAreRefused) {
   ProgramChunk chunk = chunk_of(0, 1);
   chunk.axes = {"B", "Z"};
   EXPECT_THAT(refusal(assembly.take(chunk, 1)),
-              HasSubstr("axis 'Z' is none of the machine's; there are X, Y, B"));
+              HasSubstr("the machine has no axis 'Z'; it has X, Y, B"));
   chunk.axes = {"B", "B"};
-  EXPECT_THAT(refusal(assembly.take(chunk, 2)), HasSubstr("'B' is there twice"));
+  EXPECT_THAT(refusal(assembly.take(chunk, 2)), HasSubstr("'B' is named twice"));
   chunk.axes.clear();
   chunk.command.clear();
   EXPECT_THAT(refusal(assembly.take(chunk, 3)), HasSubstr("names no axes"));

@@ -57,8 +57,8 @@ class DiagnosisWorkerTest : public testing::Test {
     memory_->append(row);
     watch_->append(row);
   }
-  /// A command, and an encoder that stands: a diagnosis of it fails at once, and when it is tried
-  /// is what these tests are about.
+  /// A command with an encoder that stands still: its diagnosis fails at once. These tests check
+  /// when it is tried.
   void run_machine(double seconds, double residual = 1e-6) {
     for (int i = 0; i < static_cast<int>(seconds / machine_.cycle_s); ++i) {
       CycleRow row;
@@ -74,7 +74,7 @@ class DiagnosisWorkerTest : public testing::Test {
       append(row);
     }
   }
-  /// What happened, the oldest first.
+  /// The events, the oldest first.
   [[nodiscard]] std::vector<std::string> events(const std::string& kind) const {
     std::vector<std::string> out;
     for (const Event& event : store_->events(1000)) {
@@ -192,7 +192,7 @@ TEST_F(DiagnosisWorkerTest, OnAFullDiskItIsPublishedAllTheSameAndSaid) {
     ASSERT_TRUE(worker_->look(0));
   }
   EXPECT_THAT(announced_, SizeIs(1)) << said_.str();
-  EXPECT_THAT(said_.str(), HasSubstr("the diagnosis is published and not stored: store "));
+  EXPECT_THAT(said_.str(), HasSubstr("the diagnosis is published but could not be stored: store "));
   std::string why;
   const json made = json::parse(announced_.at(0).json);
   for (const json& one : made["not_observable"]) {
@@ -222,7 +222,7 @@ TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
     for (std::size_t axis = 0; axis < 2; ++axis)
       row.axes[axis] = {recording.axes[axis].command[i], recording.axes[axis].actual[i], kAbsent};
     append(row);
-    // The machine is off for a while: nothing is lost by that.
+    // The machine is off for a while: that is not a loss of cycles.
     if (i == recording.time.size() / 4) rows_ += std::llround(20.0 / machine_.cycle_s);
   }
   ASSERT_TRUE(worker_->look(0)) << memory_->moved_s(0);
@@ -278,7 +278,7 @@ TEST_F(DiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
   }
   ASSERT_TRUE(worker_->look(0)) << memory_->moved_s(0);
   ASSERT_EQ(announced_.size(), 1U) << said_.str();
-  // The position's ripple is another one, and both are told.
+  // The ripple in the position has another cause, and both are reported.
   EXPECT_THAT(events("diagnosis"),
               ElementsAre(AllOf(HasSubstr("; cogging: period 3.399"),
                                 HasSubstr("by torque as well: "), HasSubstr("period_m 0.0"))));

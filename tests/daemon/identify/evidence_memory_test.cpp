@@ -11,7 +11,7 @@ constexpr double kStep_s = 1e-3;
 constexpr EvidenceBounds kBounds{5.0, 3.0, 2.0, 100.0};
 constexpr double kNever = -1.0;
 
-/// A command from one time until another: fast where asked, else to and fro at 1 mm/s.
+/// A command for a time span: fast if requested, else reversals at 1 mm/s.
 Segment motion(double from_s, double to_s, bool fast) {
   Segment s;
   s.start_s = from_s;
@@ -60,7 +60,7 @@ TEST(EvidenceMemory, ForgetsWhatIsTooOldInMotion) {
   EXPECT_NEAR(memory.seconds().of(Evidence::kFastMotion), 4.0, 1e-9) << "standing ages nothing";
   memory.take({slow(1010.0, 1012.0)}, kNever, 111.0);
   EXPECT_EQ(memory.seconds().of(Evidence::kFastMotion), 0.0);
-  // What was fast still says what is slow.
+  // The peak of earlier fast motion still separates fast from slow.
   EXPECT_GT(memory.seconds().of(Evidence::kSlowReversals), 2.9);
 }
 

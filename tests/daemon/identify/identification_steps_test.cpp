@@ -37,14 +37,14 @@ vm::Axis machine() {
   return axis;
 }
 
-/// Strokes at rapid speed until they have taken this long.
+/// Strokes at rapid feed rate for at least this long.
 void move_fast(vm::Trajectory& trajectory, double seconds) {
   const double end_s = trajectory.duration() + seconds;
   for (int i = 0; trajectory.duration() < end_s; ++i)
     trajectory.move_to(trajectory.end_position() + (i % 2 == 0 ? 0.03 : -0.025), kRapid);
 }
 
-/// Reversals of unlike length, as long as the breakaway displacement and longer.
+/// Reversals of different lengths, from the breakaway displacement upwards.
 void reverse_slowly(vm::Trajectory& trajectory, double seconds) {
   const double end_s = trajectory.duration() + seconds;
   constexpr std::array<double, 4> kLegs{600e-6, -250e-6, 200e-6, -550e-6};
@@ -70,7 +70,7 @@ class StepsTest : public testing::Test {
         machine_, config_, *memory_, *store_, *events_, in_force_,
         [this](const StoredModel& model) { announced_.push_back(model); });
   }
-  /// The machine runs this program from rest, and the worker keeps up.
+  /// The machine runs this program from rest; the worker processes all of its motion.
   void run(const vm::Trajectory& program) {
     const vm::AxisRecord record = vm::record(machine(), program);
     for (Eigen::Index i = 0; i < record.command.size(); ++i)
@@ -87,7 +87,7 @@ class StepsTest : public testing::Test {
     while (worker_->look(0)) {
     }
   }
-  /// Goes on standing where it is, with noise on the encoder.
+  /// The axis stands still, with noise on the encoder.
   void stand(double seconds, double noise) {
     const AxisSample at = last_;
     for (int i = 0; i < static_cast<int>(seconds / kCycle_s); ++i)
@@ -132,16 +132,17 @@ TEST_F(StepsTest, FastMotionThenSlowReversalsThenStandstillEachGetTheirStep) {
   reverse_slowly(program, 10.0);
   program.dwell(14.0);
   run(program);
-  EXPECT_THAT(steps(),
-              ElementsAre(StartsWith("loop and friction on 6.0 s of fast motion and 0.0 s of slow "
-                                     "reversals: no model is in force"),
-                          AllOf(StartsWith("friction on "),
-                                HasSubstr("s of slow reversals are new and no fast motion; from "
-                                          "model 1"))));
-  EXPECT_THAT(activity(), HasSubstr("standing: noise floor of model 2 "));
+  EXPECT_THAT(
+      steps(),
+      ElementsAre(StartsWith("loop and friction on 6.0 s of fast motion and 0.0 s of slow "
+                             "reversals: no model is in force"),
+                  AllOf(StartsWith("friction on "),
+                        HasSubstr("s of slow reversals are new, fast motion is not; starting "
+                                  "from model 1"))));
+  EXPECT_THAT(activity(), HasSubstr("standstill: noise floor of model 2 "));
   ASSERT_EQ(announced_.size(), 2U) << said_.str();
 
-  // On reversals that neither has seen, against the position that no encoder has rounded.
+  // On held-out reversals, against the position without encoder quantisation.
   vm::Trajectory later;
   reverse_slowly(later, 8.0);
   const vm::AxisRecord record = vm::record(machine(), later);
@@ -163,7 +164,7 @@ TEST_F(StepsTest, FastMotionBeyondTheMotionMemoryHoldsTheLoopStill) {
   ASSERT_GE(done.size(), 4U) << said_.str();
   for (std::size_t i = 1; i < done.size(); ++i)
     EXPECT_THAT(done[i], StartsWith("friction on 6.7 s of fast motion and "));
-  // 24 s after a memory of 12 s; of slow reversals no more than half of that is kept.
+  // After 24 s with a memory of 12 s: of slow reversals at most half of it is kept.
   EXPECT_THAT(done.back(), HasSubstr(" and 6.0 s of slow reversals"));
 }
 
@@ -179,7 +180,7 @@ TEST_F(StepsTest, NewFastMotionIsAReasonToSeekTheLoopAgain) {
                                          HasSubstr(" s of fast motion are new"))));
 }
 
-// The model in force is of order 3, and whole identifications seek order 2.
+// The model in force has order 3; full identifications find order 2.
 TEST_F(StepsTest, FrictionIsSoughtInTheStructureOfTheModelInForce) {
   vm::Trajectory program;
   move_fast(program, 9.2);
@@ -215,7 +216,8 @@ TEST_F(StepsTest, SteadyMotionIsNoReasonForAnyStep) {
   program.move_to(program.end_position() + 0.03, kSlow);
   run(program);
   EXPECT_EQ(steps().size(), 1U) << said_.str();
-  EXPECT_THAT(activity(), HasSubstr("no step: neither fast motion nor slow reversals are new"));
+  EXPECT_THAT(activity(),
+              HasSubstr("no step: there is no new fast motion and no new slow reversal"));
 }
 
 TEST_F(StepsTest, AStandingAxisShowsItsNoiseAndNothingIsSought) {
@@ -228,8 +230,8 @@ TEST_F(StepsTest, AStandingAxisShowsItsNoiseAndNothingIsSought) {
   const std::size_t before = steps().size();
   stand(13.0, 5e-6);
   EXPECT_EQ(steps().size(), before + 1) << said_.str();
-  EXPECT_THAT(steps().back(), StartsWith("standing: noise floor of model 1 4."));
-  EXPECT_THAT(steps().back(), HasSubstr(" um, no search, was 0."));
+  EXPECT_THAT(steps().back(), StartsWith("standstill: noise floor of model 1 4."));
+  EXPECT_THAT(steps().back(), HasSubstr(" um, no fit, was 0."));
   EXPECT_EQ(announced_.size(), 1U);
 }
 

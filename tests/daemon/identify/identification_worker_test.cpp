@@ -72,7 +72,7 @@ class WorkerTest : public testing::Test {
       memory_->append(row);
     }
   }
-  /// The first model, promoted on unseen motion.
+  /// The first model, promoted on held-out motion.
   void promote_one() {
     run_machine(6.5);
     ASSERT_TRUE(worker_->look(0));
@@ -120,7 +120,7 @@ TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
   ASSERT_TRUE(worker_->look(0));
   EXPECT_TRUE(announced_.empty()) << "a candidate is not published because it is new";
   EXPECT_EQ(in_force_[0].fresh(), nullptr);
-  EXPECT_FALSE(worker_->look(0)) << "there is too little unseen motion yet";
+  EXPECT_FALSE(worker_->look(0)) << "there is too little held-out motion yet";
   EXPECT_THAT(status().activity, HasSubstr("judging a candidate: 0.5 of 3.0 s of motion"));
 
   run_machine(3.5);
@@ -198,7 +198,7 @@ TEST_F(WorkerTest, AWorkerThatLagsBeyondTheMemorySaysSoOnceAndGoesOnWithWhatTher
   run_machine(25.0);
   ASSERT_TRUE(worker_->look(0));
   EXPECT_EQ(newest_event().kind, "motion_skipped");
-  EXPECT_THAT(newest_event().text, HasSubstr("19.0 s of motion were not looked at"));
+  EXPECT_THAT(newest_event().text, HasSubstr("19.0 s of motion were skipped"));
   ASSERT_TRUE(worker_->look(0));
   EXPECT_EQ(newest_event().kind, "identification_step");
   run_machine(3.5);
@@ -256,8 +256,8 @@ TEST_F(WorkerTest, OnAFullDiskTheOldModelStaysInForceAndItIsSaid) {
   }
   EXPECT_TRUE(announced_.empty()) << "what is not on the disk is not in force";
   EXPECT_EQ(in_force_[0].fresh(), nullptr);
-  EXPECT_THAT(said_.str(), HasSubstr("is not put in force, because it cannot be stored: store "));
-  EXPECT_THAT(said_.str(), HasSubstr("this event is not stored"));
+  EXPECT_THAT(said_.str(), HasSubstr("is not in force, because it cannot be stored: store "));
+  EXPECT_THAT(said_.str(), HasSubstr("this event could not be stored"));
   EXPECT_THAT(last_error(), HasSubstr("full"));
   EXPECT_TRUE(store_->in_force().empty());
 
@@ -312,7 +312,7 @@ TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
   run_machine(1.0);
   worker_->finish();
   EXPECT_THAT(newest_event().text,
-              HasSubstr("a candidate stays undecided: judged on: 1.5 of 3.0 s of motion"));
+              HasSubstr("candidate not decided: judged on: 1.5 of 3.0 s of motion"));
 }
 
 TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
@@ -323,7 +323,7 @@ TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
   store_.reset();
   spoil(directory_.path(), "UPDATE models SET json = '{'");
   restart();
-  EXPECT_THAT(store_->lost(), HasSubstr("the axis is identified anew"));
+  EXPECT_THAT(store_->lost(), HasSubstr("the axis is identified again"));
   ASSERT_NE(in_force_[0].fresh(), nullptr) << "of before";
   const std::size_t announced = announced_.size();
   worker_->restore();

@@ -24,7 +24,7 @@ Candidacy good() {
   return candidacy;
 }
 
-// Every combination of what may come in, against the rule said in another way.
+// All combinations of inputs, against an independent formulation of the rule.
 TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
   int promoted = 0, all = 0;
   for (const bool invalid : {false, true}) {
@@ -36,7 +36,7 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
             for (const int version : {0, 1, 7}) {
               for (const double sure : {kAbsent, -3.0, 1.74, 1.75, 2.99, 3.0, kInfinity}) {
                 Candidacy c;
-                c.sureness = sure;
+                c.significance = sure;
                 c.invalid = invalid ? "the loop is unstable" : "";
                 for (int i = 0; i < refusals; ++i) c.refusals.push_back("mass is not excited");
                 c.judged_s = judged_s;
@@ -74,7 +74,7 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
 TEST(Promotion, NamesTheFiguresItWasPromotedFor) {
   const Decision decision = decide(good(), kRule);
   EXPECT_EQ(decision.ruling, Ruling::kPromoted);
-  EXPECT_EQ(decision.reason, "leaves 1.5 um RMS on 4.2 s of unseen motion, model 3 leaves 2 um");
+  EXPECT_EQ(decision.reason, "leaves 1.5 um RMS on 4.2 s of held-out motion, model 3 leaves 2 um");
 }
 
 TEST(Promotion, WithoutAModelInForceThereIsTheErrorItselfToBeat) {
@@ -103,31 +103,31 @@ TEST(Promotion, NearlyBetterIsRefusedWithTheShareThatIsMissing) {
 TEST(Promotion, ALittleBetterMustBeBetterOnMostOfTheMotion) {
   Candidacy candidacy = good();
   candidacy.rms = 1.9e-6;
-  candidacy.sureness = 1.3;
+  candidacy.significance = 1.3;
   const Decision decision = decide(candidacy, kRule);
   EXPECT_EQ(decision.ruling, Ruling::kByChance);
   EXPECT_EQ(decision.reason,
-            "leaves 1.9 um RMS on 4.2 s of unseen motion, model 3 leaves 2 um; better by 1.3 "
-            "standard errors, which may be chance (needs 3, or 20 %)");
-  candidacy.sureness = 3.1;
+            "leaves 1.9 um RMS on 4.2 s of held-out motion, model 3 leaves 2 um; better by 1.3 "
+            "standard errors, not significant (needs 3, or an RMS lower by 20 %)");
+  candidacy.significance = 3.1;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
-  candidacy.sureness = 1.8;
+  candidacy.significance = 1.8;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kByChance);
   candidacy.rms = 1.75e-6;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);
 }
 
-// Sixteen parts of two samples: with squares that differ by 1 and by 3 in turn the mean is 2, the
-// standard deviation sqrt(16/15), and of the mean a quarter of that. Two more samples than that
-// fill no part and are left out.
+// Sixteen blocks of two samples: the squares differ by 1 and 3 in turn, so the mean is 2, the
+// standard deviation sqrt(16/15), and that of the mean a quarter of it. Two further samples fill no
+// block and are left out.
 TEST(Promotion, SurenessIsTheMeanAdvantageByItsStandardError) {
   Eigen::ArrayXd left = Eigen::ArrayXd::Zero(34), other(34);
   for (Eigen::Index k = 0; k < 34; ++k) other[k] = std::sqrt(k / 2 % 2 == 0 ? 1.0 : 3.0);
   other[32] = other[33] = 1000.0;
-  EXPECT_NEAR(sureness(left, other), 2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
-  EXPECT_NEAR(sureness(other, left), -2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
-  EXPECT_TRUE(std::isnan(sureness(left, left))) << "no part differs from another";
-  EXPECT_TRUE(std::isnan(sureness(left.head(15), other.head(15)))) << "too short";
+  EXPECT_NEAR(significance(left, other), 2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
+  EXPECT_NEAR(significance(other, left), -2.0 / (0.25 * std::sqrt(16.0 / 15.0)), 1e-12);
+  EXPECT_TRUE(std::isnan(significance(left, left))) << "no part differs from another";
+  EXPECT_TRUE(std::isnan(significance(left.head(15), other.head(15)))) << "too short";
 }
 
 TEST(Promotion, SaysWhatTheIdentificationRefused) {
@@ -152,7 +152,7 @@ TEST(Promotion, RotaryAxesAreJudgedInMicroradians) {
   EXPECT_THAT(decide(candidacy, kRule).reason, HasSubstr("1.5 urad"));
 }
 
-// The model in force left 1 um where it was judged itself.
+// The model in force had a residual of 1 um on its held-out data.
 TEST(Promotion, AModelHoldsWhereItLeavesNoMoreThanTwiceOfWhatItDid) {
   Candidacy c = good();
   EXPECT_TRUE(still_holds(c, 1.0e-6));

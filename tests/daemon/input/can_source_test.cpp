@@ -198,7 +198,7 @@ TEST(CanSource, TellsWhatHappenedOnceAndWhatGoesOnOnceAMinute) {
   // So is what the first packet is refused for, and an interface that goes.
   machine.buses[0]->refuse();
   EXPECT_THAT(machine.source->news(62 * kSecond + 1),
-              ElementsAre(bad("1 packets that are none of CAN frames, or not from the peer")));
+              ElementsAre(bad("1 packets ignored: not CAN frames, or not from the peer")));
   machine.buses[0]->refuse();
   EXPECT_THAT(machine.source->news(62 * kSecond + 2), IsEmpty());
   machine.buses[1]->set_up(false);
@@ -212,13 +212,13 @@ TEST(CanSource, SaysThatNoCycleBeginsAndThatTheyDoAgain) {
   TwoBuses machine;
   MachineFrame frame;
   EXPECT_EQ(machine.source->receive(frame, 0.6), Received::kNothing);
-  EXPECT_THAT(machine.source->news(1), ElementsAre(bad("no cycle begins: 0x080 on a")));
+  EXPECT_THAT(machine.source->news(1), ElementsAre(bad("no cycle starts: 0x080 on a")));
   const std::int64_t now = wall_ns();
   machine.buses[0]->frames.push_back(frame_of(0x80, now));
   machine.buses[0]->frames.push_back(frame_of(0x181, now));
   machine.buses[1]->frames.push_back(frame_of(0x181, now));
   EXPECT_EQ(machine.source->receive(frame, 0.1), Received::kFrame);
-  EXPECT_THAT(machine.source->news(2), ElementsAre(good("cycles begin again")));
+  EXPECT_THAT(machine.source->news(2), ElementsAre(good("cycles start again")));
 }
 
 TEST(CanSource, NeedsOneBusPerBusOfTheMap) {
@@ -329,7 +329,7 @@ struct CarriedOffsets {
   }
 };
 
-// Two armed daemons on one bus: each would answer what the other adds.
+// Two armed daemons on one bus: each would correct the offsets of the other.
 TEST(CanOffset, WhereTwoSendThemOursAreHeldBackForGood) {
   const CarriedOffsets ours;
   ours.hear(0x301);
@@ -341,10 +341,10 @@ TEST(CanOffset, WhereTwoSendThemOursAreHeldBackForGood) {
   ours.send(true);
   EXPECT_EQ(ours.bus->sent.size(), 1U);
   EXPECT_THAT(ours.source->state(0).offsets_held_back,
-              HasSubstr("somebody else sends offsets to the drive of axis X"));
+              HasSubstr("another sender also sends offsets to the drive of axis X"));
 }
 
-// A standby hears the first daemon's all the time; it has to work when that is gone.
+// A standby daemon receives the offsets of the active one; it must work when that has stopped.
 TEST(CanOffset, WhoIsNotArmedHearsTheOffsetsOfAnotherAndSendsWhenItIsQuiet) {
   const CarriedOffsets ours;
   ours.send(false);

@@ -64,7 +64,7 @@ std::vector<MachineFrame> frames_of(const Recording& recording) {
   return frames;
 }
 
-/// What a daemon is sent is what `servotwin identify` works on: the same samples, none lost.
+/// The replayed samples are those that `servotwin identify` uses; none is lost.
 void expect_what_identification_reads(const Recording& recording) {
   const SegmentedAxis read = segment_axis(recording, "X");
   ASSERT_EQ(read.segments.size(), 1U);

@@ -61,8 +61,8 @@ TEST_F(ProgramMatcherTest, KnowsTheRowAfterALongerOrShorterDwell) {
       ASSERT_EQ(match->row, row);
       ASSERT_EQ(match->program, 0U);
     }
-    // It moves by the tolerance within 4 cycles, and is sure of it 20 cycles later.
-    EXPECT_GE(seen, 400 - 4 - ProgramMatcher::kConfirmed);
+    // The motion exceeds the tolerance within 4 cycles; the match is confirmed 20 cycles later.
+    EXPECT_GE(seen, 400 - 4 - ProgramMatcher::kConfirmationCycles);
   }
 }
 
@@ -102,7 +102,7 @@ TEST_F(ProgramMatcherTest, AnotherFeedIsAnotherProgram) {
 TEST_F(ProgramMatcherTest, PassingItsStartIsNotStandingThere) {
   const CommandedPath program = program_of(0.0, 1);
   watch({&program});
-  for (int i = 0; i < ProgramMatcher::kStanding / 2; ++i) at(program, 0);
+  for (int i = 0; i < ProgramMatcher::kStandstillCycles / 2; ++i) at(program, 0);
   for (Eigen::Index row = 1; row < program.rows(); ++row) ASSERT_FALSE(at(program, row));
 }
 

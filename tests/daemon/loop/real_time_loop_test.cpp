@@ -56,7 +56,7 @@ class Loop {
   RealTimeLoop loop;
 };
 
-/// The twin on its own, along the same commands from their first.
+/// The twin alone, along the same commands from the first one.
 std::vector<double> twin_alone(const Model& model, std::uint64_t cycles) {
   Twin twin(model);
   std::vector<double> out;
@@ -208,8 +208,8 @@ TEST(RealTimeLoop, ThereIsNoContourErrorWithoutAPathAModelOrACommand) {
   EXPECT_TRUE(std::isfinite(both.put(101).contour_error)) << "a path of one point";
 }
 
-// A constant force holds the axis back from where it starts, which after lost cycles is no point of
-// the line from where it was.
+// A constant force deflects the axis from its start position, which after lost cycles is not on the
+// line from its earlier position.
 TEST(RealTimeLoop, AfterLostCyclesThePathBeginsAgain) {
   Model held = linear_drive();
   Effect force = make_effect<ConstantForce>();
@@ -270,7 +270,7 @@ TEST(RealTimeLoop, SaysWhenTheStartingStateIsForgotten) {
   }
 }
 
-// After settling_cycles a wrong starting state has decayed to a hundredth.
+// After settling_cycles the effect of a wrong initial state has decayed to 1 %.
 TEST(RealTimeLoop, SettlingIsTheTimeToOnePercentOfTheSlowestMode) {
   Model model = drive();
   model.effects.clear();
@@ -389,7 +389,7 @@ TEST(RealTimeLoop, RowsSayWhereTheCycleBeforeIsMissing) {
   while (loop.rows.pop(row)) after_gap.push_back(row.after_gap);
   EXPECT_EQ(after_gap, (std::vector<bool>{true, false, true}));
 
-  // The same where the recorder did not keep up: rows 8 and 9 find no room.
+  // The same if the recorder is too slow: rows 8 and 9 find no room.
   for (std::uint64_t k = 4; k < 10; ++k) loop.put(k);
   EXPECT_EQ(loop.rows.drops(), 2U);
   after_gap.clear();
@@ -450,7 +450,7 @@ TEST(RealTimeLoop, ASourceThatStartsAgainIsFollowed) {
   EXPECT_EQ(loop.loop.counters().time_jumps, 1U);
   EXPECT_EQ(loop.loop.counters().lost, 0U);
 
-  // The same where only its count starts again and its clock goes on.
+  // The same if only the sequence numbers start again and the clock continues.
   MachineFrame frame = loop.frame(0);
   frame.time_ns = loop.frame(300).time_ns;
   EXPECT_EQ(loop.put(frame).axes[0].state, AxisState::kSettling);

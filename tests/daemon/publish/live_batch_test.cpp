@@ -53,7 +53,7 @@ TEST(LiveBatch, AtOneKilohertzAPointIsACycle) {
   }
 }
 
-// A single cycle's peak, anywhere, stands in the least or the greatest value of its point.
+// The peak of a single cycle appears in the minimum or maximum of its point.
 TEST(LiveBatch, BeyondThatNoPeakIsLost) {
   constexpr int kAxes = 32;
   constexpr double kFast_s = 0.25e-3;
@@ -79,8 +79,8 @@ TEST(LiveBatch, BeyondThatNoPeakIsLost) {
     }
     points += kAxes * static_cast<double>(series.value.size());
   }
-  EXPECT_LE(points, LiveBatcher::kMostPoints * 1.001);  // of one second
-  EXPECT_GT(points, 0.9 * LiveBatcher::kMostPoints);
+  EXPECT_LE(points, LiveBatcher::kMaxPointsPerSecond * 1.001);  // of one second
+  EXPECT_GT(points, 0.9 * LiveBatcher::kMaxPointsPerSecond);
 }
 
 TEST(LiveBatch, EndsWhereACycleIsMissing) {
@@ -129,10 +129,10 @@ TEST(LiveFeed, FiguresAreOfWhatCameSinceTheStatusBefore) {
 
 TEST(LiveFeed, WhatNobodyTakesIsDroppedAndCounted) {
   LiveFeed feed(1e-3, 1);
-  constexpr std::size_t kBatches = LiveFeed::kMostWaiting + 5;
+  constexpr std::size_t kBatches = LiveFeed::kMaxWaitingBatches + 5;
   for (std::uint64_t k = 0; k < 50 * kBatches; ++k) feed.add(cycle(k, 1, 0.0));
   const LiveFeed::News news = feed.take();
-  EXPECT_EQ(news.batches.size(), LiveFeed::kMostWaiting);
+  EXPECT_EQ(news.batches.size(), LiveFeed::kMaxWaitingBatches);
   EXPECT_EQ(news.dropped, 5U);
   EXPECT_EQ(news.batches.front().first_sequence, 50U * 5U);
   EXPECT_EQ(feed.take().dropped, 5U);

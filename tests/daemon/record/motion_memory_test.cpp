@@ -60,7 +60,7 @@ TEST(MotionMemory, FindsTheFirstTimeItHasStoodForLongEnough) {
   until(351, 1.0);
   until(800, 0.0);
   EXPECT_NEAR(memory.time_when_stood(0, -1.0, 0.05).value(), 0.050, 1e-12);
-  // It stands from the last row that moved it on.
+  // Standstill begins at the last row with motion.
   EXPECT_NEAR(memory.time_when_stood(0, -1.0, 0.15).value(), 0.149 + 0.15, 1e-12);
   EXPECT_NEAR(memory.time_when_stood(0, 0.2, 0.15).value(), 0.350 + 0.15, 1e-12);
   EXPECT_NEAR(memory.time_when_stood(0, -1.0, 0.3).value(), 0.350 + 0.3, 1e-12);

@@ -121,7 +121,7 @@ TEST_F(RecorderTest, RowsThatShareACoarseStampStayInOneFile) {
   EXPECT_EQ(read_recording(files()[0]).time.size(), 2000U);
 }
 
-// A link to itself is nothing that can be looked at, so that the oldest cannot be told.
+// A link to itself cannot be examined, so that the oldest file cannot be found.
 TEST_F(RecorderTest, WhatCannotBeDeletedIsSaidOnceAndTheRowsAreRecorded) {
   Recorder recorder = this->recorder(100.0);
   const std::filesystem::path loop = directory_.path() / "recordings" / "mill" / "loop.csv";
@@ -222,7 +222,7 @@ TEST_F(RecorderTest, WhatAnyModelCitesIsNeverDeleted) {
     EXPECT_EQ(kept[1], all[1]) << "of a model that is not in force any more";
   }
   const std::string said = said_.str(), spared =
-                                            "the 2 recordings that models were found or "
+                                            "2 recordings that models were fitted to or "
                                             "judged on are kept beyond store.recordings_mb = ";
   const std::size_t first = said.find(spared);
   EXPECT_NE(first, said.npos) << said;
@@ -261,7 +261,7 @@ TEST_F(RecorderTest, AtTheCeilingItStopsAndGoesOnWhenThereIsRoom) {
   std::filesystem::remove(files().front());  // by hand
   feed(recorder, 200'000, 232'000);
   EXPECT_EQ(recorder.problem(), "");
-  EXPECT_EQ(times_said("recording goes on; "), 1) << said_.str();
+  EXPECT_EQ(times_said("recording resumed; "), 1) << said_.str();
   recorder.finish_file();
   std::uint64_t rows = 30'000U + recorder.rows_not_recorded();  // what was removed, and never there
   for (const auto& file : files()) rows += read_recording(file).time.size();

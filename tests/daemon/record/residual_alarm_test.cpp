@@ -20,8 +20,8 @@ using Kind = AlarmChange::Kind;
 constexpr double kRms = 1.5e-6;
 constexpr double kDay = 86400.0;
 
-/// Residuals of one cycle per second, so that every cycle is a piece: log of the square swings by
-/// `deviation` about that of kRms, and hangs together from one to the next by `correlation`.
+/// Residuals at one cycle per second, so that every cycle is a block. The log of their square has
+/// the standard deviation `deviation` around that of kRms and the lag-1 correlation `correlation`.
 class Axis {
  public:
   explicit Axis(std::uint64_t seed, double deviation = 0.6, double correlation = 0.0)
@@ -38,7 +38,7 @@ class Axis {
   double deviation_, correlation_, y_ = 0.0;
 };
 
-/// Feeds the reference, and expects that nothing is said before it is known.
+/// Feeds the reference, and expects no event before it is complete.
 void learn(ResidualAlarm& alarm, Axis& axis, double growth = 1.0) {
   for (int i = 0; i < 899; ++i) EXPECT_FALSE(alarm.add(axis.next(growth)));
   const std::optional<AlarmChange> change = alarm.add(axis.next(growth));
@@ -76,7 +76,7 @@ TEST(ResidualAlarm, AGrowthIsNoticedWithItsSizeWithinTheTimeOfTheClosedForm) {
 }
 
 // Runs are about exponential: at the stated rate one machine in ten has a false alarm within a
-// tenth of the stated time. Estimated from 15 minutes, and however much seconds hang together.
+// tenth of the stated time. With a reference of 15 minutes and any correlation of the seconds.
 class FalseAlarms : public testing::TestWithParam<double> {};
 
 TEST_P(FalseAlarms, AreAsRareAsStatedAlthoughTheReferenceIsEstimated) {
@@ -96,7 +96,7 @@ TEST_P(FalseAlarms, AreAsRareAsStatedAlthoughTheReferenceIsEstimated) {
 INSTANTIATE_TEST_SUITE_P(Correlation, FalseAlarms, testing::Values(0.0, 0.5, 0.8));
 
 TEST(ResidualAlarm, WithoutAllowingForCorrelationTheyWouldNotBe) {
-  // What the two precautions are for: the same sequence, its plain deviation, and no bound.
+  // Without the two precautions: the same sequence with its plain deviation and without bounds.
   constexpr double kStated = 3000.0;
   double total = 0.0;
   for (std::uint64_t seed = 0; seed < 100; ++seed) {
@@ -159,7 +159,7 @@ TEST(ResidualAlarm, AGrowthIsNotHiddenByANewModel) {
   axis.version = 2;  // has taken up half of what has grown
   int delay = 1;
   while (!alarm.add(axis.next(1.7))) ASSERT_LT(++delay, 300);
-  // Then the new model's own reference holds, and the alarm is over.
+  // Then the reference of the new model applies, and the alarm is over.
   std::optional<AlarmChange> change;
   while (!change) {
     change = alarm.add(axis.next(1.7));

@@ -14,12 +14,12 @@ using testing::AllOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-/// A machine with a cycle of a second, so that every cycle in motion is a piece.
+/// A machine with a cycle of one second, so that every cycle in motion is a block.
 class ResidualWatchTest : public testing::Test {
  protected:
   ResidualWatchTest() { config_.reference_s = 60.0; }
 
-  /// X moves and leaves this much; B, rotary, stands but for its first two cycles.
+  /// X moves with this residual; B, rotary, stands still except for its first two cycles.
   void run(ResidualWatch& watch, int cycles, double residual) {
     for (int i = 0; i < cycles; ++i) {
       CycleRow row;
@@ -53,17 +53,17 @@ TEST_F(ResidualWatchTest, AnAlarmIsAnEventWithItsFiguresAndIsTakenOnce) {
   ResidualWatch watch(machine_, config_, events_);
   run(watch, 61, 1e-6);
   EXPECT_FALSE(watch.take_alarm(0));
-  EXPECT_THAT(
-      events("alarm_reference"),
-      testing::ElementsAre("X: the residual is watched: 1 um RMS is normal, by 60 s of motion"));
+  EXPECT_THAT(events("alarm_reference"),
+              testing::ElementsAre(
+                  "X: the residual is monitored: 1 um RMS is normal, learned from 60 s of motion"));
   run(watch, 30, 3e-6);
-  // y grows by 2 ln 3 = 2.2, which is 6 of the least deviation and counts 3; less the drift, six
-  // pieces bring the sum from 0 to 15, beyond 12.9.
+  // y grows by 2 ln 3 = 2.2, which is 6 times the minimum deviation and is limited to 3; minus the
+  // drift, six blocks raise the sum from 0 to 15, above 12.9.
   EXPECT_THAT(
       events("alarm_raised"),
       testing::ElementsAre("X: alarm: the residual has grown: 3 um RMS over the last 6 s of "
-                           "motion, normal is 1 um (CUSUM beyond 12.9; a false alarm once "
-                           "in 30 days of motion)"));
+                           "motion, normal is 1 um (CUSUM above 12.9; on average one false "
+                           "alarm in 30 days of motion)"));
   EXPECT_EQ(watch.take_alarm(0),
             "the residual has grown: 3 um RMS over the last 6 s of motion, normal is 1 um");
   EXPECT_FALSE(watch.take_alarm(0));
@@ -86,8 +86,8 @@ TEST_F(ResidualWatchTest, ANewModelsReferenceEndsTheAlarmAndIsSaid) {
   EXPECT_THAT(events("alarm_cleared"),
               testing::ElementsAre("X: alarm over: the model in force has a reference of its own"));
   EXPECT_THAT(events("alarm_reference"),
-              testing::Contains("X: the residual is watched: 1.8 um RMS is normal, by 60 s of "
-                                "motion"));
+              testing::Contains("X: the residual is monitored: 1.8 um RMS is normal, learned "
+                                "from 60 s of motion"));
 }
 
 TEST_F(ResidualWatchTest, OnlyWhatFollowsACycleBeforeIsMotion) {

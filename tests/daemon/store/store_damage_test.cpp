@@ -24,7 +24,7 @@ Event event(const std::string& text) {
   return {"2026-01-31T12:00:00.000Z", "X", "model_promoted", text, ""};
 }
 
-/// Models that can be told apart.
+/// Models that differ.
 ModelRecord numbered(int number) { return record_of(drive(10.0 + 0.01 * number)); }
 
 void cut(const fs::path& file, std::uintmax_t size) { fs::resize_file(file, size); }
@@ -43,7 +43,7 @@ class LivingStore {
     fs::copy(original_.path(), power_cut_.path() / "store", fs::copy_options::recursive);
   }
   [[nodiscard]] fs::path path() const { return power_cut_.path() / "store"; }
-  /// A copy of it that may be spoilt.
+  /// A copy that a test may damage.
   [[nodiscard]] fs::path fresh_copy() const {
     const fs::path copy = power_cut_.path() / "copy";
     fs::remove_all(copy);
@@ -103,7 +103,7 @@ TEST(StoreAfterDamage, OfADatabaseThatIsCutAnywhereTheModelInForceComesBack) {
     cut(database(copy), length);
     Store store(copy, "mill");
     ASSERT_THAT(store.lost(), HasSubstr("the store was damaged (")) << length;
-    ASSERT_THAT(store.lost(), HasSubstr("models in force that are back: 1")) << length;
+    ASSERT_THAT(store.lost(), HasSubstr("models in force restored: 1")) << length;
     const std::vector<StoredModel> models = store.in_force();
     ASSERT_EQ(models.size(), 1U) << length;
     ASSERT_EQ(models[0].record.version, 3);
@@ -129,11 +129,11 @@ TEST(StoreAfterDamage, ADatabaseThatIsGoneIsSaidAndTheModelComesBack) {
   }
   fs::remove(database(directory.path()));
   const Store store(directory.path(), "mill");
-  EXPECT_THAT(store.lost(), HasSubstr("the database is gone"));
+  EXPECT_THAT(store.lost(), HasSubstr("the database file is missing"));
   EXPECT_EQ(store.in_force().size(), 1U);
 }
 
-// Or the recorder would delete what the model that is back was found on.
+// Otherwise the recorder would delete the recordings that the restored model was fitted to.
 TEST(StoreAfterDamage, TheModelThatComesBackStillCitesItsRecordings) {
   TemporaryDirectory directory;
   {
@@ -145,7 +145,7 @@ TEST(StoreAfterDamage, TheModelThatComesBackStillCitesItsRecordings) {
   fs::remove(database(directory.path()));
   {
     const Store store(directory.path(), "mill");
-    ASSERT_THAT(store.lost(), HasSubstr("the database is gone"));
+    ASSERT_THAT(store.lost(), HasSubstr("the database file is missing"));
     EXPECT_THAT(store.cited(), ElementsAre("b.csv", "c.csv"));
   }
   fs::remove(directory.path() / "models" / "mill" / "X.json");
@@ -165,9 +165,9 @@ TEST(StoreAfterDamage, ACopyThatIsDamagedTooIsNamed) {
   cut(database(directory.path()), 5000);
   cut(directory.path() / "models" / "mill" / "Y.json", 100);
   const Store store(directory.path(), "mill");
-  EXPECT_THAT(store.lost(), HasSubstr("a model in force is lost, too: "));
+  EXPECT_THAT(store.lost(), HasSubstr("a model in force could not be restored: "));
   EXPECT_THAT(store.lost(), HasSubstr("Y.json"));
-  EXPECT_THAT(store.lost(), HasSubstr("models in force that are back: 1"));
+  EXPECT_THAT(store.lost(), HasSubstr("models in force restored: 1"));
   ASSERT_EQ(store.in_force().size(), 1U);
   EXPECT_EQ(store.in_force()[0].record.axis, "X");
 }
@@ -186,7 +186,7 @@ TEST(StoreAfterDamage, AStoreThatIsWellLosesNothingAndIsCopied) {
   EXPECT_EQ(read_model(copy).version, 1);
 }
 
-/// Promotes, records with a small budget and notes events until it is killed; says what is stored.
+/// Promotes, records with a small budget and logs events until it is killed; prints what is stored.
 [[noreturn]] void work_until_killed(const fs::path& directory, int acknowledge) {
   Store store(directory, "mill");
   std::ostringstream out;
@@ -257,7 +257,7 @@ TEST(StoreAfterKill, NothingAcknowledgedIsLostInAHundredKillsAtRandomMoments) {
       const int copied = read_model(directory.path() / "models" / "mill" / "X.json").version;
       ASSERT_EQ(copied, last);
     }
-    // The recordings that the models cite are there, and whole as all that are.
+    // The recordings that the models cite exist, and all recordings are complete.
     const fs::path recordings = directory.path() / "recordings" / "mill";
     const std::set<std::string> cited = store.cited();
     ASSERT_EQ(cited.size(), static_cast<std::size_t>(last)) << "one each";

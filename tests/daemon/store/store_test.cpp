@@ -190,7 +190,7 @@ TEST(Store, OfEveryAxisTheNewestDiagnosesAreKept) {
 TEST(Store, IsReadBesideTheOneThatOwnsItAndNotWritten) {
   TemporaryDirectory directory;
   EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill", StoreAccess::kRead); }),
-              HasSubstr("there is none; --store"));
+              HasSubstr("does not exist; --store"));
   EXPECT_TRUE(std::filesystem::is_empty(directory.path())) << "nothing is made";
   Store owner(directory.path(), "mill");
   owner.add(diagnosis(1), event("diagnosis"));
@@ -276,7 +276,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
     EXPECT_EQ(store.versions("X").size(), 1U);
     EXPECT_EQ(store.versions("X", 1).size(), 1U) << "the newest that can be used";
   }
-  // The next one takes no number that was there, and comes of the one in force.
+  // The next model gets a new version number, and its parent is the model in force.
   ModelRecord next = record_of(drive());
   {
     Store store(directory.path(), "mill");
@@ -286,7 +286,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   EXPECT_EQ(next.parent, 1);
   spoil(directory.path(), "UPDATE models SET json = '{'");
   Store store(directory.path(), "mill");
-  EXPECT_THAT(store.lost(), HasSubstr("the axis is identified anew"));
+  EXPECT_THAT(store.lost(), HasSubstr("the axis is identified again"));
   EXPECT_TRUE(store.in_force().empty());
   store.promote(next, event("fourth"));
   EXPECT_EQ(next.version, 4);

@@ -75,7 +75,7 @@ TEST_F(HttpTest, ThePageIsServedWithAllItsFilesAndNothingFromElsewhere) {
     const HttpAnswer answer = get(std::string(file.path));
     EXPECT_EQ(answer.status, 200) << file.path;
     EXPECT_EQ(answer.body, file.content) << file.path;
-    // The address of its licence's project stands in the library; nothing is loaded from there.
+    // The library contains the address of its project in the licence; nothing is loaded from there.
     if (!file.path.starts_with("/vendor/") && file.path != "/icon.svg") {
       EXPECT_THAT(answer.body, Not(HasSubstr("http://"))) << file.path;
     }
@@ -134,7 +134,7 @@ TEST_F(HttpTest, MethodsAndBodiesThatNothingTakesAreRefused) {
   EXPECT_THAT(put.head, HasSubstr("Allow: GET, HEAD, POST"));
   EXPECT_EQ(ask(port_, "POST", "/api/v1/status").status, 405);
   EXPECT_EQ(ask(port_, "POST", "/api/v1/diagnoses/X", "", std::string(20'000, 'x')).status, 413);
-  // Larger than what is kept of a request.
+  // Larger than the limit of a request.
   const HttpAnswer large = ask(port_, "GET", "/" + std::string(40'000, 'x'));
   EXPECT_GE(large.status, 400);
   EXPECT_LT(large.status, 500);
@@ -158,7 +158,7 @@ TEST_F(HttpTest, WhoChangesSomethingNeedsTheToken) {
   EXPECT_EQ(post(kToken).status, 401);
   EXPECT_EQ(watch_->take_alarm(0), std::nullopt);
   EXPECT_EQ(post(std::string("Bearer ") + kToken).status, 202);
-  EXPECT_EQ(watch_->take_alarm(0), "asked for over HTTP");
+  EXPECT_EQ(watch_->take_alarm(0), "requested over HTTP");
 }
 
 TEST_F(HttpTest, WithoutAConfiguredTokenNothingCanBeChanged) {
@@ -339,7 +339,7 @@ TEST_F(HttpTest, AStreamTellsWhatThePublisherPublishes) {
   status.frames = 4711;
   shown_->feed().add(status);
   ASSERT_TRUE(stream.has_sent("\"frames\":4711"));
-  // Who comes later gets the last seconds at once.
+  // A later reader gets the last seconds at once.
   HttpConnection late(port_);
   late.send("GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n");
   EXPECT_TRUE(late.has_sent("\"frames\":4711"));
@@ -351,7 +351,7 @@ TEST_F(HttpTest, AStreamTellsWhatThePublisherPublishes) {
 
 TEST_F(HttpTest, ThereAreNotMoreStreamsThanAreServed) {
   std::vector<std::unique_ptr<HttpConnection>> streams;
-  for (unsigned i = 0; i < HttpServer::kMostStreams; ++i) {
+  for (unsigned i = 0; i < HttpServer::kMaxStreams; ++i) {
     streams.push_back(std::make_unique<HttpConnection>(port_));
     streams.back()->send("GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n");
     ASSERT_TRUE(streams.back()->has_sent("200 OK"));
@@ -452,8 +452,8 @@ TEST_F(HealthTest, AStoreThatCannotBeWrittenIsIllUntilItCan) {
   ASSERT_EQ(problems.size(), 1U);
   EXPECT_THAT(problems[0], HasSubstr("cannot be written"));
   sqlite3_close(other);
-  EXPECT_EQ(health_.problems(Health::kStoreLook_ns - 1).size(), 1U);  // not tried so soon
-  EXPECT_TRUE(health_.problems(Health::kStoreLook_ns).empty());
+  EXPECT_EQ(health_.problems(Health::kStoreCheck_ns - 1).size(), 1U);  // not tried so soon
+  EXPECT_TRUE(health_.problems(Health::kStoreCheck_ns).empty());
 }
 
 }  // namespace

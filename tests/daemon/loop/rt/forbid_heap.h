@@ -1,4 +1,4 @@
-// Counts what a thread does that it has promised not to do: heap, locks, exceptions.
+// Counts forbidden operations of a thread: heap, locks, exceptions.
 //
 // Linked into a test program this file takes the place of malloc and its relatives and of the locks
 // of pthread for the whole process, and counts their use by a thread while that thread has

@@ -79,8 +79,8 @@ TwinInForce in_force(const Model& model, int version) {
   return {Twin(model), version, 1e-6, settling_cycles(model)};
 }
 
-/// A machine to which everything happens: losses, jumps, repeats, no numbers, models that come and
-/// go.
+/// A machine with all faults: lost cycles, jumps, repeats, values that are not finite, and changing
+/// models.
 class Eventful final : public FrameSource {
  public:
   Eventful(std::vector<LatestValue<TwinInForce>>& models, std::uint64_t count)
@@ -198,8 +198,8 @@ TEST(RealTimePath, AllocatesNothingWhileCorrectionsAreGivenBack) {
     const double bent = name[0] == 'X' ? 0.0 : 1.0;
     learned->program.command.emplace_back(0.01 * bump * (0.5 + bent * time));
     learned->axes.push_back({name, false, 1});
-    learned->missed.push_back(0.0);
-    learned->missed_most.push_back(0.0);
+    learned->holdout_rms.push_back(0.0);
+    learned->holdout_max.push_back(0.0);
     learned->offset.emplace_back(1e-4 * bump * (4.0 * std::numbers::pi * time).sin().square());
     learned->error_before.emplace_back(Eigen::ArrayXd::Constant(kRows, 1.0));
     learned->error_after.emplace_back(Eigen::ArrayXd::Zero(kRows));
@@ -258,7 +258,7 @@ TEST(RealTimePath, AllocatesNothingWithFramesFromTheNetwork) {
   EXPECT_GT(running.loop.counters().frames, 0U);
 }
 
-/// What this file would see if the loop did it.
+/// Operations that this test must detect if the loop did them.
 Violations seen(const std::function<void()>& action) {
   const Violations before = violations();
   {
@@ -280,7 +280,7 @@ TEST(RealTimePath, ReceivingFromABusAllocatesNothing) {
   auto listener = std::make_unique<CanUdp>(CanUdpPlace{"127.0.0.1:0", ""});
   CanUdp machine({"127.0.0.1:0", "127.0.0.1:" + std::to_string(listener->port())});
   const CanEncoder encoder(checked.map);
-  // Whole cycles, one without its actual value, an id that nobody knows, a frame too short.
+  // Complete cycles, one without its actual value, an unknown id, a frame that is too short.
   for (int k = 0; k < 100; ++k) {
     std::vector<CanFrame> frames{encoder.start(), encoder.frame(0)};
     if (k != 50) frames.push_back(encoder.frame(1));
@@ -301,8 +301,7 @@ TEST(RealTimePath, ReceivingFromABusAllocatesNothing) {
   EXPECT_EQ(cycles, 100);
 }
 
-// The guard sees each of the things that it is there for: without this the tests above prove
-// nothing.
+// The guard detects every forbidden operation; otherwise the tests above prove nothing.
 TEST(ForbidHeap, SeesEveryAllocationAndRelease) {
   EXPECT_EQ(seen([] {}), kNone);
   // Through a volatile pointer, so that no compiler may leave the pair out.
@@ -353,7 +352,7 @@ TEST(ForbidHeap, SeesLocks) {
   EXPECT_GE(seen([&] { const std::lock_guard lock(mutex); }).locks, 1U);
 }
 
-/// The loop as it must not be: something is done after each frame that is not allowed there.
+/// A loop that does something forbidden after every frame.
 class Disobedient final : public FrameSource {
  public:
   Disobedient(FrameSource& inner, std::function<void()> deed)
