@@ -128,7 +128,7 @@ TEST(Replay, NobodyThereIsAnError) {
       over_dds("replay", {folder.write("rec.csv", slow_recording(150)), "--wait", "0.2"}));
   EXPECT_EQ(answer.status, 1);
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("nobody listens to machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err, HasSubstr("no daemon listens to machine '" + place().machine + "'"));
   EXPECT_THAT(answer.err, HasSubstr("start servotwind"));
 }
 
@@ -147,7 +147,7 @@ TEST(Replay, AMachineOfWhichThereIsNoDaemonIsAnErrorBesideDaemonsOfOthers) {
       over_dds("replay", {folder.write("rec.csv", slow_recording(10)), "--wait", "1"}));
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.out, testing::Not(HasSubstr("sent")));
-  EXPECT_THAT(answer.err, HasSubstr("nobody listens to machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err, HasSubstr("no daemon listens to machine '" + place().machine + "'"));
   EXPECT_THAT(answer.err, HasSubstr("in this domain there is a daemon of mill-7"));
 }
 
@@ -169,7 +169,7 @@ TEST(Replay, ADaemonThatGoesBeforeTheEndIsAnError) {
   const Answer answer = replay.answer();
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.out, HasSubstr("sent 149 of 149 frames"));
-  EXPECT_THAT(answer.err, HasSubstr("has gone before the end"));
+  EXPECT_THAT(answer.err, HasSubstr("stopped before the end"));
 }
 
 TEST(Replay, AListenerWithoutADaemonIsEnough) {
@@ -181,7 +181,7 @@ TEST(Replay, AListenerWithoutADaemonIsEnough) {
   for (int k = 0; k < 10; ++k) ASSERT_TRUE(frames.receive(frame, kPatience_s));
   const Answer answer = replay.answer();
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("no daemon speaks for"));
+  EXPECT_THAT(answer.out, HasSubstr("no daemon serves"));
 }
 
 /// Daemon and machine of one axis whose errors are chosen, cycle by cycle.
@@ -503,7 +503,7 @@ TEST(Watch, TheSummaryOfAMachineAtRestIsAScreen) {
   EXPECT_THAT(answer.out, HasSubstr(": no frames came in 2 s\n"));
   EXPECT_THAT(answer.out, HasSubstr("axis X: model version 1 in force\n"));
   EXPECT_THAT(answer.out, HasSubstr("now         collecting\n"));
-  EXPECT_THAT(answer.err, HasSubstr("a daemon is there, but no frames reach it"));
+  EXPECT_THAT(answer.err, HasSubstr("a daemon is running, but receives no frames"));
 }
 
 TEST(Watch, ADaemonThatGoesEndsTheSummaryAndIsSaidInTheLines) {
@@ -518,8 +518,8 @@ TEST(Watch, ADaemonThatGoesEndsTheSummaryAndIsSaidInTheLines) {
   stage.reset();
   const Answer ended = summary.answer();
   EXPECT_EQ(ended.status, 1) << ended;
-  EXPECT_THAT(ended.out, HasSubstr("the daemon has gone"));
-  EXPECT_THAT(ended.err, HasSubstr("its daemon has gone"));
+  EXPECT_THAT(ended.out, HasSubstr("the daemon has stopped"));
+  EXPECT_THAT(ended.err, HasSubstr("its daemon has stopped"));
   const Answer told = lines.answer();
   EXPECT_LT(told.out.find("X v3 no frames"), told.out.find("X v3 no daemon")) << told;
 }
@@ -578,7 +578,8 @@ TEST(Watch, SilenceIsAnError) {
   EXPECT_EQ(answer.status, 1);
   EXPECT_THAT(answer.out, IsEmpty());
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("no prediction came for machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err,
+              HasSubstr("no prediction was received for machine '" + place().machine + "'"));
 }
 
 }  // namespace

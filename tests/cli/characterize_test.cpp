@@ -230,7 +230,7 @@ TEST(Characterize, LeavesAModelAloneThatItsFrictionWouldMakeWorse) {
   Answer answer =
       servotwin_says({"characterize", file, "--axis", "X", "--model", model, "--json", result});
   EXPECT_EQ(answer.status, 1);
-  EXPECT_THAT(answer.err, HasSubstr("with this friction it predicts worse"));
+  EXPECT_THAT(answer.err, HasSubstr("with this friction the model predicts worse"));
   write_model(folder / "y.json", known_axis("Y"));
   answer = servotwin_says({"characterize", file, "--axis", "X", "--model", folder / "y.json"});
   EXPECT_EQ(answer.status, 1);
@@ -250,7 +250,7 @@ TEST(Characterize, NoticesATorqueThatIsTurnedRoundOrDead) {
   const std::string file = folder.write("turned.csv", ramps_table(kSpeeds, turned));
   Answer answer = servotwin_says({"characterize", file, "--axis", "X"});
   EXPECT_EQ(answer.status, 1);
-  EXPECT_THAT(answer.err, HasSubstr("the torque drives against the motion"));
+  EXPECT_THAT(answer.err, HasSubstr("the torque acts against the motion"));
   EXPECT_THAT(answer.err, HasSubstr("--invert-torque"));
   answer = servotwin_says({"characterize", file, "--axis", "X", "--invert-torque"});
   EXPECT_EQ(answer.status, 0) << answer;

@@ -92,9 +92,8 @@ TEST(CheckConfig, ABandwidthThatLimitsNothingIsNoted) {
   };
   const Answer wide = said("501");
   EXPECT_EQ(wide.status, 0) << wide;
-  EXPECT_THAT(wide.out,
-              HasSubstr("note: axis X: a correction's bandwidth of 501 Hz limits nothing, "
-                        "half the cycle rate is 500 Hz"));
+  EXPECT_THAT(wide.out, HasSubstr("note: axis X: the correction bandwidth of 501 Hz has no effect, "
+                                  "since half the cycle rate is 500 Hz"));
   EXPECT_EQ(said("500").out.find("note: axis X"), std::string::npos);
 }
 
@@ -116,7 +115,7 @@ TEST(CheckConfig, ALimitThatIsWrongIsOneProblemAndWhatItNamesIsLookedAtLater) {
   EXPECT_EQ(answer.status, 1) << answer;
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
   EXPECT_THAT(answer.err, HasSubstr("store.recordings_mb = -1"));
-  EXPECT_THAT(answer.err, HasSubstr("are looked at when they are corrected"));
+  EXPECT_THAT(answer.err, HasSubstr("are checked once this is corrected"));
 }
 
 TEST(CheckConfig, TakesTheFileOfTheReference) {

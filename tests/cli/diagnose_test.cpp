@@ -59,7 +59,7 @@ TEST_F(Diagnose, SaysThatNoneIsNeeded) {
   ASSERT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(
       answer.out,
-      HasSubstr("test        none is needed: nothing that the position loop says is in doubt"));
+      HasSubstr("test        none is needed: no cause found in the position loop is in doubt"));
   const json diagnosis = json::parse(content_of(folder_ / "diagnosis.json"));
   EXPECT_TRUE(diagnosis["suggested_test"].is_null());
   EXPECT_FALSE(diagnosis.contains("suggested_test_files"));

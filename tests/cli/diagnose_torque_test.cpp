@@ -53,7 +53,8 @@ TEST(DiagnoseTorque, WhatShowsNothingInEitherWaySaysBothReasons) {
       servotwin_says({"diagnose", folder.write("short.csv", table), "--axis", "R"});
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.err, HasSubstr("R.command does not move"));
-  EXPECT_THAT(answer.err, HasSubstr("; nor by torque: there is no stretch of 262 samples"));
+  EXPECT_THAT(answer.err,
+              HasSubstr("; a diagnosis by torque fails too: there is no stretch of 262 samples"));
 }
 
 TEST(DiagnoseTorque, WhatNeedsACommandSaysSo) {

@@ -65,7 +65,7 @@ TEST_F(Export, SaysTheSameForPrograms) {
   EXPECT_EQ(said["unit"]["variables"][0]["name"], "command");
   EXPECT_EQ(said["unit"]["variables"].size(), 8U);
   EXPECT_EQ(said["matrices"]["outputs"][0], "tracking_error [m]");
-  EXPECT_THAT(answer.err, HasSubstr("note: the matrices are the loop's alone; not in them: "
+  EXPECT_THAT(answer.err, HasSubstr("note: the matrices contain the linear loop only, without: "
                                     "coulomb_friction, gravity_offset\n"));
 }
 

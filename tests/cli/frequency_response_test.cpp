@@ -157,7 +157,7 @@ TEST(FrequencyResponseTool, AnInputThatStandsStillExcitesNothing) {
       "rec.csv", table(kHeader, {std::vector<double>(m.command.size(), 1.0), m.actual}));
   const Answer answer = servotwin_says({"frequency-response", file, "--axis", "X"});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("excited   not at all: the input stands still"));
+  EXPECT_THAT(answer.out, HasSubstr("excited   not at all: the input is constant"));
   EXPECT_THAT(answer.out, HasSubstr("declined    no fit"));
 }
 

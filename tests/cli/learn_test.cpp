@@ -130,7 +130,7 @@ TEST_F(Learn, EveryMethodMakesItBetterAndObeysTheLimits) {
 TEST_F(Learn, TightLimitsLeaveThePathAsItIsAndSaySo) {
   const Answer answer = learn({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("the path is left as it is"));
+  EXPECT_THAT(answer.out, HasSubstr("the path is unchanged"));
   EXPECT_THAT(answer.out, HasSubstr("the axes' errors fell, but the distance from the path grew"));
   EXPECT_THAT(answer.out, HasSubstr("X at its peak of 60 um or rate of 5 mm/s in"));
   EXPECT_THAT(answer.out, HasSubstr("--aim contour"));
@@ -138,7 +138,7 @@ TEST_F(Learn, TightLimitsLeaveThePathAsItIsAndSaySo) {
   const json result = learned({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(result["best_trial"], 0);
   for (const json& axis : result["axes"]) {
-    EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("nothing is kept"));
+    EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("no correction is kept"));
     EXPECT_TRUE(axis["expected_rms_m"].is_null()) << "of no correction";
   }
   EXPECT_THAT(learn({"--limits-rate", "5"}).out, Not(HasSubstr(" peak of")));
@@ -191,7 +191,7 @@ TEST_F(Learn, APathThatDoesNotRestIsLimitedByItsEnds) {
   const json result = learned();
   for (const json& axis : result["axes"])
     EXPECT_THAT(axis["limited_by"].get<std::string>(),
-                HasSubstr("the ends: 100 % of what is left"));
+                HasSubstr("the ends of the path: 100 % of the remaining squared error"));
 }
 
 // Who asks for 5 Hz spares a resonance above it: of the feed-forward beneath learning, too.
@@ -299,7 +299,7 @@ TEST_F(Learn, ARotaryAxisHasItsUnitAndNoPartInTheContour) {
   const Answer answer = learn({"--model", a, "--aim", "contour"});
   ASSERT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("[um]      [um]    [urad]      [um]"));
-  EXPECT_THAT(answer.out, HasSubstr("A is a rotary axis and has no part in the distance"));
+  EXPECT_THAT(answer.out, HasSubstr("A is a rotary axis and does not contribute to the distance"));
   EXPECT_THAT(answer.out, Not(HasSubstr("A: limited by its aim")));
 }
 
@@ -337,7 +337,7 @@ TEST_F(Learn, WhatIsExpectedAcrossThePathIsSaid) {
 TEST_F(Learn, AToleranceOfMovesThatNobodyAskedForIsRefused) {
   const Answer answer = learn({"--chord-tolerance", "2"});
   EXPECT_NE(answer.status, 0);
-  EXPECT_THAT(answer.err, HasSubstr("--chord-tolerance is of the G1 moves that --gcode writes"));
+  EXPECT_THAT(answer.err, HasSubstr("--chord-tolerance needs --gcode: it applies to the G1 moves"));
 }
 
 TEST_F(Learn, SaysWhatItDidOnOneScreen) {
@@ -523,7 +523,8 @@ TEST_F(Learn, PromisesNothingBeyondTheMotionOfItsModel) {
   ASSERT_EQ(beyond.status, 0) << beyond;
   EXPECT_THAT(beyond.out, HasSubstr("warning: Y: the command reaches 3.9 times the speed (0.079 "
                                     "m/s) and"));
-  EXPECT_THAT(beyond.out, HasSubstr("Y: limited by the model: it was found on slower motion\n"));
+  EXPECT_THAT(beyond.out,
+              HasSubstr("Y: limited by the model: it was identified on slower motion\n"));
   EXPECT_TRUE(expected().is_null());
 }
 
@@ -583,7 +584,8 @@ TEST_F(Learn, AFileThatDoesNotSayItsMotionIsNamed) {
   write_model(x_, old);
   const Answer answer = learn({"--trials", "1"});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("the model of X does not say how fast the motion was"));
+  EXPECT_THAT(answer.out,
+              HasSubstr("the model of X does not say which speeds it was identified on"));
   EXPECT_THAT(answer.out, Not(HasSubstr("the model of Y")));
 }
 

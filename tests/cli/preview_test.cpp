@@ -132,7 +132,7 @@ TEST_F(Preview, ADaemonThatKnowsNoAxesYetIsNotDenied) {
   const Answer said = tool.answer();
   EXPECT_EQ(said.status, 1);
   EXPECT_THAT(said.err, HasSubstr("the daemon of machine 'waiting' in DDS domain"));
-  EXPECT_THAT(said.err, HasSubstr("has not heard of its axes yet"));
+  EXPECT_THAT(said.err, HasSubstr("does not know its axes yet"));
 }
 
 // Its topics are there, and they are another machine's.
@@ -141,7 +141,7 @@ TEST_F(Preview, AMachineThatNobodySpeaksForIsNamed) {
                 "misspelt", "--domain", std::to_string(place().domain), "--wait", "2"});
   const Answer said = tool.answer();
   EXPECT_EQ(said.status, 1);
-  EXPECT_THAT(said.err, HasSubstr("nobody listens to machine 'misspelt' in DDS domain " +
+  EXPECT_THAT(said.err, HasSubstr("no daemon listens to machine 'misspelt' in DDS domain " +
                                   std::to_string(place().domain)));
   ProgramChunk chunk;
   EXPECT_FALSE(programs_.receive(chunk, 0.0)) << "and nothing is sent";

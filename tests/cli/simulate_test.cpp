@@ -183,7 +183,7 @@ TEST_F(Simulate, RefusesAPathThatBreaksOff) {
       servotwin_says({"simulate", folder_.write("gap.csv", table), "--model", model_});
   EXPECT_EQ(answer.status, 1);
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("X.command breaks off at 0.999 s"));
+  EXPECT_THAT(answer.err, HasSubstr("X.command is interrupted at 0.999 s"));
 }
 
 }  // namespace
