@@ -15,8 +15,7 @@ struct CanReplayOptions {
   ReadOptions read;                     ///< of a recording; for a log its mapping is not used
   std::vector<std::string> interfaces;  ///< --can
   std::string udp;                      ///< --udp HOST:PORT
-  bool targets =
-      false;  ///< act as the controller: send target positions instead of the answers of drives
+  bool targets = false;  ///< send target positions, as the controller, instead of drives' answers
   double speed = 1.0;
 };
 

@@ -21,10 +21,8 @@ namespace servotwin::cli {
 /// Poles, numerator and effects, one line each.
 [[nodiscard]] std::vector<std::string> parameter_lines(const ModelRecord& record);
 /// Errors on training and held-out data, noise floor and condition number, one line each.
-enum class Times {
-  kOfRecording,
-  kNone
-};  ///< kNone for a live model: its times are those of the daemon
+/// kNone for a live model: its times are those of the daemon.
+enum class Times { kOfRecording, kNone };
 [[nodiscard]] std::vector<std::string> fit_lines(const ModelRecord& record, Times times);
 
 /// "1.532 um RMS  9.87 um MAX".

@@ -33,8 +33,8 @@ constexpr double kTwoPi = 2.0 * std::numbers::pi, kMicro = 1e-6;
 constexpr Eigen::Index kMinSegment_rows = 200;
 // Initial values of the search for break distances [um | urad].
 constexpr const char* kBreakDistances = "1,2,5,10,20,50";
-constexpr double kMaxResidualShare =
-    0.5;  // residual over output on held-out data; above, the fit is not usable
+// Residual over output on held-out data; above it, the fit is not usable.
+constexpr double kMaxResidualShare = 0.5;
 constexpr double kMaxPartsOverOutput = 3.0;          // above, correlated inputs cancel each other
 constexpr double kMaxRelativeDeviation = 1.0 / 3.0;  // of a determined value, as for a pole
 const std::vector<std::string> kInputs{"command", "friction", "torque"};

@@ -88,7 +88,7 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
   if (errors.residual.count() > 0) {
     const ErrorFigures left = errors.residual.figures(), all = errors.tracking.figures();
     lines.push_back(
-        text("live, %llu cycles since the model is in force (%llu more while it settled):",
+        text("live, %llu cycles since the model came into force (%llu more while it settled):",
              static_cast<unsigned long long>(errors.residual.count()),
              static_cast<unsigned long long>(axis.settling)));
     lines.push_back("  with model  " + figures_text(left, rotary(axis)) +

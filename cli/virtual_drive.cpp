@@ -8,8 +8,7 @@ namespace servotwin {
 
 void DriveState::command(std::uint16_t word) noexcept {
   const unsigned bits = word & 0x0FU;
-  if ((bits & 0x2U) == 0 ||
-      (bits & 0x4U) == 0) {  // disable voltage; or quick stop, which ends in the same state
+  if ((bits & 0x2U) == 0 || (bits & 0x4U) == 0) {  // disable voltage; quick stop ends there too
     state_ = State::kSwitchOnDisabled;
   } else if (bits == 0x6U) {  // shutdown
     state_ = State::kReadyToSwitchOn;

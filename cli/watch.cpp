@@ -103,8 +103,8 @@ class Subscriber {
   ModelAnnouncement model_;
   DiagnosisAnnouncement diagnosis_;
   MachineStatus status_;
-  dds_instance_handle_t daemon_ = 0, predicts_ = 0,
-                        machine_ = 0;  // writers of the last messages; 0: none yet
+  // Writers of the last messages; 0: none yet.
+  dds_instance_handle_t daemon_ = 0, predicts_ = 0, machine_ = 0;
 };
 
 /// Shows the last second; on a terminal in place of the second before.

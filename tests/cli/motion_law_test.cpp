@@ -139,7 +139,7 @@ const std::vector<Refused> kRefused{
     {{"--velocities", "50", "--travel", "25"}, "needs 30 mm of travel and there are 25 mm"},
     {{"--velocities", "50", "--travel", "0"}, "travel is 0 mm"},
     {{"--velocities", "50", "--rate", "0"}, "--rate is 0 Hz, must be positive"},
-    {{"--velocities", "50", "--axis", "a,b"}, "--axis: 'a,b' cannot stand in a header"},
+    {{"--velocities", "50", "--axis", "a,b"}, "--axis: 'a,b' cannot be used in the header"},
     {{"--velocities", "1e-9"}, "rows, more than 10000000"},
     {{"--velocites", "50"}, "did you mean '--velocities'?"},
 };

@@ -221,7 +221,7 @@ TEST(MultivariableTool, RefusesWhatItCannotUse) {
   refused({"--input", "X.friction", "--plot", folder / "p.svg"}, 2, {"--plot", "frictions alone"});
   refused({"--input", "command"}, 2, {"of which axis?"});
   refused({"--input", "X.command,X.command"}, 2, {"'X.command' twice"});
-  refused({"--break-distance", "5,5"}, 2, {"--break-distance", "'5' is there twice"});
+  refused({"--break-distance", "5,5"}, 2, {"--break-distance", "'5' is given twice"});
   refused({"--mat", "-"}, 2, {"MATLAB", "standard output"});
 }
 

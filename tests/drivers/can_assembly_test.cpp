@@ -171,7 +171,7 @@ TEST_F(Assembly, UnexpectedIdsAreNamedOnceAndCounted) {
   extended.extended = true;
   give(extended);
   EXPECT_EQ(assembly_->counts().buses[0].unexpected, 3U);
-  EXPECT_THAT(told(), ElementsAre("not in the mapping, and passed over: 0x701, 0x00000181"));
+  EXPECT_THAT(told(), ElementsAre("not in the mapping, and ignored: 0x701, 0x00000181"));
   for (std::uint32_t id = 0x500; id < 0x580; ++id) give(id, 0);
   EXPECT_EQ(assembly_->counts().unexpected.size(), CanCounts::kUnexpectedIds);
 }
@@ -207,7 +207,7 @@ TEST_F(Assembly, ErrorFramesAreToldByWhatTheyMean) {
   error.data[1] = 0x01;
   give(error);
   EXPECT_THAT(told(), ElementsAre(HasSubstr("bus-off"), HasSubstr("takes part again"),
-                                  HasSubstr("buffer ran over")));
+                                  HasSubstr("buffer overflowed")));
 }
 
 TEST_F(Assembly, WithoutSyncAMessageBeginsTheCycle) {

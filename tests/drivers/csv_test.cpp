@@ -70,7 +70,7 @@ TEST_F(Csv, ReadsForeignColumnsByTheirNames) {
 TEST_F(Csv, ATimeWithoutUnitIsSecondsAndSaysSo) {
   const Recording r = read("Time,a,b\n1,1,2\n2,4,5\n", mapped("X.command=a[m],X.actual=b[m]"));
   EXPECT_EQ(r.time, (std::vector<double>{1, 2}));
-  EXPECT_NE(notes(r).find("'Time', taken as seconds"), std::string::npos) << notes(r);
+  EXPECT_NE(notes(r).find("'Time', read as seconds"), std::string::npos) << notes(r);
 }
 
 TEST_F(Csv, AMappedTimeIsTakenEvenIfAnotherColumnLooksLikeOne) {
@@ -185,7 +185,7 @@ TEST_F(Csv, AWholeLastLineWithoutItsEndIsTakenAndNamed) {
     SCOPED_TRACE(names);
     const Recording r = read(names + rows);
     EXPECT_EQ(r.time, (std::vector<double>{0, 1, 2}));
-    EXPECT_NE(notes(r).find("line 4, the last one, has no line end; taken as whole"),
+    EXPECT_NE(notes(r).find("line 4, the last one, has no line end; kept as complete"),
               std::string::npos)
         << notes(r);
   }

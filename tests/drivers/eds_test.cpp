@@ -147,7 +147,7 @@ TEST(Eds, RefusesWithLineSectionAndKey) {
   const auto refused = [](const std::string& text, std::initializer_list<const char*> parts) {
     expect_error<std::runtime_error>([&] { (void)parse_eds(text, "d.eds", 1); }, parts);
   };
-  refused("", {"d.eds", "no EDS"});
+  refused("", {"d.eds", "not an EDS"});
   refused("time[s],X\n1,2\n", {"d.eds"});
   refused("[1800sub1\n", {"d.eds:1", "]"});
   refused("a=1\n[b]\n", {"d.eds:1", "[section]"});
