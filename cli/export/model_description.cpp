@@ -15,7 +15,7 @@ extern "C" {
 namespace servotwin {
 namespace {
 
-/// Of cli/export/sources/fmu.c.
+/// Value references, as in cli/export/sources/fmu.c.
 enum Reference : unsigned {
   kCommandReference,
   kNeighbourReference,
@@ -27,7 +27,7 @@ enum Reference : unsigned {
   kReferencesPerEffect = ::kMaxShapes + ::kMaxCoefficients
 };
 
-/// A unit of the catalogue, by powers of its base units.
+/// A unit of the effects' catalogue as powers of base units.
 struct CatalogueUnit {
   std::string_view name;
   int length;  // m, or rad of a rotary axis
@@ -101,7 +101,7 @@ std::string xml_escaped(const std::string& text) {
         out += "&quot;";
         break;
       default:
-        // Control characters have no place in XML.
+        // Control characters are not allowed in XML.
         out += static_cast<unsigned char>(c) < 0x20 && c != '\n' ? ' ' : c;
     }
   }
@@ -131,7 +131,7 @@ UnitDescription describe(const ModelRecord& record) {
   add("velocity", kVelocityReference, "output", "m/s", "of the axis");
   for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
     const Effect& effect = record.model.effects[i];
-    // An effect that a model has twice is told apart by its number.
+    // If a model has an effect twice, a number distinguishes the two.
     const auto twice = std::count_if(record.model.effects.begin(), record.model.effects.end(),
                                      [&](const Effect& e) { return e.kind == effect.kind; });
     const std::string name = std::string(identity_of(effect.kind).id) +

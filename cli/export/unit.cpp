@@ -18,7 +18,7 @@ extern "C" {
 namespace servotwin {
 namespace {
 
-/// Exact, and the same in every locale: model_text.h.
+/// A number as text: exact, and the same in every locale; see model_text.h.
 std::string exact(double value) {
   int exponent = 0;
   const auto mantissa = static_cast<long long>(std::ldexp(std::frexp(value, &exponent), 53));
@@ -28,7 +28,7 @@ std::string exact(double value) {
   return digits.data();
 }
 
-/// Of these bytes: it changes with any of them. FNV-1a, from two starts.
+/// The GUID of these bytes, which changes with any of them: FNV-1a with two initial values.
 class Fingerprint {
  public:
   void add(std::string_view bytes) {
@@ -121,8 +121,8 @@ std::string model_text(const Model& model, const std::string& guid) {
                              row.command[2], row.force_begin, row.force_end, step.rest[i],
                              step.error.state[i], step.rate.state[i], step.second.state[i]});
   }
-  // The modes' share of all that is that of one place; what it follows from elsewhere is needed
-  // only where one of them moves.
+  // The modes' share of these constants is that of one position; the data for other positions are
+  // needed only if a mode moves.
   const Loop& loop = model.loop;
   if (std::any_of(loop.modes.begin(), loop.modes.end(),
                   [](const Mode& mode) { return mode.moves(); })) {
@@ -165,7 +165,7 @@ Unit make_unit(const ModelRecord& record, const std::vector<std::string>& about)
 #ifdef __x86_64__
       name = "binaries/linux64/" + identifier + ".so";
 #else
-      continue;  // FMI 2.0 has no name for this processor; there are the sources
+      continue;  // FMI 2.0 has no name for this processor; hosts can use the sources
 #endif
     }
     if (file.name == "identifier.h")

@@ -1,5 +1,5 @@
-/* The functions of FMI 2.0 for states and statuses of an instance, and those that a co-simulation
- * unit must have and this one has nothing to say to. */
+/* The FMI 2.0 functions for states and statuses of an instance, and the required functions that
+ * this unit does not support. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -75,7 +75,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes
   return keep(c, bytes, state);
 }
 
-/* What a co-simulation unit must have and this one has nothing to say to. */
+/* Required functions that this unit does not support. */
 
 static fmi2Status none_of_type(Component* c, size_t count, const char* type) {
   return count == 0 ? fmi2OK : servotwin_refuse(c, fmi2Error, "there is no %s variable", type);
