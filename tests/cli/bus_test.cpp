@@ -30,7 +30,7 @@ using testing::IsEmpty;
 constexpr double kPatience_s = 30.0;  // for what must come; what does not come fails the test
 constexpr double kCycle_s = 0.01;
 
-/// A machine of this test's own: tests run side by side.
+/// A machine name of this test only, because tests run in parallel.
 DdsPlace place() {
   const auto id = static_cast<std::uint32_t>(::getpid());
   return {"cli-test-" + std::to_string(id), 1 + id % 200, ""};
@@ -68,7 +68,7 @@ TEST(Replay, IsTheMachineThatMadeTheRecording) {
   ASSERT_EQ(machine.axes.size(), 1U);
   EXPECT_EQ(machine.axes[0].name, "X");
 
-  // A daemon that has not named the axes is not ready: no frame may come before.
+  // A daemon that has not published its axes is not ready: no frame may be sent before.
   MachineFrame frame;
   ASSERT_TRUE(statuses.wait_for_readers(1, kPatience_s));
   ASSERT_TRUE(statuses.write({}));
@@ -98,8 +98,8 @@ TEST(Replay, IsTheMachineThatMadeTheRecording) {
   EXPECT_THAT(answer.out, HasSubstr("sent 149 of 149 frames"));
 }
 
-// A daemon says that it is ready before its reader of frames is found: what is sent until then
-// nobody would count as lost.
+// A daemon may be ready before its reader of frames is matched: a frame sent until then would be
+// lost without being counted.
 TEST(Replay, WaitsForWhoReadsItsFrames) {
   const Folder folder;
   const DdsNode node(place());
@@ -132,7 +132,7 @@ TEST(Replay, NobodyThereIsAnError) {
   EXPECT_THAT(answer.err, HasSubstr("start servotwind"));
 }
 
-// Readers of frames hear all machines of a domain, so that their being there says nothing.
+// Readers of frames receive those of all machines of a domain, so their presence proves nothing.
 TEST(Replay, AMachineOfWhichThereIsNoDaemonIsAnErrorBesideDaemonsOfOthers) {
   const Folder folder;
   DdsPlace other = place();
@@ -216,7 +216,7 @@ class Stage {
   void say(const MachineStatus& status) { statuses_.write(status); }
   [[nodiscard]] MachineStatus& status() { return status_; }
 
-  /// One cycle: the command, the error that is measured and what of it was not predicted.
+  /// One cycle: the command, the measured error and the residual.
   void cycle(double command, double measured, double residual,
              AxisState state = AxisState::kPredicting) {
     frame_.sequence = prediction_.sequence = sequence_;
@@ -326,8 +326,8 @@ TEST(Watch, TheSummaryHasTheFiguresOfTheModelInForce) {
   EXPECT_NEAR(axis["by_regime"]["constant_speed"]["share"].get<double>(), 0.9, 1e-12);
 }
 
-// A daemon that waits for its machine says so through a writer of its own, and speaks through
-// another one once the machine is there.
+// A daemon that waits for its machine publishes through one writer, and through another one once
+// the machine is there.
 TEST(Watch, TheSummaryGoesOnWhereADaemonThatWaitedTakesUpItsMachine) {
   auto waiting = std::make_unique<Stage>(false);
   Program watch(over_dds("watch", {"--summary", "--json"}));
@@ -408,7 +408,7 @@ TEST(Watch, APipeGetsALinePerSecondUntilItIsInterrupted) {
   EXPECT_NEAR(last["axes"][0]["without_model"]["rms_m"].get<double>(), 5e-6, 1e-15);
 }
 
-/// What the tool writes to a terminal, until it ends.
+/// The output of the tool on a terminal, until it ends.
 std::string on_a_terminal(const std::vector<std::string>& arguments,
                           const std::function<void()>& meanwhile) {
   std::vector<std::string> all{SERVOTWIN_BINARY};

@@ -1,4 +1,5 @@
-// servotwin check-config: what would stop the daemon beyond the text of its configuration.
+// servotwin check-config: obstacles to a start of the daemon that are not errors in the text of its
+// configuration.
 #include <gmock/gmock.h>
 
 #include <fstream>

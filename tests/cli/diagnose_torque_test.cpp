@@ -13,7 +13,7 @@ namespace {
 
 using testing::HasSubstr;
 
-/// +-10 mm to and fro, ever faster; 300 N through 2 mm of play and 500 N/mm.
+/// +-10 mm back and forth at increasing speed; 300 N through 2 mm of play and 500 N/mm.
 std::string rig_table() {
   std::string out = "time[s],R.actual[mm],R.torque[N]\n";
   for (int k = 0; k < 12'000; ++k) {

@@ -196,7 +196,7 @@ TEST(WhatIf, RefusesWhatCannotBe) {
 
 TEST(FitAxis, WritesAnAxisThatWhatIfReads) {
   const Folder folder;
-  // What the example answers, from a coupling that is softer: closed_velocity_loop in one line
+  // The response of the example, starting from a softer coupling: one line of closed_velocity_loop
   // each.
   std::string response = "frequency[Hz],gain[dB],phase[deg]\n";
   for (int k = 0; k < 40; ++k) {

@@ -164,7 +164,7 @@ TEST(MultivariableTool, TakesTheSignalsThatAreNamed) {
   EXPECT_TRUE(result["trials"].empty());
   ASSERT_EQ(result["poles"].size(), 1U);
   EXPECT_NEAR(result["poles"][0]["frequency_hz"], kPole / kTwoPi, 1e-3 * kPole / kTwoPi);
-  // The error is v/(s + p), the velocity what is left of v.
+  // The error is v/(s + p), the velocity of the axis p v/(s + p).
   EXPECT_NEAR(result["outputs"][0]["coefficients"][0][0], 1.0, 1e-3);
   EXPECT_NEAR(result["outputs"][1]["coefficients"][0][0], kPole, 0.01 * kPole);
   EXPECT_NEAR(result["outputs"][1]["coefficients"][0][1], 0.0, 0.01);

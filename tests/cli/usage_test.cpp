@@ -1,4 +1,4 @@
-// What was typed wrong ends with status 2 and one line on standard error, before any work.
+// A wrong command line gives exit status 2 and one line on standard error, before any work.
 #include <gmock/gmock.h>
 
 #include <sstream>

@@ -1,4 +1,4 @@
-// What a bad recording is told: the file, the place, the value and the cure, on one line.
+// Errors of bad recordings: the file, the place, the value and the remedy, on one line.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -98,7 +98,7 @@ TEST_F(BadRecording, NamedMatButText) {
   refuses("time[s],X.command[mm]\n0,1\n", {"not a MATLAB file"}, {}, "run.mat");
 }
 TEST_F(BadRecording, TooLargeForTheMemory) {
-  // Rows at the beginning and a hole behind them: eight terabytes that take no room on the disk.
+  // A sparse file with rows at its beginning: eight terabytes that need no space on the disk.
   std::string text = "time[s],X.command[m],X.actual[m]\n";
   for (int i = 0; i < 4000; ++i) text += std::to_string(i) + ".0,1.0000000,2.0000000\n";
   const auto file = directory_.file("huge.csv", text);
@@ -186,7 +186,7 @@ TEST_F(BadRecording, AValueThatWouldBreakTheLineOfTheMessage) {
           {"'a??bbbb", "...'"});
 }
 
-// What is asked of it.
+// The options.
 
 TEST_F(BadRecording, ForeignFileWithoutMapping) {
   refuses("t_s,pos_cmd_m,pos_meas_m\n0,1,2\n",

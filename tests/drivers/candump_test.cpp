@@ -1,4 +1,4 @@
-// CAN logs: every kind of line, what is said of lines that are none, and round trips.
+// CAN logs: every kind of line, messages for invalid lines, and round trips.
 #include "drivers/candump.h"
 
 #include <gmock/gmock.h>

@@ -179,7 +179,7 @@ TEST_F(Csv, ALastNumberThatIsCutOffIsNoValue) {
 
 TEST_F(Csv, AWholeLastLineWithoutItsEndIsTakenAndNamed) {
   const std::string rows = "0,61.25,61.2678\n1,63.5,63.2678\n2,65.5,64.5678";
-  // Only the last cell can be cut; where it is not wanted, nothing is.
+  // Only the last cell can be cut off; if it is not read, no row is dropped.
   for (const char* names :
        {"time[s],X.command[mm],X.actual[mm]\n", "time[s],X.command[mm],load\n"}) {
     SCOPED_TRACE(names);
@@ -203,7 +203,7 @@ TEST_F(Csv, ReadsThePartThatIsAskedFor) {
   EXPECT_NE(notes(r).find("2 of 5 rows are outside"), std::string::npos) << notes(r);
 }
 
-// The block that the text goes through ends somewhere in a line; no line may suffer from that.
+// The text is read in blocks that end within a line; no line may be damaged by that.
 TEST_F(Csv, LinesAcrossBlocksAreWhole) {
   std::string text = "time[s],X.command[m],note\n";
   constexpr int kRows = 60'000;

@@ -99,7 +99,7 @@ fmi2Component fmi2Instantiate(fmi2String instance, fmi2Type type, fmi2String gui
   if (type != fmi2CoSimulation) {
     snprintf(why, sizeof why, "the unit is for co-simulation only");
   } else if (!model_file_of(resources, file, sizeof file)) {
-    snprintf(why, sizeof why, "fmuResourceLocation '%.300s' is no file: URI of a folder",
+    snprintf(why, sizeof why, "fmuResourceLocation '%.300s' is not a file: URI of a folder",
              resources != NULL ? resources : "");
   } else if (servotwin_read_model(file, &c->unit, why) &&
              (guid == NULL || strcmp(guid, c->unit.guid) != 0)) {
@@ -133,7 +133,7 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t count,
 
 static fmi2Status change_mode(Component* c, Mode from, Mode to, const char* function) {
   if (c->state.mode != from)
-    return servotwin_refuse(c, fmi2Error, "%s is out of its turn", function);
+    return servotwin_refuse(c, fmi2Error, "%s is not allowed in this state", function);
   c->state.mode = to;
   return fmi2OK;
 }
@@ -221,7 +221,7 @@ fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], s
     if (own != NULL) {
       value[i] = *own;
     } else if (vr[i] >= kTrackingError && vr[i] <= kVelocity && s->mode == kInstantiated) {
-      return servotwin_refuse(c, fmi2Error, "outputs are known from initialization mode on");
+      return servotwin_refuse(c, fmi2Error, "outputs are available from initialization mode on");
     } else if (vr[i] == kTrackingError) {
       value[i] = s->set.command - reading;
     } else if (vr[i] == kPosition) {
@@ -316,7 +316,8 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real step,
   const double at = s->start_s + s->cycles * h;
   const double cycles = floor(step / h + 0.5);
   (void)no_state_before;
-  if (s->mode != kStepping) return servotwin_refuse(c, fmi2Error, "fmi2DoStep is out of its turn");
+  if (s->mode != kStepping)
+    return servotwin_refuse(c, fmi2Error, "fmi2DoStep is not allowed in this state");
   if (!(fabs(point - at) <= h / 4)) {
     return servotwin_refuse(c, fmi2Error,
                             "the communication point is %.9g s, the last step ended at %.9g s",
@@ -325,7 +326,7 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real step,
   if (!(cycles >= 1 && cycles <= 1e9 && fabs(step - cycles * h) <= 1e-6 * h)) {
     return servotwin_refuse(
         c, fmi2Error,
-        "a communication step of %.9g s is no whole multiple of the model's sample time "
+        "a communication step of %.9g s is not a whole multiple of the model's sample time "
         "of %.9g s",
         step, h);
   }

@@ -62,7 +62,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fm
                                  size_t size) {
   Component* c = component;
   if (state == NULL || size < sizeof(State))
-    return servotwin_refuse(c, fmi2Error, "no room for a state");
+    return servotwin_refuse(c, fmi2Error, "the buffer is too small for a state");
   memcpy(bytes, state, sizeof(State));
   return fmi2OK;
 }
@@ -71,7 +71,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes
                                    fmi2FMUstate* state) {
   Component* c = component;
   if (size != sizeof(State) || memcmp(bytes, c->unit.guid, strlen(c->unit.guid) + 1) != 0)
-    return servotwin_refuse(c, fmi2Error, "these bytes are no state of this unit");
+    return servotwin_refuse(c, fmi2Error, "these bytes are not a state of this unit");
   return keep(c, bytes, state);
 }
 

@@ -184,13 +184,13 @@ int servotwin_read_model(const char* file, UnitModel* unit, char* why) {
   for (int number = 1; fine && fgets(line, sizeof line, in) != NULL; ++number) {
     fine = read_line(&reader, line, unit);
     if (!fine) {
-      snprintf(why, kMessage, "%.400s, line %d: not what this unit's program expects there", file,
+      snprintf(why, kMessage, "%.400s, line %d: not the line that this unit expects here", file,
                number);
     }
   }
   fclose(in);
   if (fine && !reader.ended) {
-    snprintf(why, kMessage, "%.400s is cut short", file);
+    snprintf(why, kMessage, "%.400s is incomplete", file);
     fine = 0;
   }
   return fine;
