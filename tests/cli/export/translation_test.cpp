@@ -515,8 +515,8 @@ TEST(ModelText, IsRefusedWhereItIsDamaged) {
   using testing::HasSubstr;
   EXPECT_EQ(why_not_read([](std::string&) {}), "");
   EXPECT_THAT(why_not_read([](std::string& text) { text.resize(text.size() - 4); }),
-              HasSubstr("cut short"));
-  EXPECT_THAT(why_not_read([](std::string& text) { text.clear(); }), HasSubstr("cut short"));
+              HasSubstr("is incomplete"));
+  EXPECT_THAT(why_not_read([](std::string& text) { text.clear(); }), HasSubstr("is incomplete"));
   const auto replaced = [](const std::string& what, const std::string& with) {
     return why_not_read([&](std::string& text) {
       ASSERT_NE(text.find(what), std::string::npos);
