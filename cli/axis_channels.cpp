@@ -26,7 +26,7 @@ Channel channel_of(const std::string& given, const std::string& axis,
 
 AxisChannels::AxisChannels(const Recording& recording, const std::string& axis, std::FILE* people)
     : recording_(recording), people_(people) {
-  axes_.reserve(recording.axes.size());  // what `segmented` gave stays where it is
+  axes_.reserve(recording.axes.size());  // references returned by `segmented` stay valid
   (void)segmented(axis);
 }
 
@@ -48,8 +48,8 @@ Eigen::ArrayXd AxisChannels::values(const Channel& channel, std::size_t segment)
   if (axis.segments.size() != first.segments.size() ||
       axis.segments[segment].size() != first.segments[segment].size() ||
       axis.segments[segment].start_s != first.segments[segment].start_s)
-    refuse("unbroken stretches at the same times as " + first.axis +
-           ": a gap of one axis alone; take a part without one with --from and --to");
+    refuse("segments at the same times as " + first.axis +
+           ": one axis alone has a gap; select a part without gaps with --from and --to");
   const Segment& of = axis.segments[segment];
   if (channel.name == "command") return of.command;
   if (channel.name == "torque") {

@@ -1,4 +1,5 @@
-// Signals of the axes of a recording side by side: the command of one, the torque of another.
+// Signals of several axes of a recording over the same rows: the command of one, the torque of
+// another.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,21 +18,22 @@ struct Channel {
   std::string axis, name;
 };
 
-/// "torque" of `axis`, or "Y.torque" of another one. Throws UsageError where the name is none of
+/// "torque" of `axis`, or "Y.torque" of another one. Throws UsageError if the name is not one of
 /// the known ones.
 [[nodiscard]] Channel channel_of(const std::string& given, const std::string& axis,
                                  const std::vector<std::string>& known);
 
 class AxisChannels {
  public:
-  /// Every axis that is asked for must have the rows of this one; what was read is said.
+  /// Every axis used later must have the same segments as `axis`; reports on reading go to
+  /// `people`.
   AxisChannels(const Recording& recording, const std::string& axis, std::FILE* people);
 
   [[nodiscard]] const SegmentedAxis& segmented(const std::string& axis);
   [[nodiscard]] std::size_t segments() const { return axes_.front().segments.size(); }
   [[nodiscard]] double sample_time_s() const { return axes_.front().sample_time_s; }
-  /// "command", "position", "error" or "torque" of one segment. Throws std::runtime_error where the
-  /// axis has none.
+  /// The "command", "position", "error" or "torque" of one segment. Throws std::runtime_error if
+  /// the axis does not have it.
   [[nodiscard]] Eigen::ArrayXd values(const Channel& channel, std::size_t segment);
 
  private:
@@ -40,7 +42,7 @@ class AxisChannels {
   std::vector<SegmentedAxis> axes_;
 };
 
-/// First row and number of rows of the unbroken stretches in which every signal has a value.
+/// First row and number of rows of the stretches in which every signal has a value in every row.
 [[nodiscard]] std::vector<std::pair<Eigen::Index, Eigen::Index>> finite_stretches(
     const std::vector<const Eigen::ArrayXd*>& signals);
 

@@ -16,13 +16,13 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kPatience_s = 0.1;
+constexpr double kPatience_s = 0.1;  // longest delay of an interrupt
 
 std::vector<Twin> twins_of(const CanMap& map, const std::vector<std::filesystem::path>& files) {
   std::vector<Twin> twins;
   for (const std::optional<ModelRecord>& record : models_of(map.machine, files, stdout)) {
     const std::string& axis = map.machine.axes[twins.size()].name;
-    if (!record) throw UsageError("there is no --model of axis " + in_quotes(axis));
+    if (!record) throw UsageError("--model is missing for axis " + in_quotes(axis));
     twins.emplace_back(record->model);
   }
   return twins;
@@ -32,7 +32,7 @@ std::vector<Twin> twins_of(const CanMap& map, const std::vector<std::filesystem:
 
 void drive_on_can(const CanDriveOptions& options) {
   if (options.map.empty())
-    throw UsageError("say with --can-map F.toml which bits of which frames are which signal");
+    throw UsageError("--can-map F.toml is required: it maps the bits of frames to signals");
   const CanMap map = load_can_map(options.map);
   if (map.buses.size() != options.interfaces.size()) {
     throw UsageError(text("the mapping has %zu buses (%s), and --can names %zu", map.buses.size(),
@@ -42,7 +42,7 @@ void drive_on_can(const CanDriveOptions& options) {
   std::vector<std::unique_ptr<SocketCan>> buses;
   for (const std::string& interface : options.interfaces)
     buses.push_back(std::make_unique<SocketCan>(interface));
-  say(stdout, "answering on " + listed(options.interfaces) + " as " +
+  say(stdout, "answering on " + listed(options.interfaces) + " as the drives of " +
                   std::to_string(map.machine.axes.size()) + " axes");
   std::fflush(stdout);
 
@@ -54,7 +54,7 @@ void drive_on_can(const CanDriveOptions& options) {
     if (options.seconds > 0.0 &&
         static_cast<double>(daemon::steady_ns() - begin) * 1e-9 > options.seconds)
       break;
-    // The bus with the SYNC is waited for; on the others only targets come.
+    // Waits for the bus with the SYNC; the other buses carry targets only and are polled.
     for (std::size_t i = 0; i < buses.size(); ++i) {
       const std::size_t bus = (map.start.bus + 1 + i) % buses.size();
       const std::size_t count =
@@ -65,9 +65,10 @@ void drive_on_can(const CanDriveOptions& options) {
       }
     }
   }
-  say(stdout, text("answered in %zu cycles, %zu frames not sent, %zu values did not fit",
-                   static_cast<std::size_t>(drive.cycles()), static_cast<std::size_t>(not_sent),
-                   static_cast<std::size_t>(drive.not_carried())));
+  say(stdout,
+      text("answered in %zu cycles, %zu frames not sent, %zu values did not fit into their bits",
+           static_cast<std::size_t>(drive.cycles()), static_cast<std::size_t>(not_sent),
+           static_cast<std::size_t>(drive.not_carried())));
 }
 
 }  // namespace servotwin::cli

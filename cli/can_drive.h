@@ -1,4 +1,4 @@
-// servotwin simulate --can: models as the drives of a bus.
+// servotwin simulate --can: models answer on CAN buses as the drives of a machine.
 #pragma once
 
 #include <filesystem>
@@ -11,7 +11,7 @@ struct CanDriveOptions {
   std::vector<std::filesystem::path> models;
   std::vector<std::string> interfaces;
   std::filesystem::path map;
-  double seconds = 0.0;  ///< 0: until it is interrupted
+  double seconds = 0.0;  ///< 0: until interrupted (SIGINT, SIGTERM)
 };
 
 void drive_on_can(const CanDriveOptions& options);

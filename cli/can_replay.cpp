@@ -20,12 +20,12 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kPatience_s = 0.2;  // how long an interrupt may wait
-constexpr double kLate_s = 1e-3;     // a frame of a log that goes later than this is late
-// After a hold-up the cycles of a recording catch up no faster than this: drives must have their
-// time to answer, and a bus has only so many bits.
-constexpr double kShortestCycle = 0.9;
-constexpr std::uint16_t kOperationEnabled = 0x1237;  // what a drive that moves says of itself
+constexpr double kPatience_s = 0.2;  // longest delay of an interrupt
+constexpr double kLate_s = 1e-3;     // a frame of a log that is sent later than this counts as late
+// After a delay, the cycles of a recording catch up with at least this share of the cycle time
+// between them: drives need time to answer, and a bus has a limited bit rate.
+constexpr double kMinCatchUpCycle = 0.9;
+constexpr std::uint16_t kOperationEnabled = 0x1237;  // status word of a drive in operation
 
 using Buses = std::vector<std::unique_ptr<CanBus>>;
 
@@ -45,7 +45,7 @@ struct Sent {
 
 void send(CanBus& bus, std::span<const CanFrame> frames, Sent& sent) {
   for (const CanFrame& frame : frames) {
-    // The queue of an interface is short; what does not fit now fits when a frame has gone.
+    // The queue of an interface is short; when it is full, the frame is sent again a little later.
     bool gone = bus.send({&frame, 1}) == 1;
     for (int again = 0; again < 20 && !gone; ++again) {
       std::this_thread::sleep_for(std::chrono::microseconds(200));
@@ -60,8 +60,8 @@ void report(const Sent& sent, double seconds) {
                    seconds, static_cast<std::size_t>(sent.late)));
   if (sent.refused > 0) {
     throw std::runtime_error(
-        text("the bus did not take %zu frames: is it up, does anybody "
-             "acknowledge, and does it know FD?",
+        text("the bus refused %zu frames: is it up, does another node acknowledge, and does it "
+             "support CAN FD?",
              static_cast<std::size_t>(sent.refused)));
   }
 }
@@ -71,7 +71,7 @@ void sleep_until(std::int64_t steady) {
   if (left > 0) std::this_thread::sleep_for(std::chrono::nanoseconds(left));
 }
 
-/// The place of a name in a list, where it is put if it is not there.
+/// The place of a name in a list; appends the name if it is not in the list.
 std::size_t place_of(const std::string& name, std::vector<std::string>& names) {
   const auto found = std::find(names.begin(), names.end(), name);
   const auto place = static_cast<std::size_t>(found - names.begin());
@@ -94,9 +94,9 @@ void play_log(const CanReplayOptions& options, Buses& buses) {
     const std::size_t bus = place_of(line.interface, interfaces);
     if (bus >= buses.size()) {
       throw std::runtime_error(options.file.string() + ": has frames of " + listed(interfaces) +
-                               "; name as many interfaces with --can A,B");
+                               "; name one interface for each of them with --can A,B");
     }
-    if (line.frame.error) {  // of an interface, not of the bus: it cannot be sent
+    if (line.frame.error) {  // made by an interface, not a frame of the bus: it cannot be sent
       ++errors;
       continue;
     }
@@ -128,7 +128,8 @@ class CycleSender {
           });
       if (found == machine.axes.end()) {
         throw std::runtime_error("the mapping has axis " + in_quotes(axis.name) + " in " +
-                                 (axis.rotary ? "rad" : "m") + ", which the recording has not");
+                                 (axis.rotary ? "rad" : "m") +
+                                 ", which the recording does not have");
       }
       columns_.push_back(static_cast<std::size_t>(found - machine.axes.begin()));
       if (targets && map.find(i, CanChannel::kTarget) == nullptr)
@@ -139,7 +140,7 @@ class CycleSender {
   void send_cycle(const MachineFrame& frame, Sent& sent) {
     for (std::size_t i = 0; i < columns_.size(); ++i) set(i, frame.axes[columns_[i]]);
     const CanMap& map = encoder_.map();
-    // The controller's targets are in force from the SYNC on that follows them.
+    // The controller's targets take effect with the SYNC that follows them.
     if (!targets_) begin(sent);
     for (std::size_t i = 0; i < map.messages.size(); ++i) {
       const bool ours =
@@ -222,12 +223,12 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
     if (received == daemon::Received::kNothing) continue;
     if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / options.speed) ++sent.late;
     sleep_until(earliest);
-    earliest = daemon::steady_ns() + std::llround(1e9 * kShortestCycle * cycle_s / options.speed);
+    earliest = daemon::steady_ns() + std::llround(1e9 * kMinCatchUpCycle * cycle_s / options.speed);
     sender.send_cycle(frame, sent);
   }
   if (sender.not_carried() > 0) {
-    say(stdout, text("note: %zu values do not fit into their bits, or are missing; the ones before "
-                     "were sent again",
+    say(stdout, text("note: %zu values do not fit into their bits, or are missing; the previous "
+                     "values were sent again",
                      static_cast<std::size_t>(sender.not_carried())));
   }
   report(sent, 1e-9 * static_cast<double>(daemon::steady_ns() - begin));
@@ -237,7 +238,7 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
 
 void replay_onto_can(const CanReplayOptions& options) {
   if (!options.udp.empty() && !options.interfaces.empty())
-    throw UsageError("name one bus: --can or --udp");
+    throw UsageError("choose one bus: --can or --udp");
   if (is_can_log(options.file)) {
     if (options.targets) throw UsageError("--targets is for recordings; a log is sent as it is");
     Buses buses = opened(options);
@@ -246,12 +247,12 @@ void replay_onto_can(const CanReplayOptions& options) {
   }
   if (options.read.can_map.empty()) {
     throw UsageError(options.file.string() +
-                     ": say with --can-map F.toml into which bits of which frames it goes");
+                     ": --can-map F.toml is required: it maps signals to the bits of frames");
   }
   const CanMap map = load_can_map(options.read.can_map);
   Buses buses = opened(options);
   if (buses.size() != map.buses.size()) {
-    throw UsageError(text("the mapping has %zu buses (%s), and %zu are given", map.buses.size(),
+    throw UsageError(text("the mapping has %zu buses (%s), but %zu are given", map.buses.size(),
                           listed(map.buses).c_str(), buses.size()));
   }
   play_recording(options, map, buses);

@@ -1,5 +1,5 @@
-// servotwin replay onto a CAN bus: the frames of a log as they were, or a recording put into the
-// frames of a mapping.
+// servotwin replay onto a CAN bus: sends the frames of a log unchanged, or a recording encoded into
+// the frames of a mapping.
 #pragma once
 
 #include <filesystem>
@@ -12,10 +12,10 @@ namespace servotwin::cli {
 
 struct CanReplayOptions {
   std::filesystem::path file;
-  ReadOptions read;                     ///< of a recording; its mapping for a log is not used
+  ReadOptions read;                     ///< of a recording; for a log its mapping is not used
   std::vector<std::string> interfaces;  ///< --can
   std::string udp;                      ///< --udp HOST:PORT
-  bool targets = false;                 ///< as the controller: target positions instead of answers
+  bool targets = false;  ///< send target positions, as the controller, instead of drives' answers
   double speed = 1.0;
 };
 

@@ -55,13 +55,13 @@ class Predictor {
 
 struct Second {
   MachineFrame last;
-  std::vector<double> actual;  // the last one that came, per axis
+  std::vector<double> actual;  // the last one received, per axis
   std::vector<RunningError> tracking, residual;
   std::vector<AxisState> state;
   std::uint64_t cycles = 0;
 };
 
-/// ", of it not predicted 0.021 um RMS MAX 0.053".
+/// ", not predicted 0.021 um RMS 0.053 MAX"; empty without a model.
 std::string left_by_the_model(AxisState state, const ErrorFigures& residual, const char* unit) {
   if (state == AxisState::kNoModel) return "";
   if (!std::isfinite(residual.rms)) return ", settling";
@@ -91,7 +91,7 @@ std::string line_of(const Second& second, const CanMap& map, const CanCounts& no
 
 void watch_can(const CanWatchOptions& options) {
   if (options.map.empty())
-    throw UsageError("say with --can-map F.toml which bits of which frames are which signal");
+    throw UsageError("--can-map F.toml is required: it maps the bits of frames to signals");
   CanMap map = load_can_map(options.map);
   if (map.buses.size() != options.interfaces.size()) {
     throw UsageError(text("the mapping has %zu buses (%s), and --can names %zu", map.buses.size(),
@@ -146,9 +146,9 @@ void watch_can(const CanWatchOptions& options) {
     if (over) break;
   }
   if (total == 0) {
-    throw std::runtime_error("no cycle came on " + listed(options.interfaces) + "; begun by " +
-                             can_id_text(source.map().start.id, source.map().start.extended) +
-                             " as the mapping says?");
+    throw std::runtime_error("no cycle was received on " + listed(options.interfaces) +
+                             "; according to the mapping, a cycle begins with " +
+                             can_id_text(source.map().start.id, source.map().start.extended));
   }
 }
 

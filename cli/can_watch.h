@@ -1,5 +1,5 @@
-// servotwin watch --can: what a machine says on its buses, how well it says it, and what of its
-// errors models predict.
+// servotwin watch --can: prints, every second, the positions and tracking errors of a machine on
+// its CAN buses, incomplete cycles, and the residuals of models.
 #pragma once
 
 #include <filesystem>
@@ -11,8 +11,8 @@ namespace servotwin::cli {
 struct CanWatchOptions {
   std::vector<std::string> interfaces;
   std::filesystem::path map;
-  std::vector<std::filesystem::path> models;  ///< of axes whose error is to be predicted
-  double seconds = 0.0;                       ///< 0: until it is interrupted
+  std::vector<std::filesystem::path> models;  ///< of the axes whose error is predicted
+  double seconds = 0.0;                       ///< 0: until interrupted (SIGINT, SIGTERM)
 };
 
 void watch_can(const CanWatchOptions& options);

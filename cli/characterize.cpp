@@ -23,10 +23,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kMilli = 1e-3;  // people say mm, the program m
+constexpr double kMilli = 1e-3;  // options and output are in mm, the program computes in m
 constexpr double kMicro = 1e-6;
 constexpr int kCurvePoints = 200;
-constexpr double kKnownMass = 3.0;  // standard deviations
+constexpr double kMinMass_deviations = 3.0;  // of the moved mass, before forces are divided by it
 
 struct Arguments {
   AxisOptions input;
@@ -50,7 +50,8 @@ std::string effects_text(const ForceStructure& structure) {
 
 void say_trials(std::FILE* people, const std::vector<FrictionTrial>& trials,
                 const ForceUnit& unit) {
-  say(people, text("tried       held-out: RMS, MAX [%s], share of the torque", unit.name.c_str()));
+  say(people,
+      text("tried       held-out data: RMS, MAX [%s], share of the torque", unit.name.c_str()));
   for (const FrictionTrial& trial : trials) {
     say(people, text("  %-10s%9.4g %9.4g %8.3f %%  ", trial.chosen ? "->" : "",
                      trial.held_out.rms / unit.scale, trial.held_out.max / unit.scale,
@@ -124,8 +125,8 @@ std::string ramps_plot(const std::vector<Ramp>& ramps, const std::vector<Frictio
   return plot_svg(panels);
 }
 
-/// Friction of a force model per moved mass, in place of the friction that the model has. What is
-/// viscous stays in the poles, where the loop was identified with it.
+/// Replaces the friction of a model by that of a force model, divided by the moved mass. The
+/// viscous share is not added: the loop was identified with it, so its poles contain it.
 void add_friction(ModelRecord& record, const ForceFit& found, double mass) {
   auto replaced = friction_kinds();
   const auto replace = [&](std::size_t kind) { replaced.push_back(kind); };
@@ -135,11 +136,10 @@ void add_friction(ModelRecord& record, const ForceFit& found, double mass) {
     replace(effect.kind);
     if (effect.kind == kind_of<FrictionMap>()) {
       throw std::runtime_error(
-          "friction_map cannot go into a model: what of it is viscous, which the poles hold, is "
-          "not "
-          "known; the file is as it was");
+          "friction_map cannot be put into a model: its viscous share, which the poles contain, is "
+          "not known; the file is unchanged");
     }
-    // Unlike levels of the two directions contain a constant force.
+    // Different levels of the two directions contain a constant force.
     if (effect.kind == kind_of<Stribeck>() || effect.kind == kind_of<ModifiedStribeck>() ||
         effect.kind == kind_of<AsymmetricFriction>())
       replace(kind_of<ConstantForce>());
@@ -176,20 +176,19 @@ void add_friction(ModelRecord& record, const ForceFit& found, double mass) {
 void require_better(ModelRecord& record, const std::filesystem::path& file,
                     const SegmentedAxis& axis, std::FILE* people) {
   if (const std::string why = why_invalid(record.model); !why.empty())
-    throw std::runtime_error(file.string() + ": " + why + ". The file is as it was");
+    throw std::runtime_error(file.string() + ": " + why + ". The file is unchanged");
   const ModelRecord before = read_model(file);
   const ErrorFigures had = judge(model_at(before, axis.sample_time_s, people), axis.segments),
                      has = judge(model_at(record, axis.sample_time_s, people), axis.segments);
-  say(people, "the file    " + figures_text(had, axis.rotary) + "   on this recording");
-  say(people, "with this   " + figures_text(has, axis.rotary));
+  say(people, "old model   " + figures_text(had, axis.rotary) + "   on this recording");
+  say(people, "new model   " + figures_text(has, axis.rotary));
   if (!(has.rms < had.rms)) {
     throw std::runtime_error(file.string() +
-                             ": with this friction it predicts worse, since its loop had made up "
-                             "for the friction it did "
-                             "not have; find both together with 'servotwin identify --method "
-                             "joint'. The file is as it was");
+                             ": with this friction the model predicts worse, because its loop was "
+                             "identified without it and compensates for it; identify both together "
+                             "with 'servotwin identify --method joint'. The file is unchanged");
   }
-  record.training = record.holdout = {};  // they were of another friction
+  record.training = record.holdout = {};  // they belong to the replaced friction
   record.noise_floor_rms = kAbsent;
 }
 
@@ -225,23 +224,24 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
   const auto unjudged =
       std::count_if(ramps.begin(), ramps.end(), [](const Ramp& r) { return !r.judged; });
   if (unjudged > 0) {
-    say(people, text("stick-slip  not judged on %td ramps: too short against the encoder's step",
-                     unjudged));
+    say(people,
+        text("stick-slip  not checked on %td ramps: they are too short for the encoder's step",
+             unjudged));
   }
   require_resisting(ramps, axis.source);
   if (const double below = stick_slip_below(ramps); below > 0.0) {
-    say(people, text("stick-slip  on %zu ramps, up to %.3g %s/s: their torque is not friction at "
-                     "that speed; stribeck is fitted without them",
+    say(people, text("stick-slip  on %zu ramps, up to %.3g %s/s: their mean torque is not the "
+                     "friction at that speed; stribeck is fitted without them",
                      jumping, below / kMilli, milli(unit.rotary).c_str()));
   } else {
-    say(people, unjudged > 0 ? "            none on the others"
+    say(people, unjudged > 0 ? "            none on the other ramps"
                              : "stick-slip  none: every ramp moves steadily");
   }
   const std::vector<FrictionTrial> trials = compare_on_ramps(ramps);
   say_trials(people, trials, unit);
   Characterized out;
   out.fit = chosen(trials).fit;
-  // The same recording also accelerates.
+  // The same recording also contains accelerations, which show the moved mass.
   const ForceStructure structure{true, chosen(trials).structure.effects};
   ForceFitOptions held;
   held.shapes.emplace();
@@ -309,14 +309,15 @@ Characterized on_motion(const Arguments& arguments, const SegmentedAxis& axis,
     }
     const std::string label = "[" + unit.name + "]";
     out.plot = plot_svg({{"motor torque", "time [s]", label, false, {measured, fitted}},
-                         {"what is left", "time [s]", label, false, {left}}});
+                         {"residual", "time [s]", label, false, {left}}});
   }
   return out;
 }
 
 Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis,
                            const ForceUnit& unit, std::FILE* people) {
-  // The inertia first: its share of a slow reversal is small, but known.
+  // The inertia is fitted first: its share of the torque is small at a slow reversal, but can be
+  // removed.
   const auto moved = fit_force(ForceData::of_motion(axis.segments, arguments.bandwidth_hz),
                                {true, {kind_of<Presliding>(), kind_of<ConstantForce>()}});
   if (!moved) throw std::runtime_error(axis.source + ": no finite fit of the moved mass");
@@ -336,12 +337,11 @@ Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis
   out.fit = *fit;
   out.mass = mass;
   out.mass_deviation = moved->mass_deviation;
-  const double far = curve.displacement(curve.displacement.size() - 1);
-  if (out.fit.model.effects[0].shape[0] > far) {
-    say(people,
-        text("note        the breakaway displacement lies beyond the %.4g %s that were looked "
-             "at: take a larger --travel",
-             far / kMicro, small));
+  const double longest = curve.displacement(curve.displacement.size() - 1);
+  if (out.fit.model.effects[0].shape[0] > longest) {
+    say(people, text("note        the breakaway displacement is larger than the evaluated %.4g %s: "
+                     "use a larger --travel",
+                     longest / kMicro, small));
   }
   json points = json::array();
   for (Eigen::Index k = 0; k < curve.force.size(); ++k) {
@@ -400,11 +400,11 @@ void run(const Arguments& arguments) {
         "note        not determined by these data (+- beyond the value itself): " + listed(open));
   }
   if (!arguments.model.empty()) {
-    if (!(found.mass > kKnownMass * found.mass_deviation)) {
-      throw std::runtime_error(arguments.model.string() +
-                               ": the moved mass is not known well enough to tell friction per "
-                               "moved mass; the recording "
-                               "must accelerate. The file is as it was");
+    if (!(found.mass > kMinMass_deviations * found.mass_deviation)) {
+      throw std::runtime_error(
+          arguments.model.string() +
+          ": the moved mass is not known accurately enough to divide the friction by it; the "
+          "recording must contain accelerations. The file is unchanged");
     }
     add_friction(record, found.fit, found.mass);
     require_better(record, arguments.model, axis, people);
@@ -428,35 +428,35 @@ void run(const Arguments& arguments) {
   if (arguments.model.empty()) return;
   write_json(arguments.model, to_json(record));
   say(people, "written     " + arguments.model.string() +
-                  ": its friction is replaced; what is viscous stays in the poles");
+                  ": its friction is replaced; viscous friction stays in the poles");
 }
 
 }  // namespace
 
 Command add_characterize(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("characterize", "Friction of an axis from the motor's torque.");
+  CLI::App& command = *app.add_subcommand(
+      "characterize", "Identifies the friction of an axis from the motor's torque.");
   arguments->input.declare(command);
   command
-      .add_option("--method", arguments->method,
-                  "ramps (default): mean torque at constant velocities, of a 'motion-law' "
-                  "recording; motion: friction and inertia from any motion; reversals: the virgin "
-                  "curve from slow hysteresis")
+      .add_option(
+          "--method", arguments->method,
+          "ramps (default): mean torque at constant velocities, from a recording of 'motion-law'; "
+          "motion: friction and inertia from any motion; reversals: the virgin "
+          "curve from slow hysteresis")
       ->check(CLI::IsMember({"ramps", "motion", "reversals"}).name(""))
       ->type_name("METHOD");
-  command
-      .add_option("--model", arguments->model,
-                  "put the friction into this model file, in place of the one it has")
+  command.add_option("--model", arguments->model, "replace the friction in this model file")
       ->type_name("M.json");
   command
-      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      .add_option("--json", arguments->result,
+                  "write the complete result to this file; - is standard output")
       ->type_name("OUT");
-  command.add_option("--plot", arguments->plot, "write a picture of data and fits here (SVG)")
+  command.add_option("--plot", arguments->plot, "write a plot of data and fits to this file (SVG)")
       ->type_name("OUT.svg");
   command
       .add_option("--lead", arguments->lead_mm,
-                  "lead of the screw [mm]: tells torques in Nm as forces in N")
+                  "lead of the screw [mm]: print torques in Nm as forces in N")
       ->type_name("MM")
       ->check(CLI::PositiveNumber.name(""));
   command
@@ -465,7 +465,7 @@ Command add_characterize(CLI::App& app) {
       ->type_name("MM")
       ->check(CLI::PositiveNumber.name(""));
   command.add_flag("--invert-torque", arguments->invert,
-                   "the drive counts torque against the motion: turn it round");
+                   "the drive records torque with the opposite sign: invert it");
   command.add_option("--centre", arguments->centre_mm, "ramps: the middle of the band [mm | mrad]")
       ->type_name("MM");
   command
@@ -475,22 +475,24 @@ Command add_characterize(CLI::App& app) {
       ->check(CLI::IsMember(torque_frictions()).name(""))
       ->type_name("ID,..");
   command
-      .add_option("--training-share", arguments->training_share,
-                  "motion: share of the data that is fitted (default 0.6); the rest judges")
+      .add_option(
+          "--training-share", arguments->training_share,
+          "motion: share of the data that is fitted (default 0.6); the rest is held-out data")
       ->type_name("SHARE")
       ->check(between(0.1, 0.9));
   command
-      .add_option("--bandwidth", arguments->bandwidth_hz,
-                  "up to which torque and model are compared [Hz] (default 40); 0: all")
+      .add_option(
+          "--bandwidth", arguments->bandwidth_hz,
+          "highest frequency at which torque and model are compared [Hz] (default 40); 0: no limit")
       ->type_name("HZ")
       ->check(CLI::NonNegativeNumber.name(""));
   command
-      .add_option("--travel", arguments->travel_um,
-                  "reversals: travel on each side that a reversal must have [um | urad] (default "
-                  "200)")
+      .add_option(
+          "--travel", arguments->travel_um,
+          "reversals: travel that a reversal must have on each side [um | urad] (default 200)")
       ->type_name("UM")
       ->check(CLI::PositiveNumber.name(""));
-  // An option of another method would be ignored without a word.
+  // An option of another method would be ignored silently.
   const auto only = [&command, arguments](const char* option, const char* method) {
     if (command.count(option) > 0 && arguments->method != method)
       throw UsageError(std::string(option) + " needs --method " + method);

@@ -27,18 +27,17 @@ void run(const std::filesystem::path& file) {
     for (const std::string& obstacle : obstacles(checked.config))
       problems.push_back(file.string() + ": " + obstacle);
   }
-  // What a mistaken file names need not be what is meant.
-  const std::string unseen =
-      checked.problems.empty() ? ""
-                               : "; store, recordings, mapping, address and processors are looked "
-                                 "at when they are corrected";
+  // While the file has problems, the names in it may not be the intended ones and are not checked.
+  const std::string unseen = checked.problems.empty()
+                                 ? ""
+                                 : "; store, recordings, mapping, address and processors are "
+                                   "checked once this is corrected";
   if (problems.size() == 1) throw std::runtime_error(problems.front() + unseen);
   if (!problems.empty()) {
     for (const std::string& problem : problems) say(stderr, problem);
     throw std::runtime_error(
         file.string() +
-        text(": %zu problems; the daemon would not run as it says there", problems.size()) +
-        unseen);
+        text(": %zu problems; the daemon would not run as configured", problems.size()) + unseen);
   }
   const daemon::Config& config = checked.config;
   say(stdout, file.string() + ": valid");
@@ -66,7 +65,7 @@ void run(const std::filesystem::path& file) {
   if (config.ilc.live) {
     if (config.http.token.empty())
       say(stdout,
-          "note: ilc.live sends nothing until a person arms it, and nobody can without "
+          "note: ilc.live sends nothing until it is armed, and it cannot be armed without "
           "http.token");
     if (std::none_of(config.axes.begin(), config.axes.end(),
                      [](const daemon::AxisConfig& axis) { return axis.correction.has_value(); }))
@@ -75,14 +74,13 @@ void run(const std::filesystem::path& file) {
   for (const daemon::AxisConfig& axis : config.axes) {
     if (!config.cycle_s || !axis.correction) continue;
     if (const double half_hz = 0.5 / *config.cycle_s; axis.correction->bandwidth_hz > half_hz)
-      say(stdout,
-          text("note: axis %s: a correction's bandwidth of %.6g Hz limits nothing, half the "
-               "cycle rate is %.6g Hz",
-               axis.name.c_str(), axis.correction->bandwidth_hz, half_hz));
+      say(stdout, text("note: axis %s: the correction bandwidth of %.6g Hz has no effect, since "
+                       "half the cycle rate is %.6g Hz",
+                       axis.name.c_str(), axis.correction->bandwidth_hz, half_hz));
   }
   for (const std::string& line : taken(config))
-    say(stdout, "note: " + line + " now: as it should be if that is the daemon which is to get " +
-                    "this configuration; a second one would not start");
+    say(stdout, "note: " + line + " now: this is right if that is the daemon which will use " +
+                    "this configuration; a second daemon would not start");
 }
 
 }  // namespace
@@ -90,7 +88,7 @@ void run(const std::filesystem::path& file) {
 Command add_check_config(CLI::App& app) {
   const auto file = std::make_shared<std::filesystem::path>();
   CLI::App& command = *app.add_subcommand(
-      "check-config", "Checks a configuration of the daemon; every problem on a line.");
+      "check-config", "Checks a configuration of the daemon and prints one line per problem.");
   command.add_option("FILE", *file, "configuration (TOML)")->required();
   return {&command, [file] { run(*file); }};
 }

@@ -1,9 +1,7 @@
 // The commands of the tool. Each is one file: it declares its options on a subcommand of `app` and
-// returns what to run if that subcommand was called.
-//
-// Errors of a run: UsageError or std::invalid_argument for what was typed (exit status 2), any
-// other exception for work that failed (exit status 1); the message is one line that says what and
-// what to do.
+// returns the function to run if that subcommand was called. Errors of a run: UsageError or
+// std::invalid_argument for a wrong command line (exit status 2), any other exception for work that
+// failed (exit status 1). The message is one line that says what failed and what to do.
 #pragma once
 
 #include <functional>
@@ -43,7 +41,7 @@ struct Command {
 [[nodiscard]] Command add_history(CLI::App& app);
 [[nodiscard]] Command add_export(CLI::App& app);
 [[nodiscard]] Command add_check_config(CLI::App& app);
-// These four read the tables of all commands when they run: `app` has to live as long.
+// These four read the option tables of all commands when they run: `app` must live until then.
 [[nodiscard]] Command add_help(CLI::App& app);
 [[nodiscard]] Command add_version(CLI::App& app);
 [[nodiscard]] Command add_completion(CLI::App& app);

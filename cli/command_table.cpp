@@ -32,7 +32,8 @@ std::vector<ModelFile> read_models(const std::vector<std::filesystem::path>& fil
   return models;
 }
 
-/// Leaves the commands alone, and says what of the table will not be in the result.
+/// Removes everything but the commands, and prints which parts of the table the result will not
+/// contain.
 void keep_commands(Recording& table, const std::vector<ModelFile>& models, const std::string& done,
                    std::FILE* people) {
   std::string left_out;
@@ -48,14 +49,14 @@ void keep_commands(Recording& table, const std::vector<ModelFile>& models, const
     } else if (!axis.torque.empty()) {
       leave_out(axis.name + ".torque");
     }
-    axis.actual.clear();  // nor may a hole in it be one in the command
+    axis.actual.clear();  // a gap in the encoder must not split the command
     axis.torque.clear();
   }
   if (!left_out.empty()) say(people, "note: not " + done + ": " + left_out);
 }
 
-/// The one unbroken command of an axis; a path is made, not recorded, so that a gap in it is a
-/// mistake. What was repaired in it is said on `people`.
+/// The command of an axis as one segment. A path is computed, not recorded, so a gap in it is an
+/// error. What was repaired in it is printed on `people`.
 Segment unbroken(const Recording& table, const std::string& axis, std::FILE* people) {
   const std::vector<double>& command =
       std::find_if(table.axes.begin(), table.axes.end(), [&](const AxisRecord& one) {
@@ -67,15 +68,15 @@ Segment unbroken(const Recording& table, const std::string& axis, std::FILE* peo
     const auto row = static_cast<std::size_t>(missing - command.begin());
     throw std::runtime_error(table.source + ": " + axis + ".command has no value in row " +
                              std::to_string(row + 1) + text(" (at %.6g s)", table.time[row]) +
-                             "; a command is not guessed, fill it in");
+                             "; commands are not interpolated: fill in the value");
   }
   const SegmentedAxis segmented = segment_axis(table, axis);
   const SegmentReport& report = segmented.report;
   if (segmented.segments.size() != 1 || report.short_stretches > 0) {
     throw std::runtime_error(
-        table.source + ": " + axis + ".command breaks off" +
+        table.source + ": " + axis + ".command is interrupted" +
         (report.splits.empty() ? "" : text(" at %.6g s", report.splits.front().time_s)) +
-        "; a path must be unbroken, take one part with --from and --to");
+        "; a path must have no gap: select one part with --from and --to");
   }
   for (const std::string& line : report.lines()) say(people, line);
   const Segment& segment = segmented.segments.front();
@@ -123,7 +124,7 @@ std::vector<CommandedAxis> read_commands(const TableOptions& options, const std:
     if (!out.empty() && (segment.size() != out.front().path.size() ||
                          segment.start_s != out.front().path.start_s)) {
       throw std::runtime_error(table.source + ": the commands of " + out.front().record.axis +
-                               " and " + record.axis + " are not there for the same rows");
+                               " and " + record.axis + " do not cover the same rows");
     }
     out.push_back({record, std::move(model), std::move(segment)});
   }

@@ -10,7 +10,7 @@
 
 namespace servotwin::cli {
 
-/// PATH, what a recording may need, and --model.
+/// PATH, the options of a recording, and --model.
 struct TableOptions {
   RecordingOptions path;
   std::vector<std::filesystem::path> models;
@@ -25,14 +25,14 @@ struct CommandedAxis {
   Segment path;  ///< without encoder and torque
 };
 
-/// The commands of every axis that has a model, over the same rows, evenly spaced. What of the
-/// table is left out ("note: not DONE: ..") and what was repaired is said on `people`. Throws
-/// UsageError for two models of one axis, std::runtime_error for a path that breaks off, axes that
-/// the table has not, models of another kind.
+/// The commands of every axis that has a model, over the same evenly spaced rows. Prints on
+/// `people` which parts of the table are left out ("note: not DONE: ..") and what was repaired.
+/// Throws UsageError for two models of one axis; std::runtime_error for a path with a gap, for a
+/// model whose axis is not in the table, and for a model of the other kind (linear, rotary).
 [[nodiscard]] std::vector<CommandedAxis> read_commands(const TableOptions& table,
                                                        const std::string& done, std::FILE* people);
 
-/// The times of a path's rows, as the first column of a table.
+/// The times of a path's rows [s], for the first column of a table.
 [[nodiscard]] std::vector<double> times_of(const Segment& path);
 
 }  // namespace servotwin::cli

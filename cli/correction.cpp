@@ -49,7 +49,8 @@ json axis_json(const Correction& correction, std::size_t i) {
   };
 }
 
-/// How much of the squared error that is left lies so near the ends that the correction is 0 there.
+/// The share of the remaining squared error that lies so near the ends of the path that the
+/// correction is 0 there.
 double ends_share(const CorrectedAxis& axis, const Eigen::ArrayXd& left) {
   const auto n = std::min<Eigen::Index>(
       left.size() / 2, std::lround(daemon::kEndRest_s / axis.learning.path.sample_time_s));
@@ -57,7 +58,7 @@ double ends_share(const CorrectedAxis& axis, const Eigen::ArrayXd& left) {
   return all > 0.0 ? (left.head(n).square().sum() + left.tail(n).square().sum()) / all : 0.0;
 }
 
-/// Whether the trial beside the one that is kept left the same, within a twentieth.
+/// Whether the error of a trial next to the kept one is the same within 5 %.
 bool stands_still(const Learned& learned, std::size_t axis) {
   const std::size_t last = learned.trials.size() - 1;
   const std::size_t beside = learned.best < last ? last : last - 1;
@@ -103,7 +104,7 @@ std::string bandwidth_text(const Correction& correction, const CorrectedAxis& ax
 }
 
 std::string limited_by(const Correction& correction, std::size_t i) {
-  if (correction.learned.best == 0) return "nothing is kept: no trial was better than none";
+  if (correction.learned.best == 0) return "no correction is kept: no trial reduced the error";
   const CorrectedAxis& axis = correction.axes[i];
   const LearnedAxis& learned = correction.learned.axes[i];
   const bool rotary = axis.learning.rotary;
@@ -112,26 +113,27 @@ std::string limited_by(const Correction& correction, std::size_t i) {
   if (learned.at_limit_share > 0.005)
     return text("the limits: they bind in %.0f %% of the motion", 100.0 * learned.at_limit_share);
   if (correction.options.aim == Aim::kContour && !rotary)
-    return "its aim: the path is followed, the lag along it is left as it is";
-  if (axis.beyond_model) return "the model: it was found on slower motion";
+    return "its aim: the axes follow the path, the lag along it is not corrected";
+  if (axis.beyond_model) return "the model: it was identified on slower motion";
   if (std::isfinite(missed) && missed > left)
-    return text("the model: on motion it had not seen it missed %.3g %s RMS", 1e6 * missed,
+    return text("the model: its prediction error on held-out data is %.3g %s RMS", 1e6 * missed,
                 micro(rotary));
   if (const double share = ends_share(axis, learned.error_after); share > 0.5)
     return text(
-        "the ends: %.0f %% of what is left lies within %.3g s of them, where the "
-        "correction is 0",
+        "the ends of the path: %.0f %% of the remaining squared error lies within %.3g s of them, "
+        "where the correction is 0",
         100.0 * share, daemon::kEndRest_s);
   if (learned.beyond_bandwidth_rms > 0.7 * left)
-    return text("the bandwidth: %.0f %% of what is left lies beyond it",
+    return text("the bandwidth: %.0f %% of the remaining error lies beyond it",
                 100.0 * learned.beyond_bandwidth_rms / left);
   if (correction.options.feedforward_only)
-    return "there being no trial: it is what the model says of the commanded motion, not of the "
+    return "the missing trials: the model is evaluated on the commanded motion, not on the "
            "corrected one";
   if (stands_still(correction.learned, i))
-    return "the bandwidth: more trials change nothing, its filter keeps what is left";
+    return "the bandwidth: more trials change nothing, because its filter blocks the remaining "
+           "error";
   return correction.learned.ending == Ending::kGrew
-             ? "friction, which is not linear: more trials made it worse"
+             ? "friction, which is not linear: more trials increased the error"
              : "the number of trials";
 }
 

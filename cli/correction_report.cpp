@@ -21,12 +21,12 @@ constexpr const char* kStyle =
     "section{border-top:1px solid var(--line);margin-top:2rem}"
     "figure{margin:1rem 0}figcaption{opacity:.8}";
 constexpr const char *kBefore = "#d9542b", *kAfter = "#2f9e58", *kPath = "#8889";
-constexpr std::size_t kMostPoints = 4000;       // of a line
-constexpr double kShownDeviation = 0.12;        // of the size of the path, what is furthest from it
+constexpr std::size_t kMaxPointsPerLine = 4000;
+constexpr double kDrawnDeviation = 0.12;  // of the largest deviation over the size of the path
 constexpr double kPanelAspect = 480.0 / 300.0;  // about, of the plotted area
 
 Eigen::Index stride(Eigen::Index samples) {
-  return std::max<Eigen::Index>(1, samples / static_cast<Eigen::Index>(kMostPoints));
+  return std::max<Eigen::Index>(1, samples / static_cast<Eigen::Index>(kMaxPointsPerLine));
 }
 
 std::string figure(const std::string& svg, const std::string& caption) {
@@ -39,7 +39,8 @@ double round_below(double value) {
   return (value >= 5.0 * decade ? 5.0 : value >= 2.0 * decade ? 2.0 : 1.0) * decade;
 }
 
-/// The path of the first two linear axes, and beside it where the axes go, `error` magnified.
+/// The path of the first two linear axes, and the path that the axes follow, with `error`
+/// magnified.
 PlotPanel path_panel(const Correction& correction, const ProgramError& error,
                      const std::string& when, const char* colour) {
   std::vector<const LearnAxis*> plane;
@@ -52,7 +53,7 @@ PlotPanel path_panel(const Correction& correction, const ProgramError& error,
   for (const PathPoint& away : error.away)
     furthest = std::max(furthest, std::hypot(away[0], away[1]));
   const double size = std::max(width, height);
-  const double magnified = furthest > 0.0 ? round_below(kShownDeviation * size / furthest) : 1.0;
+  const double magnified = furthest > 0.0 ? round_below(kDrawnDeviation * size / furthest) : 1.0;
 
   PlotSeries path{"commanded", {}, {}, true, kPath},
       actual{text("deviation, %.0f times", magnified), {}, {}, true, colour};
@@ -66,7 +67,7 @@ PlotPanel path_panel(const Correction& correction, const ProgramError& error,
     actual.x.push_back(1e3 * (x(low) + part * (x(high) - x(low)) + magnified * away[0]));
     actual.y.push_back(1e3 * (y(low) + part * (y(high) - y(low)) + magnified * away[1]));
   }
-  // One millimetre is as long in both directions: two points that are not drawn.
+  // Two points that are not drawn give both directions the same scale.
   const double half = 0.5 * 1.25 * std::max(height, width / kPanelAspect);
   const double cx = 0.5 * (x.maxCoeff() + x.minCoeff()), cy = 0.5 * (y.maxCoeff() + y.minCoeff());
   PlotSeries frame{"",
@@ -117,15 +118,15 @@ PlotPanel learning_panel(const Correction& correction) {
 
 PlotPanel contraction_panel(const Correction& correction) {
   const bool trials = !correction.options.feedforward_only;
-  PlotPanel panel{
-      trials ? "what a trial leaves: |Q (1 - L T)|" : "what the correction leaves: |1 - Q L T|",
-      "frequency [Hz]",
-      "share of the error",
-      true,
-      {}};
+  PlotPanel panel{trials ? "error remaining after a trial: |Q (1 - L T)|"
+                         : "error remaining after the correction: |1 - Q L T|",
+                  "frequency [Hz]",
+                  "share of the error",
+                  true,
+                  {}};
   for (const CorrectedAxis& axis : correction.axes) {
     const ContractionCurve& curve = axis.contraction;
-    PlotSeries series{axis.learning.name + ", the worst model", {}, {}, true, ""};
+    PlotSeries series{axis.learning.name + ", worst model", {}, {}, true, ""};
     series.x.assign(curve.frequency_hz.begin(), curve.frequency_hz.end());
     series.y.assign(curve.worst.begin(), curve.worst.end());
     panel.series.push_back(std::move(series));
@@ -155,13 +156,13 @@ std::string report_html(const Correction& correction) {
   const std::string how = trials ? text("after %zu virtual trials on the twin.", learned.best)
                                  : "on the twin, without a trial.";
   if (learned.best == 0) {
-    out += "No correction makes it better: the path is left as it is.";
+    out += "No correction reduces the error: the path is unchanged.";
   } else if (learned.before) {
-    out += text("Contour error %.3g um RMS in place of %.3g, ", 1e6 * best.contour.rms,
+    out += text("Contour error %.3g um RMS instead of %.3g, ", 1e6 * best.contour.rms,
                 1e6 * first.contour.rms) +
            how;
   } else {
-    out += text("Tracking error %.3g %s RMS in place of %.3g, ", 1e6 * best.axis[0].rms,
+    out += text("Tracking error %.3g %s RMS instead of %.3g, ", 1e6 * best.axis[0].rms,
                 micro(correction.axes[0].learning.rotary), 1e6 * first.axis[0].rms) +
            how;
   }
@@ -197,8 +198,8 @@ std::string report_html(const Correction& correction) {
     out += "<section><h2>The path</h2>" +
            figure(plot_svg({path_panel(correction, *learned.before, "before", kBefore),
                             path_panel(correction, *learned.after, "after", kAfter)}),
-                  "The way from the path is drawn across it, magnified as the legend says; the two "
-                  "pictures have scales of their own.") +
+                  "The deviation is drawn perpendicular to the path, magnified as the legend says; "
+                  "the two plots have different scales.") +
            "</section>\n";
   out += "<section><h2>The axes</h2>\n";
   for (std::size_t i = 0; i < correction.axes.size(); ++i) {
@@ -206,18 +207,20 @@ std::string report_html(const Correction& correction) {
     PlotPanel correction_panel = error_panel(axis, learned.axes[i].correction, "", "#3b7dd8");
     correction_panel.title = axis.name + ": correction added to the command";
     correction_panel.y_label = std::string("correction [") + micro(axis.rotary) + "]";
-    out += figure(plot_svg({error_panel(axis, learned.axes[i].error_before, "before", kBefore),
-                            error_panel(axis, learned.axes[i].error_after, "after", kAfter),
-                            correction_panel}),
-                  "Command less position, simulated on the full twin. The scales differ.");
+    out += figure(
+        plot_svg({error_panel(axis, learned.axes[i].error_before, "before", kBefore),
+                  error_panel(axis, learned.axes[i].error_after, "after", kAfter),
+                  correction_panel}),
+        "Command minus position, simulated on the full twin. The plots have different scales.");
   }
-  out += "</section>\n<section><h2>How it was learned</h2>\n" +
-         figure(plot_svg({learning_panel(correction), contraction_panel(correction)}),
-                "Left: error of every virtual trial; the dotted line marks the one that was kept. "
-                "Right: the largest share of the error that any model within the uncertainty "
-                "leaves, frequency by frequency. " +
-                    std::string(trials ? "Below 1 everywhere, learning converges."
-                                       : "Up to 1 the correction harms no model."));
+  out +=
+      "</section>\n<section><h2>How it was learned</h2>\n" +
+      figure(plot_svg({learning_panel(correction), contraction_panel(correction)}),
+             "Left: error of every virtual trial; the dotted line marks the one that was kept. "
+             "Right: the largest share of the error that remains with any model within the "
+             "uncertainty, at every frequency. " +
+                 std::string(trials ? "Below 1 everywhere, learning converges."
+                                    : "Up to 1 everywhere, the correction makes no model worse."));
   for (const CorrectedAxis& axis : correction.axes) {
     out +=
         "<p>" + escaped(axis.learning.name + ": " + bandwidth_text(correction, axis)) + ".</p>\n";

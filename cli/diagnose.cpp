@@ -1,4 +1,5 @@
-// servotwin diagnose: what the simulation of an axis gets wrong, why, and what it would gain.
+// servotwin diagnose: what the simulation of an axis gets wrong, its causes, and what naming them
+// gains.
 #include "diagnosis/diagnose.h"
 
 #include <cmath>
@@ -24,7 +25,7 @@ namespace {
 struct Arguments {
   AxisOptions input;
   std::filesystem::path result, report, extended, earlier;
-  std::string test;  // what the files of the suggested test are called
+  std::string test;  // base name of the files of the suggested test
   DiagnoseOptions options;
   bool details = false;
 };
@@ -43,7 +44,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   say(people, "verdict     " + verdict_text(diagnosis));
   say(people, "baseline    " + structure_text(diagnosis.baseline.model));
   say(people, "            " + figures_text(diagnosis.baseline.holdout, rotary) +
-                  text("   (hold-out, what follows %.4g s: not seen by the fit)",
+                  text("   (hold-out, after %.4g s: not seen by the fit)",
                        diagnosis.baseline.training_to_s));
   say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
   say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
@@ -53,32 +54,32 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
       line += text("%12.3f -> %.3f %s without and with it", 1e6 * cause.gain.before,
                    1e6 * cause.gain.after, micro(rotary));
     } else if (cause.counts.empty() && cause.moved.empty()) {
-      line += "without it the simulation runs away";
+      line += "without it the simulation diverges";
     }
     if (std::isfinite(cause.gain.low))
       line += text(" (gain %.2g to %.2g)", 1e6 * cause.gain.low, 1e6 * cause.gain.high);
     if (cause.place == kNoEffect && cause.moved.empty()) {
       line += std::string(std::isfinite(cause.gain.before) ? ", " : "") + "counted, not inferred";
     } else {
-      line += text(", sure %.0f %%", 100.0 * cause.confidence);
+      line += text(", confidence %.0f %%", 100.0 * cause.confidence);
     }
     say(people, line);
     say(people, "              " + cause_text(diagnosis, cause));
     if (const std::string also = torque ? torque_beside(*torque, cause.id) : ""; !also.empty())
       say(people, "              " + also);
-    // Where repair changes less than a thousandth it is not worth a line.
-    // What a control does for the axis is not repaired by taking it away.
+    // A repair that lowers the tracking error by less than a thousandth is not printed.
+    // Removing a feature of the control that helps the axis is no repair.
     if (cause.gain.tracking_now - cause.gain.tracking_repaired > 1e-3 * cause.gain.tracking_now) {
       std::string repair =
           text("repaired: tracking error %.4g -> %.4g %s RMS", 1e6 * cause.gain.tracking_now,
                1e6 * cause.gain.tracking_repaired, micro(rotary));
       if (std::isfinite(cause.gain.contour_repaired))
-        repair += text(", across the path %.4g -> %.4g", 1e6 * cause.gain.contour_now,
+        repair += text(", contour error %.4g -> %.4g", 1e6 * cause.gain.contour_now,
                        1e6 * cause.gain.contour_repaired);
       say(people, "              " + repair);
     }
     for (const std::string& rival : cause.ambiguous_with)
-      say(people, "              not to be told from " + rival + " by this recording");
+      say(people, "              not distinguishable from " + rival + " with this recording");
     if (const std::string advice = advice_for(cause.id); !advice.empty())
       say(people, "              check " + advice);
     say(people, "              see " + cause_page(cause.id));
@@ -86,32 +87,31 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   for (const Cause& cause : diagnosis.suspected) {
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
-    const char* why =
-        cause.confidence < kNamed
-            ? "too little to name it"
-            : "but what it gains on data not seen may be nothing, or is within the noise";
-    say(people, text("suspected   %-24s sure %.0f %%, %s", cause.id.c_str(),
+    const char* why = cause.confidence < kNamed
+                          ? "too low to name it as a cause"
+                          : "but its gain on held-out data may be zero, or is within the noise";
+    say(people, text("suspected   %-24s confidence %.0f %%, %s", cause.id.c_str(),
                      100.0 * cause.confidence, why) +
                     rivals);
     say(people, "              " + cause_text(diagnosis, cause));
   }
   if (const std::string term = not_understood_text(diagnosis); !term.empty())
-    say(people, "not known   " + term + ": it predicts and explains nothing");
+    say(people, "not known   " + term + ": it improves the prediction, but names no cause");
   if (details) {
     for (const std::string& step : diagnosis.steps) say(people, "search      " + step);
   }
   for (const RegimeShare& share : diagnosis.regimes) {
     if (share.samples == 0) continue;
-    say(people, text("left        %-14s %8.3f %s RMS %8.2f MAX, %4.1f %% of the squared error in "
+    say(people, text("residual    %-14s %8.3f %s RMS %8.2f MAX, %4.1f %% of the squared error in "
                      "%4.1f %% of the time",
                      std::string(name_of(share.regime)).c_str(), 1e6 * share.rms, micro(rotary),
                      1e6 * share.max, 100.0 * share.share, 100.0 * share.time_share));
   }
-  for (const std::string& line : left_lines(diagnosis)) say(people, "left        " + line);
+  for (const std::string& line : left_lines(diagnosis)) say(people, "residual    " + line);
   for (const NotObservable& one : diagnosis.not_observable)
-    say(people, text("cannot show %-24s ", one.id.c_str()) + one.why);
+    say(people, text("not observable here: %-24s ", one.id.c_str()) + one.why);
   if (diagnosis.suggested_test) {
-    // A sentence a line.
+    // One sentence per line.
     std::string words = diagnosis.suggested_test->words;
     for (std::size_t at = 0; (at = words.find(". ", at)) != std::string::npos; at += 14)
       words.replace(at, 2, ".\n            ");
@@ -119,14 +119,14 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   }
 }
 
-/// BASE.csv and BASE.nc; their names, none where no motion is suggested.
+/// Writes BASE.csv and BASE.nc and returns their names; none if no motion is suggested.
 std::vector<std::string> write_test(const std::string& base, const Diagnosis& diagnosis, double h,
                                     std::FILE* people) {
   if (!diagnosis.suggested_test || !diagnosis.suggested_test->motion) {
     say(people,
         diagnosis.suggested_test
-            ? "test        no motion decides: no file is written"
-            : "test        none is needed: nothing that the position loop says is in doubt");
+            ? "test        no test motion can decide: no file is written"
+            : "test        none is needed: no cause found in the position loop is in doubt");
     return {};
   }
   const TestMotion& motion = *diagnosis.suggested_test->motion;
@@ -146,26 +146,26 @@ std::vector<std::string> write_test(const std::string& base, const Diagnosis& di
   return {base + ".csv", base + ".nc"};
 }
 
-/// Where there is no position loop to diagnose, for this reason.
+/// Diagnoses the torque alone; `reason` says why the position loop cannot be diagnosed.
 void run_on_torque(const Arguments& arguments, const SegmentedAxis& axis, bool commanded,
                    const std::string& reason, std::FILE* people) {
   if (!arguments.extended.empty())
     throw std::runtime_error("--extended-model: there is no model of the position loop: " + reason);
   const TorqueDiagnosis torque = diagnose_torque(axis, arguments.options, commanded);
-  say(people, "torque      alone: " + reason);
+  say(people, "torque      diagnosed alone: " + reason);
   for (const std::string& line : torque_lines(torque, arguments.details)) say(people, line);
   if (!arguments.result.empty()) write_json(arguments.result, torque_alone(torque, reason));
   if (!arguments.report.empty()) write_result(arguments.report, torque_page(torque, axis.source));
 }
 
-/// Nothing where there is no torque, or too little of it, which is said.
+/// Nothing if there is no torque or too little of it; the latter is printed.
 std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis, const Arguments& arguments,
                                          std::FILE* people) {
   if (!has_torque(axis)) return std::nullopt;
   try {
     return diagnose_torque(axis, arguments.options);
   } catch (const std::runtime_error& error) {
-    say(people, std::string("torque      not explained: ") + error.what());
+    say(people, std::string("torque      not diagnosed: ") + error.what());
     return std::nullopt;
   }
 }
@@ -176,7 +176,7 @@ void run(const Arguments& arguments) {
   const bool commanded = !without_command(recording, arguments.input.axis);
   const SegmentedAxis axis = arguments.input.segmented(recording, people);
   if (!commanded) {
-    run_on_torque(arguments, axis, false, "the recording has position and torque and no command",
+    run_on_torque(arguments, axis, false, "the recording has position and torque, but no command",
                   people);
     return;
   }
@@ -192,7 +192,7 @@ void run(const Arguments& arguments) {
     try {
       run_on_torque(arguments, axis, true, reason, people);
     } catch (const std::runtime_error& also) {
-      throw std::runtime_error(reason + "; nor by torque: " + also.what());
+      throw std::runtime_error(reason + "; a diagnosis by torque fails too: " + also.what());
     }
     return;
   }
@@ -227,33 +227,38 @@ void run(const Arguments& arguments) {
 Command add_diagnose(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "diagnose", "What the simulation of an axis gets wrong, why, and what naming it gains.");
+      "diagnose",
+      "Diagnoses an axis: what the simulation gets wrong, and which physical causes explain it.");
   arguments->input.declare(command);
   command
       .add_option("--model", arguments->earlier,
-                  "an earlier model of this axis: what changed since it was identified")
+                  "earlier model of this axis: diagnose what has changed since it was identified")
       ->type_name("M.json");
-  command.add_option("--json", arguments->result, "write the diagnosis here; - is standard output")
+  command
+      .add_option("--json", arguments->result,
+                  "write the diagnosis to this file; - is standard output")
       ->type_name("OUT.json");
-  command.add_option("--report", arguments->report, "write a page for people here")
+  command.add_option("--report", arguments->report, "write a report for people to this file")
       ->type_name("OUT.html");
   command
       .add_option("--extended-model", arguments->extended,
-                  "write the model with all causes here (servotwin.model/1)")
+                  "write the model with all causes to this file (servotwin.model/1)")
       ->type_name("M2.json");
   command
       .add_option("--suggested-test", arguments->test,
-                  "where causes cannot be told apart, write the motion that would decide: BASE.csv "
-                  "for servotwin simulate, BASE.nc as G-code")
+                  "if causes cannot be distinguished, write a motion that distinguishes them: "
+                  "BASE.csv for servotwin simulate, BASE.nc as G-code")
       ->type_name("BASE");
-  command.add_flag("--details", arguments->details, "say what was tried, added and taken out");
-  command.add_option("--leave-out", arguments->options.leave_out, "causes that are not looked for")
+  command.add_flag("--details", arguments->details,
+                   "print what the search tried, added and removed");
+  command
+      .add_option("--leave-out", arguments->options.leave_out, "causes to leave out of the search")
       ->delimiter(',')
       ->check(CLI::IsMember(known_causes()).name(""))
       ->type_name("ID,..");
   command.add_flag("--encoder-in-loop", arguments->options.encoder_in_loop,
-                   "the recorded encoder is the one that the position loop uses: it cannot show "
-                   "lead_error, thermal_growth or a gap behind it");
+                   "the recorded encoder is the one that the position loop uses: lead_error, "
+                   "thermal_growth and a gap behind it are not observable");
   command
       .add_option_function<double>(
           "--training-share",
@@ -266,8 +271,9 @@ Command add_diagnose(CLI::App& app) {
       ->type_name("SHARE")
       ->check(between(0.1, 0.95));
   command
-      .add_option("--delay-max", arguments->options.identify.delay_max_s,
-                  "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
+      .add_option(
+          "--delay-max", arguments->options.identify.delay_max_s,
+          "longest delay of the encoder record that is searched for [s] (default 0.02); 0: none")
       ->type_name("S")
       ->check(between(0.0, 0.05));
   return {&command, [arguments] { run(*arguments); }};

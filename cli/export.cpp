@@ -1,4 +1,4 @@
-// servotwin export: a model for other programs, as a unit of FMI 2.0 and as matrices.
+// servotwin export: writes a model for other programs, as an FMI 2.0 unit and as matrices.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -22,10 +22,10 @@ inline constexpr const char* kExportSchema = "servotwin.export/1";
 
 struct Arguments {
   std::filesystem::path model, unit, matrices, result;
-  double position = kAbsent;  // of the axis in the matrices; its modes may move
+  double position = kAbsent;  // of the axis in the matrices [m | rad]; modes may vary with it
 };
 
-/// What the matrices stand for, in their order.
+/// Names of the rows and columns of the matrices, in their order.
 struct Names {
   std::vector<std::string> states, inputs, outputs, cycle_inputs;
 };
@@ -128,9 +128,9 @@ void run(const Arguments& arguments) {
     if (std::any_of(modes.begin(), modes.end(), [](const Mode& mode) { return mode.moves(); }))
       say(people, text("note: its modes move with position; the matrices are those at %g %s%s",
                        position, record.rotary ? "rad" : "m",
-                       given ? "" : ", the middle of the travel: --at takes another"));
+                       given ? "" : ", the middle of the travel; --at selects another position"));
     if (!record.model.effects.empty())
-      say(people, "note: the matrices are the loop's alone; not in them: " +
+      say(people, "note: the matrices contain the linear loop only, without: " +
                       structure_text(record.model).substr(std::string("order 3: ").size()));
     const Names names = names_of(record);
     result["matrices"] = {{"file", arguments.matrices.string()},
@@ -147,25 +147,27 @@ void run(const Arguments& arguments) {
 
 Command add_export(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "export", "A model for other programs: a unit of FMI 2.0, matrices for MATLAB and Octave.");
+  CLI::App& command = *app.add_subcommand("export",
+                                          "Exports a model to other programs: as an FMI 2.0 unit, "
+                                          "or as matrices for MATLAB and Octave.");
   command.add_option("MODEL", arguments->model, "model file (servotwin.model/1)")->required();
   command
       .add_option("--fmu", arguments->unit,
-                  "write a unit for co-simulation (FMI 2.0); - is standard output")
+                  "write an FMI 2.0 unit for co-simulation to this file; - is standard output")
       ->type_name("OUT.fmu");
   command
       .add_option("--mat", arguments->matrices,
-                  "write the loop as matrices, continuous and discretised (MATLAB v5)")
+                  "write the loop to this file as matrices, continuous and discretised (MATLAB v5)")
       ->type_name("OUT.mat");
   command
       .add_option("--at", arguments->position,
-                  "where the axis stands in the matrices [m | rad], for modes that move with "
-                  "position (the middle of the travel)")
+                  "axis position of the matrices [m | rad], for modes that vary with position "
+                  "(default: middle of the travel)")
       ->type_name("POSITION");
   command
       .add_option("--json", arguments->result,
-                  "write what was exported here (servotwin.export/1); - is standard output")
+                  "write a description of the export to this file (servotwin.export/1); - is "
+                  "standard output")
       ->type_name("OUT");
   return {&command, [arguments] { run(*arguments); }};
 }

@@ -17,12 +17,12 @@ constexpr double kPerMicrometre = 1e6;      // N/um
 constexpr double kSquareCentimetre = 1e-4;  // of an inertia
 constexpr double kGiga = 1e9;
 
-/// A table of the file whose numbers are in the units that people say.
+/// A table of the file, whose numbers are in the units of their keys.
 class Part {
  public:
   Part(Section section) : section_(std::move(section)) {}
 
-  /// One that may be left out: then `to` stays as it is.
+  /// Reads an optional key; without it, `to` keeps its value.
   void may(const std::string& key, double lower, double upper, const std::string& unit,
            double scale, double& to) {
     double value = to / scale;
@@ -92,7 +92,8 @@ void read_current_loop(Section& control, ControlParts& to) {
   loop.must("reset_time_ms", 1e-3, 1e5, "ms", kMilli, parts.reset_time);
   loop->refuse_unknown();
   if (control.has("current_loop_hz"))
-    control.report("current_loop_hz", "there is a [control.current_loop] as well; leave one out");
+    control.report("current_loop_hz",
+                   "[control.current_loop] is given as well; remove one of the two");
   to.current_loop = parts;
 }
 
@@ -188,7 +189,7 @@ CheckedFeedAxis check_table(const toml::table& table, const std::string& name) {
   return out;
 }
 
-/// Puts the value of "section.key=value" where it belongs; throws std::invalid_argument.
+/// Sets the key of "section.key=value" to its value; throws std::invalid_argument.
 void change(toml::table& table, const std::string& what) {
   const auto refuse = [&](const std::string& why) {
     throw std::invalid_argument("--set " + in_quotes(what) + ": " + why);
@@ -215,14 +216,14 @@ void change(toml::table& table, const std::string& what) {
       const char* end = names[i].data() + names[i].size();
       if (std::from_chars(names[i].data(), end, number).ptr != end || number < 1 ||
           number > list->size())
-        refuse("there is no " + names[i] + ". of them; the file has " +
-               std::to_string(list->size()));
+        refuse("there is no number " + names[i] + "; the file has " + std::to_string(list->size()));
       next = list->get(number - 1);
     }
-    if (next == nullptr || next->is_value()) refuse(in_quotes(names[i]) + " is no section");
+    if (next == nullptr || next->is_value()) refuse(in_quotes(names[i]) + " is not a section");
     at = next;
   }
-  if (at->as_table() == nullptr) refuse("say which of them: control.band_stop.1." + names.back());
+  if (at->as_table() == nullptr)
+    refuse("give the number of one of them: control.band_stop.1." + names.back());
   at->as_table()->insert_or_assign(names.back(), std::move(*parsed.get("value")));
 }
 
@@ -247,7 +248,7 @@ FeedAxisParts read_feed_axis(const std::filesystem::path& file,
   for (const std::string& one : changes) {
     change(table, one);
     checked = check_table(table, file.string());
-    // The file had none.
+    // The file itself had no problem, so the change causes it.
     if (!checked.problems.empty())
       throw std::invalid_argument("--set " + in_quotes(one) + ": " + checked.problems[0].what);
   }

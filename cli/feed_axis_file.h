@@ -23,14 +23,16 @@ struct CheckedFeedAxis {
 /// Reads the text of such a file; `name` is the file's name for the messages.
 [[nodiscard]] CheckedFeedAxis check_feed_axis(std::string_view text, const std::string& name);
 
-/// The parts in the file, then with every one of `changes`, "section.key=value", in its turn; the
-/// n-th band-stop is control.band_stop.n. Throws std::runtime_error with all problems of the file,
-/// one per line, or why it cannot be read; std::invalid_argument for a change that cannot be.
+/// The parts in the file, after all `changes` ("section.key=value") have been made in their order;
+/// the n-th band-stop is control.band_stop.n. Throws std::runtime_error with all problems of the
+/// file, one per line, or why it cannot be read; std::invalid_argument for a change that is not
+/// possible.
 [[nodiscard]] FeedAxisParts read_feed_axis(const std::filesystem::path& file,
                                            const std::vector<std::string>& changes = {});
 
-/// The file again, without its comments, with what is fitted as these parts have it: stiffness and
-/// damping of coupling, bearing and nut, friction and cover. Throws std::runtime_error.
+/// The text of the file without its comments, with the fitted values of `parts`: stiffness and
+/// damping of coupling, bearing and nut; friction; cover. Throws std::runtime_error if the file
+/// cannot be read.
 [[nodiscard]] std::string with_fitted(const std::filesystem::path& file,
                                       const FeedAxisParts& parts);
 

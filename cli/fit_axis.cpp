@@ -1,5 +1,4 @@
-// servotwin fit-axis: the parts of a feed axis from what was measured on it, stage by stage (paper
-// 002).
+// servotwin fit-axis: fits the parts of a feed axis to measurements, stage by stage (paper 002).
 #include <CLI/CLI.hpp>
 #include <array>
 #include <charconv>
@@ -52,7 +51,7 @@ VelocityResponse read_response(const std::filesystem::path& file) {
     for (std::size_t i = 0; i < row.size(); ++i) {
       const char* last = fields[i].data() + fields[i].size();
       if (std::from_chars(fields[i].data(), last, row[i]).ptr != last || !std::isfinite(row[i]))
-        refuse("has " + in_quotes(fields[i]) + ", which is no number");
+        refuse("has " + in_quotes(fields[i]) + ", which is not a number");
     }
     if (!(row[0] > (rows.empty() ? 0.0 : rows.back()[0])))
       refuse("must have a higher frequency than the line before, above 0 Hz");
@@ -83,14 +82,14 @@ SegmentedAxis read_torque(RecordingOptions options, const std::filesystem::path&
   return axis;
 }
 
-void tell(const std::string& stage, const FeedAxisFit& fit, const std::string& unit,
-          std::FILE* people) {
-  say(people, text("%s: missed %.4g %s RMS, before %.4g", stage.c_str(), fit.rms, unit.c_str(),
-                   fit.rms_before));
+void print_stage(const std::string& stage, const FeedAxisFit& fit, const std::string& unit,
+                 std::FILE* people) {
+  say(people, text("%s: residual RMS %.4g %s, before the fit %.4g", stage.c_str(), fit.rms,
+                   unit.c_str(), fit.rms_before));
   for (const FittedValue& value : fit.values) {
     say(people, text("  %-28s %-11.5g was %-11.5g", value.name.c_str(), value.value, value.before) +
                     (value.deviation < 0.5 ? text("+- %.2g %%", 100.0 * value.deviation)
-                                           : "not shown by these data"));
+                                           : "not determined by these data"));
   }
 }
 
@@ -98,13 +97,13 @@ void run(const Arguments& arguments) {
   if (arguments.response.empty() && arguments.bare.file.empty() && arguments.covered.empty())
     throw UsageError("nothing to fit to; give --response, --bare or --covered");
   if ((!arguments.bare.file.empty() || !arguments.covered.empty()) && arguments.axis.empty())
-    throw UsageError("--axis says which axis of the recordings");
+    throw UsageError("--axis is required: the axis of the recordings");
   std::FILE* people = people_beside({arguments.out});
   FeedAxisParts parts = read_feed_axis(arguments.file);
   const auto needs = [&](const std::optional<LuGreParts>& law, const char* name) {
     if (!law)
       throw std::runtime_error(arguments.file.string() + ": [" + name +
-                               "] is missing; a rough guess is what its fit starts from");
+                               "] is missing; the fit needs rough values to start from");
   };
   if (!arguments.bare.file.empty()) needs(parts.friction, "friction");
   if (!arguments.covered.empty()) needs(parts.cover, "cover");
@@ -120,8 +119,8 @@ void run(const Arguments& arguments) {
     const Progress progress("fitting springs and dampers");
     const FeedAxisFit fit = fit_response(parts, response);
     parts = fit.parts;
-    tell(text("stage 1, velocity loop with the nut at %.4g mm", response.nut / kMilli), fit,
-         "of the logarithm", people);
+    print_stage(text("stage 1, velocity loop with the nut at %.4g mm", response.nut / kMilli), fit,
+                "(logarithm of the response)", people);
   }
   const auto friction = [&](const std::filesystem::path& file, FrictionOf which,
                             const std::string& stage) {
@@ -129,14 +128,14 @@ void run(const Arguments& arguments) {
     const SegmentedAxis axis = read_torque(arguments.bare, file, arguments.axis, people);
     const Progress progress("fitting friction");
     FeedAxisParts own = parts;
-    if (which == FrictionOf::kDrive) own.cover.reset();  // it is not there yet
+    if (which == FrictionOf::kDrive) own.cover.reset();  // the cover is not mounted yet
     const FeedAxisFit fit = fit_friction(own, which, axis.segments);
     (which == FrictionOf::kDrive ? parts.friction : parts.cover) =
         which == FrictionOf::kDrive ? fit.parts.friction : fit.parts.cover;
-    tell(stage, fit, "Nm", people);
+    print_stage(stage, fit, "Nm", people);
   };
   friction(arguments.bare.file, FrictionOf::kDrive, "stage 2, friction of the bare axis");
-  friction(arguments.covered, FrictionOf::kCover, "stage 3, what the cover adds");
+  friction(arguments.covered, FrictionOf::kCover, "stage 3, friction that the cover adds");
   if (!arguments.out.empty()) write_result(arguments.out, with_fitted(arguments.file, parts));
 }
 
@@ -145,8 +144,10 @@ void run(const Arguments& arguments) {
 Command add_fit_axis(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "fit-axis", "The parts of a feed axis from what was measured on it, stage by stage.");
-  command.add_option("AXIS", arguments->file, "parts of the axis as the data sheets have them")
+      "fit-axis", "Fits the parts of a feed axis to measurements, stage by stage.");
+  command
+      .add_option("AXIS", arguments->file,
+                  "parts of the axis with the values of their data sheets (TOML)")
       ->type_name("AXIS.toml")
       ->required();
   command
@@ -154,19 +155,24 @@ Command add_fit_axis(CLI::App& app) {
                   std::string("stage 1: closed velocity loop, ") + kHeader)
       ->type_name("R.csv");
   command
-      .add_option("--nut", arguments->nut_mm,
-                  "where the nut stood then, from the bearing [mm]; the middle of its travel")
+      .add_option(
+          "--nut", arguments->nut_mm,
+          "position of the nut in stage 1, from the bearing [mm] (default: middle of its travel)")
       ->type_name("MM");
   command
       .add_option("--bare", arguments->bare.file,
                   "stage 2: recording without the cover, command and torque in Nm, from rest")
       ->type_name("A.csv");
-  command.add_option("--covered", arguments->covered, "stage 3: recording with it")
+  command.add_option("--covered", arguments->covered, "stage 3: recording with the cover")
       ->type_name("B.csv");
   command.add_option("--axis", arguments->axis, "axis of the recordings")->type_name("X");
-  command.add_option("--columns", arguments->bare.read_options.columns, "names for foreign files")
+  command
+      .add_option("--columns", arguments->bare.read_options.columns,
+                  "which column of a foreign file is which channel")
       ->type_name("MAP");
-  command.add_option("--out", arguments->out, "write the fitted axis here; - is standard output")
+  command
+      .add_option("--out", arguments->out,
+                  "write the fitted axis to this file (TOML); - is standard output")
       ->type_name("FITTED.toml");
   return {&command, [arguments] { run(*arguments); }};
 }

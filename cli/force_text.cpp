@@ -72,18 +72,18 @@ void require_resisting(const std::vector<Ramp>& ramps, const std::string& source
     return ramp.torque * ramp.velocity < 0.0;
   });
   if (2 * against <= static_cast<std::ptrdiff_t>(ramps.size())) return;
-  throw std::runtime_error(
-      source + ": on " + std::to_string(against) + " of " + std::to_string(ramps.size()) +
-      " ramps the torque drives against the motion: its sign is the other one; "
-      "add --invert-torque");
+  throw std::runtime_error(source + ": on " + std::to_string(against) + " of " +
+                           std::to_string(ramps.size()) +
+                           " ramps the torque acts against the motion that it should drive: its "
+                           "sign is inverted; add --invert-torque");
 }
 
 void require_mass(const ForceFit& fit, const std::string& source) {
   if (fit.model.mass > 0.0) return;
   throw std::runtime_error(
       source +
-      ": torque and acceleration do not go together (the moved mass would be 0 "
-      "or less); if the drive counts torque the other way, add --invert-torque");
+      ": torque and acceleration do not match (the moved mass would be 0 or less); if the drive "
+      "records torque with the opposite sign, add --invert-torque");
 }
 
 std::vector<std::string> force_lines(const ForceFit& fit, bool with_mass, const ForceUnit& unit) {
@@ -157,7 +157,7 @@ std::vector<std::string> undetermined(const ForceFit& fit) {
     const auto look = [&](const auto& parameters, const auto& values, const auto& deviations) {
       std::size_t k = 0;
       for (const Parameter& p : parameters) {
-        // Nothing at all is a finding; a shape of which nothing is known is none.
+        // A value of 0 is a result; an unknown deviation (NaN) means not determined.
         if (values[k] != 0.0 && !(deviations[k] <= std::abs(values[k]))) names.emplace_back(p.name);
         ++k;
       }

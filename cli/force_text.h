@@ -12,13 +12,13 @@
 
 namespace servotwin::cli {
 
-/// What forces are told in: the unit, and how many of the recorded unit one of it is.
+/// The unit in which forces are printed, and its size in the recorded unit.
 struct ForceUnit {
   std::string name;  ///< "N", "Nm", "A", "V", "%"
   double scale = 1.0;
   bool rotary = false;
 
-  /// The unit of a coefficient that the catalogue has per moved mass: "m/s^2" -> "N".
+  /// The unit of a coefficient that the effects' catalogue gives per moved mass: "m/s^2" -> "N".
   [[nodiscard]] std::string of(std::string_view per_mass) const;
   /// The unit of a shape: metres of a linear axis are radians of a rotary one.
   [[nodiscard]] std::string of_shape(std::string_view unit) const;
@@ -26,15 +26,18 @@ struct ForceUnit {
   [[nodiscard]] std::string of_mass() const;
 };
 
-/// The unit of a torque channel; `lead` [m per revolution] tells torques of a linear axis in N.
+/// The unit of a torque channel. With `lead` > 0 [m per revolution], torques of a linear axis in Nm
+/// are printed as forces in N.
 [[nodiscard]] ForceUnit force_unit(const std::string& torque_unit, bool rotary, double lead);
 
-/// Turns the torque round where `inverted`. Throws std::runtime_error, naming the axis and what to
-/// do, if it has none or one that never changes.
+/// Inverts the sign of the torque if `inverted`. Throws std::runtime_error, with the axis and the
+/// remedy, if there is no torque or one that never changes.
 void require_torque(SegmentedAxis& axis, bool inverted);
-/// Throws std::runtime_error where steady torque drives against the motion.
+/// Throws std::runtime_error if, on most ramps, the torque at constant velocity acts against the
+/// motion.
 void require_resisting(const std::vector<Ramp>& ramps, const std::string& source);
-/// Throws std::runtime_error where a fit needs no mass at all: torque against acceleration.
+/// Throws std::runtime_error if the fitted mass is not positive: torque and acceleration have
+/// opposite signs.
 void require_mass(const ForceFit& fit, const std::string& source);
 
 /// Mass and every effect, one line each.
@@ -42,7 +45,7 @@ void require_mass(const ForceFit& fit, const std::string& source);
                                                    const ForceUnit& unit);
 [[nodiscard]] nlohmann::json force_json(const ForceFit& fit, bool with_mass, const ForceUnit& unit);
 
-/// The parameters whose scatter is larger than they are.
+/// The parameters whose standard deviation exceeds their value.
 [[nodiscard]] std::vector<std::string> undetermined(const ForceFit& fit);
 
 /// The friction models that a torque can be fitted with.

@@ -1,4 +1,4 @@
-// servotwin frequency-response: how an axis answers at every frequency, and its modes.
+// servotwin frequency-response: the frequency response of an axis, and its vibration modes.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -18,13 +18,13 @@ namespace {
 using nlohmann::json;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kCoherent = 0.8;
-constexpr int kShown = 5;  // bands
-constexpr double kMostPower = 0.999;
-constexpr double kResolved = 4.0;  // lines across the half-power width of a mode
-constexpr double kSlow_hz = 50.0;
-constexpr double kMisfit = 4.0;  // beyond it the order or the linearity is not enough
-constexpr Eigen::Index kFewestLines = 3, kWidestHole = 2;  // of a band
+constexpr double kMinCoherence = 0.8;  // of the bands that are printed
+constexpr int kMaxPrintedBands = 5;
+constexpr double kExcitedShare = 0.999;   // of the power of an input
+constexpr double kMinLinesPerMode = 4.0;  // across its half-power width, to resolve its damping
+constexpr double kMinUsefulNyquist_hz = 50.0;  // modes of drives are usually above it
+constexpr double kMaxMisfit = 4.0;  // above: the order is too low, or the axis is not linear
+constexpr Eigen::Index kMinLinesOfBand = 3, kMaxGapInBand_lines = 2;
 
 struct Arguments {
   ResponseOptions input;
@@ -32,7 +32,8 @@ struct Arguments {
   ModeOptions options;
 };
 
-/// "0.98 to 38.1 Hz, 52 to 60.5 Hz": where it holds at several lines on end.
+/// "0.98 to 38.1 Hz, 52 to 60.5 Hz": the bands in which `holds` is true at several adjacent
+/// frequencies.
 std::string bands(const Eigen::ArrayXd& hz, const Eigen::Array<bool, Eigen::Dynamic, 1>& holds) {
   std::string out;
   int count = 0;
@@ -42,42 +43,41 @@ std::string bands(const Eigen::ArrayXd& hz, const Eigen::Array<bool, Eigen::Dyna
       continue;
     }
     Eigen::Index last = i;
-    for (Eigen::Index k = i; k < hz.size() && k - last <= kWidestHole + 1; ++k) {
+    for (Eigen::Index k = i; k < hz.size() && k - last <= kMaxGapInBand_lines + 1; ++k) {
       if (holds(k)) last = k;
     }
-    if (last - i + 1 >= kFewestLines && ++count <= kShown)
+    if (last - i + 1 >= kMinLinesOfBand && ++count <= kMaxPrintedBands)
       out += (out.empty() ? "" : ", ") + text("%.4g to %.4g Hz", hz(i), hz(last));
     i = last + 1;
   }
-  if (count > kShown) out += text(" and %d more", count - kShown);
+  if (count > kMaxPrintedBands) out += text(" and %d more", count - kMaxPrintedBands);
   return out.empty() ? "nowhere" : out;
 }
 
 void say_response(std::FILE* people, const ResponseSignals& signals,
                   const FrequencyResponse& response) {
-  say(people, text("averages    %d windows of %.4g s, as good as %.1f independent ones; %.4g Hz "
-                   "apart, up to %.4g Hz",
+  say(people, text("averages    %d windows of %.4g s, equivalent to %.1f independent ones; "
+                   "frequencies %.4g Hz apart, up to %.4g Hz",
                    response.windows, response.window_s, response.averages, 1.0 / response.window_s,
                    0.5 / response.sample_time_s));
-  if (const double highest = 0.5 / response.sample_time_s; highest < kSlow_hz)
-    say(people,
-        text("note        at %.4g rows per second nothing above %.4g Hz is seen; modes of drives "
-             "lie higher",
-             2.0 * highest, highest));
+  if (const double highest = 0.5 / response.sample_time_s; highest < kMinUsefulNyquist_hz)
+    say(people, text("note        at %.4g rows per second, nothing above %.4g Hz can be measured; "
+                     "vibration modes of drives are usually higher",
+                     2.0 * highest, highest));
   for (std::size_t i = 0; i < response.channels.size(); ++i) {
     const ResponseChannel& channel = response.channels[i];
     say(people, "response    " + signals.inputs[i] + " to " + signals.output);
     double power = 0.0;
     Eigen::Index k = 0;
-    while (k + 1 < channel.power.size() && (power += channel.power(k)) < kMostPower) ++k;
+    while (k + 1 < channel.power.size() && (power += channel.power(k)) < kExcitedShare) ++k;
     say(people, channel.power.sum() > 0.0
                     ? text("  excited   %.4g %% of the input's power%s is below %.4g Hz",
-                           100.0 * kMostPower, signals.differenced ? " as a velocity" : "",
+                           100.0 * kExcitedShare, signals.differenced ? " as a velocity" : "",
                            response.frequency_hz(k))
-                    : std::string("  excited   not at all: the input stands still"));
-    say(people, text("  coherent  above %.1f: ", kCoherent) +
-                    bands(response.frequency_hz, channel.coherence > kCoherent));
-    say(people, "  beyond chance: " + bands(response.frequency_hz, channel.significant));
+                    : std::string("  excited   not at all: the input is constant"));
+    say(people, text("  coherent  above %.1f: ", kMinCoherence) +
+                    bands(response.frequency_hz, channel.coherence > kMinCoherence));
+    say(people, "  significant: " + bands(response.frequency_hz, channel.significant));
   }
 }
 
@@ -93,10 +93,10 @@ void say_fit(std::FILE* people, const FittedResponse& found) {
     for (const OrderTrial& trial : found.trials)
       tried += text("%s%d%s %.3g", tried.empty() ? "" : ", ", trial.order,
                     trial.chosen ? " ->" : "", trial.held_out);
-    say(people, "order       squared error on unseen windows, in deviations: " + tried);
+    say(people, "order       squared error on held-out windows, in standard deviations: " + tried);
   }
   say(people, text("fit         order %d through %zu frequencies from %.4g to %.4g Hz, squared "
-                   "error %.3g deviations",
+                   "error %.3g standard deviations",
                    fit.order(), found.fitted.size(), response.frequency_hz(found.fitted.front()),
                    response.frequency_hz(found.fitted.back()), fit.misfit));
   bool narrow = false;
@@ -114,7 +114,7 @@ void say_fit(std::FILE* people, const FittedResponse& found) {
                             hz, pole.omega_deviation / kTwoPi);
     if (pole.pair) line += text(", damping %.4g +- %.2g", pole.zeta, pole.zeta_deviation);
     say(people, line + text(", explains %.3g %%", 100.0 * pole.explains));
-    narrow = narrow || (pole.pair && 2.0 * pole.zeta * hz < kResolved / response.window_s);
+    narrow = narrow || (pole.pair && 2.0 * pole.zeta * hz < kMinLinesPerMode / response.window_s);
   }
   if (!found.declined.empty()) say(people, "declined    " + found.declined);
   if (!open.empty())
@@ -122,13 +122,14 @@ void say_fit(std::FILE* people, const FittedResponse& found) {
         "note        not determined by these data (+- beyond a third of the value): poles at " +
             open);
   if (narrow)
-    say(people, text("note        a mode is narrower than %.0f lines: the windows widen it, and "
-                     "its damping is at most what is said; take longer ones with --window",
-                     kResolved));
-  if (fit.misfit > kMisfit)
     say(people,
-        "note        the fit leaves more than the scatter: friction and other nonlinearity, a "
-        "delay (--delay), or too low an order; +- has been widened for it");
+        text("note        a mode is narrower than %.0f frequency lines: the windows broaden it, so "
+             "its damping is at most the value above; use longer windows (--window)",
+             kMinLinesPerMode));
+  if (fit.misfit > kMaxMisfit)
+    say(people,
+        "note        the residual of the fit exceeds the random scatter: friction or another "
+        "nonlinearity, a delay (--delay), or too low an order; +- is widened accordingly");
 }
 
 std::string bode(const ResponseSignals& signals, const FittedResponse& found) {
@@ -232,31 +233,34 @@ void run(const Arguments& arguments) {
 
 Command add_frequency_response(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand("frequency-response",
-                                          "How an axis answers at every frequency, and its modes.");
+  CLI::App& command =
+      *app.add_subcommand("frequency-response",
+                          "Estimates the frequency response of an axis, and its vibration modes.");
   arguments->input.declare(command);
   command
       .add_option("--window", arguments->options.spectra.window_s,
                   text("length of the windows that are averaged [s] (default: an eighth of the "
-                       "data, at most %g): longer resolve more, more of them scatter less",
+                       "data, at most %g): longer windows resolve more, more windows scatter less",
                        kWindow_s))
       ->type_name("S")
       ->check(CLI::PositiveNumber.name(""));
   command
       .add_option("--order", arguments->options.order,
-                  "number of poles (default: what windows say that the fit has not seen)")
+                  "number of poles (default: chosen on held-out windows)")
       ->type_name("N")
       ->check(between(1, kMostPoles));
   command
       .add_option("--delay", arguments->options.delay_s,
-                  "delay of the output that is taken out before the fit [s]")
+                  "delay of the output that is removed before the fit [s]")
       ->type_name("S")
       ->check(between(0.0, 1.0));
   command
-      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      .add_option("--json", arguments->result,
+                  "write the complete result to this file; - is standard output")
       ->type_name("OUT");
   command
-      .add_option("--plot", arguments->plot, "write the Bode plot with its 95 % band here (SVG)")
+      .add_option("--plot", arguments->plot,
+                  "write the Bode plot with its 95 % band to this file (SVG)")
       ->type_name("OUT.svg");
   return {&command, [arguments] { run(*arguments); }};
 }

@@ -18,9 +18,9 @@ namespace {
 constexpr const char* kTool = "servotwin";
 constexpr const char* kDaemon = "servotwind";
 
-/// --program: of which of the two.
+/// --program: which of the two programs is described.
 void declare_program(CLI::App& command, std::string& program) {
-  command.add_option("--program", program, "the program that it is for (default servotwin)")
+  command.add_option("--program", program, "program to describe (default servotwin)")
       ->check(CLI::IsMember({kTool, kDaemon}).name(""))
       ->type_name("NAME");
 }
@@ -49,7 +49,7 @@ Command add_help(CLI::App& app) {
   const auto name = std::make_shared<std::string>();
   CLI::App& command =
       *app.add_subcommand("help", "Shows the commands, or the options of one command.");
-  command.add_option("COMMAND", *name, "the command that is explained")->type_name("COMMAND");
+  command.add_option("COMMAND", *name, "command to explain")->type_name("COMMAND");
   return {&command, [&app, name] {
             const CLI::App* subject = &app;
             if (!name->empty()) {
@@ -77,7 +77,7 @@ Command add_completion(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
       "completion", "Writes the script that completes commands and options in a shell.");
-  command.add_option("SHELL", arguments->shell, "the shell that reads it")
+  command.add_option("SHELL", arguments->shell, "shell that reads the script")
       ->required()
       ->check(CLI::IsMember({"bash", "zsh", "fish"}).name(""));
   declare_program(command, arguments->program);

@@ -1,4 +1,4 @@
-// What the program says of itself beside --help: help, version, completion, manual.
+// The commands about the program itself: help, version, completion, manual.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -8,7 +8,8 @@
 
 namespace servotwin::cli {
 
-/// For a word that should be the name of a command and is none: which there are, and the nearest.
+/// The error message for a word that is not the name of a command: the most similar name, and all
+/// names.
 [[nodiscard]] std::string unknown_command(const CLI::App& app, const std::string& word);
 
 }  // namespace servotwin::cli

@@ -1,5 +1,5 @@
-// servotwin history: what the daemon's diagnoses of an axis said, one after the other, so that a
-// drift over weeks is seen.
+// servotwin history: the daemon's diagnoses of an axis in their order of time, so that a drift over
+// weeks can be seen.
 #include <algorithm>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -37,7 +37,7 @@ std::string cause_line(const json& cause) {
     if (value.is_number())
       parameters += (parameters.empty() ? "" : ", ") + name + text(" %.4g", value.get<double>());
   }
-  // What only the torque shows leaves the error as it is, and is in no model.
+  // A cause that only the torque shows does not change the tracking error and is in no model.
   const json gain = cause.value("gain", json::object());
   bool by_torque = false;
   for (const auto& [name, value] : gain.items())
@@ -47,7 +47,7 @@ std::string cause_line(const json& cause) {
          (by_torque ? " by torque" : "");
 }
 
-/// "  suspected cogging, backlash"; nothing where the list is empty, as in files of before it was.
+/// "  suspected cogging, backlash"; empty if the list is empty or missing, as in old files.
 std::string ids_line(const char* what, const json& diagnosis, const char* key) {
   std::string ids;
   for (const json& one : diagnosis.value(key, json::array()))
@@ -61,7 +61,7 @@ std::string line_of(const daemon::StoredDiagnosis& stored, const json& diagnosis
                micro_of(diagnosis.at("extended").at("rms_m")).c_str());
   for (const json& cause : diagnosis.at("causes")) line += "  " + cause_line(cause);
   line += ids_line("suspected", diagnosis, "suspected") +
-          ids_line("cannot show", diagnosis, "not_observable");
+          ids_line("not observable here:", diagnosis, "not_observable");
   return line + (stored.reason == "on schedule" ? "" : "  [alarm]");
 }
 
@@ -118,7 +118,7 @@ void run(const Arguments& arguments) {
 Command add_history(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "history", "What the daemon's diagnoses of an axis said, from its store, the newest last.");
+      "history", "Lists the daemon's diagnoses of an axis from its store, the newest last.");
   command
       .add_option("--store", arguments->store,
                   "the daemon's directory (default: where servotwind keeps it)")
@@ -128,12 +128,12 @@ Command add_history(CLI::App& app) {
                   "name of the machine (default: " + arguments->machine + ")")
       ->type_name("NAME");
   command.add_option("--axis", arguments->axis, "axis of the machine")->type_name("X")->required();
-  command.add_option("--last", arguments->last, "how many (default: 100)")
+  command.add_option("--last", arguments->last, "number of diagnoses (default: 100)")
       ->type_name("N")
       ->check(between(1, 1'000'000));
   command
       .add_option("--json", arguments->result,
-                  "write them here (servotwin.history/1); - is standard output")
+                  "write the diagnoses to this file (servotwin.history/1); - is standard output")
       ->type_name("OUT.json");
   return {&command, [arguments] { run(*arguments); }};
 }

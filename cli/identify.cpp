@@ -20,8 +20,9 @@ namespace {
 
 using nlohmann::json;
 
-// Beyond this multiple of the noise floor, what the model lacks outweighs the scatter.
-constexpr double kModelError = 3.0;
+// Largest training RMS over the noise floor at which +- describes the error of the estimates. Above
+// 3, noise is less than a ninth of the squared residual: unmodelled effects dominate.
+constexpr double kMaxRmsOverFloorForDeviations = 3.0;
 
 struct Arguments {
   AxisOptions input;
@@ -60,7 +61,7 @@ json result_of(const Identified& identified) {
 void say_result(std::FILE* people, const Identified& identified) {
   const ModelRecord& record = identified.record;
   if (!identified.trials.empty())
-    say(people, "tried       validation RMS, inside the training data");
+    say(people, "tried       validation RMS, within the training data");
   for (const StructureTrial& trial : identified.trials) {
     const std::string error =
         std::isfinite(trial.validation_rms)
@@ -73,19 +74,17 @@ void say_result(std::FILE* people, const Identified& identified) {
   for (const std::string& line : parameter_lines(record)) say(people, line);
   for (const std::string& line : fit_lines(record, Times::kOfRecording)) say(people, line);
   if (record.excitation.empty()) {
-    say(people,
-        record.method == "full-ls"
-            ? "excitation  the motion has reversals and acceleration; full LS tells no standard "
-              "deviations"
-            : "excitation  sufficient: the scatter of the poles and of the level of friction is "
-              "below half of each");
+    say(people, record.method == "full-ls"
+                    ? "excitation  the motion has reversals and acceleration; full LS estimates no "
+                      "standard deviations"
+                    : "excitation  sufficient: the standard deviations of the poles and of the "
+                      "friction level are below half of their values");
   }
   for (const std::string& line : record.excitation) say(people, "excitation  " + line);
   if (record.method != "full-ls" && record.noise_floor_rms > 0.0 &&
-      record.training.rms > kModelError * record.noise_floor_rms) {
-    say(people, text("note        what is left is %.0f times the noise floor: +- is scatter alone, "
-                     "and poles "
-                     "and friction make up for what the model lacks",
+      record.training.rms > kMaxRmsOverFloorForDeviations * record.noise_floor_rms) {
+    say(people, text("note        the residual is %.0f times the noise floor: +- covers random "
+                     "scatter only; unmodelled effects bias the estimates",
                      record.training.rms / record.noise_floor_rms));
   }
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);
@@ -98,16 +97,16 @@ void run(const Arguments& arguments) {
   if (auto why = why_invalid(options.bounds); !why.empty()) throw UsageError(why);
   if (arguments.no_pole_constraints && options.method != Method::kFullLs) {
     throw UsageError(
-        "--no-pole-constraints needs --method full-ls: the pole search has no meaning without its "
-        "box");
+        "--no-pole-constraints needs --method full-ls: the pole search needs its bounds");
   }
   if (options.friction && options.method != Method::kJoint) {
     throw UsageError(
-        "--friction needs --method joint: the pole search knows Coulomb friction only");
+        "--friction needs --method joint: the pole search models Coulomb friction only");
   }
   if (options.method == Method::kFullLs && (options.modes > 0 || options.coupling))
-    throw UsageError(std::string(options.modes > 0 ? "--modes" : "--coupling") +
-                     " is not for --method full-ls, which knows one loop and Coulomb friction");
+    throw UsageError(
+        std::string(options.modes > 0 ? "--modes" : "--coupling") +
+        " is not for --method full-ls, which models one loop and Coulomb friction only");
   options.pole_constraints = !arguments.no_pole_constraints;
 
   const SegmentedAxis axis = arguments.input.read(people);
@@ -156,14 +155,16 @@ void add_range(CLI::App& app, const std::string& name, double& min, double& max,
 
 Command add_identify(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand("identify", "From a recording of an axis to its model.");
+  CLI::App& command =
+      *app.add_subcommand("identify", "Identifies the model of an axis from a recording.");
   arguments->input.declare(command);
   command
       .add_option("--model", arguments->model,
-                  "write the model here (servotwin.model/1), if it may be used")
+                  "write the model to this file (servotwin.model/1), unless it is refused")
       ->type_name("OUT.json");
   command
-      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      .add_option("--json", arguments->result,
+                  "write the complete result to this file; - is standard output")
       ->type_name("OUT");
   command
       .add_option_function<std::string>(
@@ -173,8 +174,8 @@ Command add_identify(CLI::App& app) {
                                          : name == "joint" ? Method::kJoint
                                                            : Method::kPoleSearch;
           },
-          "pole-search (default); joint, which also finds the friction model; full-ls, the "
-          "baseline")
+          "pole-search (default); joint, which also identifies the friction model; full-ls, full "
+          "least squares as a baseline")
       ->check(CLI::IsMember({"pole-search", "joint", "full-ls"}).name(""))
       ->type_name("METHOD");
   std::vector<std::string> frictions;
@@ -183,7 +184,7 @@ Command add_identify(CLI::App& app) {
       .add_option_function<std::string>(
           "--friction",
           [arguments](const std::string& id) { arguments->identify.friction = kind_of(id); },
-          "joint: this friction model, whatever fits better (default: compared on unseen data)")
+          "joint: use this friction model (default: the one that predicts held-out data best)")
       ->check(CLI::IsMember(frictions).name(""))
       ->type_name("ID");
   PoleBounds& bounds = arguments->identify.bounds;
@@ -195,25 +196,27 @@ Command add_identify(CLI::App& app) {
             "bounds of the pair's damping ratio");
   command
       .add_option("--training-share", arguments->identify.training_share,
-                  "share of the data that is fitted (default 0.6); the rest judges")
+                  "share of the data that is fitted (default 0.6); the rest is held-out data")
       ->type_name("SHARE")
       ->check(between(0.1, 0.95));
-  command.add_option("--order", arguments->identify.order, "2 or 3 (default: what the data say)")
+  command
+      .add_option("--order", arguments->identify.order,
+                  "order of the position loop, 2 or 3 (default: chosen on held-out data)")
       ->type_name("N")
       ->check(CLI::IsMember({2, 3}).name(""));
   command
       .add_option("--modes", arguments->identify.modes,
-                  "modes of vibration at most (default 0); as many are taken as the held-out error "
-                  "asks for")
+                  "largest number of vibration modes (default 0); a mode is added only if it "
+                  "lowers the held-out error")
       ->type_name("N")
       ->check(between(0.0, static_cast<double>(kMaxModes)));
-  command.add_flag(
-      "--coupling", arguments->identify.coupling,
-      "what the acceleration of the recording's other axis does to this one, where the "
-      "held-out error asks for it");
+  command.add_flag("--coupling", arguments->identify.coupling,
+                   "model the effect of the other axis' acceleration on this one, if that lowers "
+                   "the held-out error");
   command
-      .add_option("--delay-max", arguments->identify.delay_max_s,
-                  "longest delay of the encoder record that is sought [s] (default 0.02); 0: none")
+      .add_option(
+          "--delay-max", arguments->identify.delay_max_s,
+          "longest delay of the encoder record that is searched for [s] (default 0.02); 0: none")
       ->type_name("S")
       ->check(between(0.0, 0.05));
   command.add_flag("--no-pole-constraints", arguments->no_pole_constraints,

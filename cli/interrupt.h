@@ -1,4 +1,5 @@
-// Ctrl-C and a kind kill as a question that a loop asks. One at a time; main thread.
+// Lets a loop ask whether SIGINT (Ctrl-C) or SIGTERM was received since construction. One object at
+// a time; main thread.
 #pragma once
 
 #include <csignal>

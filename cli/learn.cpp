@@ -1,4 +1,4 @@
-// servotwin learn: a corrected path, learned on the twin.
+// servotwin learn: a path corrected in virtual trials on the twin.
 #include <cmath>
 #include <map>
 #include <memory>
@@ -41,7 +41,7 @@ struct Arguments {
   std::optional<double> chord_um;  // absent: 1
 };
 
-/// What of `arguments` the feed-forward has no use for.
+/// Refuses options that the feed-forward does not use.
 void require_meant(const Arguments& arguments) {
   if (arguments.method != "feedforward") return;
   const auto refuse = [](bool given, const char* option, const char* why) {
@@ -50,18 +50,20 @@ void require_meant(const Arguments& arguments) {
   };
   refuse(!arguments.aim.empty(), "--aim", "corrects every axis by itself");
   refuse(arguments.bandwidth_hz > 0.0, "--bandwidth",
-         "learns nothing, and is as wide as harms no model within the uncertainty");
+         "learns nothing; its bandwidth is the largest that makes no model within the uncertainty "
+         "worse");
   refuse(arguments.trials > 0, "--trials", "makes no trial");
 }
 
-/// Throws where nothing moves.
+/// Throws if no axis moves.
 void require_motion(const std::string& source, const std::vector<CommandedAxis>& axes) {
   if (std::none_of(axes.begin(), axes.end(),
                    [](const CommandedAxis& axis) { return daemon::moves(axis.path); }))
     throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
 }
 
-/// Throws where no drive or no model follows; says where the model has not been, or may not.
+/// Throws if no drive can follow the motion or it is far beyond that of the model; prints whether
+/// it is beyond it, or whether that is unknown.
 daemon::MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
                                    std::FILE* people) {
   const ModelRecord& record = axis.record;
@@ -73,11 +75,12 @@ daemon::MotionReach look_at_motion(const std::string& source, const CommandedAxi
     throw std::runtime_error(source + ": " + reach.words + "; " + daemon::kFarBeyondAdvice);
   if (reach.beyond()) {
     say(people, "warning: " + reach.words +
-                    "; what it says of this path is no promise: identify from motion as fast");
+                    "; its prediction for this path is not reliable: identify the model from "
+                    "motion that is as fast");
   } else if (!std::isfinite(record.motion.speed)) {
     say(people, "note: the model of " + record.axis +
-                    " does not say how fast the motion was that it was found on (identify it "
-                    "anew): whether this path is within it is not known");
+                    " does not say which speeds it was identified on (identify it again): whether "
+                    "this path is within them is not known");
   }
   return reach;
 }
@@ -105,7 +108,7 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
   inverse.law = Law::kInverse;
   axis.basis_bandwidth_hz =
       axis.law.law == Law::kNormOptimal ? 0.0 : harmless_bandwidth(inverse, models, h);
-  // Who asks for 5 Hz spares what is above it: of all of the correction, as in the daemon.
+  // --bandwidth limits the whole correction, the feed-forward included, as in the daemon.
   if (arguments.bandwidth_hz > 0.0)
     axis.basis_bandwidth_hz = std::min(axis.basis_bandwidth_hz, arguments.bandwidth_hz);
   if (arguments.method == "feedforward") {
@@ -122,7 +125,7 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
                                   "for every model within ",
                                   kLeastBandwidth_hz, kContraction) +
                              out.uncertainty +
-                             "; take --method inverse, or a model from richer motion");
+                             "; use --method inverse, or a model from motion with more excitation");
   }
   if (const std::string why = why_refused(axis.law, models, h); !why.empty())
     throw std::runtime_error("axis " + axis.name + ": " + why);
@@ -186,8 +189,8 @@ void print(const Correction& correction, std::FILE* people) {
     for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
     const bool other_aim = learned.before && correction.options.aim == Aim::kTracking &&
                            !correction.options.feedforward_only;
-    say(people, "note: " + why_none_is_kept(learned, axes) + "; the path is left as it is" +
-                    (other_aim ? "; --aim contour spends the correction on the path alone" : ""));
+    say(people, "note: " + why_none_is_kept(learned, axes) + "; the path is unchanged" +
+                    (other_aim ? "; --aim contour corrects the distance from the path only" : ""));
   }
   say(people, learned.ending == Ending::kGrew
                   ? "            * kept; ended, since the errors grew again"
@@ -244,14 +247,14 @@ void run(const Arguments& arguments) {
   if (arguments.trials > 0) correction.options.trials = arguments.trials;
   correction.options.feedforward_only = arguments.method == "feedforward";
   if (arguments.chord_um && arguments.gcode.empty())
-    throw UsageError("--chord-tolerance is of the G1 moves that --gcode writes");
+    throw UsageError("--chord-tolerance needs --gcode: it applies to the G1 moves");
   std::vector<CommandedAxis> commanded = read_commands(arguments.commands, "corrected", people);
   require_motion(arguments.commands.path.file.string(), commanded);
   for (CommandedAxis& axis : commanded) {
     if (correction.options.aim == Aim::kContour && axis.record.rotary) {
       say(people, "note: " + axis.record.axis +
-                      " is a rotary axis and has no part in the distance from the path: it learns "
-                      "from its own tracking error");
+                      " is a rotary axis and does not contribute to the distance from the path: it "
+                      "learns from its own tracking error");
     }
     if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
       throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
@@ -299,38 +302,39 @@ void run(const Arguments& arguments) {
 
 Command add_learn(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "learn", "A path corrected in advance: learned in virtual trials on the twin.");
+  CLI::App& command =
+      *app.add_subcommand("learn", "Corrects a path in advance, in virtual trials on the twin.");
   arguments->commands.declare(command);
-  command.add_option("--out", arguments->table, "write the corrected commands")
+  command.add_option("--out", arguments->table, "write the corrected commands to this file")
       ->type_name("CORRECTED.csv");
   command
       .add_option("--json", arguments->result,
-                  "write the correction with all figures (servotwin.correction/1)")
+                  "write the correction with all figures to this file (servotwin.correction/1)")
       ->type_name("OUT");
-  command.add_option("--gcode", arguments->gcode, "write the corrected path as G1 moves")
+  command
+      .add_option("--gcode", arguments->gcode, "write the corrected path as G1 moves to this file")
       ->type_name("OUT.nc");
   command
       .add_option("--chord-tolerance", arguments->chord_um,
-                  "how far the G1 moves may be from the corrected path [um] (default 1)")
+                  "largest distance of the G1 moves from the corrected path [um] (default 1)")
       ->type_name("UM")
       ->check(between(1e-3, 1e4));
-  command.add_option("--report", arguments->report, "write a page for people")
+  command.add_option("--report", arguments->report, "write a report for people to this file")
       ->type_name("OUT.html");
   command
-      .add_option(
-          "--method", arguments->method,
-          "inverse (default), norm-optimal, p, pd: how trials teach; feedforward: no trial, "
-          "the model turned round")
+      .add_option("--method", arguments->method,
+                  "learning law of the trials: inverse (default), norm-optimal, p, pd; or "
+                  "feedforward: the inverse of the model, without trials")
       ->type_name("NAME")
       ->check(CLI::IsMember({"inverse", "norm-optimal", "p", "pd", "feedforward"}));
   command
       .add_option("--aim", arguments->aim,
-                  "tracking (default): every axis on its command; contour: all axes on the path, "
-                  "whatever the lag along it")
+                  "tracking (default): every axis follows its command; contour: the axes follow "
+                  "the path, and a lag along it is accepted")
       ->type_name("NAME")
       ->check(CLI::IsMember({"tracking", "contour"}));
-  command.add_option("--trials", arguments->trials, "virtual trials at most (default 10)")
+  command
+      .add_option("--trials", arguments->trials, "largest number of virtual trials (default 10)")
       ->type_name("N")
       ->check(between(1, 1000));
   command
@@ -343,16 +347,16 @@ Command add_learn(CLI::App& app) {
       ->type_name("MM/S")
       ->check(between(1e-6, 1e6));
   command
-      .add_option(
-          "--bandwidth", arguments->bandwidth_hz,
-          "of the correction [Hz] (default: of learning the largest one at which every model "
-          "within the uncertainty contracts, of the feed-forward beneath it the largest "
-          "one that harms none of them)")
+      .add_option("--bandwidth", arguments->bandwidth_hz,
+                  "bandwidth of the correction [Hz] (default: of learning, the largest at which "
+                  "every model within the uncertainty contracts; of the feed-forward beneath it, "
+                  "the largest that makes none of them worse)")
       ->type_name("HZ")
       ->check(between(kLeastBandwidth_hz, 1e5));
   command
-      .add_option("--uncertainty", arguments->uncertainty,
-                  "of every pole and coefficient [%] (default: the model's own deviations)")
+      .add_option(
+          "--uncertainty", arguments->uncertainty,
+          "uncertainty of every pole and coefficient [%] (default: the model's own deviations)")
       ->type_name("PERCENT")
       ->check(between(1e-3, 90.0));
   return {&command, [arguments] { run(*arguments); }};

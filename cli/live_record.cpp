@@ -106,7 +106,7 @@ void LiveRecord::on_model(const ModelAnnouncement& announcement) {
 
 namespace {
 
-/// "explained: cogging, presliding (2026-01-31T12:00:00.000Z)", or why it cannot be shown.
+/// "explained: cogging, presliding (2026-01-31T12:00:00.000Z)", or why it cannot be read.
 std::string line_of(const DiagnosisAnnouncement& announcement) {
   try {
     const auto json = nlohmann::json::parse(announcement.diagnosis_json);
@@ -137,7 +137,7 @@ void LiveRecord::set_model(LiveAxis& axis) {
   axis.model_problem.clear();
   for (const ModelAnnouncement& announcement : axis.promotions) {
     if (announcement.version != axis.shown_version()) continue;
-    // What comes over the network may be anything; the figures are worth showing without it.
+    // A message from the network may be invalid; the figures are shown even without the model.
     try {
       axis.model = model_from_json(nlohmann::json::parse(announcement.model_json));
     } catch (const std::exception& error) {

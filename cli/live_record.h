@@ -1,5 +1,6 @@
-// What a subscriber saw of a machine: errors under the model in force, what they happened in,
-// versions, losses, latency. Knows messages, not how they came; times are arguments. One thread.
+// What a subscriber has received about a machine: errors with the model in force, by the motion in
+// which they occurred; model versions; lost messages; latency. It handles messages, not their
+// transport; times are arguments. One thread.
 #pragma once
 
 #include <array>
@@ -27,11 +28,11 @@ class RunningError {
   double max_ = 0.0;
 };
 
-/// Predictions of one axis: what was left, and what there would be to predict.
+/// Errors of one axis over the same cycles [m | rad].
 struct PredictionErrors {
   RunningError residual;     ///< measured - predicted
-  RunningError tracking;     ///< measured, of the same cycles
-  RunningError predicted{};  ///< likewise
+  RunningError tracking;     ///< measured
+  RunningError predicted{};  ///< predicted
 };
 
 struct LiveAxis {
@@ -39,26 +40,27 @@ struct LiveAxis {
   AxisState state = AxisState::kNoModel;
   int version = 0;                            ///< of the last prediction
   int in_force = 0;                           ///< as the last status says; 0: none
-  std::optional<ModelRecord> model;           ///< of shown_version(), once its announcement came
+  std::optional<ModelRecord> model;           ///< of shown_version(), once announced
   std::string model_problem;                  ///< why the announced model cannot be shown
-  std::vector<ModelAnnouncement> promotions;  ///< in the order they came
-  std::string activity;                       ///< what its identification does now
-  std::string diagnosis;                      ///< the last one, in a line
+  std::vector<ModelAnnouncement> promotions;  ///< in the order received
+  std::string activity;                       ///< what its identification is doing now
+  std::string diagnosis;                      ///< the last one, in one line
   std::uint32_t refused = 0;                  ///< candidates, since the daemon started
-  std::vector<std::string> refusals;          ///< why, as far as they were seen
-  PredictionErrors since_promotion;           ///< settled cycles of this version
-  std::uint64_t settling = 0;                 ///< its cycles that were predicted but do not count
-  PredictionErrors lately;                    ///< since clear_lately; tracking without a model, too
+  std::vector<std::string> refusals;          ///< reasons of those that were received
+  PredictionErrors since_promotion;           ///< of this version, after settling
+  std::uint64_t settling = 0;                 ///< cycles of this version before it had settled
+  PredictionErrors lately;  ///< since clear_lately; without a model only `tracking`
 
-  /// Of a machine that has not moved yet there is no prediction to tell.
+  /// The predicted version, or the one in the status while there is no prediction.
   [[nodiscard]] int shown_version() const { return version > 0 ? version : in_force; }
 };
 
 class LiveRecord {
  public:
-  /// Cycles per axis of which command and residual are kept; what comes later has no regime.
+  /// Cycles per axis of which command and residual are kept for regimes(); later ones are not.
   static constexpr std::size_t kMostCycles = 1'000'000;
-  /// Without a prediction, until that is called silence [s]; one more status comes meanwhile.
+  /// Time without a prediction after which silent() is true [s]; longer than a period of the
+  /// status.
   static constexpr double kSilence_s = 1.5;
 
   void on_frame(const MachineFrame& frame, std::int64_t written_ns);
@@ -79,18 +81,19 @@ class LiveRecord {
   [[nodiscard]] const RunningError& contour() const { return contour_; }
   [[nodiscard]] const std::optional<MachineStatus>& status() const { return status_; }
   [[nodiscard]] std::uint64_t predictions() const { return predictions_; }
-  /// No predictions come, or none came yet: what is known of the axes is of earlier.
+  /// Whether there are no predictions now: what is known about the axes is older.
   [[nodiscard]] bool silent() const { return predictions_ == 0 || silent_s_ > kSilence_s; }
   [[nodiscard]] double silent_s() const { return silent_s_; }
   /// Predictions since clear_lately.
   [[nodiscard]] std::uint64_t latest() const { return predictions_ - cleared_; }
-  /// Cycles without a prediction between the first and the last one that came.
+  /// Cycles without a prediction between the first and the last prediction received.
   [[nodiscard]] std::uint64_t missed() const { return missed_; }
-  /// From the sending of a frame to the sending of its prediction [s]; NaN if none was seen.
+  /// Quantile (0 to 1) of the time from sending a frame to sending its prediction [s]; NaN if none
+  /// was received.
   [[nodiscard]] double latency_s(double quantile) const;
-  /// Predictions per second of the sender's clock; NaN for less than two.
+  /// Predictions per second of the sender's clock; NaN for fewer than two.
   [[nodiscard]] double rate_hz() const;
-  /// What is wrong in the cycles since the version in force, by regime.
+  /// The residual of the cycles since the version in force was promoted, by regime.
   [[nodiscard]] RegimeShares regimes(std::size_t axis) const;
 
  private:
@@ -111,9 +114,9 @@ class LiveRecord {
   void set_model(LiveAxis& axis);
 
   std::vector<LiveAxis> axes_;
-  std::vector<std::vector<Cycles>> cycles_;                // per axis
-  std::vector<std::size_t> kept_;                          // cycles in them
-  std::vector<ModelAnnouncement> unplaced_;                // before the status told the axes' order
+  std::vector<std::vector<Cycles>> cycles_;  // per axis
+  std::vector<std::size_t> kept_;            // cycles in them
+  std::vector<ModelAnnouncement> unplaced_;  // received before the order of the axes was known
   std::vector<DiagnosisAnnouncement> unplaced_diagnoses_;  // the same
   std::vector<Sent> frames_ = std::vector<Sent>(1024);     // by sequence
   std::vector<std::int64_t> latencies_ns_;

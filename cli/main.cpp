@@ -19,7 +19,7 @@ constexpr int kFailed = 1;
 constexpr int kUsage = 2;
 
 int fail(int status, const std::string& command, std::string message) {
-  // One line, whatever a library put into it.
+  // One line, even if a library put line breaks into the message.
   std::replace(message.begin(), message.end(), '\n', ' ');
   while (!message.empty() && message.back() == ' ') message.pop_back();
   std::fprintf(stderr, "%s: %s\n", command.c_str(), message.c_str());
@@ -81,7 +81,7 @@ int run(int argc, char** argv) {
       command = called()->app;
       name += " " + command->get_name();
     }
-    // An option with a slip in its name may be the one that is then said to be missing.
+    // A misspelt option may be the one that the parser reports as missing.
     const std::string unknown = servotwin::daemon::unknown_option(*command);
     return fail(kUsage, name,
                 (unknown.empty() ? error.what() : unknown) + " (see " + name + " --help)");
@@ -95,11 +95,11 @@ int run(int argc, char** argv) {
     return fail(kUsage, name, error.what());
   } catch (const std::bad_alloc&) {
     return fail(kFailed, name,
-                "not enough memory; take a part of the recording with --from and --to");
+                "not enough memory; select a part of the recording with --from and --to");
   } catch (const std::exception& error) {
     return fail(kFailed, name, error.what());
   }
-  // A full disk behind a pipe or a redirection shows itself only here.
+  // If standard output is redirected to a full disk, the error appears only here.
   if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
     return fail(kFailed, name,
                 std::string("standard output cannot be written: ") + std::strerror(errno));

@@ -1,4 +1,4 @@
-// A manual page for man(1), written from the option table of a program and its text by hand.
+// A manual page for man(1), generated from the option table of a program and its hand-written text.
 //
 // One page for all commands: a reader searches it for an option or a word without knowing which
 // command has it, and the build need not know the names of the commands. Options that several

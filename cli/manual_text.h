@@ -1,4 +1,5 @@
-// What a manual page says beyond the option table: the sections that are written by hand.
+// The sections of a manual page that are written by hand, beside those generated from the option
+// table.
 #pragma once
 
 #include <string>

@@ -86,7 +86,7 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
   };
   std::size_t k = 0;
   for (const Parameter& parameter : coefficients_of(effect.kind)) {
-    // What a free loop already contains is 0 and says nothing.
+    // A coefficient that a free loop already contains is 0 and carries no information.
     if (parameter.with_free_loop || effect.coefficient[k] != 0.0) {
       add(parameter, effect.coefficient[k], sd.coefficient[k]);
     }
@@ -131,7 +131,7 @@ std::string figures_text(const ErrorFigures& figures, bool rotary) {
 }
 
 std::string noise_floor_text(double rms, bool rotary) {
-  // Files may say 0; a floor of nothing is one that the recording did not show.
+  // A file may hold 0; a floor of 0 means that it could not be measured from the recording.
   if (!(std::isfinite(rms) && rms > 0.0)) return "not known";
   return text("%9.3f %s RMS", 1e6 * rms, micro(rotary));
 }

@@ -1,4 +1,4 @@
-// A model as people read it: frequencies in Hz, standard deviations beside the values, errors in
+// A model as text for people: frequencies in Hz, standard deviations beside the values, errors in
 // um.
 #pragma once
 
@@ -9,7 +9,8 @@
 
 namespace servotwin::cli {
 
-/// "um", or "urad" of a rotary axis; errors are shown a million times their SI value.
+/// "um", or "urad" for a rotary axis: the unit of errors that are printed as 1e6 times their SI
+/// value.
 [[nodiscard]] const char* micro(bool rotary);
 
 /// "order 2: coulomb_friction, gravity_offset".
@@ -19,8 +20,9 @@ namespace servotwin::cli {
 
 /// Poles, numerator and effects, one line each.
 [[nodiscard]] std::vector<std::string> parameter_lines(const ModelRecord& record);
-/// What it was fitted on and how well: method, training, hold-out, noise floor, condition.
-enum class Times { kOfRecording, kNone };  ///< a live model's are those of its daemon
+/// Errors on training and held-out data, noise floor and condition number, one line each.
+/// kNone for a live model: its times are those of the daemon.
+enum class Times { kOfRecording, kNone };
 [[nodiscard]] std::vector<std::string> fit_lines(const ModelRecord& record, Times times);
 
 /// "1.532 um RMS  9.87 um MAX".

@@ -16,10 +16,10 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kMilli = 1e-3;  // people say mm, the program m
-constexpr double kMostVelocities = 1e4;
-constexpr double kMostRows = 1e7;     // a table of about 250 MB
-constexpr double kPicometres = 1e12;  // of a metre; finer digits are this program's own rounding
+constexpr double kMilli = 1e-3;  // options and output are in mm, the program computes in m
+constexpr double kMaxVelocities = 1e4;
+constexpr double kMaxRows = 1e7;      // a table of about 250 MB
+constexpr double kPicometres = 1e12;  // in a metre; finer digits are rounding errors
 
 struct Arguments {
   std::string velocities;
@@ -36,7 +36,8 @@ struct Arguments {
 double number_in(const std::string& option, const std::string& given, const std::string& word) {
   double value = 0.0;
   if (!CLI::detail::lexical_cast(std::string(trimmed(word)), value) || !std::isfinite(value)) {
-    throw UsageError(option + ": " + in_quotes(word) + " of " + in_quotes(given) + " is no number");
+    throw UsageError(option + ": " + in_quotes(word) + " of " + in_quotes(given) +
+                     " is not a number");
   }
   return value;
 }
@@ -70,9 +71,9 @@ std::vector<double> parse_velocities(const std::string& given) {
   }
   const std::vector<std::string> parts = split_fields(given, ':');
   if (parts.size() != 3)
-    throw UsageError(option + ": " + in_quotes(given) + " is no poly:A0,A1,..:N");
+    throw UsageError(option + ": " + in_quotes(given) + " does not have the form poly:A0,A1,..:N");
   return polynomial_velocities(numbers_in(option, given, parts[1]),
-                               index_in(option, given, parts[2], kMostVelocities));
+                               index_in(option, given, parts[2], kMaxVelocities));
 }
 
 /// W, or W@K,..,W: the first for the velocities up to the K-th, the last for the rest; in mm.
@@ -85,8 +86,8 @@ std::vector<double> parse_bands(const std::string& given, std::size_t velocities
     const bool last = &word == &words.back();
     if (parts.size() != (last ? 1U : 2U)) {
       throw UsageError(option + ": " + in_quotes(word) + " of " + in_quotes(given) +
-                       (last ? " is the last, for all that are left, and takes no @K"
-                             : " must say up to which velocity it goes, W@K"));
+                       (last ? " is the last band, for all remaining velocities, and takes no @K"
+                             : " needs the number of the last velocity that it is for, W@K"));
     }
     const double band = number_in(option, given, parts[0]) * kMilli;
     const auto up_to = last ? velocities
@@ -95,7 +96,7 @@ std::vector<double> parse_bands(const std::string& given, std::size_t velocities
     if (up_to <= bands.size()) {
       throw UsageError(
           option + ": " + in_quotes(word) + " of " + in_quotes(given) +
-          (last ? " is left without a velocity" : " does not go beyond the one before"));
+          (last ? " has no velocity left" : " does not extend beyond the band before it"));
     }
     bands.resize(up_to, band);
   }
@@ -146,7 +147,7 @@ void describe(const MotionLawPlan& plan, const MotionLaw& law, std::FILE* people
   say(people, "total time  " + time_text(law.duration_s()));
   if (law.single_band_duration_s() > law.duration_s()) {
     const double widest = *std::max_element(plan.bands.begin(), plan.bands.end());
-    say(people, text("saved       %.1f %%: %s with %.6g mm for all",
+    say(people, text("saved       %.1f %%: it would be %s with %.6g mm for all velocities",
                      100.0 * (1.0 - law.duration_s() / law.single_band_duration_s()),
                      time_text(law.single_band_duration_s()).c_str(), widest / kMilli));
   }
@@ -160,14 +161,14 @@ double rows_of(const Arguments& arguments, const MotionLaw& law) {
   if (arguments.axis.empty() ||
       arguments.axis.find_first_of(",;\t\r\n\"[]#") != std::string::npos) {
     throw UsageError("--axis: " + in_quotes(arguments.axis) +
-                     " cannot stand in a header of a recording");
+                     " cannot be used in the header of a recording");
   }
   const double rows = std::floor(law.duration_s() * arguments.rate_hz * (1.0 + 1e-12)) + 1.0;
-  if (!(rows <= kMostRows)) {
+  if (!(rows <= kMaxRows)) {
     throw UsageError(
-        text("--out would have %.6g rows, at most %.0f; a lower --rate, a narrower "
-             "--band or faster --velocities",
-             rows, kMostRows));
+        text("--out would have %.6g rows, more than %.0f; use a lower --rate, a narrower --band or "
+             "faster --velocities",
+             rows, kMaxRows));
   }
   return rows;
 }
@@ -229,7 +230,8 @@ void run(const Arguments& arguments) {
 Command add_motion_law(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "motion-law", "The test motion for friction: ramps of steady velocity across a band.");
+      "motion-law",
+      "Generates the test motion for friction: ramps of constant velocity across a band.");
   command
       .add_option("--velocities", arguments->velocities,
                   "speeds V1,V2,.. [mm/s], or poly:A0,A1,..:N for A0 + A1 i + A2 i^2 .. [m/s], "
@@ -237,10 +239,10 @@ Command add_motion_law(CLI::App& app) {
       ->type_name("LIST")
       ->required();
   command
-      .add_option(
-          "--band", arguments->bands,
-          "where the force is averaged [mm]; 2@3,5@6,10 is 2 mm up to the third speed, 5 mm "
-          "up to the sixth, 10 mm for the rest (default 10)")
+      .add_option("--band", arguments->bands,
+                  "width of the band in which the force is averaged [mm]; 2@3,5@6,10 is 2 mm up to "
+                  "the third speed, 5 mm "
+                  "up to the sixth, 10 mm for the rest (default 10)")
       ->type_name("W");
   command
       .add_option("--settle", arguments->plan.settle_s,
@@ -248,24 +250,27 @@ Command add_motion_law(CLI::App& app) {
       ->type_name("S");
   command
       .add_option("--acceleration", arguments->acceleration_mm,
-                  "of every ramp [mm/s^2] (default 1000)")
+                  "acceleration before and after every ramp [mm/s^2] (default 1000)")
       ->type_name("A");
-  command.add_option("--rest", arguments->plan.rest_s, "after every ramp [s] (default 1)")
+  command.add_option("--rest", arguments->plan.rest_s, "rest after every ramp [s] (default 1)")
       ->type_name("S");
-  command.add_option("--centre", arguments->centre_mm, "of the bands [mm] (default 0)")
+  command.add_option("--centre", arguments->centre_mm, "centre of the bands [mm] (default 0)")
       ->type_name("MM");
-  command.add_option("--travel", arguments->travel_mm, "the way there is [mm] (default: no limit)")
+  command
+      .add_option("--travel", arguments->travel_mm,
+                  "travel that is available [mm] (default: no limit)")
       ->type_name("MM");
   command.add_option("--axis", arguments->axis, "name of the axis in the table (default X)")
       ->type_name("X");
   command.add_option("--rate", arguments->rate_hz, "rows per second of the table (default 1000)")
       ->type_name("HZ");
   command
-      .add_option("--out", arguments->table, "write the table of commands; - is standard output")
+      .add_option("--out", arguments->table,
+                  "write the table of commands to this file; - is standard output")
       ->type_name("PATH.csv");
   command
       .add_option("--json", arguments->json,
-                  "write every ramp with the times of its band; - is standard output")
+                  "write every ramp with the times of its band to this file; - is standard output")
       ->type_name("OUT.json");
   return {&command, [arguments] { run(*arguments); }};
 }

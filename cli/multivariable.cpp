@@ -1,5 +1,5 @@
-// servotwin multivariable: how all axes together answer all commands and frictions, and their
-// modes.
+// servotwin multivariable: the response of all axes together to all commands and frictions, and
+// their common modes.
 #include "identification/response/multivariable.h"
 
 #include <algorithm>
@@ -28,19 +28,22 @@ namespace {
 using nlohmann::json;
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi, kMicro = 1e-6;
-constexpr Eigen::Index kShortest = 200;  // rows: below, a start of its own costs more than it tells
-// Where break distances are sought from [um | urad].
+// Every segment needs an initial state of its own; in a shorter one that outweighs what it
+// contributes.
+constexpr Eigen::Index kMinSegment_rows = 200;
+// Initial values of the search for break distances [um | urad].
 constexpr const char* kBreakDistances = "1,2,5,10,20,50";
-constexpr double kNothing = 0.5;           // left of an output: the fit is of no use
-constexpr double kCancel = 3.0;            // times the output: parts that cancel each other
-constexpr double kDetermined = 1.0 / 3.0;  // as of a pole: known to a third of itself
+// Residual over output on held-out data; above it, the fit is not usable.
+constexpr double kMaxResidualShare = 0.5;
+constexpr double kMaxPartsOverOutput = 3.0;          // above, correlated inputs cancel each other
+constexpr double kMaxRelativeDeviation = 1.0 / 3.0;  // of a determined value, as for a pole
 const std::vector<std::string> kInputs{"command", "friction", "torque"};
 const std::vector<std::string> kOutputs{"error", "velocity", "torque"};
 
 struct Arguments {
   RecordingOptions recording;
   std::string inputs, outputs;
-  std::string break_distances;  // empty: sought
+  std::string break_distances;  // empty: searched for
   MultivariableOptions options;
   std::filesystem::path matrices, plot, result;
 };
@@ -65,7 +68,7 @@ std::vector<double> break_distances(const std::string& list) {
       throw UsageError("--break-distance: " + in_quotes(part) +
                        " must be a number from above 0 to 1e6 [um | urad]");
     if (std::find(out.begin(), out.end(), value / 1e6) != out.end())
-      throw UsageError("--break-distance: " + in_quotes(part) + " is there twice");
+      throw UsageError("--break-distance: " + in_quotes(part) + " is given twice");
     out.push_back(value / 1e6);
   }
   return out;
@@ -93,7 +96,7 @@ std::string all_of(const Recording& whole, AxisChannels& axes, const std::string
   return out;
 }
 
-/// Without the elements of frictions that do not slide where the recording is fitted.
+/// Removes the elements of frictions that never slide in the training data.
 void leave_out_long_distances(Signals& signals, const MultivariableOptions& options,
                               std::FILE* people) {
   std::map<std::string, std::pair<double, int>> left;  // of every friction: longest, and how many
@@ -116,8 +119,8 @@ void leave_out_long_distances(Signals& signals, const MultivariableOptions& opti
     erase(signals.inputs, i);
     erase(signals.data.inputs, i);
     for (MultivariableRecord& record : signals.data.records) erase(record.inputs, i);
-    say(people, text("note: %s: an element that slides after %g u%s is left out: it would be the "
-                     "position itself where the axis travels %.4g u%s",
+    say(people, text("note: %s: the element with break distance %g u%s is left out: it would be "
+                     "proportional to the position, because the axis travels only %.4g u%s",
                      input.name.c_str(), distance / kMicro, input.position_unit.c_str(),
                      4.0 * longest / kMicro, input.position_unit.c_str()));
   }
@@ -134,12 +137,12 @@ Signals read(const Arguments& arguments, std::FILE* people) {
       arguments.break_distances.empty() ? kBreakDistances : arguments.break_distances);
   const Recording whole = arguments.recording.read(people);
   if (whole.axes.empty()) throw std::runtime_error(whole.source + ": no axis");
-  // The first axis that is named, so that what cannot be read is said of it.
+  // Begins with the first axis that is named, so that an error of reading names that axis.
   const auto listed_channels = [](const std::string& list, const std::vector<std::string>& known) {
     std::vector<Channel> out;
     for (const std::string& one : split_fields(list, ',')) {
       if (one.ends_with(".position"))
-        throw UsageError(in_quotes(one) + " has no bound for a command that goes on; take " +
+        throw UsageError(in_quotes(one) + " grows without bound with the command; use " +
                          one.substr(0, one.size() - 8) +
                          "error as output (position = command - error)");
       out.push_back(channel_of(one, "", known));
@@ -174,7 +177,7 @@ Signals read(const Arguments& arguments, std::FILE* people) {
       throw UsageError("--input has " + in_quotes(input.axis + "." + input.name) + " twice");
     if (input.name == "command" && !moves(axes.segmented(input.axis)))
       throw std::runtime_error(whole.source + ": " + input.axis +
-                               ".command never changes: nothing can be said of what it does");
+                               ".command never changes: its effect cannot be identified");
   }
   for (const Channel& output : outputs) {
     if (output.name != "error") continue;
@@ -231,7 +234,7 @@ Signals read(const Arguments& arguments, std::FILE* people) {
     for (const Eigen::ArrayXd& x : record.inputs) all.push_back(&x);
     for (const Eigen::ArrayXd& x : record.outputs) all.push_back(&x);
     for (const auto& [begin, count] : finite_stretches(all)) {
-      if (count < kShortest) {
+      if (count < kMinSegment_rows) {
         dropped += count;
         continue;
       }
@@ -243,11 +246,12 @@ Signals read(const Arguments& arguments, std::FILE* people) {
     }
   }
   if (dropped > 0)
-    say(people, text("%td rows in stretches of less than %td are left out", dropped, kShortest));
+    say(people,
+        text("%td rows in segments of less than %td rows are left out", dropped, kMinSegment_rows));
   if (out.data.records.empty())
-    throw std::runtime_error(whole.source + text(": no stretch of %td rows in which all signals "
-                                                 "have values",
-                                                 kShortest));
+    throw std::runtime_error(
+        whole.source +
+        text(": no segment of %td rows in which all signals have values", kMinSegment_rows));
   leave_out_long_distances(out, arguments.options, people);
   return out;
 }
@@ -272,7 +276,7 @@ std::string inputs_text(const Signals& signals, bool sought) {
     if (first) out += (out.empty() ? "" : ", ") + input.name;
     if (input.channel.name == "command") out += " (its velocity)";
     if (input.channel.name != "friction") continue;
-    if (first) out += sought ? " (breaks away after distances sought from " : " of ";
+    if (first) out += sought ? " (break distances searched for from " : " of ";
     if (!first) out += ", ";
     out += text("%g", signals.data.inputs[i].break_distance / kMicro);
     if (last) out += " u" + input.position_unit + (sought ? ")" : "");
@@ -280,19 +284,19 @@ std::string inputs_text(const Signals& signals, bool sought) {
   return out;
 }
 
-/// Where each friction was found to break away, and whether that was taken.
+/// The break distances found for each friction, and whether they were accepted.
 void say_distances(std::FILE* people, const Signals& signals, const MultivariableFit& fit) {
   const BreakDistanceTrial& trial = fit.distances;
   if (!std::isfinite(trial.left_found)) {
     say(people,
-        "note        where friction breaks away was not sought: what is fitted first is too short "
-        "for this order");
+        "note        the break distances were not searched for: the data fitted first are too "
+        "short for this order");
     return;
   }
-  say(people, text("friction    with the break distances that were found %.3g is left where %.3g "
-                   "was: %s",
+  say(people, text("friction    residual share %.3g with the break distances found, %.3g with the "
+                   "initial ones: %s",
                    trial.left_found, trial.left_given,
-                   trial.taken ? "taken" : "no gain, those it began with are kept"));
+                   trial.taken ? "accepted" : "no gain, the initial ones are kept"));
   if (!trial.taken) return;
   std::string line, open;
   for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
@@ -300,7 +304,7 @@ void say_distances(std::FILE* people, const Signals& signals, const Multivariabl
     if (input.channel.name != "friction") continue;
     if (first_of_source(signals, i)) line = open = "";
     const double value = fit.break_distances[i], deviation = fit.break_deviations[i];
-    if (deviation < kDetermined * value)
+    if (deviation < kMaxRelativeDeviation * value)
       line += text("%s%.3g +- %.2g", line.empty() ? "" : ", ", value / kMicro, deviation / kMicro);
     else
       open += text("%s%.3g", open.empty() ? "" : ", ", value / kMicro);
@@ -319,7 +323,7 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
     tried += text("%s%d%s %.3g", tried.empty() ? "" : ", ", trial.order, trial.chosen ? " ->" : "",
                   trial.left);
   if (!tried.empty())
-    say(people, "order       share of the outputs that is left where it was not fitted: " + tried);
+    say(people, "order       residual share of the outputs on held-out data: " + tried);
   if (sought) say_distances(people, signals, fit);
   std::string open;
   for (const FittedPole& pole : fit.poles) {
@@ -343,26 +347,26 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
   for (std::size_t j = 0; j < signals.outputs.size(); ++j) {
     const auto row = static_cast<Eigen::Index>(j);
     const std::string& unit = signals.outputs[j].unit;
-    say(people,
-        "output      " + signals.outputs[j].name + ": of " +
-            amount(fit.holdout_outputs(row), unit) + " RMS is left " +
-            amount(fit.holdout(row), unit) +
-            text(" (%.3g %%) held out, ", 100.0 * fit.holdout(row) / fit.holdout_outputs(row)) +
-            amount(fit.training(row), unit) + " where it was fitted");
+    say(people, "output      " + signals.outputs[j].name + ": " +
+                    amount(fit.holdout_outputs(row), unit) + " RMS, residual " +
+                    amount(fit.holdout(row), unit) +
+                    text(" (%.3g %%) on held-out data, ",
+                         100.0 * fit.holdout(row) / fit.holdout_outputs(row)) +
+                    amount(fit.training(row), unit) + " on training data");
     std::string parts;
     for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
       if (!first_of_source(signals, i)) continue;
       parts += (parts.empty() ? "" : ", ") + signals.inputs[i].name + " " +
                amount(fit.parts(row, signals.data.inputs[i].source), unit);
     }
-    say(people, "  made by   " + parts);
-    if (fit.holdout(row) > kNothing * fit.holdout_outputs(row))
-      say(people, "note        the fit predicts next to nothing of " + signals.outputs[j].name +
-                      ": its poles and parts say nothing of the machine");
-    else if (fit.parts.row(row).maxCoeff() > kCancel * fit.holdout_outputs(row))
-      say(people,
-          "note        the parts of " + signals.outputs[j].name +
-              " are larger than it is: these inputs move together and cannot be told apart");
+    say(people, "  parts     " + parts);
+    if (fit.holdout(row) > kMaxResidualShare * fit.holdout_outputs(row))
+      say(people, "note        the fit predicts almost nothing of " + signals.outputs[j].name +
+                      ": its poles and parts are not those of the machine");
+    else if (fit.parts.row(row).maxCoeff() > kMaxPartsOverOutput * fit.holdout_outputs(row))
+      say(people, "note        the parts of " + signals.outputs[j].name +
+                      " are larger than the output itself: these inputs are correlated and cannot "
+                      "be separated");
   }
 }
 
@@ -438,7 +442,7 @@ std::vector<MatVariable> mat_of(const Signals& signals, const MultivariableFit& 
                                   fit.break_distances.data(), std::ssize(fit.break_distances))}};
 }
 
-/// Of every output: measured, less what the fit says of frictions, and fitted.
+/// For every output the measured response, without the share of the frictions, and the fitted one.
 std::string bode(const Signals& signals, const MultivariableFit& fit, std::FILE* people) {
   constexpr int kPoints = 400;
   const MultivariableData& data = signals.data;
@@ -511,8 +515,8 @@ void run(const Arguments& arguments) {
   say(people, "inputs      " + inputs_text(signals, options.seek_break_distances));
   if (any("torque"))
     say(people,
-        "note        a torque in a closed loop has the noise of the encoder in it, which biases "
-        "what is found from it");
+        "note        a torque in a closed loop contains the noise of the encoder, which biases the "
+        "result");
   MultivariableFit fit;
   try {
     const Progress progress("fitting");
@@ -530,10 +534,10 @@ void run(const Arguments& arguments) {
 
 Command add_multivariable(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand("multivariable",
-                                          "How all axes together answer all commands and "
-                                          "frictions: common modes, and which input makes "
-                                          "how much of which error.");
+  CLI::App& command =
+      *app.add_subcommand("multivariable",
+                          "Identifies all axes together: their common modes, and the share of "
+                          "every command and friction in every error.");
   arguments->recording.declare(command, "REC",
                                "recording of several axes: CSV with units, foreign CSV with "
                                "--columns or named columns, MATLAB .mat, or a CAN log with "
@@ -549,15 +553,16 @@ Command add_multivariable(CLI::App& app) {
                   "axis that moves)")
       ->type_name("NAME,..");
   command
-      .add_option("--break-distance", arguments->break_distances,
-                  std::string("each friction is one Maxwell element per distance of this list, in "
-                              "which it goes from rest to sliding [um | urad] (default: sought "
-                              "from ") +
-                      kBreakDistances + ")")
+      .add_option(
+          "--break-distance", arguments->break_distances,
+          std::string(
+              "each friction is one Maxwell element per distance of this list, within which the "
+              "element goes from rest to sliding [um | urad] (default: searched for from ") +
+              kBreakDistances + ")")
       ->type_name("UM,..");
   command
       .add_option("--order", arguments->options.order,
-                  "number of poles (default: what data say that the fit has not seen)")
+                  "number of poles (default: chosen on held-out data)")
       ->type_name("N")
       ->check(between(1, kMostPoles));
   command
@@ -565,12 +570,14 @@ Command add_multivariable(CLI::App& app) {
                   "write the fit as continuous state-space matrices (MATLAB v5)")
       ->type_name("OUT.mat");
   command
-      .add_option("--plot", arguments->plot,
-                  "write the magnitudes of the responses to all commands and torques here: fitted, "
-                  "and measured with their 95 % band where that says something (SVG)")
+      .add_option(
+          "--plot", arguments->plot,
+          "write a plot of the responses to all commands and torques to this file (SVG): "
+          "magnitudes as fitted, and as measured with their 95 % band where that is significant")
       ->type_name("OUT.svg");
   command
-      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      .add_option("--json", arguments->result,
+                  "write the complete result to this file; - is standard output")
       ->type_name("OUT");
   return {&command, [arguments] { run(*arguments); }};
 }

@@ -15,21 +15,21 @@ void RecordingOptions::declare(CLI::App& command, const std::string& name,
                                const std::string& what) {
   command.add_option(name, file, what)->required();
   command
-      .add_option(
-          "--columns", read_options.columns,
-          "names for the columns of a foreign file: \"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
+      .add_option("--columns", read_options.columns,
+                  "which column of a foreign file is which channel: "
+                  "\"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
       ->type_name("MAP");
   command
       .add_option("--can-map", read_options.can_map,
-                  "which bits of a CAN log (candump -l) are which signal")
+                  "mapping of the bits of a CAN log (candump -l) to signals")
       ->type_name("F.toml");
   command
-      .add_option("--from", read_options.from_s, "start of the part to take [s of the recording]")
+      .add_option("--from", read_options.from_s, "start of the part to read [s of the recording]")
       ->type_name("S");
-  command.add_option("--to", read_options.to_s, "end of the part to take [s of the recording]")
+  command.add_option("--to", read_options.to_s, "end of the part to read [s of the recording]")
       ->type_name("S");
   command
-      .add_option("--rate", read_options.rate_hz, "rows per second of a file that carries no time")
+      .add_option("--rate", read_options.rate_hz, "rows per second of a file without a time column")
       ->type_name("HZ");
 }
 
@@ -66,7 +66,7 @@ SegmentedAxis AxisOptions::segmented(const Recording& whole, std::FILE* people) 
 
 void BusOptions::declare(CLI::App& command) {
   command.add_flag("--dds", dds,
-                   "over DDS (Cyclone DDS; stays on this host unless CYCLONEDDS_URI is set)");
+                   "use DDS (Cyclone DDS; on this host only, unless CYCLONEDDS_URI is set)");
   command
       .add_option("--machine", place.machine,
                   "name of the machine (default: " + place.machine + ")")
@@ -119,7 +119,7 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
     numbers.push_back(value);
   }
   if (numbers.size() < least || numbers.size() > most) {
-    throw CLI::ValidationError(option, in_quotes(given) + " is no " + form);
+    throw CLI::ValidationError(option, in_quotes(given) + " is not a valid " + form);
   }
   return numbers;
 }
@@ -167,7 +167,7 @@ std::vector<std::optional<ModelRecord>> models_of(const MachineDescription& mach
     while (axis < models.size() && machine.axes[axis].name != record.axis) ++axis;
     if (axis == models.size()) {
       throw std::runtime_error(file.string() + ": is a model of axis " + in_quotes(record.axis) +
-                               ", which the mapping has not");
+                               ", which the CAN mapping does not have");
     }
     require_kind(record, file, record.axis, machine.axes[axis].rotary);
     record.model = model_at(record, machine.cycle_s, people);

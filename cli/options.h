@@ -1,4 +1,4 @@
-// Options that several commands share, and what they stand for.
+// Options that several commands share, and the data that they name.
 #pragma once
 
 #include <cstdio>
@@ -18,13 +18,13 @@ class App;
 
 namespace servotwin::cli {
 
-/// REC --columns --from --to --rate: a recording and the part of it that is wanted.
+/// REC --columns --can-map --from --to --rate: a recording and the part of it that is read.
 struct RecordingOptions {
   std::filesystem::path file;
   ReadOptions read_options;
 
   void declare(CLI::App& command, const std::string& name, const std::string& what);
-  /// Reads it and says on `people` what the reader ignored, repaired or dropped.
+  /// Reads the recording and prints on `people` what the reader ignored, repaired or dropped.
   [[nodiscard]] Recording read(std::FILE* people) const;
 };
 
@@ -34,9 +34,9 @@ struct AxisOptions {
   std::string axis;
 
   void declare(CLI::App& command);
-  /// Reads the axis and says on `people` what was read.
+  /// Reads the axis and prints on `people` what was read.
   [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
-  /// The same of a recording that was read before.
+  /// The same for a recording that has been read already.
   [[nodiscard]] SegmentedAxis segmented(const Recording& whole, std::FILE* people) const;
 };
 
@@ -51,16 +51,18 @@ struct BusOptions {
 };
 
 enum class DaemonThere : std::uint8_t { kNobody, kKnowsNoAxes, kReady };
-/// Waits until a daemon has heard of the machine of this node and made itself ready for its frames:
-/// it then tells the `axes`. That somebody reads frames is not enough, it may be a watcher.
+/// Waits up to `patience_s` until a daemon knows the axes of this node's machine and is ready for
+/// its frames; its status is then stored in `axes`. A reader of frames alone proves nothing: it may
+/// be `servotwin watch`.
 [[nodiscard]] DaemonThere wait_for_daemon(const DdsNode& node, double patience_s,
                                           std::vector<AxisStatus>* axes = nullptr);
-/// For a message about a machine that no daemon speaks for: "; there are daemons of 'a', 'b'", or
-/// nothing. Listens for as long as a daemon may be silent.
+/// For an error message when no daemon serves the machine of this node: "; in this domain there are
+/// daemons of 'a', 'b'", or an empty string. Listens for one and a half periods of the daemons'
+/// status.
 [[nodiscard]] std::string other_daemons(const DdsNode& node);
 
-/// The numbers in "A:B"; throws CLI::ValidationError "OPTION: 'given' is no FORM" unless there are
-/// least..most.
+/// The numbers in "A:B". Throws CLI::ValidationError "OPTION: 'given' is not a valid FORM" unless
+/// there are `least` to `most` of them, all finite.
 [[nodiscard]] std::vector<double> parse_numbers(const std::string& option, const std::string& given,
                                                 const std::string& form, std::size_t least,
                                                 std::size_t most);
@@ -72,15 +74,16 @@ void require_kind(const ModelRecord& record, const std::filesystem::path& file,
 [[nodiscard]] ModelRecord read_model_for(const std::filesystem::path& file, const std::string& axis,
                                          bool rotary);
 
-/// The models of a machine on CAN: one per axis, at its cycle; nothing where no file is of the
-/// axis. Throws if a file is of none, or of the other kind.
+/// The models of a machine on CAN, one per axis of `machine`, discretised for its cycle; nullopt
+/// for an axis without a file. Throws std::runtime_error if a file belongs to none of the axes or
+/// to an axis of the other kind (linear, rotary).
 [[nodiscard]] std::vector<std::optional<ModelRecord>> models_of(
     const MachineDescription& machine, const std::vector<std::filesystem::path>& files,
     std::FILE* people);
 
-/// The model of a record for data of another rate: its loop is continuous in time, so that it only
-/// has to be discretised for the new step, which is said on `people`. Throws if it cannot run at
-/// that rate.
+/// The model of a record for data with this sampling time. The loop is continuous in time, so it
+/// only has to be discretised anew; a change of the rate is printed on `people`. Throws
+/// std::runtime_error if the model cannot run at that rate.
 [[nodiscard]] Model model_at(const ModelRecord& record, double sample_time_s, std::FILE* people);
 
 }  // namespace servotwin::cli

@@ -1,5 +1,4 @@
-// Where results and words go: results to their file or to standard output, words for people beside
-// them.
+// Output: results go to a file or to standard output; text for people goes to the other stream.
 #pragma once
 
 #include <chrono>
@@ -15,32 +14,34 @@
 
 namespace servotwin::cli {
 
-/// printf into a string.
+/// A string formatted as by printf.
 [[gnu::format(printf, 1, 2)]] [[nodiscard]] std::string text(const char* format, ...);
 
 [[nodiscard]] inline bool is_stdout(const std::filesystem::path& file) { return file == "-"; }
 
-/// Where words for people go: standard output, or standard error if a result is written there. An
-/// empty path is no result. Throws UsageError if more than one result goes to standard output,
-/// std::runtime_error if one cannot be written: before the work, not after it.
+/// The stream for text: standard output, or standard error if one of the results goes to standard
+/// output. An empty path is no result. Checks all results before the work begins: throws UsageError
+/// if two go to standard output or to the same file, std::runtime_error if a file cannot be
+/// written.
 [[nodiscard]] std::FILE* people_beside(std::initializer_list<std::filesystem::path> results);
 
+/// Prints one line.
 void say(std::FILE* people, std::string_view line);
 
-/// Writes a result whole or not at all; "-" is standard output. Throws std::runtime_error.
+/// Writes a result completely or not at all; "-" is standard output. Throws std::runtime_error.
 void write_result(const std::filesystem::path& file, std::string_view content);
 void write_json(const std::filesystem::path& file, const nlohmann::json& json);
 
-/// A table as CSV, every number with the digits that read back as the same number. Columns are of
-/// one length.
+/// A table as CSV, every number with as many digits as are needed to read back the same number. All
+/// columns have the same length.
 struct Column {
   std::string name;  ///< with its unit
   std::vector<double> values;
 };
 [[nodiscard]] std::string csv(const std::vector<Column>& columns);
 
-/// While it lives and standard error is a terminal, shows there what takes so long, from two
-/// seconds on.
+/// During its lifetime, if standard error is a terminal, shows there what the program is doing,
+/// beginning after two seconds.
 class Progress {
  public:
   explicit Progress(std::string what);

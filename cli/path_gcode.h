@@ -1,11 +1,11 @@
-// A path as G-code: straight moves (G1) that are within a tolerance of it at any time, and its
-// rests.
+// A path as G-code: straight moves (G1) that stay within a tolerance of the path at any time, and
+// dwells (G4) where it rests.
 //
 // Between two rests of the original command the path is cut into chords (Douglas and Peucker 1973),
-// each run at a constant feed in the time of the commands that it stands for, such that no command
-// is further than the tolerance from where the move is then: a correction is right only at its
-// time, and a path may turn back on itself. Where the path stays within the tolerance of where it
-// is while the original rests, it dwells (G4).
+// each run at a constant feed in the time of the commands that it replaces, such that at no time
+// the move is further than the tolerance from the command: a correction is valid at its time only,
+// and a path may turn back on itself. Where the path stays within the tolerance of one point while
+// the original rests, the program dwells (G4).
 //
 // Positions [m | rad] become mm and degrees; feeds count along the linear axes, along the rotary
 // ones where no other moves. Any thread.
@@ -22,10 +22,11 @@ struct PathAxisText {
   bool rotary = false;
 };
 
+/// Without motion for this long, the original command rests.
 inline constexpr double kRest_s = 0.02;
 
-/// Rows of `path` that moves end at, with the first and the last: no row is further than
-/// `tolerance` [m | rad] from the move over it, at its time.
+/// The rows of `path` at which moves begin or end, `first` and `last` included: no row is further
+/// than `tolerance` [m | rad] from the point that its move has reached at the same time.
 [[nodiscard]] std::vector<Eigen::Index> chord_ends(const std::vector<Eigen::ArrayXd>& path,
                                                    Eigen::Index first, Eigen::Index last,
                                                    double tolerance);
@@ -35,7 +36,8 @@ struct PathGcode {
   long moves = 0;
 };
 
-/// `original`: the commands, `path`: where to go instead; one array per axis.
+/// `original`: the commands; `path`: the corrected commands; one array per axis, of the same length
+/// [m | rad].
 [[nodiscard]] PathGcode path_gcode(const std::vector<PathAxisText>& axes,
                                    const std::vector<Eigen::ArrayXd>& original,
                                    const std::vector<Eigen::ArrayXd>& path, double sample_time_s,

@@ -1,4 +1,4 @@
-// servotwin predict: a model against a recording, in free simulation.
+// servotwin predict: compares a model with a recording, in free simulation.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -30,8 +30,8 @@ struct Arguments {
 
 struct Judged {
   const Segment* segment = nullptr;
-  ErrorFigures figures;   // NaN for a segment that is shorter than its starting state
-  Eigen::Index rows = 0;  // that the figures are of
+  ErrorFigures figures;   // NaN for a segment that is too short for an initial state
+  Eigen::Index rows = 0;  // number of rows that the figures are computed from
 };
 
 json result_of(const std::string& axis, const ErrorFigures& all, double noise_floor_rms,
@@ -54,7 +54,8 @@ json result_of(const std::string& axis, const ErrorFigures& all, double noise_fl
           {"segments", segments}};
 }
 
-/// Whether the fit has seen any of this; what tells is the recording's name and the times.
+/// Whether the recording overlaps the training data of the model, judged by its file name and
+/// times.
 bool overlaps_training(const ModelRecord& record, const std::string& file,
                        const SegmentedAxis& axis) {
   return record.source == file && record.axis == axis.axis &&
@@ -102,8 +103,8 @@ void run(const Arguments& arguments) {
   const bool overlaps =
       overlaps_training(record, arguments.input.recording.file.filename().string(), axis);
   if (overlaps) {
-    say(people, text("note: the model was fitted to %.2f to %.2f s of this recording, so that this "
-                     "is no test of it; its hold-out is %.2f to %.2f s",
+    say(people, text("note: the model was fitted to %.2f to %.2f s of this recording, so this "
+                     "comparison is no validation; its held-out data are %.2f to %.2f s",
                      record.from_s, record.training_to_s, record.training_to_s, record.to_s));
   }
   const Model model = model_at(record, axis.sample_time_s, people);
@@ -114,11 +115,10 @@ void run(const Arguments& arguments) {
   const Progress progress("predicting " + axis.axis);
   const ErrorFigures all = judge(model, axis.segments);
   if (!std::isfinite(all.rms)) {
-    throw std::runtime_error(
-        axis.source + ": " + axis.axis +
-        text(": no stretch is longer than the %.3f s from which the starting state is taken; "
-             "give a longer part",
-             starting_state_s(model)));
+    throw std::runtime_error(axis.source + ": " + axis.axis +
+                             text(": no segment is longer than the %.3f s that the initial state "
+                                  "is estimated from; use a longer part",
+                                  starting_state_s(model)));
   }
   std::vector<Judged> judged;
   for (const Segment& segment : axis.segments) {
@@ -138,7 +138,7 @@ void run(const Arguments& arguments) {
     say(people,
         text("%8.2f to %8.2f s  ", one.segment->start_s, one.segment->end_s()) +
             (std::isfinite(one.figures.rms) ? figures_text(one.figures, axis.rotary)
-                                            : "too short for its starting state, not judged"));
+                                            : "too short for an initial state, not evaluated"));
   }
   say(people, "all                    " + figures_text(all, axis.rotary));
   say(people, "noise floor            " + noise_floor_text(floor, axis.rotary));
@@ -152,18 +152,20 @@ void run(const Arguments& arguments) {
 Command add_predict(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "predict", "What a model predicts for a recording, against what was measured.");
+      "predict",
+      "Predicts the tracking error of a recording and compares it with the measured one.");
   arguments->input.declare(command);
   command.add_option("--model", arguments->model, "model file (servotwin.model/1)")
       ->type_name("M.json")
       ->required();
   command
-      .add_option("--out", arguments->table,
-                  "write command, actual and errors row by row; - is standard output")
+      .add_option(
+          "--out", arguments->table,
+          "write command, actual position and errors row by row to this file; - is standard output")
       ->type_name("PRED.csv");
   command
       .add_option("--json", arguments->result,
-                  "write the figures here (servotwin.prediction/1); - is standard output")
+                  "write the figures to this file (servotwin.prediction/1); - is standard output")
       ->type_name("OUT");
   return {&command, [arguments] { run(*arguments); }};
 }

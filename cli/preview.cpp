@@ -1,4 +1,5 @@
-// servotwin preview: asks a running daemon what becomes of a path, and for its correction.
+// servotwin preview: asks a running daemon for the predicted errors of a path, or for its
+// correction.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -22,8 +23,8 @@ namespace servotwin::cli {
 namespace {
 
 constexpr std::size_t kLongestName = 63;
-constexpr std::string_view kNext = "; ";  // of the daemon's sentence, from part to part
-constexpr double kFind_s = 10.0;          // until a daemon that is there has been found
+constexpr std::string_view kSeparator = "; ";  // of the parts of the daemon's answer
+constexpr double kMaxDiscovery_s = 10.0;       // of a running daemon
 
 struct Arguments {
   RecordingOptions path;
@@ -34,7 +35,7 @@ struct Arguments {
   double wait_s = 60.0;
 };
 
-/// What a program may be called, after its file.
+/// A valid name for a program, derived from the name of its file.
 std::string name_after(const std::filesystem::path& file) {
   std::string name = file.stem().string().substr(0, kLongestName);
   for (char& letter : name) {
@@ -43,14 +44,13 @@ std::string name_after(const std::filesystem::path& file) {
   return usable_name(name) ? name : "program";
 }
 
-/// The chunks of a path, the same revision for all of them.
+/// A path divided into chunks, all of the same revision.
 std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& arguments) {
   const std::size_t rows = path.time.size();
   std::vector<ProgramChunk> out((rows + kMaxChunkSamples - 1) / kMaxChunkSamples);
   if (out.size() > kMaxProgramChunks) {
     throw std::runtime_error(
-        text("%s has %zu rows, and a program at most %zu; take a part of it "
-             "with --from and --to",
+        text("%s has %zu rows, and a program at most %zu; select a part with --from and --to",
              path.source.c_str(), rows, kMaxProgramChunks * kMaxChunkSamples));
   }
   const auto revision = static_cast<std::uint64_t>(daemon::wall_ns());
@@ -73,15 +73,15 @@ std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& argu
   return out;
 }
 
-/// Waits until the daemon of this machine reads programs, and its answers will be heard; throws if
-/// none does. Topics are shared by all machines of a domain: that somebody reads programs is not
-/// enough. Gives the machine's axes.
+/// Waits until the daemon of this machine reads programs and its answers will be received; throws
+/// if there is none. Topics are shared by all machines of a domain: any reader of programs is not
+/// enough. Returns the machine's axes.
 std::vector<AxisStatus> find_daemon(const DdsNode& node, const std::string& machine,
                                     const DdsWriter<ProgramChunk>& programs,
                                     const DdsReader<CorrectionChunk>& corrections,
                                     double patience_s) {
   const auto nobody = [&] {
-    return std::runtime_error("nobody listens to " + machine + other_daemons(node) +
+    return std::runtime_error("no daemon listens to " + machine + other_daemons(node) +
                               "; start servotwind with this machine and domain first");
   };
   std::vector<AxisStatus> axes;
@@ -90,7 +90,7 @@ std::vector<AxisStatus> find_daemon(const DdsNode& node, const std::string& mach
       throw nobody();
     case DaemonThere::kKnowsNoAxes:
       throw std::runtime_error("the daemon of " + machine +
-                               " has not heard of its axes yet; it does when the machine runs");
+                               " does not know its axes yet; it learns them when the machine runs");
     case DaemonThere::kReady:
       break;
   }
@@ -103,14 +103,14 @@ std::vector<AxisStatus> find_daemon(const DdsNode& node, const std::string& mach
   return axes;
 }
 
-/// What goes to the daemon has no units: degrees would be taken for metres.
+/// Commands are sent to the daemon without units: degrees would be read as metres.
 void require_kinds(const Recording& path, const std::vector<AxisStatus>& machine,
                    const std::string& name) {
   for (const AxisRecord& axis : path.axes) {
     const auto known = std::find_if(machine.begin(), machine.end(),
                                     [&](const AxisStatus& one) { return one.name == axis.name; });
     if (known == machine.end() || known->rotary == axis.rotary)
-      continue;  // it refuses what it has not
+      continue;  // the daemon refuses an axis that it does not have
     const auto kind = [](bool rotary) { return std::string(rotary ? "rotary" : "linear"); };
     throw std::runtime_error(path.source + ": " + axis.name + ".command has the unit of a " +
                              kind(axis.rotary) + " axis, and " + axis.name + " of " + name +
@@ -118,7 +118,7 @@ void require_kinds(const Recording& path, const std::vector<AxisStatus>& machine
   }
 }
 
-/// What the daemon answers to this revision, whole; throws what it refuses it for.
+/// The complete answer of the daemon to this revision; throws with its reason if it refuses.
 std::vector<CorrectionChunk> answer_to(const ProgramChunk& asked,
                                        DdsReader<CorrectionChunk>& corrections, double patience_s) {
   std::vector<CorrectionChunk> out;
@@ -130,7 +130,7 @@ std::vector<CorrectionChunk> answer_to(const ProgramChunk& asked,
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     if (!corrections.receive(chunk, std::max(left_s, 0.0)))
       throw std::runtime_error(
-          text("no answer after %.3g s; it may still come (--wait)", patience_s));
+          text("no answer after %.3g s; the daemon may need longer (--wait)", patience_s));
     if (chunk.program != asked.program || chunk.revision != asked.revision) continue;
     if (chunk.state == CorrectionState::kRefused)
       throw std::runtime_error("the daemon refused it: " + chunk.reason);
@@ -148,7 +148,7 @@ void print(const CorrectionChunk& answer, std::FILE* people) {
   say(people, text("correction    program '%s' %s with the models in force (%s), until ",
                    answer.program.c_str(), learned ? "learned" : "previewed", models.c_str()) +
                   daemon::iso_time(answer.valid_until_ns) +
-                  (answer.valid_until_ns < daemon::wall_ns() ? ", which is over" : ""));
+                  (answer.valid_until_ns < daemon::wall_ns() ? ", which has passed" : ""));
   const auto line = [&](const std::string& what, double before_rms, double before_max,
                         double after_rms, double after_max, bool rotary) {
     say(people,
@@ -161,10 +161,10 @@ void print(const CorrectionChunk& answer, std::FILE* people) {
   if (std::isfinite(answer.contour_before_rms))
     line("contour", answer.contour_before_rms, answer.contour_before_max, answer.contour_after_rms,
          answer.contour_after_max, false);
-  // What comes after the figures, which are above.
-  for (std::size_t at = answer.reason.find(kNext); at != answer.reason.npos;) {
-    const std::size_t from = at + kNext.size();
-    at = answer.reason.find(kNext, from);
+  // The notes after the first part, which repeats the figures above.
+  for (std::size_t at = answer.reason.find(kSeparator); at != answer.reason.npos;) {
+    const std::size_t from = at + kSeparator.size();
+    at = answer.reason.find(kSeparator, from);
     say(people, "note: " + answer.reason.substr(from, at == answer.reason.npos ? at : at - from));
   }
 }
@@ -186,7 +186,7 @@ std::string table_of(const Recording& path, const std::vector<CorrectionChunk>& 
 }
 
 void run(const Arguments& arguments) {
-  if (!arguments.bus.dds) throw UsageError("name the bus: --dds");
+  if (!arguments.bus.dds) throw UsageError("--dds is required: the bus of the daemon");
   if (!arguments.name.empty() &&
       (!usable_name(arguments.name) || arguments.name.size() > kLongestName))
     throw UsageError("--name " + arguments.name +
@@ -200,7 +200,7 @@ void run(const Arguments& arguments) {
   DdsWriter<ProgramChunk> programs(node);
   require_kinds(path,
                 find_daemon(node, arguments.bus.text(), programs, corrections,
-                            std::min(arguments.wait_s, kFind_s)),
+                            std::min(arguments.wait_s, kMaxDiscovery_s)),
                 arguments.bus.text());
   for (const ProgramChunk& chunk : chunks) {
     if (!programs.write(chunk)) throw std::runtime_error("DDS refused a part of the program");
@@ -219,19 +219,21 @@ void run(const Arguments& arguments) {
 Command add_preview(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "preview", "What a running daemon says of a path, and the correction it learns.");
+      "preview",
+      "Asks a running daemon for the predicted errors of a path, or for its correction.");
   arguments->path.declare(command, "PATH",
                           "table of commands, one row per cycle of the machine, or a recording "
                           "whose encoders are ignored");
   arguments->bus.declare(command);
-  command.add_flag("--learn", arguments->learn,
-                   "have a correction learned; the daemon keeps it and knows the program again");
+  command.add_flag(
+      "--learn", arguments->learn,
+      "let the daemon learn a correction; it keeps it and recognises the program when it runs");
   command
-      .add_option("--name", arguments->name,
-                  "what the program is called (default: after the file); a program of the same "
-                  "name is replaced")
+      .add_option(
+          "--name", arguments->name,
+          "name of the program (default: that of the file); a program of the same name is replaced")
       ->type_name("NAME");
-  command.add_option("--out", arguments->table, "write the corrected commands")
+  command.add_option("--out", arguments->table, "write the corrected commands to this file")
       ->type_name("CORRECTED.csv");
   command.add_option("--wait", arguments->wait_s, "how long to wait for the answer (default 60)")
       ->type_name("S")

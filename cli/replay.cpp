@@ -1,4 +1,4 @@
-// servotwin replay: a recording as the machine that made it, on a live bus.
+// servotwin replay: sends a recording on a live bus, in place of the machine that made it.
 #include "drivers/replay.h"
 
 #include <algorithm>
@@ -19,7 +19,7 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kPatience_s = 0.2;  // how long an interrupt may wait
+constexpr double kPatience_s = 0.2;  // longest delay of an interrupt
 
 struct Arguments {
   RecordingOptions recording;
@@ -29,12 +29,12 @@ struct Arguments {
   bool targets = false;
   double speed = 1.0;
   int look_ahead = 0;
-  double wait_s = 10.0;  // a daemon that has just been started needs about one
+  double wait_s = 10.0;  // a daemon that has just been started needs about 1 s
 };
 
 void run(const Arguments& arguments) {
   const bool can = !arguments.can.empty() || !arguments.udp.empty();
-  if (arguments.bus.dds == can) throw UsageError("name one bus: --dds, --can or --udp");
+  if (arguments.bus.dds == can) throw UsageError("choose one bus: --dds, --can or --udp");
   if (can) {
     replay_onto_can({arguments.recording.file, arguments.recording.read_options, arguments.can,
                      arguments.udp, arguments.targets, arguments.speed});
@@ -56,29 +56,30 @@ void run(const Arguments& arguments) {
                   axes);
 
   const DdsNode node(arguments.bus.place);
-  // In this order, so that who confirms the description has found the writer of the frames as well.
-  // A frame that is sent before that, or before the writer has found a reader, is lost, and nobody
-  // can count it.
+  // In this order, so that a reader that confirms the description has also found the writer of the
+  // frames. A frame sent before that, or before the writer has found a reader, is lost without
+  // being counted.
   DdsWriter<MachineFrame> frames(node);
   DdsWriter<MachineDescription> descriptions(node);
   if (!descriptions.write(replay.machine()))
     throw std::runtime_error("DDS refused the description of the machine");
   const DaemonThere there = wait_for_daemon(node, arguments.wait_s);
   if (there == DaemonThere::kKnowsNoAxes) {
-    throw std::runtime_error(text("the daemon of %s has not taken the machine up after %.3g s",
+    throw std::runtime_error(text("the daemon of %s has not accepted the machine after %.3g s",
                                   arguments.bus.text().c_str(), arguments.wait_s));
   }
   if (there == DaemonThere::kNobody) {
-    // Readers of frames hear every machine of the domain: with daemons of others there, that
-    // somebody reads says nothing.
+    // Readers of frames receive those of every machine of the domain: if there are daemons of other
+    // machines, a reader proves nothing.
     const std::string others = other_daemons(node);
     if (!others.empty() || !frames.wait_for_readers(1, 0.0)) {
-      throw std::runtime_error(text("nobody listens to %s after %.3g s",
+      throw std::runtime_error(text("no daemon listens to %s after %.3g s",
                                     arguments.bus.text().c_str(), arguments.wait_s) +
                                others + "; start servotwind with this machine and domain first" +
-                               (others.empty() ? "" : ", or name a machine that is there"));
+                               (others.empty() ? "" : ", or name one of these machines"));
     }
-    say(stdout, "note: no daemon speaks for " + arguments.bus.text() + "; others listen");
+    say(stdout,
+        "note: no daemon serves " + arguments.bus.text() + "; other subscribers read its frames");
   } else if (!descriptions.wait_for_readers(1, arguments.wait_s) ||
              !descriptions.wait_for_delivery(arguments.wait_s) ||
              !frames.wait_for_readers(1, arguments.wait_s)) {
@@ -121,7 +122,7 @@ void run(const Arguments& arguments) {
   }
   if (followed && !statuses.matched(statuses.writer())) {
     throw std::runtime_error("the daemon of " + arguments.bus.text() +
-                             " has gone before the end; it has not seen all of them");
+                             " stopped before the end and has not received all frames");
   }
 }
 
@@ -129,30 +130,33 @@ void run(const Arguments& arguments) {
 
 Command add_replay(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand("replay", "A recording as a machine on a live bus.");
+  CLI::App& command =
+      *app.add_subcommand("replay", "Plays a recording on a live bus, in place of a machine.");
   arguments->recording.declare(command, "LOG", "recording: CSV, MATLAB .mat, or a CAN log");
   arguments->bus.declare(command);
   command
       .add_option("--can", arguments->can,
-                  "onto CAN interfaces, one per bus of the log or of the mapping")
+                  "send to CAN interfaces, one per bus of the log or of the mapping")
       ->type_name("IF,..")
       ->delimiter(',');
-  command.add_option("--udp", arguments->udp, "onto CAN over UDP (cannelloni's format)")
+  command.add_option("--udp", arguments->udp, "send to CAN over UDP (cannelloni's format)")
       ->type_name("HOST:PORT");
-  command.add_flag("--targets", arguments->targets,
-                   "onto CAN as the controller: the commands as target positions of the mapping");
-  command.add_option("--speed", arguments->speed, "times as fast as recorded (default 1)")
+  command.add_flag(
+      "--targets", arguments->targets,
+      "on CAN, act as the controller: send the commands as target positions of the mapping");
+  command
+      .add_option("--speed", arguments->speed,
+                  "speed of the replay, in multiples of the recorded one (default 1)")
       ->type_name("F")
       ->check(between(1e-3, 1e3));
   command
       .add_option("--look-ahead", arguments->look_ahead,
-                  "cycles whose commands are sent ahead of time (default 0)")
+                  "number of cycles by which commands are sent ahead of time (default 0)")
       ->type_name("N")
       ->check(between(0, kMaxLookAhead));
   command
-      .add_option(
-          "--wait", arguments->wait_s,
-          "how long to wait for a listener, and at the end for its confirmation (default 10)")
+      .add_option("--wait", arguments->wait_s,
+                  "how long to wait for a daemon, and at the end for its confirmation (default 10)")
       ->type_name("S")
       ->check(between(0.0, 1e9));
   return {&command, [arguments] { run(*arguments); }};

@@ -16,7 +16,7 @@ std::vector<std::string> parts_of(const std::string& list) { return split_fields
 
 const std::vector<std::string> kChannels{"command", "position", "error", "torque"};
 
-/// The unbroken parts in which every signal has a value.
+/// Adds the segments in which every signal has a value.
 void add_finite(const ResponseRecord& whole, std::vector<ResponseRecord>& out) {
   std::vector<const Eigen::ArrayXd*> all{&whole.output};
   for (const Eigen::ArrayXd& x : whole.inputs) all.push_back(&x);
@@ -31,8 +31,8 @@ void add_finite(const ResponseRecord& whole, std::vector<ResponseRecord>& out) {
   }
 }
 
-/// Channels of axes. A torque is an input with the axis' command as its instrument: the position
-/// loop feeds the noise of the position back into it.
+/// Channels of axes. A torque as input needs the axis' command as instrumental variable, because
+/// the position loop feeds the noise of the position back into the torque.
 double axis_signals(const ResponseOptions& options, ResponseSignals& out, std::FILE* people) {
   const Recording whole = options.recording.read(people);
   out.inputs = options.inputs.empty() ? std::vector<std::string>{"command"}
@@ -59,13 +59,13 @@ double axis_signals(const ResponseOptions& options, ResponseSignals& out, std::F
   }
   if (fed_back)
     say(people,
-        "closed loop: the command is the instrument, so that what feedback brings into the input "
-        "has no share");
+        "closed loop: the command is the instrumental variable, so that noise fed back into the "
+        "input does not bias the response");
   out.differenced = true;
   return axes.sample_time_s();
 }
 
-/// Columns of a file as they are, one record per --input and --output.
+/// Columns of a file as they are, one record per pair of --input and --output.
 double column_signals(const ResponseOptions& options, ResponseSignals& out, std::FILE* people) {
   if (options.inputs.empty() || options.inputs.size() != options.outputs.size())
     throw UsageError(
@@ -77,11 +77,11 @@ double column_signals(const ResponseOptions& options, ResponseSignals& out, std:
   for (std::size_t i = 0; i < options.inputs.size(); ++i) {
     const std::vector<std::string> inputs = parts_of(options.inputs[i]);
     if (inputs.size() != parts_of(options.inputs.front()).size())
-      throw UsageError("--input has not the same number of columns every time");
+      throw UsageError("every --input must name the same number of columns");
     names.emplace_back();
     for (const std::string& input : inputs) {
       names.back().push_back(input + " to " + options.outputs[i]);
-      // Their unit is left to who reads the response: a factor of one.
+      // The unit of a column is not converted: "m" is a factor of one.
       recording.read_options.columns += (i == 0 && names.back().size() == 1 ? "" : ",") +
                                         names.back().back() + ".command=" + input + "[m]," +
                                         names.back().back() + ".actual=" + options.outputs[i] +
@@ -101,7 +101,8 @@ double column_signals(const ResponseOptions& options, ResponseSignals& out, std:
       for (const SegmentedAxis& axis : axes) {
         if (axis.segments.size() != axes.front().segments.size() ||
             axis.segments[i].size() != record.output.size())
-          throw std::runtime_error(axis.source + ": the inputs have no values in the same rows");
+          throw std::runtime_error(axis.source +
+                                   ": the inputs do not have values in the same rows");
         record.inputs.push_back(axis.segments[i].command);
       }
       add_finite(record, out.records);
@@ -124,8 +125,8 @@ void ResponseOptions::declare(CLI::App& command) {
       ->type_name("X");
   command
       .add_option("--input", inputs,
-                  "command (default), torque, or of another axis Y.command; a list A,B tells them "
-                  "apart; without --axis a column, once per repetition")
+                  "command (default), torque, or of another axis Y.command; a list A,B separates "
+                  "their contributions; without --axis a column, once per repetition")
       ->type_name("NAME")
       ->expected(1)
       ->take_all();

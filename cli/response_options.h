@@ -1,5 +1,5 @@
-// Which signals of a recording a frequency response is of: channels of axes, or columns of any
-// file.
+// The signals of a recording between which a frequency response is estimated: channels of axes, or
+// columns of any file.
 #pragma once
 
 #include <string>
@@ -11,10 +11,10 @@
 namespace servotwin::cli {
 
 struct ResponseSignals {
-  std::vector<std::string> inputs;  ///< their names
+  std::vector<std::string> inputs;  ///< names
   std::string output;
   double sample_time_s = 0.0;
-  bool differenced = false;  ///< they are positions
+  bool differenced = false;  ///< the signals are positions
   std::vector<ResponseRecord> records;
 };
 
@@ -25,7 +25,7 @@ struct ResponseOptions {
   std::vector<std::string> inputs, outputs;
 
   void declare(CLI::App& command);
-  /// Reads the signals and says on `people` what was read.
+  /// Reads the signals and prints on `people` what was read.
   [[nodiscard]] ResponseSignals read(std::FILE* people) const;
 };
 

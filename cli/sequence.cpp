@@ -20,7 +20,7 @@ namespace {
 using nlohmann::json;
 
 constexpr double kMilli = 1e-3;
-constexpr double kNothing = 0.95;  // of the error without the part: it explains nothing
+constexpr double kMaxRmsOverRmsWithoutPart = 0.95;  // above, the part explains nothing
 
 struct Arguments {
   RecordingOptions bare, covered;
@@ -49,7 +49,7 @@ Torque read(RecordingOptions options, const std::filesystem::path& file, const A
   return out;
 }
 
-/// Throws unless two recordings measure alike.
+/// Throws unless two recordings have the same kind of axis and the same unit of torque.
 void require_same(const SegmentedAxis& axis, const SegmentedAxis& bare) {
   if (axis.rotary != bare.rotary) {
     throw std::runtime_error(axis.source + ": axis " + axis.axis +
@@ -62,7 +62,7 @@ void require_same(const SegmentedAxis& axis, const SegmentedAxis& bare) {
   }
 }
 
-/// What the added part takes of the torque, at the steady velocities of a recording.
+/// The share of the torque that the added part takes at one constant velocity of a recording.
 struct Share {
   double velocity = 0.0;
   double measured = kAbsent;  ///< (mean torque - bare model) / mean torque
@@ -84,7 +84,7 @@ std::vector<Share> shares_of(const std::vector<Segment>& segments, const ForceMo
   return out;
 }
 
-/// What the part takes in the two directions at the same speeds.
+/// The torque that the part takes in the two directions at the same speeds.
 struct Directions {
   double plus = 0.0, minus = 0.0;  ///< means, against the motion
   int pairs = 0;
@@ -133,13 +133,14 @@ void run(const Arguments& arguments) {
 
   std::optional<ForceFit> drive, part, unlike;
   {
-    const Progress progress("fitting the bare axis, then what was added");
+    const Progress progress("fitting the bare axis, then the added part");
     drive = fit_force(bare.data, {true, {kind, kind_of<ConstantForce>()}});
     if (!drive) throw std::runtime_error(bare.axis.source + ": no finite fit of the bare axis");
     const Eigen::VectorXd frozen = force_of(drive->model, covered.data);
     part = fit_force(covered.data, {true, {kind}}, {}, frozen);
-    if (!part) throw std::runtime_error(covered.axis.source + ": no finite fit of what was added");
-    // The same element with unlike directions, its shapes held: what a symmetric one cannot show.
+    if (!part) throw std::runtime_error(covered.axis.source + ": no finite fit of the added part");
+    // The same element with different levels in the two directions and its shapes held, which a
+    // symmetric element cannot represent.
     ForceFitOptions held;
     held.shapes.emplace(
         part->model.effects[0].shape.begin(),
@@ -153,7 +154,7 @@ void run(const Arguments& arguments) {
   say(people, "bare axis");
   for (const std::string& line : force_lines(*drive, true, unit)) say(people, "  " + line);
   say(people, "  fitted      " + error_text(drive->error));
-  say(people, "added, with the bare axis held");
+  say(people, "added part, with the bare axis held");
   for (const std::string& line : force_lines(*part, true, unit)) say(people, "  " + line);
 
   const auto together = [&](const Torque& torque, bool with_part) {
@@ -168,7 +169,7 @@ void run(const Arguments& arguments) {
                                         [](const Share& share) { return share.measured < 0.0; }) *
                               2 >
                           static_cast<std::ptrdiff_t>(shares.size());
-  if (takes_less || fitted.rms > kNothing * without.rms) {
+  if (takes_less || fitted.rms > kMaxRmsOverRmsWithoutPart * without.rms) {
     throw std::runtime_error(covered.axis.source + " needs no more torque than " +
                              bare.axis.source +
                              ": are --bare and --covered exchanged, or of different axes?");
@@ -209,7 +210,7 @@ void run(const Arguments& arguments) {
         std::minmax_element(shares.begin(), shares.end(),
                             [](const Share& l, const Share& r) { return l.measured < r.measured; });
     say(people,
-        text("share       of the torque at steady speed: %.1f to %.1f %% measured; the model says "
+        text("share       of the torque at steady speed: %.1f to %.1f %% measured; the model gives "
              "%.1f %% at the slowest (%.4g %s/s), %.1f %% at the fastest (%.4g %s/s)",
              100.0 * least->measured, 100.0 * most->measured, 100.0 * shares.front().modelled,
              std::abs(shares.front().velocity) / kMilli, milli, 100.0 * shares.back().modelled,
@@ -223,14 +224,16 @@ void run(const Arguments& arguments) {
     if (pairs > 0 && plus > 0.0) {
       ratio = minus / plus;
       say(people,
-          text("directions  it takes %.4g %s in the negative direction and %.4g %s in the "
-               "positive one: %.3f times",
+          text("directions  the added part takes %.4g %s in the negative direction and %.4g %s in "
+               "the positive one: ratio %.3f",
                minus / unit.scale, unit.name.c_str(), plus / unit.scale, unit.name.c_str(), ratio));
     }
   }
   if (unlike) {
-    say(people, text("            unlike directions in the model: %.4g %s RMS in place of %.4g",
-                     unlike->error.rms / unit.scale, unit.name.c_str(), fitted.rms / unit.scale));
+    say(people,
+        text(
+            "            with a model that differs between directions: %.4g %s RMS instead of %.4g",
+            unlike->error.rms / unit.scale, unit.name.c_str(), fitted.rms / unit.scale));
   }
 
   if (!arguments.plot.empty()) {
@@ -265,7 +268,7 @@ void run(const Arguments& arguments) {
           curve.y.push_back(100.0 * share.modelled);
         }
         curve.x.push_back(1.0);
-        curve.y.push_back(kAbsent);  // the other direction is another line
+        curve.y.push_back(kAbsent);  // separates the lines of the two directions
       }
       panels.push_back({"share of the torque at steady speed",
                         unit.rotary ? "speed [mrad/s]" : "speed [mm/s]",
@@ -301,7 +304,8 @@ void run(const Arguments& arguments) {
 Command add_sequence(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "sequence", "The friction that a part adds, from recordings without and with it.");
+      "sequence",
+      "Identifies the friction that a part adds, from recordings without and with the part.");
   command.add_option("--bare", arguments->bare.file, "recording of the axis without the part")
       ->type_name("A.csv")
       ->required();
@@ -311,36 +315,40 @@ Command add_sequence(CLI::App& app) {
   command.add_option("--axis", arguments->axis, "axis of the recordings")
       ->type_name("X")
       ->required();
-  command.add_option("--columns", arguments->bare.read_options.columns, "names for foreign files")
+  command
+      .add_option("--columns", arguments->bare.read_options.columns,
+                  "which column of a foreign file is which channel")
       ->type_name("MAP");
   command.add_option("--friction", arguments->friction, "friction model of both (default lugre)")
       ->check(CLI::IsMember(torque_frictions()).name(""))
       ->type_name("ID");
   command
       .add_option("--verify-bare", arguments->verify_bare,
-                  "recordings without the part that judge and are not fitted")
+                  "recordings without the part for validation; they are not fitted")
       ->type_name("C.csv");
   command
       .add_option("--verify", arguments->verify_covered,
-                  "recordings with the part that judge and are not fitted")
+                  "recordings with the part for validation; they are not fitted")
       ->type_name("D.csv");
   command
       .add_option("--lead", arguments->lead_mm,
-                  "lead of the screw [mm]: tells torques in Nm as forces in N")
+                  "lead of the screw [mm]: print torques in Nm as forces in N")
       ->type_name("MM")
       ->check(CLI::PositiveNumber.name(""));
   command
       .add_option("--bandwidth", arguments->bandwidth_hz,
-                  "up to which torque and model are compared [Hz]; 0 (default): all, for a fine "
-                  "encoder")
+                  "highest frequency at which torque and model are compared [Hz]; 0 (default): no "
+                  "limit, for an encoder of high resolution")
       ->type_name("HZ")
       ->check(CLI::NonNegativeNumber.name(""));
   command.add_flag("--invert-torque", arguments->invert,
-                   "the drive counts torque against the motion: turn it round");
+                   "the drive records torque with the opposite sign: invert it");
   command
-      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      .add_option("--json", arguments->result,
+                  "write the complete result to this file; - is standard output")
       ->type_name("OUT");
-  command.add_option("--plot", arguments->plot, "write a picture of torque and shares here (SVG)")
+  command
+      .add_option("--plot", arguments->plot, "write a plot of torque and shares to this file (SVG)")
       ->type_name("OUT.svg");
   return {&command, [arguments] { run(*arguments); }};
 }

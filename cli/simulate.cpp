@@ -1,5 +1,5 @@
-// servotwin simulate: the twin as a machine, from a table of commands to what its encoders would
-// say.
+// servotwin simulate: the twin in place of a machine; from a table of commands it computes the
+// encoder positions.
 #include <cmath>
 #include <memory>
 #include <random>
@@ -18,9 +18,10 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kMicro = 1e-6;  // people say um, the program m
+constexpr double kMicro = 1e-6;  // options and output are in um, the program computes in m
 
-/// What an encoder makes of a position: noise, then its step [m | rad].
+/// The errors of an encoder [m | rad]: noise is added to the position, then it is rounded to the
+/// step.
 struct Encoder {
   double step = 0.0;
   double noise_rms = 0.0;
@@ -38,7 +39,7 @@ struct Arguments {
 void run(const Arguments& arguments) {
   if (!arguments.can.empty()) {
     if (!arguments.commands.path.file.empty() || !arguments.table.empty())
-      throw UsageError("with --can the commands come from the bus, and the answers go there");
+      throw UsageError("with --can, commands and answers are on the bus: leave PATH and --out out");
     drive_on_can({arguments.commands.models, arguments.can,
                   arguments.commands.path.read_options.can_map, arguments.seconds});
     return;
@@ -55,8 +56,8 @@ void run(const Arguments& arguments) {
         reach.beyond())
       say(people, "note: " + reach.words);
     const Eigen::ArrayXd error = simulate(model, segment);
-    // One stream of numbers per axis, so that an axis does not depend on which others are
-    // simulated.
+    // One random sequence per axis, so that the result of an axis does not depend on the other
+    // axes.
     std::seed_seq seeds(record.axis.begin(), record.axis.end());
     std::array<std::uint32_t, 2> axis_seed{};
     seeds.generate(axis_seed.begin(), axis_seed.end());
@@ -98,12 +99,12 @@ Encoder parse_noise(const std::string& given) {
 Command add_simulate(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "simulate", "The twin as a machine: what the encoders would say to these commands.");
+      "simulate", "Simulates the encoder positions of a machine for given commands.");
   arguments->commands.declare(command);
   command.get_option("PATH")->required(false);
   command
       .add_option("--out", arguments->table,
-                  "write the table with the simulated encoders; - is standard output")
+                  "write the table with the simulated encoders to this file; - is standard output")
       ->type_name("SIM.csv");
   command
       .add_option_function<std::string>(
@@ -113,7 +114,7 @@ Command add_simulate(CLI::App& app) {
       ->type_name("STEP[:SIGMA]");
   command
       .add_option("--can", arguments->can,
-                  "be the drives on CAN interfaces, one per bus of --can-map: answer on SYNC")
+                  "act as the drives on CAN interfaces, one per bus of --can-map: answer on SYNC")
       ->type_name("IF,..")
       ->delimiter(',');
   command.add_option("--seconds", arguments->seconds, "with --can: end after this time")

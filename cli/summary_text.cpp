@@ -15,7 +15,7 @@ namespace {
 using nlohmann::json;
 
 constexpr const char* kWatchSchema = "servotwin.watch/1";
-constexpr std::size_t kShownRefusals = 3;  // a summary is one screen
+constexpr std::size_t kShownRefusals = 3;  // so that a summary fits on one screen
 
 json figures_json(const ErrorFigures& figures) {
   return {{"rms_m", number_or_null(figures.rms)}, {"max_m", number_or_null(figures.max)}};
@@ -88,7 +88,7 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
   if (errors.residual.count() > 0) {
     const ErrorFigures left = errors.residual.figures(), all = errors.tracking.figures();
     lines.push_back(
-        text("live, %llu cycles that came after the model (%llu more while it settled):",
+        text("live, %llu cycles since the model came into force (%llu more while it settled):",
              static_cast<unsigned long long>(errors.residual.count()),
              static_cast<unsigned long long>(axis.settling)));
     lines.push_back("  with model  " + figures_text(left, rotary(axis)) +
@@ -114,13 +114,13 @@ void add_axis(const LiveRecord& record, std::size_t index, std::vector<std::stri
   if (!axis.activity.empty()) lines.push_back("now         " + axis.activity);
 }
 
-/// What is predicted of an axis now.
+/// The state of the prediction of an axis now.
 std::string state_of(const LiveRecord& record, const LiveAxis& axis) {
   if (record.latest() > 0) return name_of(axis.state);
   return record.daemon_there() ? "no frames" : "no daemon";
 }
 
-/// In force now: while nothing is predicted, as the daemon says.
+/// The version in force now; while nothing is predicted, the one in the status of the daemon.
 int version_of(const LiveRecord& record, const LiveAxis& axis) {
   return record.latest() == 0 && axis.in_force > 0 ? axis.in_force : axis.shown_version();
 }
@@ -173,7 +173,7 @@ std::vector<std::string> summary_lines(const LiveRecord& record, const std::stri
   for (std::size_t i = 0; i < record.axes().size(); ++i) add_axis(record, i, lines);
   if (!record.daemon_there()) {
     lines.emplace_back();
-    lines.emplace_back("the daemon has gone; the counts are of its last status");
+    lines.emplace_back("the daemon has stopped; the counts are those of its last status");
   }
   if (record.status() && !record.status()->last_error.empty()) {
     lines.push_back("last error  " + record.status()->last_error);

@@ -34,7 +34,7 @@ std::string in_words(const std::string& rule) {
   return rule.substr(low, dash - low) + " to " + rule.substr(high, rule.size() - 1 - high);
 }
 
-/// "OUT.json": a name with the ending that such files have.
+/// Whether the name of a value has the ending of a file, as in "OUT.json".
 bool has_file_ending(const std::string& value) {
   const std::size_t dot = value.rfind('.');
   return dot != value.npos && dot > 0 && dot + 1 < value.size() &&

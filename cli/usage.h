@@ -1,5 +1,5 @@
-// What the option tables of a program say: its commands, and the arguments and options of each. The
-// manual pages and the completions are written from this, so they name what --help names.
+// The option tables of a program as data: its commands, and the arguments and options of each.
+// Manual pages and completions are generated from this, so they list the same options as --help.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -9,7 +9,7 @@
 
 namespace servotwin::cli {
 
-/// What may be typed as a value.
+/// The kind of value that an argument takes.
 enum class ValueKind : std::uint8_t {
   kNone,    ///< a flag: it takes no value
   kChoice,  ///< one of Argument::choices
@@ -22,14 +22,14 @@ enum class ValueKind : std::uint8_t {
 struct Argument {
   std::vector<std::string> names;  ///< "-h", "--help"; of a positional argument "REC"
   ValueKind kind = ValueKind::kNone;
-  std::string value;  ///< how --help calls the value: "X", "OUT.json"
+  std::string value;  ///< name of the value in --help: "X", "OUT.json"
   std::vector<std::string> choices;
   std::string description;
   std::string range;               ///< "0 to 230"; empty: any value
-  std::vector<std::string> needs;  ///< options that have to be given with it
+  std::vector<std::string> needs;  ///< options that must be given with it
   bool value_optional = false;
   bool comma_separated = false;  ///< several values may be joined by commas
-  bool many_values = false;      ///< several may follow the name, as words
+  bool many_values = false;      ///< several values may follow the name, separated by blanks
   bool repeats = false;          ///< may be given more than once
   bool required = false;
 
@@ -45,8 +45,8 @@ struct Usage {
   std::vector<Usage> commands;  ///< those that --help shows, in its order
 };
 
-/// Reads the table of a program. Not const: CLI11 gives a validator only of an option that may be
-/// changed; nothing is.
+/// Reads the option table of a program. `app` is not const because CLI11 returns the validators of
+/// a non-const option only; nothing is changed.
 [[nodiscard]] Usage usage_of(CLI::App& app);
 
 /// The headings of the commands, in the order of --help.

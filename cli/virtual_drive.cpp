@@ -8,7 +8,7 @@ namespace servotwin {
 
 void DriveState::command(std::uint16_t word) noexcept {
   const unsigned bits = word & 0x0FU;
-  if ((bits & 0x2U) == 0 || (bits & 0x4U) == 0) {  // disable voltage; quick stop, which ends there
+  if ((bits & 0x2U) == 0 || (bits & 0x4U) == 0) {  // disable voltage; quick stop ends there too
     state_ = State::kSwitchOnDisabled;
   } else if (bits == 0x6U) {  // shutdown
     state_ = State::kReadyToSwitchOn;
@@ -39,8 +39,8 @@ VirtualDrive::VirtualDrive(const CanMap& map, std::vector<Twin> twins) : map_(ma
     const std::string& name = map.machine.axes[i].name;
     if (map.find(i, CanChannel::kTarget) == nullptr) {
       throw std::runtime_error("axis " + name +
-                               " has no target in the CAN mapping: a drive must hear what it is to "
-                               "do (object 0x607A in an RPDO)");
+                               " has no target in the CAN mapping: a drive needs a target position "
+                               "(object 0x607A in an RPDO)");
     }
     Axis axis;
     axis.twin = twins.at(i);
@@ -50,9 +50,9 @@ VirtualDrive::VirtualDrive(const CanMap& map, std::vector<Twin> twins) : map_(ma
   for (const MappedMessage& message : map.messages) {
     if (message.from_machine && message.bus == map.start.bus && message.id == map.start.id &&
         message.extended == map.start.extended) {
-      throw std::runtime_error(message.name +
-                               " begins the cycles and is sent by the drive, which waits for it; a "
-                               "virtual drive needs a SYNC");
+      throw std::runtime_error(
+          message.name +
+          " begins the cycles, but is sent by the drive itself; a virtual drive needs a SYNC");
     }
   }
   answers_.reserve(map.messages.size());
@@ -72,7 +72,7 @@ void VirtualDrive::take(std::size_t bus, const CanFrame& frame) noexcept {
     const double value = decoded(signal.signal, data);
     if (!std::isfinite(value)) continue;
     if (signal.channel == CanChannel::kTarget) {
-      // On the turn that is nearest to where it was told to be before.
+      // Of a target modulo a turn, the turn nearest to the previous target is meant.
       const double turns = signal.turn > 0.0 && axis.has_target
                                ? std::nearbyint((axis.target - value) / signal.turn)
                                : 0.0;

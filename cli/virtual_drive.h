@@ -1,13 +1,12 @@
-// Drives that are not there: they answer on the bus as CiA 402 nodes do, and move as a model says.
-//
-// On every cycle's start (SYNC) an axis takes the target position that came last, adds the position
-// offset, lets the twin follow, and sends what the mapping says that drives send: demand, actual
-// value, following error, torque (0), status word. Where a control word is mapped, it is obeyed:
-// the axis holds its place until operation is enabled. An offset that is not renewed for
-// kOffsetValidity_s is dropped: it goes to nothing in a straight line within kOffsetRamp_s, whoever
-// has sent it. Process data only: there is no object
-// dictionary to be read (SDO) and no network management. One thread; on_frame allocates nothing.
-// Source: CiA 402-2 (state machine), CiA 301 (synchronous PDOs).
+// Virtual drives: they answer on the bus as CiA 402 nodes do, and move as a model predicts.
+// At the start of every cycle (SYNC), an axis takes the target position received last, adds the
+// position offset, lets the twin follow, and sends the signals that the mapping assigns to drives:
+// demand, actual value, following error, torque (0), status word. If a control word is mapped, the
+// axis holds its position until operation is enabled. An offset that is not renewed for
+// kOffsetValidity_s is dropped, whoever sent it: it goes to zero at a constant rate within
+// kOffsetRamp_s. Process data only: there is no object dictionary to be read (SDO) and no network
+// management. One thread; on_frame allocates nothing. Source: CiA 402-2 (state machine), CiA 301
+// (synchronous PDOs).
 #pragma once
 
 #include <cstdint>
@@ -21,7 +20,7 @@
 
 namespace servotwin {
 
-/// The states of a drive, and how the words tell them.
+/// The state machine of a drive, set by the control word and shown in the status word.
 class DriveState {
  public:
   enum class State : std::uint8_t { kSwitchOnDisabled, kReadyToSwitchOn, kSwitchedOn, kEnabled };
@@ -44,14 +43,14 @@ class VirtualDrive {
     CanFrame frame;
   };
 
-  /// One twin per axis of the map. Throws std::runtime_error if an axis has no target, or a message
-  /// of the drives begins the cycles: they could never begin.
+  /// One twin per axis of the map. Throws std::runtime_error if an axis has no target, or if the
+  /// message that begins the cycles is sent by the drives: then no cycle could begin.
   VirtualDrive(const CanMap& map, std::vector<Twin> twins);
 
-  /// What the drives send upon this frame; valid until the next call.
+  /// The frames with which the drives answer this frame; valid until the next call.
   [[nodiscard]] std::span<const Answer> on_frame(std::size_t bus, const CanFrame& frame) noexcept;
   [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
-  /// Values that their bits could not carry.
+  /// Number of values that did not fit into their bits.
   [[nodiscard]] std::uint64_t not_carried() const noexcept { return not_carried_; }
 
  private:

@@ -1,4 +1,4 @@
-// servotwin watch: what the daemon predicts and how right it is, live.
+// servotwin watch: shows live what the daemon predicts and how large the residual is.
 #include <unistd.h>
 
 #include <chrono>
@@ -20,11 +20,11 @@
 namespace servotwin::cli {
 namespace {
 
-// The loop's sleep: short enough that the readers' 64 messages do not run over at 1 kHz.
+// Sleep of the loop: short enough that the readers' queues of 64 messages do not overflow at 1 kHz.
 constexpr double kWait_s = 0.02;
 constexpr double kRefresh_s = 1.0;
-// A daemon that has waited speaks through another writer once its machine is there: only who has
-// been away for this long has gone.
+// A daemon that was waiting publishes through another writer once its machine is there: only one
+// that is away for this long has stopped.
 constexpr double kGone_s = 2.0;
 
 struct Arguments {
@@ -41,8 +41,7 @@ double since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// All that is said about one machine, taken in the order that keeps frames ahead of their
-/// predictions.
+/// Receives everything that is published about one machine, frames before their predictions.
 class Subscriber {
  public:
   explicit Subscriber(const DdsPlace& place)
@@ -53,7 +52,7 @@ class Subscriber {
         diagnoses_(node_),
         statuses_(node_) {}
 
-  /// Waits a little for a prediction; true if any came.
+  /// Waits up to kWait_s for a prediction; true if at least one was received.
   bool receive(LiveRecord& record) {
     double wait_s = kWait_s;
     bool any = false;
@@ -74,12 +73,12 @@ class Subscriber {
     return any;
   }
   [[nodiscard]] const DdsNode& node() const { return node_; }
-  /// Nothing more will come: the daemon is not there, or the machine that it listened to. A daemon
-  /// that replays recordings itself has no machine on the bus, and ends with them.
+  /// Whether nothing more will be received: the daemon has stopped, or the machine that it listened
+  /// to. A daemon that replays recordings itself has no machine on the bus and stops at their end.
   [[nodiscard]] bool over() const {
     return !daemon_there() || (machine_ != 0 && !frames_.matched(machine_));
   }
-  /// That somebody writes predictions is not enough: topics are shared by all machines of a domain.
+  /// Any writer of predictions is not enough: topics are shared by all machines of a domain.
   [[nodiscard]] bool daemon_there() const {
     return (daemon_ != 0 && statuses_.matched(daemon_)) ||
            (predicts_ != 0 && predictions_.matched(predicts_));
@@ -104,10 +103,11 @@ class Subscriber {
   ModelAnnouncement model_;
   DiagnosisAnnouncement diagnosis_;
   MachineStatus status_;
-  dds_instance_handle_t daemon_ = 0, predicts_ = 0, machine_ = 0;  // who spoke last; 0: nobody yet
+  // Writers of the last messages; 0: none yet.
+  dds_instance_handle_t daemon_ = 0, predicts_ = 0, machine_ = 0;
 };
 
-/// Shows the last second; on a terminal over what was shown before.
+/// Shows the last second; on a terminal in place of the second before.
 class Display {
  public:
   explicit Display(const Arguments& arguments)
@@ -136,12 +136,13 @@ class Display {
 void run(const Arguments& arguments) {
   if (!arguments.can.empty()) {
     if (arguments.summary || !arguments.result.empty() || arguments.bus.dds)
-      throw UsageError("--summary, --json and --dds are not for --can, where no daemon speaks");
+      throw UsageError(
+          "--summary, --json and --dds cannot be used with --can, which needs no daemon");
     watch_can({arguments.can, arguments.can_map, arguments.models, arguments.seconds});
     return;
   }
   if (!arguments.models.empty())
-    throw UsageError("--model is for --can; over DDS the daemon says what it predicts");
+    throw UsageError("--model is for --can; over DDS the daemon publishes its predictions");
   if (!arguments.can_map.empty()) throw UsageError("--can-map is for --can");
   if (!arguments.summary && !arguments.result.empty() && !is_stdout(arguments.result)) {
     throw UsageError(
@@ -173,7 +174,7 @@ void run(const Arguments& arguments) {
     }
   }
   if (record.predictions() == 0 && !record.status()) {
-    throw std::runtime_error("no prediction came for " + arguments.bus.text() +
+    throw std::runtime_error("no prediction was received for " + arguments.bus.text() +
                              "; start servotwind with this machine and domain" +
                              other_daemons(subscriber.node()));
   }
@@ -183,10 +184,10 @@ void run(const Arguments& arguments) {
     write_json(arguments.result, summary_json(record, arguments.bus.place.machine,
                                               record.predictions() > 0 ? last_s : since(start)));
   if (record.predictions() == 0) {
-    throw std::runtime_error("no prediction came for " + arguments.bus.text() +
+    throw std::runtime_error("no prediction was received for " + arguments.bus.text() +
                              (subscriber.daemon_there()
-                                  ? "; a daemon is there, but no frames reach it"
-                                  : "; its daemon has gone"));
+                                  ? "; a daemon is running, but receives no frames"
+                                  : "; its daemon has stopped"));
   }
 }
 
@@ -195,21 +196,21 @@ void run(const Arguments& arguments) {
 Command add_watch(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command = *app.add_subcommand(
-      "watch", "Live predicted error of a machine over DDS, or what it says on CAN.");
+      "watch",
+      "Shows the errors of a machine live: over DDS as predicted by its daemon, or on CAN.");
   arguments->bus.declare(command);
   command
       .add_option("--can", arguments->can, "listen to CAN interfaces, one per bus of the mapping")
       ->type_name("IF,..")
       ->delimiter(',');
-  command
-      .add_option("--can-map", arguments->can_map, "which bits of which frames are which signal")
+  command.add_option("--can-map", arguments->can_map, "mapping of the bits of frames to signals")
       ->type_name("F.toml");
   command
       .add_option("--model", arguments->models,
-                  "with --can: models of axes whose errors are to be predicted")
+                  "with --can: models of the axes whose errors are predicted")
       ->type_name("M.json");
   command.add_flag("--summary", arguments->summary,
-                   "collect until machine or daemon leave the bus, then print one screen");
+                   "collect until the machine or the daemon leaves the bus, then print a summary");
   command.add_option("--seconds", arguments->seconds, "end after this time")
       ->type_name("S")
       ->check(between(1e-3, 1e9));
@@ -220,8 +221,7 @@ Command add_watch(CLI::App& app) {
             arguments->result = given.empty() ? "-" : given;
           },
           "JSON (servotwin.watch/1): a line per second on standard output, with --summary one "
-          "object "
-          "into OUT; - or nothing is standard output")
+          "object into OUT; - or no name is standard output")
       ->type_name("OUT")
       ->expected(0, 1);
   return {&command, [arguments] { run(*arguments); }};

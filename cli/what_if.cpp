@@ -1,4 +1,5 @@
-// servotwin what-if: what a change of a part does to a feed axis, before it is bought (paper 002).
+// servotwin what-if: predicts how a changed part affects a feed axis, before it is bought (paper
+// 002).
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -44,14 +45,14 @@ struct Figures {
   double torque_rms = 0.0, torque_max = 0.0;  // [Nm]
 };
 
-/// What is said of one axis.
+/// The properties of one axis that are printed.
 struct Axis {
-  std::vector<double> nut;                      // both ends and the middle of its travel [m]
-  std::vector<Eigen::VectorXd> modes;           // [Hz]
-  std::vector<double> stiffness;                // [N/m]
-  LoopFigures loop;                             // in the middle
-  std::vector<std::optional<Figures>> motions;  // none where the loop is not stable
-  std::vector<double> share;                    // of the cover, per speed
+  std::vector<double> nut;             // positions: both ends and the middle of the travel [m]
+  std::vector<Eigen::VectorXd> modes;  // [Hz]
+  std::vector<double> stiffness;       // [N/m]
+  LoopFigures loop;                    // in the middle
+  std::vector<std::optional<Figures>> motions;  // nullopt: the loop is not stable
+  std::vector<double> share;                    // of the cover in the friction, per speed
 };
 
 constexpr double kSpeeds[] = {1e-3, 0.05, 0.2, 0.4};  // [m/s]
@@ -62,15 +63,17 @@ double middle(const NutParts& nut) { return (nut.from + nut.to) / 2.0; }
 std::vector<Motion> paper_motions(const FeedAxisParts& parts) {
   std::vector<Motion> out;
   for (const auto& [speed, travel] : {std::pair{0.4, 0.36}, {0.05, 0.05}, {0.005, 0.005}}) {
-    const double way = std::min(travel, 0.9 * (parts.nut.to - parts.nut.from));
-    const Eigen::ArrayXd command = sampled({.speed = speed, .travel = way}, parts.control.rate_hz) +
-                                   (middle(parts.nut) - parts.nut.at_zero - way / 2.0);
-    out.push_back({text("%.4g mm to and fro at %.4g mm/s", way / kMilli, speed / kMilli), command});
+    const double distance = std::min(travel, 0.9 * (parts.nut.to - parts.nut.from));
+    const Eigen::ArrayXd command =
+        sampled({.speed = speed, .travel = distance}, parts.control.rate_hz) +
+        (middle(parts.nut) - parts.nut.at_zero - distance / 2.0);
+    out.push_back(
+        {text("%.4g mm back and forth at %.4g mm/s", distance / kMilli, speed / kMilli), command});
   }
   return out;
 }
 
-/// The commands of a recording, at its own times; throws where they are not one unbroken motion.
+/// The commands of a recording, at its own times; throws if they have a gap.
 Segment read_motion(const Arguments& arguments, std::FILE* people) {
   Recording recording = arguments.motion.read(people);
   for (AxisRecord& axis : recording.axes) {
@@ -83,11 +86,11 @@ Segment read_motion(const Arguments& arguments, std::FILE* people) {
                              " is rotary; a ball screw moves a linear one");
   if (axis.segments.size() != 1)
     throw std::runtime_error(axis.source + ": " + axis.axis +
-                             ".command breaks off; take one part with --from and --to");
+                             ".command is interrupted; select one part with --from and --to");
   return axis.segments.front();
 }
 
-/// The same as the control gets it: between the samples along their cubic spline.
+/// The same at the sampling rate of the control: a cubic spline through the samples.
 Motion motion_of(const Segment& segment, const Arguments& arguments, const FeedAxisParts& parts) {
   const double low = segment.command.minCoeff() + parts.nut.at_zero,
                high = segment.command.maxCoeff() + parts.nut.at_zero;
@@ -123,7 +126,7 @@ Axis examine(const FeedAxisParts& parts, const std::vector<Motion>& motions) {
     ReducedAxis axis = reduced_axis(parts);
     for (std::size_t i = 0; i < motions.size(); ++i) {
       const Figures figures = figures_of(run(axis, motions[i].command), motions[i].command);
-      // The position loop may be unstable all the same.
+      // With a stable velocity loop, the position loop may still be unstable.
       if (figures.error_max < 1.0) out.motions[i] = figures;
     }
   }
@@ -159,8 +162,8 @@ std::string optional_text(const std::optional<double>& value, const char* unit) 
   return value ? text("%.4g %s", *value, unit) : "none";
 }
 
-void tell(const Axis& before, const Axis& after, const std::vector<Motion>& motions,
-          const Table& table, bool friction) {
+void print_table(const Axis& before, const Axis& after, const std::vector<Motion>& motions,
+                 const Table& table, bool friction) {
   table.head();
   const auto nut_text = [&](const char* what, std::size_t i) {
     std::string out = text("%s, nut at %.4g", what, before.nut[i] / kMilli);
@@ -182,7 +185,7 @@ void tell(const Axis& before, const Axis& after, const std::vector<Motion>& moti
               [&](const Axis& axis) { return show(axis.loop); });
   };
   loop("stable", [](const LoopFigures& f) { return std::string(f.stable ? "yes" : "NO"); });
-  // Of an unstable loop they would say nothing.
+  // Of an unstable loop these figures have no meaning.
   const auto of_stable = [&](const char* name, auto show) {
     loop(name, [&](const LoopFigures& f) { return f.stable ? show(f) : std::string("-"); });
   };
@@ -203,10 +206,10 @@ void tell(const Axis& before, const Axis& after, const std::vector<Motion>& moti
     table.row(motions[i].name, before, after, [](const Axis&) { return std::string(); });
     motion("position error, RMS",
            [](const Figures& f) { return text("%.1f um", f.error_rms / kMicro); });
-    motion("position error, most",
+    motion("position error, maximum",
            [](const Figures& f) { return text("%.1f um", f.error_max / kMicro); });
     motion("torque, RMS", [](const Figures& f) { return text("%.4f Nm", f.torque_rms); });
-    motion("torque, most", [](const Figures& f) { return text("%.4f Nm", f.torque_max); });
+    motion("torque, maximum", [](const Figures& f) { return text("%.4f Nm", f.torque_max); });
   }
   for (std::size_t i = 0; friction && i < std::size(kSpeeds); ++i) {
     table.row(text("cover's share of friction at %.4g mm/s", kSpeeds[i] / kMilli), before, after,
@@ -255,7 +258,7 @@ std::string picture(const FeedAxisParts& before, const FeedAxisParts& after, boo
                  .logarithmic_x = true,
                  .series = {}},
       phase = gain;
-  phase.title = "its phase";
+  phase.title = "phase of the closed velocity loop";
   phase.y_label = "phase [degrees]";
   const auto add = [&](const std::string& name, const FeedAxisParts& parts, bool dashed) {
     const Eigen::ArrayXd f =
@@ -283,7 +286,7 @@ void run(const Arguments& arguments) {
       arguments.changed.empty() ? arguments.file : arguments.changed, arguments.changes);
   const bool both = !arguments.changed.empty() || !arguments.changes.empty();
 
-  // Both are asked for the same motion; where the control runs at another rate, at its samples.
+  // Both axes get the same motion, sampled at the rate of their own control.
   std::vector<Motion> motions, motions_after;
   if (arguments.motion.file.empty()) {
     motions = motions_after = paper_motions(before);
@@ -295,8 +298,8 @@ void run(const Arguments& arguments) {
   }
   const Axis axis_before = examine(before, motions);
   const Axis axis_after = both ? examine(after, motions_after) : axis_before;
-  tell(axis_before, axis_after, motions, {people, both},
-       before.friction || before.cover || after.friction || after.cover);
+  print_table(axis_before, axis_after, motions, {people, both},
+              before.friction || before.cover || after.friction || after.cover);
   if (!arguments.plot.empty()) write_result(arguments.plot, picture(before, after, both));
   if (!arguments.result.empty()) {
     json out = {{"schema", "servotwin.what-if/1"},
@@ -316,37 +319,43 @@ void run(const Arguments& arguments) {
 Command add_what_if(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   CLI::App& command =
-      *app.add_subcommand("what-if", "What a change of a part does to a feed axis.");
+      *app.add_subcommand("what-if", "Predicts how a changed part affects a feed axis.");
   command.add_option("AXIS", arguments->file, "parts of the axis (TOML; examples/feed_axis.toml)")
       ->type_name("AXIS.toml")
       ->required();
   command
       .add_option("--set", arguments->changes,
-                  "a part that changes, such as table.mass_kg=150 or "
+                  "new value of a part, such as table.mass_kg=150 or "
                   "control.band_stop.1.frequency_hz=300; may be given again")
       ->type_name("KEY=VALUE")
       ->expected(1)
       ->take_all();
-  command.add_option("--change", arguments->changed, "the changed axis as a file of its own")
+  command.add_option("--change", arguments->changed, "file with the changed axis")
       ->type_name("CHANGED.toml");
   command
       .add_option("--motion", arguments->motion.file,
-                  "table of commands that both are asked for; without it to and fro at three "
-                  "speeds")
+                  "table of commands for both axes (default: back and forth at three speeds)")
       ->type_name("PATH.csv");
   command.add_option("--axis", arguments->axis, "axis of the table")->type_name("X");
   command
-      .add_option("--columns", arguments->motion.read_options.columns, "names for foreign files")
+      .add_option("--columns", arguments->motion.read_options.columns,
+                  "which column of a foreign file is which channel")
       ->type_name("MAP");
-  command.add_option("--from", arguments->motion.read_options.from_s, "start of the part [s]")
-      ->type_name("S");
-  command.add_option("--to", arguments->motion.read_options.to_s, "end of the part [s]")
+  command
+      .add_option("--from", arguments->motion.read_options.from_s,
+                  "start of the part to read [s of the recording]")
       ->type_name("S");
   command
-      .add_option("--json", arguments->result, "write the whole result here; - is standard output")
+      .add_option("--to", arguments->motion.read_options.to_s,
+                  "end of the part to read [s of the recording]")
+      ->type_name("S");
+  command
+      .add_option("--json", arguments->result,
+                  "write the complete result to this file; - is standard output")
       ->type_name("OUT");
   command
-      .add_option("--plot", arguments->plot, "write the velocity loop before and after here (SVG)")
+      .add_option("--plot", arguments->plot,
+                  "write a Bode plot of the velocity loop before and after to this file (SVG)")
       ->type_name("OUT.svg");
   return {&command, [arguments] { run(*arguments); }};
 }

@@ -7,18 +7,19 @@
 namespace servotwin {
 namespace {
 
-// A message that stays away for this long is silent, and its positions start again when it is back.
+// A message missing for this long counts as silent, and its positions are unwound anew when it is
+// back.
 constexpr double kSilence_s = 0.1;
 constexpr std::uint64_t kSilentCycles = 10;  // at least
-// Stamps that come in heaps: how far the cycles' own clock may be from them.
+// If several frames share a stamp: the largest distance of the cycles' own clock from the stamps.
 constexpr double kMaxHeap_s = 0.25;
-constexpr double kFollow = 1e-3;  // share of the difference that is taken up per cycle
+constexpr double kClockCorrectionPerCycle = 1e-3;  // share of the difference
 
 std::uint64_t key_of(std::size_t bus, std::uint32_t id, bool extended) noexcept {
   return std::uint64_t{bus} << 32 | std::uint64_t{extended} << 31 | id;
 }
 
-/// A number for people, written by one thread: relaxed, because it orders nothing.
+/// A counter that one thread writes: relaxed, because no other data depend on it.
 void count(std::atomic<std::uint64_t>& counter, std::uint64_t by = 1) noexcept {
   counter.store(counter.load(std::memory_order_relaxed) + by, std::memory_order_relaxed);
 }
@@ -140,8 +141,9 @@ void CanAssembly::begin_cycle(const CanFrame& frame) noexcept {
     if (lost_) cycles = whole(cycles_to(time_ns_), 2.0);
     time_ns_ += static_cast<std::int64_t>(cycles) * cycle_ns_;
     const auto off = static_cast<double>(frame.time_ns - time_ns_);
-    time_ns_ =
-        std::abs(off) > kMaxHeap_s * 1e9 ? frame.time_ns : time_ns_ + std::llround(kFollow * off);
+    time_ns_ = std::abs(off) > kMaxHeap_s * 1e9
+                   ? frame.time_ns
+                   : time_ns_ + std::llround(kClockCorrectionPerCycle * off);
   }
   begun_ = open_ = true;
   emitted_ = lost_ = false;
@@ -178,7 +180,7 @@ void CanAssembly::deliver(std::size_t index, const CanFrame& frame) noexcept {
   Message& message = messages_[index];
   const std::span<const std::uint8_t> data(frame.data.data(), frame.length);
   const auto needed = static_cast<std::size_t>(mapped.length);
-  // FD knows few lengths: a message between two of them is filled up to the next.
+  // FD frames have few lengths: a message between two of them is padded to the next.
   const bool fits = frame.length == needed || (mapped.at_least && frame.length > needed) ||
                     (frame.fd && frame.length == can_length_at_least(needed, true));
   if (!fits) {
@@ -231,7 +233,7 @@ void CanAssembly::emit() noexcept {
   emitted_ = true;
   count(cycles_);
   count(incomplete_, awaited_ > 0);
-  if (ready_count_ == ready_.size()) {  // nobody took the oldest
+  if (ready_count_ == ready_.size()) {  // the oldest cycle was not taken
     ready_first_ = (ready_first_ + 1) % ready_.size();
     --ready_count_;
   }

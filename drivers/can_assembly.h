@@ -1,10 +1,9 @@
-// From the frames of the buses to one MachineFrame per cycle.
-//
-// A cycle begins with its SYNC (or another message of the mapping) and has its stamp. It is whole
-// when every message that carries a command, an actual value, a torque or a following error has
-// come; what has not come until the deadline is NaN in that cycle, and is counted as late when it
-// comes, as missing when it does not. Positions that go round are unwound: the command from cycle
-// to cycle, the actual value to the turn nearest to its command.
+// Assembles the frames of the buses to one MachineFrame per cycle.
+// A cycle begins with its SYNC (or another message of the mapping) and takes its time stamp. It is
+// complete when every message with a command, an actual value, a torque or a following error has
+// been received. A value that is not received by the deadline is NaN in that cycle; its message is
+// counted as late if it is received afterwards, else as missing. Positions modulo a turn are
+// unwound: the command from cycle to cycle, the actual value to the turn nearest to its command.
 //
 // A pure function of frames and times. on_frame, on_time and take belong to one thread, allocate
 // nothing and throw nothing; counts() may be called by any thread.
@@ -24,25 +23,27 @@
 
 namespace servotwin {
 
-/// What tells how many cycles have passed.
+/// How the number of cycles that have passed is determined.
 enum class Pacing : std::uint8_t {
-  kByStamp,  ///< the stamps of the cycles' starts: a SYNC that is lost shows
-  kByCount,  ///< their number: stamps come in heaps (CAN over UDP); what is lost, `after_gap` says
+  kByStamp,  ///< by the stamps of the cycles' starts: a lost SYNC is noticed
+  kByCount,  ///< by counting starts, where several frames share a stamp (CAN over UDP);
+             ///< CanFrame::after_gap marks losses
 };
 
 class CanAssembly {
  public:
   explicit CanAssembly(CanMap map, Pacing pacing = Pacing::kByStamp);
 
-  /// After this, take() until it gives nothing.
+  /// Processes a frame. Afterwards call take() until it returns false.
   void on_frame(std::size_t bus, const CanFrame& frame) noexcept;
-  /// It is `now_ns` by the clock of the stamps, and all frames up to now have been given.
+  /// The clock of the stamps shows `now_ns`, and all frames received until then have been passed
+  /// in.
   void on_time(std::int64_t now_ns) noexcept;
-  /// The clock of the stamps was set by so much.
+  /// The clock of the stamps was set forward by `by_ns`.
   void on_clock_set(std::int64_t by_ns) noexcept;
-  /// The next cycle, if it is whole or over.
+  /// The next cycle, if it is complete or its deadline has passed; else false.
   [[nodiscard]] bool take(MachineFrame& frame) noexcept;
-  /// Until when the cycle that is open waits for its messages.
+  /// The deadline of the open cycle for its messages; nothing if no cycle is open.
   [[nodiscard]] std::optional<std::int64_t> deadline_ns() const noexcept;
 
   [[nodiscard]] const CanMap& map() const noexcept { return map_; }

@@ -1,7 +1,7 @@
-// A CAN bus, whatever carries it: a port with a SocketCAN, a UDP and a log implementation.
+// The interface to a CAN bus, independent of its transport; implemented for SocketCAN and UDP.
 //
-// receive and send belong to one thread each, allocate nothing and throw nothing; what goes wrong
-// is counted, and a bus that went away is opened again when it is back. counts(): any thread.
+// receive and send belong to one thread each, allocate nothing and throw nothing; errors are
+// counted, and a bus that disappeared is opened again when it is back. counts(): any thread.
 #pragma once
 
 #include <atomic>
@@ -14,12 +14,12 @@ namespace servotwin {
 
 struct CanBusCounts {
   std::uint64_t received = 0;
-  std::uint64_t dropped = 0;    ///< by the kernel, because they were not taken in time
-  std::uint64_t lost = 0;       ///< packets that never came (UDP)
-  std::uint64_t malformed = 0;  ///< packets that were none, or not for us (UDP)
+  std::uint64_t dropped = 0;    ///< by the kernel, because they were not read in time
+  std::uint64_t lost = 0;       ///< packets that were not received (UDP)
+  std::uint64_t malformed = 0;  ///< packets that are damaged, late or not from the peer (UDP)
   std::uint64_t sent = 0;
   std::uint64_t not_sent = 0;
-  std::uint64_t downs = 0;  ///< how often the interface went down or away
+  std::uint64_t downs = 0;  ///< how often the interface went down or disappeared
   bool up = true;
 };
 
@@ -30,11 +30,11 @@ class CanBus {
   CanBus& operator=(const CanBus&) = delete;
   virtual ~CanBus() = default;
 
-  /// Waits for at most `timeout_s` until there are frames; how many of `batch` came.
+  /// Waits for at most `timeout_s` for frames; returns how many it has put into `batch`.
   virtual std::size_t receive(std::span<CanFrame> batch, double timeout_s) noexcept = 0;
-  /// How many of them were handed over.
+  /// Returns how many of the frames were handed over to the bus.
   virtual std::size_t send(std::span<const CanFrame> frames) noexcept = 0;
-  /// What poll(2) can wait on; -1 while there is nothing.
+  /// The file descriptor for poll(2); -1 while the bus is not open.
   [[nodiscard]] virtual int descriptor() const noexcept = 0;
 
   [[nodiscard]] CanBusCounts counts() const noexcept;

@@ -13,7 +13,7 @@ std::string times(std::uint64_t count) {
 void about_message(const MappedMessage& message, const CanMessageCounts& before,
                    const CanMessageCounts& now, std::vector<SourceNews>& lines) {
   std::string text;
-  // That it was missing until it came back is known; the rest would be new.
+  // A message that is back was missing meanwhile, which has been reported; other counts are news.
   const bool only_missing = now.late == before.late && now.repeated == before.repeated &&
                             now.wrong_length == before.wrong_length &&
                             now.silences == before.silences;
@@ -40,15 +40,15 @@ void about_bus(const std::string& name, const CanTrafficCounts& before, const Ca
     if (is > was) lines.push_back({name + ": " + what + ", " + times(is - was), good});
   };
   add(before.bus_off, now.bus_off,
-      "bus-off: the interface does not take part any more (ip link set " + name +
-          " type can restart-ms 100 lets it come back by itself)");
+      "bus-off: the interface no longer takes part in the bus (ip link set " + name +
+          " type can restart-ms 100 restarts it automatically)");
   add(before.restarted, now.restarted, "the interface takes part again after bus-off", true);
   add(before.passive, now.passive, "error passive");
   add(before.lost_in_controller, now.lost_in_controller,
-      "the controller's buffer ran over: frames are lost");
+      "the controller's buffer overflowed: frames are lost");
   add(before.not_acknowledged, now.not_acknowledged,
-      "nobody acknowledges: the cable is open, or no other node is on");
-  add(before.protocol, now.protocol, "damaged bits: look at cable, termination and bit rate");
+      "no node acknowledges: the cable is open, or no other node is switched on");
+  add(before.protocol, now.protocol, "damaged bits: check cable, termination and bit rate");
   const std::uint64_t named_before = before.bus_off + before.restarted + before.passive +
                                      before.lost_in_controller + before.not_acknowledged +
                                      before.protocol;
@@ -71,7 +71,7 @@ std::vector<SourceNews> happened(const CanMap& map, const CanCounts& before, con
     ids += (ids.empty() ? "" : ", ") + can_id_text(id.id, id.extended) +
            (map.buses.size() > 1 ? " on " + map.buses[id.bus] : "");
   }
-  if (!ids.empty()) lines.push_back({"not in the mapping, and passed over: " + ids});
+  if (!ids.empty()) lines.push_back({"not in the mapping, and ignored: " + ids});
   return lines;
 }
 

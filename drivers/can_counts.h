@@ -1,4 +1,4 @@
-// What was counted on the buses of a machine, and in words. Any thread; errors: none.
+// The counters of the buses of a machine, and their changes as text. Any thread; errors: none.
 #pragma once
 
 #include <cstddef>
@@ -14,11 +14,11 @@ namespace servotwin {
 struct CanMessageCounts {
   std::uint64_t received = 0;
   std::uint64_t late = 0;          ///< came after the deadline of their cycle; not used
-  std::uint64_t missing = 0;       ///< cycles in which it never came
+  std::uint64_t missing = 0;       ///< cycles in which it was not received
   std::uint64_t repeated = 0;      ///< a second time in a cycle; not used
   std::uint64_t wrong_length = 0;  ///< not used
-  std::uint64_t silences = 0;      ///< how often it stayed away for longer
-  bool silent = false;             ///< it does now
+  std::uint64_t silences = 0;      ///< how often it was missing for many cycles in a row
+  bool silent = false;             ///< it is missing now
 };
 
 struct CanTrafficCounts {
@@ -35,15 +35,16 @@ struct CanId {
 };
 
 struct CanCounts {
-  static constexpr std::size_t kUnexpectedIds = 32;  ///< the first so many are named
+  static constexpr std::size_t kUnexpectedIds = 32;  ///< number of ids that are listed
   std::uint64_t cycles = 0;
   std::uint64_t incomplete = 0;            ///< cycles without all of their messages
   std::vector<CanMessageCounts> messages;  ///< as CanMap::messages
   std::vector<CanTrafficCounts> buses;     ///< as CanMap::buses
-  std::vector<CanId> unexpected;           ///< ids, in the order they came
+  std::vector<CanId> unexpected;           ///< ids, in the order received
 };
 
-/// What happened from `before` to `now`, one line per matter; none if all is well. Both of `map`.
+/// The events between the counts `before` and `now` of the same `map`, one line each; none if there
+/// was no problem.
 [[nodiscard]] std::vector<SourceNews> happened(const CanMap& map, const CanCounts& before,
                                                const CanCounts& now);
 

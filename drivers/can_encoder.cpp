@@ -22,7 +22,7 @@ CanEncoder::CanEncoder(const CanMap& map) : map_(map) {
 bool CanEncoder::set(std::size_t axis, CanChannel channel, double value) noexcept {
   const MappedSignal* signal = map_.find(axis, channel);
   if (signal == nullptr) return false;
-  // A position that goes round before its bits are full.
+  // A position that wraps around before the range of its bits ends.
   const double full = std::ldexp(std::abs(signal->signal.scale), signal->signal.length);
   if (signal->turn > 0.0 && signal->turn < 0.999999 * full)
     value -= signal->turn * std::floor(value / signal->turn);

@@ -1,7 +1,6 @@
-// The way back: values of axes into the frames of a mapping.
-//
-// Bits that no signal of the mapping has are 0. Allocates nothing and throws nothing after its
-// construction; one thread. Source: drivers/can_map.h.
+// Encodes values of axes into the frames of a mapping.
+// Bits that belong to no signal of the mapping are 0. Allocates nothing and throws nothing after
+// its construction; one thread. Source: drivers/can_map.h.
 #pragma once
 
 #include <cstdint>
@@ -14,17 +13,17 @@ namespace servotwin {
 
 class CanEncoder {
  public:
-  /// The map outlives it.
+  /// `map` must outlive the encoder.
   explicit CanEncoder(const CanMap& map);
 
-  /// Puts a value [m | rad, or of its unit] into its frame; false, and nothing changed, if the
-  /// mapping has no such signal or its bits cannot carry the value.
+  /// Writes a value [m | rad, or the unit of the channel] into its frame. Returns false and changes
+  /// nothing if the mapping has no such signal or the value does not fit into its bits.
   bool set(std::size_t axis, CanChannel channel, double value) noexcept;
-  /// The frame of CanMap::messages[message], as it was set so far.
+  /// The frame of CanMap::messages[message] with the values set so far.
   [[nodiscard]] const CanFrame& frame(std::size_t message) const noexcept {
     return frames_[message];
   }
-  /// The frame that begins a cycle, where it is none of the messages (a SYNC).
+  /// The frame that begins a cycle if it is not one of the messages (a SYNC).
   [[nodiscard]] CanFrame start() const noexcept;
 
   /// Whether a message carries this channel of any axis.

@@ -36,7 +36,7 @@ constexpr std::array<ChannelKind, kCanChannels> kKinds{{
 // CiA 402: torque in thousandths of the rated one.
 constexpr const char* kPerMille = "%*0.1";
 
-/// What an axis says about its units.
+/// The units of an axis, as given in the mapping.
 struct AxisUnits {
   bool rotary = false;
   double lead_m = 0.0;  // per turn of the screw; 0: not given
@@ -231,12 +231,12 @@ class MapReader {
     }
     if (units.gear_given && !units.gear_used && !failed) {
       axis.report(axis.has("lead_mm") ? "lead_mm" : "gear_ratio",
-                  "has no effect: no position of this axis comes as an angle [rev, rad, deg]");
+                  "has no effect: no position of this axis is given as an angle [rev, rad, deg]");
     }
     axis.refuse_unknown();
   }
 
-  /// False if there is something wrong with it.
+  /// Returns false if the signal has a problem.
   bool read_channel(Section& axis, const ChannelKind& kind, const SignalDefaults& defaults,
                     const AxisUnits& units) {
     Section section = axis.section(kind.key);
@@ -332,12 +332,12 @@ class MapReader {
     factor /= units.gear_ratio;
     if (units.rotary) return "";
     if (units.lead_m == 0.0)
-      return "an angle of a linear axis: give lead_mm, how far it goes in one turn of the screw";
+      return "an angle of a linear axis: give lead_mm, the travel per turn of the screw";
     factor *= units.lead_m / (2.0 * std::numbers::pi);
     return "";
   }
 
-  /// Where the message of a signal is in the map; what is wrong with it, or nothing.
+  /// Finds or adds the message of a signal in the map; returns the problem, or an empty text.
   std::string place(const MappedMessage& wanted, const ChannelKind& kind, std::size_t& index) {
     const auto same = [&](const MappedMessage& m) {
       return m.bus == wanted.bus && m.id == wanted.id && m.extended == wanted.extended &&
@@ -383,7 +383,7 @@ class MapReader {
     }
   }
 
-  /// Turns what is thrown into a problem at this key.
+  /// Turns an exception into a problem at this key.
   template <class Action>
   bool attempt(Section& section, const std::string& key, Action&& action) {
     try {

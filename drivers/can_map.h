@@ -1,9 +1,9 @@
-// What the messages on the buses of a machine mean: which bits are which channel of which axis.
+// The mapping of CAN messages to axes: which bits carry which channel of which axis.
 //
 // Read from a mapping in TOML (all keys: drivers/README.md), which may refer to .dbc, .eds and .dcf
 // files beside it. A decoded position is in m or rad of the axis, with gear, lead and sign:
 //   position = (raw scale + offset) [unit] . lead / (2 pi gear_ratio)     from the motor's angle
-// Any thread. Errors: problems with file, line and column as of the daemon's configuration.
+// Any thread. Errors: problems with file, line and column, as in the daemon's configuration.
 #pragma once
 
 #include <cstdint>
@@ -19,21 +19,21 @@
 
 namespace servotwin {
 
-/// What a signal is to its axis. From the drive: the first four and its status word.
+/// The meaning of a signal for its axis. The first four and the status word come from the drive.
 enum class CanChannel : std::uint8_t {
   kCommand,         ///< position demand, 0x6062
   kActual,          ///< position actual value, 0x6064
   kTorque,          ///< torque actual value, 0x6077
-  kFollowingError,  ///< 0x60F4: command - actual; gives the command where none is sent
+  kFollowingError,  ///< 0x60F4: command - actual; the command is computed from it if none is sent
   kStatusWord,      ///< 0x6041
   kTarget,          ///< target position, 0x607A, from the controller to the drive
-  kOffset,          ///< position offset, 0x60B0, from us to the drive
+  kOffset,          ///< position offset, 0x60B0, from this program to the drive
   kControlWord,     ///< 0x6040
 };
 inline constexpr std::size_t kCanChannels = 8;
 [[nodiscard]] std::string_view name_of(CanChannel channel) noexcept;
 
-/// A multiplexed message: it is this one only where these bits have this value.
+/// The selector of a multiplexed message, which is present only if these bits have this value.
 struct CanSelector {
   CanSignal signal;
   std::uint64_t value = 0;
@@ -44,15 +44,15 @@ struct MappedSignal {
   std::size_t message = 0;  ///< of CanMap::messages
   std::size_t axis = 0;     ///< of CanMap::axes
   CanChannel channel = CanChannel::kCommand;
-  double turn = 0.0;   ///< after which a position goes round [m | rad]; 0: it never does
-  std::string origin;  ///< "object 0x6064:00 of node 1", for messages
+  double turn = 0.0;   ///< period of a position that wraps around [m | rad]; 0: it does not
+  std::string origin;  ///< "object 0x6064:00 of node 1", for error messages
 };
 
 struct MappedMessage {
   std::size_t bus = 0;
   std::uint32_t id = 0;
   bool extended = false;
-  int length = 0;  ///< bytes it must have; with `at_least`, or more
+  int length = 0;  ///< required number of bytes; with `at_least`, the minimum
   bool at_least = false;
   std::optional<CanSelector> selector;
   std::string name;           ///< "0x181 (node 1, TPDO1)"
@@ -68,12 +68,12 @@ struct CycleStart {
 
 struct CanMap {
   MachineDescription machine;
-  double deadline_s = 0.0;  ///< after a cycle's start, until when its messages may come
+  double deadline_s = 0.0;  ///< after the start of a cycle, for its messages
   CycleStart start;
-  std::vector<std::string> buses;  ///< the interfaces' names, as in logs
+  std::vector<std::string> buses;  ///< names of the interfaces, as in logs
   std::vector<MappedMessage> messages;
   std::vector<MappedSignal> signals;
-  std::vector<std::string> notes;  ///< what was odd in the files that it refers to
+  std::vector<std::string> notes;  ///< oddities in the files that it refers to
 
   [[nodiscard]] const MappedSignal* find(std::size_t axis, CanChannel channel) const noexcept;
 };
@@ -83,7 +83,7 @@ struct CheckedCanMap {
   std::vector<ConfigProblem> problems;  ///< in the order of the file
 };
 
-/// Reads the text of a mapping; `name` stands in messages, and files are sought in `folder`.
+/// Reads the text of a mapping; `name` is used in messages; files are searched for in `folder`.
 [[nodiscard]] CheckedCanMap check_can_map(std::string_view text, const std::string& name,
                                           const std::filesystem::path& folder);
 /// Throws std::runtime_error with all problems, one per line, or why the file cannot be read.

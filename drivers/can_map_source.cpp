@@ -9,7 +9,7 @@
 namespace servotwin {
 namespace {
 
-/// For objects that the file maps and does not describe: CiA 402 says what they are.
+/// The types of objects that the file maps but does not describe, according to CiA 402.
 Coding usual_coding(int object) {
   return object == 0x6040 || object == 0x6041 ? Coding::kUnsigned : Coding::kSigned;
 }
@@ -174,7 +174,7 @@ std::optional<SourceSignal> SignalSources::find_object(std::size_t bus, int id, 
                                                        bool to_drive) const {
   const auto node = nodes_.find({bus, id});
   if (node == nodes_.end()) return std::nullopt;
-  // What a drive says of itself is preferred to what it is told.
+  // An object that the drive sends is preferred to one that it receives.
   for (const bool transmit : {true, false}) {
     if (transmit && to_drive) continue;
     for (const Pdo& pdo : node->second.device.pdos) {

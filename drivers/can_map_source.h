@@ -1,6 +1,6 @@
-// Where a mapping finds its signals: written by hand, in a .dbc, or in the PDOs of a CANopen node.
-// A part of drivers/can_map.h. One thread. Errors: std::runtime_error with what, where and what
-// there is instead.
+// The sources of the signals of a mapping: written by hand, from a .dbc, or from the PDOs of a
+// CANopen node. A part of drivers/can_map.h. One thread. Errors: std::runtime_error with what is
+// missing, where, and what is available instead.
 #pragma once
 
 #include <filesystem>
@@ -17,18 +17,18 @@
 
 namespace servotwin {
 
-/// What an axis says once for all of its signals.
+/// The keys of an axis that apply to all of its signals.
 struct SignalDefaults {
   std::size_t bus = 0;
   int node = 0;  ///< 0: none
   std::string position_unit, torque_unit;
-  double rollover = 0.0;  ///< steps; 0: as many as the bits have
+  double rollover = 0.0;  ///< steps of the raw value; 0: the full range of its bits
 };
 
 /// The keys of one signal.
 struct SignalKeys {
   enum class Kind { kHand, kDbc, kObject } kind = Kind::kHand;
-  bool failed = false;  ///< something is wrong with them, and reported
+  bool failed = false;  ///< the keys have an error, which has been reported
   std::size_t bus = 0;
   MappedMessage message;  // by hand
   CanSignal signal;       // by hand
@@ -46,22 +46,22 @@ struct SignalKeys {
 struct SourceSignal {
   CanSignal signal;
   MappedMessage message;
-  std::string unit;    ///< that the source names; empty: none
-  int object = 0;      ///< 0: it is none of a drive
+  std::string unit;    ///< unit given by the source; empty: none
+  int object = 0;      ///< 0: it is not an object of a drive
   std::string origin;  ///< for messages
 };
 
 class SignalSources {
  public:
-  /// Files are sought in `folder`; what is odd in them goes to `notes`.
+  /// Files are searched for in `folder`; oddities in them are added to `notes`.
   SignalSources(std::filesystem::path folder, std::vector<std::string>& notes)
       : folder_(std::move(folder)), notes_(notes) {}
 
   void add_dbc(std::size_t bus, const std::string& file);
   /// `id` 0: that of the DCF. Returns the id.
   int add_node(std::size_t bus, int id, const std::string& file);
-  /// The controller maps a PDO when it starts, other than the file says: these objects, one after
-  /// the other. `can_id`: nothing where the file's holds.
+  /// Replaces the mapping of a PDO in the file, if the controller maps these objects, in this
+  /// order, when it starts. `can_id`: nothing if the id in the file is valid.
   void map_pdo(std::size_t bus, int id, bool transmit, int number,
                const std::optional<std::uint32_t>& can_id,
                const std::vector<std::pair<int, int>>& objects);

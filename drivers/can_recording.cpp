@@ -12,7 +12,7 @@
 namespace servotwin {
 namespace {
 
-/// Rows as they come, one vector per channel.
+/// The rows in their order, one vector per channel.
 class Rows {
  public:
   Rows(const std::filesystem::path& file, const CanMap& map) {
@@ -39,7 +39,7 @@ class Rows {
   std::vector<bool> has_torque_;
 };
 
-/// Which bus of the mapping an interface of the log is.
+/// The bus of the mapping that an interface of the log belongs to.
 class Interfaces {
  public:
   explicit Interfaces(const CanMap& map) : map_(map) {}
@@ -48,7 +48,7 @@ class Interfaces {
     const auto named = std::find(map_.buses.begin(), map_.buses.end(), interface);
     if (named != map_.buses.end()) return static_cast<std::size_t>(named - map_.buses.begin());
     others_.insert(interface);
-    // One bus here and one there: it does not matter what they are called.
+    // One bus in the log and one in the mapping: their names need not be the same.
     if (map_.buses.size() == 1 && others_.size() == 1) return 0;
     return std::nullopt;
   }
@@ -67,9 +67,9 @@ class Interfaces {
 
 Recording read_candump(const std::filesystem::path& file, const ReadOptions& options) {
   if (options.can_map.empty()) {
-    throw std::invalid_argument(file.string() +
-                                ": is a CAN log; say with --can-map F.toml which bits are which "
-                                "signal");
+    throw std::invalid_argument(
+        file.string() +
+        ": is a CAN log; --can-map F.toml is required: it maps the bits of frames to signals");
   }
   CanMap map = load_can_map(options.can_map);
   Rows rows(file, map);
@@ -100,7 +100,7 @@ Recording read_candump(const std::filesystem::path& file, const ReadOptions& opt
     }
     keep();
   }
-  // The last cycle has no next one that would end it.
+  // The last cycle is not ended by a next one.
   if (const auto deadline = assembly.deadline_ns()) assembly.on_time(*deadline + 1);
   keep();
 
@@ -114,15 +114,15 @@ Recording read_candump(const std::filesystem::path& file, const ReadOptions& opt
   for (const SourceNews& matter : happened(used, none, counts)) note(matter.text);
   if (counts.incomplete > 0) {
     note(std::to_string(counts.incomplete) + " of " + std::to_string(counts.cycles) +
-         " cycles are without some of their messages");
+         " cycles lack some of their messages");
   }
   if (interfaces.ignored_some())
     note("interfaces that are not in the mapping: " + interfaces.others());
   if (!any) {
-    throw std::runtime_error(file.string() + ": no cycle begins in it: there is no frame with id " +
-                             can_id_text(used.start.id, used.start.extended) + " on " +
-                             used.buses[used.start.bus] + "; say with sync in " +
-                             options.can_map.string() + " which message begins a cycle");
+    throw std::runtime_error(
+        file.string() + ": no cycle begins in it: there is no frame with id " +
+        can_id_text(used.start.id, used.start.extended) + " on " + used.buses[used.start.bus] +
+        "; give the message that begins a cycle as sync in " + options.can_map.string());
   }
   if (recording.time.empty()) throw_no_rows(file.string(), last_s, options);
   return std::move(recording);

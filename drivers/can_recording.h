@@ -1,5 +1,5 @@
-// A CAN log as a recording, through a mapping: one row per cycle, as the daemon would have seen it
-// (drivers/can_assembly.h). Errors: as drivers/recording_file.h. Any thread.
+// Reads a CAN log as a recording by a mapping: one row per cycle, as the daemon would have received
+// it (drivers/can_assembly.h). Errors: as drivers/recording_file.h. Any thread.
 #pragma once
 
 #include <filesystem>

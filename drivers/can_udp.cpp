@@ -17,8 +17,8 @@ namespace servotwin {
 namespace {
 
 constexpr int kReceiveBuffer = 8 << 20;
-// An older packet than the last one came by a longer way; one that is much older is of a sender
-// that has started again.
+// A packet that is a little older than the last one was delayed on the network; one that is much
+// older comes from a sender that has restarted.
 constexpr int kReordered = 16;
 
 }  // namespace
@@ -66,7 +66,7 @@ CanUdp::CanUdp(const CanUdpPlace& place) : batch_(kPacketBytes) {
       bind(socket_, reinterpret_cast<const sockaddr*>(&own.storage), own.size) != 0) {
     const std::string why = std::generic_category().message(errno);
     if (socket_ >= 0) ::close(socket_);
-    throw std::runtime_error(in_quotes(place.listen) + ": cannot be listened on: " + why);
+    throw std::runtime_error(in_quotes(place.listen) + ": cannot listen on this address: " + why);
   }
   SocketBatch::prepare(socket_, kReceiveBuffer);
 }

@@ -1,8 +1,7 @@
 // A CAN bus over UDP in cannelloni's format, for hosts without a CAN interface.
-//
-// Stamps are the kernel's of the packet: frames that were sent together come with one stamp, so
-// that cycles are counted (Pacing::kByCount) and packets that are lost are told by their numbers.
-// Source: drivers/cannelloni.h. Threads: CanBus.
+// Time stamps are those of the kernel for the packet: frames in one packet share a stamp, so cycles
+// are counted (Pacing::kByCount), and lost packets are detected by their sequence numbers. Source:
+// drivers/cannelloni.h. Threads: CanBus.
 #pragma once
 
 #include <sys/socket.h>
@@ -19,13 +18,13 @@
 namespace servotwin {
 
 struct CanUdpPlace {
-  std::string listen = "127.0.0.1:20000";  ///< ADDRESS:PORT of ours; port 0: any
-  std::string peer;  ///< HOST:PORT; empty: frames come from anybody, and none is sent
+  std::string listen = "127.0.0.1:20000";  ///< local ADDRESS:PORT; port 0: any free port
+  std::string peer;  ///< HOST:PORT; empty: frames are accepted from any host, and none is sent
 };
 
 class CanUdp final : public CanBus {
  public:
-  /// Throws std::runtime_error if this is no address. `ours`: to listen on.
+  /// Throws std::runtime_error if `place` is not an address. `ours`: a local address to listen on.
   static void require_address(const std::string& place, bool ours) { (void)resolved(place, ours); }
   /// Throws std::runtime_error with the address and what is wrong with it.
   explicit CanUdp(const CanUdpPlace& place);

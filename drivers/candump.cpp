@@ -83,7 +83,7 @@ void read_id(Cursor& at, CanFrame& frame) {
   const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), id, 16);
   if (error != std::errc() || end != digits.data() + digits.size() ||
       (digits.size() != 3 && digits.size() != 8)) {
-    at.fail("before it must stand an id of 3 or 8 hexadecimal digits, not " + in_quotes(digits));
+    at.fail("an id of 3 or 8 hexadecimal digits must precede this, not " + in_quotes(digits));
   }
   if (digits.size() == 3) {
     if (id >= kStandardIds) at.fail("an id of 3 digits is at most 7FF, not " + in_quotes(digits));
@@ -149,11 +149,11 @@ CandumpLine parse_candump_line(std::string_view line) {
   at.skip_blanks();
   out.interface = std::string(at.until(" \t"));
   if (out.interface.empty() || out.interface.size() > 32) {
-    at.fail("before it must stand the name of the interface");
+    at.fail("the name of the interface must precede this");
   }
   for (const char c : out.interface) {
     if (static_cast<unsigned char>(c) < '!' || c == '\x7f')
-      at.fail("before it stands a name with a character that no interface has");
+      at.fail("the name of the interface before this has an invalid character");
   }
   at.skip_blanks();
   read_id(at, out.frame);
@@ -161,7 +161,7 @@ CandumpLine parse_candump_line(std::string_view line) {
   at.skip_blanks();
   if (!at.take('R')) at.take('T');
   at.skip_blanks();
-  if (!at.done()) at.fail("is more than a frame has");
+  if (!at.done()) at.fail("is beyond the end of the frame");
   return out;
 }
 
@@ -228,7 +228,7 @@ bool CandumpReader::next_text(std::string_view& text) {
     begin_ = 0;
     if (block_.size() > kBlock) {
       throw std::runtime_error(name_ + ":" + std::to_string(line_ + 1) +
-                               ": a line of more than 65536 characters is no line of a CAN log");
+                               ": a line of more than 65536 characters is not a line of a CAN log");
     }
     const std::size_t kept = block_.size();
     block_.resize(kept + kBlock);
@@ -254,7 +254,7 @@ bool CandumpReader::next(CandumpLine& line) {
     try {
       line = parse_candump_line(content);
     } catch (const std::runtime_error& error) {
-      // A recorder that was killed leaves half a line.
+      // A recorder that was killed leaves an incomplete line.
       if (!whole_) {
         notes_.push_back(name_ + ":" + std::to_string(line_) +
                          ": the last line is cut off and dropped");

@@ -2,7 +2,7 @@
 //
 //   version 2 | operation 0 | sequence | count (2)        then for each frame, big endian
 //   id with the flags of <linux/can.h> (4) | length, bit 7: FD (1) | flags (1, FD only) | data
-// A frame that asks for data has none. Source: cannelloni, doc/udp_format.md. Any thread; allocates
+// A remote request has no data. Source: cannelloni, doc/udp_format.md. Any thread; allocates
 // nothing, throws nothing.
 #pragma once
 
@@ -14,17 +14,17 @@
 
 namespace servotwin {
 
-/// The frames of one packet, one after the other. The bytes outlive it.
+/// Reads the frames of one packet one after the other. The bytes must outlive the object.
 class CannelloniPacket {
  public:
-  /// Nothing if the head is that of no such packet.
+  /// Nothing if the header is not that of a cannelloni packet.
   [[nodiscard]] static std::optional<CannelloniPacket> parse(
       std::span<const std::uint8_t> bytes) noexcept;
 
   [[nodiscard]] std::uint8_t sequence() const noexcept { return sequence_; }
-  /// False when there is no more, or the rest is damaged.
+  /// Returns false if there is no further frame or the rest is damaged.
   bool next(CanFrame& frame) noexcept;
-  /// The packet has not what its head and its frames say.
+  /// Whether the packet is shorter or longer than its header and frames require.
   [[nodiscard]] bool damaged() const noexcept { return damaged_; }
 
  private:

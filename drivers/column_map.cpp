@@ -70,9 +70,9 @@ std::optional<AxisChannel> split_channel(std::string_view name) {
   return AxisChannel{std::string(name.substr(0, point)), std::string(name.substr(point + 1))};
 }
 
-// One wanted column: which it is in the file, and what it is for us.
+// One column to read: its place in the file, and its channel.
 struct Wanted {
-  std::string name;  // ours: "X.command" or "time"
+  std::string name;  // name of the channel: "X.command" or "time"
   Unit unit;
   std::size_t index = 0;
 };
@@ -123,10 +123,10 @@ void require_quantity(const std::string& where, const Wanted& wanted) {
               "; it needs " + kind_of(expected) + (allowed == kPosition ? " or an angle" : ""));
 }
 
-// What `columns` asks for, in its order.
+// The columns that `columns` names, in its order.
 struct Mapping {
   Wanted wanted;
-  std::string column;  // the file's name of it
+  std::string column;  // its name in the file
 };
 
 std::vector<Mapping> parse_mapping(const std::string& text) {
@@ -175,8 +175,7 @@ std::optional<std::size_t> find_column(const std::string& source, const std::str
     if (found == names.end()) return std::nullopt;
     const auto again = std::find_if(found + 1, names.end(), is_it);
     if (again != names.end()) {
-      throw std::runtime_error(source + ": column " + in_quotes(name) +
-                               " is there twice (columns " +
+      throw std::runtime_error(source + ": column " + in_quotes(name) + " occurs twice (columns " +
                                std::to_string(found - names.begin() + 1) + " and " +
                                std::to_string(again - names.begin() + 1) + ")");
     }
@@ -215,7 +214,7 @@ std::vector<Wanted> wanted_by_header(const std::string& source, std::span<const 
     for (const Wanted& before : wanted) {
       if (before.name == column.name) {
         throw std::runtime_error(where + "column " + in_quotes(column.name) +
-                                 " is there twice (columns " + std::to_string(before.index + 1) +
+                                 " occurs twice (columns " + std::to_string(before.index + 1) +
                                  " and " + std::to_string(i + 1) + ")");
       }
     }
@@ -226,8 +225,8 @@ std::vector<Wanted> wanted_by_header(const std::string& source, std::span<const 
   return wanted;
 }
 
-// One line with what is not read; a channel that may be misspelt is shown with the one it is near
-// to.
+// One note with the columns that are not read; for a channel that may be misspelt, with the most
+// similar name.
 void note_ignored(std::span<const std::string> names, const std::vector<bool>& used,
                   std::vector<std::string>& notes) {
   const auto known = channel_names();
@@ -244,7 +243,8 @@ void note_ignored(std::span<const std::string> names, const std::vector<bool>& u
   if (!ignored.empty()) notes.push_back("ignored columns: " + ignored);
 }
 
-// The time column of a foreign file that nobody named: t, time, t_s, time_ms, time[s] and the like.
+// The time column of a foreign file that is not named in `columns`: t, time, t_s, time_ms, time[s]
+// and the like.
 std::optional<Wanted> find_time(const std::string& source, std::span<const std::string> names,
                                 std::vector<std::string>& notes) {
   std::optional<Wanted> found;
@@ -268,7 +268,7 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
     }
     found = Wanted{"time", *unit, i};
     notes.push_back("time is column " + in_quotes(names[i]) +
-                    (column.unit ? "" : ", taken as seconds (it has no unit)"));
+                    (column.unit ? "" : ", read as seconds (it has no unit)"));
   }
   return found;
 }
@@ -277,7 +277,7 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
   throw std::runtime_error(
       source +
       ": no column is named AXIS.channel[unit], such as X.command[mm]; if this is another " +
-      "program's recording, say which column is which: --columns " +
+      "program's recording, assign its columns to channels: --columns " +
       "\"X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]\". The file has: " + listed(names));
 }
 
@@ -371,7 +371,7 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
   if (!layout.time && !options.rate_hz) {
     throw std::runtime_error(
         source + ": no time column: give one as time[s], name it with " +
-        "time=NAME[s] in --columns, or say --rate HZ. The file has: " + listed(names));
+        "time=NAME[s] in --columns, or give --rate HZ. The file has: " + listed(names));
   }
   if (layout.time && options.rate_hz) {
     throw std::runtime_error(source +

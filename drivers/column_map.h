@@ -1,6 +1,5 @@
-// From the names of a file's columns to channels of axes: what the header says of itself, or what
-// ReadOptions::columns says of a foreign file.
-// Any thread. Errors: as drivers/recording_file.h.
+// Assigns the columns of a file to channels of axes, by the names in its header, or by
+// ReadOptions::columns for a foreign file. Any thread. Errors: as drivers/recording_file.h.
 #pragma once
 
 #include <cstddef>
@@ -21,16 +20,16 @@ enum class Channel { kCommand, kActual, kTorque };
 
 [[nodiscard]] std::vector<double>& values_of(AxisRecord& axis, Channel channel);
 
-/// What to take from which column. `axes` have names and units and no values yet.
+/// Which column is read as which channel. `axes` have names and units, but no values yet.
 struct Layout {
   struct Column {
     std::size_t index = 0;  ///< in the file, from 0
-    std::string name;       ///< ours, "X.command"
+    std::string name;       ///< name of the channel, "X.command"
     std::size_t axis = 0;
     Channel channel = Channel::kCommand;
     Unit unit;
   };
-  std::optional<std::size_t> time;  ///< absent: the rows come at ReadOptions::rate_hz
+  std::optional<std::size_t> time;  ///< absent: the sampling rate is ReadOptions::rate_hz
   Unit time_unit;
   std::vector<Column> columns;
   std::vector<AxisRecord> axes;
@@ -41,13 +40,14 @@ struct Layout {
 [[nodiscard]] Layout lay_out(const std::string& source, std::span<const std::string> names,
                              const ReadOptions& options);
 
-/// Throws std::invalid_argument if an option cannot be meant: a rate or a range that is none.
+/// Throws std::invalid_argument if the rate or the range of time in `options` is invalid.
 void check(const ReadOptions& options);
 
 /// True if only a part of the file is wanted.
 [[nodiscard]] bool selects_part(const ReadOptions& options) noexcept;
 
-/// Throws that no row is left, and why: an empty file, or a range beside the recording.
+/// Throws std::runtime_error that there are no rows: the file is empty, or the range is outside of
+/// the recording.
 [[noreturn]] void throw_no_rows(const std::string& source, double recorded_s,
                                 const ReadOptions& options);
 

@@ -1,4 +1,4 @@
-// What is wrong in a configuration, with its place. Any thread; errors: none.
+// A problem in a configuration file, with its place. Any thread; errors: none.
 #pragma once
 
 #include <span>

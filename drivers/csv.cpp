@@ -63,7 +63,7 @@ class Lines {
     begin_ = 0;
     if (end_ == block_.size()) {
       ++number_;
-      fail("is longer than a megabyte: this is no CSV recording");
+      fail("is longer than a megabyte: this is not a CSV recording");
     }
     const std::size_t count = file_.read(block_.data() + end_, block_.size() - end_);
     end_ += count;
@@ -73,14 +73,14 @@ class Lines {
   std::string source_;
   FileHandle file_;
   std::string block_;
-  std::size_t begin_ = 0;  // of what is not handed out yet
+  std::size_t begin_ = 0;  // of the lines not yet returned
   std::size_t end_ = 0;
   std::size_t number_ = 0;
   bool ended_ = false;
   bool complete_ = true;
 };
 
-// What stands between the fields of this line: the separator that it has most of.
+// The separator of the fields of this line: the one that occurs most often.
 char separator_of(std::string_view header) {
   char best = ',';
   for (const char candidate : {';', '\t'}) {
@@ -125,8 +125,8 @@ Header read_header(Lines& lines, const std::string& source) {
   header.names = split_fields(line, header.separator);
   if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
   if (header.names.size() < 2) {
-    lines.fail("this is text but no CSV: " + in_quotes(line) +
-               " is no header such as time[s],X.command[mm],X.actual[mm]" +
+    lines.fail("this is text, but not CSV: " + in_quotes(line) +
+               " is not a header such as time[s],X.command[mm],X.actual[mm]" +
                (is_gcode(line)
                     ? "; G-code has no times: let the control run it, dry or simulated, and "
                       "record what it commands"
@@ -198,7 +198,8 @@ Cell parse_cell(std::string_view cell, double& value) {
   if (end != cell.data() + cell.size() || error == std::errc::invalid_argument) {
     return Cell::kNoNumber;
   }
-  // Out of range is too large or too small for a double; only the C function tells which.
+  // A number out of range is too large or too small for a double; only the C function distinguishes
+  // them.
   if (error == std::errc::result_out_of_range)
     value = std::strtod(std::string(cell).c_str(), nullptr);
   if (std::isfinite(value)) return Cell::kNumber;
@@ -206,15 +207,16 @@ Cell parse_cell(std::string_view cell, double& value) {
   return Cell::kMissing;
 }
 
-// What stands after the point, an exponent included: less of it is left of a number that was cut
-// off.
+// The characters after the point, an exponent included: a number that was cut off has fewer of
+// them.
 std::size_t decimals(std::string_view cell) {
   cell = trimmed(cell);
   const std::size_t point = cell.find('.');
   return point == std::string_view::npos ? 0 : cell.size() - point - 1;
 }
 
-// Rows of the file, from line ends counted in blocks all over it: what to reserve, and to refuse.
+// Estimates the number of rows from line ends in blocks spread over the file, to reserve memory or
+// to refuse the file.
 std::uint64_t estimate_rows(const std::filesystem::path& file) {
   constexpr std::uint64_t kSamples = 16, kSample = 1 << 16;
   const FileHandle handle = FileHandle::open(file, O_RDONLY);
@@ -232,7 +234,7 @@ std::uint64_t estimate_rows(const std::filesystem::path& file) {
   return static_cast<std::uint64_t>(1.02 * per_byte * static_cast<double>(size)) + 64;
 }
 
-/// Where the values of the rows go, and what was missing among them.
+/// Stores the values of the rows and counts those that are missing.
 class Columns {
  public:
   Columns(const std::filesystem::path& file, Layout& layout, Recording& recording)
@@ -304,7 +306,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
 
   double first_time = kAbsent, time = kAbsent;
   std::size_t rows = 0, outside = 0;
-  // The cell that a line without its end may have lost a part of, where it is wanted.
+  // The last cell of a line without a line end may be cut off; its place, if it is read.
   const auto at_the_end = static_cast<std::size_t>(
       std::find(wanted.begin(), wanted.end(), header.names.size() - 1) - wanted.begin());
   std::size_t decimals_before = 0;
@@ -335,7 +337,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
     }
     if (!lines.complete()) {
       recording.notes.push_back("line " + std::to_string(lines.number()) +
-                                ", the last one, has no line end; taken as whole");
+                                ", the last one, has no line end; kept as complete");
     }
     const std::size_t skipped = layout.time ? 0 : 1;  // values without a cell
     for (std::size_t i = 0; i < cells.size(); ++i) {
@@ -344,7 +346,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
       if (cell == Cell::kNoNumber) {
         const bool comma = cells[i].find(',') != std::string_view::npos;
         lines.fail("column " + in_quotes(header.names[wanted[i]]) + ": " + in_quotes(cells[i]) +
-                   " is no number" + (comma ? "; decimals need a point, not a comma" : ""));
+                   " is not a number" + (comma ? "; decimals need a point, not a comma" : ""));
       }
       const bool is_time = i + skipped == 0;
       value = (is_time ? layout.time_unit : layout.columns[i + skipped - 1].unit).to_si(value);
@@ -356,7 +358,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
       time = row[0];
       if (std::isnan(first_time)) first_time = time;
     }
-    // A row without a stamp belongs to where the row before it was.
+    // A row without a time is treated as having the time of the row before it.
     const double since_start = time - first_time;
     if (selects_part(options) && !(since_start >= options.from_s && since_start <= options.to_s)) {
       ++outside;

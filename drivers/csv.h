@@ -3,10 +3,10 @@
 //
 // UTF-8; lines that begin with # are comments; then one header line, then one row per line. Foreign
 // files may be separated by ; or tabs, have CRLF line ends, a byte order mark, quoted names and a
-// separator at the end of every line. Numbers have a decimal point. A last line without its end is
-// noted, and dropped where fields are missing or its last number is shorter than the one above it.
-// Memory: eight bytes per row and wanted column; the text itself is never held.
-// Errors: as drivers/recording_file.h. Any thread.
+// separator at the end of every line. Numbers have a decimal point. A last line without a line end
+// is reported in the notes; it is dropped if fields are missing or its last number is shorter than
+// the one above it. Memory: eight bytes per row and column that is read; the text itself is never
+// held. Errors: as drivers/recording_file.h. Any thread.
 #pragma once
 
 #include <filesystem>
@@ -18,10 +18,10 @@ namespace servotwin {
 
 [[nodiscard]] Recording read_csv(const std::filesystem::path& file, const ReadOptions& options);
 
-/// Writes in SI units with all digits. The file appears whole or not at all: it is written beside
-/// its place, flushed to the disk and renamed. Channels that are NaN in every row are left out.
-/// Throws std::runtime_error if the disk refuses, std::invalid_argument if the recording is not
-/// consistent.
+/// Writes in SI units with all digits. The file is written completely or not at all: under a
+/// temporary name, flushed to the disk, then renamed. Channels that are NaN in every row are left
+/// out. Throws std::runtime_error if the disk refuses, std::invalid_argument if the recording is
+/// not consistent.
 void write_recording_csv(const std::filesystem::path& file, const Recording& recording);
 
 }  // namespace servotwin

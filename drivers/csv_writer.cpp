@@ -23,7 +23,7 @@ bool all_absent(const std::vector<double>& values) {
 
 std::vector<Written> columns_of(const Recording& recording) {
   std::vector<Written> columns{{"time[s]", &recording.time}};
-  // Where nothing came at all the columns say of what.
+  // A recording without values still has its columns.
   const bool nothing =
       std::all_of(recording.axes.begin(), recording.axes.end(), [](const AxisRecord& axis) {
         return all_absent(axis.command) && all_absent(axis.actual) && all_absent(axis.torque);
@@ -40,7 +40,7 @@ std::vector<Written> columns_of(const Recording& recording) {
   for (const AxisRecord& axis : recording.axes) {
     if (axis.name.empty() || axis.name.find_first_of(",;\t\r\n\"[]#") != std::string::npos) {
       throw std::invalid_argument("the axis name " + in_quotes(axis.name) +
-                                  " cannot stand in a header of a recording");
+                                  " cannot be used in the header of a recording");
     }
     const std::string position = axis.rotary ? "rad" : "m";
     add(axis.name + ".command", position, axis.command);

@@ -14,7 +14,7 @@ namespace servotwin {
 namespace {
 
 constexpr std::string_view kBlank = " \t\r\n";
-constexpr std::uint32_t kNoMessage = 0xC0000000;  // Vector's place for signals of no message
+constexpr std::uint32_t kNoMessage = 0xC0000000;  // for signals without a message (Vector)
 
 /// The text, word by word.
 class Words {
@@ -85,7 +85,7 @@ class Words {
     T value{};
     const auto [end, error] = std::from_chars(bare.data(), bare.data() + bare.size(), value);
     if (error != std::errc() || end != bare.data() + bare.size() || bare.empty())
-      fail(in_quotes(digits) + " is no " + what);
+      fail(in_quotes(digits) + " is not a valid " + what);
     return value;
   }
   [[noreturn]] void fail(const std::string& what) const { fail(line_, what); }
@@ -138,7 +138,7 @@ void read_signal(Words& words, DbcMessage& message) {
   signal.order = words.peek() == '1' ? ByteOrder::kLittle : ByteOrder::kBig;
   words.advance();
   if (words.peek() != '+' && words.peek() != '-')
-    words.fail("after the byte order must stand + (unsigned) or - (signed)");
+    words.fail("+ (unsigned) or - (signed) must follow the byte order");
   signal.coding = words.peek() == '+' ? Coding::kUnsigned : Coding::kSigned;
   words.advance();
   words.expect('(', "before factor and offset");
@@ -147,7 +147,7 @@ void read_signal(Words& words, DbcMessage& message) {
   signal.offset = words.number<double>(")", "offset");
   words.expect(')', "after factor and offset");
   words.expect('[', "before the range");
-  (void)words.word("]\"");  // many files have no range that is one
+  (void)words.word("]\"");  // the range is invalid in many files
   words.expect(']', "after the range");
   out.unit = words.quoted();
   words.skip_line();
@@ -173,7 +173,7 @@ DbcMessage read_message(Words& words) {
   const bool real = message.id < (message.extended ? kExtendedIds : kStandardIds);
   if (id != kNoMessage && !real) {
     words.fail(line, in_quotes(message.name) + ": " + std::to_string(id) +
-                         " is no id: 0 to 2047, or 2147483648 + an id of 29 bits");
+                         " is not an id: 0 to 2047, or 2147483648 + an id of 29 bits");
   }
   if (message.length < 0 || message.length > static_cast<int>(CanFrame::kMaxBytes)) {
     if (id != kNoMessage)
@@ -183,7 +183,7 @@ DbcMessage read_message(Words& words) {
   return message;
 }
 
-/// The signal that a statement after all messages names; none if there is no such.
+/// The signal that a statement after all messages refers to; none if it does not exist.
 DbcSignal* named(Dbc& dbc, std::uint32_t id, std::string_view name) {
   for (DbcMessage& message : dbc.messages) {
     if ((message.id | (message.extended ? 1U << 31 : 0U)) != id) continue;

@@ -1,11 +1,10 @@
-// Which bits of which frame are what, from a .dbc file.
+// Messages and signals of a CAN bus from a .dbc file.
 //
 //   BO_ 385 Drive1_Status: 8 Drive1
 //    SG_ PositionActual : 0|32@1- (0.001,0) [0|0] "mm" Controller
 //   SIG_VALTYPE_ 385 PositionActual : 1;
-//
-// Read are BO_, SG_, SIG_VALTYPE_ and SG_MUL_VAL_; all else is passed over, comments over several
-// lines with it. @1 is little endian, @0 big endian (drivers/can_signal.h numbers bits as DBC
+// BO_, SG_, SIG_VALTYPE_ and SG_MUL_VAL_ are read; everything else is skipped, including comments
+// of several lines. @1 is little endian, @0 big endian (drivers/can_signal.h numbers bits as DBC
 // does),
 // + unsigned, - signed. Any thread. Errors: std::runtime_error with file, line, value and rule.
 #pragma once
@@ -22,9 +21,9 @@ namespace servotwin {
 
 enum class Multiplexing : std::uint8_t {
   kNone,
-  kSelector,  ///< tells which of the others are in the frame
-  kSelected,  ///< is in the frame where the selector has `selected_by`
-  kExtended,  ///< of several layers or ranges: not read
+  kSelector,  ///< its value selects which other signals are in the frame
+  kSelected,  ///< in the frame if the selector has the value `selected_by`
+  kExtended,  ///< in several layers or ranges; not supported
 };
 
 struct DbcSignal {
@@ -48,7 +47,7 @@ struct Dbc {
   std::vector<DbcMessage> messages;
 };
 
-/// `name` stands in messages.
+/// `name` is used in error messages.
 [[nodiscard]] Dbc parse_dbc(std::string_view text, const std::string& name);
 [[nodiscard]] Dbc read_dbc(const std::filesystem::path& file);
 

@@ -24,9 +24,10 @@ constexpr const char* kLoopback = R"(<General>
   <Peers><Peer address="localhost"/></Peers>
 </Discovery>)";
 
-/// The threads between the socket and who waits for a message: what reads, what hands on what that
-/// does not, and what asks for a message again and says that all have come. Cyclone DDS 0.10 would
-/// read each kind of socket in a thread of its own, and takes no priority for those: one reads all.
+/// The threads between the socket and the waiting reader: the receiver, the one that delivers what
+/// the receiver does not, and the one that acknowledges messages and requests lost ones. Cyclone
+/// DDS 0.10 would use one thread for each kind of socket, whose priority cannot be set: here one
+/// receives from all.
 std::string real_time_threads(int priority) {
   std::string out =
       "<Internal><MultipleReceiveThreads>false</MultipleReceiveThreads></Internal><Threads>";
@@ -38,8 +39,8 @@ std::string real_time_threads(int priority) {
   return out + "</Threads>";
 }
 
-/// The domain with our settings, shared by all nodes of this process; null where the environment
-/// rules.
+/// The domain with the settings of this program, shared by all nodes of this process; null if the
+/// environment configures it.
 std::shared_ptr<DdsEntity> domain_of(std::uint32_t id, int receive_priority) {
   if (dds_configured_outside()) return nullptr;
   static std::mutex mutex;
@@ -76,7 +77,7 @@ Qos partition_of(const DdsPlace& place) {
 }
 
 dds_entity_t topic_of(const DdsNode& node, const Topic& topic) {
-  // Belongs to the participant and goes with it; making it twice gives the same topic.
+  // Belongs to the participant and is deleted with it; creating it twice gives the same topic.
   const dds_entity_t entity =
       dds_create_topic(node.participant(), topic.type, topic.name, nullptr, nullptr);
   if (entity < 0) {
@@ -88,7 +89,7 @@ dds_entity_t topic_of(const DdsNode& node, const Topic& topic) {
 
 dds_duration_t nanoseconds(double seconds) { return static_cast<dds_duration_t>(seconds * 1e9); }
 
-/// How long to wait yet. Not by dds_time(): the wall clock may be set meanwhile.
+/// The remaining time to wait. Not by dds_time(), because the wall clock may be set meanwhile.
 class Patience {
  public:
   explicit Patience(double timeout_s)
@@ -107,8 +108,8 @@ Qos with_deadline(Qos qos, double deadline_s) {
   return qos;
 }
 
-/// A reader that is kept from the processor loses what its history has no place for. It may fall
-/// behind further than a writer, whose history is the topic's.
+/// A reader that gets no processor time loses messages that exceed its history. Its history is
+/// longer than that of a writer, which is the topic's.
 Qos reader_qos(const Topic& topic, double deadline_s) {
   constexpr std::int32_t kFactor = 16;
   Qos qos = with_deadline(topic.qos(), deadline_s);
@@ -174,7 +175,7 @@ auto DdsReader<M>::take(M& message) -> Taken {
   void* samples[1] = {sample_.get()};
   dds_sample_info_t info;
   if (dds_take(reader_.get(), samples, &info, 1, 1) <= 0) return Taken::kNothing;
-  if (!info.valid_data) return Taken::kOther;  // a writer came or went
+  if (!info.valid_data) return Taken::kOther;  // a writer appeared or disappeared
   const auto& sample = *static_cast<const typename Wire<M>::Sample*>(sample_.get());
   if (machine_ != sample.machine) {
     ++counts_.foreign;
@@ -225,8 +226,8 @@ bool DdsReader<M>::matched(dds_instance_handle_t writer) const {
 
 template <class M>
 bool DdsReader<M>::deadline_missed() const {
-  // It is told again with every deadline that passes, so that another machine's silence hides ours
-  // for a moment only.
+  // It is reported again with every missed deadline, so another machine's silence hides that of
+  // this machine only briefly.
   dds_requested_deadline_missed_status_t status;
   return dds_get_requested_deadline_missed_status(reader_.get(), &status) == DDS_RETCODE_OK &&
          status.total_count_change > 0 && status.last_instance_handle == instance_;

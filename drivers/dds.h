@@ -1,10 +1,11 @@
 // Frames, predictions, models and status over DDS (Cyclone DDS; topics and QoS: msgs/topics.h).
 //
 // Without CYCLONEDDS_URI in the environment everything stays on the loopback interface of this
-// host. Every message carries the machine's name; a reader takes those of its machine and leaves
-// the rest. Errors: constructors throw std::runtime_error with what failed and why, write()
-// std::invalid_argument for a name that does not fit. What comes in wrong is counted as malformed,
-// never thrown. A reader or a writer belongs to one thread at a time, and its node outlives it.
+// host. Every message carries the name of the machine; a reader returns those of its machine only.
+// Errors: constructors throw std::runtime_error with what failed and why, write()
+// std::invalid_argument for a name that does not fit. An invalid message is counted as malformed
+// and never thrown. A reader or a writer belongs to one thread at a time, and its node must outlive
+// it.
 #pragma once
 
 #include <dds/dds.h>
@@ -34,18 +35,20 @@ class DdsEntity {
   dds_entity_t entity_ = 0;
 };
 
-/// Where one machine is spoken of.
+/// The place of one machine in DDS.
 struct DdsPlace {
   std::string machine = "machine";  ///< 1..63 characters
   std::uint32_t domain = 0;         ///< 0..230
   std::string partition;            ///< of a cell; empty: the default one
-  std::int32_t strength = 0;        ///< of what a daemon says, where there are several of a machine
-  /// SCHED_FIFO priority of what Cyclone DDS receives with; 0: normal. It must be permitted. Of the
-  /// nodes of a domain the first one decides, and where CYCLONEDDS_URI is set, that.
+  /// Ownership strength of the messages of a daemon, if a machine has several daemons.
+  std::int32_t strength = 0;
+  /// SCHED_FIFO priority of the receive threads of Cyclone DDS; 0: normal scheduling. The process
+  /// needs permission for it. The first node of a domain decides; if CYCLONEDDS_URI is set, that
+  /// does.
   int receive_priority = 0;
 };
 
-/// Whether CYCLONEDDS_URI says how Cyclone DDS works, in place of this program.
+/// Whether CYCLONEDDS_URI configures Cyclone DDS, instead of this program.
 [[nodiscard]] bool dds_configured_outside();
 
 /// A participant in a domain, with one publisher and one subscriber.
@@ -63,7 +66,7 @@ class DdsNode {
   DdsEntity participant_, publisher_, subscriber_;
 };
 
-/// One message as it lies on the wire, with room that is kept from message to message.
+/// One message in its wire format; its memory is reused from message to message.
 class DdsSample {
  public:
   explicit DdsSample(const dds_topic_descriptor_t& type);
@@ -79,7 +82,7 @@ class DdsSample {
 
 struct ReaderCounts {
   std::uint64_t received = 0;
-  std::uint64_t malformed = 0;  ///< of this machine, and refused
+  std::uint64_t malformed = 0;  ///< of this machine, but refused
   std::uint64_t foreign = 0;    ///< of another machine
 };
 
@@ -88,20 +91,21 @@ struct ReaderCounts {
 template <class M>
 class DdsReader {
  public:
-  /// `deadline_s`: the longest silence between two messages that is no news; 0: none. Not shorter
-  /// than what the writer offers, or they do not find each other.
+  /// `deadline_s`: requested deadline QoS, the longest time between two messages; 0: none. It must
+  /// not be shorter than the deadline that the writer offers, otherwise they are not matched.
   explicit DdsReader(const DdsNode& node, double deadline_s = 0.0);
 
-  /// Waits for at most `timeout_s` for the next message of this machine; false if none came.
+  /// Waits for at most `timeout_s` for the next message of this machine; false if none was
+  /// received.
   bool receive(M& message, double timeout_s);
   /// When the last message was written, by its writer's clock [ns since 1970].
   [[nodiscard]] std::int64_t written_ns() const noexcept { return written_ns_; }
   [[nodiscard]] const ReaderCounts& counts() const noexcept { return counts_; }
-  /// Who wrote the last message.
+  /// The writer of the last message.
   [[nodiscard]] dds_instance_handle_t writer() const noexcept { return writer_; }
-  /// True while a writer of this topic is there. Any thread.
+  /// True while there is a writer of this topic, of any machine. Any thread.
   [[nodiscard]] bool matched() const;
-  /// True while this writer is there.
+  /// True while this writer exists.
   [[nodiscard]] bool matched(dds_instance_handle_t writer) const;
   /// True if this machine has been silent for longer than the deadline since the last call.
   [[nodiscard]] bool deadline_missed() const;
@@ -118,24 +122,24 @@ class DdsReader {
   ReaderCounts counts_;
 };
 
-/// The machines whose daemons say how they are, in this domain and partition, in alphabetical
-/// order. Listens for `listen_s`.
+/// The machines whose daemons publish a status in this domain and partition, in alphabetical order.
+/// Listens for `listen_s`.
 [[nodiscard]] std::vector<std::string> machines_with_daemons(const DdsNode& node, double listen_s);
 
 template <class M>
 class DdsWriter {
  public:
-  /// `deadline_s`: the time from message to message that is offered to readers; 0: none.
+  /// `deadline_s`: offered deadline QoS, the longest time between two messages; 0: none.
   explicit DdsWriter(const DdsNode& node, double deadline_s = 0.0);
 
-  /// False, and counted, if it could not be sent.
+  /// Returns false and counts a failure if the message could not be sent.
   bool write(const M& message);
   [[nodiscard]] std::uint64_t failed() const noexcept { return failed_; }
-  /// As DdsReader::writer() of a reader in the same process calls it.
+  /// The handle that DdsReader::writer() returns for this writer in the same process.
   [[nodiscard]] dds_instance_handle_t handle() const noexcept;
-  /// Waits until `count` readers are there; false if they did not come in time.
+  /// Waits until there are `count` readers; false if there are fewer after `timeout_s`.
   [[nodiscard]] bool wait_for_readers(int count, double timeout_s) const;
-  /// Waits until the readers have everything; false if they did not get it in time.
+  /// Waits until all readers have acknowledged all messages; false if not after `timeout_s`.
   [[nodiscard]] bool wait_for_delivery(double timeout_s) const;
 
  private:

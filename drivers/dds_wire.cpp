@@ -15,7 +15,7 @@ static_assert(kMaxChunkSamples == servotwin_msgs_kMaxChunkSamples &&
                   kMaxProgramChunks == servotwin_msgs_kMaxProgramChunks,
               "the program and the wire agree on the largest path");
 
-/// Makes a sequence this long, with room for `most` that is allocated once.
+/// Sets the length of a sequence; memory for `most` elements is allocated once.
 template <class Sequence>
 void resize(Sequence& sequence, std::size_t length, std::size_t most) {
   using Element = std::remove_pointer_t<decltype(sequence._buffer)>;
@@ -66,7 +66,7 @@ void resize_axes(Sequence& axes, std::size_t count) {
 
 std::string text(const char* from) { return from == nullptr ? std::string() : std::string(from); }
 
-/// The two layouts of what is ahead: rows of fixed width here, packed rows on the wire.
+/// Converts the values ahead of time: rows of fixed width in the program, packed rows on the wire.
 template <class Rows>
 void unpack(const dds_sequence_double& from, int axes, int count, Rows& to) noexcept {
   for (std::size_t axis = 0; axis < static_cast<std::size_t>(axes); ++axis) {
@@ -276,7 +276,7 @@ void Wire<MachineStatus>::encode(const MachineStatus& status, Sample& sample) {
   sample.repeated = status.repeated;
 }
 
-// Others' numbers pass as they are; this one would move an axis.
+// Other numbers are not checked; this one would move an axis.
 bool Wire<MachineOffset>::decode(const Sample& sample, MachineOffset& offset) noexcept {
   if (sample.axes._length < 1 || sample.axes._length > kMaxAxes) return false;
   offset.sequence = sample.sequence_number;

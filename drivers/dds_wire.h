@@ -1,9 +1,7 @@
-// How each message lies on the wire: between the program's types and those of msgs/servotwin.idl.
-// For drivers/dds.cpp only.
-//
-// `decode` returns false for what contradicts itself; it never throws. `encode` throws
-// std::invalid_argument for a name that does not fit. Values pass as they are: that a number is
-// NaN concerns one axis of one cycle, and whoever uses it.
+// The wire format of each message: converts between the program's types and those of
+// msgs/servotwin.idl. For drivers/dds.cpp only. `decode` returns false for an inconsistent message;
+// it never throws. `encode` throws std::invalid_argument for a name that does not fit. Values are
+// not checked: a NaN affects one axis of one cycle, and its user handles it.
 #pragma once
 
 #include "drivers/messages.h"

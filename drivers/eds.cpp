@@ -36,7 +36,7 @@ struct Entry {
 };
 using Keys = std::map<std::string, Entry, std::less<>>;
 
-/// The file as sections of keys, all in small letters.
+/// The file as sections of keys, all in lower case.
 class Sheet {
  public:
   Sheet(std::string_view text, std::string name) : name_(std::move(name)) {
@@ -57,7 +57,7 @@ class Sheet {
         const std::string title = lower(trimmed(line.substr(1, close - 1)));
         if (sections_.contains(title)) {
           notes_.push_back(name_ + ":" + std::to_string(line_number) + ": [" + title +
-                           "] is there a second time; its keys go before those of the first");
+                           "] occurs twice; the keys of the second have precedence");
         }
         section = &sections_[title];
         continue;
@@ -65,14 +65,14 @@ class Sheet {
       const std::size_t equals = line.find('=');
       if (equals == line.npos) {
         notes_.push_back(name_ + ":" + std::to_string(line_number) + ": " + in_quotes(line) +
-                         " is neither a section nor key=value; passed over");
+                         " is neither a section nor key=value; ignored");
         continue;
       }
       if (section == nullptr) fail(line_number, "key=value must come after a [section]");
       (*section)[lower(trimmed(line.substr(0, equals)))] = {
           std::string(trimmed(line.substr(equals + 1))), line_number};
     }
-    if (sections_.empty()) fail(1, "there is no [section]; this is no EDS or DCF");
+    if (sections_.empty()) fail(1, "there is no [section]; this is not an EDS or DCF");
   }
 
   [[nodiscard]] const Entry* find(const std::string& section, const std::string& key) const {
@@ -217,7 +217,7 @@ class Dictionary {
     return all == nullptr ? std::nullopt : std::optional(read(object, "defaultvalue", *all));
   }
 
-  /// Where the file says what type an object has: a variable, or an entry of a record.
+  /// The section that gives the type of an object: a variable, or an entry of a record.
   [[nodiscard]] std::string described_in(unsigned index, unsigned sub) const {
     const std::string entry = hex(index, 4) + "sub" + hex(sub, 1);
     if (sheet_.has(entry)) return entry;
@@ -290,7 +290,7 @@ std::vector<PdoObject> mapped(const Dictionary& dictionary, unsigned index, cons
     object.start = start;
     const std::string where = which + ": [" + hex(index, 4) + "sub" + hex(i, 1) + "]: ";
     if (object.bits == 0 || object.bits > 64 || start + object.bits > kMaxPdoBits) {
-      // What follows would be at a place that nobody knows.
+      // The position of the following objects would be unknown.
       notes.push_back(where + object_text(object.index, object.sub) + " with " +
                       std::to_string(object.bits) +
                       " bits does not fit; this PDO is not read further");
@@ -355,13 +355,14 @@ EdsDevice parse_eds(std::string_view text, const std::string& name, int node_id)
   EdsDevice device;
   device.node_id = node_id;
   if (node_id == 0) {
-    // CiA 306 spells the section with one m.
+    // CiA 306 spells the name of this section with one m.
     const Entry* entry = nullptr;
     for (const char* section : {"devicecomissioning", "devicecommissioning"}) {
       if (entry == nullptr) entry = sheet.find(section, "nodeid");
     }
     if (entry == nullptr) {
-      throw std::runtime_error(name + ": says no node id; give it as node id in the mapping");
+      throw std::runtime_error(name +
+                               ": has no node id; give it as id of the [[node]] in the mapping");
     }
     const auto number = number_of(entry->value, 0);
     if (!number || *number < 1 || *number > 127)

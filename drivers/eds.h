@@ -1,11 +1,12 @@
-// What a CANopen drive sends and takes in its process data objects, from its electronic data sheet
+// The process data objects that a CANopen drive sends and receives, from its electronic data sheet
 // (.eds) or its configuration (.dcf).
 //
 //   [1800sub1] DefaultValue=$NODEID+0x180     which id; bit 31: not used, bit 29: 29 bits
 //   [1A00sub1] DefaultValue=0x60640020        object 0x6064:00, 32 bits
-// A DCF's ParameterValue goes before the DefaultValue. Numbers are decimal, 0x hexadecimal or octal
-// with a leading 0; $NODEID stands before or after its number. Source: CiA 306-1, CiA 301. Any
-// thread. Errors: std::runtime_error with file, line, section, key, value and rule.
+// A ParameterValue, in a DCF, has precedence over the DefaultValue. Numbers are decimal, 0x
+// hexadecimal or octal with a leading 0; $NODEID stands before or after its number. Source: CiA
+// 306-1, CiA 301. Any thread. Errors: std::runtime_error with file, line, section, key, value and
+// rule.
 #pragma once
 
 #include <cstdint>
@@ -22,13 +23,12 @@
 namespace servotwin {
 
 struct PdoObject {
-  std::uint16_t index = 0;  ///< below 0x20: bits that nothing is in
+  std::uint16_t index = 0;  ///< below 0x20: unused bits
   std::uint8_t sub = 0;
-  int start = 0;  ///< first bit in the PDO
-  int bits = 0;   ///< 1..64
-  std::optional<Coding>
-      coding;        ///< absent: the file does not describe the object, or it is no number
-  std::string name;  ///< of the object in the file
+  int start = 0;                 ///< first bit in the PDO
+  int bits = 0;                  ///< 1..64
+  std::optional<Coding> coding;  ///< absent: the object is not described, or not a number
+  std::string name;              ///< of the object in the file
 };
 
 struct Pdo {
@@ -37,13 +37,13 @@ struct Pdo {
   std::uint32_t id = 0;
   bool extended = false;
   bool valid = false;               ///< it is switched on
-  std::optional<int> transmission;  ///< 0..240: with SYNC; 254, 255: when the drive likes
+  std::optional<int> transmission;  ///< 0..240: with SYNC; 254, 255: at any time
   std::vector<PdoObject> objects;
 
   [[nodiscard]] int bytes() const noexcept;
 };
 
-/// What an object of the dictionary is, if it is a number.
+/// The type of a numeric object of the dictionary.
 struct ObjectType {
   int bits = 0;
   Coding coding = Coding::kUnsigned;
@@ -57,7 +57,8 @@ struct EdsDevice {
   std::vector<std::string> notes;
 };
 
-/// `node_id`: 1..127; 0: that of the DCF, which must have one then. `name` stands in messages.
+/// `node_id`: 1..127; 0: the one in the DCF, which must then have one. `name` is used in error
+/// messages.
 [[nodiscard]] EdsDevice parse_eds(std::string_view text, const std::string& name, int node_id);
 [[nodiscard]] EdsDevice read_eds(const std::filesystem::path& file, int node_id);
 

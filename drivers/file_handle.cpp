@@ -78,7 +78,7 @@ void FileHandle::write(std::string_view bytes) const {
 }
 
 void FileHandle::flush() const {
-  // A directory of some file systems cannot be flushed and says so; nothing is lost by that.
+  // On some file systems a directory cannot be flushed, which is reported; no data are lost.
   if (::fsync(descriptor_) != 0 && errno != EINVAL) fail(shown_, "cannot be written");
 }
 
@@ -94,7 +94,7 @@ std::string read_text(const std::filesystem::path& file, std::size_t most) {
     text.append(block, count);
     if (text.size() > most) {
       throw std::runtime_error(file.string() + ": has more than " + std::to_string(most >> 20) +
-                               " MB; this cannot be meant");
+                               " MB; this is not the expected kind of file");
     }
   }
   return text;
@@ -119,7 +119,7 @@ void AtomicFile::commit() {
   }
   if (::rename(beside_.c_str(), file_.c_str()) != 0) fail(file_, "cannot be written");
   committed_ = true;
-  // The new name is in the directory, which has to reach the disk too.
+  // The directory with the new name must be flushed to the disk, too.
   const auto directory = file_.has_parent_path() ? file_.parent_path() : std::filesystem::path(".");
   FileHandle::open(directory, O_RDONLY | O_DIRECTORY).flush();
 }

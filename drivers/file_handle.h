@@ -1,5 +1,5 @@
-// An open file of the operating system: closed when it goes out of scope, errors with the file's
-// name. Errors: std::runtime_error. One thread at a time.
+// An open file of the operating system, closed when it goes out of scope. Errors:
+// std::runtime_error with the name of the file. One thread at a time.
 #pragma once
 
 #include <cstddef>
@@ -14,20 +14,21 @@ class FileHandle {
  public:
   /// `flags` as for open(2).
   [[nodiscard]] static FileHandle open(const std::filesystem::path& file, int flags);
-  /// The same under another name in messages.
+  /// The same, with the name `shown` in error messages.
   [[nodiscard]] static FileHandle open(const std::filesystem::path& file, int flags,
                                        const std::filesystem::path& shown);
   FileHandle(FileHandle&& other) noexcept;
   FileHandle& operator=(FileHandle&&) = delete;
   ~FileHandle();
 
-  /// The number of bytes that came; 0 at the end of the file.
+  /// Returns the number of bytes read; 0 at the end of the file.
   [[nodiscard]] std::size_t read(char* to, std::size_t size) const;
   [[nodiscard]] std::size_t read_at(char* to, std::size_t size, std::uint64_t offset) const;
   void write(std::string_view bytes) const;
   /// Returns when the bytes are on the disk.
   void flush() const;
-  /// Before the end of its life, to hear what a network file system only says then.
+  /// Closes the file before destruction, because a network file system may report a write error
+  /// only then.
   void close();
 
  private:
@@ -40,14 +41,15 @@ class FileHandle {
 [[nodiscard]] std::string read_text(const std::filesystem::path& file,
                                     std::size_t most = std::size_t{64} << 20);
 
-/// A file that appears whole or not at all: written beside its place, flushed, renamed by commit().
-/// What is there and no regular file, as a device or a pipe, is written to and stays what it is.
+/// A file that is written completely or not at all: under a temporary name, then flushed and
+/// renamed by commit(). An existing file that is not a regular one, such as a device or a pipe, is
+/// written to directly.
 class AtomicFile {
  public:
   explicit AtomicFile(std::filesystem::path file);
   AtomicFile(const AtomicFile&) = delete;
   AtomicFile& operator=(const AtomicFile&) = delete;
-  /// Leaves nothing behind if commit() was not reached.
+  /// Removes the temporary file if commit() was not called.
   ~AtomicFile();
 
   void write(std::string_view bytes) const { handle_.write(bytes); }
@@ -55,7 +57,7 @@ class AtomicFile {
 
  private:
   std::filesystem::path file_;
-  std::filesystem::path beside_;  // file_ itself where that is no regular file
+  std::filesystem::path beside_;  // temporary file; file_ itself if that is not a regular file
   FileHandle handle_;
   bool committed_ = false;
 };

@@ -27,7 +27,7 @@ using MatFile = std::unique_ptr<mat_t, decltype([](mat_t* file) { Mat_Close(file
 using Variable =
     std::unique_ptr<matvar_t, decltype([](matvar_t* variable) { Mat_VarFree(variable); })>;
 
-// The library reports damage by a message and goes on with zeros; a message is an error here.
+// The library reports damage by a message and continues with zeros; here a message is an error.
 thread_local std::string complaint;
 
 void listen_to_library() {
@@ -35,7 +35,7 @@ void listen_to_library() {
   Mat_LogInitFunc("servotwin", [](int, char* message) {
     if (complaint.empty()) complaint = message;
   });
-  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // HDF5 would print its own
+  H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);  // HDF5 would print its own messages
 }
 
 void require_no_complaint(const std::string& source) {
@@ -44,9 +44,8 @@ void require_no_complaint(const std::string& source) {
                            ": the MATLAB file is damaged: " + in_quotes(trimmed(complaint)));
 }
 
-// A v5 file is a chain of elements that say their length. The library does not notice that the last
-// one is cut off and fills up with zeros, so that the chain is followed here first. (HDF5 does
-// notice.)
+// A v5 file is a chain of elements with their lengths. The library does not notice if the last one
+// is cut off, and fills it with zeros, so the chain is checked here first. (HDF5 does notice.)
 void require_whole_elements(const std::filesystem::path& file) {
   constexpr std::uint64_t kHeader = 128, kTag = 8;
   const FileHandle handle = FileHandle::open(file, O_RDONLY);
@@ -81,8 +80,8 @@ std::string shape_of(const matvar_t& variable) {
 std::size_t length_of(const std::string& source, const matvar_t& variable) {
   const std::string where = source + ": variable " + in_quotes(variable.name) + " is ";
   if (variable.class_type < MAT_C_DOUBLE || variable.class_type > MAT_C_UINT64) {
-    throw std::runtime_error(where +
-                             "no array of numbers (but a structure, cell, text or sparse matrix)");
+    throw std::runtime_error(
+        where + "not an array of numbers (but a structure, cell, text or sparse matrix)");
   }
   if (variable.isComplex != 0) throw std::runtime_error(where + "complex");
   std::size_t longest = variable.rank > 0 ? 1 : 0, extended = 0;
@@ -92,7 +91,7 @@ std::size_t length_of(const std::string& source, const matvar_t& variable) {
     longest = variable.dims[i];
   }
   if (extended > 1) {
-    throw std::runtime_error(where + shape_of(variable) + ", and a channel is a vector");
+    throw std::runtime_error(where + shape_of(variable) + ", but a channel is a vector");
   }
   // The library counts elements in an int.
   if (longest > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
@@ -124,7 +123,7 @@ void read_as(const std::string& source, mat_t* file, matvar_t* variable, std::si
 
 void read_values(const std::string& source, mat_t* file, matvar_t* variable, std::size_t begin,
                  std::vector<double>& values) {
-  // A value that the library leaves unset is found as missing instead of passing for a number.
+  // A value that the library leaves unset is NaN and counts as missing.
   std::fill(values.begin(), values.end(), kAbsent);
   switch (variable->class_type) {
     case MAT_C_SINGLE:
@@ -150,7 +149,7 @@ void read_values(const std::string& source, mat_t* file, matvar_t* variable, std
   }
 }
 
-// To SI, with what is no number counted and noted.
+// Converts to SI; values that are not numbers are counted and noted.
 void convert(const std::string& name, const Unit& unit, std::vector<double>& values,
              std::vector<std::string>& notes) {
   std::size_t missing = 0, first = 0;

@@ -40,7 +40,8 @@ Variable made(const char* name, const std::vector<std::string>& words) {
 
 void write_mat(const std::filesystem::path& file, const std::vector<MatVariable>& variables) {
   if (std::filesystem::exists(file) && !std::filesystem::is_regular_file(file))
-    throw std::runtime_error(file.string() + ": is no regular file, and a MATLAB file must be one");
+    throw std::runtime_error(file.string() +
+                             ": is not a regular file, which a MATLAB file must be");
   const std::filesystem::path beside = file.string() + ".part";
   const auto require = [&](bool fine) {
     if (fine) return;

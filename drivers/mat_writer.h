@@ -1,7 +1,6 @@
-// Matrices and words as a MATLAB file (v5), to be read by MATLAB, Octave and scipy.
-//
-// Written beside its place and renamed, so that it appears whole or not at all. Throws
-// std::runtime_error that names the file. One thread at a time, as drivers/mat.h.
+// Writes matrices and strings as a MATLAB file (v5), which MATLAB, Octave and scipy read.
+// The file is written under a temporary name and renamed: completely or not at all. Throws
+// std::runtime_error with the name of the file. One thread at a time, as drivers/mat.h.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +11,7 @@
 
 namespace servotwin {
 
-/// A matrix, a word, or a column of words (a cell array).
+/// A matrix, a string, or a column of strings (a cell array).
 struct MatVariable {
   std::string name;  ///< a letter, then letters, digits and _
   std::variant<Eigen::MatrixXd, std::string, std::vector<std::string>> value;

@@ -19,7 +19,7 @@ std::uint64_t available_memory_bytes() {
     if (key == "MemAvailable:") return kibibytes * 1024;
     meminfo.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
   }
-  // A system without /proc: all of its memory is the best that is known.
+  // Without /proc, the total memory of the system is the best estimate.
   return static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES)) *
          static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
 }
@@ -34,7 +34,7 @@ void require_memory(const std::filesystem::path& file, std::uint64_t rows, std::
       unknown_size ? std::string() : " (" + number(static_cast<double>(bytes) / 1e9) + " GB)";
   throw std::runtime_error(file.string() + size + ": about " + number(static_cast<double>(rows)) +
                            " rows of " + std::to_string(columns) + " columns need " +
-                           number(needed / 1e9) + " GB of memory and " +
+                           number(needed / 1e9) + " GB of memory, but only " +
                            number(static_cast<double>(available) / 1e9) +
                            " GB are free; read a part of it with --from S --to S");
 }

@@ -1,5 +1,5 @@
-// Whether a recording will fit into memory, asked before it is read: the kernel would grant the
-// memory and kill the process later. Any thread. Source: proc(5), MemAvailable.
+// Checks whether a recording fits into memory before it is read: the kernel would grant the memory
+// and kill the process later. Any thread. Source: proc(5), MemAvailable.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@ namespace servotwin {
 
 [[nodiscard]] std::uint64_t available_memory_bytes();
 
-/// Throws std::runtime_error with the sizes and what to do if `columns` of `rows` doubles are more
+/// Throws std::runtime_error with the sizes and the remedy if `columns` of `rows` doubles are more
 /// than `available` bytes.
 void require_memory(const std::filesystem::path& file, std::uint64_t rows, std::uint64_t columns,
                     std::uint64_t available = available_memory_bytes());

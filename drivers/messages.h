@@ -1,5 +1,5 @@
-// What goes in and out over the network besides frames, as the program sees it. On the wire:
-// msgs/servotwin.idl. Linear axes in m, rotary axes in rad; a number that is not there is NaN.
+// The messages on the network besides frames, as types of the program. Wire format:
+// msgs/servotwin.idl. Linear axes in m, rotary axes in rad; a missing number is NaN.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 
 namespace servotwin {
 
-/// Whether a machine or an axis may be called this: it stands in file names, column names and
+/// Whether this is a valid name of a machine or an axis: it is used in file names, column names and
 /// messages.
 [[nodiscard]] inline bool usable_name(std::string_view name) noexcept {
   constexpr std::string_view kAllowed =
@@ -26,7 +26,7 @@ struct AxisDescription {
   std::string torque_unit;  ///< "N", "Nm", "A", "V", "%" or empty
 };
 
-/// Who a machine is: its axes in the order of its frames.
+/// The description of a machine: its axes in the order of its frames.
 struct MachineDescription {
   double cycle_s = 0.0;
   std::vector<AxisDescription> axes;
@@ -46,11 +46,11 @@ struct AxisPrediction {
   double residual = kAbsent;            ///< measured - predicted
   std::int32_t model_version = 0;       ///< 0: none
   AxisState state = AxisState::kNoModel;
-  double command = kAbsent;  ///< of the frame, where subscribers find it: not sent
+  double command = kAbsent;  ///< of the frame; not sent, since subscribers receive the frame
 };
 
-/// What is said about one servo cycle. Fixed size and trivially copyable: it crosses threads by
-/// value.
+/// The prediction for one servo cycle. Fixed size and trivially copyable: it is passed between
+/// threads by value.
 struct MachinePrediction {
   std::uint64_t sequence = 0;  ///< of the frame
   std::int64_t time_ns = 0;    ///< of the frame
@@ -60,16 +60,16 @@ struct MachinePrediction {
   std::array<AxisPrediction, kMaxAxes> axes{};
   std::array<std::array<double, kMaxLookAhead>, kMaxAxes>
       ahead{};  ///< predicted errors of coming cycles
-  std::int64_t due_ns =
-      0;  ///< when the frame was due, sent or whole; steady, 0: not known. Not sent
+  /// When the frame was due, sent or complete, by the steady clock; 0: unknown. Not sent.
+  std::int64_t due_ns = 0;
 };
 
-/// What the drive of one axis is to add to its command (ilc/gate.h).
+/// The offset that the drive of one axis adds to its command (ilc/gate.h).
 struct AxisOffset {
   double offset = 0.0;          ///< [m | rad], finite
   std::int64_t expires_ns = 0;  ///< when the drive must drop it, by the clock of the frames
-  bool send = false;            ///< false: advice that no drive must apply
-  std::uint32_t refusal = 0;    ///< as the gate numbers them; 0: none
+  bool send = false;            ///< false: for information only; no drive may apply it
+  std::uint32_t refusal = 0;    ///< reason, in the numbering of ilc/gate.h; 0: none
 };
 
 /// The live offsets of one servo cycle.
@@ -80,13 +80,13 @@ struct MachineOffset {
   std::array<AxisOffset, kMaxAxes> axes{};
 };
 
-/// The largest chunk of a program or a correction, and how many there are at most.
+/// The largest size of a chunk of a program or a correction, and the largest number of chunks.
 inline constexpr std::size_t kMaxChunkSamples = 1024;
 inline constexpr std::size_t kMaxChunkValues = kMaxAxes * kMaxChunkSamples;
 inline constexpr std::uint32_t kMaxProgramChunks = 256;
 
-/// A part of a commanded path that is to be previewed or learned, as it came: nothing of it is
-/// checked but the name, and that it fits.
+/// A part of a commanded path to be previewed or learned, as received: only the name and the sizes
+/// have been checked.
 struct ProgramChunk {
   std::string program;  ///< usable_name, up to 63 characters
   std::uint64_t revision = 0;
@@ -107,8 +107,8 @@ struct AxisCorrectionFigures {
   double before_rms = kAbsent, before_max = kAbsent, after_rms = kAbsent, after_max = kAbsent;
 };
 
-/// What came of a program, in chunks of samples as it came. A refusal and a withdrawal are one
-/// chunk without samples.
+/// The result for a program, in the same chunks of samples as the program. A refusal and a
+/// withdrawal are one chunk without samples.
 struct CorrectionChunk {
   std::string program;
   std::uint64_t revision = 0;
@@ -153,21 +153,21 @@ struct AxisStatus {
   bool rotary = false;         ///< rad in place of m
 };
 
-/// What happened where the frames come from: one line for people.
+/// An event at the source of the frames: one line of text.
 struct SourceNews {
   std::string text;
-  bool good = false;  ///< something is again as it should be
+  bool good = false;  ///< a problem is over
 };
 
-/// What was counted on a bus from whose frames cycles are assembled (drivers/README.md).
+/// The counters of a bus from whose frames cycles are assembled (drivers/README.md).
 struct BusStatus {
   std::string name;
   bool up = true;
   std::uint64_t frames = 0;
-  std::uint64_t dropped = 0;       ///< by the kernel, because they were not taken in time
+  std::uint64_t dropped = 0;       ///< by the kernel, because they were not read in time
   std::uint64_t packets_lost = 0;  ///< CAN over UDP
-  std::uint64_t downs = 0;         ///< how often the interface went down or away
-  std::uint64_t missing = 0;       ///< messages that did not come in their cycle
+  std::uint64_t downs = 0;         ///< how often the interface went down or disappeared
+  std::uint64_t missing = 0;       ///< messages that were not received in their cycle
   std::uint64_t late = 0;          ///< messages after the deadline of their cycle
   std::uint64_t unexpected = 0;    ///< frames of ids that the mapping does not have
   std::uint64_t error_frames = 0;
@@ -179,18 +179,18 @@ struct MachineStatus {
   double frame_rate_hz = 0.0;
   std::uint64_t frames = 0, lost = 0, malformed = 0, time_jumps = 0, not_finite = 0, overruns = 0;
   std::uint64_t predictions_dropped = 0, rows_dropped = 0;
-  double wake_p50_s = kAbsent, wake_p99_s = kAbsent;  ///< from the frame's sending to the loop
+  double wake_p50_s = kAbsent, wake_p99_s = kAbsent;  ///< from sending the frame to the loop
   double work_p50_s = kAbsent, work_p99_s = kAbsent, work_max_s = kAbsent;  ///< of the loop
   std::vector<AxisStatus> axes;
   std::string last_error;
   std::uint64_t repeated = 0;  ///< frames with the sequence number of the one before; ignored
   // For the page and programs that ask over HTTP; not sent over DDS.
-  /// From a frame being due, sent or whole to its prediction being handed to the network.
+  /// From the time when a frame was due, sent or complete to handing its prediction to the network.
   double publish_p50_s = kAbsent, publish_p99_s = kAbsent, publish_p999_s = kAbsent,
          publish_max_s = kAbsent;
   std::vector<BusStatus> buses;
   std::string
-      not_recording;  ///< why cycles are not recorded though they should be; empty: they are
+      not_recording;  ///< why cycles are not recorded although configured; empty: they are recorded
 };
 
 }  // namespace servotwin

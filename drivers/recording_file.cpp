@@ -32,7 +32,7 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   const auto status = std::filesystem::status(file, error);
   if (!std::filesystem::exists(status)) refuse("there is no such file");
   if (std::filesystem::is_directory(status)) refuse("is a directory; give one recording in it");
-  if (!std::filesystem::is_regular_file(status)) refuse("is no regular file");
+  if (!std::filesystem::is_regular_file(status)) refuse("is not a regular file");
 
   const std::string bytes = first_bytes(file);
   const std::string_view start = bytes;
@@ -40,14 +40,16 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   if (start.starts_with("MATLAB 5.0 MAT-file") || start.starts_with("MATLAB 7.3 MAT-file")) {
     return read_mat(file, options);
   }
-  if (file.extension() == ".mat") refuse("is named .mat but is no MATLAB file of version 5 or 7.3");
+  if (file.extension() == ".mat")
+    refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
   if (is_candump(start)) return read_candump(file, options);
   if (file.extension() == ".log") {
     refuse(
-        "is named .log but its first line is none of a CAN log, such as (12.345678) can0 181#00");
+        "is named .log, but its first line is not that of a CAN log, such as (12.345678) can0 "
+        "181#00");
   }
   if (!options.can_map.empty())
-    throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is none");
+    throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is not one");
   if (start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff")) {
     refuse("the text is UTF-16; save it as UTF-8");
   }

@@ -1,13 +1,11 @@
 // Recordings from files: CSV with units in its header, foreign CSV, MATLAB v5 and v7.3, CAN logs.
 //
 //   time[s],X.command[mm],X.actual[mm],X.torque[Nm],Y.command[mm],Y.actual[mm]
-//
-// Values come back in SI units, rows in the file's order, with what was ignored or missing in the
-// notes; gaps, repeats and jitter are left as they are (identification/recording/segments.h deals
-// with them). A position channel that the file does not have is NaN in every row; an empty, NaN or
-// infinite cell is NaN. Errors: std::runtime_error for what is wrong with the file,
-// std::invalid_argument for what is wrong with the options; one line with file, line, column and
-// value. Any thread.
+// Values are returned in SI units and rows in the order of the file; the notes say what was ignored
+// or missing. Gaps, repeats and jitter are left unchanged (identification/recording/segments.h
+// handles them). A position channel that the file does not have is NaN in every row; an empty, NaN
+// or infinite cell is NaN. Errors: std::runtime_error for the file, std::invalid_argument for the
+// options; one line with file, line, column and value. Any thread.
 #pragma once
 
 #include <filesystem>
@@ -21,18 +19,19 @@ namespace servotwin {
 
 struct ReadOptions {
   /// Which column of a foreign file is which channel, and its unit:
-  /// "X.command=qg[m],X.actual=qm[m],X.torque=vir[V],time=t[s]". Empty: the header says it itself.
+  /// "X.command=qg[m],X.actual=qm[m],X.torque=vir[V],time=t[s]". Empty: the names in the header are
+  /// used.
   std::string columns;
-  /// Rows per second [Hz] of a file that carries no time.
+  /// Rows per second [Hz] of a file without a time column.
   std::optional<double> rate_hz;
-  /// What the messages of a CAN log mean (drivers/can_map.h).
+  /// The mapping of a CAN log (drivers/can_map.h).
   std::filesystem::path can_map;
   /// The part to read, in seconds after the first stamp of the file, both ends included.
   double from_s = 0.0;
   double to_s = std::numeric_limits<double>::infinity();
 };
 
-/// Reads a recording; what kind of file it is, its first bytes tell.
+/// Reads a recording; the kind of file is determined by its first bytes.
 [[nodiscard]] Recording read_recording(const std::filesystem::path& file,
                                        const ReadOptions& options = {});
 

@@ -22,7 +22,7 @@ Replay::Replay(Recording recording, double cycle_s, int look_ahead)
   if (recording_.time.empty() || !(cycle_s > 0.0)) {
     throw std::runtime_error(recording_.source + ": cannot be replayed without rows and a cycle");
   }
-  // Two rows in one cycle would be a frame that nobody looks at.
+  // With two rows in one cycle, one frame would be ignored.
   for (std::size_t row = 0; row < rows(); ++row) {
     if (std::isfinite(recording_.time[row]) && (row == 0 || cycles_to(row) > cycles_to(row - 1)))
       continue;

@@ -1,8 +1,7 @@
-// A recording as the machine that made it: one frame per row, numbered by its cycle.
-//
-// A gap of the recording is a loss of frames, as it was. What is known ahead of time are the
-// commands of the rows that follow, as far as no gap is between. Which row belongs to which cycle
-// is decided before: daemon/input/recorded_cycles.h. Any one thread. Errors: std::runtime_error.
+// Replays a recording in place of the machine that made it: one frame per row, numbered by its
+// cycle. A gap in the recording is a loss of frames. Commands that are known ahead of time are
+// those of the following rows, up to the next gap. The cycle of each row is determined before, in
+// daemon/input/recorded_cycles.h. Any one thread. Errors: std::runtime_error.
 #pragma once
 
 #include <cstddef>
@@ -15,9 +14,10 @@ namespace servotwin {
 
 class Replay {
  public:
-  /// `recording`: every row stamped a whole number of cycles after the first, and later than the
-  /// one before. `look_ahead`: commands ahead of time in every frame, 0..kMaxLookAhead. Throws if
-  /// a row has no cycle of its own, or there is no row, no axis or too many.
+  /// `recording`: every row has a time of a whole number of cycles after the first row, and is
+  /// later than the row before. `look_ahead`: number of commands ahead of time in every frame,
+  /// 0..kMaxLookAhead. Throws if a row has no cycle of its own, or there is no row, no axis or too
+  /// many.
   Replay(Recording recording, double cycle_s, int look_ahead = 0);
 
   [[nodiscard]] const MachineDescription& machine() const noexcept { return machine_; }

@@ -24,8 +24,7 @@ void SocketBatch::prepare(int socket, int receive_buffer_bytes) noexcept {
   const int on = 1;
   setsockopt(socket, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on);
   setsockopt(socket, SOL_SOCKET, SO_RXQ_OVFL, &on, sizeof on);
-  // The first is beyond the administrator's limit and needs his right; the second takes what it
-  // gets.
+  // The first may exceed the system's limit and needs CAP_NET_ADMIN; the second is limited by it.
   if (setsockopt(socket, SOL_SOCKET, SO_RCVBUFFORCE, &receive_buffer_bytes,
                  sizeof receive_buffer_bytes) != 0) {
     setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &receive_buffer_bytes, sizeof receive_buffer_bytes);

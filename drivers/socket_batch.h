@@ -1,6 +1,6 @@
-// Many datagrams of a socket with one system call, each with the kernel's receive stamp and the
-// number of those that were dropped before it. A part of the CAN buses. One thread; allocates after
-// its construction nothing, throws nothing. Source: recvmmsg(2), socket(7), packet(7).
+// Reads many datagrams of a socket with one system call, each with the kernel's receive stamp and
+// the number of datagrams dropped before it. A part of the CAN buses. One thread; after
+// construction it allocates nothing and throws nothing. Source: recvmmsg(2), socket(7), packet(7).
 #pragma once
 
 #include <sys/socket.h>
@@ -21,7 +21,7 @@ class SocketBatch {
   /// Asks the kernel for stamps and drop counts, and for a receive buffer of this size.
   static void prepare(int socket, int receive_buffer_bytes) noexcept;
 
-  /// How many came, at most `most`; -1 with errno.
+  /// Returns the number of datagrams received, at most `most`; -1 with errno.
   int receive(int socket, std::size_t most) noexcept;
 
   struct Datagram {

@@ -19,7 +19,7 @@
 namespace servotwin {
 namespace {
 
-// How often it is looked whether an interface is back.
+// Interval of checks whether an interface is back.
 constexpr double kLook_s = 0.1;
 
 std::int64_t steady_ns() noexcept {
@@ -130,7 +130,7 @@ void SocketCan::on_failure(int error) noexcept {
   if (error == EAGAIN || error == EINTR || error == ENOBUFS || error == ENOMEM) return;
   if (counters_.up.load(std::memory_order_relaxed)) count(counters_.downs);
   counters_.up.store(false, std::memory_order_relaxed);
-  // A socket outlives its interface's going down, but not its going away.
+  // A socket remains valid if its interface goes down, but not if it is removed.
   if (error != ENETDOWN) close();
 }
 

@@ -1,7 +1,7 @@
 // A CAN interface of this host (Linux SocketCAN), classic and FD, with the kernel's receive stamps.
-//
-// An interface that goes down, or away, is counted; frames come again when it is back. Needs no
-// right but to read the interface. Source: Documentation/networking/can.rst. Threads: CanBus.
+// An interface that goes down or disappears is counted; frames are received again when it is back.
+// Needs no right but to read the interface. Source: Documentation/networking/can.rst. Threads:
+// CanBus.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct CanFilterId {
 };
 
 struct SocketCanOptions {
-  /// Only these ids and error frames come; empty: all.
+  /// Receives only these ids and error frames; empty: all.
   std::vector<CanFilterId> only;
   /// The kernel's default loses frames in a flood; this holds about ten seconds of a full bus.
   int receive_buffer_bytes = 8 << 20;
@@ -39,7 +39,7 @@ class SocketCan final : public CanBus {
   [[nodiscard]] const std::string& interface() const noexcept { return interface_; }
 
  private:
-  /// 0, or the errno of what failed.
+  /// 0, or the errno of the call that failed.
   int open() noexcept;
   void close() noexcept;
   [[nodiscard]] bool interface_is_up() const noexcept;

@@ -1,4 +1,4 @@
-// Text of files and messages: cutting it, quoting it, and finding the name that was meant.
+// Text of files and messages: splitting, quoting, and finding the most similar name.
 // Any thread; errors: none.
 #pragma once
 
@@ -28,7 +28,7 @@ namespace servotwin {
 /// The name with the fewest letters to change, or empty if all of them differ by more than half.
 [[nodiscard]] std::string nearest_name(std::string_view name, std::span<const std::string> names);
 
-/// The end of a message's sentence: "; did you mean 'qg'?", or "." if nothing is near.
+/// The end of an error message: "; did you mean 'qg'?", or "." if no name is similar.
 [[nodiscard]] std::string did_you_mean(std::string_view name, std::span<const std::string> names);
 
 }  // namespace servotwin

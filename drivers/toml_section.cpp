@@ -33,7 +33,7 @@ std::string messages(std::span<const ConfigProblem> problems) {
 }
 
 void Problems::add(const toml::source_region& where, std::string what) {
-  // One line each: where a word ends the parser quotes the end of the line, too.
+  // One line each: the parser's message may contain the end of the line.
   std::replace_if(
       what.begin(), what.end(), [](unsigned char c) { return std::iscntrl(c) != 0; }, ' ');
   found_.push_back({file_, static_cast<int>(where.begin.line), static_cast<int>(where.begin.column),

@@ -1,6 +1,6 @@
 // The tables of a TOML file as sections that hand out their keys: a wrong type, a value out of its
-// range or a key that does not exist is a problem with its place, and the others go on being read.
-// One thread; errors: none, problems are collected.
+// range or a key that does not exist is a problem with its place, and reading continues with the
+// other keys. One thread; errors: none, problems are collected.
 #pragma once
 
 #include <toml++/toml.h>
@@ -22,7 +22,7 @@ class Problems {
 
   void add(const toml::source_region& where, std::string what);
   void add(const std::string& key, const toml::node& value, const std::string& rule);
-  /// Into the order of the file.
+  /// Sorts the problems by their place in the file.
   void sort();
 
  private:
@@ -30,7 +30,7 @@ class Problems {
   std::vector<ConfigProblem>& found_;
 };
 
-/// One table of the file: hands out its keys, and knows in the end which were never asked for.
+/// One table of the file: returns its keys, and can refuse those that were never asked for.
 class Section {
  public:
   Section(const toml::table* table, std::string path, Problems& problems)
@@ -50,14 +50,14 @@ class Section {
   void integers(const std::string& key, int lower, int upper, std::vector<int>& to);
   void flag(const std::string& key, bool& to);
   void text(const std::string& key, std::size_t shortest, std::size_t longest, std::string& to);
-  /// A text that can stand in file names, column names and messages.
+  /// A text that is valid in file names, column names and messages.
   void name(const std::string& key, std::size_t longest, std::string& to);
   void one_of(const std::string& key, std::initializer_list<std::string> allowed, std::string& to);
   /// [lowest, highest] of something that is searched between them.
   void range(const std::string& key, double lower, double upper, const std::string& unit,
              double& from, double& to);
 
-  /// A key that is there breaks this rule.
+  /// Reports that an existing key breaks this rule.
   void report(const std::string& key, const std::string& rule);
   void report_missing(const std::string& key, const std::string& why);
   void refuse_unknown() const;

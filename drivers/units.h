@@ -1,4 +1,4 @@
-// Units at the edge of the program: what stands in brackets in a file, and its factor to SI.
+// Units of files and options: the text in brackets, and its factor to SI.
 //
 //   s ms us ns | m mm um nm in | rad deg rev | N kN Nm A V % | m/s mm/min deg/s rpm ...
 //   (velocities)
@@ -12,7 +12,8 @@
 
 namespace servotwin {
 
-/// Torque stands for what drives the axis: force, torque, current, voltage or percent of rated.
+/// kTorque stands for any quantity that drives the axis: force, torque, current, voltage or percent
+/// of the rated value.
 enum class Quantity { kTime, kLength, kAngle, kVelocity, kAngularVelocity, kTorque };
 
 struct Unit {
@@ -25,7 +26,7 @@ struct Unit {
   [[nodiscard]] double to_si(double value) const noexcept { return value * multiply / divide; }
 };
 
-/// The units that parse_unit knows, for messages.
+/// The units that parse_unit accepts, for error messages.
 inline constexpr std::string_view kKnownUnits =
     "s ms us ns, m mm um nm in, rad deg rev, N kN Nm A V %";
 

@@ -15,7 +15,7 @@ extern "C" {
 namespace servotwin {
 namespace {
 
-/// Of cli/export/sources/fmu.c.
+/// Value references, as in cli/export/sources/fmu.c.
 enum Reference : unsigned {
   kCommandReference,
   kNeighbourReference,
@@ -27,7 +27,7 @@ enum Reference : unsigned {
   kReferencesPerEffect = ::kMaxShapes + ::kMaxCoefficients
 };
 
-/// A unit of the catalogue, by powers of its base units.
+/// A unit of the effects' catalogue as powers of base units.
 struct CatalogueUnit {
   std::string_view name;
   int length;  // m, or rad of a rotary axis
@@ -101,7 +101,7 @@ std::string xml_escaped(const std::string& text) {
         out += "&quot;";
         break;
       default:
-        // Control characters have no place in XML.
+        // Control characters are not allowed in XML.
         out += static_cast<unsigned char>(c) < 0x20 && c != '\n' ? ' ' : c;
     }
   }
@@ -126,12 +126,12 @@ UnitDescription describe(const ModelRecord& record) {
         "commanded acceleration of the other axis at the end of the step");
   if (has_effect(record.model, kind_of<CuttingForce>()))
     add("in_cut", kInCutReference, "input", "1", "1 while the tool cuts, else 0");
-  add("tracking_error", kErrorReference, "output", "m", "command less position");
-  add("position", kPositionReference, "output", "m", "what the encoder says");
-  add("velocity", kVelocityReference, "output", "m/s", "of the axis");
+  add("tracking_error", kErrorReference, "output", "m", "command minus position");
+  add("position", kPositionReference, "output", "m", "position as read by the encoder");
+  add("velocity", kVelocityReference, "output", "m/s", "velocity of the axis");
   for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
     const Effect& effect = record.model.effects[i];
-    // An effect that a model has twice is told apart by its number.
+    // If a model has an effect twice, a number distinguishes the two.
     const auto twice = std::count_if(record.model.effects.begin(), record.model.effects.end(),
                                      [&](const Effect& e) { return e.kind == effect.kind; });
     const std::string name = std::string(identity_of(effect.kind).id) +
@@ -161,7 +161,7 @@ std::string model_description_xml(const UnitDescription& unit, const ModelRecord
                                   const std::vector<std::string>& sources) {
   const std::string about =
       "Digital twin of axis " + record.axis + (record.rotary ? " (rotary)" : " (linear)") +
-      ": how it follows its command" +
+      ": its tracking error for a given command" +
       (record.version > 0 ? ", model version " + std::to_string(record.version) : "") +
       (record.source.empty() ? "" : ", identified from " + record.source);
   std::string xml =
@@ -179,8 +179,9 @@ std::string model_description_xml(const UnitDescription& unit, const ModelRecord
   for (const std::string& source : sources) xml += "      <File name=\"" + source + "\"/>\n";
   xml += "    </SourceFiles>\n  </CoSimulation>\n" + unit_definitions(unit, record.rotary) +
          "  <LogCategories>\n"
-         "    <Category name=\"logStatusError\" description=\"what was refused, and why\"/>\n"
-         "    <Category name=\"logStatusDiscard\" description=\"what there is no answer to\"/>\n"
+         "    <Category name=\"logStatusError\" description=\"refused calls and their reasons\"/>\n"
+         "    <Category name=\"logStatusDiscard\" description=\"requests that the unit cannot "
+         "answer\"/>\n"
          "  </LogCategories>\n"
          "  <DefaultExperiment startTime=\"0\" stepSize=\"" +
          number(record.model.sample_time_s) + "\"/>\n  <ModelVariables>\n";

@@ -10,27 +10,27 @@ namespace servotwin {
 
 struct UnitVariable {
   std::string name;
-  unsigned reference = 0;  ///< as cli/export/sources/fmu.c has them
+  unsigned reference = 0;  ///< value reference, as in cli/export/sources/fmu.c
   std::string causality;   ///< input, output or parameter
-  std::string unit;        ///< "m", "rad/s", ..; "1" where it has none
+  std::string unit;        ///< "m", "rad/s", ..; "1" without a unit
   std::string meaning;
-  double start = 0.0;  ///< of parameters, with their bounds
+  double start = 0.0;  ///< start value and bounds of a parameter
   double lower = 0.0, upper = 0.0;
 };
 
 struct UnitDescription {
   std::string identifier;  ///< of the shared library: "servotwin_X"
-  std::string guid;        ///< of everything that the unit is made of
+  std::string guid;        ///< changes with any content of the unit
   std::vector<UnitVariable> variables;
 };
 
-/// All but the GUID.
+/// The description of a model, except for the GUID.
 [[nodiscard]] UnitDescription describe(const ModelRecord& record);
-/// `sources`: the C files.
+/// The XML. `sources`: names of the C files.
 [[nodiscard]] std::string model_description_xml(const UnitDescription& unit,
                                                 const ModelRecord& record,
                                                 const std::vector<std::string>& sources);
-/// For a text or an attribute in quotes.
+/// Escapes characters for XML text or a quoted attribute.
 [[nodiscard]] std::string xml_escaped(const std::string& text);
 
 }  // namespace servotwin

@@ -18,7 +18,7 @@ extern "C" {
 namespace servotwin {
 namespace {
 
-/// Exact, and the same in every locale: model_text.h.
+/// A number as text: exact, and the same in every locale; see model_text.h.
 std::string exact(double value) {
   int exponent = 0;
   const auto mantissa = static_cast<long long>(std::ldexp(std::frexp(value, &exponent), 53));
@@ -28,7 +28,7 @@ std::string exact(double value) {
   return digits.data();
 }
 
-/// Of these bytes: it changes with any of them. FNV-1a, from two starts.
+/// The GUID of these bytes, which changes with any of them: FNV-1a with two initial values.
 class Fingerprint {
  public:
   void add(std::string_view bytes) {
@@ -57,8 +57,9 @@ std::string page(const ModelRecord& record, const UnitDescription& unit,
   std::string html =
       "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Servotwin axis " +
       axis + "</title></head><body>\n<h1>Servotwin axis " + axis + "</h1>\n<p>" +
-      "How this axis of a machine follows its command: a unit of FMI 2.0 for co-simulation, "
-      "written by Servotwin " SERVOTWIN_VERSION ".</p>\n<h2>The model</h2>\n<pre>\n" +
+      "The tracking error of this machine axis, computed from its command: an FMI 2.0 unit for "
+      "co-simulation, written by Servotwin " SERVOTWIN_VERSION
+      ".</p>\n<h2>The model</h2>\n<pre>\n" +
       "axis        " + axis + (record.rotary ? " (rotary)" : " (linear)") +
       (record.version > 0 ? ", model version " + std::to_string(record.version) : "") + "\n" +
       "identified  " + xml_escaped(record.created) +
@@ -71,16 +72,17 @@ std::string page(const ModelRecord& record, const UnitDescription& unit,
   char sample_time[32];
   std::snprintf(sample_time, sizeof sample_time, "%.9g", record.model.sample_time_s);
   return html + "</table>\n<h2>Use and limits</h2>\n<ul>\n<li>The sample time is " + sample_time +
-         " s. A communication step is a whole multiple of it; anything else is an error.</li>\n"
-         "<li>The command that is set before a step is the command of its end. Between commands "
-         "the motion is the cubic through the last four. With the command's derivatives "
-         "(fmi2SetRealInputDerivatives, orders 1 to 3) the command that is set is that of the "
-         "step's begin and the motion is the cubic that they say.</li>\n"
-         "<li>The axis starts at rest where the command is when initialization ends.</li>\n"
-         "<li>Time is the time of the recording for effects that set in at a moment.</li>\n"
+         " s. A communication step must be a whole multiple of it; any other step is an "
+         "error.</li>\n"
+         "<li>The command that is set before a step is the command at the end of the step. Between "
+         "commands the motion is a cubic through the last four. With the command's derivatives "
+         "(fmi2SetRealInputDerivatives, orders 1 to 3) the command is that at the beginning of the "
+         "step, and the motion is the cubic with these derivatives.</li>\n"
+         "<li>The axis starts at rest at the command that is set when initialization ends.</li>\n"
+         "<li>For effects that begin at one moment, time is the time of the recording.</li>\n"
          "<li>The parameters are those of the effects, fixed after initialization. The loop is in "
          "resources/model.txt, discretised for the sample time.</li>\n"
-         "<li>The model is right for motion like the one that it was identified from.</li>\n"
+         "<li>The model is valid for motion like that from which it was identified.</li>\n"
          "<li>The shared library is for Linux on x86-64. For other systems: cc -std=c99 -O2 "
          "-shared -fPIC -DFMI2_OVERRIDE_FUNCTION_PREFIX -o " +
          unit.identifier + ".so sources/*.c -lm</li>\n</ul>\n</body></html>\n";
@@ -90,9 +92,9 @@ std::string page(const ModelRecord& record, const UnitDescription& unit,
 
 void require_translated(std::string_view effect) {
   if (servotwin_find_effect(std::string(effect).c_str()) >= 0) return;
-  throw std::runtime_error("effect '" + std::string(effect) +
-                           "' cannot be exported: there is no C translation of it; identify or "
-                           "diagnose without it");
+  throw std::runtime_error(
+      "effect '" + std::string(effect) +
+      "' cannot be exported: it has no C translation; identify or diagnose without it");
 }
 
 std::string model_text(const Model& model, const std::string& guid) {
@@ -121,8 +123,8 @@ std::string model_text(const Model& model, const std::string& guid) {
                              row.command[2], row.force_begin, row.force_end, step.rest[i],
                              step.error.state[i], step.rate.state[i], step.second.state[i]});
   }
-  // The modes' share of all that is that of one place; what it follows from elsewhere is needed
-  // only where one of them moves.
+  // The modes' share of these constants is that of one position; the data for other positions are
+  // needed only if a mode moves.
   const Loop& loop = model.loop;
   if (std::any_of(loop.modes.begin(), loop.modes.end(),
                   [](const Mode& mode) { return mode.moves(); })) {
@@ -165,7 +167,7 @@ Unit make_unit(const ModelRecord& record, const std::vector<std::string>& about)
 #ifdef __x86_64__
       name = "binaries/linux64/" + identifier + ".so";
 #else
-      continue;  // FMI 2.0 has no name for this processor; there are the sources
+      continue;  // FMI 2.0 has no name for this processor; hosts can use the sources
 #endif
     }
     if (file.name == "identifier.h")

@@ -1,8 +1,8 @@
-// A model as a unit of FMI 2.0 for co-simulation: a zip with what it is in XML, the numbers of the
-// model, the program as a shared library and as C sources, and a page for people (docs/files.md).
-//
-// The same model makes the same unit, byte for byte. Throws std::runtime_error where an effect has
-// no C translation. Any thread. Source: Functional Mock-up Interface 2.0.5 (fmi-standard.org).
+// Exports a model as an FMI 2.0 unit for co-simulation: a zip with an XML description, the numbers
+// of the model, the simulation as a shared library and as C sources, and an HTML page
+// (docs/files.md). The same model gives the same unit, byte for byte. Throws std::runtime_error if
+// an effect has no C translation. Any thread. Source: Functional Mock-up Interface 2.0.5
+// (fmi-standard.org).
 #pragma once
 
 #include <string>
@@ -19,13 +19,13 @@ struct Unit {
   std::string zip;
 };
 
-/// `about`: lines for people, of what the model is and how well it predicts.
+/// `about`: lines of text for the page, which describe the model and its prediction errors.
 [[nodiscard]] Unit make_unit(const ModelRecord& record, const std::vector<std::string>& about);
 
-/// Throws std::runtime_error that names the effect if there is none of this id in the C sources.
+/// Throws std::runtime_error with the id of the effect if the C sources do not have it.
 void require_translated(std::string_view effect);
 
-/// What cli/export/sources/model_text.h reads.
+/// The numbers of the model as text, which cli/export/sources/model_text.h reads.
 [[nodiscard]] std::string model_text(const Model& model, const std::string& guid);
 
 }  // namespace servotwin

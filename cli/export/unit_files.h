@@ -1,5 +1,5 @@
-// The files that every unit has, built into the program: the C sources of cli/export/sources, the
-// shared library that was made of them, and the licence. Any thread.
+// The files that every unit contains, embedded in the program: the C sources of cli/export/sources,
+// the shared library built from them, and the licence. Any thread.
 #pragma once
 
 #include <span>

@@ -21,13 +21,13 @@ std::string zipped(const std::vector<PackedFile>& files) {
   if (bytes == nullptr) fail(&error);
   const std::unique_ptr<zip_source_t, decltype([](zip_source_t* s) { zip_source_free(s); })> kept(
       bytes);
-  zip_source_keep(bytes);  // the archive lets go of its own
+  zip_source_keep(bytes);  // the archive releases its own reference
   zip_t* archive = zip_open_from_source(bytes, ZIP_TRUNCATE, &error);
   if (archive == nullptr) {
     zip_source_free(bytes);
     fail(&error);
   }
-  constexpr zip_uint16_t kDosDay = (0 << 9) | (1 << 5) | 1;  // 1980-01-01: none
+  constexpr zip_uint16_t kDosDay = (0 << 9) | (1 << 5) | 1;  // 1980-01-01 stands for no date
   for (const PackedFile& file : files) {
     zip_source_t* content = zip_source_buffer(archive, file.content.data(), file.content.size(), 0);
     const zip_int64_t place =

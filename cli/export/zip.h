@@ -1,5 +1,5 @@
-// Files as one zip, in memory. Without times, so that the same files make the same zip. Throws
-// std::runtime_error with what the library says. Source: libzip (BSD-3-Clause).
+// Writes files as one zip in memory, without times, so that the same files give the same zip.
+// Throws std::runtime_error with the message of the library. Source: libzip (BSD-3-Clause).
 #pragma once
 
 #include <string>

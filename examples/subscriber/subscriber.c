@@ -14,7 +14,7 @@
 
 #define ROOM 64
 
-/* What the daemon does where CYCLONEDDS_URI is not set: one host, no multicast. */
+/* The settings of the daemon if CYCLONEDDS_URI is not set: one host, no multicast. */
 static const char* const loopback =
     "<General><Interfaces><NetworkInterface name=\"lo\" multicast=\"false\"/></Interfaces>"
     "<AllowMulticast>false</AllowMulticast></General>"
@@ -42,7 +42,7 @@ static dds_entity_t prediction_reader(dds_entity_t participant, dds_duration_t s
   dds_qos_t* qos = dds_create_qos();
   dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
   dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, ROOM);
-  dds_qset_ownership(qos, DDS_OWNERSHIP_EXCLUSIVE); /* of two daemons the stronger one */
+  dds_qset_ownership(qos, DDS_OWNERSHIP_EXCLUSIVE); /* of two daemons, the one of more strength */
   dds_qset_deadline(qos, silence);
   const dds_entity_t reader = must(dds_create_reader(participant, topic, qos, NULL), "read");
   dds_delete_qos(qos);
@@ -53,7 +53,7 @@ static dds_entity_t prediction_reader(dds_entity_t participant, dds_duration_t s
   return reader;
 }
 
-/* What an axis is is said in the status, also to who comes late. */
+/* The kinds of the axes are in the status, which late subscribers receive, too. */
 static dds_entity_t status_reader(dds_entity_t participant) {
   const dds_entity_t topic = must(
       dds_create_topic(participant, &servotwin_msgs_Status_desc, "servotwin/status", NULL, NULL),

@@ -1,10 +1,9 @@
-// Prints what the daemon of a machine predicts, one line per servo cycle, and says when it falls
-// silent and when it is gone.
+// Prints the predictions of the daemon of a machine, one line per servo cycle, and reports when
+// predictions stop and when the daemon has stopped.
 //
 //   subscriber MACHINE [DOMAIN [SILENCE_S]]
-//
-// SILENCE_S (0.1) is asked for as the deadline of the predictions: a silence that is longer is
-// told. It must not be shorter than the machine's cycle, which the daemon offers.
+// SILENCE_S (0.1) is the requested deadline of the predictions: a longer silence is reported. It
+// must not be shorter than the machine's cycle, which is the deadline that the daemon offers.
 #include <charconv>
 #include <chrono>
 #include <csignal>
@@ -73,7 +72,7 @@ void listen(const DdsPlace& place, double silence_s) {
   }
 }
 
-/// The whole of a word as a number.
+/// A complete word as a number.
 template <class Number>
 Number number_in(const char* word, const char* name, const char* rule) {
   Number value{};

@@ -1,4 +1,4 @@
-// Files that are not what they should be: status 1 and one line that names the file and the fault.
+// Invalid input files: exit status 1 and one line that names the file and the fault.
 #include <gmock/gmock.h>
 
 #include <cmath>

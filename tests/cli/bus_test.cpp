@@ -30,7 +30,7 @@ using testing::IsEmpty;
 constexpr double kPatience_s = 30.0;  // for what must come; what does not come fails the test
 constexpr double kCycle_s = 0.01;
 
-/// A machine of this test's own: tests run side by side.
+/// A machine name of this test only, because tests run in parallel.
 DdsPlace place() {
   const auto id = static_cast<std::uint32_t>(::getpid());
   return {"cli-test-" + std::to_string(id), 1 + id % 200, ""};
@@ -68,7 +68,7 @@ TEST(Replay, IsTheMachineThatMadeTheRecording) {
   ASSERT_EQ(machine.axes.size(), 1U);
   EXPECT_EQ(machine.axes[0].name, "X");
 
-  // A daemon that has not named the axes is not ready: no frame may come before.
+  // A daemon that has not published its axes is not ready: no frame may be sent before.
   MachineFrame frame;
   ASSERT_TRUE(statuses.wait_for_readers(1, kPatience_s));
   ASSERT_TRUE(statuses.write({}));
@@ -98,8 +98,8 @@ TEST(Replay, IsTheMachineThatMadeTheRecording) {
   EXPECT_THAT(answer.out, HasSubstr("sent 149 of 149 frames"));
 }
 
-// A daemon says that it is ready before its reader of frames is found: what is sent until then
-// nobody would count as lost.
+// A daemon may be ready before its reader of frames is matched: a frame sent until then would be
+// lost without being counted.
 TEST(Replay, WaitsForWhoReadsItsFrames) {
   const Folder folder;
   const DdsNode node(place());
@@ -128,11 +128,11 @@ TEST(Replay, NobodyThereIsAnError) {
       over_dds("replay", {folder.write("rec.csv", slow_recording(150)), "--wait", "0.2"}));
   EXPECT_EQ(answer.status, 1);
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("nobody listens to machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err, HasSubstr("no daemon listens to machine '" + place().machine + "'"));
   EXPECT_THAT(answer.err, HasSubstr("start servotwind"));
 }
 
-// Readers of frames hear all machines of a domain, so that their being there says nothing.
+// Readers of frames receive those of all machines of a domain, so their presence proves nothing.
 TEST(Replay, AMachineOfWhichThereIsNoDaemonIsAnErrorBesideDaemonsOfOthers) {
   const Folder folder;
   DdsPlace other = place();
@@ -147,7 +147,7 @@ TEST(Replay, AMachineOfWhichThereIsNoDaemonIsAnErrorBesideDaemonsOfOthers) {
       over_dds("replay", {folder.write("rec.csv", slow_recording(10)), "--wait", "1"}));
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.out, testing::Not(HasSubstr("sent")));
-  EXPECT_THAT(answer.err, HasSubstr("nobody listens to machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err, HasSubstr("no daemon listens to machine '" + place().machine + "'"));
   EXPECT_THAT(answer.err, HasSubstr("in this domain there is a daemon of mill-7"));
 }
 
@@ -169,7 +169,7 @@ TEST(Replay, ADaemonThatGoesBeforeTheEndIsAnError) {
   const Answer answer = replay.answer();
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.out, HasSubstr("sent 149 of 149 frames"));
-  EXPECT_THAT(answer.err, HasSubstr("has gone before the end"));
+  EXPECT_THAT(answer.err, HasSubstr("stopped before the end"));
 }
 
 TEST(Replay, AListenerWithoutADaemonIsEnough) {
@@ -181,7 +181,7 @@ TEST(Replay, AListenerWithoutADaemonIsEnough) {
   for (int k = 0; k < 10; ++k) ASSERT_TRUE(frames.receive(frame, kPatience_s));
   const Answer answer = replay.answer();
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("no daemon speaks for"));
+  EXPECT_THAT(answer.out, HasSubstr("no daemon serves"));
 }
 
 /// Daemon and machine of one axis whose errors are chosen, cycle by cycle.
@@ -216,7 +216,7 @@ class Stage {
   void say(const MachineStatus& status) { statuses_.write(status); }
   [[nodiscard]] MachineStatus& status() { return status_; }
 
-  /// One cycle: the command, the error that is measured and what of it was not predicted.
+  /// One cycle: the command, the measured error and the residual.
   void cycle(double command, double measured, double residual,
              AxisState state = AxisState::kPredicting) {
     frame_.sequence = prediction_.sequence = sequence_;
@@ -326,8 +326,8 @@ TEST(Watch, TheSummaryHasTheFiguresOfTheModelInForce) {
   EXPECT_NEAR(axis["by_regime"]["constant_speed"]["share"].get<double>(), 0.9, 1e-12);
 }
 
-// A daemon that waits for its machine says so through a writer of its own, and speaks through
-// another one once the machine is there.
+// A daemon that waits for its machine publishes through one writer, and through another one once
+// the machine is there.
 TEST(Watch, TheSummaryGoesOnWhereADaemonThatWaitedTakesUpItsMachine) {
   auto waiting = std::make_unique<Stage>(false);
   Program watch(over_dds("watch", {"--summary", "--json"}));
@@ -408,7 +408,7 @@ TEST(Watch, APipeGetsALinePerSecondUntilItIsInterrupted) {
   EXPECT_NEAR(last["axes"][0]["without_model"]["rms_m"].get<double>(), 5e-6, 1e-15);
 }
 
-/// What the tool writes to a terminal, until it ends.
+/// The output of the tool on a terminal, until it ends.
 std::string on_a_terminal(const std::vector<std::string>& arguments,
                           const std::function<void()>& meanwhile) {
   std::vector<std::string> all{SERVOTWIN_BINARY};
@@ -503,7 +503,7 @@ TEST(Watch, TheSummaryOfAMachineAtRestIsAScreen) {
   EXPECT_THAT(answer.out, HasSubstr(": no frames came in 2 s\n"));
   EXPECT_THAT(answer.out, HasSubstr("axis X: model version 1 in force\n"));
   EXPECT_THAT(answer.out, HasSubstr("now         collecting\n"));
-  EXPECT_THAT(answer.err, HasSubstr("a daemon is there, but no frames reach it"));
+  EXPECT_THAT(answer.err, HasSubstr("a daemon is running, but receives no frames"));
 }
 
 TEST(Watch, ADaemonThatGoesEndsTheSummaryAndIsSaidInTheLines) {
@@ -518,8 +518,8 @@ TEST(Watch, ADaemonThatGoesEndsTheSummaryAndIsSaidInTheLines) {
   stage.reset();
   const Answer ended = summary.answer();
   EXPECT_EQ(ended.status, 1) << ended;
-  EXPECT_THAT(ended.out, HasSubstr("the daemon has gone"));
-  EXPECT_THAT(ended.err, HasSubstr("its daemon has gone"));
+  EXPECT_THAT(ended.out, HasSubstr("the daemon has stopped"));
+  EXPECT_THAT(ended.err, HasSubstr("its daemon has stopped"));
   const Answer told = lines.answer();
   EXPECT_LT(told.out.find("X v3 no frames"), told.out.find("X v3 no daemon")) << told;
 }
@@ -578,7 +578,8 @@ TEST(Watch, SilenceIsAnError) {
   EXPECT_EQ(answer.status, 1);
   EXPECT_THAT(answer.out, IsEmpty());
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("no prediction came for machine '" + place().machine + "'"));
+  EXPECT_THAT(answer.err,
+              HasSubstr("no prediction was received for machine '" + place().machine + "'"));
 }
 
 }  // namespace

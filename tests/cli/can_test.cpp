@@ -81,8 +81,8 @@ TEST_F(CanOnTheCommandLine, ALogWithoutAMappingAndAMappingWithoutALog) {
   says({"identify", no_sync, "--axis", "X", "--can-map", kMap}, 1, "no frame with id 0x080");
 }
 
-/// What comes on the bus while the program runs. A busy host may hold it up for seconds, so that
-/// the wait ends with the frames that are expected; what comes beyond them is heard too.
+/// The frames on the bus while the program runs. A busy host may delay it for seconds, so the wait
+/// ends with the expected frames; further ones are received, too.
 std::vector<CanFrame> heard(CanUdp& bus, Program& program, std::size_t expected, Answer& answer) {
   std::vector<CanFrame> all;
   std::array<CanFrame, 64> batch;

@@ -30,8 +30,8 @@ double friction(const Friction& f, double v) {
   return (v >= 0.0 ? f.plus : -f.minus) * level + f.viscous * v;
 }
 
-/// Ramps to and fro at these velocities with 0.2 s of rest between, at 1 kHz; the encoder follows
-/// the command, the torque is friction, and the force of acceleration at the kinks.
+/// Ramps back and forth at these velocities with 0.2 s of rest between, at 1 kHz; the encoder
+/// follows the command, the torque is friction, and the force of acceleration at the kinks.
 std::string ramps_table(const std::vector<double>& velocities, const Friction& f,
                         const std::string& unit = "N") {
   std::string out = "time[s],X.command[mm],X.actual[mm],X.torque[" + unit + "]\n";
@@ -87,8 +87,8 @@ std::string followed_table(const std::vector<double>& velocities, const Friction
 
 TEST(Characterize, FindsFrictionOnRampsAndPutsItIntoTheModel) {
   const Folder folder;
-  // An axis with the friction of kFriction (less what the poles hold), and a model that has it
-  // wrong.
+  // An axis with the friction of kFriction (without the viscous share, which the poles contain),
+  // and a model with wrong friction.
   ModelRecord truth = known_axis(), wrong = truth;
   truth.model.effects[0].coefficient[0] = 0.5 * (kFriction.plus + kFriction.minus) / kMass;
   truth.model.effects[0].shape[0] = 1e-4;
@@ -116,7 +116,7 @@ TEST(Characterize, FindsFrictionOnRampsAndPutsItIntoTheModel) {
   }
   EXPECT_NEAR(found["moved_mass"]["value"].get<double>(), kMass, 0.05 * kMass);
   EXPECT_EQ(found["moved_mass"]["unit"], "kg");
-  // The simplest that is enough: what the table was made with.
+  // The simplest sufficient model, with which the table was made.
   EXPECT_EQ(found["trials"][0]["chosen"], true);
   EXPECT_LT(found["trials"][0]["held_out"]["rms"].get<double>(), 0.05);
   const json& symmetric = found["effects"][0]["parameters"];
@@ -126,7 +126,7 @@ TEST(Characterize, FindsFrictionOnRampsAndPutsItIntoTheModel) {
               0.05);
   EXPECT_THAT(content_of(plot), HasSubstr("</svg>"));
 
-  // Per moved mass, and what the poles hold taken out.
+  // Per moved mass, without the viscous share that the poles contain.
   const json written = json::parse(content_of(model));
   const std::string chosen = found["effects"][0]["id"];
   bool there = false;
@@ -137,7 +137,7 @@ TEST(Characterize, FindsFrictionOnRampsAndPutsItIntoTheModel) {
   EXPECT_TRUE(there);
   EXPECT_TRUE(written["fit"]["holdout"]["rms_m"].is_null());
   EXPECT_THAT(answer.out, HasSubstr("with this "));
-  // What is viscous is in the poles, in both directions alike.
+  // Viscous friction is in the poles, equal in both directions.
   for (const json& effect : written["effects"]) {
     for (const char* viscous : {"viscous", "viscous_plus", "viscous_minus"}) {
       if (effect["parameters"].contains(viscous)) {
@@ -230,7 +230,7 @@ TEST(Characterize, LeavesAModelAloneThatItsFrictionWouldMakeWorse) {
   Answer answer =
       servotwin_says({"characterize", file, "--axis", "X", "--model", model, "--json", result});
   EXPECT_EQ(answer.status, 1);
-  EXPECT_THAT(answer.err, HasSubstr("with this friction it predicts worse"));
+  EXPECT_THAT(answer.err, HasSubstr("with this friction the model predicts worse"));
   write_model(folder / "y.json", known_axis("Y"));
   answer = servotwin_says({"characterize", file, "--axis", "X", "--model", folder / "y.json"});
   EXPECT_EQ(answer.status, 1);
@@ -250,7 +250,7 @@ TEST(Characterize, NoticesATorqueThatIsTurnedRoundOrDead) {
   const std::string file = folder.write("turned.csv", ramps_table(kSpeeds, turned));
   Answer answer = servotwin_says({"characterize", file, "--axis", "X"});
   EXPECT_EQ(answer.status, 1);
-  EXPECT_THAT(answer.err, HasSubstr("the torque drives against the motion"));
+  EXPECT_THAT(answer.err, HasSubstr("the torque acts against the motion"));
   EXPECT_THAT(answer.err, HasSubstr("--invert-torque"));
   answer = servotwin_says({"characterize", file, "--axis", "X", "--invert-torque"});
   EXPECT_EQ(answer.status, 0) << answer;

@@ -1,4 +1,5 @@
-// servotwin check-config: what would stop the daemon beyond the text of its configuration.
+// servotwin check-config: obstacles to a start of the daemon that are not errors in the text of its
+// configuration.
 #include <gmock/gmock.h>
 
 #include <fstream>
@@ -92,9 +93,8 @@ TEST(CheckConfig, ABandwidthThatLimitsNothingIsNoted) {
   };
   const Answer wide = said("501");
   EXPECT_EQ(wide.status, 0) << wide;
-  EXPECT_THAT(wide.out,
-              HasSubstr("note: axis X: a correction's bandwidth of 501 Hz limits nothing, "
-                        "half the cycle rate is 500 Hz"));
+  EXPECT_THAT(wide.out, HasSubstr("note: axis X: the correction bandwidth of 501 Hz has no effect, "
+                                  "since half the cycle rate is 500 Hz"));
   EXPECT_EQ(said("500").out.find("note: axis X"), std::string::npos);
 }
 
@@ -116,7 +116,7 @@ TEST(CheckConfig, ALimitThatIsWrongIsOneProblemAndWhatItNamesIsLookedAtLater) {
   EXPECT_EQ(answer.status, 1) << answer;
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
   EXPECT_THAT(answer.err, HasSubstr("store.recordings_mb = -1"));
-  EXPECT_THAT(answer.err, HasSubstr("are looked at when they are corrected"));
+  EXPECT_THAT(answer.err, HasSubstr("are checked once this is corrected"));
 }
 
 TEST(CheckConfig, TakesTheFileOfTheReference) {

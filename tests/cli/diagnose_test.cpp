@@ -19,7 +19,7 @@ class Diagnose : public testing::Test {
  protected:
   void SetUp() override { write_model(model_, known_axis()); }
 
-  /// What is said to a recording of the known axis along this motion, with --suggested-test.
+  /// The answer for a recording of the known axis along this motion, with --suggested-test.
   Answer diagnosed(const std::function<double(double)>& motion) {
     const std::string path = folder_.write("path.csv", command_table(8.0, motion));
     const Answer simulated = servotwin_says(
@@ -36,7 +36,7 @@ class Diagnose : public testing::Test {
 };
 
 TEST_F(Diagnose, WritesTheTestMotionWhereSomethingIsInDoubt) {
-  // One direction only: what friction does cannot be seen.
+  // In one direction only, friction is not observable.
   const Answer answer = diagnosed([](double t) {
     const double turns = 2.0 * std::numbers::pi * t / 2.0;
     return 0.02 * (turns - std::sin(turns)) / std::numbers::pi;
@@ -59,7 +59,7 @@ TEST_F(Diagnose, SaysThatNoneIsNeeded) {
   ASSERT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(
       answer.out,
-      HasSubstr("test        none is needed: nothing that the position loop says is in doubt"));
+      HasSubstr("test        none is needed: no cause found in the position loop is in doubt"));
   const json diagnosis = json::parse(content_of(folder_ / "diagnosis.json"));
   EXPECT_TRUE(diagnosis["suggested_test"].is_null());
   EXPECT_FALSE(diagnosis.contains("suggested_test_files"));

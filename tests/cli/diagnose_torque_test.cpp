@@ -13,7 +13,7 @@ namespace {
 
 using testing::HasSubstr;
 
-/// +-10 mm to and fro, ever faster; 300 N through 2 mm of play and 500 N/mm.
+/// +-10 mm back and forth at increasing speed; 300 N through 2 mm of play and 500 N/mm.
 std::string rig_table() {
   std::string out = "time[s],R.actual[mm],R.torque[N]\n";
   for (int k = 0; k < 12'000; ++k) {
@@ -53,7 +53,8 @@ TEST(DiagnoseTorque, WhatShowsNothingInEitherWaySaysBothReasons) {
       servotwin_says({"diagnose", folder.write("short.csv", table), "--axis", "R"});
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.err, HasSubstr("R.command does not move"));
-  EXPECT_THAT(answer.err, HasSubstr("; nor by torque: there is no stretch of 262 samples"));
+  EXPECT_THAT(answer.err,
+              HasSubstr("; a diagnosis by torque fails too: there is no stretch of 262 samples"));
 }
 
 TEST(DiagnoseTorque, WhatNeedsACommandSaysSo) {

@@ -1,4 +1,4 @@
-// servotwin export: what it writes and says, and what it refuses. What is in a unit is tested in
+// servotwin export: its files, output and refusals. The content of a unit is tested in
 // tests/cli/export, the matrices in tests/twin and tests/octave.
 #include <gmock/gmock.h>
 #include <matio.h>
@@ -65,7 +65,7 @@ TEST_F(Export, SaysTheSameForPrograms) {
   EXPECT_EQ(said["unit"]["variables"][0]["name"], "command");
   EXPECT_EQ(said["unit"]["variables"].size(), 8U);
   EXPECT_EQ(said["matrices"]["outputs"][0], "tracking_error [m]");
-  EXPECT_THAT(answer.err, HasSubstr("note: the matrices are the loop's alone; not in them: "
+  EXPECT_THAT(answer.err, HasSubstr("note: the matrices contain the linear loop only, without: "
                                     "coulomb_friction, gravity_offset\n"));
 }
 
@@ -107,7 +107,8 @@ TEST_F(Export, WritesTheMatricesWithTheirNames) {
   EXPECT_EQ(*static_cast<const double*>(read("sample_time_s")->data), 0.001);
 }
 
-// A mode that moves: the matrices are those of one place, a unit has the law.
+// A mode that varies with position: the matrices are those at one position, a unit contains the
+// law.
 TEST_F(Export, AModeThatMovesIsTakenAtOnePlaceByTheMatricesAlone) {
   ModelRecord moving = known_axis();
   moving.model.loop.modes = {{280.0, 0.03, 0.1, 20.0, 0.0, 0.5, 0.2}};

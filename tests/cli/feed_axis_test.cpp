@@ -70,8 +70,8 @@ TEST(FeedAxisFile, EveryOptionalPartIsRead) {
     damping_n_s_per_m = 900)",
                                                   "a.toml");
   ASSERT_EQ(checked.problems.size(), 1U);  // the lag is still in [control]
-  EXPECT_THAT(checked.problems[0].message(),
-              AllOf(HasSubstr("control.current_loop_hz = 1000"), HasSubstr("leave one out")));
+  EXPECT_THAT(checked.problems[0].message(), AllOf(HasSubstr("control.current_loop_hz = 1000"),
+                                                   HasSubstr("remove one of the two")));
   EXPECT_DOUBLE_EQ(checked.parts.control.current_loop->inductance, 6e-3);
   ASSERT_EQ(checked.parts.control.band_stops.size(), 2U);
   EXPECT_EQ(checked.parts.control.band_stops[0].numerator_bandwidth_hz, 20.0);
@@ -181,7 +181,7 @@ TEST(WhatIf, RefusesWhatCannotBe) {
   expect_refusal(set("coupling.stiffness_nm_per_rad=stiff"), 2,
                  HasSubstr("must be a number, [from, to] or a text in quotes"));
   expect_refusal(set("control.band_stop.1.frequency_hz=300"), 2, HasSubstr("band_stop"));
-  expect_refusal(set("screw.lead_mm.x=3"), 2, HasSubstr("is no section"));
+  expect_refusal(set("screw.lead_mm.x=3"), 2, HasSubstr("is not a section"));
   expect_refusal({"what-if", folder / "none.toml"}, 1, HasSubstr("none.toml"));
   expect_refusal({"what-if", folder.write("bad.toml", "[screw]\n")}, 1,
                  AllOf(HasSubstr("bad.toml"), HasSubstr("screw.diameter_mm: is missing")));
@@ -196,7 +196,7 @@ TEST(WhatIf, RefusesWhatCannotBe) {
 
 TEST(FitAxis, WritesAnAxisThatWhatIfReads) {
   const Folder folder;
-  // What the example answers, from a coupling that is softer: closed_velocity_loop in one line
+  // The response of the example, starting from a softer coupling: one line of closed_velocity_loop
   // each.
   std::string response = "frequency[Hz],gain[dB],phase[deg]\n";
   for (int k = 0; k < 40; ++k) {
@@ -225,7 +225,7 @@ TEST(FitAxis, RefusesWhatCannotBe) {
     return std::vector<std::string>{"fit-axis", kRig, "--response", folder.write("r.csv", text)};
   };
   expect_refusal(response(head + "10,0,0\n20,x,0\n"), 1,
-                 AllOf(HasSubstr("r.csv:3: '20,x,0'"), HasSubstr("'x', which is no number")));
+                 AllOf(HasSubstr("r.csv:3: '20,x,0'"), HasSubstr("'x', which is not a number")));
   expect_refusal(response(head + "10,0,0\n9,0,0\n"), 1, HasSubstr("a higher frequency"));
   expect_refusal(response(head + "10,0\n"), 1, HasSubstr("must be frequency[Hz]"));
   expect_refusal(response(head + "10,0,0\n"), 1, HasSubstr("10 frequencies or more"));

@@ -101,7 +101,7 @@ TEST(FrequencyResponseTool, TakesColumnsOfAnyFileAndRepetitions) {
   const json first = json::parse(one.out), both = json::parse(two.out);
   EXPECT_TRUE(first["axis"].is_null());
   EXPECT_NEAR(first["fit"]["poles"][0]["frequency_hz"], kHz, 0.1);
-  // The second says the opposite: what both say is nothing.
+  // The second has the opposite sign: the mean of both is zero.
   EXPECT_EQ(both["windows"].get<int>() % 2, 0);
   EXPECT_TRUE(both["fit"].is_null());
   EXPECT_LT(std::abs(both["responses"][0]["real"][20].get<double>()), 1e-9);
@@ -157,7 +157,7 @@ TEST(FrequencyResponseTool, AnInputThatStandsStillExcitesNothing) {
       "rec.csv", table(kHeader, {std::vector<double>(m.command.size(), 1.0), m.actual}));
   const Answer answer = servotwin_says({"frequency-response", file, "--axis", "X"});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("excited   not at all: the input stands still"));
+  EXPECT_THAT(answer.out, HasSubstr("excited   not at all: the input is constant"));
   EXPECT_THAT(answer.out, HasSubstr("declined    no fit"));
 }
 

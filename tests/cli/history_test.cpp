@@ -68,7 +68,8 @@ TEST(History, WhatIsSuspectedAndWhatCannotShowIsThere) {
   const Answer answer = servotwin_says(
       {"history", "--store", folder / "store", "--machine", "mill-7", "--axis", "X"});
   ASSERT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("  suspected cogging, backlash  cannot show stribeck\n"));
+  EXPECT_THAT(answer.out,
+              HasSubstr("  suspected cogging, backlash  not observable here: stribeck\n"));
 }
 
 TEST(History, WhatIsNotThereIsSaidAndNothingIsMade) {

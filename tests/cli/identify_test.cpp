@@ -263,8 +263,8 @@ TEST_F(Predict, SaysWhereTheModelWasFittedToThisRecording) {
     ASSERT_EQ(answer.status, 0) << answer;
     EXPECT_EQ(json::parse(answer.out)["overlaps_training"], overlaps);
     const auto said = HasSubstr(
-        "note: the model was fitted to 0.00 to 7.20 s of this recording, so that this is no test "
-        "of it; its hold-out is 7.20 to 12.00 s");
+        "note: the model was fitted to 0.00 to 7.20 s of this recording, so this comparison is no "
+        "validation; its held-out data are 7.20 to 12.00 s");
     if (overlaps) {
       EXPECT_THAT(answer.err, said);
     } else {

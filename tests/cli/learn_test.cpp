@@ -1,4 +1,4 @@
-// servotwin learn: from a table of commands to a corrected one that does better on the twin.
+// servotwin learn: from a table of commands to a corrected one with a smaller error on the twin.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -35,7 +35,7 @@ std::string circles() {
   return out;
 }
 
-/// A model whose identification states how far it may be off.
+/// A model with standard deviations of its parameters.
 ModelRecord stated(ModelRecord record) {
   record.pole_deviation = {0.0, 8.0, 0.01};
   record.numerator_deviation = {0.01, 12.0, 0.0};
@@ -73,7 +73,7 @@ class Learn : public testing::Test {
   std::string table_ = folder_.write("path.csv", circles());
 };
 
-// The corrected table, simulated by the other command, is where the learning says it is.
+// `simulate` with the corrected table gives the error that `learn` reports.
 TEST_F(Learn, WhatItWritesDoesOnTheTwinWhatItSays) {
   const std::string corrected = folder_ / "corrected.csv";
   const json result = learned({"--out", corrected});
@@ -104,7 +104,7 @@ TEST_F(Learn, WhatItWritesDoesOnTheTwinWhatItSays) {
   EXPECT_LT(trials[best]["contour"]["rms_m"], 0.05 * trials[0]["contour"]["rms_m"].get<double>());
 }
 
-// Limits just below what the free correction would take: they bind, and it is better all the same.
+// Limits just below the unlimited correction: they bind, and the error still decreases.
 TEST_F(Learn, EveryMethodMakesItBetterAndObeysTheLimits) {
   const json free = learned()["axes"];
   const double peak = 0.95 *
@@ -126,11 +126,11 @@ TEST_F(Learn, EveryMethodMakesItBetterAndObeysTheLimits) {
   }
 }
 
-// Axis by axis these would leave the path worse than no correction.
+// Corrections of single axes would increase the contour error.
 TEST_F(Learn, TightLimitsLeaveThePathAsItIsAndSaySo) {
   const Answer answer = learn({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("the path is left as it is"));
+  EXPECT_THAT(answer.out, HasSubstr("the path is unchanged"));
   EXPECT_THAT(answer.out, HasSubstr("the axes' errors fell, but the distance from the path grew"));
   EXPECT_THAT(answer.out, HasSubstr("X at its peak of 60 um or rate of 5 mm/s in"));
   EXPECT_THAT(answer.out, HasSubstr("--aim contour"));
@@ -138,7 +138,7 @@ TEST_F(Learn, TightLimitsLeaveThePathAsItIsAndSaySo) {
   const json result = learned({"--limits-peak", "60", "--limits-rate", "5"});
   EXPECT_EQ(result["best_trial"], 0);
   for (const json& axis : result["axes"]) {
-    EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("nothing is kept"));
+    EXPECT_THAT(axis["limited_by"].get<std::string>(), HasSubstr("no correction is kept"));
     EXPECT_TRUE(axis["expected_rms_m"].is_null()) << "of no correction";
   }
   EXPECT_THAT(learn({"--limits-rate", "5"}).out, Not(HasSubstr(" peak of")));
@@ -165,7 +165,8 @@ TEST_F(Learn, TheFeedForwardIsJudgedByWhatItIs) {
   }
 }
 
-// Ten trials or a hundred: what the filter of learning keeps is no matter of their number.
+// Ten trials or a hundred: the error that the learning filter blocks does not depend on their
+// number.
 TEST_F(Learn, WhereMoreTrialsChangeNothingItIsTheBandwidth) {
   for (const auto& [file, name] : {std::pair{x_, "X"}, std::pair{y_, "Y"}}) {
     ModelRecord record = known_axis(name);  // without the force that it holds at both ends
@@ -191,10 +192,11 @@ TEST_F(Learn, APathThatDoesNotRestIsLimitedByItsEnds) {
   const json result = learned();
   for (const json& axis : result["axes"])
     EXPECT_THAT(axis["limited_by"].get<std::string>(),
-                HasSubstr("the ends: 100 % of what is left"));
+                HasSubstr("the ends of the path: 100 % of the remaining squared error"));
 }
 
-// Who asks for 5 Hz spares a resonance above it: of the feed-forward beneath learning, too.
+// --bandwidth 5 also limits the feed-forward beneath learning, so that a resonance above 5 Hz is
+// not excited.
 TEST_F(Learn, TheBandwidthThatIsAskedForIsOfTheWholeCorrection) {
   const json result = learned({"--bandwidth", "5"});
   for (const json& axis : result["axes"]) {
@@ -247,7 +249,7 @@ TEST_F(Learn, APathThatNeverMovesIsRefused) {
   EXPECT_THAT(answer.err, HasSubstr("nothing to correct"));
 }
 
-// Rows that were bridged or resampled are not those of the table.
+// Bridged or resampled rows differ from those of the table.
 TEST_F(Learn, SaysWhereItsRowsAreNotThoseOfTheTable) {
   EXPECT_THAT(learn({"--trials", "1"}).out, Not(HasSubstr("rows of the table")));
   const auto without_rows = [&](int gap) {
@@ -299,7 +301,7 @@ TEST_F(Learn, ARotaryAxisHasItsUnitAndNoPartInTheContour) {
   const Answer answer = learn({"--model", a, "--aim", "contour"});
   ASSERT_EQ(answer.status, 0) << answer;
   EXPECT_THAT(answer.out, HasSubstr("[um]      [um]    [urad]      [um]"));
-  EXPECT_THAT(answer.out, HasSubstr("A is a rotary axis and has no part in the distance"));
+  EXPECT_THAT(answer.out, HasSubstr("A is a rotary axis and does not contribute to the distance"));
   EXPECT_THAT(answer.out, Not(HasSubstr("A: limited by its aim")));
 }
 
@@ -314,7 +316,7 @@ TEST_F(Learn, TheAimOfTheContourLeavesTheLag) {
   EXPECT_LT(left(contour), 0.5 * left(by_axis));
 }
 
-// Across a path in the plane is half of the square of what the axes are off.
+// Half of the squared error of the axes is perpendicular to a path in the plane.
 TEST_F(Learn, WhatIsExpectedAcrossThePathIsSaid) {
   ModelRecord x = stated(known_axis("X")), y = stated(known_axis("Y"));
   x.holdout = {3e-6, 9e-6};
@@ -337,7 +339,7 @@ TEST_F(Learn, WhatIsExpectedAcrossThePathIsSaid) {
 TEST_F(Learn, AToleranceOfMovesThatNobodyAskedForIsRefused) {
   const Answer answer = learn({"--chord-tolerance", "2"});
   EXPECT_NE(answer.status, 0);
-  EXPECT_THAT(answer.err, HasSubstr("--chord-tolerance is of the G1 moves that --gcode writes"));
+  EXPECT_THAT(answer.err, HasSubstr("--chord-tolerance needs --gcode: it applies to the G1 moves"));
 }
 
 TEST_F(Learn, SaysWhatItDidOnOneScreen) {
@@ -374,7 +376,7 @@ TEST_F(Learn, RefusesWhatCannotBeMeant) {
   EXPECT_THAT(letter.err, HasSubstr("one letter"));
 }
 
-/// Where a control is that runs these moves at their feeds: corners of position over time.
+/// The position of a control that runs these moves at their feeds: corners of position over time.
 struct Moves {
   std::vector<double> time{0.0};
   std::vector<std::array<double, 2>> at;  // [mm]
@@ -422,8 +424,8 @@ TEST_F(Learn, TheGcodeStaysWithinItsToleranceAtEveryTime) {
   EXPECT_GT(furthest, 0.5e-3) << "chords are not shorter than they must be";
 }
 
-// A way back along the same line lies on its chord, but is no part of it; the other axis' error,
-// which is nothing, is none of the correction's business.
+// A motion back along the same line lies on the chord, but must not be merged into it; the other
+// axis has no error and needs no correction.
 TEST_F(Learn, AWayThereAndBackAlongALineIsKept) {
   std::string table = "time[s],X.command[mm],Y.command[mm]\n";
   for (int k = 0; k < 1500; ++k) {
@@ -468,7 +470,7 @@ TEST_F(Learn, AModelWithoutDeviationsSaysWhatIsTakenInstead) {
   EXPECT_LT(narrow, wide);
 }
 
-// The motion that a model was found from is its evidence, not the one that is to be corrected.
+// The reach of a model is the motion that it was identified from, not the path to be corrected.
 TEST_F(Learn, APathOfTenTimesTheSizeMakesAModelNoSurer) {
   write_model(x_, stated(known_axis("X")));
   const auto bandwidth_of = [&](double size) {
@@ -524,7 +526,8 @@ TEST_F(Learn, PromisesNothingBeyondTheMotionOfItsModel) {
   ASSERT_EQ(beyond.status, 0) << beyond;
   EXPECT_THAT(beyond.out, HasSubstr("warning: Y: the command reaches 3.9 times the speed (0.079 "
                                     "m/s) and"));
-  EXPECT_THAT(beyond.out, HasSubstr("Y: limited by the model: it was found on slower motion\n"));
+  EXPECT_THAT(beyond.out,
+              HasSubstr("Y: limited by the model: it was identified on slower motion\n"));
   EXPECT_TRUE(expected().is_null());
 }
 
@@ -566,7 +569,7 @@ TEST_F(Learn, AMissingCommandIsNotGuessed) {
   EXPECT_THAT(answer.err, HasSubstr("hole.csv: X.command has no value in row 1200 (at 1.199 s)"));
 }
 
-// A corner at full speed is no jump, nor are the digits of a table.
+// Neither a corner at full speed nor the rounding of a table is a jump.
 TEST_F(Learn, ACornerIsNoJump) {
   std::string out = "time[s],X.command[mm],Y.command[mm]\n";
   for (int k = 0; k <= 3000; ++k) {
@@ -584,7 +587,8 @@ TEST_F(Learn, AFileThatDoesNotSayItsMotionIsNamed) {
   write_model(x_, old);
   const Answer answer = learn({"--trials", "1"});
   EXPECT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("the model of X does not say how fast the motion was"));
+  EXPECT_THAT(answer.out,
+              HasSubstr("the model of X does not say which speeds it was identified on"));
   EXPECT_THAT(answer.out, Not(HasSubstr("the model of Y")));
 }
 

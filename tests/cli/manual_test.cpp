@@ -1,5 +1,5 @@
-// The manual pages and the completions name what --help names, and the programs that read them,
-// groff and the shells, have nothing to complain about.
+// The manual pages and completions list the same options as --help, and groff and the shells read
+// them without a message.
 #include <gmock/gmock.h>
 #include <sys/wait.h>
 
@@ -232,7 +232,7 @@ TEST(Completion, OfBashIsComputedByBash) {
   EXPECT_THAT(bash_completes("servotwin diagnose rec.csv --leave-out cogging,ba"),
               ElementsAre("cogging,backlash"));
   EXPECT_THAT(bash_completes("servotwin watch --json --su"), ElementsAre("--summary"));
-  // Files are readline's own, and a number is nobody's.
+  // Files are completed by readline; a number is not completed.
   EXPECT_THAT(bash_completes("servotwin identify \"\""), IsEmpty());
   EXPECT_THAT(bash_completes("servotwin identify --from \"\""), IsEmpty());
   EXPECT_THAT(bash_completes("servotwind --repl"), ElementsAre("--replay"));

@@ -28,7 +28,7 @@ class Preview : public testing::Test {
     status.axes[0].name = "X";
     EXPECT_TRUE(status_.write(status));
   }
-  /// Starts it on a table of 2.5 s, and takes what it asks.
+  /// Starts the tool with a table of 2.5 s and receives its program.
   void ask(std::vector<std::string> more) {
     const std::vector<std::string> words{"preview",
                                          folder_.write("my path.csv", command_table(2.5)),
@@ -109,7 +109,7 @@ TEST_F(Preview, ARefusalIsTheDaemonsReason) {
   EXPECT_THAT(said.err, HasSubstr("the daemon refused it: axis X has no model in force yet"));
 }
 
-// On the wire there are no units.
+// Messages contain no units.
 TEST_F(Preview, DegreesOfALinearAxisAreRefused) {
   std::string table = command_table(0.5);
   table.replace(table.find("[mm]"), 4, "[deg]");
@@ -132,16 +132,16 @@ TEST_F(Preview, ADaemonThatKnowsNoAxesYetIsNotDenied) {
   const Answer said = tool.answer();
   EXPECT_EQ(said.status, 1);
   EXPECT_THAT(said.err, HasSubstr("the daemon of machine 'waiting' in DDS domain"));
-  EXPECT_THAT(said.err, HasSubstr("has not heard of its axes yet"));
+  EXPECT_THAT(said.err, HasSubstr("does not know its axes yet"));
 }
 
-// Its topics are there, and they are another machine's.
+// The topics exist, but belong to another machine.
 TEST_F(Preview, AMachineThatNobodySpeaksForIsNamed) {
   Program tool({"preview", folder_.write("path.csv", command_table(0.5)), "--dds", "--machine",
                 "misspelt", "--domain", std::to_string(place().domain), "--wait", "2"});
   const Answer said = tool.answer();
   EXPECT_EQ(said.status, 1);
-  EXPECT_THAT(said.err, HasSubstr("nobody listens to machine 'misspelt' in DDS domain " +
+  EXPECT_THAT(said.err, HasSubstr("no daemon listens to machine 'misspelt' in DDS domain " +
                                   std::to_string(place().domain)));
   ProgramChunk chunk;
   EXPECT_FALSE(programs_.receive(chunk, 0.0)) << "and nothing is sent";

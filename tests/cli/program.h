@@ -1,4 +1,4 @@
-// Runs the command-line tool as a user does, and says what it answered.
+// Runs the command-line tool as a user does, and returns its output and exit status.
 #pragma once
 
 #include <sys/types.h>
@@ -21,7 +21,7 @@ struct Answer {
 };
 std::ostream& operator<<(std::ostream& out, const Answer& answer);
 
-/// A folder of its own for one test, gone with it.
+/// A folder for one test, deleted after it.
 class Folder : public test::TemporaryDirectory {
  public:
   [[nodiscard]] std::string operator/(const std::string& name) const {
@@ -29,7 +29,7 @@ class Folder : public test::TemporaryDirectory {
   }
   /// Writes a file and gives its name.
   std::string write(const std::string& name, const std::string& content) const;
-  /// The names of what is in it, sorted.
+  /// The names of its files, sorted.
   [[nodiscard]] std::vector<std::string> list() const;
 };
 
@@ -45,7 +45,7 @@ class Program {
   ~Program();
 
   void interrupt() const;
-  /// What it has written to standard output so far; nothing if that goes somewhere else.
+  /// Its standard output so far; empty if that is redirected.
   [[nodiscard]] std::string so_far() const;
   /// Waits for its end.
   [[nodiscard]] Answer answer();

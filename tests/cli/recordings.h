@@ -1,4 +1,4 @@
-// Motions, a known axis, and the tables and files of both that the tests of the tool are fed with.
+// Motions and a known axis, and their tables and files, as input for the tests of the tool.
 #pragma once
 
 #include <functional>

@@ -1,4 +1,4 @@
-// servotwin simulate, and predict as its inverse: what was put in must come out.
+// servotwin simulate, and predict as its inverse: the residual is the noise that was added.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -145,7 +145,7 @@ TEST_F(Simulate, SaysWhatItRepairedAndWhatItLeavesOut) {
   EXPECT_THAT(answer.out, HasSubstr("note: not simulated: X.torque, axis Y (no --model of it)"));
 }
 
-// The encoder's channel is not used, so that what is missing there is not missing in the command.
+// The encoder's channel is not used, so gaps in it are no gaps in the command.
 TEST_F(Simulate, AHoleInTheEncoderIsNoneInTheCommand) {
   const auto command = [](int k) { return cell(k == 1000 ? 1.0 : 1e3 * rich_motion(k / 1000.0)); };
   const auto hole = [](int k) { return k == 1000 ? std::string() : std::string("0"); };
@@ -183,7 +183,7 @@ TEST_F(Simulate, RefusesAPathThatBreaksOff) {
       servotwin_says({"simulate", folder_.write("gap.csv", table), "--model", model_});
   EXPECT_EQ(answer.status, 1);
   ASSERT_EQ(answer.complaints().size(), 1U) << answer;
-  EXPECT_THAT(answer.err, HasSubstr("X.command breaks off at 0.999 s"));
+  EXPECT_THAT(answer.err, HasSubstr("X.command is interrupted at 0.999 s"));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// What a bad recording is told: the file, the place, the value and the cure, on one line.
+// Errors of bad recordings: the file, the place, the value and the remedy, on one line.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -53,7 +53,7 @@ TEST_F(BadRecording, Directory) {
 }
 TEST_F(BadRecording, Device) {
   expect_error<std::runtime_error>([] { (void)read_recording("/dev/null"); },
-                                   {"/dev/null", "no regular file"});
+                                   {"/dev/null", "not a regular file"});
 }
 TEST_F(BadRecording, Empty) { refuses("", {"the file is empty"}); }
 TEST_F(BadRecording, OnlyComments) { refuses("# one\n\n# two\n", {"no header line"}); }
@@ -62,12 +62,12 @@ TEST_F(BadRecording, HeaderOnly) {
 }
 TEST_F(BadRecording, Prose) {
   refuses("Dear operator\nthe axis makes a noise.\n",
-          {"line 1", "text but no CSV", "'Dear operator'", "time[s],X.command[mm],X.actual[mm]"});
+          {"line 1", "text, but not CSV", "'Dear operator'", "time[s],X.command[mm],X.actual[mm]"});
 }
 TEST_F(BadRecording, Gcode) {
   for (const char* program : {"%\nO1000\n", "N10 G1 X10 Y0 F1000\nN20 X0\n", "g90\ng1 x10\n"})
     refuses(program,
-            {"line 1", "text but no CSV", "G-code has no times", "record what it commands"});
+            {"line 1", "text, but not CSV", "G-code has no times", "record what it commands"});
 }
 TEST_F(BadRecording, ProseWithCommas) {
   refuses("Dear operator, please, look\n",
@@ -89,16 +89,16 @@ TEST_F(BadRecording, Utf16) {
   refuses(std::string_view("\xff\xfet\0i\0m\0e\0", 10), {"UTF-16", "UTF-8"});
 }
 TEST_F(BadRecording, CanLog) {
-  refuses("  can0  181   [1]  00\n", {"first line is none of a CAN log"}, {}, "run.log");
+  refuses("  can0  181   [1]  00\n", {"first line is not that of a CAN log"}, {}, "run.log");
   const auto file = directory_.file("run.log", "(0.1) can0 181#00\n");
   expect_error<std::invalid_argument>([&] { (void)read_recording(file); },
                                       {"run.log", "--can-map F.toml"});
 }
 TEST_F(BadRecording, NamedMatButText) {
-  refuses("time[s],X.command[mm]\n0,1\n", {"no MATLAB file"}, {}, "run.mat");
+  refuses("time[s],X.command[mm]\n0,1\n", {"not a MATLAB file"}, {}, "run.mat");
 }
 TEST_F(BadRecording, TooLargeForTheMemory) {
-  // Rows at the beginning and a hole behind them: eight terabytes that take no room on the disk.
+  // A sparse file with rows at its beginning: eight terabytes that need no space on the disk.
   std::string text = "time[s],X.command[m],X.actual[m]\n";
   for (int i = 0; i < 4000; ++i) text += std::to_string(i) + ".0,1.0000000,2.0000000\n";
   const auto file = directory_.file("huge.csv", text);
@@ -133,7 +133,7 @@ TEST_F(BadRecording, LengthAndAngleOfOneAxis) {
 }
 TEST_F(BadRecording, DuplicateColumns) {
   refuses("time[s],X.command[mm],X.actual[mm],X.command[m]\n0,1,2,3\n",
-          {"'X.command' is there twice", "columns 2 and 4"});
+          {"'X.command' occurs twice", "columns 2 and 4"});
 }
 TEST_F(BadRecording, NoCommand) {
   refuses("time[s],X.comand[mm],X.actual[mm]\n0,1,2\n",
@@ -186,7 +186,7 @@ TEST_F(BadRecording, AValueThatWouldBreakTheLineOfTheMessage) {
           {"'a??bbbb", "...'"});
 }
 
-// What is asked of it.
+// The options.
 
 TEST_F(BadRecording, ForeignFileWithoutMapping) {
   refuses("t_s,pos_cmd_m,pos_meas_m\n0,1,2\n",
@@ -200,7 +200,7 @@ TEST_F(BadRecording, MappedColumnMissing) {
           mapped("X.command=position[m]"));
 }
 TEST_F(BadRecording, MappedColumnTwiceInTheFile) {
-  refuses("t,qg,qm,qg\n0,1,2,3\n", {"'qg' is there twice", "columns 2 and 4"},
+  refuses("t,qg,qm,qg\n0,1,2,3\n", {"'qg' occurs twice", "columns 2 and 4"},
           mapped("X.command=qg[m]"));
 }
 TEST_F(BadRecording, TwoColumnsThatCouldBeTheTime) {

@@ -1,4 +1,4 @@
-// From frames to cycles: whole ones, and every way in which they are not.
+// From frames to cycles: complete ones, and every kind of incomplete ones.
 #include "drivers/can_assembly.h"
 
 #include <gmock/gmock.h>
@@ -68,7 +68,7 @@ class Assembly : public testing::Test {
   [[nodiscard]] std::vector<SourceNews> told_since(const CanCounts& before) const {
     return happened(assembly_->map(), before, assembly_->counts());
   }
-  /// Whole cycles from..to-1 in which X and Y stand at the cycle's number [um].
+  /// Complete cycles from..to-1 in which X and Y are at the position of the cycle's number [um].
   void whole(int from, int to) {
     for (int k = from; k < to; ++k) {
       give(0x80, k * kMs);
@@ -171,7 +171,7 @@ TEST_F(Assembly, UnexpectedIdsAreNamedOnceAndCounted) {
   extended.extended = true;
   give(extended);
   EXPECT_EQ(assembly_->counts().buses[0].unexpected, 3U);
-  EXPECT_THAT(told(), ElementsAre("not in the mapping, and passed over: 0x701, 0x00000181"));
+  EXPECT_THAT(told(), ElementsAre("not in the mapping, and ignored: 0x701, 0x00000181"));
   for (std::uint32_t id = 0x500; id < 0x580; ++id) give(id, 0);
   EXPECT_EQ(assembly_->counts().unexpected.size(), CanCounts::kUnexpectedIds);
 }
@@ -207,7 +207,7 @@ TEST_F(Assembly, ErrorFramesAreToldByWhatTheyMean) {
   error.data[1] = 0x01;
   give(error);
   EXPECT_THAT(told(), ElementsAre(HasSubstr("bus-off"), HasSubstr("takes part again"),
-                                  HasSubstr("buffer ran over")));
+                                  HasSubstr("buffer overflowed")));
 }
 
 TEST_F(Assembly, WithoutSyncAMessageBeginsTheCycle) {
@@ -224,7 +224,7 @@ TEST_F(Assembly, WithoutSyncAMessageBeginsTheCycle) {
 }
 
 TEST_F(Assembly, CountersThatGoRoundGoOn) {
-  // 16 bits of a micrometre: round after 65.536 mm. Forth over the end, and back.
+  // 16 bits of a micrometre wrap around after 65.536 mm: forwards over the end, and back.
   std::vector<int> path;
   for (int i = 0; i <= 100; ++i) path.push_back(1000 * i);
   for (int i = 100; i >= -100; --i) path.push_back(1000 * i);
@@ -271,7 +271,7 @@ TEST_F(Assembly, AClockThatIsSetBackOrForthIsNoLossOfCycles) {
   give(0x182, step + 3 * kMs + 2, {3, 3});
   ASSERT_EQ(cycles_.size(), 4U);
   EXPECT_EQ(cycles_[3].sequence, cycles_[2].sequence + 1);
-  // Not told: the cycles go on, one after the other.
+  // If the step of the clock is not reported, the cycles are numbered on.
   whole(3, 5);
   ASSERT_EQ(cycles_.size(), 6U);
   EXPECT_EQ(cycles_[5].sequence, cycles_[3].sequence + 2);

@@ -1,5 +1,5 @@
-// Mappings: signals by hand, from DBC and EDS; units, gear, lead and sign; and what is said of
-// mistakes.
+// Mappings: signals by hand, from DBC and EDS; units, gear, lead and sign; and the messages for
+// errors.
 #include "drivers/can_map.h"
 
 #include <gmock/gmock.h>
@@ -36,7 +36,7 @@ CanMap map_of(const std::string& text, const std::filesystem::path& folder = "")
   return std::move(checked.map);
 }
 
-/// What the signal makes of this number.
+/// The signal's value of this number.
 double value_of(const CanMap& map, CanChannel channel, double raw, std::size_t axis = 0) {
   const MappedSignal* signal = map.find(axis, channel);
   if (signal == nullptr) return std::nan("");

@@ -1,4 +1,4 @@
-// CAN logs: every kind of line, what is said of lines that are none, and round trips.
+// CAN logs: every kind of line, messages for invalid lines, and round trips.
 #include "drivers/candump.h"
 
 #include <gmock/gmock.h>
@@ -72,7 +72,7 @@ TEST(Candump, SaysWhereALineIsNone) {
   refused("(1.0) can0 123##", {"one digit of flags"});
   refused("(1.0) can0 123##0112233445566778899", {"9 bytes"});
   refused("(1.0) can0 123###0", {"XL"});
-  refused("(1.0) can0 123#00 huh", {"more than a frame"});
+  refused("(1.0) can0 123#00 huh", {"beyond the end of the frame"});
   refused("", {"column 1"});
 }
 

@@ -168,7 +168,7 @@ TEST(CanUdp, RefusesAddressesByName) {
       [] {
         CanUdp bus({"192.0.2.1:1", ""});
       },
-      {"192.0.2.1:1", "cannot be listened on"});
+      {"192.0.2.1:1", "cannot listen on this address"});
 }
 
 }  // namespace

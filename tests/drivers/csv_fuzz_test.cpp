@@ -1,4 +1,4 @@
-// Whatever happens to a file: a recording comes out of it, or one line that says why not.
+// Any damaged file gives a recording, or one line with the reason.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -80,7 +80,7 @@ TEST(CsvFuzz, AMutatedFileIsReadOrRefusedInOneLine) {
       ASSERT_EQ(message.find('\n'), std::string::npos) << message;
     }
   }
-  // Both ends are reached, or the mutations are too tame or too wild to tell anything.
+  // Both outcomes must occur, otherwise the mutations are too weak or too strong for this test.
   EXPECT_GT(read, 500);
   EXPECT_GT(refused, 500);
 }

@@ -1,4 +1,4 @@
-// A large file costs the memory of the columns that are wanted, whatever else is in it.
+// A large file needs memory for the columns that are read only.
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 #include <sys/wait.h>

@@ -70,7 +70,7 @@ TEST_F(Csv, ReadsForeignColumnsByTheirNames) {
 TEST_F(Csv, ATimeWithoutUnitIsSecondsAndSaysSo) {
   const Recording r = read("Time,a,b\n1,1,2\n2,4,5\n", mapped("X.command=a[m],X.actual=b[m]"));
   EXPECT_EQ(r.time, (std::vector<double>{1, 2}));
-  EXPECT_NE(notes(r).find("'Time', taken as seconds"), std::string::npos) << notes(r);
+  EXPECT_NE(notes(r).find("'Time', read as seconds"), std::string::npos) << notes(r);
 }
 
 TEST_F(Csv, AMappedTimeIsTakenEvenIfAnotherColumnLooksLikeOne) {
@@ -179,13 +179,13 @@ TEST_F(Csv, ALastNumberThatIsCutOffIsNoValue) {
 
 TEST_F(Csv, AWholeLastLineWithoutItsEndIsTakenAndNamed) {
   const std::string rows = "0,61.25,61.2678\n1,63.5,63.2678\n2,65.5,64.5678";
-  // Only the last cell can be cut; where it is not wanted, nothing is.
+  // Only the last cell can be cut off; if it is not read, no row is dropped.
   for (const char* names :
        {"time[s],X.command[mm],X.actual[mm]\n", "time[s],X.command[mm],load\n"}) {
     SCOPED_TRACE(names);
     const Recording r = read(names + rows);
     EXPECT_EQ(r.time, (std::vector<double>{0, 1, 2}));
-    EXPECT_NE(notes(r).find("line 4, the last one, has no line end; taken as whole"),
+    EXPECT_NE(notes(r).find("line 4, the last one, has no line end; kept as complete"),
               std::string::npos)
         << notes(r);
   }
@@ -203,7 +203,7 @@ TEST_F(Csv, ReadsThePartThatIsAskedFor) {
   EXPECT_NE(notes(r).find("2 of 5 rows are outside"), std::string::npos) << notes(r);
 }
 
-// The block that the text goes through ends somewhere in a line; no line may suffer from that.
+// The text is read in blocks that end within a line; no line may be damaged by that.
 TEST_F(Csv, LinesAcrossBlocksAreWhole) {
   std::string text = "time[s],X.command[m],note\n";
   constexpr int kRows = 60'000;

@@ -1,4 +1,4 @@
-// DBC files: what is read, what is passed over, and what is refused with its line.
+// DBC files: what is read, what is skipped, and what is refused with its line.
 #include "drivers/dbc.h"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-// Where a test of this process speaks over DDS, and how long it waits there.
+// The machine and domain of the DDS tests of this process, and how long they wait.
 #pragma once
 
 #include <unistd.h>
@@ -12,7 +12,7 @@ namespace servotwin {
 inline constexpr double kPatience_s =
     10.0;  // of a busy machine; nothing waits that long where all is well
 
-/// A machine of this process alone.
+/// A machine name of this process only.
 inline DdsPlace place(const std::string& name) {
   return {name + "-" + std::to_string(getpid()), 91, ""};
 }

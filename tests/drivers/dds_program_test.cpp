@@ -1,4 +1,4 @@
-// Programs and corrections over DDS: as they were sent, whole for who comes late.
+// Programs and corrections over DDS: received as sent, and completely by late readers.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -54,7 +54,7 @@ TEST(DdsProgram, ChunksArriveAsTheyWereSentWhateverTheirSize) {
   }
 }
 
-// What contradicts itself is for the one who answers by name: it comes as it is.
+// An inconsistent program is passed on unchanged, so that the daemon can refuse it by its name.
 TEST(DdsProgram, LengthsThatContradictEachOtherComeAsTheyAre) {
   const DdsNode node(place("odd-programs"));
   DdsReader<ProgramChunk> reader(node);

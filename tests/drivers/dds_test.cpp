@@ -39,7 +39,7 @@ TEST(Dds, FramesArriveAsTheyWereSentWhateverTheirSize) {
   DdsReader<MachineFrame> reader(node);
   DdsWriter<MachineFrame> writer(node);
   ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
-  // Large, small, large again: room that is used again holds nothing of the frame before.
+  // Large, small, large again: reused memory contains nothing of the frame before.
   for (const auto& [axes, ahead] : {std::pair{32, 32}, {1, 0}, {8, 0}, {3, 5}, {32, 32}}) {
     const MachineFrame sent = frame_with(axes, ahead);
     ASSERT_TRUE(writer.write(sent));
@@ -119,7 +119,7 @@ TEST(Dds, PartitionsKeepCellsApart) {
   EXPECT_FALSE(other_cell.wait_for_readers(1, 0.1));
 }
 
-/// Sends what our own writer never would.
+/// Sends messages that DdsWriter would not send.
 class RawWriter {
  public:
   explicit RawWriter(const DdsNode& node)
@@ -223,7 +223,7 @@ MachineOffset offset_of(int axes) {
   return offset;
 }
 
-/// Best effort: what is lost is written again.
+/// Best effort: a lost message is written again.
 bool exchange(DdsWriter<MachineOffset>& writer, DdsReader<MachineOffset>& reader,
               const MachineOffset& sent, MachineOffset& came) {
   for (int attempt = 0; attempt < 20; ++attempt) {

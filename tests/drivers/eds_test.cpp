@@ -1,5 +1,5 @@
-// Object dictionaries: real ones against what their own lines say, and invented ones for what real
-// ones do wrong.
+// Object dictionaries: real ones compared with their own lines, and invented ones with typical
+// faults.
 #include "drivers/eds.h"
 
 #include <gmock/gmock.h>
@@ -73,7 +73,7 @@ TEST(Eds, EveryRealFileIsRead) {
 TEST(Eds, MaxonIsConfiguredForNodeOne) {
   SERVOTWIN_REAL_DATA(file, "eds/maxon_epos4_50_15_can.dcf");
   const EdsDevice device = read_eds(file, 7);
-  // 1400sub1 ParameterValue=0x00000201 says node 1, whatever node it is said to be.
+  // 1400sub1 ParameterValue=0x00000201 is for node 1, whatever node id is given.
   EXPECT_EQ(pdo_of(device, false, 1).id, 0x201U);
   EXPECT_EQ(text_of(pdo_of(device, false, 1)), "RPDO1 (0x201): 0x6040 16 bits, 0x60FF 32 bits");
 }
@@ -147,7 +147,7 @@ TEST(Eds, RefusesWithLineSectionAndKey) {
   const auto refused = [](const std::string& text, std::initializer_list<const char*> parts) {
     expect_error<std::runtime_error>([&] { (void)parse_eds(text, "d.eds", 1); }, parts);
   };
-  refused("", {"d.eds", "no EDS"});
+  refused("", {"d.eds", "not an EDS"});
   refused("time[s],X\n1,2\n", {"d.eds"});
   refused("[1800sub1\n", {"d.eds:1", "]"});
   refused("a=1\n[b]\n", {"d.eds:1", "[section]"});

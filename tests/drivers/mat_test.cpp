@@ -181,7 +181,7 @@ TEST_P(Mat, RefusesWhatIsNoChannelByName) {
   refuses("X.command=short[m]", {"differ in length", "t has 6", "short has 5"});
   refuses("X.command=matrix[m]", {"'matrix' is 2 x 3", "vector"});
   refuses("X.command=complex[m]", {"'complex' is complex"});
-  refuses("X.command=structure[m]", {"'structure' is no array of numbers"});
+  refuses("X.command=structure[m]", {"'structure' is not an array of numbers"});
   refuses("X.command=matrixx[m]",
           {"no column 'matrixx'", "did you mean 'matrix'", "The file has: ", "short"});
   expect_error<std::runtime_error>([&] { (void)read_recording(file()); },

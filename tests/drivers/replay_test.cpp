@@ -10,7 +10,7 @@ namespace {
 
 using testing::HasSubstr;
 
-/// Two axes, one value per row that tells which row it is.
+/// Two axes whose values are the number of the row.
 Recording recording_at(const std::vector<double>& time) {
   Recording recording;
   recording.source = "r.csv";

@@ -58,7 +58,7 @@ INSTANTIATE_TEST_SUITE_P(Refused, UnknownUnit,
                                          "N/s", "mm*s", "mm*0", "rev/-8192", "rev/nan", "rev/1e999",
                                          "8192"));
 
-// One rounding, not two: 0.001 is no binary number, and the text of a file is.
+// One rounding, not two: 0.001 has no exact binary value.
 TEST(Units, DecimalUnitsGiveTheNearestNumber) {
   for (const double millimetres : {910.000049, 0.3, 497.462284, 1e-6, 123456.789}) {
     EXPECT_EQ(parse_unit("mm")->to_si(millimetres), millimetres / 1000.0);

@@ -385,7 +385,7 @@ TEST_F(DaemonOnCan, TheInterfaceGoesDownAndUpAndTheMachineIsThereAgain) {
   Process nobody(
       {built("servotwin"), "replay", motion, "--can", "vcan0", "--can-map", map_, "--to", "0.05"});
   EXPECT_EQ(nobody.end(), 1);
-  EXPECT_THAT(nobody.said(), HasSubstr("the bus did not take 30 frames"));
+  EXPECT_THAT(nobody.said(), HasSubstr("the bus refused 30 frames"));
   ip("link set vcan0 up");
   play();
   ASSERT_TRUE(daemon_->says("vcan0: the interface is up again")) << daemon_->said();

@@ -25,8 +25,8 @@ static void add_forces(const AxisEffect* effect, EffectMemory* memory, const Mot
   for (int i = 0; i < kind->coefficients; ++i) *sum += effect->coefficient[i] * force[i];
 }
 
-/* All forces at this motion; the law of friction first, because what changes friction goes by it.
- * What the effects remember is then in `trial`. */
+/* Sums all forces at this motion; the law of friction first, because effects that change friction
+ * depend on it. The new memory of the effects is stored in `trial`. */
 static double disturbance(const AxisModel* model, AxisState* state, Motion* m) {
   double force[kMaxCoefficients];
   double sum = 0.0;
@@ -46,7 +46,7 @@ static double disturbance(const AxisModel* model, AxisState* state, Motion* m) {
   return sum;
 }
 
-/* Keeps what the last call of `disturbance` left in `trial`. */
+/* Accepts the memory that the last call of `disturbance` stored in `trial`. */
 static void remember(const AxisModel* model, AxisState* state) {
   for (int i = 0; i < model->effects; ++i) {
     const EffectKind* kind = kind_of(&model->effect[i]);
@@ -65,19 +65,19 @@ static double reading_of(const AxisModel* model, AxisState* state, const Motion*
   return sum;
 }
 
-/* The motion at the end of a part, but for what the force there has a share in. */
+/* The motion at the end of a part, without the share of the force at that time. */
 typedef struct {
   const AxisModel* model;
   const AxisStep* step;
   AxisState* state;
   Motion m;
-  int rests; /* at the start: nothing moves, and an axis without integrator gives way */
+  int rests; /* at the start: nothing moves, and an axis without integrator yields to the force */
   double command, give;
   double end_velocity;
   double position_free, velocity_free, demand_free, demand_given;
 } End;
 
-/* By how much a force differs from the one that its motion gives. */
+/* The difference between a force and the force at the motion that it causes. */
 static double miss_at(End* end, double trial) {
   const AxisModel* model = end->model;
   const AxisStep* step = end->step;
@@ -100,9 +100,10 @@ static double miss_at(End* end, double trial) {
   return trial - disturbance(model, end->state, m);
 }
 
-static const double kLeast = 0.2, kMost = 1e6; /* slope that a secant is believed */
+static const double kLeast = 0.2, kMost = 1e6; /* accepted slopes of a secant */
 
-/* The force at which `miss_at` is 0, sought from `first`; twin/twin.cpp says how. */
+/* The force at which `miss_at` is 0, searched for from `first`; the method is that of
+ * twin/twin.cpp. */
 static double balanced(double first, double* slope, End* end) {
   const double tolerance = 1e-15 + 1e-13 * fabs(first);
   double left = first, miss_left = miss_at(end, left);
@@ -141,8 +142,8 @@ static double balanced(double first, double* slope, End* end) {
   return right;
 }
 
-/* The step of a part, in `own` where it is this part's alone: nothing of it is kept, so that a
- * state that is gone back to needs no more than itself. */
+/* The step of a part; in `own` if it is for this part only. It is not kept, so that restoring a
+ * state needs nothing else. */
 static const AxisStep* step_at(const AxisModel* model, double over, double at_end, AxisStep* own) {
   if (model->modes == 0) return &model->step;
   *own = model->step;
@@ -151,7 +152,7 @@ static const AxisStep* step_at(const AxisModel* model, double over, double at_en
 }
 
 void servotwin_start(const AxisModel* model, AxisState* state, double command, double time_s) {
-  double give = 0.0; /* of an axis without integrator, to a unit force */
+  double give = 0.0; /* displacement of an axis without integrator by a unit force */
   AxisStep own;
   const AxisStep* step = step_at(model, command, command, &own);
   memset(state, 0, sizeof *state);
@@ -217,7 +218,7 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
   end.end_velocity = piece->end_velocity;
   end.position_free = piece->end_position - error;
   end.velocity_free = piece->end_velocity - rate;
-  /* What the control asks for is x'' and the force. */
+  /* The control demands x'' and the force. */
   end.demand_free = piece->end_acceleration - second - step->second_velocity * piece->end_velocity -
                     step->second_acceleration * piece->end_acceleration;
   end.demand_given = 1.0 - step->second_force - step->second_force_end;
@@ -274,7 +275,7 @@ double servotwin_follow(const AxisModel* model, AxisState* state, double command
   const double h = model->cycle_s;
   const double shift = servotwin_delay_s(model) / h;
   const int whole = (int)shift;
-  const double t = shift - whole; /* the sought point lies t cycles before the whole one */
+  const double t = shift - whole; /* the point searched for is t cycles before the whole one */
   /* The commands known at the end of this cycle, the newest first. */
   double past[8];
   const int first_known = whole > 0 ? whole - 1 : 0;

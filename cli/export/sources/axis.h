@@ -1,8 +1,8 @@
-/* The twin of one axis in C: what twin/twin.cpp does, with the matrices of its steps given.
+/* The twin of one axis in C: a translation of twin/twin.cpp, with given matrices of its steps.
  *
- * Both structs are plain data without pointers: a copy is a state that one can go back to. Any
+ * Both structs are plain data without pointers: a copy saves a state, which can be restored. Any
  * thread, one at a time for one state; no allocation. Metres or radians, seconds, forces per moved
- * mass. tests/cli/export/translation_test.cpp holds it together with twin/twin.cpp
+ * mass. tests/cli/export/translation_test.cpp compares it with twin/twin.cpp
  * (docs/decisions/0009). */
 #ifndef SERVOTWIN_AXIS_H
 #define SERVOTWIN_AXIS_H
@@ -17,7 +17,8 @@ typedef struct {
   double shape[kMaxShapes], coefficient[kMaxCoefficients];
 } AxisEffect;
 
-/* How a state follows over one part of a cycle, and what it is for: twin/twin.h, StepConstants. */
+/* The step of a state over one part of a cycle, and its share in the error: twin/twin.h,
+ * StepConstants. */
 typedef struct {
   int first, width; /* of its block */
   double phi[kMaxOrder], command[3], force_begin, force_end;
@@ -25,7 +26,7 @@ typedef struct {
   double error, rate, second; /* its part of the error and of its derivatives */
 } AxisRow;
 
-/* What a part of a cycle is computed with. */
+/* The constants with which a part of a cycle is computed. */
 typedef struct {
   AxisRow row[kMaxStates];
   /* The error's derivatives directly by the command's velocity and acceleration and by the force;
@@ -40,15 +41,15 @@ typedef struct {
   double omega, zeta, alpha, beta, gamma, delta, slope, curve, zeta_slope;
 } AxisMode;
 
-/* What a model says. */
+/* The parameters of a model. */
 typedef struct {
   int order;  /* 2 or 3 */
-  int parts;  /* that a cycle is solved in */
+  int parts;  /* number of parts in which a cycle is solved */
   int states; /* 2 order, and 2 for every mode of vibration */
   double cycle_s;
   double damping, integral, integral_velocity; /* a1, a3, c2 of order 3, else 0 */
-  AxisStep step; /* of every part, but for the modes' share where they move */
-  /* Where a mode moves: all of them, the loop beside them, and the travel's ends. */
+  AxisStep step; /* of every part, without the share of moving modes */
+  /* If a mode moves: all modes, the loop without them, and the ends of the travel. */
   int modes; /* 0: none moves */
   double denominator[kMaxOrder], numerator[kMaxOrder], travel[2];
   AxisMode mode[kMaxModes];
@@ -56,7 +57,7 @@ typedef struct {
   AxisEffect effect[kMaxEffects]; /* in any order */
 } AxisModel;
 
-/* What changes from cycle to cycle. */
+/* The state, which changes from cycle to cycle. */
 typedef struct {
   double linear[kMaxStates];
   EffectMemory memory[kMaxEffects], trial[kMaxEffects];
@@ -68,7 +69,7 @@ typedef struct {
   int newest;
 } AxisState;
 
-/* The commanded motion at the start of one cycle, as a cubic over the cycle, and where it ends. */
+/* The commanded motion in one cycle: at its start, as a cubic over the cycle, and at its end. */
 typedef struct {
   double velocity, acceleration, jerk;
   double end_position, end_velocity, end_acceleration;
@@ -79,7 +80,8 @@ typedef struct {
 /* Puts the axis at rest at this command. */
 void servotwin_start(const AxisModel* model, AxisState* state, double command, double time_s);
 /* One cycle from commands alone: the cubic goes through the last four (delayed) ones. The command,
- * the neighbour's acceleration and `in_cut` are those of its end. The tracking error there. */
+ * the neighbour's acceleration and `in_cut` are those of its end. Returns the tracking error at the
+ * end. */
 double servotwin_follow(const AxisModel* model, AxisState* state, double command,
                         double neighbour_acceleration, double in_cut);
 /* One cycle along a known motion, for a model whose command is not delayed. */

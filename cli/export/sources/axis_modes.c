@@ -1,6 +1,6 @@
 /* The modes' part of a step where modes of vibration move with position: at_place of twin/loop.cpp,
- * twin/mode_step.h, and place_modes of twin/twin.cpp, translated line by line. Meanings and sources
- * are there. */
+ * twin/mode_step.h, and place_modes of twin/twin.cpp, translated line by line. Symbols and sources
+ * are explained there. */
 #include <math.h>
 
 #include "axis.h"
@@ -10,13 +10,13 @@ static double clamped(double value, double least, double most) {
   return most < value ? most : value;
 }
 
-/* Of the commanded position: -1 at the travel's beginning, 1 at its end, held beyond. */
+/* The commanded position in the travel: -1 at its beginning, 1 at its end, constant beyond. */
 static double place_of(const AxisModel* model, double position) {
   const double from = model->travel[0], to = model->travel[1];
   return to > from ? clamped((2.0 * position - from - to) / (to - from), -1.0, 1.0) : 0.0;
 }
 
-/* A mode as it is at one place; `lag`: what c(n-1) is more there. */
+/* A mode at one position; `lag`: the increase of c(n-1) there. */
 typedef struct {
   AxisMode mode;
   double lag;
@@ -72,7 +72,7 @@ static void times(const ModeStep* step, int j, double first, double second, doub
   product[1] = step->p[j] * second - step->q[j] * step->stiffness * first;
 }
 
-/* How the two states of a mode that stands here follow over a part. */
+/* The step of the two states of a mode at this position over a part. */
 static void place_rows(const AxisMode* mode, double h, AxisRow* row) {
   const ModeStep step = mode_step(2.0 * mode->zeta * mode->omega, mode->omega * mode->omega, h);
   double left[2], right[2], by_command[2], by_force[2], by_rise[2];
@@ -111,7 +111,7 @@ static void rate_of(const AxisModel* model, const AxisMode* here, const double* 
   }
 }
 
-/* What of the command's velocity is in the rate of a reading at once, */
+/* The direct share of the command's velocity in the rate of a reading, */
 static double command_at_once(const AxisModel* model, const AxisMode* here, const double* of) {
   double sum = of[model->order - 1];
   for (int i = 0; i < model->modes; ++i) {
@@ -135,7 +135,7 @@ void servotwin_place_modes(const AxisModel* model, double over, double at_end, A
   const double h = model->cycle_s / model->parts;
   const int n = model->order;
   double error[kMaxStates] = {0}, rate[kMaxStates] = {0}, second[kMaxStates] = {0};
-  double share = 1.0; /* that the modes leave of a disturbance */
+  double share = 1.0; /* of a disturbance that does not act through the modes */
   AxisMode here[kMaxModes];
   for (int i = 0; i < n; ++i) error[i] = model->numerator[n - 1 - i];
   for (int i = 0; i < model->modes; ++i) {

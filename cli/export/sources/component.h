@@ -1,4 +1,4 @@
-/* What an instance of the unit is; there is nothing global. Different instances may be used by
+/* The data of an instance of the unit; there are no global data. Different instances may be used by
  * different threads. */
 #ifndef SERVOTWIN_COMPONENT_H
 #define SERVOTWIN_COMPONENT_H
@@ -11,13 +11,13 @@ typedef enum { kInstantiated, kInitializing, kStepping, kTerminated } Mode;
 
 enum { kOrders = 3 }; /* derivatives of the command that can be given */
 
-/* What a host sets by name. */
+/* The variables that a host sets. */
 typedef struct {
   AxisModel model;
   double command, neighbour_acceleration, in_cut;
 } Settable;
 
-/* All that a state of an instance is. */
+/* The complete state of an instance. */
 typedef struct {
   char guid[kUnitText];
   Mode mode;
@@ -36,10 +36,10 @@ typedef struct {
   char name[kUnitText];
 } Component;
 
-/* Memory of the host's, or of the C library where the host has none to give and take. */
+/* Memory of the host, or of the C library if the host does not provide both functions. */
 void* servotwin_allocate(const fmi2CallbackFunctions* functions, size_t size);
 void servotwin_free(const fmi2CallbackFunctions* functions, void* memory);
-/* Tells the logger why, and gives the status back. */
+/* Logs the reason and returns the status. */
 fmi2Status servotwin_refuse(const Component* c, fmi2Status status, const char* format, ...);
 
 #endif

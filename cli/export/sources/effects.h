@@ -1,6 +1,6 @@
-/* The effects of the catalogue in C: what twin/effects/ says in C++, translated line by line.
+/* The effects of the catalogue in C: a translation of twin/effects/, line by line.
  *
- * tests/cli/export/translation_test.cpp runs both along the same motions and holds them together
+ * tests/cli/export/translation_test.cpp runs both along the same motions and compares them
  * (docs/decisions/0009). Units, meanings, sources and bounds are in twin/effects/ only.
  * Any thread; no allocation. */
 #ifndef SERVOTWIN_EFFECTS_H
@@ -30,7 +30,7 @@ typedef struct {
   double demand_rate, demand_damping;
 } Motion;
 
-/* What follows something with two poles. */
+/* A state that follows an input with two poles. */
 typedef struct {
   double q, rate;
 } Swing;
@@ -41,7 +41,7 @@ typedef struct {
   int sliding; /* +1, -1: direction it slides in; 0: it sticks */
 } AttractedElement;
 
-/* What one effect remembers from cycle to cycle. */
+/* The memory of one effect from cycle to cycle. */
 typedef union {
   struct {
     double stiffness[kElements], level[kElements], force[kElements];
@@ -64,7 +64,7 @@ typedef union {
   double value; /* dahl, lugre, backlash_in_loop, gain_change, torque_saturation */
 } EffectMemory;
 
-/* Where an effect enters. */
+/* The quantity that an effect acts on. */
 typedef enum { kActsAsFriction, kActsAsForce, kActsOnReading, kDelaysCommand } Acts;
 
 typedef struct {
@@ -72,7 +72,7 @@ typedef struct {
   Acts acts;
   int shapes, coefficients;
   size_t memory; /* bytes of EffectMemory that it uses; all 0 at the start */
-  /* What follows from the shapes alone; NULL: nothing. */
+  /* Computes what depends on the shapes only; NULL: nothing. */
   void (*start)(const double* shape, EffectMemory* memory);
   /* Forces per unit coefficient at one sample. */
   void (*unit_forces)(const double* shape, EffectMemory* memory, const Motion* m, double* force);
@@ -82,7 +82,7 @@ typedef struct {
 
 /* All effects; the number of them in `count`. */
 const EffectKind* servotwin_effects(int* count);
-/* The place of the effect with this id there, or -1. */
+/* The index of the effect with this id, or -1. */
 int servotwin_find_effect(const char* id);
 
 /* Shared by the files of effects. */
@@ -108,7 +108,7 @@ void servotwin_modified_stribeck(const double*, EffectMemory*, const Motion*, do
 void servotwin_presliding_stribeck_start(const double*, EffectMemory*);
 void servotwin_presliding_stribeck(const double*, EffectMemory*, const Motion*, double*);
 
-/* effects_beside_friction.c: what changes friction, or is friction beside a law */
+/* effects_beside_friction.c: effects that change friction, or add friction to that of a law */
 void servotwin_friction_map(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_asymmetric_friction(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_falling_friction(const double*, EffectMemory*, const Motion*, double*);
@@ -117,7 +117,7 @@ void servotwin_added_friction(const double*, EffectMemory*, const Motion*, doubl
 void servotwin_dwell_stiction(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_viscous_drift(const double*, EffectMemory*, const Motion*, double*);
 
-/* effects_force.c: forces that are no friction */
+/* effects_force.c: forces other than friction */
 void servotwin_constant_force(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_feedforward_mismatch(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cogging(const double*, EffectMemory*, const Motion*, double*);
@@ -134,14 +134,14 @@ void servotwin_unexplained_over_position(const double*, EffectMemory*, const Mot
 void servotwin_unexplained_over_velocity(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_unexplained_over_acceleration(const double*, EffectMemory*, const Motion*, double*);
 
-/* effects_play_and_reading.c: play, and what the reading alone shows */
+/* effects_play_and_reading.c: play, and effects that only the reading shows */
 void servotwin_backlash(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_backlash_behind_encoder(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_backlash_in_loop(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_lead_error(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_thermal_growth(const double*, EffectMemory*, const Motion*, double*);
 
-/* One for all effects that set in at a moment. */
+/* Shared by all effects that begin at one moment. */
 double servotwin_onset(double time_s, double at_s);
 
 #endif

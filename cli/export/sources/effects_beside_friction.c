@@ -1,10 +1,11 @@
-/* What changes friction, or is friction beside a law; see effects.h. Source: twin/effects/. */
+/* Effects that change friction, or add friction to that of a law; see effects.h. Source:
+ * twin/effects/. */
 #include <math.h>
 
 #include "effects.h"
 
 static const double kPi = 3.14159265358979323846;
-static const double kContact_m = 1e-6; /* travel in which the contacts are new ones */
+static const double kContact_m = 1e-6; /* travel that renews the contacts */
 
 void servotwin_friction_map(const double* shape, EffectMemory* memory, const Motion* m,
                             double* force) {

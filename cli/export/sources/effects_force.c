@@ -1,4 +1,4 @@
-/* Forces that are no friction; see effects.h. Source: twin/effects/, twin/effects/swing.h. */
+/* Forces other than friction; see effects.h. Source: twin/effects/, twin/effects/swing.h. */
 #include <math.h>
 
 #include "effects.h"

@@ -87,10 +87,10 @@ void servotwin_smoothed_presliding(const double* shape, EffectMemory* memory, co
   force[1] = m->velocity;
 }
 
-/* Travel in a cycle below which an element is drawn less [m | rad]. */
+/* Travel in a cycle below which an element moves less towards its level [m | rad]. */
 static const double kCreep = 1e-10;
 
-/* One cycle of an element that is drawn to its level at `rate` while it slides. */
+/* One cycle of an element that approaches its level at `rate` while it slides. */
 static void advance(AttractedElement* element, double stiffness, double level, double rate,
                     double dx, double step_s) {
   if (dx == 0.0) return;
@@ -132,7 +132,7 @@ void servotwin_gms(const double* shape, EffectMemory* memory, const Motion* m, d
   force[kFreeElements] = m->velocity;
 }
 
-/* Of elements whose levels are the first coefficients. */
+/* For elements whose levels are the first coefficients. */
 static double friction_of(int elements, const double* coefficient, const double* force) {
   double sum = 0.0, level = 0.0;
   for (int i = 0; i < elements; ++i) {

@@ -1,4 +1,4 @@
-/* Play, and what the reading alone shows; see effects.h. Source: twin/effects/,
+/* Play, and effects that only the reading shows; see effects.h. Source: twin/effects/,
  * twin/effects/load_in_gap.h. */
 #include <math.h>
 

@@ -1,8 +1,8 @@
-/* The functions of FMI 2.0 for co-simulation around the twin of one axis: an instance's life, its
- * variables and its steps.
+/* The FMI 2.0 functions for co-simulation of the twin of one axis: creating and freeing an
+ * instance, its variables and its steps.
  *
- * What is refused leaves the instance as it was, and the logger hears why. docs/files.md has the
- * variables. */
+ * A refused call leaves the instance unchanged and logs the reason. The variables are described in
+ * docs/files.md. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -99,7 +99,7 @@ fmi2Component fmi2Instantiate(fmi2String instance, fmi2Type type, fmi2String gui
   if (type != fmi2CoSimulation) {
     snprintf(why, sizeof why, "the unit is for co-simulation only");
   } else if (!model_file_of(resources, file, sizeof file)) {
-    snprintf(why, sizeof why, "fmuResourceLocation '%.300s' is no file: URI of a folder",
+    snprintf(why, sizeof why, "fmuResourceLocation '%.300s' is not a file: URI of a folder",
              resources != NULL ? resources : "");
   } else if (servotwin_read_model(file, &c->unit, why) &&
              (guid == NULL || strcmp(guid, c->unit.guid) != 0)) {
@@ -118,7 +118,7 @@ fmi2Component fmi2Instantiate(fmi2String instance, fmi2Type type, fmi2String gui
 void fmi2FreeInstance(fmi2Component component) {
   Component* c = component;
   if (c == NULL) return;
-  const fmi2CallbackFunctions functions = c->functions; /* which c is gone with */
+  const fmi2CallbackFunctions functions = c->functions; /* c itself is freed with them */
   servotwin_free(&functions, c);
 }
 
@@ -128,12 +128,12 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t count,
   (void)on;
   (void)count;
   (void)categories;
-  return fmi2OK; /* what is logged is why something was refused */
+  return fmi2OK; /* only reasons of refusals are logged */
 }
 
 static fmi2Status change_mode(Component* c, Mode from, Mode to, const char* function) {
   if (c->state.mode != from)
-    return servotwin_refuse(c, fmi2Error, "%s is out of its turn", function);
+    return servotwin_refuse(c, fmi2Error, "%s is not allowed in this state", function);
   c->state.mode = to;
   return fmi2OK;
 }
@@ -175,7 +175,7 @@ fmi2Status fmi2Reset(fmi2Component c) {
   return fmi2OK;
 }
 
-/* Where a parameter is, and its bounds; NULL: there is none of this reference. */
+/* The address of a parameter, and its bounds; NULL: no parameter has this reference. */
 static double* parameter_of(Component* c, fmi2ValueReference vr, const Bounds** bounds) {
   int count = 0;
   if (vr < kFirstParameter) return NULL;
@@ -212,7 +212,7 @@ fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], s
                        fmi2Real value[]) {
   Component* c = component;
   State* s = &c->state;
-  if (s->mode == kInitializing) start(c); /* what has been set since is known now */
+  if (s->mode == kInitializing) start(c); /* with the values set during initialization */
   const double reading = s->axis.position + s->axis.reading;
   for (size_t i = 0; i < count; ++i) {
     const Bounds* bounds = NULL;
@@ -221,7 +221,7 @@ fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], s
     if (own != NULL) {
       value[i] = *own;
     } else if (vr[i] >= kTrackingError && vr[i] <= kVelocity && s->mode == kInstantiated) {
-      return servotwin_refuse(c, fmi2Error, "outputs are known from initialization mode on");
+      return servotwin_refuse(c, fmi2Error, "outputs are available from initialization mode on");
     } else if (vr[i] == kTrackingError) {
       value[i] = s->set.command - reading;
     } else if (vr[i] == kPosition) {
@@ -235,7 +235,7 @@ fmi2Status fmi2GetReal(fmi2Component component, const fmi2ValueReference vr[], s
   return fmi2OK;
 }
 
-/* Sets one variable, and may have changed it where it refuses to. */
+/* Sets one variable; it may be changed even if it is refused. */
 static fmi2Status set_real(Component* c, fmi2ValueReference vr, double value) {
   const Bounds* bounds = NULL;
   double* own = input_of(&c->state, vr);
@@ -316,7 +316,8 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real step,
   const double at = s->start_s + s->cycles * h;
   const double cycles = floor(step / h + 0.5);
   (void)no_state_before;
-  if (s->mode != kStepping) return servotwin_refuse(c, fmi2Error, "fmi2DoStep is out of its turn");
+  if (s->mode != kStepping)
+    return servotwin_refuse(c, fmi2Error, "fmi2DoStep is not allowed in this state");
   if (!(fabs(point - at) <= h / 4)) {
     return servotwin_refuse(c, fmi2Error,
                             "the communication point is %.9g s, the last step ended at %.9g s",
@@ -325,7 +326,7 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real point, fmi2Real step,
   if (!(cycles >= 1 && cycles <= 1e9 && fabs(step - cycles * h) <= 1e-6 * h)) {
     return servotwin_refuse(
         c, fmi2Error,
-        "a communication step of %.9g s is no whole multiple of the model's sample time "
+        "a communication step of %.9g s is not a whole multiple of the model's sample time "
         "of %.9g s",
         step, h);
   }

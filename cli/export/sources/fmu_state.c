@@ -1,5 +1,5 @@
-/* The functions of FMI 2.0 for states and statuses of an instance, and those that a co-simulation
- * unit must have and this one has nothing to say to. */
+/* The FMI 2.0 functions for states and statuses of an instance, and the required functions that
+ * this unit does not support. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -62,7 +62,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fm
                                  size_t size) {
   Component* c = component;
   if (state == NULL || size < sizeof(State))
-    return servotwin_refuse(c, fmi2Error, "no room for a state");
+    return servotwin_refuse(c, fmi2Error, "the buffer is too small for a state");
   memcpy(bytes, state, sizeof(State));
   return fmi2OK;
 }
@@ -71,11 +71,11 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes
                                    fmi2FMUstate* state) {
   Component* c = component;
   if (size != sizeof(State) || memcmp(bytes, c->unit.guid, strlen(c->unit.guid) + 1) != 0)
-    return servotwin_refuse(c, fmi2Error, "these bytes are no state of this unit");
+    return servotwin_refuse(c, fmi2Error, "these bytes are not a state of this unit");
   return keep(c, bytes, state);
 }
 
-/* What a co-simulation unit must have and this one has nothing to say to. */
+/* Required functions that this unit does not support. */
 
 static fmi2Status none_of_type(Component* c, size_t count, const char* type) {
   return count == 0 ? fmi2OK : servotwin_refuse(c, fmi2Error, "there is no %s variable", type);

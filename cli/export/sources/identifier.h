@@ -1,2 +1,2 @@
-/* In an exported unit this says FMI2_FUNCTION_PREFIX, for who links the sources of several units
- * into one program. */
+/* In an exported unit this file defines FMI2_FUNCTION_PREFIX, so that the sources of several units
+ * can be linked into one program. */

@@ -54,7 +54,7 @@ static int next_row(char** rest, AxisRow* row, int states) {
          next_number(rest, &row->rate) && next_number(rest, &row->second);
 }
 
-/* The loop beside modes that move; the modes' own lines follow. */
+/* The loop without its moving modes, whose lines follow. */
 static int next_moving(char** rest, AxisModel* m) {
   return next_count(rest, &m->modes, 1, kMaxModes) && 2 * m->order + 2 * m->modes == m->states &&
          next_numbers(rest, m->denominator, kMaxOrder) &&
@@ -69,11 +69,11 @@ static int next_mode(char** rest, AxisMode* mode) {
          next_number(rest, &mode->zeta_slope);
 }
 
-/* Where the reader is: each name has its turn. */
+/* The state of the reader: the names follow in a fixed order. */
 typedef struct {
-  int place;              /* in kNames */
-  int shape, coefficient; /* that the last effect has had so far */
-  int states, modes;      /* that have been read */
+  int place;              /* index in kNames */
+  int shape, coefficient; /* of the last effect, read so far */
+  int states, modes;      /* read so far */
   int ended;
 } Reader;
 
@@ -184,13 +184,13 @@ int servotwin_read_model(const char* file, UnitModel* unit, char* why) {
   for (int number = 1; fine && fgets(line, sizeof line, in) != NULL; ++number) {
     fine = read_line(&reader, line, unit);
     if (!fine) {
-      snprintf(why, kMessage, "%.400s, line %d: not what this unit's program expects there", file,
+      snprintf(why, kMessage, "%.400s, line %d: not the line that this unit expects here", file,
                number);
     }
   }
   fclose(in);
   if (fine && !reader.ended) {
-    snprintf(why, kMessage, "%.400s is cut short", file);
+    snprintf(why, kMessage, "%.400s is incomplete", file);
     fine = 0;
   }
   return fine;

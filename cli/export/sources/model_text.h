@@ -1,8 +1,8 @@
 /* Reads resources/model.txt of a unit: the numbers of its model.
  *
  * Lines of words: a name, and its numbers. Numbers are a whole number in hexadecimal times a power
- * of two, 0x1999999999999ap-56 for 0.1: exact, and the same in every locale. Which names there are
- * is in docs/files.md. Any thread. */
+ * of two, 0x1999999999999ap-56 for 0.1: exact, and the same in every locale. The names are listed
+ * in docs/files.md. Any thread. */
 #ifndef SERVOTWIN_MODEL_TEXT_H
 #define SERVOTWIN_MODEL_TEXT_H
 
@@ -22,7 +22,7 @@ typedef struct {
   Bounds shape[kMaxEffects][kMaxShapes], coefficient[kMaxEffects][kMaxCoefficients];
 } UnitModel;
 
-/* 1 if it could be read; else 0, and `why` (kMessage characters) says why not. */
+/* Returns 1 if the text could be read; else 0, with the reason in `why` (kMessage characters). */
 int servotwin_read_model(const char* file, UnitModel* unit, char* why);
 
 #endif

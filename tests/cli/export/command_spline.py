@@ -1,4 +1,4 @@
-"""The spline of a command, as who knows the whole path gives its derivatives to a unit."""
+"""The spline of a command, whose derivatives a host with the complete path gives to a unit."""
 
 
 def spline(x, h):

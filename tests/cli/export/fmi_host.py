@@ -1,5 +1,5 @@
 """A host for co-simulation units of FMI 2.0, from the standard alone: zip, XML, and the functions of
-the shared library. It knows nothing of Servotwin."""
+the shared library. It is independent of Servotwin."""
 
 import ctypes
 import ctypes.util
@@ -25,7 +25,7 @@ class Callbacks(ctypes.Structure):
 
 
 class Refused(Exception):
-    """What a function did not return fmi2OK for: its status and what the logger heard."""
+    """An error of a function that did not return fmi2OK: its status and the logged message."""
 
     def __init__(self, status, message):
         super().__init__(f"status {status}: {message}")

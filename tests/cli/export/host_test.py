@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""An exported unit in a host that knows nothing of ours, against `servotwin simulate`.
+"""An exported unit in an independent host, compared with `servotwin simulate`.
 
     host_test.py SERVOTWIN
 """
@@ -128,7 +128,7 @@ class Exported(unittest.TestCase):
                 for r in rows]
 
     def along(self, unit, commands, library=None):
-        """Tracking errors of the unit, told the derivatives of the spline through the commands."""
+        """Tracking errors of the unit with the derivatives of the spline through the commands."""
         h = unit.step
         one = Instance(unit, library)
         one.begin(commands[0])
@@ -143,7 +143,7 @@ class Exported(unittest.TestCase):
         return errors
 
     def followed(self, unit, commands, library=None):
-        """The same, told the commands alone."""
+        """The same with the commands only."""
         one = Instance(unit, library)
         one.begin(commands[0])
         errors = [one.get("tracking_error")]
@@ -333,9 +333,9 @@ class Life(Exported):
         other.call("SetFMUstate", state)
         self.assertEqual(self.errors(other, 101, 300), expected)
         other.free_state(state)
-        with self.refused("no state of this unit"):
+        with self.refused("not a state of this unit"):
             other.deserialized(data[:-1])
-        with self.refused("no state of this unit"):
+        with self.refused("not a state of this unit"):
             other.deserialized(b"x" + data[1:])
         one.free()
         other.free()
@@ -373,15 +373,15 @@ class Life(Exported):
 
     def test_what_is_refused_says_why_and_changes_nothing(self):
         one = Instance(self.unit)
-        with self.refused("out of its turn"):
+        with self.refused("not allowed in this state"):
             one.do_step(0.0)
         with self.refused("initialization mode"):
             one.get("position")
         one.begin(self.commands[0])
-        with self.refused("0.0015 s", "no whole multiple", "0.001 s"):
+        with self.refused("0.0015 s", "not a whole multiple", "0.001 s"):
             one.do_step(0.0, 1.5e-3)
         for step in (0.0, -1e-3, 1e-4, math.nan, math.inf):
-            with self.refused("no whole multiple"):
+            with self.refused("not a whole multiple"):
                 one.do_step(0.0, step)
         with self.refused("communication point is 0.1 s", "ended at 0 s"):
             one.do_step(0.1)
@@ -397,7 +397,7 @@ class Life(Exported):
         self.assertEqual(one.get("command"), self.commands[0])
         with self.refused("only derivatives 1 to 3 of the command"):
             one.set_derivatives("command", 1.0, 2.0, 3.0, 4.0)
-        with self.refused("out of its turn"):
+        with self.refused("not allowed in this state"):
             one.call("EnterInitializationMode")
         with self.refused("step is done", status=DISCARD):
             one.call("GetStatus", 0, None)
@@ -418,7 +418,7 @@ class Life(Exported):
             Instance(self.unit, guid="{0}")
         with self.refused("cannot be read"):
             Instance(self.unit, resources="file:///there/is/none")
-        with self.refused("no file: URI"):
+        with self.refused("not a file: URI"):
             Instance(self.unit, resources="http://host/resources")
         with self.refused("co-simulation only"):
             Instance(self.unit, kind=0)

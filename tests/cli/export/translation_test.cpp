@@ -23,7 +23,7 @@ namespace {
 
 constexpr double kSame = 1e-12;
 
-/// Effects that are not exported. Who adds an effect translates it, or names it here and says why.
+/// Effects that are not exported. A new effect must be translated, or listed here with the reason.
 const std::set<std::string_view> kDeclined{};
 
 const ::EffectKind* translated(std::size_t kind) {
@@ -78,7 +78,7 @@ TEST(TranslatedEffects, OneThatIsNotIsNamed) {
                                          {"'squeak'", "no C translation"});
 }
 
-/// Within the bounds and about the start, so that the motion below is of its size.
+/// A value within the bounds and near the start value, to which the motion below is scaled.
 double random_shape(const Parameter& p, std::mt19937_64& random) {
   std::uniform_real_distribution<double> factor(0.7, 1.4), off(-0.2, 0.2);
   const double start = p.start == 0.0 ? off(random) * std::min(p.upper, 1.0) : p.start;
@@ -212,7 +212,7 @@ class CAxis {
   ::AxisState state_{};
 };
 
-/// A coefficient of a size that shows in the error and leaves the axis stable.
+/// A coefficient that affects the error visibly and leaves the axis stable.
 double telling(const Parameter& p, std::size_t place) {
   const double more = 1.0 + 0.3 * static_cast<double>(place);
   double value = 0.1;  // m/s^2 and 1
@@ -398,8 +398,7 @@ TEST_P(MovingModes, MoveTheWholeAxisAsInCpp) {
   }
 }
 
-// Where a command is at rest says where the modes are before anything moves; and a force that acts
-// then shows them.
+// A command at rest determines the modes before any motion; a force that acts then shows them.
 TEST_P(MovingModes, StartAnywhere) {
   Model axis = model();
   Effect force = make_effect<ConstantForce>();
@@ -418,7 +417,7 @@ TEST_P(MovingModes, StartAnywhere) {
   }
 }
 
-// The command that counts is the delayed one, and along a known motion the one that is given.
+// The delayed command is used, except along a known motion, where the given one is used.
 TEST_P(MovingModes, GoByTheCommandThatTheLoopHas) {
   Model axis = model();
   Effect delay = make_effect<TimeDelay>();
@@ -516,8 +515,8 @@ TEST(ModelText, IsRefusedWhereItIsDamaged) {
   using testing::HasSubstr;
   EXPECT_EQ(why_not_read([](std::string&) {}), "");
   EXPECT_THAT(why_not_read([](std::string& text) { text.resize(text.size() - 4); }),
-              HasSubstr("cut short"));
-  EXPECT_THAT(why_not_read([](std::string& text) { text.clear(); }), HasSubstr("cut short"));
+              HasSubstr("is incomplete"));
+  EXPECT_THAT(why_not_read([](std::string& text) { text.clear(); }), HasSubstr("is incomplete"));
   const auto replaced = [](const std::string& what, const std::string& with) {
     return why_not_read([&](std::string& text) {
       ASSERT_NE(text.find(what), std::string::npos);
