@@ -7,7 +7,7 @@
 #include "cli/command.h"
 #include "cli/force_text.h"
 #include "cli/model_text.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/plot.h"
@@ -435,69 +435,67 @@ void run(const Arguments& arguments) {
 
 Command add_characterize(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "characterize", "Identifies the friction of an axis from the motor's torque.");
+  OptionTable command(app, "characterize",
+                      "Identifies the friction of an axis from the motor's torque.");
   arguments->input.declare(command);
   command
-      .add_option(
+      .option(
           "--method", arguments->method,
           "ramps (default): mean torque at constant velocities, from a recording of 'motion-law'; "
           "motion: friction and inertia from any motion; reversals: the virgin "
           "curve from slow hysteresis")
-      ->check(CLI::IsMember({"ramps", "motion", "reversals"}).name(""))
-      ->type_name("METHOD");
-  command.add_option("--model", arguments->model, "replace the friction in this model file")
-      ->type_name("M.json");
+      .one_of({"ramps", "motion", "reversals"})
+      .takes("METHOD");
+  command.option("--model", arguments->model, "replace the friction in this model file")
+      .takes("M.json");
   command
-      .add_option("--json", arguments->result,
-                  "write the complete result to this file; - is standard output")
-      ->type_name("OUT");
-  command.add_option("--plot", arguments->plot, "write a plot of data and fits to this file (SVG)")
-      ->type_name("OUT.svg");
+      .option("--json", arguments->result,
+              "write the complete result to this file; - is standard output")
+      .takes("OUT");
+  command.option("--plot", arguments->plot, "write a plot of data and fits to this file (SVG)")
+      .takes("OUT.svg");
   command
-      .add_option("--lead", arguments->lead_mm,
-                  "lead of the screw [mm]: print torques in Nm as forces in N")
-      ->type_name("MM")
-      ->check(CLI::PositiveNumber.name(""));
+      .option("--lead", arguments->lead_mm,
+              "lead of the screw [mm]: print torques in Nm as forces in N")
+      .takes("MM")
+      .positive();
   command
-      .add_option("--band", arguments->band_mm,
-                  "ramps: average within this band [mm | mrad] (default: the middle of every ramp)")
-      ->type_name("MM")
-      ->check(CLI::PositiveNumber.name(""));
-  command.add_flag("--invert-torque", arguments->invert,
-                   "the drive records torque with the opposite sign: invert it");
-  command.add_option("--centre", arguments->centre_mm, "ramps: the middle of the band [mm | mrad]")
-      ->type_name("MM");
+      .option("--band", arguments->band_mm,
+              "ramps: average within this band [mm | mrad] (default: the middle of every ramp)")
+      .takes("MM")
+      .positive();
+  command.flag("--invert-torque", arguments->invert,
+               "the drive records torque with the opposite sign: invert it");
+  command.option("--centre", arguments->centre_mm, "ramps: the middle of the band [mm | mrad]")
+      .takes("MM");
   command
-      .add_option("--friction", arguments->frictions,
-                  "motion: friction models to compare (default lugre,stribeck)")
-      ->delimiter(',')
-      ->check(CLI::IsMember(torque_frictions()).name(""))
-      ->type_name("ID,..");
+      .option("--friction", arguments->frictions,
+              "motion: friction models to compare (default lugre,stribeck)")
+      .comma_separated()
+      .one_of(torque_frictions())
+      .takes("ID,..");
   command
-      .add_option(
-          "--training-share", arguments->training_share,
-          "motion: share of the data that is fitted (default 0.6); the rest is held-out data")
-      ->type_name("SHARE")
-      ->check(between(0.1, 0.9));
+      .option("--training-share", arguments->training_share,
+              "motion: share of the data that is fitted (default 0.6); the rest is held-out data")
+      .takes("SHARE")
+      .between(0.1, 0.9);
   command
-      .add_option(
+      .option(
           "--bandwidth", arguments->bandwidth_hz,
           "highest frequency at which torque and model are compared [Hz] (default 40); 0: no limit")
-      ->type_name("HZ")
-      ->check(CLI::NonNegativeNumber.name(""));
+      .takes("HZ")
+      .not_negative();
   command
-      .add_option(
-          "--travel", arguments->travel_um,
-          "reversals: travel that a reversal must have on each side [um | urad] (default 200)")
-      ->type_name("UM")
-      ->check(CLI::PositiveNumber.name(""));
+      .option("--travel", arguments->travel_um,
+              "reversals: travel that a reversal must have on each side [um | urad] (default 200)")
+      .takes("UM")
+      .positive();
   // An option of another method would be ignored silently.
   const auto only = [&command, arguments](const char* option, const char* method) {
     if (command.count(option) > 0 && arguments->method != method)
       throw UsageError(std::string(option) + " needs --method " + method);
   };
-  return {&command, [arguments, only] {
+  return {command.app(), [arguments, only] {
             only("--friction", "motion");
             only("--training-share", "motion");
             only("--band", "ramps");

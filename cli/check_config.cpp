@@ -1,11 +1,11 @@
 // servotwin check-config: would the daemon start with this configuration?
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "cli/command.h"
+#include "cli/option_table.h"
 #include "cli/output.h"
 #include "daemon/config/config.h"
 #include "daemon/service.h"
@@ -87,10 +87,10 @@ void run(const std::filesystem::path& file) {
 
 Command add_check_config(CLI::App& app) {
   const auto file = std::make_shared<std::filesystem::path>();
-  CLI::App& command = *app.add_subcommand(
-      "check-config", "Checks a configuration of the daemon and prints one line per problem.");
-  command.add_option("FILE", *file, "configuration (TOML)")->required();
-  return {&command, [file] { run(*file); }};
+  OptionTable command(app, "check-config",
+                      "Checks a configuration of the daemon and prints one line per problem.");
+  command.option("FILE", *file, "configuration (TOML)").required();
+  return {command.app(), [file] { run(*file); }};
 }
 
 }  // namespace servotwin::cli

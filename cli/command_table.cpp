@@ -1,10 +1,10 @@
 #include "cli/command_table.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 
 #include "cli/command.h"
+#include "cli/option_table.h"
 #include "cli/output.h"
 #include "drivers/text.h"
 
@@ -91,14 +91,13 @@ Segment unbroken(const Recording& table, const std::string& axis, std::FILE* peo
 
 }  // namespace
 
-void TableOptions::declare(CLI::App& command) {
+void TableOptions::declare(OptionTable& command) {
   path.declare(command, "PATH",
                "table of commands: CSV with units, or a recording whose encoders are ignored");
-  command.add_option("--model", models, "model file of an axis of the table; once per axis")
-      ->type_name("M.json")
-      ->required()
-      ->expected(1)
-      ->take_all();
+  command.option("--model", models, "model file of an axis of the table; once per axis")
+      .takes("M.json")
+      .required()
+      .one_value_each_time();
 }
 
 std::vector<CommandedAxis> read_commands(const TableOptions& options, const std::string& done,

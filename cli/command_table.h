@@ -10,12 +10,14 @@
 
 namespace servotwin::cli {
 
+class OptionTable;
+
 /// PATH, the options of a recording, and --model.
 struct TableOptions {
   RecordingOptions path;
   std::vector<std::filesystem::path> models;
 
-  void declare(CLI::App& command);
+  void declare(OptionTable& command);
 };
 
 /// One axis of the table with its model, at the rate of the table.

@@ -10,7 +10,7 @@
 
 #include "cli/command.h"
 #include "cli/model_text.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/comparison.h"
@@ -30,12 +30,13 @@ struct Arguments {
   bool details = false;
 };
 
-std::set<std::string> known_causes() {
+/// In alphabetical order, each once.
+std::vector<std::string> known_causes() {
   std::set<std::string> out{"dropped_samples"};
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     if (!identity_of(kind).cause.empty()) out.emplace(identity_of(kind).cause);
   }
-  return out;
+  return {out.begin(), out.end()};
 }
 
 void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
@@ -226,57 +227,54 @@ void run(const Arguments& arguments) {
 
 Command add_diagnose(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "diagnose",
+  OptionTable command(
+      app, "diagnose",
       "Diagnoses an axis: what the simulation gets wrong, and which physical causes explain it.");
   arguments->input.declare(command);
   command
-      .add_option("--model", arguments->earlier,
-                  "earlier model of this axis: diagnose what has changed since it was identified")
-      ->type_name("M.json");
+      .option("--model", arguments->earlier,
+              "earlier model of this axis: diagnose what has changed since it was identified")
+      .takes("M.json");
   command
-      .add_option("--json", arguments->result,
-                  "write the diagnosis to this file; - is standard output")
-      ->type_name("OUT.json");
-  command.add_option("--report", arguments->report, "write a report for people to this file")
-      ->type_name("OUT.html");
+      .option("--json", arguments->result, "write the diagnosis to this file; - is standard output")
+      .takes("OUT.json");
+  command.option("--report", arguments->report, "write a report for people to this file")
+      .takes("OUT.html");
   command
-      .add_option("--extended-model", arguments->extended,
-                  "write the model with all causes to this file (servotwin.model/1)")
-      ->type_name("M2.json");
+      .option("--extended-model", arguments->extended,
+              "write the model with all causes to this file (servotwin.model/1)")
+      .takes("M2.json");
   command
-      .add_option("--suggested-test", arguments->test,
-                  "if causes cannot be distinguished, write a motion that distinguishes them: "
-                  "BASE.csv for servotwin simulate, BASE.nc as G-code")
-      ->type_name("BASE");
-  command.add_flag("--details", arguments->details,
-                   "print what the search tried, added and removed");
+      .option("--suggested-test", arguments->test,
+              "if causes cannot be distinguished, write a motion that distinguishes them: "
+              "BASE.csv for servotwin simulate, BASE.nc as G-code")
+      .takes("BASE");
+  command.flag("--details", arguments->details, "print what the search tried, added and removed");
+  command.option("--leave-out", arguments->options.leave_out, "causes to leave out of the search")
+      .comma_separated()
+      .one_of(known_causes())
+      .takes("ID,..");
+  command.flag("--encoder-in-loop", arguments->options.encoder_in_loop,
+               "the recorded encoder is the one that the position loop uses: lead_error, "
+               "thermal_growth and a gap behind it are not observable");
   command
-      .add_option("--leave-out", arguments->options.leave_out, "causes to leave out of the search")
-      ->delimiter(',')
-      ->check(CLI::IsMember(known_causes()).name(""))
-      ->type_name("ID,..");
-  command.add_flag("--encoder-in-loop", arguments->options.encoder_in_loop,
-                   "the recorded encoder is the one that the position loop uses: lead_error, "
-                   "thermal_growth and a gap behind it are not observable");
-  command
-      .add_option_function<double>(
+      .option_read_by(
           "--training-share",
-          [arguments](double share) {
-            arguments->options.identify.training_share = share;
+          [arguments](const std::string& share) {
+            arguments->options.identify.training_share = number_of(share).value();
             arguments->options.balance = false;
           },
           "share of the data that is fitted (default 0.6 of the time, or of the error where that "
           "is uneven over the recording); the rest measures the gain")
-      ->type_name("SHARE")
-      ->check(between(0.1, 0.95));
+      .takes("SHARE")
+      .between(0.1, 0.95);
   command
-      .add_option(
+      .option(
           "--delay-max", arguments->options.identify.delay_max_s,
           "longest delay of the encoder record that is searched for [s] (default 0.02); 0: none")
-      ->type_name("S")
-      ->check(between(0.0, 0.05));
-  return {&command, [arguments] { run(*arguments); }};
+      .takes("S")
+      .between(0.0, 0.05);
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

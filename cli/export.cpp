@@ -1,5 +1,4 @@
 // servotwin export: writes a model for other programs, as an FMI 2.0 unit and as matrices.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -8,6 +7,7 @@
 #include "cli/command.h"
 #include "cli/export/unit.h"
 #include "cli/model_text.h"
+#include "cli/option_table.h"
 #include "cli/output.h"
 #include "drivers/mat_writer.h"
 #include "drivers/text.h"
@@ -147,29 +147,29 @@ void run(const Arguments& arguments) {
 
 Command add_export(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand("export",
-                                          "Exports a model to other programs: as an FMI 2.0 unit, "
-                                          "or as matrices for MATLAB and Octave.");
-  command.add_option("MODEL", arguments->model, "model file (servotwin.model/1)")->required();
+  OptionTable command(app, "export",
+                      "Exports a model to other programs: as an FMI 2.0 unit, "
+                      "or as matrices for MATLAB and Octave.");
+  command.option("MODEL", arguments->model, "model file (servotwin.model/1)").required();
   command
-      .add_option("--fmu", arguments->unit,
-                  "write an FMI 2.0 unit for co-simulation to this file; - is standard output")
-      ->type_name("OUT.fmu");
+      .option("--fmu", arguments->unit,
+              "write an FMI 2.0 unit for co-simulation to this file; - is standard output")
+      .takes("OUT.fmu");
   command
-      .add_option("--mat", arguments->matrices,
-                  "write the loop to this file as matrices, continuous and discretised (MATLAB v5)")
-      ->type_name("OUT.mat");
+      .option("--mat", arguments->matrices,
+              "write the loop to this file as matrices, continuous and discretised (MATLAB v5)")
+      .takes("OUT.mat");
   command
-      .add_option("--at", arguments->position,
-                  "axis position of the matrices [m | rad], for modes that vary with position "
-                  "(default: middle of the travel)")
-      ->type_name("POSITION");
+      .option("--at", arguments->position,
+              "axis position of the matrices [m | rad], for modes that vary with position "
+              "(default: middle of the travel)")
+      .takes("POSITION");
   command
-      .add_option("--json", arguments->result,
-                  "write a description of the export to this file (servotwin.export/1); - is "
-                  "standard output")
-      ->type_name("OUT");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--json", arguments->result,
+              "write a description of the export to this file (servotwin.export/1); - is "
+              "standard output")
+      .takes("OUT");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

@@ -1,5 +1,4 @@
 // servotwin fit-axis: fits the parts of a feed axis to measurements, stage by stage (paper 002).
-#include <CLI/CLI.hpp>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -10,6 +9,7 @@
 
 #include "cli/command.h"
 #include "cli/feed_axis_file.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "drivers/file_handle.h"
@@ -143,38 +143,38 @@ void run(const Arguments& arguments) {
 
 Command add_fit_axis(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "fit-axis", "Fits the parts of a feed axis to measurements, stage by stage.");
+  OptionTable command(app, "fit-axis",
+                      "Fits the parts of a feed axis to measurements, stage by stage.");
   command
-      .add_option("AXIS", arguments->file,
-                  "parts of the axis with the values of their data sheets (TOML)")
-      ->type_name("AXIS.toml")
-      ->required();
+      .option("AXIS", arguments->file,
+              "parts of the axis with the values of their data sheets (TOML)")
+      .takes("AXIS.toml")
+      .required();
   command
-      .add_option("--response", arguments->response,
-                  std::string("stage 1: closed velocity loop, ") + kHeader)
-      ->type_name("R.csv");
+      .option("--response", arguments->response,
+              std::string("stage 1: closed velocity loop, ") + kHeader)
+      .takes("R.csv");
   command
-      .add_option(
+      .option(
           "--nut", arguments->nut_mm,
           "position of the nut in stage 1, from the bearing [mm] (default: middle of its travel)")
-      ->type_name("MM");
+      .takes("MM");
   command
-      .add_option("--bare", arguments->bare.file,
-                  "stage 2: recording without the cover, command and torque in Nm, from rest")
-      ->type_name("A.csv");
-  command.add_option("--covered", arguments->covered, "stage 3: recording with the cover")
-      ->type_name("B.csv");
-  command.add_option("--axis", arguments->axis, "axis of the recordings")->type_name("X");
+      .option("--bare", arguments->bare.file,
+              "stage 2: recording without the cover, command and torque in Nm, from rest")
+      .takes("A.csv");
+  command.option("--covered", arguments->covered, "stage 3: recording with the cover")
+      .takes("B.csv");
+  command.option("--axis", arguments->axis, "axis of the recordings").takes("X");
   command
-      .add_option("--columns", arguments->bare.read_options.columns,
-                  "which column of a foreign file is which channel")
-      ->type_name("MAP");
+      .option("--columns", arguments->bare.read_options.columns,
+              "which column of a foreign file is which channel")
+      .takes("MAP");
   command
-      .add_option("--out", arguments->out,
-                  "write the fitted axis to this file (TOML); - is standard output")
-      ->type_name("FITTED.toml");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--out", arguments->out,
+              "write the fitted axis to this file (TOML); - is standard output")
+      .takes("FITTED.toml");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "cli/command.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/output.h"
 #include "cli/response_options.h"
 #include "diagnosis/bode.h"
@@ -233,36 +233,35 @@ void run(const Arguments& arguments) {
 
 Command add_frequency_response(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("frequency-response",
-                          "Estimates the frequency response of an axis, and its vibration modes.");
+  OptionTable command(app, "frequency-response",
+                      "Estimates the frequency response of an axis, and its vibration modes.");
   arguments->input.declare(command);
   command
-      .add_option("--window", arguments->options.spectra.window_s,
-                  text("length of the windows that are averaged [s] (default: an eighth of the "
-                       "data, at most %g): longer windows resolve more, more windows scatter less",
-                       kWindow_s))
-      ->type_name("S")
-      ->check(CLI::PositiveNumber.name(""));
+      .option("--window", arguments->options.spectra.window_s,
+              text("length of the windows that are averaged [s] (default: an eighth of the "
+                   "data, at most %g): longer windows resolve more, more windows scatter less",
+                   kWindow_s))
+      .takes("S")
+      .positive();
   command
-      .add_option("--order", arguments->options.order,
-                  "number of poles (default: chosen on held-out windows)")
-      ->type_name("N")
-      ->check(between(1, kMostPoles));
+      .option("--order", arguments->options.order,
+              "number of poles (default: chosen on held-out windows)")
+      .takes("N")
+      .between(1, kMostPoles);
   command
-      .add_option("--delay", arguments->options.delay_s,
-                  "delay of the output that is removed before the fit [s]")
-      ->type_name("S")
-      ->check(between(0.0, 1.0));
+      .option("--delay", arguments->options.delay_s,
+              "delay of the output that is removed before the fit [s]")
+      .takes("S")
+      .between(0.0, 1.0);
   command
-      .add_option("--json", arguments->result,
-                  "write the complete result to this file; - is standard output")
-      ->type_name("OUT");
+      .option("--json", arguments->result,
+              "write the complete result to this file; - is standard output")
+      .takes("OUT");
   command
-      .add_option("--plot", arguments->plot,
-                  "write the Bode plot with its 95 % band to this file (SVG)")
-      ->type_name("OUT.svg");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--plot", arguments->plot,
+              "write the Bode plot with its 95 % band to this file (SVG)")
+      .takes("OUT.svg");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

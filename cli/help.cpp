@@ -7,6 +7,7 @@
 #include "cli/completion.h"
 #include "cli/manual.h"
 #include "cli/manual_text.h"
+#include "cli/option_table.h"
 #include "cli/output.h"
 #include "cli/usage.h"
 #include "daemon/arguments.h"
@@ -19,10 +20,10 @@ constexpr const char* kTool = "servotwin";
 constexpr const char* kDaemon = "servotwind";
 
 /// --program: which of the two programs is described.
-void declare_program(CLI::App& command, std::string& program) {
-  command.add_option("--program", program, "program to describe (default servotwin)")
-      ->check(CLI::IsMember({kTool, kDaemon}).name(""))
-      ->type_name("NAME");
+void declare_program(OptionTable& command, std::string& program) {
+  command.option("--program", program, "program to describe (default servotwin)")
+      .one_of({kTool, kDaemon})
+      .takes("NAME");
 }
 
 Usage usage_of_program(CLI::App& tool, const std::string& program) {
@@ -47,10 +48,9 @@ std::string unknown_command(const CLI::App& app, const std::string& word) {
 
 Command add_help(CLI::App& app) {
   const auto name = std::make_shared<std::string>();
-  CLI::App& command =
-      *app.add_subcommand("help", "Shows the commands, or the options of one command.");
-  command.add_option("COMMAND", *name, "command to explain")->type_name("COMMAND");
-  return {&command, [&app, name] {
+  OptionTable command(app, "help", "Shows the commands, or the options of one command.");
+  command.option("COMMAND", *name, "command to explain").takes("COMMAND");
+  return {command.app(), [&app, name] {
             const CLI::App* subject = &app;
             if (!name->empty()) {
               const auto found = app.get_subcommands(
@@ -66,8 +66,8 @@ Command add_help(CLI::App& app) {
 }
 
 Command add_version(CLI::App& app) {
-  CLI::App& command = *app.add_subcommand("version", "Shows the version of this program.");
-  return {&command, [] { write_result("-", std::string(SERVOTWIN_VERSION) + "\n"); }};
+  OptionTable command(app, "version", "Shows the version of this program.");
+  return {command.app(), [] { write_result("-", std::string(SERVOTWIN_VERSION) + "\n"); }};
 }
 
 Command add_completion(CLI::App& app) {
@@ -75,13 +75,13 @@ Command add_completion(CLI::App& app) {
     std::string shell, program = kTool;
   };
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "completion", "Writes the script that completes commands and options in a shell.");
-  command.add_option("SHELL", arguments->shell, "shell that reads the script")
-      ->required()
-      ->check(CLI::IsMember({"bash", "zsh", "fish"}).name(""));
+  OptionTable command(app, "completion",
+                      "Writes the script that completes commands and options in a shell.");
+  command.option("SHELL", arguments->shell, "shell that reads the script")
+      .required()
+      .one_of({"bash", "zsh", "fish"});
   declare_program(command, arguments->program);
-  return {&command, [&app, arguments] {
+  return {command.app(), [&app, arguments] {
             const Usage program = usage_of_program(app, arguments->program);
             write_result("-", arguments->shell == "bash"  ? bash_completion(program)
                               : arguments->shell == "zsh" ? zsh_completion(program)
@@ -94,12 +94,11 @@ Command add_manual(CLI::App& app) {
     std::string program = kTool, date;
   };
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("manual", "Writes the manual page, in the man macros of troff.");
+  OptionTable command(app, "manual", "Writes the manual page, in the man macros of troff.");
   declare_program(command, arguments->program);
-  command.add_option("--date", arguments->date, "date of the version, for the foot of the page")
-      ->type_name("DATE");
-  return {&command, [&app, arguments] {
+  command.option("--date", arguments->date, "date of the version, for the foot of the page")
+      .takes("DATE");
+  return {command.app(), [&app, arguments] {
             write_result("-", manual_page(usage_of_program(app, arguments->program),
                                           arguments->program == kTool ? servotwin_manual_text()
                                                                       : servotwind_manual_text(),

@@ -1,7 +1,6 @@
 // The commands about the program itself: help, version, completion, manual.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <string>
 
 #include "cli/command.h"

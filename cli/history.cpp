@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/command.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/config/config.h"
@@ -117,25 +117,25 @@ void run(const Arguments& arguments) {
 
 Command add_history(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "history", "Lists the daemon's diagnoses of an axis from its store, the newest last.");
+  OptionTable command(app, "history",
+                      "Lists the daemon's diagnoses of an axis from its store, the newest last.");
   command
-      .add_option("--store", arguments->store,
-                  "the daemon's directory (default: where servotwind keeps it)")
-      ->type_name("DIR");
+      .option("--store", arguments->store,
+              "the daemon's directory (default: where servotwind keeps it)")
+      .takes("DIR");
   command
-      .add_option("--machine", arguments->machine,
-                  "name of the machine (default: " + arguments->machine + ")")
-      ->type_name("NAME");
-  command.add_option("--axis", arguments->axis, "axis of the machine")->type_name("X")->required();
-  command.add_option("--last", arguments->last, "number of diagnoses (default: 100)")
-      ->type_name("N")
-      ->check(between(1, 1'000'000));
+      .option("--machine", arguments->machine,
+              "name of the machine (default: " + arguments->machine + ")")
+      .takes("NAME");
+  command.option("--axis", arguments->axis, "axis of the machine").takes("X").required();
+  command.option("--last", arguments->last, "number of diagnoses (default: 100)")
+      .takes("N")
+      .between(1, 1'000'000);
   command
-      .add_option("--json", arguments->result,
-                  "write the diagnoses to this file (servotwin.history/1); - is standard output")
-      ->type_name("OUT.json");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--json", arguments->result,
+              "write the diagnoses to this file (servotwin.history/1); - is standard output")
+      .takes("OUT.json");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

@@ -9,7 +9,7 @@
 
 #include "cli/command.h"
 #include "cli/model_text.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "identification/loop/joint.h"
@@ -138,36 +138,36 @@ void run(const Arguments& arguments) {
 }
 
 /// MIN:MAX.
-void add_range(CLI::App& app, const std::string& name, double& min, double& max,
+void add_range(OptionTable& command, const std::string& name, double& min, double& max,
                const std::string& what) {
-  app.add_option_function<std::string>(
-         name,
-         [&min, &max, name](const std::string& given) {
-           const std::vector<double> numbers = parse_numbers(name, given, "range MIN:MAX", 2, 2);
-           min = numbers[0];
-           max = numbers[1];
-         },
-         what + text(" (default %g:%g)", min, max))
-      ->type_name("MIN:MAX");
+  command
+      .option_read_by(
+          name,
+          [&min, &max, name](const std::string& given) {
+            const std::vector<double> numbers = parse_numbers(name, given, "range MIN:MAX", 2, 2);
+            min = numbers[0];
+            max = numbers[1];
+          },
+          what + text(" (default %g:%g)", min, max))
+      .takes("MIN:MAX");
 }
 
 }  // namespace
 
 Command add_identify(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("identify", "Identifies the model of an axis from a recording.");
+  OptionTable command(app, "identify", "Identifies the model of an axis from a recording.");
   arguments->input.declare(command);
   command
-      .add_option("--model", arguments->model,
-                  "write the model to this file (servotwin.model/1), unless it is refused")
-      ->type_name("OUT.json");
+      .option("--model", arguments->model,
+              "write the model to this file (servotwin.model/1), unless it is refused")
+      .takes("OUT.json");
   command
-      .add_option("--json", arguments->result,
-                  "write the complete result to this file; - is standard output")
-      ->type_name("OUT");
+      .option("--json", arguments->result,
+              "write the complete result to this file; - is standard output")
+      .takes("OUT");
   command
-      .add_option_function<std::string>(
+      .option_read_by(
           "--method",
           [arguments](const std::string& name) {
             arguments->identify.method = name == "full-ls" ? Method::kFullLs
@@ -176,17 +176,17 @@ Command add_identify(CLI::App& app) {
           },
           "pole-search (default); joint, which also identifies the friction model; full-ls, full "
           "least squares as a baseline")
-      ->check(CLI::IsMember({"pole-search", "joint", "full-ls"}).name(""))
-      ->type_name("METHOD");
+      .one_of({"pole-search", "joint", "full-ls"})
+      .takes("METHOD");
   std::vector<std::string> frictions;
   for (const std::size_t kind : friction_kinds()) frictions.emplace_back(identity_of(kind).id);
   command
-      .add_option_function<std::string>(
+      .option_read_by(
           "--friction",
           [arguments](const std::string& id) { arguments->identify.friction = kind_of(id); },
           "joint: use this friction model (default: the one that predicts held-out data best)")
-      ->check(CLI::IsMember(frictions).name(""))
-      ->type_name("ID");
+      .one_of(frictions)
+      .takes("ID");
   PoleBounds& bounds = arguments->identify.bounds;
   add_range(command, "--real-pole-hz", bounds.real_min_hz, bounds.real_max_hz,
             "bounds of the real pole");
@@ -195,33 +195,33 @@ Command add_identify(CLI::App& app) {
   add_range(command, "--damping", bounds.zeta_min, bounds.zeta_max,
             "bounds of the pair's damping ratio");
   command
-      .add_option("--training-share", arguments->identify.training_share,
-                  "share of the data that is fitted (default 0.6); the rest is held-out data")
-      ->type_name("SHARE")
-      ->check(between(0.1, 0.95));
+      .option("--training-share", arguments->identify.training_share,
+              "share of the data that is fitted (default 0.6); the rest is held-out data")
+      .takes("SHARE")
+      .between(0.1, 0.95);
   command
-      .add_option("--order", arguments->identify.order,
-                  "order of the position loop, 2 or 3 (default: chosen on held-out data)")
-      ->type_name("N")
-      ->check(CLI::IsMember({2, 3}).name(""));
+      .option("--order", arguments->identify.order,
+              "order of the position loop, 2 or 3 (default: chosen on held-out data)")
+      .takes("N")
+      .one_of_numbers({2, 3});
   command
-      .add_option("--modes", arguments->identify.modes,
-                  "largest number of vibration modes (default 0); a mode is added only if it "
-                  "lowers the held-out error")
-      ->type_name("N")
-      ->check(between(0.0, static_cast<double>(kMaxModes)));
-  command.add_flag("--coupling", arguments->identify.coupling,
-                   "model the effect of the other axis' acceleration on this one, if that lowers "
-                   "the held-out error");
+      .option("--modes", arguments->identify.modes,
+              "largest number of vibration modes (default 0); a mode is added only if it "
+              "lowers the held-out error")
+      .takes("N")
+      .between(0.0, static_cast<double>(kMaxModes));
+  command.flag("--coupling", arguments->identify.coupling,
+               "model the effect of the other axis' acceleration on this one, if that lowers "
+               "the held-out error");
   command
-      .add_option(
+      .option(
           "--delay-max", arguments->identify.delay_max_s,
           "longest delay of the encoder record that is searched for [s] (default 0.02); 0: none")
-      ->type_name("S")
-      ->check(between(0.0, 0.05));
-  command.add_flag("--no-pole-constraints", arguments->no_pole_constraints,
-                   "full-ls: accept any poles");
-  return {&command, [arguments] { run(*arguments); }};
+      .takes("S")
+      .between(0.0, 0.05);
+  command.flag("--no-pole-constraints", arguments->no_pole_constraints,
+               "full-ls: accept any poles");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

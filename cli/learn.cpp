@@ -8,7 +8,7 @@
 #include "cli/command.h"
 #include "cli/correction.h"
 #include "cli/model_text.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/path_gcode.h"
@@ -302,64 +302,59 @@ void run(const Arguments& arguments) {
 
 Command add_learn(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("learn", "Corrects a path in advance, in virtual trials on the twin.");
+  OptionTable command(app, "learn", "Corrects a path in advance, in virtual trials on the twin.");
   arguments->commands.declare(command);
-  command.add_option("--out", arguments->table, "write the corrected commands to this file")
-      ->type_name("CORRECTED.csv");
+  command.option("--out", arguments->table, "write the corrected commands to this file")
+      .takes("CORRECTED.csv");
   command
-      .add_option("--json", arguments->result,
-                  "write the correction with all figures to this file (servotwin.correction/1)")
-      ->type_name("OUT");
+      .option("--json", arguments->result,
+              "write the correction with all figures to this file (servotwin.correction/1)")
+      .takes("OUT");
+  command.option("--gcode", arguments->gcode, "write the corrected path as G1 moves to this file")
+      .takes("OUT.nc");
   command
-      .add_option("--gcode", arguments->gcode, "write the corrected path as G1 moves to this file")
-      ->type_name("OUT.nc");
+      .option("--chord-tolerance", arguments->chord_um,
+              "largest distance of the G1 moves from the corrected path [um] (default 1)")
+      .takes("UM")
+      .between(1e-3, 1e4);
+  command.option("--report", arguments->report, "write a report for people to this file")
+      .takes("OUT.html");
   command
-      .add_option("--chord-tolerance", arguments->chord_um,
-                  "largest distance of the G1 moves from the corrected path [um] (default 1)")
-      ->type_name("UM")
-      ->check(between(1e-3, 1e4));
-  command.add_option("--report", arguments->report, "write a report for people to this file")
-      ->type_name("OUT.html");
+      .option("--method", arguments->method,
+              "learning law of the trials: inverse (default), norm-optimal, p, pd; or "
+              "feedforward: the inverse of the model, without trials")
+      .takes("NAME")
+      .one_of({"inverse", "norm-optimal", "p", "pd", "feedforward"});
   command
-      .add_option("--method", arguments->method,
-                  "learning law of the trials: inverse (default), norm-optimal, p, pd; or "
-                  "feedforward: the inverse of the model, without trials")
-      ->type_name("NAME")
-      ->check(CLI::IsMember({"inverse", "norm-optimal", "p", "pd", "feedforward"}));
+      .option("--aim", arguments->aim,
+              "tracking (default): every axis follows its command; contour: the axes follow "
+              "the path, and a lag along it is accepted")
+      .takes("NAME")
+      .one_of({"tracking", "contour"});
+  command.option("--trials", arguments->trials, "largest number of virtual trials (default 10)")
+      .takes("N")
+      .between(1, 1000);
+  command.option("--limits-peak", arguments->peak, "the largest correction of an axis [um | urad]")
+      .takes("UM")
+      .between(1e-3, 1e6);
   command
-      .add_option("--aim", arguments->aim,
-                  "tracking (default): every axis follows its command; contour: the axes follow "
-                  "the path, and a lag along it is accepted")
-      ->type_name("NAME")
-      ->check(CLI::IsMember({"tracking", "contour"}));
+      .option("--limits-rate", arguments->rate,
+              "the fastest change of a correction [mm/s | mrad/s]")
+      .takes("MM/S")
+      .between(1e-6, 1e6);
   command
-      .add_option("--trials", arguments->trials, "largest number of virtual trials (default 10)")
-      ->type_name("N")
-      ->check(between(1, 1000));
+      .option("--bandwidth", arguments->bandwidth_hz,
+              "bandwidth of the correction [Hz] (default: of learning, the largest at which "
+              "every model within the uncertainty contracts; of the feed-forward beneath it, "
+              "the largest that makes none of them worse)")
+      .takes("HZ")
+      .between(kLeastBandwidth_hz, 1e5);
   command
-      .add_option("--limits-peak", arguments->peak, "the largest correction of an axis [um | urad]")
-      ->type_name("UM")
-      ->check(between(1e-3, 1e6));
-  command
-      .add_option("--limits-rate", arguments->rate,
-                  "the fastest change of a correction [mm/s | mrad/s]")
-      ->type_name("MM/S")
-      ->check(between(1e-6, 1e6));
-  command
-      .add_option("--bandwidth", arguments->bandwidth_hz,
-                  "bandwidth of the correction [Hz] (default: of learning, the largest at which "
-                  "every model within the uncertainty contracts; of the feed-forward beneath it, "
-                  "the largest that makes none of them worse)")
-      ->type_name("HZ")
-      ->check(between(kLeastBandwidth_hz, 1e5));
-  command
-      .add_option(
-          "--uncertainty", arguments->uncertainty,
-          "uncertainty of every pole and coefficient [%] (default: the model's own deviations)")
-      ->type_name("PERCENT")
-      ->check(between(1e-3, 90.0));
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--uncertainty", arguments->uncertainty,
+              "uncertainty of every pole and coefficient [%] (default: the model's own deviations)")
+      .takes("PERCENT")
+      .between(1e-3, 90.0);
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

@@ -1,7 +1,6 @@
 // servotwin motion-law: the test motion that friction is measured with.
 #include "identification/torque/motion_law.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -9,6 +8,7 @@
 #include <optional>
 
 #include "cli/command.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "drivers/text.h"
@@ -34,12 +34,12 @@ struct Arguments {
 };
 
 double number_in(const std::string& option, const std::string& given, const std::string& word) {
-  double value = 0.0;
-  if (!CLI::detail::lexical_cast(std::string(trimmed(word)), value) || !std::isfinite(value)) {
+  const std::optional<double> value = number_of(std::string(trimmed(word)));
+  if (!value) {
     throw UsageError(option + ": " + in_quotes(word) + " of " + in_quotes(given) +
                      " is not a number");
   }
-  return value;
+  return *value;
 }
 
 int index_in(const std::string& option, const std::string& given, const std::string& word,
@@ -229,50 +229,48 @@ void run(const Arguments& arguments) {
 
 Command add_motion_law(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "motion-law",
+  OptionTable command(
+      app, "motion-law",
       "Generates the test motion for friction: ramps of constant velocity across a band.");
   command
-      .add_option("--velocities", arguments->velocities,
-                  "speeds V1,V2,.. [mm/s], or poly:A0,A1,..:N for A0 + A1 i + A2 i^2 .. [m/s], "
-                  "i = 1 to N")
-      ->type_name("LIST")
-      ->required();
+      .option("--velocities", arguments->velocities,
+              "speeds V1,V2,.. [mm/s], or poly:A0,A1,..:N for A0 + A1 i + A2 i^2 .. [m/s], "
+              "i = 1 to N")
+      .takes("LIST")
+      .required();
   command
-      .add_option("--band", arguments->bands,
-                  "width of the band in which the force is averaged [mm]; 2@3,5@6,10 is 2 mm up to "
-                  "the third speed, 5 mm "
-                  "up to the sixth, 10 mm for the rest (default 10)")
-      ->type_name("W");
+      .option("--band", arguments->bands,
+              "width of the band in which the force is averaged [mm]; 2@3,5@6,10 is 2 mm up to "
+              "the third speed, 5 mm "
+              "up to the sixth, 10 mm for the rest (default 10)")
+      .takes("W");
   command
-      .add_option("--settle", arguments->plan.settle_s,
-                  "a ramp of speed v starts settle x v before its band [s] (default 0.2)")
-      ->type_name("S");
+      .option("--settle", arguments->plan.settle_s,
+              "a ramp of speed v starts settle x v before its band [s] (default 0.2)")
+      .takes("S");
   command
-      .add_option("--acceleration", arguments->acceleration_mm,
-                  "acceleration before and after every ramp [mm/s^2] (default 1000)")
-      ->type_name("A");
-  command.add_option("--rest", arguments->plan.rest_s, "rest after every ramp [s] (default 1)")
-      ->type_name("S");
-  command.add_option("--centre", arguments->centre_mm, "centre of the bands [mm] (default 0)")
-      ->type_name("MM");
+      .option("--acceleration", arguments->acceleration_mm,
+              "acceleration before and after every ramp [mm/s^2] (default 1000)")
+      .takes("A");
+  command.option("--rest", arguments->plan.rest_s, "rest after every ramp [s] (default 1)")
+      .takes("S");
+  command.option("--centre", arguments->centre_mm, "centre of the bands [mm] (default 0)")
+      .takes("MM");
   command
-      .add_option("--travel", arguments->travel_mm,
-                  "travel that is available [mm] (default: no limit)")
-      ->type_name("MM");
-  command.add_option("--axis", arguments->axis, "name of the axis in the table (default X)")
-      ->type_name("X");
-  command.add_option("--rate", arguments->rate_hz, "rows per second of the table (default 1000)")
-      ->type_name("HZ");
+      .option("--travel", arguments->travel_mm, "travel that is available [mm] (default: no limit)")
+      .takes("MM");
+  command.option("--axis", arguments->axis, "name of the axis in the table (default X)").takes("X");
+  command.option("--rate", arguments->rate_hz, "rows per second of the table (default 1000)")
+      .takes("HZ");
   command
-      .add_option("--out", arguments->table,
-                  "write the table of commands to this file; - is standard output")
-      ->type_name("PATH.csv");
+      .option("--out", arguments->table,
+              "write the table of commands to this file; - is standard output")
+      .takes("PATH.csv");
   command
-      .add_option("--json", arguments->json,
-                  "write every ramp with the times of its band to this file; - is standard output")
-      ->type_name("OUT.json");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--json", arguments->json,
+              "write every ramp with the times of its band to this file; - is standard output")
+      .takes("OUT.json");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

@@ -11,7 +11,7 @@
 
 #include "cli/axis_channels.h"
 #include "cli/command.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/bode.h"
@@ -63,8 +63,8 @@ struct Signals {
 std::vector<double> break_distances(const std::string& list) {
   std::vector<double> out;
   for (const std::string& part : split_fields(list, ',')) {
-    double value = 0.0;
-    if (!CLI::detail::lexical_cast(part, value) || !(value > 0.0) || !(value <= 1e6))
+    const double value = number_of(part).value_or(0.0);
+    if (!(value > 0.0) || !(value <= 1e6))
       throw UsageError("--break-distance: " + in_quotes(part) +
                        " must be a number from above 0 to 1e6 [um | urad]");
     if (std::find(out.begin(), out.end(), value / 1e6) != out.end())
@@ -534,52 +534,51 @@ void run(const Arguments& arguments) {
 
 Command add_multivariable(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("multivariable",
-                          "Identifies all axes together: their common modes, and the share of "
-                          "every command and friction in every error.");
+  OptionTable command(app, "multivariable",
+                      "Identifies all axes together: their common modes, and the share of "
+                      "every command and friction in every error.");
   arguments->recording.declare(command, "REC",
                                "recording of several axes: CSV with units, foreign CSV with "
                                "--columns or named columns, MATLAB .mat, or a CAN log with "
                                "--can-map");
   command
-      .add_option("--input", arguments->inputs,
-                  "list of AXIS.command (its velocity), AXIS.friction, AXIS.torque (default: "
-                  "command and friction of every axis that moves)")
-      ->type_name("NAME,..");
+      .option("--input", arguments->inputs,
+              "list of AXIS.command (its velocity), AXIS.friction, AXIS.torque (default: "
+              "command and friction of every axis that moves)")
+      .takes("NAME,..");
   command
-      .add_option("--output", arguments->outputs,
-                  "list of AXIS.error, AXIS.velocity, AXIS.torque (default: the error of every "
-                  "axis that moves)")
-      ->type_name("NAME,..");
+      .option("--output", arguments->outputs,
+              "list of AXIS.error, AXIS.velocity, AXIS.torque (default: the error of every "
+              "axis that moves)")
+      .takes("NAME,..");
   command
-      .add_option(
+      .option(
           "--break-distance", arguments->break_distances,
           std::string(
               "each friction is one Maxwell element per distance of this list, within which the "
               "element goes from rest to sliding [um | urad] (default: searched for from ") +
               kBreakDistances + ")")
-      ->type_name("UM,..");
+      .takes("UM,..");
   command
-      .add_option("--order", arguments->options.order,
-                  "number of poles (default: chosen on held-out data)")
-      ->type_name("N")
-      ->check(between(1, kMostPoles));
+      .option("--order", arguments->options.order,
+              "number of poles (default: chosen on held-out data)")
+      .takes("N")
+      .between(1, kMostPoles);
   command
-      .add_option("--mat", arguments->matrices,
-                  "write the fit as continuous state-space matrices (MATLAB v5)")
-      ->type_name("OUT.mat");
+      .option("--mat", arguments->matrices,
+              "write the fit as continuous state-space matrices (MATLAB v5)")
+      .takes("OUT.mat");
   command
-      .add_option(
+      .option(
           "--plot", arguments->plot,
           "write a plot of the responses to all commands and torques to this file (SVG): "
           "magnitudes as fitted, and as measured with their 95 % band where that is significant")
-      ->type_name("OUT.svg");
+      .takes("OUT.svg");
   command
-      .add_option("--json", arguments->result,
-                  "write the complete result to this file; - is standard output")
-      ->type_name("OUT");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--json", arguments->result,
+              "write the complete result to this file; - is standard output")
+      .takes("OUT");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

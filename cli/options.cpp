@@ -4,33 +4,31 @@
 #include <chrono>
 #include <cmath>
 
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/output.h"
 #include "drivers/text.h"
 #include "twin/twin.h"
 
 namespace servotwin::cli {
 
-void RecordingOptions::declare(CLI::App& command, const std::string& name,
+void RecordingOptions::declare(OptionTable& command, const std::string& name,
                                const std::string& what) {
-  command.add_option(name, file, what)->required();
+  command.option(name, file, what).required();
   command
-      .add_option("--columns", read_options.columns,
-                  "which column of a foreign file is which channel: "
-                  "\"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
-      ->type_name("MAP");
+      .option("--columns", read_options.columns,
+              "which column of a foreign file is which channel: "
+              "\"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
+      .takes("MAP");
   command
-      .add_option("--can-map", read_options.can_map,
-                  "mapping of the bits of a CAN log (candump -l) to signals")
-      ->type_name("F.toml");
-  command
-      .add_option("--from", read_options.from_s, "start of the part to read [s of the recording]")
-      ->type_name("S");
-  command.add_option("--to", read_options.to_s, "end of the part to read [s of the recording]")
-      ->type_name("S");
-  command
-      .add_option("--rate", read_options.rate_hz, "rows per second of a file without a time column")
-      ->type_name("HZ");
+      .option("--can-map", read_options.can_map,
+              "mapping of the bits of a CAN log (candump -l) to signals")
+      .takes("F.toml");
+  command.option("--from", read_options.from_s, "start of the part to read [s of the recording]")
+      .takes("S");
+  command.option("--to", read_options.to_s, "end of the part to read [s of the recording]")
+      .takes("S");
+  command.option("--rate", read_options.rate_hz, "rows per second of a file without a time column")
+      .takes("HZ");
 }
 
 Recording RecordingOptions::read(std::FILE* people) const {
@@ -43,12 +41,12 @@ Recording RecordingOptions::read(std::FILE* people) const {
   return recording;
 }
 
-void AxisOptions::declare(CLI::App& command) {
+void AxisOptions::declare(OptionTable& command) {
   recording.declare(
       command, "REC",
       "recording: CSV with units, foreign CSV with --columns, MATLAB .mat, or a CAN log "
       "with --can-map");
-  command.add_option("--axis", axis, "axis of the recording")->type_name("X")->required();
+  command.option("--axis", axis, "axis of the recording").takes("X").required();
 }
 
 SegmentedAxis AxisOptions::read(std::FILE* people) const {
@@ -64,18 +62,14 @@ SegmentedAxis AxisOptions::segmented(const Recording& whole, std::FILE* people) 
   return segmented;
 }
 
-void BusOptions::declare(CLI::App& command) {
-  command.add_flag("--dds", dds,
-                   "use DDS (Cyclone DDS; on this host only, unless CYCLONEDDS_URI is set)");
-  command
-      .add_option("--machine", place.machine,
-                  "name of the machine (default: " + place.machine + ")")
-      ->type_name("NAME");
-  command.add_option("--domain", place.domain, "DDS domain (default: 0)")
-      ->type_name("N")
-      ->check(between(0, 230));
-  command.add_option("--partition", place.partition, "DDS partition of the cell (default: none)")
-      ->type_name("NAME");
+void BusOptions::declare(OptionTable& command) {
+  command.flag("--dds", dds,
+               "use DDS (Cyclone DDS; on this host only, unless CYCLONEDDS_URI is set)");
+  command.option("--machine", place.machine, "name of the machine (default: " + place.machine + ")")
+      .takes("NAME");
+  command.option("--domain", place.domain, "DDS domain (default: 0)").takes("N").between(0, 230);
+  command.option("--partition", place.partition, "DDS partition of the cell (default: none)")
+      .takes("NAME");
 }
 
 std::string BusOptions::text() const {
@@ -113,13 +107,13 @@ std::string other_daemons(const DdsNode& node) {
 std::vector<double> parse_numbers(const std::string& option, const std::string& given,
                                   const std::string& form, std::size_t least, std::size_t most) {
   std::vector<double> numbers;
-  for (const std::string& part : CLI::detail::split(given, ':')) {
-    double value = 0.0;
-    if (!CLI::detail::lexical_cast(part, value) || !std::isfinite(value)) numbers.resize(most + 1);
-    numbers.push_back(value);
+  for (const std::string& part : split_fields(given, ':')) {
+    const std::optional<double> value = number_of(part);
+    if (!value) numbers.resize(most + 1);
+    numbers.push_back(value.value_or(0.0));
   }
   if (numbers.size() < least || numbers.size() > most) {
-    throw CLI::ValidationError(option, in_quotes(given) + " is not a valid " + form);
+    refuse_value(option, in_quotes(given) + " is not a valid " + form);
   }
   return numbers;
 }

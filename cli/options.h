@@ -12,18 +12,16 @@
 #include "identification/model/model_file.h"
 #include "identification/recording/segments.h"
 
-namespace CLI {
-class App;
-}
-
 namespace servotwin::cli {
+
+class OptionTable;
 
 /// REC --columns --can-map --from --to --rate: a recording and the part of it that is read.
 struct RecordingOptions {
   std::filesystem::path file;
   ReadOptions read_options;
 
-  void declare(CLI::App& command, const std::string& name, const std::string& what);
+  void declare(OptionTable& command, const std::string& name, const std::string& what);
   /// Reads the recording and prints on `people` what the reader ignored, repaired or dropped.
   [[nodiscard]] Recording read(std::FILE* people) const;
 };
@@ -33,7 +31,7 @@ struct AxisOptions {
   RecordingOptions recording;
   std::string axis;
 
-  void declare(CLI::App& command);
+  void declare(OptionTable& command);
   /// Reads the axis and prints on `people` what was read.
   [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
   /// The same for a recording that has been read already.
@@ -45,7 +43,7 @@ struct BusOptions {
   bool dds = false;
   DdsPlace place;
 
-  void declare(CLI::App& command);
+  void declare(OptionTable& command);
   /// "machine 'mill' in DDS domain 3".
   [[nodiscard]] std::string text() const;
 };
@@ -61,7 +59,7 @@ enum class DaemonThere : std::uint8_t { kNobody, kKnowsNoAxes, kReady };
 /// status.
 [[nodiscard]] std::string other_daemons(const DdsNode& node);
 
-/// The numbers in "A:B". Throws CLI::ValidationError "OPTION: 'given' is not a valid FORM" unless
+/// The numbers in "A:B". Refuses the value with "OPTION: 'given' is not a valid FORM" unless
 /// there are `least` to `most` of them, all finite.
 [[nodiscard]] std::vector<double> parse_numbers(const std::string& option, const std::string& given,
                                                 const std::string& form, std::size_t least,

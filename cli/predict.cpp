@@ -1,5 +1,4 @@
 // servotwin predict: compares a model with a recording, in free simulation.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -8,6 +7,7 @@
 
 #include "cli/command.h"
 #include "cli/model_text.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/correct/motion_reach.h"
@@ -151,23 +151,23 @@ void run(const Arguments& arguments) {
 
 Command add_predict(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "predict",
+  OptionTable command(
+      app, "predict",
       "Predicts the tracking error of a recording and compares it with the measured one.");
   arguments->input.declare(command);
-  command.add_option("--model", arguments->model, "model file (servotwin.model/1)")
-      ->type_name("M.json")
-      ->required();
+  command.option("--model", arguments->model, "model file (servotwin.model/1)")
+      .takes("M.json")
+      .required();
   command
-      .add_option(
+      .option(
           "--out", arguments->table,
           "write command, actual position and errors row by row to this file; - is standard output")
-      ->type_name("PRED.csv");
+      .takes("PRED.csv");
   command
-      .add_option("--json", arguments->result,
-                  "write the figures to this file (servotwin.prediction/1); - is standard output")
-      ->type_name("OUT");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--json", arguments->result,
+              "write the figures to this file (servotwin.prediction/1); - is standard output")
+      .takes("OUT");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

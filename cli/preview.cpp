@@ -11,7 +11,7 @@
 
 #include "cli/command.h"
 #include "cli/model_text.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/between/clock.h"
@@ -218,27 +218,27 @@ void run(const Arguments& arguments) {
 
 Command add_preview(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "preview",
+  OptionTable command(
+      app, "preview",
       "Asks a running daemon for the predicted errors of a path, or for its correction.");
   arguments->path.declare(command, "PATH",
                           "table of commands, one row per cycle of the machine, or a recording "
                           "whose encoders are ignored");
   arguments->bus.declare(command);
-  command.add_flag(
+  command.flag(
       "--learn", arguments->learn,
       "let the daemon learn a correction; it keeps it and recognises the program when it runs");
   command
-      .add_option(
+      .option(
           "--name", arguments->name,
           "name of the program (default: that of the file); a program of the same name is replaced")
-      ->type_name("NAME");
-  command.add_option("--out", arguments->table, "write the corrected commands to this file")
-      ->type_name("CORRECTED.csv");
-  command.add_option("--wait", arguments->wait_s, "how long to wait for the answer (default 60)")
-      ->type_name("S")
-      ->check(between(0.1, 1e6));
-  return {&command, [arguments] { run(*arguments); }};
+      .takes("NAME");
+  command.option("--out", arguments->table, "write the corrected commands to this file")
+      .takes("CORRECTED.csv");
+  command.option("--wait", arguments->wait_s, "how long to wait for the answer (default 60)")
+      .takes("S")
+      .between(0.1, 1e6);
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

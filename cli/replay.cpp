@@ -9,7 +9,7 @@
 #include "cli/can_replay.h"
 #include "cli/command.h"
 #include "cli/interrupt.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/input/frame_source.h"
@@ -130,36 +130,35 @@ void run(const Arguments& arguments) {
 
 Command add_replay(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("replay", "Plays a recording on a live bus, in place of a machine.");
+  OptionTable command(app, "replay", "Plays a recording on a live bus, in place of a machine.");
   arguments->recording.declare(command, "LOG", "recording: CSV, MATLAB .mat, or a CAN log");
   arguments->bus.declare(command);
   command
-      .add_option("--can", arguments->can,
-                  "send to CAN interfaces, one per bus of the log or of the mapping")
-      ->type_name("IF,..")
-      ->delimiter(',');
-  command.add_option("--udp", arguments->udp, "send to CAN over UDP (cannelloni's format)")
-      ->type_name("HOST:PORT");
-  command.add_flag(
+      .option("--can", arguments->can,
+              "send to CAN interfaces, one per bus of the log or of the mapping")
+      .takes("IF,..")
+      .comma_separated();
+  command.option("--udp", arguments->udp, "send to CAN over UDP (cannelloni's format)")
+      .takes("HOST:PORT");
+  command.flag(
       "--targets", arguments->targets,
       "on CAN, act as the controller: send the commands as target positions of the mapping");
   command
-      .add_option("--speed", arguments->speed,
-                  "speed of the replay, in multiples of the recorded one (default 1)")
-      ->type_name("F")
-      ->check(between(1e-3, 1e3));
+      .option("--speed", arguments->speed,
+              "speed of the replay, in multiples of the recorded one (default 1)")
+      .takes("F")
+      .between(1e-3, 1e3);
   command
-      .add_option("--look-ahead", arguments->look_ahead,
-                  "number of cycles by which commands are sent ahead of time (default 0)")
-      ->type_name("N")
-      ->check(between(0, kMaxLookAhead));
+      .option("--look-ahead", arguments->look_ahead,
+              "number of cycles by which commands are sent ahead of time (default 0)")
+      .takes("N")
+      .between(0, kMaxLookAhead);
   command
-      .add_option("--wait", arguments->wait_s,
-                  "how long to wait for a daemon, and at the end for its confirmation (default 10)")
-      ->type_name("S")
-      ->check(between(0.0, 1e9));
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--wait", arguments->wait_s,
+              "how long to wait for a daemon, and at the end for its confirmation (default 10)")
+      .takes("S")
+      .between(0.0, 1e9);
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

@@ -1,11 +1,11 @@
 #include "cli/response_options.h"
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 
 #include "cli/axis_channels.h"
 #include "cli/command.h"
+#include "cli/option_table.h"
 #include "cli/output.h"
 #include "drivers/text.h"
 
@@ -115,28 +115,25 @@ double column_signals(const ResponseOptions& options, ResponseSignals& out, std:
 
 }  // namespace
 
-void ResponseOptions::declare(CLI::App& command) {
+void ResponseOptions::declare(OptionTable& command) {
   recording.declare(command, "REC",
                     "recording: CSV with units, foreign CSV with --columns or named "
                     "columns, MATLAB .mat, or a CAN log with --can-map");
   command
-      .add_option("--axis", axis,
-                  "axis of the recording (default: --input and --output name columns)")
-      ->type_name("X");
+      .option("--axis", axis, "axis of the recording (default: --input and --output name columns)")
+      .takes("X");
   command
-      .add_option("--input", inputs,
-                  "command (default), torque, or of another axis Y.command; a list A,B separates "
-                  "their contributions; without --axis a column, once per repetition")
-      ->type_name("NAME")
-      ->expected(1)
-      ->take_all();
+      .option("--input", inputs,
+              "command (default), torque, or of another axis Y.command; a list A,B separates "
+              "their contributions; without --axis a column, once per repetition")
+      .takes("NAME")
+      .one_value_each_time();
   command
-      .add_option("--output", outputs,
-                  "position (default), error or torque; without --axis a column, once per "
-                  "repetition")
-      ->type_name("NAME")
-      ->expected(1)
-      ->take_all();
+      .option("--output", outputs,
+              "position (default), error or torque; without --axis a column, once per "
+              "repetition")
+      .takes("NAME")
+      .one_value_each_time();
 }
 
 ResponseSignals ResponseOptions::read(std::FILE* people) const {

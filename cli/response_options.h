@@ -10,6 +10,8 @@
 
 namespace servotwin::cli {
 
+class OptionTable;
+
 struct ResponseSignals {
   std::vector<std::string> inputs;  ///< names
   std::string output;
@@ -24,7 +26,7 @@ struct ResponseOptions {
   std::string axis;  ///< empty: inputs and outputs are columns
   std::vector<std::string> inputs, outputs;
 
-  void declare(CLI::App& command);
+  void declare(OptionTable& command);
   /// Reads the signals and prints on `people` what was read.
   [[nodiscard]] ResponseSignals read(std::FILE* people) const;
 };

@@ -1,6 +1,5 @@
 // servotwin sequence: the friction that a part adds, from recordings without and with it (paper
 // 002).
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -8,6 +7,7 @@
 
 #include "cli/command.h"
 #include "cli/force_text.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/plot.h"
@@ -303,54 +303,51 @@ void run(const Arguments& arguments) {
 
 Command add_sequence(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "sequence",
+  OptionTable command(
+      app, "sequence",
       "Identifies the friction that a part adds, from recordings without and with the part.");
-  command.add_option("--bare", arguments->bare.file, "recording of the axis without the part")
-      ->type_name("A.csv")
-      ->required();
-  command.add_option("--covered", arguments->covered.file, "recording of the axis with the part")
-      ->type_name("B.csv")
-      ->required();
-  command.add_option("--axis", arguments->axis, "axis of the recordings")
-      ->type_name("X")
-      ->required();
+  command.option("--bare", arguments->bare.file, "recording of the axis without the part")
+      .takes("A.csv")
+      .required();
+  command.option("--covered", arguments->covered.file, "recording of the axis with the part")
+      .takes("B.csv")
+      .required();
+  command.option("--axis", arguments->axis, "axis of the recordings").takes("X").required();
   command
-      .add_option("--columns", arguments->bare.read_options.columns,
-                  "which column of a foreign file is which channel")
-      ->type_name("MAP");
-  command.add_option("--friction", arguments->friction, "friction model of both (default lugre)")
-      ->check(CLI::IsMember(torque_frictions()).name(""))
-      ->type_name("ID");
+      .option("--columns", arguments->bare.read_options.columns,
+              "which column of a foreign file is which channel")
+      .takes("MAP");
+  command.option("--friction", arguments->friction, "friction model of both (default lugre)")
+      .one_of(torque_frictions())
+      .takes("ID");
   command
-      .add_option("--verify-bare", arguments->verify_bare,
-                  "recordings without the part for validation; they are not fitted")
-      ->type_name("C.csv");
+      .option("--verify-bare", arguments->verify_bare,
+              "recordings without the part for validation; they are not fitted")
+      .takes("C.csv");
   command
-      .add_option("--verify", arguments->verify_covered,
-                  "recordings with the part for validation; they are not fitted")
-      ->type_name("D.csv");
+      .option("--verify", arguments->verify_covered,
+              "recordings with the part for validation; they are not fitted")
+      .takes("D.csv");
   command
-      .add_option("--lead", arguments->lead_mm,
-                  "lead of the screw [mm]: print torques in Nm as forces in N")
-      ->type_name("MM")
-      ->check(CLI::PositiveNumber.name(""));
+      .option("--lead", arguments->lead_mm,
+              "lead of the screw [mm]: print torques in Nm as forces in N")
+      .takes("MM")
+      .positive();
   command
-      .add_option("--bandwidth", arguments->bandwidth_hz,
-                  "highest frequency at which torque and model are compared [Hz]; 0 (default): no "
-                  "limit, for an encoder of high resolution")
-      ->type_name("HZ")
-      ->check(CLI::NonNegativeNumber.name(""));
-  command.add_flag("--invert-torque", arguments->invert,
-                   "the drive records torque with the opposite sign: invert it");
+      .option("--bandwidth", arguments->bandwidth_hz,
+              "highest frequency at which torque and model are compared [Hz]; 0 (default): no "
+              "limit, for an encoder of high resolution")
+      .takes("HZ")
+      .not_negative();
+  command.flag("--invert-torque", arguments->invert,
+               "the drive records torque with the opposite sign: invert it");
   command
-      .add_option("--json", arguments->result,
-                  "write the complete result to this file; - is standard output")
-      ->type_name("OUT");
-  command
-      .add_option("--plot", arguments->plot, "write a plot of torque and shares to this file (SVG)")
-      ->type_name("OUT.svg");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--json", arguments->result,
+              "write the complete result to this file; - is standard output")
+      .takes("OUT");
+  command.option("--plot", arguments->plot, "write a plot of torque and shares to this file (SVG)")
+      .takes("OUT.svg");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

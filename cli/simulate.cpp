@@ -8,7 +8,7 @@
 #include "cli/command.h"
 #include "cli/command_table.h"
 #include "cli/model_text.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/correct/motion_reach.h"
@@ -88,8 +88,7 @@ Encoder parse_noise(const std::string& given) {
   const std::vector<double> numbers =
       parse_numbers("--noise", given, "STEP or STEP:SIGMA in um", 1, 2);
   for (const double value : numbers) {
-    if (value < 0.0)
-      throw CLI::ValidationError("--noise", in_quotes(given) + " must not be negative");
+    if (value < 0.0) refuse_value("--noise", in_quotes(given) + " must not be negative");
   }
   return {numbers[0] * kMicro, numbers.size() > 1 ? numbers[1] * kMicro : 0.0};
 }
@@ -98,30 +97,30 @@ Encoder parse_noise(const std::string& given) {
 
 Command add_simulate(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "simulate", "Simulates the encoder positions of a machine for given commands.");
+  OptionTable command(app, "simulate",
+                      "Simulates the encoder positions of a machine for given commands.");
   arguments->commands.declare(command);
-  command.get_option("PATH")->required(false);
+  command.declared("PATH").required(false);
   command
-      .add_option("--out", arguments->table,
-                  "write the table with the simulated encoders to this file; - is standard output")
-      ->type_name("SIM.csv");
+      .option("--out", arguments->table,
+              "write the table with the simulated encoders to this file; - is standard output")
+      .takes("SIM.csv");
   command
-      .add_option_function<std::string>(
+      .option_read_by(
           "--noise",
           [arguments](const std::string& given) { arguments->encoder = parse_noise(given); },
           "encoder step, and standard deviation of Gaussian noise before it [um | urad]")
-      ->type_name("STEP[:SIGMA]");
+      .takes("STEP[:SIGMA]");
   command
-      .add_option("--can", arguments->can,
-                  "act as the drives on CAN interfaces, one per bus of --can-map: answer on SYNC")
-      ->type_name("IF,..")
-      ->delimiter(',');
-  command.add_option("--seconds", arguments->seconds, "with --can: end after this time")
-      ->type_name("S")
-      ->check(between(1e-3, 1e9));
-  command.add_option("--seed", arguments->seed, "seed of the noise (default 1)")->type_name("N");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--can", arguments->can,
+              "act as the drives on CAN interfaces, one per bus of --can-map: answer on SYNC")
+      .takes("IF,..")
+      .comma_separated();
+  command.option("--seconds", arguments->seconds, "with --can: end after this time")
+      .takes("S")
+      .between(1e-3, 1e9);
+  command.option("--seed", arguments->seed, "seed of the noise (default 1)").takes("N");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

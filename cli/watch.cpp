@@ -11,7 +11,7 @@
 #include "cli/command.h"
 #include "cli/interrupt.h"
 #include "cli/live_record.h"
-#include "cli/number_check.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/summary_text.h"
@@ -195,36 +195,35 @@ void run(const Arguments& arguments) {
 
 Command add_watch(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command = *app.add_subcommand(
-      "watch",
+  OptionTable command(
+      app, "watch",
       "Shows the errors of a machine live: over DDS as predicted by its daemon, or on CAN.");
   arguments->bus.declare(command);
+  command.option("--can", arguments->can, "listen to CAN interfaces, one per bus of the mapping")
+      .takes("IF,..")
+      .comma_separated();
+  command.option("--can-map", arguments->can_map, "mapping of the bits of frames to signals")
+      .takes("F.toml");
   command
-      .add_option("--can", arguments->can, "listen to CAN interfaces, one per bus of the mapping")
-      ->type_name("IF,..")
-      ->delimiter(',');
-  command.add_option("--can-map", arguments->can_map, "mapping of the bits of frames to signals")
-      ->type_name("F.toml");
+      .option("--model", arguments->models,
+              "with --can: models of the axes whose errors are predicted")
+      .takes("M.json");
+  command.flag("--summary", arguments->summary,
+               "collect until the machine or the daemon leaves the bus, then print a summary");
+  command.option("--seconds", arguments->seconds, "end after this time")
+      .takes("S")
+      .between(1e-3, 1e9);
   command
-      .add_option("--model", arguments->models,
-                  "with --can: models of the axes whose errors are predicted")
-      ->type_name("M.json");
-  command.add_flag("--summary", arguments->summary,
-                   "collect until the machine or the daemon leaves the bus, then print a summary");
-  command.add_option("--seconds", arguments->seconds, "end after this time")
-      ->type_name("S")
-      ->check(between(1e-3, 1e9));
-  command
-      .add_option_function<std::string>(
+      .option_read_by(
           "--json",
           [arguments](const std::string& given) {
             arguments->result = given.empty() ? "-" : given;
           },
           "JSON (servotwin.watch/1): a line per second on standard output, with --summary one "
           "object into OUT; - or no name is standard output")
-      ->type_name("OUT")
-      ->expected(0, 1);
-  return {&command, [arguments] { run(*arguments); }};
+      .takes("OUT")
+      .value_optional();
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli

@@ -1,6 +1,5 @@
 // servotwin what-if: predicts how a changed part affects a feed axis, before it is bought (paper
 // 002).
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -10,6 +9,7 @@
 
 #include "cli/command.h"
 #include "cli/feed_axis_file.h"
+#include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
 #include "diagnosis/plot.h"
@@ -318,46 +318,44 @@ void run(const Arguments& arguments) {
 
 Command add_what_if(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
-  CLI::App& command =
-      *app.add_subcommand("what-if", "Predicts how a changed part affects a feed axis.");
-  command.add_option("AXIS", arguments->file, "parts of the axis (TOML; examples/feed_axis.toml)")
-      ->type_name("AXIS.toml")
-      ->required();
+  OptionTable command(app, "what-if", "Predicts how a changed part affects a feed axis.");
+  command.option("AXIS", arguments->file, "parts of the axis (TOML; examples/feed_axis.toml)")
+      .takes("AXIS.toml")
+      .required();
   command
-      .add_option("--set", arguments->changes,
-                  "new value of a part, such as table.mass_kg=150 or "
-                  "control.band_stop.1.frequency_hz=300; may be given again")
-      ->type_name("KEY=VALUE")
-      ->expected(1)
-      ->take_all();
-  command.add_option("--change", arguments->changed, "file with the changed axis")
-      ->type_name("CHANGED.toml");
+      .option("--set", arguments->changes,
+              "new value of a part, such as table.mass_kg=150 or "
+              "control.band_stop.1.frequency_hz=300; may be given again")
+      .takes("KEY=VALUE")
+      .one_value_each_time();
+  command.option("--change", arguments->changed, "file with the changed axis")
+      .takes("CHANGED.toml");
   command
-      .add_option("--motion", arguments->motion.file,
-                  "table of commands for both axes (default: back and forth at three speeds)")
-      ->type_name("PATH.csv");
-  command.add_option("--axis", arguments->axis, "axis of the table")->type_name("X");
+      .option("--motion", arguments->motion.file,
+              "table of commands for both axes (default: back and forth at three speeds)")
+      .takes("PATH.csv");
+  command.option("--axis", arguments->axis, "axis of the table").takes("X");
   command
-      .add_option("--columns", arguments->motion.read_options.columns,
-                  "which column of a foreign file is which channel")
-      ->type_name("MAP");
+      .option("--columns", arguments->motion.read_options.columns,
+              "which column of a foreign file is which channel")
+      .takes("MAP");
   command
-      .add_option("--from", arguments->motion.read_options.from_s,
-                  "start of the part to read [s of the recording]")
-      ->type_name("S");
+      .option("--from", arguments->motion.read_options.from_s,
+              "start of the part to read [s of the recording]")
+      .takes("S");
   command
-      .add_option("--to", arguments->motion.read_options.to_s,
-                  "end of the part to read [s of the recording]")
-      ->type_name("S");
+      .option("--to", arguments->motion.read_options.to_s,
+              "end of the part to read [s of the recording]")
+      .takes("S");
   command
-      .add_option("--json", arguments->result,
-                  "write the complete result to this file; - is standard output")
-      ->type_name("OUT");
+      .option("--json", arguments->result,
+              "write the complete result to this file; - is standard output")
+      .takes("OUT");
   command
-      .add_option("--plot", arguments->plot,
-                  "write a Bode plot of the velocity loop before and after to this file (SVG)")
-      ->type_name("OUT.svg");
-  return {&command, [arguments] { run(*arguments); }};
+      .option("--plot", arguments->plot,
+              "write a Bode plot of the velocity loop before and after to this file (SVG)")
+      .takes("OUT.svg");
+  return {command.app(), [arguments] { run(*arguments); }};
 }
 
 }  // namespace servotwin::cli
