@@ -396,7 +396,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
       ++fit.evaluations;
       if (!std::isfinite(solution.cost)) continue;
       candidate.cost = solution.cost;
-      // A candidate that needs negative friction is none, unless all of them do (thesis 3.4).
+      // Candidates that need negative friction are excluded (thesis 3.7), unless all of them do.
       (solution.clamped ? clamped : candidates).push_back(std::move(candidate));
     }
     if (candidates.empty()) candidates = std::move(clamped);

@@ -232,7 +232,7 @@ FrequencyResponse frequency_response(std::span<const ResponseRecord> records, do
   if (length < kShortest) {
     std::snprintf(
         words, sizeof words,
-        "a window of %.4g s has %td samples, it needs %td: take longer windows or a "
+        "a window of %.4g s has %td samples, it needs %td: use longer windows or a "
         "longer recording",
         options.window_s > 0.0 ? options.window_s : sample_time_s * static_cast<double>(length),
         length, kShortest);
@@ -243,10 +243,10 @@ FrequencyResponse frequency_response(std::span<const ResponseRecord> records, do
   if (freedom < kFewestAverages) {
     std::snprintf(
         words, sizeof words,
-        "%d window%s of %.4g s %s worth %.1f independent averages, which tell no coherence "
-        "(at least %.0f): take shorter windows or a longer recording",
+        "%d window%s of %.4g s %s %.1f independent averages, too few to estimate coherence "
+        "(at least %.0f): use shorter windows or a longer recording",
         spectra.windows, spectra.windows == 1 ? "" : "s",
-        sample_time_s * static_cast<double>(length), spectra.windows == 1 ? "is" : "are",
+        sample_time_s * static_cast<double>(length), spectra.windows == 1 ? "gives" : "give",
         spectra.averages, kFewestAverages + static_cast<double>(q));
     throw std::runtime_error(words);
   }

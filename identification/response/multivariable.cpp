@@ -280,10 +280,11 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
     const double distance = data.inputs[i].break_distance,
                  longest = longest_break_distance(data, i, options);
     if (distance > longest)
-      throw std::runtime_error("input " + std::to_string(i + 1) +
-                               ": an element that slides after " + std::to_string(1e6 * distance) +
-                               " um is the position itself where it travels no further; at most " +
-                               std::to_string(1e6 * longest) + " um here");
+      throw std::runtime_error(
+          "input " + std::to_string(i + 1) + ": an element that slides after " +
+          std::to_string(1e6 * distance) +
+          " um equals the position where the axis travels no further; at most " +
+          std::to_string(1e6 * longest) + " um here");
     double least = std::numeric_limits<double>::max(), most = -least;
     for (const MultivariableRecord& record : data.records) {
       least = std::min(least, record.inputs[i].minCoeff());
@@ -291,7 +292,7 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
     }
     if (!(most > least))
       throw std::runtime_error("input " + std::to_string(i + 1) +
-                               " never changes: nothing can be said of what it does");
+                               " never changes: its effect cannot be identified");
   }
 }
 

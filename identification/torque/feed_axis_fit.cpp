@@ -71,14 +71,14 @@ FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
   std::vector<double> logs;
   for (const Sought& one : sought) {
     if (!(one.of(start) > 0.0))
-      throw std::runtime_error(one.name + " is 0; what is fitted must start above 0");
+      throw std::runtime_error(one.name + " is 0; a fitted parameter must start above 0");
     logs.push_back(std::log(one.of(start)));
   }
   const Eigen::VectorXd before = residual(parts);
   if (before.size() <= static_cast<Eigen::Index>(sought.size()) || !before.allFinite())
     throw std::runtime_error(
-        "the axis with the given parts cannot be compared: it is not stable, "
-        "or there is too little data");
+        "the axis with the given parts cannot be compared with the data: it is not "
+        "stable, or the data are too few");
   FeedAxisFit out;
   out.rms_before = std::sqrt(before.squaredNorm() / static_cast<double>(before.size()));
 
@@ -183,14 +183,14 @@ FeedAxisFit fit_friction(const FeedAxisParts& parts, FrictionOf which,
                          const std::vector<Segment>& segments) {
   const bool drive = which == FrictionOf::kDrive;
   if (!(drive ? parts.friction : parts.cover))
-    throw std::runtime_error("the parts have no friction to start from");
+    throw std::runtime_error("the parts have no friction as a start value");
   ReducedAxis axis = reduced_axis(parts);
   const double rate = parts.control.rate_hz;
   std::vector<Eigen::ArrayXd> commands;
   Eigen::Index rows = 0;
   for (const Segment& segment : segments) {
     if (segment.torque.size() != segment.size())
-      throw std::runtime_error("there is a stretch without torque");
+      throw std::runtime_error("a segment has no torque");
     commands.push_back(at_rate(segment, rate));
     rows += segment.size();
   }

@@ -125,9 +125,9 @@ ForceData ForceData::of_motion(const std::vector<Segment>& segments, double band
   }
   if (data.stretches_.empty()) {
     throw std::runtime_error(
-        "there is no stretch of " + std::to_string(shortest) +
-        " samples with torque, which this bandwidth needs: a force fit takes the motor's torque, "
-        "force or current beside the motion; record longer, or compare up to a higher bandwidth");
+        "there is no segment of " + std::to_string(shortest) +
+        " samples with torque, which this bandwidth needs: a force fit needs the motor's torque, "
+        "force or current with the motion; record longer, or compare up to a higher bandwidth");
   }
   data.finish();
   return data;

@@ -124,7 +124,7 @@ MotionLaw::MotionLaw(const MotionLawPlan& plan)
   std::fill(single.bands.begin(), single.bands.end(),
             *std::max_element(plan.bands.begin(), plan.bands.end()));
   single_band_duration_s_ = ramps_of(single).back().end_s + plan.rest_s;
-  if (!std::isfinite(single_band_duration_s_)) refuse("it would never come to an end");
+  if (!std::isfinite(single_band_duration_s_)) refuse("the motion would never end");
 }
 
 double MotionLaw::low() const {

@@ -53,7 +53,7 @@ TEST(DiagnoseTorque, WhatShowsNothingInEitherWaySaysBothReasons) {
       servotwin_says({"diagnose", folder.write("short.csv", table), "--axis", "R"});
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.err, HasSubstr("R.command does not move"));
-  EXPECT_THAT(answer.err, HasSubstr("; nor by torque: there is no stretch of 262 samples"));
+  EXPECT_THAT(answer.err, HasSubstr("; nor by torque: there is no segment of 262 samples"));
 }
 
 TEST(DiagnoseTorque, WhatNeedsACommandSaysSo) {
@@ -62,7 +62,7 @@ TEST(DiagnoseTorque, WhatNeedsACommandSaysSo) {
   const Answer identify = servotwin_says({"identify", file, "--axis", "R"});
   EXPECT_EQ(identify.status, 1) << identify;
   EXPECT_THAT(identify.err,
-              HasSubstr("R.command has no values; the set-point of the axis is needed"));
+              HasSubstr("R.command has no values; the setpoint of the axis is needed"));
   const Answer model =
       servotwin_says({"diagnose", file, "--axis", "R", "--extended-model", folder / "m.json"});
   EXPECT_EQ(model.status, 1) << model;

@@ -229,7 +229,7 @@ TEST(FrequencyResponse, AStrongLineLeaksAndIsNoExcitationElsewhere) {
   EXPECT_GT((found.response.coherence.segment(8, 60) > 0.8).count(), 15);
   EXPECT_TRUE(found.response.significant(0, 4.0, 500.0).empty());
   EXPECT_FALSE(found.fit);
-  EXPECT_THAT(found.declined, HasSubstr("frequencies say more than chance"));
+  EXPECT_THAT(found.declined, HasSubstr("frequencies have significant coherence"));
 }
 
 TEST(FrequencyResponse, RefusesTooFewWindows) {
@@ -244,7 +244,7 @@ TEST(FrequencyResponse, RefusesTooFewWindows) {
     }
     return "";
   };
-  EXPECT_THAT(words(0.5), HasSubstr("3 windows of 0.5 s are worth 2.9 independent averages"));
+  EXPECT_THAT(words(0.5), HasSubstr("3 windows of 0.5 s give 2.9 independent averages"));
   EXPECT_THAT(words(2.0), HasSubstr("0 windows of 2 s"));
   EXPECT_THAT(words(0.01), HasSubstr("has 10 samples, it needs 16"));
   EXPECT_EQ(words(0.25), "");

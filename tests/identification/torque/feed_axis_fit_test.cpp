@@ -154,7 +154,8 @@ TEST(FeedAxisFit, RefusesWhatCannotBeFitted) {
   FeedAxisParts parts = data_sheet();
   const Segment row = recorded(parts, {});
   test::expect_error<std::runtime_error>(
-      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {row}); }, {"no friction to start from"});
+      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {row}); },
+      {"no friction as a start value"});
   parts.friction = LuGreParts{150.0, 120.0, 5e-3, 5e6, 0.0, 300.0};
   test::expect_error<std::runtime_error>(
       [&] { (void)fit_friction(parts, FrictionOf::kDrive, {row}); }, {"friction.damping is 0"});
@@ -162,7 +163,7 @@ TEST(FeedAxisFit, RefusesWhatCannotBeFitted) {
   Segment silent = row;
   silent.torque.resize(0);
   test::expect_error<std::runtime_error>(
-      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {silent}); }, {"without torque"});
+      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {silent}); }, {"has no torque"});
 }
 
 }  // namespace
