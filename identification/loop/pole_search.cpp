@@ -25,8 +25,8 @@ PoleBounds below_nyquist(PoleBounds bounds, double h) {
   return bounds;
 }
 
-// A force moves what it acts on, of which a mode has a share: between 0 and 1 where the encoder is
-// there, too. Without bounds friction may go to nothing and its way through a mode to infinity.
+// Share of a force that acts through a mode: between 0 and 1 where the encoder is at the same
+// place. Without bounds friction may vanish while its effect through a mode goes to infinity.
 constexpr double kLeastDelta = -1.0, kMostDelta = 2.0, kMostGamma = 1.0;
 constexpr double kSamplesPerRadian = 1.0;  // of a mode, on thinned data
 constexpr double kSlowestMode_hz = 2.0, kLeastDamping = 5e-4, kMostDamping = 0.95;

@@ -25,7 +25,7 @@ const AxisRecord& find_axis(const Recording& recording, std::string_view name) {
                            (there.empty() ? "none" : there));
 }
 
-/// The channels of one axis that go into segments, and which of them are there.
+/// The channels of one axis that go into segments, and which of them exist.
 struct Channels {
   explicit Channels(const AxisRecord& axis, std::size_t rows)
       : command(axis.command),
@@ -78,7 +78,7 @@ Eigen::ArrayXd interpolated(const Stretch& stretch, const std::vector<double>& v
   return even;
 }
 
-/// Bridges what is missing of the torque; what is missing for longer, or at an end, stays NaN.
+/// Bridges short gaps of the torque; longer gaps, and gaps at an end, stay NaN.
 void bridge_torque(Eigen::ArrayXd& torque, Eigen::Index most, SegmentReport& report) {
   Eigen::Index i = 0;
   while (i < torque.size()) {
@@ -347,7 +347,7 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
     try {
       neighbour = segmented(alone, other.name, limits);
     } catch (const std::runtime_error&) {
-      continue;  // what cannot be cut into segments is no neighbour
+      continue;  // an axis without segments cannot be the neighbour
     }
     if (!in_step(out, neighbour)) continue;
     for (std::size_t i = 0; i < out.segments.size(); ++i) {

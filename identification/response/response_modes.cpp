@@ -13,8 +13,8 @@ namespace {
 constexpr int kMostOrder = 12;
 constexpr std::size_t kPointsPerPole = 6;
 constexpr std::size_t kFewestPoints = 12;
-constexpr double kLeastPower = 0.01;  // of the input, where it is fitted
-constexpr double kLowest = 2.0;       // in lines: below, the mean that was removed is missing
+constexpr double kLeastPower = 0.01;  // share of the input's power at the fitted frequencies
+constexpr double kLowest = 2.0;       // in lines: below them the removed mean distorts the spectrum
 constexpr double kHighest = 0.4;      // of the sampling rate
 
 bool usable(const ResponsePoints& points) {
