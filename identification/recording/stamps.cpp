@@ -16,7 +16,7 @@ using SameValues = std::function<bool(std::size_t, std::size_t)>;
 constexpr double kMaxContiguousSteps = 3.0;
 // Share of bad stamps up to which they count as accidents of the recorder.
 constexpr double kMaxBadStampShare = 0.01;
-constexpr std::size_t kFewestIrregular = 10;  // fewer irregular steps count as accidents
+constexpr std::size_t kFewestIrregular = 10;  // fewer irregular steps are no sign of coarse stamps
 
 std::string text_of(double seconds) {
   char text[32];
