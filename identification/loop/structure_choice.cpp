@@ -139,7 +139,7 @@ Projection projection_of(const std::vector<Segment>& segments, const Structure& 
   return {signals_of(segments), structure};
 }
 
-/// A fit with modes that stand, and what it leaves where it was not fitted.
+/// A fit with constant modes and its RMS on the validation data.
 struct Stood {
   Structure structure;
   Model model;
@@ -147,7 +147,7 @@ struct Stood {
   double validation = 0.0;
 };
 
-/// The same with modes that move.
+/// The same with modes that change with position.
 struct Moved {
   std::optional<OutputErrorFit> fit;
   bool asked = false;
@@ -160,8 +160,8 @@ Structure moving_of(Structure structure) {
   return structure;
 }
 
-/// Of which to ask whether modes move: the best, and the one with presliding, since friction that
-/// is not the axis' own hides that they do.
+/// The fits for which modes that change with position are tried: the best one and the one with
+/// presliding, because an unsuitable friction model hides the change.
 std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stood) {
   const auto best =
       std::min_element(stood.begin(), stood.end(),
@@ -175,8 +175,8 @@ std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stoo
   return out;
 }
 
-/// Where a search for friction of free elements begins: the fit so far, its elements spread over
-/// the travel after which the law that it had slides.
+/// The start of a search for friction with free elements: the fit so far, with the elements spread
+/// over the travel after which its friction law slides.
 Point with_free_elements(Point point, const Structure& structure, std::size_t place) {
   std::ptrdiff_t before = 0;
   for (std::size_t i = 0; i < place; ++i)
@@ -266,9 +266,9 @@ class StructureChoice {
         std::find(effects.begin(), effects.end(), kind_of<CoulombFriction>()) - effects.begin());
   }
 
-  /// The friction, from the simplest model to the richest, and modes of vibration as long as one
-  /// more of them is worth it. Neither shows without the other where there are both, so that every
-  /// friction is tried with every number of modes.
+  /// Friction, from the simplest model to the richest, and modes of vibration as long as one more
+  /// of them passes. With both present neither can be identified without the other, so every
+  /// friction model is tried with every number of modes.
   void choose_friction_and_modes() {
     const bool other_friction =
         joint() && options_.friction && *options_.friction != kind_of<CoulombFriction>();
@@ -281,8 +281,8 @@ class StructureChoice {
       for (int modes = 0; modes <= options_.modes && modes <= out_.structure.modes + 1; ++modes) {
         if (modes > 0 && !first.add_mode()) break;
         std::vector<Stood> stood;
-        // Without the other axis, then with it: what vibrates would have bent a loop that was
-        // coupled before.
+        // Without the other axis, then with it: in a coupled fit first, modes would be mistaken for
+        // the coupling.
         for (const bool coupled : {false, true}) {
           if (coupled && !options_.coupling) break;
           const std::optional<Point> begun = first.start(coupled);
@@ -307,7 +307,7 @@ class StructureChoice {
  private:
   [[nodiscard]] bool joint() const { return options_.method == Method::kJoint; }
 
-  /// The trial that is to come is the best so far.
+  /// Records the trial that is appended next as the best so far.
   void take(double validation, const Structure& structure) {
     least_ = validation;
     out_.structure = structure;
@@ -320,13 +320,13 @@ class StructureChoice {
     Structure richer = simple_;
     richer.modes = modes;
     richer.effects[place_] = kind;
-    // Unlike levels of the two directions contain it.
+    // Laws with a level per direction contain the constant force.
     const bool both = kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>();
     const bool same = !both || std::erase(richer.effects, kind_of<ConstantForce>()) == 0;
     if (coupled) richer.effects.push_back(kind_of<CrossCoupling>());
     StructureTrial trial{richer.order, richer.effects, kAbsent, false, modes, kNoFit};
-    // At rest a vibrating encoder turns more often than it is read: friction along the measured
-    // motion is wrong there, and free simulation has to tell.
+    // At rest a vibrating encoder reverses more often than it is sampled: friction along the
+    // measured motion is wrong there, so the fit is refined in free simulation.
     const auto fit = joint_fit(fitted_, richer, search_, encoder_step_, joint() && modes > 0,
                                modes > 0 || same ? &begun : nullptr);
     if (fit) {
@@ -345,8 +345,8 @@ class StructureChoice {
     tried_.push_back(trial);
   }
 
-  /// Whether modes move with position: one that does may be worth nothing while it has to stand.
-  /// Where one of those asked finds that they do, all frictions are tried from there.
+  /// Tries modes that change with position: such a mode may not improve the fit as a constant one.
+  /// If one of the fits tried improves, all friction models are tried from its result.
   void ask_whether_they_move(int modes, std::vector<Stood> stood) {
     const bool with_other = std::min_element(stood.begin(), stood.end(), [](auto& l, auto& r) {
                               return l.validation < r.validation;
@@ -391,14 +391,14 @@ class StructureChoice {
     }
   }
 
-  /// Where the law of friction leaves much beside modes or another axis it may be the law that is
-  /// wrong: one of any virgin curve, from where the chosen one ended.
+  /// If a large residual remains with modes or another axis, the friction law may be wrong: tries a
+  /// law with a free virgin curve, from the result of the chosen one.
   void try_free_elements() {
     const Structure& structure = out_.structure;
     if (out_.from.empty() || structure.moving ||
         !(least_ > kMinRmsOverFloorForFreeElements * noise_))
       return;
-    // A law of unlike directions has had the constant force in it.
+    // A law with a level per direction contains the constant force, so it is added again here.
     Structure free = simple_;
     free.modes = structure.modes;
     free.effects[place_] = kind_of<MaxwellSlip>();
@@ -425,9 +425,9 @@ class StructureChoice {
   Structure simple_;       // of the loop, with Coulomb friction
   std::size_t place_ = 0;  // of the friction in it
   ChosenStructure out_;
-  double least_ = kNone;             // what the chosen one leaves
-  std::optional<std::size_t> best_;  // its place in what was tried; none: the loop as it was chosen
-  bool coupled_ = false;             // the other axis is in it
+  double least_ = kNone;             // validation RMS of the chosen structure
+  std::optional<std::size_t> best_;  // index in tried_; none: the loop as chosen first
+  bool coupled_ = false;             // it contains the other axis
 };
 
 }  // namespace

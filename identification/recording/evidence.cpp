@@ -67,7 +67,7 @@ std::vector<Range> runs(Eigen::Index size, Holds&& holds) {
   return out;
 }
 
-/// What lies between the ranges, within another.
+/// The gaps between the ranges, within another range.
 std::vector<Range> between(const std::vector<Range>& ranges, const Range& within) {
   std::vector<Range> out;
   Eigen::Index begin = within.begin;
@@ -91,7 +91,8 @@ std::vector<Range> rests(const Eigen::ArrayXd& x, const Range& within, Eigen::In
   return out;
 }
 
-/// Where the command turns round, beyond `least` of travel on either side; with the ends.
+/// The samples at which the command reverses, with more than `least` travel on either side, and
+/// both ends.
 std::vector<Eigen::Index> turns(const Eigen::ArrayXd& x, const Range& range, double least) {
   std::vector<Eigen::Index> out{range.begin};
   Eigen::Index low = range.begin, high = range.begin;
@@ -113,7 +114,7 @@ std::vector<Eigen::Index> turns(const Eigen::ArrayXd& x, const Range& range, dou
   return out;
 }
 
-/// The parts of a range in which the axis turns round slowly at least twice in a row.
+/// The parts of a range in which the axis reverses slowly at least twice in a row.
 std::vector<Range> slow_reversals(const Segment& s, const CommandedMotion& motion,
                                   const Range& range, double slow, double least) {
   const std::vector<Eigen::Index> at = turns(s.command, range, least);
@@ -183,7 +184,7 @@ void sort_segment(const Segment& s, const MotionScale& scale, const EvidenceLimi
 }  // namespace
 
 Eigen::Index lead_in(const Segment& slow, const EvidenceLimits& limits) {
-  // Of the axis itself: friction holds it back from the command.
+  // Travel of the encoder, not of the command: friction delays the axis.
   const Eigen::ArrayXd& x = slow.actual;
   const std::vector<Eigen::Index> at = turns(x, {0, slow.size()}, limits.presliding);
   const auto travel = [&](std::size_t leg) {

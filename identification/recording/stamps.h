@@ -3,9 +3,8 @@
 // Recorders write stamps with limited accuracy. They are evaluated in this order:
 // - a row without a stamp, or a single stamp that is out of order, is repaired if its neighbours
 //   leave room for exactly one row, else the row is dropped; more stamps out of order are an error;
-// - stamps that are too coarse for the rate (0.6 ms written in steps of 1 ms) follow a straight
-// line
-//   within their resolution: the rows are evenly spaced at the mean step;
+// - stamps too coarse for the rate (0.6 ms written in steps of 1 ms) follow a straight line within
+//   their resolution: the rows are evenly spaced at the mean step;
 // - other rows that repeat a stamp are dropped;
 // - small jitter is attributed to the recorder, and the rows are evenly spaced; large jitter is
 //   attributed to the sampling, and the rows are resampled.

@@ -133,8 +133,8 @@ Spectra spectra_of(std::span<const ResponseRecord> records, Index length,
   return out;
 }
 
-/// The most that the Hann window of stronger lines can leak into each line of a power spectrum: at
-/// d lines from it a sine has 1 / (pi d (d^2 - 1)) of its amplitude.
+/// Upper bound of the leakage of stronger lines into each line of a power spectrum by the Hann
+/// window: at d lines from it a sine has 1 / (pi d (d^2 - 1)) of its amplitude.
 Eigen::ArrayXd leakage_of(const Eigen::ArrayXd& power) {
   Eigen::ArrayXd out = Eigen::ArrayXd::Zero(power.size());
   const double strong = kLeakingLineShare * power.maxCoeff();
@@ -150,8 +150,8 @@ Eigen::ArrayXd leakage_of(const Eigen::ArrayXd& power) {
   return out;
 }
 
-/// x^H S^-1 x, the power that the signals of S explain of one whose spectra with them are x; NaN
-/// where they are one another.
+/// x^H S^-1 x, the power that the signals of S explain of a signal whose cross spectra with them
+/// are x; NaN if the signals of S are linearly dependent.
 double explained(const MatrixXcd& s, const VectorXcd& x) {
   const Eigen::VectorXd scale = s.diagonal().real().cwiseSqrt().cwiseInverse();
   if (!scale.allFinite()) return std::numeric_limits<double>::quiet_NaN();

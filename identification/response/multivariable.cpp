@@ -88,7 +88,7 @@ class Cost final : public ceres::CostFunction {
 
 double fastest(double sample_time_s) { return kShareOfNyquist * std::numbers::pi / sample_time_s; }
 
-/// How a search ends, and over what it goes.
+/// Tolerance of a search, and which parameters it varies.
 struct Search {
   double tolerance = kCoarseTolerance;
   bool distances = false;         // else they are held
@@ -198,8 +198,8 @@ std::optional<ResponsePoints> responses(const MultivariableData& data, double sh
   return out;
 }
 
-/// Where a search of this order begins where no response shows anything: pairs, evenly in log
-/// frequency.
+/// Start of a search of this order if no frequency response is significant: pairs, evenly spaced in
+/// log frequency.
 Place spread_out(int order, double sample_time_s) {
   std::vector<FittedPole> poles;
   const int pairs = order / 2;
@@ -212,11 +212,11 @@ Place spread_out(int order, double sample_time_s) {
 struct Sought {
   Place at;
   Eigen::ArrayXd scale;
-  double cost = 0.0;  // log of what is left, summed over the outputs
+  double cost = 0.0;  // log of the residual, summed over the outputs
 };
 
-/// The best place of this order on this problem: from every start twice, the second time with the
-/// outputs weighed by what the first left of them.
+/// The best point of this order: from every start twice, the second time with the outputs weighted
+/// by the residuals of the first.
 std::optional<Sought> sought(MultivariableProblem& problem, const std::vector<Place>& starts,
                              Search search, int& evaluations) {
   std::optional<Sought> best;
@@ -415,7 +415,7 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
     return problem.rows() > kRowsPerColumn * columns;
   };
 
-  // The order and where friction breaks away, within the training data.
+  // The order and the break distances, within the training data.
   int order = options.order;
   std::vector<Place> found;  // of the order chosen
   Search last{kFineTolerance};

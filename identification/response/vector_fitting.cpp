@@ -24,7 +24,7 @@ constexpr int kRelocations = 20;  // of the poles by vector fitting, from each s
 // Largest |log| of a and b; beyond it a pole is outside the points' band.
 constexpr double kMaxLogCoefficient = 20.0;
 constexpr double kStartDamping = 0.01;  // Gustavsen and Semlyen 1999
-constexpr double kPeakDamping = 0.05;   // of a pair that is added where the fit is worst
+constexpr double kPeakDamping = 0.05;   // of a pair that is added at the largest misfit
 constexpr Index kPeakPoints = 5;        // over which that place is averaged
 constexpr Index kBlock = 8;             // neighbouring frequencies, whose errors are correlated
 // Allowed increase of the held-out misfit to avoid undetermined poles.
@@ -181,7 +181,7 @@ Factors spread(double from, double to, int order, bool logarithmic) {
   return out;
 }
 
-/// The frequency about which the fit is worst.
+/// The frequency around which the misfit is largest.
 double worst_at(const WeightedResponse& p, const Candidate& fit) {
   const Eigen::MatrixXcd modelled =
       basis_of(fit.factors, p.s) * fit.linear.coefficients.transpose().cast<Complex>();
@@ -202,7 +202,7 @@ bool enough(const ResponsePoints& points, int order) {
 
 enum class Polish { kNone, kLeastSquares };
 
-/// Of this order, with the fit of two poles less as one of the starts.
+/// The fit of this order, with the fit of two poles fewer as one of the starts.
 Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler, Polish polish) {
   const auto polished = [&](const Candidate& found) {
     return polish == Polish::kNone ? found : refined(p, found);
@@ -219,14 +219,14 @@ Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler,
     const Candidate found = polished(fitted_from(p, start));
     if (found.linear.cost < best.linear.cost) best = found;
   }
-  if (simpler != nullptr) {  // that pair as it stands, where vector fitting lost it
+  if (simpler != nullptr) {  // the simpler fit's poles unchanged, in case vector fitting loses them
     const Candidate added = polished({starts.back(), residues_of(p, starts.back())});
     if (added.linear.cost < best.linear.cost) best = added;
   }
   return best;
 }
 
-/// The fits of orders 1 to `most`, each begun from the one of two poles less.
+/// The fits of orders 1 to `most`, each started from the one with two poles fewer.
 std::vector<Candidate> grown(const WeightedResponse& p, int first, int step, int most,
                              Polish polish = Polish::kLeastSquares) {
   std::vector<Candidate> out;

@@ -71,7 +71,7 @@ class ForceProjection {
     for (const ForceData::Stretch& stretch : data_.stretches()) {
       Eigen::Index column = structure_.mass ? 1 : 0, shape = 0, rows = 0;
       std::size_t entry = 0;
-      Eigen::ArrayXd friction;  // of a law that comes before what changes it
+      Eigen::ArrayXd friction;  // of the friction law, which precedes effects that change it
       for (const std::size_t kind : structure_.effects) {
         const auto n = static_cast<Eigen::Index>(stretch.motion.size());
         const UnitColumns units = unit_columns(

@@ -26,7 +26,7 @@ struct Run {
 
 /// The longest runs of samples that lie within `tolerance` of the line from their first one: the
 /// slopes that every further sample allows are intersected until none is left. A run whose first
-/// sample lies a little off its line ends early; what goes on in the same line belongs to it.
+/// sample lies slightly off its line ends early; following samples on the same line belong to it.
 std::vector<Run> straight_runs(const Eigen::ArrayXd& x, double tolerance) {
   std::vector<Run> runs;
   Eigen::Index begin = 0;

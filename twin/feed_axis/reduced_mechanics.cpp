@@ -81,8 +81,8 @@ ReducedMechanics::Place ReducedMechanics::place_at(double nut, double step_s) co
   const double missed = (vectors * values.asDiagonal() * inverse - a).norm() / a.norm();
   if (!(missed < kMaxEigenvectorError)) {
     throw std::runtime_error(
-        "the axis has a mode that is critically damped, which cannot be reduced; change a damping "
-        "a little");
+        "the axis has a critically damped mode, which cannot be reduced; change one damping value "
+        "slightly");
   }
   Place place;
   std::vector<Eigen::Index> kept;  // of a conjugate pair one
