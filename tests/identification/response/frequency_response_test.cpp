@@ -201,7 +201,7 @@ TEST(FrequencyResponse, TellsTwoInputsApart) {
     EXPECT_GE(found.coherence(i) + 1e-9, c.coherence(i));
   }
   EXPECT_NEAR(sum / static_cast<double>(found.frequency_hz.size() - 1), 1.0, 0.45);
-  // Two inputs that are one cannot be told apart.
+  // Two identical inputs cannot be separated.
   const std::vector<ResponseRecord> one{{{u1, 2.0 * u1}, y, {}}};
   EXPECT_EQ(frequency_response(one, kStep_s, options).channels[0].significant.count(), 0);
 }
@@ -298,7 +298,7 @@ TEST(ResponseModes, AreNoneWithoutExcitation) {
   EXPECT_TRUE(poles_shown(records, kStep_s).empty());
   const FittedResponse found = fit_response(records, kStep_s);
   EXPECT_NE(found.declined, "");
-  // What chance makes significant stands alone.
+  // Frequencies that are significant by chance are isolated.
   EXPECT_TRUE(found.response.channels[0].significant.any());
   EXPECT_TRUE(found.fitted.empty());
 }

@@ -42,7 +42,7 @@ const FittedValue& value(const FeedAxisFit& fit, const std::string& name) {
   throw std::logic_error(name);
 }
 
-// The response is of a finer mesh, with noise; the fit is told of neither.
+// The response is of a finer mesh, with noise; the fit knows neither.
 TEST(FeedAxisFit, FindsTheSpringsBehindAResponse) {
   FeedAxisParts built = data_sheet();
   built.screw.elements = 40;
@@ -76,8 +76,8 @@ struct Bristle {
   }
 };
 
-/// What a log at 1 kHz has of the axis: all unknowns of a finer mesh, friction four times per
-/// cycle.
+/// A log of the axis at 1 kHz, simulated with all unknowns of a finer mesh and friction four times
+/// per cycle.
 Segment recorded(FeedAxisParts parts, std::vector<Bristle> bristles) {
   constexpr int kSubsteps = 4, kPerRow = 16;
   parts.screw.elements = 20;
