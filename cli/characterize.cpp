@@ -491,8 +491,8 @@ Command add_characterize(CLI::App& app) {
       .takes("UM")
       .positive();
   // An option of another method would be ignored silently.
-  const auto only = [&command, arguments](const char* option, const char* method) {
-    if (command.count(option) > 0 && arguments->method != method)
+  const auto only = [command, arguments](const char* option, const char* method) {
+    if (command.given(option) && arguments->method != method)
       throw UsageError(std::string(option) + " needs --method " + method);
   };
   return {command.app(), [arguments, only] {

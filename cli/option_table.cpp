@@ -118,6 +118,8 @@ TableOption OptionTable::declared(const std::string& name) const {
   return TableOption(app_->get_option(name));
 }
 
+bool OptionTable::given(const std::string& name) const { return app_->count(name) > 0; }
+
 std::optional<double> number_of(const std::string& word) {
   double value = 0.0;
   if (!CLI::detail::lexical_cast(word, value) || !std::isfinite(value)) return std::nullopt;

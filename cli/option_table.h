@@ -63,6 +63,8 @@ class OptionTable {
                              const std::string& what);
   /// An option that was declared before.
   [[nodiscard]] TableOption declared(const std::string& name) const;
+  /// Whether the command line had this option; after the parse.
+  [[nodiscard]] bool given(const std::string& name) const;
   [[nodiscard]] CLI::App* app() const noexcept { return app_; }
 
  private:

@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kMostOfNyquist = 0.8;
 
-/// The model without what is not linear in the command.
+/// The model without the effects that are not linear in the command.
 Model linear_part(const Model& model) {
   Model out = model;
   const Transfer linear = transfer_of(model);
@@ -41,7 +41,7 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
                                        ? Spline::through(segment.neighbour, h).second
                                        : Eigen::ArrayXd();
   CommandedEffects out{Eigen::ArrayXd::Zero(n), Eigen::ArrayXd::Zero(n)};
-  // What changes friction comes behind it.
+  // Effects that change friction come after the friction law.
   std::vector<Effect> effects = model.effects;
   std::stable_partition(effects.begin(), effects.end(),
                         [](const Effect& e) { return is_friction_law(e.kind); });

@@ -19,9 +19,11 @@ namespace {
 
 using Signal = Eigen::ArrayXd;
 
-constexpr double kNothing = 1e-3;  // of the tracking error: a contour error that does not count
+// Contour error over tracking error below which it is negligible.
+constexpr double kNegligibleContourShare = 1e-3;
 
-constexpr double kBinds = 0.005;  // of the samples: a limit that binds
+// Share of the samples from which a limit counts as active.
+constexpr double kMinActiveLimitShare = 0.005;
 
 /// From 0 to 1 and back, by half cosines at both ends.
 Signal ends(Eigen::Index samples, double h, double ramp_s) {
@@ -37,7 +39,7 @@ Signal ends(Eigen::Index samples, double h, double ramp_s) {
   return out;
 }
 
-/// What one axis needs from trial to trial.
+/// The state of one axis from trial to trial.
 class Learner {
  public:
   Learner(const LearnAxis& axis, double ramp_s)
@@ -111,7 +113,7 @@ class Learner {
   std::unique_ptr<NormOptimal> optimal_;
 };
 
-/// One run of the plant, and what it was wrong by.
+/// One run of the plant with its errors.
 struct Run {
   std::vector<Signal> error;
   std::optional<ProgramError> contour;
@@ -141,14 +143,14 @@ Run run_of(const std::vector<LearnAxis>& axes, const Plant& plant,
   return out;
 }
 
-/// Of the trial without correction: what is far below it is nothing.
+/// The contour error that is negligible compared with the tracking errors of this trial.
 double nothing_beside(const Trial& first) {
   double most = 0.0;
   for (const ErrorSize& axis : first.axis) most = std::max(most, axis.rms);
-  return kNothing * most;
+  return kNegligibleContourShare * most;
 }
 
-/// What the aim makes smaller, against the trial without correction.
+/// The error that the aim minimises, relative to the trial without correction.
 double left_of(const Trial& trial, const Trial& first, Aim aim) {
   if (aim == Aim::kContour) return trial.contour.rms;
   double sum = 0.0;
@@ -227,8 +229,9 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
     run = run_of(axes, plant, u);
     out.trials.push_back(run.trial);
     const double left = left_of(run.trial, out.trials.front(), options.aim);
-    // A correction that leaves the path worse than none is none, whatever it does for the axes; of
-    // a contour error that is nothing beside the tracking errors, nothing is to be said.
+    // A trial whose contour error is larger than without correction is not kept, even if the axes'
+    // own errors fall. A contour error that is negligible compared with the tracking errors is
+    // ignored.
     const bool harms =
         run.contour && run.trial.contour.rms > std::max(out.trials.front().contour.rms,
                                                         nothing_beside(out.trials.front()));
@@ -275,14 +278,16 @@ std::string why_none_is_kept(const Learned& learned, const std::vector<LearnAxis
   }
   for (std::size_t i = 0; i < axes.size(); ++i) {
     const LearnedAxis& axis = learned.axes[i];
-    if (!(axis.at_limit_share > kBinds)) continue;
+    if (!(axis.at_limit_share > kMinActiveLimitShare)) continue;
     const char* um = axes[i].rotary ? " urad" : " um";
     const char* mm = axes[i].rotary ? " mrad/s" : " mm/s";
     out << ", " << axes[i].name << " at its";
-    if (axis.at_peak_share > kBinds) out << " peak of " << 1e6 * axes[i].limits.peak << um;
-    if (axis.at_peak_share > kBinds && axis.at_limit_share > axis.at_peak_share + kBinds)
+    if (axis.at_peak_share > kMinActiveLimitShare)
+      out << " peak of " << 1e6 * axes[i].limits.peak << um;
+    if (axis.at_peak_share > kMinActiveLimitShare &&
+        axis.at_limit_share > axis.at_peak_share + kMinActiveLimitShare)
       out << " or";
-    if (axis.at_limit_share > axis.at_peak_share + kBinds)
+    if (axis.at_limit_share > axis.at_peak_share + kMinActiveLimitShare)
       out << " rate of " << 1e3 * axes[i].limits.rate << mm;
     out << " in " << std::round(100.0 * axis.at_limit_share) << " % of the motion";
   }

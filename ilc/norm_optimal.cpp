@@ -10,12 +10,13 @@ namespace {
 
 using Signal = Eigen::ArrayXd;
 
-constexpr double kResidual = 1e-10;  // of the conjugate gradients, against the right side
+constexpr double kResidual = 1e-10;  // of the conjugate gradients, relative to the right-hand side
 constexpr int kMostSteps = 300;
 constexpr double kRoundResidual = 1e-6;  // likewise, within the splitting
-constexpr double kPull = 0.05;           // of the splitting, against the largest eigenvalue
+constexpr double kPenaltyShare = 0.05;   // penalty of the splitting over the largest eigenvalue
 constexpr int kMostRounds = 100;         // of the splitting
-constexpr double kSettled = 3e-4;        // of the limits, by how much a round may still miss them
+// Violation of a limit, as a share of it, at which the splitting ends.
+constexpr double kLimitTolerance = 3e-4;
 
 double dot(const Signal& a, const Signal& b) { return a.matrix().dot(b.matrix()); }
 
@@ -116,13 +117,13 @@ Signal NormOptimal::next(const Signal& u, const Signal& e) {
   };
   if (obeys(best)) return best;
 
-  // u' and its steps, stretched, are copied to a and s, which obey; both pull at each other. What
-  // they owe each other changes little from trial to trial.
-  const double pull = kPull * symbol_.maxCoeff(), most = stretch_ * step;
+  // Copies a of u' and s of its scaled steps obey the limits; a penalty pulls u' and the copies
+  // together. The multipliers change only slightly from trial to trial.
+  const double pull = kPenaltyShare * symbol_.maxCoeff(), most = stretch_ * step;
   if (owed_a_.size() == 0) owed_a_ = owed_s_ = Signal::Zero(samples_);
   Signal x = best, a, s;
   const auto settled = [](const Signal& miss, double bound) {
-    return !std::isfinite(bound) || miss.abs().maxCoeff() <= kSettled * bound;
+    return !std::isfinite(bound) || miss.abs().maxCoeff() <= kLimitTolerance * bound;
   };
   for (int round = 0; round < kMostRounds; ++round) {
     a = (x + owed_a_).max(-peak).min(peak);

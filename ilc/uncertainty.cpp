@@ -11,7 +11,7 @@ namespace {
 
 using Theta = Eigen::Matrix<double, kLoopValues, 1>;
 
-constexpr double kLeastPole = 0.05;  // a pole stays stable, however little is known of it
+constexpr double kLeastPole = 0.05;  // least factor of a pole: it stays stable for any uncertainty
 
 /// Normal, the same on every platform (splitmix64; Box and Muller).
 class Normal {

@@ -80,7 +80,7 @@ void ContourError::move(const PathPoint& command) noexcept {
   moves_ = corners_ > 0 && command != corner(corners_ - 1).at;
   if (corners_ > 0) {
     if (!moves_) return;
-    // The last corner goes along until it is far enough from the one before.
+    // The last corner is moved with the command until it is far enough from the one before.
     const bool goes_along =
         corners_ > 1 && corner(corners_ - 1).way - corner(corners_ - 2).way < kResolution;
     if (goes_along) --corners_;
@@ -103,7 +103,7 @@ double ContourError::of(const PathPoint& point, std::span<const PathPoint> ahead
     const PathPoint& from = corner(at - 1).at;
     nearest.look(from, minus(corner(at).at, from), 1.0);
     --at;
-    // By the way along the path it can come nearer, and by no more; so much of it is passed over.
+    // The distance falls by at most the arc length, so this much of the path can be skipped.
     const double until = corner(at).way - nearest.further(from);
     while (at > oldest && corner(at - 1).way > until) --at;
   }

@@ -55,7 +55,7 @@ class ContourError {
   class Nearest;
   struct Corner {
     PathPoint at{};
-    double way = 0.0;  // length along the path since the last gap [m]
+    double way = 0.0;  // arc length of the path since the last gap [m]
   };
   [[nodiscard]] const Corner& corner(std::uint64_t number) const noexcept {
     return path_[number % kCorners];

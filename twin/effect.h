@@ -125,7 +125,7 @@ struct Parameter {
 /// Coefficient of friction laws with one symmetric force. The poles of a free loop contain it.
 inline constexpr Parameter kViscous{
     "viscous", "1/s", 0.0,
-    1000.0,    0.0,   "viscous friction per moved mass, beyond what the poles hold",
+    1000.0,    0.0,   "viscous friction per moved mass, in addition to that in the poles",
     false};
 
 /// Memory of effects that depend on the present motion only.

@@ -25,7 +25,7 @@ PathPoint minus(const PathPoint& a, const PathPoint& b) {
 /// A place where the path may turn, and the samples that stand there.
 struct Corner {
   PathPoint at{};
-  double way = 0.0;  // along the path
+  double way = 0.0;  // arc length along the path
   Eigen::Index first = 0, last = 0;
 };
 

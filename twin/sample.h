@@ -20,7 +20,7 @@ inline constexpr double kAbsent = std::numeric_limits<double>::quiet_NaN();
 
 /// One axis in one servo cycle. An absent channel is NaN.
 struct AxisSample {
-  double command = kAbsent;  ///< interpolator set-point [m | rad]
+  double command = kAbsent;  ///< interpolator setpoint [m | rad]
   double actual = kAbsent;   ///< position encoder [m | rad]
   double torque = kAbsent;   ///< measured torque, force or current, in its recorded unit
 };
@@ -54,7 +54,7 @@ struct Recording {
   std::vector<std::string> notes;  ///< what the reader repaired, dropped or ignored, for output
 };
 
-/// An uninterrupted piece of one axis with constant sampling time. Arrays have one length.
+/// An uninterrupted segment of one axis with constant sampling time. All arrays have one length.
 struct Segment {
   double start_s = 0.0;        ///< time of the first sample in the recording
   double sample_time_s = 0.0;  ///< > 0

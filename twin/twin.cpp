@@ -79,7 +79,7 @@ Twin::Twin(const Model& model) {
     linear_.integral_velocity = model.loop.numerator[2];
   }
   discretise_loop(model.loop);
-  // What changes friction knows what the law of friction says.
+  // Effects that change friction use the force of the friction law.
   const auto place_of = [](const Effect& effect) {
     if (is_friction_law(effect.kind)) return 0;
     return identity_of(effect.kind).acts == Acts::kForce ? 1 : 2;
@@ -328,8 +328,8 @@ double Twin::advance(const CommandPiece& piece) noexcept {
       sum += row.phi[c] * state_[static_cast<std::size_t>(row.first) + c];
     next[r] = sum;
   }
-  // What the control asks for: the acceleration of a motor that nothing disturbs and that gives it
-  // all, x_r'' - e'', of which the disturbance itself is no part (docs/theory.md 3.11).
+  // The demand of the control: the acceleration x_r'' - e'' of a motor without disturbance and
+  // without limit; the disturbance itself is not part of it (docs/theory.md 3.11).
   const double error_free = linear_.error.at(next, linear_.states);
   const double rate_free =
       linear_.rate.at(next, linear_.states) + linear_.rate.velocity * piece.end_velocity;
@@ -506,7 +506,7 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
     unit[static_cast<std::size_t>(i)] = 1.0;
     free.start(delayed(0), {unit.data(), static_cast<std::size_t>(order)});
     for (Eigen::Index k = 0; k + 1 < settle; ++k) {
-      // Where modes move with it the commanded position counts, standing.
+      // Modes that change with position are those of the commanded position at rest.
       CommandPiece still;
       still.end_position = delayed(k + 1);
       response(k, i) = free.step(still);
@@ -514,7 +514,7 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   }
   const Eigen::RowVectorXd scale = response.colwise().norm().cwiseMax(1e-300);
   const auto solver = (response * scale.cwiseInverse().asDiagonal()).eval().colPivHouseholderQr();
-  // Friction depends on the motion it starts with, so that a second round pays.
+  // Friction depends on the starting motion, so a second round improves the estimate.
   for (int round = 0; round < 3; ++round) {
     const Eigen::ArrayXd error = run(twin, head, motion, delayed, neighbour, state);
     const Eigen::VectorXd miss =

@@ -1,5 +1,6 @@
-// Covariance of least squares estimates whose residuals hang together (Newey and West 1987): the
-// residuals of a twin are correlated, and the textbook formula would promise too much.
+// Covariance of least squares estimates with correlated residuals (Newey and West 1987). The
+// residuals of a twin are correlated in time; the formula for independent residuals would give
+// deviations that are too small. Any thread. Allocates.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,4 +1,4 @@
-// Least squares for tall problems with few columns, some of which may be taken out again.
+// Least squares for problems with many rows and few columns; columns can be excluded.
 #pragma once
 
 #include <Eigen/Cholesky>
@@ -11,10 +11,11 @@ namespace servotwin {
 /// fast as QR on tall problems, and as exact where the scaled columns are not degenerate.
 class GramSolver {
  public:
-  /// `r` outlives it.
+  /// `r` must outlive the solver.
   explicit GramSolver(const Eigen::MatrixXd& r);
+  /// Excludes a column from all later solutions.
   void drop(Eigen::Index column);
-  /// The least squares solution for b; `b` becomes the residual.
+  /// The least squares solution for `b`, which is replaced by the residual.
   Eigen::VectorXd take_out(Eigen::Ref<Eigen::VectorXd> b) const;
 
  private:

@@ -46,7 +46,7 @@ class PoleFilter {
   [[nodiscard]] double a() const { return a_; }
   [[nodiscard]] double b() const { return b_; }
 
-  /// put(k, state) for every sample of the answer from rest.
+  /// Calls put(k, state) for every sample of the response from rest.
   template <class Put>
   void answer(const Spline& u, Eigen::Index count, Put put) const {
     Eigen::Vector4d w = Eigen::Vector4d::Zero();
@@ -55,7 +55,7 @@ class PoleFilter {
       w = (phi_ * w + gain_ * Eigen::Vector3d(u.value(k), u.first(k), u.second(k))).eval();
     }
   }
-  /// The same of the free motion from one state.
+  /// The same for the free response from a unit value of one state.
   template <class Put>
   void free_motion(int start, Eigen::Index count, Put put) const {
     Eigen::Vector4d w = Eigen::Vector4d::Zero();

@@ -13,8 +13,8 @@ namespace servotwin {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-// The sign of the velocity, as the method has it: wide enough only for the simulation to be well
-// posed.
+// Velocity limit of the saturated sign in place of the method's sign [m/s | rad/s]: just wide
+// enough for the simulation to be well posed.
 constexpr double kSignWidth = 1e-4;
 
 /// Central differences, one-sided at the ends.
@@ -27,8 +27,9 @@ Eigen::ArrayXd gradient(const Eigen::ArrayXd& x, double h) {
   return g;
 }
 
-/// | P(x - th1 E - th2 v - th3 a) | as a function of the poles: P projects out what is linear for
-/// given poles, so that four columns of a small triangular matrix are all that is left of the data.
+/// | P(x - th1 E - th2 v - th3 a) | as a function of the poles: P projects out the parameters
+/// that are linear for given poles, so that four columns of a small triangular matrix represent the
+/// data.
 struct EquationError {
   Eigen::Matrix4d r;  // of the columns E, v, a, x
   template <class T>
@@ -106,7 +107,7 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
   fit.poles_in_box = stable(loop) && inside(loop, bounds).has_value();
   if (pole_constraints && !fit.poles_in_box) {
     fit.constrained = true;
-    // Columns E, v, a, x with everything that is linear for given poles projected out.
+    // Columns E, v, a, x after projecting out all parameters that are linear for given poles.
     const Eigen::MatrixXd rest = scaled.rightCols(phi.cols() - 3);
     const Eigen::HouseholderQR<Eigen::MatrixXd> qr(rest);
     Eigen::MatrixXd four(rows, 4);

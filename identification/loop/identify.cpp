@@ -21,11 +21,12 @@ namespace servotwin {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kSlowest_s = 0.1;  // sampling time that still shows a servo loop
-// An encoder that moves by less or more than the command by this factor is in another unit.
-constexpr double kUnitMismatch = 2.0;
-// A parameter known worse than this share of itself is not excited.
-constexpr double kLooselyKnown = 0.5;
+// Longest sampling time at which the dynamics of a servo loop can still be identified.
+constexpr double kMaxSamplingTime_s = 0.1;
+// Ratio of encoder to command motion, up or down, beyond which the two are in different units.
+constexpr double kMaxMotionRatio = 2.0;
+// A parameter whose standard deviation exceeds this share of its value is not excited.
+constexpr double kMaxRelativeDeviation = 0.5;
 
 double span_s(const std::vector<Segment>& segments) {
   double sum = 0.0;
@@ -39,7 +40,7 @@ Eigen::Index rows_of(const std::vector<Segment>& segments) {
   return rows;
 }
 
-/// Of the names that the loop's poles can have, the one nearest to `like`.
+/// The assignment of the loop's poles to (real, omega, zeta) that is nearest to `like`.
 PoleSet named_as(const PoleSet& like, const Loop& loop) {
   const PoleLabels labels = labels_of(loop);
   const auto apart = [&](const PoleSet& set) {
@@ -49,15 +50,15 @@ PoleSet named_as(const PoleSet& like, const Loop& loop) {
                            [&](const auto& l, const auto& r) { return apart(l) < apart(r); });
 }
 
-/// What the fit leaves loosely known, by name, and what motion would show it.
+/// The parameters that the data do not determine, each with the motion that would determine it.
 std::vector<std::string> loosely_known(const ModelRecord& record, const PoleSet& poles) {
   std::vector<std::string> out;
   const auto check = [&](const std::string& name, double value, double sd, double unit,
                          const char* motion) {
-    if (!(sd > kLooselyKnown * std::abs(value))) return;
+    if (!(sd > kMaxRelativeDeviation * std::abs(value))) return;
     out.push_back(say(name, " is not excited: ", value / unit, " +- ", sd / unit, "; ", motion));
   };
-  const char* faster = "needs moves with acceleration changing faster than this frequency";
+  const char* faster = "needs moves whose acceleration changes faster than this frequency";
   if (record.model.loop.order == 3) {
     check("real pole [Hz]", poles.real, record.pole_deviation.real, kTwoPi,
           "needs moves that change speed within 0.1 s");
@@ -68,7 +69,7 @@ std::vector<std::string> loosely_known(const ModelRecord& record, const PoleSet&
     const Effect& effect = record.model.effects[i];
     const auto kinds = friction_kinds();
     if (std::find(kinds.begin(), kinds.end(), effect.kind) == kinds.end()) continue;
-    // Of free elements the sum is known, whatever each has of it.
+    // Of laws with free elements only the sum of the levels is determined, not each level.
     double variance = 0.0;
     for (std::size_t k = 0; k < std::max<std::size_t>(1, free_elements_of(effect.kind)); ++k)
       variance += std::pow(record.effect_deviations[i].coefficient[k], 2.0);
@@ -88,7 +89,7 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
   for (int i = 0; i < n; ++i)
     record.denominator_deviation[static_cast<std::size_t>(i)] = sd(nonlinear + i);
 
-  // From a1..an to the poles: the inverse of how the poles make the coefficients.
+  // From a1..an to the poles: the inverse Jacobian of the coefficients by the poles.
   Eigen::MatrixXd by_poles(n, n);
   std::array<double, 3> pole{poles.real, poles.omega, poles.zeta};
   for (int j = 0; j < n; ++j) {
@@ -138,7 +139,7 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
   record.pole_deviation = {pole_sd(0), pole_sd(1), pole_sd(2)};
 }
 
-/// The figure a model has to beat: the error left if nothing is predicted.
+/// The tracking error itself: the residual of a model that predicts none of it.
 ErrorFigures unpredicted(const std::vector<Segment>& segments) {
   ErrorFigures out{0.0, 0.0};
   for (const Segment& s : segments) {
@@ -149,7 +150,8 @@ ErrorFigures unpredicted(const std::vector<Segment>& segments) {
   return out;
 }
 
-/// What cannot be a command and its encoder, whatever the fit says.
+/// Reasons why the two signals cannot be the command and the encoder of one axis (exchanged
+/// columns, other unit or sign), independent of how well the model fits.
 std::vector<std::string> exchanged_or_scaled(const Model& model,
                                              const std::vector<Segment>& segments) {
   std::vector<std::string> out;
@@ -158,13 +160,13 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
   for (const Mode& mode : model.loop.modes) lag += mode.beta / (mode.omega * mode.omega);
   if (lag < -model.sample_time_s) {
     out.push_back(say("the encoder leads its command by ", -1e3 * lag,
-                      " ms: are the two columns exchanged?"));
+                      " ms: the two columns may be exchanged"));
   }
   if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
   return out;
 }
 
-/// What a model was found as.
+/// The structure that this model has.
 Structure structure_of(const Model& model) {
   Structure structure;
   structure.order = model.loop.order;
@@ -189,7 +191,7 @@ std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Se
     const double at = s.start_s + taken - 0.5 * h;
     for (Segment& part : cut({s}, -1e300, at)) first.push_back(std::move(part));
     for (Segment& part : cut({s}, at, 1e300)) {
-      // What begins within slow reversals does so again.
+      // A remainder that begins within slow reversals needs its own lead-in.
       if (s.lead > 0 && taken > 0.0) part.lead = std::max(part.lead, lead_in(part));
       rest.push_back(std::move(part));
     }
@@ -207,17 +209,17 @@ std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, do
     if (last - first + 1.0 < 20.0) continue;
     const auto begin = static_cast<Eigen::Index>(first);
     const auto count = static_cast<Eigen::Index>(last - first) + 1;
-    Segment piece;
-    piece.start_s = s.start_s + h * first;
-    piece.sample_time_s = h;
-    piece.command = s.command.segment(begin, count);
-    piece.actual = s.actual.segment(begin, count);
-    if (s.torque.size() == s.size()) piece.torque = s.torque.segment(begin, count);
-    if (s.neighbour.size() == s.size()) piece.neighbour = s.neighbour.segment(begin, count);
-    piece.in_plane = s.in_plane;
-    if (s.in_cut.size() == s.size()) piece.in_cut = s.in_cut.segment(begin, count);
-    piece.lead = std::clamp<Eigen::Index>(s.lead - begin, 0, count);
-    out.push_back(std::move(piece));
+    Segment part;
+    part.start_s = s.start_s + h * first;
+    part.sample_time_s = h;
+    part.command = s.command.segment(begin, count);
+    part.actual = s.actual.segment(begin, count);
+    if (s.torque.size() == s.size()) part.torque = s.torque.segment(begin, count);
+    if (s.neighbour.size() == s.size()) part.neighbour = s.neighbour.segment(begin, count);
+    part.in_plane = s.in_plane;
+    if (s.in_cut.size() == s.size()) part.in_cut = s.in_cut.segment(begin, count);
+    part.lead = std::clamp<Eigen::Index>(s.lead - begin, 0, count);
+    out.push_back(std::move(part));
   }
   return out;
 }
@@ -230,9 +232,9 @@ std::string why_scaled(const std::vector<Segment>& segments) {
     square += command.square().sum();
   }
   const double slope = product / square;
-  if (!(square > 0.0) || (slope * kUnitMismatch > 1.0 && slope < kUnitMismatch)) return {};
+  if (!(square > 0.0) || (slope * kMaxMotionRatio > 1.0 && slope < kMaxMotionRatio)) return {};
   return say("the encoder moves ", slope,
-             " times as far as its command: check the units and the sign of the two");
+             " times as far as its command: check the units and signs of both columns");
 }
 
 ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
@@ -259,21 +261,23 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
   }
   require_motion(axis);
-  if (axis.sample_time_s > kSlowest_s) {
+  if (axis.sample_time_s > kMaxSamplingTime_s) {
     throw std::runtime_error(say(axis.axis, ": one sample every ", axis.sample_time_s,
-                                 " s is too slow to see a servo loop; record at least every ",
-                                 kSlowest_s, " s"));
+                                 " s is too slow to identify a servo loop; record one at "
+                                 "least every ",
+                                 kMaxSamplingTime_s, " s"));
   }
   if (options.coupling && axis.segments.front().neighbour.size() == 0)
     throw std::runtime_error(
         axis.axis +
-        ": no other axis in the recording moves in step with it, so that there "
-        "is no coupling to look for");
+        ": no other axis in the recording has segments with the same sample times, so that no "
+        "coupling can be identified");
   const auto [training, holdout] = split(axis.segments, options.training_share, options.split_each);
   if (rows_of(training) < 300 || rows_of(holdout) < 100) {
     throw std::runtime_error(
         say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
-            " s) are too few to identify and to judge; record at least 500 samples with motion"));
+            " s) are too few to identify and validate a model; record at least 500 samples with "
+            "motion"));
   }
 
   Identified out;
@@ -339,14 +343,15 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     const auto moved = with_moving_modes(training, structure,
                                          with_modes_moving_as(moving, fit->model), encoder_step);
     if (!moved)
-      throw std::runtime_error(axis.axis +
-                               ": modes that move with position have no valid fit to the training "
-                               "data; identify without a start, or with standing modes");
+      throw std::runtime_error(
+          axis.axis +
+          ": modes that change with position have no valid fit to the training "
+          "data; identify without a start model, or with fixed modes");
     record.model = moved->model;
     covariance = moved->covariance;
   }
   record.condition_number = fit->condition_number;
-  // Named as the projected fit names them, where the polish left them there.
+  // Of the possible assignments of the poles, the one nearest to that of the projected fit.
   const PoleSet poles = named_as(fit->fit.poles, record.model.loop);
   fill_deviations(record, poles, covariance, fit->linear);
   if (auto why = why_invalid(record.model); !why.empty()) {
@@ -357,8 +362,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   record.holdout = judge(record.model, holdout);
   if (fit->fit.on_bound) {
     record.excitation.push_back(
-        say("poles lie on the bounds of the search: the motion does not show them; ",
-            "widen the bounds, or add moves with faster changing acceleration"));
+        say("poles lie on the search bounds: this motion does not determine them; ",
+            "widen the bounds, or add moves with faster changes of acceleration"));
   }
   for (std::string& line : loosely_known(record, poles))
     record.excitation.push_back(std::move(line));
@@ -366,12 +371,13 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     out.refusals.push_back(std::move(line));
   if (!std::isfinite(record.holdout.rms)) {
     out.refusals.push_back(
-        "the stretches of the hold-out are too short to judge a model by; record longer ones");
+        "the held-out segments are too short to validate a model; record longer segments");
   } else if (const double before = unpredicted(holdout).rms;
              options.must_predict && !(record.holdout.rms < before)) {
-    out.refusals.push_back(say("on the hold-out the model leaves ", 1e6 * record.holdout.rms,
-                               " um RMS of an error of ", 1e6 * before,
-                               " um: it predicts nothing"));
+    out.refusals.push_back(say("on the held-out data the residual of the model is ",
+                               1e6 * record.holdout.rms,
+                               " um RMS, not below the tracking error of ", 1e6 * before,
+                               " um RMS: the model predicts nothing"));
   }
   return out;
 }

@@ -1,10 +1,12 @@
-// From a recording to a model: splits the data, chooses the structure, fits, and judges on what was
-// not fitted.
+// From a recording to a model: splits the data, chooses the structure, fits the model and validates
+// it on held-out data.
 //
 // Structure (order 3 or 2, with or without a delay, with or without a constant force) is chosen
-// inside the training data, on a part of it held back for that; the hold-out has no say in
-// anything. The joint method goes on from there: the friction model is chosen the same way, and the
-// whole model is polished in free simulation (identification/loop/joint.h).
+// within the training data, on a part of them that no fit uses; the held-out data take no part in
+// any choice. The joint method continues from there: it chooses the friction model in the same way
+// and refines all parameters in free simulation (identification/loop/joint.h).
+//
+// SI units; rotary axes in rad.
 #pragma once
 
 #include <optional>
@@ -22,63 +24,67 @@ enum class Method { kPoleSearch, kFullLs, kJoint };
 struct IdentifyOptions {
   Method method = Method::kPoleSearch;
   PoleBounds bounds;
-  bool pole_constraints = true;         ///< full LS only
-  double training_share = 0.6;          ///< of the time of the data; the rest is held out
-  int order = 0;                        ///< 0: by held-out error
-  std::optional<std::size_t> friction;  ///< joint only: its place in the catalogue; none: compared
-  double delay_max_s = 0.02;            ///< 0: no delay is sought
-  int modes = 0;  ///< of vibration, at most; as many as the held-out error asks for; not full LS
-  bool coupling = false;  ///< look for what another axis does to this one; not full LS
-  /// A model of this axis whose friction is to be found again: its structure is kept, and steps 2
-  /// to 4 of identification/loop/joint.h start from its loop. Not for full LS.
+  bool pole_constraints = true;  ///< full LS only
+  double training_share = 0.6;   ///< of the time of the data; the rest is held out
+  int order = 0;                 ///< 2 or 3; 0: chosen by validation error
+  std::optional<std::size_t>
+      friction;               ///< joint only: index in the catalogue; none: all are compared
+  double delay_max_s = 0.02;  ///< longest delay considered; 0: none
+  int modes =
+      0;  ///< most modes of vibration; their number is chosen by validation error; not full LS
+  bool coupling = false;  ///< identify the force that another axis causes on this one; not full LS
+  /// An earlier model of this axis: its structure is kept, and steps 2 to 4 of
+  /// identification/loop/joint.h start from its loop. Not for full LS.
   std::optional<Model> start;
-  /// The share is taken of every segment, not of all of them in order: where they show unlike
-  /// things, so that both parts show all of it.
+  /// Apply the training share to every segment instead of to all segments in order. For segments of
+  /// different motions, so that training and held-out data contain all of them.
   bool split_each = false;
-  /// A model that is no better than none on the hold-out is refused.
+  /// Refuse a model whose held-out residual is not below the tracking error.
   bool must_predict = true;
 };
 
-/// What was tried on the way to the structure, for people.
+/// One structure that was tried, for output.
 struct StructureTrial {
   int order = 3;
   std::vector<std::size_t> effects;  ///< kinds
-  double validation_rms = kAbsent;   ///< inside the training data
+  double validation_rms = kAbsent;   ///< on the last third of the training data [m | rad]
   bool chosen = false;
-  int modes = 0;          ///< of vibration
-  std::string ruled_out;  ///< why not, whatever its error; empty: it was in the running
-  bool moving = false;    ///< its modes move with position
+  int modes = 0;          ///< number of modes of vibration
+  std::string ruled_out;  ///< why it was excluded, whatever its error; empty: it was compared
+  bool moving = false;    ///< its modes change with position
 };
 
 struct Identified {
   ModelRecord record;
   std::vector<StructureTrial> trials;
-  /// Why the model must not be used at all (no valid loop, predicts nothing); empty: it may. What
-  /// the motion did not excite is in record.excitation: a person may accept that, the daemon does
+  /// Why the model must not be used (no valid loop, predicts nothing); empty: it may be used. What
+  /// the motion does not excite is in record.excitation: a user may accept that, the daemon does
   /// not.
   std::vector<std::string> refusals;
 };
 
-/// Throws std::runtime_error where there is nothing to identify (no motion, too short), with what
-/// to do. Any thread; does not ask the clock: `created` and `time_taken_s` are the caller's.
+/// Throws std::runtime_error, with the remedy, if the data cannot be identified (no motion, too
+/// short); std::invalid_argument for options out of range. Any thread. Does not read the clock: the
+/// caller sets `created` and `time_taken_s`.
 [[nodiscard]] Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options = {});
 
-/// Free simulation against the encoder over all segments; the starting state's samples do not
-/// count.
+/// The residual of free simulation over all segments, without the samples that determine the
+/// starting state. NaN if every segment is too short.
 [[nodiscard]] ErrorFigures judge(const Model& model, const std::vector<Segment>& segments);
 
-/// Whether zeros in the right half plane make most of this loop's lag: a delay that it imitates.
+/// Whether zeros in the right half plane cause most of this loop's lag: the loop imitates a delay.
 [[nodiscard]] bool delay_in_disguise(const Loop& loop);
 
-/// Whether more acceleration feed-forward than any drive has makes up for the delay of this model:
-/// a velocity lag that it imitates.
+/// Whether the delay of this model is compensated by more acceleration feed-forward than any drive
+/// has: the model imitates a velocity lag.
 [[nodiscard]] bool lag_in_disguise(const Model& model);
 
-/// The first share of the time of the data (gaps do not count), of all or of each, and the rest.
+/// The first `share` of the time of all segments together, or of every segment (`each`), and the
+/// rest. Gaps do not count.
 [[nodiscard]] std::pair<std::vector<Segment>, std::vector<Segment>> split(
     const std::vector<Segment>& segments, double share, bool each = false);
 
-/// Why command and encoder of an axis cannot be of one unit and sign; empty if they can.
+/// Why command and encoder cannot have the same unit and sign; empty if they can.
 [[nodiscard]] std::string why_scaled(const std::vector<Segment>& segments);
 
 /// The part of the segments between two times of the recording [s].

@@ -11,21 +11,23 @@ namespace servotwin {
 
 namespace {
 
-// Optima whose costs differ by less are one.
-constexpr double kSameCost = 1e-4;
-// An encoder whose steps make more than this share of what is left hides the motion within them.
-constexpr double kCoarseEncoder = 0.5;
-// A simulation right to less than this share of an encoder step is judged by when readings change.
-constexpr double kHidden = 0.1;
+// Optima whose costs differ by less than this share count as one.
+constexpr double kMaxCostDifferenceOfOneOptimum = 1e-4;
+// Quantisation RMS over residual RMS from which on the encoder hides the motion within its steps:
+// friction is then computed along the simulated motion.
+constexpr double kMinQuantisationShare = 0.5;
+// Residual deviation over encoder step below which the fit depends on the times at which readings
+// change, and has several optima.
+constexpr double kMaxDeviationOverStep = 0.1;
 
 /// Start values of the shapes of one effect, on a grid about the catalogue's.
 std::vector<std::vector<double>> shape_grid(std::size_t kind) {
-  constexpr std::size_t kGridded = 3;  // the first shapes of an effect are its main ones
+  constexpr std::size_t kGriddedShapes = 3;  // an effect lists its most influential shapes first
   std::vector<std::vector<double>> grid{{}};
   for (std::size_t i = 0; i < shapes_of(kind).size(); ++i) {
     const Parameter& p = shapes_of(kind)[i];
     std::vector<double> values{p.start};
-    if (i < kGridded && p.lower > 0.0)
+    if (i < kGriddedShapes && p.lower > 0.0)
       values = {std::max(0.3 * p.start, p.lower), p.start, std::min(3.0 * p.start, p.upper)};
     std::vector<std::vector<double>> longer;
     for (double value : values) {
@@ -51,7 +53,7 @@ std::size_t friction_place(const Structure& structure) {
 }
 
 /// Step 2: with these poles, the best shapes of the friction for every value of its first one. The
-/// poles of step 1 favour a wrong value, so that each has its turn in step 3. `held`: the friction
+/// poles of step 1 favour a wrong value, so step 3 starts from each of them. `held`: the friction
 /// whose shapes `rough` has.
 std::vector<Point> friction_starts(const Projection& data, const Structure& structure,
                                    std::size_t place, const Point& rough, std::size_t held,
@@ -96,7 +98,8 @@ std::vector<PoleFit> refined(const Projection& data, const std::vector<Point>& s
     if (!found) continue;
     evaluations += found->evaluations;
     const bool known = std::any_of(fits.begin(), fits.end(), [&](const PoleFit& other) {
-      return std::abs(other.solution.cost - found->solution.cost) < kSameCost * other.solution.cost;
+      return std::abs(other.solution.cost - found->solution.cost) <
+             kMaxCostDifferenceOfOneOptimum * other.solution.cost;
     });
     if (!known) fits.push_back(std::move(*found));
   }
@@ -174,7 +177,7 @@ std::optional<Point> FirstStep::start(bool coupled) {
   if (!follow_friction()) return std::nullopt;
   Point out = fit_->point;
   if (coupled) {
-    // The other's loop may be any.
+    // The damping of the other axis' loop is unknown.
     constexpr double kDamping = 1.0;
     Structure structure = data_->structure();
     structure.effects.push_back(kind_of<CrossCoupling>());
@@ -246,12 +249,13 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     std::vector<Point> starts = friction_starts(data, structure, place, rough, held, evaluations);
     if (given) starts.push_back(rough);
     auto fits = refined(data, starts, options, evaluations);
-    // Where the encoder's steps outweigh the model's error, the simulated motion is the better one.
+    // Where quantisation dominates the model's error, the simulated motion is more accurate.
     for (int round = 0; round < 2 && !fits.empty(); ++round) {
       const Model model = data.model_of(fits.front().point, fits.front().solution.linear);
       const double left =
           std::sqrt(2.0 * fits.front().solution.cost / static_cast<double>(data.rows()));
-      if (!why_invalid(model).empty() || encoder_step / std::sqrt(12.0) < kCoarseEncoder * left)
+      if (!why_invalid(model).empty() ||
+          encoder_step / std::sqrt(12.0) < kMinQuantisationShare * left)
         break;
       data = Projection(along_simulation(segments, model), structure);
       for (Point& start : starts) {
@@ -277,8 +281,8 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
   out.condition_number = condition_number(data, fit->point);
   if (polish) {
     auto polished = output_error(segments, structure, out.projected, {encoder_step});
-    // Along the measured motion, friction at the ends of a swing is wrong: step 3 may have left the
-    // optimum that it was given.
+    // Along the measured motion, friction at the ends of an oscillation is wrong: step 3 may have
+    // left the optimum from which it started.
     if (given && structure.modes > 0) {
       const Point& from = options.from.front();
       auto direct = output_error(segments, structure, data.model_of(from, data.solve(from).linear),
@@ -286,8 +290,8 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
       if (direct && (!polished || direct->minus_log_likelihood < polished->minus_log_likelihood))
         polished = std::move(direct);
     }
-    // Behind a coarse encoder there is more than one optimum: the likeliest is taken on.
-    if (polished && polished->sigma < kHidden * encoder_step) {
+    // With a coarse encoder there are several optima: the most likely one is kept.
+    if (polished && polished->sigma < kMaxDeviationOverStep * encoder_step) {
       double least = polished->minus_log_likelihood;
       for (const Point& rival : rivals) {
         const Model from = data.model_of(rival, data.solve(rival).linear);

@@ -1,16 +1,18 @@
 // Joint identification of loop and friction (thesis chapter 5; docs/theory.md 5).
 //
-//   1. Pole search with Coulomb friction: where the poles are, roughly; then the modes of
-//      vibration, one by one, and what another axis does. Both are sought with presliding beside
-//      them where a rigid loop follows better with it: what Coulomb friction then leaves at
-//      reversals is more than what a mode does, and a search would take its place for one.
-//   2. The friction's shape parameters with those poles held: a grid, every point one projection.
-//   3. All of them together from the best of the grid, by projection; friction along the measured
-//      motion, and where the encoder is coarse, again along the motion simulated with the result.
-//   4. Output-error polish: the free simulation drives the friction.
+//   1. Pole search with Coulomb friction gives rough poles; then the modes of vibration are added
+//      one by one, and the coupling to another axis. If presliding fits a rigid loop better than
+//      Coulomb friction, it is used here as well: otherwise the residual of Coulomb friction at
+//      reversals is larger than the effect of a mode, and the search mistakes it for a mode.
+//   2. The friction's shape parameters with the poles held: a grid, one projection per point.
+//   3. All parameters together from the best grid points, by projection. Friction is computed along
+//      the measured motion; with a coarse encoder again along the motion simulated with the result.
+//   4. Output-error refinement ("polish"): friction is computed along the free simulation.
 //
-// Step 2 alone returns a wrong shape, because the poles of step 1 have moved to make up for the
-// friction that Coulomb is not; its parameters are starting values and nothing else.
+// Step 2 alone gives wrong shapes, because the poles of step 1 compensate for the difference
+// between Coulomb friction and the true friction; its results are start values only.
+//
+// SI units; rotary axes in rad. Errors: none are thrown for bad data. Any thread.
 #pragma once
 
 #include <optional>
@@ -23,31 +25,30 @@ namespace servotwin {
 
 /// Every friction model of the catalogue that command and encoder can identify.
 [[nodiscard]] std::vector<std::size_t> friction_kinds();
-/// Those that a joint identification compares of itself, from the simplest to the richest.
+/// The friction models that a joint identification compares by default, the simplest first.
 [[nodiscard]] std::vector<std::size_t> compared_frictions();
 
 struct JointFit {
-  PoleFit fit;      ///< of step 3
-  Model projected;  ///< its model
-  Model model;      ///< after step 4; `projected` where the polish was not asked for or failed
-  Eigen::MatrixXd covariance;     ///< as of the pole search; of step 4 where there was one
-  Eigen::Index linear = 0;        ///< where a1..an begin in it
+  PoleFit fit;      ///< result of step 3
+  Model projected;  ///< the model of `fit`
+  Model model;      ///< after step 4; equal to `projected` if step 4 was not requested or failed
+  Eigen::MatrixXd covariance;     ///< as from pole_search.h; of step 4 if it was done
+  Eigen::Index linear = 0;        ///< index of a1 in it
   double condition_number = 0.0;  ///< of the regressors of step 3
 };
 
-/// Step 1, one mode after the other: where the fits of all friction models start.
+/// Step 1, one mode after the other: the start of the fits of all friction models.
 class FirstStep {
  public:
-  /// `structure`: with Coulomb friction or without any, neither modes nor another axis. `options`
-  /// without `from`.
+  /// `structure` has Coulomb friction or none, no modes and no other axis. `options.from` is empty.
   FirstStep(std::vector<Signals> signals, Structure structure, PoleSearchOptions options);
 
-  /// Of the structure itself; nothing where no candidate has a finite cost.
+  /// The fit of `structure` itself; nothing if no candidate has a finite cost.
   [[nodiscard]] const std::optional<PoleFit>& rigid() const { return rigid_; }
-  /// false where there is none, or kMaxModes already.
+  /// Adds one mode; false if no mode is found or there are kMaxModes already.
   [[nodiscard]] bool add_mode();
-  /// With the modes so far, and with the other axis last, if `coupled`; the shapes of Coulomb
-  /// friction are the catalogue's.
+  /// A start with the modes found so far and, if `coupled`, with the other axis as the last effect.
+  /// The shapes of Coulomb friction are those of the catalogue.
   [[nodiscard]] std::optional<Point> start(bool coupled);
 
  private:
@@ -62,11 +63,11 @@ class FirstStep {
   std::optional<PoleFit> fit_;
 };
 
-/// Steps 1 to 3, and 4 if `polish`. `structure` names the friction; `encoder_step` [m | rad] as of
-/// OutputErrorOptions. With `options.from`, of which one point is used, step 1 is left out and its
-/// shapes are a start of step 3 beside those of step 2. `first`: where step 1 led, where that is
-/// known already. cross_coupling is the last effect, if any. Nothing where no fit is finite. Any
-/// thread.
+/// Steps 1 to 3, and step 4 if `polish`. `structure` contains the friction model, and
+/// cross_coupling as the last effect if there is one; `encoder_step` [m | rad] is that of
+/// OutputErrorOptions. If `options.from` has a point (one is used), step 1 is left out and the
+/// point's shapes are a further start of step 3. `first`: the result of step 1 if it is known
+/// already. Nothing if no fit is finite.
 [[nodiscard]] std::optional<JointFit> joint_fit(const std::vector<Segment>& segments,
                                                 const Structure& structure,
                                                 const PoleSearchOptions& options,

@@ -15,19 +15,19 @@ namespace servotwin {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kSlowest_hz = 3.0, kShareOfNyquist = 0.8;
+constexpr double kMinMode_hz = 3.0, kShareOfNyquist = 0.8;
 constexpr int kPerOctave = 8;
 constexpr double kGridDamping[] = {0.01, 0.04, 0.15};
 constexpr int kStarts = 3, kLoopStarts = 2;
-constexpr double kApart = 0.15;  // of a start's frequency from the others', relative
-constexpr double kScreened_s = 1e-3;
-constexpr double kLoopDamping = 0.5;  // a pair that is damped more is the loop's own
+constexpr double kMinLogFrequencyDistance = 0.15;  // least distance of two starts in log frequency
+constexpr double kScreeningStep_s = 1e-3;          // step of the thinned data that are screened
+constexpr double kLoopDamping = 0.5;               // a pair with more damping belongs to the loop
 
 bool apart(const Mode& one, const Mode& other) {
-  return std::abs(std::log(one.omega / other.omega)) > kApart;
+  return std::abs(std::log(one.omega / other.omega)) > kMinLogFrequencyDistance;
 }
 
-/// Half the sum of squares that is left with gamma and delta of the last mode solved for as well.
+/// Half the residual sum of squares when gamma and delta of the last mode are solved for as well.
 double cost_with_last_mode(const Projection& data, const Point& point) {
   const auto at = data.linearise(point);
   const Eigen::MatrixXd by = at.jacobian.rightCols(2);
@@ -39,11 +39,11 @@ double cost_with_last_mode(const Projection& data, const Point& point) {
 
 /// Where the next mode may lie, the most promising first.
 std::vector<Mode> candidates(const Projection& data, const Point& point) {
-  const Projection coarse = thinned(data, kScreened_s);
+  const Projection coarse = thinned(data, kScreeningStep_s);
   const double nyquist_hz = 0.5 / coarse.segments().front().h;
   std::vector<std::pair<double, Mode>> tried;
   const double step = std::exp2(1.0 / kPerOctave);
-  for (double hz = kSlowest_hz; hz < kShareOfNyquist * nyquist_hz; hz *= step) {
+  for (double hz = kMinMode_hz; hz < kShareOfNyquist * nyquist_hz; hz *= step) {
     std::pair<double, Mode> best{1e300, {}};
     for (const double zeta : kGridDamping) {
       Point with = point;
@@ -75,7 +75,7 @@ Shown shown_by_response(const Projection& data) {
   std::vector<ResponseRecord> records;
   for (const Signals& s : data.segments()) records.push_back({{s.command.first}, s.error, {}});
   ModeOptions options;
-  options.order = kMostPoles;  // poles that are not there come out as not determined
+  options.order = kMostPoles;  // surplus poles come out as not determined
   Shown out;
   for (const FittedPole& pole : poles_shown(records, data.segments().front().h, options)) {
     if (!pole.pair) {
@@ -121,7 +121,7 @@ std::optional<ModeFit> with_one_more_mode(const Projection& data, const PoleFit&
     search(anew);
   }
   Shown shown = shown_by_response(out.data);
-  // The one that the fit has not: a small mode among large ones is lost where all begin anew.
+  // Only the mode that the fit lacks: a small mode among large ones is lost if all are refitted.
   const auto missing = std::find_if(shown.modes.begin(), shown.modes.end(), [&](const Mode& mode) {
     return std::all_of(fit.point.modes.begin(), fit.point.modes.end(),
                        [&](const Mode& other) { return apart(mode, other); });
@@ -132,8 +132,8 @@ std::optional<ModeFit> with_one_more_mode(const Projection& data, const PoleFit&
     near.from.front().modes.push_back(*missing);
     search(near);
   }
-  // All of them at once, with the loop as it is shown there, and from the grid: of several modes as
-  // clear as the loop itself none is found one by one.
+  // All modes of the response at once, with its pair for the loop, and from the grid: several modes
+  // as strong as the loop itself are not found one by one.
   if (shown.modes.size() >= static_cast<std::size_t>(structure.modes)) {
     shown.modes.resize(static_cast<std::size_t>(structure.modes));
     if (shown.pair && (structure.order == 2 || shown.real)) {

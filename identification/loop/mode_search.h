@@ -1,12 +1,15 @@
 // Modes of vibration beside a loop, one more at a time (docs/theory.md 4.7).
 //
-// Where the next one lies is sought on a grid of frequencies and damping ratios: at each, what the
-// residual of the fit would lose by the four columns of a mode there (two of the command, two of
-// the disturbance), all other linear parameters solved anew. From the best of the grid all
-// nonlinear parameters are refined together, so that neither the grid nor the loop found without
-// the mode decides. Beside that all modes are begun anew from those that vector fitting sees in the
-// frequency response from the command's velocity to the error: where several are as clear as the
-// loop itself, none of them is found alone. The least cost decides.
+// The next mode is searched on a grid of frequencies and damping ratios. At each grid point the
+// decrease of the residual is computed that the four columns of a mode bring (two of the command,
+// two of the disturbance), with all other linear parameters solved again. From the best grid points
+// all nonlinear parameters are refined together, so that the result depends neither on the grid nor
+// on the loop found without the mode. In addition all modes are refitted from those that vector
+// fitting finds in the frequency response from the command's velocity to the tracking error:
+// several modes as strong as the loop itself cannot be found one at a time. The fit with the least
+// cost is returned.
+//
+// Units as in projection.h. Any thread. Allocates.
 #pragma once
 
 #include <optional>
@@ -20,9 +23,9 @@ struct ModeFit {
   PoleFit fit;
 };
 
-/// The best fit with one mode more than `fit`, whose structure `data` has; `options` as for the
-/// pole search, but where to start. Nothing where there is no finite one, or the structure has
-/// kMaxModes already. Does not throw for bad data.
+/// The best fit with one mode more than `fit`, whose structure is that of `data`. `options` as for
+/// the pole search, except the start values. Nothing if no fit is finite or the structure has
+/// kMaxModes already. Bad data do not throw.
 [[nodiscard]] std::optional<ModeFit> with_one_more_mode(const Projection& data, const PoleFit& fit,
                                                         const PoleSearchOptions& options);
 

@@ -8,14 +8,13 @@ namespace servotwin {
 
 namespace {
 
-// Where a search for the slope begins: what a mode that stands cannot follow, smeared out, is
-// seldom more than twice off from one of them.
-constexpr double kSlopes[] = {-0.1, -0.03, 0.03, 0.1};
-// What one round from either of these leaves of what standing modes left, where they move: 0.37 to
-// 0.8 was seen there, 0.976 and more where they do not (vibration_study --moving,
-// coupling_test.cpp).
-constexpr double kHints[] = {-0.03, 0.03};
-constexpr double kHint = 0.95;
+// Start values of the slope. Within a factor of about two of one of them a search converges.
+constexpr double kStartSlopes[] = {-0.1, -0.03, 0.03, 0.1};
+// Residual RMS after one round from either of these slopes over that of fixed modes, at most, to
+// continue: 0.37 to 0.8 was observed with modes that move, 0.976 and more with modes that do not
+// (vibration_study --moving, coupling_test.cpp).
+constexpr double kTrialSlopes[] = {-0.03, 0.03};
+constexpr double kMaxRmsRatioToContinue = 0.95;
 
 /// Of these segments and, where modes move over one already, of that.
 Travel travel_of(const std::vector<Segment>& segments, const Travel& before) {
@@ -72,20 +71,20 @@ std::optional<OutputErrorFit> with_moving_modes(const std::vector<Segment>& segm
       out = brief->model;
       return judge(out, segments).rms;
     };
-    const double worth = kHint * judge(standing, segments).rms;
+    const double worth = kMaxRmsRatioToContinue * judge(standing, segments).rms;
     bool hinted = false;
     for (std::size_t i = 0; i < from.loop.modes.size(); ++i) {
-      for (const double slope : kHints) {
+      for (const double slope : kTrialSlopes) {
         Model unused;
         hinted = hinted || left(i, slope, 1, unused) < worth;
       }
     }
     if (!hinted) return std::nullopt;
-    // One mode after the other, from the slope that leaves least after a few rounds.
+    // One mode after the other, from the slope with the least residual after a few rounds.
     double least = 1e300;
     for (std::size_t i = 0; i < from.loop.modes.size(); ++i) {
       Model best = from;
-      for (const double slope : kSlopes) {
+      for (const double slope : kStartSlopes) {
         Model found;
         const double rms = left(i, slope, 6, found);
         if (!(rms < least)) continue;

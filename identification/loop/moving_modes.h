@@ -1,5 +1,5 @@
-// Modes of vibration whose frequency depends on where the axis stands (twin/loop.h), found in free
-// simulation from modes that stand (docs/theory.md 4.8).
+// Modes of vibration whose frequency depends on the position of the axis (twin/loop.h), identified
+// in free simulation from modes of constant frequency (docs/theory.md 4.8).
 #pragma once
 
 #include <optional>
@@ -9,10 +9,11 @@
 
 namespace servotwin {
 
-/// From `standing`, a polished model of this structure, by the polish with slope, curve and
-/// zeta_slope of its modes free over the travel of the segments. Where `standing` moves already,
-/// from there alone. Nothing without modes, without travel, where a first round with them free
-/// gains next to nothing, or where no fit is valid. Any thread.
+/// Refines `standing`, a refined model of this structure with constant modes, in free simulation
+/// with slope, curve and zeta_slope of its modes free over the travel of the segments. If the modes
+/// of `standing` change with position already, that is the only start. Nothing without modes,
+/// without travel, if a first round with these parameters free improves the fit by too little, or
+/// if no fit is valid. `encoder_step` [m | rad]. Any thread.
 [[nodiscard]] std::optional<OutputErrorFit> with_moving_modes(const std::vector<Segment>& segments,
                                                               Structure structure,
                                                               const Model& standing,

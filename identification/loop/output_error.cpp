@@ -148,7 +148,7 @@ class Coordinates {
     return {-1e300, 1e300};
   }
 
-  /// A step of a coordinate that the simulation shows, and that its curvature does not.
+  /// Step for a difference quotient: large against rounding, small against the curvature.
   [[nodiscard]] double step(Eigen::Index i, double value) const {
     const auto linear = static_cast<Eigen::Index>(slots_.size()) + numerators_;
     const Eigen::Index modes = linear + structure_.order + static_cast<Eigen::Index>(axes_.size());
@@ -204,7 +204,7 @@ class Coordinates {
   int numerators_ = 0;
 };
 
-/// Measured minus simulated error, without the samples that made the starting state; empty where
+/// Measured minus simulated error, without the samples that determine the starting state; empty if
 /// the model is not valid.
 Eigen::VectorXd missed(const Model& model, const std::vector<Segment>& segments,
                        Eigen::Index settled) {
@@ -251,8 +251,8 @@ class ReadingCost final : public ceres::CostFunction {
     return jacobian.allFinite();
   }
 
-  /// d r / d x by differences from r = at(x); the step is far above rounding and far below what the
-  /// simulation's curvature shows.
+  /// d r / d x by differences from r = at(x); the step is large against rounding and small against
+  /// the curvature of the simulation.
   template <class Matrix>
   bool differentiate(const double* x, const Eigen::VectorXd& r, Matrix&& jacobian) const {
     const Eigen::Index count = parameter_block_sizes()[0];
@@ -287,7 +287,7 @@ double most_probable_sigma(const Eigen::VectorXd& r, double encoder_step) {
   const double rms = std::sqrt(r.squaredNorm() / static_cast<double>(r.size()));
   if (encoder_step < 1e-3 * rms) return rms;
   double best = rms, least = 1e300;
-  // Below a hundredth of a step the readings cannot tell.
+  // The readings do not determine a sigma below a hundredth of a step.
   for (double sigma = 0.01 * encoder_step; sigma < 1.3 * rms + 0.02 * encoder_step; sigma *= 1.15) {
     const ReadingLikelihood likelihood(encoder_step, sigma);
     double sum = 0.0;

@@ -25,8 +25,8 @@ PoleBounds below_nyquist(PoleBounds bounds, double h) {
   return bounds;
 }
 
-// A force moves what it acts on, of which a mode has a share: between 0 and 1 where the encoder is
-// there, too. Without bounds friction may go to nothing and its way through a mode to infinity.
+// Share of a force that acts through a mode: between 0 and 1 where the encoder is at the same
+// place. Without bounds friction may vanish while its effect through a mode goes to infinity.
 constexpr double kLeastDelta = -1.0, kMostDelta = 2.0, kMostGamma = 1.0;
 constexpr double kSamplesPerRadian = 1.0;  // of a mode, on thinned data
 constexpr double kSlowestMode_hz = 2.0, kLeastDamping = 5e-4, kMostDamping = 0.95;
@@ -157,7 +157,7 @@ class ProjectedCost final : public ceres::CostFunction {
   mutable Eigen::MatrixXd triangle_;
 };
 
-/// e = lag * v on average: where the search for a delay begins.
+/// e = lag * v on average: start value of the search for a delay.
 double mean_lag_s(const std::vector<Signals>& segments) {
   double product = 0.0, square = 0.0;
   for (const Signals& s : segments) {
@@ -174,7 +174,7 @@ struct Candidate {
 
 PoleSet first_inside(const Loop& loop, const PoleBounds& bounds) {
   if (auto set = inside(loop, bounds)) return *set;
-  // The name closest to the box, moved onto it.
+  // The pole set closest to the box, moved onto it.
   const PoleLabels labels = labels_of(loop);
   PoleSet best;
   double distance = 1e300;
@@ -375,7 +375,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   }
 
   // Thinned data for the coarse search; command splines and filters stay exact at any step.
-  // Friction that remembers needs its reversals.
+  // Friction with memory needs enough samples at reversals.
   double step_s = options.from.empty() ? 8.0e-3 : 2.0e-3;
   const auto show = [&](const std::vector<Mode>& modes) {
     for (const Mode& mode : modes) step_s = std::min(step_s, kSamplesPerRadian / mode.omega);
@@ -396,7 +396,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
       ++fit.evaluations;
       if (!std::isfinite(solution.cost)) continue;
       candidate.cost = solution.cost;
-      // A candidate that needs negative friction is none, unless all of them do (thesis 3.4).
+      // Candidates that need negative friction are excluded (thesis 3.7), unless all of them do.
       (solution.clamped ? clamped : candidates).push_back(std::move(candidate));
     }
     if (candidates.empty()) candidates = std::move(clamped);
@@ -428,7 +428,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   std::sort(refined.begin(), refined.end(),
             [](const auto& l, const auto& r) { return l.cost < r.cost; });
 
-  // The winners of the thinned data, once each, on all of it.
+  // The best fits to the thinned data, without duplicates, refined on all data.
   std::vector<Candidate> finals;
   std::vector<Candidate> used;
   for (const Candidate& candidate : refined) {
@@ -447,7 +447,7 @@ std::optional<PoleFit> pole_search(const Projection& data, const PoleSearchOptio
   loop.order = order;
   loop.denominator = best.point.denominator;
   if (!inside(loop, bounds)) {
-    // Outside of the box: the best inside it, sought from there and from the best of the grid.
+    // The optimum is outside the box: search inside it, from there and from the best grid points.
     std::vector<Candidate> from{best};
     from.insert(
         from.end(), seeds.begin(),

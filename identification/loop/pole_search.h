@@ -27,7 +27,7 @@ struct PoleBounds {
   double zeta_min = 0.2, zeta_max = 2.0;
 };
 
-/// Names the field that breaks a rule, and the rule; empty if none does.
+/// The field that violates a rule, and the rule; empty if none does.
 [[nodiscard]] std::string why_invalid(const PoleBounds& bounds);
 
 /// The pole set (of up to three that describe the same loop) that lies in the box, if one does.
@@ -55,7 +55,7 @@ struct PoleFit {
 /// The same data thinned to a step of at most `step_s`, but to no fewer than 1000 samples.
 [[nodiscard]] Projection thinned(const Projection& data, double step_s);
 
-/// The best fit; nothing where no candidate has a finite cost. Bad data do not throw.
+/// The best fit; nothing if no candidate has a finite cost. Bad data do not throw.
 [[nodiscard]] std::optional<PoleFit> pole_search(const Projection& data,
                                                  const PoleSearchOptions& options = {});
 

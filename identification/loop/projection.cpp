@@ -62,14 +62,14 @@ std::array<double, kMaxOrder> denominator_of(const Mode& mode) {
   return {2.0 * mode.zeta * mode.omega, mode.omega * mode.omega, 0.0};
 }
 
-/// How far a mode is in equilibrium with a constant force behind an integrator: delta / (omega^2 P)
-/// takes it off.
+/// Deflection of a mode in equilibrium with a constant force behind an integrator; delta / (omega^2
+/// P) removes it.
 template <int N>
 double held(const Mode& mode, double a_last) {
   return N == 3 ? a_last / (mode.omega * mode.omega) : 0.0;
 }
 
-/// A force's way to the error, from equilibrium with the force that acts at the start.
+/// Response of the error to a force, from equilibrium with the force that acts at the start.
 template <int N>
 class ForceFilter {
  public:
@@ -201,7 +201,7 @@ int Structure::coefficient_count() const {
 struct Projection::Columns {
   int order = 0;
   Eigen::MatrixXd regressors;  // rows x (order + coefficients + 2 modes + free responses)
-  Eigen::VectorXd target;      // e minus what the delay alone explains
+  Eigen::VectorXd target;      // e minus the part that the delay alone explains
   Eigen::MatrixXd command2;    // s^m / P^2 of the command velocity (m = 0..2n-2)
   // Every column of a force by a1..an and by omega, zeta, gamma, delta of every mode; of a free
   // response of the loop by a1..an, of a mode by its omega and zeta.
@@ -332,8 +332,9 @@ void Projection::fill_free(const Bank& bank, Columns& columns, const Signals& s,
     State w = State::Zero();
     w(i) = 1.0;
     if (derivatives) columns.by_free[static_cast<std::size_t>(at)].setZero(rows_, N);
-    if (s.lead > 0) continue;  // nothing of it is left when the lead-in is over
-    // In units of time where the poles are about 1, all states are of one size and fade together.
+    if (s.lead > 0) continue;  // the free response has decayed within the lead-in
+    // In units of time in which the poles are about 1, all states have similar size and decay
+    // alike.
     const double rate = std::pow(bank.a[N - 1], 1.0 / N);
     const auto size_of = [&] {
       double size = 0.0;
@@ -480,7 +481,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         if (slots_[slot].effect != i) continue;
         const auto c = static_cast<Eigen::Index>(slots_[slot].coefficient);
         if (acts == Acts::kReading) {
-          // Not through the loop: what the reading is beyond the position, the error is short of.
+          // Not through the loop: a reading above the position reduces the error by the same
+          // amount.
           columns.regressors.col(N + static_cast<Eigen::Index>(slot)).segment(row0, n) =
               -forces.col(c).matrix();
           if (derivatives) columns.by_force[slot].middleRows(row0, n).setZero();
@@ -498,7 +500,8 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
         } else {
           force_filter.run(forces.col(c), column, nullptr);
         }
-        // A force that the integrator holds from the start leaves rounding errors only: no column.
+        // A force that the integrator balances from the start gives rounding errors only: no
+        // column.
         const double natural = forces.col(c).abs().maxCoeff() / std::pow(bank.a[N - 1], 2.0 / N);
         if (column.cwiseAbs().maxCoeff() < 1e-11 * natural) column.setZero();
         for (std::size_t p = 0; p < by_shape.size(); ++p) {
@@ -511,7 +514,7 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
       }
     }
 
-    // --- what is left of the unknown starting state
+    // --- free responses of the unknown starting state
     if (free_response_) {
       const Eigen::Index first = states * static_cast<Eigen::Index>(segment);
       fill_free<N>(bank, columns, s, row0, first, derivatives, nullptr);
@@ -547,7 +550,7 @@ void Projection::leave_out_leads(Columns& columns, bool derivatives) const {
 }
 
 const Projection::Columns& Projection::columns_at(const Point& point, bool derivatives) const {
-  // Megabytes that every evaluation would return to the kernel and fetch again, page by page.
+  // Kept between evaluations: allocating these megabytes each time costs page faults.
   static thread_local Columns columns;
   columns.by_shape.clear();
   if (structure_.order == 2) {

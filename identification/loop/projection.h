@@ -1,4 +1,5 @@
-// Variable projection: for given poles and shape parameters the error is linear in everything else.
+// Variable projection: for given poles and shape parameters the error is linear in all other
+// parameters.
 //
 //   e ~ sum_j c_j s^(n-j)/P x_r + sum_k (alpha_k s + beta_k)/M_k s x_r
 //       + sum_i d_i G(s) f_i(motion; shape_i) + free response of every segment

@@ -1,4 +1,4 @@
-// Words and numbers in one line, numbers to four digits.
+// Formats a message from words and numbers; numbers have four significant digits.
 #pragma once
 
 #include <sstream>

@@ -19,28 +19,33 @@ namespace servotwin {
 
 namespace {
 
-// A richer structure must beat a simpler one by this much on data it was not fitted to.
-constexpr double kWorthIt = 0.97;
-// A mode and another axis bring five or six parameters and what may go wrong with them: 7 % were
-// seen where there was none (EMPS), 15 % where an axis of two masses is pushed by another one.
-constexpr double kWorthAMode = 0.9;
-// Modes that move and friction of free elements have more that may go wrong.
-constexpr double kWorthMuch = 0.85;
-// What is left beyond this multiple of the noise is worth a law of friction with free elements.
-constexpr double kFar = 2.0;
-// Beyond this share of its lag explained by zeros in the right half plane, a loop is a delay in
-// disguise.
-constexpr double kDisguisedDelay = 0.5;
-// Acceleration feed-forward beyond this multiple of the moved mass is a lead that makes up for a
-// delay which is not there.
-constexpr double kMostFeedforward = 1.5;
+// Validation RMS of a richer structure over that of a simpler one, at most, to accept the richer.
+// The validation data are not used to fit either.
+constexpr double kMaxRmsRatioToAccept = 0.97;
+// The same for a mode or a coupled axis, which have five or six parameters each. Without any mode
+// an improvement of 7 % was observed (EMPS), with a two-mass axis driven by another one 15 %.
+constexpr double kMaxRmsRatioForMode = 0.9;
+// The same for modes that change with position and for friction with free elements, which have more
+// parameters still.
+constexpr double kMaxRmsRatioForRichModel = 0.85;
+// A friction law with free elements is tried only if the residual RMS exceeds this multiple of the
+// noise floor.
+constexpr double kMinRmsOverFloorForFreeElements = 2.0;
+// A loop in which zeros in the right half plane account for more than this share of the lag
+// imitates a delay.
+constexpr double kMaxLagShareOfUnstableZeros = 0.5;
+// Acceleration feed-forward beyond this multiple of the moved mass compensates a delay that does
+// not exist.
+constexpr double kMaxAccelerationFeedforward = 1.5;
 
-constexpr double kForgotten_s = 0.5;
-constexpr double kNone = 1e300;  // of what is left: nothing was fitted
+// Time that is not judged at the start of a segment: friction and integrator forget their initial
+// state within it.
+constexpr double kSettlingTime_s = 0.5;
+constexpr double kNone = 1e300;  // residual of a structure that could not be fitted
 constexpr const char* kNoFit = "no stable fit within the bounds";
 
-/// The share of the loop's lag that zeros in the right half plane make. Servo loops with
-/// feed-forward have none (docs/theory.md 1.3): such zeros are how a rational loop imitates a
+/// The share of the loop's lag that is caused by zeros in the right half plane. Servo loops with
+/// feed-forward have no such zeros (docs/theory.md 1.3); a rational loop needs them to imitate a
 /// delay.
 double imitated_delay_share(const Loop& loop) {
   const int n = loop.order;
@@ -75,33 +80,33 @@ struct Trial {
   std::string ruled_out = kNoFit;
 };
 
-/// Why a loop without a delay is one in disguise; empty if it is not.
+/// Why this loop without a delay imitates one; empty if it does not.
 std::string why_delay(const Loop& loop, double delay_max_s) {
   const double imitated = delay_max_s > 0.0 ? imitated_delay_share(loop) : 0.0;
-  if (imitated <= kDisguisedDelay) return {};
-  return say("zeros in the right half plane make ", 100.0 * imitated,
-             " % of its lag: a delay in disguise");
+  if (imitated <= kMaxLagShareOfUnstableZeros) return {};
+  return say("zeros in the right half plane account for ", 100.0 * imitated,
+             " % of its lag: the loop imitates a delay");
 }
 
-/// Why the delay of this model is a velocity lag in disguise; empty if it is not. `before`: the
+/// Why the delay of this model imitates a velocity lag; empty if it does not. `before`: the
 /// structures without it.
 std::string why_no_delay(const Model& model, double delay_max_s, const Trial& trial,
                          const std::vector<Trial>& before) {
   if (model.command_delay_s() > delay_max_s) {
-    return say("its delay, ", 1e3 * model.command_delay_s(), " ms, is beyond the ",
-               1e3 * delay_max_s, " ms sought");
+    return say("its delay, ", 1e3 * model.command_delay_s(), " ms, exceeds the search limit of ",
+               1e3 * delay_max_s, " ms");
   }
   if (lag_in_disguise(model)) {
     return say("acceleration feed-forward of ", 1.0 - model.loop.numerator[0],
-               " times the moved mass makes up for its delay: a velocity lag in disguise");
+               " times the moved mass compensates the delay: the model imitates a velocity lag");
   }
-  // A delay in place of the velocity lag: as many parameters, so that the fit itself may compare.
+  // A delay in place of the velocity lag has as many parameters, so the costs of the fits compare.
   std::vector<std::size_t> without = trial.structure.effects;
   std::erase(without, kind_of<TimeDelay>());
   for (const Trial& rival : before) {
     if (rival.structure.order == trial.structure.order && rival.structure.effects == without &&
         rival.ruled_out.empty() && rival.cost <= trial.cost) {
-      return "a velocity lag with as many parameters fits better than its delay";
+      return "a velocity lag with the same number of parameters fits better than the delay";
     }
   }
   return {};
@@ -113,7 +118,7 @@ std::vector<Structure> structures(const IdentifyOptions& options) {
   std::vector<Structure> out;
   for (int order : {2, 3}) {
     if (options.order != 0 && options.order != order) continue;
-    // Behind an integrator a constant force leaves no trace in the error.
+    // With an integrator a constant force causes no steady tracking error.
     out.push_back({order, {friction}, false});
     if (order == 2) out.push_back({order, {friction, constant}, false});
     if (options.delay_max_s > 0.0) {
@@ -134,7 +139,7 @@ Projection projection_of(const std::vector<Segment>& segments, const Structure& 
   return {signals_of(segments), structure};
 }
 
-/// A fit with modes that stand, and what it leaves where it was not fitted.
+/// A fit with constant modes and its RMS on the validation data.
 struct Stood {
   Structure structure;
   Model model;
@@ -142,7 +147,7 @@ struct Stood {
   double validation = 0.0;
 };
 
-/// The same with modes that move.
+/// The same with modes that change with position.
 struct Moved {
   std::optional<OutputErrorFit> fit;
   bool asked = false;
@@ -155,8 +160,8 @@ Structure moving_of(Structure structure) {
   return structure;
 }
 
-/// Of which to ask whether modes move: the best, and the one with presliding, since friction that
-/// is not the axis' own hides that they do.
+/// The fits for which modes that change with position are tried: the best one and the one with
+/// presliding, because an unsuitable friction model hides the change.
 std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stood) {
   const auto best =
       std::min_element(stood.begin(), stood.end(),
@@ -170,8 +175,8 @@ std::vector<std::size_t> asked_whether_modes_move(const std::vector<Stood>& stoo
   return out;
 }
 
-/// Where a search for friction of free elements begins: the fit so far, its elements spread over
-/// the travel after which the law that it had slides.
+/// The start of a search for friction with free elements: the fit so far, with the elements spread
+/// over the travel after which its friction law slides.
 Point with_free_elements(Point point, const Structure& structure, std::size_t place) {
   std::ptrdiff_t before = 0;
   for (std::size_t i = 0; i < place; ++i)
@@ -198,11 +203,12 @@ class StructureChoice {
                   std::vector<StructureTrial>& tried)
       : name_(name), options_(options), encoder_step_(encoder_step), tried_(tried) {
     std::tie(fitted_, validated_) = split(training, 2.0 / 3.0, options.split_each);
-    // What is cut within a motion begins with friction and integrator in a state nobody knows: what
-    // they do until they have forgotten it would be the same for every structure, and hide what
-    // tells them apart.
+    // A segment cut within a motion begins with friction and integrator in an unknown state. The
+    // transient until that state has decayed is the same for every structure and would hide the
+    // differences between them, so it is not judged.
     for (Segment& s : validated_) {
-      const auto forgotten = static_cast<Eigen::Index>(std::lround(kForgotten_s / s.sample_time_s));
+      const auto forgotten =
+          static_cast<Eigen::Index>(std::lround(kSettlingTime_s / s.sample_time_s));
       if (s.size() > 4 * forgotten) s.lead = std::max(s.lead, forgotten);
     }
     noise_ = noise_floor(training).rms;
@@ -234,11 +240,11 @@ class StructureChoice {
     const Trial* chosen = nullptr;
     for (const Trial& trial : trials) {
       if (trial.ruled_out.empty() && std::isfinite(trial.validation) &&
-          (chosen == nullptr || trial.validation < kWorthIt * chosen->validation))
+          (chosen == nullptr || trial.validation < kMaxRmsRatioToAccept * chosen->validation))
         chosen = &trial;
     }
     if (chosen == nullptr) {
-      // A loop that imitates a delay is still a model where no honest structure fits.
+      // If no structure passes, the best of the ruled-out ones is still a model.
       for (const Trial& trial : trials) {
         if (trial.validation < kNone &&
             (chosen == nullptr || trial.validation < chosen->validation))
@@ -247,8 +253,8 @@ class StructureChoice {
     }
     if (chosen == nullptr)
       throw std::runtime_error(name_ +
-                               ": no stable loop within the bounds follows this motion; check "
-                               "units, signs and the column mapping");
+                               ": no stable loop within the bounds fits this motion; check units, "
+                               "signs and the column mapping");
     for (const Trial& trial : trials)
       tried_.push_back({trial.structure.order, trial.structure.effects,
                         trial.validation < kNone ? trial.validation : kAbsent, &trial == chosen, 0,
@@ -260,9 +266,9 @@ class StructureChoice {
         std::find(effects.begin(), effects.end(), kind_of<CoulombFriction>()) - effects.begin());
   }
 
-  /// The friction, from the simplest model to the richest, and modes of vibration as long as one
-  /// more of them is worth it. Neither shows without the other where there are both, so that every
-  /// friction is tried with every number of modes.
+  /// Friction, from the simplest model to the richest, and modes of vibration as long as one more
+  /// of them passes. With both present neither can be identified without the other, so every
+  /// friction model is tried with every number of modes.
   void choose_friction_and_modes() {
     const bool other_friction =
         joint() && options_.friction && *options_.friction != kind_of<CoulombFriction>();
@@ -275,8 +281,8 @@ class StructureChoice {
       for (int modes = 0; modes <= options_.modes && modes <= out_.structure.modes + 1; ++modes) {
         if (modes > 0 && !first.add_mode()) break;
         std::vector<Stood> stood;
-        // Without the other axis, then with it: what vibrates would have bent a loop that was
-        // coupled before.
+        // Without the other axis, then with it: in a coupled fit first, modes would be mistaken for
+        // the coupling.
         for (const bool coupled : {false, true}) {
           if (coupled && !options_.coupling) break;
           const std::optional<Point> begun = first.start(coupled);
@@ -289,7 +295,7 @@ class StructureChoice {
     if (joint() && !options_.friction) try_free_elements();
     if (other_friction && !best_)
       throw std::runtime_error(say(name_, ": ", identity_of(*options_.friction).id,
-                                   " has no valid fit to this motion; take another friction "
+                                   " has no valid fit to this motion; choose another friction "
                                    "model"));
   }
 
@@ -301,7 +307,7 @@ class StructureChoice {
  private:
   [[nodiscard]] bool joint() const { return options_.method == Method::kJoint; }
 
-  /// The trial that is to come is the best so far.
+  /// Records the trial that is appended next as the best so far.
   void take(double validation, const Structure& structure) {
     least_ = validation;
     out_.structure = structure;
@@ -314,13 +320,13 @@ class StructureChoice {
     Structure richer = simple_;
     richer.modes = modes;
     richer.effects[place_] = kind;
-    // Unlike levels of the two directions contain it.
+    // Laws with a level per direction contain the constant force.
     const bool both = kind == kind_of<Stribeck>() || kind == kind_of<ModifiedStribeck>();
     const bool same = !both || std::erase(richer.effects, kind_of<ConstantForce>()) == 0;
     if (coupled) richer.effects.push_back(kind_of<CrossCoupling>());
     StructureTrial trial{richer.order, richer.effects, kAbsent, false, modes, kNoFit};
-    // At rest a vibrating encoder turns more often than it is read: friction along the measured
-    // motion is wrong there, and free simulation has to tell.
+    // At rest a vibrating encoder reverses more often than it is sampled: friction along the
+    // measured motion is wrong there, so the fit is refined in free simulation.
     const auto fit = joint_fit(fitted_, richer, search_, encoder_step_, joint() && modes > 0,
                                modes > 0 || same ? &begun : nullptr);
     if (fit) {
@@ -330,7 +336,7 @@ class StructureChoice {
     if (trial.validation_rms < kNone)
       stood.push_back({richer, fit->model, coupled, trial.validation_rms});
     const bool more = modes > out_.structure.modes || (coupled && !coupled_);
-    if (trial.validation_rms < (more ? kWorthAMode : kWorthIt) * least_) {
+    if (trial.validation_rms < (more ? kMaxRmsRatioForMode : kMaxRmsRatioToAccept) * least_) {
       take(trial.validation_rms, richer);
       coupled_ = coupled;
       out_.from.clear();
@@ -339,8 +345,8 @@ class StructureChoice {
     tried_.push_back(trial);
   }
 
-  /// Whether modes move with position: one that does may be worth nothing while it has to stand.
-  /// Where one of those asked finds that they do, all frictions are tried from there.
+  /// Tries modes that change with position: such a mode may not improve the fit as a constant one.
+  /// If one of the fits tried improves, all friction models are tried from its result.
   void ask_whether_they_move(int modes, std::vector<Stood> stood) {
     const bool with_other = std::min_element(stood.begin(), stood.end(), [](auto& l, auto& r) {
                               return l.validation < r.validation;
@@ -351,8 +357,8 @@ class StructureChoice {
       Moved now;
       now.asked = true;
       now.fit = with_moving_modes(fitted_, moving_of(one.structure), start, encoder_step_);
-      now.ruled_out =
-          now.fit ? why_invalid(now.fit->model) : "letting them move gains next to nothing";
+      now.ruled_out = now.fit ? why_invalid(now.fit->model)
+                              : "modes that change with position improve the fit by too little";
       if (now.ruled_out.empty()) now.validation = judge(now.fit->model, validated_).rms;
       return now;
     };
@@ -372,7 +378,8 @@ class StructureChoice {
         moved[i] = moved_from(with_modes_moving_as(moved[lead].fit->model.loop, one.model), one);
       else if (!moved[i].asked)
         continue;
-      if (moved[i].validation < (moving ? kWorthIt : kWorthMuch) * least_) {
+      if (moved[i].validation <
+          (moving ? kMaxRmsRatioToAccept : kMaxRmsRatioForRichModel) * least_) {
         take(moved[i].validation, moving_of(one.structure));
         coupled_ = one.coupled;
         moving = true;
@@ -384,12 +391,14 @@ class StructureChoice {
     }
   }
 
-  /// Where the law of friction leaves much beside modes or another axis it may be the law that is
-  /// wrong: one of any virgin curve, from where the chosen one ended.
+  /// If a large residual remains with modes or another axis, the friction law may be wrong: tries a
+  /// law with a free virgin curve, from the result of the chosen one.
   void try_free_elements() {
     const Structure& structure = out_.structure;
-    if (out_.from.empty() || structure.moving || !(least_ > kFar * noise_)) return;
-    // A law of unlike directions has had the constant force in it.
+    if (out_.from.empty() || structure.moving ||
+        !(least_ > kMinRmsOverFloorForFreeElements * noise_))
+      return;
+    // A law with a level per direction contains the constant force, so it is added again here.
     Structure free = simple_;
     free.modes = structure.modes;
     free.effects[place_] = kind_of<MaxwellSlip>();
@@ -400,7 +409,7 @@ class StructureChoice {
     const auto fit = joint_fit(fitted_, free, near, encoder_step_, true);
     if (fit) trial.ruled_out = why_invalid(fit->model);
     if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated_).rms;
-    if (trial.validation_rms < kWorthMuch * least_) {
+    if (trial.validation_rms < kMaxRmsRatioForRichModel * least_) {
       take(trial.validation_rms, free);
       out_.from = {point_of(fit->model)};
     }
@@ -416,17 +425,20 @@ class StructureChoice {
   Structure simple_;       // of the loop, with Coulomb friction
   std::size_t place_ = 0;  // of the friction in it
   ChosenStructure out_;
-  double least_ = kNone;             // what the chosen one leaves
-  std::optional<std::size_t> best_;  // its place in what was tried; none: the loop as it was chosen
-  bool coupled_ = false;             // the other axis is in it
+  double least_ = kNone;             // validation RMS of the chosen structure
+  std::optional<std::size_t> best_;  // index in tried_; none: the loop as chosen first
+  bool coupled_ = false;             // it contains the other axis
 };
 
 }  // namespace
 
-bool delay_in_disguise(const Loop& loop) { return imitated_delay_share(loop) > kDisguisedDelay; }
+bool delay_in_disguise(const Loop& loop) {
+  return imitated_delay_share(loop) > kMaxLagShareOfUnstableZeros;
+}
 
 bool lag_in_disguise(const Model& model) {
-  return model.command_delay_s() > 0.0 && 1.0 - model.loop.numerator[0] > kMostFeedforward;
+  return model.command_delay_s() > 0.0 &&
+         1.0 - model.loop.numerator[0] > kMaxAccelerationFeedforward;
 }
 
 Point point_of(const Model& model) {

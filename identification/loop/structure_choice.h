@@ -1,7 +1,7 @@
 // Which structure an axis has: order, constant force, delay, law of friction, modes of vibration,
 // another axis. Chosen within its training data, two thirds of which are fitted and the last third
-// predicted in free simulation (docs/theory.md 4.6 to 4.8): the simplest one that no other beats by
-// what its parameters are worth.
+// predicted in free simulation (docs/theory.md 4.6 to 4.8): the simplest one that no richer one
+// beats by the required ratio of validation RMS.
 #pragma once
 
 #include <string>
@@ -13,22 +13,22 @@ namespace servotwin {
 
 struct ChosenStructure {
   Structure structure;
-  /// Where the fit that won ended, where modes or another axis are in it: a search anew might miss
+  /// The end point of the chosen fit, if it contains modes or another axis: a new search might miss
   /// them.
   std::vector<Point> from;
-  Loop moving;  ///< with the modes as they were found to move, where they are
+  Loop moving;  ///< the loop with its modes that change with position, if they do
 };
 
-/// Of the axis `name`; all that was tried goes to `tried`. Throws std::runtime_error where nothing
-/// follows the motion.
+/// Chooses the structure of the axis `name`; appends every trial to `tried`. Throws
+/// std::runtime_error if no structure fits the motion.
 [[nodiscard]] ChosenStructure chosen_structure(const std::string& name,
                                                const std::vector<Segment>& training,
                                                const IdentifyOptions& options, double encoder_step,
                                                std::vector<StructureTrial>& tried);
 
-/// A model as a point of a projection, in which modes stand.
+/// A model as a point of a projection, in which modes are constant.
 [[nodiscard]] Point point_of(const Model& model);
-/// The model with its modes moving as those of another loop of as many.
+/// The model whose modes change with position as those of another loop with as many modes.
 [[nodiscard]] Model with_modes_moving_as(const Loop& as, Model model);
 
 }  // namespace servotwin

@@ -1,4 +1,4 @@
-// Numbers in the program's JSON: there is no NaN in JSON, and what is not known is null.
+// Numbers in the program's JSON. JSON has no NaN: an unknown number is written as null.
 #pragma once
 
 #include <cmath>

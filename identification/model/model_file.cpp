@@ -302,7 +302,7 @@ json to_json(const ModelRecord& record) {
 }
 
 ModelRecord model_from_json(const json& j) {
-  if (!j.is_object()) refuse("schema", "the file holds no JSON object");
+  if (!j.is_object()) refuse("schema", "the file is no JSON object");
   const std::string schema = text(j, "", "schema");
   if (schema != kModelSchema)
     refuse("schema", "is \"" + schema + "\", must be \"" + std::string(kModelSchema) + "\"");
@@ -339,7 +339,7 @@ ModelRecord model_from_json(const json& j) {
     Effect effect;
     effect.kind = kind_of(id);
     if (effect.kind == kEffectKinds)
-      refuse(path + ".id", "\"" + id + "\" is no effect of the catalogue");
+      refuse(path + ".id", "\"" + id + "\" is not an effect of the catalogue");
     const json& parameters = member(effects[i], path, "parameters");
     EffectDeviations sd;
     const auto read = [&](std::span<const Parameter> list, auto& values, auto& deviation) {
@@ -361,7 +361,7 @@ ModelRecord model_from_json(const json& j) {
                            [&](const Parameter& p) { return p.name == name; });
       };
       if (!known(shapes_of(effect.kind)) && !known(coefficients_of(effect.kind))) {
-        refuse(path + ".parameters." + name, "is no parameter of " + id);
+        refuse(path + ".parameters." + name, "is not a parameter of " + id);
       }
     }
     model.effects.push_back(effect);
@@ -454,7 +454,7 @@ ModelRecord read_model(const std::filesystem::path& path) {
     j = json::parse(content.str());
   } catch (const json::parse_error& error) {
     throw std::runtime_error(
-        path.string() + ": model file: is no whole JSON document (it ends or breaks at byte " +
+        path.string() + ": model file: is no complete JSON document (error at byte " +
         std::to_string(error.byte) + " of " + std::to_string(content.str().size()) + ")");
   } catch (const json::exception& error) {  // a number beyond all bounds
     throw std::runtime_error(path.string() + ": model file: " + error.what());

@@ -7,9 +7,9 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kBase_s = 0.01;  // d of the differences
-constexpr double kPeak = 0.995;   // quantile that counts as one
-constexpr double kLongLeg = 0.8;  // of the longest one
+constexpr double kDifferenceSpan_s = 0.01;  // d of the differences [s]
+constexpr double kPeakQuantile = 0.995;     // quantile taken as the peak
+constexpr double kMinLongLegRatio = 0.8;    // least length of a long leg over that of the longest
 
 struct CommandedMotion {
   Eigen::ArrayXd speed, acceleration;  // without sign
@@ -17,14 +17,14 @@ struct CommandedMotion {
 
 /// Nothing where the segment is shorter than the differences.
 CommandedMotion motion_of(const Segment& s) {
-  const auto d =
-      std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::lround(kBase_s / s.sample_time_s)));
+  const auto d = std::max<Eigen::Index>(
+      1, static_cast<Eigen::Index>(std::lround(kDifferenceSpan_s / s.sample_time_s)));
   const Eigen::Index n = s.size(), inner = n - 4 * d;
   CommandedMotion out;
   if (inner < 1) return out;
   const double twice = 2.0 * static_cast<double>(d) * s.sample_time_s;
   const Eigen::ArrayXd& x = s.command;
-  // The ends, over which the differences do not reach, go on as what is next to them.
+  // At the ends, where no difference exists, the nearest value is used.
   out.speed.resize(n);
   out.speed.segment(d, n - 2 * d) = (x.tail(n - 2 * d) - x.head(n - 2 * d)).abs() / twice;
   out.speed.head(d).setConstant(out.speed(d));
@@ -39,8 +39,8 @@ CommandedMotion motion_of(const Segment& s) {
 
 double peak_of(std::vector<double>& values) {
   if (values.empty()) return 0.0;
-  const auto at =
-      values.begin() + static_cast<std::ptrdiff_t>(kPeak * static_cast<double>(values.size() - 1));
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(
+                                       kPeakQuantile * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
   return *at;
 }
@@ -67,7 +67,7 @@ std::vector<Range> runs(Eigen::Index size, Holds&& holds) {
   return out;
 }
 
-/// What lies between the ranges, within another.
+/// The gaps between the ranges, within another range.
 std::vector<Range> between(const std::vector<Range>& ranges, const Range& within) {
   std::vector<Range> out;
   Eigen::Index begin = within.begin;
@@ -91,7 +91,8 @@ std::vector<Range> rests(const Eigen::ArrayXd& x, const Range& within, Eigen::In
   return out;
 }
 
-/// Where the command turns round, beyond `least` of travel on either side; with the ends.
+/// The samples at which the command reverses, with more than `least` travel on either side, and
+/// both ends.
 std::vector<Eigen::Index> turns(const Eigen::ArrayXd& x, const Range& range, double least) {
   std::vector<Eigen::Index> out{range.begin};
   Eigen::Index low = range.begin, high = range.begin;
@@ -113,7 +114,7 @@ std::vector<Eigen::Index> turns(const Eigen::ArrayXd& x, const Range& range, dou
   return out;
 }
 
-/// The parts of a range in which the axis turns round slowly at least twice in a row.
+/// The parts of a range in which the axis reverses slowly at least twice in a row.
 std::vector<Range> slow_reversals(const Segment& s, const CommandedMotion& motion,
                                   const Range& range, double slow, double least) {
   const std::vector<Eigen::Index> at = turns(s.command, range, least);
@@ -154,7 +155,7 @@ void sort_segment(const Segment& s, const MotionScale& scale, const EvidenceLimi
        })) {
     const Range wide{std::max<Eigen::Index>(0, r.begin - response),
                      std::min(s.size(), r.end + response)};
-    // Too little between two of them shows nothing of its own.
+    // A stretch between two of them that is too short is no evidence.
     if (!fast.empty() && wide.begin - fast.back().end < response) {
       fast.back().end = wide.end;
     } else {
@@ -183,7 +184,7 @@ void sort_segment(const Segment& s, const MotionScale& scale, const EvidenceLimi
 }  // namespace
 
 Eigen::Index lead_in(const Segment& slow, const EvidenceLimits& limits) {
-  // Of the axis itself: friction holds it back from the command.
+  // Travel of the encoder, not of the command: friction delays the axis.
   const Eigen::ArrayXd& x = slow.actual;
   const std::vector<Eigen::Index> at = turns(x, {0, slow.size()}, limits.presliding);
   const auto travel = [&](std::size_t leg) {
@@ -191,7 +192,7 @@ Eigen::Index lead_in(const Segment& slow, const EvidenceLimits& limits) {
   };
   double longest = 0.0;
   for (std::size_t leg = 0; leg + 1 < at.size(); ++leg) longest = std::max(longest, travel(leg));
-  const double wipes_out = std::min(kLongLeg * longest, limits.forgets);
+  const double wipes_out = std::min(kMinLongLegRatio * longest, limits.forgets);
   std::size_t leg = 0;
   while (travel(leg) < wipes_out) ++leg;
   return std::min(slow.size(), std::max(at[leg + 1], samples(slow, limits.response_s)));

@@ -1,20 +1,21 @@
-// What a recorded motion is evidence of: fast motion, slow reversals, standstill.
+// Finds the parts of a recorded motion that excite a certain part of the model: fast motion, slow
+// reversals, standstill.
 //
-//   fast motion      |a| >= 0.2 A, and 0.5 s about it: the loop shows in its answer to acceleration
+//   fast motion      |a| >= 0.2 A, and 0.5 s before and after: excites the loop
 //   slow reversals   at least two reversals in a row, with travel beyond the breakaway displacement
-//                    and a speed of at most 0.1 V before and after each: the friction's memory
-//                    shows
-//   standstill       the command rests for 2 s or more: noise shows, and nothing else
+//                    and a speed of at most 0.1 V before and after each: excites presliding
+//                    friction
+//   standstill       the command rests for 2 s or more: shows noise only
 //
-// V and A are the axis's own peaks (MotionScale). The rest, steady motion, is evidence of nothing
-// new and is in no stretch. Velocity and acceleration are differences of the command over 20 ms, so
-// that the steps in which a command is written do not count as acceleration:
+// V and A are the axis's own peaks (MotionScale). Steady motion adds no information and is in no
+// stretch. Velocity and acceleration are differences of the command over 20 ms, so that the
+// quantisation of a recorded command does not count as acceleration:
 //
 //   v = (x(t + d) - x(t - d)) / 2d,   a = (x(t + 2d) - 2 x(t) + x(t - 2d)) / (2d)^2,   d = 10 ms
 //
-// Pure functions; what a motion shows depends on its command alone. SI. Any thread, any segments;
-// what is too short shows nothing. Source: the two kinds of motion of the thesis's three-step
-// procedure (5.2; docs/theory.md 5).
+// Pure functions; the result depends on the command only. SI units. Any thread, any segments; a
+// segment that is too short gives no stretch. Source: the two kinds of motion of the thesis's
+// three-step procedure (5.2; docs/theory.md 5).
 #pragma once
 
 #include <vector>
@@ -25,24 +26,25 @@ namespace servotwin {
 
 enum class Evidence { kFastMotion, kSlowReversals, kStandstill };
 
-/// Peaks of an axis's commanded motion: 99.5 % quantiles over the time in which it moves, so that
-/// in 10 s of motion one jump of the command is none.
+/// Peaks of an axis's commanded motion: 99.5 % quantiles over the time in which it moves, so that a
+/// single jump of the command in 10 s of motion is ignored.
 struct MotionScale {
   double velocity = 0.0;      ///< V [m/s | rad/s]
   double acceleration = 0.0;  ///< A [m/s^2 | rad/s^2]
 };
 
 [[nodiscard]] MotionScale motion_scale(const std::vector<Segment>& segments);
-/// The larger of both.
+/// The larger value of both, for velocity and for acceleration.
 [[nodiscard]] MotionScale wider(const MotionScale& left, const MotionScale& right);
 
 struct EvidenceLimits {
-  double fast = 0.2;          ///< share of A from which the loop is excited
-  double slow = 0.1;          ///< share of V up to which a reversal is slow
-  double presliding = 20e-6;  ///< travel that makes a reversal [m | rad]: a breakaway displacement
-  double forgets = 200e-6;    ///< travel in one direction after which friction remembers no other
-  double response_s = 0.5;    ///< in which a loop answers; what is shorter shows nothing of its own
-  double rest_s = 2.0;        ///< of standing from which on it is standstill
+  double fast = 0.2;  ///< share of A from which the loop is excited
+  double slow = 0.1;  ///< share of V up to which a reversal is slow
+  double presliding =
+      20e-6;  ///< least travel on both sides of a reversal [m | rad]: a breakaway displacement
+  double forgets = 200e-6;  ///< travel in one direction that erases friction's memory [m | rad]
+  double response_s = 0.5;  ///< response time of a loop; shorter parts are no evidence
+  double rest_s = 2.0;      ///< least time at rest that counts as standstill
 };
 
 struct EvidenceStretch {
@@ -55,9 +57,9 @@ struct EvidenceStretch {
                                                               const MotionScale& scale,
                                                               const EvidenceLimits& limits = {});
 
-/// Samples of slow reversals that begin anywhere until the end of the first long leg, which wipes
-/// out what friction remembers from before; until then nobody knows it (Segment::lead). Needs
-/// `actual`. Reversals without a leg that long keep a force from before as long as they last.
+/// The number of lead-in samples (Segment::lead) of slow reversals that begin in an unknown state
+/// of friction: up to the end of the first long leg, which erases friction's memory. Without a leg
+/// that long the unknown state lasts for the whole segment. Needs `actual`.
 [[nodiscard]] Eigen::Index lead_in(const Segment& slow, const EvidenceLimits& limits = {});
 
 }  // namespace servotwin

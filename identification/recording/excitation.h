@@ -1,8 +1,9 @@
-// Does this motion show what is to be identified? Answers by name, with the motion that would.
+// Whether a motion excites the parameters that are to be identified; if not, which parameters and
+// which motion would excite them.
 //
 // Before a fit: travel, speed in both directions, reversals, acceleration. After it: a parameter
-// whose standard deviation is a large part of its value was not excited, whatever the residual
-// says.
+// whose standard deviation is a large part of its value was not excited, however small the residual
+// is.
 #pragma once
 
 #include <string>
@@ -24,7 +25,8 @@ struct Excitation {
 
 [[nodiscard]] Excitation excitation_of(const std::vector<Segment>& segments);
 
-/// What no fit could find in this motion: one line each, empty if nothing is missing.
+/// The parameters that no fit can identify from this motion, one line each; empty if there are
+/// none.
 [[nodiscard]] std::vector<std::string> missing_motion(const Excitation& excitation, bool rotary);
 
 }  // namespace servotwin

@@ -1,10 +1,11 @@
-// How fast a motion is: what a model was found on, and what a path asks for.
+// Largest speed and acceleration of a motion: of the data of a model, or of a path.
 //
 //   speed        max |x(t + d) - x(t)| / d
 //   acceleration max |x(t + d) - 2 x(t) + x(t - d)| / d^2,   d = kSpan_s
 //
-// Over a span and not from sample to sample: the steps of an encoder or of a table's digits are no
-// motion (1 um is 0.04 m/s^2 over 10 ms, and 4 m/s^2 over 1 ms).
+// Differences are taken over a span, not from sample to sample, so that quantisation does not count
+// as motion (with 1 ms samples, 1 um would be 4 m/s^2 from sample to sample; over 10 ms it is 0.04
+// m/s^2).
 //
 // SI; rotary axes in rad. Any thread; errors: none.
 #pragma once
@@ -22,7 +23,7 @@ struct MotionRange {
   double acceleration = kAbsent;  ///< largest [m/s^2 | rad/s^2]
 };
 
-/// Of the commands; NaN where no segment is longer than two spans.
+/// The range of the commands; NaN if no segment is longer than two spans.
 [[nodiscard]] MotionRange motion_range(std::span<const Segment> segments);
 
 }  // namespace servotwin

@@ -9,12 +9,12 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kPiece_s = 0.25;
+constexpr double kBlock_s = 0.25;
 
-/// The encoder's step: what neighbouring readings differ by multiples of, of all the record in
-/// order of position. Motion may be too fast to pass through single steps in time; somewhere on the
-/// axis two readings are a few steps apart. Values that were interpolated over a gap lie anywhere
-/// between the steps: a few of them must not decide, and among many there is no step to be seen.
+/// The encoder's step: all readings, sorted by position, differ by multiples of it. Motion may be
+/// too fast to pass through single steps in time; somewhere on the axis two readings are a few
+/// steps apart. Values that were interpolated over a gap lie anywhere between the steps: a few of
+/// them must not decide, and among many there is no step to be seen.
 double encoder_step(const std::vector<Segment>& segments) {
   std::vector<double> readings;
   for (const Segment& s : segments)
@@ -27,7 +27,7 @@ double encoder_step(const std::vector<Segment>& segments) {
   }
   if (apart.size() < 100) return 0.0;
   std::sort(apart.begin(), apart.end());
-  // Differences by multiples of a step are so by multiples of its half as well: the largest counts.
+  // Multiples of a step are multiples of half a step as well: the largest candidate is the step.
   constexpr double kTolerance = 0.12;
   const auto below = [&](double limit) {
     return std::lower_bound(apart.begin(), apart.end(), limit);
@@ -35,7 +35,7 @@ double encoder_step(const std::vector<Segment>& segments) {
   for (auto next = apart.end(); next != apart.begin(); next = below(0.94 * *next)) {
     --next;
     const auto first = below((1.0 - kTolerance) * *next), last = below((1.0 + kTolerance) * *next);
-    // Only a few steps can tell: the rounding of `step` itself grows with the multiple.
+    // Only small multiples count: the error of `step` itself grows with the multiple.
     const double step = std::accumulate(first, last, 0.0) / static_cast<double>(last - first);
     const auto end = below(8.5 * step);
     const auto all = end - apart.begin();
@@ -55,8 +55,8 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// Mean squares of pieces of a signal. Their median is the noise: a push at rest or a lap unlike
-/// the others is in few of them.
+/// Mean squares of blocks of a signal. Their median is the noise: a push at rest, or a lap that
+/// differs from the others, affects few blocks.
 class Pieces {
  public:
   void add(const Eigen::ArrayXd& signal, Eigen::Index length) {
@@ -133,14 +133,14 @@ NoiseFloor noise_floor(const std::vector<Segment>& segments) {
       const Eigen::ArrayXd error = s.command - s.actual;
       const Eigen::Index overlap = s.size() - lap;
       from_lap_to_lap.add(error.tail(overlap) - error.head(overlap),
-                          static_cast<Eigen::Index>(std::ceil(kPiece_s / s.sample_time_s)));
+                          static_cast<Eigen::Index>(std::ceil(kBlock_s / s.sample_time_s)));
       floor.lap_s = static_cast<double>(lap) * s.sample_time_s;
     }
   }
   floor.standstill_rms = at_rest.rms();
   floor.repeat_rms = from_lap_to_lap.rms() / std::numbers::sqrt2;
   for (double value : {floor.standstill_rms, floor.repeat_rms}) {
-    // A record that shows no change at all is coarser than its noise, not free of it.
+    // A record without any change is coarser than its noise, not free of noise.
     if (value > 0.0 && !(value <= floor.rms)) floor.rms = value;
   }
   return floor;

@@ -4,7 +4,8 @@
 //   from standstill:  RMS of the encoder about its mean while the command rests
 //   from the encoder: step / sqrt(12)
 //
-// The largest of what the record shows; each is a lower bound of what a perfect twin would leave.
+// The noise floor is the largest of those that the recording contains. Each is a lower bound of the
+// residual of a perfect model.
 #pragma once
 
 #include <vector>
@@ -14,15 +15,15 @@
 namespace servotwin {
 
 struct NoiseFloor {
-  double rms =
-      kAbsent;  ///< the largest of the three below [m | rad], > 0; NaN where the record shows none
+  double rms = kAbsent;  ///< the largest of the three below [m | rad], > 0; NaN if the recording
+                         ///< contains none
   double encoder_step = 0.0;  ///< 0: not found
   double standstill_rms = kAbsent;
   double repeat_rms = kAbsent;
   double lap_s = kAbsent;  ///< after which the command repeats
 };
 
-/// Any thread, any segments; a figure the record does not show stays NaN.
+/// Any thread, any segments; a figure that the recording does not contain stays NaN.
 [[nodiscard]] NoiseFloor noise_floor(const std::vector<Segment>& segments);
 
 }  // namespace servotwin

@@ -25,7 +25,7 @@ const AxisRecord& find_axis(const Recording& recording, std::string_view name) {
                            (there.empty() ? "none" : there));
 }
 
-/// The channels of one axis that go into segments, and which of them are there.
+/// The channels of one axis that go into segments, and which of them exist.
 struct Channels {
   explicit Channels(const AxisRecord& axis, std::size_t rows)
       : command(axis.command),
@@ -78,7 +78,7 @@ Eigen::ArrayXd interpolated(const Stretch& stretch, const std::vector<double>& v
   return even;
 }
 
-/// Bridges what is missing of the torque; what is missing for longer, or at an end, stays NaN.
+/// Bridges short gaps of the torque; longer gaps, and gaps at an end, stay NaN.
 void bridge_torque(Eigen::ArrayXd& torque, Eigen::Index most, SegmentReport& report) {
   Eigen::Index i = 0;
   while (i < torque.size()) {
@@ -220,7 +220,7 @@ std::string count(std::size_t n, const std::string& what) {
 }  // namespace
 
 std::vector<std::string> SegmentReport::lines() const {
-  constexpr std::size_t kShown = 8;  // of segments and splits; a report is for reading
+  constexpr std::size_t kShown = 8;  // segments and splits listed; more make the report unreadable
   std::vector<std::string> lines;
   const auto more = [](std::size_t n) {
     return n > kShown ? " and " + std::to_string(n - kShown) + " more" : std::string();
@@ -261,19 +261,19 @@ std::vector<std::string> SegmentReport::lines() const {
   }
   if (repaired > 0) {
     lines.push_back(count(repaired, "wrong stamp") +
-                    " replaced by the place between its neighbours");
+                    " replaced by interpolation between the neighbours");
   }
   if (unplaced > 0) lines.push_back(count(unplaced, "row") + " dropped: no usable stamp");
   if (resolution_s > 0.0) {
     lines.push_back("stamps are only written to " + milliseconds(resolution_s) +
-                    ": samples taken as evenly spaced at the mean step");
+                    ": samples treated as evenly spaced at the mean step");
   }
   if (spacing == Spacing::kUneven) {
     lines.push_back("jitter " + percent(jitter_rms) + " of the step rms, " + percent(jitter_max) +
                     " at most: resampled linearly onto a grid of " + milliseconds(sample_time_s));
   } else if (jitter_max >= 1e-3) {
     lines.push_back("jitter " + percent(jitter_rms) + " of the step rms, " + percent(jitter_max) +
-                    " at most: samples taken as evenly spaced");
+                    " at most: samples treated as evenly spaced");
   }
   return lines;
 }
@@ -286,7 +286,7 @@ SegmentedAxis segmented(const Recording& recording, std::string_view axis,
   const std::size_t rows = recording.time.size();
   if (record.command.size() != rows || (rows > 0 && all_missing(record.command))) {
     throw std::runtime_error(recording.source + ": " + record.name +
-                             ".command has no values; the set-point of the axis is needed");
+                             ".command has no values; the setpoint of the axis is needed");
   }
   const Channels channels(record, rows);
   const Stamps stamps = read_stamps(
@@ -316,7 +316,7 @@ SegmentedAxis segmented(const Recording& recording, std::string_view axis,
   Cutter cutter(stamps, channels, limits, out);
   cutter.run();
   if (out.segments.empty()) {
-    throw std::runtime_error(recording.source + ": axis " + record.name + " has no stretch of " +
+    throw std::runtime_error(recording.source + ": axis " + record.name + " has no segment of " +
                              std::to_string(limits.shortest) +
                              " samples without a gap; the longest has " +
                              std::to_string(cutter.longest()) + " of " + count(rows, "row"));
@@ -347,7 +347,7 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
     try {
       neighbour = segmented(alone, other.name, limits);
     } catch (const std::runtime_error&) {
-      continue;  // what cannot be cut into segments is no neighbour
+      continue;  // an axis without segments cannot be the neighbour
     }
     if (!in_step(out, neighbour)) continue;
     for (std::size_t i = 0; i < out.segments.size(); ++i) {
@@ -367,8 +367,7 @@ void require_motion(const SegmentedAxis& axis) {
     for (const Segment& segment : axis.segments) {
       const Eigen::ArrayXd& x = segment.*values;
       if (x.size() == 0) {
-        throw std::runtime_error(name +
-                                 " has no values; without the encoder nothing can be compared");
+        throw std::runtime_error(name + " has no values; the encoder is needed for comparison");
       }
       samples += x.size();
       lowest = std::min(lowest, x.minCoeff());

@@ -1,12 +1,11 @@
-// From a recording to unbroken, evenly sampled segments of one axis, and a report of what that
-// took.
+// From a recording to unbroken, evenly sampled segments of one axis, with a report of what was
+// repaired or dropped.
 //
 // Missing samples and rows without a value (NaN) are bridged by linear interpolation up to a limit;
-// beyond it the recording is split there. Samples that were taken unevenly are resampled linearly
-// onto a grid at their median step. What the stamps themselves tell is
-// identification/recording/stamps.h. A torque is bridged the same way but splits nothing: where it
-// is missing for longer it stays NaN. Times in seconds, as stamped in the recording. Errors:
-// std::runtime_error, one line. Any thread.
+// beyond it the recording is split there. Samples at uneven times are resampled linearly onto a
+// grid at their median step. identification/recording/stamps.h evaluates the time stamps. A torque
+// is bridged the same way but splits nothing: where it is missing for longer it stays NaN. Times in
+// seconds, as stamped in the recording. Errors: std::runtime_error, one line. Any thread.
 #pragma once
 
 #include <cstddef>
@@ -20,9 +19,9 @@
 namespace servotwin {
 
 struct SegmentLimits {
-  double bridge_gap_s = 0.005;  ///< the longest stretch without samples that is bridged,
-  int bridge_samples = 3;       ///< and this many missing samples always are
-  int shortest = 10;            ///< samples; what is shorter is dropped
+  double bridge_gap_s = 0.005;  ///< longest gap that is bridged; a gap of
+  int bridge_samples = 3;       ///< this many missing samples is always bridged
+  int shortest = 10;            ///< shortest segment [samples]; shorter ones are dropped
   StampLimits stamps;
 };
 
@@ -55,11 +54,11 @@ struct SegmentReport {
   std::size_t repeated = 0, repaired = 0, unplaced = 0;           ///< as in Stamps
   double resolution_s = 0.0, jitter_rms = 0.0, jitter_max = 0.0;  ///< as in Stamps
 
-  /// What was read and what was repaired or dropped, one thing per line, for people.
+  /// What was read, repaired or dropped, one item per line, for output.
   [[nodiscard]] std::vector<std::string> lines() const;
 };
 
-/// `actual` of the segments is empty where the recording has no encoder values at all.
+/// `actual` of the segments is empty if the recording has no encoder values at all.
 struct SegmentedAxis {
   std::string source;  ///< the recording's
   std::string axis;
@@ -70,13 +69,12 @@ struct SegmentedAxis {
   SegmentReport report;
 };
 
-/// Throws where there is no such axis, no command, no usable time, or no stretch that is long
-/// enough.
+/// Throws if there is no such axis, no command, no usable time, or no segment that is long enough.
 [[nodiscard]] SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
                                          const SegmentLimits& limits = {});
 
-/// Throws where command or encoder is the same in all samples, or the encoder is not there: nothing
-/// can be identified from a standing axis.
+/// Throws if command or encoder is constant, or there is no encoder: nothing can be identified from
+/// an axis at rest.
 void require_motion(const SegmentedAxis& axis);
 
 }  // namespace servotwin

@@ -1,5 +1,5 @@
-// One segment as identification sees it: error, measured velocity, and what is computed once per
-// data set.
+// The signals of one segment that identification uses: error, measured velocity, and others that
+// are computed once per data set.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,7 +18,7 @@ struct Signals {
   Eigen::ArrayXd position;  ///< x
   Eigen::ArrayXd
       velocity;  ///< measured: central difference, then a centred mean (docs/theory.md 1.4)
-  Eigen::ArrayXd acceleration;  ///< x'', a central difference of the velocity; empty: not asked for
+  Eigen::ArrayXd acceleration;  ///< x'', a central difference of the velocity; empty: not requested
 
   double start_s = 0.0;  ///< in the recording
   /// Of the loop, for effects on the reading alone; empty: the reading.
@@ -35,7 +35,7 @@ struct Signals {
 
 /// The velocity is the mean of at most 11 samples, over no more than kVelocityMean_s.
 [[nodiscard]] Signals signals_of(const Segment& segment);
-/// What is longer smears the reversals [s].
+/// Longest mean [s]: a longer one distorts the velocity at reversals.
 inline constexpr double kVelocityMean_s = 0.011;
 /// The same with every `every`-th sample: for a coarse search. The velocity is taken before.
 [[nodiscard]] Signals decimated(const Signals& signals, int every);
@@ -43,9 +43,9 @@ inline constexpr double kVelocityMean_s = 0.011;
 /// Position, velocity and acceleration become those of a motion without noise: a simulated one.
 void set_motion(Signals& signals, Eigen::ArrayXd position);
 
-/// Adds what the control of this model's loop asks of the motor along the signals' motion
-/// (docs/theory.md 3.11), as Twin::demand has it along its own, and what its law of friction says
-/// there.
+/// Adds the force that the control of this model's loop demands along the motion of the signals
+/// (docs/theory.md 3.11; Twin::demand is the same along the simulated motion), and the force of its
+/// friction law there.
 void add_drive(const Model& model, Signals& signals);
 
 /// Central difference (ends 0), then a centred mean of 2 m + 1 samples that shrinks at the ends.

@@ -13,11 +13,10 @@ using SameValues = std::function<bool(std::size_t, std::size_t)>;
 
 // Rows that belong to one unbroken stretch are no further apart than this many steps, for
 // statistics.
-constexpr double kContiguous = 3.0;
-// Shares of the rows: more bad stamps than this are no accident, and neither are fewer irregular
-// steps.
-constexpr double kAccidents = 0.01;
-constexpr std::size_t kFewestIrregular = 10;
+constexpr double kMaxContiguousSteps = 3.0;
+// Share of bad stamps up to which they count as accidents of the recorder.
+constexpr double kMaxBadStampShare = 0.01;
+constexpr std::size_t kFewestIrregular = 10;  // fewer irregular steps are no sign of coarse stamps
 
 std::string text_of(double seconds) {
   char text[32];
@@ -56,8 +55,10 @@ double mean_within(const std::vector<double>& steps, double lowest, double highe
 // A clock is not known to better than some ppm: within 10 ppm of a whole rate in hertz, or of four
 // digits, the round number is what was meant, and all recordings of a machine get the same step.
 double nominal_step(double step) {
-  constexpr double kClock = 1e-5;
-  const auto near = [&](double candidate) { return std::abs(candidate / step - 1.0) < kClock; };
+  constexpr double kClockTolerance = 1e-5;
+  const auto near = [&](double candidate) {
+    return std::abs(candidate / step - 1.0) < kClockTolerance;
+  };
   const double rate = std::round(1.0 / step);
   if (rate >= 1.0 && near(1.0 / rate)) return 1.0 / rate;
   const double per_digit = std::pow(10.0, 3.0 - std::floor(std::log10(step)));
@@ -78,7 +79,7 @@ class Repair {
     if (!median) fail_standing();
     median_ = *median;
     // Coarse stamps have zero steps that count, so that the mean is right where the median is not.
-    step_ = mean_within(steps, 0.0, kContiguous * median_);
+    step_ = mean_within(steps, 0.0, kMaxContiguousSteps * median_);
   }
 
   [[nodiscard]] double step() const { return step_; }
@@ -100,7 +101,7 @@ class Repair {
 
   void mend_backward_steps() {
     const std::size_t n = time_.size();
-    const auto most = static_cast<std::size_t>(kAccidents * static_cast<double>(n)) + 3;
+    const auto most = static_cast<std::size_t>(kMaxBadStampShare * static_cast<double>(n)) + 3;
     std::size_t accidents = 0;
     for (std::size_t i = 1; i < n; ++i) {
       if (time_[i] >= time_[i - 1]) continue;
@@ -224,12 +225,12 @@ class Repair {
 // The largest power of ten, down to a nanosecond, of which all stamps are multiples; 0 if there is
 // none.
 double resolution_of(const std::vector<double>& time, double median_step) {
-  for (double exponent = std::floor(std::log10(kContiguous * median_step)); exponent >= -9.0;
-       --exponent) {
+  for (double exponent = std::floor(std::log10(kMaxContiguousSteps * median_step));
+       exponent >= -9.0; --exponent) {
     const double unit = std::pow(10.0, exponent);
     const bool all = std::all_of(time.begin(), time.end(), [&](double t) {
       const double multiple = (t - time.front()) / unit;
-      // A stamp that is none (NaN) says nothing of the resolution.
+      // A missing stamp (NaN) gives no information about the resolution.
       return !(std::abs(multiple - std::round(multiple)) > 1e-3);
     });
     if (all) return unit;
@@ -250,7 +251,7 @@ bool repeats_are_samples(const Stamps& stamps, const SameValues& same_values) {
 }
 
 // The slope of the best straight line through the stamps over their row numbers, the same for all
-// stretches. The ends alone would tell it worse by the resolution over the length.
+// stretches. The ends alone would give it with an error of the resolution over the length.
 double slope_of(const std::vector<double>& time, double longest_step) {
   double products = 0.0, squares = 0.0;
   for (std::size_t begin = 0, end = 0; begin < time.size(); begin = end) {
@@ -349,7 +350,7 @@ void place_rows(Stamps& stamps, const StampLimits& limits) {
     const double share = steps[i] / stamps.step_s;
     const double whole = std::max(1.0, std::round(share));
     stamps.advance[i + 1] = static_cast<std::int64_t>(whole);
-    if (share > kContiguous) continue;
+    if (share > kMaxContiguousSteps) continue;
     const double off = std::abs(share - whole);
     ++counted;
     misplaced += off > limits.jitter_share ? 1 : 0;
@@ -363,7 +364,7 @@ void place_rows(Stamps& stamps, const StampLimits& limits) {
     stamps.step_s = median;
     return;
   }
-  // A row that is merely stamped late leaves a long step and a short one, and no row between them.
+  // A row that is only stamped late causes a long and a short step, but no row is missing.
   for (std::size_t i = 0; i + 1 < steps.size(); ++i) {
     const bool late = stamps.advance[i + 1] == 2 && stamps.advance[i + 2] == 1 &&
                       std::llround((steps[i] + steps[i + 1]) / stamps.step_s) == 2;

@@ -19,14 +19,15 @@ using Eigen::Index;
 using Eigen::MatrixXcd;
 using Eigen::VectorXcd;
 
-constexpr Index kShortest = 16;  // samples of a window
+constexpr Index kMinWindowSamples = 16;  // samples of a window
 constexpr double kShareOfData = 1.0 / 8.0;
-constexpr double kLeastDeviation = 1e-3;  // of |G|
-constexpr Index kFewestLines = 3;         // side by side: one alone may be chance
-constexpr double kStrong = 1e-3;          // of the strongest line: what leaks
-constexpr double kMainLobe = 3.0;         // lines
-constexpr double kAboveLeakage = 10.0;    // in power, an input must be to be one
-constexpr double kDependent = 1e-10;      // inputs that are one another, up to rounding
+constexpr double kLeastDeviation = 1e-3;    // of |G|
+constexpr Index kFewestLines = 3;           // side by side: one alone may be chance
+constexpr double kLeakingLineShare = 1e-3;  // power over the strongest line from which a line leaks
+constexpr double kMainLobe = 3.0;           // lines
+constexpr double kMinPowerOverLeakage = 10.0;  // least power of an excited input over the leakage
+// Reciprocal condition below which inputs are linearly dependent.
+constexpr double kMinReciprocalCondition = 1e-10;
 // Half overlapping Hann windows of noise correlate by 1/6, neighbouring frequencies of one by 2/3
 // and 1/6; their squares count.
 constexpr double kOverlap = 1.0 / 36.0;
@@ -132,11 +133,11 @@ Spectra spectra_of(std::span<const ResponseRecord> records, Index length,
   return out;
 }
 
-/// The most that the Hann window of stronger lines can leak into each line of a power spectrum: at
-/// d lines from it a sine has 1 / (pi d (d^2 - 1)) of its amplitude.
+/// Upper bound of the leakage of stronger lines into each line of a power spectrum by the Hann
+/// window: at d lines from it a sine has 1 / (pi d (d^2 - 1)) of its amplitude.
 Eigen::ArrayXd leakage_of(const Eigen::ArrayXd& power) {
   Eigen::ArrayXd out = Eigen::ArrayXd::Zero(power.size());
-  const double strong = kStrong * power.maxCoeff();
+  const double strong = kLeakingLineShare * power.maxCoeff();
   for (Index j = 0; j < power.size(); ++j) {
     if (power(j) < strong) continue;
     for (Index k = 0; k < power.size(); ++k) {
@@ -149,14 +150,14 @@ Eigen::ArrayXd leakage_of(const Eigen::ArrayXd& power) {
   return out;
 }
 
-/// x^H S^-1 x, the power that the signals of S explain of one whose spectra with them are x; NaN
-/// where they are one another.
+/// x^H S^-1 x, the power that the signals of S explain of a signal whose cross spectra with them
+/// are x; NaN if the signals of S are linearly dependent.
 double explained(const MatrixXcd& s, const VectorXcd& x) {
   const Eigen::VectorXd scale = s.diagonal().real().cwiseSqrt().cwiseInverse();
   if (!scale.allFinite()) return std::numeric_limits<double>::quiet_NaN();
   const MatrixXcd scaled = scale.asDiagonal() * s * scale.asDiagonal();
   const Eigen::PartialPivLU<MatrixXcd> lu(scaled);
-  if (!(lu.rcond() > kDependent)) return std::numeric_limits<double>::quiet_NaN();
+  if (!(lu.rcond() > kMinReciprocalCondition)) return std::numeric_limits<double>::quiet_NaN();
   const VectorXcd y = scale.asDiagonal() * x;
   return y.dot(lu.solve(y)).real();
 }
@@ -229,13 +230,13 @@ FrequencyResponse frequency_response(std::span<const ResponseRecord> records, do
   const auto q = static_cast<Index>(records.front().inputs.size());
   const Index length = window_of(records, sample_time_s, options);
   char words[200];
-  if (length < kShortest) {
+  if (length < kMinWindowSamples) {
     std::snprintf(
         words, sizeof words,
-        "a window of %.4g s has %td samples, it needs %td: take longer windows or a "
+        "a window of %.4g s has %td samples, it needs %td: use longer windows or a "
         "longer recording",
         options.window_s > 0.0 ? options.window_s : sample_time_s * static_cast<double>(length),
-        length, kShortest);
+        length, kMinWindowSamples);
     throw std::runtime_error(words);
   }
   const Spectra spectra = spectra_of(records, length, options);
@@ -243,10 +244,10 @@ FrequencyResponse frequency_response(std::span<const ResponseRecord> records, do
   if (freedom < kFewestAverages) {
     std::snprintf(
         words, sizeof words,
-        "%d window%s of %.4g s %s worth %.1f independent averages, which tell no coherence "
-        "(at least %.0f): take shorter windows or a longer recording",
+        "%d window%s of %.4g s %s %.1f independent averages, too few to estimate coherence "
+        "(at least %.0f): use shorter windows or a longer recording",
         spectra.windows, spectra.windows == 1 ? "" : "s",
-        sample_time_s * static_cast<double>(length), spectra.windows == 1 ? "is" : "are",
+        sample_time_s * static_cast<double>(length), spectra.windows == 1 ? "gives" : "give",
         spectra.averages, kFewestAverages + static_cast<double>(q));
     throw std::runtime_error(words);
   }
@@ -270,7 +271,7 @@ FrequencyResponse frequency_response(std::span<const ResponseRecord> records, do
              freedom, i, out);
   for (ResponseChannel& channel : out.channels) {
     channel.significant =
-        channel.significant && channel.power > kAboveLeakage * leakage_of(channel.power);
+        channel.significant && channel.power > kMinPowerOverLeakage * leakage_of(channel.power);
     channel.power /= std::max(channel.power.sum(), 1e-300);
   }
   return out;

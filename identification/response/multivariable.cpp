@@ -21,18 +21,20 @@ namespace servotwin {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kSlowest_hz = 0.02, kShareOfNyquist = 0.9;
+constexpr double kMinFrequency_hz = 0.02, kShareOfNyquist = 0.9;
 constexpr double kLeastDamping = 5e-4, kMostDamping = 5.0;
-constexpr double kWorthIt = 0.97;  // what a richer order leaves of what a simpler one does
-constexpr double kExact = 1e-6;    // of the outputs: nothing is gained by leaving less
-constexpr int kRounds = 60;        // of Levenberg-Marquardt
-constexpr double kRough = 1e-4, kFine = 1e-8;  // change of cost at which it ends
-constexpr int kFutile = 3;                     // orders without a gain, and the search ends
+// Residual of a higher order over a lower one, at most, to accept it.
+constexpr double kMaxResidualRatioToAccept = 0.97;
+constexpr double kResidualFloor = 1e-6;  // residual over output RMS below which nothing is gained
+constexpr int kRounds = 60;              // of Levenberg-Marquardt
+constexpr double kCoarseTolerance = 1e-4, kFineTolerance = 1e-8;  // change of cost at which it ends
+constexpr int kMaxOrdersWithoutGain = 3;  // orders without a gain after which the search ends
 constexpr Eigen::Index kRowsPerColumn = 10;
-constexpr double kLeastTransform = 2.0;     // lines: below, the mean that was removed is missing
-constexpr double kUnknown = 1e9;            // deviation of a point that says nothing, in responses
-constexpr double kShortestBreak = 1e-8;     // [m | rad]
-constexpr double kLongestBreak = 0.25;      // of the travel
+constexpr double kLeastTransform = 2.0;  // lines: below them the removed mean distorts the spectrum
+constexpr double kDeviationOfUnusablePoint =
+    1e9;                                 // deviation of an unusable point over the largest response
+constexpr double kShortestBreak = 1e-8;  // [m | rad]
+constexpr double kLongestBreak = 0.25;   // of the travel
 constexpr double kFittedFirst = 2.0 / 3.0;  // of the training data, where something is chosen
 
 using Place = MultivariablePlace;
@@ -41,7 +43,7 @@ Place place_of(const std::vector<FittedPole>& poles, double fastest) {
   Place out;
   for (const FittedPole& pole : poles) {
     out.pair.push_back(pole.pair);
-    out.poles.push_back(std::log(std::clamp(pole.omega, kTwoPi * kSlowest_hz, fastest)));
+    out.poles.push_back(std::log(std::clamp(pole.omega, kTwoPi * kMinFrequency_hz, fastest)));
     if (pole.pair)
       out.poles.push_back(std::log(std::clamp(pole.zeta, kLeastDamping, kMostDamping)));
   }
@@ -86,14 +88,14 @@ class Cost final : public ceres::CostFunction {
 
 double fastest(double sample_time_s) { return kShareOfNyquist * std::numbers::pi / sample_time_s; }
 
-/// How a search ends, and over what it goes.
+/// Tolerance of a search, and which parameters it varies.
 struct Search {
-  double tolerance = kRough;
+  double tolerance = kCoarseTolerance;
   bool distances = false;         // else they are held
   std::vector<double> longest{};  // of every element
 };
 
-/// Levenberg-Marquardt from a place; nothing where it ends nowhere.
+/// Levenberg-Marquardt from a place; nothing if it does not converge.
 std::optional<Place> refined(const MultivariableProblem& problem, Place at, Search search,
                              int& evaluations) {
   ceres::Problem solved;
@@ -107,7 +109,7 @@ std::optional<Place> refined(const MultivariableProblem& problem, Place at, Sear
   };
   std::size_t value = 0;
   for (const bool pair : at.pair) {
-    bound(at.poles, value++, kTwoPi * kSlowest_hz, fastest(problem.sample_time_s()));
+    bound(at.poles, value++, kTwoPi * kMinFrequency_hz, fastest(problem.sample_time_s()));
     if (pair) bound(at.poles, value++, kLeastDamping, kMostDamping);
   }
   if (!at.log_distances.empty() && !search.distances)
@@ -157,7 +159,7 @@ std::optional<ResponsePoints> responses(const MultivariableData& data, double sh
   } catch (const std::runtime_error&) {
     return std::nullopt;
   }
-  // Where any channel says something.
+  // Where any channel is significant.
   std::vector<Eigen::Index> places;
   for (const FrequencyResponse& response : found) {
     for (std::size_t i = 0; i < response.channels.size(); ++i) {
@@ -188,15 +190,16 @@ std::optional<ResponsePoints> responses(const MultivariableData& data, double sh
         const bool says = std::isfinite(std::abs(one.response(k, 0))) &&
                           std::isfinite(one.deviation(k, 0)) && one.deviation(k, 0) > 0.0;
         out.response(k, column) = says ? one.response(k, 0) : 0.0;
-        out.deviation(k, column) = says ? one.deviation(k, 0) : kUnknown * std::max(most, 1e-300);
+        out.deviation(k, column) =
+            says ? one.deviation(k, 0) : kDeviationOfUnusablePoint * std::max(most, 1e-300);
       }
     }
   }
   return out;
 }
 
-/// Where a search of this order begins where no response shows anything: pairs, evenly in log
-/// frequency.
+/// Start of a search of this order if no frequency response is significant: pairs, evenly spaced in
+/// log frequency.
 Place spread_out(int order, double sample_time_s) {
   std::vector<FittedPole> poles;
   const int pairs = order / 2;
@@ -209,11 +212,11 @@ Place spread_out(int order, double sample_time_s) {
 struct Sought {
   Place at;
   Eigen::ArrayXd scale;
-  double cost = 0.0;  // log of what is left, summed over the outputs
+  double cost = 0.0;  // log of the residual, summed over the outputs
 };
 
-/// The best place of this order on this problem: from every start twice, the second time with the
-/// outputs weighed by what the first left of them.
+/// The best point of this order: from every start twice, the second time with the outputs weighted
+/// by the residuals of the first.
 std::optional<Sought> sought(MultivariableProblem& problem, const std::vector<Place>& starts,
                              Search search, int& evaluations) {
   std::optional<Sought> best;
@@ -255,12 +258,12 @@ std::vector<Place> starts_of(const Starts& by_order, int order, const Multivaria
   return {out};
 }
 
-/// What the last third of the training data leaves of a place that was found in the first two, as
-/// in a trial.
+/// Residual of a place, found in the first two thirds of the training data, over the last third (as
+/// MultivariableTrial::left).
 double left_of(const MultivariableProblem& problem, const Place& at, double from, double to) {
   const auto left = problem.solve(at, {});
   const Eigen::ArrayXd rms = problem.judged(at, left.coefficients, from, to);
-  return std::exp((rms / problem.spread_between(from, to)).max(kExact).log().mean());
+  return std::exp((rms / problem.spread_between(from, to)).max(kResidualFloor).log().mean());
 }
 
 void check(const MultivariableData& data, const MultivariableOptions& options) {
@@ -280,10 +283,11 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
     const double distance = data.inputs[i].break_distance,
                  longest = longest_break_distance(data, i, options);
     if (distance > longest)
-      throw std::runtime_error("input " + std::to_string(i + 1) +
-                               ": an element that slides after " + std::to_string(1e6 * distance) +
-                               " um is the position itself where it travels no further; at most " +
-                               std::to_string(1e6 * longest) + " um here");
+      throw std::runtime_error(
+          "input " + std::to_string(i + 1) + ": an element that slides after " +
+          std::to_string(1e6 * distance) +
+          " um equals the position where the axis travels no further; at most " +
+          std::to_string(1e6 * longest) + " um here");
     double least = std::numeric_limits<double>::max(), most = -least;
     for (const MultivariableRecord& record : data.records) {
       least = std::min(least, record.inputs[i].minCoeff());
@@ -291,7 +295,7 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
     }
     if (!(most > least))
       throw std::runtime_error("input " + std::to_string(i + 1) +
-                               " never changes: nothing can be said of what it does");
+                               " never changes: its effect cannot be identified");
   }
 }
 
@@ -411,10 +415,10 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
     return problem.rows() > kRowsPerColumn * columns;
   };
 
-  // The order and where friction breaks away, within the training data.
+  // The order and the break distances, within the training data.
   int order = options.order;
   std::vector<Place> found;  // of the order chosen
-  Search last{kFine};
+  Search last{kFineTolerance};
   for (std::size_t i = 0; i < data.inputs.size(); ++i) {
     if (data.inputs[i].break_distance > 0.0)
       last.longest.push_back(longest_break_distance(data, i, options));
@@ -427,12 +431,13 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
     const Starts starts = starts_within(data, share, most);
     double least = std::numeric_limits<double>::infinity();
     int futile = 0;
-    for (int tried = first; tried <= most && futile < kFutile && enough(problem, tried); ++tried) {
+    for (int tried = first;
+         tried <= most && futile < kMaxOrdersWithoutGain && enough(problem, tried); ++tried) {
       const auto best = sought(problem, starts_of(starts, tried, data), {}, out.evaluations);
       MultivariableTrial trial{tried, std::numeric_limits<double>::quiet_NaN()};
       if (best) trial.left = left_of(problem, best->at, share, options.training_share);
       ++futile;
-      if (trial.left < kWorthIt * least) {
+      if (trial.left < kMaxResidualRatioToAccept * least) {
         least = trial.left;
         order = tried;
         found = {best->at};
@@ -442,11 +447,13 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
     }
     for (MultivariableTrial& trial : out.trials) trial.chosen = trial.order == order;
     if (seek && !found.empty()) {
-      const auto best = sought(problem, found, {kRough, true, last.longest}, out.evaluations);
+      const auto best =
+          sought(problem, found, {kCoarseTolerance, true, last.longest}, out.evaluations);
       if (best) {
         out.distances.left_given = least;
         out.distances.left_found = left_of(problem, best->at, share, options.training_share);
-        out.distances.taken = last.distances = out.distances.left_found < kWorthIt * least;
+        out.distances.taken = last.distances =
+            out.distances.left_found < kMaxResidualRatioToAccept * least;
         if (last.distances) found = {best->at};
       }
     }
@@ -501,8 +508,8 @@ MultivariableFit identify_multivariable(const MultivariableData& data,
     Found one;
     one.pole.pair = pair;
     one.pole.omega = at(value);
-    // On a bound of the search it is not what the data say.
-    const double fast = fastest(data.sample_time_s), slow = kTwoPi * kSlowest_hz;
+    // A pole on a bound of the search is not determined by the data.
+    const double fast = fastest(data.sample_time_s), slow = kTwoPi * kMinFrequency_hz;
     const bool bound = one.pole.omega < 1.001 * slow || one.pole.omega > 0.999 * fast;
     one.pole.omega_deviation = bound ? std::numeric_limits<double>::infinity() : deviation(value);
     if (pair) {

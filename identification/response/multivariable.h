@@ -4,18 +4,17 @@
 //   W^-1 y = W^-1 G(s) u,   G_ji(s) = d_ji + sum_k (c1_jik s + c0_jik) / (s^2 + 2 zeta_k omega_k s
 //   + omega_k^2)   or   c_jik / (s + p_k)
 //
-// W is the diagonal matrix of output scales (thesis eq. 5.2), here what the fit leaves of each
-// output: without it a torque in Nm would outweigh an error in um by a million. For given poles all
+// W is the diagonal matrix of output scales (thesis eq. 5.2), here the residual of each output:
+// without it a torque in Nm would outweigh an error in um by a million. For given poles all
 // coefficients, an offset of every output and the starting states are one least squares problem for
 // all outputs, which is projected out; the poles are sought by Levenberg-Marquardt in log p, log
 // omega, log zeta, so that every fit is stable. It starts from vector fitting of the frequency
 // responses of all channels together. Inputs are exact cubics or straight lines between samples
-// (twin/hold.h). Where friction breaks away is sought with the poles: of inputs that are Maxwell
-// elements, the logarithms of their break distances.
+// (twin/hold.h). For inputs that are Maxwell elements, the logarithms of their break distances are
+// estimated together with the poles.
 //
-// An input that noise of the outputs comes back into, as a torque in a closed loop, biases the fit
-// by that noise; commands and friction along the motion are the inputs of a closed loop. Any
-// thread.
+// An input that depends on the noise of the outputs, such as the torque of a closed loop, biases
+// the fit. For a closed loop use commands and friction along the motion as inputs. Any thread.
 #pragma once
 
 #include <Eigen/Core>
@@ -51,26 +50,26 @@ struct MultivariableData {
 
 struct MultivariableOptions {
   int order = 0;                ///< number of poles, 1..kMostPoles; 0: by held-out error
-  int most = 12;                ///< of those tried
-  double training_share = 0.7;  ///< the first part of every record; the rest judges
-  /// Break distances are sought, and taken where that leaves less of data that were not fitted.
+  int most = 12;                ///< highest order tried
+  double training_share = 0.7;  ///< the first part of every record; the rest is held out
+  /// Estimate break distances, and use them if they reduce the residual of the validation data.
   bool seek_break_distances = true;
 };
 
 struct MultivariableTrial {
   int order = 0;
-  /// Of the last third of the training data, not fitted: the geometric mean over the outputs of
-  /// what free simulation leaves of each, as a share of its own RMS.
+  /// Residual RMS of free simulation over the RMS of the output, geometric mean over the outputs,
+  /// on the last third of the training data, which is not fitted for this.
   double left = 0.0;
   bool chosen = false;
 };
 
-/// Whether break distances were sought, and what came of it.
+/// Residuals with the given and with the estimated break distances.
 struct BreakDistanceTrial {
-  /// As in a trial, of the order chosen: with those given, and with those found; NaN: not sought.
+  /// As MultivariableTrial::left, for the chosen order; NaN: not estimated.
   double left_given = std::numeric_limits<double>::quiet_NaN();
   double left_found = std::numeric_limits<double>::quiet_NaN();
-  bool taken = false;
+  bool taken = false;  ///< the estimated distances are used
 };
 
 struct MultivariableFit {
@@ -78,15 +77,15 @@ struct MultivariableFit {
   /// Per output one row per input: of every pole c, or c1 and c0; then d. In the units of the data.
   std::vector<Eigen::MatrixXd> coefficients;
   Eigen::ArrayXd scale;            ///< W, in the units of the outputs
-  Eigen::ArrayXd training;         ///< RMS that is left of every output where it was fitted,
-  Eigen::ArrayXd holdout;          ///< and where it was not: free simulation from the start
-  Eigen::ArrayXd holdout_outputs;  ///< RMS of the outputs there, about their mean
-  /// Of every output (rows) what each source alone makes of it there: RMS about the mean. Parts may
-  /// cancel each other.
+  Eigen::ArrayXd training;         ///< residual RMS of every output on the training data,
+  Eigen::ArrayXd holdout;          ///< and on the held-out data, in free simulation from the start
+  Eigen::ArrayXd holdout_outputs;  ///< RMS of the outputs on the held-out data, about their mean
+  /// RMS about the mean of the response of every output (rows) to each source alone (columns), on
+  /// the held-out data. Contributions may cancel each other.
   Eigen::ArrayXXd parts;
   std::vector<MultivariableTrial> trials;
-  /// Of every input; 0 where it is no element. Their standard deviations are 0 where they were
-  /// given.
+  /// One value per input [m | rad], 0 for an input that is no element; standard deviations of given
+  /// distances are 0.
   std::vector<double> break_distances, break_deviations;
   BreakDistanceTrial distances;
   int evaluations = 0;
@@ -95,8 +94,8 @@ struct MultivariableFit {
   [[nodiscard]] std::complex<double> at(std::size_t output, std::size_t input, double omega) const;
 };
 
-/// What these inputs (`wanted`, one per input of the data) make of every output along a record,
-/// begun at rest: rows x outputs, without the constants that a fit has.
+/// Response of every output to these inputs alone (`wanted`, one per input of the data) along a
+/// record, from rest: rows x outputs, without the constants of the fit.
 [[nodiscard]] Eigen::MatrixXd answer_of(const MultivariableFit& fit, const MultivariableData& data,
                                         const MultivariableRecord& record,
                                         const std::vector<bool>& wanted);
@@ -109,18 +108,18 @@ struct MultivariableMatrices {
 };
 [[nodiscard]] MultivariableMatrices matrices_of(const MultivariableFit& fit);
 
-/// What remembers where it turned, as friction does: one Maxwell element over the measured position
-/// that slides at +-1 after `break_distance` from rest [m | rad]. Several of them, as inputs, are
-/// generalised Maxwell-slip friction whose levels are found by projection.
+/// The force of one Maxwell element along the measured position, which slides at +-1 after
+/// `break_distance` from rest [m | rad]. Several of them, as inputs, are generalised Maxwell-slip
+/// friction whose levels are estimated by projection.
 [[nodiscard]] Eigen::ArrayXd friction_input(const Eigen::ArrayXd& position, double break_distance);
 
-/// The longest break distance of an element along this input [m | rad]: a quarter of what it
-/// travels within the first part of every record, which the first fits have.
+/// The longest break distance of an element along this input [m | rad]: a quarter of the travel
+/// within the first part of every record, which the first fits use.
 [[nodiscard]] double longest_break_distance(const MultivariableData& data, std::size_t input,
                                             const MultivariableOptions& options = {});
 
-/// Throws std::runtime_error, one line, where the data are too short, an element does not slide, or
-/// no fit is finite.
+/// Throws std::runtime_error, one line, if the data are too short, an element does not slide, or no
+/// fit is finite.
 [[nodiscard]] MultivariableFit identify_multivariable(const MultivariableData& data,
                                                       const MultivariableOptions& options = {});
 

@@ -13,8 +13,8 @@ namespace {
 
 using Index = Eigen::Index;
 
-/// A Maxwell element along a motion and its derivative by the logarithm of its break distance: what
-/// sticks has come as far as it moved over that distance, what slides does not depend on it.
+/// A Maxwell element along a motion and its derivative by the logarithm of its break distance: a
+/// sticking element depends on its travel over that distance, a sliding one does not.
 struct Element {
   Eigen::ArrayXd force, by_log_distance;
 };

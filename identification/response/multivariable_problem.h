@@ -1,10 +1,9 @@
-// The least squares problem of a multivariable fit at one place of its search: all that enters
-// linearly is projected out, for all outputs at once (docs/theory.md 15.3).
+// The least squares problem of a multivariable fit at one point of its search: all linear
+// parameters are projected out, for all outputs at once (docs/theory.md 15.3).
 //
-// Columns: of every pole its answer to every input and its free motion in every record; the inputs
-// themselves; a constant per record. Inputs that are Maxwell elements move with their break
-// distances. Any one thread: an evaluation overwrites what the last one left in megabytes of
-// columns.
+// Columns: for every pole its response to every input and its free response in every record; the
+// inputs themselves; a constant per record. Inputs that are Maxwell elements change with their
+// break distances. One thread at a time: an evaluation overwrites the columns of the last one.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,7 +14,7 @@
 
 namespace servotwin {
 
-/// A place of the search.
+/// A point of the search.
 struct MultivariablePlace {
   std::vector<bool> pair;             ///< of every pole
   std::vector<double> poles;          ///< of every pole log p, or log omega and log zeta
@@ -27,8 +26,9 @@ class MultivariableProblem {
   /// The first `share` of every record is fitted. `data` must outlive it.
   MultivariableProblem(const MultivariableData& data, double share);
 
-  /// What the best coefficients leave of the outputs over their scale, and its derivative by the
-  /// place (Kaufman), one block of rows per output: of the poles, then of the distances.
+  /// The residual of the best coefficients, outputs over their scale, and its derivative by the
+  /// point of the search (Kaufman), one block of rows per output: by the poles, then by the
+  /// distances.
   struct Left {
     Eigen::MatrixXd coefficients;  ///< one column per output
     Eigen::MatrixXd residual;      ///< rows x outputs
@@ -39,16 +39,17 @@ class MultivariableProblem {
   };
   [[nodiscard]] Left solve(const MultivariablePlace& at, Derivatives wanted) const;
 
-  /// RMS of what these coefficients leave of every output in free simulation of the records, from
-  /// one share of them to another: in the units of the outputs.
+  /// Residual RMS of every output with these coefficients in free simulation of the records, from
+  /// one share of each record to another, in the units of the outputs.
   [[nodiscard]] Eigen::ArrayXd judged(const MultivariablePlace& at,
                                       const Eigen::MatrixXd& coefficients, double from,
                                       double to) const;
-  /// What each source alone makes of each output there: RMS about the mean, outputs x sources.
+  /// RMS about the mean of the response of each output to each source alone, there: outputs x
+  /// sources.
   [[nodiscard]] Eigen::ArrayXXd parts_between(const MultivariablePlace& at,
                                               const Eigen::MatrixXd& coefficients, double from,
                                               double to) const;
-  /// RMS of the outputs about their mean, there and where they are fitted.
+  /// RMS of the outputs about their mean: there, and on the fitted part.
   [[nodiscard]] Eigen::ArrayXd spread_between(double from, double to) const;
   [[nodiscard]] Eigen::ArrayXd spread() const;
 

@@ -1,4 +1,4 @@
-// The pieces of vector fitting (vector_fitting.h): a rational function as the sum of simple
+// The parts of vector fitting (vector_fitting.h): a rational function as the sum of simple
 // fractions, its residues by least squares, and the relocation of its poles. Frequencies are in
 // units of the mean frequency of the points. Any thread.
 #pragma once

@@ -13,8 +13,8 @@ namespace {
 constexpr int kMostOrder = 12;
 constexpr std::size_t kPointsPerPole = 6;
 constexpr std::size_t kFewestPoints = 12;
-constexpr double kLeastPower = 0.01;  // of the input, where it is fitted
-constexpr double kLowest = 2.0;       // in lines: below, the mean that was removed is missing
+constexpr double kLeastPower = 0.01;  // share of the input's power at the fitted frequencies
+constexpr double kLowest = 2.0;       // in lines: below them the removed mean distorts the spectrum
 constexpr double kHighest = 0.4;      // of the sampling rate
 
 bool usable(const ResponsePoints& points) {
@@ -30,16 +30,17 @@ FittedResponse fitted(std::span<const ResponseRecord> records, double sample_tim
   out.fitted = whole.significant(0, (kLowest - 0.5) / whole.window_s, kHighest / sample_time_s);
   if (out.fitted.size() < kFewestPoints) {
     out.declined = "only " + std::to_string(out.fitted.size()) +
-                   " frequencies say more than chance does, a fit needs " +
+                   " frequencies have significant coherence, a fit needs " +
                    std::to_string(kFewestPoints);
     return out;
   }
   if (const double power = whole.channels[0].power(out.fitted).sum(); power < kLeastPower) {
     char words[160];
-    std::snprintf(words, sizeof words,
-                  "only %.2g %% of the input's power is where it is coherent: where it moves, the "
-                  "output is not a linear answer to it",
-                  100.0 * power);
+    std::snprintf(
+        words, sizeof words,
+        "only %.2g %% of the input's power is at frequencies with significant coherence: the "
+        "output is not a linear response to the input",
+        100.0 * power);
     out.declined = words;
     return out;
   }
@@ -61,11 +62,12 @@ FittedResponse fitted(std::span<const ResponseRecord> records, double sample_tim
       halves[i] = frequency_response(records, sample_time_s, half).points(0, out.fitted);
     }
   } catch (const std::runtime_error&) {
-    out.declined = "too few windows to tell the order from half of them; give it";
+    out.declined = "half of the windows are too few to choose the order; give the order";
     return out;
   }
   if (!usable(halves[0]) || !usable(halves[1])) {
-    out.declined = "the halves of the recording are excited at unlike frequencies; give the order";
+    out.declined =
+        "the halves of the recording are excited at different frequencies; give the order";
     return out;
   }
   const int most = std::min(kMostOrder, static_cast<int>(out.fitted.size() / kPointsPerPole));

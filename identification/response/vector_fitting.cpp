@@ -21,13 +21,16 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int kRelocations = 20;  // of the poles by vector fitting, from each start
-constexpr double kFar = 20.0;     // log of a and b: a pole out there is no pole of these points
+// Largest |log| of a and b; beyond it a pole is outside the points' band.
+constexpr double kMaxLogCoefficient = 20.0;
 constexpr double kStartDamping = 0.01;  // Gustavsen and Semlyen 1999
-constexpr double kPeakDamping = 0.05;   // of a pair that is added where the fit is worst
+constexpr double kPeakDamping = 0.05;   // of a pair that is added at the largest misfit
 constexpr Index kPeakPoints = 5;        // over which that place is averaged
-constexpr Index kBlock = 8;             // neighbouring frequencies: their errors hang together
-constexpr double kSpared = 2.0;     // of the held-out misfit, for a fit without undetermined poles
-constexpr double kNoMatter = 1e-3;  // of the squared deviation: orders that differ by less do not
+constexpr Index kBlock = 8;             // neighbouring frequencies, whose errors are correlated
+// Allowed increase of the held-out misfit to avoid undetermined poles.
+constexpr double kMaxMisfitRatio = 2.0;
+// Difference in mean squared error below which orders are equal.
+constexpr double kMinMisfitDifference = 1e-3;
 
 struct Candidate {
   Factors factors;
@@ -100,7 +103,7 @@ class ResponseCost final : public ceres::CostFunction {
                 double** jacobians) const override {
     const double* x = parameters[0];
     const Index rows = p_.s.size(), poles = nonlinear(), n = poles + 1;
-    if ((Eigen::Map<const Eigen::ArrayXd>(x, poles).abs() > kFar).any()) return false;
+    if ((Eigen::Map<const Eigen::ArrayXd>(x, poles).abs() > kMaxLogCoefficient).any()) return false;
     const Factors factors = factors_at(x);
     const Eigen::MatrixXcd basis = basis_of(factors, p_.s);
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -178,7 +181,7 @@ Factors spread(double from, double to, int order, bool logarithmic) {
   return out;
 }
 
-/// The frequency about which the fit is worst.
+/// The frequency around which the misfit is largest.
 double worst_at(const WeightedResponse& p, const Candidate& fit) {
   const Eigen::MatrixXcd modelled =
       basis_of(fit.factors, p.s) * fit.linear.coefficients.transpose().cast<Complex>();
@@ -199,7 +202,7 @@ bool enough(const ResponsePoints& points, int order) {
 
 enum class Polish { kNone, kLeastSquares };
 
-/// Of this order, with the fit of two poles less as one of the starts.
+/// The fit of this order, with the fit of two poles fewer as one of the starts.
 Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler, Polish polish) {
   const auto polished = [&](const Candidate& found) {
     return polish == Polish::kNone ? found : refined(p, found);
@@ -216,14 +219,14 @@ Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler,
     const Candidate found = polished(fitted_from(p, start));
     if (found.linear.cost < best.linear.cost) best = found;
   }
-  if (simpler != nullptr) {  // that pair as it stands, where vector fitting lost it
+  if (simpler != nullptr) {  // the simpler fit's poles unchanged, in case vector fitting loses them
     const Candidate added = polished({starts.back(), residues_of(p, starts.back())});
     if (added.linear.cost < best.linear.cost) best = added;
   }
   return best;
 }
 
-/// The fits of orders 1 to `most`, each begun from the one of two poles less.
+/// The fits of orders 1 to `most`, each started from the one with two poles fewer.
 std::vector<Candidate> grown(const WeightedResponse& p, int first, int step, int most,
                              Polish polish = Polish::kLeastSquares) {
   std::vector<Candidate> out;
@@ -394,7 +397,7 @@ std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
       sum(k) = more.segment(begin, end - begin).sum();
     }
     const double error = std::sqrt((sum - sum.mean()).square().sum());
-    if (more.sum() <= std::max(error, kNoMatter * points)) {
+    if (more.sum() <= std::max(error, kMinMisfitDifference * points)) {
       chosen = i;
       break;
     }
@@ -405,7 +408,7 @@ std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
     return described(whole, fits[static_cast<std::size_t>(i)], options.delay_s);
   };
   ChosenFit out{fit_of(chosen), {}};
-  for (Index i = chosen; i >= 0 && sums(i) <= kSpared * sums(chosen); --i) {
+  for (Index i = chosen; i >= 0 && sums(i) <= kMaxMisfitRatio * sums(chosen); --i) {
     if (RationalFit fit = fit_of(i); all_determined(fit)) {
       out.fit = std::move(fit);
       chosen = i;

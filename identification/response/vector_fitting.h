@@ -23,7 +23,7 @@ struct ResponsePoints {
   Eigen::ArrayXd omega;       ///< [rad/s], > 0, increasing
   Eigen::MatrixXcd response;  ///< G
   Eigen::MatrixXd deviation;  ///< > 0, of the real and of the imaginary part
-  /// How many rows tell the same: 1 where they are independent (frequency_response.h).
+  /// Number of rows per independent one: 1 if they are independent (frequency_response.h).
   double overlap = 1.0;
 };
 
@@ -37,7 +37,7 @@ struct FittedPole {
   /// fitted anew, 0..1.
   double explains = 0.0;
 
-  /// Frequency and damping are known to a third of themselves.
+  /// The standard deviations of frequency and damping are below a third of the values.
   [[nodiscard]] bool determined() const {
     return 3.0 * omega_deviation < omega && 3.0 * zeta_deviation < zeta;
   }
@@ -59,7 +59,8 @@ struct RationalFit {
 
 struct RationalOptions {
   double delay_s = 0.0;  ///< tau, known
-  /// 2 zeta omega of a pair is at least this [rad/s]: what is narrower, the points cannot show.
+  /// 2 zeta omega of a pair is at least this [rad/s]: a narrower resonance is not resolved by the
+  /// points.
   double least_width = 0.0;
 };
 
@@ -70,15 +71,15 @@ inline constexpr int kMostPoles = 16;
 [[nodiscard]] std::optional<RationalFit> fit_rational(const ResponsePoints& points, int order,
                                                       const RationalOptions& options = {});
 
-/// Where a search in the time domain begins: the poles of orders 1 to `most` by vector fitting
-/// alone, as far as the points are enough. A pair stands for two real poles, too.
+/// Start values of a search in the time domain: the poles of orders 1 to `most` by vector fitting
+/// alone, as far as there are enough points. A pair may be two real poles.
 [[nodiscard]] std::vector<std::vector<FittedPole>> starting_poles(const ResponsePoints& points,
                                                                   int most);
 
-/// What held-out points say of one order.
+/// The held-out misfit of one order.
 struct OrderTrial {
   int order = 0;
-  double held_out = 0.0;  ///< as RationalFit::misfit, over points that the fit has not seen
+  double held_out = 0.0;  ///< as RationalFit::misfit, over held-out points
   bool chosen = false;
 };
 
@@ -88,9 +89,9 @@ struct ChosenFit {
 };
 
 /// The simplest order, up to `most`, whose held-out misfit is within one standard error of the
-/// least, by blocks of neighbouring frequencies. `halves` are of unlike parts of the records, over
-/// the same frequencies as `all`; each judges what is fitted to the other. Nothing where no order
-/// can be fitted.
+/// least, by blocks of neighbouring frequencies. `halves` are estimated from different parts of
+/// the records, at the same frequencies as `all`; each validates the fits to the other. Nothing
+/// where no order can be fitted.
 [[nodiscard]] std::optional<ChosenFit> fit_rational_order(
     const ResponsePoints& all, const std::array<ResponsePoints, 2>& halves, int most,
     const RationalOptions& options = {});

@@ -63,22 +63,23 @@ class LogCost final : public ceres::CostFunction {
   const Residual& residual_;
 };
 
-/// Deviations are those of the residual being noise of its own size.
+/// The deviations take the residual for noise.
 FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
                 const Residual& residual) {
-  constexpr double kFarthest = 4.6;  // ln 100: what is farther off is no part of this axis
+  // Largest change of a part from its given value: a factor of 100.
+  constexpr double kMaxLogChange = 4.6;
   FeedAxisParts start = parts;
   std::vector<double> logs;
   for (const Sought& one : sought) {
     if (!(one.of(start) > 0.0))
-      throw std::runtime_error(one.name + " is 0; what is fitted must start above 0");
+      throw std::runtime_error(one.name + " is 0; a fitted parameter must start above 0");
     logs.push_back(std::log(one.of(start)));
   }
   const Eigen::VectorXd before = residual(parts);
   if (before.size() <= static_cast<Eigen::Index>(sought.size()) || !before.allFinite())
     throw std::runtime_error(
-        "the axis with the given parts cannot be compared: it is not stable, "
-        "or there is too little data");
+        "the axis with the given parts cannot be compared with the data: it is not "
+        "stable, or the data are too few");
   FeedAxisFit out;
   out.rms_before = std::sqrt(before.squaredNorm() / static_cast<double>(before.size()));
 
@@ -88,8 +89,8 @@ FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
   ceres::Problem problem(keep);
   problem.AddResidualBlock(const_cast<LogCost*>(&cost), nullptr, logs.data());
   for (std::size_t i = 0; i < logs.size(); ++i) {
-    problem.SetParameterLowerBound(logs.data(), static_cast<int>(i), logs[i] - kFarthest);
-    problem.SetParameterUpperBound(logs.data(), static_cast<int>(i), logs[i] + kFarthest);
+    problem.SetParameterLowerBound(logs.data(), static_cast<int>(i), logs[i] - kMaxLogChange);
+    problem.SetParameterUpperBound(logs.data(), static_cast<int>(i), logs[i] + kMaxLogChange);
   }
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_QR;
@@ -160,8 +161,9 @@ Eigen::ArrayXd at_rate(const Segment& segment, double rate_hz) {
 }
 
 FeedAxisFit fit_response(const FeedAxisParts& parts, const VelocityResponse& response) {
-  constexpr double kKnown = 1.1;      // ln 3
-  constexpr double kMeasured = 0.05;  // of the logarithm: 0.4 dB, 3 degrees
+  constexpr double kPriorDeviation = 1.1;  // ln 3: prior deviation of a part's logarithm
+  // Deviation of the response's logarithm: 0.4 dB, 3 degrees.
+  constexpr double kResponseDeviation = 0.05;
   const Eigen::Index n = response.frequency_hz.size();
   const Residual residual = [&](const FeedAxisParts& tried) {
     const Eigen::ArrayXcd simulated =
@@ -173,7 +175,8 @@ FeedAxisFit fit_response(const FeedAxisParts& parts, const VelocityResponse& res
     out.segment(n, n) = missed.imag();
     for (std::size_t i = 0; i < springs().size(); ++i)
       out(2 * n + static_cast<Eigen::Index>(i)) =
-          kMeasured / kKnown * std::log(springs()[i].of(to) / springs()[i].of(from));
+          kResponseDeviation / kPriorDeviation *
+          std::log(springs()[i].of(to) / springs()[i].of(from));
     return out;
   };
   return fit(parts, springs(), residual);
@@ -183,14 +186,14 @@ FeedAxisFit fit_friction(const FeedAxisParts& parts, FrictionOf which,
                          const std::vector<Segment>& segments) {
   const bool drive = which == FrictionOf::kDrive;
   if (!(drive ? parts.friction : parts.cover))
-    throw std::runtime_error("the parts have no friction to start from");
+    throw std::runtime_error("the parts have no friction as a start value");
   ReducedAxis axis = reduced_axis(parts);
   const double rate = parts.control.rate_hz;
   std::vector<Eigen::ArrayXd> commands;
   Eigen::Index rows = 0;
   for (const Segment& segment : segments) {
     if (segment.torque.size() != segment.size())
-      throw std::runtime_error("there is a stretch without torque");
+      throw std::runtime_error("a segment has no torque");
     commands.push_back(at_rate(segment, rate));
     rows += segment.size();
   }

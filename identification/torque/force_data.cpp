@@ -15,8 +15,8 @@ namespace {
 constexpr int kMotionOrder = 4, kComparisonOrder = 8;
 constexpr double kMotionBandwidth = 2.5;  // of the bandwidth of the comparison
 constexpr double kRipple_dB = 0.05;
-constexpr double kPassBand = 0.8;  // of what half the thinned rate could carry
-// Where filters still know of the ends of a stretch [s].
+constexpr double kPassBand = 0.8;  // of half the thinned rate
+// Samples this close to the ends of a stretch are affected by the filters and left out [s].
 constexpr double kBorder_s = 0.049, kBorderPeriods = 1.96;  // the former at 40 Hz
 
 /// [DIFFCENT] central differences, one-sided at the ends.
@@ -29,7 +29,7 @@ Eigen::ArrayXd differentiated(const Eigen::ArrayXd& x, double h) {
   return out;
 }
 
-/// The parts of a segment whose torque is there.
+/// The parts of a segment with torque values.
 std::vector<Segment> with_torque(const Segment& segment, Eigen::Index shortest) {
   std::vector<Segment> parts;
   for (Eigen::Index k = 0; k < segment.torque.size();) {
@@ -125,9 +125,9 @@ ForceData ForceData::of_motion(const std::vector<Segment>& segments, double band
   }
   if (data.stretches_.empty()) {
     throw std::runtime_error(
-        "there is no stretch of " + std::to_string(shortest) +
-        " samples with torque, which this bandwidth needs: a force fit takes the motor's torque, "
-        "force or current beside the motion; record longer, or compare up to a higher bandwidth");
+        "there is no segment of " + std::to_string(shortest) +
+        " samples with torque, which this bandwidth needs: a force fit needs the motor's torque, "
+        "force or current with the motion; record longer, or compare up to a higher bandwidth");
   }
   data.finish();
   return data;
@@ -161,7 +161,7 @@ ForceData ForceData::of_virgin_curve(const Eigen::ArrayXd& displacement,
     Motion m;
     m.step_s = 1.0;
     m.position = x;
-    m.displacement = x - before;  // and no speed: it is hysteresis alone
+    m.displacement = x - before;  // speed stays 0: a virgin curve contains hysteresis only
     stretch.motion.push_back(m);
     before = x;
   }

@@ -16,13 +16,13 @@ namespace servotwin {
 
 namespace {
 
-// The global search may look at this many samples in all.
+// Samples that the global search may evaluate in total.
 constexpr double kSearchSamples = 1e7;
 constexpr int kFewestEvaluations = 200, kMostEvaluations = 10'000;
 constexpr unsigned long kSeed = 1;
-constexpr double kUnseen = 1e-9;  // of a unit force
+constexpr double kMinUnitForce = 1e-9;  // largest unit force below which a column counts as 0
 // Relative decrease of the cost at which a refinement ends.
-constexpr double kRough = 1e-3, kFine = 1e-8;
+constexpr double kCoarseTolerance = 1e-3, kFineTolerance = 1e-8;
 
 /// The linear problem at given shapes.
 /// Motion::friction of a law whose elements, where it has several, weigh the same.
@@ -71,7 +71,7 @@ class ForceProjection {
     for (const ForceData::Stretch& stretch : data_.stretches()) {
       Eigen::Index column = structure_.mass ? 1 : 0, shape = 0, rows = 0;
       std::size_t entry = 0;
-      Eigen::ArrayXd friction;  // of a law that comes before what changes it
+      Eigen::ArrayXd friction;  // of the friction law, which precedes effects that change it
       for (const std::size_t kind : structure_.effects) {
         const auto n = static_cast<Eigen::Index>(stretch.motion.size());
         const UnitColumns units = unit_columns(
@@ -104,9 +104,10 @@ class ForceProjection {
       row += rows;
     }
     out.regressors.array().colwise() *= used_.array();
-    // A force that these rows never see, be it 1e-200, is none.
+    // A force that does not occur in these rows, even if it is 1e-200, is set to 0.
     for (Eigen::Index c = 0; c < out.regressors.cols(); ++c) {
-      if (out.regressors.col(c).cwiseAbs().maxCoeff() < kUnseen) out.regressors.col(c).setZero();
+      if (out.regressors.col(c).cwiseAbs().maxCoeff() < kMinUnitForce)
+        out.regressors.col(c).setZero();
     }
     for (auto& entry : out.by_shape) entry.derivative.array() *= used_.array();
     return out;
@@ -328,18 +329,19 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
             : static_cast<int>(std::clamp<double>(kSearchSamples / samples, kFewestEvaluations,
                                                   kMostEvaluations));
     const double unit = target.norm() / std::sqrt(static_cast<double>(data.rows()));
-    // Both starts roughly, then the better one to its end.
+    // Both starts to the coarse tolerance, then the better one to the fine tolerance.
     double least = 1e300;
     std::vector<double> best;
     for (const auto& from : {start, searched(projection, start, evaluations, fit.evaluations)}) {
-      const auto x = refined(projection, from, unit, kRough, fit.evaluations);
+      const auto x = refined(projection, from, unit, kCoarseTolerance, fit.evaluations);
       const double cost = projection.solve(projection.shapes_at(x.data())).cost;
       if (!(cost < least)) continue;
       least = cost;
       best = x;
     }
     if (best.empty()) return std::nullopt;
-    shapes = projection.shapes_at(refined(projection, best, unit, kFine, fit.evaluations).data());
+    shapes = projection.shapes_at(
+        refined(projection, best, unit, kFineTolerance, fit.evaluations).data());
   }
 
   const auto columns = projection.columns(shapes, true);
@@ -357,7 +359,7 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
   if (!fixed)
     jacobian.rightCols(static_cast<Eigen::Index>(shapes.size())) =
         projection.by_shapes(columns, at.linear);
-  // What is held at 0 has no scatter of its own, and what these rows do not see none that is known.
+  // A coefficient held at 0 has no scatter; that of a force without any row is unknown.
   for (Eigen::Index i = 0; i < columns.regressors.cols(); ++i) {
     if (at.linear(i) == 0.0) jacobian.col(i).setZero();
   }

@@ -11,9 +11,9 @@ namespace servotwin {
 namespace {
 
 constexpr int kFolds = 4;
-constexpr double kSameSpeed = 0.02;
-constexpr double kNegligible = 2e-4;     // of the torque
-constexpr std::size_t kFewestRamps = 8;  // per direction, without stick-slip
+constexpr double kMaxSpeedDifference = 0.02;     // relative difference of speeds within one fold
+constexpr double kNegligibleTorqueShare = 2e-4;  // error over torque below which models are equal
+constexpr std::size_t kFewestRamps = 8;          // per direction, without stick-slip
 
 ForceData pairs_of(const std::vector<Ramp>& ramps) {
   Eigen::ArrayXd velocity(static_cast<Eigen::Index>(ramps.size())), torque(velocity.size());
@@ -29,14 +29,15 @@ bool by_direction(std::size_t kind) {
          kind == kind_of<FrictionMap>();
 }
 
-/// The simplest, which comes first, whose held-out error is within `slack` of the least, or not
-/// worth a thought beside the torque.
+/// The simplest model (the first) whose held-out error is within `slack` of the least, or
+/// negligible compared with the torque.
 void choose(std::vector<FrictionTrial>& trials, double slack) {
   if (trials.empty()) throw std::runtime_error("no friction model could be fitted to the torque");
   double least = std::numeric_limits<double>::infinity();
   for (const FrictionTrial& trial : trials) least = std::min(least, trial.held_out.rms);
   for (FrictionTrial& trial : trials) {
-    if (trial.held_out.rms > (1.0 + slack) * least && trial.held_out.relative > kNegligible)
+    if (trial.held_out.rms > (1.0 + slack) * least &&
+        trial.held_out.relative > kNegligibleTorqueShare)
       continue;
     trial.chosen = true;
     return;
@@ -88,14 +89,14 @@ std::vector<FrictionTrial> compare_on_ramps(const std::vector<Ramp>& ramps) {
     }
   }
   // Folds by speed: what runs at one speed, in whichever direction, is held out together. The
-  // slowest and the fastest are always seen: beyond them a model would have to guess.
+  // slowest and the fastest are never held out: a model would have to extrapolate to them.
   const auto folds_of = [](const std::vector<Ramp>& sorted) {
     std::vector<int> folds;
     int group = -1;
     double speed = 0.0;
     for (const Ramp& ramp : sorted) {
       const double here = std::abs(ramp.velocity);
-      if (group < 0 || here > (1.0 + kSameSpeed) * speed) {
+      if (group < 0 || here > (1.0 + kMaxSpeedDifference) * speed) {
         ++group;
         speed = here;
       }
@@ -136,7 +137,7 @@ std::vector<FrictionTrial> compare_on_ramps(const std::vector<Ramp>& ramps) {
       const auto part = fit_force(pairs_of(seen), trial.structure);
       if (unseen.empty()) continue;
       if (!part) {
-        at = 0;  // a model that a fold cannot be fitted with is none
+        at = 0;  // a model that cannot be fitted to a fold is excluded
         break;
       }
       const ForceData held = pairs_of(unseen);
@@ -195,7 +196,7 @@ double steady_force(const ForceModel& model, double velocity) {
     EffectMemory<double> memory;
     start_memory<double>(effect.kind, effect.shape.data(), memory);
     std::array<double, kMaxCoefficients> force{};
-    // The first step brings friction to where it stays.
+    // One long step brings friction to its steady state.
     for (int i = 0; i < 2; ++i)
       unit_forces<double>(effect.kind, effect.shape.data(), memory, m, force.data());
     for (std::size_t c = 0; c < coefficients_of(effect.kind).size(); ++c)

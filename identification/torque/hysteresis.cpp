@@ -67,8 +67,8 @@ VirginCurve virgin_curve_of(const std::vector<Segment>& segments, double travel,
   }
   if (branches.empty()) {
     throw std::runtime_error(
-        "there is no reversal with torque and enough travel on both sides of it: move to and fro, "
-        "slowly, by more than the travel in which friction builds up");
+        "there is no reversal with torque and enough travel on both sides of it: move back and "
+        "forth slowly, by more than the travel in which friction builds up");
   }
   VirginCurve curve;
   curve.branches = static_cast<int>(branches.size());

@@ -9,7 +9,7 @@
 namespace servotwin {
 namespace {
 
-constexpr double kMilli = 1e-3;      // messages say mm
+constexpr double kMilli = 1e-3;      // messages print mm
 constexpr double kRounding = 1e-12;  // of m v against v^2 / 2a
 
 std::string said(double value) {
@@ -26,7 +26,7 @@ double up_to_milliseconds(double seconds) {
   return std::ceil(seconds / kMilli * (1.0 - kRounding)) * kMilli;
 }
 
-/// Where a speed turns, from the centre.
+/// Turning point of a speed, from the centre.
 double turning_point(const MotionLawPlan& plan, std::size_t i) {
   return plan.bands[i] / 2.0 + plan.settle_s * plan.velocities[i];
 }
@@ -88,7 +88,7 @@ std::vector<MotionRamp> ramps_of(const MotionLawPlan& plan) {
     ramp.to = target;
     ramp.start_s = time;
     ramp.end_s = time + std::abs(target - position) / v + v / plan.acceleration;
-    // Half of v/a is lost while it accelerates.
+    // Accelerating takes v/a and covers only the distance of v/2a at full speed.
     const double to_band = std::abs(plan.centre - position) - ramp.band / 2.0;
     ramp.band_begin_s = time + to_band / v + v / plan.acceleration / 2.0;
     ramp.band_end_s = ramp.band_begin_s + ramp.band / v;
@@ -124,7 +124,7 @@ MotionLaw::MotionLaw(const MotionLawPlan& plan)
   std::fill(single.bands.begin(), single.bands.end(),
             *std::max_element(plan.bands.begin(), plan.bands.end()));
   single_band_duration_s_ = ramps_of(single).back().end_s + plan.rest_s;
-  if (!std::isfinite(single_band_duration_s_)) refuse("it would never come to an end");
+  if (!std::isfinite(single_band_duration_s_)) refuse("the motion would never end");
 }
 
 double MotionLaw::low() const {

@@ -9,13 +9,15 @@ namespace servotwin {
 
 namespace {
 
-// A window in which the mean motion is this many encoder steps tells standing from moving.
+// Mean motion per window in encoder steps, enough to distinguish standing from moving.
 constexpr double kStepsPerWindow = 20.0;
 constexpr double kShortestWindow_s = 2e-3;
-constexpr double kStands = 0.2, kJumps = 2.0;  // of the mean velocity
-constexpr double kStandingShare = 0.05;        // of the time
-constexpr double kJumpingShare = 0.2;          // of the travel
-constexpr double kCommandSteps = 0.6;          // that a line may miss a rounded command by
+// Speed over the mean: below the first the axis stands, above the second it jumps.
+constexpr double kMaxStandingSpeedRatio = 0.2, kMinJumpSpeedRatio = 2.0;
+constexpr double kMinStandingTimeShare = 0.05;  // of the time
+constexpr double kMinJumpTravelShare = 0.2;     // of the travel
+// Allowed deviation of a rounded command from a line.
+constexpr double kMaxLineDeviationSteps = 0.6;
 constexpr int kBatches = 20;
 
 struct Run {
@@ -24,7 +26,7 @@ struct Run {
 
 /// The longest runs of samples that lie within `tolerance` of the line from their first one: the
 /// slopes that every further sample allows are intersected until none is left. A run whose first
-/// sample lies a little off its line ends early; what goes on in the same line belongs to it.
+/// sample lies slightly off its line ends early; following samples on the same line belong to it.
 std::vector<Run> straight_runs(const Eigen::ArrayXd& x, double tolerance) {
   std::vector<Run> runs;
   Eigen::Index begin = 0;
@@ -57,7 +59,7 @@ std::vector<Run> straight_runs(const Eigen::ArrayXd& x, double tolerance) {
   return runs;
 }
 
-/// Standard deviation of the mean of values that hang together: from the means of batches.
+/// Standard deviation of the mean of correlated values, from the means of batches.
 double deviation_of_mean(const Eigen::ArrayXd& values) {
   const Eigen::Index length = values.size() / kBatches;
   if (length < 1) return kAbsent;
@@ -82,9 +84,11 @@ void judge_steadiness(const Eigen::ArrayXd& position, double h, double encoder_s
   const auto part = [&](auto&& condition) {
     return static_cast<double>(condition.count()) / static_cast<double>(count);
   };
-  const double jumped = (share > kJumps).select(share, 0.0).sum() / static_cast<double>(count);
+  const double jumped =
+      (share > kMinJumpSpeedRatio).select(share, 0.0).sum() / static_cast<double>(count);
   ramp.judged = true;
-  ramp.stick_slip = part(share < kStands) > kStandingShare && jumped > kJumpingShare;
+  ramp.stick_slip =
+      part(share < kMaxStandingSpeedRatio) > kMinStandingTimeShare && jumped > kMinJumpTravelShare;
 }
 
 }  // namespace
@@ -94,7 +98,7 @@ std::vector<Ramp> ramps_of(const std::vector<Segment>& segments, const RampOptio
   std::vector<Segment> commands = segments;
   for (Segment& s : commands) s.actual = s.command;
   const double tolerance =
-      std::max(options.tolerance, kCommandSteps * noise_floor(commands).encoder_step);
+      std::max(options.tolerance, kMaxLineDeviationSteps * noise_floor(commands).encoder_step);
   std::vector<Ramp> ramps;
   for (const Segment& s : segments) {
     if (s.torque.size() == 0) continue;

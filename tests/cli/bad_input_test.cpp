@@ -135,9 +135,9 @@ TEST_F(ABadModel, GoodIsAccepted) {
 }
 TEST_F(ABadModel, Truncated) {
   const std::string whole = good_.dump();
-  expect_refused(whole.substr(0, whole.size() / 2), "no whole JSON");
+  expect_refused(whole.substr(0, whole.size() / 2), "no complete JSON");
 }
-TEST_F(ABadModel, Empty) { expect_refused("", "no whole JSON"); }
+TEST_F(ABadModel, Empty) { expect_refused("", "no complete JSON"); }
 TEST_F(ABadModel, OfAnotherSchema) {
   good_["schema"] = "servotwin.diagnosis/1";
   expect_refused(good_.dump(), "servotwin.diagnosis/1");

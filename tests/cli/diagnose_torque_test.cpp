@@ -54,7 +54,7 @@ TEST(DiagnoseTorque, WhatShowsNothingInEitherWaySaysBothReasons) {
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.err, HasSubstr("R.command does not move"));
   EXPECT_THAT(answer.err,
-              HasSubstr("; a diagnosis by torque fails too: there is no stretch of 262 samples"));
+              HasSubstr("; a diagnosis by torque fails too: there is no segment of 262 samples"));
 }
 
 TEST(DiagnoseTorque, WhatNeedsACommandSaysSo) {
@@ -63,7 +63,7 @@ TEST(DiagnoseTorque, WhatNeedsACommandSaysSo) {
   const Answer identify = servotwin_says({"identify", file, "--axis", "R"});
   EXPECT_EQ(identify.status, 1) << identify;
   EXPECT_THAT(identify.err,
-              HasSubstr("R.command has no values; the set-point of the axis is needed"));
+              HasSubstr("R.command has no values; the setpoint of the axis is needed"));
   const Answer model =
       servotwin_says({"diagnose", file, "--axis", "R", "--extended-model", folder / "m.json"});
   EXPECT_EQ(model.status, 1) << model;

@@ -15,7 +15,7 @@ inline double command_at(double t) { return 0.1 * std::sin(7.0 * t) + 0.02 * t; 
 inline double actual_at(double t) { return command_at(t - 0.004); }
 inline double torque_at(double t) { return 3.0 * std::cos(7.0 * t); }
 
-/// A motion sampled at `at`, and stamped as `stamps` says.
+/// A motion sampled at `at`, with the time stamps `stamps`.
 inline Recording sampled(const std::vector<double>& at, const std::vector<double>& stamps) {
   Recording r;
   r.source = "rec.csv";
@@ -70,7 +70,7 @@ inline void says(const SegmentReport& report, const char* part) {
                                                            << text_of(report);
 }
 
-/// Every row is in exactly one of the report's accounts.
+/// Every row is counted exactly once in the report.
 inline void expect_accounts_to_balance(const SegmentReport& r) {
   EXPECT_EQ(r.used_rows + r.nan_bridged + r.nan_dropped + r.repeated + r.unplaced + r.short_rows,
             r.rows);

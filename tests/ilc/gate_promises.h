@@ -1,5 +1,5 @@
-// A drive behind the gate, and what the gate promises it (ilc/gate.h), judged from outside: by what
-// went in and came out alone.
+// A drive behind the gate, and what the gate promises it (ilc/gate.h), checked from outside, by its
+// inputs and outputs only.
 #pragma once
 
 #include <algorithm>

@@ -154,7 +154,7 @@ TEST(Gate, HoldsWhatIsOutWhereTheClockStands) {
   EXPECT_EQ(out.expires_ns, (cycle - 1) * kCycle_ns + 10'000'000) << "the validity is not renewed";
 }
 
-// A program that ends: the drive has nothing to drop then, and never anything valid for longer.
+// When a program ends, the offset has faded out and no offset is valid beyond the end.
 TEST(Gate, FadesARequestOutBeforeItExpires) {
   std::int64_t cycle = 0;
   Gate gate = open_gate(5e-6, cycle);
@@ -187,7 +187,7 @@ TEST(Gate, AppliesAPartOfARequestThatIsShorterThanTheRamp) {
   }
 }
 
-// What is out may stay as long as was allowed when it came, and needs that to fade out.
+// The active offset keeps its validity, and needs it to fade out.
 TEST(Gate, RefusesAnEndThatIsNearerThanTheFade) {
   std::int64_t cycle = 0;
   Gate gate = open_gate(5e-6, cycle);
@@ -201,7 +201,7 @@ TEST(Gate, RefusesAnEndThatIsNearerThanTheFade) {
   }
 }
 
-// A rate that lets what is out go more slowly than the ramp.
+// A rate limit that makes the fade-out slower than the ramp.
 TEST(Gate, RefusesAnEndThatIsNearerThanTheRateAllows) {
   GateLimits limits = kLimits;
   limits.rate = 0.1e-3;
@@ -255,7 +255,7 @@ TEST(Gate, WithoutPositiveLimitsLetsNothingThrough) {
   }
 }
 
-/// Anything at all, but often near what is permitted, so that outputs are not zero all the time.
+/// Arbitrary requests, often close to permitted ones, so that outputs are not always zero.
 class Fuzz {
  public:
   explicit Fuzz(unsigned seed) : random_(seed) {}

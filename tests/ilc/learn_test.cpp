@@ -98,7 +98,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(Learning, WithAnEncoderOfOneMicrometreIsTheReference) {
   const LearnAxis axis = axis_of(mismatched(), 100.0);
   const Plant exact = machine(plant(), axis.path);
-  // Judged by the position that no encoder has rounded.
+  // Compared with the position before quantisation.
   std::vector<double> found;
   const Plant quantised = [&](const std::vector<Eigen::ArrayXd>& commands) {
     std::vector<Eigen::ArrayXd> out = exact(commands);
@@ -132,7 +132,7 @@ TEST(Learning, IsMonotoneAndAHundredTimesBetterWithinTenTrials) {
 }
 
 TEST(Learning, KeepsTheBestTrialAndEndsWhenErrorsGrow) {
-  // Without Q, in proportion to the error: beyond the loop's bandwidth what is learned comes too
+  // Without Q, in proportion to the error: beyond the loop's bandwidth the correction acts too
   // late, and small errors there grow from trial to trial.
   LearnAxis axis = axis_of(plant(), std::numeric_limits<double>::infinity());
   axis.law.law = Law::kP;
@@ -185,7 +185,8 @@ TEST(Learning, StartsAndEndsWithNothingAndObeysTheLimits) {
   }
 }
 
-// Beyond Q nothing is learned; what the model says without a trial has that bandwidth too.
+// Beyond Q nothing is learned; the correction from the model without a trial has that bandwidth
+// too.
 TEST(Learning, FromWhatTheModelSaysIsBetterThanQAlone) {
   for (const Model& model : {plant(), mismatched()}) {
     LearnAxis axis = axis_of(model, 50.0);
@@ -196,7 +197,7 @@ TEST(Learning, FromWhatTheModelSaysIsBetterThanQAlone) {
   }
 }
 
-/// RMS of the error, judged by the position that no encoder has rounded [um], of learning on a
+/// RMS of the error of the position before quantisation [um], of learning on a
 /// machine with an encoder of 1 um; over several trials, since rounding makes single ones scatter.
 double behind_an_encoder_um(double bandwidth_hz, double reversal_hz, double basis_hz) {
   LearnAxis axis = axis_of(mismatched(), bandwidth_hz, study::circles());
@@ -218,9 +219,9 @@ double behind_an_encoder_um(double bandwidth_hz, double reversal_hz, double basi
   return sum / (count - 4);
 }
 
-// Noise of the encoder passes wherever Q is wide, and friction wherever it is narrow: the best
-// fixed bandwidth is a compromise that neither a bandwidth by time nor the model's friction as a
-// basis has to make.
+// A wide Q passes encoder noise, a narrow Q leaves the effect of friction: the best fixed bandwidth
+// is a compromise. A bandwidth that changes in time, or the correction from the model as a basis,
+// avoids it.
 TEST(Learning, BandwidthAtReversalsAloneBeatsTheBestFixedOne) {
   double fixed = 1e300;
   for (const double bandwidth_hz : {25.0, 35.0, 50.0, 70.0, 85.0, 100.0, 120.0, 140.0, 200.0})
@@ -229,7 +230,7 @@ TEST(Learning, BandwidthAtReversalsAloneBeatsTheBestFixedOne) {
   EXPECT_LT(behind_an_encoder_um(25.0, 0.0, 200.0), 0.75 * fixed);
 }
 
-/// A diamond of 20 mm sides on two axes with unlike loops.
+/// A diamond of 20 mm sides on two axes with different loops.
 std::vector<LearnAxis> diamond(double peak) {
   virtual_machine::PlanePath path(0.0, 0.0);
   const virtual_machine::Limits limits{0.096, 1.5, 60.0};
@@ -249,8 +250,8 @@ std::vector<LearnAxis> diamond(double peak) {
   return {x, y};
 }
 
-// The lag is 1.2 mm and more; where a correction may be far less, it is better spent across the
-// path.
+// The lag is 1.2 mm and more. If the correction is limited to much less, it is more effective
+// across the path.
 TEST(CrossCoupled, UnderLimitsMakesTheContourBetterThanAxisByAxis) {
   const std::vector<LearnAxis> axes = diamond(150e-6);
   LearnOptions options;
@@ -307,8 +308,8 @@ TEST(CrossCoupled, NothingIsKeptThatLeavesThePathWorse) {
   EXPECT_EQ(learned.axes[0].correction.abs().maxCoeff(), 0.0);
 }
 
-// Of an axis that stands beside one that moves, nanometres more are no reason to leave the other
-// one with its error; micrometres are.
+// One axis at rest, one moving: nanometres of additional contour error are no reason to reject the
+// correction of the moving axis; micrometres are.
 TEST(CrossCoupled, AContourErrorOfNothingTakesNothingBack) {
   std::vector<LearnAxis> axes{axis_of(plant(), 100.0), axis_of(plant(), 100.0)};
   axes[1].path.command.setZero();

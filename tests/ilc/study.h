@@ -1,6 +1,6 @@
 // The drive and the program of the reference experiment: the plant of the thesis's study (mm, Hz:
 // poles 9.87, 31.31 at 0.44; Kp 75 1/s, no feed-forward) with presliding friction of 286 mm/s^2
-// over 20 um, four moves of 10 mm to and fro at 0.6 ms; and the model that is off: 9.44, 30.0 at
+// over 20 um, four moves of 10 mm back and forth at 0.6 ms; and the inexact model: 9.44, 30.0 at
 // 0.50, Kp 74.
 #pragma once
 
@@ -17,7 +17,7 @@ inline Loop loop_of(double real_hz, double omega_hz, double zeta, double positio
   constexpr double kTwoPi = 2.0 * std::numbers::pi;
   Loop loop;
   loop.denominator = denominator_of({kTwoPi * real_hz, kTwoPi * omega_hz, zeta}, 3);
-  // No feed-forward: only c2 = a3 / Kp tells the integrator from the position gain.
+  // No feed-forward: only c2 = a3 / Kp separates the integrator from the position gain.
   loop.numerator = {1.0, loop.denominator[0], loop.denominator[2] / position_gain};
   return loop;
 }

@@ -1,4 +1,4 @@
-// A program beside the test, as a user starts it: what it says, and how it ends.
+// A program run by a test as a user starts it: its output and its exit status.
 #pragma once
 
 #include <fcntl.h>
@@ -17,7 +17,8 @@
 
 namespace servotwin::test {
 
-inline constexpr double kPatience_s = 60.0;  // of a busy host; nothing waits that long otherwise
+// Generous for a busy host; normally nothing waits that long.
+inline constexpr double kPatience_s = 60.0;
 
 /// A program that was built with this test.
 inline std::string built(const std::string& name) {
@@ -68,14 +69,15 @@ class Process {
   }
 
   [[nodiscard]] pid_t id() const { return id_; }
-  /// Reads on until it has said this; false if it ends before, or has nothing to say for so long.
+  /// Reads until the output contains `text`; false if the program ends before, or prints nothing
+  /// for `timeout_s`.
   bool says(const std::string& text, double timeout_s = kPatience_s) {
     while (said_.find(text) == std::string::npos) {
       if (!read_more(static_cast<int>(1e3 * timeout_s))) return false;
     }
     return true;
   }
-  /// What it has said so far.
+  /// The output so far.
   const std::string& said() {
     while (read_more(0)) {
     }

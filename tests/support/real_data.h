@@ -1,6 +1,7 @@
 // Recordings of real machines. They are not part of the repository: they are found under
 // $SERVOTWIN_DATA, or beside the repository in shared/data. Where CI=true a missing one is a
-// failure; elsewhere the test says that it is not there and counts as skipped, never as passed.
+// failure; elsewhere the test reports that the data are missing and counts as skipped, never as
+// passed.
 #pragma once
 
 #include <gtest/gtest.h>

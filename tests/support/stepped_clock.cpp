@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 
-/// Nothing if there is no such file, and then the clock is what it is.
+/// The added time; nullptr if there is no such file, and the clock is then unchanged.
 const volatile std::int64_t* added() {
   static const auto* const mapped = [] {
     const char* file = std::getenv("STEPPED_CLOCK");
@@ -59,8 +59,8 @@ time_t time(time_t* now) noexcept {
   if (now != nullptr) *now = precise.tv_sec;
   return precise.tv_sec;
 }
-/// Who waits until a time of the wall clock waits until that clock says so, as in the kernel: for
-/// an hour and more where it is set back meanwhile.
+/// A wait until a time of the wall clock ends when the stepped clock reaches it, as in the kernel:
+/// an hour later or more if the clock is set back meanwhile.
 int pthread_cond_timedwait(pthread_cond_t* condition, pthread_mutex_t* mutex,
                            const timespec* until) noexcept {
   constexpr std::int64_t kLook_ns = 10'000'000;

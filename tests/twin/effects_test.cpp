@@ -203,7 +203,7 @@ TEST(BacklashBehindEncoder, InTheGapTheMotorHasNoFriction) {
   effect.shape = {50e-6, 1e-3, 10.0};  // friction holds the load where it is
   effect.coefficient = {0.4, 0.0};
   Along play(effect);
-  double gone = 0.0;  // way without friction
+  double gone = 0.0;  // travel without friction
   const auto run = [&](double velocity, int cycles) {
     Motion m;
     m.step_s = kH;
@@ -214,7 +214,7 @@ TEST(BacklashBehindEncoder, InTheGapTheMotorHasNoFriction) {
   run(5e-3, 40);
   gone = 0.0;
   run(-5e-3, 40);
-  EXPECT_NEAR(gone, 50e-6, 5e-6);  // a cycle's way
+  EXPECT_NEAR(gone, 50e-6, 5e-6);  // travel of one cycle
 }
 
 TEST(UnexplainedForce, IsLinearBetweenItsKnotsAndConstantBeyond) {
@@ -361,11 +361,11 @@ TEST(DwellStiction, ItIsTheAxisThatRestsAndASettlingBeginsItAnew) {
   Motion m;
   m.step_s = 0.01;
   m.friction = 1.0;
-  m.command_velocity = 0.1;  // the axis stands all the same
+  m.command_velocity = 0.1;  // the axis is at rest nevertheless
   double extra = 0.0;
   for (int i = 1; i <= 100; ++i) extra = along(m);
   EXPECT_NEAR(extra, std::log(3.0), 1e-12);
-  // An encoder's last digit comes and goes; its mean velocity is next to nothing.
+  // An encoder's last digit comes and goes; its mean velocity is close to 0.
   m.displacement = 1e-6;
   m.velocity = 1e-9;
   extra = along(m);

@@ -304,7 +304,7 @@ TEST(VelocityLoop, OfARigidAxisIsThePaperAndPencilOne) {
   FeedAxisParts parts = rig();
   parts.screw.axial = parts.screw.torsional = {};
   parts.control.current_loop_hz = 1e5;
-  // Far below the modes a mass: L = K (1 + 1 / (s T)) / (J s).
+  // Well below the modes it is a mass: L = K (1 + 1 / (s T)) / (J s).
   const Eigen::ArrayXd f = logarithmic(2.0, 15.0, 5);
   const Eigen::ArrayXcd got = closed_velocity_loop(parts, 0.425, f);
   for (Eigen::Index k = 0; k < f.size(); ++k) {
@@ -327,7 +327,7 @@ TEST(VelocityLoop, ThatIsNotStableSaysSoAndRunsAway) {
   Eigen::ArrayXd command = Eigen::ArrayXd::Constant(16000, 0.205);
   command(0) = 0.2049;
   EXPECT_GT(run(axis, command).torque.tail(100).abs().maxCoeff(), 1e3);
-  // With the gain lowered by the margin it stands at its limit.
+  // With the gain lowered by the margin it is at the stability limit.
   parts.control.velocity_gain *= std::pow(10.0, *figures.gain_margin_db / 20.0) * 0.99;
   EXPECT_TRUE(velocity_loop_figures(parts, 0.425).stable);
 }

@@ -372,7 +372,7 @@ TEST(ModifiedStribeck, IsContinuousThroughRest) {
   // tanh(v / limit) (F_c + drop) to first order.
   EXPECT_NEAR(axis.move(1e-10), 900.0 * 1e-7 / 1e-4, 2e-3);
   EXPECT_NEAR(axis.move(-1e-10), -900.0 * 1e-7 / 1e-4, 2e-3);
-  // Far above v_s and the limit: Coulomb and viscous force of the direction.
+  // Well above v_s and the limit: Coulomb and viscous force of the direction.
   EXPECT_NEAR(axis.move(0.3e-3), 600.0 + 1900.0 * 0.3, 1e-6);
   EXPECT_NEAR(axis.move(-0.3e-3), -700.0 - 2500.0 * 0.3, 1e-6);
   // At v_s the drop has fallen to 1/e.

@@ -182,7 +182,7 @@ TEST(MovingMode, TheTwinFollowsItsDifferentialEquation) {
     EXPECT_LT(at_half, 2e-5 * largest) << "order " << order;
     EXPECT_GT(at_1 / at_half, 2.5) << "order " << order;
 
-    // That the mode moves is far more.
+    // The change of the mode has a much larger effect.
     Model standing = moving_axis(order, 5e-4);
     standing.loop.modes[0].slope = standing.loop.modes[0].curve = 0.0;
     EXPECT_GT(missed(standing, fine), 1e-3 * largest);

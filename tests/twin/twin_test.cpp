@@ -47,8 +47,8 @@ Segment commanded(double h, double seconds, double (*x)(double)) {
   return s;
 }
 
-// Friction turns within a cycle of 4 ms. Beside it the differential equation in steps of 2 us,
-// which shares nothing with the filters.
+// Friction reverses within a cycle of 4 ms. The reference is the differential equation in steps of
+// 2 us, which shares no code with the filters.
 TEST(Twin, FrictionTurnsWithinALongCycle) {
   const double h = 4e-3, coulomb = 0.5, limit = 2e-4;
   const Model model = plain_drive(h, coulomb, 0.0, limit);
@@ -94,7 +94,7 @@ TEST(Twin, ConstantSpeedErrorIsTheClosedForm) {
               (without.loop.numerator[1] * v + 0.3 - 0.05) / without.loop.denominator[1], 1e-12);
 }
 
-// At rest a loop without integrator stands off by the constant force; one with it does not.
+// At rest a loop without integrator is displaced by the constant force; one with it is not.
 TEST(Twin, StartsAtRestInEquilibrium) {
   Twin twin(plain_drive(1e-3, 0.3, 0.1));
   twin.start(0.25);
@@ -272,7 +272,7 @@ TEST(Twin, TakesItsStartingStateFromTheEncoder) {
   const Model model = plain_drive(h, 0.2, 0.03);
   Segment segment = commanded(h, 4.0, wave);
   segment.actual = segment.command - simulate(model, segment);
-  // A piece cut out of the middle of the motion, as a machine that acts exactly like the model.
+  // A segment cut out of the middle of the motion, as a machine that acts exactly like the model.
   Segment piece;
   piece.sample_time_s = h;
   piece.command = segment.command.segment(1234, 1500);

@@ -16,12 +16,12 @@
 //
 // Between events (an element starts to slip or sticks again, a body stops, turns round or breaks
 // away, a force saturates) each model is a smooth differential equation: `force` gives its right
-// side, `mode_holds` says whether an event has passed, `switch_mode` carries it out. The integrator
+// side, `mode_holds` is false after an event, `switch_mode` carries the event out. The integrator
 // in body.h finds the time of the event.
 //
 // Errors: `check` throws std::invalid_argument with field, value and rule; the others do not throw.
 // Any thread. Sources: Canudas de Wit et al. 1995 (LuGre); Lampaert, Al-Bender, Swevers 2003 (GMS);
-// Giberti et al. 2019, eq. 1 (directed Stribeck); Ferkl et al. 2021 (drive and cover).
+// Giberti et al. 2019, section 3.1 (directed Stribeck); Ferkl et al. 2021 (drive and cover).
 #pragma once
 
 #include <array>

@@ -137,7 +137,7 @@ TEST(DriveChain, RecordsThePapersExperiment) {
   EXPECT_EQ(bands[5], 5e-3);
   EXPECT_EQ(bands[6], 10e-3);
   // Every eighth from the eleventh on, which take no minutes: within the band the mean force is
-  // the printed one, and the noise is what was asked for.
+  // the printed one, and the noise is as requested.
   std::vector<double> fast, their_bands;
   for (std::size_t i = 10; i < 51; i += 8) {
     fast.push_back(speeds[i]);

@@ -11,7 +11,7 @@
 
 namespace servotwin::virtual_machine {
 
-/// A path in the plane of two axes, from rest to rest piece by piece.
+/// A path in the plane of two axes, built of moves from rest to rest.
 class PlanePath {
  public:
   PlanePath(double x, double y) : x_(x), y_(y) {}
@@ -43,7 +43,7 @@ struct MoveMix {
 /// now and then a few slow reversals of a tenth of a millimetre to a millimetre.
 [[nodiscard]] Trajectory moves(const MoveMix& mix, std::uint64_t seed);
 
-/// `count` moves to and fro between the present position and one `amplitude` away.
+/// `count` moves back and forth between the present position and one `amplitude` away.
 void reverse(Trajectory& trajectory, double amplitude, int count, const Limits& limits);
 
 }  // namespace servotwin::virtual_machine

@@ -16,19 +16,19 @@ namespace servotwin {
 struct AddedFriction {
   static constexpr Identity kIdentity{
       .id = "added_friction",
-      .meaning = "friction that sets in at a moment of the recording",
+      .meaning = "friction that is added at one time of the recording",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
       .confused =
           "inertia_change, whose force goes with acceleration; viscous_drift, which is gradual",
       .cause = "added_friction",
-      .check = "what changed at that moment: cover, wiper, clamp, lubrication"};
+      .check = "what changed at that time: cover, wiper, clamp, lubrication"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"time_s", "s", 1e-3, 1e7, 1.0, "when it sets in, in the recording", true, false,
+      {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it is added", true, false,
         Scan::kTime}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb", "m/s^2", -100.0, 100.0, 0.0, "of what is added, per moved mass"},
-       {"viscous", "1/s", -1000.0, 1000.0, 0.0, "of what is added, per moved mass"}}};
+      {{"coulomb", "m/s^2", -100.0, 100.0, 0.0, "added Coulomb friction, per moved mass"},
+       {"viscous", "1/s", -1000.0, 1000.0, 0.0, "added viscous friction, per moved mass"}}};
   template <class T>
   using Memory = NoMemory;
 

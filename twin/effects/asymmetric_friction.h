@@ -21,16 +21,16 @@ struct AsymmetricFriction {
       .meaning = "friction that differs between the two directions",
       .acts = Acts::kForce,
       .source = "Janot, Gautier, Brunot 2019 (EMPS, asymmetric model)",
-      .confused = "gravity_offset, which holds at rest as well; only rest tells them apart",
+      .confused = "gravity_offset, which acts at rest as well; only data at rest separate the two",
       .cause = "asymmetric_friction",
       .replaces = "gravity_offset",
       .check = "wipers and covers; a counterbalance; the screw's nut by direction"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb_difference", "m/s^2", -100.0, 100.0, 0.0,
-        "half of what Coulomb friction is more for v > 0, per moved mass"},
+        "half the difference of Coulomb friction, v > 0 minus v < 0, per moved mass"},
        {"viscous_difference", "1/s", -1000.0, 1000.0, 0.0,
-        "half of what viscous friction is more for v > 0, per moved mass"}}};
+        "half the difference of viscous friction, v > 0 minus v < 0, per moved mass"}}};
   template <class T>
   using Memory = NoMemory;
 

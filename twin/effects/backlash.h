@@ -25,8 +25,8 @@ struct Backlash {
       .check = "play of coupling, nut and bearings between the two encoders"};
   static constexpr std::array<Parameter, 3> kShapes = kGapShapes;
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"share", "1", 0.7, 1.4, 1.0, "of the gap that is seen: 1, or it is no gap"},
-       {"offset", "m", -1.0, 1.0, 0.0, "where the axis was set to 0", true, false, Scan::kNone,
+      {{"share", "1", 0.7, 1.4, 1.0, "share of the play seen in the reading; 1 for true backlash"},
+       {"offset", "m", -1.0, 1.0, 0.0, "constant offset of the reading", true, false, Scan::kNone,
         true}}};
   template <class T>
   using Memory = LoadInGap<T>;

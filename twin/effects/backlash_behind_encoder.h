@@ -21,13 +21,13 @@ struct BacklashBehindEncoder {
       .meaning = "play between the encoder of the loop and the load",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "presliding, which takes its force back with the way; compliance",
+      .confused = "presliding, whose force depends on the travel since reversal; compliance",
       .cause = "backlash",
       .check = "play of coupling, nut and bearings behind the encoder"};
   static constexpr std::array<Parameter, 3> kShapes = kGapShapes;
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"friction", "m/s^2", 0.0, 100.0, 0.0, "of the load, per moved mass"},
-       {"load_share", "1", 0.0, 1.0, 0.0, "of the moved mass, behind the gap"}}};
+      {{"friction", "m/s^2", 0.0, 100.0, 0.0, "friction of the load, per moved mass"},
+       {"load_share", "1", 0.0, 1.0, 0.0, "share of the moved mass that is behind the gap"}}};
   template <class T>
   using Memory = LoadInGap<T>;
 

@@ -15,17 +15,17 @@ namespace servotwin {
 struct BacklashInLoop {
   static constexpr Identity kIdentity{
       .id = "backlash_in_loop",
-      .meaning = "play inside the loop",
+      .meaning = "play inside the position loop",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "presliding, which gives with force; impulse_disturbance",
+      .confused = "presliding, which deforms with force; impulse_disturbance",
       .cause = "backlash",
-      .check = "play of coupling, nut and bearings; what compensates it in the control"};
+      .check = "play of coupling, nut and bearings; backlash compensation of the control"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"width", "m", 1e-7, 1e-2, 1e-5, "of the gap"}}};
+      {{"width", "m", 1e-7, 1e-2, 1e-5, "width of the gap"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"rate", "1/s", -1e5, 1e5, 0.0,
-        "of the force by the speed at which the gap is crossed, per moved mass"}}};
+        "force per speed at which the gap is crossed, per moved mass"}}};
   template <class T>
   struct Memory {
     Memory() = default;

@@ -21,17 +21,17 @@ struct Cogging {
       .source = "docs/theory.md 3.10",
       .confused =
           "encoder_error, whose force grows with speed squared; position_dependent_friction, "
-          "which turns with the direction",
+          "which changes sign with the direction",
       .cause = "cogging",
       .check = "what repeats with this period: the screw's lead, its balls, the motor's poles"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"period", "m", 5e-5, 1.0, 5e-3, "of the force along the axis", true, false,
+      {{"period", "m", 5e-5, 1.0, 5e-3, "period of the force along the axis", true, false,
         Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
        {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"},
-       {"sine_2", "m/s^2", -100.0, 100.0, 0.0, "of the sine at half the period"},
-       {"cosine_2", "m/s^2", -100.0, 100.0, 0.0, "of the cosine at half the period"}}};
+       {"sine_2", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine at half the period"},
+       {"cosine_2", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine at half the period"}}};
   template <class T>
   using Memory = NoMemory;
 

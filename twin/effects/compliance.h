@@ -22,18 +22,21 @@ struct Compliance {
       .meaning = "a mode of vibration that the motion excites",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "periodic_disturbance, which goes on at rest; the loop's own pair of poles",
+      .confused = "periodic_disturbance, which continues at rest; the loop's own pair of poles",
       .cause = "compliance",
-      .check = "what swings at this frequency: table, column, foundation; filters of the control"};
+      .check =
+          "what vibrates at this frequency: table, column, foundation; filters of the control"};
   static constexpr std::array<Parameter, 2> kShapes{
-      {{"frequency_hz", "Hz", 2.0, 2000.0, 50.0, "of the mode, undamped", true, false,
+      {{"frequency_hz", "Hz", 2.0, 2000.0, 50.0, "undamped frequency of the mode", true, false,
         Scan::kFrequency},
-       {"damping_ratio", "1", 0.002, 0.2, 0.03, "zeta; more is no mode but a filter"}}};
+       {"damping_ratio", "1", 0.002, 0.2, 0.03, "zeta; a higher value is a filter, not a mode"}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"spring", "1/s", -1e6, 1e6, 0.0, "force per deflection and angular frequency"},
        {"damper", "1/s", -1e6, 1e6, 0.0, "force per speed of deflection"},
-       {"ringing", "m/s^2", -100.0, 100.0, 0.0, "force of the deflection by friction, beyond rest"},
-       {"fading", "m/s^2", -100.0, 100.0, 0.0, "force of its rate, over the angular frequency"}}};
+       {"ringing", "m/s^2", -100.0, 100.0, 0.0,
+        "force per deflection by friction, from its rest value"},
+       {"fading", "m/s^2", -100.0, 100.0, 0.0,
+        "force per rate of that deflection over angular frequency"}}};
   template <class T>
   struct Memory {
     Memory() = default;

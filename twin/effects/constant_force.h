@@ -20,7 +20,7 @@ struct ConstantForce {
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.2",
       .confused =
-          "asymmetric Coulomb friction (the same on one axis); invisible behind an integrator",
+          "asymmetric Coulomb friction (equal on one axis); not observable behind an integrator",
       .cause = "gravity_offset",
       .check = "counterweight or brake; a cable that pulls"};
   static constexpr std::array<Parameter, 0> kShapes{};

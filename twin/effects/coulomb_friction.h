@@ -21,7 +21,8 @@ struct CoulombFriction {
       .acts = Acts::kForce,
       .source = "thesis eq. 3.12",
       .confused =
-          "presliding where the width exceeds what a velocity can explain; viscous: the poles"};
+          "presliding where the transition is too wide for a velocity effect; viscous friction: "
+          "poles"};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
         "velocity at which the friction force is fully developed"}}};

@@ -19,19 +19,20 @@ namespace servotwin {
 struct CrossCoupling {
   static constexpr Identity kIdentity{
       .id = "cross_coupling",
-      .meaning = "a force by the acceleration of another axis",
+      .meaning = "force caused by the acceleration of another axis",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
       .confused = "none, as long as the axes do not move in proportion",
       .cause = "cross_coupling",
-      .check = "mounting and stiffness towards the other axis; its feed-forward"};
+      .check = "mounting and stiffness between the two axes; feed-forward of the other axis"};
   static constexpr std::array<Parameter, 2> kShapes{
-      {{"other_frequency_hz", "Hz", 1.0, 1000.0, 20.0, "of the other axis' loop, undamped"},
+      {{"other_frequency_hz", "Hz", 1.0, 1000.0, 20.0,
+        "undamped frequency of the other axis' loop"},
        {"other_damping", "1", 0.3, 5.0, 0.9, "zeta of the other axis' loop"}}};
   static constexpr std::array<Parameter, 3> kCoefficients{
-      {{"ratio", "1", -10.0, 10.0, 0.0, "acceleration felt here per acceleration there"},
-       {"lead", "1", -1000.0, 1000.0, 0.0, "by feed-forward of the other axis' velocity"},
-       {"direct", "1", -100.0, 100.0, 0.0, "by feed-forward of the other axis' acceleration"}}};
+      {{"ratio", "1", -10.0, 10.0, 0.0, "acceleration of this axis per acceleration of the other"},
+       {"lead", "1", -1000.0, 1000.0, 0.0, "contribution of the other axis' velocity feed-forward"},
+       {"direct", "1", -100.0, 100.0, 0.0, "contribution of its acceleration feed-forward"}}};
   template <class T>
   struct Memory {
     Memory() = default;

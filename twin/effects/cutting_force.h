@@ -17,14 +17,15 @@ namespace servotwin {
 struct CuttingForce {
   static constexpr Identity kIdentity{
       .id = "cutting_force",
-      .meaning = "a mean force and a tone while the tool cuts",
+      .meaning =
+          "mean force and a sinusoidal force at the tooth-passing frequency while the tool cuts",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "periodic_disturbance, whose tone is there all the time",
+      .confused = "periodic_disturbance, which is present all the time",
       .cause = "cutting_force",
       .check = "feed per tooth, wear and runout of the tool"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"tooth_frequency_hz", "Hz", 0.2, 2000.0, 50.0, "at which teeth pass", true, false,
+      {{"tooth_frequency_hz", "Hz", 0.2, 2000.0, 50.0, "tooth-passing frequency", true, false,
         Scan::kFrequency}}};
   static constexpr std::array<Parameter, 3> kCoefficients{
       {{"mean", "m/s^2", -100.0, 100.0, 0.0, "mean force, per moved mass"},

@@ -14,7 +14,7 @@ namespace servotwin {
 
 struct Dahl {
   static constexpr Identity kIdentity{.id = "dahl",
-                                      .meaning = "Dahl friction: one spring that gives way",
+                                      .meaning = "Dahl friction: one spring that yields gradually",
                                       .acts = Acts::kForce,
                                       .source = "Dahl 1968; docs/theory.md 3.7",
                                       .confused = "presliding, lugre"};

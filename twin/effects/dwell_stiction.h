@@ -20,17 +20,18 @@ namespace servotwin {
 struct DwellStiction {
   static constexpr Identity kIdentity{
       .id = "dwell_stiction",
-      .meaning = "breakaway force that grows with the time of rest",
+      .meaning = "breakaway force that grows with the time at rest",
       .acts = Acts::kForce,
       .source = "ASME J. Lubr. Technol. 94(3) 234",
-      .confused = "stribeck and presliding, which do not know how long the axis stood",
+      .confused = "stribeck and presliding, which do not depend on the time at rest",
       .cause = "dwell_stiction",
-      .check = "lubricant that is pressed out at rest; lubrication after pauses"};
+      .check = "lubricant film squeezed out at rest; lubrication after pauses"};
   static constexpr std::array<Parameter, 2> kShapes{
-      {{"length", "m", 1e-6, 5e-4, 5e-5, "of travel in which it is lost"},
-       {"rest_time", "s", 1e-3, 10.0, 0.1, "of rest before it grows with the logarithm"}}};
+      {{"length", "m", 1e-6, 5e-4, 5e-5, "travel after which the increase has decayed to 1/e"},
+       {"rest_time", "s", 1e-3, 10.0, 0.1, "time at rest from which it grows logarithmically"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"growth", "m/s^2", 0.0, 100.0, 0.0, "per logarithm of the time of rest, per moved mass"}}};
+      {{"growth", "m/s^2", 0.0, 100.0, 0.0,
+        "increase per e-fold of the time at rest, per moved mass"}}};
   /// Travel after which the contacts are new [m]: the size of a few asperities.
   static constexpr double kContact_m = 1e-6;
   template <class T>

@@ -16,17 +16,17 @@ namespace servotwin {
 struct FallingFriction {
   static constexpr Identity kIdentity{
       .id = "falling_friction",
-      .meaning = "friction that is different at low speed: it falls, or rises, from breakaway",
+      .meaning = "friction that falls (or rises) with speed from its breakaway value",
       .acts = Acts::kForce,
       .source = "Stribeck 1902; Armstrong-Helouvry 1991",
       .confused = "presliding, which depends on travel and not on speed",
       .cause = "stribeck",
       .check = "lubrication of the guides; slow motion"};
   static constexpr std::array<Parameter, 2> kShapes{
-      {{"stribeck_velocity", "m/s", 1e-4, 0.2, 1e-2, "v_s"},
-       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "delta"}}};
+      {{"stribeck_velocity", "m/s", 1e-4, 0.2, 1e-2, "Stribeck velocity v_s"},
+       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "Stribeck exponent delta"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"drop", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb force, per moved mass"}}};
+      {{"drop", "m/s^2", -100.0, 100.0, 0.0, "breakaway minus Coulomb force, per moved mass"}}};
   template <class T>
   using Memory = NoMemory;
 

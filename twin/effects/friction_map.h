@@ -22,19 +22,19 @@ struct FrictionMap {
                                       .source = "paper 001 eq. 3, with a linear output",
                                       .confused = "any friction that velocity alone explains"};
   static constexpr std::array<Parameter, 2 * kUnits> kShapes{
-      {{"weight_1", "s/m", 1.0, 1e5, 2000.0, "steep through rest"},
-       {"weight_2", "s/m", 0.1, 1e5, 200.0, "the fall from breakaway"},
-       {"weight_3", "s/m", 0.1, 1e5, 200.0, "the fall from breakaway"},
-       {"weight_4", "s/m", 0.1, 1e5, 5.0, "viscous"},
+      {{"weight_1", "s/m", 1.0, 1e5, 2000.0, "steep part around rest"},
+       {"weight_2", "s/m", 0.1, 1e5, 200.0, "fall from breakaway"},
+       {"weight_3", "s/m", 0.1, 1e5, 200.0, "fall from breakaway"},
+       {"weight_4", "s/m", 0.1, 1e5, 5.0, "viscous part"},
        {"bias_1", "1", -20.0, 20.0, 0.0, ""},
        {"bias_2", "1", -20.0, 20.0, 1.0, ""},
        {"bias_3", "1", -20.0, 20.0, -1.0, ""},
        {"bias_4", "1", -20.0, 20.0, 0.0, ""}}};
   static constexpr std::array<Parameter, kUnits + 1> kCoefficients{
-      {{"output_1", "m/s^2", -1e3, 1e3, 0.2, "of unit 1"},
-       {"output_2", "m/s^2", -1e3, 1e3, 0.0, "of unit 2"},
-       {"output_3", "m/s^2", -1e3, 1e3, 0.0, "of unit 3"},
-       {"output_4", "m/s^2", -1e3, 1e3, 0.0, "of unit 4"},
+      {{"output_1", "m/s^2", -1e3, 1e3, 0.2, "output weight of unit 1"},
+       {"output_2", "m/s^2", -1e3, 1e3, 0.0, "output weight of unit 2"},
+       {"output_3", "m/s^2", -1e3, 1e3, 0.0, "output weight of unit 3"},
+       {"output_4", "m/s^2", -1e3, 1e3, 0.0, "output weight of unit 4"},
        {"output_0", "m/s^2", -1e3, 1e3, 0.0, "constant"}}};
   template <class T>
   using Memory = NoMemory;

@@ -18,19 +18,18 @@ namespace servotwin {
 struct GainChange {
   static constexpr Identity kIdentity{
       .id = "gain_change",
-      .meaning = "a gain of the position loop that changes at a moment of the recording",
+      .meaning = "position-loop gain that changes at one time of the recording",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused =
-          "inertia_change; time_delay and feedforward_mismatch where it is there all the time",
+      .confused = "inertia_change; time_delay and feedforward_mismatch if present all the time",
       .cause = "gain_change",
       .check = "parameter sets and gain switching of the control"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"time_s", "s", 1e-3, 1e7, 1.0, "when it sets in, in the recording", true, false,
+      {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it changes", true, false,
         Scan::kTime}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"proportional", "1/s^2", -1e6, 1e6, 0.0, "force per tracking error, per moved mass"},
-       {"integral", "1/s^3", -1e8, 1e8, 0.0, "and per its integral"}}};
+       {"integral", "1/s^3", -1e8, 1e8, 0.0, "force per integral of the tracking error"}}};
   template <class T>
   struct Memory {
     Memory() = default;

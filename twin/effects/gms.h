@@ -24,15 +24,16 @@ struct Gms {
       .id = "gms",
       .meaning = "generalised Maxwell slip with elements of free level and Stribeck curve",
       .acts = Acts::kForce,
-      .source = "Al-Bender, Lampaert and Swevers 2005; thesis 4.1",
-      .confused = "presliding, its form with three parameters"};
+      .source = "Al-Bender, Lampaert and Swevers 2005; thesis eq. 4.1 and 4.2",
+      .confused = "presliding, the reduced form with three parameters"};
   static constexpr std::array<Parameter, 5> kShapes{
       {{"first_displacement", "m", 1e-8, 1e-3, 5e-7, "travel after which the first element slides"},
        {"last_displacement", "m", 1e-7, 5e-3, 5e-5, "travel after which the last element slides"},
        {"breakaway_ratio", "1", 0.2, 5.0, 1.0, "breakaway over Coulomb force"},
-       {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3, "velocity over which one turns to the other"},
+       {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3,
+        "velocity scale of the transition between the two"},
        {"attraction", "1/s", 0.1, 1e5, 100.0,
-        "C over Coulomb force: how fast sliding nears its level"}}};
+        "C over Coulomb force: rate at which a sliding element approaches its level"}}};
   static constexpr std::array<Parameter, kElements + 1> kCoefficients{
       {{"level_1", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
        {"level_2", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},

@@ -17,19 +17,19 @@ struct ImpulseDisturbance {
   static constexpr std::size_t kPushes = 4;
   static constexpr Identity kIdentity{
       .id = "impulse_disturbance",
-      .meaning = "short pushes at a few moments of the recording",
+      .meaning = "short force impulses at up to four times of the recording",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "dropped_samples; friction at reversals, of which there are many",
+      .confused = "dropped_samples; friction at reversals, which recurs at every reversal",
       .cause = "impulse_disturbance",
-      .check = "chips, jammed cover segments, what touched the table at that moment"};
+      .check = "chips, jammed cover segments, collision with the table at that time"};
   static constexpr std::array<Parameter, kPushes + 1> kShapes{
-      {{"time_1_s", "s", 1e-3, 1e7, 1.0, "of a peak, in the recording", true, false,
+      {{"time_1_s", "s", 1e-3, 1e7, 1.0, "time of a peak in the recording", true, false,
         Scan::kMoments},
-       {"time_2_s", "s", 1e-3, 1e7, 2.0, "of a peak, in the recording"},
-       {"time_3_s", "s", 1e-3, 1e7, 3.0, "of a peak, in the recording"},
-       {"time_4_s", "s", 1e-3, 1e7, 4.0, "of a peak, in the recording"},
-       {"width_s", "s", 2e-3, 0.05, 8e-3, "of half the height"}}};
+       {"time_2_s", "s", 1e-3, 1e7, 2.0, "time of a peak in the recording"},
+       {"time_3_s", "s", 1e-3, 1e7, 3.0, "time of a peak in the recording"},
+       {"time_4_s", "s", 1e-3, 1e7, 4.0, "time of a peak in the recording"},
+       {"width_s", "s", 2e-3, 0.05, 8e-3, "full width at half the peak"}}};
   static constexpr std::array<Parameter, kPushes> kCoefficients{
       {{"push_1", "m/s^2", -1000.0, 1000.0, 0.0, "force at the peak, per moved mass"},
        {"push_2", "m/s^2", -1000.0, 1000.0, 0.0, "force at the peak, per moved mass"},

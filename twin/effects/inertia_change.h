@@ -17,17 +17,17 @@ namespace servotwin {
 struct InertiaChange {
   static constexpr Identity kIdentity{
       .id = "inertia_change",
-      .meaning = "a moved mass that changes at a moment of the recording",
+      .meaning = "moved mass that changes at one time of the recording",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "gain_change, whose force goes with the tracking error; added_friction",
+      .confused = "gain_change, whose force is proportional to the tracking error; added_friction",
       .cause = "inertia_change",
-      .check = "what was loaded or unloaded at that moment; load-dependent parameters"};
+      .check = "what was loaded or unloaded at that time; load-dependent parameters"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"time_s", "s", 1e-3, 1e7, 1.0, "when it sets in, in the recording", true, false,
+      {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it changes", true, false,
         Scan::kTime}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"ratio_less_1", "1", -0.9, 10.0, 0.0, "of the moved mass after to before, less 1"}}};
+      {{"ratio_less_1", "1", -0.9, 10.0, 0.0, "moved mass after over before, minus 1"}}};
   template <class T>
   using Memory = NoMemory;
 

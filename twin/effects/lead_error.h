@@ -16,21 +16,21 @@ namespace servotwin {
 struct LeadError {
   static constexpr Identity kIdentity{
       .id = "lead_error",
-      .meaning =
-          "an error between the loop's encoder and the one that is recorded, along the position",
+      .meaning = "position-dependent error between the loop's encoder and the recorded encoder",
       .acts = Acts::kReading,
       .source = "docs/theory.md 3.11",
-      .confused = "thermal_growth, which grows with time; an encoder in the loop cannot show it",
+      .confused =
+          "thermal_growth, which grows with time; not observable with the encoder of the loop",
       .cause = "lead_error",
       .check = "pitch compensation table; the screw's pitch"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"period", "m", 2e-5, 1.0, 5e-3, "of the error along the axis", true, false,
+      {{"period", "m", 2e-5, 1.0, 5e-3, "period of the error along the axis", true, false,
         Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"slope", "1", -0.1, 0.1, 0.0, "error per travel"},
        {"sine", "m", -1e-2, 1e-2, 0.0, "amplitude of the sine"},
        {"cosine", "m", -1e-2, 1e-2, 0.0, "amplitude of the cosine"},
-       {"offset", "m", -1.0, 1.0, 0.0, "where the axis was set to 0", true, false, Scan::kNone,
+       {"offset", "m", -1.0, 1.0, 0.0, "constant offset of the reading", true, false, Scan::kNone,
         true}}};
   template <class T>
   using Memory = NoMemory;

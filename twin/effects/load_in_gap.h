@@ -16,10 +16,10 @@
 namespace servotwin {
 
 inline constexpr std::array<Parameter, 3> kGapShapes{
-    {{"width", "m", 1e-7, 1e-2, 1e-5, "of the gap"},
+    {{"width", "m", 1e-7, 1e-2, 1e-5, "width of the gap"},
      {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
       "velocity at which the friction force is fully developed"},
-     {"deceleration", "m/s^2", 1e-2, 50.0, 0.5, "of the load by its friction alone"}}};
+     {"deceleration", "m/s^2", 1e-2, 50.0, 0.5, "deceleration of the load by its friction alone"}}};
 
 template <class T>
 struct LoadInGap {

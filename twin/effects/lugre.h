@@ -19,15 +19,16 @@ namespace servotwin {
 struct LuGre {
   static constexpr Identity kIdentity{
       .id = "lugre",
-      .meaning = "LuGre friction: a bristle with Stribeck curve and damping",
+      .meaning = "LuGre friction: bristle deflection with Stribeck curve and damping",
       .acts = Acts::kForce,
-      .source = "Canudas de Wit et al. 1995; paper 002 eq. 8",
-      .confused = "presliding (which closes inner loops; LuGre drifts)"};
+      .source = "Canudas de Wit et al. 1995; paper 002 eq. 1 to 3",
+      .confused = "presliding, which closes inner hysteresis loops; LuGre drifts"};
   static constexpr std::array<Parameter, 5> kShapes{
       {{"deflection", "m", 2e-8, 2e-3, 5e-6, "Coulomb force over bristle stiffness"},
        {"breakaway_ratio", "1", 0.2, 5.0, 1.0, "breakaway over Coulomb force"},
-       {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3, "velocity over which one turns to the other"},
-       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "delta"},
+       {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3,
+        "velocity scale of the transition between the two"},
+       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "Stribeck exponent delta"},
        {"damping_time", "s", 1e-6, 0.05, 1e-3, "bristle damping over bristle stiffness"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};

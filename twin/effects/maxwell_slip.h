@@ -22,14 +22,14 @@ struct MaxwellSlip {
       .meaning = "presliding hysteresis of elements with free displacement and level",
       .acts = Acts::kForce,
       .source = "Al-Bender, Lampaert and Swevers 2005; thesis eq. 4.1 with constant level",
-      .confused = "presliding, its form with three parameters"};
+      .confused = "presliding, the reduced form with three parameters"};
   static constexpr std::array<Parameter, kElements> kShapes{
       {{"first_displacement", "m", 1e-8, 1e-3, 1e-6, "travel after which the first element slides"},
        {"step_2", "1", 1.02, 50.0, 2.2, "travel of the second element over that of the first"},
-       {"step_3", "1", 1.02, 50.0, 2.2, "of the third over the second"},
-       {"step_4", "1", 1.02, 50.0, 2.2, "of the fourth over the third"},
-       {"step_5", "1", 1.02, 50.0, 2.2, "of the fifth over the fourth"},
-       {"step_6", "1", 1.02, 50.0, 2.2, "of the sixth over the fifth"}}};
+       {"step_3", "1", 1.02, 50.0, 2.2, "travel of the third over that of the second"},
+       {"step_4", "1", 1.02, 50.0, 2.2, "travel of the fourth over that of the third"},
+       {"step_5", "1", 1.02, 50.0, 2.2, "travel of the fifth over that of the fourth"},
+       {"step_6", "1", 1.02, 50.0, 2.2, "travel of the sixth over that of the fifth"}}};
   static constexpr std::array<Parameter, kElements + 1> kCoefficients{
       {{"level_1", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},
        {"level_2", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},

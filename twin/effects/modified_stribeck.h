@@ -19,7 +19,7 @@ struct ModifiedStribeck {
       .id = "modified_stribeck",
       .meaning = "Stribeck friction, continuous through rest, by direction",
       .acts = Acts::kForce,
-      .source = "paper 001 eq. 2",
+      .source = "paper 001 section 3.1",
       .confused = "stribeck"};
   static constexpr std::array<Parameter, 4> kShapes{
       {Stribeck::kShapes[0],

@@ -20,11 +20,12 @@ struct PeriodicDisturbance {
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
       .confused =
-          "cogging, which goes with position; cutting_force, which is there in the cut only",
+          "cogging, which is periodic in position; cutting_force, which acts in the cut only",
       .cause = "periodic_disturbance",
       .check = "pumps, fans and neighbouring machines at this frequency; the mains"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"frequency_hz", "Hz", 0.2, 2000.0, 10.0, "of the force", true, false, Scan::kFrequency}}};
+      {{"frequency_hz", "Hz", 0.2, 2000.0, 10.0, "frequency of the force", true, false,
+        Scan::kFrequency}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
        {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"}}};

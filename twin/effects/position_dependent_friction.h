@@ -15,21 +15,23 @@
 namespace servotwin {
 
 struct PositionDependentFriction {
-  static constexpr Identity kIdentity{.id = "position_dependent_friction",
-                                      .meaning = "friction whose level changes along the axis",
-                                      .acts = Acts::kForce,
-                                      .source = "docs/theory.md 3.10",
-                                      .confused = "cogging, which does not turn with the direction",
-                                      .cause = "position_dependent_friction",
-                                      .check = "wear, alignment and lubrication along the travel"};
+  static constexpr Identity kIdentity{
+      .id = "position_dependent_friction",
+      .meaning = "friction whose level changes along the axis",
+      .acts = Acts::kForce,
+      .source = "docs/theory.md 3.10",
+      .confused = "cogging, which does not change sign with the direction",
+      .cause = "position_dependent_friction",
+      .check = "wear, alignment and lubrication along the travel"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"wave", "m", 1e-2, 10.0, 0.1, "length of the slowest change that is no parabola", true,
-        false, Scan::kPeriod}}};
+      {{"wave", "m", 1e-2, 10.0, 0.1, "wavelength of the periodic part", true, false,
+        Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"slope", "1/s^2", -1e4, 1e4, 0.0, "change of the level along the axis, per moved mass"},
-       {"curvature", "1/(m s^2)", -1e6, 1e6, 0.0, "and of the slope"},
-       {"sine", "m/s^2", -100.0, 100.0, 0.0, "of the wave, per moved mass"},
-       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "of the wave"}}};
+       {"curvature", "1/(m s^2)", -1e6, 1e6, 0.0,
+        "quadratic change of the level along the axis, per moved mass"},
+       {"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
+       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"}}};
   template <class T>
   using Memory = NoMemory;
 

@@ -18,10 +18,10 @@ struct Presliding {
   static constexpr std::size_t kElements = 10;
   static constexpr Identity kIdentity{
       .id = "presliding",
-      .meaning = "presliding hysteresis: friction that depends on the travel since the reversals",
+      .meaning = "presliding hysteresis: friction that depends on the travel since reversal",
       .acts = Acts::kForce,
-      .source = "reduced-parameter GMS, thesis 4.3 and 5.1",
-      .confused = "backlash (no loop of force), compliance; a wide Coulomb step",
+      .source = "reduced-parameter GMS, thesis 4.3 and 5.2",
+      .confused = "backlash (no force hysteresis), compliance; a wide Coulomb transition",
       .cause = "presliding",
       .replaces = "coulomb_friction",
       .check = "lubrication and preload of guides and screw; friction compensation at reversals"};
@@ -29,7 +29,7 @@ struct Presliding {
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel from rest after which the axis slides"},
        {"shape_factor", "1", 0.02, kMostShape, 0.5,
-        "0: force grows straight with travel, towards 1: at once"}}};
+        "0: force rises linearly with travel; towards 1: immediately"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}, kViscous}};
 

@@ -21,7 +21,7 @@ struct PreslidingStribeck {
   static constexpr std::size_t kElements = 10;
   static constexpr Identity kIdentity{
       .id = "presliding_stribeck",
-      .meaning = "presliding hysteresis, and friction that falls from breakaway as speed rises",
+      .meaning = "presliding hysteresis with friction that falls from breakaway as speed rises",
       .acts = Acts::kForce,
       .source = "reduced-parameter GMS with Stribeck curve, thesis 4.3 and eq. 4.2",
       .confused = "presliding, whose level is constant; lugre, which has no non-local memory"};
@@ -29,11 +29,12 @@ struct PreslidingStribeck {
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel from rest after which the axis slides"},
        {"shape_factor", "1", 0.02, kMostShape, 0.5,
-        "0: force grows straight with travel, towards 1: at once"},
+        "0: force rises linearly with travel; towards 1: immediately"},
        {"breakaway_ratio", "1", 0.5, 5.0, 1.3, "breakaway over Coulomb force"},
-       {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3, "velocity over which one turns to the other"},
+       {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3,
+        "velocity scale of the transition between the two"},
        {"attraction", "1/s", 0.1, 1e5, 100.0,
-        "C over Coulomb force: how fast sliding nears its level"}}};
+        "C over Coulomb force: rate at which a sliding element approaches its level"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};
 

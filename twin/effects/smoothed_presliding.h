@@ -21,7 +21,7 @@ struct SmoothedPresliding {
   static constexpr std::size_t kElements = 10;
   static constexpr Identity kIdentity{
       .id = "smoothed_presliding",
-      .meaning = "presliding hysteresis whose elements give way gradually",
+      .meaning = "presliding hysteresis whose elements yield gradually",
       .acts = Acts::kForce,
       .source = "smoothed GMS (Boegli et al. 2014) on the virgin curve of thesis 4.3",
       .confused = "presliding"};
@@ -29,7 +29,7 @@ struct SmoothedPresliding {
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel at which the last element of the curve would slide"},
        {"shape_factor", "1", 0.02, kMostShape, 0.5,
-        "0: force grows straight with travel, towards 1: at once"}}};
+        "0: force rises linearly with travel; towards 1: immediately"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}, kViscous}};
 

@@ -19,26 +19,26 @@ namespace servotwin {
 struct Stribeck {
   static constexpr Identity kIdentity{
       .id = "stribeck",
-      .meaning = "friction that falls from breakaway to Coulomb as speed rises, by direction",
+      .meaning = "friction that falls from breakaway to Coulomb as speed rises, per direction",
       .acts = Acts::kForce,
-      .source = "paper 001 eq. 1; Stribeck 1902",
+      .source = "paper 001 section 3.1; Stribeck 1902",
       .confused = "presliding at reversals; asymmetric_friction"};
   static constexpr std::array<Parameter, 4> kShapes{
-      {{"stribeck_velocity_plus", "m/s", 1e-4, 0.2, 5e-3, "v_s+"},
-       {"stribeck_velocity_minus", "m/s", 1e-4, 0.2, 5e-3, "v_s-"},
-       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "delta"},
+      {{"stribeck_velocity_plus", "m/s", 1e-4, 0.2, 5e-3, "Stribeck velocity v_s+"},
+       {"stribeck_velocity_minus", "m/s", 1e-4, 0.2, 5e-3, "Stribeck velocity v_s-"},
+       {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "Stribeck exponent delta"},
        {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
-        "velocity at which the force has its direction"}}};
+        "velocity at which the friction force is fully developed"}}};
   static constexpr std::array<Parameter, 6> kCoefficients{
       {{"coulomb_plus", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass, v > 0"},
        {"coulomb_minus", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass, v < 0"},
-       {"drop_plus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v > 0"},
-       {"drop_minus", "m/s^2", -100.0, 100.0, 0.0, "breakaway beyond Coulomb, v < 0"},
-       {"viscous_plus", "1/s", -1000.0, 1000.0, 0.0, "viscous friction, beyond the poles, v > 0",
-        false, true},
+       {"drop_plus", "m/s^2", -100.0, 100.0, 0.0, "breakaway minus Coulomb force, v > 0"},
+       {"drop_minus", "m/s^2", -100.0, 100.0, 0.0, "breakaway minus Coulomb force, v < 0"},
+       {"viscous_plus", "1/s", -1000.0, 1000.0, 0.0,
+        "viscous friction in addition to the poles, v > 0", false, true},
        {"viscous_minus", "1/s", -1000.0, 1000.0, 0.0,
-        "viscous friction, beyond the poles, v < 0; with free poles: less that of v > 0", true,
-        true}}};
+        "viscous friction in addition to the poles, v < 0; with free poles: its excess over v > 0",
+        true, true}}};
   template <class T>
   using Memory = NoMemory;
 

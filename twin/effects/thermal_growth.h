@@ -15,19 +15,21 @@ namespace servotwin {
 struct ThermalGrowth {
   static constexpr Identity kIdentity{
       .id = "thermal_growth",
-      .meaning = "a reading that grows with position and time, outside of the loop",
+      .meaning =
+          "thermal expansion: a reading error that grows with position and time, outside the loop",
       .acts = Acts::kReading,
       .source = "docs/theory.md 3.11",
       .confused =
-          "lead_error, which does not change with time; an encoder in the loop cannot show it",
+          "lead_error, which does not change with time; not observable with the encoder of the "
+          "loop",
       .cause = "thermal_growth",
       .check = "warming up of the screw; its cooling and pretension"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"time_constant_s", "s", 2.0, 1e4, 20.0, "of warming up"}}};
+      {{"time_constant_s", "s", 2.0, 1e4, 20.0, "time constant of warming up"}}};
   static constexpr std::array<Parameter, 3> kCoefficients{
-      {{"growth", "1", -0.1, 0.1, 0.0, "per position, when warm"},
-       {"drift", "m", -1.0, 1.0, 0.0, "of the fixed bearing, when warm"},
-       {"offset", "m", -1.0, 1.0, 0.0, "where the axis was set to 0", true, false, Scan::kNone,
+      {{"growth", "1", -0.1, 0.1, 0.0, "expansion per position, when warm"},
+       {"drift", "m", -1.0, 1.0, 0.0, "displacement of the fixed bearing, when warm"},
+       {"offset", "m", -1.0, 1.0, 0.0, "constant offset of the reading", true, false, Scan::kNone,
         true}}};
   template <class T>
   using Memory = NoMemory;

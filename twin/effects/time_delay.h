@@ -15,14 +15,14 @@ namespace servotwin {
 struct TimeDelay {
   static constexpr Identity kIdentity{
       .id = "time_delay",
-      .meaning = "the encoder record lags the command record",
+      .meaning = "delay of the recorded encoder against the recorded command",
       .acts = Acts::kCommandDelay,
       .source = "docs/theory.md 3.4",
       .confused = "gain_change and feedforward_mismatch at low frequency",
       .cause = "time_delay",
-      .check = "how the recording is made; cycle and filters between command and encoder"};
+      .check = "recording method; cycles and filters between command and encoder"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"delay_s", "s", 0.0, 0.05, 0.0, "how much the feedback record lags"}}};
+      {{"delay_s", "s", 0.0, 0.05, 0.0, "delay of the recorded encoder"}}};
   static constexpr std::array<Parameter, 0> kCoefficients{};
   template <class T>
   using Memory = NoMemory;

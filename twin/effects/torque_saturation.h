@@ -19,20 +19,20 @@ namespace servotwin {
 struct TorqueSaturation {
   static constexpr Identity kIdentity{
       .id = "torque_saturation",
-      .meaning = "more asked for than the motor can give",
+      .meaning = "the control demands more torque than the motor can give",
       .acts = Acts::kForce,
       .source = "docs/theory.md 3.11",
-      .confused = "gain_change and feedforward_mismatch, which small accelerations show as well",
+      .confused = "gain_change and feedforward_mismatch, which act at small accelerations as well",
       .cause = "torque_saturation",
-      .check = "acceleration limits of the program against what the motor gives"};
+      .check = "acceleration limits of the program against the torque limit of the motor"};
   static constexpr std::array<Parameter, 3> kShapes{
       {{"limit_mps2", "m/s^2", 0.01, 1000.0, 1.0, "acceleration that the motor can give", true,
         false, Scan::kDemand},
-       {"reset", "1/s", 0.1, 1000.0, 60.0, "of the velocity control's integrator, 1/Ti"},
+       {"reset", "1/s", 0.1, 1000.0, 60.0, "reset rate of the velocity control's integrator, 1/Ti"},
        {"viscous", "1/s", 1e-3, 100.0, 0.3,
-        "viscous friction that the motor has to give as well, which the poles hold"}}};
+        "viscous friction that is part of the poles and that the motor overcomes as well"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"share", "1", -10.0, 10.0, 0.0, "of the demand beyond the limit that is missing"}}};
+      {{"share", "1", -10.0, 10.0, 0.0, "share of the demand above the limit that is missing"}}};
   template <class T>
   struct Memory {
     explicit Memory(const T* /*shape*/) {}

@@ -22,19 +22,19 @@ struct UnexplainedForce {
       .id = over == Over::kPosition   ? "unexplained_over_position"
             : over == Over::kVelocity ? "unexplained_over_velocity"
                                       : "unexplained_over_acceleration",
-      .meaning = over == Over::kPosition   ? "a force over position that is not understood"
-                 : over == Over::kVelocity ? "a force over velocity that is not understood"
-                                           : "a force over acceleration that is not understood",
+      .meaning = over == Over::kPosition   ? "unexplained force over position"
+                 : over == Over::kVelocity ? "unexplained force over velocity"
+                                           : "unexplained force over acceleration",
       .acts = Acts::kForce,
       .source = "docs/theory.md 10.3",
-      .confused = "everything that goes with the same regressor"};
+      .confused = "every effect that depends on the same regressor"};
   static constexpr const char* kUnit = over == Over::kPosition   ? "m"
                                        : over == Over::kVelocity ? "m/s"
                                                                  : "m/s^2";
   static constexpr std::array<Parameter, 2> kShapes{{{"low", kUnit, -1e3, 1e3, -1.0, "first knot"},
                                                      {"high", kUnit, -1e3, 1e3, 1.0, "last knot"}}};
   static constexpr Parameter knot(const char* name) {
-    return {name, "m/s^2", -100.0, 100.0, 0.0, "force there, per moved mass"};
+    return {name, "m/s^2", -100.0, 100.0, 0.0, "force at this knot, per moved mass"};
   }
   static constexpr std::array<Parameter, kKnots> kCoefficients{
       {knot("force_1"), knot("force_2"), knot("force_3"), knot("force_4"), knot("force_5"),

@@ -16,19 +16,19 @@ namespace servotwin {
 struct ViscousDrift {
   static constexpr Identity kIdentity{
       .id = "viscous_drift",
-      .meaning = "viscous friction that fades with the time of running",
+      .meaning = "viscous friction that decreases with running time",
       .acts = Acts::kForce,
       .source = "Bittencourt et al., LiTH-ISY-R-2948",
       .confused =
-          "added_friction, which sets in at a moment; position_dependent_friction where the work "
-          "moves on",
+          "added_friction, which starts at one time; position_dependent_friction where the "
+          "working area moves",
       .cause = "viscous_drift",
-      .check = "lubricant and its temperature; warming up before precise work"};
+      .check = "lubricant and its temperature; warming up before precision work"};
   static constexpr std::array<Parameter, 1> kShapes{
-      {{"time_constant_s", "s", 2.0, 1e4, 20.0, "in which it falls to 1/e"}}};
+      {{"time_constant_s", "s", 2.0, 1e4, 20.0, "time in which it falls to 1/e"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"cold", "1/s", -1000.0, 1000.0, 0.0,
-        "viscous friction beyond the warm one at the start of the recording, per moved mass"}}};
+        "viscous friction at the start of the recording minus that when warm, per moved mass"}}};
   template <class T>
   using Memory = NoMemory;
 

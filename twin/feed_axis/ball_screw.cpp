@@ -134,7 +134,8 @@ double static_stiffness(const BallScrew& screw, double nut) {
 
 Eigen::MatrixXd modal_basis(const BallScrew& screw, double from, double to, int modes) {
   constexpr int kPositions = 5;
-  constexpr double kAlike = 1e-6;  // of the largest: a direction that the others hold already
+  // Share of the largest direction below which a direction depends on the others.
+  constexpr double kMinDirectionShare = 1e-6;
   const Eigen::Index wanted = std::min<Eigen::Index>(modes, screw.size() - 1);
   const Eigen::LLT<Eigen::MatrixXd> mass(screw.mass);
   const Eigen::VectorXd rigid = screw.rigid / std::sqrt(screw.rigid.dot(screw.mass * screw.rigid));
@@ -149,7 +150,7 @@ Eigen::MatrixXd modal_basis(const BallScrew& screw, double from, double to, int 
   const Eigen::MatrixXd scaled = mass.matrixU() * all;
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeThinU);
   const Eigen::VectorXd& size = svd.singularValues();
-  const Eigen::Index kept = (size.array() > kAlike * size(0)).count();
+  const Eigen::Index kept = (size.array() > kMinDirectionShare * size(0)).count();
   Eigen::MatrixXd basis(screw.size(), 1 + kept);
   basis << rigid, mass.matrixU().solve(svd.matrixU().leftCols(kept));
   return basis;

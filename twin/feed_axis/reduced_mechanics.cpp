@@ -13,8 +13,10 @@ namespace {
 
 using Complex = std::complex<double>;
 
-constexpr double kLeave = 0.75;  // of a spacing: the nut belongs to another place
-constexpr double kTold = 1e-7;   // of the system's matrix, by which its eigenvectors may miss it
+// In spacings; beyond it another grid point is used.
+constexpr double kMaxDistanceFromGridPoint = 0.75;
+// Of the decomposition, relative to the system's matrix.
+constexpr double kMaxEigenvectorError = 1e-7;
 
 /// (e^x - 1) / x and (e^x - 1 - x) / x^2.
 struct Holds {
@@ -77,10 +79,10 @@ ReducedMechanics::Place ReducedMechanics::place_at(double nut, double step_s) co
   const Eigen::MatrixXcd vectors = solver.eigenvectors();
   const Eigen::MatrixXcd inverse = vectors.inverse();
   const double missed = (vectors * values.asDiagonal() * inverse - a).norm() / a.norm();
-  if (!(missed < kTold)) {
+  if (!(missed < kMaxEigenvectorError)) {
     throw std::runtime_error(
-        "the axis has a mode that is critically damped, which cannot be reduced; change a damping "
-        "a little");
+        "the axis has a critically damped mode, which cannot be reduced; change one damping value "
+        "slightly");
   }
   Place place;
   std::vector<Eigen::Index> kept;  // of a conjugate pair one
@@ -142,7 +144,7 @@ void ReducedMechanics::move_to(int place) noexcept {
 
 void ReducedMechanics::step(double torque, double friction, double nut) noexcept {
   const double where = (nut - grid_.from) * per_metre_;
-  if (std::abs(where - here_) > kLeave)
+  if (std::abs(where - here_) > kMaxDistanceFromGridPoint)
     move_to(std::clamp(static_cast<int>(std::lround(where)), 0, grid_.intervals()));
   const Place& place = places_[here_];
   travel_ += next_travel_ + place.travel[0] * torque + place.travel[1] * friction;

@@ -1,4 +1,4 @@
-// Every effect of the catalogue: its simulation and its regressors must be one and the same.
+// For every effect of the catalogue the simulation and the regressors must agree.
 
 #include <ceres/jet.h>
 #include <gtest/gtest.h>
@@ -25,16 +25,16 @@ class EveryEffect : public ::testing::TestWithParam<std::tuple<std::size_t, int>
     for (const Parameter& p : shapes_of(kind)) {
       effect.shape[i] = p.lower > 0.0 ? p.lower * std::pow(p.upper / p.lower, part(rng))
                                       : p.lower + part(rng) * 0.5 * (p.upper - p.lower);
-      // Moments while the axis moves, accelerations that it has.
+      // Times at which the axis moves, and accelerations that occur.
       if (p.unit == "s" && p.upper > 1e6) effect.shape[i] = 2.5 * part(rng);
       if (p.unit == "m/s^2") effect.shape[i] = 0.1 * part(rng);
-      // A table over what it goes through.
+      // A table over the range of the regressor that occurs.
       if (p.name == "low") effect.shape[i] = -0.02 * part(rng);
       if (p.name == "high") effect.shape[i] = 0.02 * part(rng);
       ++i;
     }
     i = 0;
-    // Large enough to be seen, small enough that friction does not hold the axis.
+    // Large enough to change the error, small enough that friction does not hold the axis.
     for (const Parameter& p : coefficients_of(kind))
       effect.coefficient[i++] =
           std::max(p.lower, (p.unit == "m" ? 5e-7 : std::min(p.upper, 0.3)) * part(rng));
@@ -63,7 +63,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
       segment.command(k) =
           0.02 * std::pow(std::sin(kTwoPi * (0.6 + 0.2 * round) * t), 3) * std::min(1.0, t);
     }
-    // The twin steps along the command (delayed where the model says so) ...
+    // The twin steps along the command (delayed if the model has a delay) ...
     Signals signals;
     signals.h = h;
     signals.command = Spline::through(segment.command, h);
@@ -125,7 +125,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
     expected += segment.command - delayed;
     EXPECT_LT((expected - error).abs().maxCoeff(), 1e-12)
         << identity_of(kind).id << ", round " << round;
-    // And the effect is seen at all: without it the error is another.
+    // The effect must change the error: without it the error differs.
     Model bare = model;
     bare.effects.clear();
     EXPECT_GT((simulate(bare, segment) - error).abs().maxCoeff(),
@@ -133,7 +133,7 @@ TEST_P(EveryEffect, StepAndColumnsAgreeAlongTheSameMotion) {
   }
 }
 
-/// The demand along a motion is the one that the twin has, to the rule by which it is integrated.
+/// The demand along a motion equals that of the twin, up to the integration rule.
 TEST(Demand, IsTheTwinsOwnAlongItsMotion) {
   const double h = 1e-3;
   for (const int order : {2, 3}) {
@@ -186,7 +186,7 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
   const auto coefficient_count = coefficients_of(kind).size();
   for (int round = 0; round < 200; ++round) {
     const Effect effect = random_effect(kind, rng);
-    // A short random motion, for the sake of effects that remember.
+    // A short random motion, for effects with memory.
     std::vector<Motion> motion(12);
     for (Motion& m : motion) {
       m.step_s = 1e-3;
@@ -226,7 +226,7 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       for (std::size_t c = 0; c < coefficient_count; ++c) {
         EXPECT_NEAR(force[c].a, here[c], 1e-12 * (1.0 + std::abs(here[c])));
         const double derivative = force[c].v(static_cast<Eigen::Index>(p)) * effect.shape[p];
-        // Where a force has a corner between the three points, the side without it tells.
+        // If a force has a corner between the three points, the side without it is compared.
         double difference = (up[c] - down[c]) / 2e-6;
         for (const double side : {(up[c] - here[c]) / 1e-6, (here[c] - down[c]) / 1e-6})
           if (std::abs(side - derivative) < std::abs(difference - derivative)) difference = side;

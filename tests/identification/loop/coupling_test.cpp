@@ -1,5 +1,5 @@
-// What another axis does to this one, found beside friction and a mode of vibration on two axes
-// that push each other and share no code with the twin.
+// Coupling to another axis, identified together with friction and a mode of vibration on a machine
+// of two coupled axes that shares no code with the twin.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -21,7 +21,7 @@ Identified found(const SegmentedAxis& axis, int modes, bool coupling) {
   return identify(axis, options);
 }
 
-// The table has 30 of 100 kg: it feels 0.04 / 0.3 of the other's acceleration.
+// The table has 30 of 100 kg: the other's acceleration acts on it with the factor 0.04 / 0.3.
 TEST(Coupling, AndVibrationAreFoundTogether) {
   const test::CoupledMachine machine = test::coupled_machine(0.0);
   const auto [x, y] = test::recorded(machine, test::production_of_both());
@@ -37,7 +37,7 @@ TEST(Coupling, AndVibrationAreFoundTogether) {
   ASSERT_NE(coupling, nullptr);
   EXPECT_NEAR(coupling->coefficient[0], -0.04 / 0.3, 0.03 * 0.04 / 0.3);
 
-  // Of one body, pushed by a table that rings, and whose friction its command does not tell.
+  // One body, pushed by a vibrating table, whose friction does not follow from its command.
   const Identified other = found(y, 0, true);
   const Effect* back = other.record.model.find(kind_of<CrossCoupling>());
   ASSERT_NE(back, nullptr);
@@ -45,8 +45,8 @@ TEST(Coupling, AndVibrationAreFoundTogether) {
   EXPECT_LT(3.0 * other.record.holdout.rms, found(y, 0, false).record.holdout.rms);
 }
 
-// Each has the mode of the machine as a whole, not the one that it would have alone: 44.35 Hz and
-// 63.68 Hz where they would be 44.74 and 62.56.
+// Each axis has the mode of the whole machine (44.35 Hz, 63.68 Hz), not the one that it would have
+// alone (44.74 Hz, 62.56 Hz).
 TEST(LongCoupling, OfTwoAxesThatBothVibrate) {
   const test::CoupledMachine machine = test::coupled_machine(62.0);
   const auto axes = test::recorded(machine, test::production_of_both());

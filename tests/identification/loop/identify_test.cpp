@@ -69,8 +69,8 @@ TEST_P(VirtualAxis, PolesFrictionAndStructureAreRecovered) {
   expected.order = truth.order;
   expected.denominator = {truth.a1, truth.a2, truth.a3};
   const PoleSet want = labels_of(expected).set[0], got = labels_of(model.loop).set[0];
-  // The sampled drive delays its force by about its period, 31 us, of which the continuous limit
-  // knows nothing.
+  // The sampled drive delays its force by about its period, 31 us, which the continuous limit does
+  // not contain.
   EXPECT_NEAR(got.omega, want.omega, 0.02 * want.omega);
   EXPECT_NEAR(got.zeta, want.zeta, 0.03 * want.zeta);
   if (truth.order == 3) {
@@ -87,7 +87,7 @@ INSTANTIATE_TEST_SUITE_P(Drives, VirtualAxis, ::testing::Bool(), [](const auto& 
   return test.param ? "with_integrator" : "without_integrator";
 });
 
-// A shift between the streams is a delay, and a loop must not swallow it.
+// A shift between the streams must be identified as a delay, not as part of the loop.
 TEST(Identify, FindsADelayBesideMatchedFeedForward) {
   vm::Axis axis = virtual_axis(true);
   axis.drive.velocity_feedforward = 1.0;
@@ -105,7 +105,7 @@ TEST(Identify, FindsTheConstantForceOfALoopWithoutIntegrator) {
   EXPECT_NEAR(constant->coefficient[0], 12.0 / 120.0, 0.002);
 }
 
-// The same motion with other noise, again and again: the values scatter together as is stated.
+// The same motion with other noise, many times: the estimates scatter with the stated covariance.
 TEST(Identify, TheCovarianceIsThatOfTheScatter) {
   vm::MoveMix mix;
   mix.duration = 6.0;
@@ -157,8 +157,8 @@ TEST(Identify, TheHoldOutIsNotInTheFit) {
   vm::AxisRecord record = production(virtual_axis(false), 3);
   const IdentifyOptions options;
   const Identified before = identify(as_segments(record), options);
-  // Spoil what lies behind the training part: the model stays the same to the last bit, its
-  // hold-out does not.
+  // Corrupt the held-out data: the model stays the same to the last bit, its held-out figures do
+  // not.
   const auto last =
       static_cast<Eigen::Index>(std::ceil(before.record.training_to_s / record.sample_time)) + 1;
   record.actual.tail(record.actual.size() - last) += 50e-6;
@@ -204,8 +204,8 @@ TEST(Identify, RefusesWhatCannotBeIdentified) {
                                       {"damping ratio bounds", "-1"});
 }
 
-// Its command and encoder belong to the same instant (examples/README.md): whatever part of it is
-// looked at, its velocity lag of 13.3 ms (X) or 9.1 ms (Y) is no delay.
+// Its command and encoder belong to the same instant (examples/README.md): for any part of the
+// recording, its velocity lag of 13.3 ms (X) or 9.1 ms (Y) is no delay.
 TEST(Identify, AVelocityLagIsNotTakenForADelay) {
   const Recording recording =
       read_recording(std::filesystem::path(SERVOTWIN_SOURCE_DIR) / "examples/axis_production.csv");
@@ -245,9 +245,9 @@ Recording real_recording(const std::filesystem::path& file, const char* columns)
   return read_recording(file, options);
 }
 
-// Real ball-screw axis (EMPS benchmark). Fitted on the first half, judged on the second in free
+// Real ball-screw axis (EMPS benchmark). Fitted on the first half, validated on the second in free
 // simulation. Published rigid-body parameters with the true control law leave 1.62 um RMS and 10.6
-// um MAX (symmetric friction); the twin knows command and encoder only.
+// um MAX (symmetric friction); identification uses command and encoder only.
 TEST(RealRecording, EmpsIsPredictedBetterThanByThePublishedModel) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   const SegmentedAxis axis =
@@ -287,7 +287,7 @@ TEST(RealRecording, TheDelayOfTheSinumerikAxisIsFoundAndNotSwallowed) {
   ASSERT_EQ(axis.segments.size(), 2U);
   const Identified found = identify(axis);
   EXPECT_NEAR(found.record.model.command_delay_s(), 8.2e-3, 0.1e-3);
-  EXPECT_LT(found.record.holdout.rms, 2e-6);  // 9 to 10 um where only the shift is taken out
+  EXPECT_LT(found.record.holdout.rms, 2e-6);  // 9 to 10 um with the shift alone removed
   // The motion has hardly a reversal: friction must be reported as not excited.
   EXPECT_FALSE(found.record.excitation.empty());
 }

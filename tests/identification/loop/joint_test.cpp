@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
-/// What was found less what is true (thesis 3.6.1 with GMS friction), each in its unit.
+/// Estimate minus truth (thesis 3.6.1 with GMS friction), each in its unit.
 struct Misses {
   double omega_hz, zeta, displacement_um, shape_factor, breakaway_mmps2;
 };
@@ -63,17 +63,17 @@ TEST_P(ThesisDrive, LoopAndFrictionAreRecoveredThroughTheEncoder) {
   check(miss.shape_factor, encoder.at_most.shape_factor, encoder.reference.shape_factor);
   check(miss.breakaway_mmps2, encoder.at_most.breakaway_mmps2, encoder.reference.breakaway_mmps2);
 
-  // The standard deviations cover what was missed.
+  // The standard deviations cover the errors of the estimates.
   if (encoder.step_um > 0.0) {
     const auto sd = [&](Eigen::Index i) { return std::sqrt(found->covariance(i, i)); };
     EXPECT_LT(std::abs(miss.breakaway_mmps2), 3.0 * 1e3 * sd(3));
     EXPECT_LT(std::abs(miss.displacement_um), 3.0 * 1e6 * sd(found->linear + 3));
     EXPECT_LT(std::abs(miss.shape_factor), 3.0 * sd(found->linear + 4));
-    // ... and not by promising nothing.
+    // ... and they are not meaninglessly large.
     EXPECT_LT(1e6 * sd(found->linear + 3), 6.0);
     EXPECT_LT(sd(found->linear + 4), 0.04);
   }
-  // Against the position no encoder has rounded.
+  // Compared with the position before quantisation.
   const Eigen::ArrayXd truth = 1e-3 * (study.command_mm - study.actual_mm);
   const double left_um = 1e6 * std::sqrt((truth - simulate(found->model, segment)).square().mean());
   EXPECT_LT(left_um, 0.003 + 0.0015 * encoder.step_um);
@@ -94,10 +94,9 @@ SegmentedAxis example_axis(const char* name) {
 }
 
 // The example machine (examples/README.md): X has GMS friction, Y LuGre, from another program than
-// the twin. Which it is, its parameters, and the poles that Coulomb friction had bent.
-// The last third of the training data of these 19 s begins within a motion: what the integrator
-// and friction do there until they have forgotten it was 0.59 um RMS of every structure, and hid
-// what tells them apart.
+// the twin. Checks the chosen law, its parameters, and the poles that Coulomb friction had biased.
+// The last third of the training data of these 19 s begins within a motion: the transient of
+// integrator and friction there was 0.59 um RMS for every structure and hid their differences.
 TEST(JointIdentification, WhatTellsStructuresApartIsNotHowTheirMotionWasCut) {
   SegmentedAxis x = example_axis("X");
   x.segments = cut(x.segments, 0.0, 19.0);
@@ -122,11 +121,11 @@ TEST(JointIdentification, FindsTheFrictionThatTheExampleMachineHas) {
   ASSERT_NE(presliding, nullptr);
   EXPECT_NEAR(presliding->coefficient[0], 0.524, 0.02);
   const PoleSet poles = labels_of(x.record.model.loop).set[0];
-  // The sampled drive holds its force by half a cycle, of which the printed poles know nothing.
+  // The sampled drive delays its force by half a cycle, which the printed poles do not contain.
   EXPECT_NEAR(poles.real / kTwoPi, 9.654, 0.05);
   EXPECT_NEAR(poles.omega / kTwoPi, 29.914, 0.5);
   EXPECT_NEAR(poles.zeta, 0.4556, 0.01);
-  EXPECT_LT(x.record.holdout.rms, 0.07e-6);  // of 783 um; rounding alone makes 0.029
+  EXPECT_LT(x.record.holdout.rms, 0.07e-6);  // of 783 um; quantisation alone is 0.029
 
   const Identified y = identify(example_axis("Y"), options);
   const Effect* lugre = y.record.model.find(kind_of<LuGre>());
@@ -139,7 +138,7 @@ TEST(JointIdentification, FindsTheFrictionThatTheExampleMachineHas) {
   EXPECT_LT(y.record.holdout.rms, 0.045e-6);
 }
 
-// From a model whose friction is wrong: its structure is kept, its loop is where the search begins.
+// From a model whose friction is wrong: its structure is kept, and its loop is the start value.
 TEST(JointIdentification, FindsTheFrictionAgainFromAModelWithTheLoop) {
   Model start;
   start.sample_time_s = 1e-3;

@@ -1,4 +1,4 @@
-// Modes of vibration: found on a machine of two masses that shares no code with the twin.
+// Modes of vibration, identified on a machine of two masses that shares no code with the twin.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -71,8 +71,8 @@ Loop loop_with_modes(int order) {
   return loop;
 }
 
-// The steady state of a sine is what the definition says, and with the sine's own amplitude: the
-// cubic through its samples differs from it by less than 1e-7.
+// The steady state of a sine is that of the definition, with the amplitude of the sine: the cubic
+// through its samples differs from it by less than 1e-7.
 TEST(Modes, TheTwinFollowsTheirDefinition) {
   for (const int order : {2, 3}) {
     Model model;
@@ -100,9 +100,9 @@ TEST(Modes, TheTwinFollowsTheirDefinition) {
   }
 }
 
-// What resists is a deceleration of what carries the encoder, whatever the modes: a force that sets
-// in moves it by half of it times the time squared, before any loop or spring answers. And a force
-// that lasts is felt as the definition says at s = 0: not at all behind an integrator.
+// With any modes a disturbance decelerates the body that carries the encoder: a force step moves it
+// by half the force times the time squared, before the loop or a spring responds. A constant force
+// has the effect of the definition at s = 0: none with an integrator.
 TEST(Modes, AForceFirstMovesWhatItActsOn) {
   for (const int order : {2, 3}) {
     Model model;
@@ -158,7 +158,7 @@ TEST(Modes, SensitivitiesAgreeWithDifferences) {
   }
 }
 
-// Without friction the loop is linear: all that is left is the noise, 0.058 um.
+// Without friction the loop is linear: the residual is the noise, 0.058 um.
 TEST(Modes, ALinearAxisIsFoundToTheNoise) {
   for (const double integral_time : {0.0, 0.02}) {
     const Rig rig = two_masses(0.0, integral_time);
@@ -180,8 +180,8 @@ TEST(Modes, ALinearAxisIsFoundToTheNoise) {
   }
 }
 
-// Where several modes are as clear as the loop, a search for one finds none of them: slow real
-// pairs serve it better. All that is left is the noise, 5.8 nm.
+// With several modes as strong as the loop, a search for one mode finds none of them: slow real
+// pairs fit better. The residual is the noise, 5.8 nm.
 TEST(Modes, OfManyMassesAreFoundTogether) {
   for (const std::vector<double>& hz : {std::vector{40.0, 46.0}, {24.0, 38.0, 60.0, 95.0, 130.0}}) {
     const test::ManyMasses machine = test::carrying(hz);
@@ -222,9 +222,9 @@ TEST(Modes, AreSoughtWhereARecordingIsTooShortForAFrequencyResponse) {
   EXPECT_LT(more->fit.solution.cost, rigid->solution.cost);
 }
 
-// A spring that becomes stiffer along the travel, as a ball screw does: the mode is found where the
-// machine's equations have it about each place, and the motion is followed far better than with a
-// mode that stands.
+// A spring that becomes stiffer along the travel, as a ball screw does: the frequency found at
+// each position is that of the machine's equations, and the residual is much smaller than with a
+// constant mode.
 TEST(Modes, OneThatMovesWithPositionIsFoundWhereItIs) {
   Rig rig = test::two_masses(Friction::Family::kCoulomb, 150.0, 0.0);
   rig.body.spring_by_position = 0.3;
@@ -251,18 +251,18 @@ TEST(Modes, OneThatMovesWithPositionIsFoundWhereItIs) {
   const StructureTrial& standing = found.trials[4];
   const StructureTrial& moving = found.trials[5];
   EXPECT_TRUE(moving.moving && moving.chosen);
-  EXPECT_LT(moving.validation_rms, 0.6 * standing.validation_rms);  // 0.85 are asked for
+  EXPECT_LT(moving.validation_rms, 0.6 * standing.validation_rms);  // 0.85 is required
   EXPECT_TRUE(std::isfinite(found.record.mode_deviations[0].slope));
 
-  // From there on, as the daemon goes on from the model in force.
+  // Start from that model, as the daemon starts from the model in force.
   options.start = found.record.model;
   const Identified again = identify(axis, options);
   EXPECT_LT(again.record.holdout.rms, 1.2 * found.record.holdout.rms);
 }
 
-// The question the thesis left open: friction with presliding beside vibration. Neither alone gains
-// what both do.
-// And a law of three parameters leaves ten times the noise, which one of free elements reaches.
+// A question that the thesis leaves open: presliding friction together with vibration. Neither
+// alone improves the fit as both do. With a law of three parameters the residual is ten times the
+// noise; a law with free elements reaches the noise.
 TEST(Modes, PreslidingAndVibrationAreFoundTogether) {
   const Rig rig = two_masses(150.0, 0.0);
   SegmentedAxis axis;

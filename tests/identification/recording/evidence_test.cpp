@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kStep_s = 1e-3;
 
-/// A command piece by piece, from rest; the axis follows it exactly.
+/// A command built section by section, from rest; the axis follows it exactly.
 class Program {
  public:
   void stand(double seconds) {
@@ -35,7 +35,7 @@ class Program {
       command_.push_back(at_ += (from + (to - from) * share) * kStep_s);
     }
   }
-  /// There and back with 3 m/s^2: 0.3 m/s, which it reaches in 0.1 s.
+  /// Back and forth with 3 m/s^2, reaching 0.3 m/s in 0.1 s.
   void fast_move() {
     for (const double v : {0.3, -0.3}) {
       change(0.0, v, 0.1);
@@ -43,7 +43,7 @@ class Program {
       change(v, 0.0, 0.1);
     }
   }
-  /// As many legs to and fro.
+  /// This many legs back and forth.
   void creep(double velocity, double leg_s, int legs) {
     for (int i = 0; i < legs; ++i) run(i % 2 == 0 ? velocity : -velocity, leg_s);
   }
@@ -68,7 +68,7 @@ struct Found {
   double from_s, to_s;
 };
 
-/// That the stretches are these, to within 30 ms: what the differences reach over.
+/// The stretches must be these, to within 30 ms, the span of the differences.
 void expect_stretches(const std::vector<EvidenceStretch>& got, const std::vector<Found>& wanted) {
   ASSERT_EQ(got.size(), wanted.size());
   for (std::size_t i = 0; i < got.size(); ++i) {
@@ -107,7 +107,7 @@ TEST(Evidence, ThePeaksAreThoseOfTheCommand) {
   const MotionScale scale = motion_scale(program.segments());
   EXPECT_NEAR(scale.velocity, 0.3, 1e-9);
   EXPECT_NEAR(scale.acceleration, 3.0, 1e-6);
-  // A jump of the command is none of them.
+  // A jump of the command is not fast motion.
   std::vector<Segment> jump = program.segments();
   jump[0].command.tail(500) += 1.0;
   EXPECT_LT(motion_scale(jump).velocity, 0.31);
@@ -119,7 +119,7 @@ TEST(Evidence, ThePeaksAreThoseOfTheCommand) {
 TEST(Evidence, WhatCreepsIsSlowOnlyBesideWhatIsFast) {
   Program program;
   program.creep(1e-3, 0.4, 20);
-  // Of its own it is the fastest that this axis has shown.
+  // By its own scale it is the fastest motion of this axis.
   for (const EvidenceStretch& s : sorted(program.segments()))
     EXPECT_EQ(s.shows, Evidence::kFastMotion);
   expect_stretches(sorted_by_evidence(program.segments(), {0.3, 3.0}),
@@ -219,7 +219,7 @@ TEST(Evidence, SlowReversalsLeadInUntilALongLegHasWipedOutWhatWasBefore) {
     program.run(1e-3, 0.6);
   }
   EXPECT_NEAR(static_cast<double>(lead_in(program.segments()[0])), 700.0, 2.0);
-  // Never less than the loop's answer.
+  // Never less than the response time of the loop.
   EvidenceLimits limits;
   limits.forgets = 50e-6;
   EXPECT_EQ(lead_in(program.segments()[0], limits), 500);
@@ -253,7 +253,7 @@ TEST(Evidence, WhatALeadInHoldsCountsInNoFit) {
   EXPECT_EQ(all.middleRows(s.size(), 300).cwiseAbs().maxCoeff(), 0.0);
   EXPECT_GT(all.middleRows(s.size() + 300, 300).cwiseAbs().maxCoeff(), 0.0);
   EXPECT_NE(data.solve(point).cost, with(signals_of(s)).solve(point).cost);
-  // A cut keeps what is left of it.
+  // A cut keeps the rest of the lead-in.
   EXPECT_EQ(cut({led}, 0.1, 10.0)[0].lead, 200);
   EXPECT_EQ(cut({led}, 0.5, 10.0)[0].lead, 0);
 }

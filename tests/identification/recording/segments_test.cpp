@@ -170,7 +170,7 @@ TEST(Segments, RefusesWhatIsNoRecordingOfTheAxis) {
   refuses(sampled(grid(100, 0.001), std::vector<double>(100, kAbsent)), "X",
           {"time does not advance"});
   refuses(sampled(grid(9, 0.001)), "X",
-          {"no stretch of 10 samples", "the longest has 9 of 9 rows"});
+          {"no segment of 10 samples", "the longest has 9 of 9 rows"});
 }
 
 TEST(RequireMotion, NamesTheSignalThatStands) {

@@ -200,7 +200,7 @@ TEST(Stamps, SmallJitterIsTheRecordersAndTheSamplesAreEven) {
   EXPECT_NEAR(axis.report.jitter_rms, 0.0327, 0.001);
   EXPECT_GT(axis.report.jitter_max, 0.07);
   EXPECT_LE(axis.report.jitter_max, 0.08);
-  says(axis.report, "samples taken as evenly spaced");
+  says(axis.report, "samples treated as evenly spaced");
 }
 
 TEST(Stamps, AFewLateStampsAddNoSamples) {

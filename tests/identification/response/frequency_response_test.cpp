@@ -201,7 +201,7 @@ TEST(FrequencyResponse, TellsTwoInputsApart) {
     EXPECT_GE(found.coherence(i) + 1e-9, c.coherence(i));
   }
   EXPECT_NEAR(sum / static_cast<double>(found.frequency_hz.size() - 1), 1.0, 0.45);
-  // Two inputs that are one cannot be told apart.
+  // Two identical inputs cannot be separated.
   const std::vector<ResponseRecord> one{{{u1, 2.0 * u1}, y, {}}};
   EXPECT_EQ(frequency_response(one, kStep_s, options).channels[0].significant.count(), 0);
 }
@@ -229,7 +229,7 @@ TEST(FrequencyResponse, AStrongLineLeaksAndIsNoExcitationElsewhere) {
   EXPECT_GT((found.response.coherence.segment(8, 60) > 0.8).count(), 15);
   EXPECT_TRUE(found.response.significant(0, 4.0, 500.0).empty());
   EXPECT_FALSE(found.fit);
-  EXPECT_THAT(found.declined, HasSubstr("frequencies say more than chance"));
+  EXPECT_THAT(found.declined, HasSubstr("frequencies have significant coherence"));
 }
 
 TEST(FrequencyResponse, RefusesTooFewWindows) {
@@ -244,7 +244,7 @@ TEST(FrequencyResponse, RefusesTooFewWindows) {
     }
     return "";
   };
-  EXPECT_THAT(words(0.5), HasSubstr("3 windows of 0.5 s are worth 2.9 independent averages"));
+  EXPECT_THAT(words(0.5), HasSubstr("3 windows of 0.5 s give 2.9 independent averages"));
   EXPECT_THAT(words(2.0), HasSubstr("0 windows of 2 s"));
   EXPECT_THAT(words(0.01), HasSubstr("has 10 samples, it needs 16"));
   EXPECT_EQ(words(0.25), "");
@@ -298,7 +298,7 @@ TEST(ResponseModes, AreNoneWithoutExcitation) {
   EXPECT_TRUE(poles_shown(records, kStep_s).empty());
   const FittedResponse found = fit_response(records, kStep_s);
   EXPECT_NE(found.declined, "");
-  // What chance makes significant stands alone.
+  // Frequencies that are significant by chance are isolated.
   EXPECT_TRUE(found.response.channels[0].significant.any());
   EXPECT_TRUE(found.fitted.empty());
 }

@@ -182,7 +182,7 @@ TEST(Multivariable, NoElementBreaksAwayBeyondAQuarterOfTheTravel) {
   EXPECT_GT(fit.holdout(0), 0.9 * floor_of(rig));
   data.inputs[2].break_distance = 2.0 * longest;
   test::expect_error<std::runtime_error>([&] { (void)identify_multivariable(data); },
-                                         {"input 3", "the position itself", "at most"});
+                                         {"input 3", "equals the position", "at most"});
 }
 
 TEST(Multivariable, DerivativesByBreakDistancesAreThoseOfTheCost) {

@@ -1,4 +1,4 @@
-// Vector fitting alone, without the refinement that would make up for what it does wrong.
+// Vector fitting alone, without the refinement, which could compensate its errors.
 #include "identification/response/partial_fractions.h"
 
 #include <gmock/gmock.h>

@@ -147,17 +147,17 @@ TEST_P(VectorFittingScatter, IsThatOfTheCramerRaoBound) {
   EXPECT_NEAR(deviation(zeta) / std::sqrt(bound(1, 1)), 1.0, 0.14);
   EXPECT_NEAR(hz.mean(), truth[0].hz, 4.0 * std::sqrt(bound(0, 0) / kTrials));
   EXPECT_NEAR(zeta.mean(), truth[0].zeta, 4.0 * std::sqrt(bound(1, 1) / kTrials));
-  // What is said is the bound, but for the misfit that the noise happens to have.
+  // The stated deviation is the bound times the misfit of this noise.
   EXPECT_NEAR(hz_said.mean() / std::sqrt(bound(0, 0)), 1.0, 0.05);
   EXPECT_NEAR(zeta_said.mean() / std::sqrt(bound(1, 1)), 1.0, 0.05);
 }
 
-// Lightly damped, and as a position loop is, where omega and zeta hang together.
+// Lightly damped, and as a position loop is, where omega and zeta are correlated.
 INSTANTIATE_TEST_SUITE_P(Modes, VectorFittingScatter,
                          testing::Values(kModes[0], Mode{60.0, 0.6, 1.0, 0.3}));
 
 TEST(VectorFittingPoles, AreCommonToAllChannels) {
-  // The second channel has next to none of the first mode, and the other way round.
+  // The second channel hardly contains the first mode, and vice versa.
   ResponsePoints points = points_of(std::span(kModes.data(), 2), 1e-3);
   points.response.conservativeResize(Eigen::NoChange, 2);
   points.deviation = Eigen::MatrixXd::Constant(points.omega.size(), 2, 1e-3);

@@ -42,7 +42,7 @@ const FittedValue& value(const FeedAxisFit& fit, const std::string& name) {
   throw std::logic_error(name);
 }
 
-// The response is of a finer mesh, with noise; the fit is told of neither.
+// The response is of a finer mesh, with noise; the fit knows neither.
 TEST(FeedAxisFit, FindsTheSpringsBehindAResponse) {
   FeedAxisParts built = data_sheet();
   built.screw.elements = 40;
@@ -76,8 +76,8 @@ struct Bristle {
   }
 };
 
-/// What a log at 1 kHz has of the axis: all unknowns of a finer mesh, friction four times per
-/// cycle.
+/// A log of the axis at 1 kHz, simulated with all unknowns of a finer mesh and friction four times
+/// per cycle.
 Segment recorded(FeedAxisParts parts, std::vector<Bristle> bristles) {
   constexpr int kSubsteps = 4, kPerRow = 16;
   parts.screw.elements = 20;
@@ -154,7 +154,8 @@ TEST(FeedAxisFit, RefusesWhatCannotBeFitted) {
   FeedAxisParts parts = data_sheet();
   const Segment row = recorded(parts, {});
   test::expect_error<std::runtime_error>(
-      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {row}); }, {"no friction to start from"});
+      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {row}); },
+      {"no friction as a start value"});
   parts.friction = LuGreParts{150.0, 120.0, 5e-3, 5e6, 0.0, 300.0};
   test::expect_error<std::runtime_error>(
       [&] { (void)fit_friction(parts, FrictionOf::kDrive, {row}); }, {"friction.damping is 0"});
@@ -162,7 +163,7 @@ TEST(FeedAxisFit, RefusesWhatCannotBeFitted) {
   Segment silent = row;
   silent.torque.resize(0);
   test::expect_error<std::runtime_error>(
-      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {silent}); }, {"without torque"});
+      [&] { (void)fit_friction(parts, FrictionOf::kDrive, {silent}); }, {"has no torque"});
 }
 
 }  // namespace

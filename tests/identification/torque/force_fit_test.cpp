@@ -59,7 +59,7 @@ ForceFitOptions sign_of_velocity(std::size_t shapes) {
 }
 
 // Janot, Gautier, Brunot 2019: M 95.1089 kg, Fv 203.5034, Fc 20.3935, offset -3.1648, error 4.0834
-// %. Their script keeps the last 50 samples, which stand; ours leaves them out at both ends.
+// %. Their script keeps the last 50 samples, at rest; ours leaves them out at both ends.
 TEST(ForceFit, ReproducesThePublishedSymmetricModelOfEmps) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   const auto fit = fit_force(ForceData::of_motion(emps(file)),
@@ -90,7 +90,7 @@ TEST(ForceFit, ReproducesThePublishedAsymmetricModelOfEmps) {
   EXPECT_NEAR(100.0 * fit->error.relative, 3.1117, 0.06);
 }
 
-// Fitted on the first half, judged on the second, all by the same filters.
+// Fitted on the first half, validated on the second, with the same filters.
 TEST(ForceFit, PredictsTheUnseenHalfOfEmpsBetterThanThePublishedModels) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   const Segment whole = emps(file).front();
@@ -128,7 +128,7 @@ TEST(ForceFit, RecoversTheLuGreParametersOfTheFeedDrive) {
   EXPECT_NEAR(fit->model.effects[1].coefficient[0], 0.0, 0.1);
 }
 
-// The telescopic cover, with the drive held as it was found without it.
+// The telescopic cover, with the drive's parameters held at their values without it.
 TEST(ForceFit, RecoversTheAddedFrictionOfTheCover) {
   const auto data_of = [](bool covered, std::uint64_t seed) {
     const vm::Axis axis = vm::cover_rig_axis(covered);
@@ -168,7 +168,7 @@ TEST(ForceFit, NeedsATorque) {
   EXPECT_THROW((void)ForceData::of_motion({}), std::runtime_error);
 }
 
-// A torque that is there in parts is used in parts; rows that are slow can be left out.
+// A torque with gaps is used where it exists; slow rows can be left out.
 TEST(ForceFit, UsesWhatIsThereAndLeavesOutWhatIsSlow) {
   Segment s;
   s.sample_time_s = 1e-3;

@@ -1,4 +1,4 @@
-// The friction test motion against its closed form, and against what the paper says of its own.
+// The friction test motion against its closed form, and the paper's own example.
 #include "identification/torque/motion_law.h"
 
 #include <gtest/gtest.h>
@@ -178,7 +178,7 @@ TEST(MotionLaw, RefusesWhatCannotBeDone) {
           "9.98 mm; settle for at least 0.05 s");
   MotionLawPlan plan = mixed();
   plan.settle_s = 0.05;
-  plan.travel = 0.0321;  // 12 mm + 2 x 0.05 s x 200 mm/s, and a little for rounding
+  plan.travel = 0.0321;  // 12 mm + 2 x 0.05 s x 200 mm/s, plus a margin for rounding
   EXPECT_NO_THROW((void)MotionLaw(plan));
 }
 

@@ -1,4 +1,4 @@
-// Ramps of constant velocity and what friction models make of them.
+// Ramps of constant velocity, and friction models fitted to them.
 #include "identification/torque/ramps.h"
 
 #include <gmock/gmock.h>
@@ -61,7 +61,7 @@ TEST(Ramps, AreAveragedWithinTheBand) {
 }
 
 // The drive chain of paper 001 with a loop too soft for its falling friction: at 1.9 mm/s, where
-// friction falls most, it waits and jumps; at 20 mm/s it moves.
+// friction falls most, it sticks and slips; at 20 mm/s it moves steadily.
 TEST(Ramps, AnAxisThatWaitsAndJumpsHasStickSlip) {
   vm::Axis axis = vm::drive_chain_axis();
   for (double* gain : {&axis.drive.velocity_gain, &axis.drive.integral_gain}) *gain *= 0.3;
@@ -120,8 +120,8 @@ TEST(FrictionOnRamps, RecoversTheStribeckParametersOfTheDriveChain) {
   EXPECT_NEAR(found.shape[0], 0.0065, 1e-4);                              // vs+
   EXPECT_NEAR(found.shape[1], 0.0074, 1e-4);                              // vs-
   EXPECT_NEAR(found.shape[2], 1.26, 0.01);                                // delta
-  // The network is held to what it has not seen: with nine free numbers of physics, Stribeck is
-  // better where it is the truth.
+  // On held-out data Stribeck, with nine physical parameters, is better than the network, because
+  // it is the true law.
   const FrictionTrial& network = trials.back();
   ASSERT_EQ(network.structure.effects.front(), kind_of<FrictionMap>());
   EXPECT_LT(stribeck.held_out.rms, network.held_out.rms);
