@@ -114,7 +114,7 @@ TEST(LongDiagnosis, LeavesACauseOutOfTheLawsThatSayItWithAnother) {
 
 // What the published symmetric model of this axis gets wrong, each with its gain on
 // the half that was not fitted.
-TEST(Diagnosis, NamesWhatThePublishedModelOfEmpsGetsWrong) {
+TEST(LongDiagnosis, NamesWhatThePublishedModelOfEmpsGetsWrong) {
   SERVOTWIN_REAL_DATA(file, "emps/DATA_EMPS.mat");
   ReadOptions read;
   read.columns = "X.command=qg[m],X.actual=qm[m],X.torque=vir[V]";

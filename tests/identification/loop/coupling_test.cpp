@@ -22,7 +22,7 @@ Identified found(const SegmentedAxis& axis, int modes, bool coupling) {
 }
 
 // The table has 30 of 100 kg: the other's acceleration acts on it with the factor 0.04 / 0.3.
-TEST(Coupling, AndVibrationAreFoundTogether) {
+TEST(LongCoupling, AndVibrationAreFoundTogether) {
   const test::CoupledMachine machine = test::coupled_machine(0.0);
   const auto [x, y] = test::recorded(machine, test::production_of_both());
   const Identified with = found(x, 1, true), without = found(x, 1, false);

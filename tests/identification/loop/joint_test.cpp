@@ -112,7 +112,7 @@ TEST(JointIdentification, WhatTellsStructuresApartIsNotHowTheirMotionWasCut) {
   EXPECT_LT(chosen->validation_rms, 2.0 * found.record.holdout.rms);
 }
 
-TEST(JointIdentification, FindsTheFrictionThatTheExampleMachineHas) {
+TEST(LongJointIdentification, FindsTheFrictionThatTheExampleMachineHas) {
   IdentifyOptions options;
   options.method = Method::kJoint;
   const Identified x = identify(example_axis("X"), options);

@@ -182,7 +182,7 @@ TEST(Modes, ALinearAxisIsFoundToTheNoise) {
 
 // With several modes as strong as the loop, a search for one mode finds none of them: slow real
 // pairs fit better. The residual is the noise, 5.8 nm.
-TEST(Modes, OfManyMassesAreFoundTogether) {
+TEST(LongModes, OfManyMassesAreFoundTogether) {
   for (const std::vector<double>& hz : {std::vector{40.0, 46.0}, {24.0, 38.0, 60.0, 95.0, 130.0}}) {
     const test::ManyMasses machine = test::carrying(hz);
     const auto [training, holdout] = split({test::production_of(machine)}, 0.6);
@@ -225,7 +225,7 @@ TEST(Modes, AreSoughtWhereARecordingIsTooShortForAFrequencyResponse) {
 // A spring that becomes stiffer along the travel, as a ball screw does: the frequency found at
 // each position is that of the machine's equations, and the residual is much smaller than with a
 // constant mode.
-TEST(Modes, OneThatMovesWithPositionIsFoundWhereItIs) {
+TEST(LongModes, OneThatMovesWithPositionIsFoundWhereItIs) {
   Rig rig = test::two_masses(Friction::Family::kCoulomb, 150.0, 0.0);
   rig.body.spring_by_position = 0.3;
   SegmentedAxis axis;
@@ -263,7 +263,7 @@ TEST(Modes, OneThatMovesWithPositionIsFoundWhereItIs) {
 // A question that the thesis leaves open: presliding friction together with vibration. Neither
 // alone improves the fit as both do. With a law of three parameters the residual is ten times the
 // noise; a law with free elements reaches the noise.
-TEST(Modes, PreslidingAndVibrationAreFoundTogether) {
+TEST(LongModes, PreslidingAndVibrationAreFoundTogether) {
   const Rig rig = two_masses(150.0, 0.0);
   SegmentedAxis axis;
   axis.axis = "X";

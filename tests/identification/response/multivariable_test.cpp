@@ -106,7 +106,7 @@ TEST(Multivariable, UnitsOfTheOutputsDoNotMatter) {
   EXPECT_NEAR(after.holdout(1), 1e6 * before.holdout(1), 1e3 * before.holdout(1));
 }
 
-TEST(Multivariable, FrictionOfBothAxesBesideBothModes) {
+TEST(LongMultivariable, FrictionOfBothAxesBesideBothModes) {
   const test::CoupledMachine machine = test::coupled_machine(62.0);
   const MultivariableFit without = identify_multivariable(recorded(machine), {.order = 6});
   const MultivariableFit coulomb =
