@@ -163,19 +163,24 @@ void MachineService::run() {
     name_thread("recorder");
     recorder_.run(stop);
   });
-  const auto in_idle_time = [&note](const char* name, auto work) {
-    return std::jthread([&note, name, work](const std::stop_token& stop) {
-      name_thread(name);
+  const auto in_idle_time = [&note](auto work) {
+    return std::jthread([&note, work](const std::stop_token& stop) {
       note(become_idle());
       work(stop);
     });
   };
-  std::jthread identifying = in_idle_time(
-      "identification", [this](const std::stop_token& stop) { identification_.run(stop); });
-  std::jthread diagnosing =
-      in_idle_time("diagnosis", [this](const std::stop_token& stop) { diagnosis_.run(stop); });
-  std::jthread learning = in_idle_time(
-      "learning", [this](const std::stop_token& stop) { learner_.run(stop, programs_); });
+  std::jthread identifying = in_idle_time([this](const std::stop_token& stop) {
+    name_thread("identification");
+    identification_.run(stop);
+  });
+  std::jthread diagnosing = in_idle_time([this](const std::stop_token& stop) {
+    name_thread("diagnosis");
+    diagnosis_.run(stop);
+  });
+  std::jthread learning = in_idle_time([this](const std::stop_token& stop) {
+    name_thread("learning");
+    learner_.run(stop, programs_);
+  });
   std::jthread reporting([this](const std::stop_token& stop) {
     name_thread("events");
     report_news(stop);

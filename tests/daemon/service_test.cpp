@@ -402,7 +402,7 @@ TEST(ThreadTable, NamesEveryThreadThatIsStarted) {
     text << std::ifstream(std::string(SERVOTWIN_SOURCE_DIR) + "/daemon/" + file).rdbuf();
     return text.str();
   };
-  const std::string table = content("README.md"), source = content("service.cpp") +
+  const std::string table = content("README.md"), source = content("machine_service.cpp") +
                                                            content("service_manager.cpp") +
                                                            content("web/web_service.cpp");
   const std::string begin = "name_thread(\"";

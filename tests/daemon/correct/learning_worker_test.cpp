@@ -379,7 +379,7 @@ TEST_F(LearningWorkerTest, LearningIsGivenUpWhenTheDaemonStops) {
   worker_->give_up_with(stop.get_token());
   send({circle_program()[0]}, true);
   ASSERT_EQ(announced_.size(), 1U);
-  EXPECT_THAT(announced_[0].reason, HasSubstr("given up"));
+  EXPECT_THAT(announced_[0].reason, HasSubstr("aborted, because the daemon stops"));
 }
 
 TEST_F(LearningWorkerTest, TheNewestCorrectionsAreKept) {

@@ -187,7 +187,7 @@ TEST_F(WorkerTest, AWorkerThatLagsDecidesTheSame) {
   worker_->finish();
   std::vector<std::string> later;
   for (const Event& event : store_->events(100)) {
-    if (event.text.find("undecided") == event.text.npos) later.push_back(event.text);
+    if (event.text.find("not decided") == event.text.npos) later.push_back(event.text);
   }
   EXPECT_EQ(later, in_time);
 }
