@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <thread>
 #include <utility>
@@ -25,6 +26,9 @@ constexpr double kMemoryReserve_s = 30.0;
 constexpr double kMemoryOverRecordTime = 4.0;
 // Minimum of the default ceiling for all recordings.
 constexpr double kMinCeiling_mb = 1024.0;
+// A fade-out takes one ramp; a busy host gets a second one.
+constexpr double kFadeOutRamps = 2.0;
+constexpr std::chrono::milliseconds kFadeOutCheck{5};
 // Period at which the reports of source and publisher are collected.
 constexpr std::chrono::milliseconds kNewsPeriod{500};
 // Minimum time between two reports of malformed frames.
@@ -191,6 +195,7 @@ void MachineService::run() {
     std::unique_lock lock(mutex_);
     ended_changed_.wait(lock, base_.stop, [this] { return ended_; });
   }
+  fade_out();
 
   stop_loop_ = true;
   real_time.join();
@@ -218,6 +223,18 @@ void MachineService::run() {
   base_.events.note(
       "stopped", "",
       "stopped after " + std::to_string(total.frames) + " frames" + fault_counts(total));
+}
+
+void MachineService::fade_out() {
+  arming_.end();
+  // An offset that is not renewed is a fault for the drive: it fades out first. Without frames
+  // nothing can be sent, and the drive ramps it to 0 by itself.
+  const std::int64_t until_ns =
+      steady_ns() +
+      std::llround(1e9 * (kFadeOutRamps * base_.config.ilc.ramp_s + base_.config.ilc.validity_s));
+  std::unique_lock lock(mutex_);
+  while (!ended_ && hand_over_.active.load(std::memory_order_relaxed) && steady_ns() < until_ns)
+    ended_changed_.wait_for(lock, kFadeOutCheck);
 }
 
 void MachineService::run_loop() {

@@ -67,6 +67,7 @@ class MachineService {
  private:
   [[nodiscard]] MachineStatus status();
   void run_loop();
+  void fade_out();
   void report_news(const std::stop_token& stop);
 
   const ServiceBase base_;
@@ -77,7 +78,7 @@ class MachineService {
   std::vector<LatestValue<TwinInForce>> models_;
   Ring<MachinePrediction> predictions_;
   Ring<CycleRow> rows_;
-  Ring<MachineOffset> offsets_;
+  Ring<DatedOffset> offsets_;
   OffsetHandOver hand_over_;
   WakeUp predicted_;
   Histogram published_;

@@ -52,7 +52,7 @@ Gate::Gate(const GateLimits& limits) noexcept
     : limits_(limits),
       usable_(positive(limits.peak) && positive(limits.rate) && positive(limits.bandwidth_hz) &&
               positive(limits.ramp_s) && positive(limits.validity_s) && limits.validity_s < 1e9 &&
-              positive(limits.model_age_s)) {}
+              positive(limits.model_age_s) && limits.cycle_s > 0.0) {}
 
 Refusal Gate::judge(const GateRequest& request, double step_s) noexcept {
   // The requests are followed whether they are permitted or not: a slope is one of the signal.
@@ -83,8 +83,9 @@ bool Gate::ends_too_soon(const GateRequest& request, double step_s) const noexce
   if (request.expires_ns >= ends_ns_) return false;  // what is out fades out by then
   const double left_s = seconds(difference(request.expires_ns, request.now_ns));
   const double fastest = std::min(limits_.rate, limits_.peak / limits_.ramp_s);
-  return gain_ * limits_.ramp_s - step_s > left_s ||
-         std::abs(out_) - limits_.rate * step_s > fastest * left_s;
+  const double moves_s = std::min(step_s, limits_.cycle_s);
+  return gain_ * limits_.ramp_s - moves_s > left_s ||
+         std::abs(out_) - limits_.rate * moves_s > fastest * left_s;
 }
 
 GateOutput Gate::refused(Refusal refusal) noexcept {
@@ -108,7 +109,8 @@ GateOutput Gate::pass(const GateRequest& request) noexcept {
 
   const Refusal refusal = judge(request, step_s);
   ++counts_[static_cast<std::size_t>(refusal)];
-  const double fade = step_s / limits_.ramp_s;
+  const double moves_s = std::min(step_s, limits_.cycle_s);
+  const double fade = moves_s / limits_.ramp_s;
   if (refusal == Refusal::kNone) {
     held_ = request.offset;
     ends_ns_ = request.expires_ns;
@@ -118,7 +120,7 @@ GateOutput Gate::pass(const GateRequest& request) noexcept {
   }
   const double left_s = seconds(difference(ends_ns_, request.now_ns));
   gain_ = std::min(gain_, left_s / limits_.ramp_s);
-  const double most = limits_.rate * step_s, last = limits_.rate * left_s;
+  const double most = limits_.rate * moves_s, last = limits_.rate * left_s;
   out_ += std::clamp(std::clamp(gain_ * held_, -last, last) - out_, -most, most);
   out_ = std::clamp(out_, -limits_.peak, limits_.peak);
   first_ = false;

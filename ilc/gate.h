@@ -1,12 +1,13 @@
 // The safety gate of one axis: every position correction leaves the program through it.
 //
 // Whatever comes in, the offset y_k that goes out at t_k and is valid until V_k obeys
-//   |y_k| <= peak,   |y_k - y_(k-1)| <= rate (t_k - t_(k-1)),
+//   |y_k| <= peak,   |y_k - y_(k-1)| <= rate min(t_k - t_(k-1), cycle_s),
 //   V_k <= min(t_k + validity, E_k),   |y_k| <= min(peak / ramp_s, rate) (E_k - t_k),
 // where E_k is the expiry of the last permitted request (none: no bound), and y_(k-1) is what the
 // drive still applies at t_k: 0 if its validity is over by then, because the drive drops an offset
-// that is not renewed. So no offset is applied for longer than its request allows, and it has faded
-// to 0 when the request ends. The fade obeys
+// that is not renewed. The gate does not know how long the drive takes for that: whoever calls it
+// is silent for as long (daemon/loop/live_offsets.h). So no offset is applied for longer than its
+// request allows, and it has faded to 0 when the request ends. The fade obeys
 //   gain_k <= (E_k - t_k) / ramp_s,
 // so only a request that is valid for ramp_s or longer is ever applied in full.
 //
@@ -25,6 +26,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <string_view>
 
 namespace servotwin {
@@ -39,6 +41,9 @@ struct GateLimits {
   double validity_s = 0.0;   ///< time after which the drive must drop an offset
   double model_age_s = 0.0;  ///< greatest age of the validation of a model
   bool live = false;         ///< false: dry run
+  /// A drive applies one offset per cycle: by more than the rate allows in this time no offset
+  /// changes, however long ago the one before was.
+  double cycle_s = std::numeric_limits<double>::infinity();
 };
 
 /// Numbered, never reused.

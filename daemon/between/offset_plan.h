@@ -55,7 +55,8 @@ struct OffsetRules {
   double cycle_s = 0.0;
   std::vector<GateLimits> limits;  ///< of every axis of the machine; zeros: no offset is sent
   double ramp_s = 0.0;             ///< fade-in time from 0 to the full offset, and fade-out time
-  double validity_s = 0.0;         ///< time after which a drive must drop an offset
+  double validity_s = 0.0;         ///< time after which a drive drops an offset
+  double drive_ramp_s = 0.0;       ///< time within which it then brings the offset to 0
   double match_tolerance = 0.0;    ///< deviation of a command from its program row [m | rad]
   double residual_band = 0.0;      ///< in standard deviations; beyond it offsets fade out
   int delay_cycles = 1;            ///< from a frame to the cycle that applies its offset; >= 1
@@ -73,11 +74,18 @@ struct OffsetPlan {
                          ///< given up stay barred
 };
 
+/// An offset on its way to the network.
+struct DatedOffset {
+  MachineOffset offset;
+  std::int64_t leaves_until_ns = 0;  ///< steady clock; later it must not be sent
+};
+
 /// Everything that the loop and the other threads share about corrections. It outlives both.
 struct OffsetHandOver {
   LatestValue<const OffsetPlan*> plans;
   std::atomic<std::uint64_t> in_use{0};  ///< generation of the plan that the loop uses
   std::atomic<bool> armed{false};        ///< by a person; not kept over a restart
+  std::atomic<bool> active{false};       ///< a run has not faded out yet; written by the loop
   Ring<OffsetRun> runs{16};
 };
 

@@ -266,6 +266,7 @@ void read_ilc(Section section, IlcConfig& ilc) {
   section.flag("live", ilc.live);
   section.number("ramp_s", 1e-3, 10.0, "s", ilc.ramp_s);
   section.number("validity_s", 1e-3, 1.0, "s", ilc.validity_s);
+  section.number("drive_ramp_s", 0.0, 10.0, "s", ilc.drive_ramp_s);
   section.number("model_age_s", 1.0, 1e9, "s", ilc.model_age_s);
   section.number("match_tolerance", 1e-12, 1e-2, "m or rad", ilc.match_tolerance);
   section.number("residual_band", 1.0, 1000.0, "standard deviations", ilc.residual_band);

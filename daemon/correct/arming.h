@@ -21,10 +21,9 @@ class Arming {
   [[nodiscard]] bool armed() const noexcept { return armed_.load(std::memory_order_relaxed); }
   /// Arms. Returns why that is not possible; empty if it is armed now.
   std::string arm() {
-    {
-      const std::lock_guard lock(mutex_);
-      if (!forbidden_.empty()) return forbidden_;
-    }
+    // Held until it is armed: nobody forbids in between.
+    const std::lock_guard lock(mutex_);
+    if (!forbidden_.empty()) return forbidden_;
     if (!live_) return "offsets are a dry run: the configuration does not have ilc.live = true";
     if (!armed_.exchange(true, std::memory_order_relaxed))
       events_.note("offsets_armed", "", "armed: from the next run on, offsets are sent to drives");
@@ -37,13 +36,18 @@ class Arming {
   }
   /// Disarms until the next start of the daemon. The first call reports the reason as an event.
   void forbid(const std::string& why) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (!forbidden_.empty()) return;
-      forbidden_ = why;
-    }
+    armed_.store(false, std::memory_order_relaxed);  // at once, whoever holds the lock
+    const std::lock_guard lock(mutex_);
+    armed_.store(false, std::memory_order_relaxed);
+    if (!forbidden_.empty()) return;
+    forbidden_ = why;
     events_.error("offsets_held_back", "", why);
-    disarm();
+  }
+  /// Disarms for good, without an event: the daemon ends.
+  void end() {
+    const std::lock_guard lock(mutex_);
+    if (forbidden_.empty()) forbidden_ = "the daemon is stopping";
+    armed_.store(false, std::memory_order_relaxed);
   }
 
  private:

@@ -118,10 +118,11 @@ OffsetRules offset_rules(const LearningRules& rules, bool in_command) {
   for (const std::optional<OffsetLimits>& limits : rules.limits) {
     const OffsetLimits given = limits.value_or(OffsetLimits());
     out.limits.push_back({given.peak, given.rate, given.bandwidth_hz, ilc.ramp_s, ilc.validity_s,
-                          ilc.model_age_s, ilc.live});
+                          ilc.model_age_s, ilc.live, out.cycle_s});
   }
   out.ramp_s = ilc.ramp_s;
   out.validity_s = ilc.validity_s;
+  out.drive_ramp_s = ilc.drive_ramp_s;
   out.match_tolerance = ilc.match_tolerance;
   out.residual_band = ilc.residual_band;
   out.delay_cycles = ilc.delay_cycles;

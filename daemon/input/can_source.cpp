@@ -42,6 +42,7 @@ CanSource::CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pac
     if (i != known.start.bus) order_.push_back(i);
   }
   order_.push_back(known.start.bus);
+  cycle_ns_ = std::llround(known.machine.cycle_s * 1e9);
   patience_ns_ = std::max<std::int64_t>(500'000'000, std::llround(known.machine.cycle_s * 1e11));
   reported_ = snapshot();
 }
@@ -147,20 +148,26 @@ void CanSource::detect_other_sender(std::size_t bus, const CanFrame& frame) noex
   }
 }
 
-void CanSource::send(const MachineOffset& offset) noexcept {
-  // relaxed: the flag orders no other data.
-  if (other_sender_.load(std::memory_order_relaxed) >= 0) return;
+std::uint32_t CanSource::send(const MachineOffset& offset, std::int64_t made_ns) noexcept {
+  std::uint32_t kept_back = 0;
   for (Carried& one : carried_) {
     const AxisOffset& axis = offset.axes[one.axis];
     if (!axis.send) continue;
-    sent_ns_ = steady_ns();
-    if (other_sender_ns_ && *sent_ns_ - *other_sender_ns_ < kSimultaneous_ns) {
+    const std::int64_t now = steady_ns();
+    if (other_sender_ns_ && now - *other_sender_ns_ < kSimultaneous_ns)
       other_sender_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
-      return;
+    // The process may have been paused since the offset was made: it belongs to a cycle that is
+    // over. relaxed: the flag orders no other data.
+    const bool leaves = other_sender_.load(std::memory_order_relaxed) < 0 &&
+                        now - made_ns <= cycle_ns_ &&
+                        one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
+    if (leaves) {
+      sent_ns_ = now;
+    } else {
+      kept_back |= 1U << one.axis;
     }
-    // The bus counts offsets that it cannot send; the drive drops an offset that is not renewed.
-    (void)one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
   }
+  return kept_back;
 }
 
 std::string CanSource::offsets_held_back() const {

@@ -15,14 +15,28 @@ double squared(double value) noexcept { return value * value; }
 
 }  // namespace
 
+std::int64_t Lateness::of(std::int64_t age_ns) noexcept {
+  if (++frames_ > kWindowFrames) {
+    least_before_ = std::exchange(least_, std::numeric_limits<std::int64_t>::max());
+    frames_ = 1;
+  }
+  least_ = std::min(least_, age_ns);
+  return between_ns(std::min(least_, least_before_), age_ns);
+}
+
 LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
     : rules_(std::move(rules)),
       hand_over_(hand_over),
       // The transient of the fade-in is taken to decay within another ramp.
       counts_after_(std::lround(2.0 * rules_.ramp_s / rules_.cycle_s)),
       matcher_(rules_.match_tolerance),
+      cycle_ns_(ns_of(rules_.cycle_s)),
+      // A drive counts from its own cycle: what is sent may count one cycle earlier or later.
+      surely_held_ns_(ns_of(rules_.validity_s - rules_.cycle_s)),
+      surely_gone_ns_(ns_of(rules_.validity_s + rules_.drive_ramp_s + 2.0 * rules_.cycle_s)),
       sent_(static_cast<std::size_t>(rules_.delay_cycles)) {
   for (const GateLimits& limits : rules_.limits) gates_.emplace_back(limits);
+  gates_before_ = gates_;
   path_.reserve(kMaxAxes);
 }
 
@@ -37,7 +51,7 @@ const MachineFrame& LiveOffsets::seen(const MachineFrame& frame, bool follows) n
   bool any = false;
   for (std::size_t i = 0; i < gates_.size(); ++i) {
     const AxisOffset& one = applied.axes[i];
-    added[i] = one.send && frame.time_ns <= one.expires_ns ? one.offset : 0.0;
+    added[i] = one.send ? one.offset : 0.0;
     nominal_[i] = frame.axes[i].command - (rules_.in_command ? added[i] : 0.0);
     any = any || added[i] != 0.0;
   }
@@ -51,17 +65,17 @@ const MachineFrame& LiveOffsets::seen(const MachineFrame& frame, bool follows) n
   return seen_;
 }
 
-void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
+void LiveOffsets::take_plan(std::int64_t now_ns) noexcept {
   if (const OffsetPlan* const* fresh = hand_over_.plans.fresh(); fresh != nullptr) {
     next_ = *fresh;
-    next_frame_ns_ = frame.time_ns;
+    next_ns_ = now_ns;
   }
   // A new plan restarts the matcher, and a program that has begun would not be recognised before
   // its next start. A plan that only renews the validation can wait for that; one that may withdraw
   // a correction cannot.
   if (next_ == nullptr || (next_->renewed && matcher_.follows())) return;
   plan_ = std::exchange(next_, nullptr);
-  plan_frame_ns_ = next_frame_ns_;
+  plan_ns_ = next_ns_;
   if (!plan_->renewed) barred_.reset();
   std::array<const CommandedPath*, ProgramMatcher::kMaxPrograms> programs{};
   const std::size_t count = std::min(plan_->programs.size(), programs.size());
@@ -72,7 +86,7 @@ void LiveOffsets::take_plan(const MachineFrame& frame) noexcept {
 }
 
 void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
-                        const MachineFrame& frame) noexcept {
+                        std::int64_t now_ns) noexcept {
   run_ = Run();
   run_.learned = &learned;
   // relaxed: the flag orders nothing.
@@ -80,9 +94,8 @@ void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
   run_.row = row;
   const double left_s =
       static_cast<double>(learned.program.rows() - row + rules_.delay_cycles) * rules_.cycle_s;
-  // Stamps from outside may have any value: they wrap around instead of overflowing.
-  run_.ends_ns = between_ns(-ns_of(left_s + 2.0 * rules_.ramp_s), frame.time_ns);
-  run_.validated_ns = between_ns(between_ns(learned.validated_ns, plan_->wall_ns), plan_frame_ns_);
+  run_.ends_ns = gate_ns_ + ns_of(left_s + 2.0 * rules_.ramp_s);
+  run_.validated_ns = between_ns(between_ns(learned.validated_ns, plan_->wall_ns), plan_ns_);
   run_.seen.learned = learned.number;
   run_.seen.live = run_.live;
   path_.clear();
@@ -92,6 +105,10 @@ void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
   if (learned.contour_before.size() == 0) path_.clear();
   if (!path_.empty()) contour_ = ContourError(static_cast<int>(path_.size()));
   phase_ = Phase::kRunning;
+  // Nothing of an earlier run is left in the gates: no offset is active.
+  for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = Gate(rules_.limits[i]);
+  sent_ns_ = sent_before_ns_ = now_ns - cycle_ns_;
+  unanswered_ = 0;
 }
 
 void LiveOffsets::end(RunEnd end, int axis, Refusal refusal) noexcept {
@@ -165,67 +182,75 @@ void LiveOffsets::measure_contour(const MachineFrame& frame, bool counts) noexce
   if (run_.live && run_.window_measured > allowed) end(RunEnd::kContour);
 }
 
-void LiveOffsets::ask_gates(const MachineFrame& frame,
-                            const MachinePrediction& prediction) noexcept {
+void LiveOffsets::ask_gates(const MachineFrame& frame, const MachinePrediction& prediction,
+                            std::int64_t now_ns) noexcept {
   const LearnedProgram& learned = *run_.learned;
   const Eigen::Index ahead = run_.row + rules_.delay_cycles;
   for (std::size_t n = 0; n < learned.axes.size(); ++n) {
     const std::size_t axis = learned.program.axes[n];
     const AxisPrediction& predicted = prediction.axes[axis];
     GateRequest request;
-    request.now_ns = frame.time_ns;
+    request.now_ns = gate_ns_;
     request.offset = ahead < learned.program.rows() ? learned.offset[n](ahead) : 0.0;
     request.expires_ns = run_.ends_ns;
     request.model_validated =
         true;  // a model in force has been judged (daemon/identify/promotion.h)
-    request.model_validated_ns = run_.validated_ns;
+    request.model_validated_ns = gate_ns_ - between_ns(run_.validated_ns, now_ns);
     request.axis_state_matches = phase_ == Phase::kRunning &&
                                  predicted.state == AxisState::kPredicting &&
                                  predicted.model_version == learned.axes[n].model_version;
     const GateOutput out = gates_[axis].pass(request);
-    offset_.axes[axis] = {out.offset, out.expires_ns, out.send && run_.live,
+    // Stamps from outside may have any value: they wrap around instead of overflowing.
+    const std::int64_t expires_ns = between_ns(out.expires_ns - gate_ns_, frame.time_ns);
+    offset_.axes[axis] = {out.offset, expires_ns, out.send && run_.live,
                           static_cast<std::uint32_t>(out.refusal)};
     if (out.refusal != Refusal::kNone) end(RunEnd::kRefused, static_cast<int>(axis), out.refusal);
   }
 }
 
-void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& prediction) noexcept {
-  ask_gates(frame, prediction);
+void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& prediction,
+                        std::int64_t now_ns) noexcept {
+  gate_ns_ += cycle_ns_;
+  gates_before_ = gates_;
+  ask_gates(frame, prediction, now_ns);
+  sent_before_ns_ = sent_ns_;
+  sent_ns_ = now_ns;
+  unanswered_ = 0;
   const auto is_out = [](const AxisOffset& axis) { return axis.offset != 0.0; };
   const bool out = std::any_of(offset_.axes.begin(), offset_.axes.end(), is_out);
   if (phase_ == Phase::kFading && !out) phase_ = Phase::kNone;
 }
 
-/// The clock went back by more than the validity of an offset: an active offset would stay until
-/// the clock has caught up. It is withdrawn, and the gates start again without their old times.
-void LiveOffsets::start_anew(const MachineFrame& frame) noexcept {
+/// Whether the drive may have dropped the offset by now, by its own time.
+bool LiveOffsets::drive_has_dropped(std::int64_t now_ns) const noexcept {
+  return now_ns - sent_ns_ > surely_held_ns_ || unanswered_ * cycle_ns_ > surely_held_ns_;
+}
+
+/// An answer now would come in a later cycle of the drive than it is meant for, and could be the
+/// second one in that cycle.
+bool LiveOffsets::too_late(const Arrival& arrival) noexcept {
+  const bool late = lateness_.of(arrival.age_ns) > cycle_ns_;
+  return late || (phase_ != Phase::kNone && arrival.now_ns - sent_ns_ < cycle_ns_ / 2);
+}
+
+/// What the drive has is not known any more: silence until it has nothing. A drive that listens to
+/// DDS is told so; one on CAN gets no frame.
+void LiveOffsets::withdraw(const MachineFrame& frame) noexcept {
   end(RunEnd::kGap);
   phase_ = Phase::kNone;
   matched_ = false;
   matcher_.forget();
+  silent_until_ns_ = sent_ns_ + surely_gone_ns_;
   for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = Gate(rules_.limits[i]);
   std::fill(sent_.begin(), sent_.end(), MachineOffset());
-  plan_frame_ns_ = between_ns(between_ns(plan_frame_ns_, time_ns_), frame.time_ns);
-  offset_ = MachineOffset();
-  offset_.sequence = frame.sequence;
-  offset_.time_ns = frame.time_ns;
-  offset_.axis_count = frame.axis_count;
   for (AxisOffset& axis : offset_.axes) {
     axis.expires_ns = frame.time_ns;
     axis.refusal = static_cast<std::uint32_t>(Refusal::kTimeStands);
   }
 }
 
-const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
-                                         const MachinePrediction& prediction) noexcept {
-  const bool went_back =
-      between_ns(frame.time_ns, time_ns_) > ns_of(rules_.validity_s) && came_before_;
-  const bool said = phase_ != Phase::kNone;
-  if (went_back) start_anew(frame);
-  time_ns_ = frame.time_ns;
-  came_before_ = true;
-  if (went_back) return said ? &offset_ : nullptr;
-  if (phase_ == Phase::kNone) take_plan(frame);
+/// Where the commands are in a program: begins a run, moves it on, ends it.
+void LiveOffsets::follow_program(std::int64_t now_ns) noexcept {
   if (gap_) matcher_.forget();
   const std::optional<ProgramMatcher::Match> match = matcher_.see({nominal_.data(), gates_.size()});
   if (phase_ == Phase::kRunning) {
@@ -239,25 +264,58 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
       // relaxed: the flag orders nothing.
       if (run_.live && !hand_over_.armed.load(std::memory_order_relaxed)) end(RunEnd::kDisarmed);
     }
-  } else if (phase_ == Phase::kNone && match && !matched_) {
+  } else if (phase_ == Phase::kNone && match && !matched_ && now_ns >= silent_until_ns_) {
     const LearnedProgram& learned = *plan_->programs[match->program];
-    if (learned.number != barred_) begin(match->row, learned, frame);
+    if (learned.number != barred_) begin(match->row, learned, now_ns);
   }
   matched_ = match.has_value();
+}
+
+const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
+                                         const MachinePrediction& prediction,
+                                         const Arrival& arrival) noexcept {
+  offset_ = MachineOffset();
+  offset_.sequence = frame.sequence;
+  offset_.time_ns = frame.time_ns;
+  offset_.axis_count = frame.axis_count;
+  if (std::exchange(first_, false)) silent_until_ns_ = arrival.now_ns + surely_gone_ns_;
+  const bool late = too_late(arrival);
+  if (phase_ != Phase::kNone && drive_has_dropped(arrival.now_ns)) {
+    withdraw(frame);
+    // relaxed: for the thread that stops the service; orders no data.
+    hand_over_.active.store(false, std::memory_order_relaxed);
+    return &offset_;
+  }
+  if (phase_ == Phase::kNone) take_plan(arrival.now_ns);
+  follow_program(arrival.now_ns);
   if (phase_ == Phase::kRunning) {
     watch_residuals(prediction);
     measure(frame);
   }
 
-  const bool says = phase_ != Phase::kNone;
-  offset_ = MachineOffset();
-  offset_.sequence = frame.sequence;
-  offset_.time_ns = frame.time_ns;
-  offset_.axis_count = frame.axis_count;
-  if (says) go_on(frame, prediction);
+  const bool answers = phase_ != Phase::kNone && !late;
+  if (answers) {
+    go_on(frame, prediction, arrival.now_ns);
+  } else if (phase_ != Phase::kNone) {
+    ++unanswered_;
+    if (phase_ == Phase::kRunning) gate_ns_ += cycle_ns_;  // the program moves on all the same
+  }
+  const MachineOffset before = sent_[newest_];
   newest_ = (newest_ + 1) % sent_.size();
-  sent_[newest_] = offset_;
-  return says ? &offset_ : nullptr;
+  sent_[newest_] = late ? before : offset_;
+  hand_over_.active.store(phase_ != Phase::kNone && run_.live, std::memory_order_relaxed);
+  return answers ? &offset_ : nullptr;
+}
+
+void LiveOffsets::not_sent(std::uint32_t axes) noexcept {
+  for (std::size_t i = 0; i < gates_.size(); ++i) {
+    if ((axes >> i & 1U) == 0) continue;
+    gates_[i] = gates_before_[i];
+    const std::size_t before = (newest_ + sent_.size() - 1) % sent_.size();
+    sent_[newest_].axes[i] = sent_[before].axes[i];
+    // The drive that has waited longest decides.
+    sent_ns_ = sent_before_ns_;
+  }
 }
 
 }  // namespace servotwin::daemon

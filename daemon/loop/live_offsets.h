@@ -9,17 +9,28 @@
 // when the run begins. A run begins only when no offset is active. It ends, and its offset is faded
 // out, when a residual is outside its band for kCyclesOutsideToEnd cycles, when the path error is
 // larger than predicted without a correction, when a gate refuses, when cycles are lost, when the
-// commands no longer follow the program, or when somebody disarms. A program whose run was given up
-// is not begun again before a new plan comes. If the clock of the frames goes back by more than the
-// validity of an offset, active offsets are withdrawn by one answer with `send` false, and
-// everything starts again; a drive on CAN, which gets no frame for such an answer, drops its offset
-// as it does when a daemon has died.
+// clock of the frames jumps, when the commands no longer follow the program, or when somebody
+// disarms. A program whose run was given up is not begun again before a new plan comes.
+//
+// What the drive has (docs/decisions/0011-one-contract-for-offsets.md). The drive holds the last
+// offset for validity_s of its own time after it was sent, and then ramps it to 0 within
+// drive_ramp_s. So this class never assumes that an offset is gone because a stamp says so:
+//   - The gates run on a clock of their own, which counts cycles. Jumps of the frames' clock do not
+//     reach them, and an offset changes by at most one cycle's rate from one sent frame to the
+//     next.
+//   - A frame that is answered later than one cycle after it was due is not answered at all, so
+//   that
+//     a drive never gets two offsets in one of its cycles.
+//   - If nothing could be sent for longer than the drive surely waits, this class is silent until
+//     the drive has reached 0, and only then begins from 0. The same after the start of the daemon:
+//     the one before may have left an offset.
 //
 // One thread; nothing allocates, locks or throws after construction.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -31,6 +42,26 @@
 #include "twin/contour.h"
 
 namespace servotwin::daemon {
+
+/// When a frame was received.
+struct Arrival {
+  std::int64_t now_ns = 0;  ///< steady clock of this host
+  std::int64_t age_ns = 0;  ///< since it was due or sent, but for a constant: clocks may differ
+};
+
+/// How much later frames come than the earliest ones of the last seconds: without the constant
+/// part of their age, which is transport and the difference of two hosts' clocks.
+class Lateness {
+ public:
+  /// Of the next frame [ns], >= 0.
+  std::int64_t of(std::int64_t age_ns) noexcept;
+
+ private:
+  // The minimum is taken over one to two windows, so that it follows a clock that is set.
+  static constexpr int kWindowFrames = 500;
+  std::int64_t least_ = std::numeric_limits<std::int64_t>::max(), least_before_ = least_;
+  int frames_ = 0;
+};
 
 class LiveOffsets {
  public:
@@ -51,7 +82,13 @@ class LiveOffsets {
   [[nodiscard]] double nominal(std::size_t axis) const noexcept { return nominal_[axis]; }
   /// The offsets to be sent in this cycle; null: none. Valid until the next call.
   [[nodiscard]] const MachineOffset* answer(const MachineFrame& frame,
-                                            const MachinePrediction& prediction) noexcept;
+                                            const MachinePrediction& prediction,
+                                            const Arrival& arrival) noexcept;
+  /// Time after which a drive drops an offset [ns].
+  [[nodiscard]] std::int64_t validity_ns() const noexcept { return surely_held_ns_ + cycle_ns_; }
+  /// The last answer did not leave for these axes (bit i: axis i): their drives have the one
+  /// before.
+  void not_sent(std::uint32_t axes) noexcept;
 
  private:
   enum class Phase : std::uint8_t {
@@ -62,39 +99,50 @@ class LiveOffsets {
   struct Run {
     const LearnedProgram* learned = nullptr;
     bool live = false;
-    std::int64_t ends_ns = 0;                           // time by which the offset must be 0
-    std::int64_t validated_ns = 0;                      // by the clock of the frames
-    Eigen::Index row = 0;                               // row of the program in this cycle
-    Eigen::Index rows = 0;                              // since the run began
-    std::array<int, kMaxAxes> outside{};                // consecutive cycles outside the band
+    std::int64_t ends_ns = 0;             // time by which the offset must be 0, by the gates' clock
+    std::int64_t validated_ns = 0;        // steady clock
+    Eigen::Index row = 0;                 // row of the program in this cycle
+    Eigen::Index rows = 0;                // since the run began
+    std::array<int, kMaxAxes> outside{};  // consecutive cycles outside the band
     double window_measured = 0.0, window_before = 0.0;  // mean squares with exponential forgetting
     OffsetRun seen;
   };
 
-  void take_plan(const MachineFrame& frame) noexcept;
-  void start_anew(const MachineFrame& frame) noexcept;
-  void begin(Eigen::Index row, const LearnedProgram& learned, const MachineFrame& frame) noexcept;
+  void take_plan(std::int64_t now_ns) noexcept;
+  void withdraw(const MachineFrame& frame) noexcept;
+  void follow_program(std::int64_t now_ns) noexcept;
+  void begin(Eigen::Index row, const LearnedProgram& learned, std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool drive_has_dropped(std::int64_t now_ns) const noexcept;
+  [[nodiscard]] bool too_late(const Arrival& arrival) noexcept;
   void end(RunEnd end, int axis = -1, Refusal refusal = Refusal::kNone) noexcept;
-  void go_on(const MachineFrame& frame, const MachinePrediction& prediction) noexcept;
+  void go_on(const MachineFrame& frame, const MachinePrediction& prediction,
+             std::int64_t now_ns) noexcept;
   void watch_residuals(const MachinePrediction& prediction) noexcept;
   void measure(const MachineFrame& frame) noexcept;
   void measure_contour(const MachineFrame& frame, bool counts) noexcept;
-  void ask_gates(const MachineFrame& frame, const MachinePrediction& prediction) noexcept;
+  void ask_gates(const MachineFrame& frame, const MachinePrediction& prediction,
+                 std::int64_t now_ns) noexcept;
 
   OffsetRules rules_;
   OffsetHandOver& hand_over_;
   Eigen::Index counts_after_;  // rows of a run after which the correction is fully in effect
-  std::vector<Gate> gates_;
+  std::vector<Gate> gates_, gates_before_;  // before the last answer
   ProgramMatcher matcher_;
   const OffsetPlan* plan_ = nullptr;
   const OffsetPlan* next_ = nullptr;  // replaces plan_ when no run is affected
-  std::int64_t plan_frame_ns_ = 0;    // stamp of the frame in which plan_ was received
-  std::int64_t next_frame_ns_ = 0;
+  std::int64_t plan_ns_ = 0;          // steady clock, when plan_ was received
+  std::int64_t next_ns_ = 0;
   std::optional<std::uint64_t> barred_;  // program given up, until the worker has decided
   bool matched_ = false;                 // a program was matched in the cycle before
   bool gap_ = true;
-  bool came_before_ = false;
-  std::int64_t time_ns_ = 0;  // of the frame before
+  bool first_ = true;
+  // Steady clock: the last offset that was sent and the one before; until when the drive may still
+  // have an offset that this class does not know.
+  std::int64_t sent_ns_ = 0, sent_before_ns_ = 0, silent_until_ns_ = 0;
+  std::int64_t cycle_ns_, surely_held_ns_, surely_gone_ns_;  // after an offset was sent
+  std::int64_t gate_ns_ = 0;                                 // the gates' clock
+  Lateness lateness_;
+  int unanswered_ = 0;  // frames since the last answer, while a run is active
   Phase phase_ = Phase::kNone;
   Run run_;
   std::vector<std::size_t> path_;  // linear axes of the run, indices in the program

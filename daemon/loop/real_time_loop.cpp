@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "daemon/between/clock.h"
-#include "daemon/loop/live_offsets.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -145,7 +144,7 @@ RealTimeLoop::RealTimeLoop(double cycle_s, std::span<LatestValue<TwinInForce>> m
   }
 }
 
-void RealTimeLoop::give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) noexcept {
+void RealTimeLoop::give_back(LiveOffsets& offsets, Ring<DatedOffset>& said) noexcept {
   offsets_ = &offsets;
   said_ = &said;
 }
@@ -162,7 +161,9 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
     if (age > kMaxAge_ns) age = 0;
     counters_.wake.add(age);
     prediction_.due_ns = begin - age;
-    if (const MachineOffset* offset = on_frame(frame_)) source.send(*offset);
+    if (const MachineOffset* offset = on_frame(frame_, {begin, age})) {
+      if (const std::uint32_t axes = source.send(*offset, begin)) offsets_->not_sent(axes);
+    }
     const std::int64_t taken = steady_ns() - begin;
     counters_.work.add(taken);
     if (taken > cycle_ns_) count(counters_.overruns);
@@ -208,7 +209,8 @@ double RealTimeLoop::contour_error(Path& path, const MachineFrame& frame, Order 
   return path.contour.of(predicted, {path_ahead_.data(), ahead});
 }
 
-const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came) noexcept {
+const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
+                                            const Arrival& arrival) noexcept {
   count(counters_.frames);
   if (came.axis_count != static_cast<int>(models_.size())) {
     count(counters_.malformed);
@@ -252,8 +254,8 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came) noexcept {
       count(counters_.not_finite);
   }
   const MachineOffset* offset =
-      offsets_ != nullptr ? offsets_->answer(frame, prediction_) : nullptr;
-  if (offset != nullptr) said_->push(*offset);
+      offsets_ != nullptr ? offsets_->answer(frame, prediction_, arrival) : nullptr;
+  if (offset != nullptr) said_->push({*offset, arrival.now_ns + offsets_->validity_ns()});
   predictions_.push(prediction_);
   publisher_.notify();
 

@@ -30,12 +30,11 @@
 #include "daemon/between/ring.h"
 #include "daemon/between/wake_up.h"
 #include "daemon/input/frame_source.h"
+#include "daemon/loop/live_offsets.h"
 #include "drivers/messages.h"
 #include "twin/contour.h"
 
 namespace servotwin::daemon {
-
-class LiveOffsets;
 
 /// The number of cycles after which the effect of a wrong initial state is below 1 %.
 [[nodiscard]] int settling_cycles(const Model& model);
@@ -95,12 +94,12 @@ class RealTimeLoop {
 
   /// Enables live corrections: the offsets of every cycle go to the source and into this ring. Call
   /// it before the first frame; both must outlive the loop.
-  void give_back(LiveOffsets& offsets, Ring<MachineOffset>& said) noexcept;
+  void give_back(LiveOffsets& offsets, Ring<DatedOffset>& said) noexcept;
   /// Runs until the source ends or `stop` is set.
   void run(FrameSource& source, const std::atomic<bool>& stop) noexcept;
   /// Processes one frame. Returns the offsets to be sent in this cycle; null: none. Valid until the
   /// next call.
-  const MachineOffset* on_frame(const MachineFrame& frame) noexcept;
+  const MachineOffset* on_frame(const MachineFrame& frame, const Arrival& arrival) noexcept;
   [[nodiscard]] const LoopCounters& counters() const noexcept { return counters_; }
 
  private:
@@ -122,7 +121,7 @@ class RealTimeLoop {
   Ring<CycleRow>& rows_;
   const WakeUp& publisher_;
   LiveOffsets* offsets_ = nullptr;
-  Ring<MachineOffset>* said_ = nullptr;
+  Ring<DatedOffset>* said_ = nullptr;
 
   std::array<AxisLoop, kMaxAxes> axes_;
   std::vector<Path> paths_;

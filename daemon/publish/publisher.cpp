@@ -17,7 +17,7 @@ constexpr int kRepeatsAfterTakeover = 1 + static_cast<int>(kLivelinessLease_ns /
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-                     Ring<MachineOffset>& offsets, const WakeUp& wake_up, Histogram& published,
+                     Ring<DatedOffset>& offsets, const WakeUp& wake_up, Histogram& published,
                      Status status, LiveFeed* page)
     : prediction_writer_(node, cycle_s),
       offset_writer_(node),
@@ -68,7 +68,10 @@ void Publisher::announce(const StoredDiagnosis& diagnosis) {
 }
 
 void Publisher::send_offsets() {
-  while (offsets_.pop(offset_)) offset_writer_.write(offset_);
+  // The process may have been paused: a drive must not get offsets of cycles that are long over.
+  while (offsets_.pop(offset_)) {
+    if (steady_ns() <= offset_.leaves_until_ns) offset_writer_.write(offset_.offset);
+  }
 }
 
 void Publisher::send_predictions() {

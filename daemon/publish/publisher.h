@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "daemon/between/histogram.h"
+#include "daemon/between/offset_plan.h"
 #include "daemon/between/ring.h"
 #include "daemon/between/wake_up.h"
 #include "daemon/publish/live_feed.h"
@@ -34,8 +35,8 @@ class Publisher {
   /// its prediction was handed to DDS. `status`: gives the status to send. `page`: gets the same
   /// data; may be null. All references must outlive the publisher.
   Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-            Ring<MachineOffset>& offsets, const WakeUp& wake_up, Histogram& published,
-            Status status, LiveFeed* page = nullptr);
+            Ring<DatedOffset>& offsets, const WakeUp& wake_up, Histogram& published, Status status,
+            LiveFeed* page = nullptr);
 
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
@@ -58,13 +59,13 @@ class Publisher {
   DdsWriter<MachineStatus> status_writer_;
   DdsReader<MachineStatus> status_reader_;
   Ring<MachinePrediction>& predictions_;
-  Ring<MachineOffset>& offsets_;
+  Ring<DatedOffset>& offsets_;
   const WakeUp& wake_up_;
   Histogram& published_;
   Status status_;
   LiveFeed* page_;
   MachinePrediction prediction_;
-  MachineOffset offset_;
+  DatedOffset offset_;
   std::int64_t last_status_ns_ = 0;
   std::uint64_t last_frames_ = 0;
   std::mutex mutex_;

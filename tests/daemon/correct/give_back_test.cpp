@@ -126,7 +126,8 @@ class GiveBack : public testing::Test {
         if (cycle == k) out.actual[i](k) = actual;
         frame.axes[i] = {*ilc_.in_command ? demand : path[i](k), actual, kAbsent};
       }
-      const MachineOffset* answer = loop_->on_frame(frame);
+      const MachineOffset* answer =
+          loop_->on_frame(frame, {static_cast<std::int64_t>(cycles_) * 1'000'000, 0});
       if (answer != nullptr) applied_ = *answer;  // a drive keeps it until it is over
       for (const AxisOffset& offset : applied_.axes)
         out.advised_peak = std::max(out.advised_peak, std::abs(offset.offset));
@@ -144,7 +145,7 @@ class GiveBack : public testing::Test {
     }
     for (CycleRow row; rows_.pop(row);) {
     }
-    for (MachineOffset offset; said_ring_.pop(offset);) {
+    for (DatedOffset offset; said_ring_.pop(offset);) {
     }
   }
   /// The same path on the same kind of plant, without a daemon.
@@ -190,7 +191,7 @@ class GiveBack : public testing::Test {
   std::vector<LatestValue<TwinInForce>> models_{2};
   Ring<MachinePrediction> predictions_{16};
   Ring<CycleRow> rows_{16};
-  Ring<MachineOffset> said_ring_{16};
+  Ring<DatedOffset> said_ring_{16};
   WakeUp wake_up_;
   std::unique_ptr<OffsetHandOver> hand_over_;
   std::unique_ptr<RealTimeLoop> loop_;

@@ -36,7 +36,7 @@ class Loop {
     return out;
   }
   MachinePrediction put(const MachineFrame& frame) {
-    loop.on_frame(frame);
+    loop.on_frame(frame, {});
     MachinePrediction out;
     EXPECT_TRUE(predictions.pop(out));
     return out;
@@ -406,7 +406,7 @@ TEST(RealTimeLoop, ARepeatedFrameIsIgnored) {
   const std::vector<double> truth = twin_alone(drive(), 100);
   for (std::uint64_t k = 0; k < 100; ++k) {
     ASSERT_EQ(loop.put(k).axes[0].predicted_error, truth[k]);
-    loop.loop.on_frame(loop.frame(k));
+    loop.loop.on_frame(loop.frame(k), {});
     MachinePrediction none;
     ASSERT_FALSE(loop.predictions.pop(none));
   }
@@ -498,7 +498,7 @@ TEST(RealTimeLoop, AFrameOfAnotherMachineIsRefused) {
   MachineFrame frame = loop.frame(0);
   for (const int axes : {0, 2, -1, 1000}) {
     frame.axis_count = axes;
-    loop.loop.on_frame(frame);
+    loop.loop.on_frame(frame, {});
   }
   EXPECT_EQ(loop.loop.counters().malformed, 4U);
   MachinePrediction none;
@@ -507,7 +507,7 @@ TEST(RealTimeLoop, AFrameOfAnotherMachineIsRefused) {
 
 TEST(RealTimeLoop, PredictionsThatNobodyTakesAreCounted) {
   Loop loop;
-  for (std::uint64_t k = 0; k < 20; ++k) loop.loop.on_frame(loop.frame(k));
+  for (std::uint64_t k = 0; k < 20; ++k) loop.loop.on_frame(loop.frame(k), {});
   EXPECT_EQ(loop.predictions.drops(), 4U);
 }
 

@@ -220,7 +220,7 @@ TEST(RealTimePath, AllocatesNothingWhileCorrectionsAreGivenBack) {
   hand_over.plans.publish(&plan);
   hand_over.armed = true;
   LiveOffsets offsets(rules, hand_over);
-  Ring<MachineOffset> said(4096);
+  Ring<DatedOffset> said(4096);
 
   Running running(2);
   for (auto& model : running.models) model.publish(in_force(drive(), 1));
