@@ -56,18 +56,17 @@ TEST_P(AMotorsLimit, IsAllThatIsNamedAndLeavesTheNoise) {
   EXPECT_THAT(named(answer, asked), testing::ElementsAre("torque_saturation"));
   EXPECT_LT(answer.after_rms, 1.2 * asked.noise_rms);
 }
-INSTANTIATE_TEST_SUITE_P(Dev, AMotorsLimit, testing::Values(63));
-INSTANTIATE_TEST_SUITE_P(LongDev, AMotorsLimit, testing::Values(81));
+INSTANTIATE_TEST_SUITE_P(LongDev, AMotorsLimit, testing::Values(63, 81));
 
 INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect,
-                         testing::Values("asymmetric_friction", "cross_coupling", "encoder_error",
-                                         "lead_error", "presliding", "stribeck", "thermal_growth",
+                         testing::Values("asymmetric_friction", "encoder_error", "stribeck",
                                          "time_delay"),
                          [](const auto& test) { return std::string(test.param); });
 INSTANTIATE_TEST_SUITE_P(LongDev, AHiddenEffect,
-                         testing::Values("cogging", "gain_change", "impulse_disturbance",
+                         testing::Values("cogging", "cross_coupling", "gain_change",
+                                         "impulse_disturbance", "lead_error",
                                          "periodic_disturbance", "position_dependent_friction",
-                                         "viscous_drift"),
+                                         "presliding", "thermal_growth", "viscous_drift"),
                          [](const auto& test) { return std::string(test.param); });
 
 class ACleanMachine : public testing::TestWithParam<int> {};

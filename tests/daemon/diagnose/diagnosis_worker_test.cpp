@@ -256,7 +256,9 @@ TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
 
 // The torque of a body of 10 kg with 3 N of friction on the recorded way, and a ripple of its own
 // that the position loop is not asked about: by Newton, from differences of the command.
-TEST_F(DiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
+class LongDiagnosisWorkerTest : public DiagnosisWorkerTest {};
+
+TEST_F(LongDiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
   using namespace hidden_effects;
   const Case hidden = single_case(Part::kDev, "cogging", Class::kClear, 0);
   std::ofstream(directory_.path() / "case.csv") << hidden.csv;
