@@ -201,7 +201,7 @@ void LiveOffsets::ask_gates(const MachineFrame& frame, const MachinePrediction& 
                                  predicted.model_version == learned.axes[n].model_version;
     const GateOutput out = gates_[axis].pass(request);
     // Stamps from outside may have any value: they wrap around instead of overflowing.
-    const std::int64_t expires_ns = between_ns(out.expires_ns - gate_ns_, frame.time_ns);
+    const std::int64_t expires_ns = between_ns(gate_ns_ - out.expires_ns, frame.time_ns);
     offset_.axes[axis] = {out.offset, expires_ns, out.send && run_.live,
                           static_cast<std::uint32_t>(out.refusal)};
     if (out.refusal != Refusal::kNone) end(RunEnd::kRefused, static_cast<int>(axis), out.refusal);
