@@ -37,7 +37,7 @@ class Predictor {
   }
   /// Valid until the next cycle.
   const MachinePrediction& cycle(const MachineFrame& frame) {
-    loop_.on_frame(frame);
+    loop_.on_frame(frame, {});
     daemon::CycleRow row;
     rows_.pop(row);
     if (!predictions_.pop(prediction_)) prediction_ = {};

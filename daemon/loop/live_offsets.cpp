@@ -31,8 +31,8 @@ LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
       counts_after_(std::lround(2.0 * rules_.ramp_s / rules_.cycle_s)),
       matcher_(rules_.match_tolerance),
       cycle_ns_(ns_of(rules_.cycle_s)),
-      // A drive counts from its own cycle: what is sent may count one cycle earlier or later.
-      surely_held_ns_(ns_of(rules_.validity_s - rules_.cycle_s)),
+      // The drive counts its own cycles. Half of one is the tolerance of stamps.
+      held_ns_(ns_of(rules_.validity_s + 0.5 * rules_.cycle_s)),
       surely_gone_ns_(ns_of(rules_.validity_s + rules_.drive_ramp_s + 2.0 * rules_.cycle_s)),
       sent_(static_cast<std::size_t>(rules_.delay_cycles)) {
   for (const GateLimits& limits : rules_.limits) gates_.emplace_back(limits);
@@ -107,7 +107,7 @@ void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
   phase_ = Phase::kRunning;
   // Nothing of an earlier run is left in the gates: no offset is active.
   for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = Gate(rules_.limits[i]);
-  sent_ns_ = sent_before_ns_ = now_ns - cycle_ns_;
+  sent_ns_ = sent_before_ns_ = sent_due_ns_ = sent_due_before_ns_ = now_ns - cycle_ns_;
   unanswered_ = 0;
 }
 
@@ -201,7 +201,7 @@ void LiveOffsets::ask_gates(const MachineFrame& frame, const MachinePrediction& 
                                  predicted.model_version == learned.axes[n].model_version;
     const GateOutput out = gates_[axis].pass(request);
     // Stamps from outside may have any value: they wrap around instead of overflowing.
-    const std::int64_t expires_ns = between_ns(out.expires_ns - gate_ns_, frame.time_ns);
+    const std::int64_t expires_ns = between_ns(gate_ns_ - out.expires_ns, frame.time_ns);
     offset_.axes[axis] = {out.offset, expires_ns, out.send && run_.live,
                           static_cast<std::uint32_t>(out.refusal)};
     if (out.refusal != Refusal::kNone) end(RunEnd::kRefused, static_cast<int>(axis), out.refusal);
@@ -221,16 +221,20 @@ void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& pred
   if (phase_ == Phase::kFading && !out) phase_ = Phase::kNone;
 }
 
-/// Whether the drive may have dropped the offset by now, by its own time.
-bool LiveOffsets::drive_has_dropped(std::int64_t now_ns) const noexcept {
-  return now_ns - sent_ns_ > surely_held_ns_ || unanswered_ * cycle_ns_ > surely_held_ns_;
+/// Whether the drive may have dropped the offset by now. `due_ns`: when this cycle of the drive
+/// began. What was sent came in the cycle that began at sent_due_ns_.
+bool LiveOffsets::drive_has_dropped(std::int64_t now_ns, std::int64_t due_ns) const noexcept {
+  return due_ns - sent_due_ns_ > held_ns_ || now_ns - sent_ns_ > held_ns_ + cycle_ns_ ||
+         unanswered_ * cycle_ns_ > held_ns_;
 }
 
-/// An answer now would come in a later cycle of the drive than it is meant for, and could be the
-/// second one in that cycle.
-bool LiveOffsets::too_late(const Arrival& arrival) noexcept {
-  const bool late = lateness_.of(arrival.age_ns) > cycle_ns_;
-  return late || (phase_ != Phase::kNone && arrival.now_ns - sent_ns_ < cycle_ns_ / 2);
+/// An answer now would come in a later cycle of the drive than it is meant for, or would be the
+/// second one in a cycle. Where the clock of the frames' age was set, what has waited still shows:
+/// it comes after a pause, and all at once.
+bool LiveOffsets::too_late(std::int64_t now_ns, std::int64_t due_ns) const noexcept {
+  const std::int64_t since_ns = now_ns - came_ns_;  // the frame before
+  return now_ns - due_ns > cycle_ns_ || since_ns < cycle_ns_ / 2 || since_ns > held_ns_ ||
+         (phase_ != Phase::kNone && now_ns - sent_ns_ < cycle_ns_ / 2);
 }
 
 /// What the drive has is not known any more: silence until it has nothing. A drive that listens to
@@ -250,7 +254,7 @@ void LiveOffsets::withdraw(const MachineFrame& frame) noexcept {
 }
 
 /// Where the commands are in a program: begins a run, moves it on, ends it.
-void LiveOffsets::follow_program(std::int64_t now_ns) noexcept {
+void LiveOffsets::follow_program(std::int64_t now_ns, bool late) noexcept {
   if (gap_) matcher_.forget();
   const std::optional<ProgramMatcher::Match> match = matcher_.see({nominal_.data(), gates_.size()});
   if (phase_ == Phase::kRunning) {
@@ -264,7 +268,7 @@ void LiveOffsets::follow_program(std::int64_t now_ns) noexcept {
       // relaxed: the flag orders nothing.
       if (run_.live && !hand_over_.armed.load(std::memory_order_relaxed)) end(RunEnd::kDisarmed);
     }
-  } else if (phase_ == Phase::kNone && match && !matched_ && now_ns >= silent_until_ns_) {
+  } else if (phase_ == Phase::kNone && match && !matched_ && !late && now_ns >= silent_until_ns_) {
     const LearnedProgram& learned = *plan_->programs[match->program];
     if (learned.number != barred_) begin(match->row, learned, now_ns);
   }
@@ -279,15 +283,17 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
   offset_.time_ns = frame.time_ns;
   offset_.axis_count = frame.axis_count;
   if (std::exchange(first_, false)) silent_until_ns_ = arrival.now_ns + surely_gone_ns_;
-  const bool late = too_late(arrival);
-  if (phase_ != Phase::kNone && drive_has_dropped(arrival.now_ns)) {
+  const std::int64_t due_ns = arrival.now_ns - lateness_.of(arrival.age_ns);
+  const bool late = too_late(arrival.now_ns, due_ns);
+  came_ns_ = arrival.now_ns;
+  if (phase_ != Phase::kNone && drive_has_dropped(arrival.now_ns, due_ns)) {
     withdraw(frame);
     // relaxed: for the thread that stops the service; orders no data.
     hand_over_.active.store(false, std::memory_order_relaxed);
     return &offset_;
   }
   if (phase_ == Phase::kNone) take_plan(arrival.now_ns);
-  follow_program(arrival.now_ns);
+  follow_program(arrival.now_ns, late);
   if (phase_ == Phase::kRunning) {
     watch_residuals(prediction);
     measure(frame);
@@ -296,6 +302,7 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
   const bool answers = phase_ != Phase::kNone && !late;
   if (answers) {
     go_on(frame, prediction, arrival.now_ns);
+    sent_due_before_ns_ = std::exchange(sent_due_ns_, due_ns);
   } else if (phase_ != Phase::kNone) {
     ++unanswered_;
     if (phase_ == Phase::kRunning) gate_ns_ += cycle_ns_;  // the program moves on all the same
@@ -315,6 +322,7 @@ void LiveOffsets::not_sent(std::uint32_t axes) noexcept {
     sent_[newest_].axes[i] = sent_[before].axes[i];
     // The drive that has waited longest decides.
     sent_ns_ = sent_before_ns_;
+    sent_due_ns_ = sent_due_before_ns_;
   }
 }
 

@@ -85,7 +85,7 @@ class LiveOffsets {
                                             const MachinePrediction& prediction,
                                             const Arrival& arrival) noexcept;
   /// Time after which a drive drops an offset [ns].
-  [[nodiscard]] std::int64_t validity_ns() const noexcept { return surely_held_ns_ + cycle_ns_; }
+  [[nodiscard]] std::int64_t validity_ns() const noexcept { return held_ns_ - cycle_ns_ / 2; }
   /// The last answer did not leave for these axes (bit i: axis i): their drives have the one
   /// before.
   void not_sent(std::uint32_t axes) noexcept;
@@ -110,10 +110,10 @@ class LiveOffsets {
 
   void take_plan(std::int64_t now_ns) noexcept;
   void withdraw(const MachineFrame& frame) noexcept;
-  void follow_program(std::int64_t now_ns) noexcept;
+  void follow_program(std::int64_t now_ns, bool late) noexcept;
   void begin(Eigen::Index row, const LearnedProgram& learned, std::int64_t now_ns) noexcept;
-  [[nodiscard]] bool drive_has_dropped(std::int64_t now_ns) const noexcept;
-  [[nodiscard]] bool too_late(const Arrival& arrival) noexcept;
+  [[nodiscard]] bool drive_has_dropped(std::int64_t now_ns, std::int64_t due_ns) const noexcept;
+  [[nodiscard]] bool too_late(std::int64_t now_ns, std::int64_t due_ns) const noexcept;
   void end(RunEnd end, int axis = -1, Refusal refusal = Refusal::kNone) noexcept;
   void go_on(const MachineFrame& frame, const MachinePrediction& prediction,
              std::int64_t now_ns) noexcept;
@@ -139,8 +139,10 @@ class LiveOffsets {
   // Steady clock: the last offset that was sent and the one before; until when the drive may still
   // have an offset that this class does not know.
   std::int64_t sent_ns_ = 0, sent_before_ns_ = 0, silent_until_ns_ = 0;
-  std::int64_t cycle_ns_, surely_held_ns_, surely_gone_ns_;  // after an offset was sent
-  std::int64_t gate_ns_ = 0;                                 // the gates' clock
+  std::int64_t sent_due_ns_ = 0, sent_due_before_ns_ = 0;  // when their frames were due
+  std::int64_t cycle_ns_, held_ns_, surely_gone_ns_;       // after an offset was sent
+  std::int64_t gate_ns_ = 0;                               // the gates' clock
+  std::int64_t came_ns_ = 0;                               // the last frame, steady clock
   Lateness lateness_;
   int unanswered_ = 0;  // frames since the last answer, while a run is active
   Phase phase_ = Phase::kNone;

@@ -136,7 +136,7 @@ TEST(Characterize, FindsFrictionOnRampsAndPutsItIntoTheModel) {
   }
   EXPECT_TRUE(there);
   EXPECT_TRUE(written["fit"]["holdout"]["rms_m"].is_null());
-  EXPECT_THAT(answer.out, HasSubstr("with this "));
+  EXPECT_THAT(answer.out, HasSubstr("new model "));
   // Viscous friction is in the poles, equal in both directions.
   for (const json& effect : written["effects"]) {
     for (const char* viscous : {"viscous", "viscous_plus", "viscous_minus"}) {

@@ -35,7 +35,8 @@ TEST(DiagnoseTorque, APlayIsFoundWithoutACommand) {
   const Answer answer = servotwin_says({"diagnose", file, "--axis", "R", "--json",
                                         folder / "d.json", "--report", folder / "d.html"});
   ASSERT_EQ(answer.status, 0) << answer;
-  EXPECT_THAT(answer.out, HasSubstr("alone: the recording has position and torque and no command"));
+  EXPECT_THAT(answer.out,
+              HasSubstr("alone: the recording has position and torque, but no command"));
   const auto result = nlohmann::json::parse(content_of(folder / "d.json"));
   EXPECT_EQ(result["schema"], "servotwin.diagnosis/1");
   EXPECT_EQ(result["verdict"], "explained");

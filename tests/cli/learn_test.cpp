@@ -227,8 +227,8 @@ std::string moving(double from, double to) {
 }
 
 TEST_F(Learn, SaysWhereThePathLeavesItNoRoom) {
-  for (const auto& [from, to, words] :
-       {std::tuple{0.05, 2.5, "path's start"}, std::tuple{0.3, 2.95, "path's end"}}) {
+  for (const auto& [from, to, words] : {std::tuple{0.05, 2.5, "at the start of the path"},
+                                        std::tuple{0.3, 2.95, "at the end of the path"}}) {
     table_ = folder_.write("ends.csv", moving(from, to));
     const Answer answer = learn({});
     EXPECT_EQ(answer.status, 0) << answer;

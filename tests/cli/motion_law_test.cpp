@@ -34,7 +34,8 @@ TEST(MotionLawCommand, SaysWhatTheMotionIsAndWhatTheBandsSave) {
   EXPECT_THAT(answer.out, HasSubstr("2 mm (1 to 3), 5 mm (4 to 6), 10 mm (7 to 51)"));
   EXPECT_THAT(answer.out, HasSubstr("30.2877 mm, from -15.1439 to 15.1439 mm"));
   EXPECT_THAT(answer.out, HasSubstr("15 min 24 s"));
-  EXPECT_THAT(answer.out, HasSubstr("58.7 %: 37 min 18 s with 10 mm for all"));
+  EXPECT_THAT(answer.out,
+              HasSubstr("58.7 %: it would be 37 min 18 s with 10 mm for all velocities"));
   const Answer single = servotwin_says({"motion-law", "--velocities", "5,20"});
   ASSERT_EQ(single.status, 0) << single;
   EXPECT_THAT(single.out, Not(HasSubstr("saved")));  // one band: nothing to save

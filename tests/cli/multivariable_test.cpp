@@ -80,7 +80,7 @@ TEST(MultivariableTool, SaysWhichAxisMakesWhatOfWhichError) {
   EXPECT_THAT(answer.out, HasSubstr("inputs      X.command (its velocity), X.friction of 5 um, "
                                     "Y.command (its velocity), Y.friction of 5 um"));
   EXPECT_THAT(answer.out, HasSubstr("mode        22"));
-  EXPECT_THAT(answer.out, HasSubstr("output      X.error: of "));
+  EXPECT_THAT(answer.out, HasSubstr("output      X.error: "));
   EXPECT_THAT(answer.out, HasSubstr("  parts     X.command "));
   const json result = json::parse(content_of(folder / "r.json"));
   EXPECT_EQ(result["schema"], "servotwin.multivariable/1");
@@ -189,7 +189,7 @@ TEST(MultivariableTool, NoticesAWrongUnitAndWhatItSaysNothingOf) {
   const Answer refused = servotwin_says({"multivariable", folder.write("unit.csv", table(axes))});
   EXPECT_EQ(refused.status, 1) << refused;
   EXPECT_THAT(refused.err, HasSubstr("Y: the encoder moves 0.00"));
-  EXPECT_THAT(refused.err, HasSubstr("check the units and the sign"));
+  EXPECT_THAT(refused.err, HasSubstr("check the units and signs of both columns"));
   // X's error from Y's command alone, which makes a tenth of it at most.
   const std::string file = folder.write("rec.csv", table(both(8000)));
   const Answer answer = servotwin_says(

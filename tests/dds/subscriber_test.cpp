@@ -160,7 +160,7 @@ TEST(Silence, OfTheMachineIsToldOnceAndItsEndWithItsLength) {
   // The last error stays in the status, with its time, after the frames are back.
   EXPECT_THAT(
       status.last_error,
-      testing::MatchesRegex("20..-..-..T..:..:......Z frame source stopped: no frame for 1 s"));
+      testing::MatchesRegex("20..-..-..T..:..:......Z frame source .*: no frame for 1 s.*"));
   EXPECT_EQ(daemon.end(SIGTERM), 0);
   const std::string& said = daemon.said();
   EXPECT_EQ(said.find("frame source silent"), said.rfind("frame source silent")) << said;

@@ -8,8 +8,9 @@ namespace {
 using test::OffsetKill;
 
 TEST_F(OffsetKill, ADriveRampsOutWhatADaemonThatWasKilledHasLeft) {
-  kill_it_and_watch_the_drive(std::make_unique<SocketCan>("vcan0"),
-                              "[source.can]\nmap = \"map.toml\"\ninterfaces = [\"vcan0\"]", 0.01);
+  end_it_and_watch_the_drive(std::make_unique<SocketCan>("vcan0"),
+                             "[source.can]\nmap = \"map.toml\"\ninterfaces = [\"vcan0\"]", 0.01,
+                             SIGKILL);
 }
 
 }  // namespace

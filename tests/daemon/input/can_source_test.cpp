@@ -293,14 +293,16 @@ TEST(CanOffset, TheSourceSendsThemOnTheBusOfTheAxis) {
   MachineOffset offset;
   offset.axis_count = 1;
   offset.axes[0] = {2e-5, 1, true, 0};
-  source.send(offset);
+  EXPECT_EQ(source.send(offset, steady_ns()), 0U);
   EXPECT_THAT(bus.sent, IsEmpty()) << "not asked to";
   source.carry_offsets({0});
-  source.send(offset);
+  EXPECT_EQ(source.send(offset, steady_ns()), 0U);
   ASSERT_EQ(bus.sent.size(), 1U);
   EXPECT_EQ(bus.sent[0].id, 0x401U);
+  EXPECT_EQ(source.send(offset, steady_ns() - 60'000'000), 1U) << "made before a pause of 60 ms";
+  EXPECT_EQ(bus.sent.size(), 1U);
   offset.axes[0].send = false;
-  source.send(offset);
+  EXPECT_EQ(source.send(offset, steady_ns()), 0U);
   EXPECT_EQ(bus.sent.size(), 1U) << "a dry run";
 }
 
@@ -320,7 +322,7 @@ struct CarriedOffsets {
     MachineOffset offset;
     offset.axis_count = 1;
     offset.axes[0] = {2e-5, 1, armed, 0};
-    source->send(offset);
+    (void)source->send(offset, steady_ns());
   }
   void hear(std::uint32_t id) const {
     MachineFrame frame;

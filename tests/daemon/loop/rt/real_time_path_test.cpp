@@ -30,7 +30,9 @@ class ForbiddingSource final : public FrameSource {
     forbid_heap_and_locks(received != Received::kEnd);
     return received;
   }
-  void send(const MachineOffset& offset) noexcept override { inner_.send(offset); }
+  std::uint32_t send(const MachineOffset& offset, std::int64_t made_ns) noexcept override {
+    return inner_.send(offset, made_ns);
+  }
   [[nodiscard]] std::int64_t age_ns() const noexcept override { return inner_.age_ns(); }
 
  private:
@@ -158,7 +160,8 @@ TEST(RealTimePath, AllocatesNothingWithARecordingReplayed) {
   EXPECT_EQ(running.loop.counters().frames, 3000U);
 }
 
-/// Two axes that stand, run a program, stand; three times, the last one with a pause in it.
+/// Two axes that stand, run a program, stand; three times, the last one with a pause in it. In real
+/// time: an offset is sent once per cycle.
 class Repeating final : public FrameSource {
  public:
   explicit Repeating(const CommandedPath& program) : program_(program) {}
@@ -169,6 +172,7 @@ class Repeating final : public FrameSource {
     Eigen::Index row = std::max<Eigen::Index>(k % whole - 250, 0);
     if (k >= 2 * whole) row = std::min<Eigen::Index>(row, rows / 2);
     row = std::min(row, rows - 1);
+    std::this_thread::sleep_until(start_ + std::chrono::milliseconds(k_));
     frame.sequence = ++k_;
     frame.time_ns = static_cast<std::int64_t>(k_) * 1'000'000;
     frame.axis_count = 2;
@@ -176,14 +180,16 @@ class Repeating final : public FrameSource {
       frame.axes[i] = {program_.command[i](row), program_.command[i](row), kAbsent};
     return Received::kFrame;
   }
-  void send(const MachineOffset& offset) noexcept override {
+  std::uint32_t send(const MachineOffset& offset, std::int64_t /*made_ns*/) noexcept override {
     for (const AxisOffset& axis : offset.axes) sent_ = std::max(sent_, std::abs(axis.offset));
+    return 0;
   }
   [[nodiscard]] std::int64_t age_ns() const noexcept override { return 1000; }
   [[nodiscard]] double sent() const { return sent_; }
 
  private:
   const CommandedPath& program_;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::uint64_t k_ = 0;
   double sent_ = 0.0;
 };
