@@ -159,7 +159,7 @@ def over_position(name, title, speeds, loop, base, effects, span, there_and_back
         x, v = 1e3 * command, np.gradient(command, STEP)
         inside = (x > span[0]) & (x < span[1])
         error = simulate(loop, effects, command)
-        ways = [("there", v > 0, WITH), ("back", v < 0, ALSO)] if there_and_back else [(f"{speed:g} mm/s", v > 0, colour)]
+        ways = [("forwards", v > 0, WITH), ("backwards", v < 0, ALSO)] if there_and_back else [(f"{speed:g} mm/s", v > 0, colour)]
         for words, way, colour_of in ways:
             curves.append((x[inside & way], error[inside & way], colour_of, f"with, {words}"))
         if speed == speeds[0]:
@@ -219,7 +219,7 @@ def with_effect(id, **values):
 
 
 def presliding():
-    over_time("presliding", "Slow reversals: the friction force builds up over 60 µm of travel, not at once", SLOW, PROPORTIONAL,
+    over_time("presliding", "Slow reversals: friction builds up over 60 µm of travel, not immediately", SLOW, PROPORTIONAL,
               [COULOMB], [("presliding", {"breakaway": 0.15, "breakaway_displacement": 6e-5, "shape_factor": 0.3, "viscous": 0.0})],
               (0.2, 2.4), "position")
 
@@ -229,7 +229,7 @@ def cross_coupling():
     other = moves([(40, 150, 2.5, 0.6), (0, 150, 2.5, 0.6)], rest=1.0)
     count = max(len(this), len(other))
     this, other = (np.pad(path, (0, count - len(path)), mode="edge") for path in (this, other))
-    over_time("cross_coupling", "The other axis accelerates: this one is pushed, moving or at rest", this, PROPORTIONAL, [COULOMB],
+    over_time("cross_coupling", "The other axis accelerates: a force on this one, in motion and at rest", this, PROPORTIONAL, [COULOMB],
               with_effect("cross_coupling", other_frequency_hz=25, other_damping=0.8, ratio=0.06, lead=0.0, direct=0.0), None, other=other)
 
 
@@ -240,79 +240,79 @@ def dwell_stiction():
 
 
 def cutting_force():
-    over_time("cutting_force", "In the cut: a mean force and a tone as the teeth pass; neither in air", moves(
+    over_time("cutting_force", "In the cut: a mean force and one at the tooth-passing frequency", moves(
         [(60, 30, 1.0, 0.5), (0, 30, 1.0, 0.3)]), PROPORTIONAL, [COULOMB], None, change=cutting)
 
 
 def dropped_samples():
     command = cycle(1)
-    over_time("dropped_samples", "Rows that the recorder repeats: single peaks of speed times the time lost", command, PROPORTIONAL,
+    over_time("dropped_samples", "Rows repeated by the recorder: single peaks of speed times lost time", command, PROPORTIONAL,
               [COULOMB], None, change=repeated(command))
 
 
 PICTURES = {
     "stribeck": lambda: over_time(
-        "stribeck", "2, 8 and 40 mm/s: more friction at creeping speed, gone at feed", moves(STAIRS), PROPORTIONAL, [COULOMB],
+        "stribeck", "2, 8 and 40 mm/s: more friction at creeping speed, none at feed speed", moves(STAIRS), PROPORTIONAL, [COULOMB],
         with_effect("falling_friction", drop=0.12, stribeck_velocity=0.008, stribeck_exponent=1.0)),
     "presliding": presliding,
     "asymmetric_friction": lambda: over_time(
         "asymmetric_friction", "Friction larger forwards than backwards; at rest no difference", PULSE, PROPORTIONAL, [COULOMB],
         with_effect("asymmetric_friction", coulomb_difference=0.05, viscous_difference=0.4)),
     "position_dependent_friction": lambda: over_position(
-        "position_dependent_friction", "A place with more friction: there and back are mirror images", [60], PROPORTIONAL, [COULOMB],
+        "position_dependent_friction", "A section with more friction: opposite sign in the two directions", [60], PROPORTIONAL, [COULOMB],
         with_effect("position_dependent_friction", wave=0.25, sine=0.06, slope=0.0, curvature=0.0, cosine=0.0), (0, 250), True),
     "added_friction": lambda: over_time(
-        "added_friction", "From 3.9 s on friction is larger, at every speed", cycle(4), PROPORTIONAL, [COULOMB],
+        "added_friction", "From 3.9 s on, friction is larger at every speed", cycle(4), PROPORTIONAL, [COULOMB],
         with_effect("added_friction", time_s=3.9, coulomb=0.1, viscous=0.0)),
     "backlash": lambda: over_time(
         "backlash", "A gap of 12 µm before the recorded encoder: one step at every reversal", SLOW, INTEGRAL, [COULOMB],
         with_effect("backlash", width=1.2e-5, velocity_limit=3e-4, deceleration=5.0, share=1.0, offset=0.0), (0.2, 2.4), "position"),
     "compliance": lambda: over_time(
-        "compliance", "A mode of 38 Hz: it rings after every change of acceleration", cycle(1, 60, 100, 2.5, 0.5), PROPORTIONAL,
+        "compliance", "A mode of 38 Hz: it oscillates after every change of acceleration", cycle(1, 60, 100, 2.5, 0.5), PROPORTIONAL,
         [COULOMB], with_effect("compliance", frequency_hz=38, damping_ratio=0.03, spring=40.0, damper=0.0, ringing=0.02, fading=0.0)),
     "cogging": lambda: over_position(
         "cogging", "A force with a period of 10 mm: the same size at both speeds", [20, 80], PROPORTIONAL, [COULOMB],
         with_effect("cogging", period=0.01, sine=0.08, cosine=0.0, sine_2=0.02, cosine_2=0.0), (0, 60)),
     "lead_error": lambda: over_position(
-        "lead_error", "An error of the screw: a slope and a wave, the same at both speeds", [20, 80], INTEGRAL, [COULOMB],
+        "lead_error", "A pitch error: a slope and a wave, the same at both speeds", [20, 80], INTEGRAL, [COULOMB],
         with_effect("lead_error", period=0.01, slope=3e-5, sine=2e-6, cosine=0.0, offset=0.0), (0, 120)),
     "encoder_error": lambda: over_position(
-        "encoder_error", "The loop's encoder is wrong every 5 mm: more error at higher speed", [20, 80],
+        "encoder_error", "A periodic error (5 mm) of the loop's encoder: it grows with speed", [20, 80],
         PROPORTIONAL, [COULOMB], with_effect("encoder_error", period=0.005, sine=2e-6, cosine=0.0), (0, 60)),
     "gravity_offset": lambda: over_time(
-        "gravity_offset", "A constant force: the same shift moving and at rest", PULSE, PROPORTIONAL, [COULOMB],
+        "gravity_offset", "A constant force: the same shift in motion and at rest", PULSE, PROPORTIONAL, [COULOMB],
         with_effect("gravity_offset", offset_mps2=0.12)),
     "inertia_change": lambda: over_time(
-        "inertia_change", "From 2.8 s on 1.4 times the mass: larger errors while accelerating", cycle(3, 60, 100, 2.0),
+        "inertia_change", "From 2.8 s on, 1.4 times the mass: larger errors during acceleration", cycle(3, 60, 100, 2.0),
         PROPORTIONAL, [COULOMB], with_effect("inertia_change", time_s=2.8, ratio_less_1=0.4)),
     "viscous_drift": lambda: over_time(
-        "viscous_drift", "Viscous friction that fades as the axis warms up", cycle(22, 120, 120, 2.0, 0.2), PROPORTIONAL, [COULOMB],
+        "viscous_drift", "Viscous friction that decreases as the axis warms up", cycle(22, 120, 120, 2.0, 0.2), PROPORTIONAL, [COULOMB],
         with_effect("viscous_drift", time_constant_s=15.0, cold=2.0)),
     "time_delay": lambda: over_time(
-        "time_delay", "The encoder is recorded 0.6 ms late: an error that follows the speed", PULSE, PROPORTIONAL, [COULOMB],
+        "time_delay", "The encoder is recorded 0.6 ms late: an error proportional to speed", PULSE, PROPORTIONAL, [COULOMB],
         with_effect("time_delay", delay_s=6e-4), (0, 3)),
     "feedforward_mismatch": lambda: over_time(
-        "feedforward_mismatch", "3 % of the velocity are not fed forward any more", PULSE, PROPORTIONAL, [COULOMB],
+        "feedforward_mismatch", "3 % of the velocity feed-forward is missing", PULSE, PROPORTIONAL, [COULOMB],
         with_effect("feedforward_mismatch", velocity_gain=-0.03 * A1, acceleration_gain=0.0), (0, 3)),
     "gain_change": lambda: over_time(
-        "gain_change", "From 2.0 s on the gain is 0.7 times as high: every error grows", cycle(2), LAGGING, [COULOMB],
+        "gain_change", "From 2.0 s on, the gain is 0.7 times as high: every error grows", cycle(2), LAGGING, [COULOMB],
         with_effect("gain_change", time_s=2.0, proportional=0.3 * A2, integral=0.0)),
     "torque_saturation": lambda: over_time(
-        "torque_saturation", "The motor gives 1.6 m/s²: larger accelerations fail, smaller ones do not", moves(
+        "torque_saturation", "Torque limit at 1.6 m/s²: errors at larger accelerations only", moves(
             [(60, 150, 2.4, 0.4), (0, 150, 2.4, 0.4), (60, 150, 0.8, 0.4), (0, 150, 0.8, 0.4)]), PROPORTIONAL, [COULOMB],
         with_effect("torque_saturation", limit_mps2=1.6, reset=60.0, viscous=1e-3, share=1.0)),
     "periodic_disturbance": lambda: over_time(
-        "periodic_disturbance", "A vibration of 11 Hz from outside, in motion and at rest", cycle(1, 60, 60, 1.0, 0.8), PROPORTIONAL,
+        "periodic_disturbance", "An external vibration of 11 Hz, in motion and at rest", cycle(1, 60, 60, 1.0, 0.8), PROPORTIONAL,
         [COULOMB], with_effect("periodic_disturbance", frequency_hz=11, sine=0.05, cosine=0.0)),
     "impulse_disturbance": lambda: over_time(
-        "impulse_disturbance", "Two pushes: short, and not again at the same place of the cycle", PULSE, PROPORTIONAL, [COULOMB],
+        "impulse_disturbance", "Two short impulses, which do not recur in the next cycle", PULSE, PROPORTIONAL, [COULOMB],
         with_effect("impulse_disturbance", time_1_s=0.83, time_2_s=4.6, time_3_s=90.0, time_4_s=91.0, width_s=0.012, push_1=1.2, push_2=-0.9,
                     push_3=0.0, push_4=0.0)),
     "cutting_force": cutting_force,
     "cross_coupling": cross_coupling,
     "dwell_stiction": dwell_stiction,
     "thermal_growth": lambda: over_time(
-        "thermal_growth", "The screw grows by 80 µm per metre: more with every cycle",
+        "thermal_growth", "The screw grows by 80 µm per metre: the error grows with every cycle",
         moves([leg for _ in range(14) for leg in ((300, 150, 1.5, 0.8), (50, 150, 1.5, 0.8))], start=50), INTEGRAL, [COULOMB],
         with_effect("thermal_growth", time_constant_s=20.0, growth=8e-5, drift=0.0, offset=0.0), None, "position"),
     "dropped_samples": dropped_samples,
