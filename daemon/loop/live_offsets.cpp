@@ -233,7 +233,7 @@ bool LiveOffsets::drive_has_dropped(std::int64_t now_ns, std::int64_t due_ns) co
 /// it comes after a pause, and all at once.
 bool LiveOffsets::too_late(std::int64_t now_ns, std::int64_t due_ns) const noexcept {
   const std::int64_t since_ns = now_ns - came_ns_;  // the frame before
-  return now_ns - due_ns > cycle_ns_ || since_ns < cycle_ns_ / 2 || since_ns > held_ns_ ||
+  return now_ns - due_ns > cycle_ns_ / 2 || since_ns < cycle_ns_ / 2 || since_ns > held_ns_ ||
          (phase_ != Phase::kNone && now_ns - sent_ns_ < cycle_ns_ / 2);
 }
 

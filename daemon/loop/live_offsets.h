@@ -18,9 +18,9 @@
 //   - The gates run on a clock of their own, which counts cycles. Jumps of the frames' clock do not
 //     reach them, and an offset changes by at most one cycle's rate from one sent frame to the
 //     next.
-//   - A frame that is answered later than one cycle after it was due is not answered at all, so
-//   that
-//     a drive never gets two offsets in one of its cycles.
+//   - A frame is not answered if the answer would come more than half a cycle late, so that a drive
+//     never gets two offsets in one of its cycles. The constant delay of the bus must be below half
+//     a cycle for that.
 //   - If nothing could be sent for longer than the drive surely waits, this class is silent until
 //     the drive has reached 0, and only then begins from 0. The same after the start of the daemon:
 //     the one before may have left an offset.

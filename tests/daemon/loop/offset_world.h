@@ -56,7 +56,7 @@ class OffsetDrive {
 class OffsetWorld {
  public:
   static constexpr double kCycle_s = 1e-3;
-  static constexpr double kPeak = 2e-4, kRate = 0.02;
+  static constexpr double kPeak = 2e-4, kRate = 0.006;
   // The program repeats so fast that the next run could begin while the drive still ramps.
   static constexpr int kRows = 120, kDwell = 20, kPeriod = kRows + kDwell;
 
@@ -69,7 +69,7 @@ class OffsetWorld {
     kRefuse,      ///< the bus takes none of the next offsets
     kDisarm,      ///< a person disarms, and arms again after this time
     kModel,       ///< another model comes into force
-    kDelay,       ///< the daemon answers the next frames late, but in time to be heard
+    kDelay,       ///< the daemon answers the next frames late, every second one by a whole cycle
   };
   static constexpr int kEvents = 9;
 
@@ -88,6 +88,7 @@ class OffsetWorld {
       case Event::kRestart:
         loop_.reset();
         inbox_.clear();
+        on_time_ = false;
         dead_ = size;
         break;
       case Event::kFrameClock:
@@ -95,6 +96,7 @@ class OffsetWorld {
         break;
       case Event::kHostClock:
         host_clock_ns_ += size * kCycle_ns;
+        on_time_ = false;
         break;
       case Event::kRefuse:
         refused_ = size;
@@ -217,10 +219,15 @@ class OffsetWorld {
       return;
     }
     if (!loop_) return;
-    std::int64_t at_ns = now_ * kCycle_ns + (delayed_ > 0 ? 900'000 : 100'000);
-    if (delayed_ > 0) --delayed_;
+    // A daemon that is late from its first frame on, by its clock, cannot know it.
+    const bool delayed = delayed_ > 0 && on_time_;
+    on_time_ = on_time_ || inbox_.size() == 1;
+    // Every second answer comes in the next cycle, and the one that belongs there at its end.
+    if (delayed && delayed_-- % 2 == 1) return;
+    std::int64_t at_ns = now_ * kCycle_ns + 100'000;
     for (; !inbox_.empty(); inbox_.pop_front(), at_ns += 10'000) {
       const Waiting& next = inbox_.front();
+      if (delayed && inbox_.size() == 1) at_ns = now_ * kCycle_ns + 900'000;
       const MachineOffset* answer =
           loop_->on_frame(next.frame, {at_ns, at_ns - next.due_ns + host_clock_ns_});
       if (answer != nullptr && answer->axes[0].send) {
@@ -267,6 +274,7 @@ class OffsetWorld {
   int lost_ = 0, paused_ = 0, dead_ = 0, refused_ = 0, disarmed_ = 0, delayed_ = 0;
   double felt_ = 0.0, most_ = 0.0;
   bool stale_ = false;
+  bool on_time_ = false;  // a frame was answered on time since the clocks are as they are
 };
 
 }  // namespace servotwin::daemon
