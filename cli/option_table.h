@@ -6,7 +6,7 @@
 //
 // A thin cover over CLI11, which is compiled in option_table.cpp alone: its header takes longer to
 // compile than most commands. --help, the manual pages and the completions read the same table.
-// One thread; what a value breaks is thrown by main()'s parse, not here.
+// One thread; a value that breaks a rule makes the parse in main() throw.
 #pragma once
 
 #include <functional>

@@ -54,7 +54,7 @@ struct ServiceBase {
 class MachineService {
  public:
   /// `input` outlives the service. `current`: the configuration now, which may be newer than
-  /// `base.config`. No thread has started afterwards.
+  /// `base.config`. The constructor starts no thread.
   MachineService(const ServiceBase& base, MachineInput& input, const Config& current);
 
   /// Starts the threads and returns when the source has ended or a stop is requested. Then ends
