@@ -3,11 +3,11 @@
 // Whatever comes in, the offset y_k that goes out at t_k and is valid until V_k obeys
 //   |y_k| <= peak,   |y_k - y_(k-1)| <= rate min(t_k - t_(k-1), cycle_s),
 //   V_k <= min(t_k + validity, E_k),   |y_k| <= min(peak / ramp_s, rate) (E_k - t_k),
-// where E_k is the expiry of the last permitted request (none: no bound), and y_(k-1) is what the
-// drive still applies at t_k: 0 if its validity is over by then, because the drive drops an offset
-// that is not renewed. The gate does not know how long the drive takes for that: whoever calls it
-// is silent for as long (daemon/loop/live_offsets.h). So no offset is applied for longer than its
-// request allows, and it has faded to 0 when the request ends. The fade obeys
+// where E_k is the expiry of the last permitted request (none: no bound), and y_(k-1) is the last
+// offset, or 0 if its validity is over by t_k. The second is true of the drive only after it has
+// ramped the offset out, which the gate does not know: after a gap its caller sends nothing for as
+// long (daemon/loop/live_offsets.h, docs/decisions/0011). So no offset is applied for longer than
+// its request allows, and it has faded to 0 when the request ends. The fade obeys
 //   gain_k <= (E_k - t_k) / ramp_s,
 // so only a request that is valid for ramp_s or longer is ever applied in full.
 //
