@@ -247,7 +247,7 @@ Command add_frequency_response(CLI::App& app) {
       .option("--order", arguments->options.order,
               "number of poles (default: chosen on held-out windows)")
       .takes("N")
-      .between(1, kMostPoles);
+      .between(1, kMaxPoles);
   command
       .option("--delay", arguments->options.delay_s,
               "delay of the output that is removed before the fit [s]")

@@ -123,7 +123,7 @@ CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
     throw std::runtime_error("axis " + axis.name +
                              text(": no bandwidth from %.3g Hz on keeps |Q (1 - L T)| below %.2g "
                                   "for every model within ",
-                                  kLeastBandwidth_hz, kContraction) +
+                                  kMinBandwidth_hz, kContraction) +
                              out.uncertainty +
                              "; use --method inverse, or a model from motion with more excitation");
   }
@@ -348,7 +348,7 @@ Command add_learn(CLI::App& app) {
               "every model within the uncertainty contracts; of the feed-forward beneath it, "
               "the largest that makes none of them worse)")
       .takes("HZ")
-      .between(kLeastBandwidth_hz, 1e5);
+      .between(kMinBandwidth_hz, 1e5);
   command
       .option("--uncertainty", arguments->uncertainty,
               "uncertainty of every pole and coefficient [%] (default: the model's own deviations)")

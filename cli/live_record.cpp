@@ -41,7 +41,7 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
   if (predictions_ == 1) first_written_ns_ = written_ns;
   last_written_ns_ = written_ns;
   const Sent* frame = sent(prediction.sequence);
-  if (frame != nullptr && latencies_ns_.size() < kMostCycles)
+  if (frame != nullptr && latencies_ns_.size() < kMaxCycles)
     latencies_ns_.push_back(written_ns - frame->written_ns);
 
   contour_.add(prediction.contour_error);
@@ -77,7 +77,7 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
 }
 
 void LiveRecord::keep(std::size_t axis, const MachinePrediction& prediction, double command) {
-  if (kept_[axis] >= kMostCycles) return;
+  if (kept_[axis] >= kMaxCycles) return;
   std::vector<Cycles>& runs = cycles_[axis];
   if (runs.empty() || prediction.sequence != runs.back().last_sequence + 1) {
     runs.emplace_back();

@@ -58,7 +58,7 @@ struct LiveAxis {
 class LiveRecord {
  public:
   /// Cycles per axis of which command and residual are kept for regimes(); later ones are not.
-  static constexpr std::size_t kMostCycles = 1'000'000;
+  static constexpr std::size_t kMaxCycles = 1'000'000;
   /// Time without a prediction after which silent() is true [s]; longer than a period of the
   /// status.
   static constexpr double kSilence_s = 1.5;

@@ -563,7 +563,7 @@ Command add_multivariable(CLI::App& app) {
       .option("--order", arguments->options.order,
               "number of poles (default: chosen on held-out data)")
       .takes("N")
-      .between(1, kMostPoles);
+      .between(1, kMaxPoles);
   command
       .option("--mat", arguments->matrices,
               "write the fit as continuous state-space matrices (MATLAB v5)")

@@ -2,7 +2,8 @@
 //
 // Read from a mapping in TOML (all keys: drivers/README.md), which may refer to .dbc, .eds and .dcf
 // files beside it. A decoded position is in m or rad of the axis, with gear, lead and sign:
-//   position = (raw scale + offset) [unit] . lead / (2 pi gear_ratio)     from the motor's angle
+//   position = sign * (raw * scale + offset) [unit] * lead / (2 pi gear_ratio)
+// where the last factor applies to angles of the motor.
 // Any thread. Errors: problems with file, line and column, as in the daemon's configuration.
 #pragma once
 

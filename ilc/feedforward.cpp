@@ -11,7 +11,7 @@
 namespace servotwin {
 namespace {
 
-constexpr double kMostOfNyquist = 0.8;
+constexpr double kMaxOfNyquist = 0.8;
 
 /// The model without the effects that are not linear in the command.
 Model linear_part(const Model& model) {
@@ -81,7 +81,7 @@ double harmless_bandwidth(LearningLaw law, std::span<const Transfer> models, dou
   // With z = L T_i: |1 - q z|^2 <= b^2 for q from 0 to where it is b^2, and q falls with f/f_c.
   constexpr double kRoom = kHarmless * kHarmless - 1.0;
   law.bandwidth_hz = std::numeric_limits<double>::infinity();
-  double most = kMostOfNyquist * 0.5 / h;
+  double most = kMaxOfNyquist * 0.5 / h;
   for (const double f : frequencies_hz(h)) {
     const double omega = 2.0 * std::numbers::pi * f;
     const std::complex<double> l = law.l(omega);

@@ -13,11 +13,11 @@
 //
 // A permitted request is faded in within ramp_s. A request that is not permitted is refused by name
 // and counted, and the active offset is faded out within the same time. A request above the limits
-// is refused, not clipped: a clipped correction is not the learned one. So is one that ends before
-// the active offset can be faded out. Bandwidth: for a signal limited to B and to a peak,
-// Bernstein's inequality (Bernstein 1912) bounds the slope by 2 pi B peak and the curvature by (2
-// pi B)^2 peak; a request beyond is refused. Default is dry run: the output is advice, `send` is
-// false.
+// is refused, not clipped: a clipped correction is not the learned one. A request that ends before
+// the active offset can be faded out is refused as well. Bandwidth: for a signal limited to B and
+// to a peak, Bernstein's inequality (Bernstein 1912) bounds the slope by 2 pi B peak and the
+// curvature by (2 pi B)^2 peak; a request beyond is refused. Default is dry run: the output is
+// advice, `send` is false.
 //
 // Positions in the unit of the axis [m | rad]; times in ns of one clock. No dependencies, allocates
 // nothing, throws nothing. One thread. Source: docs/theory.md 14.

@@ -11,7 +11,7 @@ namespace {
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kFirst_hz = 0.1;
 constexpr double kRatio = 1.015;  // from frequency to frequency
-constexpr double kMostOfNyquist = 0.8;
+constexpr double kMaxOfNyquist = 0.8;
 
 }  // namespace
 
@@ -90,7 +90,7 @@ double robust_bandwidth(LearningLaw law, std::span<const Transfer> models, doubl
     }
     return true;
   };
-  double low = kLeastBandwidth_hz, high = kMostOfNyquist * 0.5 / h;
+  double low = kMinBandwidth_hz, high = kMaxOfNyquist * 0.5 / h;
   if (holds(high)) return high;
   if (!holds(low)) return 0.0;
   while (high > 1.0001 * low) {

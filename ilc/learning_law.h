@@ -65,9 +65,9 @@ struct ContractionCurve {
                                            double h);
 
 /// The least bandwidth that robust_bandwidth gives [Hz].
-inline constexpr double kLeastBandwidth_hz = 0.5;
+inline constexpr double kMinBandwidth_hz = 0.5;
 /// The largest bandwidth [Hz] for which the contraction is at most `within`, up to 0.8 of the
-/// Nyquist frequency; 0 if not even kLeastBandwidth_hz is possible.
+/// Nyquist frequency; 0 if not even kMinBandwidth_hz is possible.
 [[nodiscard]] double robust_bandwidth(LearningLaw law, std::span<const Transfer> models, double h,
                                       double within = kContraction);
 

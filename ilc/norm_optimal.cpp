@@ -11,10 +11,10 @@ namespace {
 using Signal = Eigen::ArrayXd;
 
 constexpr double kResidual = 1e-10;  // of the conjugate gradients, relative to the right-hand side
-constexpr int kMostSteps = 300;
+constexpr int kMaxSteps = 300;
 constexpr double kRoundResidual = 1e-6;  // likewise, within the splitting
 constexpr double kPenaltyShare = 0.05;   // penalty of the splitting over the largest eigenvalue
-constexpr int kMostRounds = 100;         // of the splitting
+constexpr int kMaxRounds = 100;          // of the splitting
 // Violation of a limit, as a share of it, at which the splitting ends.
 constexpr double kLimitTolerance = 3e-4;
 
@@ -95,7 +95,7 @@ Signal NormOptimal::solved(const Signal& right, const Signal& from, double pull,
   Signal r = b - hessian(x, pull), z = preconditioned(r), p = z;
   double rz = dot(r, z);
   const double enough = exactness * exactness * dot(b, b);
-  for (int step = 0; step < kMostSteps && dot(r, r) > enough && rz > 0.0; ++step) {
+  for (int step = 0; step < kMaxSteps && dot(r, r) > enough && rz > 0.0; ++step) {
     const Signal hp = hessian(p, pull);
     const double along = rz / dot(p, hp);
     x += along * p;
@@ -125,7 +125,7 @@ Signal NormOptimal::next(const Signal& u, const Signal& e) {
   const auto settled = [](const Signal& miss, double bound) {
     return !std::isfinite(bound) || miss.abs().maxCoeff() <= kLimitTolerance * bound;
   };
-  for (int round = 0; round < kMostRounds; ++round) {
+  for (int round = 0; round < kMaxRounds; ++round) {
     a = (x + owed_a_).max(-peak).min(peak);
     s = (stretch_ * steps(x) + owed_s_).max(-most).min(most);
     x = solved(right + pull * (a - owed_a_ + stretch_ * steps_transposed(s - owed_s_)), x, pull,

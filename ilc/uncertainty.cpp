@@ -11,7 +11,7 @@ namespace {
 
 using Theta = Eigen::Matrix<double, kLoopValues, 1>;
 
-constexpr double kLeastPole = 0.05;  // least factor of a pole: it stays stable for any uncertainty
+constexpr double kMinPole = 0.05;  // least factor of a pole: it stays stable for any uncertainty
 
 /// Normal, the same on every platform (splitmix64; Box and Muller).
 class Normal {
@@ -35,7 +35,7 @@ class Normal {
 /// The model with its values moved.
 Transfer moved(const Transfer& transfer, const PoleSet& named, const Theta& by) {
   const auto pole = [](double value, double change) {
-    return std::max(kLeastPole * value, value + change);
+    return std::max(kMinPole * value, value + change);
   };
   Transfer out = transfer;
   const PoleSet set{pole(named.real, by(0)), pole(named.omega, by(1)), pole(named.zeta, by(2))};

@@ -22,11 +22,11 @@
 //     noexcept;
 //   };
 //
-// For all effects: the formula at the top of the header gives d, the sum of coefficient * unit
-// force per moved mass [m/s^2 | rad/s^2], positive against positive motion; effects on the reading
-// give a displacement [m | rad]. Units and ranges of the parameters are in kShapes and
-// kCoefficients. `unit_forces` may be called from any thread, allocates nothing and throws nothing.
-// Sources with title: docs/theory.md.
+// For all effects: the formula at the top of each effect's header gives d, the sum of coefficient *
+// unit force, per moved mass [m/s^2 | rad/s^2] and positive if it acts against positive motion.
+// Effects on the encoder reading give a displacement [m | rad] in its place. Units and ranges of
+// the parameters are in kShapes and kCoefficients. `unit_forces` may be called from any thread,
+// allocates nothing and throws nothing. Sources with title: docs/theory.md.
 #pragma once
 
 #include <algorithm>

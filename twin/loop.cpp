@@ -102,10 +102,10 @@ PlacedMode at_place(const Mode& mode, double place, int order,
   const double here = out.mode.omega * out.mode.omega;
   out.lag = last * mode.beta * (1.0 / middle - 1.0 / here);
   // delta (1 / omega^2 - 1 / a2) stays; a mode as slow as the loop itself has no such delta.
-  constexpr double kMostChange = 2.0;
+  constexpr double kMaxChange = 2.0;
   const double before = middle - last, after = here - last;
   if (order == 2 && before * after > 0.0)
-    out.mode.delta *= std::clamp(before / after * here / middle, 1.0 / kMostChange, kMostChange);
+    out.mode.delta *= std::clamp(before / after * here / middle, 1.0 / kMaxChange, kMaxChange);
   return out;
 }
 

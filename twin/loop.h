@@ -37,7 +37,7 @@ namespace servotwin {
 inline constexpr int kMaxOrder = 3;
 inline constexpr std::size_t kMaxModes = 6;
 /// Bound of slope, curve and zeta_slope of a mode that moves: a factor of e.
-inline constexpr double kMostModeTravel = 1.0;
+inline constexpr double kMaxModeTravel = 1.0;
 
 /// A mode of vibration.
 struct Mode {

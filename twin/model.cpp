@@ -65,11 +65,11 @@ std::string why_invalid(const Model& model) {
       if (!std::isfinite(value)) return say("loop.modes[", i, "]: a numerator is not finite");
     }
     for (const double value : {mode.slope, mode.curve, mode.zeta_slope}) {
-      if (!(std::abs(value) <= kMostModeTravel))
+      if (!(std::abs(value) <= kMaxModeTravel))
         return say("loop.modes[", i, "]: log_frequency_slope = ", mode.slope,
                    ", log_frequency_curve = ", mode.curve,
                    " and log_damping_slope = ", mode.zeta_slope, " must lie within +-",
-                   kMostModeTravel);
+                   kMaxModeTravel);
     }
     if (mode.moves() && !(loop.travel.to > loop.travel.from))
       return say("loop.modes[", i, "] moves with position, but loop.travel goes from ",

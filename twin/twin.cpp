@@ -27,14 +27,14 @@ double balanced(double first, double& slope, const Miss& miss_at) noexcept {
   double left = first, miss_left = miss_at(left);
   if (std::abs(miss_left) <= tolerance) return left;
   // Where the disturbance is smooth in the motion two secants from the last slope are enough.
-  constexpr double kLeast = 0.2, kMost = 1e6;
+  constexpr double kMinSlope = 0.2, kMaxSlope = 1e6;
   constexpr int kSecants = 5;
   for (int round = 0; round < kSecants; ++round) {
     const double next = left - miss_left / slope, miss_next = miss_at(next);
     if (std::abs(miss_next) <= tolerance) return next;
     const double now = (miss_next - miss_left) / (next - left);
     left = next, miss_left = miss_next;
-    if (!(now > kLeast && now < kMost)) break;
+    if (!(now > kMinSlope && now < kMaxSlope)) break;
     slope = now;
   }
   double right = left, miss_right = miss_left;

@@ -20,9 +20,9 @@
 namespace servotwin {
 
 /// Shape factors for which a concave curve of this form exists.
-inline constexpr double kLeastShape = 0.002, kMostShape = 0.938;
+inline constexpr double kMinShape = 0.002, kMaxShape = 0.938;
 
-/// S(phi), with which the curve is concave from kLeastShape to kMostShape. From 0.3875 to 0.875 it
+/// S(phi), with which the curve is concave from kMinShape to kMaxShape. From 0.3875 to 0.875 it
 /// is the smallest S whose curve stays in the unit square, the criterion of thesis eq. 4.8. Below
 /// 0.3875 smaller S would stay in it too (S = 0 up to phi = 0.375), but S = 0 does not start
 /// vertically; 0.1, or 8 phi where that is less, is concave. Above 0.875 the curve with the

@@ -25,7 +25,7 @@ RobustAxis robust_axis(const ModelRecord& record, const Segment& path,
   out.uncertainty = uncertainty.words;
   const std::vector<Transfer> models = models_within(axis.law.model, uncertainty.of_transfer);
   axis.law.bandwidth_hz = std::min(robust_bandwidth(axis.law, models, h), most_hz);
-  const std::string why = axis.law.bandwidth_hz < kLeastBandwidth_hz
+  const std::string why = axis.law.bandwidth_hz < kMinBandwidth_hz
                               ? "no bandwidth keeps |Q (1 - L T)| below " + number(kContraction) +
                                     " for every model within " + out.uncertainty +
                                     "; identify a model from motion that excites the axis more"

@@ -415,8 +415,8 @@ void IdentificationWorker::finish() {
     }
     if (!axes_[axis].candidate) continue;
     const double judged_s = memory_.moved_s(axis) - axes_[axis].candidate->moved_s;
-    note_refusal(axis,
-                 "candidate not decided: " + progress_of("judged on", judged_s, config_.judge_s));
+    note_refusal(
+        axis, "candidate not decided: " + progress_of("validated on", judged_s, config_.judge_s));
     axes_[axis].candidate.reset();
   }
 }

@@ -21,7 +21,7 @@ std::string seconds(double value) {
 }
 
 std::string the_other(int version) {
-  return version == 0 ? "predicting nothing" : "model " + std::to_string(version);
+  return version == 0 ? "without a model" : "with model " + std::to_string(version);
 }
 
 }  // namespace
@@ -59,15 +59,15 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
   if (!std::isfinite(candidacy.rms))
     return {Ruling::kNotJudged, "it cannot be simulated on held-out motion"};
 
-  const std::string figures = "leaves " + micro(candidacy.rms, candidacy.rotary) + " RMS on " +
+  const std::string figures = "residual " + micro(candidacy.rms, candidacy.rotary) + " RMS on " +
                               seconds(candidacy.judged_s) + " of held-out motion";
   // A candidate that can be simulated beats a model in force that cannot.
   if (!std::isfinite(candidacy.rms_in_force)) {
     return {Ruling::kPromoted,
-            figures + ", where " + the_other(candidacy.version_in_force) + " cannot be simulated"};
+            figures + "; simulation " + the_other(candidacy.version_in_force) + " fails"};
   }
-  const std::string comparison = figures + ", " + the_other(candidacy.version_in_force) +
-                                 " leaves " + micro(candidacy.rms_in_force, candidacy.rotary);
+  const std::string comparison = figures + ", " + the_other(candidacy.version_in_force) + " " +
+                                 micro(candidacy.rms_in_force, candidacy.rotary);
   if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
       candidacy.rms < candidacy.rms_in_force) {
     // Improvements as multiples of min_improvement. Above the obvious one no test of significance

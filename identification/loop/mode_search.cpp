@@ -75,7 +75,7 @@ Shown shown_by_response(const Projection& data) {
   std::vector<ResponseRecord> records;
   for (const Signals& s : data.segments()) records.push_back({{s.command.first}, s.error, {}});
   ModeOptions options;
-  options.order = kMostPoles;  // surplus poles come out as not determined
+  options.order = kMaxPoles;  // surplus poles come out as not determined
   Shown out;
   for (const FittedPole& pole : poles_shown(records, data.segments().front().h, options)) {
     if (!pole.pair) {

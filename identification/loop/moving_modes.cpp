@@ -38,7 +38,7 @@ Loop over(const Loop& loop, const Travel& travel) {
   for (std::size_t i = 0; i < loop.modes.size(); ++i) {
     const Mode& mode = loop.modes[i];
     const auto bounded = [](double value) {
-      return std::clamp(value, -kMostModeTravel, kMostModeTravel);
+      return std::clamp(value, -kMaxModeTravel, kMaxModeTravel);
     };
     out.modes[i].slope = bounded(wider * (mode.slope + 2.0 * mode.curve * place));
     out.modes[i].curve = bounded(wider * wider * mode.curve);

@@ -143,8 +143,8 @@ class Coordinates {
     if (at < axes_.size()) return {axes_[at].lower, axes_[at].upper};
     const auto of_modes = at - axes_.size();
     if (of_modes >= static_cast<std::size_t>(kModeCoordinates * structure_.modes))
-      return {-kMostModeTravel, kMostModeTravel};
-    if (of_modes % kModeCoordinates == 3) return {-1e300, std::log(kMostDamping)};
+      return {-kMaxModeTravel, kMaxModeTravel};
+    if (of_modes % kModeCoordinates == 3) return {-1e300, std::log(kMaxDamping)};
     return {-1e300, 1e300};
   }
 
@@ -193,7 +193,7 @@ class Coordinates {
   // alpha, beta, log omega, log zeta, gamma, delta
   static constexpr int kModeCoordinates = 6;
   static constexpr int kMovingCoordinates = 3;  // slope, curve, zeta_slope, after all modes
-  static constexpr double kMostDamping = 0.95;
+  static constexpr double kMaxDamping = 0.95;
   struct Slot {
     std::size_t effect = 0, coefficient = 0;
   };

@@ -27,9 +27,9 @@ PoleBounds below_nyquist(PoleBounds bounds, double h) {
 
 // Share of a force that acts through a mode: between 0 and 1 where the encoder is at the same
 // place. Without bounds friction may vanish while its effect through a mode goes to infinity.
-constexpr double kLeastDelta = -1.0, kMostDelta = 2.0, kMostGamma = 1.0;
+constexpr double kMinDelta = -1.0, kMaxDelta = 2.0, kMaxGamma = 1.0;
 constexpr double kSamplesPerRadian = 1.0;  // of a mode, on thinned data
-constexpr double kSlowestMode_hz = 2.0, kLeastDamping = 5e-4, kMostDamping = 0.95;
+constexpr double kSlowestMode_hz = 2.0, kMinDamping = 5e-4, kMaxDamping = 0.95;
 constexpr double kModeShareOfNyquist = 0.9;
 
 /// The coordinates of modes: log omega, log zeta, gamma, delta of each.
@@ -235,15 +235,15 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
       modes[k] = std::clamp(modes[k], std::log(lower), std::log(upper));
     };
     within(i, kTwoPi * kSlowestMode_hz, fastest);
-    within(i + 1, kLeastDamping, kMostDamping);
+    within(i + 1, kMinDamping, kMaxDamping);
     const auto between = [&](std::size_t k, double lower, double upper) {
       problem.SetParameterLowerBound(modes.data(), static_cast<int>(k), lower);
       problem.SetParameterUpperBound(modes.data(), static_cast<int>(k), upper);
       modes[k] = std::clamp(modes[k], lower, upper);
     };
     const double period = std::exp(-modes[i]);
-    between(i + 2, -kMostGamma * period, kMostGamma * period);
-    between(i + 3, kLeastDelta, kMostDelta);
+    between(i + 2, -kMaxGamma * period, kMaxGamma * period);
+    between(i + 3, kMinDelta, kMaxDelta);
   }
   if (chart == Chart::kPoles) {
     const auto box = [&](int i, double lower, double upper) {

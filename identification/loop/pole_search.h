@@ -1,13 +1,15 @@
 // Pole search with least squares projection (thesis 3.5, docs/theory.md Sources; docs/theory.md 4).
 //
-//   min over poles and shapes of  1/2 | e - R(poles, shapes) theta |^2,  theta by projection,
+//   min over poles and shapes of  1/2 | e - R(poles, shapes) c |^2,  c by projection,
 //   friction >= 0
+//
+// c are the linear coefficients (numerator and effects); the shapes are those of the effects.
 //
 // 1. Coarse: a logarithmic grid over the box of the poles (pairs with zeta <= 1, and sorted real
 //    triples), on data thinned to a step of at most 8 ms, but to no fewer than 1000 samples.
 // 2. Refine the best candidates by Levenberg-Marquardt (Ceres) in coordinates whose whole range is
-//    exactly the set of stable loops: a1 = e^q1, a2 = e^q2, a3 = a1 a2 / (1 + e^-q3). A search in
-//    the poles themselves stops where two real poles meet.
+//    exactly the set of stable loops: a1 = e^q1, a2 = e^q2, and for order 3 also
+//    a3 = a1 a2 / (1 + e^-q3). A search in the poles themselves stops where two real poles meet.
 // 3. If the optimum lies outside the box, refine again within it.
 //
 // Frequencies in Hz, coefficients a_i in 1/s^i. Any thread; the same data give the same result.

@@ -21,7 +21,7 @@ using Eigen::VectorXcd;
 
 constexpr Index kMinWindowSamples = 16;  // samples of a window
 constexpr double kShareOfData = 1.0 / 8.0;
-constexpr double kLeastDeviation = 1e-3;    // of |G|
+constexpr double kMinDeviation = 1e-3;      // of |G|
 constexpr Index kFewestLines = 3;           // side by side: one alone may be chance
 constexpr double kLeakingLineShare = 1e-3;  // power over the strongest line from which a line leaks
 constexpr double kMainLobe = 3.0;           // lines
@@ -220,8 +220,7 @@ ResponsePoints FrequencyResponse::points(std::size_t channel,
   out.overlap = kNeighbours;
   out.omega = 2.0 * std::numbers::pi * frequency_hz(places);
   out.response = from.response(places).matrix();
-  out.deviation =
-      from.deviation(places).max(kLeastDeviation * from.response(places).abs()).matrix();
+  out.deviation = from.deviation(places).max(kMinDeviation * from.response(places).abs()).matrix();
   return out;
 }
 

@@ -22,7 +22,7 @@ namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kMinFrequency_hz = 0.02, kShareOfNyquist = 0.9;
-constexpr double kLeastDamping = 5e-4, kMostDamping = 5.0;
+constexpr double kMinDamping = 5e-4, kMaxDamping = 5.0;
 // Residual of a higher order over a lower one, at most, to accept it.
 constexpr double kMaxResidualRatioToAccept = 0.97;
 constexpr double kResidualFloor = 1e-6;  // residual over output RMS below which nothing is gained
@@ -30,7 +30,7 @@ constexpr int kRounds = 60;              // of Levenberg-Marquardt
 constexpr double kCoarseTolerance = 1e-4, kFineTolerance = 1e-8;  // change of cost at which it ends
 constexpr int kMaxOrdersWithoutGain = 3;  // orders without a gain after which the search ends
 constexpr Eigen::Index kRowsPerColumn = 10;
-constexpr double kLeastTransform = 2.0;  // lines: below them the removed mean distorts the spectrum
+constexpr double kMinTransform = 2.0;  // lines: below them the removed mean distorts the spectrum
 constexpr double kDeviationOfUnusablePoint =
     1e9;                                 // deviation of an unusable point over the largest response
 constexpr double kShortestBreak = 1e-8;  // [m | rad]
@@ -44,8 +44,7 @@ Place place_of(const std::vector<FittedPole>& poles, double fastest) {
   for (const FittedPole& pole : poles) {
     out.pair.push_back(pole.pair);
     out.poles.push_back(std::log(std::clamp(pole.omega, kTwoPi * kMinFrequency_hz, fastest)));
-    if (pole.pair)
-      out.poles.push_back(std::log(std::clamp(pole.zeta, kLeastDamping, kMostDamping)));
+    if (pole.pair) out.poles.push_back(std::log(std::clamp(pole.zeta, kMinDamping, kMaxDamping)));
   }
   return out;
 }
@@ -110,7 +109,7 @@ std::optional<Place> refined(const MultivariableProblem& problem, Place at, Sear
   std::size_t value = 0;
   for (const bool pair : at.pair) {
     bound(at.poles, value++, kTwoPi * kMinFrequency_hz, fastest(problem.sample_time_s()));
-    if (pair) bound(at.poles, value++, kLeastDamping, kMostDamping);
+    if (pair) bound(at.poles, value++, kMinDamping, kMaxDamping);
   }
   if (!at.log_distances.empty() && !search.distances)
     solved.SetParameterBlockConstant(at.log_distances.data());
@@ -163,7 +162,7 @@ std::optional<ResponsePoints> responses(const MultivariableData& data, double sh
   std::vector<Eigen::Index> places;
   for (const FrequencyResponse& response : found) {
     for (std::size_t i = 0; i < response.channels.size(); ++i) {
-      const auto more = response.significant(i, (kLeastTransform - 0.5) / response.window_s,
+      const auto more = response.significant(i, (kMinTransform - 0.5) / response.window_s,
                                              0.4 / data.sample_time_s);
       places.insert(places.end(), more.begin(), more.end());
     }
@@ -276,9 +275,9 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
   }
   if (!(options.training_share > 0.1 && options.training_share < 0.95))
     throw std::runtime_error("the training share must lie between 0.1 and 0.95");
-  if (options.order < 0 || options.order > kMostPoles || options.most < 1 ||
-      options.most > kMostPoles)
-    throw std::runtime_error("the order must lie between 1 and " + std::to_string(kMostPoles));
+  if (options.order < 0 || options.order > kMaxPoles || options.most < 1 ||
+      options.most > kMaxPoles)
+    throw std::runtime_error("the order must lie between 1 and " + std::to_string(kMaxPoles));
   for (std::size_t i = 0; i < data.inputs.size(); ++i) {
     const double distance = data.inputs[i].break_distance,
                  longest = longest_break_distance(data, i, options);

@@ -49,7 +49,7 @@ struct MultivariableData {
 };
 
 struct MultivariableOptions {
-  int order = 0;                ///< number of poles, 1..kMostPoles; 0: by held-out error
+  int order = 0;                ///< number of poles, 1..kMaxPoles; 0: by held-out error
   int most = 12;                ///< highest order tried
   double training_share = 0.7;  ///< the first part of every record; the rest is held out
   /// Estimate break distances, and use them if they reduce the residual of the validation data.

@@ -10,12 +10,12 @@ namespace servotwin {
 
 namespace {
 
-constexpr int kMostOrder = 12;
+constexpr int kMaxModeOrder = 12;
 constexpr std::size_t kPointsPerPole = 6;
 constexpr std::size_t kFewestPoints = 12;
-constexpr double kLeastPower = 0.01;  // share of the input's power at the fitted frequencies
-constexpr double kLowest = 2.0;       // in lines: below them the removed mean distorts the spectrum
-constexpr double kHighest = 0.4;      // of the sampling rate
+constexpr double kMinPower = 0.01;  // share of the input's power at the fitted frequencies
+constexpr double kLowest = 2.0;     // in lines: below them the removed mean distorts the spectrum
+constexpr double kHighest = 0.4;    // of the sampling rate
 
 bool usable(const ResponsePoints& points) {
   return points.response.allFinite() && (points.deviation.array() > 0.0).all() &&
@@ -34,7 +34,7 @@ FittedResponse fitted(std::span<const ResponseRecord> records, double sample_tim
                    std::to_string(kFewestPoints);
     return out;
   }
-  if (const double power = whole.channels[0].power(out.fitted).sum(); power < kLeastPower) {
+  if (const double power = whole.channels[0].power(out.fitted).sum(); power < kMinPower) {
     char words[160];
     std::snprintf(
         words, sizeof words,
@@ -70,7 +70,7 @@ FittedResponse fitted(std::span<const ResponseRecord> records, double sample_tim
         "the halves of the recording are excited at different frequencies; give the order";
     return out;
   }
-  const int most = std::min(kMostOrder, static_cast<int>(out.fitted.size() / kPointsPerPole));
+  const int most = std::min(kMaxModeOrder, static_cast<int>(out.fitted.size() / kPointsPerPole));
   if (auto chosen = fit_rational_order(all, halves, most, rational)) {
     out.fit = std::move(chosen->fit);
     out.trials = std::move(chosen->trials);

@@ -333,7 +333,7 @@ Complex RationalFit::at(Index channel, double omega) const {
 
 std::optional<RationalFit> fit_rational(const ResponsePoints& points, int order,
                                         const RationalOptions& options) {
-  if (order < 1 || order > kMostPoles || !enough(points, order)) return std::nullopt;
+  if (order < 1 || order > kMaxPoles || !enough(points, order)) return std::nullopt;
   const WeightedResponse p(points, options);
   const std::vector<Candidate> fits = grown(p, order % 2 == 1 ? 1 : 2, 2, order);
   if (!std::isfinite(fits.back().linear.cost)) return std::nullopt;
@@ -361,7 +361,7 @@ std::vector<std::vector<FittedPole>> starting_poles(const ResponsePoints& points
 std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
                                             const std::array<ResponsePoints, 2>& halves, int most,
                                             const RationalOptions& options) {
-  most = std::min(most, kMostPoles);
+  most = std::min(most, kMaxPoles);
   while (most > 0 && !enough(all, most)) --most;
   if (most == 0) return std::nullopt;
   const std::array<WeightedResponse, 2> half{WeightedResponse(halves[0], options),

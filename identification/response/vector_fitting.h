@@ -64,10 +64,10 @@ struct RationalOptions {
   double least_width = 0.0;
 };
 
-inline constexpr int kMostPoles = 16;
+inline constexpr int kMaxPoles = 16;
 
 /// Nothing where there are fewer points than parameters, or no finite fit. `order`
-/// is 1..kMostPoles.
+/// is 1..kMaxPoles.
 [[nodiscard]] std::optional<RationalFit> fit_rational(const ResponsePoints& points, int order,
                                                       const RationalOptions& options = {});
 

@@ -18,7 +18,7 @@ namespace {
 
 // Samples that the global search may evaluate in total.
 constexpr double kSearchSamples = 1e7;
-constexpr int kFewestEvaluations = 200, kMostEvaluations = 10'000;
+constexpr int kFewestEvaluations = 200, kMaxEvaluations = 10'000;
 constexpr unsigned long kSeed = 1;
 constexpr double kMinUnitForce = 1e-9;  // largest unit force below which a column counts as 0
 // Relative decrease of the cost at which a refinement ends.
@@ -327,7 +327,7 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
         options.evaluations > 0
             ? options.evaluations
             : static_cast<int>(std::clamp<double>(kSearchSamples / samples, kFewestEvaluations,
-                                                  kMostEvaluations));
+                                                  kMaxEvaluations));
     const double unit = target.norm() / std::sqrt(static_cast<double>(data.rows()));
     // Both starts to the coarse tolerance, then the better one to the fine tolerance.
     double least = 1e300;

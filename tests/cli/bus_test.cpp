@@ -253,7 +253,7 @@ class Stage {
 };
 
 /// Predictions are best effort: a reader may miss the first ones, before it knows their writer.
-constexpr int kLeastPredictions = 136;
+constexpr int kMinPredictions = 136;
 
 /// A run of known figures: 20 cycles without a model; 30 under version 1, of which 10 settle; 5
 /// that settle under version 2, then 50 standing with a residual of 1 um, a lost one, and 50 moving
@@ -291,7 +291,7 @@ TEST(Watch, TheSummaryHasTheFiguresOfTheModelInForce) {
   const json summary = json::parse(answer.out);
   EXPECT_EQ(summary["schema"], "servotwin.watch/1");
   EXPECT_EQ(summary["machine"], place().machine);
-  EXPECT_GE(summary["predictions"], kLeastPredictions);
+  EXPECT_GE(summary["predictions"], kMinPredictions);
   EXPECT_LE(summary["predictions"], 155);
   EXPECT_EQ(summary["missed"], 1);
   EXPECT_EQ(summary["status"]["lost"], 1);
@@ -342,7 +342,7 @@ TEST(Watch, TheSummaryGoesOnWhereADaemonThatWaitedTakesUpItsMachine) {
   stage.reset();
   const Answer answer = watch.answer();
   ASSERT_EQ(answer.status, 0) << answer;
-  EXPECT_GE(json::parse(answer.out)["predictions"], kLeastPredictions);
+  EXPECT_GE(json::parse(answer.out)["predictions"], kMinPredictions);
 }
 
 TEST(Watch, TheSummaryGoesOnOverAPauseOfADaemonThatReplaysItself) {

@@ -260,7 +260,7 @@ TEST_F(ServiceTest, FromARecordingToAModelInForceThatIsThereAfterARestart) {
         config_, {}, [] {}, said_);
   };
   run();
-  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is in force: leaves "));
+  EXPECT_THAT(said_.str(), HasSubstr("X: model 1 is in force: residual "));
   EXPECT_THAT(said_.str(), HasSubstr("stopped after 20001 frames"));
   {
     const Store store(directory_.path(), config_.machine);

@@ -83,7 +83,7 @@ TEST(VirginCurve, LengthIsTheLeastThatStaysInTheSquare) {
 }
 
 TEST(VirginCurve, EveryElementIsPositiveForEveryShapeFactor) {
-  for (double phi = kLeastShape; phi <= kMostShape; phi += 0.0005) {
+  for (double phi = kMinShape; phi <= kMaxShape; phi += 0.0005) {
     const auto check = [phi](const auto& elements) {
       double levels = 0.0;
       for (std::size_t i = 0; i < elements.level.size(); ++i) {

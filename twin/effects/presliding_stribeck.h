@@ -28,7 +28,7 @@ struct PreslidingStribeck {
   static constexpr std::array<Parameter, 5> kShapes{
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel from rest after which the axis slides"},
-       {"shape_factor", "1", 0.02, kMostShape, 0.5,
+       {"shape_factor", "1", 0.02, kMaxShape, 0.5,
         "0: force rises linearly with travel; towards 1: immediately"},
        {"breakaway_ratio", "1", 0.5, 5.0, 1.3, "breakaway over Coulomb force"},
        {"stribeck_velocity", "m/s", 1e-4, 0.2, 5e-3,

@@ -28,7 +28,7 @@ struct SmoothedPresliding {
   static constexpr std::array<Parameter, 2> kShapes{
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel at which the last element of the curve would slide"},
-       {"shape_factor", "1", 0.02, kMostShape, 0.5,
+       {"shape_factor", "1", 0.02, kMaxShape, 0.5,
         "0: force rises linearly with travel; towards 1: immediately"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}, kViscous}};

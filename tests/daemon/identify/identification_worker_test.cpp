@@ -136,8 +136,8 @@ TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
   EXPECT_EQ(twin->standard_deviation, record.holdout.rms);
   EXPECT_TRUE(twin->twin.loaded());
   EXPECT_EQ(newest_event().kind, "model_promoted");
-  EXPECT_THAT(newest_event().text, HasSubstr("model 1 is in force: leaves "));
-  EXPECT_THAT(newest_event().text, HasSubstr("predicting nothing leaves "));
+  EXPECT_THAT(newest_event().text, HasSubstr("model 1 is in force: residual "));
+  EXPECT_THAT(newest_event().text, HasSubstr("without a model "));
   EXPECT_THAT(said_.str(), HasSubstr("servotwind: X: model 1 is in force"));
   EXPECT_EQ(status().model_version, 1);
 }
@@ -164,7 +164,7 @@ TEST_F(WorkerTest, AModelThatLeavesMoreThanTwiceIsNotFoundToHoldEvenIfNothingIsB
   run_machine(3.5, 20e-6);
   ASSERT_TRUE(worker_->look(0));
   EXPECT_EQ(announced_.size(), 1U);
-  EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: leaves 19.5 um"));
+  EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: residual 19.5 um"));
   EXPECT_EQ(store_->in_force()[0].validated, "");
 }
 
@@ -312,7 +312,7 @@ TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
   run_machine(1.0);
   worker_->finish();
   EXPECT_THAT(newest_event().text,
-              HasSubstr("candidate not decided: judged on: 1.5 of 3.0 s of motion"));
+              HasSubstr("candidate not decided: validated on: 1.5 of 3.0 s of motion"));
 }
 
 TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {

@@ -74,14 +74,14 @@ TEST(Promotion, PromotesExactlyWhatIsUsableJudgedAndBetter) {
 TEST(Promotion, NamesTheFiguresItWasPromotedFor) {
   const Decision decision = decide(good(), kRule);
   EXPECT_EQ(decision.ruling, Ruling::kPromoted);
-  EXPECT_EQ(decision.reason, "leaves 1.5 um RMS on 4.2 s of held-out motion, model 3 leaves 2 um");
+  EXPECT_EQ(decision.reason, "residual 1.5 um RMS on 4.2 s of held-out motion, with model 3 2 um");
 }
 
 TEST(Promotion, WithoutAModelInForceThereIsTheErrorItselfToBeat) {
   Candidacy candidacy = good();
   candidacy.version_in_force = 0;
   candidacy.rms_in_force = 600e-6;
-  EXPECT_THAT(decide(candidacy, kRule).reason, HasSubstr("predicting nothing leaves 600 um"));
+  EXPECT_THAT(decide(candidacy, kRule).reason, HasSubstr("without a model 600 um"));
   candidacy.rms = 700e-6;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kNotBetter);
 }
@@ -107,7 +107,7 @@ TEST(Promotion, ALittleBetterMustBeBetterOnMostOfTheMotion) {
   const Decision decision = decide(candidacy, kRule);
   EXPECT_EQ(decision.ruling, Ruling::kByChance);
   EXPECT_EQ(decision.reason,
-            "leaves 1.9 um RMS on 4.2 s of held-out motion, model 3 leaves 2 um; better by 1.3 "
+            "residual 1.9 um RMS on 4.2 s of held-out motion, with model 3 2 um; better by 1.3 "
             "standard errors, not significant (needs 3, or an RMS lower by 20 %)");
   candidacy.significance = 3.1;
   EXPECT_EQ(decide(candidacy, kRule).ruling, Ruling::kPromoted);

@@ -287,7 +287,7 @@ TEST(Multivariable, SaysWhatItCannotUse) {
   test::expect_error<std::runtime_error>([&] { (void)identify_multivariable(data); },
                                          {"too short"});
   test::expect_error<std::runtime_error>(
-      [&] { (void)identify_multivariable(good, {.order = kMostPoles + 1}); }, {"between 1 and 16"});
+      [&] { (void)identify_multivariable(good, {.order = kMaxPoles + 1}); }, {"between 1 and 16"});
   test::expect_error<std::runtime_error>(
       [&] { (void)identify_multivariable(good, {.training_share = 1.0}); }, {"training share"});
   test::expect_error<std::runtime_error>(

@@ -224,7 +224,7 @@ TEST(VectorFittingPoles, NeedMorePointsThanParameters) {
   EXPECT_FALSE(fit_rational(points_of(std::span(kModes.data(), 1), 1.0, 2), 2));
   EXPECT_TRUE(fit_rational(points_of(std::span(kModes.data(), 1), 1.0, 3), 2));
   EXPECT_FALSE(fit_rational(points_of(std::span(kModes.data(), 1), 1.0), 0));
-  EXPECT_FALSE(fit_rational(points_of(std::span(kModes.data(), 1), 1.0), kMostPoles + 1));
+  EXPECT_FALSE(fit_rational(points_of(std::span(kModes.data(), 1), 1.0), kMaxPoles + 1));
 }
 
 }  // namespace
