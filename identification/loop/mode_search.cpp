@@ -56,10 +56,10 @@ std::vector<Mode> candidates(const Projection& data, const Point& point) {
   std::sort(tried.begin(), tried.end(),
             [](const auto& l, const auto& r) { return l.first < r.first; });
   std::vector<Mode> out;
-  for (const auto& [cost, mode] : tried) {
-    const bool fresh =
-        std::all_of(out.begin(), out.end(), [&](const Mode& other) { return apart(mode, other); });
-    if (fresh && std::isfinite(cost)) out.push_back(mode);
+  for (const auto& one : tried) {
+    const bool fresh = std::all_of(out.begin(), out.end(),
+                                   [&](const Mode& other) { return apart(one.second, other); });
+    if (fresh && std::isfinite(one.first)) out.push_back(one.second);
     if (out.size() >= kStarts) break;
   }
   return out;

@@ -56,7 +56,7 @@ void pole_search(benchmark::State& state, Problem problem) {
     options.search_shapes = false;
     options.shapes = {kVelocityLimit};
   }
-  for (auto _ : state) {
+  for ([[maybe_unused]] auto _ : state) {
     const Projection data = projection(problem);
     const auto fit = pole_search(data, options);
     if (!fit) {
@@ -79,7 +79,7 @@ Point point_at(double real_hz, double omega_hz, double zeta) {
 void evaluation(benchmark::State& state) {
   const Projection data = projection(Problem::kAsThePeer);
   const Point point = point_at(10.0, 30.0, 0.5);
-  for (auto _ : state) benchmark::DoNotOptimize(data.solve(point).cost);
+  for ([[maybe_unused]] auto _ : state) benchmark::DoNotOptimize(data.solve(point).cost);
 }
 
 /// Loop and presliding together, on as many seconds: steps 1 to 3, the problem of joint_peer.py,
@@ -111,7 +111,7 @@ void joint(benchmark::State& state, bool polish) {
 void response(benchmark::State& state) {
   const std::vector<ResponseRecord> records{
       {{Eigen::ArrayXd::Random(24841)}, Eigen::ArrayXd::Random(24841), {}}};
-  for (auto _ : state)
+  for ([[maybe_unused]] auto _ : state)
     benchmark::DoNotOptimize(
         frequency_response(records, 1e-3, {.window_s = 2.0, .differenced = true}));
 }

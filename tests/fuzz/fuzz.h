@@ -16,6 +16,7 @@
 
 /// One input. Whatever it is: the reader answers, or refuses by an exception derived from
 /// std::runtime_error or std::invalid_argument with one line. Everything else ends the program.
+// NOLINTNEXTLINE(readability-identifier-naming): the name that libFuzzer calls
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size);
 
 namespace servotwin::fuzz {

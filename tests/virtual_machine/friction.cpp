@@ -183,6 +183,8 @@ int state_size(const Friction& friction) noexcept {
   return std::holds_alternative<LuGre>(friction) ? 1 : 0;
 }
 
+// std::visit throws only for a variant without a value, which no Friction is.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 double force(const Friction& friction, double velocity, double applied, const FrictionState& state,
              Rate& rate) noexcept {
   return std::visit([&](const auto& m) { return force_of(m, velocity, applied, state, rate); },

@@ -98,6 +98,7 @@ void check(const Friction& friction);
 [[nodiscard]] int state_size(const Friction& friction) noexcept;
 
 /// The force, and the rate of change of the inner state. `applied`: all other forces on the body.
+// NOLINTNEXTLINE(bugprone-exception-escape): see its definition
 double force(const Friction& friction, double velocity, double applied, const FrictionState& state,
              std::array<double, kMaxElements>& rate) noexcept;
 
