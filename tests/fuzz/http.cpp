@@ -6,8 +6,8 @@
 // Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/store/report_file.cpp
 // Sources: daemon/store/store.cpp daemon/store/store_recovery.cpp daemon/store/event_log.cpp
 // Sources: daemon/store/journal.cpp daemon/publish/status_figures.cpp drivers/file_handle.cpp
-// Sources: drivers/text.cpp identification/model/model_file.cpp twin/hold.cpp twin/loop.cpp
-// Sources: twin/low_pass.cpp twin/model.cpp twin/twin.cpp
+// Sources: drivers/text.cpp identification/model/model_file.cpp twin/catalogue.cpp twin/hold.cpp
+// Sources: twin/linear_algebra.cpp twin/loop.cpp twin/low_pass.cpp twin/model.cpp twin/twin.cpp
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>
