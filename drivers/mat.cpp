@@ -149,6 +149,25 @@ void read_values(const std::string& source, mat_t* file, matvar_t* variable, std
   }
 }
 
+// A file may hold much more than its size suggests: compressed, integers of one byte, or chunks
+// that were never written. A recording does not: its time stamps alone are more than 1 % of what is
+// read of it. So a small file cannot take the memory of the host.
+void require_plausible_size(const std::filesystem::path& file, std::size_t rows,
+                            std::size_t columns) {
+  constexpr double kMaxExpansion = 100;    // memory of the values, as a multiple of the file
+  constexpr double kAlwaysAllowed = 64e6;  // bytes: two minutes of ten channels at 8 kHz
+  const auto size = static_cast<double>(std::filesystem::file_size(file));
+  const double needed = static_cast<double>(rows) * static_cast<double>(columns) * sizeof(double);
+  if (needed <= std::max(kAlwaysAllowed, kMaxExpansion * size)) return;
+  const auto megabytes = [](double bytes) { return number(bytes / 1e6) + " MB"; };
+  throw std::runtime_error(
+      file.string() + ": a file of " + megabytes(size) + " would become " + megabytes(needed) +
+      " of values (" + std::to_string(rows) + " rows, " + std::to_string(columns) +
+      " columns); the limit is " + number(kMaxExpansion) + " times the size of the file, or " +
+      megabytes(kAlwaysAllowed) +
+      ". If this is a recording, save it without compression (in MATLAB: save -v6)");
+}
+
 // Converts to SI; values that are not numbers are counted and noted.
 void convert(const std::string& name, const Unit& unit, std::vector<double>& values,
              std::vector<std::string>& notes) {
@@ -214,6 +233,7 @@ Recording read_mat(const std::filesystem::path& file, const ReadOptions& options
   };
   if (layout.time) require_rows(*layout.time);
   for (const Layout::Column& column : layout.columns) require_rows(column.index);
+  require_plausible_size(file, rows, layout.columns.size() + 1);
   require_memory(file, rows, layout.columns.size() + 1);
 
   Recording recording;

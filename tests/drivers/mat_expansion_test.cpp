@@ -1,0 +1,109 @@
+// A small MATLAB file that would become large in memory is refused before the memory is spent.
+#include <gmock/gmock.h>
+#include <matio.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "drivers/recording_file.h"
+#include "tests/support/temporary_directory.h"
+
+namespace servotwin {
+namespace {
+
+using testing::HasSubstr;
+
+/// Time and command as integers of one byte, all 0.
+void write_zeros(const std::filesystem::path& file, std::size_t rows, mat_ft version,
+                 matio_compression compression) {
+  mat_t* out = Mat_CreateVer(file.c_str(), nullptr, version);
+  ASSERT_NE(out, nullptr);
+  std::vector<std::int8_t> zeros(rows, 0);
+  std::array<std::size_t, 2> shape{rows, 1};
+  for (const char* name : {"t", "x"}) {
+    matvar_t* variable =
+        Mat_VarCreate(name, MAT_C_INT8, MAT_T_INT8, 2, shape.data(), zeros.data(), 0);
+    EXPECT_EQ(Mat_VarWrite(out, variable, compression), 0);
+    Mat_VarFree(variable);
+  }
+  Mat_Close(out);
+}
+
+Recording read(const std::filesystem::path& file) {
+  ReadOptions options;
+  options.columns = "X.command=x[mm]";
+  return read_recording(file, options);
+}
+
+long peak_kib() {
+  struct rusage usage {};
+  getrusage(RUSAGE_SELF, &usage);
+  return usage.ru_maxrss;
+}
+
+/// What reading says, and by how much the peak of memory grew, in a process of its own, whose peak
+/// starts at what it has now.
+std::pair<std::string, long> said_and_grown_kib(const std::filesystem::path& file) {
+  int ends[2];
+  if (pipe(ends) != 0) return {};
+  const pid_t child = fork();
+  if (child == 0) {
+    std::string said = "read";
+    const long before = peak_kib();
+    try {
+      (void)read(file);
+    } catch (const std::exception& error) {
+      said = error.what();
+    }
+    said = std::to_string(peak_kib() - before) + " " + said;
+    _exit(write(ends[1], said.data(), said.size()) < 0 ? 1 : 0);
+  }
+  close(ends[1]);
+  std::array<char, 4096> text{};
+  const ssize_t size = ::read(ends[0], text.data(), text.size());
+  close(ends[0]);
+  waitpid(child, nullptr, 0);
+  const std::string all(text.data(), size > 0 ? static_cast<std::size_t>(size) : 0);
+  const std::size_t blank = all.find(' ');
+  return {all.substr(blank + 1), std::stol(all)};
+}
+
+class MatExpansion : public testing::TestWithParam<mat_ft> {};
+
+TEST_P(MatExpansion, ASmallFileThatBecomesLargeIsRefusedBeforeItIsRead) {
+  const test::TemporaryDirectory directory;
+  const auto file = directory.path() / "zeros.mat";
+  write_zeros(file, 31'000'000, GetParam(), MAT_COMPRESSION_ZLIB);
+  ASSERT_LT(std::filesystem::file_size(file), 1'200'000U);  // v5: 120 kB
+  const auto [said, grown_kib] = said_and_grown_kib(file);
+  EXPECT_THAT(said, HasSubstr("zeros.mat: a file of "));
+  EXPECT_THAT(said, HasSubstr("would become 496 MB of values (31000000 rows, 2 columns)"));
+  EXPECT_THAT(said, HasSubstr("the limit is 100 times the size of the file, or 64 MB"));
+  EXPECT_THAT(said, HasSubstr("save -v6"));
+#ifndef __SANITIZE_THREAD__  // whose shadow is memory of the process, too
+  EXPECT_LT(grown_kib, 8'000);
+#endif
+}
+
+TEST(MatExpansion5, ARecordingOfConstantsIsRead) {
+  const test::TemporaryDirectory directory;
+  const auto file = directory.path() / "zeros.mat";
+  write_zeros(file, 4'000'000, MAT_FT_MAT5, MAT_COMPRESSION_ZLIB);  // 64 MB: just allowed
+  EXPECT_EQ(read(file).time.size(), 4'000'000U);
+  // What is stored without compression is never refused: 5 MB become 80 MB.
+  write_zeros(file, 5'000'000, MAT_FT_MAT5, MAT_COMPRESSION_NONE);
+  EXPECT_EQ(read(file).time.size(), 5'000'000U);
+}
+
+INSTANTIATE_TEST_SUITE_P(Formats, MatExpansion, testing::Values(MAT_FT_MAT5, MAT_FT_MAT73),
+                         [](const auto& about) {
+                           return std::string(about.param == MAT_FT_MAT5 ? "v5" : "v73");
+                         });
+
+}  // namespace
+}  // namespace servotwin
