@@ -11,6 +11,7 @@
 
 #include "cli/command.h"
 #include "cli/help.h"
+#include "daemon/licences.h"
 #include "daemon/unknown_option.h"
 
 namespace {
@@ -55,6 +56,7 @@ int run(int argc, char** argv) {
   CLI::App app{"Servotwin: models of servo drives from recordings, and what they predict.",
                "servotwin"};
   app.set_version_flag("--version", SERVOTWIN_VERSION);
+  servotwin::daemon::declare_licences(app);
   app.require_subcommand(1);
   app.get_formatter()->label("SUBCOMMAND", "COMMAND");
   app.footer("Manual: man servotwin. Exit status: 0 done, 1 the work failed, 2 wrong usage.");

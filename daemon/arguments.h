@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "daemon/config/listen_address.h"
+#include "daemon/licences.h"
 
 namespace servotwin::daemon {
 
@@ -24,6 +25,7 @@ struct DaemonArguments {
   /// Declares the options on `app`; this object must outlive it.
   void declare(CLI::App& app, const std::string& version) {
     app.set_version_flag("--version", version);
+    declare_licences(app);
     app.add_option("--config", config,
                    "configuration file (TOML); default values where it is not given")
         ->type_name("FILE");
