@@ -6,7 +6,7 @@ from pathlib import Path
 project = "Servotwin"
 extensions = ["myst_parser"]
 root_doc = "docs/index"
-include_patterns = ["docs/**.md", "**/README.md", "README.md", "CHANGELOG.md"]
+include_patterns = ["docs/**.md", "**/README.md", "README.md", "CHANGELOG.md", "SECURITY.md"]
 exclude_patterns = ["build*", ".*", "**/node_modules"]
 
 # Anchors of headings down to the third level, named as GitHub names them.
