@@ -21,6 +21,13 @@ constexpr int kReceiveBuffer = 8 << 20;
 // older comes from a sender that has restarted.
 constexpr int kReordered = 16;
 
+bool is_loopback(const sockaddr_storage& address) noexcept {
+  if (address.ss_family == AF_INET6)
+    return IN6_IS_ADDR_LOOPBACK(&reinterpret_cast<const sockaddr_in6&>(address).sin6_addr);
+  const in_addr_t host = ntohl(reinterpret_cast<const sockaddr_in&>(address).sin_addr.s_addr);
+  return host >> 24 == IN_LOOPBACKNET;
+}
+
 }  // namespace
 
 CanUdp::Address CanUdp::resolved(const std::string& place, bool ours) {
@@ -51,7 +58,16 @@ CanUdp::Address CanUdp::resolved(const std::string& place, bool ours) {
   return address;
 }
 
+void CanUdp::require_known_sender(const CanUdpPlace& place) {
+  if (!place.peer.empty() || is_loopback(resolved(place.listen, true).storage)) return;
+  throw std::runtime_error(
+      in_quotes(place.listen) +
+      ": other hosts reach this address, and frames of any sender would be accepted; give the "
+      "sender as peer, HOST:PORT, or listen on 127.0.0.1");
+}
+
 CanUdp::CanUdp(const CanUdpPlace& place) : batch_(kPacketBytes) {
+  require_known_sender(place);
   const Address own = resolved(place.listen, true);
   if (!place.peer.empty()) {
     peer_ = resolved(place.peer, false);

@@ -19,13 +19,17 @@ namespace servotwin {
 
 struct CanUdpPlace {
   std::string listen = "127.0.0.1:20000";  ///< local ADDRESS:PORT; port 0: any free port
-  std::string peer;  ///< HOST:PORT; empty: frames are accepted from any host, and none is sent
+  /// HOST:PORT; empty: frames of any sender are accepted, on a loopback address only, and none is
+  /// sent.
+  std::string peer;
 };
 
 class CanUdp final : public CanBus {
  public:
   /// Throws std::runtime_error if `place` is not an address. `ours`: a local address to listen on.
   static void require_address(const std::string& place, bool ours) { (void)resolved(place, ours); }
+  /// Throws std::runtime_error if other hosts could send frames because no peer is given.
+  static void require_known_sender(const CanUdpPlace& place);
   /// Throws std::runtime_error with the address and what is wrong with it.
   explicit CanUdp(const CanUdpPlace& place);
   ~CanUdp() override;

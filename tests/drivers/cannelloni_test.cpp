@@ -166,9 +166,22 @@ TEST(CanUdp, RefusesAddressesByName) {
   expect_error<std::runtime_error>([] { CanUdp bus({"127.0.0.1:99999", ""}); }, {"99999"});
   expect_error<std::runtime_error>(
       [] {
-        CanUdp bus({"192.0.2.1:1", ""});
+        CanUdp bus({"192.0.2.1:1", "192.0.2.2:1"});
       },
       {"192.0.2.1:1", "cannot listen on this address"});
+}
+
+TEST(CanUdp, WithoutAPeerItListensToThisHostOnly) {
+  for (const char* open : {"0.0.0.0:0", ":0", "[::]:0", "192.0.2.1:0"}) {
+    expect_error<std::runtime_error>(
+        [&] {
+          CanUdp bus({open, ""});
+        },
+        {open, "other hosts reach this address", "give the sender"});
+  }
+  EXPECT_NO_THROW(CanUdp({"0.0.0.0:0", "127.0.0.1:20000"}));
+  for (const char* own : {"127.0.0.1:0", "127.0.0.2:0", "[::1]:0"})
+    EXPECT_NO_THROW(CanUdp({own, ""})) << own;
 }
 
 }  // namespace
