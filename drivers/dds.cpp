@@ -8,7 +8,9 @@
 #include <set>
 #include <stdexcept>
 
+#include "drivers/dds_log.h"
 #include "drivers/dds_wire.h"
+#include "drivers/own_host_bind.h"
 
 namespace servotwin {
 namespace {
@@ -42,6 +44,7 @@ std::string real_time_threads(int priority) {
 /// The domain with the settings of this program, shared by all nodes of this process; null if the
 /// environment configures it.
 std::shared_ptr<DdsEntity> domain_of(std::uint32_t id, int receive_priority) {
+  limit_dds_log();
   if (dds_configured_outside()) return nullptr;
   static std::mutex mutex;
   static std::map<std::uint32_t, std::weak_ptr<DdsEntity>> domains;
@@ -50,6 +53,7 @@ std::shared_ptr<DdsEntity> domain_of(std::uint32_t id, int receive_priority) {
   if (domain == nullptr) {
     const std::string settings =
         kLoopback + (receive_priority > 0 ? real_time_threads(receive_priority) : std::string());
+    const OwnHostBind own_host;  // opens the sockets
     domain = std::make_shared<DdsEntity>(dds_create_domain(id, settings.c_str()),
                                          "open DDS domain " + std::to_string(id));
     domains[id] = domain;
