@@ -33,3 +33,7 @@ check("/etc is read-only", refused(lambda: open("/etc/servotwin/probe", "w"), er
 check("it is not root", os.getuid() != 0)
 check("it has no capability", "CapEff:\t0000000000000000" in open("/proc/self/status").read())
 check("the clock cannot be set", refused(lambda: __import__("time").clock_settime(0, 0), errno.EPERM))
+
+udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+check("this host can be reached", udp.sendto(b"x", ("127.0.0.1", 9)) == 1)
+check("other addresses cannot", refused(lambda: udp.sendto(b"x", ("192.0.2.1", 9)), errno.EPERM))
