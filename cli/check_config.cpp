@@ -8,7 +8,9 @@
 #include "cli/option_table.h"
 #include "cli/output.h"
 #include "daemon/config/config.h"
+#include "daemon/input/offset_contract.h"
 #include "daemon/service.h"
+#include "drivers/can_map.h"
 #include "drivers/text.h"
 
 namespace servotwin::cli {
@@ -17,6 +19,26 @@ namespace {
 std::string text_of(const daemon::DdsConfig& dds) {
   return "DDS domain " + std::to_string(dds.domain) +
          (dds.partition.empty() ? "" : ", partition " + in_quotes(dds.partition));
+}
+
+/// What the drives must do with live offsets, if any axis has a correction.
+void say_offsets(const daemon::Config& config) {
+  if (daemon::corrected_axes(config).empty()) return;
+  const daemon::IlcConfig& ilc = config.ilc;
+  say(stdout, std::string("offsets     ") + (ilc.live ? "live" : "dry run") +
+                  text("; a drive keeps one for %.6g ms (validity_s), then ramps it to 0 within "
+                       "%.6g ms (drive_ramp_s)",
+                       1e3 * ilc.validity_s, 1e3 * ilc.drive_ramp_s));
+  const bool udp = config.source == daemon::SourceKind::kUdp;
+  if (!udp && config.source != daemon::SourceKind::kCan) return;
+  const CanMap map = load_can_map(udp ? config.udp.map : config.can.map);
+  for (const std::string& line : daemon::drive_settings(config, map))
+    say(stdout, "drive       " + line);
+  const daemon::OffsetContract contract =
+      daemon::offset_contract(config, map.machine.cycle_s, &map);
+  for (const std::string& remark : contract.remarks) say(stdout, "note: " + remark);
+  if (const std::string why = contract.refusal(); !why.empty())
+    say(stdout, "note: with ilc.live = true " + why);
 }
 
 void run(const std::filesystem::path& file) {
@@ -62,6 +84,7 @@ void run(const std::filesystem::path& file) {
   const auto store =
       config.store.directory.empty() ? daemon::default_store() : config.store.directory;
   say(stdout, "store       " + store.string());
+  say_offsets(config);
   if (config.ilc.live) {
     if (config.http.token.empty())
       say(stdout,

@@ -111,9 +111,11 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
       watch_(machine_, current.diagnose, base.events),
       loop_(std::make_unique<RealTimeLoop>(machine_.cycle_s, models_, predictions_, rows_,
                                            predicted_, paths_of(base.config, machine_))),
+      contract_(offset_contract(base.config, machine_.cycle_s, input.map ? &*input.map : nullptr)),
       rules_(learning_rules(base.config, machine_)),
       live_offsets_(std::make_unique<LiveOffsets>(
-          offset_rules(rules_, offset_in_command(base.config)), hand_over_)),
+          offset_rules(rules_, offset_in_command(base.config), contract_.drive_timeout_s),
+          hand_over_)),
       arming_(base.config.ilc.live, hand_over_.armed, base.events),
       recorder_(machine_, base.config.machine, base.store.directory(), room_of(current), rows_,
                 memory_, watch_, base.events),
@@ -141,6 +143,9 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
   diagnosis_.restore();
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
+  for (const std::string& remark : contract_.remarks) base_.events.note("offsets", "", remark);
+  if (const std::string why = contract_.refusal(); !why.empty() && arming_.live())
+    arming_.forbid(why);
 }
 
 void MachineService::reconfigure(const Config& current) {

@@ -25,6 +25,7 @@
 #include "daemon/diagnose/diagnosis_worker.h"
 #include "daemon/identify/identification_worker.h"
 #include "daemon/input/machine_input.h"
+#include "daemon/input/offset_contract.h"
 #include "daemon/loop/live_offsets.h"
 #include "daemon/loop/real_time_loop.h"
 #include "daemon/publish/publisher.h"
@@ -87,6 +88,7 @@ class MachineService {
 
   // Who works. Two of them are too large for a stack.
   std::unique_ptr<RealTimeLoop> loop_;
+  OffsetContract contract_;
   LearningRules rules_;
   std::unique_ptr<LiveOffsets> live_offsets_;
   Arming arming_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <stdexcept>
 
@@ -35,6 +36,8 @@ constexpr std::array<ChannelKind, kCanChannels> kKinds{{
 }};
 // CiA 402: torque in thousandths of the rated one.
 constexpr const char* kPerMille = "%*0.1";
+// The event timer of a PDO has 16 bits of 1 ms (CiA 301).
+constexpr double kMaxOffsetTimeout_s = 65.535;
 
 /// The units of an axis, as given in the mapping.
 struct AxisUnits {
@@ -233,7 +236,32 @@ class MapReader {
       axis.report(axis.has("lead_mm") ? "lead_mm" : "gear_ratio",
                   "has no effect: no position of this axis is given as an angle [rev, rad, deg]");
     }
+    read_offset_timeout(axis, index, failed);
     axis.refuse_unknown();
+  }
+
+  /// What the drive does when offsets stop.
+  void read_offset_timeout(Section& axis, std::size_t index, bool failed) {
+    constexpr const char* kKey = "offset_timeout_s";
+    const toml::node* node = axis.find(kKey);
+    if (node == nullptr) return;
+    double timeout_s = std::numeric_limits<double>::infinity();
+    if (node->value_exact<std::string>() != "none") {
+      const auto given = node->is_number() ? node->value<double>() : std::nullopt;
+      if (!given || !(*given >= 1e-3 && *given <= kMaxOffsetTimeout_s)) {
+        axis.report(kKey,
+                    "must be a number from 0.001 to 65.535 s, or \"none\" if the drive keeps "
+                    "an offset that is not renewed");
+        return;
+      }
+      timeout_s = *given;
+    }
+    for (MappedSignal& signal : map_.signals) {
+      if (signal.axis != index || signal.channel != CanChannel::kOffset) continue;
+      signal.timeout_s = timeout_s;
+      return;
+    }
+    if (!failed) axis.report(kKey, "has no effect: no offset of this axis is mapped");
   }
 
   /// Returns false if the signal has a problem.

@@ -47,6 +47,9 @@ struct MappedSignal {
   CanChannel channel = CanChannel::kCommand;
   double turn = 0.0;   ///< period of a position that wraps around [m | rad]; 0: it does not
   std::string origin;  ///< "object 0x6064:00 of node 1", for error messages
+  /// Of an offset: after this time without a new one the drive drops it [s]; infinite: it keeps it;
+  /// absent: the mapping does not say.
+  std::optional<double> timeout_s{};
 };
 
 struct MappedMessage {
@@ -57,6 +60,7 @@ struct MappedMessage {
   bool at_least = false;
   std::optional<CanSelector> selector;
   std::string name;           ///< "0x181 (node 1, TPDO1)"
+  int rpdo = 0;               ///< number of this RPDO of a CANopen node, 1..512; 0: not known
   bool from_machine = false;  ///< carries command, actual, torque or following error
 };
 

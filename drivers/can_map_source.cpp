@@ -191,6 +191,7 @@ std::optional<SourceSignal> SignalSources::find_object(std::size_t bus, int id, 
         found.message.id = pdo.id;
         found.message.extended = pdo.extended;
         found.message.length = pdo.bytes();
+        found.message.rpdo = transmit ? 0 : pdo.number;
         found.message.name = can_id_text(pdo.id, pdo.extended) + ", " +
                              (transmit ? "TPDO" : "RPDO") + std::to_string(pdo.number) +
                              " of node " + std::to_string(id) + ",";

@@ -55,14 +55,14 @@ struct OffsetRules {
   double cycle_s = 0.0;
   std::vector<GateLimits> limits;  ///< of every axis of the machine; zeros: no offset is sent
   double ramp_s = 0.0;             ///< fade-in time from 0 to the full offset, and fade-out time
-  double validity_s = 0.0;         ///< time for which a drive holds an offset that is not renewed
-  double drive_ramp_s = 0.0;       ///< time within which it then ramps that offset to 0
+  double validity_s = 0.0;         ///< time before which no drive drops an offset
+  double drive_timeout_s = 0.0;    ///< time by which it has certainly begun to; 0: validity_s
+  double drive_ramp_s = 0.0;       ///< time within which it then brings the offset to 0
   double match_tolerance = 0.0;    ///< deviation of a command from its program row [m | rad]
-  double residual_band =
-      0.0;               ///< in the larger of two standard deviations; beyond it offsets fade out
-  int delay_cycles = 1;  ///< from a frame to the cycle that applies its offset; >= 1
-  bool live = false;     ///< false: dry run, even when armed
-  bool in_command = false;  ///< the frames' command contains the offset
+  double residual_band = 0.0;      ///< in the larger of two standard deviations; beyond: fade out
+  int delay_cycles = 1;            ///< from a frame to the cycle that applies its offset; >= 1
+  bool live = false;               ///< false: dry run, even when armed
+  bool in_command = false;         ///< the frames' command contains the offset
 };
 
 /// The corrections that may be applied live. The learning worker keeps a plan until the loop uses a

@@ -258,7 +258,24 @@ void read_diagnose(Section section, DiagnoseConfig& diagnose) {
   section.refuse_unknown();
 }
 
-void read_ilc(Section section, IlcConfig& ilc) {
+/// Reads the names of axes; each must be one of the configuration.
+void read_axis_names(Section& section, const std::string& key, const std::vector<AxisConfig>& axes,
+                     std::vector<std::string>& to) {
+  const toml::node* given = section.find(key);
+  if (given == nullptr) return;
+  const toml::array* list = given->as_array();
+  if (list == nullptr || (!list->empty() && !list->is_homogeneous(toml::node_type::string)))
+    return section.report(key, "must be a list of axis names in quotes");
+  for (const toml::node& entry : *list) {
+    const std::string name = *entry.value<std::string>();
+    if (std::none_of(axes.begin(), axes.end(),
+                     [&](const AxisConfig& axis) { return axis.name == name; }))
+      section.report(key, "there is no [[axis]] named " + in_quotes(name));
+    to.push_back(name);
+  }
+}
+
+void read_ilc(Section section, const std::vector<AxisConfig>& axes, IlcConfig& ilc) {
   std::string aim = "tracking";
   section.one_of("aim", {"tracking", "contour"}, aim);
   ilc.contour = aim == "contour";
@@ -271,6 +288,7 @@ void read_ilc(Section section, IlcConfig& ilc) {
   section.number("match_tolerance", 1e-12, 1e-2, "m or rad", ilc.match_tolerance);
   section.number("residual_band", 1.0, 1000.0, "standard deviations", ilc.residual_band);
   section.integer("delay_cycles", 1, 100, ilc.delay_cycles);
+  read_axis_names(section, "arm_without_timeout", axes, ilc.arm_without_timeout);
   if (section.has("offset_in_command")) {
     bool in_command = false;
     section.flag("offset_in_command", in_command);
@@ -327,7 +345,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   read_source(root.section("source"), root.section("dds"), named, folder, config, problems);
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
-  read_ilc(root.section("ilc"), config.ilc);
+  read_ilc(root.section("ilc"), config.axes, config.ilc);
 
   Section store = root.section("store");
   std::string directory;

@@ -93,6 +93,8 @@ struct IlcConfig {
   double match_tolerance = 2e-6;  ///< deviation of a command from its program row [m | rad]
   double residual_band = 8.0;  ///< in standard deviations of the model; beyond it offsets fade out
   int delay_cycles = 1;        ///< cycles from a frame to the cycle that applies its offset
+  /// Axes whose offsets may be armed although their drives keep the last one for ever.
+  std::vector<std::string> arm_without_timeout;
   std::optional<bool> in_command;  ///< whether the frames' command contains the offset; absent:
                                    ///< yes on CAN, otherwise no
 };

@@ -111,7 +111,7 @@ LearningRules learning_rules(const Config& config, const MachineDescription& mac
   return out;
 }
 
-OffsetRules offset_rules(const LearningRules& rules, bool in_command) {
+OffsetRules offset_rules(const LearningRules& rules, bool in_command, double drive_timeout_s) {
   const IlcConfig& ilc = rules.ilc;
   OffsetRules out;
   out.cycle_s = rules.machine.cycle_s;
@@ -122,6 +122,7 @@ OffsetRules offset_rules(const LearningRules& rules, bool in_command) {
   }
   out.ramp_s = ilc.ramp_s;
   out.validity_s = ilc.validity_s;
+  out.drive_timeout_s = drive_timeout_s;
   out.drive_ramp_s = ilc.drive_ramp_s;
   out.match_tolerance = ilc.match_tolerance;
   out.residual_band = ilc.residual_band;

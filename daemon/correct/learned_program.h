@@ -35,7 +35,8 @@ struct LearningRules {
 [[nodiscard]] LearningRules learning_rules(const Config& config, const MachineDescription& machine);
 /// The part that the real-time loop needs. `in_command`: the command of a frame contains the
 /// offset.
-[[nodiscard]] OffsetRules offset_rules(const LearningRules& rules, bool in_command);
+[[nodiscard]] OffsetRules offset_rules(const LearningRules& rules, bool in_command,
+                                       double drive_timeout_s);
 
 /// Predicts and, if `program.learn`, learns. `in_force`: the models of the machine. `wall_ns`: now.
 /// When `stop` is requested, it throws before the next trial.

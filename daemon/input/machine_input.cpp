@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "daemon/input/can_source.h"
+#include "daemon/input/offset_contract.h"
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/can_udp.h"
 #include "drivers/candump.h"
@@ -78,15 +79,6 @@ CanMap mapping(const Config& config) {
   return map;
 }
 
-/// Indices of the axes whose offsets are sent to drives.
-std::vector<std::size_t> corrected_axes(const Config& config) {
-  std::vector<std::size_t> out;
-  for (std::size_t i = 0; config.ilc.live && i < config.axes.size(); ++i) {
-    if (config.axes[i].correction) out.push_back(i);
-  }
-  return out;
-}
-
 MachineInput listening(const Config& config, EventLog& events) {
   CanMap map = mapping(config);
   for (const std::string& note : map.notes) events.note("source", "", note);
@@ -103,11 +95,11 @@ MachineInput listening(const Config& config, EventLog& events) {
       buses.push_back(std::make_unique<SocketCan>(map.buses[i], std::move(options)));
     }
   }
-  const MachineDescription machine = map.machine;
   events.note("source", "", "listening to " + listed(map.buses));
-  auto source = std::make_unique<CanSource>(std::move(map), std::move(buses), pacing);
-  source->carry_offsets(corrected_axes(config));
-  return {std::move(source), machine};
+  auto source = std::make_unique<CanSource>(map, std::move(buses), pacing);
+  if (config.ilc.live) source->carry_offsets(corrected_axes(config));
+  MachineDescription machine = map.machine;
+  return {std::move(source), std::move(machine), std::move(map)};
 }
 
 /// Waits for the description of the machine on the network; nothing if `stop` is requested before.
@@ -204,23 +196,35 @@ std::vector<std::string> input_obstacles(const Config& config) {
       for (std::string line; std::getline(lines, line);) found.push_back(line);
     }
   };
+  const auto check_contract = [&](double cycle_s, const CanMap* map) {
+    for (const std::string& refusal : offset_contract(config, cycle_s, map).refusals)
+      found.push_back("offsets cannot be armed: " + refusal);
+  };
   if (config.source == SourceKind::kCan || config.source == SourceKind::kUdp) {
     attempt([&] {
       const CanMap map = mapping(config);
       check_axes(config, map.machine);
+      if (!config.ilc.live) return;
       for (const std::size_t axis : corrected_axes(config)) CanOffset(map, axis);
+      check_contract(map.machine.cycle_s, &map);
     });
+  } else if (config.source == SourceKind::kDds && config.ilc.live && !config.axes.empty()) {
+    check_contract(described_by(config).cycle_s, nullptr);
   }
   if (config.source == SourceKind::kUdp) {
-    const auto address = [&](const char* key, const std::string& place, bool ours) {
+    const UdpConfig& udp = config.udp;
+    const auto check = [&](const char* key, const auto& action) {
       try {
-        CanUdp::require_address(place, ours);
+        action();
       } catch (const std::runtime_error& error) {
         found.push_back(std::string("source.udp.") + key + ": " + error.what());
       }
     };
-    address("listen", config.udp.listen, true);
-    if (!config.udp.peer.empty()) address("peer", config.udp.peer, false);
+    check("listen", [&] {
+      CanUdp::require_address(udp.listen, true);
+      CanUdp::require_known_sender({udp.listen, udp.peer});
+    });
+    if (!udp.peer.empty()) check("peer", [&] { CanUdp::require_address(udp.peer, false); });
   }
   if (config.source != SourceKind::kReplay) return found;
   std::vector<Replay> recordings;

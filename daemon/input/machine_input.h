@@ -14,6 +14,7 @@
 #include "daemon/config/config.h"
 #include "daemon/input/frame_source.h"
 #include "daemon/store/event_log.h"
+#include "drivers/can_map.h"
 #include "drivers/dds.h"
 #include "drivers/messages.h"
 
@@ -22,6 +23,7 @@ namespace servotwin::daemon {
 struct MachineInput {
   std::unique_ptr<FrameSource> source;
   MachineDescription machine;
+  std::optional<CanMap> map{};  ///< of a machine on CAN
 };
 
 /// Opens the configured source. If the configuration names no axes and frames come over DDS, waits

@@ -33,7 +33,8 @@ LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
       cycle_ns_(ns_of(rules_.cycle_s)),
       // The drive counts its own cycles. Half of one is the tolerance of stamps.
       held_ns_(ns_of(rules_.validity_s + 0.5 * rules_.cycle_s)),
-      surely_gone_ns_(ns_of(rules_.validity_s + rules_.drive_ramp_s + 2.0 * rules_.cycle_s)),
+      surely_gone_ns_(ns_of(std::max(rules_.validity_s, rules_.drive_timeout_s) +
+                            rules_.drive_ramp_s + 2.0 * rules_.cycle_s)),
       sent_(static_cast<std::size_t>(rules_.delay_cycles)) {
   for (const GateLimits& limits : rules_.limits) gates_.emplace_back(limits);
   gates_before_ = gates_;

@@ -13,8 +13,9 @@
 // disarms. A program whose run was given up is not begun again before a new plan comes.
 //
 // What the drive has (docs/decisions/0011-one-contract-for-offsets.md). The drive holds the last
-// offset for validity_s of its own time after it was sent, and then ramps it to 0 within
-// drive_ramp_s. So this class never assumes that an offset is gone because a stamp says so:
+// offset for validity_s to drive_timeout_s of its own time after it was sent, and then ramps it to
+// 0 within drive_ramp_s. So this class never assumes that an offset is gone because a stamp says
+// so:
 //   - The gates run on a clock of their own, which counts cycles. Jumps of the frames' clock do not
 //     reach them, and an offset changes by at most one cycle's rate from one sent frame to the
 //     next.

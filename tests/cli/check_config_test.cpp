@@ -98,6 +98,89 @@ TEST(CheckConfig, ABandwidthThatLimitsNothingIsNoted) {
   EXPECT_EQ(said("500").out.find("note: axis X"), std::string::npos);
 }
 
+class OffsetsOverCan : public testing::Test {
+ protected:
+  /// check-config for a machine with one corrected axis on CAN over UDP.
+  [[nodiscard]] Answer said(const std::string& timeout, const std::string& ilc,
+                            const std::string& udp = "listen = '127.0.0.1:0'") const {
+    (void)folder_.write("map.toml",
+                        "cycle_s = 0.001\n[[axis]]\nname = 'X'\n" + timeout +
+                            "\ncommand = {id = 0x181, start_bit = 0, length = 32, unit = 'um'}\n"
+                            "offset = {id = 0x401, start_bit = 0, length = 32, unit = 'um', "
+                            "message_bytes = 4}\n");
+    return servotwin_says(
+        {"check-config",
+         folder_.write("m.toml", "[source.udp]\nmap = 'map.toml'\n" + udp +
+                                     "\n[[axis]]\nname = 'X'\ncorrection = { peak = 1e-4, rate = "
+                                     "0.01, bandwidth = 100 }\n[store]\ndirectory = '" +
+                                     (folder_ / "store") + "'\n[http]\nlisten = 'none'\n[ilc]\n" +
+                                     ilc + "\n")});
+  }
+  Folder folder_;
+};
+
+TEST_F(OffsetsOverCan, WhatTheDrivesMustHaveIsPrinted) {
+  const Answer answer = said("offset_timeout_s = 0.025", "live = true\ndrive_ramp_s = 0.05");
+  EXPECT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out,
+              HasSubstr("offsets     live; a drive keeps one for 20 ms (validity_s), then ramps it "
+                        "to 0 within 50 ms (drive_ramp_s)\n"));
+  EXPECT_THAT(answer.out, HasSubstr("drive       X: 0x1400 + n, sub-index 5, = 25 [ms]: event "
+                                    "timer of the RPDO with 0x60B0 (0x401)"));
+  EXPECT_THAT(answer.out, HasSubstr("drive       X: 0x6007:00: abort connection option code"));
+}
+
+TEST_F(OffsetsOverCan, ThatCannotBeArmedAreAProblem) {
+  const auto problem = [&](const Answer& answer) {
+    EXPECT_EQ(answer.status, 1) << answer;
+    EXPECT_EQ(answer.complaints().size(), 1U) << answer;
+    EXPECT_THAT(answer.err, HasSubstr("m.toml: offsets cannot be armed: "));
+    return answer.err;
+  };
+  EXPECT_THAT(problem(said("", "live = true")), HasSubstr("does not say what the drive of axis X"));
+  EXPECT_THAT(problem(said("offset_timeout_s = 'none'", "live = true")),
+              HasSubstr("axis X keeps the last offset for ever"));
+  EXPECT_THAT(problem(said("offset_timeout_s = 0.01", "live = true")),
+              HasSubstr("ilc.validity_s = 0.02 s is longer than the time-out of 0.01 s"));
+  EXPECT_THAT(problem(said("offset_timeout_s = 0.01", "live = true\nvalidity_s = 0.001")),
+              HasSubstr("shorter than two cycles of the machine (0.002 s)"));
+}
+
+TEST_F(OffsetsOverCan, OfADryRunAndOfAnAxisThatIsNamedAreNoted) {
+  const Answer dry = said("", "");
+  EXPECT_EQ(dry.status, 0) << dry;
+  EXPECT_THAT(dry.out, HasSubstr("offsets     dry run;"));
+  EXPECT_THAT(dry.out, HasSubstr("note: with ilc.live = true offsets cannot be armed: "));
+  const Answer named =
+      said("offset_timeout_s = 'none'", "live = true\narm_without_timeout = ['X']");
+  EXPECT_EQ(named.status, 0) << named;
+  EXPECT_THAT(named.out, HasSubstr("note: the drive of axis X keeps the last offset for ever"));
+  EXPECT_THAT(named.out, HasSubstr("the mapping states that the drive has none"));
+}
+
+TEST_F(OffsetsOverCan, FramesOfAnybodyAreNotAccepted) {
+  const Answer open = said("", "", "listen = '0.0.0.0:20000'");
+  EXPECT_EQ(open.status, 1) << open;
+  EXPECT_THAT(open.err, HasSubstr("source.udp.listen: '0.0.0.0:20000': other hosts reach"));
+  EXPECT_EQ(said("", "", "listen = '0.0.0.0:20000'\npeer = '127.0.0.1:5'").status, 0);
+}
+
+TEST(CheckConfig, AValidityBelowTwoCyclesIsAProblemOverDdsAsWell) {
+  const Folder folder;
+  const auto said = [&](const std::string& validity) {
+    return servotwin_says(
+        {"check-config",
+         folder.write("a.toml", "[machine]\ncycle_s = 0.004\n[store]\ndirectory = '" +
+                                    (folder / "store") +
+                                    "'\n[http]\nlisten = 'none'\n[[axis]]\nname = 'X'\n"
+                                    "correction = { peak = 1e-4, rate = 0.01, bandwidth = 100 }\n"
+                                    "[ilc]\nlive = true\nvalidity_s = " +
+                                    validity + "\n")});
+  };
+  EXPECT_THAT(said("0.007").err, HasSubstr("shorter than two cycles of the machine (0.008 s)"));
+  EXPECT_EQ(said("0.008").status, 0) << said("0.008");
+}
+
 TEST(CheckConfig, AnAddressOfAnotherHostIsSaid) {
   const Folder folder;
   const Answer answer = servotwin_says(

@@ -1,5 +1,5 @@
-// A daemon that dies with offsets out: the real one as a process, a virtual drive on a bus of any
-// kind. What the drive does is counted in cycles.
+// A daemon that dies or stands still with offsets out: the real one as a process, a virtual drive
+// on a bus of any kind. What the drive does is counted in cycles.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -36,58 +36,11 @@ class OffsetKill : public testing::Test {
   /// and gets `signal` while its offset is active; the test observes the drive.
   void end_it_and_watch_the_drive(std::unique_ptr<CanBus> bus, const std::string& source,
                                   double cycle_s, int signal) {
-    bus_ = std::move(bus);
-    cycle_s_ = cycle_s;
-    const std::string map = "cycle_s = " + std::to_string(cycle_s) + kAxis;
-    std::ofstream(directory_.path() / "map.toml") << map;
-    map_ = check_can_map(map, "map.toml", "").map;
-    Model model = daemon::drive();
-    model.sample_time_s = cycle_s;
-    controller_.emplace(map_);
-    drive_.emplace(map_, std::vector<Twin>{Twin(model)});
-    std::ofstream(directory_.path() / "m.toml")
-        << "[machine]\nname = \"" << name_
-        << "\"\n[[axis]]\nname = \"X\"\ncorrection = { peak = " << kPeak << ", rate = " << kRate
-        << ", bandwidth = 20 }\n"
-        << "[dds]\ndomain = 95\n"
-        << source
-        << "\n"
-        // A busy host may answer some cycles late: then the command is off by some of the offset.
-        << "[ilc]\nlive = true\nmatch_tolerance = 4e-4\n"
-        << "[http]\nlisten = \"127.0.0.1:0\"\ntoken = \"" << kToken << "\"\n";
-    {
-      daemon::Store store(directory_.path() / "store", name_);
-      ModelRecord record = daemon::record_of(model);
-      record.created = daemon::iso_time(daemon::wall_ns());
-      store.promote(record, {record.created, "X", "model_promoted", "made for this test", ""});
-    }
-    Process daemon({built("servotwind"), "--config", directory_.path() / "m.toml", "--store",
-                    directory_.path() / "store"});
-    ASSERT_TRUE(daemon.says("page at http://127.0.0.1:")) << daemon.said();
-    ASSERT_TRUE(daemon.says("X: model 1 is in force again")) << daemon.said();
-    const std::string at = "page at http://127.0.0.1:";
-    const auto port = static_cast<std::uint16_t>(
-        std::stoi(daemon.said().substr(daemon.said().find(at) + at.size())));
-    for (int k = 0; k < cycles(1.0); ++k) cycle(0.0);
-    send_program(DdsNode({name_, 95, ""}));
-    ASSERT_EQ(daemon::ask(port, "POST", "/api/v1/offsets/arm",
-                          std::string("Authorization: Bearer ") + kToken + "\r\n")
-                  .status,
-              200);
-    for (int k = 0; k < cycles(0.2); ++k) cycle(0.0);
-
-    // Until part of the correction has been active for a while; a host that held the bus up in the
-    // middle of a run has another one.
-    int k = 0, runs = 0;
-    for (int out = 0; out < cycles(0.2); ++k) {
-      if (k == cycles(kPath_s - 0.4)) {
-        ASSERT_LT(++runs, 5) << "no offset came\n" << daemon.said();
-        for (k = 0; k < cycles(1.0); ++k) cycle(0.0);
-        out = k = 0;
-      }
-      cycle(path_at(k));
-      out = std::abs(added(path_at(k))) > 0.25 * kPeak ? out + 1 : 0;
-    }
+    const std::unique_ptr<Process> running = armed(std::move(bus), source, cycle_s);
+    ASSERT_NE(running, nullptr);
+    Process& daemon = *running;
+    int k = 0;
+    ASSERT_NO_FATAL_FAILURE(run_until_it_corrects(daemon, k));
     daemon.send(signal);
     const long sent_before = offsets_;
 
@@ -96,8 +49,7 @@ class OffsetKill : public testing::Test {
     // Its last offset may be on its way when it is killed. Asked to stop it fades the offset out;
     // on a busy host two of its steps may come in one cycle of the drive.
     const bool asked = signal != SIGKILL;
-    const double most =
-        (asked ? 3.0 * kRate * cycle_s_ : kPeak / cycles(VirtualDrive::kOffsetRamp_s)) + 2.1e-8;
+    const double most = (asked ? 3.0 * kRate * cycle_s_ : ramp_step()) + kSteps;
     double before = left;
     int gone = 0;  // cycles until nothing is added
     for (int after = 0; after < cycles(0.3); ++after, ++k) {
@@ -121,6 +73,54 @@ class OffsetKill : public testing::Test {
     }
   }
 
+  /// The daemon stands still for each of these times, each in a run of its own, and then finds all
+  /// frames of that time at once.
+  void pause_it_and_watch_the_drive(std::unique_ptr<CanBus> bus, const std::string& source,
+                                    double cycle_s, const std::vector<double>& pauses_s) {
+    const std::unique_ptr<Process> running = armed(std::move(bus), source, cycle_s);
+    ASSERT_NE(running, nullptr);
+    for (const double pause_s : pauses_s) {
+      SCOPED_TRACE("a pause of " + std::to_string(pause_s) + " s");
+      int k = 0;
+      ASSERT_NO_FATAL_FAILURE(run_until_it_corrects(*running, k));
+      running->send(SIGSTOP);
+      // What it had sent before comes in these cycles.
+      for (int on_its_way = 0; on_its_way < 2; ++on_its_way) cycle(path_at(k++));
+      const long sent_before = offsets_;
+      double before = added(path_at(k - 1)), largest = 0.0;
+      // The drive ramps the offset out, and nothing of this run comes any more: its program is
+      // known again only from its start on.
+      for (int after = 0; k < cycles(kPath_s); ++after, ++k) {
+        if (after == cycles(pause_s)) running->send(SIGCONT);
+        cycle(path_at(k));
+        const double now = added(path_at(k));
+        largest = std::max(largest, std::abs(now - before));
+        before = now;
+      }
+      EXPECT_LE(largest, ramp_step() + kSteps) << "the drive's own ramp, no jump";
+      EXPECT_EQ(offsets_, sent_before) << "an offset of the pause, or after it";
+      EXPECT_LT(std::abs(before), 1.1e-8);
+      for (k = 0; k < cycles(1.0); ++k) cycle(0.0);
+    }
+    int k = 0;
+    EXPECT_NO_FATAL_FAILURE(run_until_it_corrects(*running, k)) << "it corrects again";
+    EXPECT_EQ(running->end(SIGKILL), 128 + SIGKILL);
+  }
+
+  /// The daemon refuses to be armed, with `reason`. `timeout`: the line of the mapping.
+  void expect_not_armed(std::unique_ptr<CanBus> bus, const std::string& source, double cycle_s,
+                        const std::string& timeout, const std::string& reason) {
+    timeout_ = timeout;
+    const std::unique_ptr<Process> daemon = started(std::move(bus), source, cycle_s);
+    ASSERT_NE(daemon, nullptr);
+    for (int k = 0; k < cycles(0.2); ++k) cycle(0.0);
+    const daemon::HttpAnswer answer = arm(*daemon);
+    EXPECT_EQ(answer.status, 409);
+    EXPECT_NE(answer.body.find(reason), std::string::npos) << answer.body;
+    EXPECT_NE(daemon->said().find(reason), std::string::npos) << daemon->said();
+    EXPECT_EQ(daemon->end(SIGTERM), 0);
+  }
+
  private:
   using Clock = std::chrono::steady_clock;
   static constexpr std::uint32_t kOffsetId = 0x401;
@@ -134,6 +134,7 @@ target = {id = 0x301, start_bit = 0, length = 32, unit = "nm*10"}
 offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes = 4}
 )";
   static constexpr double kPeak = 2e-4, kRate = 0.01;
+  static constexpr double kSteps = 2.1e-8;  // two roundings of the bus, 10 nm each
   static constexpr double kPath_s = 4.6;
   static constexpr double kRamp_s = 0.1;  // the default of ilc.ramp_s
 
@@ -171,6 +172,80 @@ offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes 
     next_ = std::max(next_, Clock::now()) + std::chrono::duration_cast<Clock::duration>(period);
     std::this_thread::sleep_until(next_);
   }
+  /// The daemon on this bus, with a model in force.
+  std::unique_ptr<Process> started(std::unique_ptr<CanBus> bus, const std::string& source,
+                                   double cycle_s) {
+    bus_ = std::move(bus);
+    cycle_s_ = cycle_s;
+    const std::string map = "cycle_s = " + std::to_string(cycle_s) + kAxis + timeout_ + "\n";
+    std::ofstream(directory_.path() / "map.toml") << map;
+    map_ = check_can_map(map, "map.toml", "").map;
+    Model model = daemon::drive();
+    model.sample_time_s = cycle_s;
+    controller_.emplace(map_);
+    drive_.emplace(map_, std::vector<Twin>{Twin(model)});
+    std::ofstream(directory_.path() / "m.toml")
+        << "[machine]\nname = \"" << name_
+        << "\"\n[[axis]]\nname = \"X\"\ncorrection = { peak = " << kPeak << ", rate = " << kRate
+        << ", bandwidth = 20 }\n"
+        << "[dds]\ndomain = 95\n"
+        << source
+        << "\n"
+        // A busy host may answer some cycles late: then the command is off by some of the offset.
+        << "[ilc]\nlive = true\nmatch_tolerance = 4e-4\n"
+        << "[http]\nlisten = \"127.0.0.1:0\"\ntoken = \"" << kToken << "\"\n";
+    {
+      daemon::Store store(directory_.path() / "store", name_);
+      ModelRecord record = daemon::record_of(model);
+      record.created = daemon::iso_time(daemon::wall_ns());
+      store.promote(record, {record.created, "X", "model_promoted", "made for this test", ""});
+    }
+    auto daemon = std::make_unique<Process>(
+        std::vector<std::string>{built("servotwind"), "--config", directory_.path() / "m.toml",
+                                 "--store", directory_.path() / "store"});
+    for (const char* line : {"page at http://127.0.0.1:", "X: model 1 is in force again"}) {
+      if (daemon->says(line)) continue;
+      ADD_FAILURE() << daemon->said();
+      return nullptr;
+    }
+    return daemon;
+  }
+  daemon::HttpAnswer arm(Process& daemon) {
+    const std::string at = "page at http://127.0.0.1:";
+    const auto port = static_cast<std::uint16_t>(
+        std::stoi(daemon.said().substr(daemon.said().find(at) + at.size())));
+    return daemon::ask(port, "POST", "/api/v1/offsets/arm",
+                       std::string("Authorization: Bearer ") + kToken + "\r\n");
+  }
+  /// The daemon, which has learned the program and is armed; null with a failure.
+  std::unique_ptr<Process> armed(std::unique_ptr<CanBus> bus, const std::string& source,
+                                 double cycle_s) {
+    std::unique_ptr<Process> daemon = started(std::move(bus), source, cycle_s);
+    if (daemon == nullptr) return nullptr;
+    for (int k = 0; k < cycles(1.0); ++k) cycle(0.0);
+    send_program(DdsNode({name_, 95, ""}));
+    const daemon::HttpAnswer answer = arm(*daemon);
+    EXPECT_EQ(answer.status, 200) << answer.body;
+    for (int k = 0; k < cycles(0.2); ++k) cycle(0.0);
+    return answer.status == 200 && !HasFailure() ? std::move(daemon) : nullptr;
+  }
+  /// Runs the program until part of the correction has been active for a while; `k` is its next
+  /// cycle. A host that held the bus up in the middle of a run has another one.
+  void run_until_it_corrects(Process& daemon, int& k) {
+    int runs = 0;
+    k = 0;
+    for (int out = 0; out < cycles(0.2); ++k) {
+      if (k == cycles(kPath_s - 0.4)) {
+        ASSERT_LT(++runs, 5) << "no offset came\n" << daemon.said();
+        for (k = 0; k < cycles(1.0); ++k) cycle(0.0);
+        out = k = 0;
+      }
+      cycle(path_at(k));
+      out = std::abs(added(path_at(k))) > 0.25 * kPeak ? out + 1 : 0;
+    }
+  }
+  /// Change of an offset in a cycle while the drive ramps it out.
+  [[nodiscard]] double ramp_step() const { return kPeak / cycles(VirtualDrive::kOffsetRamp_s); }
   /// What the drive adds to its target.
   [[nodiscard]] double added(double target) const { return demand_ - target; }
 
@@ -200,6 +275,7 @@ offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes 
     ASSERT_EQ(correction.reason.find("not sent"), std::string::npos) << correction.reason;
   }
 
+  std::string timeout_ = "offset_timeout_s = 0.02";  // of the virtual drive
   TemporaryDirectory directory_;
   std::string name_ = "kill-" + std::to_string(getpid());
   std::unique_ptr<CanBus> bus_;

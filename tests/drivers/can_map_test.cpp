@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "drivers/can_frame.h"
@@ -126,6 +127,39 @@ TEST(CanMap, WhatADriveDoesNotSendIsNamedWithWhatItSends) {
   EXPECT_THAT(problems_of(text + "[axis.command]\nobject = 0x6062\n", kEds),
               ElementsAre(AllOf(HasSubstr("m.toml:9"), HasSubstr("0x6062"), HasSubstr("TPDO3"),
                                 HasSubstr(".dcf"))));
+}
+
+std::optional<double> timeout_of(const CanMap& map) {
+  return map.find(0, CanChannel::kOffset)->timeout_s;
+}
+
+TEST(CanMap, WhatTheDriveDoesWhenOffsetsStop) {
+  const std::string command = "unit = \"um\"\n";
+  const std::string offset =
+      "[axis.offset]\nid = 0x401\nstart_bit = 0\nlength = 32\nunit = \"um\"\n";
+  const auto with = [&](const std::string& key) { return by_hand(key, command) + offset; };
+  EXPECT_EQ(timeout_of(map_of(with(""))), std::nullopt) << "as in older files";
+  EXPECT_EQ(timeout_of(map_of(with("offset_timeout_s = 0.025"))), 0.025);
+  EXPECT_EQ(timeout_of(map_of(with("offset_timeout_s = 1"))), 1.0);
+  EXPECT_EQ(timeout_of(map_of(with("offset_timeout_s = \"none\""))),
+            std::numeric_limits<double>::infinity());
+  EXPECT_EQ(map_of(with("")).messages[1].rpdo, 0) << "not known by hand";
+  for (const char* wrong : {"0", "-1", "inf", "nan", "66", "\"never\"", "true"}) {
+    EXPECT_THAT(problems_of(with(std::string("offset_timeout_s = ") + wrong), ""),
+                ElementsAre(AllOf(HasSubstr("m.toml:4"), HasSubstr("axis.offset_timeout_s"),
+                                  HasSubstr("0.001 to 65.535 s, or \"none\""))))
+        << wrong;
+  }
+  EXPECT_THAT(problems_of(by_hand("offset_timeout_s = 0.02", command), ""),
+              ElementsAre(HasSubstr("no offset of this axis is mapped")));
+  const CanMap node = map_of(
+      "cycle_s = 0.001\n[[node]]\nid = 3\neds = \"Elmo.dcf\"\n[[node.tpdo]]\nnumber = 3\n"
+      "objects = [0x6062, 0x6064]\n[[node.rpdo]]\nnumber = 4\nid = 0x503\nobjects = [0x60B0]\n"
+      "[[axis]]\nname = \"X\"\nnode = 3\nposition_unit = \"um\"\noffset_timeout_s = 0.02\n",
+      kEds);
+  EXPECT_EQ(timeout_of(node), 0.02);
+  EXPECT_EQ(node.messages[node.find(0, CanChannel::kOffset)->message].rpdo, 4);
+  EXPECT_EQ(node.messages[node.find(0, CanChannel::kActual)->message].rpdo, 0);
 }
 
 class DbcMap : public testing::Test {

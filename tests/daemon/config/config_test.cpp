@@ -297,6 +297,11 @@ INSTANTIATE_TEST_SUITE_P(
               "m.toml:2:9: http.token = 'short': must be a text of 16 to 256 characters in quotes"},
         Wrong{"[http]\nnames = [1]\n",
               "m.toml:2:9: http.names = [ 1 ]: must be a list of host names in quotes"},
+        Wrong{"[[axis]]\nname = 'X'\n[ilc]\narm_without_timeout = ['Y']\n",
+              "m.toml:4:23: ilc.arm_without_timeout = [ 'Y' ]: there is no [[axis]] named 'Y'"},
+        Wrong{
+            "[ilc]\narm_without_timeout = true\n",
+            "m.toml:2:23: ilc.arm_without_timeout = true: must be a list of axis names in quotes"},
         Wrong{"[real_time]\npriority = 99\n",
               "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
 
@@ -321,6 +326,7 @@ TEST(Config, CorrectionsAreReadWithTheirLimits) {
     match_tolerance = 1e-5
     residual_band = 5.5
     delay_cycles = 2
+    arm_without_timeout = ["X"]
     offset_in_command = false
   )",
                                              "m.toml");
@@ -340,6 +346,7 @@ TEST(Config, CorrectionsAreReadWithTheirLimits) {
   EXPECT_EQ(ilc.match_tolerance, 1e-5);
   EXPECT_EQ(ilc.residual_band, 5.5);
   EXPECT_EQ(ilc.delay_cycles, 2);
+  EXPECT_EQ(ilc.arm_without_timeout, std::vector<std::string>{"X"});
   EXPECT_EQ(ilc.in_command, false);
 }
 

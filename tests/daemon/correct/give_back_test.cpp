@@ -68,7 +68,7 @@ class GiveBack : public testing::Test {
     hand_over_ = std::make_unique<OffsetHandOver>();
     loop_ = std::make_unique<RealTimeLoop>(kCycle_s, models_, predictions_, rows_, wake_up_,
                                            std::vector<std::vector<std::size_t>>{{0, 1}});
-    live_ = std::make_unique<LiveOffsets>(offset_rules(rules, *ilc_.in_command), *hand_over_);
+    live_ = std::make_unique<LiveOffsets>(offset_rules(rules, *ilc_.in_command, 0.0), *hand_over_);
     loop_->give_back(*live_, said_ring_);
     worker_ = std::make_unique<LearningWorker>(
         rules, store_, events_, *hand_over_,

@@ -104,6 +104,20 @@ TEST(LiveOffsets, TheMotorFeelsNoJumpWhereverInARunTheDaemonOrTheFramesStop) {
   }
 }
 
+// A drive may wait for longer than the daemon needs it to: its event timer is as it is.
+TEST(LiveOffsets, TheMotorFeelsNoJumpIfTheDriveWaitsLongerThanTheValidity) {
+  for (const double timeout_s : {0.025, 0.05, 0.1}) {
+    for (const Event event : {Event::kRestart, Event::kLose, Event::kPause}) {
+      for (int at = 0; at < OffsetWorld::kPeriod; at += 7) {
+        OffsetWorld world(at % 2 == 0, timeout_s);
+        for (int k = 0; k < 3 * OffsetWorld::kPeriod + at; ++k) ASSERT_EQ(world.cycle(), nullptr);
+        world.happens(event, 22);
+        for (int k = 0; k < kAfterwards; ++k) ASSERT_EQ(world.cycle(), nullptr) << at << " " << k;
+      }
+    }
+  }
+}
+
 TEST(LiveOffsets, GoOnAfterAnIncidentInTheNextRun) {
   OffsetWorld world(true);
   for (int k = 0; k < kUnderWay; ++k) ASSERT_EQ(world.cycle(), nullptr);

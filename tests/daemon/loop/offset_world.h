@@ -73,8 +73,14 @@ class OffsetWorld {
   };
   static constexpr int kEvents = 9;
 
-  /// `in_command`: whether the command of the drive's frames has the offset in it.
-  explicit OffsetWorld(bool in_command) : in_command_(in_command) { start(); }
+  static constexpr double kValidity_s = 0.02;
+
+  /// `in_command`: whether the command of the drive's frames has the offset in it. `timeout_s`: the
+  /// drive holds an offset for as long; kValidity_s or longer.
+  explicit OffsetWorld(bool in_command, double timeout_s = kValidity_s)
+      : in_command_(in_command), timeout_s_(timeout_s) {
+    start();
+  }
 
   /// `size`: cycles (for clocks: cycles by which they are set).
   void happens(Event event, int size) {
@@ -136,7 +142,7 @@ class OffsetWorld {
 
  private:
   static constexpr std::int64_t kCycle_ns = 1'000'000;
-  static constexpr double kValidity_s = 0.02, kDriveRamp_s = 0.1, kRamp_s = 0.05;
+  static constexpr double kDriveRamp_s = 0.1, kRamp_s = 0.05;
   static constexpr double kRounding = 1.0 + 1e-9;
 
   static double path_at(long k) {
@@ -155,6 +161,7 @@ class OffsetWorld {
     rules.limits = {{kPeak, kRate, 40.0, kRamp_s, kValidity_s, 1e6, true, kCycle_s}};
     rules.ramp_s = kRamp_s;
     rules.validity_s = kValidity_s;
+    rules.drive_timeout_s = timeout_s_;
     rules.drive_ramp_s = kDriveRamp_s;
     rules.match_tolerance = 2e-6;
     rules.residual_band = 8.0;
@@ -255,6 +262,7 @@ class OffsetWorld {
     std::int64_t due_ns;
   };
   bool in_command_;
+  double timeout_s_;
   Model model_;
   int version_ = 1;
   std::uint64_t plans_made_ = 0;
@@ -267,7 +275,7 @@ class OffsetWorld {
   std::unique_ptr<OffsetHandOver> hand_over_;
   std::unique_ptr<LiveOffsets> live_;
   std::unique_ptr<RealTimeLoop> loop_;
-  OffsetDrive drive_{kCycle_s, kValidity_s, kDriveRamp_s};
+  OffsetDrive drive_{kCycle_s, timeout_s_, kDriveRamp_s};
   std::deque<Waiting> inbox_;
   long now_ = 0;
   std::int64_t frame_clock_ns_ = 0, host_clock_ns_ = 0;
