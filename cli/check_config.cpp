@@ -1,6 +1,7 @@
 // servotwin check-config: would the daemon start with this configuration?
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,16 +27,19 @@ void say_offsets(const daemon::Config& config) {
   if (daemon::corrected_axes(config).empty()) return;
   const daemon::IlcConfig& ilc = config.ilc;
   say(stdout, std::string("offsets     ") + (ilc.live ? "live" : "dry run") +
-                  text("; a drive keeps one for %.6g ms (validity_s), then ramps it to 0 within "
-                       "%.6g ms (drive_ramp_s)",
+                  text("; a drive keeps one for %.6g ms or longer (validity_s), then ramps it to 0 "
+                       "within %.6g ms (drive_ramp_s)",
                        1e3 * ilc.validity_s, 1e3 * ilc.drive_ramp_s));
-  const bool udp = config.source == daemon::SourceKind::kUdp;
-  if (!udp && config.source != daemon::SourceKind::kCan) return;
-  const CanMap map = load_can_map(udp ? config.udp.map : config.can.map);
-  for (const std::string& line : daemon::drive_settings(config, map))
-    say(stdout, "drive       " + line);
+  std::optional<CanMap> map;
+  if (config.source == daemon::SourceKind::kCan) map = load_can_map(config.can.map);
+  if (config.source == daemon::SourceKind::kUdp) map = load_can_map(config.udp.map);
+  if (map) {
+    for (const std::string& line : daemon::drive_settings(config, *map))
+      say(stdout, "drive       " + line);
+  }
+  const double cycle_s = map ? map->machine.cycle_s : config.cycle_s.value_or(0.0);
   const daemon::OffsetContract contract =
-      daemon::offset_contract(config, map.machine.cycle_s, &map);
+      daemon::offset_contract(config, cycle_s, map ? &*map : nullptr);
   for (const std::string& remark : contract.remarks) say(stdout, "note: " + remark);
   if (const std::string why = contract.refusal(); !why.empty())
     say(stdout, "note: with ilc.live = true " + why);

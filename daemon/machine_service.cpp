@@ -144,8 +144,11 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
   for (const std::string& remark : contract_.remarks) base_.events.note("offsets", "", remark);
-  if (const std::string why = contract_.refusal(); !why.empty() && arming_.live())
+  if (const std::string why = contract_.refusal(); !why.empty() && arming_.live()) {
     arming_.forbid(why);
+  } else if (!why.empty()) {
+    base_.events.note("offsets", "", "with ilc.live = true " + why);
+  }
 }
 
 void MachineService::reconfigure(const Config& current) {

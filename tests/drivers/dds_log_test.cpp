@@ -30,7 +30,8 @@ TEST(LineLimit, IsWhatCycloneReportsThrough) {
   limit_dds_log();
   limit_dds_log();
   testing::internal::CaptureStderr();
-  for (int k = 0; k < 1000; ++k) DDS_ERROR("the network is gone %d\n", k);
+  for (int k = 0; k < 1000; ++k)
+    dds_log(DDS_LC_ERROR, __FILE__, __LINE__, "test", "the network is gone %d\n", k);
   const std::string said = testing::internal::GetCapturedStderr();
   EXPECT_LE(std::count(said.begin(), said.end(), '\n'), LineLimit::kMaxLines + 2) << said;
   EXPECT_NE(said.find("the network is gone"), std::string::npos) << said;
