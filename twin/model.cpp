@@ -30,6 +30,16 @@ std::string say(const Parts&... parts) {
   return out.str();
 }
 
+// Beyond every drive, and well within what the discretisation calculates with: a number outside is
+// damage or a slip of the keyboard.
+constexpr double kMinSampleTime_s = 1e-6;
+constexpr double kMaxSampleTime_s = 1.0;
+constexpr double kMinRate_rad_s = 1e-6;  // of a pole or a mode
+constexpr double kMaxRate_rad_s = 1e9;
+constexpr double kMaxModeNumerator = 1e30;  // of any of its units
+
+bool within(double value, double lower, double upper) { return lower <= value && value <= upper; }
+
 std::string outside(std::string_view effect, const Parameter& parameter, double value) {
   if (std::isfinite(value) && value >= parameter.lower && value <= parameter.upper) return {};
   return say("effects[", effect, "].", parameter.name, " = ", value, " ", parameter.unit,
@@ -39,9 +49,11 @@ std::string outside(std::string_view effect, const Parameter& parameter, double 
 }  // namespace
 
 std::string why_invalid(const Model& model) {
-  if (!(model.sample_time_s > 0.0 && std::isfinite(model.sample_time_s))) {
+  if (!(model.sample_time_s > 0.0))
     return say("sample_time_s = ", model.sample_time_s, " must be positive");
-  }
+  if (!within(model.sample_time_s, kMinSampleTime_s, kMaxSampleTime_s))
+    return say("sample_time_s = ", model.sample_time_s, " s is outside ", kMinSampleTime_s, " .. ",
+               kMaxSampleTime_s);
   const Loop& loop = model.loop;
   if (loop.order != 2 && loop.order != 3)
     return say("loop.order = ", loop.order, " must be 2 or 3");
@@ -50,19 +62,34 @@ std::string why_invalid(const Model& model) {
     if (!std::isfinite(loop.denominator[k])) return say("loop.denominator[", i, "] is not finite");
     if (!std::isfinite(loop.numerator[k]))
       return say("loop.tracking_error_numerator[", i, "] is not finite");
+    const double most = std::pow(kMaxRate_rad_s, i + 1);
+    if (std::abs(loop.denominator[k]) > most)
+      return say("loop.denominator[", i, "] = ", loop.denominator[k], " is more than ", most);
+    if (std::abs(loop.numerator[k]) > most)
+      return say("loop.tracking_error_numerator[", i, "] = ", loop.numerator[k], " is outside +-",
+                 most);
   }
   if (!stable(loop))
     return "loop.denominator: the loop is unstable (a pole is not left of the imaginary axis)";
+  const double product = loop.denominator[static_cast<std::size_t>(loop.order) - 1];
+  if (const double least = std::pow(kMinRate_rad_s, loop.order); product < least)
+    return say("loop.denominator[", loop.order - 1, "] = ", product, " is less than ", least);
   if (loop.modes.size() > kMaxModes)
     return say("loop.modes: ", loop.modes.size(), " are more than ", kMaxModes);
   for (std::size_t i = 0; i < loop.modes.size(); ++i) {
     const Mode& mode = loop.modes[i];
     if (!(mode.omega > 0.0 && std::isfinite(mode.omega)))
       return say("loop.modes[", i, "].natural_frequency = ", mode.omega, " rad/s must be positive");
+    if (!within(mode.omega, kMinRate_rad_s, kMaxRate_rad_s))
+      return say("loop.modes[", i, "].natural_frequency = ", mode.omega, " rad/s is outside ",
+                 kMinRate_rad_s, " .. ", kMaxRate_rad_s);
     if (!(mode.zeta > 0.0 && mode.zeta < 1.0))
       return say("loop.modes[", i, "].damping_ratio = ", mode.zeta, " must lie between 0 and 1");
     for (const double value : {mode.alpha, mode.beta, mode.gamma, mode.delta}) {
       if (!std::isfinite(value)) return say("loop.modes[", i, "]: a numerator is not finite");
+      if (std::abs(value) > kMaxModeNumerator)
+        return say("loop.modes[", i, "]: the numerator ", value, " is outside +-",
+                   kMaxModeNumerator);
     }
     for (const double value : {mode.slope, mode.curve, mode.zeta_slope}) {
       if (!(std::abs(value) <= kMaxModeTravel))

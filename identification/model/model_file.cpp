@@ -20,6 +20,14 @@ namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
+// Beyond everything that a store or a recording reaches; with room to count on.
+constexpr int kMaxVersion = 1'000'000'000;
+constexpr long kMaxRows = 1'000'000'000'000'000;
+constexpr double kMaxError = 1e6;   // m | rad
+constexpr double kMaxMotion = 1e6;  // m/s, m/s^2 | rad/s, rad/s^2
+constexpr double kMaxCovariance = 1e60;
+constexpr double kMaxTime_s = 1e12;  // a stamp may count from 1970
+
 [[noreturn]] void refuse(const std::string& field, const std::string& why) {
   throw std::runtime_error("model file: " + field + ": " + why);
 }
@@ -42,6 +50,14 @@ double finite(const json& object, const std::string& path, const char* key) {
   return value.get<double>();
 }
 
+double position(const json& object, const std::string& path, const char* key) {
+  constexpr double kMaxPosition = 1e6;  // m | rad
+  const double value = finite(object, path, key);
+  if (!(std::abs(value) <= kMaxPosition))
+    refuse(field_of(path, key), "must lie within +-1e+06, is " + object[key].dump());
+  return value;
+}
+
 /// A value in another unit must not be read as one in ours. Programs before version 0.2.0 wrote rad
 /// for a rotary axis only in units that begin with "m/", and left m in the others (m, s/m, 1/m^2):
 /// such files are read as well.
@@ -60,6 +76,17 @@ double optional(const json& object, const char* key) {
   const auto found = object.is_object() ? object.find(key) : object.end();
   return object.is_object() && found != object.end() && found->is_number() ? found->get<double>()
                                                                            : kAbsent;
+}
+
+/// A whole number from 0 to `most`; 0 if it is missing or null.
+template <class Integer>
+Integer count(const json& object, const std::string& path, const char* key, Integer most) {
+  const double value = optional(object, key);
+  if (std::isnan(value)) return 0;
+  if (!(value >= 0.0 && value <= static_cast<double>(most) && value == std::floor(value)))
+    refuse(field_of(path, key), "must be a whole number from 0 to " + std::to_string(most) +
+                                    ", is " + object[key].dump());
+  return static_cast<Integer>(value);
 }
 
 std::string text(const json& object, const std::string& path, const char* key) {
@@ -128,6 +155,8 @@ std::optional<LoopCovariance> covariance_from(const json& loop, int order) {
       refuse(field, "must be a list of " + size + " numbers, is " + row.dump());
     for (std::size_t k = 0; k < n; ++k) {
       if (!row[k].is_number()) refuse(field, "must hold numbers, holds " + row[k].dump());
+      if (!(std::abs(row[k].get<double>()) <= kMaxCovariance))
+        refuse(field, "must hold numbers within +-1e+60, holds " + row[k].dump());
       out(rows[i], rows[k]) = row[k].get<double>();
     }
   }
@@ -144,7 +173,14 @@ json figures(const ErrorFigures& f) {
 ErrorFigures figures_from(const json& fit, const char* key) {
   const auto found = fit.is_object() ? fit.find(key) : fit.end();
   if (!fit.is_object() || found == fit.end()) return {};
-  return {optional(*found, "rms_m"), optional(*found, "max_m")};
+  const auto figure = [&](const char* name) {
+    const double value = optional(*found, name);
+    if (value < 0.0 || value > kMaxError)
+      refuse("fit." + std::string(key) + "." + name,
+             "must lie between 0 and 1e+06, is " + (*found)[name].dump());
+    return value;
+  };
+  return {figure("rms_m"), figure("max_m")};
 }
 
 /// The values of a mode in the file, and how to get at them.
@@ -188,8 +224,8 @@ json modes_json(const ModelRecord& record) {
 
 void read_modes(const json& loop, ModelRecord& record) {
   if (const auto travel = loop.find("travel"); travel != loop.end())
-    record.model.loop.travel = {finite(*travel, "loop.travel", "from_m"),
-                                finite(*travel, "loop.travel", "to_m")};
+    record.model.loop.travel = {position(*travel, "loop.travel", "from_m"),
+                                position(*travel, "loop.travel", "to_m")};
   const auto found = loop.find("modes");
   if (found == loop.end()) return;
   if (!found->is_array()) refuse("loop.modes", "must be a list");
@@ -313,10 +349,8 @@ ModelRecord model_from_json(const json& j) {
   if (kind != "linear" && kind != "rotary")
     refuse("kind", "must be \"linear\" or \"rotary\", is " + kind.dump());
   record.rotary = kind == "rotary";
-  record.version =
-      static_cast<int>(std::isfinite(optional(j, "version")) ? optional(j, "version") : 0.0);
-  record.parent =
-      static_cast<int>(std::isfinite(optional(j, "parent")) ? optional(j, "parent") : 0.0);
+  record.version = count(j, "", "version", kMaxVersion);
+  record.parent = count(j, "", "parent", kMaxVersion);
   if (j.contains("created") && j["created"].is_string())
     record.created = j["created"].get<std::string>();
   Model& model = record.model;
@@ -420,18 +454,25 @@ ModelRecord model_from_json(const json& j) {
   if (fit.contains("method") && fit["method"].is_string())
     record.method = fit["method"].get<std::string>();
   const json data = j.value("data", json::object());
-  const auto zero = [](double value) { return std::isfinite(value) ? value : 0.0; };
+  const auto time = [&](const char* key) {
+    const double value = optional(data, key);
+    if (std::abs(value) > kMaxTime_s)
+      refuse(field_of("data", key), "must be a time of up to +-1e+12 s, is " + data[key].dump());
+    return std::isfinite(value) ? value : 0.0;
+  };
   if (data.contains("source") && data["source"].is_string())
     record.source = data["source"].get<std::string>();
-  record.from_s = zero(optional(data, "from"));
-  record.to_s = zero(optional(data, "to"));
-  record.training_to_s = zero(optional(data, "training_to"));
-  record.rows = static_cast<long>(zero(optional(data, "rows")));
+  record.from_s = time("from");
+  record.to_s = time("to");
+  record.training_to_s = time("training_to");
+  record.rows = count(data, "data", "rows", kMaxRows);
   if (const auto motion = data.find("motion"); motion != data.end()) {
     const auto known = [&](const char* key) {
       const double value = optional(*motion, key);
       if (value < 0.0)
         refuse(std::string("data.motion.") + key, "must not be negative, is " + motion->dump());
+      if (value > kMaxMotion)
+        refuse(std::string("data.motion.") + key, "must be at most 1e+06, is " + motion->dump());
       return value;
     };
     record.motion = {known("speed_m_per_s"), known("acceleration_m_per_s2")};

@@ -104,6 +104,23 @@ TEST(ModelFile, RefusalsNameTheField) {
   refused("/axis", "", {"axis", "empty"});
   refused("/kind", "round", {"kind", "round"});
   refused("/sample_time_s", -1.0, {"sample_time_s", "-1", "positive"});
+  refused("/sample_time_s", 1e-300, {"sample_time_s", "1e-300", "outside 1e-06 .. 1"});
+  refused("/sample_time_s", 1e300, {"sample_time_s", "1e+300", "outside 1e-06 .. 1"});
+  for (const char* field : {"version", "parent", "data/rows"}) {
+    for (const double value : {1e300, -1e300, -1.0, 1.5})
+      refused(("/" + std::string(field)).c_str(), value, {"must be a whole number from 0 to "});
+  }
+  refused("/version", 1e300, {"version: must be a whole number from 0 to 1000000000, is 1e+300"});
+  for (const char* field : {"from", "to", "training_to"})
+    refused(("/data/" + std::string(field)).c_str(), 1e300, {field, "1e+300", "1e+12 s"});
+  for (const char* field : {"training/rms_m", "training/max_m", "holdout/rms_m", "holdout/max_m"}) {
+    refused(("/fit/" + std::string(field)).c_str(), 1e300, {"between 0 and 1e+06", "1e+300"});
+    refused(("/fit/" + std::string(field)).c_str(), -1.0, {"between 0 and 1e+06", "-1"});
+  }
+  refused("/data/motion/speed_m_per_s", 1e300, {"data.motion.speed_m_per_s", "at most 1e+06"});
+  refused("/loop/denominator/0", 1e300, {"loop.denominator[0] = 1e+300 is more than 1e+09"});
+  refused("/loop/tracking_error_numerator/0", -1e300, {"loop.tracking_error_numerator[0]", "+-"});
+  refused("/loop/covariance/0/0", 1e300, {"loop.covariance[0]", "1e+60"});
   refused("/sample_time_s", "fast", {"sample_time_s", "number", "fast"});
   refused("/loop/order", 7, {"loop.order", "7"});
   refused("/loop/denominator", json::array({1.0}), {"loop.denominator", "list of"});
