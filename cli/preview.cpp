@@ -22,7 +22,6 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr std::size_t kLongestName = 63;
 constexpr std::string_view kSeparator = "; ";  // of the parts of the daemon's answer
 constexpr double kMaxDiscovery_s = 10.0;       // of a running daemon
 
@@ -37,7 +36,7 @@ struct Arguments {
 
 /// A valid name for a program, derived from the name of its file.
 std::string name_after(const std::filesystem::path& file) {
-  std::string name = file.stem().string().substr(0, kLongestName);
+  std::string name = file.stem().string().substr(0, kMaxNameLength);
   for (char& letter : name) {
     if (!usable_name(std::string("x") + letter)) letter = '_';
   }
@@ -187,10 +186,8 @@ std::string table_of(const Recording& path, const std::vector<CorrectionChunk>& 
 
 void run(const Arguments& arguments) {
   if (!arguments.bus.dds) throw UsageError("--dds is required: the bus of the daemon");
-  if (!arguments.name.empty() &&
-      (!usable_name(arguments.name) || arguments.name.size() > kLongestName))
-    throw UsageError("--name " + arguments.name +
-                     ": must be 1 to 63 letters, digits or any of . _ -");
+  if (!arguments.name.empty() && !usable_name(arguments.name))
+    throw UsageError("--name " + arguments.name + ": " + std::string(kUsableNameRule));
   std::FILE* people = people_beside({arguments.table});
   const Recording path = daemon::recorded_cycles(arguments.path.read(people)).recording;
   const std::vector<ProgramChunk> chunks = chunks_of(path, arguments);

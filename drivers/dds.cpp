@@ -62,10 +62,9 @@ std::shared_ptr<DdsEntity> domain_of(std::uint32_t id, int receive_priority) {
 }
 
 DdsPlace checked(DdsPlace place) {
-  if (!usable_name(place.machine) || place.machine.size() > 63) {
+  if (!usable_name(place.machine))
     throw std::invalid_argument("machine name '" + place.machine +
-                                "': must be 1 to 63 letters, digits or any of . _ -");
-  }
+                                "': " + std::string(kUsableNameRule));
   // The ports of higher domains lie above 65535 (DDSI-RTPS 9.6.1.1).
   if (place.domain > 230) {
     throw std::invalid_argument("DDS domain " + std::to_string(place.domain) +

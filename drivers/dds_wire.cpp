@@ -142,7 +142,7 @@ void Wire<MachineDescription>::encode(const MachineDescription& description, Sam
     auto& to = sample.axes._buffer[i];
     if (!usable_name(description.axes[i].name)) {
       throw std::invalid_argument("axis name '" + description.axes[i].name +
-                                  "': must be letters, digits or any of . _ -");
+                                  "': " + std::string(kUsableNameRule));
     }
     assign(to.name, description.axes[i].name, "axis name");
     to.rotary = description.axes[i].rotary;

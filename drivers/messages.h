@@ -12,13 +12,20 @@
 
 namespace servotwin {
 
+/// Longest name of a machine or an axis: what the messages hold (msgs/servotwin.idl).
+inline constexpr std::size_t kMaxNameLength = 63;
+
 /// Whether this is a valid name of a machine or an axis: it is used in file names, column names and
 /// messages.
 [[nodiscard]] inline bool usable_name(std::string_view name) noexcept {
   constexpr std::string_view kAllowed =
       "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
-  return !name.empty() && name.front() != '.' && name.find_first_not_of(kAllowed) == name.npos;
+  return !name.empty() && name.size() <= kMaxNameLength && name.front() != '.' &&
+         name.find_first_not_of(kAllowed) == name.npos;
 }
+
+inline constexpr std::string_view kUsableNameRule =
+    "must be 1 to 63 letters, digits or any of . _ -, not beginning with a dot";
 
 struct AxisDescription {
   std::string name;

@@ -6,6 +6,8 @@
 #include <string>
 #include <utility>
 
+#include "drivers/text.h"
+
 namespace servotwin {
 
 Replay::Replay(Recording recording, double cycle_s, int look_ahead)
@@ -30,6 +32,9 @@ Replay::Replay(Recording recording, double cycle_s, int look_ahead)
                              std::to_string(row + 1) + " has no cycle of its own");
   }
   for (const AxisRecord& axis : recording_.axes) {
+    if (!usable_name(axis.name))
+      throw std::runtime_error(recording_.source + ": cannot be replayed, the axis name " +
+                               in_quotes(axis.name) + " " + std::string(kUsableNameRule));
     machine_.axes.push_back({axis.name, axis.rotary, axis.torque_unit});
   }
 }

@@ -5,19 +5,13 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "daemon/store/axis_file.h"
+
 namespace servotwin::daemon {
-namespace {
-
-std::filesystem::path report_of(const std::filesystem::path& store, const std::string& machine,
-                                const std::string& axis) {
-  return store / "reports" / machine / (axis + ".html");
-}
-
-}  // namespace
 
 void write_report(const std::filesystem::path& store, const std::string& machine,
                   const std::string& axis, const std::string& html) {
-  const std::filesystem::path file = report_of(store, machine, axis);
+  const std::filesystem::path file = axis_file(store, "reports", machine, axis, ".html");
   std::filesystem::path incomplete = file;
   incomplete += ".part";
   std::error_code error;
@@ -35,7 +29,8 @@ void write_report(const std::filesystem::path& store, const std::string& machine
 
 std::optional<std::string> read_report(const std::filesystem::path& store,
                                        const std::string& machine, const std::string& axis) {
-  std::ifstream in(report_of(store, machine, axis), std::ios::binary);
+  if (!usable_name(machine) || !usable_name(axis)) return std::nullopt;  // from an address
+  std::ifstream in(axis_file(store, "reports", machine, axis, ".html"), std::ios::binary);
   if (!in) return std::nullopt;
   return std::string(std::istreambuf_iterator<char>(in), {});
 }

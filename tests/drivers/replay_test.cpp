@@ -47,6 +47,23 @@ TEST(Replay, DescribesTheMachine) {
   EXPECT_TRUE(replay.machine().axes[1].rotary);
 }
 
+// The names become those of files and messages.
+TEST(Replay, AnAxisNameThatLeadsElsewhereIsRefused) {
+  for (const std::string& name :
+       {std::string("../../x"), std::string("a/b"), std::string(), std::string("."),
+        std::string("a\0b", 3), std::string(300, 'a')}) {
+    Recording recording = recording_at(evenly(10));
+    recording.axes[1].name = name;
+    try {
+      (void)Replay(recording, 0.002);
+      ADD_FAILURE() << name;
+    } catch (const std::runtime_error& error) {
+      EXPECT_THAT(error.what(), HasSubstr("r.csv: cannot be replayed, the axis name '"));
+      EXPECT_THAT(error.what(), HasSubstr("must be 1 to 63 letters"));
+    }
+  }
+}
+
 TEST(Replay, GivesEveryRowOnceInOrder) {
   Replay replay(recording_at(evenly(10)), 0.002);
   MachineFrame frame;
