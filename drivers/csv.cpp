@@ -13,6 +13,7 @@
 #include <string_view>
 #include <utility>
 
+#include "drivers/checksum.h"
 #include "drivers/column_map.h"
 #include "drivers/file_handle.h"
 #include "drivers/memory.h"
@@ -234,6 +235,32 @@ std::uint64_t estimate_rows(const std::filesystem::path& file) {
   return static_cast<std::uint64_t>(1.02 * per_byte * static_cast<double>(size)) + 64;
 }
 
+/// Throws if the file ends with a checksum that is not that of the bytes before it.
+void require_checksum(const std::filesystem::path& file) {
+  if (!std::filesystem::is_regular_file(file)) return;        // a pipe cannot be read twice
+  constexpr std::size_t kLine = kChecksumComment.size() + 9;  // eight digits and the line end
+  const std::uint64_t size = std::filesystem::file_size(file);
+  if (size < kLine) return;
+  const FileHandle handle = FileHandle::open(file, O_RDONLY);
+  std::string last(kLine, '\0');
+  last.resize(handle.read_at(last.data(), kLine, size - kLine));
+  if (!last.starts_with(kChecksumComment) || !last.ends_with('\n')) return;
+  std::string block(kBlock, '\0');
+  std::uint32_t crc32 = 0;
+  for (std::uint64_t left = size - kLine; left > 0;) {
+    const std::size_t count = handle.read(block.data(), std::min<std::uint64_t>(kBlock, left));
+    if (count == 0) break;
+    crc32 = crc32_of(std::string_view(block.data(), count), crc32);
+    left -= count;
+  }
+  last.pop_back();
+  if (last.substr(kChecksumComment.size()) != crc32_text(crc32))
+    throw std::runtime_error(file.string() + ": its checksum does not match (" + last +
+                             " in its last line, " + crc32_text(crc32) +
+                             " of its content): it was damaged since it was recorded; if it was "
+                             "changed on purpose, delete its last line");
+}
+
 /// Stores the values of the rows and counts those that are missing.
 class Columns {
  public:
@@ -285,6 +312,7 @@ class Columns {
 
 Recording read_csv(const std::filesystem::path& file, const ReadOptions& options) {
   const std::string source = file.string();
+  require_checksum(file);
   Lines lines(file);
   const Header header = read_header(lines, source);
   Layout layout = lay_out(source, header.names, options);

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string_view>
 
 #include "drivers/recording_file.h"
 #include "twin/sample.h"
@@ -18,10 +19,15 @@ namespace servotwin {
 
 [[nodiscard]] Recording read_csv(const std::filesystem::path& file, const ReadOptions& options);
 
-/// Writes in SI units with all digits. The file is written completely or not at all: under a
-/// temporary name, flushed to the disk, then renamed. Channels that are NaN in every row are left
-/// out. Throws std::runtime_error if the disk refuses, std::invalid_argument if the recording is
-/// not consistent.
+/// The last line of a recording that this program wrote is this comment with the CRC-32 of all
+/// bytes before it (drivers/checksum.h). read_csv() refuses a file that does not match it; a file
+/// without it is read as it is.
+inline constexpr std::string_view kChecksumComment = "# crc32 ";
+
+/// Writes in SI units with all digits, and kChecksumComment. The file is written completely or not
+/// at all: under a temporary name, flushed to the disk, then renamed. Channels that are NaN in
+/// every row are left out. Throws std::runtime_error if the disk refuses, std::invalid_argument if
+/// the recording is not consistent.
 void write_recording_csv(const std::filesystem::path& file, const Recording& recording);
 
 }  // namespace servotwin

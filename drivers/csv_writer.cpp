@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/checksum.h"
 #include "drivers/csv.h"
 #include "drivers/file_handle.h"
 #include "drivers/text.h"
@@ -60,6 +61,12 @@ void write_recording_csv(const std::filesystem::path& file, const Recording& rec
   const std::vector<Written> columns = columns_of(recording);
   AtomicFile out(file);
   std::string text;
+  std::uint32_t crc32 = 0;
+  const auto write = [&] {
+    crc32 = crc32_of(text, crc32);
+    out.write(text);
+    text.clear();
+  };
   for (const Written& column : columns) text += (text.empty() ? "" : ",") + column.header;
   text += '\n';
   for (std::size_t i = 0; i < recording.time.size(); ++i) {
@@ -71,12 +78,10 @@ void write_recording_csv(const std::filesystem::path& file, const Recording& rec
       text += ',';
     }
     text.back() = '\n';
-    if (text.size() >= kBlock) {
-      out.write(text);
-      text.clear();
-    }
+    if (text.size() >= kBlock) write();
   }
-  out.write(text);
+  write();
+  out.write(std::string(kChecksumComment) + crc32_text(crc32) + '\n');
   out.commit();
 }
 

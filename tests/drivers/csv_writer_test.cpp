@@ -5,12 +5,15 @@
 #include <bit>
 #include <cmath>
 #include <csignal>
+#include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <random>
 #include <stdexcept>
 
+#include "drivers/checksum.h"
 #include "drivers/csv.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/temporary_directory.h"
@@ -117,6 +120,64 @@ TEST(WriteRecordingCsv, AFullDiskLeavesTheOldFileAndNothingElse) {
   std::signal(SIGXFSZ, handler);
   EXPECT_EQ(text_of(file), "the old one");
   EXPECT_EQ(files_in(directory.path()), 1U);
+}
+
+// SERVOTWIN_FLIPS: how many random bits, instead of 200.
+TEST(WriteRecordingCsv, AFlippedBitIsReportedWhenItIsRead) {
+  const test::TemporaryDirectory directory;
+  const auto file = directory.path() / "out.csv";
+  write_recording_csv(file, recording(50));
+  const Recording before = read_recording(file);
+  const std::string text = text_of(file);
+  const char* asked = std::getenv("SERVOTWIN_FLIPS");
+  const int flips = asked == nullptr ? 200 : std::atoi(asked);
+  std::mt19937_64 random(20261125);
+  int reported = 0;
+  for (int i = 0; i < flips; ++i) {
+    const std::size_t bit = random() % (8 * text.size());
+    std::string flipped = text;
+    flipped[bit / 8] = static_cast<char>(flipped[bit / 8] ^ (1 << bit % 8));
+    const auto damaged = directory.file("flipped.csv", flipped);
+    try {
+      const Recording read = read_recording(damaged);
+      ASSERT_EQ(read.axes.size(), before.axes.size()) << "bit " << bit;
+      ASSERT_TRUE(same_bits(read.time, before.time)) << "bit " << bit;
+      for (std::size_t a = 0; a < read.axes.size(); ++a) {
+        ASSERT_EQ(read.axes[a].name, before.axes[a].name) << "bit " << bit;
+        ASSERT_EQ(read.axes[a].rotary, before.axes[a].rotary) << "bit " << bit;
+        ASSERT_TRUE(same_bits(read.axes[a].command, before.axes[a].command)) << "bit " << bit;
+        ASSERT_TRUE(same_bits(read.axes[a].actual, before.axes[a].actual)) << "bit " << bit;
+        ASSERT_TRUE(same_bits(read.axes[a].torque, before.axes[a].torque)) << "bit " << bit;
+      }
+    } catch (const std::runtime_error& error) {
+      EXPECT_NE(std::string(error.what()).find("flipped.csv"), std::string::npos);
+      ++reported;
+    }
+  }
+  std::printf("recording of %zu bytes: %d bits flipped, %d reported, %d without effect\n",
+              text.size(), flips, reported, flips - reported);
+  EXPECT_GT(reported, flips / 2);
+}
+
+// Written by hand or by version 0.1.0.
+TEST(WriteRecordingCsv, ARecordingWithoutAChecksumIsRead) {
+  const test::TemporaryDirectory directory;
+  const auto file = directory.path() / "out.csv";
+  write_recording_csv(file, recording(3));
+  const std::string text = text_of(file);
+  const std::size_t last = text.rfind("# crc32 ");
+  ASSERT_NE(last, std::string::npos);
+  EXPECT_EQ(read_recording(directory.file("old.csv", text.substr(0, last))).time.size(), 3U);
+  expect_error<std::runtime_error>(
+      [&] { (void)read_recording(directory.file("changed.csv", "# by hand\n" + text)); },
+      {"changed.csv: its checksum does not match", "if it was changed on purpose, delete"});
+}
+
+// The check value of CRC-32 in the catalogue of CRCs, and an empty text.
+TEST(Checksum, IsThatOfTheStandard) {
+  EXPECT_EQ(crc32_text(crc32_of("123456789")), "cbf43926");
+  EXPECT_EQ(crc32_text(crc32_of("6789", crc32_of("12345"))), "cbf43926");
+  EXPECT_EQ(crc32_text(crc32_of("")), "00000000");
 }
 
 TEST(WriteRecordingCsv, ADirectoryThatIsNotThere) {
