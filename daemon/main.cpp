@@ -2,6 +2,7 @@
 // why; 2 wrong usage.
 #include <pthread.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -113,6 +114,8 @@ int run(int argc, char** argv, const Journal* journal) {
               << " (see servotwind --help)\n";
     return 2;
   }
+  // Models, recordings and events concern the owner of the machine only, whoever starts the daemon.
+  umask(0077);
   const ServiceManager manager;
   Reloads reloads([&] {
     if (arguments.config.empty())

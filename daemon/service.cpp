@@ -141,8 +141,13 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   Store store(store_of(config), config.machine);
   EventLog events(store, out, surroundings.journal, config.machine);
   // This write detects a faulty disk now, not with the first model.
-  store.add(event_now("started", "", "started"));
+  try {
+    store.add(event_now("started", "", "started"));
+  } catch (const StoreLocked& locked) {  // it passes; the machine is not kept waiting for it
+    events.error("store", "", locked.what());
+  }
   if (!store.lost().empty()) events.error("store", "", store.lost());
+  if (!store.noted().empty()) events.note("store", "", store.noted());
   if (const std::string known = known_axes(store); !known.empty())
     events.note("store", "", "axes in the store: " + known);
   const DdsNode node(place_of(config, config.dds));

@@ -1,130 +1,67 @@
 #include "daemon/store/store.h"
 
-#include <fcntl.h>
 #include <sqlite3.h>
-#include <sys/file.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
 #include <ctime>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
+#include <system_error>
 
+#include "daemon/store/axis_file.h"
+#include "daemon/store/store_checksum.h"
 #include "daemon/store/store_statement.h"
 #include "drivers/file_handle.h"
 
 namespace servotwin::daemon {
 namespace {
 
-constexpr int kSchemaVersion = 1;
+// 2: with checksums (daemon/store/store_checksum.h).
+constexpr int kSchemaVersion = 2;
+constexpr int kFirstWithChecksums = 2;
 constexpr const char* kSchema = R"(
   CREATE TABLE IF NOT EXISTS models (
     machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL,
     created TEXT NOT NULL, reason TEXT NOT NULL, json TEXT NOT NULL,
-    PRIMARY KEY (machine, axis, version)) WITHOUT ROWID;
+    crc32 INTEGER, PRIMARY KEY (machine, axis, version)) WITHOUT ROWID;
   CREATE TABLE IF NOT EXISTS events (
     id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
-    kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL);
+    kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL,
+    crc32 INTEGER);
   CREATE TABLE IF NOT EXISTS diagnoses (
     id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
-    reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL);
+    reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL,
+    crc32 INTEGER);
   CREATE TABLE IF NOT EXISTS citations (
     machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, recording TEXT NOT NULL,
-    PRIMARY KEY (machine, axis, version, recording)) WITHOUT ROWID;
+    crc32 INTEGER, PRIMARY KEY (machine, axis, version, recording)) WITHOUT ROWID;
   CREATE TABLE IF NOT EXISTS validations (
     machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL, time TEXT NOT NULL,
-    PRIMARY KEY (machine, axis)) WITHOUT ROWID;
+    crc32 INTEGER, PRIMARY KEY (machine, axis)) WITHOUT ROWID;
   CREATE INDEX IF NOT EXISTS diagnoses_of_axis ON diagnoses (machine, axis, id);
 )";
-
-std::string system_error(int error) { return std::strerror(error); }
-
-/// The nearest existing directory, in which missing ones would be created.
-std::filesystem::path nearest(const std::filesystem::path& directory) {
-  std::error_code ignored;
-  std::filesystem::path place = directory;
-  while (!place.empty() && !std::filesystem::exists(place, ignored) &&
-         place != place.parent_path()) {
-    place = place.parent_path();
-  }
-  return place.empty() ? "." : place;
-}
-
-[[noreturn]] void refuse(const std::filesystem::path& directory, const std::filesystem::path& place,
-                         const std::string& why) {
-  const std::string where = place == directory ? "" : place.string() + ": ";
-  throw std::runtime_error("store " + directory.string() + ": cannot be written: " + where + why);
-}
-
-/// Locks the directory for this process; the kernel releases the lock when the process ends.
-int lock_directory(const std::filesystem::path& directory) {
-  std::error_code error;
-  std::filesystem::create_directories(directory, error);
-  if (error)
-    throw std::runtime_error("store " + directory.string() + ": cannot be created: " +
-                             error.message() + "; give a writable directory with --store");
-  const std::filesystem::path file = directory / "lock";
-  const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-  if (lock < 0)
-    throw std::runtime_error("store " + directory.string() + ": cannot be written: " +
-                             system_error(errno) + "; give a writable directory with --store");
-  if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
-    close(lock);
-    throw std::runtime_error(
-        "store " + directory.string() +
-        ": is in use by another servotwind; give another directory with --store");
-  }
-  return lock;
-}
 
 }  // namespace
 
 void Store::Close::operator()(sqlite3* database) const noexcept { sqlite3_close(database); }
 
-void Store::require_writable(const std::filesystem::path& directory) {
-  const std::filesystem::path place = nearest(directory);
-  std::error_code ignored;
-  if (!std::filesystem::is_directory(place, ignored))
-    refuse(directory, place, system_error(ENOTDIR));
-  if (access(place.c_str(), W_OK | X_OK) != 0) refuse(directory, place, system_error(errno));
-  for (const char* name : {"lock", "servotwin.sqlite"}) {
-    const std::filesystem::path file = directory / name;
-    if (access(file.c_str(), W_OK) != 0 && errno != ENOENT && errno != ENOTDIR)
-      refuse(directory, file, system_error(errno));
-  }
-}
-
-void Store::try_making(const std::filesystem::path& directory) {
-  const std::filesystem::path place = nearest(directory);
-  std::string name = place / ".servotwin-XXXXXX";
-  if (mkdtemp(name.data()) == nullptr)
-    refuse(directory, place, "no file can be created there: " + system_error(errno));
-  rmdir(name.c_str());
-}
-
-bool Store::in_use(const std::filesystem::path& directory) {
-  const int lock = ::open((directory / "lock").c_str(), O_RDONLY | O_CLOEXEC);
-  if (lock < 0) return false;
-  const bool held = flock(lock, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
-  close(lock);
-  return held;
-}
-
 Store::Store(const std::filesystem::path& directory, std::string machine, StoreAccess access)
-    : directory_(directory),
-      file_(directory / "servotwin.sqlite"),
-      machine_(std::move(machine)),
-      lock_(access == StoreAccess::kOwn ? lock_directory(directory) : -1) {
+    : directory_(directory), file_(directory / "servotwin.sqlite"), machine_(std::move(machine)) {
+  if (access == StoreAccess::kOwn && !usable_name(machine_))
+    throw std::runtime_error("machine name " + in_quotes(machine_) + ": " +
+                             std::string(kUsableNameRule));
+  if (access == StoreAccess::kOwn) lock_ = lock_directory(directory);
   try {
     if (access == StoreAccess::kRead) {
       open(access);
       return;
     }
+    tighten_permissions();
     if (const std::string why = damage(); !why.empty()) put_aside(why);
     open(access);
-    if (!lost_.empty()) restore_models();
+    drop_damaged_rows();
+    restore_models();
     complete_copies();
     (void)newest_usable(&lost_);
   } catch (...) {
@@ -148,24 +85,54 @@ void Store::open(StoreAccess access) {
                       nullptr);
   database_.reset(database);
   if (opened != SQLITE_OK) fail("cannot be opened");
-  sqlite3_busy_timeout(database, 2000);  // another program, such as sqlite3, may be reading
+  sqlite3_busy_timeout(database, kBusy_ms);
+  add_row_crc32(database);
   if (access == StoreAccess::kOwn) {
-    execute("PRAGMA journal_mode=WAL");
+    try {
+      execute("PRAGMA journal_mode=WAL");
+    } catch (const StoreLocked&) {
+      // A database in another journal mode cannot be changed while it is read; it can be used.
+      note("another program reads the database; the next start changes its journal to WAL");
+    }
     execute("PRAGMA synchronous=FULL");
   }
-  Statement version(*this, "PRAGMA user_version");
-  const std::int64_t found = version.step("cannot be read") ? version.number(0) : 0;
-  if (found > kSchemaVersion) {
-    throw std::runtime_error(
-        "store " + file_.string() + ": was written by a newer servotwind (layout " +
-        std::to_string(found) + ", this version supports " + std::to_string(kSchemaVersion) + ")");
+  layout_ = static_cast<int>(number_of("PRAGMA user_version"));
+  if (layout_ > kSchemaVersion) {
+    throw std::runtime_error("store " + file_.string() +
+                             ": was written by a newer servotwind (layout " +
+                             std::to_string(layout_) + ", this version supports " +
+                             std::to_string(kSchemaVersion) + ")");
   }
-  if (access == StoreAccess::kRead) return;
+  // A store of this layout is opened without writing, so that no lock of a reader is in the way.
+  if (access == StoreAccess::kOwn && layout_ < kSchemaVersion) migrate();
+}
+
+void Store::migrate() {
   Transaction transaction(*this);
   execute(kSchema);
-  execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
+  for (const StoreTable& table : kStoreTables) {
+    const std::string name = table.name;
+    if (number_of("SELECT count(*) FROM pragma_table_info('" + name + "') WHERE name = 'crc32'") ==
+        0)
+      execute("ALTER TABLE " + name + " ADD COLUMN crc32 INTEGER");
+    execute("UPDATE " + name + " SET crc32 = " + checksum(table));
+  }
+  execute("PRAGMA user_version=" + std::to_string(kSchemaVersion));
+  execute("PRAGMA application_id=" + std::to_string(number_of(layout_checksum())));
   transaction.commit();
+  layout_ = kSchemaVersion;
 }
+
+std::string Store::intact_column(const StoreTable& table) const {
+  return layout_ < kFirstWithChecksums ? "1" : intact(table);
+}
+
+std::int64_t Store::number_of(const std::string& sql) const {
+  Statement statement(*this, sql);
+  return statement.step("cannot be read") ? statement.number(0) : 0;
+}
+
+void Store::note(const std::string& what) { noted_ += (noted_.empty() ? "" : "; ") + what; }
 
 Store::~Store() {
   database_.reset();
@@ -173,18 +140,28 @@ Store::~Store() {
 }
 
 void Store::fail(const std::string& what) const {
+  if ((sqlite3_errcode(database_.get()) & 0xff) == SQLITE_BUSY)
+    throw StoreLocked("store " + file_.string() + ": " + what +
+                      ": another program, such as sqlite3, has locked the database; end it");
   std::string why = sqlite3_errmsg(database_.get());
   if (const int error = sqlite3_system_errno(database_.get()); error != 0)
-    why += " (" + system_error(error) + ")";
+    why += " (" + std::generic_category().message(error) + ")";
   throw std::runtime_error("store " + file_.string() + ": " + what + ": " + why);
 }
 
-void Store::execute(const char* sql) const {
-  if (sqlite3_exec(database_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK)
+void Store::execute(const std::string& sql) const {
+  if (sqlite3_exec(database_.get(), sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK)
     fail("cannot be written");
 }
 
+std::string Store::models_of_axis() const {
+  return "SELECT axis, version, reason, json, " + intact_column(kModels) +
+         " FROM models WHERE machine = ? AND axis = ? ORDER BY version DESC";
+}
+
 StoredModel Store::model_in(const Statement& row) {
+  if (row.number(4) == 0)
+    throw std::runtime_error("its checksum does not match: the row is damaged");
   StoredModel model;
   model.record = model_from_json(nlohmann::json::parse(row.text(3)));
   model.reason = row.text(2);
@@ -205,9 +182,7 @@ std::vector<StoredModel> Store::newest_usable(std::string* passed_over) const {
   names.bind(machine_);
   std::vector<StoredModel> out;
   for (const std::string& axis : all_texts(names)) {
-    Statement rows(*this,
-                   "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
-                   "ORDER BY version DESC");
+    Statement rows(*this, models_of_axis());
     rows.bind(machine_).bind(axis);
     std::string unusable;
     const std::size_t found = out.size();
@@ -235,7 +210,8 @@ std::vector<StoredModel> Store::in_force() const {
   for (StoredModel& model : models) {
     Statement validated(*this,
                         "SELECT time FROM validations WHERE machine = ? AND axis = ? AND version = "
-                        "?");
+                        "? AND " +
+                            intact(kValidations));
     validated.bind(machine_).bind(model.record.axis).bind(std::int64_t{model.record.version});
     if (validated.step("cannot be read")) model.validated = validated.text(0);
   }
@@ -260,9 +236,7 @@ std::vector<std::string> Store::machines() const {
 
 void Store::validate(const std::string& axis, int version, const std::string& time) {
   const std::lock_guard lock(mutex_);
-  Statement replace(*this,
-                    "INSERT OR REPLACE INTO validations (machine, axis, version, time) VALUES (?, "
-                    "?, ?, ?)");
+  Statement replace(*this, insertion(kValidations));
   replace.bind(machine_)
       .bind(axis)
       .bind(std::int64_t{version})
@@ -272,9 +246,7 @@ void Store::validate(const std::string& axis, int version, const std::string& ti
 
 std::vector<StoredModel> Store::versions(const std::string& axis, int most) const {
   const std::lock_guard lock(mutex_);
-  Statement rows(*this,
-                 "SELECT axis, version, reason, json FROM models WHERE machine = ? AND axis = ? "
-                 "ORDER BY version DESC");
+  Statement rows(*this, models_of_axis());
   rows.bind(machine_).bind(axis);
   std::vector<StoredModel> out;
   while ((most < 0 || out.size() < static_cast<std::size_t>(most)) && rows.step("cannot be read")) {
@@ -302,9 +274,7 @@ void Store::promote(ModelRecord& record, const Event& event,
       if (model.record.axis == stored.axis) stored.parent = model.record.version;
     }
   }
-  Statement insert(*this,
-                   "INSERT INTO models (machine, axis, version, created, reason, json) VALUES (?, "
-                   "?, ?, ?, ?, ?)");
+  Statement insert(*this, insertion(kModels));
   insert.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(stored.created);
   nlohmann::json json = to_json(stored);
   if (!recordings.empty()) json["data"]["recordings"] = recordings;
@@ -316,7 +286,7 @@ void Store::promote(ModelRecord& record, const Event& event,
   const std::filesystem::path copy = copy_of(machine_, stored.axis);
   std::filesystem::create_directories(copy.parent_path());
   AtomicFile file(copy);
-  file.write(json.dump());
+  file.write(copy_text(json));
   transaction.commit();
   try {
     file.commit();
@@ -328,9 +298,7 @@ void Store::promote(ModelRecord& record, const Event& event,
 
 void Store::insert_citation(const std::string& machine, const std::string& axis, int version,
                             const std::string& recording) const {
-  Statement cite(*this,
-                 "INSERT OR IGNORE INTO citations (machine, axis, version, recording) VALUES (?, "
-                 "?, ?, ?)");
+  Statement cite(*this, insertion(kCitations));
   cite.bind(machine).bind(axis).bind(std::int64_t{version}).bind(recording);
   cite.step("cannot be written");
 }
@@ -347,9 +315,7 @@ std::set<std::string> Store::cited() const {
 void Store::add(const StoredDiagnosis& diagnosis, const Event& event) {
   const std::lock_guard lock(mutex_);
   Transaction transaction(*this);
-  Statement insert(*this,
-                   "INSERT INTO diagnoses (time, machine, axis, reason, verdict, json, "
-                   "extended_model) VALUES (?, ?, ?, ?, ?, ?, ?)");
+  Statement insert(*this, insertion(kDiagnoses));
   insert.bind(diagnosis.time).bind(machine_).bind(diagnosis.axis).bind(diagnosis.reason);
   insert.bind(diagnosis.verdict).bind(diagnosis.json).bind(diagnosis.extended_model);
   insert.step("cannot be written");
@@ -365,12 +331,14 @@ void Store::add(const StoredDiagnosis& diagnosis, const Event& event) {
 
 std::vector<StoredDiagnosis> Store::diagnoses(const std::string& axis, int most) const {
   const std::lock_guard lock(mutex_);
-  Statement statement(*this,
-                      "SELECT time, axis, reason, verdict, json, extended_model FROM diagnoses "
-                      "WHERE machine = ? AND axis = ? ORDER BY id DESC LIMIT ?");
+  Statement statement(
+      *this, "SELECT time, axis, reason, verdict, json, extended_model, id, " +
+                 intact_column(kDiagnoses) +
+                 " FROM diagnoses WHERE machine = ? AND axis = ? ORDER BY id DESC LIMIT ?");
   statement.bind(machine_).bind(axis).bind(std::int64_t{most});
   std::vector<StoredDiagnosis> out;
   while (statement.step("cannot be read")) {
+    require_intact(kDiagnoses, statement, 6);
     out.push_back({statement.text(0), statement.text(1), statement.text(2), statement.text(3),
                    statement.text(4), statement.text(5)});
   }
@@ -386,13 +354,11 @@ void Store::add(const Event& event) {
 
 void Store::try_writing() {
   const std::lock_guard lock(mutex_);
-  execute(("PRAGMA user_version=" + std::to_string(kSchemaVersion)).c_str());
+  execute("PRAGMA user_version=" + std::to_string(kSchemaVersion));
 }
 
 void Store::insert_event(const Event& event) {
-  Statement insert(
-      *this,
-      "INSERT INTO events (time, machine, axis, kind, text, detail) VALUES (?, ?, ?, ?, ?, ?)");
+  Statement insert(*this, insertion(kEvents));
   insert.bind(event.time)
       .bind(machine_)
       .bind(event.axis)
@@ -404,14 +370,23 @@ void Store::insert_event(const Event& event) {
   forget.bind(std::int64_t{kEventsKept}).step("cannot be written");
 }
 
+void Store::require_intact(const StoreTable& table, const Statement& row, int id) const {
+  if (row.number(id + 1) != 0) return;
+  throw std::runtime_error("store " + file_.string() + ": row " + row.text(id) + " of " +
+                           table.name +
+                           " is damaged: its checksum does not match; restart servotwind, which "
+                           "puts the damaged database aside and recovers the rest");
+}
+
 std::vector<Event> Store::events(int most) const {
   const std::lock_guard lock(mutex_);
-  Statement statement(*this,
-                      "SELECT time, axis, kind, text, detail FROM events WHERE machine = ? ORDER "
-                      "BY id DESC LIMIT ?");
+  Statement statement(*this, "SELECT time, axis, kind, text, detail, id, " +
+                                 intact_column(kEvents) +
+                                 " FROM events WHERE machine = ? ORDER BY id DESC LIMIT ?");
   statement.bind(machine_).bind(std::int64_t{most});
   std::vector<Event> out;
   while (statement.step("cannot be read")) {
+    require_intact(kEvents, statement, 5);
     out.push_back({statement.text(0), statement.text(1), statement.text(2), statement.text(3),
                    statement.text(4)});
   }

@@ -6,17 +6,22 @@
 // one. One process may write to a directory; any number may read.
 //
 // A copy of the model in force of every axis is in models/<machine>/<axis>.json beside the
-// database. A damaged database is put aside, and the models in force are restored from these
-// copies, with the recordings that they cite. Errors: std::runtime_error, one line with the file
-// and the reason. Any thread.
+// database. Rows and copies have checksums (daemon/store/store_checksum.h): a row that does not
+// match is never returned. When the store is opened for owning it, a damaged database is put aside,
+// or a copy of it if only rows are damaged, and the models in force are restored from their copies,
+// with the recordings that they cite; lost() says so. Errors: std::runtime_error, one line with the
+// file and the reason. Any thread.
 #pragma once
 
 #include <filesystem>
 #include <memory>
 #include <mutex>
 #include <set>
+#include <stdexcept>
 #include <string>
 #include <vector>
+
+#include <nlohmann/json_fwd.hpp>
 
 #include "identification/model/model_file.h"
 
@@ -51,6 +56,13 @@ struct StoredDiagnosis {
   std::string extended_model;  ///< servotwin.model/1
 };
 
+/// Another program has locked the database; it can be tried again.
+struct StoreLocked : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+struct StoreTable;
+
 enum class StoreAccess { kOwn, kRead };
 
 class Store {
@@ -61,8 +73,9 @@ class Store {
   static constexpr int kDiagnosesKept = 5000;
 
   /// Opens `directory`/servotwin.sqlite. With kOwn it is created if it does not exist, and locked
-  /// for this process. With kRead it is neither created nor locked, so that it can be read while
-  /// the daemon runs, and nothing can be written.
+  /// for this process; what others could read is closed to them, and the umask of the process
+  /// (0077 in servotwind) keeps it so. With kRead it is neither created nor locked, so that it can
+  /// be read while the daemon runs, and nothing can be written.
   Store(const std::filesystem::path& directory, std::string machine,
         StoreAccess access = StoreAccess::kOwn);
   /// Throws if the permissions do not allow to open or create a store there.
@@ -114,6 +127,8 @@ class Store {
   /// What was lost or could not be used when the store was opened, and where it is kept; empty:
   /// nothing.
   [[nodiscard]] const std::string& lost() const noexcept { return lost_; }
+  /// What else was put right when the store was opened; empty: nothing.
+  [[nodiscard]] const std::string& noted() const noexcept { return noted_; }
 
  private:
   struct Close {
@@ -122,21 +137,41 @@ class Store {
   class Statement;
   class Transaction;
 
+  /// Longest wait for a lock of another program, such as sqlite3.
+  static constexpr int kBusy_ms = 2000;
+
+  /// Locks the directory for this process; the kernel releases the lock when the process ends.
+  [[nodiscard]] static int lock_directory(const std::filesystem::path& directory);
+  void tighten_permissions();
   void open(StoreAccess access);
+  /// Brings an empty database, or one of an older layout, to the layout of this version.
+  void migrate();
   /// Why the database cannot be used; empty if it can, or if the file is not an SQLite database
   /// (then opening it fails).
   [[nodiscard]] std::string damage() const;
   void put_aside(const std::string& why);
+  [[nodiscard]] std::filesystem::path aside() const;
+  void drop_damaged_rows();
+  void cite_anew();
   void restore_models();
-  void complete_copies() const;
+  void complete_copies();
+  void note(const std::string& what);
   [[nodiscard]] std::filesystem::path copy_of(const std::string& machine,
                                               const std::string& axis) const;
   [[noreturn]] void fail(const std::string& what) const;
-  void execute(const char* sql) const;
+  void execute(const std::string& sql) const;
+  [[nodiscard]] std::int64_t number_of(const std::string& sql) const;
+  /// SQL: whether a row of this table has its checksum; 1 in a layout without checksums.
+  [[nodiscard]] std::string intact_column(const StoreTable& table) const;
+  [[nodiscard]] std::string models_of_axis() const;
+  /// Throws if the column after `id` says that the row does not have its checksum.
+  void require_intact(const StoreTable& table, const Statement& row, int id) const;
   void insert_event(const Event& event);
   void insert_citation(const std::string& machine, const std::string& axis, int version,
                        const std::string& recording) const;
-  /// The model of a row (axis, version, reason, json). Throws if this program cannot use it.
+  /// A model file with the checksum that the copies have.
+  [[nodiscard]] static std::string copy_text(nlohmann::json model);
+  /// The model of a row of models_of_axis(). Throws if this program cannot use it.
   [[nodiscard]] static StoredModel model_in(const Statement& row);
   /// The first column of all rows.
   [[nodiscard]] static std::vector<std::string> all_texts(Statement& rows);
@@ -146,7 +181,8 @@ class Store {
 
   std::filesystem::path directory_, file_;
   std::string machine_;
-  std::string lost_;
+  std::string lost_, noted_;
+  int layout_ = 0;
   int lock_ = -1;
   std::unique_ptr<sqlite3, Close> database_;
   mutable std::mutex mutex_;

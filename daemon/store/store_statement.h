@@ -14,8 +14,9 @@ namespace servotwin::daemon {
 /// A prepared statement that is finalised when it goes out of scope.
 class Store::Statement {
  public:
-  Statement(const Store& store, const char* sql) : store_(store) {
-    if (sqlite3_prepare_v2(store.database_.get(), sql, -1, &statement_, nullptr) != SQLITE_OK)
+  Statement(const Store& store, const std::string& sql) : store_(store) {
+    if (sqlite3_prepare_v2(store.database_.get(), sql.c_str(), -1, &statement_, nullptr) !=
+        SQLITE_OK)
       store.fail("cannot be read");
   }
   Statement(const Statement&) = delete;

@@ -218,8 +218,7 @@ TEST_F(ServotwindTest, AModelThatCannotBeUsedIsSaidAndTheOneBeforeIsInForce) {
     store.promote(record, {"", "X", "model_promoted", "made for this test", ""});
     store.promote(record, {"", "X", "model_promoted", "made for this test", ""});
   }
-  spoil(directory_.path() / "store",
-        "UPDATE models SET json = substr(json, 1, 100) WHERE version = 2");
+  spoil(directory_.path() / "store", other_models("substr(json, 1, 100)", " WHERE version = 2"));
   const std::string config = write("m.toml", "[[axis]]\nname = 'X'\n");
   Daemon daemon(here_and({"--config", config}));
   ASSERT_TRUE(daemon.says("model of axis X, version 2, cannot be used: "));

@@ -12,6 +12,7 @@
 #include <sstream>
 #include <string>
 
+#include "daemon/store/store_checksum.h"
 #include "drivers/messages.h"
 #include "identification/model/model_file.h"
 #include "tests/support/temporary_directory.h"
@@ -74,13 +75,20 @@ std::string message_of(Action&& action) {
   return {};
 }
 
-/// Puts SQL into the file of a store that is not open.
+/// Puts SQL into the file of a store. Checksums are left as they are, unless the SQL sets them.
 inline void spoil(const std::filesystem::path& store, const std::string& sql) {
   sqlite3* database = nullptr;
   ASSERT_EQ(sqlite3_open((store / "servotwin.sqlite").c_str(), &database), SQLITE_OK);
+  add_row_crc32(database);
   char* error = nullptr;
   EXPECT_EQ(sqlite3_exec(database, sql.c_str(), nullptr, nullptr, &error), SQLITE_OK) << error;
   sqlite3_close(database);
+}
+
+/// SQL that makes a model something else, as a program with other rules would have stored it.
+inline std::string other_models(const std::string& json, const std::string& where) {
+  return "UPDATE models SET json = " + json + where +
+         "; UPDATE models SET crc32 = " + checksum(kModels) + where;
 }
 
 }  // namespace servotwin::daemon

@@ -321,7 +321,7 @@ TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
   worker_.reset();
   events_.reset();
   store_.reset();
-  spoil(directory_.path(), "UPDATE models SET json = '{'");
+  spoil(directory_.path(), other_models("'{'", ""));
   restart();
   EXPECT_THAT(store_->lost(), HasSubstr("the axis is identified again"));
   ASSERT_NE(in_force_[0].fresh(), nullptr) << "of before";

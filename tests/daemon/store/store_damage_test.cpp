@@ -75,6 +75,7 @@ TEST(StoreAfterAPowerCut, AJournalThatEndsAnywhereGivesAPrefixOfWhatWasDone) {
   for (const std::uintmax_t length : lengths(size, 331)) {
     const fs::path copy = living.fresh_copy();
     cut(copy / journal, length);
+    fs::remove_all(copy / "models");
     const Store store(copy, "mill");
     const std::vector<StoredModel> versions = store.versions("X");
     const int last = versions.empty() ? 0 : versions[0].record.version;
@@ -84,6 +85,25 @@ TEST(StoreAfterAPowerCut, AJournalThatEndsAnywhereGivesAPrefixOfWhatWasDone) {
     before = last;
   }
   EXPECT_EQ(Store(living.fresh_copy(), "mill").versions("X").size(), 4U);
+}
+
+TEST(StoreAfterAPowerCut, TheModelThatAJournalHasLostComesBackFromItsCopy) {
+  const LivingStore living(4);
+  const fs::path journal = "servotwin.sqlite-wal";
+  const std::uintmax_t size = fs::file_size(living.path() / journal);
+  for (std::uintmax_t length = 0; length < size; length += 5003) {
+    const fs::path copy = living.fresh_copy();
+    cut(copy / journal, length);
+    const Store store(copy, "mill");
+    ASSERT_THAT(store.lost(), HasSubstr("models in force restored: 1")) << length;
+    const std::vector<StoredModel> models = store.in_force();
+    ASSERT_EQ(models.size(), 1U) << length;
+    ASSERT_EQ(models[0].record.version, 4) << length;
+    ModelRecord fourth = numbered(4);
+    fourth.version = 4;
+    fourth.parent = 3;
+    ASSERT_EQ(to_json(models[0].record), to_json(fourth)) << length;
+  }
 }
 
 TEST(StoreAfterDamage, OfADatabaseThatIsCutAnywhereTheModelInForceComesBack) {

@@ -170,7 +170,8 @@ TEST(Store, OfEveryAxisTheNewestDiagnosesAreKept) {
               std::to_string(Store::kDiagnosesKept) +
               ") INSERT INTO diagnoses (machine, axis, time, reason, verdict, json, "
               "extended_model) SELECT " +
-              whose + ", '', '', '', i, '' FROM n");
+              whose + ", '', '', '', i, '' FROM n; UPDATE diagnoses SET crc32 = " +
+              checksum(kDiagnoses) + " WHERE crc32 IS NULL");
   }
   {
     Store store(directory.path(), "mill");
@@ -201,10 +202,57 @@ TEST(Store, IsReadBesideTheOneThatOwnsItAndNotWritten) {
   EXPECT_THAT(message_of([&] { reader.add(event("not mine")); }), HasSubstr("readonly"));
 }
 
+/// The tables of version 0.1.0, without checksums.
+constexpr const char* kLayout1 = R"(
+  PRAGMA journal_mode=WAL;
+  CREATE TABLE models (
+    machine TEXT NOT NULL, axis TEXT NOT NULL, version INTEGER NOT NULL,
+    created TEXT NOT NULL, reason TEXT NOT NULL, json TEXT NOT NULL,
+    PRIMARY KEY (machine, axis, version)) WITHOUT ROWID;
+  CREATE TABLE events (
+    id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
+    kind TEXT NOT NULL, text TEXT NOT NULL, detail TEXT NOT NULL);
+  PRAGMA user_version=1;
+)";
+constexpr const char* kDiagnosesOfLayout1 = R"(
+  CREATE TABLE diagnoses (
+    id INTEGER PRIMARY KEY, time TEXT NOT NULL, machine TEXT NOT NULL, axis TEXT NOT NULL,
+    reason TEXT NOT NULL, verdict TEXT NOT NULL, json TEXT NOT NULL, extended_model TEXT NOT NULL);
+)";
+
+TEST(Store, OneWithoutChecksumsIsReadAndGetsThem) {
+  TemporaryDirectory directory;
+  ModelRecord record = record_of(drive());
+  record.version = 4;
+  spoil(directory.path(), kLayout1);
+  spoil(directory.path(), kDiagnosesOfLayout1);
+  spoil(directory.path(), "INSERT INTO models VALUES ('mill', 'X', 4, 'then', 'old', '" +
+                              to_json(record).dump() +
+                              "'); INSERT INTO events VALUES (7, 'then', 'mill', 'X', 'model', "
+                              "'old', ''); INSERT INTO diagnoses VALUES (9, 'then', 'mill', 'X', "
+                              "'on schedule', 'explained', '{\"number\":1}', '{}')");
+  const auto content = [&](const Store& store) {
+    EXPECT_EQ(store.in_force().size(), 1U);
+    EXPECT_EQ(to_json(store.in_force().at(0).record), to_json(record));
+    EXPECT_EQ(store.versions("X").size(), 1U);
+    EXPECT_EQ(store.events(10).at(0).text, "old");
+    EXPECT_EQ(store.diagnoses("X", 10).at(0).json, "{\"number\":1}");
+  };
+  content(Store(directory.path(), "mill", StoreAccess::kRead));
+  {
+    const Store store(directory.path(), "mill");
+    EXPECT_EQ(store.lost(), "");
+    content(store);
+  }
+  content(Store(directory.path(), "mill"));
+  content(Store(directory.path(), "mill", StoreAccess::kRead));
+  spoil(directory.path(), "UPDATE diagnoses SET json = '{\"number\":2}'");
+  EXPECT_THAT(Store(directory.path(), "mill").lost(), HasSubstr("1 of diagnoses"));
+}
+
 TEST(Store, OneThatKnewNoDiagnosesIsOpened) {
   TemporaryDirectory directory;
-  { Store store(directory.path(), "mill"); }
-  spoil(directory.path(), "DROP TABLE diagnoses");
+  spoil(directory.path(), kLayout1);
   Store store(directory.path(), "mill");
   EXPECT_TRUE(store.diagnoses("X", 1).empty());
   store.add(diagnosis(1), event("diagnosis"));
@@ -242,9 +290,22 @@ TEST(Store, AFileThatIsNoDatabaseIsRefused) {
 TEST(Store, ALayoutOfTheFutureIsRefused) {
   TemporaryDirectory directory;
   { Store store(directory.path(), "mill"); }
-  spoil(directory.path(), "PRAGMA user_version=2");
+  spoil(directory.path(), "PRAGMA user_version=3");
+  std::int64_t checksum = 0;
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open((directory.path() / "servotwin.sqlite").c_str(), &database), SQLITE_OK);
+  add_row_crc32(database);
+  sqlite3_exec(
+      database, layout_checksum().c_str(),
+      [](void* to, int, char** values, char**) {
+        *static_cast<std::int64_t*>(to) = std::stoll(values[0]);
+        return 0;
+      },
+      &checksum, nullptr);
+  sqlite3_close(database);
+  spoil(directory.path(), "PRAGMA application_id=" + std::to_string(checksum));
   EXPECT_THAT(message_of([&] { Store store(directory.path(), "mill"); }),
-              HasSubstr("newer servotwind (layout 2"));
+              HasSubstr("newer servotwind (layout 3"));
 }
 
 TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
@@ -256,16 +317,15 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
     store.promote(record, event("second"));
   }
   struct Damage {
-    const char* sql;
+    const char* json;
     const char* what;
   };
   for (const Damage& damage : {
-           Damage{"UPDATE models SET json = substr(json, 1, 200) WHERE version = 2", "parse error"},
-           Damage{"UPDATE models SET json = '{\"schema\":\"servotwin.model/9\"}' WHERE version = 2",
-                  "schema"},
-           Damage{"UPDATE models SET json = '' WHERE version = 2", "parse error"},
+           Damage{"substr(json, 1, 200)", "parse error"},
+           Damage{"'{\"schema\":\"servotwin.model/9\"}'", "schema"},
+           Damage{"''", "parse error"},
        }) {
-    spoil(directory.path(), damage.sql);
+    spoil(directory.path(), other_models(damage.json, " WHERE version = 2"));
     const Store store(directory.path(), "mill");
     EXPECT_THAT(store.lost(), HasSubstr("model of axis X, version 2, cannot be used: "));
     EXPECT_THAT(store.lost(), HasSubstr(damage.what));
@@ -284,7 +344,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   }
   EXPECT_EQ(next.version, 3);
   EXPECT_EQ(next.parent, 1);
-  spoil(directory.path(), "UPDATE models SET json = '{'");
+  spoil(directory.path(), other_models("'{'", ""));
   Store store(directory.path(), "mill");
   EXPECT_THAT(store.lost(), HasSubstr("the axis is identified again"));
   EXPECT_TRUE(store.in_force().empty());
