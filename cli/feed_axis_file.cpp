@@ -200,7 +200,7 @@ void change(toml::table& table, const std::string& what) {
     refuse("must be section.key=value, such as coupling.stiffness_nm_per_rad=30000");
   toml::table parsed;
   try {
-    parsed = toml::parse("value = " + what.substr(equals + 1));
+    parsed = parse_toml("value = " + what.substr(equals + 1), "");
   } catch (const toml::parse_error&) {
     refuse("the value must be a number, [from, to] or a text in quotes");
   }
@@ -231,7 +231,7 @@ void change(toml::table& table, const std::string& what) {
 
 CheckedFeedAxis check_feed_axis(std::string_view text, const std::string& name) {
   try {
-    return check_table(toml::parse(text, name), name);
+    return check_table(parse_toml(text, name), name);
   } catch (const toml::parse_error& error) {
     CheckedFeedAxis out;
     Problems(name, out.problems).add(error.source(), std::string(error.description()));
@@ -244,7 +244,7 @@ FeedAxisParts read_feed_axis(const std::filesystem::path& file,
   const std::string text = read_text(file);
   CheckedFeedAxis checked = check_feed_axis(text, file.string());
   if (!checked.problems.empty()) throw std::runtime_error(messages(checked.problems));
-  toml::table table = toml::parse(text);
+  toml::table table = parse_toml(text, file.string());
   for (const std::string& one : changes) {
     change(table, one);
     checked = check_table(table, file.string());
@@ -256,7 +256,7 @@ FeedAxisParts read_feed_axis(const std::filesystem::path& file,
 }
 
 std::string with_fitted(const std::filesystem::path& file, const FeedAxisParts& parts) {
-  toml::table table = toml::parse(read_text(file));
+  toml::table table = parse_toml(read_text(file), file.string());
   const auto set = [&](const std::string& section, const std::string& key, double value) {
     if (!table.contains(section)) table.insert(section, toml::table{});
     table.get(section)->as_table()->insert_or_assign(key, value);

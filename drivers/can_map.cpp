@@ -449,7 +449,7 @@ CheckedCanMap check_can_map(std::string_view text, const std::string& name,
   CheckedCanMap out;
   Problems problems(name, out.problems);
   try {
-    MapReader(folder, out.map, problems).read(toml::parse(text, name));
+    MapReader(folder, out.map, problems).read(parse_toml(text, name));
     problems.sort();
   } catch (const toml::parse_error& error) {
     problems.add(error.source(), std::string(error.description()));

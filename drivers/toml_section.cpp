@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <memory>
 #include <optional>
 #include <sstream>
 
@@ -16,6 +17,65 @@ std::string bounds(double lower, double upper, const std::string& unit) {
 }
 
 }  // namespace
+
+namespace {
+
+/// The end of a text in quotes that begins at `at`, behind its quotes. In a text without an end,
+/// the parser's own error comes first.
+std::size_t end_of_quoted(std::string_view text, std::size_t at) {
+  const char quote = text[at];
+  const std::string three(3, quote);
+  const bool lines = text.substr(at).starts_with(three);
+  for (at += lines ? 3 : 1; at < text.size(); ++at) {
+    if (quote == '"' && text[at] == '\\') {
+      ++at;
+    } else if (lines && text.substr(at).starts_with(three)) {
+      at += 3;  // up to two quotes before the last three belong to the text
+      for (int more = 0; more < 2 && at < text.size() && text[at] == quote; ++more) ++at;
+      return at;
+    } else if (!lines && (text[at] == quote || text[at] == '\n')) {
+      return at + 1;
+    }
+  }
+  return text.size();
+}
+
+/// The place of the first key with more than kMaxKeyParts parts; none: text.size().
+std::size_t place_of_long_key(std::string_view text) {
+  int parts = 1;
+  for (std::size_t at = 0; at < text.size();) {
+    const char c = text[at];
+    if (c == '"' || c == '\'') {
+      at = end_of_quoted(text, at);
+      continue;
+    }
+    if (c == '#') {
+      at = std::min(text.find('\n', at), text.size());
+      continue;
+    }
+    if (c == '.' && ++parts > kMaxKeyParts) return at;
+    if (std::string_view("\n=,[]{}").find(c) != std::string_view::npos) parts = 1;
+    ++at;
+  }
+  return text.size();
+}
+
+}  // namespace
+
+toml::table parse_toml(std::string_view text, const std::string& name) {
+  if (const std::size_t at = place_of_long_key(text); at < text.size()) {
+    const std::string_view before = text.substr(0, at);
+    const auto line = std::count(before.begin(), before.end(), '\n') + 1;
+    const std::size_t column = at - (before.rfind('\n') + 1) + 1;  // npos + 1: 0
+    throw toml::parse_error(("a key has more than " + std::to_string(kMaxKeyParts) +
+                             " parts; the keys of this program have at most four")
+                                .c_str(),
+                            toml::source_position{static_cast<toml::source_index>(line),
+                                                  static_cast<toml::source_index>(column)},
+                            std::make_shared<const std::string>(name));
+  }
+  return toml::parse(text, name);
+}
 
 std::string ConfigProblem::message() const {
   const std::string place =
@@ -178,6 +238,10 @@ void Section::range(const std::string& key, double lower, double upper, const st
 
 void Section::report(const std::string& key, const std::string& rule) {
   problems_.add(name_of(key), *table_->get(key), rule);
+}
+
+void Section::report_secret(const std::string& key, const std::string& rule) {
+  problems_.add(table_->get(key)->source(), name_of(key) + ": " + rule);
 }
 
 void Section::report_missing(const std::string& key, const std::string& why) {

@@ -8,11 +8,18 @@
 #include <cstddef>
 #include <initializer_list>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "drivers/config_problem.h"
 
 namespace servotwin {
+
+/// toml::parse() for files that may be hostile: throws toml::parse_error as well if a key has more
+/// than kMaxKeyParts parts. Every part is a table in the one before it; tables are read, copied and
+/// destroyed by recursion, for which a long key has no stack.
+[[nodiscard]] toml::table parse_toml(std::string_view text, const std::string& name);
+inline constexpr int kMaxKeyParts = 32;  // our longest keys have four
 
 /// The problems of one file, as they are found.
 class Problems {
@@ -59,6 +66,8 @@ class Section {
 
   /// Reports that an existing key breaks this rule.
   void report(const std::string& key, const std::string& rule);
+  /// The same without the value, which nobody must read in a log.
+  void report_secret(const std::string& key, const std::string& rule);
   void report_missing(const std::string& key, const std::string& why);
   void refuse_unknown() const;
   [[nodiscard]] std::string name_of(const std::string& key) const {

@@ -378,7 +378,7 @@ CheckedConfig check_config(std::string_view text, const std::string& name) {
   CheckedConfig out;
   Problems problems(name, out.problems);
   try {
-    const toml::table table = toml::parse(text, name);
+    const toml::table table = parse_toml(text, name);
     read_all(table, std::filesystem::path(name).parent_path(), out.config, problems);
     flatten(table, "", out.config.given);
     problems.sort();
