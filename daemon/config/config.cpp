@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "daemon/config/listen_address.h"
+#include "daemon/config/secret_file.h"
 #include "drivers/file_handle.h"
 #include "drivers/messages.h"
 #include "drivers/text.h"
@@ -297,11 +298,48 @@ void read_ilc(Section section, const std::vector<AxisConfig>& axes, IlcConfig& i
   section.refuse_unknown();
 }
 
-void read_http(Section section, HttpConfig& http) {
+/// Reads the token: as it is written in the configuration, or from a file.
+void read_token(Section& section, const std::filesystem::path& folder, HttpConfig& http) {
+  if (const toml::node* token = section.find("token")) {
+    http.token = token->value_or(std::string());
+    if (!token->is_string() || http.token.size() < kMinTokenBytes ||
+        http.token.size() > kMaxTokenBytes)
+      section.report_secret("token", "must be a text of " + std::to_string(kMinTokenBytes) +
+                                         " to " + std::to_string(kMaxTokenBytes) +
+                                         " characters in quotes");
+  }
+  std::string file;
+  section.text("token_file", 1, 4096, file);
+  if (file.empty()) return;
+  http.token_file = find_secret(file, folder);
+  if (section.has("token")) {
+    section.report("token_file", "http.token is given as well; give one of them");
+    return;
+  }
+  try {
+    http.token = token_in(http.token_file);
+  } catch (const std::runtime_error& error) {
+    section.report("token_file", error.what());
+  }
+}
+
+void read_tls(Section& section, const std::filesystem::path& folder, HttpConfig& http) {
+  std::string certificate, key;
+  section.text("tls_certificate", 1, 4096, certificate);
+  section.text("tls_key", 1, 4096, key);
+  if (section.has("tls_certificate") != section.has("tls_key"))
+    section.report(section.has("tls_key") ? "tls_key" : "tls_certificate",
+                   "TLS needs both http.tls_certificate and http.tls_key");
+  if (!certificate.empty()) http.tls_certificate = find_secret(certificate, folder);
+  if (!key.empty()) http.tls_key = find_secret(key, folder);
+}
+
+void read_http(Section section, const std::filesystem::path& folder, HttpConfig& http) {
   section.text("listen", 1, 64, http.listen);
   if (!http.listen.empty() && http.listen != "none" && !parse_listen_address(http.listen))
     section.report("listen", kListenRule);
-  section.text("token", 16, 256, http.token);
+  read_token(section, folder, http);
+  read_tls(section, folder, http);
   if (const toml::node* names = section.find("names")) {
     const toml::array* list = names->as_array();
     if (list == nullptr || (!list->empty() && !list->is_homogeneous(toml::node_type::string))) {
@@ -363,7 +401,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
                  "must not be less than recordings_mb = " + number(config.store.recordings_mb));
   store.refuse_unknown();
 
-  read_http(root.section("http"), config.http);
+  read_http(root.section("http"), folder, config.http);
 
   Section real_time = root.section("real_time");
   real_time.integer("priority", 0, 98, config.priority);
@@ -381,6 +419,9 @@ CheckedConfig check_config(std::string_view text, const std::string& name) {
     const toml::table table = parse_toml(text, name);
     read_all(table, std::filesystem::path(name).parent_path(), out.config, problems);
     flatten(table, "", out.config.given);
+    // Wherever it is from: a new token in the same file is a change as well.
+    if (const std::string& token = out.config.http.token; !token.empty())
+      out.config.given["http.token"] = token;
     problems.sort();
   } catch (const toml::parse_error& error) {
     problems.add(error.source(), std::string(error.description()));

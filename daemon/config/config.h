@@ -109,10 +109,12 @@ struct StoreConfig {
 
 /// The web page and the HTTP interface.
 struct HttpConfig {
-  std::string listen;              ///< ADDRESS:PORT; empty or "none": no page
-  std::string token;               ///< needed for every change over HTTP; empty: no changes
-  std::vector<std::string> names;  ///< further names of this host
-  bool needed = true;              ///< the daemon does not start if it cannot listen
+  std::string listen;                ///< ADDRESS:PORT; empty or "none": no page
+  std::string token;                 ///< needed for every change over HTTP; empty: no changes
+  std::filesystem::path token_file;  ///< where the token is from; empty: from the configuration
+  std::filesystem::path tls_certificate, tls_key;  ///< PEM; both or none; empty: no TLS
+  std::vector<std::string> names;                  ///< further names of this host
+  bool needed = true;  ///< the daemon does not start if it cannot listen
 };
 
 struct Config {
@@ -140,7 +142,8 @@ struct CheckedConfig {
   std::vector<ConfigProblem> problems;  ///< in the order of the file
 };
 
-/// Reads the text of a configuration; `name` is the file's name for the messages.
+/// Reads the text of a configuration, and the file of the token that it names; `name` is the file's
+/// name for the messages.
 [[nodiscard]] CheckedConfig check_config(std::string_view text, const std::string& name);
 /// The same from a file. Throws std::runtime_error if it cannot be read.
 [[nodiscard]] CheckedConfig check_config(const std::filesystem::path& file);

@@ -19,6 +19,8 @@ struct ListenAddress {
 
   /// "127.0.0.1:8402", "[::1]:8402"
   [[nodiscard]] std::string text() const;
+  /// Whether only this host can reach it.
+  [[nodiscard]] bool is_loopback() const;
 };
 
 /// Nothing if the text is not such an address.

@@ -8,7 +8,8 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr std::array<std::string_view, 6> kAtOnce{"identify.",           "diagnose.every_s",
+constexpr std::array<std::string_view, 8> kAtOnce{"http.token",          "http.token_file",
+                                                  "identify.",           "diagnose.every_s",
                                                   "diagnose.record_s",   "diagnose.encoder_in_loop",
                                                   "store.recordings_mb", "store.recordings_max_mb"};
 
@@ -57,6 +58,8 @@ std::string ConfigChanges::text() const {
 
 Config reloaded(const Config& running, const Config& newer) {
   Config out = running;
+  out.http.token = newer.http.token;
+  out.http.token_file = newer.http.token_file;
   out.identify = newer.identify;
   out.diagnose.every_s = newer.diagnose.every_s;
   out.diagnose.record_s = newer.diagnose.record_s;

@@ -294,7 +294,7 @@ INSTANTIATE_TEST_SUITE_P(
               "'127.0.0.1:8402', '[::1]:8402' or, for everybody on the network, "
               "'0.0.0.0:8402'; or 'none'"},
         Wrong{"[http]\ntoken = 'short'\n",
-              "m.toml:2:9: http.token = 'short': must be a text of 16 to 256 characters in quotes"},
+              "m.toml:2:9: http.token: must be a text of 16 to 256 characters in quotes"},
         Wrong{"[http]\nnames = [1]\n",
               "m.toml:2:9: http.names = [ 1 ]: must be a list of host names in quotes"},
         Wrong{"[[axis]]\nname = 'X'\n[ilc]\narm_without_timeout = ['Y']\n",
@@ -304,6 +304,42 @@ INSTANTIATE_TEST_SUITE_P(
             "m.toml:2:23: ilc.arm_without_timeout = true: must be a list of axis names in quotes"},
         Wrong{"[real_time]\npriority = 99\n",
               "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
+
+/// "a.a.a", `parts` times.
+std::string key_of(std::size_t parts, const std::string& part = "a") {
+  std::string key = part;
+  for (std::size_t i = 1; i < parts; ++i) key += "." + part;
+  return key;
+}
+
+// Every part is a table in the one before; they are read and destroyed by recursion.
+TEST(Config, AKeyOfVeryManyPartsIsRefusedWithItsPlace) {
+  const std::string rule = ": a key has more than 32 parts";
+  const std::string key = key_of(20'000);
+  for (const std::string& before : std::vector<std::string>{
+           "", "x = \"\"\"a \\\" ' # \"\"\"\"\"\n", "x = '''a \\'''\n", "x = 'a\\'\n",
+           "x = \"\\\"\" # '\n", "x = \"\"\n", "x = [1.5, 2.5]\n"}) {
+    EXPECT_THAT(
+        problem_of(before + key + " = 1\n"),
+        testing::StartsWith("m.toml:" + std::string(before.empty() ? "1" : "2") + ":64" + rule))
+        << before;
+  }
+  EXPECT_THAT(problem_of("\n[" + key + "]\nx = 1\n"), HasSubstr("m.toml:2:65" + rule));
+  EXPECT_THAT(problem_of("[[" + key + "]]\nx = 1\n"), HasSubstr(rule));
+  EXPECT_THAT(problem_of("x = { " + key + " = 1 }\n"), HasSubstr(rule));
+  EXPECT_THAT(problem_of(key_of(20'000, "\"a.b\"") + " = 1\n"), HasSubstr(rule));
+  EXPECT_THAT(problem_of(key_of(20'000, " a ") + " = 1\n"), HasSubstr(rule));
+}
+
+TEST(Config, PartsOfAKeyAreNoDotsInTextsAndComments) {
+  const std::string dots(20'000, '.');
+  EXPECT_THAT(problems_of("# " + dots + "\n[source.replay]\ncolumns = '" + dots.substr(0, 4000) +
+                          "'\nfiles = [\"" + dots + "\", '" + dots + "', \"\"\"\n" + dots +
+                          "\"\"\", '''" + dots + "''', '1.5.csv'] # " + dots + "\n"),
+              testing::IsEmpty());
+  EXPECT_THAT(problem_of(key_of(32) + " = 1\n"),
+              testing::StartsWith("m.toml:1:1: a: there is no such key"));
+}
 
 TEST(Config, NoOffsetIsSentUnlessItIsAskedFor) {
   const CheckedConfig checked = check_config("[[axis]]\nname = 'X'\n", "m.toml");
