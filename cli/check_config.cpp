@@ -1,4 +1,6 @@
 // servotwin check-config: would the daemon start with this configuration?
+#include <sys/stat.h>
+
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -9,6 +11,7 @@
 #include "cli/option_table.h"
 #include "cli/output.h"
 #include "daemon/config/config.h"
+#include "daemon/config/listen_address.h"
 #include "daemon/input/offset_contract.h"
 #include "daemon/service.h"
 #include "drivers/can_map.h"
@@ -43,6 +46,34 @@ void say_offsets(const daemon::Config& config) {
   for (const std::string& remark : contract.remarks) say(stdout, "note: " + remark);
   if (const std::string why = contract.refusal(); !why.empty())
     say(stdout, "note: with ilc.live = true " + why);
+}
+
+/// A note if others than its owner may read a file with a secret.
+void note_readers(const std::filesystem::path& file, const std::string& secret,
+                  const std::string& what_to_do) {
+  struct stat found {};
+  if (stat(file.c_str(), &found) != 0 || (found.st_mode & (S_IRGRP | S_IROTH)) == 0) return;
+  say(stdout, "note: " + file.string() + " contains " + secret +
+                  ", and others than its owner can read it" +
+                  text(" (mode %04o): ", found.st_mode & 07777U) + what_to_do);
+}
+
+/// Notes on what makes it easy to read the token.
+void note_secrets(const std::filesystem::path& file, const daemon::HttpConfig& http) {
+  const std::string close = "remove the rights of group and others (chmod go= FILE)";
+  if (!http.token_file.empty()) {
+    note_readers(http.token_file, "the token", close);
+  } else if (!http.token.empty()) {
+    note_readers(file, "http.token",
+                 "move the token to a file of its own, which only the daemon can read, and name it "
+                 "in http.token_file");
+  }
+  if (!http.tls_key.empty()) note_readers(http.tls_key, "the private key", close);
+  const auto address = daemon::parse_listen_address(http.listen);
+  if (address && !address->is_loopback() && http.tls_certificate.empty())
+    say(stdout, "note: " + http.listen +
+                    " can be reached from the network without TLS: who can listen there reads the "
+                    "token; give http.tls_certificate and http.tls_key, or listen on 127.0.0.1");
 }
 
 void run(const std::filesystem::path& file) {
@@ -93,7 +124,7 @@ void run(const std::filesystem::path& file) {
     if (config.http.token.empty())
       say(stdout,
           "note: ilc.live sends nothing until it is armed, and it cannot be armed without "
-          "http.token");
+          "http.token or http.token_file");
     if (std::none_of(config.axes.begin(), config.axes.end(),
                      [](const daemon::AxisConfig& axis) { return axis.correction.has_value(); }))
       say(stdout, "note: ilc.live sends nothing: no axis has a correction");
@@ -105,6 +136,7 @@ void run(const std::filesystem::path& file) {
                        "half the cycle rate is %.6g Hz",
                        axis.name.c_str(), axis.correction->bandwidth_hz, half_hz));
   }
+  note_secrets(file, config.http);
   for (const std::string& line : taken(config))
     say(stdout, "note: " + line + " now: this is right if that is the daemon which will use " +
                     "this configuration; a second daemon would not start");

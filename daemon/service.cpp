@@ -35,9 +35,11 @@ DdsPlace place_of(const Config& config, const DdsConfig& dds) {
 std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog& events) {
   if (config.http.listen.empty() || config.http.listen == "none") return nullptr;
   try {
-    auto web = std::make_unique<WebService>(config.http, config.machine, store);
+    auto web = std::make_unique<WebService>(config.http, config.machine, store, events);
     events.note("http", "", "page at " + web->url());
     return web;
+  } catch (const BadTlsPair&) {
+    throw;  // TLS was asked for
   } catch (const std::runtime_error& error) {
     if (config.http.needed) throw;
     events.note("http", "", std::string("the web page is not served: ") + error.what());
@@ -63,12 +65,15 @@ class WhileServing {
 };
 
 /// Reads the configuration again and changes the keys of `running` that change at once; reports the
-/// result as an event. False, without any change, if the new configuration is refused.
-bool read_again(const std::function<Config()>& load, Config& running, EventLog& events) {
+/// result as an event. False, without any change, if the new configuration is refused. `web`: null
+/// if there is no page.
+bool read_again(const std::function<Config()>& load, Config& running, WebService* web,
+                EventLog& events) {
   try {
     const Config newer = load();
     const ConfigChanges changes = changes_between(running, newer);
     running = reloaded(running, newer);
+    if (web != nullptr) web->use_token(running.http.token);
     events.note("reloaded", "", changes.text());
     return true;
   } catch (const std::exception& error) {
@@ -114,6 +119,11 @@ std::vector<std::string> obstacles(const Config& config) {
                     " on this host");
   }
   for (std::string& obstacle : input_obstacles(config)) found.push_back(std::move(obstacle));
+  try {
+    (void)read_tls_pair(config.http.tls_certificate, config.http.tls_key);
+  } catch (const BadTlsPair& error) {
+    found.emplace_back(error.what());
+  }
   try {
     if (const auto address = parse_listen_address(config.http.listen))
       HttpServer::try_listening(*address);
@@ -173,7 +183,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   std::optional<MachineInput> opened;
   {
     const WhileServing reloading(surroundings.reloads, [&](const std::function<Config()>& load) {
-      read_again(load, running, events);
+      read_again(load, running, web.get(), events);
     });
     opened = open_input(config, node, node_in, descriptions, stop, events);
   }
@@ -185,7 +195,7 @@ void serve(const Config& config, const std::stop_token& stop, const std::functio
   MachineService service({config, store, events, node, node_in, web.get(), watchdog, stop}, *opened,
                          running);
   const WhileServing reloading(surroundings.reloads, [&](const std::function<Config()>& load) {
-    if (read_again(load, running, events)) service.reconfigure(running);
+    if (read_again(load, running, web.get(), events)) service.reconfigure(running);
   });
   service.run();
 }

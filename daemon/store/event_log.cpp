@@ -9,7 +9,8 @@ namespace {
 
 /// The syslog priority of events that are not errors.
 Priority priority_of(const std::string& kind) {
-  for (const char* one : {"alarm_raised", "diagnosis_failed", "model_unused", "stalled"}) {
+  for (const char* one :
+       {"alarm_raised", "diagnosis_failed", "model_unused", "stalled", "token_refused"}) {
     if (kind == one) return Priority::kWarning;
   }
   for (const char* one :

@@ -169,7 +169,9 @@ HttpResponse Api::post(const HttpRequest& request) {
   if (!axis && !arms && !disarms)
     return http_error(405, in_quotes(request.path) + " cannot be changed");
   if (sources_.token.empty())
-    return http_error(403, "nothing can be changed over HTTP: no http.token is configured");
+    return http_error(
+        403,
+        "nothing can be changed over HTTP: neither http.token nor http.token_file is configured");
   if (!same_secret(request.authorization, "Bearer " + sources_.token)) {
     HttpResponse refused = http_error(401, "needs Authorization: Bearer with the http.token");
     refused.headers.emplace_back("WWW-Authenticate", "Bearer");

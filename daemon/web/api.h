@@ -6,6 +6,7 @@
 
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "daemon/correct/arming.h"
@@ -34,6 +35,8 @@ class Api {
   explicit Api(ApiSources sources) : sources_(std::move(sources)) {}
 
   [[nodiscard]] HttpResponse answer(const HttpRequest& request);
+  /// From now on changes need this token; empty: they are not allowed.
+  void use_token(std::string token) { sources_.token = std::move(token); }
   /// The JSON that /api/v1/status answers and the live stream sends, in one line.
   [[nodiscard]] std::string status();
 

@@ -19,7 +19,16 @@ namespace {
 // Somewhat more than a batch of 8000 points per second; longer messages are sent in parts.
 constexpr std::size_t kStreamBlock = 32 * 1024;
 
+// What the kernel keeps for a stream: little, so that a reader who takes nothing is soon noticed.
+constexpr int kStreamSendBuffer = 128 * 1024;
+
+// Those that Callers allows, and as many that are just being closed.
+constexpr unsigned kMaxConnections = 2 * (Callers::kMax + Callers::kMaxStreams);
+
 constexpr int kMaxClosingPolls = 10;
+
+// TLS 1.2 and 1.3 only.
+constexpr const char* kTlsPriorities = "NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2";
 
 constexpr const char* kPageSecurity =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src "
@@ -30,9 +39,30 @@ std::string header(MHD_Connection* connection, const char* name) {
   return value == nullptr ? "" : value;
 }
 
+bool announces_body(MHD_Connection* connection) {
+  return header(connection, "Content-Length").find_first_not_of("0 ") != std::string::npos ||
+         !header(connection, "Transfer-Encoding").empty();
+}
+
+int socket_of(MHD_Connection* connection) {
+  return MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
+}
+
+Caller& caller_of(MHD_Connection* connection) {
+  return *static_cast<Caller*>(
+      MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT)->socket_context);
+}
+
 MHD_Result add_argument(void* to, MHD_ValueKind, const char* key, const char* value) {
   (*static_cast<std::map<std::string, std::string>*>(to))[key] = value == nullptr ? "" : value;
   return MHD_YES;
+}
+
+HttpRequest request_of(MHD_Connection* connection, const char* method, const char* url) {
+  HttpRequest request{
+      method, url, {}, header(connection, "Authorization"), header(connection, "If-None-Match")};
+  MHD_get_connection_values(connection, MHD_GET_ARGUMENT_KIND, add_argument, &request.query);
+  return request;
 }
 
 const char* what_to_do(int error) {
@@ -88,76 +118,82 @@ void HttpServer::try_listening(const ListenAddress& address) {
   close(listening_socket(address, port));
 }
 
-/// A reader of the live stream.
-struct HttpServer::Reader {
-  HttpServer* server = nullptr;
-  MHD_Connection* connection = nullptr;
-  std::uint64_t next = 0;  // message
-  std::size_t offset = 0;  // in it
-  bool suspended = false;
-};
-
-/// A request whose body may still come.
-struct HttpServer::Incoming {
-  bool has_body = false;
-};
-
 struct HttpServer::Callbacks {
-  static MHD_Result on_request(void* self, MHD_Connection* connection, const char* url,
-                               const char* method, const char*, const char*,
-                               std::size_t* body_bytes, void** state) {
+  static void on_connection(void* self, MHD_Connection* connection, void** context,
+                            MHD_ConnectionNotificationCode code) {
     auto& server = *static_cast<HttpServer*>(self);
-    if (*state == nullptr) {  // the header alone; the body, if any, comes next
-      *state = new Incoming;
-      return MHD_YES;
+    if (code == MHD_CONNECTION_NOTIFY_CLOSED) {
+      server.callers_.close(*static_cast<Caller*>(*context));
+      return;
     }
-    auto& incoming = *static_cast<Incoming*>(*state);
-    if (*body_bytes > 0) {
-      incoming.has_body = true;
-      *body_bytes = 0;
-      return MHD_YES;
-    }
-    HttpRequest request{
-        method, url, {}, header(connection, "Authorization"), header(connection, "If-None-Match")};
-    MHD_get_connection_values(connection, MHD_GET_ARGUMENT_KIND, add_argument, &request.query);
-    const HttpResponse response = server.answer(connection, request, incoming.has_body);
-    return static_cast<MHD_Result>(response.stream ? server.open_stream(connection)
-                                                   : server.respond(connection, response));
+    Caller& caller = server.callers_.open(connection, steady_ns());
+    *context = &caller;
+    server.accept(caller);
   }
-  static void on_end(void*, MHD_Connection*, void** state, MHD_RequestTerminationCode) {
-    delete static_cast<Incoming*>(*state);
+  static MHD_Result on_request(void* self, MHD_Connection* connection, const char* url,
+                               const char* method, const char*, const char*, std::size_t*,
+                               void** state) {
+    auto& server = *static_cast<HttpServer*>(self);
+    Caller& caller = caller_of(connection);
+    if (caller.dropped || server.closing_) return MHD_NO;
+    const HttpRequest request = request_of(connection, method, url);
+    if (*state == nullptr) {  // the header is complete; a body would come next
+      *state = &caller;
+      caller.enter(Caller::Phase::kAnswer, steady_ns());
+      if (!announces_body(connection)) return MHD_YES;
+      return static_cast<MHD_Result>(
+          server.respond(caller, *server.refusal(caller, request, true)));
+    }
+    return static_cast<MHD_Result>(server.answer(caller, request));
+  }
+  static void on_end(void*, MHD_Connection* connection, void** state, MHD_RequestTerminationCode) {
+    caller_of(connection).enter(Caller::Phase::kRequest, steady_ns());
     *state = nullptr;
   }
   static ssize_t on_read(void* reader, std::uint64_t, char* to, std::size_t room) {
-    auto& one = *static_cast<Reader*>(reader);
-    return static_cast<ssize_t>(one.server->read_stream(one, to, room));
+    auto& [server, caller] = *static_cast<Reader*>(reader);
+    return static_cast<ssize_t>(server.read_stream(caller, to, room));
   }
-  static void on_stream_end(void* reader) {
-    HttpServer& server = *static_cast<Reader*>(reader)->server;
-    std::erase_if(server.readers_, [&](const auto& one) { return one.get() == reader; });
-  }
+  static void on_stream_end(void* reader) { delete static_cast<Reader*>(reader); }
+
+  struct Reader {
+    HttpServer& server;
+    Caller& caller;
+  };
 };
 
 HttpServer::HttpServer(const ListenAddress& address, std::vector<std::string> names,
-                       Handler handler)
-    : address_(address), names_(std::move(names)), handler_(std::move(handler)) {
+                       Handler handler, const TlsPair& tls, Warn warn)
+    : address_(address),
+      names_(std::move(names)),
+      handler_(std::move(handler)),
+      warn_(std::move(warn)) {
   for (std::string& name : names_) name = in_lower_case(name);
   char host[256] = "";
   if (gethostname(host, sizeof host - 1) == 0 && host[0] != '\0')
     names_.push_back(in_lower_case(host));
   names_.emplace_back("localhost");
-  listen_on(address);
+  listen_on(address, tls);
 }
 
-void HttpServer::listen_on(const ListenAddress& address) {
+void HttpServer::listen_on(const ListenAddress& address, const TlsPair& tls) {
   const int socket = listening_socket(address, address_.port);
+  std::vector<MHD_OptionItem> secure;
+  if (tls.given()) {
+    const auto text = [](const std::string& pem) { return const_cast<char*>(pem.c_str()); };
+    secure = {{MHD_OPTION_HTTPS_MEM_CERT, 0, text(tls.certificate)},
+              {MHD_OPTION_HTTPS_MEM_KEY, 0, text(tls.key)},
+              {MHD_OPTION_HTTPS_PRIORITIES, 0, const_cast<char*>(kTlsPriorities)}};
+  }
+  secure.push_back({MHD_OPTION_END, 0, nullptr});
   daemon_ = MHD_start_daemon(
-      MHD_USE_EPOLL | MHD_USE_ITC | MHD_ALLOW_SUSPEND_RESUME, 0, nullptr, nullptr,
-      Callbacks::on_request, this, MHD_OPTION_LISTEN_SOCKET, socket, MHD_OPTION_CONNECTION_LIMIT,
-      kMaxConnections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, kMaxConnectionsPerAddress,
-      MHD_OPTION_CONNECTION_TIMEOUT, kConnectionTimeout_s, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
-      kMaxRequestBytes, MHD_OPTION_NOTIFY_COMPLETED, Callbacks::on_end, nullptr,
-      MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_END);
+      MHD_USE_EPOLL | MHD_USE_ITC | MHD_ALLOW_SUSPEND_RESUME |
+          static_cast<unsigned>(tls.given() ? MHD_USE_TLS : 0),
+      0, nullptr, nullptr, Callbacks::on_request, this, MHD_OPTION_LISTEN_SOCKET, socket,
+      MHD_OPTION_CONNECTION_LIMIT, kMaxConnections, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+      kMaxRequestBytes, MHD_OPTION_NOTIFY_CONNECTION, Callbacks::on_connection, this,
+      MHD_OPTION_NOTIFY_COMPLETED, Callbacks::on_end, nullptr, MHD_OPTION_STRICT_FOR_CLIENT, 1,
+      MHD_OPTION_ARRAY, secure.data(), MHD_OPTION_END);
   if (daemon_ == nullptr) {
     close(socket);
     throw std::runtime_error("http.listen = '" + address.text() +
@@ -167,28 +203,59 @@ void HttpServer::listen_on(const ListenAddress& address) {
 
 HttpServer::~HttpServer() {
   closing_ = true;
-  for (const auto& reader : readers_) {
-    if (reader->suspended) MHD_resume_connection(reader->connection);
-    reader->suspended = false;
-  }
+  for (Caller& caller : callers_) resume(caller);
   // Gives the readers a regular end of their streams.
-  for (int turn = 0; turn < kMaxClosingPolls && !readers_.empty(); ++turn) poll(10);
+  for (int turn = 0; turn < kMaxClosingPolls && streams() > 0; ++turn) poll(10);
   MHD_stop_daemon(daemon_);
 }
 
-void HttpServer::poll(int timeout_ms) { MHD_run_wait(daemon_, timeout_ms); }
+void HttpServer::poll(int timeout_ms) {
+  MHD_run_wait(daemon_, timeout_ms);
+  keep_deadlines(steady_ns());
+}
 
 void HttpServer::send(std::string_view event, std::string_view json) {
   stream_.add(event, json, steady_ns());
-  for (const auto& reader : readers_) {
-    if (reader->suspended) MHD_resume_connection(reader->connection);
-    reader->suspended = false;
+  for (Caller& caller : callers_) {
+    if (caller.phase == Caller::Phase::kStream) resume(caller);
   }
 }
 
-HttpResponse HttpServer::answer(MHD_Connection* connection, const HttpRequest& request,
-                                bool has_body) {
-  if (const std::string host = header(connection, "Host"); !is_for(host, names_)) {
+void HttpServer::accept(Caller& caller) {
+  set_address(
+      caller,
+      *MHD_get_connection_info(caller.connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS)->client_addr);
+  while (Caller* one = callers_.surplus()) drop(*one);
+}
+
+void HttpServer::resume(Caller& caller) {
+  if (!caller.suspended) return;
+  caller.suspended = false;
+  if (caller.phase == Caller::Phase::kStream) caller.since_ns = steady_ns();
+  MHD_resume_connection(caller.connection);
+}
+
+void HttpServer::drop(Caller& caller) {
+  caller.dropped = true;
+  resume(caller);
+  // libmicrohttpd finds the end of the connection in its next turn and closes it.
+  shutdown(socket_of(caller.connection), SHUT_RDWR);
+}
+
+void HttpServer::keep_deadlines(std::int64_t now_ns) {
+  for (Caller& caller : callers_) {
+    if (caller.dropped) continue;
+    if (caller.phase == Caller::Phase::kHeld && now_ns - caller.since_ns >= TokenGuesses::kHold_ns)
+      resume(caller);
+    if (!Callers::is_overdue(caller, now_ns)) continue;
+    if (caller.phase == Caller::Phase::kStream) ++slow_;
+    drop(caller);
+  }
+}
+
+std::optional<HttpResponse> HttpServer::refusal(Caller& caller, const HttpRequest& request,
+                                                bool has_body) const {
+  if (const std::string host = header(caller.connection, "Host"); !is_for(host, names_)) {
     return http_error(
         421, "unknown host name '" + host + "'; use the IP address, or add the name to http.names");
   }
@@ -198,17 +265,34 @@ HttpResponse HttpServer::answer(MHD_Connection* connection, const HttpRequest& r
     return refused;
   }
   if (has_body) return http_error(413, "requests with a body are not accepted");
-  HttpResponse response = handler_(request);
-  if (response.stream && request.method != "GET") {
-    response.stream = false;
-  } else if (response.stream && readers_.size() >= kMaxStreams) {
-    return http_error(503, "there are " + std::to_string(kMaxStreams) +
-                               " live streams already; no more are served");
-  }
-  return response;
+  return std::nullopt;
 }
 
-int HttpServer::respond(MHD_Connection* connection, const HttpResponse& response) {
+int HttpServer::answer(Caller& caller, const HttpRequest& request) {
+  if (const auto refused = refusal(caller, request, false)) return respond(caller, *refused);
+  const std::int64_t now_ns = steady_ns();
+  const bool has_token = !request.authorization.empty();
+  if (has_token && caller.phase != Caller::Phase::kHeld &&
+      guesses_.must_wait(caller.address, now_ns)) {
+    caller.enter(Caller::Phase::kHeld, now_ns);
+    caller.suspended = true;
+    MHD_suspend_connection(caller.connection);
+    return MHD_YES;  // it is asked again when the connection is resumed
+  }
+  caller.enter(Caller::Phase::kAnswer, now_ns);
+  HttpResponse response = handler_(request);
+  if (response.status == 401 && has_token) {
+    if (const auto message = guesses_.add(caller.address, now_ns); message && warn_)
+      warn_(*message);
+  }
+  if (!response.stream || request.method != "GET") return respond(caller, response);
+  if (streams() >= Callers::kMaxStreams)
+    return respond(caller, http_error(503, "there are " + std::to_string(Callers::kMaxStreams) +
+                                               " live streams already; no more are served"));
+  return open_stream(caller);
+}
+
+int HttpServer::respond(Caller& caller, const HttpResponse& response) {
   MHD_Response* out = MHD_create_response_from_buffer(
       response.body.size(), const_cast<char*>(response.body.data()), MHD_RESPMEM_MUST_COPY);
   const auto add = [&](const char* name, const std::string& value) {
@@ -225,45 +309,50 @@ int HttpServer::respond(MHD_Connection* connection, const HttpResponse& response
   add("Cross-Origin-Resource-Policy", "same-origin");
   add("Cross-Origin-Opener-Policy", "same-origin");
   const MHD_Result queued =
-      MHD_queue_response(connection, static_cast<unsigned>(response.status), out);
+      MHD_queue_response(caller.connection, static_cast<unsigned>(response.status), out);
   MHD_destroy_response(out);
   return queued;
 }
 
-int HttpServer::open_stream(MHD_Connection* connection) {
-  readers_.push_back(
-      std::make_unique<Reader>(Reader{this, connection, stream_.start(steady_ns()), 0, false}));
-  MHD_Response* out =
-      MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, kStreamBlock, Callbacks::on_read,
-                                        readers_.back().get(), Callbacks::on_stream_end);
+int HttpServer::open_stream(Caller& caller) {
+  caller.enter(Caller::Phase::kStream, steady_ns());
+  caller.next = stream_.start(caller.since_ns);
+  caller.offset = 0;
+  setsockopt(socket_of(caller.connection), SOL_SOCKET, SO_SNDBUF, &kStreamSendBuffer,
+             sizeof kStreamSendBuffer);
+  MHD_Response* out = MHD_create_response_from_callback(
+      MHD_SIZE_UNKNOWN, kStreamBlock, Callbacks::on_read, new Callbacks::Reader{*this, caller},
+      Callbacks::on_stream_end);
   MHD_add_response_header(out, "Content-Type", "text/event-stream");
   MHD_add_response_header(out, "Cache-Control", "no-store");
   MHD_add_response_header(out, "X-Content-Type-Options", "nosniff");
   MHD_add_response_header(out, "Cross-Origin-Resource-Policy", "same-origin");
-  const MHD_Result queued = MHD_queue_response(connection, MHD_HTTP_OK, out);
+  const MHD_Result queued = MHD_queue_response(caller.connection, MHD_HTTP_OK, out);
   MHD_destroy_response(out);
   return queued;
 }
 
-std::int64_t HttpServer::read_stream(Reader& reader, char* to, std::size_t room) {
+std::int64_t HttpServer::read_stream(Caller& caller, char* to, std::size_t room) {
   if (closing_) return MHD_CONTENT_READER_END_OF_STREAM;
+  if (caller.dropped) return MHD_CONTENT_READER_END_WITH_ERROR;
+  caller.since_ns = steady_ns();
   std::size_t written = 0;
-  while (written < room && reader.next < stream_.end()) {
-    const std::string* message = stream_.at(reader.next);
+  while (written < room && caller.next < stream_.end()) {
+    const std::string* message = stream_.at(caller.next);
     if (message == nullptr) {
       ++slow_;
       return MHD_CONTENT_READER_END_WITH_ERROR;
     }
-    const std::size_t count = message->copy(to + written, room - written, reader.offset);
+    const std::size_t count = message->copy(to + written, room - written, caller.offset);
     written += count;
-    reader.offset += count;
-    if (reader.offset < message->size()) break;
-    reader.offset = 0;
-    ++reader.next;
+    caller.offset += count;
+    if (caller.offset < message->size()) break;
+    caller.offset = 0;
+    ++caller.next;
   }
   if (written == 0) {
-    MHD_suspend_connection(reader.connection);
-    reader.suspended = true;
+    caller.suspended = true;
+    MHD_suspend_connection(caller.connection);
   }
   return static_cast<std::int64_t>(written);
 }

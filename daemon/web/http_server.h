@@ -1,24 +1,29 @@
 // HTTP/1.1 on one socket with GNU libmicrohttpd, driven by poll() in one thread of the caller.
 //
-// Limited are the connections (all, and per address), the size of a request, the time that a
-// connection may be silent, the live streams, and how far a stream may fall behind. Refused before
-// an endpoint sees them are methods other than GET, HEAD and POST, requests with a body, and a Host
-// field that is neither an IP address, localhost, this host nor one of `names` (protection against
-// DNS rebinding). Every response has headers that restrict what a browser may do with it.
+// Limited are the connections and the time that a request, its answer and a stalled stream may take
+// (callers.h), the size of a request, the live streams, and how far a stream may fall behind.
+// Refused before an endpoint sees them are methods other than GET, HEAD and POST, requests that
+// announce a body (without reading it), and a Host field that is neither an IP address, localhost,
+// this host nor one of `names` (protection against DNS rebinding). Requests with a token from an
+// address that has sent wrong ones are held (token_guesses.h). Every response has headers that
+// restrict what a browser may do with it.
 //
 // Errors: the constructor throws CannotListen. One thread.
 #pragma once
 
 #include <cstdint>
 #include <functional>
-#include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "daemon/config/listen_address.h"
+#include "daemon/web/callers.h"
 #include "daemon/web/event_stream.h"
 #include "daemon/web/http_message.h"
+#include "daemon/web/tls_pair.h"
+#include "daemon/web/token_guesses.h"
 
 struct MHD_Connection;
 struct MHD_Daemon;
@@ -33,16 +38,16 @@ struct CannotListen : std::runtime_error {
 
 class HttpServer {
  public:
-  static constexpr unsigned kMaxConnections = 64;
-  static constexpr unsigned kMaxConnectionsPerAddress = 48;
-  static constexpr unsigned kMaxStreams = 16;
-  static constexpr unsigned kConnectionTimeout_s = 10;
   static constexpr std::size_t kMaxRequestBytes = 32 * 1024;
 
   using Handler = std::function<HttpResponse(const HttpRequest&)>;
+  using Warn = std::function<void(const std::string&)>;
 
-  /// `names`: further names of this host. `handler` must not throw.
-  HttpServer(const ListenAddress& address, std::vector<std::string> names, Handler handler);
+  /// `names`: further names of this host. `handler`: the answer, 401 where the token is wrong; must
+  /// not throw. `tls`: HTTPS instead of HTTP, if it is given. `warn`: logs wrong tokens, at most
+  /// one line a minute.
+  HttpServer(const ListenAddress& address, std::vector<std::string> names, Handler handler,
+             const TlsPair& tls = {}, Warn warn = nullptr);
   /// Throws CannotListen if the address cannot be used now; does not keep it.
   static void try_listening(const ListenAddress& address);
   HttpServer(const HttpServer&) = delete;
@@ -56,27 +61,32 @@ class HttpServer {
 
   /// The address with the actual port.
   [[nodiscard]] const ListenAddress& address() const noexcept { return address_; }
-  [[nodiscard]] std::size_t streams() const noexcept { return readers_.size(); }
+  [[nodiscard]] std::size_t streams() const { return callers_.streams(); }
   /// Streams that were ended because their reader was too slow.
   [[nodiscard]] std::uint64_t slow_streams() const noexcept { return slow_; }
 
  private:
-  struct Reader;
-  struct Incoming;
   struct Callbacks;
 
-  void listen_on(const ListenAddress& address);
-  [[nodiscard]] HttpResponse answer(MHD_Connection* connection, const HttpRequest& request,
-                                    bool has_body);
-  int respond(MHD_Connection* connection, const HttpResponse& response);
-  int open_stream(MHD_Connection* connection);
-  std::int64_t read_stream(Reader& reader, char* to, std::size_t room);
+  void listen_on(const ListenAddress& address, const TlsPair& tls);
+  void accept(Caller& caller);
+  void resume(Caller& caller);
+  void drop(Caller& caller);
+  void keep_deadlines(std::int64_t now_ns);
+  [[nodiscard]] std::optional<HttpResponse> refusal(Caller& caller, const HttpRequest& request,
+                                                    bool has_body) const;
+  int answer(Caller& caller, const HttpRequest& request);
+  int respond(Caller& caller, const HttpResponse& response);
+  int open_stream(Caller& caller);
+  std::int64_t read_stream(Caller& caller, char* to, std::size_t room);
 
   ListenAddress address_;
   std::vector<std::string> names_;
   Handler handler_;
+  Warn warn_;
   EventStream stream_;
-  std::vector<std::unique_ptr<Reader>> readers_;
+  Callers callers_;
+  TokenGuesses guesses_;
   std::uint64_t slow_ = 0;
   bool closing_ = false;
   MHD_Daemon* daemon_ = nullptr;

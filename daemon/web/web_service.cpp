@@ -42,8 +42,10 @@ WebService::Shown::~Shown() {
   service_.shown_ = nullptr;
 }
 
-WebService::WebService(const HttpConfig& config, const std::string& machine, Store& store)
+WebService::WebService(const HttpConfig& config, const std::string& machine, Store& store,
+                       EventLog& events)
     : machine_(machine),
+      tls_(!config.tls_certificate.empty()),
       started_ns_(steady_ns()),
       reading_(store.directory(), machine, StoreAccess::kRead),
       health_(store),
@@ -54,10 +56,14 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
               return true;
             },
             [this] { return shown_ == nullptr ? nullptr : shown_->arming_; }}),
-      server_(address_of(config), config.names, [this](const HttpRequest& request) {
-        const std::lock_guard lock(mutex_);
-        return api_.answer(request);
-      }) {
+      server_(
+          address_of(config), config.names,
+          [this](const HttpRequest& request) {
+            const std::lock_guard lock(mutex_);
+            return api_.answer(request);
+          },
+          read_tls_pair(config.tls_certificate, config.tls_key),
+          [&events](const std::string& text) { events.note("token_refused", "", text); }) {
   live_.status.state = DaemonState::kWaiting;
   stored_.cycle_s = kAbsent;
   const std::vector<StoredModel> models = reading_.in_force();
@@ -84,7 +90,14 @@ WebService::~WebService() {
   thread_.join();
 }
 
-std::string WebService::url() const { return "http://" + server_.address().text() + "/"; }
+void WebService::use_token(const std::string& token) {
+  const std::lock_guard lock(mutex_);
+  api_.use_token(token);
+}
+
+std::string WebService::url() const {
+  return (tls_ ? "https://" : "http://") + server_.address().text() + "/";
+}
 
 void WebService::run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {

@@ -3,7 +3,8 @@
 //
 // The real-time loop does not depend on it: its counters are read without locks (LoopCounters), its
 // cycles come through the publisher and daemon/publish/live_feed.h. The store is opened a second
-// time, for reading. Errors: the constructor throws std::runtime_error if it cannot listen.
+// time, for reading. Errors: the constructor throws std::runtime_error if it cannot listen, and
+// BadTlsPair.
 #pragma once
 
 #include <atomic>
@@ -16,6 +17,7 @@
 #include "daemon/loop/real_time_loop.h"
 #include "daemon/publish/live_feed.h"
 #include "daemon/record/residual_watch.h"
+#include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
 #include "daemon/web/api.h"
 #include "daemon/web/health.h"
@@ -25,8 +27,8 @@ namespace servotwin::daemon {
 
 class WebService {
  public:
-  /// `store` must outlive the service.
-  WebService(const HttpConfig& config, const std::string& machine, Store& store);
+  /// `store` and `events` must outlive the service.
+  WebService(const HttpConfig& config, const std::string& machine, Store& store, EventLog& events);
   ~WebService();
 
   /// The data that is shown once the machine is known, for as long as this object lives. All
@@ -55,7 +57,10 @@ class WebService {
     std::atomic<bool> ended_{false};
   };
 
-  /// "http://127.0.0.1:8402/"
+  /// From now on changes need this token; empty: they are not allowed. Any thread.
+  void use_token(const std::string& token);
+
+  /// "http://127.0.0.1:8402/", with TLS "https://..."
   [[nodiscard]] std::string url() const;
 
  private:
@@ -66,11 +71,12 @@ class WebService {
   [[nodiscard]] MetricsInput now();
 
   std::string machine_;
+  bool tls_;
   std::int64_t started_ns_;
   Store reading_;
   Health health_;
+  std::mutex mutex_;  // protects the members below
   Api api_;
-  std::mutex mutex_;           // protects the members below
   Shown* shown_ = nullptr;     // null: no machine is known
   MachineDescription stored_;  // axes in the store, used until the machine is known
   LiveStatus live_;

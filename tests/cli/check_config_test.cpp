@@ -1,6 +1,7 @@
 // servotwin check-config: obstacles to a start of the daemon that are not errors in the text of its
 // configuration.
 #include <gmock/gmock.h>
+#include <sys/stat.h>
 
 #include <fstream>
 
@@ -78,6 +79,54 @@ TEST(CheckConfig, AStoreAndAnAddressThatAreTakenAreNoted) {
   EXPECT_EQ(answer.status, 0) << "it may be for the daemon that has them: " << answer;
   EXPECT_THAT(answer.out, HasSubstr("note: store " + folder / "store" + " is in use"));
   EXPECT_THAT(answer.out, HasSubstr("note: " + address + " is in use"));
+}
+
+TEST(CheckConfig, WhoMayReadTheTokenIsNotedAndAPageOnTheNetworkWithoutTls) {
+  const Folder folder;
+  const std::string store = "[store]\ndirectory = '" + folder / "store" + "'\n[http]\n";
+  const auto said = [&](const std::string& http, mode_t of_config, mode_t of_token) {
+    const std::string config = folder.write("m.toml", store + http);
+    const std::string token = folder.write("token", "a token of the test\n");
+    chmod(config.c_str(), of_config);
+    chmod(token.c_str(), of_token);
+    const Answer answer = servotwin_says({"check-config", config});
+    EXPECT_EQ(answer.status, 0) << answer;
+    return answer.out;
+  };
+  const std::string here = "listen = '127.0.0.1:0'\n", token = "token = 'a token of the test'\n",
+                    token_file = "token_file = 'token'\n";
+  EXPECT_THAT(said(here + token, 0640, 0600),
+              HasSubstr("note: " + folder / "m.toml" +
+                        " contains http.token, and others than its owner can read it (mode 0640)"));
+  EXPECT_THAT(said(here + token, 0600, 0644), testing::Not(HasSubstr("note: ")));
+  EXPECT_THAT(said(here + token_file, 0644, 0604),
+              HasSubstr("note: " + folder / "token" +
+                        " contains the token, and others than its owner can read it (mode 0604)"));
+  EXPECT_THAT(said(here + token_file, 0644, 0600), testing::Not(HasSubstr("note: ")));
+  EXPECT_THAT(said("listen = '0.0.0.0:0'\n", 0644, 0600),
+              HasSubstr("note: 0.0.0.0:0 can be reached from the network without TLS"));
+  EXPECT_THAT(said("listen = '[::1]:0'\n", 0644, 0600), testing::Not(HasSubstr("without TLS")));
+}
+
+TEST(CheckConfig, ATlsCertificateThatCannotBeUsedIsSaid) {
+  const Folder folder;
+  const Answer answer = servotwin_says(
+      {"check-config",
+       folder.write("m.toml", "[store]\ndirectory = '" + folder / "store" +
+                                  "'\n[http]\nlisten = 'none'\ntls_certificate = 'c.pem'\n"
+                                  "tls_key = 'k.pem'\n")});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("http.tls_certificate: " + folder / "c.pem" +
+                                    ": cannot be opened: No such file or directory"));
+}
+
+TEST(CheckConfig, AKeyOfVeryManyPartsIsAProblem) {
+  const Folder folder;
+  std::string key = "a";
+  for (int i = 1; i < 20'000; ++i) key += ".a";
+  const Answer answer = servotwin_says({"check-config", folder.write("m.toml", key + " = 1\n")});
+  EXPECT_EQ(answer.status, 1) << answer;
+  EXPECT_THAT(answer.err, HasSubstr("m.toml:1:64: a key has more than 32 parts"));
 }
 
 TEST(CheckConfig, ABandwidthThatLimitsNothingIsNoted) {

@@ -22,10 +22,15 @@ struct HttpAnswer {
 
 class HttpConnection {
  public:
-  explicit HttpConnection(std::uint16_t port)
+  /// `from`: an address of this host, such as "127.0.0.2", that the other side sees; empty: the
+  /// usual one.
+  explicit HttpConnection(std::uint16_t port, const std::string& from = "")
       : socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
     sockaddr_in place{};
     place.sin_family = AF_INET;
+    if (inet_pton(AF_INET, from.c_str(), &place.sin_addr) == 1) {
+      EXPECT_EQ(bind(socket_, reinterpret_cast<sockaddr*>(&place), sizeof place), 0);
+    }
     place.sin_port = htons(port);
     place.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     connected_ = connect(socket_, reinterpret_cast<sockaddr*>(&place), sizeof place) == 0;
@@ -38,6 +43,12 @@ class HttpConnection {
   void send(const std::string& text) const {
     EXPECT_EQ(::send(socket_, text.data(), text.size(), MSG_NOSIGNAL),
               static_cast<ssize_t>(text.size()));
+  }
+  /// Sends what the other side still takes; false if it has ended the connection.
+  [[nodiscard]] bool try_sending(const std::string& text) const {
+    char nothing = 0;
+    if (recv(socket_, &nothing, 1, MSG_PEEK | MSG_DONTWAIT) == 0) return false;
+    return ::send(socket_, text.data(), text.size(), MSG_NOSIGNAL | MSG_DONTWAIT) > 0;
   }
   /// Reads on until `text` is there; false if the connection ends before or is silent for long.
   bool has_sent(const std::string& text) {
@@ -78,11 +89,12 @@ class HttpConnection {
   std::string received_;
 };
 
-/// One request on a connection of its own; `more`: header lines, each with its \r\n.
+/// One request on a connection of its own; `more`: header lines, each with its \r\n; `from`: as
+/// above.
 inline HttpAnswer ask(std::uint16_t port, const std::string& method, const std::string& target,
                       const std::string& more = "", const std::string& body = "",
-                      const std::string& host = "localhost") {
-  HttpConnection connection(port);
+                      const std::string& host = "localhost", const std::string& from = "") {
+  HttpConnection connection(port, from);
   EXPECT_TRUE(connection.connected());
   const std::string length =
       body.empty() ? "" : "Content-Length: " + std::to_string(body.size()) + "\r\n";

@@ -19,6 +19,7 @@
 #include "daemon/store/store.h"
 #include "drivers/dds.h"
 #include "tests/daemon/ball_screw.h"
+#include "tests/daemon/http_client.h"
 #include "tests/daemon/stalled_thread.h"
 #include "tests/daemon/support.h"
 #include "tests/support/process.h"
@@ -155,6 +156,9 @@ TEST_F(ServotwindTest, WhatItCannotStartWithIsOneClearLine) {
       here_and({"--replay", directory_.path() / "none.csv"}),
       {"--store", directory_.path() / "file" / "store", "--domain", "94"},
       {"--store", directory_.path() / "store", "--machine", "a/b", "--http", "none"},
+      // Also where the page has its default address: TLS was asked for.
+      {"--store", directory_.path() / "store", "--domain", "94", "--config",
+       write("tls.toml", "[http]\ntls_certificate = 'file'\ntls_key = 'file'\n")},
   };
   for (const auto& arguments : cases) {
     const Ended ended = Daemon(arguments).wait();
@@ -280,9 +284,8 @@ TEST_P(HangupTest, TheConfigurationIsReadAgain) {
                       "[real_time]\npriority = 0\n");
   daemon.send(SIGHUP);
   ASSERT_TRUE(
-      daemon.says("identify.window_s = 9 (was 8); needs a restart: http.names = [ 'mill' ] "
-                  "(was its default), a new http.token, real_time.priority = 0 (was its "
-                  "default)\n"));
+      daemon.says("a new http.token, identify.window_s = 9 (was 8); needs a restart: http.names = "
+                  "[ 'mill' ] (was its default), real_time.priority = 0 (was its default)\n"));
   EXPECT_THAT(manager.next(), testing::MatchesRegex("RELOADING=1\nMONOTONIC_USEC=[0-9]+"));
   EXPECT_EQ(manager.next(), "READY=1");
   write("m.toml", text + "'nine'\nwindow = 1\n");
@@ -296,6 +299,55 @@ TEST_P(HangupTest, TheConfigurationIsReadAgain) {
 }
 INSTANTIATE_TEST_SUITE_P(RunningAndWaiting, HangupTest,
                          testing::Values("[[axis]]\nname = 'X'\n", "\n\n"));
+
+TEST_P(HangupTest, AKeyOfVeryManyPartsIsRefusedAndTheDaemonRunsOn) {
+  const NotifySocket manager(directory_.path() / "notify");
+  const std::string file = write("m.toml", GetParam());
+  Daemon daemon(here_and({"--config", file}));
+  ASSERT_EQ(manager.next(), "READY=1");
+  std::string key = "a";
+  for (int i = 1; i < 20'000; ++i) key += ".a";
+  write("m.toml", GetParam() + key + " = 1\n");
+  daemon.send(SIGHUP);
+  ASSERT_TRUE(daemon.says("the new configuration is refused; the previous one stays in force"));
+  EXPECT_THAT(daemon.said(), HasSubstr("m.toml:3:64: a key has more than 32 parts"));
+  write("m.toml", GetParam() + "[identify]\nwindow_s = 9\n");
+  daemon.send(SIGHUP);
+  EXPECT_TRUE(daemon.says("identify.window_s = 9"));
+  EXPECT_EQ(daemon.wait_after(SIGTERM).status, 0);
+}
+
+TEST_P(HangupTest, ANewTokenInItsFileIsNeededAtOnce) {
+  const auto disarm = [](std::uint16_t port, const std::string& token) {
+    return ask(port, "POST", "/api/v1/offsets/disarm", "Authorization: Bearer " + token + "\r\n")
+        .status;
+  };
+  const NotifySocket manager(directory_.path() / "notify");
+  write("token", "the first token of all\n");
+  const std::string file = write("m.toml", GetParam() + "[http]\ntoken_file = 'token'\n");
+  std::vector<std::string> arguments = here("127.0.0.1:0");
+  arguments.insert(arguments.end(), {"--config", file});
+  Daemon daemon(arguments);
+  ASSERT_EQ(manager.next(), "READY=1");
+  ASSERT_TRUE(daemon.says("page at http://127.0.0.1:"));
+  const auto port =
+      static_cast<std::uint16_t>(std::stoi(daemon.said_after("page at http://127.0.0.1:")));
+  EXPECT_EQ(disarm(port, "the second token of all"), 401);
+  EXPECT_NE(disarm(port, "the first token of all"), 401);
+  write("token", "the second token of all\n");
+  daemon.send(SIGHUP);
+  ASSERT_TRUE(daemon.says("configuration read again: a new http.token\n"));
+  EXPECT_NE(disarm(port, "the second token of all"), 401);
+  EXPECT_EQ(disarm(port, "the first token of all"), 401);
+  write("token", "short\n");
+  daemon.send(SIGHUP);
+  ASSERT_TRUE(daemon.says("the new configuration is refused"));
+  EXPECT_NE(disarm(port, "the second token of all"), 401);
+  const Ended ended = daemon.wait_after(SIGTERM);
+  EXPECT_EQ(ended.status, 0);
+  EXPECT_THAT(ended.said, HasSubstr("token: is too short: a token has 16 to 256 characters"));
+  EXPECT_THAT(ended.said, testing::Not(HasSubstr("of all")));
+}
 
 // Many SIGHUPs while a recording is replayed: no frame is lost.
 TEST_F(ServotwindTest, ReadingTheConfigurationAgainLosesNoSample) {

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
-#include <limits>
 #include <memory>
 
 #include "daemon/store/report_file.h"
@@ -14,54 +13,13 @@
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/prometheus_text.h"
 #include "tests/daemon/support.h"
+#include "tests/daemon/web/http_fixture.h"
 
 namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
 using testing::Not;
-
-constexpr const char* kToken = "a token of the test";
-
-class HttpTest : public testing::Test {
- protected:
-  HttpTest() : store_(directory_.path(), "mill"), events_(store_, said_) { start(); }
-  void start() {
-    HttpConfig config;
-    config.listen = "127.0.0.1:0";
-    config.token = kToken;
-    config.names = {"cell3.example"};
-    web_ = std::make_unique<WebService>(config, "mill", store_);
-    port_ = static_cast<std::uint16_t>(std::stoi(web_->url().substr(17)));
-  }
-  /// From now on there is a machine with an axis X.
-  void show() {
-    watch_ = std::make_unique<ResidualWatch>(machine_, DiagnoseConfig{}, events_);
-    shown_ = std::make_unique<WebService::Shown>(*web_, machine_, counters_, published_, *watch_,
-                                                 &arming_);
-  }
-  void promote(const std::string& reason) {
-    ModelRecord record = record_of(drive());
-    store_.promote(record, {"2026-01-31T12:00:00.000Z", "X", "model_promoted", reason, ""});
-  }
-  [[nodiscard]] HttpAnswer get(const std::string& target) const {
-    return ask(port_, "GET", target);
-  }
-
-  TemporaryDirectory directory_;
-  Store store_;
-  std::ostringstream said_;
-  EventLog events_;
-  MachineDescription machine_ = one_axis();
-  LoopCounters counters_;
-  Histogram published_;
-  std::atomic<bool> armed_{false};
-  Arming arming_{true, armed_, events_};
-  std::unique_ptr<ResidualWatch> watch_;
-  std::unique_ptr<WebService> web_;
-  std::unique_ptr<WebService::Shown> shown_;
-  std::uint16_t port_ = 0;
-};
 
 TEST_F(HttpTest, ThePageIsServedWithAllItsFilesAndNothingFromElsewhere) {
   const HttpAnswer page = get("/");
@@ -164,7 +122,7 @@ TEST_F(HttpTest, WhoChangesSomethingNeedsTheToken) {
 TEST_F(HttpTest, WithoutAConfiguredTokenNothingCanBeChanged) {
   HttpConfig config;
   config.listen = "127.0.0.1:0";
-  WebService other(config, "mill", store_);
+  WebService other(config, "mill", store_, events_);
   const auto port = static_cast<std::uint16_t>(std::stoi(other.url().substr(17)));
   const HttpAnswer answer = ask(port, "POST", "/api/v1/diagnoses/X", "Authorization: Bearer \r\n");
   EXPECT_EQ(answer.status, 403);
@@ -351,7 +309,7 @@ TEST_F(HttpTest, AStreamTellsWhatThePublisherPublishes) {
 
 TEST_F(HttpTest, ThereAreNotMoreStreamsThanAreServed) {
   std::vector<std::unique_ptr<HttpConnection>> streams;
-  for (unsigned i = 0; i < HttpServer::kMaxStreams; ++i) {
+  for (unsigned i = 0; i < Callers::kMaxStreams; ++i) {
     streams.push_back(std::make_unique<HttpConnection>(port_));
     streams.back()->send("GET /api/v1/stream HTTP/1.1\r\nHost: localhost\r\n\r\n");
     ASSERT_TRUE(streams.back()->has_sent("200 OK"));
