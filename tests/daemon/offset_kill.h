@@ -88,24 +88,24 @@ class OffsetKill : public testing::Test {
       int status = 0;
       ASSERT_EQ(waitpid(running->id(), &status, WUNTRACED), running->id());
       cycle(path_at(k++));  // what it had sent before has come
-      const long sent_before = offsets_;
       double before = added(path_at(k - 1));
       ASSERT_GT(std::abs(before), 0.1 * kPeak) << "nothing is at stake";
-      // The drive ramps the offset out. Until it has, nothing comes; the next run begins from 0.
-      bool has = true;
+      // After a short pause the drive still has the offset. Otherwise it ramps it out: until it
+      // has, nothing comes, and the next run begins from 0.
+      bool ramps = pause_s > VirtualDrive::kOffsetValidity_s;
       for (int after = 0; k < cycles(kPath_s); ++after, ++k) {
+        SCOPED_TRACE(std::to_string(after) + " cycles after it stood still");
         if (after == cycles(pause_s)) running->send(SIGCONT);
+        const long sent = offsets_;
         cycle(path_at(k));
         const double now = added(path_at(k));
-        EXPECT_LE(std::abs(now - before), (has ? ramp_step() : 3.0 * kRate * cycle_s_) + kSteps)
-            << after << " cycles after it stood still";
-        if (has) {
-          EXPECT_EQ(offsets_, sent_before) << after << " cycles after it stood still";
-        }
-        has = has && std::abs(now) > 1.1e-8;
+        EXPECT_LE(std::abs(now - before), (ramps ? ramp_step() : 3.0 * kRate * cycle_s_) + kSteps);
+        // On a busy host two may come in a cycle of the drive; all of a pause would be more.
+        EXPECT_LE(offsets_ - sent, ramps ? 0 : 2);
+        ramps = ramps && std::abs(now) > 1.1e-8;
         before = now;
       }
-      EXPECT_FALSE(has);
+      EXPECT_FALSE(ramps);
       for (k = 0; k < cycles(1.0); ++k) cycle(0.0);
     }
     int k = 0;

@@ -32,7 +32,7 @@ class UdpOffsetKill : public OffsetKill {
 TEST_F(UdpOffsetKill, ADriveRampsOutWhatADaemonThatWasKilledHasLeft) { end_it(SIGKILL); }
 
 TEST_F(UdpOffsetKill, ADriveFeelsNoJumpAndNothingStaleWhenTheDaemonStoodStill) {
-  pause_it_and_watch_the_drive(std::move(udp_), source_, kCycle_s, {0.06, 0.1});
+  pause_it_and_watch_the_drive(std::move(udp_), source_, kCycle_s, {0.008, 0.06, 0.1});
 }
 
 TEST_F(UdpOffsetKill, IsNotArmedWhereTheMappingDoesNotSayWhatTheDriveDoes) {
