@@ -100,7 +100,7 @@ int listening_socket(const ListenAddress& address, std::uint16_t& port) {
   if (socket < 0) fail(socket);
   const int yes = 1;  // after a restart the old connections still linger
   setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
-  if (bind(socket, place, length) != 0 || listen(socket, 64) != 0) fail(socket);
+  if (bind(socket, place, length) != 0 || listen(socket, SOMAXCONN) != 0) fail(socket);
   if (getsockname(socket, place, &length) != 0) fail(socket);
   port = ntohs(address.ipv6 ? six.sin6_port : four.sin_port);
   return socket;

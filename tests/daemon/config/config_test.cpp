@@ -327,6 +327,8 @@ TEST(Config, AKeyOfVeryManyPartsIsRefusedWithItsPlace) {
   EXPECT_THAT(problem_of("\n[" + key + "]\nx = 1\n"), HasSubstr("m.toml:2:65" + rule));
   EXPECT_THAT(problem_of("[[" + key + "]]\nx = 1\n"), HasSubstr(rule));
   EXPECT_THAT(problem_of("x = { " + key + " = 1 }\n"), HasSubstr(rule));
+  EXPECT_THAT(problem_of("x = [\"\"\"a\"\"\"\", { " + key + " = 1 }]\n"), HasSubstr(rule))
+      << "a quote before the last three belongs to the text";
   EXPECT_THAT(problem_of(key_of(20'000, "\"a.b\"") + " = 1\n"), HasSubstr(rule));
   EXPECT_THAT(problem_of(key_of(20'000, " a ") + " = 1\n"), HasSubstr(rule));
 }
