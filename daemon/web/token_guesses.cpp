@@ -1,6 +1,7 @@
 #include "daemon/web/token_guesses.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace servotwin::daemon {
 
