@@ -24,6 +24,16 @@ double rms_of(const Eigen::VectorXd& left) {
   return std::sqrt(left.squaredNorm() / std::max<double>(1.0, static_cast<double>(left.size())));
 }
 
+/// RMS of the white part, from third differences: motion and its friction are much slower, noise
+/// that the drive has filtered is underestimated.
+double white_part_of(const Eigen::VectorXd& left) {
+  const Eigen::Index n = left.size() - 3;
+  if (n < 1) return kAbsent;
+  const Eigen::VectorXd third =
+      left.tail(n) - 3.0 * left.segment(2, n) + 3.0 * left.segment(1, n) - left.head(n);
+  return rms_of(third) / std::sqrt(20.0);
+}
+
 class TorqueConclusion {
  public:
   TorqueConclusion(const TorqueRows& rows, const TorqueBody& body, const TorqueSelected& selected,
@@ -42,6 +52,7 @@ class TorqueConclusion {
     if (out_.time.size() > 0) {
       out_.baseline_rms = rms_of(out_.left_before);
       out_.extended_rms = rms_of(out_.left_after);
+      out_.noise_rms = white_part_of(out_.left_after);
     }
     Eigen::Index column = body_.columns.cols();
     for (std::size_t i = 0; i < parts_.size(); ++i) {
@@ -207,6 +218,45 @@ class TorqueConclusion {
   Eigen::VectorXd theta_;  // of all columns
 };
 
+/// Whether all parameters are finite and possible: friction does not drive, and a mass is positive.
+bool plausible(const TorqueCause& cause) {
+  return std::all_of(cause.parameters.begin(), cause.parameters.end(), [](const auto& parameter) {
+    const auto& [name, value] = parameter;
+    if (name == "over_coulomb") return !(value < 0.0);  // absent without Coulomb friction
+    if (name == "ratio") return std::isfinite(value) && value > 0.0;
+    const bool friction = name.starts_with("coulomb_plus") || name.starts_with("coulomb_minus");
+    return std::isfinite(value) && !(friction && value < 0.0);
+  });
+}
+
+TorqueDoubt doubt_of(const TorqueCause& cause) {
+  if (!plausible(cause)) return TorqueDoubt::kParameters;
+  if (!(cause.gain.low > 0.0)) return TorqueDoubt::kGain;
+  return TorqueDoubt::kNone;
+}
+
+/// Fills in the causes that held-out data confirm, and their figures. A cause without a gain there
+/// is taken out of the model and becomes suspected, the one with the least gain first: what it
+/// imitated may then belong to another cause.
+void conclude(const TorqueRows& rows, const TorqueBody& body, TorqueSelected selected,
+              TorqueDiagnosis& out) {
+  for (;;) {
+    out.causes.clear();
+    TorqueConclusion(rows, body, selected, out).run();
+    TorqueCause* least = nullptr;
+    for (TorqueCause& cause : out.causes) {
+      cause.doubt = doubt_of(cause);
+      if (cause.doubt == TorqueDoubt::kNone) continue;
+      if (least == nullptr || !(cause.gain.low >= least->gain.low)) least = &cause;
+    }
+    if (least == nullptr) return;
+    const auto part = std::find_if(selected.parts.begin(), selected.parts.end(),
+                                   [&](const TorquePart& one) { return one.id == least->id; });
+    selected.parts.erase(part);
+    out.suspected.push_back(std::move(*least));
+  }
+}
+
 }  // namespace
 
 bool without_command(Recording& recording, std::string_view name) {
@@ -240,7 +290,7 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   if (!has_torque(axis))
     throw std::runtime_error(axis.axis + ": the recording has no torque of this axis");
   TorqueRows rows(axis, options.identify.training_share, commanded);
-  const TorqueBody body = body_of(rows);
+  const TorqueBody body = body_of(rows, axis.rotary);
   const TorqueSelected selected = select_torque_causes(
       rows, body, options, commanded && Channels(axis.segments).rests, axis.rotary);
   TorqueDiagnosis out;
@@ -252,16 +302,27 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   out.mass = body.mass;
   out.coulomb = body.coulomb;
   out.viscous = body.viscous;
+  out.gravity = body.gravity;
+  out.gravity_at_rad = body.gravity_at;
   out.training_to_s = rows.training_to_s();
   out.plateau = selected.plateau;
   out.steps = selected.steps;
-  TorqueConclusion(rows, body, selected, out).run();
+  conclude(rows, body, selected, out);
   const auto unsure = std::stable_partition(
       out.causes.begin(), out.causes.end(),
       [](const TorqueCause& c) { return c.confidence >= kNamed || !c.ambiguous_with.empty(); });
-  out.suspected.assign(unsure, out.causes.end());
+  for (auto cause = unsure; cause != out.causes.end(); ++cause)
+    cause->doubt = TorqueDoubt::kConfidence;
+  out.suspected.insert(out.suspected.begin(), unsure, out.causes.end());
   out.causes.erase(unsure, out.causes.end());
   return out;
+}
+
+bool explained(const TorqueDiagnosis& torque) {
+  constexpr double kMaxShareLeft = 1.0 / 3.0;  // a ninth of the squared residual
+  constexpr double kMaxRmsOverNoise = 1.5;
+  return !torque.causes.empty() && (torque.extended_rms <= kMaxShareLeft * torque.baseline_rms ||
+                                    torque.extended_rms <= kMaxRmsOverNoise * torque.noise_rms);
 }
 
 void heed(const TorqueDiagnosis& torque, Diagnosis& diagnosis) {

@@ -40,6 +40,14 @@ struct Harmonic {
   double tracking_error = kAbsent;  ///< amplitude of the same period [m | rad]
 };
 
+/// What keeps a cause from being named.
+enum class TorqueDoubt {
+  kNone,
+  kConfidence,  ///< its confidence is below kNamed, and it has no rival
+  kGain,        ///< its gain on held-out data may be zero, or cannot be measured there
+  kParameters   ///< a parameter is not finite or not possible
+};
+
 struct TorqueCause {
   std::string id;                                          ///< of the contract
   std::vector<std::pair<std::string, double>> parameters;  ///< keys of the contract
@@ -48,6 +56,7 @@ struct TorqueCause {
   double confidence = 0.0;
   std::vector<std::string> ambiguous_with;
   Gain gain;  ///< on the hold-out, in the unit of the torque
+  TorqueDoubt doubt = TorqueDoubt::kNone;
 };
 
 struct TorqueDiagnosis {
@@ -57,10 +66,15 @@ struct TorqueDiagnosis {
   /// The recorded torque has the opposite sign to the position: a positive one drives backwards.
   bool opposite = false;
   double mass = 0.0, coulomb = 0.0, viscous = 0.0;  ///< of the baseline
+  /// Of a load that swings with a rotary axis: its largest torque, and the angle where it acts.
+  double gravity = 0.0, gravity_at_rad = 0.0;
   double training_to_s = 0.0;
   double baseline_rms = kAbsent, extended_rms = kAbsent;  ///< on the hold-out
+  double noise_rms = kAbsent;  ///< white part of the residual of the extended model there
   std::vector<TorqueCause> causes;
-  std::vector<TorqueCause> suspected;  ///< confidence below kNamed and no rival: not named
+  /// Not named, for the reason in `doubt`. Those with a doubtful gain or impossible parameters are
+  /// not part of the extended model.
+  std::vector<TorqueCause> suspected;
   Plateau plateau;
   std::vector<std::string> steps;  ///< of the search, as text
   /// The hold-out: time [s], position, torque, and the residuals of baseline and extended model.
@@ -80,6 +94,10 @@ struct TorqueDiagnosis {
 [[nodiscard]] TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis,
                                               const DiagnoseOptions& options = {},
                                               bool commanded = true);
+
+/// Whether the named causes explain the torque: at most a third of the RMS of the rigid body is
+/// left, or little more than the white noise.
+[[nodiscard]] bool explained(const TorqueDiagnosis& torque);
 
 /// Removes the causes that the torque names from the suspected and from the not observable ones.
 void heed(const TorqueDiagnosis& torque, Diagnosis& diagnosis);

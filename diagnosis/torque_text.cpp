@@ -30,9 +30,34 @@ json harmonics_of(const TorqueDiagnosis& torque, const TorqueCause& cause) {
   return out;
 }
 
+std::string doubt_text(const TorqueCause& cause) {
+  if (cause.doubt == TorqueDoubt::kParameters)
+    return "not confirmed: the fit gives it impossible parameters";
+  if (cause.doubt == TorqueDoubt::kGain) {
+    return std::isfinite(cause.gain.low)
+               ? text("not confirmed: its gain on held-out data is %.2g to %.2g", cause.gain.low,
+                      cause.gain.high)
+               : std::string("not confirmed: too little held-out data");
+  }
+  return text("confidence %.0f %%, too low to name it", 100.0 * cause.confidence);
+}
+
+const char* key_of(TorqueDoubt doubt) {
+  switch (doubt) {
+    case TorqueDoubt::kConfidence:
+      return "confidence";
+    case TorqueDoubt::kGain:
+      return "holdout_gain";
+    case TorqueDoubt::kParameters:
+      return "parameters";
+    case TorqueDoubt::kNone:
+      break;
+  }
+  return "none";
+}
+
 std::string suspected_of(const TorqueCause& cause) {
-  std::string out = text("suspected   by torque %s: confidence %.0f %%, too low to name it",
-                         cause.id.c_str(), 100.0 * cause.confidence);
+  std::string out = "suspected   by torque " + cause.id + ": " + doubt_text(cause);
   for (const std::string& rival : cause.ambiguous_with) out += ", or " + rival;
   return out;
 }
@@ -44,13 +69,17 @@ std::string verdict_of(const TorqueDiagnosis& torque) {
     return "nothing significant: the residual of the rigid body on held-out data is " + left;
   return text("%zu cause%s named: the residual on held-out data is %.3g %s RMS instead of %s", n,
               n == 1 ? "" : "s", torque.extended_rms, torque.unit.c_str(),
-              text("%.3g", torque.baseline_rms).c_str());
+              text("%.3g", torque.baseline_rms).c_str()) +
+         (explained(torque) ? "" : "; the rest is not explained");
 }
 
 std::string body_of(const TorqueDiagnosis& torque) {
   const char *unit = torque.unit.c_str(), *length = torque.rotary ? "rad" : "m";
   return text("mass %.4g %s s^2/%s, Coulomb %.4g %s, viscous %.4g %s s/%s", torque.mass, unit,
-              length, torque.coulomb, unit, torque.viscous, unit, length);
+              length, torque.coulomb, unit, torque.viscous, unit, length) +
+         (torque.gravity > 0.0
+              ? text(", gravity %.4g %s at %.3g rad", torque.gravity, unit, torque.gravity_at_rad)
+              : "");
 }
 
 const char* kAgainst =
@@ -156,9 +185,10 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
   for (const TorqueCause& cause : torque.suspected)
     file["suspected"].push_back({{"id", cause.id},
                                  {"confidence", cause.confidence},
-                                 {"ambiguous_with", cause.ambiguous_with}});
+                                 {"ambiguous_with", cause.ambiguous_with},
+                                 {"doubt", key_of(cause.doubt)}});
   if (!torque.causes.empty() && file["verdict"] == "nothing_significant")
-    file["verdict"] = "explained";
+    file["verdict"] = explained(torque) ? "explained" : "unexplained";
   file["torque"] = {{"unit", torque.unit},
                     {"counts_against_position", torque.opposite},
                     {"training_to_s", torque.training_to_s},
@@ -166,7 +196,9 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                      {{"rms_" + unit, number_or_null(torque.baseline_rms)},
                       {"mass", torque.mass},
                       {"coulomb_" + unit, torque.coulomb},
-                      {"viscous", torque.viscous}}},
+                      {"viscous", torque.viscous},
+                      {"gravity_" + unit, torque.gravity},
+                      {"gravity_at_rad", torque.gravity_at_rad}}},
                     {"extended", {{"rms_" + unit, number_or_null(torque.extended_rms)}}}};
 }
 

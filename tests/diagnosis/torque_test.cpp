@@ -46,6 +46,7 @@ struct Body {
   double noise = 0.5;
   std::uint64_t seed = 1;
   Eigen::Index samples = 20'000;  // 1 ms apart
+  double reach = 1.0;             // of the motion
 };
 
 /// Motion of three sines that does not repeat, with an additional force `more(x, v, t)`.
@@ -55,8 +56,9 @@ SegmentedAxis recorded(const Body& body, const More& more) {
   std::mt19937_64 random(body.seed);
   std::normal_distribution<double> noise(0.0, body.noise);
   std::uniform_real_distribution<double> any(0.8, 1.25);
-  const std::array<double, 3> amplitude{0.10 * any(random), 0.03 * any(random),
-                                        0.006 * any(random)};
+  const std::array<double, 3> amplitude{0.10 * body.reach * any(random),
+                                        0.03 * body.reach * any(random),
+                                        0.006 * body.reach * any(random)};
   const std::array<double, 3> hz{0.23 * any(random), 0.71 * any(random), 2.3 * any(random)};
   SegmentedAxis out;
   out.axis = "X";
@@ -128,6 +130,37 @@ TEST(Torque, NamesAConstantForceInTheRecordsOwnSign) {
   EXPECT_TRUE(against.opposite);
   EXPECT_NEAR(value(against, "gravity_offset", "offset_n"), -60.0, 0.2);
   EXPECT_GT(against.mass, 0.0);
+}
+
+TEST(Torque, TheGravityOfALoadThatSwingsBelongsToTheBody) {
+  constexpr double kLargestAt_rad = 0.7;
+  SegmentedAxis axis =
+      recorded({.mass = 9.0, .coulomb = 2.0, .viscous = 3.0, .noise = 0.3, .reach = 12.0},
+               [](double x, double, double) { return 25.0 * std::cos(x - kLargestAt_rad); });
+  axis.torque_unit = "Nm";
+  axis.rotary = true;
+  const TorqueDiagnosis diagnosis = diagnose_torque(axis);
+  EXPECT_THAT(ids(diagnosis), IsEmpty()) << testing::PrintToString(diagnosis.steps);
+  EXPECT_NEAR(diagnosis.gravity, 25.0, 0.25);
+  EXPECT_NEAR(diagnosis.gravity_at_rad, kLargestAt_rad, 0.01);
+  EXPECT_NEAR(diagnosis.mass, 9.0, 0.18);
+  EXPECT_NEAR(diagnosis.coulomb, 2.0, 0.1);
+  EXPECT_NEAR(diagnosis.extended_rms, 0.3, 0.15);
+}
+
+// A ripple that is gone after half of the recording is in the training data only.
+TEST(Torque, ACauseThatHeldOutDataDoNotConfirmIsNotNamed) {
+  const auto ripple = [](double x, double, double t) {
+    return t < 11.0 ? 6.0 * std::sin(2.0 * kPi * x / 5e-3) : 0.0;
+  };
+  const TorqueDiagnosis diagnosis = diagnose_torque(recorded({}, ripple));
+  EXPECT_THAT(ids(diagnosis), Not(Contains("cogging")));
+  const auto cogging = std::find_if(diagnosis.suspected.begin(), diagnosis.suspected.end(),
+                                    [](const TorqueCause& c) { return c.id == "cogging"; });
+  ASSERT_NE(cogging, diagnosis.suspected.end()) << testing::PrintToString(diagnosis.steps);
+  EXPECT_EQ(cogging->doubt, TorqueDoubt::kGain);
+  EXPECT_LT(cogging->gain.low, 0.0);
+  EXPECT_LE(diagnosis.extended_rms, diagnosis.baseline_rms);
 }
 
 TEST(Torque, NamesUnlikeDirections) {
@@ -284,10 +317,11 @@ TEST(TorqueFile, ACauseOfBothHasTheEvidenceOfBoth) {
 }
 
 SegmentedAxis read(const std::filesystem::path& file, const std::string& axis,
-                   const std::string& columns, double from_s = 0.0) {
+                   const std::string& columns, double from_s = 0.0, double to_s = 1e9) {
   ReadOptions options;
   options.columns = columns;
   options.from_s = from_s;
+  options.to_s = to_s;
   Recording recording = read_recording(file, options);
   (void)without_command(recording, axis);
   return segment_axis(recording, axis);
@@ -322,6 +356,20 @@ TEST(RealTorque, SinumerikAxisY1HoldsAConstantForce) {
   EXPECT_GT(value(diagnosis, "gravity_offset", "over_coulomb"), 5.0);
   EXPECT_THAT(diagnosis.causes.front().ambiguous_with, IsEmpty());
   EXPECT_GT(diagnosis.causes.front().gain.low, 0.0);
+}
+
+// A joint of a UR10e: about 10.7 A of gravity times -cos(angle), inertia 0.92 A s^2/rad and 1.38 A
+// of Coulomb friction, with which 0.30 A are left.
+TEST(RealTorque, AJointThatSwingsHasItsGravity) {
+  SERVOTWIN_REAL_DATA(file, "field_joints/ur10e_joint2.csv");
+  const TorqueDiagnosis diagnosis = diagnose_torque(
+      read(file, "J", "time=t[s],J.actual=q2[rad],J.torque=i2[A]", 0.0, 60.0), {}, false);
+  EXPECT_NEAR(diagnosis.gravity, 10.7, 0.2);
+  EXPECT_NEAR(std::abs(diagnosis.gravity_at_rad), kPi, 0.1);
+  EXPECT_NEAR(diagnosis.mass, 0.92, 0.1);
+  EXPECT_NEAR(diagnosis.coulomb, 1.38, 0.1);
+  EXPECT_LT(diagnosis.baseline_rms, 0.35);
+  EXPECT_THAT(ids(diagnosis), Not(Contains("gravity_offset")));
 }
 
 // Published: 167 and 240 N s/m, 20.1 and 20.6 N, a ripple of 1.08 N at 2.5 mm, friction that
