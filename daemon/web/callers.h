@@ -30,6 +30,7 @@ struct Caller {
   std::string address;  ///< "192.168.7.9", "2001:db8:0:1::/64"
   bool local = false;   ///< on this host
   Phase phase = Phase::kRequest;
+  std::int64_t hold_ns = 0;   ///< in kHeld: for how long; 0: until others have been served
   std::int64_t since_ns = 0;  ///< begin of the phase; of a stream, when it last took something
   bool dropped = false;       ///< its connection is being closed
   bool suspended = false;     ///< nothing is read from it or sent to it

@@ -27,6 +27,9 @@ constexpr unsigned kMaxConnections = 2 * (Callers::kMax + Callers::kMaxStreams);
 
 constexpr int kMaxClosingPolls = 10;
 
+// Of a turn, for requests that read: as long as the thread waits for the network otherwise.
+constexpr std::int64_t kReading_ns = 20'000'000;
+
 // TLS 1.2 and 1.3 only.
 constexpr const char* kTlsPriorities = "NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2";
 
@@ -211,7 +214,9 @@ HttpServer::~HttpServer() {
 
 void HttpServer::poll(int timeout_ms) {
   MHD_run_wait(daemon_, timeout_ms);
-  keep_deadlines(steady_ns());
+  const std::int64_t now_ns = steady_ns();
+  keep_deadlines(now_ns);
+  resume_held(now_ns);
 }
 
 void HttpServer::send(std::string_view event, std::string_view json) {
@@ -245,12 +250,24 @@ void HttpServer::drop(Caller& caller) {
 void HttpServer::keep_deadlines(std::int64_t now_ns) {
   for (Caller& caller : callers_) {
     if (caller.dropped) continue;
-    if (caller.phase == Caller::Phase::kHeld && now_ns - caller.since_ns >= TokenGuesses::kHold_ns)
-      resume(caller);
     if (!Callers::is_overdue(caller, now_ns)) continue;
     if (caller.phase == Caller::Phase::kStream) ++slow_;
     drop(caller);
   }
+}
+
+void HttpServer::resume_held(std::int64_t now_ns) {
+  reading_ns_ = 0;
+  Caller* next = nullptr;  // of those that read
+  for (Caller& caller : callers_) {
+    if (caller.phase != Caller::Phase::kHeld || !caller.suspended) continue;
+    if (caller.hold_ns == 0) {
+      if (next == nullptr || caller.since_ns < next->since_ns) next = &caller;
+    } else if (now_ns - caller.since_ns >= caller.hold_ns) {
+      resume(caller);
+    }
+  }
+  if (next != nullptr) resume(*next);
 }
 
 std::optional<HttpResponse> HttpServer::refusal(Caller& caller, const HttpRequest& request,
@@ -272,15 +289,15 @@ int HttpServer::answer(Caller& caller, const HttpRequest& request) {
   if (const auto refused = refusal(caller, request, false)) return respond(caller, *refused);
   const std::int64_t now_ns = steady_ns();
   const bool has_token = !request.authorization.empty();
-  if (has_token && caller.phase != Caller::Phase::kHeld &&
-      guesses_.must_wait(caller.address, now_ns)) {
-    caller.enter(Caller::Phase::kHeld, now_ns);
-    caller.suspended = true;
-    MHD_suspend_connection(caller.connection);
-    return MHD_YES;  // it is asked again when the connection is resumed
+  const bool reads = request.method != "POST";
+  if (caller.phase != Caller::Phase::kHeld) {
+    if (has_token && guesses_.must_wait(caller.address, now_ns))
+      return hold(caller, TokenGuesses::kHold_ns, now_ns);
+    if (reads && reading_ns_ > kReading_ns) return hold(caller, 0, now_ns);
   }
   caller.enter(Caller::Phase::kAnswer, now_ns);
   HttpResponse response = handler_(request);
+  if (reads) reading_ns_ += steady_ns() - now_ns;
   if (response.status == 401 && has_token) {
     if (const auto message = guesses_.add(caller.address, now_ns); message && warn_)
       warn_(*message);
@@ -290,6 +307,14 @@ int HttpServer::answer(Caller& caller, const HttpRequest& request) {
     return respond(caller, http_error(503, "there are " + std::to_string(Callers::kMaxStreams) +
                                                " live streams already; no more are served"));
   return open_stream(caller);
+}
+
+int HttpServer::hold(Caller& caller, std::int64_t hold_ns, std::int64_t now_ns) {
+  caller.enter(Caller::Phase::kHeld, now_ns);
+  caller.hold_ns = hold_ns;
+  caller.suspended = true;
+  MHD_suspend_connection(caller.connection);
+  return MHD_YES;  // the request comes again when the connection is resumed
 }
 
 int HttpServer::respond(Caller& caller, const HttpResponse& response) {

@@ -5,8 +5,10 @@
 // Refused before an endpoint sees them are methods other than GET, HEAD and POST, requests that
 // announce a body (without reading it), and a Host field that is neither an IP address, localhost,
 // this host nor one of `names` (protection against DNS rebinding). Requests with a token from an
-// address that has sent wrong ones are held (token_guesses.h). Every response has headers that
-// restrict what a browser may do with it.
+// address that has sent wrong ones are held (token_guesses.h). Requests that read (GET, HEAD) share
+// a part of every turn; where that is used up, one of them is answered a turn, in their order, so
+// that many large answers do not delay a change. Every response has headers that restrict what a
+// browser may do with it.
 //
 // Errors: the constructor throws CannotListen. One thread.
 #pragma once
@@ -73,9 +75,11 @@ class HttpServer {
   void resume(Caller& caller);
   void drop(Caller& caller);
   void keep_deadlines(std::int64_t now_ns);
+  void resume_held(std::int64_t now_ns);
   [[nodiscard]] std::optional<HttpResponse> refusal(Caller& caller, const HttpRequest& request,
                                                     bool has_body) const;
   int answer(Caller& caller, const HttpRequest& request);
+  int hold(Caller& caller, std::int64_t hold_ns, std::int64_t now_ns);
   int respond(Caller& caller, const HttpResponse& response);
   int open_stream(Caller& caller);
   std::int64_t read_stream(Caller& caller, char* to, std::size_t room);
@@ -87,6 +91,7 @@ class HttpServer {
   EventStream stream_;
   Callers callers_;
   TokenGuesses guesses_;
+  std::int64_t reading_ns_ = 0;  // time spent on requests that read, in this turn
   std::uint64_t slow_ = 0;
   bool closing_ = false;
   MHD_Daemon* daemon_ = nullptr;

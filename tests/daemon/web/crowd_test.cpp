@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdio>
 #include <memory>
+#include <thread>
 #include <vector>
 
 #include "daemon/web/http_server.h"
@@ -123,6 +124,32 @@ TEST_F(CrowdTest, TheServiceEndsWhileAnAnswerIsHeld) {
   EXPECT_EQ(get("/api/v1/status").status, 200);  // by then the request has been read
   web_.reset();
   EXPECT_THAT(held.rest(), Not(HasSubstr("200 OK")));
+}
+
+TEST(HttpServer, ManyLargeAnswersDoNotDelayAChange) {
+  constexpr int kReaders = 40;
+  int read = 0, changed = 0;
+  HttpServer server({"127.0.0.1", 0, false}, {}, [&](const HttpRequest& request) {
+    if (request.method == "POST") {
+      ++changed;
+      return HttpResponse{};
+    }
+    ++read;
+    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+    return HttpResponse{};
+  });
+  Connections connections;
+  for (int i = 0; i <= kReaders; ++i) {
+    connections.push_back(std::make_unique<HttpConnection>(server.address().port));
+    // A header field does not make a change of it.
+    connections.back()->send((i < kReaders ? "GET" : "POST") +
+                             std::string(" / HTTP/1.1\r\nHost: localhost\r\nAuthorization: "
+                                         "Bearer x\r\n\r\n"));
+  }
+  while (changed == 0) server.poll(10);
+  EXPECT_LT(read, kReaders / 2) << "it came last";
+  for (int turn = 0; turn < 1000 && read < kReaders; ++turn) server.poll(10);
+  EXPECT_EQ(read, kReaders) << "all the others are answered as well";
 }
 
 TEST(LongHttpServer, ARequestByteByByteAndAStreamThatTakesNothingAreEnded) {
