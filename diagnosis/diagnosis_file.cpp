@@ -185,6 +185,7 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
 }
 
 std::string verdict_text(const Diagnosis& diagnosis) {
+  constexpr double kMaxRmsRatioOfImprovement = 0.995;  // less is not seen in three digits
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms,
                floor = 1e6 * diagnosis.baseline.noise_floor_rms;
@@ -216,6 +217,13 @@ std::string verdict_text(const Diagnosis& diagnosis) {
            noise + ")";
   switch (diagnosis.verdict) {
     case Verdict::kExplained:
+      // A delay that the identified model has already, or faults of the recording that are counted.
+      if (after > kMaxRmsRatioOfImprovement * before)
+        return text(
+                   "%zu cause%s named, which the identified model or the repair of the recording "
+                   "already accounts for: the simulation error on held-out data is %.3g %s RMS (",
+                   count, plural, after, unit) +
+               noise + ")";
       return text(
                  "%zu cause%s named: the simulation error on held-out data is %.3g %s RMS instead "
                  "of %.3g (",

@@ -34,5 +34,21 @@ TEST(DiagnosisFile, WithoutAnIntegratorNothingIsSaidOfItsReset) {
   EXPECT_TRUE(parameters["reset"].is_null());
 }
 
+TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
+  Diagnosis diagnosis;
+  diagnosis.verdict = Verdict::kExplained;
+  diagnosis.causes.resize(2);
+  diagnosis.baseline.noise_floor_rms = 1.3e-7;
+  diagnosis.baseline.holdout.rms = diagnosis.extended.holdout.rms = 7.33e-7;
+  EXPECT_EQ(
+      verdict_text(diagnosis),
+      "2 causes named, which the identified model or the repair of the recording already "
+      "accounts for: the simulation error on held-out data is 0.733 um RMS (noise floor 0.13)");
+  diagnosis.extended.holdout.rms = 3e-7;
+  EXPECT_EQ(verdict_text(diagnosis),
+            "2 causes named: the simulation error on held-out data is 0.3 um RMS instead of 0.733 "
+            "(noise floor 0.13)");
+}
+
 }  // namespace
 }  // namespace servotwin
