@@ -132,6 +132,8 @@ std::int64_t Store::number_of(const std::string& sql) const {
   return statement.step("cannot be read") ? statement.number(0) : 0;
 }
 
+void Store::report_loss(const std::string& what) { lost_ += (lost_.empty() ? "" : "; ") + what; }
+
 void Store::note(const std::string& what) { noted_ += (noted_.empty() ? "" : "; ") + what; }
 
 Store::~Store() {

@@ -148,13 +148,15 @@ class Store {
   void migrate();
   /// Why the database cannot be used; empty if it can, or if the file is not an SQLite database
   /// (then opening it fails).
-  [[nodiscard]] std::string damage() const;
+  [[nodiscard]] std::string damage();
   void put_aside(const std::string& why);
   [[nodiscard]] std::filesystem::path aside() const;
   void drop_damaged_rows();
   void cite_anew();
   void restore_models();
   void complete_copies();
+  void keep_journal(std::ptrdiff_t unread);
+  void report_loss(const std::string& what);
   void note(const std::string& what);
   [[nodiscard]] std::filesystem::path copy_of(const std::string& machine,
                                               const std::string& axis) const;

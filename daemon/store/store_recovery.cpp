@@ -12,6 +12,7 @@
 #include "daemon/store/axis_file.h"
 #include "daemon/store/store_checksum.h"
 #include "daemon/store/store_statement.h"
+#include "daemon/store/write_ahead_log.h"
 #include "drivers/checksum.h"
 #include "drivers/file_handle.h"
 
@@ -103,7 +104,7 @@ std::string damage_within(sqlite3* database, const std::string& file) {
 
 }  // namespace
 
-std::string Store::damage() const {
+std::string Store::damage() {
   std::error_code error;
   const bool copies = std::filesystem::exists(directory_ / "models", error);
   if (!std::filesystem::exists(file_, error)) return copies ? "the database file is missing" : "";
@@ -130,18 +131,38 @@ std::string Store::damage() const {
   const bool journaled = std::filesystem::exists(journal) && !std::filesystem::is_empty(journal);
   if (!journaled && page != 0 && std::filesystem::file_size(file_) % page != 0)
     return "the database file is truncated within a page";
+  const std::vector<int> commits = commits_in_log(journal, page);
   sqlite3* database = nullptr;
   sqlite3_open_v2(file_.c_str(), &database, SQLITE_OPEN_READWRITE, nullptr);
   const std::unique_ptr<sqlite3, Close> closed(database);
   sqlite3_busy_timeout(database, kBusy_ms);
   add_row_crc32(database);
-  return damage_within(database, file_.string());
+  std::string why = damage_within(database, file_.string());
+  int read = 0;  // frames
+  if (why.empty() && !commits.empty() &&
+      sqlite3_wal_checkpoint_v2(database, nullptr, SQLITE_CHECKPOINT_PASSIVE, &read, nullptr) ==
+          SQLITE_OK &&
+      read < commits.back())
+    keep_journal(commits.end() - std::upper_bound(commits.begin(), commits.end(), read));
+  return why;
+}
+
+/// `unread`: transactions in the journal that SQLite does not read.
+void Store::keep_journal(std::ptrdiff_t unread) {
+  const std::string kept = aside().string() + "-wal";
+  std::filesystem::copy_file(file_.string() + "-wal", kept);
+  report_loss(
+      "the journal of the database was damaged, or the power failed while it was written: " +
+      std::to_string(unread) +
+      " of the last models, diagnoses and events are lost; the journal is kept as " + kept);
 }
 
 std::filesystem::path Store::aside() const {
   std::error_code error;
   std::filesystem::path name;
-  for (int i = 1; name.empty() || std::filesystem::exists(name, error); ++i)
+  for (int i = 1; name.empty() || std::filesystem::exists(name, error) ||
+                  std::filesystem::exists(name.string() + "-wal", error);
+       ++i)
     name = directory_ / ("servotwin.sqlite.damaged-" + std::to_string(i));
   return name;
 }
@@ -153,10 +174,10 @@ void Store::put_aside(const std::string& why) {
     const std::filesystem::path from = file_.string() + part;
     if (std::filesystem::exists(from, error)) std::filesystem::rename(from, kept.string() + part);
   }
-  lost_ =
+  report_loss(
       "the store was damaged (" + why +
       "): older models, diagnoses and events are lost; what is left of the database is kept as " +
-      kept.string();
+      kept.string());
 }
 
 /// Rows that do not have their checksums, in a database that is otherwise well.
@@ -175,8 +196,8 @@ void Store::drop_damaged_rows() {
     execute(std::string("DELETE FROM ") + table.name + " WHERE NOT (" + intact(table) + ")");
   cite_anew();
   transaction.commit();
-  lost_ = "the store was damaged (rows that do not match their checksums: " + rows +
-          "): these rows are lost; the database with them is kept as " + kept.string();
+  report_loss("the store was damaged (rows that do not match their checksums: " + rows +
+              "): these rows are lost; the database with them is kept as " + kept.string());
 }
 
 /// Without its citation a recording that a model cites would be deleted; the models name them, too.
@@ -265,8 +286,8 @@ void Store::complete_copies() {
             model_from_json(read_copy(copy, &checked)).version == rows.number(1) && checked)
           continue;
       } catch (const std::exception& error) {
-        lost_ += (lost_.empty() ? "" : "; ") + std::string(error.what()) +
-                 "; this copy of a model is written again from the database";
+        report_loss(std::string(error.what()) +
+                    "; this copy of a model is written again from the database");
       }
       std::filesystem::create_directories(copy.parent_path());
       AtomicFile file(copy);
