@@ -189,6 +189,7 @@ TEST_F(StoreBitFlip, InTheJournalIsReportedOrChangesNothing) {
   const fs::path journal = "servotwin.sqlite-wal";
   constexpr std::uintmax_t kLogHeader = 32, kFrame = 24 + 4096;  // bytes
   const std::uintmax_t bytes = fs::file_size(living_ / journal), last = bytes - kFrame;
+  std::string lost;
   const auto flip_one = [&](std::uintmax_t bit) {
     const fs::path copy = directory_.path() / "copy";
     fs::remove_all(copy);
@@ -199,7 +200,8 @@ TEST_F(StoreBitFlip, InTheJournalIsReportedOrChangesNothing) {
     {
       const Store store(copy, "mill");
       ASSERT_EQ(models_in_force(store), before_["in force"]) << bit << ": " << store.lost();
-      if (!store.lost().empty()) {
+      lost = store.lost();
+      if (!lost.empty()) {
         ++reported_;
       } else if (content(store) == before_) {
         ++unchanged_;
@@ -213,8 +215,10 @@ TEST_F(StoreBitFlip, InTheJournalIsReportedOrChangesNothing) {
   for (int i = 0; i < flips() && !HasFatalFailure(); ++i) flip_one(random() % (8 * bytes));
   std::printf("%s, %ju bytes: %d bits flipped, %d reported, %d without effect\n", journal.c_str(),
               bytes, flips(), reported_, unchanged_);
-  for (std::uintmax_t byte = 0; byte < kLogHeader && !HasFatalFailure(); ++byte)
+  for (std::uintmax_t byte = 0; byte < kLogHeader && !HasFatalFailure(); ++byte) {
     flip_one(8 * byte + byte % 8);
+    EXPECT_THAT(lost, HasSubstr("the journal of the database was damaged")) << byte;
+  }
 }
 
 // One bit of every byte of the header of the database, which the random ones of the file seldom
