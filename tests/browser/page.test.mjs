@@ -144,7 +144,7 @@ test("models and diagnoses come with their reasons and pictures", async () => {
   const other = await Daemon.start(program, { recordings, config });
   const { page, complaints } = await open(browser, `${other.url}#models`);
   try {
-    await shows(page, "#versions tbody", /in force.*model 1 is in force: leaves/);
+    await shows(page, "#versions tbody", /in force.*model 1 is in force: residual/);
     await other.says(/Y: model 1 is in force/);
     await page.getByRole("link", { name: "Live" }).click();
     await shows(page, "#contour", /by the daemon-?[\d.]+ µm/);
