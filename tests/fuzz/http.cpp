@@ -2,6 +2,8 @@
 // is changed or told without the token. What libmicrohttpd does before is done here as far as it
 // matters: lines, fields, percent signs; its own faults are not ours.
 //
+// Sources: daemon/store/store_access.cpp daemon/store/store_checksum.cpp
+// Sources: daemon/store/write_ahead_log.cpp drivers/checksum.cpp
 // Sources: daemon/web/api.cpp daemon/web/health.cpp daemon/web/http_message.cpp
 // Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/store/report_file.cpp
 // Sources: daemon/store/store.cpp daemon/store/store_recovery.cpp daemon/store/event_log.cpp
