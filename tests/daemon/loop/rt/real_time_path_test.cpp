@@ -160,17 +160,19 @@ TEST(RealTimePath, AllocatesNothingWithARecordingReplayed) {
   EXPECT_EQ(running.loop.counters().frames, 3000U);
 }
 
-/// Two axes that stand, run a program, stand; three times, the last one with a pause in it. In real
-/// time: an offset is sent once per cycle.
+/// Two axes that stand, run a program, stand; every third time with a pause in it. In real time: an
+/// offset is sent once per cycle. A host that pauses this thread makes frames late, and a program
+/// that begins with a late frame is let pass: they repeat it until `enough`, 30 times at most.
 class Repeating final : public FrameSource {
  public:
-  explicit Repeating(const CommandedPath& program) : program_(program) {}
+  Repeating(const CommandedPath& program, std::function<bool()> enough)
+      : program_(program), enough_(std::move(enough)) {}
   Received receive(MachineFrame& frame, double) noexcept override {
     const Eigen::Index rows = program_.rows(), whole = rows + 500;
     const auto k = static_cast<Eigen::Index>(k_);
-    if (k >= 3 * whole) return Received::kEnd;
+    if (k % (3 * whole) == 0 && (enough_() || k >= 30 * whole)) return Received::kEnd;
     Eigen::Index row = std::max<Eigen::Index>(k % whole - 250, 0);
-    if (k >= 2 * whole) row = std::min<Eigen::Index>(row, rows / 2);
+    if (k / whole % 3 == 2) row = std::min<Eigen::Index>(row, rows / 2);
     row = std::min(row, rows - 1);
     std::this_thread::sleep_until(start_ + std::chrono::milliseconds(k_));
     frame.sequence = ++k_;
@@ -189,6 +191,7 @@ class Repeating final : public FrameSource {
 
  private:
   const CommandedPath& program_;
+  std::function<bool()> enough_;
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::uint64_t k_ = 0;
   double sent_ = 0.0;
@@ -231,10 +234,10 @@ TEST(RealTimePath, AllocatesNothingWhileCorrectionsAreGivenBack) {
   Running running(2);
   for (auto& model : running.models) model.publish(in_force(drive(), 1));
   running.loop.give_back(offsets, said);
-  Repeating machine(learned->program);
+  Repeating machine(learned->program, [&] { return hand_over.runs.waiting() >= 3; });
   EXPECT_EQ(running.run(machine), kNone);
   EXPECT_GT(machine.sent(), 5e-5) << "offsets were given back";
-  EXPECT_EQ(hand_over.runs.waiting(), 3U);
+  EXPECT_GE(hand_over.runs.waiting(), 3U);
 }
 
 TEST(RealTimePath, AllocatesNothingWithFramesFromTheNetwork) {
