@@ -7,6 +7,7 @@
 #include "cli/option_table.h"
 #include "cli/output.h"
 #include "drivers/text.h"
+#include "identification/recording/positions.h"
 #include "twin/twin.h"
 
 namespace servotwin::cli {
@@ -38,6 +39,7 @@ Recording RecordingOptions::read(std::FILE* people) const {
     recording = read_recording(file, read_options);
   }
   for (const std::string& note : recording.notes) say(people, "note: " + note);
+  for (const std::string& mended : mend_positions(recording)) say(people, "note: " + mended);
   return recording;
 }
 

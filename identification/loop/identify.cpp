@@ -150,6 +150,27 @@ ErrorFigures unpredicted(const std::vector<Segment>& segments) {
   return out;
 }
 
+/// Whether the encoder agrees much better with a later command than with the present one.
+bool encoder_leads(const std::vector<Segment>& segments) {
+  constexpr double kLongest_s = 0.25;
+  const auto longest = static_cast<Eigen::Index>(kLongest_s / segments.front().sample_time_s);
+  double later = HUGE_VAL, present = HUGE_VAL;
+  for (Eigen::Index lag = -longest; lag <= 0; ++lag) {
+    double sum = 0.0, count = 0.0;
+    for (const Segment& s : segments) {
+      const Eigen::Index n = s.size() - std::abs(lag);
+      if (n <= 0) continue;
+      const Eigen::ArrayXd error = s.command.segment(std::max<Eigen::Index>(-lag, 0), n) -
+                                   s.actual.segment(std::max<Eigen::Index>(lag, 0), n);
+      sum += (error - error.mean()).square().sum(), count += static_cast<double>(n);
+    }
+    if (count > 0.0 && lag < 0) later = std::min(later, sum / count);
+    if (lag == 0) present = sum / count;
+  }
+  constexpr double kMuchBetter = 0.5;  // of the mean square; columns that are exchanged leave less
+  return later < kMuchBetter * present;
+}
+
 /// Reasons why the two signals cannot be the command and the encoder of one axis (exchanged
 /// columns, other unit or sign), independent of how well the model fits.
 std::vector<std::string> exchanged_or_scaled(const Model& model,
@@ -159,8 +180,12 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
   double lag = model.loop.numerator[last] / model.loop.denominator[last] + model.command_delay_s();
   for (const Mode& mode : model.loop.modes) lag += mode.beta / (mode.omega * mode.omega);
   if (lag < -model.sample_time_s) {
-    out.push_back(say("the encoder leads its command by ", -1e3 * lag,
-                      " ms: the two columns may be exchanged"));
+    out.push_back(encoder_leads(segments)
+                      ? say("the encoder leads its command by ", -1e3 * lag,
+                            " ms: the two columns may be exchanged")
+                      : say("the model that fits best answers ", -1e3 * lag,
+                            " ms before its command, but the encoder does not lead: no servo loop "
+                            "of this program moves like this recording"));
   }
   if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
   return out;

@@ -1,0 +1,42 @@
+// What is wrong with the positions of a recording before anything is fitted to them, and its
+// repair.
+//
+// For every axis, in this order, from command and encoder together:
+//   1. Positions that go round (0 to 360 degrees) are unwrapped, if command and encoder then agree.
+//   2. An encoder that counts against its command gets the other sign.
+//   3. An encoder that moves 0.5 to 2 times as far as its command, and not as far, is divided by
+//      that ratio (gear ratio, unit or pitch), which is that of
+//        x = offset + ratio x_r + c1 x_r' + c2 x_r''   (least squares)
+//      at rest, where the axis rested at places far apart, else in all of the motion.
+//   4. An encoder whose zero is elsewhere gets that of the command: the median at rest, if there is
+//      a rest, else of all.
+//   5. An encoder that is refreshed more slowly than it is recorded is reported.
+// Each repair is far from what a machine does (`PositionLimits`), so that thermal growth, lead
+// errors and backlash stay as they are.
+//
+// Units: m | rad, s. Errors: none; what cannot be decided is left as it is. Any thread. Allocates.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct PositionLimits {
+  double ratio = 0.003;      ///< least deviation of the ratio from 1; a pitch error is below 0.001
+  double offset_m = 1e-3;    ///< least offset of the zero; thermal growth is below 0.2 mm
+  double offset_rad = 0.01;  ///< the same of a rotary axis
+  double unexplained =
+      0.02;  ///< greatest RMS of what the line above leaves, over that of the motion
+};
+
+/// The period by which these values go round; 0 if they do not.
+[[nodiscard]] double period_of(const std::vector<double>& values, bool rotary);
+
+/// Repairs the positions of every axis. One line per repair or finding, beginning with the axis.
+[[nodiscard]] std::vector<std::string> mend_positions(Recording& recording,
+                                                      const PositionLimits& limits = {});
+
+}  // namespace servotwin
