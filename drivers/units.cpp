@@ -50,12 +50,12 @@ std::optional<Unit> known_unit(std::string_view name) {
   return std::nullopt;
 }
 
-// A scale of a unit: positive and finite, so that nothing read with it turns into nonsense.
+// A scale of a unit: finite and not 0. A negative one reads what counts backwards.
 std::optional<double> scale(std::string_view text) {
   double value = 0.0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   const bool whole = error == std::errc() && end == text.data() + text.size();
-  return whole && std::isfinite(value) && value > 0.0 ? std::optional(value) : std::nullopt;
+  return whole && std::isfinite(value) && value != 0.0 ? std::optional(value) : std::nullopt;
 }
 
 }  // namespace
@@ -68,6 +68,7 @@ std::optional<Unit> parse_unit(std::string_view text) {
   const std::string_view right = text.substr(at + 1);
   const bool per = text[at] == '/';
   if (const auto factor = scale(right)) {
+    if (unit->quantity == Quantity::kTime && *factor < 0.0) return std::nullopt;
     (per ? unit->divide : unit->multiply) *= *factor;
     return unit;
   }

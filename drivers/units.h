@@ -2,7 +2,8 @@
 //
 //   s ms us ns | m mm um nm in | rad deg rev | N kN Nm A V % | m/s mm/min deg/s rpm ...
 //   (velocities)
-// A number may scale a unit, for files in counts: [rev/8192], [um*0.1].
+// A number may scale a unit, for files in counts: [rev/8192], [um*0.1]. A negative one turns a
+// channel that counts backwards: [deg*-1].
 // Any thread; errors: none, an unknown unit is an empty optional.
 #pragma once
 

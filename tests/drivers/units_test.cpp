@@ -47,7 +47,10 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"rpm", Quantity::kAngularVelocity, 60, 2 * kPi, "rad/s"},
         // Counts of a file: 8192 to the revolution, a tenth of a micrometre each.
         Case{"rev/8192", Quantity::kAngle, 4096, kPi, "rad"},
-        Case{"um*0.1", Quantity::kLength, 30, 3e-6, "m"}));
+        Case{"um*0.1", Quantity::kLength, 30, 3e-6, "m"},
+        // Counts backwards.
+        Case{"deg*-1", Quantity::kAngle, 180, -kPi, "rad"},
+        Case{"rev/-8192", Quantity::kAngle, 4096, -kPi, "rad"}));
 
 class UnknownUnit : public testing::TestWithParam<const char*> {};
 
@@ -55,7 +58,7 @@ TEST_P(UnknownUnit, IsNoUnit) { EXPECT_FALSE(parse_unit(GetParam())); }
 
 INSTANTIATE_TEST_SUITE_P(Refused, UnknownUnit,
                          testing::Values("", "furlong", "MM", "mm ", "/", "mm/", "mm/h", "s/s",
-                                         "N/s", "mm*s", "mm*0", "rev/-8192", "rev/nan", "rev/1e999",
+                                         "N/s", "mm*s", "mm*0", "s*-1", "rev/nan", "rev/1e999",
                                          "8192"));
 
 // One rounding, not two: 0.001 has no exact binary value.
