@@ -11,8 +11,8 @@
 #include "drivers/recording_file.h"
 #include "tests/support/temporary_directory.h"
 
-// Not under ThreadSanitizer: its shadow is memory of the process, too.
-#ifndef __SANITIZE_THREAD__
+// Not under the sanitizers: their shadow and freed blocks are memory of the process, too.
+#if !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__)
 namespace servotwin {
 namespace {
 
