@@ -88,8 +88,9 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   for (const Cause& cause : diagnosis.suspected) {
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
-    const char* why = cause.confidence < kNamed
-                          ? "too low to name it as a cause"
+    const char* why = cause.confidence < kNamed ? "too low to name it as a cause"
+                      : cause.doubt == CauseDoubt::kParameters
+                          ? "but a parameter is at the limit of what this cause has"
                           : "but its gain on held-out data may be zero, or is within the noise";
     say(people, text("suspected   %-24s confidence %.0f %%, %s", cause.id.c_str(),
                      100.0 * cause.confidence, why) +

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <array>
+#include <stdexcept>
+#include <string>
 #include <string_view>
 
 namespace servotwin {
@@ -26,6 +28,8 @@ struct CauseNature {
   unsigned parts;
   const char* shows;         // how it is recognised; continues "<cause> "
   const char* besides = "";  // what is needed in addition to the test motion
+  // The shape parameter at whose upper bound the cause ends and something else begins.
+  std::string_view ends_at = "";
 };
 
 inline constexpr const char* kPastChange =
@@ -45,7 +49,8 @@ inline constexpr std::array<CauseNature, 24> kNatures{{
     {"backlash", kReversals | kAccelerations,
      "is a step of the same width at every reversal, whatever the force"},
     {"compliance", kAccelerations | kSweep,
-     "is proportional to the acceleration and oscillates at its natural frequency"},
+     "is proportional to the acceleration and oscillates at its natural frequency", "",
+     "damping_ratio"},
     {"cogging", kTwoSpeeds,
      "is a force that repeats with position, of the same amplitude at any speed and in both "
      "directions"},
@@ -133,5 +138,13 @@ inline constexpr std::array<PairNature, 11> kPairNatures{{
      "a cover segment or a clamp is a step at a position or time that differs between the two "
      "directions of travel; wear varies smoothly and is the same in both"},
 }};
+
+/// The entry of this cause of the contract; throws std::invalid_argument for another one.
+inline const CauseNature& nature_of(std::string_view id) {
+  for (const CauseNature& nature : kNatures) {
+    if (nature.id == id) return nature;
+  }
+  throw std::invalid_argument("there is no cause '" + std::string(id) + "'");
+}
 
 }  // namespace servotwin

@@ -7,6 +7,7 @@
 
 #include "diagnosis/dropped_samples.h"
 #include "diagnosis/extension.h"
+#include "diagnosis/judgement.h"
 #include "diagnosis/selection.h"
 #include "diagnosis/text.h"
 #include "diagnosis/unexplained.h"
@@ -173,7 +174,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   // The cause that removes the least error is doubted if its gain may be zero. (Impulses are named
   // all the same: other motion cannot confirm them, see the condition below.)
   if (!diagnosis.causes.empty() && may_be_zero(diagnosis.causes.back().gain))
-    diagnosis.causes.back().doubted = true;
+    diagnosis.causes.back().doubt = CauseDoubt::kGain;
   // A disturbance that acts at rest raises the noise floor too; the true floor is not above the
   // residual of the model.
   const double quiet = std::min(floor.rms, diagnosis.extended.holdout.rms);
@@ -185,7 +186,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
         const double each = 1.0 / (1.0 + static_cast<double>(c.ambiguous_with.size()));
         const double one_of_them =
             diagnosis.against_earlier && !(c.beaten < each) ? c.confidence / each : c.confidence;
-        return (one_of_them >= kNamed && !c.doubted && seen) ||
+        return (one_of_them >= kNamed && c.doubt == CauseDoubt::kNone && seen) ||
                (no_worse && unforeseeable(diagnosis, c));
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
@@ -270,7 +271,7 @@ void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
       continue;  // contained in a law already removed
     if (!search.fit(less, {point_of(all.model, less.structure)})) return;
     if (cause != asked.front() && !may_be_zero(gain_of(less.model, rest.model, holdout))) return;
-    cause->doubted = true;
+    cause->doubt = CauseDoubt::kGain;
     rest = std::move(less);
   }
 }
@@ -426,6 +427,9 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.causes.push_back(std::move(cause));
   }
   doubt(out.causes, current, search, holdout);
+  for (Cause& cause : out.causes) {
+    if (at_end_of(cause.id, extended.effects[cause.place])) cause.doubt = CauseDoubt::kParameters;
+  }
   if (dropped.any()) {
     const std::vector<Segment> as_recorded =
         cut(recorded.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);

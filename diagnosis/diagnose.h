@@ -44,6 +44,13 @@ struct Moved {
   double deviation = kAbsent;        ///< standard deviation of `after`
 };
 
+/// What keeps a cause from being named, whatever its confidence.
+enum class CauseDoubt {
+  kNone,
+  kGain,       ///< its gain on held-out data is small and may be zero
+  kParameters  ///< a parameter is at the limit beyond which it would be something else
+};
+
 struct Cause {
   std::string id;         ///< identifier of the contract: "stribeck", "cogging", ..
   std::size_t place = 0;  ///< of its effect in the extended model; kNoEffect: none
@@ -55,8 +62,8 @@ struct Cause {
   double p = kAbsent;       ///< one-sided, before the correction for many candidates
   std::vector<std::string> ambiguous_with;  ///< causes that explain the recording nearly as well
   Gain gain;
-  double worth = 0.0;            ///< squared error that it removes, the rest refitted [m^2 | rad^2]
-  bool doubted = false;          ///< its gain on held-out data is small and may be zero
+  double worth = 0.0;  ///< squared error that it removes, the rest refitted [m^2 | rad^2]
+  CauseDoubt doubt = CauseDoubt::kNone;
   std::vector<Moved> moved;      ///< in a comparison with an earlier model only
   std::optional<Model> without;  ///< the extended model refitted without it
 };
@@ -68,8 +75,8 @@ struct Diagnosis {
   ModelRecord baseline;          ///< judged on the hold-out
   ModelRecord extended;          ///< with all causes; the baseline if there is no cause
   std::vector<Cause> causes;     ///< named, sorted by the error that they explain
-  /// Of too low a confidence to be named, or with a gain that may be zero. They are kept in the
-  /// extended model, which predicts better with them.
+  /// Of too low a confidence to be named, or doubted. They are kept in the extended model, which
+  /// predicts better with them.
   std::vector<Cause> suspected;
   std::vector<NotObservable> not_observable;  ///< without those that are named or suspected
   /// Place in the extended model of a term that improves the prediction but is not explained by a

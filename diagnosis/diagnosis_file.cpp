@@ -108,6 +108,8 @@ json cause_json(const Diagnosis& diagnosis, const Cause& cause) {
         {"contour_rms_now_m", number_or_null(cause.gain.contour_now)},
         {"contour_rms_repaired_m", number_or_null(cause.gain.contour_repaired)}}},
       {"check", advice_for(cause.id)}};
+  if (cause.doubt != CauseDoubt::kNone)
+    out["doubt"] = cause.doubt == CauseDoubt::kGain ? "holdout_gain" : "parameters";
   if (!diagnosis.against_earlier) return out;
   json moved = json::array();
   for (const Moved& m : cause.moved)

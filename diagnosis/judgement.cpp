@@ -6,6 +6,8 @@
 
 #include "diagnosis/bootstrap.h"
 
+#include "diagnosis/cause_nature.h"
+
 namespace servotwin {
 
 namespace {
@@ -74,6 +76,16 @@ Judgement judged(const Tried& one, const Bar& bar) {
                    like_friction(one.screened.kind) ? kLawMisfitShare * bar.friction : 0.0) &&
       out.p < kFalseAlarmRate / static_cast<double>(bar.candidates);
   return out;
+}
+
+bool at_end_of(std::string_view cause, const Effect& effect) {
+  constexpr double kAtLimit = 0.99;  // of the limit; a fit stops a little before it
+  const std::string_view name = nature_of(cause).ends_at;
+  const auto shapes = shapes_of(effect.kind);
+  for (std::size_t i = 0; i < shapes.size(); ++i) {
+    if (shapes[i].name == name && effect.shape[i] > kAtLimit * shapes[i].upper) return true;
+  }
+  return false;
 }
 
 }  // namespace servotwin

@@ -58,4 +58,8 @@ struct Bar {
 /// are symmetric.
 [[nodiscard]] bool like_friction(std::size_t kind);
 
+/// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, so
+/// that the fit asks for something else. Throws std::invalid_argument for an unknown cause.
+[[nodiscard]] bool at_end_of(std::string_view cause, const Effect& effect);
+
 }  // namespace servotwin

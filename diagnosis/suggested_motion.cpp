@@ -16,14 +16,6 @@ namespace servotwin {
 
 namespace {
 
-const CauseNature& nature_of(std::string_view id) {
-  const auto found = std::find_if(kNatures.begin(), kNatures.end(),
-                                  [&](const CauseNature& n) { return n.id == id; });
-  if (found == kNatures.end())
-    throw std::invalid_argument("suggested test: there is no cause '" + std::string(id) + "'");
-  return *found;
-}
-
 /// The entry for this pair of causes; nullptr where the pair needs nothing special.
 const PairNature* special_of(const Doubt& doubt) {
   for (const PairNature& s : kPairNatures) {

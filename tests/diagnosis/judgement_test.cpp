@@ -1,0 +1,72 @@
+// Rules by which a cause is named.
+#include "diagnosis/judgement.h"
+
+#include <gtest/gtest.h>
+
+#include "diagnosis/diagnose.h"
+
+namespace servotwin {
+namespace {
+
+Effect mode_with(double damping_ratio) {
+  Effect mode = make_effect<Compliance>();
+  mode.shape = {11.2, damping_ratio};
+  return mode;
+}
+
+TEST(EndOfACause, AModeThatIsDampedAsAFilterIsNoCompliance) {
+  EXPECT_TRUE(at_end_of("compliance", mode_with(0.2)));
+  EXPECT_TRUE(at_end_of("compliance", mode_with(0.1999)));
+  EXPECT_FALSE(at_end_of("compliance", mode_with(0.1)));
+  Effect stiff = mode_with(0.03);
+  stiff.shape[0] = 2000.0;  // the frequency may be at its bound
+  EXPECT_FALSE(at_end_of("compliance", stiff));
+}
+
+TEST(EndOfACause, OtherCausesHaveNone) {
+  Effect presliding = make_effect<Presliding>();
+  presliding.shape = {2e-3, kMaxShape};
+  EXPECT_FALSE(at_end_of("presliding", presliding));
+  EXPECT_THROW((void)at_end_of("no_cause", presliding), std::invalid_argument);
+}
+
+TEST(EndOfACause, KeepsACauseFromBeingNamedHoweverConfident) {
+  for (const CauseDoubt doubt : {CauseDoubt::kNone, CauseDoubt::kParameters}) {
+    Diagnosis diagnosis;
+    diagnosis.baseline.holdout = {10e-6, 50e-6};
+    diagnosis.extended.holdout = {1e-6, 5e-6};
+    Cause cause;
+    cause.id = "compliance";
+    cause.beaten = 1.0;
+    cause.gain.before = 10e-6;
+    cause.gain.after = 1e-6;
+    cause.gain.low = 8e-6;
+    cause.gain.high = 10e-6;
+    cause.worth = 1e-10;
+    cause.doubt = doubt;
+    Model& model = diagnosis.extended.model;
+    model.sample_time_s = 0.001;
+    model.loop.denominator = {300.0, 3e4, 1e6};
+    diagnosis.baseline.model = model;
+    model.effects.push_back(mode_with(0.2));
+    diagnosis.causes.push_back(cause);
+    SegmentedAxis axis;
+    Segment s;
+    s.sample_time_s = 0.001;
+    s.command = 0.01 * Eigen::ArrayXd::LinSpaced(2000, 0.0, 6.0).sin();
+    s.actual = s.command;
+    axis.sample_time_s = s.sample_time_s;
+    axis.segments.push_back(s);
+    NoiseFloor floor;
+    floor.rms = 0.1e-6;
+    conclude(diagnosis, axis, axis.segments, floor, {});
+    EXPECT_EQ(diagnosis.causes.size(), doubt == CauseDoubt::kNone ? 1U : 0U);
+    EXPECT_EQ(diagnosis.suspected.size(), doubt == CauseDoubt::kNone ? 0U : 1U);
+    if (doubt == CauseDoubt::kParameters) {
+      EXPECT_EQ(diagnosis.verdict, Verdict::kUnexplained);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace servotwin
