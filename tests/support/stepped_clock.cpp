@@ -62,7 +62,7 @@ time_t time(time_t* now) noexcept {
 /// A wait until a time of the wall clock ends when the stepped clock reaches it, as in the kernel:
 /// an hour later or more if the clock is set back meanwhile.
 int pthread_cond_timedwait(pthread_cond_t* condition, pthread_mutex_t* mutex,
-                           const timespec* until) noexcept {
+                           const timespec* until) {
   constexpr std::int64_t kLook_ns = 10'000'000;
   while (true) {
     timespec wall{}, steady{};
