@@ -220,10 +220,13 @@ class TorqueConclusion {
 
 /// Whether all parameters are finite and possible: friction does not drive, and a mass is positive.
 bool plausible(const TorqueCause& cause) {
+  // Of the inertia, or of the friction by direction: no workpiece has three times the mass of its
+  // axis, and no axis one direction with a third of the other's friction.
+  constexpr double kMaxRatio = 3.0;
   return std::all_of(cause.parameters.begin(), cause.parameters.end(), [](const auto& parameter) {
     const auto& [name, value] = parameter;
     if (name == "over_coulomb") return !(value < 0.0);  // absent without Coulomb friction
-    if (name == "ratio") return std::isfinite(value) && value > 0.0;
+    if (name == "ratio") return value > 1.0 / kMaxRatio && value < kMaxRatio;
     const bool friction = name.starts_with("coulomb_plus") || name.starts_with("coulomb_minus");
     return std::isfinite(value) && !(friction && value < 0.0);
   });

@@ -210,6 +210,7 @@ class TorqueSelection {
     if (out.explained <= 0.0 || shapes_of(kind).empty()) return out;
     const bool whole_orders = rotary_ && kind == kind_of<Cogging>();
     if (!whole_orders) refine(out, try_out);
+    if (at_edge(out.term, grid)) out.explained = 0.0;
     while (kind == kind_of<Cogging>()) {
       std::vector<double> half = out.term.shapes;
       half[0] *= 0.5;
@@ -222,19 +223,36 @@ class TorqueSelection {
     }
     return out;
   }
+  /// Whether the best moment is the first or the last one that was tried: a beginning that differs
+  /// (a start from rest, another path), or an end. A change has its best moment in between.
+  [[nodiscard]] static bool at_edge(const TorqueTerm& term,
+                                    const std::vector<std::vector<double>>& grid) {
+    if (shapes_of(term.kind)[0].scan != Scan::kTime || grid.size() < 2) return false;
+    const double step = grid[1][0] - grid[0][0];
+    return term.shapes[0] < grid.front()[0] + 0.5 * step ||
+           term.shapes[0] > grid.back()[0] - 0.5 * step;
+  }
   template <class TryOut>
   void refine(const Looked& best, const TryOut& try_out) const {
     const Parameter& p = shapes_of(best.kind)[0];
     // Relative step: for a period a fraction of one period over the travel, else a fixed one.
     double step = 0.3;
     if (p.scan == Scan::kPeriod) step = std::min(0.2, 0.25 * best.term.shapes[0] / rows_.travel());
-    if (p.scan == Scan::kFrequency || p.scan == Scan::kTime) step = 0.01;
+    if (p.scan == Scan::kFrequency) step = 0.01;
+    // A moment is moved by parts of the training data, whatever its stamp, and stays within the
+    // grid: there must be motion before and after it.
+    double lower = p.lower, upper = p.upper;
+    if (p.scan == Scan::kTime) {
+      const std::vector<std::vector<double>> grid = rows_.grid(best.kind, body_.velocity_limit);
+      lower = grid.front()[0], upper = grid.back()[0];
+      step = 0.01 * (upper - lower);
+    }
     for (int round = 0; round < 4; ++round, step *= 0.35) {
       const std::vector<double> centre = best.term.shapes;
       for (const int i : {-2, -1, 1, 2}) {
         std::vector<double> shapes = centre;
-        shapes[0] *= std::exp(step * i);
-        if (shapes[0] > p.lower && shapes[0] < p.upper) try_out(shapes);
+        shapes[0] = p.scan == Scan::kTime ? centre[0] + step * i : centre[0] * std::exp(step * i);
+        if (shapes[0] > lower && shapes[0] < upper) try_out(shapes);
       }
     }
   }

@@ -163,6 +163,24 @@ TEST(Torque, ACauseThatHeldOutDataDoNotConfirmIsNotNamed) {
   EXPECT_LE(diagnosis.extended_rms, diagnosis.baseline_rms);
 }
 
+TEST(Torque, AMomentIsFoundWhateverTheStamps) {
+  for (const double start_s : {0.0, 1194.987, 1e6}) {
+    SegmentedAxis axis = recorded(
+        {}, [](double, double v, double t) { return t > 6.3 ? 9.0 * std::tanh(v / 4e-4) : 0.0; });
+    axis.segments[0].start_s = start_s;
+    const TorqueDiagnosis diagnosis = diagnose_torque(axis);
+    EXPECT_THAT(ids(diagnosis), ElementsAre("added_friction")) << start_s;
+    EXPECT_NEAR(value(diagnosis, "added_friction", "time_s") - start_s, 6.3, 0.1) << start_s;
+    EXPECT_NEAR(value(diagnosis, "added_friction", "coulomb_n"), 9.0, 0.5) << start_s;
+  }
+}
+
+TEST(Torque, ABeginningThatDiffersIsNoChange) {
+  const SegmentedAxis axis = recorded(
+      {}, [](double, double v, double t) { return t > 0.7 ? 0.0 : -9.0 * std::tanh(v / 4e-4); });
+  EXPECT_THAT(ids(diagnose_torque(axis)), Not(Contains("added_friction")));
+}
+
 TEST(Torque, NamesUnlikeDirections) {
   const TorqueDiagnosis diagnosis = diagnose_torque(recorded({}, [](double, double v, double) {
     return 2.0 * std::abs(std::tanh(v / 4e-4)) + 40.0 * std::abs(v);
