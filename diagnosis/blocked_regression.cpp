@@ -31,6 +31,14 @@ Eigen::MatrixXd scaled(const Eigen::MatrixXd& columns, Eigen::VectorXd* length =
   return columns * norms.cwiseInverse().asDiagonal();
 }
 
+/// Both next to each other; `added` may be empty.
+Eigen::MatrixXd beside(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) {
+  Eigen::MatrixXd out(base.rows(), base.cols() + added.cols());
+  out.leftCols(base.cols()) = base;
+  if (added.cols() > 0) out.rightCols(added.cols()) = added;
+  return out;
+}
+
 }  // namespace
 
 BlockedRegression::BlockedRegression(Eigen::VectorXd y, const Eigen::VectorXd& time)
@@ -56,9 +64,7 @@ std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
                                                  const Eigen::MatrixXd& added) const {
   // Coefficients that the other blocks do not determine stay near the fit of the base to all rows.
   const Eigen::VectorXd y = y_ - base * fit(base);
-  Eigen::MatrixXd both(base.rows(), base.cols() + added.cols());
-  both << base, added;
-  const Eigen::MatrixXd a = scaled(both);
+  const Eigen::MatrixXd a = scaled(beside(base, added));
   const Eigen::MatrixXd gram = a.transpose() * a;
   const Eigen::VectorXd right = a.transpose() * y;
   // Average number of rows: an interval mostly at rest has few rows and counts accordingly.
@@ -87,9 +93,7 @@ std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
 }
 
 double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) const {
-  Eigen::MatrixXd both(base.rows(), base.cols() + added.cols());
-  both << base, added;
-  const Eigen::MatrixXd a = scaled(both);
+  const Eigen::MatrixXd a = scaled(beside(base, added));
   const Eigen::MatrixXd gram = a.transpose() * a;
   const Eigen::VectorXd theta = solved(gram, a.transpose() * y_);
   const Eigen::VectorXd left = y_ - a * theta;
