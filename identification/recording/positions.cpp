@@ -134,6 +134,7 @@ std::vector<std::size_t> rows_at_rest(const AxisRecord& axis, double step_s) {
 /// over that of the motion.
 struct Ratio {
   double ratio = 0.0, left = 0.0;
+  bool at_rest = false;  ///< in motion a lag can look like a ratio
 };
 
 /// x = offset + ratio x_r + c1 x_r' + c2 x_r'' at these rows.
@@ -159,7 +160,7 @@ std::optional<Ratio> ratio_at(const AxisRecord& axis, const std::vector<std::siz
   const Eigen::MatrixXd scaled = columns * scale.cwiseInverse().asDiagonal();
   const Eigen::VectorXd found = scaled.colPivHouseholderQr().solve(actual);
   const double left = std::sqrt((actual - scaled * found).squaredNorm() / static_cast<double>(n));
-  const Ratio out{found(1) / scale(1), left / motion};
+  const Ratio out{found(1) / scale(1), left / motion, false};
   return std::isfinite(out.ratio) ? std::optional(out) : std::nullopt;
 }
 
@@ -175,7 +176,10 @@ std::optional<Ratio> ratio_of(const AxisRecord& axis, const std::vector<std::siz
   const auto [least, most] = std::minmax_element(moved.begin(), moved.end());
   constexpr double kFarApart = 0.2;  // of the travel
   if (axis.command[*high] - axis.command[*low] < kFarApart * (*most - *least)) return all;
-  if (const std::optional<Ratio> rest = ratio_at(axis, at_rest)) all->ratio = rest->ratio;
+  if (const std::optional<Ratio> rest = ratio_at(axis, at_rest)) {
+    all->ratio = rest->ratio;
+    all->at_rest = true;
+  }
   return all;
 }
 
@@ -185,9 +189,10 @@ void rescale(AxisRecord& axis, double factor, double offset) {
 
 std::optional<std::string> mend_zero(AxisRecord& axis, const std::vector<std::size_t>& at_rest,
                                      const PositionLimits& limits) {
+  // In motion the following error looks like an offset.
+  if (at_rest.empty()) return std::nullopt;
   Values errors;
-  for (const std::size_t i : at_rest.empty() ? rows_of_both(axis) : at_rest)
-    errors.push_back(axis.actual[i] - axis.command[i]);
+  for (const std::size_t i : at_rest) errors.push_back(axis.actual[i] - axis.command[i]);
   if (errors.empty()) return std::nullopt;
   const double offset = median(errors);
   std::sort(errors.begin(), errors.end());
@@ -298,7 +303,7 @@ std::vector<std::string> mend_positions(Recording& recording, const PositionLimi
           rescale(axis, -1.0, 0.0);
           say("the encoder counts against its command: its sign is reversed");
         }
-        if (std::abs(ratio - 1.0) > limits.ratio) {
+        if (found->at_rest && std::abs(ratio - 1.0) > limits.ratio) {
           rescale(axis, 1.0 / ratio, 0.0);
           say("the encoder moves " + number(ratio) +
               " times as far as its command (gear ratio, unit or pitch of the screw): divided by "

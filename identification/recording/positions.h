@@ -5,11 +5,9 @@
 //   1. Positions that go round (0 to 360 degrees) are unwrapped, if command and encoder then agree.
 //   2. An encoder that counts against its command gets the other sign.
 //   3. An encoder that moves 0.5 to 2 times as far as its command, and not as far, is divided by
-//      that ratio (gear ratio, unit or pitch), which is that of
-//        x = offset + ratio x_r + c1 x_r' + c2 x_r''   (least squares)
-//      at rest, where the axis rested at places far apart, else in all of the motion.
-//   4. An encoder whose zero is elsewhere gets that of the command: the median at rest, if there is
-//      a rest, else of all.
+//      that ratio (gear ratio, unit or pitch). Only where it rested at places far apart: in motion
+//      a lag can look like a ratio.
+//   4. An encoder whose zero is elsewhere at rest gets that of the command.
 //   5. An encoder that is refreshed more slowly than it is recorded is reported.
 // Each repair is far from what a machine does (`PositionLimits`), so that thermal growth, lead
 // errors and backlash stay as they are.

@@ -134,6 +134,21 @@ TEST(Positions, WhatAMachineDoesStaysAsItIs) {
   EXPECT_THAT(mend_positions(grown), IsEmpty());
 }
 
+TEST(Positions, TheLagOfAnAxisThatNeverRestsIsNoRatioAndNoOffset) {
+  for (const double hz : {0.0, 0.5, 3.0}) {  // 0: one direction
+    Recording moving = motion(0.3, true);
+    AxisRecord& axis = moving.axes[0];
+    double actual = 0.0;
+    for (std::size_t i = 0; i < axis.command.size(); ++i) {
+      const double t = kStep_s * static_cast<double>(i);
+      axis.command[i] = hz > 0.0 ? 0.05 * std::sin(kTurn * hz * t) : 3.0 * t;
+      actual += (axis.command[i] - actual) * kStep_s / 0.02;
+      axis.actual[i] = actual;
+    }
+    EXPECT_THAT(mend_positions(moving), IsEmpty()) << hz;
+  }
+}
+
 TEST(Positions, AHeldEncoderIsSaidAndACoarseOneIsNot) {
   Recording held = motion(0.3, false);
   for (std::size_t i = 0; i < held.axes[0].actual.size(); ++i)
