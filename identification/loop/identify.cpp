@@ -167,8 +167,8 @@ bool encoder_leads(const std::vector<Segment>& segments) {
     if (count > 0.0 && lag < 0) later = std::min(later, sum / count);
     if (lag == 0) present = sum / count;
   }
-  constexpr double kMuchBetter = 0.5;  // of the mean square; columns that are exchanged leave less
-  return later < kMuchBetter * present;
+  constexpr double kMaxErrorRatio = 0.5;  // of the mean square; exchanged columns leave less
+  return later < kMaxErrorRatio * present;
 }
 
 /// Reasons why the two signals cannot be the command and the encoder of one axis (exchanged

@@ -39,7 +39,7 @@ Values finite(const Values& values) {
 
 /// A period as it is meant: a part of a turn, or a number of two digits.
 double rounded(double period, bool rotary) {
-  constexpr double kNear = 0.01;
+  constexpr double kNear = 0.01, kNearNumber = 1e-3;  // a turn is certain, a round number is not
   if (rotary) {
     for (const double turns : {0.25, 0.5, 1.0, 2.0}) {
       const double meant = 2.0 * std::numbers::pi * turns;
@@ -49,7 +49,7 @@ double rounded(double period, bool rotary) {
   }
   const double digit = std::pow(10.0, std::floor(std::log10(period)) - 1.0);
   const double meant = digit * std::round(period / digit);
-  return std::abs(period / meant - 1.0) < kNear ? meant : period;
+  return std::abs(period / meant - 1.0) < kNearNumber ? meant : period;
 }
 
 Values unwrapped(const Values& values, double period) {
@@ -95,10 +95,10 @@ std::optional<std::string> unwrap(AxisRecord& axis) {
   if (alone && !certain) return std::nullopt;
   const Values command = of_command > 0.0 ? unwrapped(axis.command, period) : axis.command;
   Values actual = of_actual > 0.0 ? unwrapped(axis.actual, period) : axis.actual;
-  constexpr double kMuchBetter = 0.05;
+  constexpr double kMaxVarianceRatio = 0.05;  // of the error, unwrapped over as it is
   if (!alone) {
     if (!(variance_of_error(command, actual) <
-          kMuchBetter * variance_of_error(axis.command, axis.actual)))
+          kMaxVarianceRatio * variance_of_error(axis.command, axis.actual)))
       return std::nullopt;
     Values errors;
     for (std::size_t i = 0; i < command.size(); ++i) errors.push_back(command[i] - actual[i]);
@@ -174,8 +174,8 @@ std::optional<Ratio> ratio_of(const AxisRecord& axis, const std::vector<std::siz
   const auto [low, high] = std::minmax_element(at_rest.begin(), at_rest.end(), by_command);
   const Values moved = finite(axis.command);
   const auto [least, most] = std::minmax_element(moved.begin(), moved.end());
-  constexpr double kFarApart = 0.2;  // of the travel
-  if (axis.command[*high] - axis.command[*low] < kFarApart * (*most - *least)) return all;
+  constexpr double kMinRestSpan = 0.2;  // of the travel
+  if (axis.command[*high] - axis.command[*low] < kMinRestSpan * (*most - *least)) return all;
   if (const std::optional<Ratio> rest = ratio_at(axis, at_rest)) {
     all->ratio = rest->ratio;
     all->at_rest = true;
