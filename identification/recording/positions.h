@@ -2,7 +2,7 @@
 // repair.
 //
 // For every axis, in this order, from command and encoder together:
-//   1. Positions that go round (0 to 360 degrees) are unwrapped, if command and encoder then agree.
+//   1. Positions that go round (0 to 360 degrees) are unwrapped (turns.h).
 //   2. An encoder that counts against its command gets the other sign.
 //   3. An encoder that moves 0.5 to 2 times as far as its command, and not as far, is divided by
 //      that ratio (gear ratio, unit or pitch). Only where it rested at places far apart: in motion
@@ -26,15 +26,11 @@ struct PositionLimits {
   double ratio = 0.003;      ///< least deviation of the ratio from 1; a pitch error is below 0.001
   double offset_m = 1e-3;    ///< least offset of the zero; thermal growth is below 0.2 mm
   double offset_rad = 0.01;  ///< the same of a rotary axis
-  double unexplained =
-      0.02;  ///< greatest RMS of what the line above leaves, over that of the motion
+  /// Greatest RMS that sign, ratio, zero and lag leave, over that of the motion.
+  double unexplained = 0.02;
 };
 
-/// The period by which these values go round; 0 if they do not.
-[[nodiscard]] double period_of(const std::vector<double>& values, bool rotary);
-
 /// Repairs the positions of every axis. One line per repair or finding, beginning with the axis.
-[[nodiscard]] std::vector<std::string> mend_positions(Recording& recording,
-                                                      const PositionLimits& limits = {});
+std::vector<std::string> mend_positions(Recording& recording, const PositionLimits& limits = {});
 
 }  // namespace servotwin

@@ -3,8 +3,12 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <random>
+
+#include "identification/recording/turns.h"
 
 namespace servotwin {
 namespace {
@@ -87,6 +91,141 @@ INSTANTIATE_TEST_SUITE_P(Axes, GoingRound,
                                          Wrapped{6.0, true, 0.3, 0.5 * kTurn, "round at 180 deg"},
                                          Wrapped{0.05, false, 0.0, 0.02, "round at 20 mm"}));
 
+/// In one direction with a changing speed of `speed` per second at most; the encoder lags 12 ms.
+Recording one_way(double speed, bool rotary, int rows = 60000) {
+  Recording out = motion(1.0, rotary);
+  AxisRecord& axis = out.axes[0];
+  out.time.clear(), axis.command.clear(), axis.actual.clear();
+  const auto command = [speed](double t) {
+    return 0.5 * speed * (t - std::sin(kTurn * t / 7.0) * 7.0 / kTurn);
+  };
+  for (int k = 0; k < rows; ++k) {
+    out.time.push_back(k * kStep_s);
+    axis.command.push_back(command(k * kStep_s));
+    axis.actual.push_back(command(k * kStep_s - 0.012));
+  }
+  return out;
+}
+
+class Periods : public testing::TestWithParam<double> {};
+
+TEST_P(Periods, APeriodThatIsNoRoundNumberDoesNotAddUpOverManyTurns) {
+  const double period = GetParam(), kTurns = 150.0;
+  std::mt19937 random(7);
+  std::normal_distribution<double> noise(0.0, 1e-6);
+  for (const int which : {1, 2}) {
+    Recording whole = one_way(2.0 * kTurns * period / 60.0, false);
+    for (double& value : whole.axes[0].actual) value += noise(random);
+    Recording spoiled = whole;
+    wrap(which == 1 ? spoiled.axes[0].command : spoiled.axes[0].actual, 0.0, period);
+    EXPECT_THAT(mend_positions(spoiled), ElementsAre(HasSubstr("round at"))) << which;
+    EXPECT_LT(greatest_error_difference(spoiled.axes[0], whole.axes[0]), 2e-6) << which;
+  }
+  // Where both wrap, an error of the period moves both.
+  const Recording whole = one_way(2.0 * kTurns * period / 60.0, false);
+  Recording both = whole;
+  wrap(both.axes[0].command, 0.0, period);
+  wrap(both.axes[0].actual, 0.0, period);
+  EXPECT_THAT(mend_positions(both), ElementsAre(HasSubstr("round at")));
+  EXPECT_LT(greatest_error_difference(both.axes[0], whole.axes[0]), 0.002 * period);
+}
+INSTANTIATE_TEST_SUITE_P(Pitches, Periods, testing::Values(0.00508, 0.065536));
+
+TEST(Positions, ARatioIsFoundBehindAPeriodThatOnlyTheCommandHas) {
+  Recording whole = motion(0.05, false), spoiled = whole;
+  wrap(spoiled.axes[0].command, 0.0, 0.02);
+  for (double& value : spoiled.axes[0].actual) value *= 0.99;
+  EXPECT_THAT(mend_positions(spoiled),
+              ElementsAre(HasSubstr("round at 20 mm"), HasSubstr("0.99 times as far")));
+}
+
+TEST(Positions, NoiseAndReversalsAtTheWrapAreUnwrapped) {
+  for (const bool rotary : {true, false}) {
+    const double period = rotary ? kTurn : 0.02;
+    for (const int which : {1, 2, 3}) {
+      Recording whole = motion(0.6 * period, rotary);  // rests and reverses at multiples, too
+      AxisRecord& axis = whole.axes[0];
+      std::mt19937 random(11);
+      std::normal_distribution<double> noise(0.0, 1e-3 * period);
+      for (double& value : axis.actual) value += noise(random);
+      Recording spoiled = whole;
+      const double from = axis.command[250];  // where it rests for half a second
+      if (which & 1) wrap(spoiled.axes[0].command, from, period);
+      if (which & 2) wrap(spoiled.axes[0].actual, from, period);
+      EXPECT_THAT(mend_positions(spoiled), ElementsAre(HasSubstr("round at"))) << rotary << which;
+      EXPECT_LT(greatest_error_difference(spoiled.axes[0], whole.axes[0]), 1e-3 * period)
+          << rotary << which;
+    }
+  }
+}
+
+/// Steps by `step` every half second; the encoder follows with a time constant of 30 ms.
+Recording indexing(double step) {
+  Recording out = motion(1.0, true);
+  AxisRecord& axis = out.axes[0];
+  double actual = 0.0;
+  for (std::size_t i = 0; i < axis.command.size(); ++i) {
+    axis.command[i] = step * static_cast<double>(i / 500);
+    actual += (axis.command[i] - actual) * kStep_s / 0.03;
+    axis.actual[i] = actual;
+  }
+  return out;
+}
+
+TEST(Positions, AnIndexingTableIsUnwrapped) {
+  for (const double degrees : {45.0, 90.0, -120.0}) {
+    for (const int which : {1, 2, 3}) {
+      const Recording whole = indexing(degrees * std::numbers::pi / 180.0);
+      Recording spoiled = whole;
+      if (which & 1) wrap(spoiled.axes[0].command, -0.1, kTurn);
+      if (which & 2) wrap(spoiled.axes[0].actual, -0.1, kTurn);
+      const std::vector<std::string> said = mend_positions(spoiled);
+      ASSERT_THAT(said, testing::Not(IsEmpty())) << degrees << which;
+      EXPECT_THAT(said[0], HasSubstr("round at 360 deg")) << degrees << which;
+      EXPECT_LT(greatest_error_difference(spoiled.axes[0], whole.axes[0]), 1e-9)
+          << degrees << which;
+    }
+  }
+}
+
+TEST(Positions, GapsOfEitherChannelLoseNoTurn) {
+  for (const int gap : {1, 2}) {
+    for (const int which : {1, 2, 3}) {
+      const Recording whole = one_way(12.0, true, 12000);  // up to two turns per second
+      Recording spoiled = whole;
+      AxisRecord& axis = spoiled.axes[0];
+      if (which & 1) wrap(axis.command, 0.0, kTurn);
+      if (which & 2) wrap(axis.actual, 0.0, kTurn);
+      std::vector<double>& values = gap == 1 ? axis.command : axis.actual;
+      std::fill(values.begin() + 3000, values.begin() + 3900, kAbsent);
+      EXPECT_THAT(mend_positions(spoiled), ElementsAre(HasSubstr("round at 360 deg")))
+          << gap << which;
+      for (std::size_t i = 0; i < axis.command.size(); ++i) {
+        if (i >= 3000 && i < 3900) continue;
+        ASSERT_NEAR(axis.command[i] - axis.actual[i],
+                    whole.axes[0].command[i] - whole.axes[0].actual[i], 1e-9)
+            << gap << which << " row " << i;
+      }
+    }
+  }
+}
+
+TEST(Positions, AnAxisThatMovesMoreThanHalfATurnPerRowIsUnwrappedByItsCommand) {
+  const Recording fast = one_way(50.0, true);
+  Recording whole = fast;
+  AxisRecord& axis = whole.axes[0];
+  whole.time.clear(), axis.command.clear(), axis.actual.clear();
+  for (std::size_t i = 0; i < fast.time.size(); i += 100) {  // 5 rad per row
+    whole.time.push_back(fast.time[i]);
+    axis.command.push_back(fast.axes[0].command[i]);
+    axis.actual.push_back(fast.axes[0].actual[i]);
+  }
+  Recording spoiled = whole;
+  wrap(spoiled.axes[0].actual, 0.0, kTurn);
+  EXPECT_THAT(mend_positions(spoiled), ElementsAre(HasSubstr("the encoder goes round at 360")));
+  EXPECT_LT(greatest_error_difference(spoiled.axes[0], whole.axes[0]), 1e-9);
+}
+
 TEST(Positions, AFlyBackAndAStepAreMotions) {
   Recording saw = motion(1.0, true);
   AxisRecord& axis = saw.axes[0];
@@ -96,12 +235,92 @@ TEST(Positions, AFlyBackAndAStepAreMotions) {
     actual += (axis.command[i] - actual) * 0.02;
     axis.actual[i] = actual;
   }
-  const Recording as_it_was = saw;
-  (void)mend_positions(saw);
-  EXPECT_EQ(saw.axes[0].command, as_it_was.axes[0].command);
-  for (std::size_t i = 0; i < axis.command.size(); ++i)
-    axis.command[i] = i / 1500 % 2 == 0 ? 0.0 : 0.01;
-  EXPECT_EQ(period_of(axis.command, false), 0.0) << "there is no motion before and after the jump";
+  const Recording flies_back = saw;
+  EXPECT_THAT(mend_positions(saw), IsEmpty());
+  EXPECT_EQ(saw.axes[0].command, flies_back.axes[0].command);
+  EXPECT_EQ(saw.axes[0].actual, flies_back.axes[0].actual);
+
+  Recording steps = motion(1.0, false);
+  AxisRecord& stepped = steps.axes[0];
+  actual = 0.0;
+  for (std::size_t i = 0; i < stepped.command.size(); ++i) {
+    stepped.command[i] = i / 1500 % 2 == 0 ? 0.0 : 0.01;
+    actual += (stepped.command[i] - actual) * 0.02;
+    stepped.actual[i] = actual;
+  }
+  EXPECT_EQ(period_of(stepped.command, false), 0.0)
+      << "there is no motion before and after the jump";
+  const Recording steps_as_they_were = steps;
+  EXPECT_THAT(mend_positions(steps), IsEmpty());
+  EXPECT_EQ(steps.axes[0].command, steps_as_they_were.axes[0].command);
+  EXPECT_EQ(steps.axes[0].actual, steps_as_they_were.axes[0].actual);
+}
+
+TEST(Positions, AFalseValueIsNoTurn) {
+  Recording false_value = motion(1.0, true);
+  for (double& value : false_value.axes[0].command) value += 5.0;
+  for (double& value : false_value.axes[0].actual) value += 5.0;
+  for (const std::size_t i : {4300UL, 8100UL}) false_value.axes[0].actual[i] = 0.0;
+  const Recording as_it_was = false_value;
+  (void)mend_positions(false_value);
+  EXPECT_EQ(false_value.axes[0].actual, as_it_was.axes[0].actual);
+}
+
+TEST(Positions, AWrapThatCannotBeUndoneIsSaid) {
+  Recording other = motion(6.0, true);  // the command of another axis
+  for (std::size_t i = 0; i < other.time.size(); ++i)
+    other.axes[0].command[i] = 2.0 * std::sin(7.0 * other.time[i]);
+  wrap(other.axes[0].actual, 0.0, kTurn);
+  const Recording as_it_was = other;
+  EXPECT_THAT(mend_positions(other), ElementsAre(HasSubstr("left as recorded")));
+  EXPECT_EQ(other.axes[0].actual, as_it_was.axes[0].actual);
+}
+
+TEST(Positions, OneChannelAloneIsUnwrappedAtATurnOnly) {
+  for (const bool command : {true, false}) {
+    for (const bool absent_rows : {true, false}) {
+      Recording whole = motion(6.0, true);
+      const auto remove = [&](std::vector<double>& values) {
+        if (absent_rows) {
+          std::fill(values.begin(), values.end(), kAbsent);
+        } else {
+          values.clear();
+        }
+      };
+      remove(command ? whole.axes[0].actual : whole.axes[0].command);
+      Recording spoiled = whole;
+      const auto channel = [&](Recording& of) -> std::vector<double>& {
+        return command ? of.axes[0].command : of.axes[0].actual;
+      };
+      wrap(channel(spoiled), channel(whole)[0] - 0.5, kTurn);
+      EXPECT_THAT(mend_positions(spoiled),
+                  ElementsAre(HasSubstr(command ? "the command goes round at 360 deg"
+                                                : "the encoder goes round at 360 deg")));
+      EXPECT_LT(greatest_difference(channel(spoiled), channel(whole)), 1e-9);
+
+      Recording linear = motion(0.05, false);
+      remove(command ? linear.axes[0].actual : linear.axes[0].command);
+      wrap(channel(linear), 0.0, 0.02);
+      const std::vector<double> wrapped = channel(linear);
+      EXPECT_THAT(mend_positions(linear), IsEmpty()) << "it may fly back";
+      EXPECT_EQ(channel(linear), wrapped);
+    }
+  }
+}
+
+TEST(Positions, AFewRowsAreNoReasonForARepair) {
+  for (const std::size_t rows : {0UL, 1UL, 5UL}) {
+    for (const bool rotary : {true, false}) {
+      Recording few = motion(0.3, rotary);
+      few.time.resize(rows);
+      few.axes[0].command.resize(rows);
+      few.axes[0].actual.resize(rows);
+      for (double& value : few.axes[0].actual) value += 0.05;
+      const Recording as_it_was = few;
+      EXPECT_THAT(mend_positions(few), IsEmpty()) << rows;
+      EXPECT_EQ(few.axes[0].actual, as_it_was.axes[0].actual) << rows;
+    }
+  }
 }
 
 TEST(Positions, SignRatioAndZeroOfTheEncoderAreRepaired) {

@@ -1,0 +1,330 @@
+#include "identification/recording/turns.h"
+
+#include <utility>
+
+#include "identification/recording/regression.h"
+#include "identification/recording/values.h"
+
+namespace servotwin {
+namespace {
+
+using positions::command_bend;
+using positions::command_slope;
+using positions::finite;
+using positions::median;
+using positions::number;
+using positions::range_of;
+using positions::size_text;
+using positions::Values;
+
+constexpr double kTurn = 2.0 * std::numbers::pi;
+// Excess of a range over its period, and of one jump over another, by noise and speed.
+constexpr double kPeriodTolerance = 0.02;
+// Of a round number, where the period is known by the jumps alone: pitches in inches are further.
+constexpr double kNumberTolerance = 1e-3;
+
+/// A period as it is meant: a part of a turn, or a number of two digits.
+double rounded(double period, bool rotary, double number_tolerance) {
+  constexpr double kTurnTolerance = 0.01;  // a part of a turn is likelier than a round number
+  if (rotary) {
+    for (const double turns : {0.25, 0.5, 1.0, 2.0}) {
+      if (std::abs(period / (kTurn * turns) - 1.0) < kTurnTolerance) return kTurn * turns;
+    }
+    return period;
+  }
+  const double digit = std::pow(10.0, std::floor(std::log10(period)) - 1.0);
+  const double meant = digit * std::round(period / digit);
+  return std::abs(period / meant - 1.0) < number_tolerance ? meant : period;
+}
+
+/// Jumps of more than half of the range from one row to the next.
+struct Jumps {
+  Values sizes;           ///< less the motion around them
+  bool as_motion = true;  ///< each against a motion that goes on in one direction
+};
+
+Jumps jumps_of(const Values& values) {
+  const double range = range_of(values);
+  const auto step = [&](std::size_t i) { return values[i + 1] - values[i]; };
+  const auto is_jump = [&](std::size_t i) { return std::abs(step(i)) > 0.5 * range; };
+  Jumps out;
+  for (std::size_t i = 0; range > 0.0 && i + 1 < values.size(); ++i) {
+    if (!is_jump(i)) continue;
+    constexpr std::size_t kAround = 20;  // rows
+    double sum = 0.0, count = 0.0;
+    for (std::size_t k = i > kAround ? i - kAround : 0; k <= i + kAround; ++k) {
+      if (k + 1 >= values.size() || is_jump(k)) continue;
+      sum += step(k), count += 1.0;
+    }
+    const double motion = count > 0.0 ? sum / count : 0.0;
+    constexpr double kMaxMotion = 0.1;  // of the range per row; faster is a step
+    if (motion * step(i) >= 0.0 || std::abs(motion) > kMaxMotion * range) out.as_motion = false;
+    out.sizes.push_back(std::abs(step(i) - motion));
+  }
+  return out;
+}
+
+/// Their mean, if they are few and all of one size, which the values do not exceed; else 0.
+double mean_size(const Jumps& jumps, const Values& values) {
+  constexpr double kMaxShare = 0.1;  // of the rows; more is a motion of steps
+  if (jumps.sizes.empty() ||
+      static_cast<double>(jumps.sizes.size()) > kMaxShare * static_cast<double>(values.size()))
+    return 0.0;
+  double mean = 0.0;
+  for (const double size : jumps.sizes) mean += size / static_cast<double>(jumps.sizes.size());
+  const auto same = [&](double size) { return std::abs(size / mean - 1.0) <= kPeriodTolerance; };
+  const bool one_size = std::all_of(jumps.sizes.begin(), jumps.sizes.end(), same);
+  return one_size && range_of(values) <= (1.0 + kPeriodTolerance) * mean ? mean : 0.0;
+}
+
+double variance_of_error(const Values& command, const Values& actual) {
+  double sum = 0.0, squares = 0.0, count = 0.0;
+  for (std::size_t i = 0; i < std::min(command.size(), actual.size()); ++i) {
+    const double error = command[i] - actual[i];
+    if (!std::isfinite(error)) continue;
+    sum += error, squares += error * error, count += 1.0;
+  }
+  return count > 0.0 ? squares / count - sum * sum / count / count : 0.0;
+}
+
+/// A channel while it is unwrapped.
+struct Channel {
+  Channel(const Values& values, double a_period)
+      : raw(values),
+        out(values),
+        period(a_period),
+        goes_round(range_of(values) <= (1.0 + kPeriodTolerance) * a_period) {}
+
+  /// `moved`: how far it should be from its last value, unless it is from the row before.
+  void take(std::size_t row, double moved) {
+    if (goes_round && any) turns -= std::round((raw[row] - raw[last] - moved) / period);
+    out[row] += period * turns;
+    turned = turned || turns != 0.0;
+    last = row, any = true;
+  }
+  [[nodiscard]] bool has(std::size_t row) const {
+    return row < raw.size() && std::isfinite(raw[row]);
+  }
+  [[nodiscard]] bool goes_on_at(std::size_t row) const { return any && last + 1 == row; }
+
+  const Values& raw;
+  Values out;
+  double period;
+  bool goes_round;
+  double turns = 0.0;
+  std::size_t last = 0;
+  bool any = false, turned = false;
+};
+
+/// How far `other` moved since the last row of `channel`; 0 if it does not say.
+double moved_meanwhile(const Channel& channel, const Channel& other, std::size_t row) {
+  if (channel.goes_on_at(row) || !channel.any || !other.any || other.last != row) return 0.0;
+  return other.has(channel.last) ? other.out[row] - other.out[channel.last] : 0.0;
+}
+
+/// Each by itself, and over its gaps by the other.
+std::pair<Channel, Channel> unwrapped(const AxisRecord& axis, double period) {
+  Channel command(axis.command, period), actual(axis.actual, period);
+  for (std::size_t row = 0; row < std::max(axis.command.size(), axis.actual.size()); ++row) {
+    // The one without a gap first: it tells the other.
+    const bool encoder_first = actual.goes_on_at(row) && !command.goes_on_at(row);
+    Channel& first = encoder_first ? actual : command;
+    Channel& second = encoder_first ? command : actual;
+    if (first.has(row)) first.take(row, moved_meanwhile(first, second, row));
+    if (second.has(row)) second.take(row, moved_meanwhile(second, first, row));
+  }
+  return {std::move(command), std::move(actual)};
+}
+
+/// Greatest change from one row to the next, over the rows at which a turn was added, or the
+/// others.
+double greatest_step(const Values& raw, const Values& out, double period, bool where_turned) {
+  double most = 0.0;
+  for (std::size_t i = 1; i < raw.size(); ++i) {
+    const double step = out[i] - out[i - 1];
+    const bool turned = std::abs(step - (raw[i] - raw[i - 1])) > 0.5 * period;
+    if (turned == where_turned && std::isfinite(step)) most = std::max(most, std::abs(step));
+  }
+  return most;
+}
+
+/// Whether nothing jumps where turns were added: a single false value is no turn.
+bool seamless(const AxisRecord& axis, const Values& command, const Values& actual, double period) {
+  constexpr double kMinSeam = 0.05;  // of the period: noise
+  constexpr double kMaxSeam = 2.0;   // times the greatest step of the command elsewhere
+  const double elsewhere = greatest_step(axis.command, command, period, false),
+               of_command = greatest_step(axis.command, command, period, true);
+  const auto fits = [&](double seam, double step) {
+    return seam <= std::max(kMinSeam * period, kMaxSeam * step);
+  };
+  return fits(of_command, elsewhere) &&
+         fits(greatest_step(axis.actual, actual, period, true), std::max(elsewhere, of_command));
+}
+
+/// Rows at which the encoder jumps by this much.
+std::size_t jumps_by(const Values& values, double period) {
+  std::size_t out = 0;
+  for (std::size_t i = 1; i < values.size(); ++i) {
+    if (std::abs(std::abs(values[i] - values[i - 1]) / period - 1.0) < kPeriodTolerance) ++out;
+  }
+  return out;
+}
+
+/// The period that fits best where one channel goes round and the other does not: every turn adds
+/// its error. whole = c + ratio (wrapped + period turns) + lag terms of the command.
+double fitted(const AxisRecord& axis, double period) {
+  const auto [command, actual] = unwrapped(axis, period);
+  if (command.goes_round == actual.goes_round)
+    return rounded(period, axis.rotary, kNumberTolerance);
+  const Channel& wrapped = command.goes_round ? command : actual;
+  const Channel& whole = command.goes_round ? actual : command;
+  AxisRecord smooth;
+  smooth.command = command.out;
+  Regression<4> regression;
+  double least = HUGE_VAL, most = -HUGE_VAL;
+  for (std::size_t i = 0; i < smooth.command.size(); ++i) {
+    if (!wrapped.has(i) || !whole.has(i)) continue;
+    const double turns = std::round((wrapped.out[i] - wrapped.raw[i]) / period);
+    least = std::min(least, turns), most = std::max(most, turns);
+    Regression<4>::Row row;
+    row << turns, wrapped.raw[i], command_slope(smooth, i), command_bend(smooth, i), whole.raw[i];
+    regression.add(row);
+  }
+  const auto fit = regression.fit();
+  // A ratio that may as well be 1 is: its error would add up with every turn, too. A pitch error is
+  // far more than these standard deviations, which are too small because the rest is not white.
+  constexpr double kMaxDeviations = 10.0;
+  const bool is_one = std::abs(fit.slopes(1) - 1.0) < kMaxDeviations * fit.deviations(1);
+  const double found = fit.slopes(0) / (is_one ? 1.0 : fit.slopes(1));
+  // A fit that leaves the jumps' own period is of something else.
+  if (!(std::abs(found / period - 1.0) < kPeriodTolerance))
+    return rounded(period, axis.rotary, kNumberTolerance);
+  // A round number, if it moves no turn by more than the fit leaves anyway, or than what the lag
+  // terms of the fit lack.
+  constexpr double kLagTolerance = 3e-5;
+  const double tolerance = fit.rms / ((most - least) * found);
+  return rounded(found, axis.rotary, std::clamp(tolerance, kLagTolerance, kNumberTolerance));
+}
+
+/// Periods to try, the likeliest first.
+Values periods_to_try(const AxisRecord& axis) {
+  Values out;
+  if (axis.rotary) out.push_back(kTurn);
+  for (const Values* channel : {&axis.command, &axis.actual}) {
+    const Values values = finite(*channel);
+    const double rough = mean_size(jumps_of(values), values);
+    if (!(rough > 0.0)) continue;
+    const double period = fitted(axis, rough);
+    if (out.empty() || std::abs(period / out.front() - 1.0) > kPeriodTolerance)
+      out.push_back(period);
+    break;
+  }
+  return out;
+}
+
+std::string done(bool command, bool actual, double period, bool rotary) {
+  const char* who = command && actual ? "command and encoder go"
+                    : command         ? "the command goes"
+                                      : "the encoder goes";
+  return std::string(who) + " round at " + size_text(period, rotary) + ": unwrapped";
+}
+
+/// Of a channel without the other one only a part of a turn of a rotary axis is certain.
+std::optional<std::string> unwrap_alone(AxisRecord& axis) {
+  const bool is_command = !finite(axis.command).empty();
+  Values& values = is_command ? axis.command : axis.actual;
+  const double period = period_of(values, axis.rotary);
+  constexpr double kQuarter = 0.25 * kTurn, kRounding = 1e-9;
+  if (!axis.rotary || !(period > 0.0) ||
+      std::abs(std::remainder(period, kQuarter)) > kRounding * period)
+    return std::nullopt;
+  auto [command, actual] = unwrapped(axis, period);
+  values = is_command ? std::move(command.out) : std::move(actual.out);
+  return done(is_command, !is_command, period, axis.rotary);
+}
+
+/// Whole turns of all rows, so that command and encoder are within half a turn of one another.
+void bring_together(const Values& command, Values& actual, double period) {
+  Values errors;
+  for (std::size_t i = 0; i < std::min(command.size(), actual.size()); ++i)
+    errors.push_back(command[i] - actual[i]);
+  errors = finite(errors);
+  if (errors.empty()) return;
+  const double turns = std::round(median(std::move(errors)) / period);
+  for (double& value : actual) value += period * turns;
+}
+
+/// Each row of the encoder by the turns that bring it next to the command: for an axis that moves
+/// more than half a turn in one row.
+Values next_to(const Values& command, const Values& actual, double period) {
+  Values out = actual;
+  for (std::size_t i = 0; i < std::min(command.size(), actual.size()); ++i) {
+    const double turns = std::round((command[i] - actual[i]) / period);
+    if (std::isfinite(turns)) out[i] += period * turns;
+  }
+  return out;
+}
+
+std::optional<std::string> unwrap_at(AxisRecord& axis, double period) {
+  auto [command, actual] = unwrapped(axis, period);
+  if (!command.turned && !actual.turned) return std::nullopt;
+  bring_together(command.out, actual.out, period);
+  // Of the variance of the error, unwrapped over as it is. No encoder moves by a period in one row:
+  // where it jumps, it must only not be worse, because an axis that steps is far from its command.
+  constexpr double kMaxVarianceRatio = 0.05, kMaxVarianceRatioOfJumps = 1.0 + 1e-6;
+  const double most =
+      variance_of_error(axis.command, axis.actual) *
+      (jumps_by(axis.actual, period) > 0 ? kMaxVarianceRatioOfJumps : kMaxVarianceRatio);
+  double left = variance_of_error(command.out, actual.out);
+  if (actual.goes_round) {
+    Values nearest = next_to(command.out, axis.actual, period);
+    const double of_nearest = variance_of_error(command.out, nearest);
+    if (of_nearest < kMaxVarianceRatio * left) {
+      left = of_nearest;
+      actual.out = std::move(nearest);
+    }
+  }
+  if (!(left <= most) || !seamless(axis, command.out, actual.out, period)) return std::nullopt;
+  axis.command = std::move(command.out);
+  axis.actual = std::move(actual.out);
+  return done(command.turned, actual.turned, period, axis.rotary);
+}
+
+/// An encoder that jumps by a period although its command does not, or by a turn.
+std::optional<std::string> left_wrapped(const AxisRecord& axis, const Values& periods) {
+  for (const double period : periods) {
+    const std::size_t jumps = jumps_by(axis.actual, period);
+    if (jumps == 0 || range_of(axis.actual) > (1.0 + kPeriodTolerance) * period) continue;
+    if (!axis.rotary && jumps_by(axis.command, period) > 0) continue;
+    return "the encoder jumps by " + size_text(period, axis.rotary) + " within one row, " +
+           std::to_string(jumps) + (jumps == 1 ? " time" : " times") +
+           ", and does not agree with its command when it is unwrapped: left as recorded; check "
+           "that both columns are of this axis, or unwrap the positions in the file";
+  }
+  return std::nullopt;
+}
+
+}  // namespace
+
+double period_of(const std::vector<double>& all, bool rotary) {
+  constexpr std::size_t kMinRows = 20;
+  const Values values = finite(all);
+  if (values.size() < kMinRows) return 0.0;
+  const Jumps jumps = jumps_of(values);
+  const double period = jumps.as_motion ? mean_size(jumps, values) : 0.0;
+  return period > 0.0 ? rounded(period, rotary, kNumberTolerance) : 0.0;
+}
+
+std::optional<std::string> unwrap(AxisRecord& axis) {
+  const auto absent = [](const Values& values) {
+    return std::none_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+  };
+  if (absent(axis.command) || absent(axis.actual)) return unwrap_alone(axis);
+  const Values periods = periods_to_try(axis);
+  for (const double period : periods) {
+    if (std::optional<std::string> line = unwrap_at(axis, period)) return line;
+  }
+  return left_wrapped(axis, periods);
+}
+
+}  // namespace servotwin
