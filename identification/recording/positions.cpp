@@ -28,19 +28,50 @@ std::vector<std::size_t> rows_of_both(const AxisRecord& axis) {
   return out;
 }
 
-/// The rows at which the command has stood for a while: servo and friction have settled.
-std::vector<std::size_t> rows_at_rest(const AxisRecord& axis, double step_s) {
-  constexpr double kSettled_s = 0.2;
+/// Rows at which the command has stood for a while, each with the row at which that while began.
+std::vector<std::pair<std::size_t, std::size_t>> standing(const AxisRecord& axis, double step_s) {
+  constexpr double kWhile_s = 0.2;  // a servo of Kv 30/s is then within 0.3 % of its last lag
   constexpr std::size_t kMinRows = 20;
-  const std::size_t settled =
-      std::max(kMinRows, static_cast<std::size_t>(kSettled_s / std::max(step_s, 1e-6)));
-  std::vector<std::size_t> out;
+  const std::size_t window =
+      std::max(kMinRows, static_cast<std::size_t>(kWhile_s / std::max(step_s, 1e-6)));
+  const std::vector<std::size_t> rows = rows_of_both(axis);
+  std::vector<std::pair<std::size_t, std::size_t>> out;
   std::size_t stood = 0;
-  double last = kAbsent;
-  for (const std::size_t i : rows_of_both(axis)) {
-    stood = axis.command[i] == last ? stood + 1 : 0;
-    last = axis.command[i];
-    if (stood >= settled) out.push_back(i);
+  for (std::size_t k = 1; k < rows.size(); ++k) {
+    stood = axis.command[rows[k]] == axis.command[rows[k - 1]] ? stood + 1 : 0;
+    if (stood >= window) out.emplace_back(rows[k - window], rows[k]);
+  }
+  return out;
+}
+
+/// Standard deviation of the encoder where its command stands, by second differences: settling is
+/// slow and hardly adds to them.
+double noise_of(const AxisRecord& axis,
+                const std::vector<std::pair<std::size_t, std::size_t>>& standing) {
+  constexpr std::size_t kMaxRows = 100'000;         // a median of that many is certain enough
+  constexpr double kPerDeviation = 0.6745 * 2.449;  // median of |a - 2 b + c| of white noise
+  Values bends;
+  for (std::size_t k = 0; k < standing.size(); k += 1 + standing.size() / kMaxRows) {
+    const std::size_t i = standing[k].second;
+    bends.push_back(std::abs(axis.actual[i] - 2.0 * axis.actual[i - 1] + axis.actual[i - 2]));
+  }
+  bends = finite(bends);
+  return bends.empty() ? 0.0 : median(std::move(bends)) / kPerDeviation;
+}
+
+/// The rows at which command and encoder have come to rest. A slow axis (Kv 5/s) still moves when
+/// its command has stood for a while.
+std::vector<std::size_t> rows_at_rest(const AxisRecord& axis, double step_s) {
+  constexpr std::size_t kMinRows = 20;
+  constexpr double kMaxChange = 1e-4;  // of the travel: what is left to come is of that order, and
+                                       // small against the least ratio that is repaired
+  constexpr double kMaxNoise = 3.0;    // standard deviations
+  const auto all = standing(axis, step_s);
+  const double most =
+      std::max(kMaxChange * range_of(axis.command), kMaxNoise * noise_of(axis, all));
+  std::vector<std::size_t> out;
+  for (const auto& [since, row] : all) {
+    if (std::abs(axis.actual[row] - axis.actual[since]) <= most) out.push_back(row);
   }
   return out.size() >= kMinRows ? out : std::vector<std::size_t>();
 }

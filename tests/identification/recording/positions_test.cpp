@@ -323,6 +323,35 @@ TEST(Positions, AFewRowsAreNoReasonForARepair) {
   }
 }
 
+/// Back and forth over 0.3 m at 30 mm/s with rests of half a second; a first-order loop of this Kv.
+Recording slow_loop(double kv_per_s, double noise_m) {
+  Recording out = motion(0.3, false);
+  AxisRecord& axis = out.axes[0];
+  constexpr double kSlower = 4.0, kMove_s = 10.0, kRest_s = 0.5, kTravel_m = 0.3;
+  std::mt19937 random(3);
+  std::normal_distribution<double> noise(0.0, 1.0);
+  double actual = 0.0;
+  for (std::size_t i = 0; i < axis.command.size(); ++i) {
+    out.time[i] *= kSlower;
+    const double part = std::fmod(out.time[i], 2.0 * (kMove_s + kRest_s));
+    const double there = std::clamp(part / kMove_s, 0.0, 1.0);
+    const double back = std::clamp((part - kMove_s - kRest_s) / kMove_s, 0.0, 1.0);
+    axis.command[i] = kTravel_m * (there - back);
+    actual += (axis.command[i] - actual) * kSlower * kStep_s * kv_per_s;
+    axis.actual[i] = actual + noise_m * noise(random);
+  }
+  return out;
+}
+
+TEST(Positions, ASlowAxisThatStillSettlesIsNoRatio) {
+  for (const double kv_per_s : {5.0, 10.0, 30.0}) {
+    for (const double noise_m : {0.0, 2e-6, 20e-6}) {
+      Recording slow = slow_loop(kv_per_s, noise_m);
+      EXPECT_THAT(mend_positions(slow), IsEmpty()) << kv_per_s << " " << noise_m;
+    }
+  }
+}
+
 TEST(Positions, SignRatioAndZeroOfTheEncoderAreRepaired) {
   const Recording whole = motion(0.3, false);
   Recording spoiled = whole;
