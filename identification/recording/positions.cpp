@@ -139,9 +139,17 @@ std::optional<std::string> mend_zero(AxisRecord& axis, const std::vector<std::si
   if (!(std::abs(offset) > (axis.rotary ? limits.offset_rad : limits.offset_m)) ||
       !(std::abs(offset) > kOffsetOverSpread * spread))
     return std::nullopt;
+  const std::string size = size_text(offset, axis.rotary);
+  const double other_zero = std::min(axis.rotary ? limits.other_zero_rad : limits.other_zero_m,
+                                     limits.other_zero_share * range_of(axis.command));
+  if (!(std::abs(offset) > other_zero)) {
+    return "the encoder stands " + size +
+           " from its command at rest; left as it is: if that is another zero, subtract " + size +
+           " from the encoder in the file; if not, the axis does not reach its command (load, "
+           "friction, no integral action)";
+  }
   rescale(axis, 1.0, offset);
-  return "the zero of the encoder is " + size_text(offset, axis.rotary) +
-         " from that of the command: subtracted";
+  return "the zero of the encoder is " + size + " from that of the command: subtracted";
 }
 
 /// A value that is refreshed at a regular interval and by various amounts is held in between. A

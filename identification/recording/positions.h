@@ -7,7 +7,8 @@
 //   3. An encoder that moves 0.5 to 2 times as far as its command, and not as far, is divided by
 //      that ratio (gear ratio, unit or pitch). Only where it rested at places far apart: in motion
 //      a lag can look like a ratio.
-//   4. An encoder whose zero is elsewhere at rest gets that of the command.
+//   4. An encoder whose zero is elsewhere at rest gets that of the command; where it may as well be
+//      an axis that does not reach its command, that is only reported.
 //   5. An encoder that is refreshed more slowly than it is recorded is reported.
 // Each repair is far from what a machine does (`PositionLimits`), so that thermal growth, lead
 // errors and backlash stay as they are.
@@ -15,6 +16,7 @@
 // Units: m | rad, s. Errors: none; what cannot be decided is left as it is. Any thread. Allocates.
 #pragma once
 
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -24,8 +26,13 @@ namespace servotwin {
 
 struct PositionLimits {
   double ratio = 0.003;      ///< least deviation of the ratio from 1; a pitch error is below 0.001
-  double offset_m = 1e-3;    ///< least offset of the zero; thermal growth is below 0.2 mm
+  double offset_m = 1e-3;    ///< least error at rest that is named; thermal growth is below 0.2 mm
   double offset_rad = 0.01;  ///< the same of a rotary axis
+  /// The error at rest from which it is another zero: a control stops an axis long before it stands
+  /// that far from its command. Below it may be a load that a loop without integral action holds.
+  double other_zero_m = 10e-3;
+  double other_zero_rad = std::numbers::pi / 18.0;  ///< 10 degrees
+  double other_zero_share = 0.2;  ///< of the travel, where that is less: no axis is used like that
   /// Greatest RMS that sign, ratio, zero and lag leave, over that of the motion.
   double unexplained = 0.02;
 };

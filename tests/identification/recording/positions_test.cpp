@@ -323,6 +323,27 @@ TEST(Positions, AFewRowsAreNoReasonForARepair) {
   }
 }
 
+TEST(Positions, AnErrorAtRestIsNamedAndOnlyAnotherZeroIsSubtracted) {
+  struct Case {
+    double error;
+    bool rotary, subtracted;
+  };
+  for (const Case& c : {Case{4e-3, false, false}, Case{-9e-3, false, false},
+                        Case{0.05, false, true}, Case{0.1, true, false}, Case{0.3, true, true}}) {
+    Recording stands = motion(c.rotary ? 3.0 : 0.3, c.rotary);
+    for (double& value : stands.axes[0].actual) value += c.error;
+    const Recording as_it_was = stands;
+    const std::vector<std::string> said = mend_positions(stands);
+    EXPECT_THAT(said, ElementsAre(HasSubstr(c.subtracted ? "subtracted" : "left as it is")))
+        << c.error;
+    EXPECT_EQ(stands.axes[0].actual == as_it_was.axes[0].actual, !c.subtracted) << c.error;
+  }
+  Recording stands = motion(0.3, false);
+  for (double& value : stands.axes[0].actual) value += 4.2e-3;
+  EXPECT_THAT(mend_positions(stands),
+              ElementsAre(HasSubstr("stands 4.2 mm from its command at rest")));
+}
+
 /// Back and forth over 0.3 m at 30 mm/s with rests of half a second; a first-order loop of this Kv.
 Recording slow_loop(double kv_per_s, double noise_m) {
   Recording out = motion(0.3, false);
