@@ -225,15 +225,18 @@ std::vector<std::string> mend_encoder(AxisRecord& axis, double step_s,
 
 }  // namespace
 
-std::vector<std::string> mend_positions(Recording& recording, const PositionLimits& limits) {
+std::vector<std::string> mend_positions(Recording& recording, const std::string& only,
+                                        const PositionLimits& limits) {
   std::vector<std::string> out;
   const double step_s = step_of(recording.time);
   for (AxisRecord& axis : recording.axes) {
     const auto say = [&](const std::string& line) { out.push_back(axis.name + ": " + line); };
     if (const auto line = unwrap(axis)) say(*line);
+    if (!only.empty() && axis.name != only) continue;
     for (const std::string& line : mend_encoder(axis, step_s, limits)) say(line);
     if (const auto line = held(axis, step_s)) say(*line);
   }
+  recording.notes.insert(recording.notes.end(), out.begin(), out.end());
   return out;
 }
 

@@ -37,7 +37,10 @@ struct PositionLimits {
   double unexplained = 0.02;
 };
 
-/// Repairs the positions of every axis. One line per repair or finding, beginning with the axis.
-std::vector<std::string> mend_positions(Recording& recording, const PositionLimits& limits = {});
+/// Repairs the positions of every axis, or of `only`; the others are unwrapped, because they are
+/// its neighbours. One line per repair or finding, beginning with the axis; also in the notes of
+/// the recording, which tell how it was made.
+std::vector<std::string> mend_positions(Recording& recording, const std::string& only = "",
+                                        const PositionLimits& limits = {});
 
 }  // namespace servotwin

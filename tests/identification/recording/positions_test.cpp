@@ -323,6 +323,32 @@ TEST(Positions, AFewRowsAreNoReasonForARepair) {
   }
 }
 
+TEST(Positions, EachAxisIsRepairedByItselfAndTheRepairsAreKept) {
+  Recording machine = motion(0.3, false);
+  machine.notes = {"time is repaired"};
+  machine.axes[0].name = "X";
+  machine.axes.push_back(motion(6.0, true).axes[0]);
+  machine.axes.push_back(machine.axes[0]);
+  machine.axes[2].name = "Y";
+  const Recording whole = machine;
+  wrap(machine.axes[1].command, 0.0, kTurn);
+  for (double& value : machine.axes[0].actual) value = -value;
+  for (double& value : machine.axes[2].actual) value += 0.2;
+  const Recording spoiled = machine;
+  const std::vector<std::string> said = mend_positions(machine);
+  EXPECT_THAT(said, ElementsAre(HasSubstr("X: the encoder counts against"),
+                                HasSubstr("C: the command goes round at 360"),
+                                HasSubstr("Y: the zero of the encoder is 200 mm")));
+  EXPECT_THAT(machine.notes, ElementsAre("time is repaired", said[0], said[1], said[2]));
+  for (std::size_t k = 0; k < 3; ++k)
+    EXPECT_LT(greatest_error_difference(machine.axes[k], whole.axes[k]), 1e-9) << k;
+
+  machine = spoiled;  // the neighbours of an axis are unwrapped and no more
+  EXPECT_THAT(mend_positions(machine, "Y"),
+              ElementsAre(HasSubstr("C: the command goes"), HasSubstr("Y: the zero")));
+  EXPECT_EQ(machine.axes[0].actual, spoiled.axes[0].actual);
+}
+
 TEST(Positions, AnErrorAtRestIsNamedAndOnlyAnotherZeroIsSubtracted) {
   struct Case {
     double error;
