@@ -32,9 +32,8 @@ class Regression {
   }
 
   struct Fit {
-    Eigen::Matrix<double, kColumns, 1> slopes;      ///< 0 of a column that was left out
-    double rms = 0.0;                               ///< of what the columns leave
-    Eigen::Matrix<double, kColumns, 1> deviations;  ///< of the slopes, if that is white
+    Eigen::Matrix<double, kColumns, 1> slopes;  ///< 0 of a column that was left out
+    double rms = 0.0;                           ///< of what the columns leave
   };
 
   /// By sweeping one column after the other out of the sums (Goodnight 1979).
@@ -51,11 +50,9 @@ class Regression {
       in[static_cast<std::size_t>(k)] = true;
     }
     out.rms = std::sqrt(std::max(0.0, swept(kColumns, kColumns))) * deviation(kColumns);
-    out.deviations.setZero();
     for (int k = 0; k < kColumns; ++k) {
       if (!in[static_cast<std::size_t>(k)]) continue;
       out.slopes(k) = swept(k, kColumns) * scale(kColumns) / scale(k);
-      out.deviations(k) = out.rms * std::sqrt(swept(k, k)) / scale(k);
     }
     return out;
   }

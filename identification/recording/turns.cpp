@@ -20,21 +20,38 @@ using positions::Values;
 constexpr double kTurn = 2.0 * std::numbers::pi;
 // Excess of a range over its period, and of one jump over another, by noise and speed.
 constexpr double kPeriodTolerance = 0.02;
-// Of a round number, where the period is known by the jumps alone: pitches in inches are further.
-constexpr double kNumberTolerance = 1e-3;
 
-/// A period as it is meant: a part of a turn, or a number of two digits.
-double rounded(double period, bool rotary, double number_tolerance) {
-  constexpr double kTurnTolerance = 0.01;  // a part of a turn is likelier than a round number
+/// The multiple of `unit` with two digits that is nearest.
+double two_digits(double period, double unit) {
+  const double digit = std::pow(10.0, std::floor(std::log10(period / unit)) - 1.0);
+  return unit * digit * std::round(period / unit / digit);
+}
+
+/// A period as it is meant: a part of a turn, a number of two digits in metres or inches, or a
+/// power of two of counts of 1 um, 0.1 um, 10 nm or 1 nm.
+double rounded(double period, bool rotary) {
+  const auto near = [&](double meant, double tolerance) {
+    return std::abs(period / meant - 1.0) < tolerance;
+  };
   if (rotary) {
+    constexpr double kTurnTolerance = 0.01;  // a part of a turn is likelier than a round number
     for (const double turns : {0.25, 0.5, 1.0, 2.0}) {
-      if (std::abs(period / (kTurn * turns) - 1.0) < kTurnTolerance) return kTurn * turns;
+      if (near(kTurn * turns, kTurnTolerance)) return kTurn * turns;
     }
     return period;
   }
-  const double digit = std::pow(10.0, std::floor(std::log10(period)) - 1.0);
-  const double meant = digit * std::round(period / digit);
-  return std::abs(period / meant - 1.0) < number_tolerance ? meant : period;
+  // The other periods are further from a round number: 8.192 is 9.8e-4 from 8.2.
+  constexpr double kNumberTolerance = 8e-4;
+  // A following error of 20 um shifts a fit by 3e-5; there are many such numbers.
+  constexpr double kRareTolerance = 1e-4;
+  constexpr double kInch_m = 0.0254;
+  if (const double meant = two_digits(period, 1.0); near(meant, kNumberTolerance)) return meant;
+  if (const double meant = two_digits(period, kInch_m); near(meant, kRareTolerance)) return meant;
+  for (const double count_m : {1e-6, 1e-7, 1e-8, 1e-9}) {
+    const double meant = count_m * std::exp2(std::round(std::log2(period / count_m)));
+    if (near(meant, kRareTolerance)) return meant;
+  }
+  return period;
 }
 
 /// Jumps of more than half of the range from one row to the next.
@@ -172,38 +189,37 @@ std::size_t jumps_by(const Values& values, double period) {
 
 /// The period that fits best where one channel goes round and the other does not: every turn adds
 /// its error. whole = c + ratio (wrapped + period turns) + lag terms of the command.
-double fitted(const AxisRecord& axis, double period) {
-  const auto [command, actual] = unwrapped(axis, period);
-  if (command.goes_round == actual.goes_round)
-    return rounded(period, axis.rotary, kNumberTolerance);
-  const Channel& wrapped = command.goes_round ? command : actual;
-  const Channel& whole = command.goes_round ? actual : command;
+double fitted(const Channel& wrapped, const Channel& whole, const Values& unwrapped_command) {
   AxisRecord smooth;
-  smooth.command = command.out;
-  Regression<4> regression;
-  double least = HUGE_VAL, most = -HUGE_VAL;
+  smooth.command = unwrapped_command;
+  Regression<3> as_far;  // ratio 1
+  Regression<4> any_ratio;
   for (std::size_t i = 0; i < smooth.command.size(); ++i) {
     if (!wrapped.has(i) || !whole.has(i)) continue;
-    const double turns = std::round((wrapped.out[i] - wrapped.raw[i]) / period);
-    least = std::min(least, turns), most = std::max(most, turns);
-    Regression<4>::Row row;
-    row << turns, wrapped.raw[i], command_slope(smooth, i), command_bend(smooth, i), whole.raw[i];
-    regression.add(row);
+    const double turns = std::round((wrapped.out[i] - wrapped.raw[i]) / wrapped.period);
+    const double slope = command_slope(smooth, i), bend = command_bend(smooth, i);
+    as_far.add({turns, slope, bend, whole.raw[i] - wrapped.raw[i]});
+    any_ratio.add(
+        (Regression<4>::Row() << turns, wrapped.raw[i], slope, bend, whole.raw[i]).finished());
   }
-  const auto fit = regression.fit();
-  // A ratio that may as well be 1 is: its error would add up with every turn, too. A pitch error is
-  // far more than these standard deviations, which are too small because the rest is not white.
-  constexpr double kMaxDeviations = 10.0;
-  const bool is_one = std::abs(fit.slopes(1) - 1.0) < kMaxDeviations * fit.deviations(1);
-  const double found = fit.slopes(0) / (is_one ? 1.0 : fit.slopes(1));
+  // What the lag terms lack looks like a ratio of up to 1.001, which would add up with every turn.
+  constexpr double kMinRatio = 0.003;  // deviation from 1; as PositionLimits::ratio
+  const auto free = any_ratio.fit();
+  return std::abs(free.slopes(1) - 1.0) < kMinRatio ? as_far.fit().slopes(0)
+                                                    : free.slopes(0) / free.slopes(1);
+}
+
+/// The period of which jumps show that it is about `rough`.
+double refined(const AxisRecord& axis, double rough) {
+  const auto [command, actual] = unwrapped(axis, rough);
+  double period = rough;  // where both go round, an error of it moves both
+  if (command.goes_round != actual.goes_round) {
+    period = command.goes_round ? fitted(command, actual, command.out)
+                                : fitted(actual, command, command.out);
+  }
   // A fit that leaves the jumps' own period is of something else.
-  if (!(std::abs(found / period - 1.0) < kPeriodTolerance))
-    return rounded(period, axis.rotary, kNumberTolerance);
-  // A round number, if it moves no turn by more than the fit leaves anyway, or than what the lag
-  // terms of the fit lack.
-  constexpr double kLagTolerance = 3e-5;
-  const double tolerance = fit.rms / ((most - least) * found);
-  return rounded(found, axis.rotary, std::clamp(tolerance, kLagTolerance, kNumberTolerance));
+  const bool fits = std::abs(period / rough - 1.0) < kPeriodTolerance;
+  return rounded(fits ? period : rough, axis.rotary);
 }
 
 /// Periods to try, the likeliest first.
@@ -214,7 +230,7 @@ Values periods_to_try(const AxisRecord& axis) {
     const Values values = finite(*channel);
     const double rough = mean_size(jumps_of(values), values);
     if (!(rough > 0.0)) continue;
-    const double period = fitted(axis, rough);
+    const double period = refined(axis, rough);
     if (out.empty() || std::abs(period / out.front() - 1.0) > kPeriodTolerance)
       out.push_back(period);
     break;
@@ -312,7 +328,7 @@ double period_of(const std::vector<double>& all, bool rotary) {
   if (values.size() < kMinRows) return 0.0;
   const Jumps jumps = jumps_of(values);
   const double period = jumps.as_motion ? mean_size(jumps, values) : 0.0;
-  return period > 0.0 ? rounded(period, rotary, kNumberTolerance) : 0.0;
+  return period > 0.0 ? rounded(period, rotary) : 0.0;
 }
 
 std::optional<std::string> unwrap(AxisRecord& axis) {

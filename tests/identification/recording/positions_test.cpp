@@ -129,7 +129,20 @@ TEST_P(Periods, APeriodThatIsNoRoundNumberDoesNotAddUpOverManyTurns) {
   EXPECT_THAT(mend_positions(both), ElementsAre(HasSubstr("round at")));
   EXPECT_LT(greatest_error_difference(both.axes[0], whole.axes[0]), 0.002 * period);
 }
-INSTANTIATE_TEST_SUITE_P(Pitches, Periods, testing::Values(0.00508, 0.065536));
+INSTANTIATE_TEST_SUITE_P(Pitches, Periods, testing::Values(0.00508, 0.008192, 0.065536, 0.0123457));
+
+TEST(Positions, AFollowingErrorThatIsNoLagDoesNotSpoilThePeriod) {
+  for (const double period : {0.02, 0.0254}) {
+    Recording whole = motion(0.05, false);
+    AxisRecord& axis = whole.axes[0];
+    for (std::size_t i = 1; i < axis.actual.size(); ++i)  // stiffness against a force by place
+      axis.actual[i] += 40e-6 * std::sin(90.0 * axis.command[i]);
+    Recording spoiled = whole;
+    wrap(spoiled.axes[0].actual, 0.0, period);
+    EXPECT_THAT(mend_positions(spoiled), ElementsAre(HasSubstr("the encoder goes round at")));
+    EXPECT_LT(greatest_error_difference(spoiled.axes[0], whole.axes[0]), 1e-9) << period;
+  }
+}
 
 TEST(Positions, ARatioIsFoundBehindAPeriodThatOnlyTheCommandHas) {
   Recording whole = motion(0.05, false), spoiled = whole;
