@@ -174,7 +174,7 @@ std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis, const Argume
 
 void run(const Arguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.report, arguments.extended});
-  Recording recording = arguments.input.recording.read(people);
+  Recording recording = arguments.input.recording.read(people, arguments.input.axis);
   const bool commanded = !without_command(recording, arguments.input.axis);
   const SegmentedAxis axis = arguments.input.segmented(recording, people);
   if (!commanded) {

@@ -72,7 +72,7 @@ VelocityResponse read_response(const std::filesystem::path& file) {
 SegmentedAxis read_torque(RecordingOptions options, const std::filesystem::path& file,
                           const std::string& name, std::FILE* people) {
   options.file = file;
-  SegmentedAxis axis = segment_axis(options.read(people), name);
+  SegmentedAxis axis = segment_axis(options.read(people, name), name);
   if (axis.rotary || axis.torque_unit != "Nm")
     throw std::runtime_error(axis.source + ": " + name + (axis.rotary ? " is rotary" : "") +
                              (axis.torque_unit != "Nm"
@@ -170,6 +170,7 @@ Command add_fit_axis(CLI::App& app) {
       .option("--columns", arguments->bare.read_options.columns,
               "which column of a foreign file is which channel")
       .takes("MAP");
+  arguments->bare.declare_as_recorded(command);
   command
       .option("--out", arguments->out,
               "write the fitted axis to this file (TOML); - is standard output")

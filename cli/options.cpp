@@ -30,16 +30,23 @@ void RecordingOptions::declare(OptionTable& command, const std::string& name,
       .takes("S");
   command.option("--rate", read_options.rate_hz, "rows per second of a file without a time column")
       .takes("HZ");
+  if (!as_recorded) declare_as_recorded(command);
 }
 
-Recording RecordingOptions::read(std::FILE* people) const {
+void RecordingOptions::declare_as_recorded(OptionTable& command) {
+  command.flag("--as-recorded", as_recorded,
+               "use the positions as they are in the file: do not unwrap them, and do not repair "
+               "sign, ratio and zero of the encoder");
+}
+
+Recording RecordingOptions::read(std::FILE* people, const std::string& axis) const {
   Recording recording;
   {
     const Progress progress("reading " + file.filename().string());
     recording = read_recording(file, read_options);
   }
+  if (!as_recorded) mend_positions(recording, axis);
   for (const std::string& note : recording.notes) say(people, "note: " + note);
-  for (const std::string& mended : mend_positions(recording)) say(people, "note: " + mended);
   return recording;
 }
 
@@ -52,7 +59,7 @@ void AxisOptions::declare(OptionTable& command) {
 }
 
 SegmentedAxis AxisOptions::read(std::FILE* people) const {
-  return segmented(recording.read(people), people);
+  return segmented(recording.read(people, axis), people);
 }
 
 SegmentedAxis AxisOptions::segmented(const Recording& whole, std::FILE* people) const {

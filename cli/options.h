@@ -16,14 +16,21 @@ namespace servotwin::cli {
 
 class OptionTable;
 
-/// REC --columns --can-map --from --to --rate: a recording and the part of it that is read.
+/// REC --columns --can-map --from --to --rate --as-recorded: a recording and the part of it that is
+/// read.
 struct RecordingOptions {
   std::filesystem::path file;
   ReadOptions read_options;
+  /// Leave the positions as they are. A command that plays or simulates what the file says sets it,
+  /// before declare(); the others have an option for it.
+  bool as_recorded = false;
 
   void declare(OptionTable& command, const std::string& name, const std::string& what);
-  /// Reads the recording and prints on `people` what the reader ignored, repaired or dropped.
-  [[nodiscard]] Recording read(std::FILE* people) const;
+  /// --as-recorded alone, for commands that name several recordings.
+  void declare_as_recorded(OptionTable& command);
+  /// Reads the recording and prints on `people` what was ignored, repaired or dropped. `axis`: the
+  /// one whose encoder is repaired; empty: all.
+  [[nodiscard]] Recording read(std::FILE* people, const std::string& axis = "") const;
 };
 
 /// REC and --axis.

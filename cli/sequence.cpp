@@ -40,7 +40,7 @@ struct Torque {
 Torque read(RecordingOptions options, const std::filesystem::path& file, const Arguments& arguments,
             const std::string& name, std::FILE* people) {
   options.file = file;
-  Torque out{segment_axis(options.read(people), name), {}};
+  Torque out{segment_axis(options.read(people, name), name), {}};
   require_torque(out.axis, arguments.invert);
   require_motion(out.axis);
   say(people, "read " + file.string());
@@ -317,6 +317,7 @@ Command add_sequence(CLI::App& app) {
       .option("--columns", arguments->bare.read_options.columns,
               "which column of a foreign file is which channel")
       .takes("MAP");
+  arguments->bare.declare_as_recorded(command);
   command.option("--friction", arguments->friction, "friction model of both (default lugre)")
       .one_of(torque_frictions())
       .takes("ID");

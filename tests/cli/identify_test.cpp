@@ -194,6 +194,31 @@ TEST_F(Identify, AForeignFileIsMapped) {
   EXPECT_EQ(theirs["loop"]["poles"], ours["loop"]["poles"]);
 }
 
+TEST_F(Identify, AnEncoderThatCountsBackwardsIsRepairedUnlessItIsToStayAsRecorded) {
+  std::string foreign = known_recording();
+  foreign.replace(0, foreign.find('\n'), "t,soll,ist");
+  std::vector<std::string> words{"identify",  folder_.write("foreign.csv", foreign),
+                                 "--axis",    "X",
+                                 "--columns", "time=t[s],X.command=soll[m],X.actual=ist[m*-1]",
+                                 "--json",    "-"};
+  const Answer repaired = servotwin_says(words);
+  ASSERT_EQ(repaired.status, 0) << repaired;
+  EXPECT_THAT(repaired.err, HasSubstr("note: X: the encoder counts against its command"));
+  words.push_back("--as-recorded");
+  const Answer as_recorded = servotwin_says(words);
+  EXPECT_EQ(as_recorded.status, 1) << as_recorded;
+  EXPECT_THAT(as_recorded.err, Not(HasSubstr("note: X: the encoder")));
+}
+
+TEST(AsRecorded, CommandsThatPlayAFileHaveNoRepairToTurnOff) {
+  for (const char* command : {"identify", "diagnose", "predict", "characterize", "sequence",
+                              "frequency-response", "multivariable", "fit-axis"})
+    EXPECT_THAT(servotwin_says({command, "--help"}).out, HasSubstr("--as-recorded")) << command;
+  for (const char* command : {"simulate", "learn", "replay", "preview", "what-if"})
+    EXPECT_THAT(servotwin_says({command, "--help"}).out, Not(HasSubstr("--as-recorded")))
+        << command;
+}
+
 // The drive was tuned where the hold-out begins: it lags before and follows exactly after.
 TEST_F(Identify, AModelThatMustNotBeUsedIsNotWritten) {
   const auto lagging = [](int k) {
