@@ -15,6 +15,7 @@
 #include "cli/output.h"
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/judgement.h"
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
@@ -88,13 +89,14 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   for (const Cause& cause : diagnosis.suspected) {
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
-    const char* why = cause.confidence < kNamed ? "too low to name it as a cause"
-                      : cause.doubt == CauseDoubt::kParameters
-                          ? "but a parameter is at the limit of what this cause has"
-                          : "but its gain on held-out data may be zero, or is within the noise";
-    say(people, text("suspected   %-24s confidence %.0f %%, %s", cause.id.c_str(),
-                     100.0 * cause.confidence, why) +
-                    rivals);
+    const std::string why =
+        cause.confidence < kNamed ? "too low to name it as a cause"
+        : cause.doubt == CauseDoubt::kParameters
+            ? "but " + end_text(cause.id, diagnosis.extended.model.effects[cause.place])
+            : "but its gain on held-out data may be zero, or is within the noise";
+    say(people,
+        text("suspected   %-24s confidence %.0f %%, ", cause.id.c_str(), 100.0 * cause.confidence) +
+            why + rivals);
     say(people, "              " + cause_text(diagnosis, cause));
   }
   if (const std::string term = not_understood_text(diagnosis); !term.empty())

@@ -30,6 +30,7 @@ struct CauseNature {
   const char* besides = "";  // what is needed in addition to the test motion
   // The shape parameter at whose upper bound the cause ends and something else begins.
   std::string_view ends_at = "";
+  const char* beyond = "";  // what begins there; continues "<parameter> at its limit 0.2: "
 };
 
 inline constexpr const char* kPastChange =
@@ -50,7 +51,7 @@ inline constexpr std::array<CauseNature, 24> kNatures{{
      "is a step of the same width at every reversal, whatever the force"},
     {"compliance", kAccelerations | kSweep,
      "is proportional to the acceleration and oscillates at its natural frequency", "",
-     "damping_ratio"},
+     "damping_ratio", "more is a filter than a vibration"},
     {"cogging", kTwoSpeeds,
      "is a force that repeats with position, of the same amplitude at any speed and in both "
      "directions"},

@@ -7,6 +7,7 @@
 #include "diagnosis/bootstrap.h"
 
 #include "diagnosis/cause_nature.h"
+#include "diagnosis/text.h"
 
 namespace servotwin {
 
@@ -78,14 +79,22 @@ Judgement judged(const Tried& one, const Bar& bar) {
   return out;
 }
 
-bool at_end_of(std::string_view cause, const Effect& effect) {
+std::string end_text(std::string_view cause, const Effect& effect) {
   constexpr double kAtLimit = 0.99;  // of the limit; a fit stops a little before it
-  const std::string_view name = nature_of(cause).ends_at;
+  const CauseNature& nature = nature_of(cause);
   const auto shapes = shapes_of(effect.kind);
   for (std::size_t i = 0; i < shapes.size(); ++i) {
-    if (shapes[i].name == name && effect.shape[i] > kAtLimit * shapes[i].upper) return true;
+    if (shapes[i].name != nature.ends_at || !(effect.shape[i] > kAtLimit * shapes[i].upper))
+      continue;
+    std::string name(shapes[i].name);
+    std::replace(name.begin(), name.end(), '_', ' ');
+    return text("%s at its limit %g: %s", name.c_str(), shapes[i].upper, nature.beyond);
   }
-  return false;
+  return "";
+}
+
+bool at_end_of(std::string_view cause, const Effect& effect) {
+  return !end_text(cause, effect).empty();
 }
 
 }  // namespace servotwin

@@ -62,4 +62,8 @@ struct Bar {
 /// that the fit asks for something else. Throws std::invalid_argument for an unknown cause.
 [[nodiscard]] bool at_end_of(std::string_view cause, const Effect& effect);
 
+/// For people: "damping ratio at its limit 0.2: more is a filter than a vibration"; empty if it is
+/// not at its limit.
+[[nodiscard]] std::string end_text(std::string_view cause, const Effect& effect);
+
 }  // namespace servotwin

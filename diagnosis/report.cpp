@@ -289,7 +289,8 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
   if (!diagnosis.suspected.empty()) {
     out +=
         "<section><h2>Suspected causes</h2>\n<p>Their confidence is too low to name them, their "
-        "gain on held-out data may be zero, or a parameter is at the limit of what the cause has. "
+        "gain on held-out data may be zero, or a parameter is at the limit beyond which it would "
+        "be something else. "
         "They are kept in the extended model because it predicts better with them.</p>\n<table>";
     for (const Cause& cause : diagnosis.suspected)
       out += row(escaped(plain_name(cause.id)).c_str(),

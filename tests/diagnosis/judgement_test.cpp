@@ -23,6 +23,12 @@ TEST(EndOfACause, AModeThatIsDampedAsAFilterIsNoCompliance) {
   EXPECT_FALSE(at_end_of("compliance", stiff));
 }
 
+TEST(EndOfACause, IsSaidWithTheParameterItsLimitAndWhatItMeans) {
+  EXPECT_EQ(end_text("compliance", mode_with(0.2)),
+            "damping ratio at its limit 0.2: more is a filter than a vibration");
+  EXPECT_EQ(end_text("compliance", mode_with(0.1)), "");
+}
+
 TEST(EndOfACause, OtherCausesHaveNone) {
   Effect presliding = make_effect<Presliding>();
   presliding.shape = {2e-3, kMaxShape};
