@@ -14,11 +14,12 @@ class Faults : public testing::Test {
  protected:
   Faults() {
     EXPECT_TRUE(frames_.wait_for_readers(1, kPatience_s)) << daemon_.said();
-    k_ = send_until(frames_, 0, [&] {
-      while (predictions_.receive(prediction_, 0.0)) {
-      }
-      return prediction_.axis_count == 1 && prediction_.axes[0].state == AxisState::kPredicting;
-    });
+    // One frame at a time, so that none is lost where the daemon is slow to begin.
+    do {
+      EXPECT_TRUE(frames_.write(next()));
+    } while (!predictions_.receive(prediction_, 0.3) && k_ < 100);
+    drain();
+    settle();
     drain();
   }
   void drain() {
