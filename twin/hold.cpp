@@ -47,8 +47,14 @@ Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_beg
     Eigen::ArrayXd diagonal = Eigen::ArrayXd::Constant(n, 4.0);
     Eigen::ArrayXd right(n);
     right(1) = 3.0 * (samples(2) - samples(0)) / h - slope_begin;
+    // 1 / diagonal settles to its last digit within some twenty rows.
+    double factor = 0.25;
+    bool settled = false;
     for (Eigen::Index i = 2; i < n - 1; ++i) {
-      const double factor = 1.0 / diagonal(i - 1);
+      if (!settled) {
+        factor = 1.0 / diagonal(i - 1);
+        settled = 4.0 - factor == diagonal(i - 1);
+      }
       diagonal(i) -= factor;
       right(i) = 3.0 * (samples(i + 1) - samples(i - 1)) / h - factor * right(i - 1);
     }
