@@ -2,13 +2,17 @@
 
 #include <ceres/jet.h>
 
+#include <algorithm>
 #include <array>
 
 #include "twin/catalogue_steps.h"
 
 namespace servotwin {
 
-using Jet = ceres::Jet<double, kMaxShapes>;
+// Few effects have more shapes than lanes: those take several passes, and the others half the time
+// of a number that has lanes for all shapes.
+constexpr std::size_t kLanes = 4;
+using Jet = ceres::Jet<double, static_cast<int>(kLanes)>;
 template void start_memory<Jet>(std::size_t, const Jet*, EffectMemory<Jet>&) noexcept;
 template void unit_forces<Jet>(std::size_t, const Jet*, EffectMemory<Jet>&, const Motion&,
                                Jet*) noexcept;
@@ -31,18 +35,24 @@ UnitColumns unit_columns(std::size_t kind, const double* shapes, Eigen::Index n,
     return out;
   }
   out.by_shape.assign(shape_count, out.force);
-  std::array<Jet, kMaxShapes> shape{};
-  for (std::size_t p = 0; p < shape_count; ++p) shape[p] = Jet(shapes[p], static_cast<int>(p));
-  EffectMemory<Jet> memory;
-  start_memory<Jet>(kind, shape.data(), memory);
-  std::array<Jet, kMaxCoefficients> force{};
-  for (Eigen::Index k = 0; k < n; ++k) {
-    unit_forces<Jet>(kind, shape.data(), memory, motion_at(k), force.data());
-    for (std::size_t c = 0; c < coefficients; ++c) {
-      const auto column = static_cast<Eigen::Index>(c);
-      out.force(k, column) = force[c].a;
-      for (std::size_t p = 0; p < shape_count; ++p)
-        out.by_shape[p](k, column) = force[c].v(static_cast<Eigen::Index>(p));
+  for (std::size_t first = 0; first < shape_count; first += kLanes) {
+    const std::size_t end = std::min(first + kLanes, shape_count);
+    std::array<Jet, kMaxShapes> shape{};
+    for (std::size_t p = 0; p < shape_count; ++p) {
+      shape[p] =
+          p >= first && p < end ? Jet(shapes[p], static_cast<int>(p - first)) : Jet(shapes[p]);
+    }
+    EffectMemory<Jet> memory;
+    start_memory<Jet>(kind, shape.data(), memory);
+    std::array<Jet, kMaxCoefficients> force{};
+    for (Eigen::Index k = 0; k < n; ++k) {
+      unit_forces<Jet>(kind, shape.data(), memory, motion_at(k), force.data());
+      for (std::size_t c = 0; c < coefficients; ++c) {
+        const auto column = static_cast<Eigen::Index>(c);
+        out.force(k, column) = force[c].a;
+        for (std::size_t p = first; p < end; ++p)
+          out.by_shape[p](k, column) = force[c].v(static_cast<Eigen::Index>(p - first));
+      }
     }
   }
   return out;

@@ -1,12 +1,12 @@
 // For every effect of the catalogue the simulation and the regressors must agree.
 
-#include <ceres/jet.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 #include <random>
 
+#include "identification/least_squares/unit_columns.h"
 #include "identification/loop/projection.h"
 #include "twin/twin.h"
 
@@ -179,7 +179,6 @@ TEST(Demand, IsTheTwinsOwnAlongItsMotion) {
 
 TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
   const std::size_t kind = std::get<0>(GetParam());
-  using Jet = ceres::Jet<double, kMaxShapes>;
   std::mt19937_64 rng{77 + kind};
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   const auto shape_count = shapes_of(kind).size();
@@ -203,13 +202,10 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       m.demand_damping = 0.01 * uniform(rng);
       m.time_s = 0.5 + 0.4 * uniform(rng);
     }
-    std::array<Jet, kMaxShapes> shape{};
-    for (std::size_t p = 0; p < shape_count; ++p)
-      shape[p] = Jet(effect.shape[p], static_cast<int>(p));
-    EffectMemory<Jet> memory;
-    start_memory<Jet>(kind, shape.data(), memory);
-    std::array<Jet, kMaxCoefficients> force{};
-    for (const Motion& m : motion) unit_forces<Jet>(kind, shape.data(), memory, m, force.data());
+    const UnitColumns columns = unit_columns(
+        kind, effect.shape.data(), static_cast<Eigen::Index>(motion.size()),
+        [&](Eigen::Index k) { return motion[static_cast<std::size_t>(k)]; }, true);
+    const auto last = static_cast<Eigen::Index>(motion.size()) - 1;
     for (std::size_t p = 0; p < shape_count; ++p) {
       const auto at = [&](double factor) {
         auto moved = effect.shape;
@@ -224,8 +220,9 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       // By the logarithm of the shape: rounding then counts against the force and not the shape.
       const auto up = at(1.0 + 1e-6), down = at(1.0 - 1e-6), here = at(1.0);
       for (std::size_t c = 0; c < coefficient_count; ++c) {
-        EXPECT_NEAR(force[c].a, here[c], 1e-12 * (1.0 + std::abs(here[c])));
-        const double derivative = force[c].v(static_cast<Eigen::Index>(p)) * effect.shape[p];
+        const auto column = static_cast<Eigen::Index>(c);
+        EXPECT_NEAR(columns.force(last, column), here[c], 1e-12 * (1.0 + std::abs(here[c])));
+        const double derivative = columns.by_shape[p](last, column) * effect.shape[p];
         // If a force has a corner between the three points, the side without it is compared.
         double difference = (up[c] - down[c]) / 2e-6;
         for (const double side : {(up[c] - here[c]) / 1e-6, (here[c] - down[c]) / 1e-6})
