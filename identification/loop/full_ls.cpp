@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "identification/least_squares/bounded.h"
 #include "twin/linear_algebra.h"
 
 namespace servotwin {
@@ -136,13 +137,8 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
         problem.SetParameterLowerBound(at.data(), i, low[i]);
         problem.SetParameterUpperBound(at.data(), i, high[i]);
       }
-      ceres::Solver::Options options;
-      options.linear_solver_type = ceres::DENSE_QR;
-      options.max_num_iterations = 200;
-      options.function_tolerance = 1e-12;
-      options.logging_type = ceres::SILENT;
       ceres::Solver::Summary summary;
-      ceres::Solve(options, &problem, &summary);
+      ceres::Solve(bounded_options(ceres::DENSE_QR, 200, 1e-12), &problem, &summary);
       if (summary.IsSolutionUsable() && summary.final_cost < best) {
         best = summary.final_cost;
         q = at;

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <sstream>
 
+#include "identification/least_squares/bounded.h"
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
 #include "twin/linear_algebra.h"
@@ -96,28 +97,29 @@ class ProjectedCost final : public ceres::CostFunction {
 
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
-    // Ceres asks for the residual first and, where the step is taken, for the Jacobian of the same
-    // point.
-    if (const Point at = point(parameters);
-        at.denominator != last_.denominator || at.shapes != last_.shapes ||
-        coordinates_of(at.modes) != coordinates_of(last_.modes)) {
-      triangle_ = triangle(at, parameters[0]);
-      last_ = at;
-      ++evaluations_;
-    }
+    const Point at = point(parameters);
     const Eigen::Index rows = num_residuals();
-    Eigen::Map<Eigen::VectorXd>(residuals, rows) = triangle_.col(rows - 1);
+    Eigen::Map<Eigen::VectorXd> out(residuals, rows);
+    // Ceres asks for the cost of a step first, which needs no derivatives, and for the Jacobian
+    // where the step is taken.
+    if (jacobians == nullptr) {
+      out.setZero();
+      out(rows - 1) = unit_ * std::sqrt(2.0 * data_.solve(at).cost);
+      ++evaluations_;
+      return std::isfinite(out(rows - 1));
+    }
+    const Eigen::MatrixXd triangle = this->triangle(at, parameters[0]);
+    out = triangle.col(rows - 1);
     Eigen::Index column = 0;
-    for (std::size_t block = 0; jacobians != nullptr && block < parameter_block_sizes().size();
-         ++block) {
+    for (std::size_t block = 0; block < parameter_block_sizes().size(); ++block) {
       const Eigen::Index size = parameter_block_sizes()[block];
       using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
       if (jacobians[block] != nullptr) {
-        Eigen::Map<RowMajor>(jacobians[block], rows, size) = triangle_.middleCols(column, size);
+        Eigen::Map<RowMajor>(jacobians[block], rows, size) = triangle.middleCols(column, size);
       }
       column += size;
     }
-    return triangle_.allFinite();
+    return triangle.allFinite();
   }
 
  private:
@@ -153,8 +155,6 @@ class ProjectedCost final : public ceres::CostFunction {
   int shapes_ = 0;
   int& evaluations_;
   double unit_ = 1.0;
-  mutable Point last_;
-  mutable Eigen::MatrixXd triangle_;
 };
 
 /// e = lag * v on average: start value of the search for a delay.
@@ -256,14 +256,16 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
     box(order - 2, bounds.omega_min_hz * kTwoPi, bounds.omega_max_hz * kTwoPi);
     box(order - 1, bounds.zeta_min, bounds.zeta_max);
   }
-  ceres::Solver::Options options;
-  options.linear_solver_type =
-      ceres::DENSE_NORMAL_CHOLESKY;  // five columns at most, well scaled by Ceres
-  options.max_num_iterations = rounds;
-  options.function_tolerance = search.tolerance;
+  // Few columns, well scaled by Ceres.
+  ceres::Solver::Options options =
+      bounded_options(ceres::DENSE_NORMAL_CHOLESKY, rounds, search.tolerance);
   options.gradient_tolerance = 1e-30;  // the relative decrease alone decides
-  options.parameter_tolerance = 1e-10;
-  options.logging_type = ceres::SILENT;
+  // Damped at first: a whole step of Gauss and Newton from a start that is far off leads to another
+  // optimum, and to which one is chance.
+  options.initial_trust_region_radius = 1.0;
+  // A step that changes the parameters by this share of them changes the cost by less than its
+  // tolerance, unless the derivatives are wrong there: then a smaller one does not help.
+  options.parameter_tolerance = 1e-3 * std::sqrt(search.tolerance);
   ceres::Solver::Summary summary;
   ceres::Solve(options, &problem, &summary);
 

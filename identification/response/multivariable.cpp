@@ -10,6 +10,7 @@
 #include <optional>
 #include <stdexcept>
 
+#include "identification/least_squares/bounded.h"
 #include "identification/least_squares/covariance.h"
 #include "identification/least_squares/pole_filter.h"
 #include "identification/response/frequency_response.h"
@@ -115,12 +116,9 @@ std::optional<Place> refined(const MultivariableProblem& problem, Place at, Sear
     solved.SetParameterBlockConstant(at.log_distances.data());
   for (std::size_t i = 0; search.distances && i < at.log_distances.size(); ++i)
     bound(at.log_distances, i, kShortestBreak, search.longest[i]);
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
-  options.max_num_iterations = kRounds;
-  options.function_tolerance = search.tolerance;
+  ceres::Solver::Options options =
+      bounded_options(ceres::DENSE_NORMAL_CHOLESKY, kRounds, search.tolerance);
   options.gradient_tolerance = 1e-30;
-  options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
   ceres::Solve(options, &solved, &summary);
   if (!summary.IsSolutionUsable()) return std::nullopt;

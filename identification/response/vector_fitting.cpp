@@ -8,6 +8,7 @@
 #include <limits>
 #include <numeric>
 
+#include "identification/least_squares/bounded.h"
 #include "identification/response/partial_fractions.h"
 #include "twin/linear_algebra.h"
 
@@ -154,13 +155,8 @@ Candidate refined(const WeightedResponse& p, const Candidate& start) {
       problem.SetParameterLowerBound(x.data(), static_cast<int>(i), std::log(p.least_width));
     i += factor.poles();
   }
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.max_num_iterations = 60;
-  options.function_tolerance = 1e-12;
-  options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  ceres::Solve(bounded_options(ceres::DENSE_QR, 60, 1e-12), &problem, &summary);
   if (!x.allFinite()) return from;
   Candidate out{cost->factors_at(x.data()), {}};
   out.linear = residues_of(p, out.factors);

@@ -7,6 +7,7 @@
 #include <functional>
 #include <stdexcept>
 
+#include "identification/least_squares/bounded.h"
 #include "twin/feed_axis/feed_axis.h"
 #include "twin/feed_axis/velocity_loop.h"
 #include "twin/hold.h"
@@ -92,13 +93,8 @@ FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
     problem.SetParameterLowerBound(logs.data(), static_cast<int>(i), logs[i] - kMaxLogChange);
     problem.SetParameterUpperBound(logs.data(), static_cast<int>(i), logs[i] + kMaxLogChange);
   }
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.max_num_iterations = 60;
-  options.function_tolerance = 1e-9;
-  options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  ceres::Solve(bounded_options(ceres::DENSE_QR, 60, 1e-9), &problem, &summary);
   if (!summary.IsSolutionUsable()) throw std::runtime_error("no finite fit of the axis");
 
   out.parts = with(parts, sought, logs.data());

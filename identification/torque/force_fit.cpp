@@ -7,6 +7,7 @@
 #include <cmath>
 #include <nlopt.hpp>
 
+#include "identification/least_squares/bounded.h"
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
 #include "identification/least_squares/gram_solver.h"
@@ -250,13 +251,8 @@ std::vector<double> refined(const ForceProjection& projection, std::vector<doubl
     problem.SetParameterLowerBound(x.data(), static_cast<int>(i), projection.axes()[i].lower);
     problem.SetParameterUpperBound(x.data(), static_cast<int>(i), projection.axes()[i].upper);
   }
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.max_num_iterations = 100;
-  options.function_tolerance = tolerance;
-  options.logging_type = ceres::SILENT;
   ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
+  ceres::Solve(bounded_options(ceres::DENSE_QR, 100, tolerance), &problem, &summary);
   return x;
 }
 
