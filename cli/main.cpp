@@ -7,12 +7,14 @@
 #include <exception>
 #include <new>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "cli/command.h"
 #include "cli/help.h"
 #include "daemon/licences.h"
 #include "daemon/unknown_option.h"
+#include "identification/least_squares/parallel.h"
 
 namespace {
 
@@ -113,6 +115,8 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   try {
+    // All that this process may use: `taskset` limits them.
+    servotwin::use_threads(std::thread::hardware_concurrency());
     return run(argc, argv);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "servotwin: %s\n", error.what());

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "identification/least_squares/chart.h"
+#include "identification/least_squares/parallel.h"
 #include "identification/loop/mode_search.h"
 #include "twin/twin.h"
 
@@ -90,11 +91,14 @@ std::vector<Point> friction_starts(const Projection& data, const Structure& stru
 /// Step 3 from each of these; the best first, without duplicates.
 std::vector<PoleFit> refined(const Projection& data, const std::vector<Point>& starts,
                              const PoleSearchOptions& options, int& evaluations) {
-  std::vector<PoleFit> fits;
-  for (const Point& start : starts) {
+  std::vector<std::optional<PoleFit>> all(starts.size());
+  in_parallel(starts.size(), [&](std::size_t i) {
     PoleSearchOptions from = options;
-    from.from = {start};
-    auto found = pole_search(data, from);
+    from.from = {starts[i]};
+    all[i] = pole_search(data, from);
+  });
+  std::vector<PoleFit> fits;
+  for (std::optional<PoleFit>& found : all) {
     if (!found) continue;
     evaluations += found->evaluations;
     const bool known = std::any_of(fits.begin(), fits.end(), [&](const PoleFit& other) {
@@ -116,6 +120,25 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
     set_motion(signals, s.command - simulate(model, s));
     add_drive(model, signals);
     out.push_back(std::move(signals));
+  }
+  return out;
+}
+
+/// - log of likelihood times prior. Where a coarse encoder hides the presliding travel, optima of
+/// very different travel are as likely as each other: the one that is nearest to what axes have, in
+/// standard deviations of a factor of kUsualFactor, is kept then.
+double improbability(const OutputErrorFit& fit) {
+  constexpr double kUsualFactor = 3.0;
+  double out = fit.minus_log_likelihood;
+  for (const Effect& effect : fit.model.effects) {
+    if (!is_friction_law(effect.kind)) continue;
+    std::size_t i = 0;
+    for (const Parameter& p : shapes_of(effect.kind)) {
+      const double shape = effect.shape[i++];
+      if (p.unit != "m" || !(p.start > 0.0) || !(shape > 0.0)) continue;
+      const double deviations = std::log(shape / p.start) / std::log(kUsualFactor);
+      out += 0.5 * deviations * deviations;
+    }
   }
   return out;
 }
@@ -272,6 +295,7 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
     fit = fits.front();
     fit->evaluations = evaluations;
     rivals = std::move(starts);
+    for (std::size_t i = 1; i < fits.size(); ++i) rivals.push_back(fits[i].point);
   }
 
   JointFit out;
@@ -290,16 +314,16 @@ std::optional<JointFit> joint_fit(const std::vector<Segment>& segments, const St
       if (direct && (!polished || direct->minus_log_likelihood < polished->minus_log_likelihood))
         polished = std::move(direct);
     }
-    // With a coarse encoder there are several optima: the most likely one is kept.
+    // With a coarse encoder there are several optima: the most probable one is kept.
     if (polished && polished->sigma < kMaxDeviationOverStep * encoder_step) {
-      double least = polished->minus_log_likelihood;
+      double least = improbability(*polished);
       for (const Point& rival : rivals) {
         const Model from = data.model_of(rival, data.solve(rival).linear);
         const auto brief = output_error(segments, structure, from, {encoder_step, 30, 1e-6, 3});
-        if (!brief || brief->minus_log_likelihood >= least) continue;
+        if (!brief || improbability(*brief) >= least) continue;
         auto full = output_error(segments, structure, brief->model, {encoder_step});
-        if (!full || full->minus_log_likelihood >= least) continue;
-        least = full->minus_log_likelihood;
+        if (!full || improbability(*full) >= least) continue;
+        least = improbability(*full);
         polished = std::move(full);
       }
     }

@@ -4,16 +4,23 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
+#include "identification/least_squares/bounded.h"
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
+#include "identification/least_squares/jackknife.h"
+#include "identification/least_squares/parallel.h"
 #include "twin/twin.h"
 
 namespace servotwin {
 
 namespace {
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 /// - log P(r) above its least value, as half a square: the residual that least squares needs.
 class ReadingLikelihood {
@@ -240,6 +247,7 @@ class ReadingCost final : public ceres::CostFunction {
   bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
     const Eigen::Index rows = num_residuals(), count = parameter_block_sizes()[0];
     const Eigen::VectorXd r = at(x[0]);
+    ++simulations_;
     if (r.size() != rows || !r.allFinite()) return false;
     for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihood_.residual(r(k));
     if (!Eigen::Map<const Eigen::VectorXd>(residuals, rows).allFinite()) return false;
@@ -256,21 +264,26 @@ class ReadingCost final : public ceres::CostFunction {
   template <class Matrix>
   bool differentiate(const double* x, const Eigen::VectorXd& r, Matrix&& jacobian) const {
     const Eigen::Index count = parameter_block_sizes()[0];
-    for (Eigen::Index i = 0; i < count; ++i) {
+    simulations_ += static_cast<int>(count);
+    std::atomic<bool> valid{true};
+    in_parallel(static_cast<std::size_t>(count), [&](std::size_t parameter) {
+      const auto i = static_cast<Eigen::Index>(parameter);
       Eigen::VectorXd moved = Eigen::Map<const Eigen::VectorXd>(x, count);
       const double here = moved(i);
       double d = coordinates_.step(i, here);
       if (here + d > coordinates_.bounds(i).second) d = -d;
       moved(i) = here + d;
       const Eigen::VectorXd there = at(moved.data());
-      if (there.size() != jacobian.rows()) return false;
-      jacobian.col(i) = (there - r) / d;
-    }
-    return true;
+      if (there.size() == jacobian.rows()) {
+        jacobian.col(i) = (there - r) / d;
+      } else {
+        valid = false;
+      }
+    });
+    return valid;
   }
 
   [[nodiscard]] Eigen::VectorXd at(const double* x) const {
-    ++simulations_;
     return missed(coordinates_.model(x), segments_, settled_);
   }
 
@@ -281,6 +294,17 @@ class ReadingCost final : public ceres::CostFunction {
   const ReadingLikelihood& likelihood_;
   int& simulations_;
 };
+
+/// The residuals of least squares for these; `jacobian`, of r, becomes theirs.
+Eigen::VectorXd weighted(const ReadingLikelihood& likelihood, const Eigen::VectorXd& r,
+                         Eigen::MatrixXd& jacobian) {
+  Eigen::VectorXd out(r.size());
+  for (Eigen::Index k = 0; k < r.size(); ++k) {
+    jacobian.row(k) *= likelihood.slope(r(k));
+    out(k) = likelihood.residual(r(k));
+  }
+  return out;
+}
 
 /// The sigma under which these residuals are most probable.
 double most_probable_sigma(const Eigen::VectorXd& r, double encoder_step) {
@@ -326,12 +350,9 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
       if (lower > -1e299) problem.SetParameterLowerBound(x.data(), static_cast<int>(i), lower);
       if (upper < 1e299) problem.SetParameterUpperBound(x.data(), static_cast<int>(i), upper);
     }
-    ceres::Solver::Options solver;
-    solver.linear_solver_type = ceres::DENSE_QR;
-    solver.max_num_iterations = options.rounds;
-    solver.function_tolerance = options.tolerance;
+    ceres::Solver::Options solver =
+        bounded_options(ceres::DENSE_QR, options.rounds, options.tolerance);
     solver.gradient_tolerance = 1e-30;
-    solver.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem, &summary);
     if (!summary.IsSolutionUsable()) return std::nullopt;
@@ -342,17 +363,76 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
   const ReadingCost cost(segments, coordinates, settled, r.size(), x.size(), likelihood,
                          fit.simulations);
+  for (const double value : r) fit.minus_log_likelihood += likelihood.minus_log_likelihood(value);
+  if (!options.covariance) return fit;
   Eigen::MatrixXd jacobian(r.size(), x.size());
   if (!cost.differentiate(x.data(), r, jacobian)) return std::nullopt;
-  Eigen::VectorXd g(r.size());
-  for (Eigen::Index k = 0; k < r.size(); ++k) {
-    jacobian.row(k) *= likelihood.slope(r(k));
-    g(k) = likelihood.residual(r(k));
-    fit.minus_log_likelihood += likelihood.minus_log_likelihood(r(k));
-  }
+  const Eigen::VectorXd g = weighted(likelihood, r, jacobian);
   const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
   fit.covariance = by_x * robust_covariance(jacobian, g, h) * by_x.transpose();
   return fit;
+}
+
+std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
+                            const Structure& structure, const Model& at, double encoder_step) {
+  std::vector<Model> out(blocks.size(), at);
+  if (!why_invalid(at).empty()) return out;
+  const Coordinates coordinates(structure, at);
+  const Eigen::VectorXd x = coordinates.of(at);
+  std::vector<Eigen::VectorXd> left;
+  std::vector<double> all;
+  for (const std::vector<Segment>& block : blocks) {
+    left.push_back(block.empty() ? Eigen::VectorXd()
+                                 : missed(at, block, starting_state_samples(at, block.front())));
+    if (!left.back().allFinite()) return out;
+    all.insert(all.end(), left.back().begin(), left.back().end());
+  }
+  if (all.size() <= static_cast<std::size_t>(x.size())) return out;
+  const ReadingLikelihood likelihood(
+      encoder_step, most_probable_sigma(Eigen::Map<const Eigen::VectorXd>(
+                                            all.data(), static_cast<Eigen::Index>(all.size())),
+                                        encoder_step));
+  int simulations = 0;
+  std::vector<NormalEquations> equations;
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    Eigen::MatrixXd jacobian = Eigen::MatrixXd::Zero(left[b].size(), x.size());
+    if (left[b].size() > 0) {
+      const ReadingCost cost(blocks[b], coordinates, starting_state_samples(at, blocks[b].front()),
+                             left[b].size(), x.size(), likelihood, simulations);
+      if (!cost.differentiate(x.data(), left[b], jacobian)) return out;
+    }
+    const Eigen::VectorXd g = weighted(likelihood, left[b], jacobian);
+    equations.push_back(normal_equations(jacobian, g));
+  }
+  const std::vector<Eigen::VectorXd> steps = steps_without_each(equations);
+  // Of the blocks other than one.
+  const auto cost = [&](std::size_t without, const Model& model) {
+    double sum = 0.0;
+    for (std::size_t b = 0; b < blocks.size(); ++b) {
+      if (b == without || left[b].size() == 0) continue;
+      const Eigen::VectorXd r =
+          missed(model, blocks[b], starting_state_samples(at, blocks[b].front()));
+      if (r.size() != left[b].size() || !r.allFinite()) return kInfinite;
+      for (const double value : r) sum += likelihood.minus_log_likelihood(value);
+    }
+    return sum;
+  };
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    const double before = cost(b, at);
+    for (const double share : kStepShares) {
+      Eigen::VectorXd there = x + share * steps[b];
+      for (Eigen::Index i = 0; i < there.size(); ++i) {
+        const auto [lower, upper] = coordinates.bounds(i);
+        there(i) = std::clamp(there(i), lower, upper);
+      }
+      if (!there.allFinite()) break;
+      Model model = coordinates.model(there.data());
+      if (!why_invalid(model).empty() || !(cost(b, model) < before)) continue;
+      out[b] = std::move(model);
+      break;
+    }
+  }
+  return out;
 }
 
 }  // namespace servotwin

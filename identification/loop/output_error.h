@@ -29,6 +29,7 @@ struct OutputErrorOptions {
   int rounds = 40;            ///< of Levenberg-Marquardt, each time sigma is estimated
   double tolerance = 1e-5;    ///< of the relative decrease at which a pass ends
   int passes = 6;             ///< how often sigma is estimated at most
+  bool covariance = true;     ///< false: not computed, which saves a simulation per parameter
 };
 
 struct OutputErrorFit {
@@ -37,7 +38,7 @@ struct OutputErrorFit {
   double minus_log_likelihood = 0.0;  ///< over all readings, at this sigma
   /// Of all parameters: numerator, coefficients, a1..an, shapes and so on (as `covariance` of the
   /// pole search), and after them slope, curve and zeta_slope of every mode
-  /// that moves.
+  /// that moves. Empty where it was not asked for.
   Eigen::MatrixXd covariance;
   int simulations = 0;
 };
@@ -48,5 +49,14 @@ struct OutputErrorFit {
                                                          const Structure& structure,
                                                          const Model& start,
                                                          const OutputErrorOptions& options = {});
+
+/// For every block of segments the model that `output_error` would find on the other blocks, by one
+/// Gauss-Newton step (least_squares/jackknife.h) from `at`, which was fitted to all of them. Every
+/// segment is simulated from its own starting state. Where the step is not valid or does not lower
+/// the cost of the other blocks it is shortened; where a short one does not either, the block gets
+/// `at`. Any thread.
+[[nodiscard]] std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
+                                          const Structure& structure, const Model& at,
+                                          double encoder_step);
 
 }  // namespace servotwin

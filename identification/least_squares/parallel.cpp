@@ -1,0 +1,49 @@
+#include "identification/least_squares/parallel.h"
+
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <thread>
+#include <vector>
+
+namespace servotwin {
+
+namespace {
+
+std::atomic<std::size_t> allowed{1};
+thread_local bool within = false;
+
+}  // namespace
+
+void use_threads(std::size_t count) { allowed = std::max<std::size_t>(1, count); }
+
+void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work) {
+  const std::size_t threads = within ? 1 : std::min(allowed.load(), count);
+  if (threads <= 1) {
+    for (std::size_t i = 0; i < count; ++i) work(i);
+    return;
+  }
+  std::atomic<std::size_t> next{0};
+  std::vector<std::exception_ptr> thrown(count);
+  const auto take = [&] {
+    within = true;
+    for (std::size_t i = next++; i < count; i = next++) {
+      try {
+        work(i);
+      } catch (...) {
+        thrown[i] = std::current_exception();
+      }
+    }
+    within = false;
+  };
+  {
+    std::vector<std::jthread> others;
+    for (std::size_t i = 1; i < threads; ++i) others.emplace_back(take);
+    take();
+  }
+  for (const std::exception_ptr& one : thrown) {
+    if (one) std::rethrow_exception(one);
+  }
+}
+
+}  // namespace servotwin
