@@ -6,6 +6,7 @@
 
 #include "diagnosis/cuts.h"
 #include "diagnosis/variation.h"
+#include "identification/least_squares/parallel.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/joint.h"
 #include "identification/loop/output_error.h"
@@ -242,6 +243,7 @@ void Search::divide() {
     for (Segment& s : cut(training_, end, 1e300)) rest.push_back(std::move(s));
     rest_.push_back(std::move(rest));
   }
+  make_signals();
 }
 
 void Search::follow(const Hypothesis& h) {
@@ -254,6 +256,14 @@ void Search::follow(const Hypothesis& h) {
   const double by_encoder = left();
   followed_->knows_motion = true;
   followed_->knows_motion = left() < kMaxCostRatioToUseSimulation * by_encoder;
+  make_signals();
+}
+
+void Search::make_signals() {
+  training_signals_ = signals(training_, followed_);
+  rest_signals_.resize(rest_.size());
+  in_parallel(rest_.size(),
+              [&](std::size_t b) { rest_signals_[b] = signals(rest_[b], followed_); });
 }
 
 std::vector<Signals> Search::signals(const std::vector<Segment>& segments,
@@ -280,6 +290,7 @@ OutputErrorOptions polishing(const NoiseFloor& floor) {
   options.rounds = 12;
   options.passes = 2;
   options.tolerance = 1e-3;
+  options.covariance = false;
   return options;
 }
 
@@ -300,8 +311,7 @@ bool Search::is_plausible(const Model& model) const {
 }
 
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
-  const Projection all =
-      thinned(Projection(signals(training_, followed_), h.structure), kFitStep_s);
+  const Projection all = thinned(Projection(training_signals_, h.structure), kFitStep_s);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
@@ -381,12 +391,11 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
   h.point = point_of(h.model, h.structure);
   h.cost = 0.5 * all.cost;
   h.pieces.clear();
-  const bool once = is_intermittent(kind);
+  const std::vector<Varied> others =
+      is_intermittent(kind) ? std::vector<Varied>(held_.size(), all) : left_out(held, all, held_);
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
-    Varied rest = all;
-    if (!once && !Variation(held, rest_[b]).fit(rest)) rest = all;
-    const std::vector<double> left = left_in(b, rest.of(held));
+    const std::vector<double> left = left_in(b, others[b].of(held));
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
   }
   return true;
@@ -423,27 +432,28 @@ void Search::judge(Hypothesis& h) const {
   h.pieces.clear();
   // Effects are driven by the motion of the better model, so that a law of friction is not judged
   // by the motion of a model without it.
-  std::optional<Driver> driver = followed_;
   const double own = servotwin::judge(h.model, training_).rms;
-  if (!driver || own < driver->rms) driver = Driver{h.model, own, driver && driver->knows_motion};
-  for (std::size_t b = 0; b < held_.size(); ++b) {
-    if (held_[b].empty() || rest_[b].empty()) continue;
-    const Projection rest(signals(rest_[b], driver), h.structure);
+  const bool better = !followed_ || own < followed_->rms;
+  const Driver of_own{h.model, own, followed_ && followed_->knows_motion};
+  std::vector<std::vector<double>> pieces(held_.size());
+  in_parallel(held_.size(), [&](std::size_t b) {
+    if (held_[b].empty() || rest_[b].empty()) return;
+    const Projection rest(better ? signals(rest_[b], of_own) : rest_signals_[b], h.structure);
     Model model = rest.model_of(h.point, rest.solve(h.point).linear);
     keep_intermittent(h.model, model);
     if (!why_invalid(model).empty()) model = h.model;
-    const std::vector<double> left = left_in(b, model);
+    pieces[b] = left_in(b, model);
+  });
+  for (const std::vector<double>& left : pieces)
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
-  }
 }
 
 void Search::judge_polished(Hypothesis& h) const {
   h.pieces.clear();
+  const std::vector<Model> models = left_out(held_, h.structure, h.model, floor_.encoder_step);
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
-    const auto polished = output_error(rest_[b], h.structure, h.model, polishing(floor_));
-    Model model = h.model;
-    if (polished && why_invalid(polished->model).empty()) model = polished->model;
+    Model model = models[b];
     keep_intermittent(h.model, model);
     const std::vector<double> left = left_in(b, model);
     h.pieces.insert(h.pieces.end(), left.begin(), left.end());
@@ -452,11 +462,11 @@ void Search::judge_polished(Hypothesis& h) const {
 
 std::vector<Screened> Search::screen(const Hypothesis& h,
                                      const std::vector<std::size_t>& kinds) const {
-  const Projection coarse =
-      thinned(Projection(signals(training_, followed_), h.structure), kScreenStep_s);
+  const Projection coarse = thinned(Projection(training_signals_, h.structure), kScreenStep_s);
   const Screen screen(coarse, h.point);
   std::vector<Screened> out;
-  for (const std::size_t kind : kinds) out.push_back(screen.look(kind));
+  out.resize(kinds.size());
+  in_parallel(kinds.size(), [&](std::size_t i) { out[i] = screen.look(kinds[i]); });
   std::sort(out.begin(), out.end(), [](const auto& l, const auto& r) { return l.gain > r.gain; });
   return out;
 }

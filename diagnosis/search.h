@@ -1,7 +1,9 @@
 // Hypotheses about the effects that act on an axis, fitted and judged on the training data only.
-// Units: SI, rad instead of m on rotary axes. One thread.
+// Units: SI, rad instead of m on rotary axes. `fit`, `fit_friction`, `vary` and the `judge`s of
+// several hypotheses may run at the same time after `follow`; everything else on one thread.
 #pragma once
 
+#include <atomic>
 #include <vector>
 
 #include "diagnosis/screen.h"
@@ -72,7 +74,8 @@ class Search {
   void judge(Hypothesis& h) const;
   /// The same with poles, shape parameters and coefficients refitted in free simulation on the
   /// other blocks, for motion that is measured too coarsely to estimate the coefficients directly.
-  /// Takes one such fit per block.
+  /// From the fit to all blocks, which `h` must be, by one step per block
+  /// (identification/loop/output_error.h).
   void judge_polished(Hypothesis& h) const;
   /// How much of the residual of the hypothesis each of these kinds could explain, the best first.
   [[nodiscard]] std::vector<Screened> screen(const Hypothesis& h,
@@ -106,6 +109,8 @@ class Search {
   };
   [[nodiscard]] std::vector<Signals> signals(const std::vector<Segment>& segments,
                                              const std::optional<Driver>& driver) const;
+  /// Makes those of the training data, and of the blocks other than one, by `followed_`.
+  void make_signals();
 
   /// Starting points of the fit of an added effect: the screened one, and further ones where that
   /// is not enough.
@@ -122,7 +127,9 @@ class Search {
   std::vector<std::vector<Segment>> held_, rest_;
   NoiseFloor floor_;
   std::optional<Driver> followed_;
-  int fits_ = 0;
+  std::vector<Signals> training_signals_;
+  std::vector<std::vector<Signals>> rest_signals_;
+  std::atomic<int> fits_{0};
 };
 
 }  // namespace servotwin

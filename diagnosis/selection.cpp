@@ -10,6 +10,7 @@
 
 #include "diagnosis/judgement.h"
 #include "diagnosis/text.h"
+#include "identification/least_squares/parallel.h"
 
 namespace servotwin {
 
@@ -263,18 +264,13 @@ class Selection {
       step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
     steps_.push_back(promising.empty() ? step + " none" : step);
     std::vector<Tried> tried, doubted;
-    for (const Screened& s : promising) {
+    std::vector<Candidate> candidates;
+    for (std::size_t at = 0; at < promising.size(); ++at) {
       if (tried.size() == kMaxFitsPerRound) break;
-      // Fitted together with the loop, which may have absorbed a part of the effect; or with the
-      // loop fixed, which is better where the measured motion is less accurate than the simulated.
       check_stop();
-      Hypothesis h, beside;
-      h.structure = beside.structure = extended_by(current_.structure, s.kind);
-      const Point from = start_of(h.structure, s);
-      const bool fits =
-          s.kind == kind_of<Presliding>() ? search_.fit_friction(h, from) : search_.fit(h, {from});
-      if (fits) search_.judge(h);
-      const bool varies = search_.vary(beside, current_.model, s.kind, s.shapes);
+      if (at == candidates.size()) fit_some(promising, kMaxFitsPerRound - tried.size(), candidates);
+      const Screened& s = promising[at];
+      auto& [h, beside, fits, varies] = candidates[at];
       if (!fits && !varies) continue;
       // A candidate that explains much of the training data is kept for a second judgement, in case
       // the left-out blocks disagree.
@@ -350,6 +346,30 @@ class Selection {
     last_ = cause.id;
     current_ = Hypothesis(chosen->model);
     return true;
+  }
+
+  /// A candidate fitted together with the loop, which may have absorbed a part of the effect; and
+  /// with the loop fixed, which is better where the measured motion is less accurate than the
+  /// simulated.
+  struct Candidate {
+    Hypothesis h, beside;
+    bool fits = false, varies = false;
+  };
+  /// Fits the next `count` of these, as far as there are so many.
+  void fit_some(const std::vector<Screened>& promising, std::size_t count,
+                std::vector<Candidate>& candidates) {
+    const std::size_t first = candidates.size();
+    candidates.resize(std::min(first + count, promising.size()));
+    in_parallel(candidates.size() - first, [&](std::size_t i) {
+      const Screened& s = promising[first + i];
+      auto& [h, beside, fits, varies] = candidates[first + i];
+      h.structure = beside.structure = extended_by(current_.structure, s.kind);
+      const Point from = start_of(h.structure, s);
+      fits =
+          s.kind == kind_of<Presliding>() ? search_.fit_friction(h, from) : search_.fit(h, {from});
+      if (fits) search_.judge(h);
+      varies = search_.vary(beside, current_.model, s.kind, s.shapes);
+    });
   }
 
   /// Refits the two best candidates in free simulation where they explain nearly the same, so that

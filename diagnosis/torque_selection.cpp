@@ -10,6 +10,7 @@
 #include "diagnosis/extension.h"
 #include "diagnosis/search.h"
 #include "diagnosis/text.h"
+#include "identification/least_squares/parallel.h"
 #include "twin/linear_algebra.h"
 
 namespace servotwin {
@@ -265,8 +266,11 @@ class TorqueSelection {
     const BlockedRegression::Beside beside(data, rows_.training(base));
     const double rms = root_mean(data.predicted(rows_.training(base)));
     std::vector<std::pair<Judgement, Looked>> tried;
-    for (const std::size_t kind : kinds) {
-      Looked best = looked(kind, beside);
+    std::vector<Looked> all_looked(kinds.size());
+    in_parallel(kinds.size(), [&](std::size_t i) { all_looked[i] = looked(kinds[i], beside); });
+    for (std::size_t i = 0; i < kinds.size(); ++i) {
+      const std::size_t kind = kinds[i];
+      const Looked& best = all_looked[i];
       if (best.explained <= 0.0) continue;
       const Judgement judgement = judged(base, rows_.columns(best.term), kinds.size(), best.points);
       out_.steps.push_back(text("  %.4g RMS, with %s: %.4g RMS, z %.1f, p %.1g%s", rms,

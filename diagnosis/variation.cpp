@@ -2,9 +2,13 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <limits>
 
 #include "diagnosis/search.h"
+#include "identification/least_squares/jackknife.h"
+#include "identification/least_squares/parallel.h"
 #include "twin/linear_algebra.h"
 #include "twin/twin.h"
 
@@ -114,7 +118,9 @@ std::optional<Eigen::MatrixXd> Variation::derivatives(const Varied& v, double se
   const std::optional<Eigen::VectorXd> here = left(v.of(base_), settle_s);
   if (!here) return std::nullopt;
   Eigen::MatrixXd out(here->size(), v.values.size() - first);
-  for (Eigen::Index i = first; i < v.values.size(); ++i) {
+  std::atomic<bool> valid{true};
+  in_parallel(static_cast<std::size_t>(v.values.size() - first), [&](std::size_t column) {
+    const Eigen::Index i = first + static_cast<Eigen::Index>(column);
     Eigen::VectorXd moved = v.values;
     moved(i) += v.step(i);
     std::optional<Eigen::VectorXd> there = left(v.of(base_, moved), settle_s);
@@ -122,8 +128,52 @@ std::optional<Eigen::MatrixXd> Variation::derivatives(const Varied& v, double se
       moved(i) -= 2.0 * v.step(i);
       there = left(v.of(base_, moved), settle_s);
     }
-    if (!there) return std::nullopt;
-    out.col(i - first) = (*there - *here) / (moved(i) - v.values(i));
+    if (there) {
+      out.col(i - first) = (*there - *here) / (moved(i) - v.values(i));
+    } else {
+      valid = false;
+    }
+  });
+  if (!valid) return std::nullopt;
+  return out;
+}
+
+std::vector<Varied> left_out(const Model& base, const Varied& v,
+                             const std::vector<std::vector<Segment>>& blocks) {
+  std::vector<Varied> out(blocks.size(), v);
+  const Eigen::Index n = v.values.size();
+  std::vector<NormalEquations> equations;
+  for (const std::vector<Segment>& block : blocks) {
+    if (block.empty()) {
+      equations.push_back({Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)});
+      continue;
+    }
+    const Variation here(base, block);
+    const std::optional<Eigen::VectorXd> left = here.left(v.of(base), kSettle_s);
+    const std::optional<Eigen::MatrixXd> by = left ? here.derivatives(v, kSettle_s) : std::nullopt;
+    if (!by) return out;
+    equations.push_back(normal_equations(*by, *left));
+  }
+  const std::vector<Eigen::VectorXd> steps = steps_without_each(equations);
+  // Of the blocks other than one.
+  const auto cost = [&](std::size_t without, const Eigen::VectorXd& values) {
+    double sum = 0.0;
+    for (std::size_t b = 0; b < blocks.size(); ++b) {
+      if (b == without || blocks[b].empty()) continue;
+      const auto left = Variation(base, blocks[b]).left(v.of(base, values), kSettle_s);
+      if (!left) return std::numeric_limits<double>::infinity();
+      sum += left->squaredNorm();
+    }
+    return sum;
+  };
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    const double before = cost(b, v.values);
+    for (const double share : kStepShares) {
+      const Eigen::VectorXd there = v.values + share * steps[b];
+      if (!there.allFinite() || !(cost(b, there) < before)) continue;
+      out[b].values = there;
+      break;
+    }
   }
   return out;
 }
