@@ -11,6 +11,7 @@
 #include "daemon/between/clock.h"
 #include "daemon/input/can_source.h"
 #include "daemon/loop/real_time_loop.h"
+#include "diagnosis/text.h"
 #include "drivers/can_map.h"
 #include "drivers/socketcan.h"
 #include "drivers/text.h"
@@ -78,7 +79,7 @@ std::string line_of(const Second& second, const CanMap& map, const CanCounts& no
     const AxisDescription& axis = map.machine.axes[i];
     const ErrorFigures figures = second.tracking[i].figures();
     const double shown = axis.rotary ? 1.0 : 1e-3;
-    const char* unit = axis.rotary ? "urad" : "um";
+    const char* unit = micro(axis.rotary);
     line += text("; %s %.4f %s, error %.3f %s RMS %.3f MAX", axis.name.c_str(),
                  second.actual[i] / shown, axis.rotary ? "rad" : "mm", figures.rms / kMicro, unit,
                  figures.max / kMicro);

@@ -20,7 +20,6 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kChord_um = 1.0;
 constexpr double kMicro = 1e-6, kMilli = 1e-3;
 
 const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},

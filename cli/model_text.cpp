@@ -102,8 +102,6 @@ std::string effect_line(const Effect& effect, const EffectDeviations& sd, const 
 
 }  // namespace
 
-const char* micro(bool rotary) { return rotary ? "urad" : "um"; }
-
 std::string structure_text(int order, const std::vector<std::size_t>& kinds, int modes,
                            bool moving) {
   std::string line = text("order %d", order);

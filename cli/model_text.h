@@ -5,13 +5,10 @@
 #include <string>
 #include <vector>
 
+#include "diagnosis/text.h"
 #include "identification/model/model_file.h"
 
 namespace servotwin::cli {
-
-/// "um", or "urad" for a rotary axis: the unit of errors that are printed as 1e6 times their SI
-/// value.
-[[nodiscard]] const char* micro(bool rotary);
 
 /// "order 2: coulomb_friction, gravity_offset".
 [[nodiscard]] std::string structure_text(int order, const std::vector<std::size_t>& kinds,

@@ -74,15 +74,15 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   const bool rotary = diagnosis.baseline.rotary;
   const char* force = rotary ? "N m per kg m^2" : "N per kg of moved mass";
   const char* milli = rotary ? "mrad" : "mm";
-  const char* micro = rotary ? "urad" : "um";
+  const char* unit = micro(rotary);
   const std::string& id = cause.id;
   const double period = 1e3 * (rotary ? of("period_rad") : of("period_m"));
   std::string out;
   if (id == "cogging")
     out = text("+-%.3g %s, every %.5g %s", of("amplitude_mps2"), force, period, milli);
   if (id == "lead_error" || id == "encoder_error")
-    out = text("+-%.3g %s, every %.5g %s", 1e6 * of("amplitude_m"), micro, period, milli);
-  if (id == "backlash") out = text("a gap of %.3g %s", 1e6 * of("width_m"), micro);
+    out = text("+-%.3g %s, every %.5g %s", 1e6 * of("amplitude_m"), unit, period, milli);
+  if (id == "backlash") out = text("a gap of %.3g %s", 1e6 * of("width_m"), unit);
   if (id == "time_delay") out = text("%.3g ms", 1e3 * of("delay_s"));
   if (id == "gravity_offset") out = text("%.3g %s", of("offset_mps2"), force);
   if (id == "inertia_change")
@@ -119,7 +119,7 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
     const double level = std::isfinite(of("breakaway")) ? of("breakaway") : of("coulomb");
     const double way = std::isfinite(of("breakaway_displacement")) ? of("breakaway_displacement")
                                                                    : of("deflection");
-    out = text("%.3g %s, built up within about %.3g %s", level, force, 1e6 * way, micro);
+    out = text("%.3g %s, built up within about %.3g %s", level, force, 1e6 * way, unit);
   }
   // A key that this effect does not have would print as nan.
   if (out.empty() || out.find("nan") != std::string::npos) out = cause_text(diagnosis, cause);
@@ -131,18 +131,18 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
   if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms;
-  const char* micro = diagnosis.baseline.rotary ? "urad" : "um";
+  const char* unit = micro(diagnosis.baseline.rotary);
   switch (diagnosis.verdict) {
     case Verdict::kNothingSignificant:
       return axis +
              text(" agrees with its simulation to %.3g %s RMS: no cause needs to be looked for.",
-                  before, micro);
+                  before, unit);
     case Verdict::kUnexplained:
       return axis +
              text(" deviates from its simulation in a way that %s: the error is %.3g %s RMS.",
                   diagnosis.causes.empty() ? "none of the known causes explains"
                                            : "the causes below explain only in part",
-                  before, micro);
+                  before, unit);
     case Verdict::kExplained:
       break;
   }
@@ -159,7 +159,7 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
     out += text(
         " The extended model explains %.0f %% of what was unexplained: the simulation error is now "
         "%.3g %s RMS instead of %.3g.",
-        100.0 * (1.0 - diagnosis.unexplained_share), after, micro, before);
+        100.0 * (1.0 - diagnosis.unexplained_share), after, unit, before);
   if (const std::string advice = advice_for(first.id); !advice.empty())
     out += " Check first: " + advice + ".";
   return out;

@@ -236,7 +236,8 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     auto promising = promising_changes(variation, current, options);
     const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;
     if (promising.size() > kMaxFitsPerRound) promising.resize(kMaxFitsPerRound);
-    std::string step = text("%.4g um RMS, promising candidates:", 1e6 * rms(current.pieces));
+    std::string step =
+        text("%s RMS, promising candidates:", micro_text(rms(current.pieces), axis.rotary).c_str());
     for (const auto& [change, s] : promising)
       step += text(" %s/%s (%.1f %%, p %.1g)", change.cause.c_str(),
                    change.quantities.front().name.c_str(), 100.0 * s.gain, s.p);
@@ -255,8 +256,9 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       one.evidence.p = 0.5 * std::erfc(one.evidence.z / std::sqrt(2.0));
       // Passes the paired block test, or the score test if the blocks do not contradict it.
       if (one.evidence.z > kMinBlockZ) one.evidence.p = std::min(one.evidence.p, screened.p);
-      out.steps.push_back(text("  with %s: %.4g um RMS, z %.1f", change.cause.c_str(),
-                               1e6 * rms(one.varied.pieces), one.evidence.z));
+      out.steps.push_back(text("  with %s: %s RMS, z %.1f", change.cause.c_str(),
+                               micro_text(rms(one.varied.pieces), axis.rotary).c_str(),
+                               one.evidence.z));
       if (rms(one.varied.pieces) < kMaxRmsRatioToAdd * rms(current.pieces) &&
           removed_rms(current.pieces, one.varied.pieces) > least &&
           plausible(variation, one.varied) &&

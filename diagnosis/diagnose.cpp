@@ -295,7 +295,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
   out.baseline = identified.record;
   out.baseline.motion = motion_range(axis.segments);
-  Search search(axis.segments, out.baseline.training_to_s, options.identify.bounds, floor);
+  Search search(axis.segments, out.baseline.training_to_s, options.identify.bounds, floor,
+                axis.rotary);
   Hypothesis baseline;
   baseline.structure.order = out.baseline.model.loop.order;
   baseline.structure.matched_feedforward = out.baseline.model.find(kind_of<TimeDelay>()) != nullptr;
@@ -315,8 +316,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   const double worst = kMaxRmsRatioToKeepCauses * judge(selected.settled, holdout).rms;
   if (const double rms = judge(selected.model.model, holdout).rms;
       std::isfinite(worst) && !(rms < worst)) {
-    selected.steps.push_back(
-        text("the causes raise the error on held-out data (%.4g um RMS): discarded", 1e6 * rms));
+    selected.steps.push_back(text("the causes raise the error on held-out data (%s RMS): discarded",
+                                  micro_text(rms, axis.rotary).c_str()));
     selected.model = std::move(baseline);
     selected.found.clear();
     search.polish(selected.model);

@@ -191,7 +191,7 @@ std::string verdict_text(const Diagnosis& diagnosis) {
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms,
                floor = 1e6 * diagnosis.baseline.noise_floor_rms;
-  const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
+  const char* unit = micro(diagnosis.baseline.rotary);
   const std::string noise =
       std::isfinite(floor) ? text("noise floor %.2g", floor) : std::string("noise floor not known");
   const std::size_t count = diagnosis.causes.size();
@@ -332,7 +332,7 @@ std::vector<std::string> left_lines(const Diagnosis& diagnosis) {
   }
   for (const SpectrumPeak& peak : diagnosis.peaks)
     lines += text("%s%.1f Hz %.2g %s", lines.empty() ? "" : ", ", peak.frequency_hz,
-                  1e6 * peak.amplitude, rotary ? "urad" : "um");
+                  1e6 * peak.amplitude, micro(rotary));
   return {"explained by " + (by.empty() ? "no variable beyond chance" : by),
           "spectral lines: " + (lines.empty() ? "none is significant" : lines)};
 }

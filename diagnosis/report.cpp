@@ -150,7 +150,7 @@ std::string confidence_text(const Cause& cause, double unexplained_share, const 
 std::string section_of(const Diagnosis& diagnosis, std::size_t number,
                        const std::vector<Segment>& segments) {
   const Cause& cause = diagnosis.causes[number];
-  const char* unit = diagnosis.baseline.rotary ? "urad" : "um";
+  const char* unit = micro(diagnosis.baseline.rotary);
   std::string out = text("<section><h2>%zu. ", number + 1) + escaped(plain_name(cause.id)) +
                     "</h2>\n<p class='size'>" + escaped(plain_size(diagnosis, cause)) + "</p>\n";
   if (const CausePicture picture = picture_of(diagnosis, cause, segments); !picture.panels.empty())
@@ -192,7 +192,7 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
 /// frequency.
 std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
-  const char* unit = rotary ? "urad" : "um";
+  const char* unit = micro(rotary);
   std::string out =
       "<section><h2>Remaining residual</h2>\n<table><tr><th>while the axis</th><th>RMS</th>"
       "<th>MAX</th>"

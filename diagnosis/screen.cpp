@@ -3,8 +3,8 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
+#include "diagnosis/chance.h"
 #include "diagnosis/cuts.h"
 #include "diagnosis/quantile.h"
 #include "twin/linear_algebra.h"
@@ -28,13 +28,6 @@ constexpr int kToneSearch = 24;  // range of the search about a line, in quarter
 constexpr std::size_t kMoments = 8;  // largest peaks in time that are tried
 // Peaks that impulses explain over peaks that remain: impulses must stand out by this ratio.
 constexpr double kMinPeakRatio = 2.5;
-
-/// z with the same one-sided p as F(k, n) (Wilson and Hilferty 1931, Paulson 1942).
-double z_of_f(double f, double k, double n) {
-  const double a = 2.0 / (9.0 * k), b = 2.0 / (9.0 * n), root = std::cbrt(f);
-  return ((1.0 - b) * root - (1.0 - a)) / std::sqrt(b * root * root + a);
-}
-double tail(double z) { return 0.5 * std::erfc(z / std::numbers::sqrt2); }
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0.0;
@@ -186,8 +179,8 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
   const Eigen::VectorXd own = theta.tail(c.cols());
   const double wald = own.dot(solve_symmetric(cov, own));
   const double degrees = std::max(1.0, m - static_cast<double>(n));
-  out.statistic = std::isfinite(wald) && wald > 0.0 ? z_of_f(wald / q, q, degrees) : 0.0;
-  out.p = tail(out.statistic);
+  out.statistic = std::isfinite(wald) && wald > 0.0 ? z_of_f_ratio(wald / q, q, degrees) : 0.0;
+  out.p = chance_beyond(out.statistic);
 }
 
 /// Isolated events cannot be predicted from other blocks: instead, the peaks that the impulses
@@ -210,7 +203,7 @@ void Screen::judge_moment(std::size_t kind, Screened& out) const {
   const bool stands_out = before[pushes / 2] > kMinPeakRatio * after[pushes];
   const double usual = 1.4826 * median(after);
   out.statistic = stands_out && usual > 0.0 ? before[pushes / 2] / usual : 0.0;
-  out.p = stands_out ? tail(out.statistic) : 1.0;
+  out.p = stands_out ? chance_beyond(out.statistic) : 1.0;
 }
 
 std::vector<double> Screen::tones() const {

@@ -215,11 +215,12 @@ double signed_rank_z(const std::vector<double>& before, const std::vector<double
 }
 
 Search::Search(std::vector<Segment> recorded, double training_to_s, const PoleBounds& bounds,
-               const NoiseFloor& floor)
+               const NoiseFloor& floor, bool rotary)
     : recorded_(std::move(recorded)),
       training_to_s_(training_to_s),
       bounds_(bounds),
-      floor_(floor) {
+      floor_(floor),
+      rotary_(rotary) {
   divide();
 }
 

@@ -52,7 +52,7 @@ class Search {
  public:
   /// `recorded`: the whole recording; hypotheses are fitted to the part before `training_to_s`.
   Search(std::vector<Segment> recorded, double training_to_s, const PoleBounds& bounds,
-         const NoiseFloor& floor);
+         const NoiseFloor& floor, bool rotary = false);
 
   /// Fits the hypothesis to the training data, starting from these points; from the grid of poles
   /// where `from` is empty. False where there is no valid fit.
@@ -97,6 +97,7 @@ class Search {
   /// The whole recording, with the cuts as detected last.
   [[nodiscard]] const std::vector<Segment>& recorded() const { return recorded_; }
   [[nodiscard]] const NoiseFloor& floor() const { return floor_; }
+  [[nodiscard]] bool rotary() const { return rotary_; }
   [[nodiscard]] const std::vector<Segment>& training() const { return training_; }
   [[nodiscard]] int fits() const { return fits_; }
 
@@ -126,6 +127,7 @@ class Search {
   PoleBounds bounds_;
   std::vector<std::vector<Segment>> held_, rest_;
   NoiseFloor floor_;
+  bool rotary_;
   std::optional<Driver> followed_;
   std::vector<Signals> training_signals_;
   std::vector<std::vector<Signals>> rest_signals_;

@@ -97,6 +97,9 @@ class Selection {
     }
   }
 
+  /// An error as the steps show it.
+  [[nodiscard]] std::string size_of(double rms) const { return micro_text(rms, search_.rotary()); }
+
   [[nodiscard]] bool is_left_out(std::string_view cause) const {
     const auto& all = options_.leave_out;
     return std::find(all.begin(), all.end(), cause) != all.end();
@@ -186,7 +189,8 @@ class Selection {
     if (best.rms() >= kMaxRmsRatioToAdd * fitted_.rms() || small_gain ||
         paired_z(fitted_.pieces, best.pieces) < kMinBlockZ)
       return false;
-    steps_.push_back(text("with a delay of %.3g ms: %.4g um RMS", 1e3 * delay_s, 1e6 * best.rms()));
+    steps_.push_back(
+        text("with a delay of %.3g ms: %s RMS", 1e3 * delay_s, size_of(best.rms()).c_str()));
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     current_ = std::move(best);
     settle();
@@ -234,7 +238,8 @@ class Selection {
     search_.judge(h);
     const bool better = h.rms() < kMaxRmsRatioToAdd * fitted_.rms() &&
                         paired_z(fitted_.pieces, h.pieces) > kMinBlockZ;
-    steps_.push_back(text("integrator: %s, %.4g um RMS", better ? "yes" : "no", 1e6 * h.rms()));
+    steps_.push_back(
+        text("integrator: %s, %s RMS", better ? "yes" : "no", size_of(h.rms()).c_str()));
     if (!better) return;
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     const auto found = found_;
@@ -259,7 +264,7 @@ class Selection {
     std::erase_if(promising,
                   [](const Screened& s) { return s.p > kMaxScreenP || s.gain < kMinScreenGain; });
     if (promising.size() > 2 * kMaxFitsPerRound) promising.resize(2 * kMaxFitsPerRound);
-    std::string step = text("%.4g um RMS, promising candidates:", 1e6 * current_.rms());
+    std::string step = text("%s RMS, promising candidates:", size_of(current_.rms()).c_str());
     for (const Screened& s : promising)
       step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
     steps_.push_back(promising.empty() ? step + " none" : step);
@@ -280,8 +285,9 @@ class Selection {
           varies && (!fits || beside.rms() * fitted_.rms() < h.rms() * as_is_.rms());
       tried.push_back(
           {is_beside ? std::move(beside) : std::move(h), is_beside ? &as_is_ : &fitted_, s});
-      steps_.push_back(text("  with %s: %.4g um RMS%s, z %.1f", identity_of(s.kind).id.data(),
-                            1e6 * tried.back().model.rms(), is_beside ? " with the loop fixed" : "",
+      steps_.push_back(text("  with %s: %s RMS%s, z %.1f", identity_of(s.kind).id.data(),
+                            size_of(tried.back().model.rms()).c_str(),
+                            is_beside ? " with the loop fixed" : "",
                             paired_z(tried.back().before->pieces, tried.back().model.pieces)));
       // A candidate that explains nothing does not count towards kMaxFitsPerRound.
       if (!(tried.back().left() < 1.0)) tried.pop_back();
@@ -300,8 +306,9 @@ class Selection {
         search_.judge_as_is(one.model);
         if (one.left() > kMaxErrorRatioOfLargeGain) continue;
         search_.judge_polished(one.model);
-        steps_.push_back(text("  with %s, refitted in free simulation: %.4g um RMS, z %.1f",
-                              identity_of(one.screened.kind).id.data(), 1e6 * one.model.rms(),
+        steps_.push_back(text("  with %s, refitted in free simulation: %s RMS, z %.1f",
+                              identity_of(one.screened.kind).id.data(),
+                              size_of(one.model.rms()).c_str(),
                               paired_z(one.before->pieces, one.model.pieces)));
         tried.push_back(std::move(one));
       }
@@ -402,8 +409,9 @@ class Selection {
         search_.judge_polished(best.model);
         best.before = &current_;  // refitted in free simulation as well
       }
-      steps_.push_back(text("  refitted in free simulation, with %s: %.4g um RMS",
-                            identity_of(best.screened.kind).id.data(), 1e6 * best.model.rms()));
+      steps_.push_back(text("  refitted in free simulation, with %s: %s RMS",
+                            identity_of(best.screened.kind).id.data(),
+                            size_of(best.model.rms()).c_str()));
       if (best.left() < tried[i].left() && search_.is_plausible(best.model.model))
         tried[i] = std::move(best);
     }
@@ -456,7 +464,8 @@ class Selection {
           !search_.fit_friction(h, point_of(current_.model, h.structure)))
         continue;
       search_.judge(h);
-      steps_.push_back(text("  as %s: %.4g um RMS", identity_of(kind).id.data(), 1e6 * h.rms()));
+      steps_.push_back(
+          text("  as %s: %s RMS", identity_of(kind).id.data(), size_of(h.rms()).c_str()));
       // Where only one of the two causes was found, the law implies more than is known: it must be
       // clearly better.
       if (!both && h.rms() > kMaxRmsRatioClearlyBetter * current_.rms()) continue;
@@ -484,7 +493,7 @@ class Selection {
     std::replace_if(effects.begin(), effects.end(), is_friction_law, kind_of<Gms>());
     if (!search_.fit_friction(h, point_of(current_.model, h.structure))) return false;
     search_.judge(h);
-    steps_.push_back(text("  as gms: %.4g um RMS", 1e6 * h.rms()));
+    steps_.push_back(text("  as gms: %s RMS", size_of(h.rms()).c_str()));
     if (!(h.rms() < kMaxRmsRatioClearlyBetter * current_.rms())) return false;
     const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
     current_ = std::move(h);
@@ -533,8 +542,8 @@ class Selection {
       }
       const auto& effects = current_.structure.effects;
       const auto law = *std::find_if(effects.begin(), effects.end(), is_friction_law);
-      steps_.push_back(text("  %s makes %s unnecessary: %.4g um RMS", identity_of(law).id.data(),
-                            id.c_str(), 1e6 * current_.rms()));
+      steps_.push_back(text("  %s makes %s unnecessary: %s RMS", identity_of(law).id.data(),
+                            id.c_str(), size_of(current_.rms()).c_str()));
       Cause cause = one.cause;
       cause.ambiguous_with.clear();
       found_.erase(id);

@@ -105,8 +105,7 @@ std::string line_of(const TorqueDiagnosis& torque, const Harmonic& harmonic) {
                     : text("period %.5g mm", 1e3 * harmonic.period);
   out += text(": %.4g %s", harmonic.amplitude, torque.unit.c_str());
   if (std::isfinite(harmonic.tracking_error)) {
-    out += text(", tracking error %.4g %s", 1e6 * harmonic.tracking_error,
-                torque.rotary ? "urad" : "um");
+    out += text(", tracking error %.4g %s", 1e6 * harmonic.tracking_error, micro(torque.rotary));
   }
   return out;
 }
