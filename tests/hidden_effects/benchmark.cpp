@@ -26,6 +26,7 @@ struct Options {
   std::vector<std::string> effects;
   std::vector<std::string> leave_out;
   int jobs = 1;
+  bool gaps = false;
   std::string list, write;
 };
 
@@ -129,6 +130,7 @@ std::vector<Outcome> run(const Options& options) {
         std::vector<std::string> left_out = options.leave_out;
         if (!jobs[i].left_out.empty()) left_out.push_back(jobs[i].left_out);
         outcome.answer = ask(outcome.made.csv, left_out);
+        if (options.gaps && outcome.kind == Kind::kSingle) outcome.gaps = gaps_of(outcome.made);
         outcome.made.csv = {};
         const std::scoped_lock lock(mutex);
         if (list.is_open()) print_line(outcome, list), list.flush();
@@ -178,11 +180,15 @@ int main(int argc, char** argv) {
       ->delimiter(',');
   app.add_option("--jobs", options.jobs, "number of cases diagnosed at the same time")
       ->check(CLI::Range(1, 256));
+  app.add_flag("--gaps", options.gaps,
+               "for every clear case also: does the twin represent it, does the search find it");
   app.add_option("--list", options.list, "file for one line about every case");
   app.add_option("--write", options.write, "directory for the recordings and their hidden effects");
   CLI11_PARSE(app, argc, argv);
   try {
-    print_scores(run(options), options.leave_out, std::cout);
+    const std::vector<Outcome> outcomes = run(options);
+    print_scores(outcomes, options.leave_out, std::cout);
+    print_gaps(outcomes, std::cout);
     return 0;
   } catch (const std::exception& error) {
     std::cerr << "hidden_effects: " << error.what() << '\n';

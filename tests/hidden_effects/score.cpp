@@ -346,6 +346,35 @@ void print_scores(const std::vector<Outcome>& outcomes, const std::vector<std::s
   print_confusion(singles, out);
 }
 
+void print_gaps(const std::vector<Outcome>& outcomes, std::ostream& out) {
+  struct Row {
+    int cases = 0, represented = 0, right = 0, representation = 0, search = 0, decision = 0;
+  };
+  std::map<std::string, Row> rows;
+  for (const Outcome& o : outcomes) {
+    if (!o.gaps) continue;
+    const bool represented = o.gaps->represented(o.made.noise_rms), right = first_is_right(o);
+    for (const std::string& name : {o.made.hidden.front().id, std::string("~ all")}) {
+      Row& row = rows[name];
+      ++row.cases;
+      row.represented += represented;
+      row.right += right;
+      row.representation += !right && !represented;
+      row.search += !right && represented && !o.gaps->found();
+      row.decision += !right && represented && o.gaps->found();
+    }
+  }
+  if (rows.empty()) return;
+  out << "effect                       cases  represented  named first  missed by: representation  "
+         "search  decision\n";
+  for (const auto& [name, row] : rows) {
+    out << std::left << std::setw(28) << (name == "~ all" ? "all" : name) << std::right
+        << std::setw(6) << row.cases << std::setw(13) << row.represented << std::setw(13)
+        << row.right << std::setw(27) << row.representation << std::setw(8) << row.search
+        << std::setw(10) << row.decision << '\n';
+  }
+}
+
 void print_line(const Outcome& o, std::ostream& out) {
   std::ostringstream line;
   line.precision(3);
@@ -370,6 +399,10 @@ void print_line(const Outcome& o, std::ostream& out) {
   line << " | rms " << 1e6 * o.answer.before_rms << " -> " << 1e6 * o.answer.after_rms
        << " um, noise " << 1e6 * o.made.noise_rms << " | " << o.answer.seconds << " s | "
        << o.made.machine;
+  if (o.gaps) {
+    line << " | true structure " << o.gaps->structure << ": " << 1e6 * o.gaps->represented_rms
+         << " um, from the screen " << 1e6 * o.gaps->searched_rms << " um";
+  }
   if (!o.answer.failure.empty()) line << " | failed: " << o.answer.failure;
   out << line.str() << '\n';
 }

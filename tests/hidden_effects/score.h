@@ -7,12 +7,14 @@
 // Any thread.
 #pragma once
 
+#include <optional>
 #include <ostream>
 #include <string>
 #include <vector>
 
 #include "tests/hidden_effects/answer.h"
 #include "tests/hidden_effects/cases.h"
+#include "tests/hidden_effects/gaps.h"
 
 namespace servotwin::hidden_effects {
 
@@ -22,6 +24,7 @@ struct Outcome {
   Kind kind = Kind::kClean;
   Case made;  ///< without its text
   Answer answer;
+  std::optional<Gaps> gaps = {};  ///< where they were asked for
 
   /// The named causes without the machine's own.
   [[nodiscard]] std::vector<NamedCause> named() const;
@@ -36,6 +39,10 @@ struct Outcome {
 /// The figures of the benchmark as text.
 void print_scores(const std::vector<Outcome>& outcomes, const std::vector<std::string>& left_out,
                   std::ostream& out);
+
+/// Of the outcomes with gaps: effect by effect how many cases the twin does not represent, and why
+/// the missed ones were missed.
+void print_gaps(const std::vector<Outcome>& outcomes, std::ostream& out);
 
 /// One line: name, seed, truth, named, RMS before and after, noise, seconds, machine, failure.
 void print_line(const Outcome& outcome, std::ostream& out);
