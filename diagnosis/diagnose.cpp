@@ -388,7 +388,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
       // If the search found a model without the delay, that is the comparison.
       if (!named && selected.undelayed) less = *selected.undelayed;
     } else if (Hypothesis fitted = less;
-               search.fit(fitted, {point_of(current.model, less.structure)})) {
+               search.fit(fitted, {point_of(current.model, less.structure),
+                                   point_of(out.baseline.model, less.structure)})) {
       less = std::move(fitted);
     }
     const Gain fitted_again = gain_of(less.model, extended, holdout);

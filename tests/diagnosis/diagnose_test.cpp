@@ -94,7 +94,10 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   const Diagnosis diagnosis = diagnose(axis);
   EXPECT_THAT(ids(diagnosis), ElementsAre("presliding"));
   EXPECT_EQ(diagnosis.verdict, Verdict::kExplained);
-  EXPECT_LT(diagnosis.extended.holdout.rms, 0.05 * diagnosis.baseline.holdout.rms);
+  EXPECT_LT(diagnosis.extended.holdout.rms, 0.07e-6);  // of an encoder of 0.1 um
+  EXPECT_GT(diagnosis.baseline.holdout.rms, 0.7e-6);
+  // Without the cause the model is no worse than the baseline, which never had it.
+  EXPECT_LT(diagnosis.causes.front().gain.before, 1.1 * diagnosis.baseline.holdout.rms);
   EXPECT_LT(diagnosis.unexplained_share, 0.01);
   const Cause& cause = diagnosis.causes.front();
   EXPECT_NEAR(diagnosis.extended.model.effects[cause.place].coefficient[0], 0.524, 0.02);
