@@ -260,9 +260,10 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
   ceres::Solver::Options options =
       bounded_options(ceres::DENSE_NORMAL_CHOLESKY, rounds, search.tolerance);
   options.gradient_tolerance = 1e-30;  // the relative decrease alone decides
-  // Damped at first: a whole step of Gauss and Newton from a start that is far off leads to another
-  // optimum, and to which one is chance.
+  // Damped at first, and no search along the step: a whole step of Gauss and Newton from a start
+  // that is far off leads to another optimum, and to which one is chance.
   options.initial_trust_region_radius = 1.0;
+  options.max_num_line_search_step_size_iterations = 0;
   // A step that changes the parameters by this share of them changes the cost by less than its
   // tolerance, unless the derivatives are wrong there: then a smaller one does not help.
   options.parameter_tolerance = 1e-3 * std::sqrt(search.tolerance);
