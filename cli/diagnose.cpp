@@ -92,7 +92,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
     const std::string why =
         cause.confidence < kNamed ? "too low to name it as a cause"
         : cause.doubt == CauseDoubt::kParameters
-            ? "but " + end_text(cause.id, diagnosis.extended.model.effects[cause.place])
+            ? "but " + end_text(cause.id, diagnosis.extended.model,
+                                diagnosis.extended.model.effects[cause.place])
             : "but its gain on held-out data may be zero, or is within the noise";
     say(people,
         text("suspected   %-24s confidence %.0f %%, ", cause.id.c_str(), 100.0 * cause.confidence) +

@@ -430,7 +430,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   }
   doubt(out.causes, current, search, holdout);
   for (Cause& cause : out.causes) {
-    if (at_end_of(cause.id, extended.effects[cause.place])) cause.doubt = CauseDoubt::kParameters;
+    if (at_end_of(cause.id, extended, extended.effects[cause.place]))
+      cause.doubt = CauseDoubt::kParameters;
   }
   if (dropped.any()) {
     const std::vector<Segment> as_recorded =

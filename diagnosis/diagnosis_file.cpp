@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <complex>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
+#include "diagnosis/judgement.h"
 #include "diagnosis/text.h"
 #include "identification/loop/joint.h"
 #include "identification/model/json_number.h"
@@ -75,11 +74,9 @@ json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
   } else if (cause.id == "backlash") {
     out["width_m"] = effect.shape[0];
   } else if (effect.kind == kind_of<Compliance>() && out["frequency_hz"].is_null()) {
-    // The fit has exchanged loop and mode: the oscillating poles, if any, are those of the loop.
-    for (const std::complex<double>& root : roots_of(model.loop)) {
-      if (!(root.imag() > 0.0)) continue;
-      out["frequency_hz"] = std::abs(root) / (2.0 * std::numbers::pi);
-      out["damping_ratio"] = -root.real() / std::abs(root);
+    if (const std::optional<Vibration> vibration = vibration_of(model, effect)) {
+      out["frequency_hz"] = vibration->frequency_hz;
+      out["damping_ratio"] = vibration->damping_ratio;
     }
   } else if (cause.id == "inertia_change" || cause.id == "gain_change" ||
              cause.id == "asymmetric_friction") {

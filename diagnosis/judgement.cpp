@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
+#include <numbers>
 
 #include "diagnosis/bootstrap.h"
 
@@ -79,7 +81,24 @@ Judgement judged(const Tried& one, const Bar& bar) {
   return out;
 }
 
-std::string end_text(std::string_view cause, const Effect& effect) {
+std::optional<Vibration> vibration_of(const Model& model, const Effect& mode) {
+  constexpr double kNyquist = 0.5;  // of the sampling rate
+  if (mode.shape[0] * model.sample_time_s < kNyquist)
+    return Vibration{mode.shape[0], mode.shape[1]};
+  for (const std::complex<double>& root : roots_of(model.loop)) {
+    if (root.imag() > 0.0)
+      return Vibration{std::abs(root) / (2.0 * std::numbers::pi), -root.real() / std::abs(root)};
+  }
+  return std::nullopt;
+}
+
+std::string end_text(std::string_view cause, const Model& model, const Effect& effect) {
+  if (effect.kind == kind_of<Compliance>()) {
+    const std::optional<Vibration> vibration = vibration_of(model, effect);
+    const double most = shapes_of(effect.kind)[1].upper;
+    if (!vibration || vibration->damping_ratio > most)
+      return text("no vibration with a damping ratio below %g: a filter or a delay", most);
+  }
   constexpr double kAtLimit = 0.99;  // of the limit; a fit stops a little before it
   const CauseNature& nature = nature_of(cause);
   const auto shapes = shapes_of(effect.kind);
@@ -93,8 +112,8 @@ std::string end_text(std::string_view cause, const Effect& effect) {
   return "";
 }
 
-bool at_end_of(std::string_view cause, const Effect& effect) {
-  return !end_text(cause, effect).empty();
+bool at_end_of(std::string_view cause, const Model& model, const Effect& effect) {
+  return !end_text(cause, model, effect).empty();
 }
 
 }  // namespace servotwin

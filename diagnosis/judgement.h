@@ -1,6 +1,10 @@
 // Whether a candidate effect improves a model enough to be added (docs/theory.md 10).
 #pragma once
 
+#include <optional>
+#include <string>
+#include <string_view>
+
 #include "diagnosis/search.h"
 
 namespace servotwin {
@@ -58,12 +62,22 @@ struct Bar {
 /// are symmetric.
 [[nodiscard]] bool like_friction(std::size_t kind);
 
-/// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, so
-/// that the fit asks for something else. Throws std::invalid_argument for an unknown cause.
-[[nodiscard]] bool at_end_of(std::string_view cause, const Effect& effect);
+/// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, or a
+/// compliance does not vibrate, so that the fit asks for something else. Throws
+/// std::invalid_argument for an unknown cause.
+[[nodiscard]] bool at_end_of(std::string_view cause, const Model& model, const Effect& effect);
 
 /// For people: "damping ratio at its limit 0.2: more is a filter than a vibration"; empty if it is
 /// not at its limit.
-[[nodiscard]] std::string end_text(std::string_view cause, const Effect& effect);
+[[nodiscard]] std::string end_text(std::string_view cause, const Model& model,
+                                   const Effect& effect);
+
+struct Vibration {
+  double frequency_hz = 0.0, damping_ratio = 0.0;
+};
+/// The vibration that a compliance of this model stands for. Where the fit has exchanged loop and
+/// mode, so that the frequency of the mode is beyond what the samples show, it is the pair of poles
+/// of the loop; nothing where that has none.
+[[nodiscard]] std::optional<Vibration> vibration_of(const Model& model, const Effect& mode);
 
 }  // namespace servotwin

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <numbers>
+
 #include "diagnosis/diagnose.h"
 
 namespace servotwin {
@@ -14,26 +16,51 @@ Effect mode_with(double damping_ratio) {
   return mode;
 }
 
+/// A loop with one pair of poles, sampled at 1 kHz.
+Model loop_with(double frequency_hz, double damping_ratio) {
+  Model model;
+  model.sample_time_s = 1e-3;
+  model.loop.order = 2;
+  const double omega = 2.0 * std::numbers::pi * frequency_hz;
+  model.loop.denominator = {2.0 * damping_ratio * omega, omega * omega, 0.0};
+  return model;
+}
+
 TEST(EndOfACause, AModeThatIsDampedAsAFilterIsNoCompliance) {
-  EXPECT_TRUE(at_end_of("compliance", mode_with(0.2)));
-  EXPECT_TRUE(at_end_of("compliance", mode_with(0.1999)));
-  EXPECT_FALSE(at_end_of("compliance", mode_with(0.1)));
-  Effect stiff = mode_with(0.03);
-  stiff.shape[0] = 2000.0;  // the frequency may be at its bound
-  EXPECT_FALSE(at_end_of("compliance", stiff));
+  EXPECT_TRUE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.2)));
+  EXPECT_TRUE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.1999)));
+  EXPECT_FALSE(at_end_of("compliance", loop_with(20.0, 0.7), mode_with(0.1)));
+  Effect fast = mode_with(0.03);
+  fast.shape[0] = 400.0;  // below half of the sampling rate
+  EXPECT_FALSE(at_end_of("compliance", loop_with(20.0, 0.7), fast));
+}
+
+// Beyond half of the sampling rate the mode has become the loop, and the loop's pair must vibrate.
+TEST(EndOfACause, AComplianceThatDoesNotVibrateIsNone) {
+  Effect exchanged = mode_with(0.03);
+  exchanged.shape[0] = 600.0;
+  EXPECT_FALSE(at_end_of("compliance", loop_with(34.0, 0.05), exchanged));
+  EXPECT_EQ(end_text("compliance", loop_with(34.0, 0.87), exchanged),
+            "no vibration with a damping ratio below 0.2: a filter or a delay");
+  EXPECT_TRUE(at_end_of("compliance", loop_with(34.0, 1.3), exchanged)) << "two real poles";
+  const auto vibration = vibration_of(loop_with(34.0, 0.05), exchanged);
+  ASSERT_TRUE(vibration);
+  EXPECT_NEAR(vibration->frequency_hz, 34.0, 1e-9);
+  EXPECT_NEAR(vibration->damping_ratio, 0.05, 1e-9);
 }
 
 TEST(EndOfACause, IsSaidWithTheParameterItsLimitAndWhatItMeans) {
-  EXPECT_EQ(end_text("compliance", mode_with(0.2)),
+  EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.2)),
             "damping ratio at its limit 0.2: more is a filter than a vibration");
-  EXPECT_EQ(end_text("compliance", mode_with(0.1)), "");
+  EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.1)), "");
 }
 
 TEST(EndOfACause, OtherCausesHaveNone) {
   Effect presliding = make_effect<Presliding>();
   presliding.shape = {2e-3, kMaxShape};
-  EXPECT_FALSE(at_end_of("presliding", presliding));
-  EXPECT_THROW((void)at_end_of("no_cause", presliding), std::invalid_argument);
+  EXPECT_FALSE(at_end_of("presliding", loop_with(20.0, 0.7), presliding));
+  EXPECT_THROW((void)at_end_of("no_cause", loop_with(20.0, 0.7), presliding),
+               std::invalid_argument);
 }
 
 TEST(EndOfACause, KeepsACauseFromBeingNamedHoweverConfident) {
