@@ -21,7 +21,8 @@ void add_finite(const ResponseRecord& whole, std::vector<ResponseRecord>& out) {
   std::vector<const Eigen::ArrayXd*> all{&whole.output};
   for (const Eigen::ArrayXd& x : whole.inputs) all.push_back(&x);
   for (const Eigen::ArrayXd& x : whole.instruments) all.push_back(&x);
-  for (const auto& [begin, count] : finite_stretches(all)) {
+  for (const auto& stretch : finite_stretches(all)) {
+    const auto begin = stretch.first, count = stretch.second;
     const auto cut = [begin, count](const std::vector<Eigen::ArrayXd>& from) {
       std::vector<Eigen::ArrayXd> to;
       for (const Eigen::ArrayXd& x : from) to.push_back(x.segment(begin, count));

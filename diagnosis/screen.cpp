@@ -377,7 +377,7 @@ Screened Screen::look(std::size_t kind) const {
   }
   // Prefer half the period where it explains nearly as much: twice a period fits it as the second
   // harmonic.
-  while (shapes_of(kind).size() > 0 && shapes_of(kind)[0].scan == Scan::kPeriod) {
+  while (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kPeriod) {
     std::vector<double> half = out.shapes;
     half[0] *= 0.5;
     if (half[0] < shapes_of(kind)[0].lower) break;

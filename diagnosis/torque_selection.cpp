@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -151,7 +152,7 @@ class TorqueSelection {
   }
 
   [[nodiscard]] std::vector<std::size_t> candidates() const {
-    static const std::vector<std::size_t> kActOnTheBody{
+    static constexpr std::array kActOnTheBody{
         kind_of<ConstantForce>(),   kind_of<AsymmetricFriction>(),
         kind_of<FallingFriction>(), kind_of<Presliding>(),
         kind_of<Cogging>(),         kind_of<PositionDependentFriction>(),

@@ -27,7 +27,7 @@ struct MaxwellElements {
 /// Force of an element of constant level after `dx`: that of the spring, clamped to the level.
 template <class T>
 T slip(const T& force, const T& stiffness, const T& level, double dx) noexcept {
-  const T pulled = force + stiffness * dx;
+  T pulled = force + stiffness * dx;
   if (pulled > level) return level;
   if (pulled < -level) return -level;
   return pulled;

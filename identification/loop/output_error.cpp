@@ -149,7 +149,8 @@ class Coordinates {
     const std::size_t at = shape - static_cast<std::size_t>(structure_.order);
     if (at < axes_.size()) return {axes_[at].lower, axes_[at].upper};
     const auto of_modes = at - axes_.size();
-    if (of_modes >= static_cast<std::size_t>(kModeCoordinates * structure_.modes))
+    if (of_modes >=
+        static_cast<std::size_t>(kModeCoordinates) * static_cast<std::size_t>(structure_.modes))
       return {-kMaxModeTravel, kMaxModeTravel};
     if (of_modes % kModeCoordinates == 3) return {-1e300, std::log(kMaxDamping)};
     return {-1e300, 1e300};

@@ -12,7 +12,6 @@ using positions::command_bend;
 using positions::command_slope;
 using positions::finite;
 using positions::median;
-using positions::number;
 using positions::range_of;
 using positions::size_text;
 using positions::Values;

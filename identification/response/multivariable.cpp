@@ -215,7 +215,7 @@ struct Sought {
 /// The best point of this order: from every start twice, the second time with the outputs weighted
 /// by the residuals of the first.
 std::optional<Sought> sought(MultivariableProblem& problem, const std::vector<Place>& starts,
-                             Search search, int& evaluations) {
+                             const Search& search, int& evaluations) {
   std::optional<Sought> best;
   const Eigen::ArrayXd spread = problem.spread();
   for (const Place& start : starts) {

@@ -290,7 +290,7 @@ Eigen::VectorXd force_of(const ForceModel& model, const ForceData& data) {
     shapes.insert(shapes.end(), effect.shape.begin(), effect.shape.begin() + shape_count);
     linear.insert(linear.end(), effect.coefficient.begin(), effect.coefficient.begin() + count);
   }
-  const Eigen::VectorXd target = data.force();
+  const Eigen::VectorXd& target = data.force();
   const ForceProjection projection(data, structure, target);
   return projection.columns(shapes, false).regressors *
          Eigen::Map<const Eigen::VectorXd>(linear.data(), static_cast<Eigen::Index>(linear.size()));
