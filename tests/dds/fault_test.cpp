@@ -8,7 +8,6 @@
 namespace servotwin::test {
 namespace {
 
-using testing::HasSubstr;
 
 class Faults : public testing::Test {
  protected:
