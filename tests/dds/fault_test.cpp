@@ -8,7 +8,6 @@
 namespace servotwin::test {
 namespace {
 
-
 class Faults : public testing::Test {
  protected:
   Faults() {

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
+#include <cstdio>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -151,9 +152,7 @@ std::vector<Outcome> run(const Options& options) {
   return outcomes;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   CLI::App app{"Hides effects in recordings and counts how often the diagnosis names them."};
   Options options;
   const auto count = CLI::Range(0, 100'000);
@@ -185,13 +184,19 @@ int main(int argc, char** argv) {
   app.add_option("--list", options.list, "file for one line about every case");
   app.add_option("--write", options.write, "directory for the recordings and their hidden effects");
   CLI11_PARSE(app, argc, argv);
+  const std::vector<Outcome> outcomes = run(options);
+  print_scores(outcomes, options.leave_out, std::cout);
+  print_gaps(outcomes, std::cout);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
   try {
-    const std::vector<Outcome> outcomes = run(options);
-    print_scores(outcomes, options.leave_out, std::cout);
-    print_gaps(outcomes, std::cout);
-    return 0;
+    return run(argc, argv);
   } catch (const std::exception& error) {
-    std::cerr << "hidden_effects: " << error.what() << '\n';
+    std::fprintf(stderr, "hidden_effects: %s\n", error.what());
     return 1;
   }
 }
