@@ -1,4 +1,6 @@
 // servotwin: the command-line tool. Exit status: 0 done, 1 the work failed, 2 wrong usage.
+#include <sched.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cerrno>
@@ -7,7 +9,6 @@
 #include <exception>
 #include <new>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "cli/command.h"
@@ -111,12 +112,19 @@ int run(int argc, char** argv) {
   return 0;
 }
 
+/// The cores that this process may use; `taskset` limits them, which the standard library ignores.
+std::size_t allowed_cores() {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  return sched_getaffinity(0, sizeof set, &set) == 0 ? static_cast<std::size_t>(CPU_COUNT(&set))
+                                                     : 1;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   try {
-    // All that this process may use: `taskset` limits them.
-    servotwin::use_threads(std::thread::hardware_concurrency());
+    servotwin::use_threads(allowed_cores());
     return run(argc, argv);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "servotwin: %s\n", error.what());

@@ -392,6 +392,10 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
                                    point_of(out.baseline.model, less.structure)})) {
       less = std::move(fitted);
     }
+    // The baseline never had a cause that was found later, and may be the better model without it.
+    if (one.kind != kind_of<TimeDelay>() && out.baseline.model.find(one.kind) == nullptr &&
+        judge(out.baseline.model, training).rms < judge(less.model, training).rms)
+      less.model = out.baseline.model;
     const Gain fitted_again = gain_of(less.model, extended, holdout);
     cause.worth = worth_of(fitted_again);
     if (one.kind == kind_of<TimeDelay>()) {

@@ -36,6 +36,10 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
+/// The shortest period of position that is searched over this travel: more turns of it would need
+/// a finer grid.
+double shortest_period(double travel) { return travel / 200.0; }
+
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
   if (gram.size() == 0) return right;
   Eigen::MatrixXd ridged = gram;
@@ -292,7 +296,7 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       for (const double factor : {0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0}) add(factor * p.start);
       break;
     case Scan::kPeriod: {
-      const double shortest = std::max(p.lower, travel_ / 200.0);
+      const double shortest = std::max(p.lower, shortest_period(travel_));
       for (double turns = 0.75; travel_ / turns > shortest; turns += 0.5) add(travel_ / turns);
       break;
     }
@@ -380,7 +384,7 @@ Screened Screen::look(std::size_t kind) const {
   while (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kPeriod) {
     std::vector<double> half = out.shapes;
     half[0] *= 0.5;
-    if (half[0] < shapes_of(kind)[0].lower) break;
+    if (half[0] < std::max(shapes_of(kind)[0].lower, shortest_period(travel_))) break;
     Eigen::MatrixXd c = columns(kind, half);
     if (explained(c) < kMinShareOfHalfPeriod * best) break;
     out.shapes = half, of_best = std::move(c);

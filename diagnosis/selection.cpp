@@ -368,6 +368,7 @@ class Selection {
     const std::size_t first = candidates.size();
     candidates.resize(std::min(first + count, promising.size()));
     in_parallel(candidates.size() - first, [&](std::size_t i) {
+      check_stop();
       const Screened& s = promising[first + i];
       auto& [h, beside, fits, varies] = candidates[first + i];
       h.structure = beside.structure = extended_by(current_.structure, s.kind);

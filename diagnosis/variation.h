@@ -74,7 +74,7 @@ class Variation {
 /// For every block of segments `v`, which was fitted to all of them, with the values that a fit to
 /// the other blocks would find, by one Gauss-Newton step (least_squares/jackknife.h), shortened
 /// where it is not valid or does not lower the cost of the other blocks. Where a short one does not
-/// either, the block gets `v`.
+/// either, the block gets `v`; where one block cannot be simulated, all do.
 [[nodiscard]] std::vector<Varied> left_out(const Model& base, const Varied& v,
                                            const std::vector<std::vector<Segment>>& blocks);
 

@@ -1,5 +1,6 @@
 // Leave-one-block-out fits without refitting: from the least squares optimum of all blocks of rows,
-// one Gauss-Newton step leads to the optimum of all blocks but one. Exact for linear problems; near
+// one Gauss-Newton step leads to the optimum of all blocks but one. Exact for linear problems, but
+// for a weight of 1e-4 that the block keeps; near
 // the optimum of a nonlinear one the error is of second order in the step (the infinitesimal
 // jackknife: Giordano, Stephenson, Liu, Jordan and Broderick, AISTATS 2019, "A Swiss army
 // infinitesimal jackknife").

@@ -54,7 +54,7 @@ struct OutputErrorFit {
 /// Gauss-Newton step (least_squares/jackknife.h) from `at`, which was fitted to all of them. Every
 /// segment is simulated from its own starting state. Where the step is not valid or does not lower
 /// the cost of the other blocks it is shortened; where a short one does not either, the block gets
-/// `at`. Any thread.
+/// `at`; where one block cannot be simulated or differentiated, all do. Any thread.
 [[nodiscard]] std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
                                           const Structure& structure, const Model& at,
                                           double encoder_step);

@@ -10,6 +10,7 @@
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/report.h"
 #include "drivers/recording_file.h"
+#include "identification/least_squares/parallel.h"
 #include "tests/support/real_data.h"
 #include "tests/virtual_machine/axis.h"
 #include "tests/virtual_machine/program.h"
@@ -102,6 +103,21 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
   const Cause& cause = diagnosis.causes.front();
   EXPECT_NEAR(diagnosis.extended.model.effects[cause.place].coefficient[0], 0.524, 0.02);
   EXPECT_GT(cause.gain.low, 0.0);
+}
+
+TEST(Diagnosis, IsTheSameOnAnyNumberOfThreads) {
+  SegmentedAxis axis = segment_axis(
+      read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
+  axis.segments = cut(axis.segments, 0.0, 6.0);
+  std::vector<std::string> files;
+  for (const std::size_t threads : {1U, 3U}) {
+    use_threads(threads);
+    const Diagnosis diagnosis = diagnose(axis);
+    files.push_back(to_json(diagnosis, "").dump());
+    for (const std::string& step : diagnosis.steps) files.back() += step;
+  }
+  use_threads(1);
+  EXPECT_EQ(files[0], files[1]);
 }
 
 // A law of friction that falls with speed implies the Stribeck effect, whatever it is called.

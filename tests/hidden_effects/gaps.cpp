@@ -65,14 +65,17 @@ class Fits {
     Gaps out{kNone, kNone, "none"};
     for (const std::size_t law : laws) {
       for (const std::size_t kind : kinds) {
-        const std::optional<Hypothesis> base = without_effect(law, kind);
+        const std::optional<Hypothesis> base = without_effect(law, kind, true);
         if (!base) continue;
         const double from_truth = least(*base, kind, true);
         if (from_truth < out.represented_rms) {
           out.represented_rms = from_truth;
           out.structure = std::string(identity_of(law).id);
           if (kind < kEffectKinds) out.structure += " " + std::string(identity_of(kind).id);
-          out.searched_rms = least(*base, kind, false);
+          // Of a law that is the cause itself, the start is what differs.
+          const std::optional<Hypothesis> own =
+              kind < kEffectKinds ? base : without_effect(law, kind, false);
+          out.searched_rms = own ? least(*own, kind, false) : kNone;
         }
       }
     }
@@ -85,7 +88,7 @@ class Fits {
   static constexpr double kNone = 1e300;
 
   /// The machine without the effect; nothing where it cannot be fitted.
-  std::optional<Hypothesis> without_effect(std::size_t law, std::size_t kind) {
+  std::optional<Hypothesis> without_effect(std::size_t law, std::size_t kind, bool from_truth) {
     Hypothesis simple;
     simple.structure.order = order_;
     simple.structure.effects = {kind_of<CoulombFriction>()};
@@ -97,7 +100,13 @@ class Fits {
     Hypothesis out;
     out.structure = simple.structure;
     out.structure.effects = {law};
-    if (!search_.fit_friction(out, point_of(simple.model, out.structure))) return std::nullopt;
+    Point from = point_of(simple.model, out.structure);
+    for (std::size_t i = 0; from_truth && i < from.shapes.size(); ++i) {
+      const Parameter& p = shapes_of(law)[i];
+      from.shapes[i] =
+          std::clamp(true_shape(truth_, p.name).value_or(from.shapes[i]), p.lower, p.upper);
+    }
+    if (!search_.fit_friction(out, from)) return std::nullopt;
     search_.follow(out);
     return out;
   }

@@ -33,7 +33,8 @@ struct Gaps {
   [[nodiscard]] bool found() const { return searched_rms <= kSearchFactor * represented_rms; }
 };
 
-/// The case hides one effect, which is in its text. An effect that the twin does not simulate
+/// The case hides one effect, which is in its text. Where nothing can be fitted both errors are
+/// 1e300, which counts as not represented. An effect that the twin does not simulate
 /// (dropped_samples) counts as represented and found.
 [[nodiscard]] Gaps gaps_of(const Case& made);
 

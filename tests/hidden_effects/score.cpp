@@ -400,8 +400,11 @@ void print_line(const Outcome& o, std::ostream& out) {
        << " um, noise " << 1e6 * o.made.noise_rms << " | " << o.answer.seconds << " s | "
        << o.made.machine;
   if (o.gaps) {
-    line << " | true structure " << o.gaps->structure << ": " << 1e6 * o.gaps->represented_rms
-         << " um, from the screen " << 1e6 * o.gaps->searched_rms << " um";
+    const auto size = [](double rms) {
+      return rms < 1.0 ? std::to_string(1e6 * rms) + " um" : std::string("no fit");
+    };
+    line << " | true structure " << o.gaps->structure << ": " << size(o.gaps->represented_rms)
+         << ", from the screen " << size(o.gaps->searched_rms);
   }
   if (!o.answer.failure.empty()) line << " | failed: " << o.answer.failure;
   out << line.str() << '\n';

@@ -81,9 +81,12 @@ TEST(LeftOut, ABlockWithoutSamplesAndAnInvalidModelChangeNothing) {
   model.loop.denominator = {200.0, 15000.0, 400000.0};
   model.loop.numerator = {0.6, 90.0, 2000.0};
   const Segment s = recorded(model, 3e-7);
-  const std::vector<Model> models = left_out({{s}, {}}, {}, model, 0.0);
+  Model off = model;
+  off.loop.numerator[0] = 0.65;
+  const std::vector<Model> models = left_out({{s}, {}}, {}, off, 0.0);
   ASSERT_EQ(models.size(), 2U);
-  EXPECT_NEAR(models[1].loop.numerator[0], 0.6, 0.01);
+  EXPECT_NEAR(models[1].loop.numerator[0], 0.6, 0.01) << "from the block that has samples";
+  EXPECT_EQ(models[0].loop.numerator[0], 0.65) << "there is no other block";
   Model unstable = model;
   unstable.loop.denominator[0] = -1.0;
   EXPECT_EQ(left_out({{s}}, {}, unstable, 0.0).front().loop.denominator[0], -1.0);
