@@ -164,7 +164,8 @@ std::vector<std::string> fit_lines(const ModelRecord& record, Times times) {
                   span(record.training_to_s, record.to_s, "not seen by the fit"));
   lines.push_back("noise floor " + noise_floor_text(record.noise_floor_rms, record.rotary));
   if (std::isfinite(record.condition_number)) {
-    lines.push_back(text("condition   %9.4g of the regressors (mm, s)", record.condition_number));
+    lines.push_back(text("condition   %9.4g of the regressors (%s, s)", record.condition_number,
+                         record.rotary ? "mrad" : "mm"));
   }
   return lines;
 }
