@@ -208,14 +208,14 @@ void print(const Correction& correction, std::FILE* people) {
                     (std::isfinite(limits.rate) ? text(" of %.4g", 1e3 * limits.rate) : ""));
     if (learned.best == 0) continue;
     const double expected = expected_rms(correction, i);
-    say(people,
-        axis.learning.name + ": limited by " + limited_by(correction, i) +
-            (std::isfinite(expected) && correction.options.aim == Aim::kTracking
-                 ? text("; expect %.3g %s RMS on the machine", 1e6 * expected, micro(rotary))
-                 : ""));
+    say(people, axis.learning.name + ": limited by " + limited_by(correction, i) +
+                    (std::isfinite(expected) && correction.options.aim == Aim::kTracking
+                         ? text("; expect at least %.3g %s RMS on the machine", 1e6 * expected,
+                                micro(rotary))
+                         : ""));
   }
   if (const double across = expected_contour_rms(correction); std::isfinite(across))
-    say(people, text("contour: expect %.3g um RMS on the machine", 1e6 * across));
+    say(people, text("contour: expect at least %.3g um RMS on the machine", 1e6 * across));
 }
 
 void write_gcode(const Arguments& arguments, const Correction& correction,

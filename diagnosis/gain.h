@@ -8,7 +8,7 @@
 
 namespace servotwin {
 
-/// RMS [m | rad] without and with one cause, with the rest of the extended model unchanged.
+/// RMS [m | rad] of the model refitted without a cause, and of the extended model.
 struct Gain {
   double before = kAbsent, after = kAbsent;  ///< of measured minus simulated
   double low = kAbsent, high = kAbsent;      ///< 95 % interval of before - after (block bootstrap)

@@ -1,12 +1,14 @@
-// The safety gate of one axis: every position correction leaves the program through it.
+// The gate of one axis: every position correction leaves the program through it. It limits size,
+// rate, bandwidth and duration; it is no safety function.
 //
 // Whatever comes in, the offset y_k that goes out at t_k and is valid until V_k obeys
 //   |y_k| <= peak,   |y_k - y_(k-1)| <= rate min(t_k - t_(k-1), cycle_s),
 //   V_k <= min(t_k + validity, E_k),   |y_k| <= min(peak / ramp_s, rate) (E_k - t_k),
 // where E_k is the expiry of the last permitted request (none: no bound), and y_(k-1) is the last
-// offset, or 0 if its validity is over by t_k. The second is true of the drive only after it has
-// ramped the offset out, which the gate does not know: after a gap its caller sends nothing for as
-// long (daemon/loop/live_offsets.h, docs/decisions/0011). So no offset is applied for longer than
+// offset, or 0 if its validity is over by t_k. The limit of the rate holds for
+// the offset in the drive only once the drive has ramped out an expired offset. The gate cannot
+// know when: after a gap its caller sends nothing for that long (daemon/loop/live_offsets.h,
+// docs/decisions/0011). So no offset is applied for longer than
 // its request allows, and it has faded to 0 when the request ends. The fade obeys
 //   gain_k <= (E_k - t_k) / ramp_s,
 // so only a request that is valid for ramp_s or longer is ever applied in full.
@@ -38,11 +40,11 @@ struct GateLimits {
   double rate = 0.0;  ///< [m/s | rad/s]
   double bandwidth_hz = 0.0;
   double ramp_s = 0.0;       ///< fade-in time from 0 to the full correction
-  double validity_s = 0.0;   ///< time after which the drive must drop an offset
+  double validity_s = 0.0;   ///< time for which a drive holds an offset that is not renewed
   double model_age_s = 0.0;  ///< greatest age of the validation of a model
   bool live = false;         ///< false: dry run
-  /// A drive applies one offset per cycle: by more than the rate allows in this time no offset
-  /// changes, however long ago the one before was.
+  /// The drive applies one offset per cycle, so an offset may change by at most rate times this
+  /// time, however long ago the one before was sent.
   double cycle_s = std::numeric_limits<double>::infinity();
 };
 

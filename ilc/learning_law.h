@@ -32,7 +32,8 @@ namespace servotwin {
 
 enum class Law { kInverse, kNormOptimal, kP, kPd };
 
-/// Limit of |Q (1 - L T)| that is designed for: every trial at least halves the error.
+/// Limit of |Q (1 - L T)| that is designed for: every trial at least halves the distance to
+/// the error that remains (linear loop).
 inline constexpr double kContraction = 0.5;
 
 struct LearningLaw {

@@ -25,7 +25,7 @@ constexpr std::size_t free_elements_of(std::size_t kind) noexcept {
   return kind == kind_of<MaxwellSlip>() ? MaxwellSlip::kElements : 0;
 }
 
-/// The level at which this friction law slides, per moved mass [m/s^2 | rad/s^2]; if it depends on
+/// The friction force of this law in sliding, per moved mass [m/s^2 | rad/s^2]; if it depends on
 /// the direction, that of the positive direction.
 inline double level_of(const Effect& law) noexcept {
   const std::size_t elements = free_elements_of(law.kind);

@@ -2,9 +2,11 @@
 //
 //   e = s N(s)/P(s) x_r(t - tau) + (x_r(t) - x_r(t - tau)) + (s | 1)/P(s) sum_i d_i f_i(motion)
 //
-// The filters are exact (twin/hold.h). Friction is linear within the step and solved together with
-// it, so any step is stable (docs/theory.md 2.3). Cycles above 1 ms are solved in parts, because
-// friction may reverse within them. Trivially copyable; looking ahead is done on a copy.
+// N, P and the modes of vibration: twin/loop.h; (s | 1): s with integral action, 1 without. The
+// filters are exact (twin/hold.h). The friction force is interpolated linearly within the step and
+// solved together with it, so any step is stable (docs/theory.md 2.3). Cycles above 1 ms are solved
+// in parts, because friction may reverse within them. Trivially copyable; looking ahead is done on
+// a copy.
 //
 // Units: m | rad, s. Errors: std::invalid_argument from the constructor. Any one thread; `step`,
 // `follow` and `predict` allocate nothing, take no lock and throw nothing. Source: docs/theory.md 1

@@ -87,7 +87,7 @@ struct IlcConfig {
   int trials = 10;            ///< maximum number of virtual trials
   bool live = false;          ///< false: dry run, even when armed
   double ramp_s = 0.1;        ///< fade-in time from 0 to the full offset, and fade-out time
-  double validity_s = 0.02;   ///< time after which a drive must drop an offset
+  double validity_s = 0.02;   ///< time for which a drive holds an offset that is not renewed
   double drive_ramp_s = 0.1;  ///< time within which the drive then brings the offset to 0
   double model_age_s = 604800.0;  ///< maximum time since the validation of the models
   double match_tolerance = 2e-6;  ///< deviation of a command from its program row [m | rad]

@@ -21,7 +21,7 @@ class Arming {
   [[nodiscard]] bool armed() const noexcept { return armed_.load(std::memory_order_relaxed); }
   /// Arms. Returns why that is not possible; empty if it is armed now.
   std::string arm() {
-    // Held until it is armed: nobody forbids in between.
+    // So that forbid() cannot run between the check and arming.
     const std::lock_guard lock(mutex_);
     if (!forbidden_.empty()) return forbidden_;
     if (!live_) return "offsets are a dry run: the configuration does not have ilc.live = true";

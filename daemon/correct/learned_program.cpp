@@ -95,7 +95,7 @@ std::string expected_of(const LearnedProgram& learned, const std::vector<bool>& 
   for (std::size_t i = 0; i < learned.axes.size(); ++i) {
     const AxisCorrectionFigures& axis = learned.axes[i];
     if (beyond[i] || learned.holdout_rms[i] == 0.0) continue;
-    out += (out.empty() ? "expect " : ", ") + axis.name + " " +
+    out += (out.empty() ? "expect at least " : ", ") + axis.name + " " +
            length_text(std::hypot(axis.after_rms, learned.holdout_rms[i]), axis.rotary);
   }
   return out.empty() ? out : out + " RMS on the machine";

@@ -4,7 +4,8 @@
 //   - it may be used: excited, stable, within its bounds;
 //   - RMS(candidate) <= (1 - min_improvement) RMS(in force) on held-out motion;
 //   - the improvement is significant: ten times min_improvement, or a `significance` of at least
-//     1.75 standard errors (3 if the improvement is below five times min_improvement).
+//     1.75 standard errors (3 if the improvement is below five times min_improvement). This is
+//     not required where no model is in force, or that one cannot be simulated.
 //
 // Significance is required because a machine that does not change is judged thousands of times:
 // some of so many candidates are two percent better on four seconds and worse on the next. Without
@@ -55,8 +56,8 @@ struct Decision {
 };
 
 /// Whether the model in force is still valid on the motion where a candidate was judged: its RMS is
-/// at most twice `holdout_rms`, its RMS on held-out data when it came into force. With twice the
-/// residual a correction that was learned on it still reduces the error.
+/// at most twice `holdout_rms`, its RMS on held-out data when it came into force. It is assumed
+/// that with twice the residual a correction that was learned on it still reduces the error.
 [[nodiscard]] bool still_holds(const Candidacy& candidacy, double holdout_rms);
 
 /// Significance of the difference of two residuals along the same samples: the mean difference of

@@ -1,5 +1,5 @@
 // Sends live corrections to a drive: position offsets (object 0x60B0) in a receive PDO, behind the
-// safety gate.
+// gate.
 //
 // Only offsets that the gate lets pass are sent. The drive must drop an offset that is not renewed.
 // An RPDO does not expire by itself: at the end of a correction the gate fades the offset to 0. One

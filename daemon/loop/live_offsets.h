@@ -10,7 +10,7 @@
 // out, when a residual is outside its band for kCyclesOutsideToEnd cycles, when the path error is
 // larger than predicted without a correction, when a gate refuses, when cycles are lost, when the
 // clock of the frames jumps, when the commands no longer follow the program, or when somebody
-// disarms. A program whose run was given up is not begun again before a new plan comes.
+// disarms. After a run was given up, the program is not corrected again until a new plan comes.
 //
 // What the drive has (docs/decisions/0011-one-contract-for-offsets.md). The drive holds the last
 // offset for validity_s to drive_timeout_s of its own time after it was sent, and then ramps it to
@@ -22,8 +22,8 @@
 //   - A frame is not answered if the answer would come more than half a cycle late, so that a drive
 //     never gets two offsets in one of its cycles. The constant delay of the bus must be below half
 //     a cycle for that.
-//   - If nothing could be sent for longer than the drive surely waits, this class is silent until
-//     the drive has reached 0, and only then begins from 0. The same after the start of the daemon:
+//   - If nothing could be sent for validity_s, the drive may have begun to ramp out: nothing is
+//     sent until it has certainly reached 0. The same after the start of the daemon:
 //     the one before may have left an offset.
 //
 // One thread; nothing allocates, locks or throws after construction.
@@ -47,11 +47,11 @@ namespace servotwin::daemon {
 /// When a frame was received.
 struct Arrival {
   std::int64_t now_ns = 0;  ///< steady clock of this host
-  std::int64_t age_ns = 0;  ///< since it was due or sent, but for a constant: clocks may differ
+  std::int64_t age_ns = 0;  ///< since it was due or sent, plus an unknown constant (two clocks)
 };
 
-/// How much later frames come than the earliest ones of the last seconds: without the constant
-/// part of their age, which is transport and the difference of two hosts' clocks.
+/// Lateness of a frame relative to the earliest of the last 500 to 1000 frames: its age without the
+/// constant part, which is transport and the difference of two hosts' clocks.
 class Lateness {
  public:
   /// Of the next frame [ns], >= 0.
@@ -85,7 +85,7 @@ class LiveOffsets {
   [[nodiscard]] const MachineOffset* answer(const MachineFrame& frame,
                                             const MachinePrediction& prediction,
                                             const Arrival& arrival) noexcept;
-  /// Time after which a drive drops an offset [ns].
+  /// Time for which a drive holds an offset that is not renewed [ns].
   [[nodiscard]] std::int64_t validity_ns() const noexcept { return held_ns_ - cycle_ns_ / 2; }
   /// The last answer did not leave for these axes (bit i: axis i): their drives have the one
   /// before.

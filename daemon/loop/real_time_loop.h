@@ -1,5 +1,5 @@
 // The real-time loop of one machine: for every frame it predicts the tracking error of the cycle
-// from the commands, and measures it afterwards.
+// from the commands, and compares it with the encoder value of the same frame.
 //
 //   predicted error of cycle k = twin(commands up to k); the encoder value of cycle k is read
 //   afterwards

@@ -12,7 +12,7 @@
 // Step 2 alone gives wrong shapes, because the poles of step 1 compensate for the difference
 // between Coulomb friction and the true friction; its results are start values only.
 //
-// SI units; rotary axes in rad. Errors: none are thrown for bad data. Any thread.
+// SI units; rotary axes in rad. Bad data do not throw: the functions return nothing. Any thread.
 #pragma once
 
 #include <optional>
@@ -48,7 +48,7 @@ class FirstStep {
   /// Adds one mode; false if no mode is found or there are kMaxModes already.
   [[nodiscard]] bool add_mode();
   /// A start with the modes found so far and, if `coupled`, with the other axis as the last effect.
-  /// The shapes of Coulomb friction are those of the catalogue.
+  /// The shapes of Coulomb friction keep their start values.
   [[nodiscard]] std::optional<Point> start(bool coupled);
 
  private:

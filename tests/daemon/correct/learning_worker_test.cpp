@@ -263,7 +263,7 @@ TEST_F(LearningWorkerTest, WhatLearnWarnsOfIsSaidHereToo) {
   send({path}, true);
   ASSERT_FALSE(announced_.empty());
   // The predicted error itself is far smaller.
-  EXPECT_THAT(announced_[0].reason, HasSubstr("; expect X 3.0"));
+  EXPECT_THAT(announced_[0].reason, HasSubstr("; expect at least X 3.0"));
   EXPECT_THAT(announced_[0].reason, Not(HasSubstr("dwell")));
   send({path.head(900)}, true, "cut");
   EXPECT_THAT(announced_.back().reason,
