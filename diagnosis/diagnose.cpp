@@ -489,20 +489,24 @@ struct SecondAttempt {
 std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const SegmentedAxis& axis,
                                            const DiagnoseOptions& options) {
   std::vector<SecondAttempt> out;
+  // Each attempt keeps what the one before it changed: a loop of the right order is not found in
+  // training data that hardly contain the error.
+  SecondAttempt next{"repeated", options};
   const double share =
       balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms,
                      options.identify.training_share);
   if (options.balance && share != options.identify.training_share) {
-    out.push_back(
-        {text("repeated with %.0f %% of the time as training data", 100.0 * share), options});
-    out.back().options.identify.training_share = share;
+    next.words += text(" with %.0f %% of the time as training data", 100.0 * share);
+    next.options.identify.training_share = share;
+    out.push_back(next);
   }
   // A cause that makes most of the error distorts the loop that is fitted without it.
   if (options.identify.order == 0) {
     const int order = first.baseline.model.loop.order == 2 ? 3 : 2;
-    out.push_back({text("repeated with a loop of order %d", order), options});
-    out.back().options.identify.order = order;
-    out.back().max_unexplained_share = kMaxUnexplainedShareOfOtherOrder;
+    next.words += text("%s with a loop of order %d", out.empty() ? "" : " and", order);
+    next.options.identify.order = order;
+    next.max_unexplained_share = kMaxUnexplainedShareOfOtherOrder;
+    out.push_back(next);
   }
   return out;
 }

@@ -315,7 +315,10 @@ std::string not_understood_text(const Diagnosis& diagnosis) {
 std::vector<std::string> left_lines(const Diagnosis& diagnosis) {
   const bool rotary = diagnosis.baseline.rotary;
   std::vector<RegressorShare> shares(diagnosis.regressors.begin(), diagnosis.regressors.end());
-  std::erase_if(shares, [](const RegressorShare& s) { return !s.significant; });
+  constexpr double kMinBeyondChance = 0.01;  // of the variance: less helps nobody to a cause
+  std::erase_if(shares, [](const RegressorShare& s) {
+    return !s.significant || s.share < s.chance + kMinBeyondChance;
+  });
   std::sort(shares.begin(), shares.end(),
             [](const auto& l, const auto& r) { return l.share > r.share; });
   std::string by, lines;
