@@ -92,7 +92,7 @@ Segment unbroken(const Recording& table, const std::string& axis, std::FILE* peo
 }  // namespace
 
 void TableOptions::declare(OptionTable& command) {
-  path.as_recorded = true;  // the commands mean what they say
+  path.mends = false;  // the commands mean what they say
   path.declare(command, "PATH",
                "table of commands: CSV with units, or a recording whose encoders are ignored");
   command.option("--model", models, "model file of an axis of the table; once per axis")

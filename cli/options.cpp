@@ -30,7 +30,7 @@ void RecordingOptions::declare(OptionTable& command, const std::string& name,
       .takes("S");
   command.option("--rate", read_options.rate_hz, "rows per second of a file without a time column")
       .takes("HZ");
-  if (!as_recorded) declare_as_recorded(command);
+  if (mends) declare_as_recorded(command);
 }
 
 void RecordingOptions::declare_as_recorded(OptionTable& command) {
@@ -45,7 +45,13 @@ Recording RecordingOptions::read(std::FILE* people, const std::string& axis) con
     const Progress progress("reading " + file.filename().string());
     recording = read_recording(file, read_options);
   }
-  if (!as_recorded) mend_positions(recording, axis);
+  if (mends && as_recorded) {
+    Recording mended = recording;
+    for (const std::string& line : mend_positions(mended, axis))
+      recording.notes.push_back("as recorded, so without this: " + line);
+  } else if (mends) {
+    mend_positions(recording, axis);
+  }
   for (const std::string& note : recording.notes) say(people, "note: " + note);
   return recording;
 }

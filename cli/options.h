@@ -21,9 +21,10 @@ class OptionTable;
 struct RecordingOptions {
   std::filesystem::path file;
   ReadOptions read_options;
-  /// Leave the positions as they are. A command that plays or simulates what the file says sets it,
-  /// before declare(); the others have an option for it.
-  bool as_recorded = false;
+  /// Whether positions are repaired. A command that plays or simulates what the file says clears it
+  /// before declare(), and has no --as-recorded.
+  bool mends = true;
+  bool as_recorded = false;  ///< --as-recorded: a repair is named, but not done
 
   void declare(OptionTable& command, const std::string& name, const std::string& what);
   /// --as-recorded alone, for commands that name several recordings.

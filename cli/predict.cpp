@@ -34,6 +34,18 @@ struct Judged {
   Eigen::Index rows = 0;  // number of rows that the figures are computed from
 };
 
+/// RMS of the measured tracking error over the rows that the prediction is judged on.
+double tracking_error_rms(const Model& model, const std::vector<Segment>& segments) {
+  double squares = 0.0, count = 0.0;
+  for (const Segment& segment : segments) {
+    const Eigen::Index rows = segment.size() - starting_state_samples(model, segment);
+    if (rows <= 0) continue;
+    squares += (segment.command - segment.actual).tail(rows).square().sum();
+    count += static_cast<double>(rows);
+  }
+  return std::sqrt(squares / count);
+}
+
 json result_of(const std::string& axis, const ErrorFigures& all, double noise_floor_rms,
                bool overlaps_training, const std::vector<Judged>& judged) {
   json segments = json::array();
@@ -142,6 +154,12 @@ void run(const Arguments& arguments) {
   }
   say(people, "all                    " + figures_text(all, axis.rotary));
   say(people, "noise floor            " + noise_floor_text(floor, axis.rotary));
+  if (const double error = tracking_error_rms(model, axis.segments); all.rms > error) {
+    say(people, text("note: the tracking error itself is %s RMS only: this model predicts worse "
+                     "than none. Are the columns of command and encoder exchanged, is it another "
+                     "axis, or was the drive tuned since?",
+                     micro_text(error, axis.rotary).c_str()));
+  }
   if (!arguments.table.empty()) write_result(arguments.table, table_of(axis, model));
   if (!arguments.result.empty())
     write_json(arguments.result, result_of(axis.axis, all, floor, overlaps, judged));

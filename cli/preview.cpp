@@ -218,7 +218,7 @@ Command add_preview(CLI::App& app) {
   OptionTable command(
       app, "preview",
       "Asks a running daemon for the predicted errors of a path, or for its correction.");
-  arguments->path.as_recorded = true;  // the daemon gets the commands as the machine will
+  arguments->path.mends = false;  // the daemon gets the commands as the machine will
   arguments->path.declare(command, "PATH",
                           "table of commands, one row per cycle of the machine, or a recording "
                           "whose encoders are ignored");

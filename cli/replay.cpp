@@ -131,7 +131,7 @@ void run(const Arguments& arguments) {
 Command add_replay(CLI::App& app) {
   const auto arguments = std::make_shared<Arguments>();
   OptionTable command(app, "replay", "Plays a recording on a live bus, in place of a machine.");
-  arguments->recording.as_recorded = true;  // the bus gets what the machine sent
+  arguments->recording.mends = false;  // the bus gets what the machine sent
   arguments->recording.declare(command, "LOG", "recording: CSV, MATLAB .mat, or a CAN log");
   arguments->bus.declare(command);
   command

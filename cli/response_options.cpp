@@ -72,7 +72,7 @@ double column_signals(const ResponseOptions& options, ResponseSignals& out, std:
     throw UsageError(
         "give --axis, or columns of the file as --input and --output, one of each per repetition");
   RecordingOptions recording = options.recording;
-  recording.as_recorded = true;  // the columns may be anything, not command and encoder
+  recording.mends = false;  // the columns may be anything, not command and encoder
   if (!recording.read_options.columns.empty())
     throw UsageError("--columns needs --axis; without it --input and --output name the columns");
   std::vector<std::vector<std::string>> names;

@@ -76,7 +76,7 @@ std::vector<Motion> paper_motions(const FeedAxisParts& parts) {
 /// The commands of a recording, at its own times; throws if they have a gap.
 Segment read_motion(const Arguments& arguments, std::FILE* people) {
   RecordingOptions motion = arguments.motion;
-  motion.as_recorded = true;  // a table of commands
+  motion.mends = false;  // a table of commands
   Recording recording = motion.read(people);
   for (AxisRecord& axis : recording.axes) {
     axis.actual.clear();
