@@ -99,6 +99,9 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
     if (!vibration || vibration->damping_ratio > most)
       return text("no vibration with a damping ratio below %g: a filter or a delay", most);
   }
+  if (effect.kind == kind_of<TimeDelay>() &&
+      effect.shape[0] < kMinDelaySamples * model.sample_time_s)
+    return text("shorter than %g sampling times: it may come from the recording", kMinDelaySamples);
   constexpr double kAtLimit = 0.99;  // of the limit; a fit stops a little before it
   const CauseNature& nature = nature_of(cause);
   const auto shapes = shapes_of(effect.kind);

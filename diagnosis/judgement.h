@@ -23,6 +23,8 @@ constexpr double kMinBlockZ = 1.64;
 // Ratio of errors (RMS, or cost where costs are compared) below which a candidate explains a large
 // part of the error.
 constexpr double kMaxErrorRatioOfLargeGain = 0.7;
+// In sampling times: a shorter delay can come from the way the signals were recorded.
+constexpr double kMinDelaySamples = 0.25;
 
 /// A candidate, and the model without it to compare with; both were fitted in the same way.
 struct Tried {
@@ -62,8 +64,9 @@ struct Bar {
 /// are symmetric.
 [[nodiscard]] bool like_friction(std::size_t kind);
 
-/// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, or a
-/// compliance does not vibrate, so that the fit asks for something else. Throws
+/// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, a
+/// compliance does not vibrate, or a delay is shorter than kMinDelaySamples, so that the fit asks
+/// for something else. Throws
 /// std::invalid_argument for an unknown cause.
 [[nodiscard]] bool at_end_of(std::string_view cause, const Model& model, const Effect& effect);
 

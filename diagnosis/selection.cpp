@@ -24,8 +24,6 @@ constexpr double kMinRmsOverFloorForFreeLaw = 2.0;
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
-// In sampling times: a shorter delay can come from the way the signals were recorded.
-constexpr double kMinDelaySamples = 0.25;
 constexpr int kMaxCauses = 6;
 constexpr std::size_t kMaxFitsPerRound = 3;  // candidates
 // A candidate is fitted only with a p from screening of at most this, ..

@@ -55,6 +55,15 @@ TEST(EndOfACause, IsSaidWithTheParameterItsLimitAndWhatItMeans) {
   EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.1)), "");
 }
 
+TEST(EndOfACause, ADelayWithinASampleMayComeFromTheRecording) {
+  Effect delay = make_effect<TimeDelay>();
+  delay.shape[0] = 0.2e-3;
+  EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay),
+            "shorter than 0.25 sampling times: it may come from the recording");
+  delay.shape[0] = 0.3e-3;
+  EXPECT_FALSE(at_end_of("time_delay", loop_with(20.0, 0.7), delay));
+}
+
 TEST(EndOfACause, OtherCausesHaveNone) {
   Effect presliding = make_effect<Presliding>();
   presliding.shape = {2e-3, kMaxShape};
