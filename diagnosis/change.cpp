@@ -155,14 +155,15 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
   const std::size_t replaced = kind_of(identity_of(kind).replaces);
   if (const Effect* old = model.find(replaced); old != nullptr)
     effect.coefficient[0] = old->coefficient[0];
-  // Saturation removes all of the torque above the limit: coefficient 1. At 0 the limit would have
-  // no derivative.
-  if (kind == kind_of<TorqueSaturation>()) effect.coefficient[0] = 1.0;
+  // Saturation removes all of the torque above the limit: its coefficient is 1 and not fitted.
+  const bool known = kind == kind_of<TorqueSaturation>();
+  if (known) effect.coefficient[0] = 1.0;
   Change out;
   out.cause = identity_of(kind).cause;
   out.kind = kind;
   std::size_t i = 0;
   for (const Parameter& p : coefficients_of(kind)) {
+    if (known) break;
     out.quantities.push_back({std::string(p.name), std::string(p.unit), effect.coefficient[i++],
                               kStepShare * (p.upper - p.lower), false});
   }
@@ -175,9 +176,9 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
     out.quantities.push_back({std::string(p.name), std::string(p.unit), effect.shape[k],
                               1e-5 * std::max(std::abs(effect.shape[k]), 1e-6), false});
   }
-  out.apply = [effect, replaced, free](Model& m, std::span<const double> v) {
+  const std::size_t count = out.quantities.size() - free.size();  // of coefficients
+  out.apply = [effect, replaced, free, count](Model& m, std::span<const double> v) {
     Effect added = effect;
-    const std::size_t count = coefficients_of(effect.kind).size();
     for (std::size_t c = 0; c < v.size(); ++c)
       (c < count ? added.coefficient[c] : added.shape[free[c - count]]) = v[c];
     const auto at = std::find_if(m.effects.begin(), m.effects.end(),

@@ -81,6 +81,12 @@ class Coordinates {
   Coordinates(const Structure& structure, const Model& start)
       : structure_(structure), template_(start), axes_(shape_axes(structure.effects)) {
     for (std::size_t i = 0; i < structure.effects.size(); ++i) {
+      // A limit takes away all of the torque beyond it. Left free, the share would trade with the
+      // limit and the viscous friction, and the model would be wrong in larger moves.
+      if (structure.effects[i] == kind_of<TorqueSaturation>()) {
+        template_.effects[i].coefficient[0] = 1.0;
+        continue;
+      }
       const auto coefficients = coefficients_of(structure.effects[i]);
       for (std::size_t c = 0; c < coefficients.size(); ++c) {
         if (told_from_loop(coefficients[c], structure.order) || structure.every_coefficient)
