@@ -257,8 +257,7 @@ void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
            const std::vector<Segment>& holdout) {
   std::vector<Cause*> asked;
   for (Cause& cause : causes) {
-    if (may_be_zero(cause.gain) && cause.id != cause_of(kind_of<TimeDelay>()))
-      asked.push_back(&cause);
+    if (may_be_zero(cause.gain)) asked.push_back(&cause);
   }
   std::sort(asked.begin(), asked.end(),
             [](const Cause* l, const Cause* r) { return l->worth < r->worth; });

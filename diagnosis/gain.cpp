@@ -69,7 +69,12 @@ Gain gain_of(const Model& without, const Model& with, const std::vector<Segment>
   gain.before = judge(without, holdout).rms;
   gain.after = judge(with, holdout).rms;
   if (before.size() < 4) return gain;
-  const auto differences = bootstrap(before.size(), [&](const std::vector<std::size_t>& places) {
+  // How much of the recording is rest is no chance: motion and rest are resampled separately. Else
+  // the interval of a recording with one move would hold the gain of a recording without one.
+  std::vector<std::vector<std::size_t>> strata(2);
+  const std::vector<bool> moves = moving(holdout);
+  for (std::size_t i = 0; i < before.size(); ++i) strata[moves[i] ? 1 : 0].push_back(i);
+  const auto differences = bootstrap(strata, [&](const std::vector<std::size_t>& places) {
     return root_mean(before, places) - root_mean(after, places);
   });
   gain.low = differences[static_cast<std::size_t>(0.025 * kResamples)];

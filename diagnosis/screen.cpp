@@ -36,10 +36,6 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// The shortest period of position that is searched over this travel: more turns of it would need
-/// a finer grid.
-double shortest_period(double travel) { return travel / 200.0; }
-
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
   if (gram.size() == 0) return right;
   Eigen::MatrixXd ridged = gram;
@@ -56,7 +52,8 @@ struct Screen::Sums {
   std::vector<double> square;
 };
 
-Screen::Screen(const Projection& data, const Point& at) : segments_(data.segments()) {
+Screen::Screen(const Projection& data, const Point& at, double encoder_step)
+    : segments_(data.segments()), encoder_step_(encoder_step) {
   const Structure& structure = data.structure();
   const Projection::Solution solution = data.solve(at);
   model_ = data.model_of(at, solution.linear);
@@ -109,6 +106,13 @@ void Screen::prepare() {
   if (kept == 0) return;
   basis_ = orthonormal_basis(tangent_);
   left_ -= basis_ * (basis_.transpose() * left_);
+}
+
+/// The shortest period of position that is searched.
+double Screen::shortest_period() const {
+  constexpr double kMostTurns = 200.0;    // over the travel: more would need a finer grid
+  constexpr double kMinEncoderSteps = 8;  // below, the steps themselves make a pattern of position
+  return std::max(travel_ / kMostTurns, kMinEncoderSteps * encoder_step_);
 }
 
 Eigen::MatrixXd Screen::columns(std::size_t kind, const std::vector<double>& shapes) const {
@@ -296,7 +300,7 @@ std::vector<std::vector<double>> Screen::grid(std::size_t kind) const {
       for (const double factor : {0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0}) add(factor * p.start);
       break;
     case Scan::kPeriod: {
-      const double shortest = std::max(p.lower, shortest_period(travel_));
+      const double shortest = std::max(p.lower, shortest_period());
       for (double turns = 0.75; travel_ / turns > shortest; turns += 0.5) add(travel_ / turns);
       break;
     }
@@ -384,7 +388,7 @@ Screened Screen::look(std::size_t kind) const {
   while (!shapes_of(kind).empty() && shapes_of(kind)[0].scan == Scan::kPeriod) {
     std::vector<double> half = out.shapes;
     half[0] *= 0.5;
-    if (half[0] < std::max(shapes_of(kind)[0].lower, shortest_period(travel_))) break;
+    if (half[0] < std::max(shapes_of(kind)[0].lower, shortest_period())) break;
     Eigen::MatrixXd c = columns(kind, half);
     if (explained(c) < kMinShareOfHalfPeriod * best) break;
     out.shapes = half, of_best = std::move(c);

@@ -29,7 +29,8 @@ struct Screened {
 class Screen {
  public:
   /// Screens against a fit of `data` with its optimum at `at`; thinned data are accurate enough.
-  Screen(const Projection& data, const Point& at);
+  /// `encoder_step`: a few of them are no period of position [m | rad]; 0: not known.
+  Screen(const Projection& data, const Point& at, double encoder_step);
 
   /// Screens against a model that is fixed except for the parameters in `tangent`, whose columns
   /// are the derivatives of the simulated error. `left`: the residual. Both have the rows of the
@@ -53,6 +54,7 @@ class Screen {
   void judge(const Eigen::MatrixXd& columns, Screened& out) const;
   void judge_moment(std::size_t kind, Screened& out) const;
   [[nodiscard]] std::vector<std::vector<double>> grid(std::size_t kind) const;
+  [[nodiscard]] double shortest_period() const;
   [[nodiscard]] std::vector<double> tones() const;
   [[nodiscard]] std::vector<double> moments(std::size_t kind, std::vector<double> shapes) const;
 
@@ -64,7 +66,7 @@ class Screen {
   Eigen::MatrixXd tangent_;  // J, unit columns
   Eigen::MatrixXd basis_;    // of the space of J, orthonormal
   std::vector<Piece> pieces_;
-  double travel_ = 0.0, begin_s_ = 0.0, end_s_ = 0.0;
+  double travel_ = 0.0, begin_s_ = 0.0, end_s_ = 0.0, encoder_step_ = 0.0;
 };
 
 }  // namespace servotwin

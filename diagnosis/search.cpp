@@ -171,14 +171,21 @@ Point point_of(const Model& model, const Structure& structure) {
 
 namespace {
 
-/// Appends the mean squares of the residual of a segment, interval by interval.
-void add_pieces(const Segment& s, const Eigen::Ref<const Eigen::ArrayXd>& left,
-                std::vector<double>& out) {
+/// Calls `take(first, count)` for the samples of every interval of a segment.
+template <class Take>
+void each_piece(const Segment& s, Eigen::Index size, const Take& take) {
   const auto piece = std::max<Eigen::Index>(1, std::lround(kPiece_s / s.sample_time_s));
   const auto skip =
       std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
-  for (Eigen::Index at = skip; at + piece <= left.size(); at += piece)
-    out.push_back(left.segment(at, piece).square().mean());
+  for (Eigen::Index at = skip; at + piece <= size; at += piece) take(at, piece);
+}
+
+/// Appends the mean squares of the residual of a segment, interval by interval.
+void add_pieces(const Segment& s, const Eigen::Ref<const Eigen::ArrayXd>& left,
+                std::vector<double>& out) {
+  each_piece(s, left.size(), [&](Eigen::Index at, Eigen::Index count) {
+    out.push_back(left.segment(at, count).square().mean());
+  });
 }
 
 }  // namespace
@@ -186,6 +193,17 @@ void add_pieces(const Segment& s, const Eigen::Ref<const Eigen::ArrayXd>& left,
 std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments) {
   std::vector<double> out;
   for (const Segment& s : segments) add_pieces(s, s.command - s.actual - simulate(model, s), out);
+  return out;
+}
+
+std::vector<bool> moving(const std::vector<Segment>& segments) {
+  std::vector<bool> out;
+  for (const Segment& s : segments) {
+    each_piece(s, s.size(), [&](Eigen::Index at, Eigen::Index count) {
+      const auto commands = s.command.segment(at, count);
+      out.push_back(commands.maxCoeff() > commands.minCoeff());
+    });
+  }
   return out;
 }
 
@@ -464,7 +482,7 @@ void Search::judge_polished(Hypothesis& h) const {
 std::vector<Screened> Search::screen(const Hypothesis& h,
                                      const std::vector<std::size_t>& kinds) const {
   const Projection coarse = thinned(Projection(training_signals_, h.structure), kScreenStep_s);
-  const Screen screen(coarse, h.point);
+  const Screen screen(coarse, h.point, floor_.encoder_step);
   std::vector<Screened> out;
   out.resize(kinds.size());
   in_parallel(kinds.size(), [&](std::size_t i) { out[i] = screen.look(kinds[i]); });

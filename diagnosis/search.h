@@ -39,6 +39,8 @@ struct Hypothesis {
 
 /// The mean square of the simulation error of a model in every interval of 0.25 s [m^2 | rad^2].
 [[nodiscard]] std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments);
+/// Whether the command moves in each of these intervals.
+[[nodiscard]] std::vector<bool> moving(const std::vector<Segment>& segments);
 
 /// z of the mean of paired differences; 0 where there are fewer than four.
 [[nodiscard]] double paired_z(const std::vector<double>& before, const std::vector<double>& after);

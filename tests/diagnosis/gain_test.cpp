@@ -3,7 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+
+#include "twin/twin.h"
 
 namespace servotwin {
 namespace {
@@ -49,6 +52,24 @@ TEST(Repair, SaysNothingAboutAPathWithARotaryNeighbour) {
   judge_repair(lagging(), lagging(), {line(0.8, false)}, gain);
   EXPECT_TRUE(std::isfinite(gain.tracking_now));
   EXPECT_TRUE(std::isnan(gain.contour_now));
+}
+
+// 0.7 s of motion in 12 s: a few of a hundred resamples of all intervals alike would contain no
+// motion at all, and so no gain.
+TEST(Gain, OfOneMoveInALongRestIsNotZero) {
+  Segment s;
+  s.sample_time_s = kH;
+  s.command.setZero(12'001);
+  for (Eigen::Index k = 6000; k < 12'001; ++k)
+    s.command(k) = 1e-4 * static_cast<double>(std::min<Eigen::Index>(k - 6000, 700));
+  s.actual = s.command - simulate(lagging(), s);
+  Model without = lagging();
+  without.loop.numerator[1] = 0.0;
+  const Gain gain = gain_of(without, lagging(), {s});
+  EXPECT_GT(gain.before, 1e-5);
+  EXPECT_LT(gain.after, 1e-9);
+  EXPECT_GT(gain.low, 0.25 * gain.before);
+  EXPECT_LT(gain.high, 4.0 * gain.before);
 }
 
 }  // namespace
