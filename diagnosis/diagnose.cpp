@@ -96,6 +96,27 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
   return out;
 }
 
+/// Two causes that repeat with position at the same period imitate a third one, and each other: an
+/// error of the screw and one of the encoder together can do what a force ripple does.
+void mark_common_periods(Diagnosis& diagnosis) {
+  constexpr double kSamePeriod = 0.02;  // relative difference; a fit is far more accurate
+  const auto period_of = [&](const Cause& cause) {
+    const auto& effects = diagnosis.extended.model.effects;
+    return cause.place < effects.size()
+               ? shape_of(diagnosis.extended.model, effects[cause.place].kind, "period")
+               : kAbsent;
+  };
+  for (Cause& cause : diagnosis.causes) {
+    for (const Cause& other : diagnosis.causes) {
+      auto& known = cause.ambiguous_with;
+      if (&cause == &other || std::find(known.begin(), known.end(), other.id) != known.end())
+        continue;
+      if (std::abs(period_of(cause) / period_of(other) - 1.0) < kSamePeriod)
+        known.push_back(other.id);
+    }
+  }
+}
+
 }  // namespace
 
 std::vector<Segment> holdout_for(const Model& model, const std::vector<Segment>& segments,
@@ -137,6 +158,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   std::sort(diagnosis.causes.begin(), diagnosis.causes.end(),
             [](const Cause& l, const Cause& r) { return l.worth > r.worth; });
 
+  mark_common_periods(diagnosis);
   const std::vector<ResidualStretch> stretches =
       residual_stretches(diagnosis.extended.model, holdout);
   diagnosis.regimes = by_regime(stretches);

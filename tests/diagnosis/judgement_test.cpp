@@ -72,36 +72,67 @@ TEST(EndOfACause, OtherCausesHaveNone) {
                std::invalid_argument);
 }
 
-TEST(EndOfACause, KeepsACauseFromBeingNamedHoweverConfident) {
-  for (const CauseDoubt doubt : {CauseDoubt::kNone, CauseDoubt::kParameters}) {
-    Diagnosis diagnosis;
-    diagnosis.baseline.holdout = {10e-6, 50e-6};
-    diagnosis.extended.holdout = {1e-6, 5e-6};
+/// A diagnosis that these effects explain, each with a clear gain, before it is concluded.
+Diagnosis explained_by(const std::vector<std::pair<std::string, Effect>>& causes) {
+  Diagnosis diagnosis;
+  diagnosis.baseline.holdout = {10e-6, 50e-6};
+  diagnosis.extended.holdout = {1e-6, 5e-6};
+  Model& model = diagnosis.extended.model;
+  model.sample_time_s = 0.001;
+  model.loop.denominator = {300.0, 3e4, 1e6};
+  diagnosis.baseline.model = model;
+  for (const auto& [id, effect] : causes) {
     Cause cause;
-    cause.id = "compliance";
+    cause.id = id;
+    cause.place = model.effects.size();
     cause.beaten = 1.0;
     cause.gain.before = 10e-6;
     cause.gain.after = 1e-6;
     cause.gain.low = 8e-6;
     cause.gain.high = 10e-6;
     cause.worth = 1e-10;
-    cause.doubt = doubt;
-    Model& model = diagnosis.extended.model;
-    model.sample_time_s = 0.001;
-    model.loop.denominator = {300.0, 3e4, 1e6};
-    diagnosis.baseline.model = model;
-    model.effects.push_back(mode_with(0.2));
     diagnosis.causes.push_back(cause);
-    SegmentedAxis axis;
-    Segment s;
-    s.sample_time_s = 0.001;
-    s.command = 0.01 * Eigen::ArrayXd::LinSpaced(2000, 0.0, 6.0).sin();
-    s.actual = s.command;
-    axis.sample_time_s = s.sample_time_s;
-    axis.segments.push_back(s);
-    NoiseFloor floor;
-    floor.rms = 0.1e-6;
-    conclude(diagnosis, axis, axis.segments, floor, {});
+    model.effects.push_back(effect);
+  }
+  return diagnosis;
+}
+
+void conclude(Diagnosis& diagnosis) {
+  SegmentedAxis axis;
+  Segment s;
+  s.sample_time_s = 0.001;
+  s.command = 0.01 * Eigen::ArrayXd::LinSpaced(2000, 0.0, 6.0).sin();
+  s.actual = s.command;
+  axis.sample_time_s = s.sample_time_s;
+  axis.segments.push_back(s);
+  NoiseFloor floor;
+  floor.rms = 0.1e-6;
+  conclude(diagnosis, axis, axis.segments, floor, {});
+}
+
+TEST(CommonPeriod, OfTwoCausesMakesThemAmbiguous) {
+  Effect lead = make_effect<LeadError>(), encoder = make_effect<EncoderError>();
+  const auto set_period = [](Effect& effect, double period) {
+    std::size_t i = 0;
+    while (shapes_of(effect.kind)[i].name != "period") ++i;
+    effect.shape[i] = period;
+  };
+  set_period(lead, 3.399e-3);
+  for (const double period : {3.4e-3, 5e-3}) {
+    set_period(encoder, period);
+    Diagnosis diagnosis = explained_by({{"lead_error", lead}, {"encoder_error", encoder}});
+    conclude(diagnosis);
+    ASSERT_EQ(diagnosis.causes.size(), 2U);
+    for (const Cause& cause : diagnosis.causes)
+      EXPECT_EQ(cause.ambiguous_with.size(), period < 4e-3 ? 1U : 0U) << cause.id;
+  }
+}
+
+TEST(EndOfACause, KeepsACauseFromBeingNamedHoweverConfident) {
+  for (const CauseDoubt doubt : {CauseDoubt::kNone, CauseDoubt::kParameters}) {
+    Diagnosis diagnosis = explained_by({{"compliance", mode_with(0.2)}});
+    diagnosis.causes.front().doubt = doubt;
+    conclude(diagnosis);
     EXPECT_EQ(diagnosis.causes.size(), doubt == CauseDoubt::kNone ? 1U : 0U);
     EXPECT_EQ(diagnosis.suspected.size(), doubt == CauseDoubt::kNone ? 0U : 1U);
     if (doubt == CauseDoubt::kParameters) {
