@@ -1,5 +1,4 @@
-// Breakaway that grows with the time at rest (ASME J. Lubrication Technology 94(3), 234, 1972;
-// docs/theory.md 3.11).
+// Breakaway that grows with the time at rest (Kato, Sato, Matsubayashi 1972; docs/theory.md 3.11).
 //
 //   d = growth E direction,   dE = d log(1 + theta / rest_time) while theta grows
 //                             dE/ds = -E / length  along the travel s
@@ -22,7 +21,7 @@ struct DwellStiction {
       .id = "dwell_stiction",
       .meaning = "breakaway force that grows with the time at rest",
       .acts = Acts::kForce,
-      .source = "ASME J. Lubr. Technol. 94(3) 234",
+      .source = "Kato, Sato, Matsubayashi 1972",
       .confused = "stribeck and presliding, which do not depend on the time at rest",
       .cause = "dwell_stiction",
       .check = "lubricant film squeezed out at rest; lubrication after pauses"};
