@@ -15,12 +15,12 @@
 #include "drivers/can_map.h"
 #include "drivers/socketcan.h"
 #include "drivers/text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
 
 constexpr std::int64_t kRefresh_ns = 1'000'000'000;
-constexpr double kMicro = 1e-6;
 
 /// The loop of the daemon, with models from files.
 class Predictor {

@@ -17,14 +17,13 @@
 #include "identification/model/json_number.h"
 #include "identification/torque/friction_from_torque.h"
 #include "identification/torque/hysteresis.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
 
 using nlohmann::json;
 
-constexpr double kMilli = 1e-3;  // options and output are in mm, the program computes in m
-constexpr double kMicro = 1e-6;
 constexpr int kCurvePoints = 200;
 constexpr double kMinMass_deviations = 3.0;  // of the moved mass, before forces are divided by it
 
@@ -38,8 +37,6 @@ struct Arguments {
   double travel_um = 200.0;
   bool invert = false;
 };
-
-std::string milli(bool rotary) { return rotary ? "mrad" : "mm"; }
 
 std::string effects_text(const ForceStructure& structure) {
   std::string out;
@@ -99,7 +96,7 @@ std::string ramps_plot(const std::vector<Ramp>& ramps, const std::vector<Frictio
   for (const double sign : {1.0, -1.0}) {
     PlotPanel panel;
     panel.title = sign > 0.0 ? "positive direction" : "negative direction";
-    panel.x_label = "speed [" + milli(unit.rotary) + "/s]";
+    panel.x_label = text("speed [%s/s]", milli(unit.rotary));
     panel.y_label = "friction [" + unit.name + "]";
     panel.logarithmic_x = true;
     PlotSeries steady{"steady ramps", {}, {}, false, "#555555"};
@@ -217,7 +214,7 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
     fastest = std::max(fastest, std::abs(ramp.velocity));
   }
   say(people, text("ramps       %zu at %.3g to %.4g %s/s, averaged %s", ramps.size(),
-                   slowest / kMilli, fastest / kMilli, milli(unit.rotary).c_str(),
+                   slowest / kMilli, fastest / kMilli, milli(unit.rotary),
                    options.band ? "within the band" : "over their middle"));
   const auto jumping = static_cast<std::size_t>(
       std::count_if(ramps.begin(), ramps.end(), [](const Ramp& r) { return r.stick_slip; }));
@@ -232,7 +229,7 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
   if (const double below = stick_slip_below(ramps); below > 0.0) {
     say(people, text("stick-slip  on %zu ramps, up to %.3g %s/s: their mean torque is not the "
                      "friction at that speed; stribeck is fitted without them",
-                     jumping, below / kMilli, milli(unit.rotary).c_str()));
+                     jumping, below / kMilli, milli(unit.rotary)));
   } else {
     say(people, unjudged > 0 ? "            none on the other ramps"
                              : "stick-slip  none: every ramp moves steadily");
@@ -327,7 +324,7 @@ Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis
   const auto fit = fit_force(ForceData::of_virgin_curve(curve.displacement, curve.force),
                              {false, {kind_of<Presliding>()}});
   if (!fit) throw std::runtime_error(axis.source + ": the virgin curve could not be fitted");
-  const char* small = unit.rotary ? "urad" : "um";
+  const char* small = micro(unit.rotary);
   say(people, text("virgin curve from %d reversal branches, halved: %.4g %s after %.4g %s",
                    curve.branches, curve.force(curve.force.size() - 1) / unit.scale,
                    unit.name.c_str(), curve.displacement(curve.force.size() - 1) / kMicro, small));

@@ -8,6 +8,7 @@
 #include "daemon/correct/path_ends.h"
 #include "drivers/text.h"
 #include "identification/model/json_number.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {

@@ -7,6 +7,7 @@
 #include "cli/output.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {

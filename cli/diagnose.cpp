@@ -19,6 +19,7 @@
 #include "diagnosis/report.h"
 #include "diagnosis/torque.h"
 #include "diagnosis/torque_text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {

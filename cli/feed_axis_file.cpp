@@ -8,11 +8,11 @@
 #include "drivers/file_handle.h"
 #include "drivers/text.h"
 #include "drivers/toml_section.h"
+#include "twin/shown_units.h"
 
 namespace servotwin {
 namespace {
 
-constexpr double kMilli = 1e-3, kMicro = 1e-6;
 constexpr double kPerMicrometre = 1e6;      // N/um
 constexpr double kSquareCentimetre = 1e-4;  // of an inertia
 constexpr double kGiga = 1e9;

@@ -15,11 +15,11 @@
 #include "drivers/file_handle.h"
 #include "drivers/text.h"
 #include "identification/torque/feed_axis_fit.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
 
-constexpr double kMilli = 1e-3;
 constexpr const char* kHeader = "frequency[Hz],gain[dB],phase[deg]";
 
 struct Arguments {

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "cli/command.h"
 #include "cli/option_table.h"
@@ -11,13 +10,13 @@
 #include "cli/response_options.h"
 #include "diagnosis/bode.h"
 #include "identification/response/response_modes.h"
+#include "twin/two_pi.h"
 
 namespace servotwin::cli {
 namespace {
 
 using nlohmann::json;
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kMinCoherence = 0.8;  // of the bands that are printed
 constexpr int kMaxPrintedBands = 5;
 constexpr double kExcitedShare = 0.999;   // of the power of an input

@@ -14,6 +14,7 @@
 #include "cli/output.h"
 #include "identification/loop/joint.h"
 #include "identification/model/json_number.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {

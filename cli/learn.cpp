@@ -16,11 +16,10 @@
 #include "daemon/correct/motion_reach.h"
 #include "daemon/correct/path_ends.h"
 #include "ilc/feedforward.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
-
-constexpr double kMicro = 1e-6, kMilli = 1e-3;
 
 const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
                                           {"norm-optimal", Law::kNormOptimal},
@@ -204,7 +203,7 @@ void print(const Correction& correction, std::FILE* people) {
     say(people, axis.learning.name +
                     text(": correction up to %.4g %s", 1e6 * u.abs().maxCoeff(), micro(rotary)) +
                     (std::isfinite(limits.peak) ? text(" of %.4g", 1e6 * limits.peak) : "") +
-                    text(" and %.4g %s/s", 1e3 * steepest, rotary ? "mrad" : "mm") +
+                    text(" and %.4g %s/s", 1e3 * steepest, milli(rotary)) +
                     (std::isfinite(limits.rate) ? text(" of %.4g", 1e3 * limits.rate) : ""));
     if (learned.best == 0) continue;
     const double expected = expected_rms(correction, i);

@@ -2,16 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "cli/output.h"
 #include "diagnosis/diagnosis_file.h"
 #include "twin/effect.h"
+#include "twin/shown_units.h"
+#include "twin/two_pi.h"
 
 namespace servotwin::cli {
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 std::string with_deviation(double value, double sd, const std::string& unit) {
   std::string out = text("%.4g", value);
@@ -165,7 +164,7 @@ std::vector<std::string> fit_lines(const ModelRecord& record, Times times) {
   lines.push_back("noise floor " + noise_floor_text(record.noise_floor_rms, record.rotary));
   if (std::isfinite(record.condition_number)) {
     lines.push_back(text("condition   %9.4g of the regressors (%s, s)", record.condition_number,
-                         record.rotary ? "mrad" : "mm"));
+                         milli(record.rotary)));
   }
   return lines;
 }

@@ -12,11 +12,11 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "drivers/text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
 
-constexpr double kMilli = 1e-3;  // options and output are in mm, the program computes in m
 constexpr double kMaxVelocities = 1e4;
 constexpr double kMaxRows = 1e7;      // a table of about 250 MB
 constexpr double kPicometres = 1e12;  // in a metre; finer digits are rounding errors

@@ -7,7 +7,6 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "cli/axis_channels.h"
 #include "cli/command.h"
@@ -21,13 +20,14 @@
 #include "identification/model/json_number.h"
 #include "identification/response/frequency_response.h"
 #include "twin/hold.h"
+#include "twin/shown_units.h"
+#include "twin/two_pi.h"
 
 namespace servotwin::cli {
 namespace {
 
 using nlohmann::json;
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi, kMicro = 1e-6;
 // Every segment needs an initial state of its own; in a shorter one that outweighs what it
 // contributes.
 constexpr Eigen::Index kMinSegment_rows = 200;
@@ -205,7 +205,7 @@ Signals read(const Arguments& arguments, std::FILE* people) {
       Signal one = signal(channel);
       one.unit = "1";
       out.inputs.push_back(one);
-      out.data.inputs.push_back({false, source, distance});
+      out.data.inputs.push_back({false, source, distance, one.position_unit == "rad"});
     }
     ++source;
   }

@@ -14,6 +14,7 @@
 #include "identification/loop/identify.h"
 #include "identification/model/json_number.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/shown_units.h"
 #include "twin/twin.h"
 
 namespace servotwin::cli {

@@ -13,13 +13,13 @@
 #include "diagnosis/plot.h"
 #include "identification/model/json_number.h"
 #include "identification/torque/friction_from_torque.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
 
 using nlohmann::json;
 
-constexpr double kMilli = 1e-3;
 constexpr double kMaxRmsOverRmsWithoutPart = 0.95;  // above, the part explains nothing
 
 struct Arguments {
@@ -201,7 +201,7 @@ void run(const Arguments& arguments) {
     return std::abs(l.velocity) < std::abs(r.velocity);
   });
   double ratio = kAbsent;
-  const char* milli = unit.rotary ? "mrad" : "mm";
+  const char* length = milli(unit.rotary);
   json share_json = json::array();
   if (shares.empty()) {
     say(people, "share       not known: the covered recording has no constant velocity");
@@ -213,8 +213,8 @@ void run(const Arguments& arguments) {
         text("share       of the torque at steady speed: %.1f to %.1f %% measured; the model gives "
              "%.1f %% at the slowest (%.4g %s/s), %.1f %% at the fastest (%.4g %s/s)",
              100.0 * least->measured, 100.0 * most->measured, 100.0 * shares.front().modelled,
-             std::abs(shares.front().velocity) / kMilli, milli, 100.0 * shares.back().modelled,
-             std::abs(shares.back().velocity) / kMilli, milli));
+             std::abs(shares.front().velocity) / kMilli, length, 100.0 * shares.back().modelled,
+             std::abs(shares.back().velocity) / kMilli, length));
     for (const Share& share : shares) {
       share_json.push_back({{"velocity", share.velocity},
                             {"measured", share.measured},
@@ -271,7 +271,7 @@ void run(const Arguments& arguments) {
         curve.y.push_back(kAbsent);  // separates the lines of the two directions
       }
       panels.push_back({"share of the torque at steady speed",
-                        unit.rotary ? "speed [mrad/s]" : "speed [mm/s]",
+                        text("speed [%s/s]", length),
                         "share [%]",
                         true,
                         {plus, minus, curve}});

@@ -13,12 +13,11 @@
 #include "cli/output.h"
 #include "daemon/correct/motion_reach.h"
 #include "drivers/text.h"
+#include "twin/shown_units.h"
 #include "twin/twin.h"
 
 namespace servotwin::cli {
 namespace {
-
-constexpr double kMicro = 1e-6;  // options and output are in um, the program computes in m
 
 /// The errors of an encoder [m | rad]: noise is added to the position, then it is rounded to the
 /// step.

@@ -8,6 +8,7 @@
 #include "cli/output.h"
 #include "daemon/publish/status_figures.h"
 #include "identification/model/json_number.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {

@@ -19,13 +19,13 @@
 #include "twin/feed_axis/feed_axis.h"
 #include "twin/feed_axis/reversing_motion.h"
 #include "twin/feed_axis/velocity_loop.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
 
 using nlohmann::json;
 
-constexpr double kMilli = 1e-3, kMicro = 1e-6;
 constexpr int kShownModes = 3;
 
 struct Arguments {

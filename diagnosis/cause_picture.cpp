@@ -7,6 +7,7 @@
 #include "diagnosis/regressor.h"
 #include "diagnosis/spectrum.h"
 #include "diagnosis/text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin {
 
@@ -158,7 +159,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
   if (!cause.without || cause.place >= model.effects.size()) return {};
   const Effect& effect = model.effects[cause.place];
   const bool rotary = diagnosis.baseline.rotary;
-  const std::string length = rotary ? "mrad" : "mm", micro = rotary ? "[urad]" : "[um]",
+  const std::string length = milli(rotary), error_unit = std::string("[") + micro(rotary) + "]",
                     force = rotary ? "per moved inertia [N m / kg m^2]" : "per moved mass [N/kg]";
   const std::string speed = "speed [" + length + "/s]",
                     acceleration = std::string(rotary ? "[rad/s^2]" : "[m/s^2]");
@@ -195,10 +196,10 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
         "loop model and not drawn. Negative speeds are backward motion.";
   } else if (is(id, {"presliding", "backlash", "dwell_stiction"})) {
     const bool reading = identity_of(effect.kind).acts == Acts::kReading;
-    Abscissa over{"after a reversal",
-                  rotary ? "travel since reversal [urad]" : "travel since reversal [um]",
-                  reading ? "encoder reading error in the direction of motion " + micro : turned,
-                  within(drawn.travel, 0.0, 5.0 * scale, 1e6)};
+    Abscissa over{
+        "after a reversal", "travel since reversal " + error_unit,
+        reading ? "encoder reading error in the direction of motion " + error_unit : turned,
+        within(drawn.travel, 0.0, 5.0 * scale, 1e6)};
     over.turned = Turned::kSinceTurn;
     over.scale = reading ? 1e6 : 1.0;
     panels.push_back(panel_over(drawn, over));
@@ -223,7 +224,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
         place[i] = 1e3 * (drawn.position[i] - period * std::floor(drawn.position[i] / period));
     }
     const bool reading = identity_of(effect.kind).acts == Acts::kReading;
-    const std::string y = reading ? "encoder reading error " + micro : "force " + force;
+    const std::string y = reading ? "encoder reading error " + error_unit : "force " + force;
     const auto [low, high] = std::minmax_element(drawn.position.begin(), drawn.position.end());
     // About 8 bins for each period; fewer would show a false, longer period (aliasing).
     const int bins = std::clamp(static_cast<int>(8.0 * (*high - *low) / period), 24, 240);
@@ -240,7 +241,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
                   Turned::kMoving};
     if (std::isfinite(shape("time_s"))) over.marks = {shape("time_s")};
     panels.push_back(panel_over(drawn, over));
-    panels.push_back(error_over_time(drawn, micro, over.marks));
+    panels.push_back(error_over_time(drawn, error_unit, over.marks));
     caption = "Friction over the time of the recording.";
   } else if (is(id, {"inertia_change", "torque_saturation", "cross_coupling"})) {
     const bool other = id == "cross_coupling";
@@ -256,20 +257,20 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
         drawn, {marks.empty() ? "over acceleration" : "over acceleration, after the change",
                 (other ? "acceleration of the other axis " : "acceleration ") + acceleration,
                 "force " + force, x}));
-    panels.push_back(error_over_time(drawn, micro, marks));
+    panels.push_back(error_over_time(drawn, error_unit, marks));
     caption = "Force that the axis needs in addition to the simulated one, over the acceleration.";
   } else if (is(id, {"compliance", "periodic_disturbance", "cutting_force"})) {
     std::vector<double> marks;
     for (const char* name : {"frequency_hz", "tooth_frequency_hz"}) {
       if (std::isfinite(shape(name))) marks.push_back(shape(name));
     }
-    panels.push_back(error_over_frequency(drawn, micro, marks));
-    panels.push_back(error_over_time(drawn, micro, {}));
+    panels.push_back(error_over_frequency(drawn, error_unit, marks));
+    panels.push_back(error_over_time(drawn, error_unit, {}));
     caption =
         "Amplitude spectrum of the simulation error; the dotted line is the identified frequency.";
   } else if (id == "time_delay") {
     panels.push_back(
-        panel_over(drawn, {"tracking error over speed", speed, "tracking error " + micro,
+        panel_over(drawn, {"tracking error over speed", speed, "tracking error " + error_unit,
                            within(drawn.velocity, -all, all, 1e3), 1e6}));
     caption = "A delayed record makes a tracking error in proportion to the speed.";
   } else if (id == "impulse_disturbance") {
@@ -280,17 +281,17 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
       if (std::abs(effect.coefficient[i]) > largest)
         largest = std::abs(effect.coefficient[i]), at = effect.shape[i];
     }
-    panels.push_back(error_over_time(drawn, micro, marks));
+    panels.push_back(error_over_time(drawn, error_unit, marks));
     if (std::isfinite(at)) panels.push_back(moment(drawn, at - 0.1, at + 0.15, "force " + force));
     caption = "The dotted lines are the times of the impulses.";
   } else {
     std::vector<double> marks;
     if (std::isfinite(shape("time_s"))) marks = {shape("time_s")};
-    panels.push_back(error_over_time(drawn, micro, marks));
+    panels.push_back(error_over_time(drawn, error_unit, marks));
     caption = "The simulation error over the recording.";
     if (id == "thermal_growth")
       panels.push_back(panel_over(drawn, {"encoder reading error", "time in the recording [s]",
-                                          "encoder reading error " + micro, drawn.time, 1e6}));
+                                          "encoder reading error " + error_unit, drawn.time, 1e6}));
   }
   std::erase_if(panels, [](const PlotPanel& panel) {
     return std::all_of(panel.series.begin(), panel.series.end(),

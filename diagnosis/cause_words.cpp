@@ -7,6 +7,7 @@
 
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin {
 
@@ -73,15 +74,14 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   };
   const bool rotary = diagnosis.baseline.rotary;
   const char* force = rotary ? "N m per kg m^2" : "N per kg of moved mass";
-  const char* milli = rotary ? "mrad" : "mm";
-  const char* unit = micro(rotary);
+  const char *length = milli(rotary), *unit = micro(rotary);
   const std::string& id = cause.id;
   const double period = 1e3 * (rotary ? of("period_rad") : of("period_m"));
   std::string out;
   if (id == "cogging")
-    out = text("+-%.3g %s, every %.5g %s", of("amplitude_mps2"), force, period, milli);
+    out = text("+-%.3g %s, every %.5g %s", of("amplitude_mps2"), force, period, length);
   if (id == "lead_error" || id == "encoder_error")
-    out = text("+-%.3g %s, every %.5g %s", 1e6 * of("amplitude_m"), unit, period, milli);
+    out = text("+-%.3g %s, every %.5g %s", 1e6 * of("amplitude_m"), unit, period, length);
   if (id == "backlash") out = text("a gap of %.3g %s", 1e6 * of("width_m"), unit);
   if (id == "time_delay") out = text("%.3g ms", 1e3 * of("delay_s"));
   if (id == "gravity_offset") out = text("%.3g %s", of("offset_mps2"), force);
@@ -103,18 +103,18 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   if (id == "viscous_drift")
     out = text("decays with a time constant of %.3g s", of("time_constant_s"));
   if (id == "thermal_growth")
-    out = text("%.3g um per m, with a time constant of %.3g s", 1e6 * of("growth"),
-               of("time_constant_s"));
+    out = text("%.3g %s per %s, with a time constant of %.3g s", 1e6 * of("growth"), unit,
+               rotary ? "rad" : "m", of("time_constant_s"));
   if (id == "asymmetric_friction")
     out = unlike_directions(2.0 * of("coulomb_difference"), 2.0 * of("viscous_difference"), force,
                             rotary);
   if (id == "stribeck" && std::isfinite(of("drop")))
     out =
         text("%.3g %s %s at creeping speed, no effect above about %.3g %s/s", std::abs(of("drop")),
-             force, of("drop") > 0.0 ? "more" : "less", 3e3 * of("stribeck_velocity"), milli);
+             force, of("drop") > 0.0 ? "more" : "less", 3e3 * of("stribeck_velocity"), length);
   if (id == "stribeck" && std::isfinite(of("breakaway_ratio")))
     out = text("%.3g times as high at creeping speed, no effect above about %.3g %s/s",
-               of("breakaway_ratio"), 3e3 * of("stribeck_velocity"), milli);
+               of("breakaway_ratio"), 3e3 * of("stribeck_velocity"), length);
   if (id == "presliding") {
     const double level = std::isfinite(of("breakaway")) ? of("breakaway") : of("coulomb");
     const double way = std::isfinite(of("breakaway_displacement")) ? of("breakaway_displacement")

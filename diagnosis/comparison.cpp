@@ -16,6 +16,7 @@
 #include "diagnosis/variation.h"
 #include "identification/loop/joint.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/shown_units.h"
 #include "twin/twin.h"
 
 namespace servotwin {

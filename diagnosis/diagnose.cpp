@@ -13,6 +13,7 @@
 #include "diagnosis/unexplained.h"
 #include "identification/loop/joint.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/shown_units.h"
 #include "twin/twin.h"
 
 namespace servotwin {

@@ -10,6 +10,7 @@
 #include "identification/loop/joint.h"
 #include "identification/model/json_number.h"
 #include "twin/effect.h"
+#include "twin/shown_units.h"
 
 namespace servotwin {
 
@@ -291,7 +292,7 @@ std::string cause_text(const Diagnosis& diagnosis, const Cause& cause) {
   if (effect.kind == kind_of<Cogging>()) {
     const auto [first, second] = amplitudes(effect);
     return text("period %.5g %s, amplitude %.3g %s/s^2 (%.3g at half the period)",
-                1e3 * effect.shape[0], rotary ? "mrad" : "mm", first, rotary ? "rad" : "m", second);
+                1e3 * effect.shape[0], milli(rotary), first, rotary ? "rad" : "m", second);
   }
   std::size_t i = 0;
   for (const Parameter& p : coefficients_of(effect.kind)) {
@@ -326,7 +327,7 @@ std::vector<std::string> left_lines(const Diagnosis& diagnosis) {
     std::string name(name_of(s.regressor));
     std::replace(name.begin(), name.end(), '_', ' ');
     if (s.regressor == Regressor::kPositionInPeriod)
-      name = text("position within a period of %.4g %s", 1e3 * s.period, rotary ? "mrad" : "mm");
+      name = text("position within a period of %.4g %s", 1e3 * s.period, milli(rotary));
     by += (by.empty() ? "" : ", ") + name +
           text(" %.2g %% (by chance %.2g %%)", 100.0 * s.share, 100.0 * s.chance);
   }

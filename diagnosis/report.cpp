@@ -12,6 +12,7 @@
 #include "diagnosis/diagnosis_file.h"
 #include "diagnosis/plot.h"
 #include "diagnosis/text.h"
+#include "twin/shown_units.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -216,14 +217,14 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
     const RegressorShare& then = before[static_cast<std::size_t>(share.regressor)];
     std::string name = spaced(name_of(share.regressor));
     if (share.regressor == Regressor::kPositionInPeriod)
-      name = text("position within %.4g %s", 1e3 * share.period, rotary ? "mrad" : "mm");
+      name = text("position within %.4g %s", 1e3 * share.period, milli(rotary));
     out += "<tr><td>" + name +
            text("</td><td>%.2g %%</td><td>%.2g %%</td><td>", 100.0 * share.share,
                 100.0 * share.chance) +
            (share.significant ? "<b>significant</b>" : "not significant") + "</td><td>" +
            text("%.2g %%", 100.0 * then.share) + (then.significant ? ", significant" : "") +
            (share.regressor == Regressor::kPositionInPeriod && then.significant
-                ? text(", %.4g %s", 1e3 * then.period, rotary ? "mrad" : "mm")
+                ? text(", %.4g %s", 1e3 * then.period, milli(rotary))
                 : "") +
            "</td></tr>\n";
   }

@@ -11,6 +11,7 @@
 #include "diagnosis/judgement.h"
 #include "diagnosis/text.h"
 #include "identification/least_squares/parallel.h"
+#include "twin/shown_units.h"
 
 namespace servotwin {
 

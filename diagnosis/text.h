@@ -15,14 +15,6 @@ template <class... T>
   return buffer.data();
 }
 
-/// The unit of a length in um on a linear axis, of an angle in urad on a rotary one.
-[[nodiscard]] constexpr const char* micro(bool rotary) { return rotary ? "urad" : "um"; }
-
-/// A length in um or an angle in urad, to four digits. `value`: m | rad.
-[[nodiscard]] inline std::string micro_text(double value, bool rotary) {
-  return text("%.4g %s", 1e6 * value, micro(rotary));
-}
-
 /// The text with &, < and > as HTML entities.
 [[nodiscard]] inline std::string escaped(const std::string& given) {
   std::string out;

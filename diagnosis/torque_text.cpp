@@ -10,6 +10,7 @@
 #include "diagnosis/text.h"
 #include "identification/model/json_number.h"
 #include "twin/catalogue.h"
+#include "twin/shown_units.h"
 
 namespace servotwin {
 

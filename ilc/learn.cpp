@@ -12,6 +12,7 @@
 #include "ilc/norm_optimal.h"
 #include "ilc/reversals.h"
 #include "ilc/zero_phase.h"
+#include "twin/shown_units.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -279,16 +280,14 @@ std::string why_none_is_kept(const Learned& learned, const std::vector<LearnAxis
   for (std::size_t i = 0; i < axes.size(); ++i) {
     const LearnedAxis& axis = learned.axes[i];
     if (!(axis.at_limit_share > kMinActiveLimitShare)) continue;
-    const char* um = axes[i].rotary ? " urad" : " um";
-    const char* mm = axes[i].rotary ? " mrad/s" : " mm/s";
     out << ", " << axes[i].name << " at its";
     if (axis.at_peak_share > kMinActiveLimitShare)
-      out << " peak of " << 1e6 * axes[i].limits.peak << um;
+      out << " peak of " << 1e6 * axes[i].limits.peak << " " << micro(axes[i].rotary);
     if (axis.at_peak_share > kMinActiveLimitShare &&
         axis.at_limit_share > axis.at_peak_share + kMinActiveLimitShare)
       out << " or";
     if (axis.at_limit_share > axis.at_peak_share + kMinActiveLimitShare)
-      out << " rate of " << 1e3 * axes[i].limits.rate << mm;
+      out << " rate of " << 1e3 * axes[i].limits.rate << " " << milli(axes[i].rotary) << "/s";
     out << " in " << std::round(100.0 * axis.at_limit_share) << " % of the motion";
   }
   return out.str();

@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <sstream>
+
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kFirst_hz = 0.1;
 constexpr double kRatio = 1.015;  // from frequency to frequency
 constexpr double kMaxOfNyquist = 0.8;

@@ -6,6 +6,7 @@
 #include "drivers/text.h"
 #include "identification/model/json_number.h"
 #include "ilc/gate.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -14,10 +15,6 @@ using What = CorrectionRuling::What;
 
 double rms(double squares, const OffsetRun& run) {
   return std::sqrt(squares / static_cast<double>(run.cycles));
-}
-
-std::string length_text(double rms, bool rotary) {
-  return number(std::round(1e9 * rms) * 1e-3) + (rotary ? " urad" : " um");
 }
 
 /// Why the run ended early through a fault of model, path or offset; empty if it did not.
@@ -69,8 +66,8 @@ CorrectionRuling ruling_after(const OffsetRun& run, const LearnedProgram& learne
                                              kMaxRatioToExpectedRms * learned.holdout_rms[n];
     if (!as_predicted)
       off += (off.empty() ? "axis " : ", axis ") + name + " " +
-             length_text(measured, learned.axes[n].rotary) + " instead of the expected " +
-             length_text(expected, learned.axes[n].rotary);
+             rounded_micro_text(measured, learned.axes[n].rotary) + " instead of the expected " +
+             rounded_micro_text(expected, learned.axes[n].rotary);
   }
   if (!off.empty()) return {What::kLearnAnew, off};
   return {What::kKeep, "as predicted"};
@@ -81,9 +78,9 @@ std::string gain_text(const OffsetRun& run, const LearnedProgram& learned) {
   if (run.end != RunEnd::kFinished) out += ", ended by " + std::string(name_of(run.end));
   if (run.cycles == 0) return out;
   const auto add = [&](const std::string& what, const RunSquares& squares, bool rotary) {
-    out += "; " + what + " RMS measured " + length_text(rms(squares.measured, run), rotary) +
-           ", predicted " + length_text(rms(squares.before, run), rotary) + " without and " +
-           length_text(rms(squares.after, run), rotary) + " with correction";
+    out += "; " + what + " RMS measured " + rounded_micro_text(rms(squares.measured, run), rotary) +
+           ", predicted " + rounded_micro_text(rms(squares.before, run), rotary) + " without and " +
+           rounded_micro_text(rms(squares.after, run), rotary) + " with correction";
   };
   for (std::size_t n = 0; n < learned.axes.size(); ++n)
     add(learned.axes[n].name, run.axes[n], learned.axes[n].rotary);

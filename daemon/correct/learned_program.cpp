@@ -14,6 +14,7 @@
 #include "daemon/correct/robust_axis.h"
 #include "drivers/text.h"
 #include "ilc/gate.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -70,16 +71,12 @@ std::string refused_by_gate(const ArrayXd& offset, const OffsetLimits& limits,
   return {};
 }
 
-std::string length_text(double rms, bool rotary) {
-  return number(std::round(1e9 * rms) * 1e-3) + (rotary ? " urad" : " um");
-}
-
 std::string summary_of(const LearnedProgram& learned) {
   const bool corrected = learned.program.learn;
   std::string out;
   const auto add = [&](const std::string& what, double before, double after, bool rotary) {
-    out += (out.empty() ? "" : ", ") + what + " " + length_text(before, rotary) +
-           (corrected ? " -> " + length_text(after, rotary) : "");
+    out += (out.empty() ? "" : ", ") + what + " " + rounded_micro_text(before, rotary) +
+           (corrected ? " -> " + rounded_micro_text(after, rotary) : "");
   };
   for (const AxisCorrectionFigures& axis : learned.axes)
     add(axis.name, axis.before_rms, axis.after_rms, axis.rotary);
@@ -96,7 +93,7 @@ std::string expected_of(const LearnedProgram& learned, const std::vector<bool>& 
     const AxisCorrectionFigures& axis = learned.axes[i];
     if (beyond[i] || learned.holdout_rms[i] == 0.0) continue;
     out += (out.empty() ? "expect at least " : ", ") + axis.name + " " +
-           length_text(std::hypot(axis.after_rms, learned.holdout_rms[i]), axis.rotary);
+           rounded_micro_text(std::hypot(axis.after_rms, learned.holdout_rms[i]), axis.rotary);
   }
   return out.empty() ? out : out + " RMS on the machine";
 }

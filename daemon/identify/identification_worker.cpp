@@ -10,6 +10,7 @@
 #include "daemon/between/clock.h"
 #include "drivers/text.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -36,13 +37,6 @@ std::string progress_of(const char* what, double done_s, double needed_s) {
 /// Length of standstill for which the noise floor is measured [s].
 double standing_s(const IdentifyConfig& config) {
   return std::max(config.window_s, EvidenceLimits().rest_s);
-}
-
-std::string micro(double value, bool rotary) {
-  std::ostringstream out;
-  out.precision(3);
-  out << value * 1e6 << (rotary ? " urad" : " um");
-  return out.str();
 }
 
 std::string tenths(double value) {
@@ -280,10 +274,11 @@ void IdentificationWorker::renew_noise_floor(std::size_t axis, double until_s) {
         "standstill: the noise floor of " + version + " is unchanged, no motion is stored";
     return;
   }
-  state.last_step =
-      "standstill: noise floor of " + version + " " + micro(floor, state.rotary) + ", no fit";
+  state.last_step = "standstill: noise floor of " + version + " " +
+                    micro_text(floor, state.rotary, 3) + ", no fit";
   if (std::abs(floor - known) <= kNoiseFloorTolerance * known) return;
-  const std::string before = std::isfinite(known) ? ", was " + micro(known, state.rotary) : "";
+  const std::string before =
+      std::isfinite(known) ? ", was " + micro_text(known, state.rotary, 3) : "";
   known = floor;
   events_.note("noise_floor", state.name, state.last_step + before);
 }

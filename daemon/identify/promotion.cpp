@@ -3,15 +3,10 @@
 #include <cmath>
 #include <sstream>
 
+#include "twin/shown_units.h"
+
 namespace servotwin::daemon {
 namespace {
-
-std::string micro(double value, bool rotary) {
-  std::ostringstream out;
-  out.precision(3);
-  out << value * 1e6 << (rotary ? " urad" : " um");
-  return out.str();
-}
 
 std::string seconds(double value) {
   std::ostringstream out;
@@ -59,15 +54,15 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
   if (!std::isfinite(candidacy.rms))
     return {Ruling::kNotJudged, "it cannot be simulated on held-out motion"};
 
-  const std::string figures = "residual " + micro(candidacy.rms, candidacy.rotary) + " RMS on " +
-                              seconds(candidacy.judged_s) + " of held-out motion";
+  const std::string figures = "residual " + micro_text(candidacy.rms, candidacy.rotary, 3) +
+                              " RMS on " + seconds(candidacy.judged_s) + " of held-out motion";
   // A candidate that can be simulated beats a model in force that cannot.
   if (!std::isfinite(candidacy.rms_in_force)) {
     return {Ruling::kPromoted,
             figures + "; simulation " + the_other(candidacy.version_in_force) + " fails"};
   }
   const std::string comparison = figures + ", " + the_other(candidacy.version_in_force) + " " +
-                                 micro(candidacy.rms_in_force, candidacy.rotary);
+                                 micro_text(candidacy.rms_in_force, candidacy.rotary, 3);
   if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
       candidacy.rms < candidacy.rms_in_force) {
     // Improvements as multiples of min_improvement. Above the obvious one no test of significance

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "diagnosis/text.h"
+#include "twin/shown_units.h"
 
 namespace servotwin::daemon {
 
@@ -36,7 +37,7 @@ void ResidualWatch::append(const CycleRow& row) {
 
 void ResidualWatch::report(std::size_t axis, const AlarmChange& change) {
   const Axis& state = axes_[axis];
-  const char* unit = state.rotary ? "urad" : "um";
+  const char* unit = micro(state.rotary);
   const std::string rms = text("%.3g %s RMS", 1e6 * change.rms, unit),
                     normal = text("%.3g %s", 1e6 * change.reference_rms, unit);
   switch (change.kind) {

@@ -4,16 +4,15 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <numbers>
 
 #include "identification/least_squares/bounded.h"
 #include "twin/linear_algebra.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 // Velocity limit of the saturated sign in place of the method's sign [m/s | rad/s]: just wide
 // enough for the simulation to be well posed.
 constexpr double kSignWidth = 1e-4;

@@ -3,7 +3,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <stdexcept>
 
 #include "identification/loop/full_ls.h"
@@ -14,13 +13,14 @@
 #include "identification/recording/evidence.h"
 #include "identification/recording/excitation.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/shown_units.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 // Longest sampling time at which the dynamics of a servo loop can still be identified.
 constexpr double kMaxSamplingTime_s = 0.1;
 // Ratio of encoder to command motion, up or down, beyond which the two are in different units.
@@ -412,10 +412,10 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         "the held-out segments are too short to validate a model; record longer segments");
   } else if (const double before = unpredicted(holdout).rms;
              options.must_predict && !(record.holdout.rms < before)) {
-    out.refusals.push_back(say("on the held-out data the residual of the model is ",
-                               1e6 * record.holdout.rms,
-                               " um RMS, not below the tracking error of ", 1e6 * before,
-                               " um RMS: the model predicts nothing"));
+    out.refusals.push_back(
+        say("on the held-out data the residual of the model is ",
+            micro_text(record.holdout.rms, axis.rotary), " RMS, not below the tracking error of ",
+            micro_text(before, axis.rotary), " RMS: the model predicts nothing"));
   }
   return out;
 }

@@ -3,18 +3,17 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 #include <vector>
 
 #include "identification/response/response_modes.h"
 #include "twin/linear_algebra.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kMinMode_hz = 3.0, kShareOfNyquist = 0.8;
 constexpr int kPerOctave = 8;
 constexpr double kGridDamping[] = {0.01, 0.04, 0.15};

@@ -12,12 +12,11 @@
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/covariance.h"
 #include "twin/linear_algebra.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 PoleBounds below_nyquist(PoleBounds bounds, double h) {
   const double nyquist = 0.5 / h;

@@ -5,20 +5,18 @@
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <sstream>
 #include <stdexcept>
 
 #include "identification/model/json_number.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 
 using nlohmann::json;
 
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 // Beyond everything that a store or a recording reaches; with room to count on.
 constexpr int kMaxVersion = 1'000'000'000;

@@ -16,12 +16,13 @@
 #include "identification/response/frequency_response.h"
 #include "identification/response/multivariable_problem.h"
 #include "twin/maxwell_slip.h"
+#include "twin/shown_units.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kMinFrequency_hz = 0.02, kShareOfNyquist = 0.9;
 constexpr double kMinDamping = 5e-4, kMaxDamping = 5.0;
 // Residual of a higher order over a lower one, at most, to accept it.
@@ -279,12 +280,13 @@ void check(const MultivariableData& data, const MultivariableOptions& options) {
   for (std::size_t i = 0; i < data.inputs.size(); ++i) {
     const double distance = data.inputs[i].break_distance,
                  longest = longest_break_distance(data, i, options);
+    const std::string unit = micro(data.inputs[i].rotary);
     if (distance > longest)
-      throw std::runtime_error(
-          "input " + std::to_string(i + 1) + ": an element that slides after " +
-          std::to_string(1e6 * distance) +
-          " um equals the position where the axis travels no further; at most " +
-          std::to_string(1e6 * longest) + " um here");
+      throw std::runtime_error("input " + std::to_string(i + 1) +
+                               ": an element that slides after " + std::to_string(1e6 * distance) +
+                               " " + unit +
+                               " equals the position where the axis travels no further; at most " +
+                               std::to_string(1e6 * longest) + " " + unit + " here");
     double least = std::numeric_limits<double>::max(), most = -least;
     for (const MultivariableRecord& record : data.records) {
       least = std::min(least, record.inputs[i].minCoeff());

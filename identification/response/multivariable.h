@@ -40,6 +40,7 @@ struct MultivariableInput {
   /// is the start.
   /// An element that does not slide is the position itself: at most a quarter of the travel.
   double break_distance = 0.0;
+  bool rotary = false;  ///< whether that is an angle
 };
 
 struct MultivariableData {

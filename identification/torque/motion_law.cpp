@@ -6,10 +6,11 @@
 #include <stdexcept>
 #include <string>
 
+#include "twin/shown_units.h"
+
 namespace servotwin {
 namespace {
 
-constexpr double kMilli = 1e-3;      // messages print mm
 constexpr double kRounding = 1e-12;  // of m v against v^2 / 2a
 
 std::string said(double value) {

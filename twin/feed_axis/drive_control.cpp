@@ -2,14 +2,11 @@
 
 #include <Eigen/LU>
 #include <cmath>
-#include <numbers>
+
+#include "twin/two_pi.h"
 
 namespace servotwin {
-namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
-
-}  // namespace
+namespace {}  // namespace
 
 DriveControl::DriveControl(const ControlParts& parts, double radius)
     : step_s_(1.0 / parts.rate_hz),
