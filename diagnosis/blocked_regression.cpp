@@ -10,12 +10,8 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kPiece_s = 0.25;  // interval of the paired test
-constexpr int kBlocks = 5;         // of the cross-validation
-// Weight of all blocks in a fit to the other blocks.
-constexpr double kPriorWeight = 0.03;
-// Of the diagonal, against singular matrices: in fits, and in what a column explains beside a base.
-constexpr double kRidge = 1e-10, kRidgeBesideBase = 1e-7;
+// Of the diagonal, against singular matrices, in what a column explains beside a base.
+constexpr double kRidgeBesideBase = 1e-7;
 
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
   Eigen::MatrixXd ridged = gram;
@@ -51,7 +47,8 @@ BlockedRegression::BlockedRegression(Eigen::VectorXd y, const Eigen::VectorXd& t
     k = end;
   }
   for (Piece& piece : pieces_)
-    piece.block = static_cast<int>(piece.first * kBlocks / std::max<Eigen::Index>(1, y_.size()));
+    piece.block =
+        static_cast<int>(piece.first * kRegressionBlocks / std::max<Eigen::Index>(1, y_.size()));
 }
 
 Eigen::VectorXd BlockedRegression::fit(const Eigen::MatrixXd& columns) const {
@@ -70,7 +67,7 @@ std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
   // Average number of rows: an interval mostly at rest has few rows and counts accordingly.
   const double usual = static_cast<double>(y_.size()) / static_cast<double>(pieces_.size());
   std::vector<double> out(pieces_.size());
-  for (int b = 0; b < kBlocks; ++b) {
+  for (int b = 0; b < kRegressionBlocks; ++b) {
     Eigen::MatrixXd g = (1.0 + kPriorWeight) * gram;
     Eigen::VectorXd x = right;
     for (const Piece& piece : pieces_) {

@@ -12,6 +12,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "diagnosis/pieces.h"
+
 namespace servotwin {
 
 class BlockedRegression {
@@ -40,10 +42,6 @@ class BlockedRegression {
   };
 
  private:
-  struct Piece {  // an interval of 0.25 s
-    Eigen::Index first = 0, count = 0;
-    int block = 0;
-  };
   Eigen::VectorXd y_;
   std::vector<Piece> pieces_;
 };

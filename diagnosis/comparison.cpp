@@ -10,9 +10,11 @@
 #include "diagnosis/cuts.h"
 #include "diagnosis/extension.h"
 #include "diagnosis/gain.h"
+#include "diagnosis/pieces.h"
 #include "diagnosis/screen.h"
 #include "diagnosis/search.h"
 #include "diagnosis/text.h"
+#include "diagnosis/thresholds.h"
 #include "diagnosis/variation.h"
 #include "identification/loop/joint.h"
 #include "identification/recording/noise_floor.h"
@@ -23,28 +25,15 @@ namespace servotwin {
 
 namespace {
 
-// RMS with a change over RMS without it that a change must reach.
-constexpr double kMaxRmsRatioToAdd = 0.98;
 // Share of the RMS that the earlier model had on its own data: a change that removes less may be
 // its misfit and not a change of the machine.
 constexpr double kEarlierMisfitShare = 0.5;
 // Share of the RMS on this recording: changes are not modelled more accurately than this.
 constexpr double kMinRemovedShare = 0.02;
-// z of the paired test above which it does not contradict the score test: one-sided 5 %.
-constexpr double kMinBlockZ = 1.64;
-// Expected number of false changes on an unchanged machine, before the Bonferroni correction.
-constexpr double kFalseAlarmRate = 0.01;
-// A change is fitted only with a p from screening of at most this, ..
-constexpr double kMaxScreenP = 0.05;
-// .. and if it lowers the squared error at least by this share.
-constexpr double kMinScreenGain = 0.004;
 constexpr std::size_t kMaxFitsPerRound = 4;  // changes
 constexpr std::size_t kMaxChanges = 6;
-// A rival that loses in a smaller share of the bootstrap resamples is reported as ambiguous.
-constexpr double kMinShareToExcludeRival = 0.95;
 // Share of the best gain above which a change counts as a rival.
-constexpr double kMinGainShareOfRival = 0.9;
-constexpr double kScreenStep_s = 2e-3;  // sampling time of the data for screening
+constexpr double kMinGainShareOfRivalChange = 0.9;
 
 /// Every n-th sample of every segment (n = `every`).
 Eigen::VectorXd thinned(const Eigen::VectorXd& all, const std::vector<Segment>& segments,
@@ -156,18 +145,6 @@ bool plausible(const Variation& variation, const Varied& v) {
   return true;
 }
 
-/// RMS from the mean squares of equal intervals.
-double rms(const std::vector<double>& pieces) {
-  double sum = 0.0;
-  for (const double piece : pieces) sum += piece;
-  return std::sqrt(sum / std::max<double>(1.0, static_cast<double>(pieces.size())));
-}
-
-/// The error that a change removes: sqrt(before^2 - after^2) of the RMS.
-double removed_rms(const std::vector<double>& before, const std::vector<double>& after) {
-  return std::sqrt(std::max(0.0, rms(before) * rms(before) - rms(after) * rms(after)));
-}
-
 /// Share of bootstrap resamples in which the squared error of `rival` exceeds that of `best` by
 /// more than `own`^2. `own`: misfit [m | rad] that the earlier model already had on its own data.
 double share_beaten(const Varied& best, const Varied& rival, double own) {
@@ -231,14 +208,14 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   // The error that the earlier model had on its own data is no change, and it does not distinguish
   // two changes.
   const double own = std::isfinite(out.earlier_rms) ? kEarlierMisfitShare * out.earlier_rms : 0.0;
-  const double least = std::max(own, kMinRemovedShare * rms(current.pieces));
+  const double least = std::max(own, kMinRemovedShare * rms_of(current.pieces));
   for (std::size_t round = 0; round < kMaxChanges; ++round) {
     if (options.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
     auto promising = promising_changes(variation, current, options);
     const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;
     if (promising.size() > kMaxFitsPerRound) promising.resize(kMaxFitsPerRound);
-    std::string step =
-        text("%s RMS, promising candidates:", micro_text(rms(current.pieces), axis.rotary).c_str());
+    std::string step = text("%s RMS, promising candidates:",
+                            micro_text(rms_of(current.pieces), axis.rotary).c_str());
     for (const auto& [change, s] : promising)
       step += text(" %s/%s (%.1f %%, p %.1g)", change.cause.c_str(),
                    change.quantities.front().name.c_str(), 100.0 * s.gain, s.p);
@@ -258,9 +235,9 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       // Passes the paired block test, or the score test if the blocks do not contradict it.
       if (one.evidence.z > kMinBlockZ) one.evidence.p = std::min(one.evidence.p, screened.p);
       out.steps.push_back(text("  with %s: %s RMS, z %.1f", change.cause.c_str(),
-                               micro_text(rms(one.varied.pieces), axis.rotary).c_str(),
+                               micro_text(rms_of(one.varied.pieces), axis.rotary).c_str(),
                                one.evidence.z));
-      if (rms(one.varied.pieces) < kMaxRmsRatioToAdd * rms(current.pieces) &&
+      if (rms_of(one.varied.pieces) < kMaxRmsRatioToAdd * rms_of(current.pieces) &&
           removed_rms(current.pieces, one.varied.pieces) > least &&
           plausible(variation, one.varied) &&
           one.evidence.p < kFalseAlarmRate / static_cast<double>(candidates))
@@ -276,15 +253,15 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
           share_beaten(tried[best].varied, tried[i].varied, own) < kMinShareToExcludeRival)
         best = i;
     }
-    const double before = rms(current.pieces);
+    const double before = rms_of(current.pieces);
     Tried chosen = tried[best];
     for (std::size_t i = 0; i < tried.size(); ++i) {
       if (i == best) continue;
       const double beaten = share_beaten(chosen.varied, tried[i].varied, own);
       const std::string& rival = tried[i].varied.changes.back().cause;
       if (rival == chosen.varied.changes.back().cause) continue;
-      const bool as_good = before - rms(tried[i].varied.pieces) >
-                           kMinGainShareOfRival * (before - rms(chosen.varied.pieces));
+      const bool as_good = before - rms_of(tried[i].varied.pieces) >
+                           kMinGainShareOfRivalChange * (before - rms_of(chosen.varied.pieces));
       auto& rivals = chosen.evidence.ambiguous_with;
       if (beaten < kMinShareToExcludeRival && as_good) {
         if (std::find(rivals.begin(), rivals.end(), rival) == rivals.end()) rivals.push_back(rival);
@@ -305,7 +282,8 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       Varied less =
           current.without([&](const Change& change) { return &change == &current.changes[i]; });
       ++out.fits;
-      if (!variation.fit(less) || rms(current.pieces) < kMaxRmsRatioToAdd * rms(less.pieces)) {
+      if (!variation.fit(less) ||
+          rms_of(current.pieces) < kMaxRmsRatioToAdd * rms_of(less.pieces)) {
         ++i;
         continue;
       }

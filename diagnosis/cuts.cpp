@@ -6,7 +6,7 @@
 #include <numbers>
 #include <unsupported/Eigen/FFT>
 
-#include "diagnosis/quantile.h"
+#include "identification/recording/order_statistics.h"
 
 namespace servotwin {
 
@@ -74,10 +74,7 @@ double share_of_tone(const Eigen::ArrayXd& x, const Eigen::ArrayXd& tone_envelop
     if (on(k) > 0.0 && there(k) > 0.0)
       shares.push_back(tone_envelope(k) * tone_envelope(k) / (0.5 * there(k)));
   }
-  return shares.empty() ? 0.0
-                        : quantile(Eigen::Map<const Eigen::ArrayXd>(
-                                       shares.data(), static_cast<Eigen::Index>(shares.size())),
-                                   0.5);
+  return quantile(std::move(shares), 0.5);
 }
 
 struct Spectrum {

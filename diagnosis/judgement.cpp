@@ -9,6 +9,7 @@
 #include "diagnosis/bootstrap.h"
 
 #include "diagnosis/cause_nature.h"
+#include "diagnosis/pieces.h"
 #include "diagnosis/text.h"
 
 namespace servotwin {
@@ -35,7 +36,7 @@ bool blocks_agree(const Tried& one) {
 }  // namespace
 
 double removed_rms(const Hypothesis& before, const Hypothesis& after) {
-  return std::sqrt(std::max(0.0, before.rms() * before.rms() - after.rms() * after.rms()));
+  return removed_rms(before.pieces, after.pieces);
 }
 
 double share_beaten(const Tried& best, const Tried& rival) {

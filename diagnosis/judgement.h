@@ -6,25 +6,18 @@
 #include <string_view>
 
 #include "diagnosis/search.h"
+#include "diagnosis/thresholds.h"
 
 namespace servotwin {
 
-// RMS with a cause over RMS without it, both from cross-validation: a smaller improvement than 2 %
-// is not worth a parameter.
-constexpr double kMaxRmsRatioToAdd = 0.98;
 // Share of the error that a law of friction explains which remains as misfit when the machine
 // follows another law of friction.
-constexpr double kLawMisfitShare = 0.1;
-// Expected number of false causes in the diagnosis of a machine without any; divided by the number
-// of candidates (Bonferroni).
-constexpr double kFalseAlarmRate = 0.01;
-// z of the paired test above which it does not contradict the score test: one-sided 5 %.
-constexpr double kMinBlockZ = 1.64;
+inline constexpr double kLawMisfitShare = 0.1;
 // Ratio of errors (RMS, or cost where costs are compared) below which a candidate explains a large
 // part of the error.
-constexpr double kMaxErrorRatioOfLargeGain = 0.7;
+inline constexpr double kMaxErrorRatioOfLargeGain = 0.7;
 // In sampling times: a shorter delay can come from the way the signals were recorded.
-constexpr double kMinDelaySamples = 0.25;
+inline constexpr double kMinDelaySamples = 0.25;
 
 /// A candidate, and the model without it to compare with; both were fitted in the same way.
 struct Tried {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "diagnosis/chance.h"
+#include "identification/recording/order_statistics.h"
 
 namespace servotwin {
 
@@ -23,12 +24,6 @@ constexpr double kMinZ = 3.0;
 constexpr double kMaxDeviationOverWidth = 0.5;
 // Deviation of the logarithm of the speeds below which they count as equal.
 constexpr double kMaxSpeedDeviation = 0.2;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 double robust_deviation(const std::vector<double>& values) {
   const double centre = median(values);

@@ -6,22 +6,14 @@
 
 #include "diagnosis/chance.h"
 #include "diagnosis/cuts.h"
-#include "diagnosis/quantile.h"
+#include "diagnosis/thresholds.h"
+#include "identification/recording/order_statistics.h"
 #include "twin/linear_algebra.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kPiece_s = 0.25;
-constexpr int kBlocks = 5;
-constexpr double kSettle_s = 0.25;  // start of every segment, not used: its state is not estimated
-constexpr double kRidge = 1e-10;    // of the diagonal, against singular matrices
-// Weight of all blocks in a fit to the other blocks: keeps coefficients near 0 that the other
-// blocks do not determine.
-constexpr double kPriorWeight = 0.03;
-// Share of the squared error explained with a period that half the period must reach to replace it.
-constexpr double kMinShareOfHalfPeriod = 0.9;
 constexpr std::size_t kTones = 10;  // highest spectral lines that are tried
 constexpr double kToneStep = 0.02;  // final resolution of a tone, in distances of spectral lines
 constexpr int kToneSearch = 24;  // range of the search about a line, in quarters of that distance
@@ -29,12 +21,6 @@ constexpr std::size_t kMoments = 8;  // largest peaks in time that are tried
 // Peaks that impulses explain over peaks that remain: impulses must stand out by this ratio.
 constexpr double kMinPeakRatio = 2.5;
 
-double median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
   if (gram.size() == 0) return right;
@@ -93,7 +79,7 @@ void Screen::prepare() {
   }
   travel_ = high - low;
   for (std::size_t i = 0; i < pieces_.size(); ++i)
-    pieces_[i].block = static_cast<int>(i * kBlocks / pieces_.size());
+    pieces_[i].block = static_cast<int>(i * kRegressionBlocks / pieces_.size());
   left_.array() *= counts.array();
   tangent_.array().colwise() *= counts.array();
   Eigen::Index kept = 0;
@@ -154,7 +140,7 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
   }
   // Predict every block by the others, with the candidate and without.
   double with = 0.0, without = 0.0;
-  for (int b = 0; b < kBlocks; ++b) {
+  for (int b = 0; b < kRegressionBlocks; ++b) {
     Eigen::MatrixXd g = gram;
     Eigen::VectorXd x = right;
     for (std::size_t i = 0; i < pieces_.size(); ++i) {

@@ -13,6 +13,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "diagnosis/pieces.h"
 #include "identification/loop/projection.h"
 
 namespace servotwin {
@@ -44,10 +45,6 @@ class Screen {
   [[nodiscard]] Screened look(const Eigen::MatrixXd& columns) const;
 
  private:
-  struct Piece {  // an interval of 0.25 s
-    Eigen::Index first = 0, count = 0;
-    int block = 0;
-  };
   struct Sums;
   [[nodiscard]] Eigen::MatrixXd columns(std::size_t kind, const std::vector<double>& shapes) const;
   [[nodiscard]] double explained(const Eigen::MatrixXd& columns) const;

@@ -5,6 +5,8 @@
 #include <numbers>
 
 #include "diagnosis/cuts.h"
+#include "diagnosis/pieces.h"
+#include "diagnosis/thresholds.h"
 #include "diagnosis/variation.h"
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/identify.h"
@@ -16,14 +18,11 @@ namespace servotwin {
 
 namespace {
 
-constexpr int kBlocks = 4;          // of the cross-validation
-constexpr double kPiece_s = 0.25;   // interval over which squared errors are averaged
-constexpr double kSettle_s = 0.25;  // start of every segment that is not judged: transient
+constexpr int kBlocks = 4;  // of the cross-validation
 // Cost along the simulated motion over cost along the measured one, below which the simulated
 // motion is used.
 constexpr double kMaxCostRatioToUseSimulation = 0.7;
-constexpr double kFitStep_s = 1e-3;     // sampling time of the data for fits
-constexpr double kScreenStep_s = 2e-3;  // sampling time of the data for screening
+constexpr double kFitStep_s = 1e-3;  // sampling time of the data for fits
 
 // Allowed deviation of the saturation coefficient from 1: along a measured motion, where it is
 // estimated roughly, and along a simulated one.
@@ -125,11 +124,7 @@ bool widen_gap(Model& model) {
 
 }  // namespace
 
-double Hypothesis::rms() const {
-  double sum = 0.0;
-  for (const double piece : pieces) sum += piece;
-  return std::sqrt(sum / std::max<double>(1.0, static_cast<double>(pieces.size())));
-}
+double Hypothesis::rms() const { return rms_of(pieces); }
 
 bool Hypothesis::has(std::size_t kind) const {
   return std::find(structure.effects.begin(), structure.effects.end(), kind) !=

@@ -10,6 +10,7 @@
 
 #include "diagnosis/judgement.h"
 #include "diagnosis/text.h"
+#include "diagnosis/thresholds.h"
 #include "identification/least_squares/parallel.h"
 #include "twin/shown_units.h"
 
@@ -25,22 +26,9 @@ constexpr double kMinRmsOverFloorForFreeLaw = 2.0;
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
-constexpr int kMaxCauses = 6;
 constexpr std::size_t kMaxFitsPerRound = 3;  // candidates
-// A candidate is fitted only with a p from screening of at most this, ..
-constexpr double kMaxScreenP = 0.05;
-// .. and if it lowers the squared error at least by this share.
-constexpr double kMinScreenGain = 0.004;
-// A rival that loses in a smaller share of the bootstrap resamples is reported as ambiguous.
-constexpr double kMinShareToExcludeRival = 0.95;
-// Share of the best gain with which a candidate with fewer parameters is preferred.
-constexpr double kMinGainShareOfSimpler = 0.9;
 // RMS with a delay over RMS with a mode below which the delay replaces the mode.
 constexpr double kMaxRmsRatioDelayOverMode = 0.9;
-// Share of the best gain above which a candidate counts as a rival.
-constexpr double kMinGainShareOfRival = 0.8;
-// Share of the friction level by which friction must fall or rise with speed to be named.
-constexpr double kMinStribeckShare = 0.12;
 
 /// Adds causes one by one, as long as each improves the model enough.
 class Selection {

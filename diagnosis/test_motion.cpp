@@ -6,15 +6,15 @@
 
 #include "diagnosis/text.h"
 #include "identification/recording/evidence.h"
+#include "identification/recording/order_statistics.h"
 
 namespace servotwin {
 
 namespace {
 
-// Time step of the differences and quantile that counts as the peak: both the same as for the
-// acceleration in identification/recording/evidence.h.
+// Time step of the differences, the same as for the acceleration in
+// identification/recording/evidence.h.
 constexpr double kDifference_s = 0.02;
-constexpr double kPeakQuantile = 0.995;
 
 /// The velocity profile of a leg: a ramp up to `peak`, constant velocity, and a ramp down.
 struct Trapezoid {
@@ -50,11 +50,7 @@ double peak_jerk(const std::vector<Segment>& segments) {
       if (j > 0.0) all.push_back(j);
     }
   }
-  if (all.empty()) return 0.0;
-  const auto at = all.begin() +
-                  static_cast<std::ptrdiff_t>(kPeakQuantile * static_cast<double>(all.size() - 1));
-  std::nth_element(all.begin(), at, all.end());
-  return *at;
+  return quantile(std::move(all), kPeakQuantile);
 }
 
 }  // namespace

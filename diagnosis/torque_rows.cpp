@@ -6,8 +6,8 @@
 #include <numbers>
 #include <stdexcept>
 
-#include "diagnosis/quantile.h"
 #include "identification/least_squares/unit_columns.h"
+#include "identification/recording/order_statistics.h"
 #include "twin/linear_algebra.h"
 
 namespace servotwin {

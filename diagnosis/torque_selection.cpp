@@ -9,8 +9,10 @@
 #include "diagnosis/bootstrap.h"
 #include "diagnosis/chance.h"
 #include "diagnosis/extension.h"
+#include "diagnosis/pieces.h"
 #include "diagnosis/search.h"
 #include "diagnosis/text.h"
+#include "diagnosis/thresholds.h"
 #include "identification/least_squares/parallel.h"
 #include "twin/linear_algebra.h"
 
@@ -18,38 +20,20 @@ namespace servotwin {
 
 namespace {
 
-// RMS with a cause over RMS without it that a cause must reach.
-constexpr double kMaxRmsRatioToAdd = 0.98;
 // Least RMS that a cause must remove, as a share of the RMS of the baseline, ..
 constexpr double kMinRemovedShareOfBaseline = 0.05;
 // .. and of Coulomb friction: no law of friction is more accurate than that.
 constexpr double kMinRemovedShareOfFriction = 0.01;
-// Expected number of false causes on a machine without effects, before the Bonferroni correction.
-constexpr double kFalseAlarmRate = 0.01;
 constexpr double kFalseAlarmRateOfLine = 0.05;  // of a further period of a cause named already
 // z of the paired test above which it does not contradict the Wald test.
-constexpr double kMinBlockZ = 2.0;
-// A rival that loses in a smaller share of the bootstrap resamples is no worse.
-constexpr double kMinShareToExcludeRival = 0.95;
-// Shares of the best gain: of a rival, and of a candidate with fewer parameters that is preferred.
-constexpr double kMinGainShareOfRival = 0.8, kMinGainShareOfSimpler = 0.9;
-constexpr double kMinStribeckShare = 0.12;  // of Coulomb friction, as in selection.cpp
+constexpr double kMinBlockZBesideWald = 2.0;
 // Share of the squared velocity that is not explained by the frequency of a disturbance: below it
 // the frequency is that of the motion itself.
 constexpr double kMinVelocityShareLeft = 0.8;
 // Share of Coulomb friction by which friction must vary with position; every guideway varies less.
 constexpr double kMinUnevenness = 0.1;
-// Share of the squared error explained with a period that half the period must reach to replace it.
-constexpr double kMinShareOfHalfPeriod = 0.9;
-constexpr int kMaxCauses = 6, kMaxHarmonic = 8;
+constexpr int kMaxHarmonic = 8;
 constexpr std::size_t kMaxLines = 6, kLinesTried = 4;  // of cogging: periods in all, per round
-
-/// RMS from the mean squares of the intervals.
-double root_mean(const std::vector<double>& pieces) {
-  double sum = 0.0;
-  for (const double piece : pieces) sum += piece;
-  return std::sqrt(sum / std::max<double>(1.0, static_cast<double>(pieces.size())));
-}
 
 class TorqueSelection {
  public:
@@ -58,7 +42,7 @@ class TorqueSelection {
       : rows_(rows), body_(body), options_(options), rests_(rests), rotary_(rotary) {}
 
   TorqueSelected run() {
-    baseline_ = root_mean(training_of(rows_).predicted(rows_.training(body_.columns)));
+    baseline_ = rms_of(training_of(rows_).predicted(rows_.training(body_.columns)));
     out_.steps.push_back(text("rigid body: %.4g RMS", baseline_));
     play();
     while (static_cast<int>(out_.parts.size()) < kMaxCauses && add_one()) remove_unnecessary();
@@ -93,13 +77,13 @@ class TorqueSelection {
     out.pieces = data.predicted(before, more);
     out.z = paired_z(pieces, out.pieces);
     out.p = chance_beyond(out.z);
-    if (out.z > kMinBlockZ) {
+    if (out.z > kMinBlockZBesideWald) {
       out.p = std::min(out.p, std::min(1.0, static_cast<double>(points) *
                                                 chance_beyond(data.wald(before, more))));
     }
-    out.rms = root_mean(out.pieces);
-    const double rms = root_mean(pieces);
-    const double removed = std::sqrt(std::max(0.0, rms * rms - out.rms * out.rms));
+    out.rms = rms_of(out.pieces);
+    const double rms = rms_of(pieces);
+    const double removed = removed_rms(pieces, out.pieces);
     out.earned = out.rms < kMaxRmsRatioToAdd * rms &&
                  removed > kMinRemovedShareOfBaseline * baseline_ &&
                  removed > kMinRemovedShareOfFriction * body_.coulomb &&
@@ -265,7 +249,7 @@ class TorqueSelection {
     const BlockedRegression data = training_of(rows_);
     const Eigen::MatrixXd base = all();
     const BlockedRegression::Beside beside(data, rows_.training(base));
-    const double rms = root_mean(data.predicted(rows_.training(base)));
+    const double rms = rms_of(data.predicted(rows_.training(base)));
     std::vector<std::pair<Judgement, Looked>> tried;
     std::vector<Looked> all_looked(kinds.size());
     in_parallel(kinds.size(), [&](std::size_t i) { all_looked[i] = looked(kinds[i], beside); });
@@ -409,7 +393,7 @@ class TorqueSelection {
     for (std::size_t i = 0; i + 1 < out_.parts.size(); ++i) {
       if (out_.parts[i].id == "backlash") continue;
       const std::vector<double> without = data.predicted(rows_.training(all(i)));
-      if (root_mean(with) < kMaxRmsRatioToAdd * root_mean(without)) continue;
+      if (rms_of(with) < kMaxRmsRatioToAdd * rms_of(without)) continue;
       out_.steps.push_back(out_.parts[i].id + ": no longer needed, removed");
       out_.parts.erase(out_.parts.begin() + static_cast<std::ptrdiff_t>(i));
       return;

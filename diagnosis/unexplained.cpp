@@ -4,6 +4,7 @@
 #include <array>
 
 #include "diagnosis/search.h"
+#include "diagnosis/thresholds.h"
 #include "diagnosis/variation.h"
 #include "identification/loop/identify.h"
 #include "identification/recording/signals.h"
@@ -14,9 +15,7 @@ namespace {
 
 // RMS with the term over RMS without it, on the halves that it was not fitted to: 5 % better is the
 // least for which a term without an explanation is added.
-constexpr double kMaxRmsRatioToAdd = 0.95;
-// z of the paired test over blocks of 0.25 s: one-sided significance of 5 %.
-constexpr double kMinBlockZ = 1.64;
+constexpr double kMaxRmsRatioToAddTable = 0.95;
 
 double sum(const std::vector<double>& values) {
   double out = 0.0;
@@ -62,7 +61,7 @@ std::optional<Model> with_unexplained(const Model& model, const std::vector<Segm
   std::vector<double> before = left_by(model, halves.second);
   for (const double piece : left_by(model, halves.first)) before.push_back(piece);
   std::optional<Change> best;
-  double least = kMaxRmsRatioToAdd * kMaxRmsRatioToAdd * sum(before);
+  double least = kMaxRmsRatioToAddTable * kMaxRmsRatioToAddTable * sum(before);
   for (const std::size_t kind :
        {kind_of<UnexplainedOverPosition>(), kind_of<UnexplainedOverVelocity>(),
         kind_of<UnexplainedOverAcceleration>()}) {

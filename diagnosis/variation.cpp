@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "diagnosis/pieces.h"
 #include "diagnosis/search.h"
 #include "identification/least_squares/jackknife.h"
 #include "identification/least_squares/parallel.h"
@@ -16,8 +17,6 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kSettle_s = 0.25;     // start of every segment, not used: transient
-constexpr double kPiece_s = 0.25;      // interval over which scores are summed
 constexpr int kRounds = 12;            // most iterations of a fit
 constexpr double kMinDecrease = 1e-4;  // relative decrease of the cost that continues the fit
 

@@ -16,7 +16,6 @@ using nlohmann::json;
 // Significant digits: commands to 1 nm in 10 m; an error of 1 m to 0.1 um, one of 1 mm to 0.1 nm.
 constexpr int kCommandDigits = 11;
 constexpr int kErrorDigits = 7;
-constexpr int kFirstOctave = 10, kLastOctave = 30;  // as in /metrics
 
 void append(std::string& out, double value, int digits) {
   if (!std::isfinite(value)) {

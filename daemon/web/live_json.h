@@ -18,6 +18,9 @@ namespace servotwin::daemon {
 [[nodiscard]] nlohmann::json status_json(const LiveStatus& live, const MachineDescription& machine,
                                          const std::vector<AlarmState>& alarms);
 
+/// Octaves of duration that are given here and in /metrics: 2^10 ns (1.024 us) to 2^30 ns (1.07 s).
+inline constexpr int kFirstOctave = 10, kLastOctave = 30;
+
 /// The octaves of a histogram from the first to the last non-empty one: [{"below_s", "count"}, ..];
 /// the last one may have no bound.
 [[nodiscard]] nlohmann::json octaves_json(const Histogram& histogram);

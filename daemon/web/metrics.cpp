@@ -12,8 +12,6 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr int kFirstOctave = 10, kLastOctave = 30;  // 2^10 ns: 1.024 us, 2^30 ns: 1.07 s
-
 std::string value_text(double value) {
   if (std::isnan(value)) return "NaN";
   if (std::isinf(value)) return value > 0.0 ? "+Inf" : "-Inf";

@@ -3,12 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identification/recording/order_statistics.h"
+
 namespace servotwin {
 
 namespace {
 
 constexpr double kDifferenceSpan_s = 0.01;  // d of the differences [s]
-constexpr double kPeakQuantile = 0.995;     // quantile taken as the peak
 constexpr double kMinLongLegRatio = 0.8;    // least length of a long leg over that of the longest
 
 struct CommandedMotion {
@@ -35,14 +36,6 @@ CommandedMotion motion_of(const Segment& s) {
   out.acceleration.head(2 * d).setConstant(out.acceleration(2 * d));
   out.acceleration.tail(2 * d).setConstant(out.acceleration(n - 1 - 2 * d));
   return out;
-}
-
-double peak_of(std::vector<double>& values) {
-  if (values.empty()) return 0.0;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(
-                                       kPeakQuantile * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
 }
 
 Eigen::Index samples(const Segment& s, double seconds) {
@@ -208,7 +201,8 @@ MotionScale motion_scale(const std::vector<Segment>& segments) {
       accelerations.push_back(motion.acceleration(i));
     }
   }
-  return {peak_of(speeds), peak_of(accelerations)};
+  return {quantile(std::move(speeds), kPeakQuantile),
+          quantile(std::move(accelerations), kPeakQuantile)};
 }
 
 MotionScale wider(const MotionScale& left, const MotionScale& right) {

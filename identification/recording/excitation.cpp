@@ -4,6 +4,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "identification/recording/order_statistics.h"
 #include "twin/hold.h"
 
 namespace servotwin {
@@ -36,11 +37,7 @@ Excitation excitation_of(const std::vector<Segment>& segments) {
       direction = now;
     }
   }
-  const auto at =
-      accelerations.begin() +
-      static_cast<std::ptrdiff_t>(0.995 * static_cast<double>(accelerations.size() - 1));
-  std::nth_element(accelerations.begin(), at, accelerations.end());
-  out.peak_acceleration = *at;
+  out.peak_acceleration = quantile(std::move(accelerations), kPeakQuantile);
   out.forward_share = static_cast<double>(forward) / static_cast<double>(rows);
   out.backward_share = static_cast<double>(backward) / static_cast<double>(rows);
   out.rest_share = 1.0 - out.forward_share - out.backward_share;

@@ -5,6 +5,8 @@
 #include <numbers>
 #include <numeric>
 
+#include "identification/recording/order_statistics.h"
+
 namespace servotwin {
 
 namespace {
@@ -47,12 +49,6 @@ double encoder_step(const std::vector<Segment>& segments) {
     if (5 * multiples > 4 * all) return step;
   }
   return 0.0;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 /// Mean squares of blocks of a signal. Their median is the noise: a push at rest, or a lap that

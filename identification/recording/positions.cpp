@@ -3,6 +3,7 @@
 #include <optional>
 #include <utility>
 
+#include "identification/recording/order_statistics.h"
 #include "identification/recording/regression.h"
 #include "identification/recording/turns.h"
 #include "identification/recording/values.h"
@@ -13,7 +14,6 @@ namespace {
 using positions::command_bend;
 using positions::command_slope;
 using positions::finite;
-using positions::median;
 using positions::number;
 using positions::range_of;
 using positions::size_text;
@@ -118,13 +118,6 @@ std::optional<Ratio> ratio_of(const AxisRecord& axis, const std::vector<std::siz
 
 void rescale(AxisRecord& axis, double factor, double offset) {
   for (double& value : axis.actual) value = factor * (value - offset);
-}
-
-/// The value that this share of the others does not exceed; reorders them.
-double quantile(Values& values, double share) {
-  const auto at = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + at, values.end());
-  return values[static_cast<std::size_t>(at)];
 }
 
 std::optional<std::string> mend_zero(AxisRecord& axis, const std::vector<std::size_t>& at_rest,

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "identification/recording/order_statistics.h"
 #include "identification/recording/regression.h"
 #include "identification/recording/values.h"
 
@@ -11,7 +12,6 @@ namespace {
 using positions::command_bend;
 using positions::command_slope;
 using positions::finite;
-using positions::median;
 using positions::range_of;
 using positions::size_text;
 using positions::Values;

@@ -27,13 +27,6 @@ inline std::string size_text(double value, bool rotary) {
   return rotary ? number(value * 180.0 / std::numbers::pi) + " deg" : number(1e3 * value) + " mm";
 }
 
-/// Of at least one value.
-inline double median(Values values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 inline Values finite(const Values& values) {
   Values out;
   std::copy_if(values.begin(), values.end(), std::back_inserter(out),

@@ -6,7 +6,6 @@
 #include "twin/two_pi.h"
 
 namespace servotwin {
-namespace {}  // namespace
 
 DriveControl::DriveControl(const ControlParts& parts, double radius)
     : step_s_(1.0 / parts.rate_hz),

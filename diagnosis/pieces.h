@@ -1,0 +1,41 @@
+// Intervals of a recording, over which squared errors are averaged and compared in pairs: long
+// against the memory of the residual, short against the recording. SI units. Any thread.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace servotwin {
+
+inline constexpr double kPiece_s = 0.25;   // length of an interval
+inline constexpr double kSettle_s = 0.25;  // start of every segment, not used: transient
+
+// Of a linear regression (screen.h, blocked_regression.h): blocks of its cross-validation, weight
+// of all blocks in a fit to the other blocks, which holds coefficients that those do not determine,
+// and share of the diagonal against singular matrices.
+inline constexpr int kRegressionBlocks = 5;
+inline constexpr double kPriorWeight = 0.03, kRidge = 1e-10;
+
+/// An interval of the rows of a regression, and the block of the cross-validation that it is in.
+struct Piece {
+  Eigen::Index first = 0, count = 0;
+  int block = 0;
+};
+
+/// RMS from the mean squares of intervals of equal length; 0 of none.
+[[nodiscard]] inline double rms_of(const std::vector<double>& pieces) {
+  double sum = 0.0;
+  for (const double piece : pieces) sum += piece;
+  return std::sqrt(sum / std::max<double>(1.0, static_cast<double>(pieces.size())));
+}
+
+/// The error that an addition removes: sqrt(before^2 - after^2) of the RMS; 0 if it adds some.
+[[nodiscard]] inline double removed_rms(const std::vector<double>& before,
+                                        const std::vector<double>& after) {
+  const double with = rms_of(after), without = rms_of(before);
+  return std::sqrt(std::max(0.0, without * without - with * with));
+}
+
+}  // namespace servotwin
