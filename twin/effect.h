@@ -86,8 +86,6 @@ struct Identity {
   std::string_view id;       ///< stable identifier
   std::string_view meaning;  ///< one line, for output
   Acts acts = Acts::kForce;
-  std::string_view source;    ///< equation or paper
-  std::string_view confused;  ///< similar effects, and how they differ
   /// The cause of the contract that it is evidence for; empty: part of every machine, not a cause.
   std::string_view cause = {};
   /// The id of the effect that it replaces; empty: none.

@@ -18,9 +18,6 @@ struct AddedFriction {
       .id = "added_friction",
       .meaning = "friction that is added at one time of the recording",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused =
-          "inertia_change, whose force goes with acceleration; viscous_drift, which is gradual",
       .cause = "added_friction",
       .check = "what changed at that time: cover, wiper, clamp, lubrication"};
   static constexpr std::array<Parameter, 1> kShapes{

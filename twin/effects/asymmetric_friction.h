@@ -20,8 +20,6 @@ struct AsymmetricFriction {
       .id = "asymmetric_friction",
       .meaning = "friction that differs between the two directions",
       .acts = Acts::kForce,
-      .source = "Janot, Gautier, Brunot 2019 (EMPS, asymmetric model)",
-      .confused = "gravity_offset, which acts at rest as well; only data at rest separate the two",
       .cause = "asymmetric_friction",
       .replaces = "gravity_offset",
       .check = "wipers and covers; a counterbalance; the screw's nut by direction"};

@@ -17,10 +17,6 @@ struct Backlash {
       .id = "backlash",
       .meaning = "play between the encoder of the loop and the recorded one",
       .acts = Acts::kReading,
-      .source = "docs/theory.md 3.11",
-      .confused =
-          "presliding and compliance, which give with force; Coulomb friction without an "
-          "integrator",
       .cause = "backlash",
       .check = "play of coupling, nut and bearings between the two encoders"};
   static constexpr std::array<Parameter, 3> kShapes = kGapShapes;

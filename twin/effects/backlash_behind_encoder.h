@@ -20,8 +20,6 @@ struct BacklashBehindEncoder {
       .id = "backlash_behind_encoder",
       .meaning = "play between the encoder of the loop and the load",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "presliding, whose force depends on the travel since reversal; compliance",
       .cause = "backlash",
       .check = "play of coupling, nut and bearings behind the encoder"};
   static constexpr std::array<Parameter, 3> kShapes = kGapShapes;

@@ -17,8 +17,6 @@ struct BacklashInLoop {
       .id = "backlash_in_loop",
       .meaning = "play inside the position loop",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "presliding, which deforms with force; impulse_disturbance",
       .cause = "backlash",
       .check = "play of coupling, nut and bearings; backlash compensation of the control"};
   static constexpr std::array<Parameter, 1> kShapes{

@@ -18,10 +18,6 @@ struct Cogging {
       .id = "cogging",
       .meaning = "a force periodic in position, and its second harmonic",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.10",
-      .confused =
-          "encoder_error, whose force grows with speed squared; position_dependent_friction, "
-          "which changes sign with the direction",
       .cause = "cogging",
       .check = "what repeats with this period: the screw's lead, its balls, the motor's poles"};
   static constexpr std::array<Parameter, 1> kShapes{

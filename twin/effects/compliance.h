@@ -21,8 +21,6 @@ struct Compliance {
       .id = "compliance",
       .meaning = "a mode of vibration that the motion excites",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "periodic_disturbance, which continues at rest; the loop's own pair of poles",
       .cause = "compliance",
       .check =
           "what vibrates at this frequency: table, column, foundation; filters of the control"};

@@ -14,15 +14,11 @@
 namespace servotwin {
 
 struct ConstantForce {
-  static constexpr Identity kIdentity{
-      .id = "gravity_offset",
-      .meaning = "constant force that the motor must hold",
-      .acts = Acts::kForce,
-      .source = "docs/theory.md 3.2",
-      .confused =
-          "asymmetric Coulomb friction (equal on one axis); not observable behind an integrator",
-      .cause = "gravity_offset",
-      .check = "counterweight or brake; a cable that pulls"};
+  static constexpr Identity kIdentity{.id = "gravity_offset",
+                                      .meaning = "constant force that the motor must hold",
+                                      .acts = Acts::kForce,
+                                      .cause = "gravity_offset",
+                                      .check = "counterweight or brake; a cable that pulls"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"offset_mps2", "m/s^2", -100.0, 100.0, 0.0, "constant force per moved mass"}}};

@@ -18,11 +18,7 @@ struct CoulombFriction {
   static constexpr Identity kIdentity{
       .id = "coulomb_friction",
       .meaning = "Coulomb friction with a saturated sign, and viscous friction",
-      .acts = Acts::kForce,
-      .source = "thesis eq. 3.12",
-      .confused =
-          "presliding where the transition is too wide for a velocity effect; viscous friction: "
-          "poles"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
         "velocity at which the friction force is fully developed"}}};

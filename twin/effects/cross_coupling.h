@@ -21,8 +21,6 @@ struct CrossCoupling {
       .id = "cross_coupling",
       .meaning = "force caused by the acceleration of another axis",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "none, as long as the axes do not move in proportion",
       .cause = "cross_coupling",
       .check = "mounting and stiffness between the two axes; feed-forward of the other axis"};
   static constexpr std::array<Parameter, 2> kShapes{

@@ -20,8 +20,6 @@ struct CuttingForce {
       .meaning =
           "mean force and a sinusoidal force at the tooth-passing frequency while the tool cuts",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "periodic_disturbance, which is present all the time",
       .cause = "cutting_force",
       .check = "feed per tooth, wear and runout of the tool"};
   static constexpr std::array<Parameter, 1> kShapes{

@@ -15,9 +15,7 @@ namespace servotwin {
 struct Dahl {
   static constexpr Identity kIdentity{.id = "dahl",
                                       .meaning = "Dahl friction: one spring that yields gradually",
-                                      .acts = Acts::kForce,
-                                      .source = "Dahl 1968; docs/theory.md 3.7",
-                                      .confused = "presliding, lugre"};
+                                      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"deflection", "m", 2e-8, 2e-3, 5e-6, "Coulomb force over initial stiffness"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{

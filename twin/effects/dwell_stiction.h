@@ -21,8 +21,6 @@ struct DwellStiction {
       .id = "dwell_stiction",
       .meaning = "breakaway force that grows with the time at rest",
       .acts = Acts::kForce,
-      .source = "Kato, Sato, Matsubayashi 1972",
-      .confused = "stribeck and presliding, which do not depend on the time at rest",
       .cause = "dwell_stiction",
       .check = "lubricant film squeezed out at rest; lubrication after pauses"};
   static constexpr std::array<Parameter, 2> kShapes{

@@ -20,8 +20,6 @@ struct EncoderError {
       .id = "encoder_error",
       .meaning = "an error of the encoder in the loop, periodic in position",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "cogging, whose force does not grow with speed",
       .cause = "encoder_error",
       .check = "mounting and cleanness of the encoder; eccentricity, signal amplitudes"};
   static constexpr std::array<Parameter, 1> kShapes{

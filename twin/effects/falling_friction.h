@@ -18,8 +18,6 @@ struct FallingFriction {
       .id = "falling_friction",
       .meaning = "friction that falls (or rises) with speed from its breakaway value",
       .acts = Acts::kForce,
-      .source = "Stribeck 1902; Armstrong-Helouvry 1991",
-      .confused = "presliding, which depends on travel and not on speed",
       .cause = "stribeck",
       .check = "lubrication of the guides; slow motion"};
   static constexpr std::array<Parameter, 2> kShapes{

@@ -17,10 +17,7 @@ struct FeedforwardMismatch {
   static constexpr Identity kIdentity{
       .id = "feedforward_mismatch",
       .meaning = "velocity or acceleration feed-forward that differs from that of the loop",
-      .acts = Acts::kForce,
-      .source = "docs/theory.md 1.3",
-      .confused =
-          "a free tracking numerator contains it; gain_change; time_delay at low frequency"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"velocity_gain", "1/s", -2000.0, 2000.0, 0.0, "excess velocity feed-forward", false},

@@ -18,9 +18,7 @@ struct FrictionMap {
   static constexpr std::size_t kUnits = 4;
   static constexpr Identity kIdentity{.id = "friction_map",
                                       .meaning = "friction over velocity as a small neural network",
-                                      .acts = Acts::kForce,
-                                      .source = "paper 001 eq. 3, with a linear output",
-                                      .confused = "any friction that velocity alone explains"};
+                                      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 2 * kUnits> kShapes{
       {{"weight_1", "s/m", 1.0, 1e5, 2000.0, "steep part around rest"},
        {"weight_2", "s/m", 0.1, 1e5, 200.0, "fall from breakaway"},

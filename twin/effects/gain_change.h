@@ -20,8 +20,6 @@ struct GainChange {
       .id = "gain_change",
       .meaning = "position-loop gain that changes at one time of the recording",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "inertia_change; time_delay and feedforward_mismatch if present all the time",
       .cause = "gain_change",
       .check = "parameter sets and gain switching of the control"};
   static constexpr std::array<Parameter, 1> kShapes{

@@ -23,9 +23,7 @@ struct Gms {
   static constexpr Identity kIdentity{
       .id = "gms",
       .meaning = "generalised Maxwell slip with elements of free level and Stribeck curve",
-      .acts = Acts::kForce,
-      .source = "Al-Bender, Lampaert and Swevers 2005; thesis eq. 4.1 and 4.2",
-      .confused = "presliding, the reduced form with three parameters"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 5> kShapes{
       {{"first_displacement", "m", 1e-8, 1e-3, 5e-7, "travel after which the first element slides"},
        {"last_displacement", "m", 1e-7, 5e-3, 5e-5, "travel after which the last element slides"},

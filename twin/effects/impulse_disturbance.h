@@ -19,8 +19,6 @@ struct ImpulseDisturbance {
       .id = "impulse_disturbance",
       .meaning = "short force impulses at up to four times of the recording",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "dropped_samples; friction at reversals, which recurs at every reversal",
       .cause = "impulse_disturbance",
       .check = "chips, jammed cover segments, collision with the table at that time"};
   static constexpr std::array<Parameter, kPushes + 1> kShapes{

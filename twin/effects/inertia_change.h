@@ -19,8 +19,6 @@ struct InertiaChange {
       .id = "inertia_change",
       .meaning = "moved mass that changes at one time of the recording",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "gain_change, whose force is proportional to the tracking error; added_friction",
       .cause = "inertia_change",
       .check = "what was loaded or unloaded at that time; load-dependent parameters"};
   static constexpr std::array<Parameter, 1> kShapes{

@@ -18,9 +18,6 @@ struct LeadError {
       .id = "lead_error",
       .meaning = "position-dependent error between the loop's encoder and the recorded encoder",
       .acts = Acts::kReading,
-      .source = "docs/theory.md 3.11",
-      .confused =
-          "thermal_growth, which grows with time; not observable with the encoder of the loop",
       .cause = "lead_error",
       .check = "pitch compensation table; the screw's pitch"};
   static constexpr std::array<Parameter, 1> kShapes{

@@ -20,9 +20,7 @@ struct LuGre {
   static constexpr Identity kIdentity{
       .id = "lugre",
       .meaning = "LuGre friction: bristle deflection with Stribeck curve and damping",
-      .acts = Acts::kForce,
-      .source = "Canudas de Wit et al. 1995; paper 002 eq. 1 to 3",
-      .confused = "presliding, which closes inner hysteresis loops; LuGre drifts"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 5> kShapes{
       {{"deflection", "m", 2e-8, 2e-3, 5e-6, "Coulomb force over bristle stiffness"},
        {"breakaway_ratio", "1", 0.2, 5.0, 1.0, "breakaway over Coulomb force"},

@@ -20,9 +20,7 @@ struct MaxwellSlip {
   static constexpr Identity kIdentity{
       .id = "maxwell_slip",
       .meaning = "presliding hysteresis of elements with free displacement and level",
-      .acts = Acts::kForce,
-      .source = "Al-Bender, Lampaert and Swevers 2005; thesis eq. 4.1 with constant level",
-      .confused = "presliding, the reduced form with three parameters"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, kElements> kShapes{
       {{"first_displacement", "m", 1e-8, 1e-3, 1e-6, "travel after which the first element slides"},
        {"step_2", "1", 1.02, 50.0, 2.2, "travel of the second element over that of the first"},

@@ -18,9 +18,7 @@ struct ModifiedStribeck {
   static constexpr Identity kIdentity{
       .id = "modified_stribeck",
       .meaning = "Stribeck friction, continuous through rest, by direction",
-      .acts = Acts::kForce,
-      .source = "paper 001 section 3.1",
-      .confused = "stribeck"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 4> kShapes{
       {Stribeck::kShapes[0],
        Stribeck::kShapes[1],

@@ -18,9 +18,6 @@ struct PeriodicDisturbance {
       .id = "periodic_disturbance",
       .meaning = "a force of fixed frequency in time",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused =
-          "cogging, which is periodic in position; cutting_force, which acts in the cut only",
       .cause = "periodic_disturbance",
       .check = "pumps, fans and neighbouring machines at this frequency; the mains"};
   static constexpr std::array<Parameter, 1> kShapes{

@@ -15,14 +15,11 @@
 namespace servotwin {
 
 struct PositionDependentFriction {
-  static constexpr Identity kIdentity{
-      .id = "position_dependent_friction",
-      .meaning = "friction whose level changes along the axis",
-      .acts = Acts::kForce,
-      .source = "docs/theory.md 3.10",
-      .confused = "cogging, which does not change sign with the direction",
-      .cause = "position_dependent_friction",
-      .check = "wear, alignment and lubrication along the travel"};
+  static constexpr Identity kIdentity{.id = "position_dependent_friction",
+                                      .meaning = "friction whose level changes along the axis",
+                                      .acts = Acts::kForce,
+                                      .cause = "position_dependent_friction",
+                                      .check = "wear, alignment and lubrication along the travel"};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"wave", "m", 1e-2, 10.0, 0.1, "wavelength of the periodic part", true, false,
         Scan::kPeriod}}};

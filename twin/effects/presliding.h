@@ -20,8 +20,6 @@ struct Presliding {
       .id = "presliding",
       .meaning = "presliding hysteresis: friction that depends on the travel since reversal",
       .acts = Acts::kForce,
-      .source = "reduced-parameter GMS, thesis 4.3 and 5.2",
-      .confused = "backlash (no force hysteresis), compliance; a wide Coulomb transition",
       .cause = "presliding",
       .replaces = "coulomb_friction",
       .check = "lubrication and preload of guides and screw; friction compensation at reversals"};

@@ -22,9 +22,7 @@ struct PreslidingStribeck {
   static constexpr Identity kIdentity{
       .id = "presliding_stribeck",
       .meaning = "presliding hysteresis with friction that falls from breakaway as speed rises",
-      .acts = Acts::kForce,
-      .source = "reduced-parameter GMS with Stribeck curve, thesis 4.3 and eq. 4.2",
-      .confused = "presliding, whose level is constant; lugre, which has no non-local memory"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 5> kShapes{
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel from rest after which the axis slides"},

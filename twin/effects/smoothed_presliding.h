@@ -22,9 +22,7 @@ struct SmoothedPresliding {
   static constexpr Identity kIdentity{
       .id = "smoothed_presliding",
       .meaning = "presliding hysteresis whose elements yield gradually",
-      .acts = Acts::kForce,
-      .source = "smoothed GMS (Boegli et al. 2014) on the virgin curve of thesis 4.3",
-      .confused = "presliding"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 2> kShapes{
       {{"breakaway_displacement", "m", 2e-7, 2e-3, 2e-5,
         "travel at which the last element of the curve would slide"},

@@ -20,9 +20,7 @@ struct Stribeck {
   static constexpr Identity kIdentity{
       .id = "stribeck",
       .meaning = "friction that falls from breakaway to Coulomb as speed rises, per direction",
-      .acts = Acts::kForce,
-      .source = "paper 001 section 3.1; Stribeck 1902",
-      .confused = "presliding at reversals; asymmetric_friction"};
+      .acts = Acts::kForce};
   static constexpr std::array<Parameter, 4> kShapes{
       {{"stribeck_velocity_plus", "m/s", 1e-4, 0.2, 5e-3, "Stribeck velocity v_s+"},
        {"stribeck_velocity_minus", "m/s", 1e-4, 0.2, 5e-3, "Stribeck velocity v_s-"},

@@ -18,10 +18,6 @@ struct ThermalGrowth {
       .meaning =
           "thermal expansion: a reading error that grows with position and time, outside the loop",
       .acts = Acts::kReading,
-      .source = "docs/theory.md 3.11",
-      .confused =
-          "lead_error, which does not change with time; not observable with the encoder of the "
-          "loop",
       .cause = "thermal_growth",
       .check = "warming up of the screw; its cooling and pretension"};
   static constexpr std::array<Parameter, 1> kShapes{

@@ -17,8 +17,6 @@ struct TimeDelay {
       .id = "time_delay",
       .meaning = "delay of the recorded encoder against the recorded command",
       .acts = Acts::kCommandDelay,
-      .source = "docs/theory.md 3.4",
-      .confused = "gain_change and feedforward_mismatch at low frequency",
       .cause = "time_delay",
       .check = "recording method; cycles and filters between command and encoder"};
   static constexpr std::array<Parameter, 1> kShapes{

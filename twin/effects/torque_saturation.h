@@ -21,8 +21,6 @@ struct TorqueSaturation {
       .id = "torque_saturation",
       .meaning = "the control demands more torque than the motor can give",
       .acts = Acts::kForce,
-      .source = "docs/theory.md 3.11",
-      .confused = "gain_change and feedforward_mismatch, which act at small accelerations as well",
       .cause = "torque_saturation",
       .check = "acceleration limits of the program against the torque limit of the motor"};
   static constexpr std::array<Parameter, 3> kShapes{

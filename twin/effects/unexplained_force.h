@@ -25,9 +25,7 @@ struct UnexplainedForce {
       .meaning = over == Over::kPosition   ? "unexplained force over position"
                  : over == Over::kVelocity ? "unexplained force over velocity"
                                            : "unexplained force over acceleration",
-      .acts = Acts::kForce,
-      .source = "docs/theory.md 10.3",
-      .confused = "every effect that depends on the same regressor"};
+      .acts = Acts::kForce};
   static constexpr const char* kUnit = over == Over::kPosition   ? "m"
                                        : over == Over::kVelocity ? "m/s"
                                                                  : "m/s^2";

@@ -18,10 +18,6 @@ struct ViscousDrift {
       .id = "viscous_drift",
       .meaning = "viscous friction that decreases with running time",
       .acts = Acts::kForce,
-      .source = "Bittencourt et al., LiTH-ISY-R-2948",
-      .confused =
-          "added_friction, which starts at one time; position_dependent_friction where the "
-          "working area moves",
       .cause = "viscous_drift",
       .check = "lubricant and its temperature; warming up before precision work"};
   static constexpr std::array<Parameter, 1> kShapes{

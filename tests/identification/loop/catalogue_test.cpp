@@ -247,8 +247,6 @@ TEST(Catalogue, IdsAreUniqueAndFound) {
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     EXPECT_EQ(kind_of(identity_of(kind).id), kind);
     EXPECT_FALSE(identity_of(kind).meaning.empty());
-    EXPECT_FALSE(identity_of(kind).source.empty());
-    EXPECT_FALSE(identity_of(kind).confused.empty());
     for (const Parameter& p : shapes_of(kind)) EXPECT_LE(p.lower, p.start);
     for (const Parameter& p : shapes_of(kind)) EXPECT_LT(p.lower, p.upper);
     for (const Parameter& p : coefficients_of(kind)) EXPECT_LT(p.lower, p.upper);
