@@ -34,52 +34,63 @@ constexpr double kMaxRmsRatioDelayOverMode = 0.9;
 class Selection {
  public:
   Selection(Search& search, Hypothesis baseline, const DiagnoseOptions& options)
-      : search_(search), current_(std::move(baseline)), options_(options) {}
+      : search_(search), now_{std::move(baseline), {}, {}, {}}, options_(options) {}
 
   void run() {
     settle();
-    settled_ = current_.model;
+    settled_ = now_.current.model;
     delay();
-    baseline_ = current_.rms();
+    baseline_ = now_.current.rms();
     integrator();
     add_causes();
     if (free_law()) add_causes();
     replace_misfit_by_law();
   }
-  [[nodiscard]] const Hypothesis& current() const { return current_; }
+  [[nodiscard]] const Hypothesis& current() const { return now_.current; }
   [[nodiscard]] const Model& settled() const { return settled_; }
   [[nodiscard]] const std::optional<Hypothesis>& undelayed() const { return undelayed_; }
-  [[nodiscard]] const std::map<std::string, Found>& found() const { return found_; }
+  [[nodiscard]] const std::map<std::string, Found>& found() const { return now_.found; }
   [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
 
  private:
+  /// All that an attempt changes and that is restored where it is no better.
+  struct State {
+    Hypothesis current;  ///< the present model, refitted in free simulation
+    Hypothesis fitted;   ///< the same structure fitted by projection, to compare candidates with
+    Hypothesis as_is;    ///< `current` with its error on all blocks, its coefficients fixed
+    std::map<std::string, Found> found;
+  };
+  void back_to(const State& before) {
+    now_ = before;
+    search_.follow(now_.current);
+  }
+
   void add_causes() {
-    while (static_cast<int>(found_.size()) < kMaxCauses) {
-      const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
-      const auto found = found_;
+    while (static_cast<int>(now_.found.size()) < kMaxCauses) {
+      const State before = now_;
       if (!add_one()) {
         if (!add_delay()) break;
         continue;
       }
-      const std::size_t added = found_.at(last_).kind;
+      const std::size_t added = now_.found.at(last_).kind;
       settle();
       delay();
       one_law_of_friction();
       integrator();
       // Discard a cause if better values of the other parameters lower the error as much.
-      const bool stays_it = !current_.has(added) || !search_.is_plausible(current.model) ||
-                            search_.is_plausible(current_.model);
-      if (current_.rms() >= kMaxRmsRatioAfterRefit * current.rms() || !stays_it) {
+      const bool stays_it = !now_.current.has(added) ||
+                            !search_.is_plausible(before.current.model) ||
+                            search_.is_plausible(now_.current.model);
+      if (now_.current.rms() >= kMaxRmsRatioAfterRefit * before.current.rms() || !stays_it) {
         steps_.emplace_back(stays_it
                                 ? "  no better after refitting in free simulation: discarded"
                                 : "  not plausible after refitting in free simulation: discarded");
-        current_ = current, fitted_ = fitted, as_is_ = as_is, found_ = found;
+        back_to(before);
         rejected_.insert(added);
-        search_.follow(current_);
         continue;
       }
       if (last_ == "presliding" || last_ == "stribeck")
-        friction_ = std::hypot(friction_, removed_rms(current, current_));
+        friction_ = std::hypot(friction_, removed_rms(before.current, now_.current));
       remove_unnecessary();
     }
   }
@@ -100,69 +111,70 @@ class Selection {
   /// Refits the present structure as well as possible, before candidates are added to it.
   void settle() {
     check_stop();
-    search_.polish(current_);
-    search_.follow(current_);
-    as_is_ = current_;
-    search_.judge_as_is(as_is_);
-    search_.judge(current_);
-    fitted_ = current_;
+    search_.polish(now_.current);
+    search_.follow(now_.current);
+    now_.as_is = now_.current;
+    search_.judge_as_is(now_.as_is);
+    search_.judge(now_.current);
+    now_.fitted = now_.current;
     // Coefficients estimated along a coarsely measured motion may not suit the simulation.
-    if (as_is_.rms() < kMaxErrorRatioOfLargeGain * current_.rms()) {
-      Hypothesis polished = current_;
+    if (now_.as_is.rms() < kMaxErrorRatioOfLargeGain * now_.current.rms()) {
+      Hypothesis polished = now_.current;
       search_.judge_polished(polished);
-      if (polished.rms() < current_.rms()) current_ = std::move(polished);
+      if (polished.rms() < now_.current.rms()) now_.current = std::move(polished);
     }
-    if (search_.fit(fitted_, {current_.point})) {
-      search_.judge(fitted_);
+    if (search_.fit(now_.fitted, {now_.current.point})) {
+      search_.judge(now_.fitted);
     } else {
-      fitted_ = current_;
+      now_.fitted = now_.current;
     }
   }
 
   /// Removes the delay if a loop with free numerator fits as well without it: unmodelled friction
   /// can look like a delay.
   void delay() {
-    const auto& effects = current_.structure.effects;
+    const auto& effects = now_.current.structure.effects;
     if (std::find(effects.begin(), effects.end(), kind_of<TimeDelay>()) == effects.end()) return;
-    const double delay_s = current_.model.command_delay_s();
+    const double delay_s = now_.current.model.command_delay_s();
     Hypothesis h;
-    h.structure = current_.structure;
+    h.structure = now_.current.structure;
     h.structure.matched_feedforward = false;
     std::erase(h.structure.effects, kind_of<TimeDelay>());
-    const bool tiny = delay_s < kMinDelaySamples * current_.model.sample_time_s,
-               lag = lag_in_disguise(current_.model);
+    const bool tiny = delay_s < kMinDelaySamples * now_.current.model.sample_time_s,
+               lag = lag_in_disguise(now_.current.model);
     // Starting from the present poles and, since the delay may have distorted them, from the grid.
     bool needed = true;
     for (const std::vector<Point>& from :
-         {std::vector<Point>{point_of(current_.model, h.structure)}, std::vector<Point>{}}) {
+         {std::vector<Point>{point_of(now_.current.model, h.structure)}, std::vector<Point>{}}) {
       if (!search_.fit(h, from)) continue;
       search_.polish(h);
       search_.judge(h);
-      needed = !tiny && !lag &&
-               (current_.rms() < kMaxRmsRatioToAdd * h.rms() || delay_in_disguise(h.model.loop));
+      needed =
+          !tiny && !lag &&
+          (now_.current.rms() < kMaxRmsRatioToAdd * h.rms() || delay_in_disguise(h.model.loop));
       if (!needed) break;
     }
     if (needed) return;
     steps_.push_back(text("delay of %.3g ms: not needed", 1e3 * delay_s));
-    current_ = std::move(h);
+    now_.current = std::move(h);
     settle();
-    undelayed_ = current_;
+    undelayed_ = now_.current;
   }
 
   /// Adds a delay to a loop with a velocity error; the structures of the baseline do not combine
   /// the two. False where it does not improve the model enough.
   bool add_delay() {
-    if (current_.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0 ||
+    if (now_.current.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0 ||
         is_left_out("time_delay"))
       return false;
     Hypothesis best;
     best.cost = 1e300;
     for (const double cycles : {2.0, 6.0}) {
       Hypothesis h;
-      h.structure = current_.structure;
+      h.structure = now_.current.structure;
       h.structure.effects.push_back(kind_of<TimeDelay>());
-      Point from = point_of(current_.model, h.structure);
-      from.shapes.back() = std::min(cycles * current_.model.sample_time_s, 0.01);
+      Point from = point_of(now_.current.model, h.structure);
+      from.shapes.back() = std::min(cycles * now_.current.model.sample_time_s, 0.01);
       if (search_.fit(h, {from}) && h.cost < best.cost) best = std::move(h);
     }
     if (!(best.cost < 1e300)) return false;
@@ -171,87 +183,83 @@ class Selection {
         delay_s > options_.identify.delay_max_s)
       return false;
     search_.judge(best);
-    const bool small_gain = best.rms() >= kMaxErrorRatioOfLargeGain * fitted_.rms() &&
-                            removed_rms(fitted_, best) < kLawMisfitShare * friction_;
-    if (best.rms() >= kMaxRmsRatioToAdd * fitted_.rms() || small_gain ||
-        paired_z(fitted_.pieces, best.pieces) < kMinBlockZ)
+    const bool small_gain = best.rms() >= kMaxErrorRatioOfLargeGain * now_.fitted.rms() &&
+                            removed_rms(now_.fitted, best) < kLawMisfitShare * friction_;
+    if (best.rms() >= kMaxRmsRatioToAdd * now_.fitted.rms() || small_gain ||
+        paired_z(now_.fitted.pieces, best.pieces) < kMinBlockZ)
       return false;
     steps_.push_back(
         text("with a delay of %.3g ms: %s RMS", 1e3 * delay_s, size_of(best.rms()).c_str()));
-    const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
-    current_ = std::move(best);
+    const State before = now_;
+    now_.current = std::move(best);
     settle();
-    if (current_.rms() < kMaxRmsRatioToAdd * current.rms()) return true;
-    current_ = current, fitted_ = fitted, as_is_ = as_is;
-    search_.follow(current_);
+    if (now_.current.rms() < kMaxRmsRatioToAdd * before.current.rms()) return true;
+    back_to(before);
     return false;
   }
 
   /// Replaces a mode by a delay where that fits better: the poles and zeros of a mode can imitate a
   /// delay, which needs one parameter instead of four.
   bool delay_does_better(Hypothesis mode) {
-    const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
+    const State before = now_;
     if (!add_delay()) return false;
     search_.polish(mode);
     search_.judge(mode);
-    if (current_.rms() < kMaxRmsRatioDelayOverMode * mode.rms()) return true;
-    current_ = current, fitted_ = fitted, as_is_ = as_is;
-    search_.follow(current_);
+    if (now_.current.rms() < kMaxRmsRatioDelayOverMode * mode.rms()) return true;
+    back_to(before);
     return false;
   }
 
   /// Tries a loop with an integrator where the model has none. An integrator is not a cause but
   /// part of the loop beside which causes are searched; a missing cause may have hidden it.
   void integrator() {
-    if (current_.structure.order != 2) return;
+    if (now_.current.structure.order != 2) return;
     Hypothesis h;
-    h.structure = current_.structure;
+    h.structure = now_.current.structure;
     h.structure.order = 3;
     std::erase(h.structure.effects, kind_of<ConstantForce>());
     // Without causes the poles are searched from the grid. With causes the search starts from the
     // present model, so that their shape parameters are kept.
     std::vector<Point> from;
-    if (!found_.empty()) {
-      const std::array<double, kMaxOrder>& a = current_.model.loop.denominator;
+    if (!now_.found.empty()) {
+      const std::array<double, kMaxOrder>& a = now_.current.model.loop.denominator;
       for (const double share : {0.02, 0.1, 0.4}) {
         // (s^2 + a1 s + a2)(s + p)
         const double pole = share * a[1] / a[0];
-        Point point = point_of(current_.model, h.structure);
+        Point point = point_of(now_.current.model, h.structure);
         point.denominator = {a[0] + pole, a[1] + a[0] * pole, a[1] * pole};
         from.push_back(std::move(point));
       }
     }
     if (!search_.fit(h, from)) return;
     search_.judge(h);
-    const bool better = h.rms() < kMaxRmsRatioToAdd * fitted_.rms() &&
-                        paired_z(fitted_.pieces, h.pieces) > kMinBlockZ;
+    const bool better = h.rms() < kMaxRmsRatioToAdd * now_.fitted.rms() &&
+                        paired_z(now_.fitted.pieces, h.pieces) > kMinBlockZ;
     steps_.push_back(
         text("integrator: %s, %s RMS", better ? "yes" : "no", size_of(h.rms()).c_str()));
     if (!better) return;
-    const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
-    const auto found = found_;
-    current_ = std::move(h);
+    const State before = now_;
+    now_.current = std::move(h);
     // With an integrator in the loop a constant force is not observable.
-    std::erase_if(found_, [&](const auto& one) { return !current_.has(one.second.kind); });
+    std::erase_if(now_.found, [&](const auto& one) { return !now_.current.has(one.second.kind); });
     settle();
-    if (as_is_.rms() < kMaxRmsRatioToAdd * as_is.rms()) return;
-    current_ = current, fitted_ = fitted, as_is_ = as_is, found_ = found;
-    search_.follow(current_);
+    if (now_.as_is.rms() < kMaxRmsRatioToAdd * before.as_is.rms()) return;
+    back_to(before);
   }
 
   bool add_one() {
-    if (!current_.has(kind_of<CuttingForce>())) search_.detect_cuts(current_.model);
+    if (!now_.current.has(kind_of<CuttingForce>())) search_.detect_cuts(now_.current.model);
     std::vector<std::string> known;
-    for (const auto& [id, one] : found_) known.push_back(id);
+    for (const auto& [id, one] : now_.found) known.push_back(id);
     std::vector<std::size_t> kinds =
-        candidates_of(current_.structure, known, options_.leave_out,
+        candidates_of(now_.current.structure, known, options_.leave_out,
                       Channels(search_.recorded(), options_.encoder_in_loop));
     std::erase_if(kinds, [&](std::size_t kind) { return rejected_.count(kind) > 0; });
-    std::vector<Screened> promising = search_.screen(current_, kinds);
+    std::vector<Screened> promising = search_.screen(now_.current, kinds);
     std::erase_if(promising,
                   [](const Screened& s) { return s.p > kMaxScreenP || s.gain < kMinScreenGain; });
     if (promising.size() > 2 * kMaxFitsPerRound) promising.resize(2 * kMaxFitsPerRound);
-    std::string step = text("%s RMS, promising candidates:", size_of(current_.rms()).c_str());
+    std::string step = text("%s RMS, promising candidates:", size_of(now_.current.rms()).c_str());
     for (const Screened& s : promising)
       step += text(" %s (%.1f %%, p %.1g)", identity_of(s.kind).id.data(), 100.0 * s.gain, s.p);
     steps_.push_back(promising.empty() ? step + " none" : step);
@@ -266,12 +274,12 @@ class Selection {
       if (!fits && !varies) continue;
       // A candidate that explains much of the training data is kept for a second judgement, in case
       // the left-out blocks disagree.
-      if (fits && h.cost < kMaxErrorRatioOfLargeGain * fitted_.cost)
-        doubted.push_back({h, &as_is_, s});
+      if (fits && h.cost < kMaxErrorRatioOfLargeGain * now_.fitted.cost)
+        doubted.push_back({h, &now_.as_is, s});
       const bool is_beside =
-          varies && (!fits || beside.rms() * fitted_.rms() < h.rms() * as_is_.rms());
-      tried.push_back(
-          {is_beside ? std::move(beside) : std::move(h), is_beside ? &as_is_ : &fitted_, s});
+          varies && (!fits || beside.rms() * now_.fitted.rms() < h.rms() * now_.as_is.rms());
+      tried.push_back({is_beside ? std::move(beside) : std::move(h),
+                       is_beside ? &now_.as_is : &now_.fitted, s});
       steps_.push_back(text("  with %s: %s RMS%s, z %.1f", identity_of(s.kind).id.data(),
                             size_of(tried.back().model.rms()).c_str(),
                             is_beside ? " with the loop fixed" : "",
@@ -336,9 +344,9 @@ class Selection {
         cause.ambiguous_with.push_back(cause_of(rival.screened.kind));
     }
     cause.id = cause_of(screened.kind);
-    found_[cause.id] = {cause, screened.kind};
+    now_.found[cause.id] = {cause, screened.kind};
     last_ = cause.id;
-    current_ = Hypothesis(chosen->model);
+    now_.current = Hypothesis(chosen->model);
     return true;
   }
 
@@ -358,12 +366,12 @@ class Selection {
       check_stop();
       const Screened& s = promising[first + i];
       auto& [h, beside, fits, varies] = candidates[first + i];
-      h.structure = beside.structure = extended_by(current_.structure, s.kind);
+      h.structure = beside.structure = extended_by(now_.current.structure, s.kind);
       const Point from = start_of(h.structure, s);
       fits =
           s.kind == kind_of<Presliding>() ? search_.fit_friction(h, from) : search_.fit(h, {from});
       if (fits) search_.judge(h);
-      varies = search_.vary(beside, current_.model, s.kind, s.shapes);
+      varies = search_.vary(beside, now_.current.model, s.kind, s.shapes);
     });
   }
 
@@ -374,7 +382,7 @@ class Selection {
       return;
     for (std::size_t i = 0; i < 2; ++i) {
       check_stop();
-      Tried best{tried[i].model, &fitted_, tried[i].screened};
+      Tried best{tried[i].model, &now_.fitted, tried[i].screened};
       if (const auto moment = moment_of(tried[1 - i].model, tried[1 - i].screened.kind);
           moment && moment_of(best.model, best.screened.kind)) {
         // The time at which an effect sets in is not unique between two moves: the fit also starts
@@ -395,7 +403,7 @@ class Selection {
       // Coefficients estimated along the measured motion may not suit the simulation.
       if (as_is.rms() < kMaxRmsRatioClearlyBetter * best.model.rms()) {
         search_.judge_polished(best.model);
-        best.before = &current_;  // refitted in free simulation as well
+        best.before = &now_.current;  // refitted in free simulation as well
       }
       steps_.push_back(text("  refitted in free simulation, with %s: %s RMS",
                             identity_of(best.screened.kind).id.data(),
@@ -424,7 +432,7 @@ class Selection {
   }
 
   [[nodiscard]] Point start_of(const Structure& structure, const Screened& s) const {
-    Point at = point_of(current_.model, structure);
+    Point at = point_of(now_.current.model, structure);
     std::copy(s.shapes.begin(), s.shapes.end(),
               at.shapes.begin() + static_cast<std::ptrdiff_t>(shapes_before(structure, s.kind)));
     return at;
@@ -435,32 +443,32 @@ class Selection {
   void one_law_of_friction() {
     if (last_ != "presliding" && last_ != "stribeck") return;
     if (is_left_out("presliding") || is_left_out("stribeck")) return;  // the law contains both
-    const Found friction = found_.at(last_);
-    const bool both = found_.count("presliding") > 0 && found_.count("stribeck") > 0;
+    const Found friction = now_.found.at(last_);
+    const bool both = now_.found.count("presliding") > 0 && now_.found.count("stribeck") > 0;
     if (std::find(kLaws.begin(), kLaws.end(), friction.kind) != kLaws.end()) return;
-    Hypothesis best = current_;
+    Hypothesis best = now_.current;
     std::size_t law = kEffectKinds;
     for (const std::size_t kind : {kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
       check_stop();
       Hypothesis h;
-      h.structure = current_.structure;
+      h.structure = now_.current.structure;
       auto& effects = h.structure.effects;
       std::erase(effects, kind_of<FallingFriction>());
       std::replace(effects.begin(), effects.end(), kind_of<Presliding>(), kind);
       std::replace(effects.begin(), effects.end(), kind_of<CoulombFriction>(), kind);
       if (std::find(effects.begin(), effects.end(), kind) == effects.end() ||
-          !search_.fit_friction(h, point_of(current_.model, h.structure)))
+          !search_.fit_friction(h, point_of(now_.current.model, h.structure)))
         continue;
       search_.judge(h);
       steps_.push_back(
           text("  as %s: %s RMS", identity_of(kind).id.data(), size_of(h.rms()).c_str()));
       // Where only one of the two causes was found, the law implies more than is known: it must be
       // clearly better.
-      if (!both && h.rms() > kMaxRmsRatioClearlyBetter * current_.rms()) continue;
+      if (!both && h.rms() > kMaxRmsRatioClearlyBetter * now_.current.rms()) continue;
       if (h.rms() < kMaxRmsRatioToAdd * best.rms()) best = std::move(h), law = kind;
     }
     if (law == kEffectKinds) return;
-    current_ = std::move(best);
+    now_.current = std::move(best);
     settle();
     named_by(law, friction.cause);
   }
@@ -468,27 +476,26 @@ class Selection {
   /// Where the residual stays large with a law of friction, the law itself may be wrong: tries one
   /// whose virgin curve is free. True where that is clearly better and was accepted.
   bool free_law() {
-    const auto friction = found_.find("presliding");
-    if (friction == found_.end() ||
-        !(current_.rms() > kMinRmsOverFloorForFreeLaw * search_.floor().rms))
+    const auto friction = now_.found.find("presliding");
+    if (friction == now_.found.end() ||
+        !(now_.current.rms() > kMinRmsOverFloorForFreeLaw * search_.floor().rms))
       return false;
     if (is_left_out("stribeck")) return false;  // the law also falls with speed
     check_stop();
     Hypothesis h;
-    h.structure = current_.structure;
+    h.structure = now_.current.structure;
     auto& effects = h.structure.effects;
     std::erase(effects, kind_of<FallingFriction>());
     std::replace_if(effects.begin(), effects.end(), is_friction_law, kind_of<Gms>());
-    if (!search_.fit_friction(h, point_of(current_.model, h.structure))) return false;
+    if (!search_.fit_friction(h, point_of(now_.current.model, h.structure))) return false;
     search_.judge(h);
     steps_.push_back(text("  as gms: %s RMS", size_of(h.rms()).c_str()));
-    if (!(h.rms() < kMaxRmsRatioClearlyBetter * current_.rms())) return false;
-    const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
-    current_ = std::move(h);
+    if (!(h.rms() < kMaxRmsRatioClearlyBetter * now_.current.rms())) return false;
+    const State before = now_;
+    now_.current = std::move(h);
     settle();
-    if (!(current_.rms() < kMaxRmsRatioClearlyBetter * current.rms())) {
-      current_ = current, fitted_ = fitted, as_is_ = as_is;
-      search_.follow(current_);
+    if (!(now_.current.rms() < kMaxRmsRatioClearlyBetter * before.current.rms())) {
+      back_to(before);
       return false;
     }
     named_by(kind_of<Gms>(), friction->second.cause);
@@ -499,42 +506,41 @@ class Selection {
   /// The misfit of a wrong law of friction can look like backlash, a mode or dwell stiction:
   /// removes such a cause where another law of friction fits as well without it.
   void replace_misfit_by_law() {
-    for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
+    for (const auto& [id, one] : std::map<std::string, Found>(now_.found)) {
       if (id == "presliding" || id == "stribeck" || !like_friction(one.kind)) continue;
       Hypothesis best;
-      double least = current_.rms() / kMaxRmsRatioToAdd;
+      double least = now_.current.rms() / kMaxRmsRatioToAdd;
       for (const std::size_t law :
            {kind_of<Presliding>(), kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
         const bool falls = law != kind_of<Presliding>();
         if (is_left_out("presliding") || (falls && is_left_out("stribeck"))) continue;
         check_stop();
         Hypothesis h;
-        h.structure = without(current_.structure, id, one.kind);
+        h.structure = without(now_.current.structure, id, one.kind);
         auto& effects = h.structure.effects;
         std::erase(effects, kind_of<FallingFriction>());
         std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
         if (std::find(effects.begin(), effects.end(), law) == effects.end() ||
-            !search_.fit_friction(h, point_of(current_.model, h.structure)))
+            !search_.fit_friction(h, point_of(now_.current.model, h.structure)))
           continue;
         search_.judge(h);
         if (h.rms() < least) least = h.rms(), best = std::move(h);
       }
       if (best.structure.effects.empty()) continue;
-      const Hypothesis current = current_, fitted = fitted_, as_is = as_is_;
-      current_ = std::move(best);
+      const State before = now_;
+      now_.current = std::move(best);
       settle();
-      if (current_.rms() > current.rms() / kMaxRmsRatioToAdd) {
-        current_ = current, fitted_ = fitted, as_is_ = as_is;
-        search_.follow(current_);
+      if (now_.current.rms() > before.current.rms() / kMaxRmsRatioToAdd) {
+        back_to(before);
         continue;
       }
-      const auto& effects = current_.structure.effects;
+      const auto& effects = now_.current.structure.effects;
       const auto law = *std::find_if(effects.begin(), effects.end(), is_friction_law);
       steps_.push_back(text("  %s makes %s unnecessary: %s RMS", identity_of(law).id.data(),
-                            id.c_str(), size_of(current_.rms()).c_str()));
+                            id.c_str(), size_of(now_.current.rms()).c_str()));
       Cause cause = one.cause;
       cause.ambiguous_with.clear();
-      found_.erase(id);
+      now_.found.erase(id);
       named_by(law, cause);
     }
   }
@@ -542,42 +548,44 @@ class Selection {
   /// Names the causes contained in a law of friction: presliding always, stribeck if it was named
   /// before or if the friction of the law changes enough with speed.
   void named_by(std::size_t law, const Cause& evidence) {
-    const double ratio = shape_of(current_.model, law, "breakaway_ratio");
+    const double ratio = shape_of(now_.current.model, law, "breakaway_ratio");
     for (const char* id : {"presliding", "stribeck"}) {
       if (is_left_out(id)) continue;
       const bool falls = id == std::string("stribeck");
       if (falls && !std::isfinite(ratio)) {
-        found_.erase(id);
+        now_.found.erase(id);
         continue;
       }
-      if (falls && found_.count(id) == 0 && std::abs(ratio - 1.0) <= kMinStribeckShare) continue;
-      Found found{found_.count(id) > 0 ? found_.at(id).cause : evidence, law};
+      if (falls && now_.found.count(id) == 0 && std::abs(ratio - 1.0) <= kMinStribeckShare)
+        continue;
+      Found found{now_.found.count(id) > 0 ? now_.found.at(id).cause : evidence, law};
       found.cause.id = id;
-      found_[id] = found;
+      now_.found[id] = found;
     }
   }
 
   /// Removes a cause that a later one has made unnecessary.
   void remove_unnecessary() {
-    if (found_.size() < 2) return;
-    for (const auto& [id, one] : std::map<std::string, Found>(found_)) {
+    if (now_.found.size() < 2) return;
+    for (const auto& [id, one] : std::map<std::string, Found>(now_.found)) {
       if (id == last_) continue;
-      if (!current_.has(one.kind)) {  // another effect has replaced it
+      if (!now_.current.has(one.kind)) {  // another effect has replaced it
         steps_.push_back(text("  %s: no longer needed, removed", id.c_str()));
-        found_.erase(id);
+        now_.found.erase(id);
         continue;
       }
       Hypothesis less;
-      less.structure = without(current_.structure, id, one.kind);
-      if (!search_.fit(less, {point_of(current_.model, less.structure)})) continue;
+      less.structure = without(now_.current.structure, id, one.kind);
+      if (!search_.fit(less, {point_of(now_.current.model, less.structure)})) continue;
       search_.judge(less);
-      if (std::min(fitted_.rms(), current_.rms()) < kMaxRmsRatioToAdd * less.rms()) continue;
+      if (std::min(now_.fitted.rms(), now_.current.rms()) < kMaxRmsRatioToAdd * less.rms())
+        continue;
       steps_.push_back(text("  %s: no longer needed, removed", id.c_str()));
-      current_ = std::move(less);
-      found_.erase(id);
+      now_.current = std::move(less);
+      now_.found.erase(id);
       // A law that contained both causes has become the effect of the one that stays.
-      for (auto& [other, kept] : found_) {
-        if (current_.has(kept.kind)) continue;
+      for (auto& [other, kept] : now_.found) {
+        if (now_.current.has(kept.kind)) continue;
         kept.kind = other == "stribeck" ? kind_of<FallingFriction>() : kind_of<Presliding>();
       }
       settle();
@@ -586,17 +594,14 @@ class Selection {
   }
 
   Search& search_;
-  Hypothesis current_;  // the present model, refitted in free simulation
-  Hypothesis fitted_;   // the same structure fitted by projection, to compare candidates with
-  Hypothesis as_is_;    // current_ with its error on all blocks, its coefficients fixed
+  State now_;
   const DiagnoseOptions& options_;
   Model settled_;
   std::optional<Hypothesis> undelayed_;
   std::set<std::size_t> rejected_;
   double baseline_ = 0.0;  // RMS before any cause [m | rad]
   double friction_ = 0.0;  // RMS that laws of friction have removed
-  std::map<std::string, Found> found_;
-  std::string last_;  // the cause added last
+  std::string last_;       // the cause added last
   std::vector<std::string> steps_;
 };
 
