@@ -91,7 +91,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
     const std::string why =
-        cause.confidence < kNamed ? "too low to name it as a cause"
+        cause.confidence < kMinConfidenceToName ? "too low to name it as a cause"
         : cause.doubt == CauseDoubt::kParameters
             ? "but " + end_text(cause.id, diagnosis.extended.model,
                                 diagnosis.extended.model.effects[cause.place])

@@ -147,7 +147,7 @@ bool plausible(const Variation& variation, const Varied& v) {
 
 /// Share of bootstrap resamples in which the squared error of `rival` exceeds that of `best` by
 /// more than `own`^2. `own`: misfit [m | rad] that the earlier model already had on its own data.
-double share_beaten(const Varied& best, const Varied& rival, double own) {
+double share_won(const Varied& best, const Varied& rival, double own) {
   const auto differences =
       bootstrap(best.pieces.size(), [&](const std::vector<std::size_t>& places) {
         double sum = 0.0;
@@ -201,7 +201,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     throw std::runtime_error(axis.axis + ": the earlier model cannot be simulated at " +
                              text("%g s", axis.sample_time_s));
   struct Evidence {
-    double z = 0.0, p = 1.0, beaten = 1.0;
+    double z = 0.0, p = 1.0, wins = 1.0;
     std::vector<std::string> ambiguous_with;
   };
   std::vector<Evidence> evidence;
@@ -250,30 +250,30 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     std::size_t best = 0;
     for (std::size_t i = 1; i < tried.size(); ++i) {
       if (tried[i].varied.values.size() < tried[best].varied.values.size() &&
-          share_beaten(tried[best].varied, tried[i].varied, own) < kMinShareToExcludeRival)
+          share_won(tried[best].varied, tried[i].varied, own) < kMinShareToExcludeRival)
         best = i;
     }
     const double before = rms_of(current.pieces);
     Tried chosen = tried[best];
     for (std::size_t i = 0; i < tried.size(); ++i) {
       if (i == best) continue;
-      const double beaten = share_beaten(chosen.varied, tried[i].varied, own);
+      const double wins = share_won(chosen.varied, tried[i].varied, own);
       const std::string& rival = tried[i].varied.changes.back().cause;
       if (rival == chosen.varied.changes.back().cause) continue;
       const bool as_good = before - rms_of(tried[i].varied.pieces) >
                            kMinGainShareOfRivalChange * (before - rms_of(chosen.varied.pieces));
       auto& rivals = chosen.evidence.ambiguous_with;
-      if (beaten < kMinShareToExcludeRival && as_good) {
+      if (wins < kMinShareToExcludeRival && as_good) {
         if (std::find(rivals.begin(), rivals.end(), rival) == rivals.end()) rivals.push_back(rival);
       } else {
-        chosen.evidence.beaten = std::min(chosen.evidence.beaten, beaten);
+        chosen.evidence.wins = std::min(chosen.evidence.wins, wins);
       }
     }
     // With n ambiguous rivals each of the n + 1 changes is equally likely.
-    chosen.evidence.beaten =
-        std::min(chosen.evidence.beaten,
+    chosen.evidence.wins =
+        std::min(chosen.evidence.wins,
                  1.0 / (1.0 + static_cast<double>(chosen.evidence.ambiguous_with.size())));
-    chosen.evidence.beaten = std::min(chosen.evidence.beaten, 1.0 - chosen.evidence.p);
+    chosen.evidence.wins = std::min(chosen.evidence.wins, 1.0 - chosen.evidence.p);
     out.steps.push_back("  " + chosen.varied.changes.back().cause + ": added");
     current = std::move(chosen.varied);
     evidence.push_back(std::move(chosen.evidence));
@@ -322,7 +322,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
       cause->place = kNoEffect;
       cause->statistic = evidence[i].z;
       cause->p = evidence[i].p;
-      cause->beaten = evidence[i].beaten;
+      cause->wins = evidence[i].wins;
       cause->ambiguous_with = evidence[i].ambiguous_with;
     }
     const std::size_t count = change.quantities.size();

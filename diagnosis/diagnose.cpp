@@ -192,7 +192,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     const double right =
         std::isfinite(stays) ? kHitRate - kHitRateLoss * std::min(1.0, stays * stays) : kHitRate;
     cause.confidence =
-        cause.counts.empty() ? right * cause.beaten * (1.0 - diagnosis.unexplained_share) : 1.0;
+        cause.counts.empty() ? right * cause.wins * (1.0 - diagnosis.unexplained_share) : 1.0;
   }
   // The cause that removes the least error is doubted if its gain may be zero. (Impulses are named
   // all the same: other motion cannot confirm them, see the condition below.)
@@ -208,8 +208,8 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
         // confidence is low for other reasons too.
         const double each = 1.0 / (1.0 + static_cast<double>(c.ambiguous_with.size()));
         const double one_of_them =
-            diagnosis.against_earlier && !(c.beaten < each) ? c.confidence / each : c.confidence;
-        return (one_of_them >= kNamed && c.doubt == CauseDoubt::kNone && seen) ||
+            diagnosis.against_earlier && !(c.wins < each) ? c.confidence / each : c.confidence;
+        return (one_of_them >= kMinConfidenceToName && c.doubt == CauseDoubt::kNone && seen) ||
                (no_worse && unforeseeable(diagnosis, c));
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
@@ -450,7 +450,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     }
     if (!named) {
       cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
-      cause.beaten = 1.0 - cause.p;
+      cause.wins = 1.0 - cause.p;
     }
     out.causes.push_back(std::move(cause));
   }

@@ -34,7 +34,7 @@ enum class Verdict { kExplained, kNothingSignificant, kUnexplained };
 
 /// Least confidence of a named cause. Below it the cause is more likely wrong than right: it is
 /// only suspected.
-inline constexpr double kNamed = 0.5;
+inline constexpr double kMinConfidenceToName = 0.5;
 
 /// The place of a cause that has no effect in the model.
 inline constexpr std::size_t kNoEffect = static_cast<std::size_t>(-1);
@@ -57,8 +57,8 @@ struct Cause {
   std::string id;         ///< identifier of the contract: "stribeck", "cogging", ..
   std::size_t place = 0;  ///< of its effect in the extended model; kNoEffect: none
   std::vector<std::pair<std::string, double>> counts;  ///< what was counted, where it has no effect
-  double beaten = 0.0;      ///< share of bootstrap samples in which it beats its nearest rival
-  double confidence = 0.0;  ///< prior hit rate x beaten x share that all causes explain; 1 if it
+  double wins = 0.0;        ///< share of bootstrap samples in which it beats its nearest rival
+  double confidence = 0.0;  ///< prior hit rate x wins x share that all causes explain; 1 if it
                             ///< was counted
   double statistic = 0.0;   ///< z of the paired test when it was added; 0: it was in the baseline
   double p = kAbsent;       ///< one-sided, before the correction for many candidates

@@ -39,7 +39,7 @@ double removed_rms(const Hypothesis& before, const Hypothesis& after) {
   return removed_rms(before.pieces, after.pieces);
 }
 
-double share_beaten(const Tried& best, const Tried& rival) {
+double share_won(const Tried& best, const Tried& rival) {
   const auto removed_by = [](const Tried& one, std::size_t i) {
     return one.before->pieces[i] - one.model.pieces[i];
   };

@@ -49,7 +49,7 @@ struct Bar {
 
 /// Share of bootstrap resamples in which `best` lowers the squared error of its own comparison
 /// model more than `rival` lowers that of its own.
-[[nodiscard]] double share_beaten(const Tried& best, const Tried& rival);
+[[nodiscard]] double share_won(const Tried& best, const Tried& rival);
 
 /// Whether the misfit of a law of friction can look like this effect, as it can for effects that
 /// act at all reversals and low speeds. It cannot look like effects that are periodic, isolated in

@@ -12,7 +12,7 @@ namespace servotwin {
 namespace {
 
 constexpr Eigen::Index kSamples = 6000;      // the data are thinned to about this number
-constexpr Eigen::Index kScanned = 3000;      // and to this one for the scan of periods
+constexpr Eigen::Index kScanSamples = 3000;  // and to this one for the scan of periods
 constexpr int kShuffles = 999, kScans = 99;  // number of shuffles, without the unshuffled data
 constexpr int kBins = 20;
 constexpr double kMaxRestSpeedShare =
@@ -137,15 +137,15 @@ void scan_periods(const Samples& s, Eigen::Index block, std::mt19937_64& random,
                   RegressorShare& out) {
   const Eigen::ArrayXd& x = s.value[static_cast<std::size_t>(Regressor::kPositionInPeriod)];
   const Eigen::Index n = s.residual.size(),
-                     every = std::max<Eigen::Index>(1, (n + kScanned - 1) / kScanned);
+                     every = std::max<Eigen::Index>(1, (n + kScanSamples - 1) / kScanSamples);
   const Eigen::Index m = n / every;
   double low = 1e300, high = -1e300;
   for (const double value : x) {
     if (std::isfinite(value)) low = std::min(low, value), high = std::max(high, value);
   }
   if (!(high > low) || m < 100) return;
-  constexpr int kFrom = 3, kTo = 200, kFine = 2;  // periods over the travel; steps for each
-  const Eigen::Index waves = (kTo - kFrom) * kFine;
+  constexpr int kMinPeriodsOverTravel = 3, kMaxPeriodsOverTravel = 200, kScanStepsPerPeriod = 2;
+  const Eigen::Index waves = (kMaxPeriodsOverTravel - kMinPeriodsOverTravel) * kScanStepsPerPeriod;
   Eigen::MatrixXf right(m, kScans + 1);
   for (int column = 0; column <= kScans; ++column) {
     const std::vector<Eigen::Index> order =
@@ -164,8 +164,9 @@ void scan_periods(const Samples& s, Eigen::Index block, std::mt19937_64& random,
     const double place = std::isfinite(x(i * every)) ? (x(i * every) - low) / (high - low) : 0.0;
     moving += std::isfinite(x(i * every)) ? 1 : 0;
     for (Eigen::Index w = 0; w < waves; ++w) {
-      const double angle =
-          2.0 * std::numbers::pi * (kFrom + static_cast<double>(w) / kFine) * place;
+      const double angle = 2.0 * std::numbers::pi *
+                           (kMinPeriodsOverTravel + static_cast<double>(w) / kScanStepsPerPeriod) *
+                           place;
       sine(w, i) = static_cast<float>(std::sin(angle));
       cosine(w, i) = static_cast<float>(std::cos(angle));
     }
@@ -179,7 +180,8 @@ void scan_periods(const Samples& s, Eigen::Index block, std::mt19937_64& random,
   const double to_share = 2.0 / (static_cast<double>(moving) * all);
   out.share = std::min(1.0, to_share * peak);
   out.chance = to_share * power.rightCols(kScans).maxCoeff();
-  out.period = (high - low) / (kFrom + static_cast<double>(best) / kFine);
+  out.period =
+      (high - low) / (kMinPeriodsOverTravel + static_cast<double>(best) / kScanStepsPerPeriod);
   out.significant = out.share > out.chance;
 }
 

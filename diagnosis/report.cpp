@@ -133,7 +133,7 @@ std::string confidence_text(const Cause& cause, double unexplained_share, const 
       "; it explains more than its nearest rival in %.0f %% of the bootstrap resamples, and all "
       "causes together explain %.0f %% of the simulation error above the noise floor; a cause that "
       "removes a smaller share of the error is rated lower",
-      100.0 * cause.beaten, 100.0 * (1.0 - unexplained_share));
+      100.0 * cause.wins, 100.0 * (1.0 - unexplained_share));
   if (std::isfinite(cause.gain.low)) {
     out += cause.gain.low > 0.0
                ? text(

@@ -53,12 +53,12 @@ bool are_impulses(const Effect& effect) {
 bool plausible(const Model& model, double begin_s, double end_s, double max_deviation) {
   // An effect that sets in within this share of the recording from its begin or end is not
   // accepted: there is too little data before or after it.
-  constexpr double kEdge = 0.06;
+  constexpr double kMinShareToEnds = 0.06;
   for (const Effect& effect : model.effects) {
     const auto shapes = shapes_of(effect.kind);
     if (shapes.empty() || shapes.front().scan != Scan::kTime) continue;
     const double share = (effect.shape[0] - begin_s) / (end_s - begin_s);
-    if (share < kEdge || share > 1.0 - kEdge) return false;
+    if (share < kMinShareToEnds || share > 1.0 - kMinShareToEnds) return false;
   }
   // Saturation removes all of the torque above the limit, so that its coefficient must be near 1.
   const Effect* limit = model.find(kind_of<TorqueSaturation>());

@@ -319,7 +319,7 @@ class Selection {
     // Of two candidates that the blocks do not distinguish, prefer the one with fewer parameters.
     for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
       if (parameters_of(rival->screened.kind) < parameters_of(chosen->screened.kind) &&
-          judgement_of(*rival).earned && share_beaten(*chosen, *rival) < kMinShareToExcludeRival &&
+          judgement_of(*rival).earned && share_won(*chosen, *rival) < kMinShareToExcludeRival &&
           1.0 - rival->left() > kMinGainShareOfSimpler * (1.0 - chosen->left()))
         chosen = rival;
     }
@@ -331,15 +331,15 @@ class Selection {
     Cause cause;
     cause.statistic = judgement.z;
     cause.p = judgement.p;
-    cause.beaten = 1.0 - judgement.p;
+    cause.wins = 1.0 - judgement.p;
     for (const Tried& rival : tried) {
       // Two laws of the same cause are not rivals.
       if (cause_of(rival.screened.kind) == cause_of(screened.kind) ||
           rival.screened.p > kFalseAlarmRate)
         continue;
-      const double beaten = share_beaten(*chosen, rival);
-      cause.beaten = std::min(cause.beaten, beaten);
-      if (beaten < kMinShareToExcludeRival &&
+      const double wins = share_won(*chosen, rival);
+      cause.wins = std::min(cause.wins, wins);
+      if (wins < kMinShareToExcludeRival &&
           1.0 - rival.left() > kMinGainShareOfRival * (1.0 - chosen->left()))
         cause.ambiguous_with.push_back(cause_of(rival.screened.kind));
     }

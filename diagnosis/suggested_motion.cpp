@@ -210,7 +210,8 @@ std::vector<std::string_view> contract_ids() {
 std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
                                             const SeenMotion& seen, const TestSizes& sizes) {
   if (doubts.empty()) return {};
-  constexpr unsigned kSurvey = kStandstill | kReversals | kSpeeds | kStrokes | kAccelerations;
+  constexpr unsigned kPartsOfSurvey =
+      kStandstill | kReversals | kSpeeds | kStrokes | kAccelerations;
   unsigned parts = 0;
   std::string words;
   std::set<std::string> said;
@@ -219,7 +220,7 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
   };
   for (const Doubt& doubt : doubts) {
     if (doubt.cause.empty()) {
-      parts |= kSurvey;
+      parts |= kPartsOfSurvey;
       add("In this motion everything that an error can depend on changes separately.");
       continue;
     }
@@ -264,8 +265,8 @@ std::optional<SuggestedTest> suggested_test(const std::vector<Doubt>& doubts,
 }
 
 std::optional<SuggestedTest> suggested_test(const Diagnosis& diagnosis, const SegmentedAxis& axis) {
-  // A cause of lower confidence is tested even without a rival. Above kNamed, so that a cause named
-  // by a small margin is tested as well.
+  // A cause of lower confidence is tested even without a rival. Above kMinConfidenceToName, so that
+  // a cause named by a small margin is tested as well.
   constexpr double kMinConfidenceWithoutTest = 0.6;
   std::vector<Doubt> doubts;
   TestSizes sizes;

@@ -311,9 +311,10 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   out.plateau = selected.plateau;
   out.steps = selected.steps;
   conclude(rows, body, selected, out);
-  const auto unsure = std::stable_partition(
-      out.causes.begin(), out.causes.end(),
-      [](const TorqueCause& c) { return c.confidence >= kNamed || !c.ambiguous_with.empty(); });
+  const auto unsure =
+      std::stable_partition(out.causes.begin(), out.causes.end(), [](const TorqueCause& c) {
+        return c.confidence >= kMinConfidenceToName || !c.ambiguous_with.empty();
+      });
   for (auto cause = unsure; cause != out.causes.end(); ++cause)
     cause->doubt = TorqueDoubt::kConfidence;
   out.suspected.insert(out.suspected.begin(), unsure, out.causes.end());

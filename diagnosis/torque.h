@@ -43,7 +43,7 @@ struct Harmonic {
 /// What keeps a cause from being named.
 enum class TorqueDoubt {
   kNone,
-  kConfidence,  ///< its confidence is below kNamed, and it has no rival
+  kConfidence,  ///< its confidence is below kMinConfidenceToName, and it has no rival
   kGain,        ///< its gain on held-out data may be zero, or cannot be measured there
   kParameters   ///< a parameter is not finite or not possible
 };

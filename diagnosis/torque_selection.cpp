@@ -280,7 +280,7 @@ class TorqueSelection {
     for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
       if (parameters_of(rival->second.kind) < parameters_of(chosen->second.kind) &&
           rms - rival->first.rms > kMinGainShareOfSimpler * (rms - chosen->first.rms) &&
-          beaten(chosen->first, rival->first) < kMinShareToExcludeRival)
+          share_won(chosen->first, rival->first) < kMinShareToExcludeRival)
         chosen = rival;
     }
     const auto& [judgement, best] = *chosen;
@@ -293,7 +293,7 @@ class TorqueSelection {
     for (const auto& [rival, of_rival] : tried) {
       if (of_rival.kind != best.kind &&
           rms - rival.rms > kMinGainShareOfRival * (rms - judgement.rms))
-        part.rivals.emplace_back(identity_of(of_rival.kind).cause, beaten(judgement, rival));
+        part.rivals.emplace_back(identity_of(of_rival.kind).cause, share_won(judgement, rival));
     }
     if (best.kind == kind_of<Cogging>() && body_.one_speed) {
       // At constant speed the two are not distinguishable.
@@ -307,7 +307,7 @@ class TorqueSelection {
   }
 
   /// Share of bootstrap resamples in which `best` has the smaller error.
-  static double beaten(const Judgement& best, const Judgement& rival) {
+  static double share_won(const Judgement& best, const Judgement& rival) {
     const auto differences =
         bootstrap(best.pieces.size(), [&](const std::vector<std::size_t>& places) {
           double sum = 0.0;

@@ -19,7 +19,7 @@ namespace {
 constexpr int kReceiveBuffer = 8 << 20;
 // A packet that is a little older than the last one was delayed on the network; one that is much
 // older comes from a sender that has restarted.
-constexpr int kReordered = 16;
+constexpr int kMaxReordering_packets = 16;
 
 bool is_loopback(const sockaddr_storage& address) noexcept {
   if (address.ss_family == AF_INET6)
@@ -129,7 +129,7 @@ bool CanUdp::open_packet() noexcept {
   if (last_sequence_) {
     const auto ahead =
         static_cast<std::int8_t>(static_cast<std::uint8_t>(packet_->sequence() - *last_sequence_));
-    if (ahead <= 0 && ahead > -kReordered) {
+    if (ahead <= 0 && ahead > -kMaxReordering_packets) {
       count(counters_.malformed);
       packet_.reset();
       return false;
@@ -147,7 +147,7 @@ std::size_t CanUdp::receive(std::span<CanFrame> batch, double timeout_s) noexcep
   std::size_t frames = 0;
   if (!packet_ && next_ == came_) {
     if (timeout_s > 0.0) wait_readable(socket_, timeout_s);
-    const int came = batch_.receive(socket_, SocketBatch::kMost);
+    const int came = batch_.receive(socket_, SocketBatch::kMaxDatagrams);
     next_ = 0;
     came_ = came < 0 ? 0 : static_cast<std::size_t>(came);
   }

@@ -10,8 +10,8 @@
 namespace servotwin {
 
 SocketBatch::SocketBatch(std::size_t bytes_each)
-    : bytes_each_(bytes_each), data_(kMost * bytes_each), from_(kMost) {
-  for (std::size_t i = 0; i < kMost; ++i) {
+    : bytes_each_(bytes_each), data_(kMaxDatagrams * bytes_each), from_(kMaxDatagrams) {
+  for (std::size_t i = 0; i < kMaxDatagrams; ++i) {
     vectors_[i] = {data_.data() + i * bytes_each_, bytes_each_};
     msghdr& header = headers_[i].msg_hdr;
     header.msg_iov = &vectors_[i];
@@ -32,7 +32,7 @@ void SocketBatch::prepare(int socket, int receive_buffer_bytes) noexcept {
 }
 
 int SocketBatch::receive(int socket, std::size_t most) noexcept {
-  most = std::min(most, kMost);
+  most = std::min(most, kMaxDatagrams);
   for (std::size_t i = 0; i < most; ++i) {
     msghdr& header = headers_[i].msg_hdr;
     header.msg_namelen = sizeof(sockaddr_storage);

@@ -14,7 +14,7 @@ namespace servotwin {
 
 class SocketBatch {
  public:
-  static constexpr std::size_t kMost = 64;
+  static constexpr std::size_t kMaxDatagrams = 64;
 
   explicit SocketBatch(std::size_t bytes_each);
 
@@ -39,9 +39,9 @@ class SocketBatch {
   std::size_t bytes_each_;
   std::vector<std::uint8_t> data_;
   std::vector<sockaddr_storage> from_;
-  std::array<mmsghdr, kMost> headers_{};
-  std::array<iovec, kMost> vectors_{};
-  alignas(cmsghdr) std::array<std::array<std::uint8_t, kControl>, kMost> control_{};
+  std::array<mmsghdr, kMaxDatagrams> headers_{};
+  std::array<iovec, kMaxDatagrams> vectors_{};
+  alignas(cmsghdr) std::array<std::array<std::uint8_t, kControl>, kMaxDatagrams> control_{};
 };
 
 /// Waits until there is something to read; false if there is nothing after `timeout_s`.

@@ -37,14 +37,14 @@ std::vector<std::string> split_fields(std::string_view line, char separator) {
 }
 
 std::string in_quotes(std::string_view text) {
-  constexpr std::size_t kMost = 40;
+  constexpr std::size_t kMaxCharacters = 40;
   std::string shown = "'";
-  for (const char c : text.substr(0, kMost)) {
+  for (const char c : text.substr(0, kMaxCharacters)) {
     const auto byte = static_cast<unsigned char>(c);
     shown += byte < 0x20 || byte == 0x7f ? '?' : c;
   }
   // A character of several bytes must not be cut in the middle.
-  if (text.size() > kMost) {
+  if (text.size() > kMaxCharacters) {
     while (shown.size() > 1 && (static_cast<unsigned char>(shown.back()) & 0x80U) != 0) {
       shown.pop_back();
     }

@@ -79,7 +79,8 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
 
 double harmless_bandwidth(LearningLaw law, std::span<const Transfer> models, double h) {
   // With z = L T_i: |1 - q z|^2 <= b^2 for q from 0 to where it is b^2, and q falls with f/f_c.
-  constexpr double kRoom = kHarmless * kHarmless - 1.0;
+  constexpr double kMaxGrowthOfSquaredError =
+      kMaxErrorRatioAtAnyFrequency * kMaxErrorRatioAtAnyFrequency - 1.0;
   law.bandwidth_hz = std::numeric_limits<double>::infinity();
   double most = kMaxOfNyquist * 0.5 / h;
   for (const double f : frequencies_hz(h)) {
@@ -88,7 +89,8 @@ double harmless_bandwidth(LearningLaw law, std::span<const Transfer> models, dou
     for (const Transfer& t : models) {
       const std::complex<double> z = l * t.at(omega);
       const double square = std::norm(z);
-      const double q = (z.real() + std::sqrt(z.real() * z.real() + kRoom * square)) / square;
+      const double q =
+          (z.real() + std::sqrt(z.real() * z.real() + kMaxGrowthOfSquaredError * square)) / square;
       if (q < 1.0) most = std::min(most, f / std::pow(1.0 / q - 1.0, 0.25));
     }
   }

@@ -8,9 +8,9 @@
 //
 // A command is smooth and without noise, so Q may be wide. Its bandwidth is the largest for which
 // no model within the uncertainty becomes worse than without correction by more than a fiftieth at
-// any frequency: |1 - Q L T_i| <= kHarmless. A limit of 1 would require Q = 0 wherever a model may
-// differ in phase from the nominal one by more than 90 degrees, which no low-pass satisfies. This
-// bandwidth also corrects the effect of friction at reversals.
+// any frequency: |1 - Q L T_i| <= kMaxErrorRatioAtAnyFrequency. A limit of 1 would require Q = 0
+// wherever a model may differ in phase from the nominal one by more than 90 degrees, which no
+// low-pass satisfies. This bandwidth also corrects the effect of friction at reversals.
 //
 // The same correction is the basis of learning: beyond Q it supplies what Q removes from learning
 // (ilc/learn.h).
@@ -33,9 +33,9 @@ struct CommandedEffects {
 [[nodiscard]] CommandedEffects commanded_effects(const Model& model, const Segment& segment);
 
 /// Limit of |1 - Q L T_i|: no more than a fiftieth worse than without correction.
-inline constexpr double kHarmless = 1.02;
-/// The largest bandwidth with |1 - Q L T_i| <= kHarmless for all models, up to 0.8 of the Nyquist
-/// frequency [Hz]. `law` is of kind kInverse; `h` is the sampling time [s].
+inline constexpr double kMaxErrorRatioAtAnyFrequency = 1.02;
+/// The largest bandwidth with |1 - Q L T_i| <= kMaxErrorRatioAtAnyFrequency for all models, up to
+/// 0.8 of the Nyquist frequency [Hz]. `law` is of kind kInverse; `h` is the sampling time [s].
 [[nodiscard]] double harmless_bandwidth(LearningLaw law, std::span<const Transfer> models,
                                         double h);
 /// |1 - Q L T| over the frequency: the share of the error that the correction leaves.

@@ -17,9 +17,10 @@ class ModeStep {
   /// `damping`: 2 zeta omega [1/s], `stiffness`: omega^2 [1/s^2].
   ModeStep(double damping, double stiffness, double step_s) noexcept
       : damping_(damping), stiffness_(stiffness) {
-    const bool slow = stiffness * step_s * step_s < kSlow;
-    const int terms = slow ? kSlowTerms : kTerms;
-    double term = slow ? one_over_factorial(kSlowTerms) : one_over_factorial(kTerms);  // 1 / j!
+    const bool slow = stiffness * step_s * step_s < kMaxSmallStep_rad2;
+    const int terms = slow ? kTermsOfSmallStep : kTerms;
+    double term =
+        slow ? one_over_factorial(kTermsOfSmallStep) : one_over_factorial(kTerms);  // 1 / j!
     double p = term, q = 0.0;
     for (int j = terms - 1; j >= 0; --j) {
       term *= j + 1;
@@ -41,8 +42,8 @@ class ModeStep {
   static constexpr int kInputs = 4;
   // The truncation error is below 1e-12 for steps of up to half a period, and with the fewer terms
   // for steps of up to half a radian.
-  static constexpr int kTerms = 24, kSlowTerms = 13;
-  static constexpr double kSlow = 0.25;
+  static constexpr int kTerms = 24, kTermsOfSmallStep = 13;
+  static constexpr double kMaxSmallStep_rad2 = 0.25;
   static constexpr double one_over_factorial(int of) {
     double out = 1.0;
     for (int j = 2; j <= of; ++j) out /= j;

@@ -65,22 +65,23 @@ Decision decide(const Candidacy& candidacy, const PromotionRule& rule) {
                                  micro_text(candidacy.rms_in_force, candidacy.rotary, 3);
   if (candidacy.rms <= (1.0 - rule.min_improvement) * candidacy.rms_in_force &&
       candidacy.rms < candidacy.rms_in_force) {
-    // Improvements as multiples of min_improvement. Above the obvious one no test of significance
+    // Improvements as multiples of min_improvement. Above kTimesWithoutTest no test of significance
     // is needed. Otherwise the t statistic with 15 degrees of freedom must be 1.75 (5 % by chance)
     // for a large improvement, and 3.0 (0.5 %) for a smaller one, because most comparisons are of a
     // machine that has not changed.
-    constexpr double kLargeImprovement = 5.0, kObviousImprovement = 10.0;
+    constexpr double kTimesToCountAsLarge = 5.0, kTimesWithoutTest = 10.0;
+    constexpr double kMinStatisticIfLarge = 1.75, kMinStatistic = 3.0;
     const auto better_by = [&](double times) {
       return candidacy.rms <= (1.0 - times * rule.min_improvement) * candidacy.rms_in_force;
     };
-    const double wanted = better_by(kLargeImprovement) ? 1.75 : 3.0;
-    if (candidacy.version_in_force == 0 || better_by(kObviousImprovement) ||
+    const double wanted = better_by(kTimesToCountAsLarge) ? kMinStatisticIfLarge : kMinStatistic;
+    if (candidacy.version_in_force == 0 || better_by(kTimesWithoutTest) ||
         candidacy.significance >= wanted)
       return {Ruling::kPromoted, comparison};
     std::ostringstream sure;
     sure.precision(3);
     sure << "; better by " << candidacy.significance << " standard errors, not significant (needs "
-         << wanted << ", or an RMS lower by " << 100.0 * kObviousImprovement * rule.min_improvement
+         << wanted << ", or an RMS lower by " << 100.0 * kTimesWithoutTest * rule.min_improvement
          << " %)";
     return {Ruling::kByChance, comparison + sure.str()};
   }

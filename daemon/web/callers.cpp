@@ -74,7 +74,7 @@ Caller* Callers::surplus() {
   Caller* first = nullptr;
   for (Caller& caller : callers_) {
     if (!takes_a_place(caller)) continue;
-    if (all <= kMax && of_address[caller.address] <= kMaxPerAddress) continue;
+    if (all <= kMaxConnections && of_address[caller.address] <= kMaxPerAddress) continue;
     if (first == nullptr || order(caller) < order(*first)) first = &caller;
   }
   return first;

@@ -48,7 +48,7 @@ void set_address(Caller& caller, const sockaddr& from);
 
 class Callers {
  public:
-  static constexpr int kMax = 64;  ///< connections without the live streams
+  static constexpr int kMaxConnections = 64;  ///< connections without the live streams
   static constexpr int kMaxPerAddress = 48;
   static constexpr unsigned kMaxStreams = 16;
   /// From the begin of a connection, or from the end of its last answer, to the end of the next

@@ -6,7 +6,7 @@ void EventStream::add(std::string_view event, std::string_view json, std::int64_
   std::string message = "event: ";
   message.append(event).append("\ndata: ").append(json).append("\n\n");
   messages_.push_back({now_ns, std::move(message)});
-  if (messages_.size() <= kKept) return;
+  if (messages_.size() <= kMessagesKept) return;
   messages_.pop_front();
   ++first_;
 }

@@ -1,5 +1,5 @@
-// The messages of the live stream (server-sent events). The newest kKept are kept for new readers
-// and for slow readers; the stream of a reader that falls further behind is ended.
+// The messages of the live stream (server-sent events). The newest kMessagesKept are kept for new
+// readers and for slow readers; the stream of a reader that falls further behind is ended.
 //
 // One thread; errors: none.
 #pragma once
@@ -15,7 +15,7 @@ namespace servotwin::daemon {
 class EventStream {
  public:
   /// Number of messages kept: nineteen seconds of twenty batches and one status per second.
-  static constexpr std::size_t kKept = 400;
+  static constexpr std::size_t kMessagesKept = 400;
   /// How much of the past a new reader gets.
   static constexpr std::int64_t kPast_ns = 10'000'000'000;
 

@@ -23,7 +23,7 @@ constexpr std::size_t kStreamBlock = 32 * 1024;
 constexpr int kStreamSendBuffer = 128 * 1024;
 
 // Those that Callers allows, and as many that are just being closed.
-constexpr unsigned kMaxConnections = 2 * (Callers::kMax + Callers::kMaxStreams);
+constexpr unsigned kMaxSockets = 2 * (Callers::kMaxConnections + Callers::kMaxStreams);
 
 constexpr int kMaxClosingPolls = 10;
 
@@ -193,7 +193,7 @@ void HttpServer::listen_on(const ListenAddress& address, const TlsPair& tls) {
       MHD_USE_EPOLL | MHD_USE_ITC | MHD_ALLOW_SUSPEND_RESUME |
           static_cast<unsigned>(tls.given() ? MHD_USE_TLS : 0),
       0, nullptr, nullptr, Callbacks::on_request, this, MHD_OPTION_LISTEN_SOCKET, socket,
-      MHD_OPTION_CONNECTION_LIMIT, kMaxConnections, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+      MHD_OPTION_CONNECTION_LIMIT, kMaxSockets, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
       kMaxRequestBytes, MHD_OPTION_NOTIFY_CONNECTION, Callbacks::on_connection, this,
       MHD_OPTION_NOTIFY_COMPLETED, Callbacks::on_end, nullptr, MHD_OPTION_STRICT_FOR_CLIENT, 1,
       MHD_OPTION_ARRAY, secure.data(), MHD_OPTION_END);

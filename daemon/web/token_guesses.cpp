@@ -7,7 +7,7 @@ namespace servotwin::daemon {
 
 bool TokenGuesses::must_wait(const std::string& address, std::int64_t now_ns) const {
   const auto found = of_.find(address);
-  return found != of_.end() && found->second.count >= kBeforeHolding &&
+  return found != of_.end() && found->second.count >= kGuessesBeforeHold &&
          now_ns - found->second.last_ns <= kForgotten_ns;
 }
 

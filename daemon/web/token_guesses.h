@@ -15,7 +15,7 @@ namespace servotwin::daemon {
 
 class TokenGuesses {
  public:
-  static constexpr unsigned kBeforeHolding = 3;  ///< a person mistypes
+  static constexpr unsigned kGuessesBeforeHold = 3;  ///< a person mistypes
   static constexpr std::int64_t kHold_ns = 1'000'000'000;
   static constexpr std::int64_t kForgotten_ns = 60'000'000'000;
   static constexpr std::int64_t kBetweenMessages_ns = 60'000'000'000;

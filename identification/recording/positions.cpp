@@ -172,12 +172,13 @@ std::optional<std::string> held(const AxisRecord& axis, double step_s) {
   if (intervals.size() < kMinRefreshes) return std::nullopt;
   const double typical = median(intervals);
   constexpr double kMinInterval = 3.0;  // rows
-  constexpr double kRegular = 0.7;   // share of the intervals within a quarter of the typical one
+  constexpr double kMinRegularShare =
+      0.7;                           // share of the intervals within a quarter of the typical one
   constexpr double kMinSizes = 5.0;  // typical change over the least one
   const auto near = [&](double interval) { return std::abs(interval - typical) <= 0.25 * typical; };
   const auto regular = std::count_if(intervals.begin(), intervals.end(), near);
   if (typical < kMinInterval ||
-      static_cast<double>(regular) < kRegular * static_cast<double>(intervals.size()) ||
+      static_cast<double>(regular) < kMinRegularShare * static_cast<double>(intervals.size()) ||
       median(sizes) < kMinSizes * *std::min_element(sizes.begin(), sizes.end()))
     return std::nullopt;
   const double share = static_cast<double>(repeats) / static_cast<double>(moving);

@@ -220,23 +220,25 @@ std::string count(std::size_t n, const std::string& what) {
 }  // namespace
 
 std::vector<std::string> SegmentReport::lines() const {
-  constexpr std::size_t kShown = 8;  // segments and splits listed; more make the report unreadable
+  constexpr std::size_t kMaxListedEntries =
+      8;  // segments and splits listed; more make the report unreadable
   std::vector<std::string> lines;
   const auto more = [](std::size_t n) {
-    return n > kShown ? " and " + std::to_string(n - kShown) + " more" : std::string();
+    return n > kMaxListedEntries ? " and " + std::to_string(n - kMaxListedEntries) + " more"
+                                 : std::string();
   };
   lines.push_back("axis " + axis + ": " + count(rows, "row") + " over " + seconds(duration_s) +
                   ", " + std::to_string(used_rows) + " used, step " + milliseconds(sample_time_s) +
                   " (" + number(rate_hz) + " Hz)");
   std::string list;
-  for (std::size_t i = 0; i < std::min(segments.size(), kShown); ++i) {
+  for (std::size_t i = 0; i < std::min(segments.size(), kMaxListedEntries); ++i) {
     const Stretch& s = segments[i];
     list += (i == 0 ? ": " : ", ") + seconds(s.begin_s) + " to " + seconds(s.end_s) + " (" +
             count(s.samples, "sample") + ")";
   }
   lines.push_back(count(segments.size(), "segment") + list + more(segments.size()));
   list.clear();
-  for (std::size_t i = 0; i < std::min(splits.size(), kShown); ++i) {
+  for (std::size_t i = 0; i < std::min(splits.size(), kMaxListedEntries); ++i) {
     list += (i == 0 ? "split at " : ", at ") + seconds(splits[i].time_s) + " by a gap of " +
             seconds(splits[i].length_s);
   }

@@ -313,7 +313,7 @@ std::optional<double> even_step_behind(const Stamps& stamps, double resolution, 
 // Steps of the grid between rows with coarse stamps: one, except over gaps. The stamps around a gap
 // are averaged, because a single one is off by up to its resolution.
 void place_coarse_rows(Stamps& stamps) {
-  constexpr std::size_t kAveraged = 50;
+  constexpr std::size_t kAveragedRows = 50;
   const std::vector<double>& t = stamps.time;
   const double longest = stamps.step_s + 1.001 * stamps.resolution_s;
   std::vector<std::size_t> begin{0};  // of each stretch, and the end of the last
@@ -332,8 +332,9 @@ void place_coarse_rows(Stamps& stamps) {
   stamps.advance.assign(t.size(), 1);
   for (std::size_t s = 1; s + 1 < begin.size(); ++s) {
     const std::size_t at = begin[s];
-    const double after = place(at, at, std::min(at + kAveraged, begin[s + 1]));
-    const double before = place(at - 1, std::max(begin[s - 1] + kAveraged, at) - kAveraged, at);
+    const double after = place(at, at, std::min(at + kAveragedRows, begin[s + 1]));
+    const double before =
+        place(at - 1, std::max(begin[s - 1] + kAveragedRows, at) - kAveragedRows, at);
     stamps.advance[at] = std::max<std::int64_t>(1, std::llround((after - before) / stamps.step_s));
   }
 }

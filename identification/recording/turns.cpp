@@ -66,9 +66,10 @@ Jumps jumps_of(const Values& values) {
   Jumps out;
   for (std::size_t i = 0; range > 0.0 && i + 1 < values.size(); ++i) {
     if (!is_jump(i)) continue;
-    constexpr std::size_t kAround = 20;  // rows
+    constexpr std::size_t kRowsOnEachSide = 20;  // rows
     double sum = 0.0, count = 0.0;
-    for (std::size_t k = i > kAround ? i - kAround : 0; k <= i + kAround; ++k) {
+    for (std::size_t k = i > kRowsOnEachSide ? i - kRowsOnEachSide : 0; k <= i + kRowsOnEachSide;
+         ++k) {
       if (k + 1 >= values.size() || is_jump(k)) continue;
       sum += step(k), count += 1.0;
     }

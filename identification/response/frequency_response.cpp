@@ -179,7 +179,7 @@ void estimate(const MatrixXcd& s, Index q, bool instruments, double freedom, Ind
   const double vv = std::max(0.0, yy - 2.0 * g.dot(uy).real() + g.dot(uu * g).real());
   const MatrixXcd c = inverse * rr * inverse.adjoint();
   if (!g.allFinite() || !c.allFinite()) return;
-  const double chance = 1.0 - std::pow(kChance, 1.0 / freedom);
+  const double chance = 1.0 - std::pow(kChanceOfSignificance, 1.0 / freedom);
   for (Index i = 0; i < q; ++i) {
     ResponseChannel& channel = out.channels[static_cast<std::size_t>(i)];
     const double own = std::norm(g(i)), other = vv * c(i, i).real();

@@ -44,7 +44,7 @@ struct SpectralOptions {
 inline constexpr double kWindow_s = 2.0;  ///< 0.01 of damping at 100 Hz is 2 Hz wide
 inline constexpr double kFewestAverages =
     4.0;  ///< in addition to the inputs; with fewer, coherence is random
-inline constexpr double kChance =
+inline constexpr double kChanceOfSignificance =
     0.01;  ///< probability of significant coherence without any relation
 
 /// From one input to the output. NaN and not significant where the inputs have no power of their
@@ -54,8 +54,8 @@ struct ResponseChannel {
   Eigen::ArrayXd deviation;  ///< of |G|, and of its real and its imaginary part
   Eigen::ArrayXd coherence;  ///< gamma_i^2; at most that of the input with the instruments
   Eigen::ArrayXd power;      ///< of the input (differenced, if so), as a share of its whole
-  /// Coherence above the chance level 1 - kChance^(1 / (n - q)), and input power above the leakage
-  /// of strong lines. Elsewhere G is meaningless.
+  /// Coherence above the chance level 1 - kChanceOfSignificance^(1 / (n - q)), and input power
+  /// above the leakage of strong lines. Elsewhere G is meaningless.
   Eigen::Array<bool, Eigen::Dynamic, 1> significant;
 };
 

@@ -14,8 +14,9 @@ constexpr int kMaxModeOrder = 12;
 constexpr std::size_t kPointsPerPole = 6;
 constexpr std::size_t kFewestPoints = 12;
 constexpr double kMinPower = 0.01;  // share of the input's power at the fitted frequencies
-constexpr double kLowest = 2.0;     // in lines: below them the removed mean distorts the spectrum
-constexpr double kHighest = 0.4;    // of the sampling rate
+constexpr double kMinFrequency_lines =
+    2.0;  // in lines: below them the removed mean distorts the spectrum
+constexpr double kMaxFrequencyOverSamplingRate = 0.4;  // of the sampling rate
 
 bool usable(const ResponsePoints& points) {
   return points.response.allFinite() && (points.deviation.array() > 0.0).all() &&
@@ -27,7 +28,8 @@ FittedResponse fitted(std::span<const ResponseRecord> records, double sample_tim
   FittedResponse out;
   out.response = frequency_response(records, sample_time_s, options.spectra);
   const FrequencyResponse& whole = out.response;
-  out.fitted = whole.significant(0, (kLowest - 0.5) / whole.window_s, kHighest / sample_time_s);
+  out.fitted = whole.significant(0, (kMinFrequency_lines - 0.5) / whole.window_s,
+                                 kMaxFrequencyOverSamplingRate / sample_time_s);
   if (out.fitted.size() < kFewestPoints) {
     out.declined = "only " + std::to_string(out.fitted.size()) +
                    " frequencies have significant coherence, a fit needs " +

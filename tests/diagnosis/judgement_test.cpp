@@ -85,7 +85,7 @@ Diagnosis explained_by(const std::vector<std::pair<std::string, Effect>>& causes
     Cause cause;
     cause.id = id;
     cause.place = model.effects.size();
-    cause.beaten = 1.0;
+    cause.wins = 1.0;
     cause.gain.before = 10e-6;
     cause.gain.after = 1e-6;
     cause.gain.low = 8e-6;

@@ -27,11 +27,11 @@ class SwingStep {
     using std::sin;
     using std::sqrt;
     const T turned = w * w * (1.0 - zeta_ * zeta_) * step_s * step_s, faded = zeta_ * w * step_s;
-    if (turned > kNearlyCritical) {
+    if (turned > kMaxSquaredAngleOfSeries_rad2) {
       const T angle = sqrt(turned);
       cosine_ = exp(-faded) * cos(angle);
       sine_ = exp(-faded) * sin(angle) / angle * step_s;
-    } else if (turned < -kNearlyCritical) {
+    } else if (turned < -kMaxSquaredAngleOfSeries_rad2) {
       const T apart = sqrt(-turned), slow = exp(apart - faded), fast = exp(-apart - faded);
       cosine_ = 0.5 * (slow + fast);
       sine_ = 0.5 * (slow - fast) / apart * step_s;
@@ -51,7 +51,8 @@ class SwingStep {
   const T w;  ///< angular frequency, undamped [1/s]
 
  private:
-  static constexpr double kNearlyCritical = 1e-4;  // truncation error of the series below 1e-14
+  static constexpr double kMaxSquaredAngleOfSeries_rad2 =
+      1e-4;  // truncation error of the series below 1e-14
   T zeta_;
   T cosine_, sine_;  // e^(-zeta w h) cos(wd h), e^(-zeta w h) sin(wd h) / wd
 };

@@ -38,8 +38,8 @@ static PlacedMode at_place(const AxisModel* model, const AxisMode* mode, double 
   return out;
 }
 
-enum { kInputs = 4, kTerms = 24, kSlowTerms = 13 };
-static const double kSlow = 0.25;
+enum { kInputs = 4, kTerms = 24, kTermsOfSmallStep = 13 };
+static const double kMaxSmallStep_rad2 = 0.25;
 
 /* One step of a mode: every phi_j is p_j + q_j A. */
 typedef struct {
@@ -49,7 +49,7 @@ typedef struct {
 
 static ModeStep mode_step(double damping, double stiffness, double step_s) {
   ModeStep step = {damping, stiffness, {0}, {0}};
-  const int terms = stiffness * step_s * step_s < kSlow ? kSlowTerms : kTerms;
+  const int terms = stiffness * step_s * step_s < kMaxSmallStep_rad2 ? kTermsOfSmallStep : kTerms;
   double term = 1.0; /* 1 / j! */
   for (int j = 2; j <= terms; ++j) term /= j;
   double p = term, q = 0.0;

@@ -48,7 +48,7 @@ class CallersTest : public testing::Test {
     return caller;
   }
   /// As many as there may be, of an address each.
-  void fill(int count = Callers::kMax) {
+  void fill(int count = Callers::kMaxConnections) {
     for (int i = 0; i < count; ++i) open("filler " + std::to_string(i));
   }
   Callers callers_;
@@ -73,7 +73,7 @@ TEST_F(CallersTest, OfManyAddressesTheOneGoesThatHasWaitedForTheLongestTime) {
 
 TEST_F(CallersTest, TheAddressThatHasMostLosesFirst) {
   Caller& oldest = open("a");
-  fill(Callers::kMax - 2);
+  fill(Callers::kMaxConnections - 2);
   Caller& one_of_two = open("many");
   open("many");
   EXPECT_EQ(callers_.surplus(), &one_of_two) << "although it is younger";
@@ -91,7 +91,7 @@ TEST_F(CallersTest, AnAddressHasItsOwnLimitAndPaysForItItself) {
 
 TEST_F(CallersTest, WhoIsOnThisHostGoesLast) {
   for (int i = 0; i < Callers::kMaxPerAddress; ++i) open("here", Phase::kRequest, true);
-  fill(Callers::kMax - Callers::kMaxPerAddress);
+  fill(Callers::kMaxConnections - Callers::kMaxPerAddress);
   Caller& newest = open("elsewhere");
   ASSERT_NE(callers_.surplus(), nullptr);
   EXPECT_EQ(callers_.surplus()->address, "filler 0");

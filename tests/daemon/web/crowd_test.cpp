@@ -96,7 +96,7 @@ TEST_F(CrowdTest, AnAnnouncedBodyIsRefusedBeforeItComes) {
 
 TEST_F(CrowdTest, WhoGuessesTokensWaitsForEveryAnswerAndIsInTheLog) {
   show();
-  for (unsigned i = 0; i < TokenGuesses::kBeforeHolding; ++i)
+  for (unsigned i = 0; i < TokenGuesses::kGuessesBeforeHold; ++i)
     ASSERT_EQ(post("arm", "a wrong token ......").status, 401);
   for (const auto& [token, status] :
        {std::pair(std::string("another wrong token"), 401), std::pair(std::string(kToken), 200)}) {
@@ -116,7 +116,7 @@ TEST_F(CrowdTest, WhoGuessesTokensWaitsForEveryAnswerAndIsInTheLog) {
 }
 
 TEST_F(CrowdTest, TheServiceEndsWhileAnAnswerIsHeld) {
-  for (unsigned i = 0; i < TokenGuesses::kBeforeHolding; ++i)
+  for (unsigned i = 0; i < TokenGuesses::kGuessesBeforeHold; ++i)
     ASSERT_EQ(post("arm", "a wrong token ......").status, 401);
   HttpConnection held(port_);
   held.send(

@@ -331,7 +331,7 @@ TEST(HttpServer, AReaderWhoFallsBehindIsDroppedAndTheOthersAreNot) {
     one->send("GET / HTTP/1.1\r\nHost: localhost\r\n\r\n");
   while (server.streams() < 2) server.poll(10);
   const std::string message = "\"" + std::string(60'000, 'x') + "\"";
-  for (std::size_t i = 0; i < 2 * EventStream::kKept; ++i) {
+  for (std::size_t i = 0; i < 2 * EventStream::kMessagesKept; ++i) {
     server.send("live", message);
     for (int turn = 0; turn < 4; ++turn) {
       server.poll(0);

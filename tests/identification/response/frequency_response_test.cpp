@@ -135,7 +135,7 @@ TEST(FrequencyResponse, NothingIsSignificantByMoreThanChance) {
     significant += static_cast<double>(found.channels[0].significant.count());
     all += static_cast<double>(found.frequency_hz.size());
   }
-  EXPECT_GT(significant / all, 0.003);  // kChance is 0.01
+  EXPECT_GT(significant / all, 0.003);  // kChanceOfSignificance is 0.01
   EXPECT_LT(significant / all, 0.02);
 }
 
