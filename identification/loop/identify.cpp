@@ -7,8 +7,8 @@
 
 #include "identification/loop/full_ls.h"
 #include "identification/loop/joint.h"
+#include "identification/loop/message.h"
 #include "identification/loop/moving_modes.h"
-#include "identification/loop/say.h"
 #include "identification/loop/structure_choice.h"
 #include "identification/recording/evidence.h"
 #include "identification/recording/excitation.h"
@@ -56,7 +56,8 @@ std::vector<std::string> loosely_known(const ModelRecord& record, const PoleSet&
   const auto check = [&](const std::string& name, double value, double sd, double unit,
                          const char* motion) {
     if (!(sd > kMaxRelativeDeviation * std::abs(value))) return;
-    out.push_back(say(name, " is not excited: ", value / unit, " +- ", sd / unit, "; ", motion));
+    out.push_back(
+        message(name, " is not excited: ", value / unit, " +- ", sd / unit, "; ", motion));
   };
   const char* faster = "needs moves whose acceleration changes faster than this frequency";
   if (record.model.loop.order == 3) {
@@ -192,13 +193,13 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
   if (lag < -model.sample_time_s) {
     out.push_back(
         encoder_leads(segments)
-            ? say("the encoder leads its command by ", -1e3 * lag,
-                  " ms: the two columns may be exchanged")
-            : say("the model that fits best moves ", -1e3 * lag,
-                  " ms before its command, but the encoder does not: command and encoder "
-                  "are not those of one linear servo loop; check that both columns are of "
-                  "this axis, in the same unit and stamped by one clock, and that the "
-                  "sensor is fine enough"));
+            ? message("the encoder leads its command by ", -1e3 * lag,
+                      " ms: the two columns may be exchanged")
+            : message("the model that fits best moves ", -1e3 * lag,
+                      " ms before its command, but the encoder does not: command and encoder "
+                      "are not those of one linear servo loop; check that both columns are of "
+                      "this axis, in the same unit and stamped by one clock, and that the "
+                      "sensor is fine enough"));
   }
   if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
   return out;
@@ -271,8 +272,8 @@ std::string why_scaled(const std::vector<Segment>& segments) {
   }
   const double slope = product / square;
   if (!(square > 0.0) || (slope * kMaxMotionRatio > 1.0 && slope < kMaxMotionRatio)) return {};
-  return say("the encoder moves ", slope,
-             " times as far as its command: check the units and signs of both columns");
+  return message("the encoder moves ", slope,
+                 " times as far as its command: check the units and signs of both columns");
 }
 
 ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
@@ -296,14 +297,14 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
   if (!(options.training_share > 0.1 && options.training_share < 0.95)) {
     throw std::invalid_argument(
-        say("training share = ", options.training_share, " must be between 0.1 and 0.95"));
+        message("training share = ", options.training_share, " must be between 0.1 and 0.95"));
   }
   require_motion(axis);
   if (axis.sample_time_s > kMaxSamplingTime_s) {
-    throw std::runtime_error(say(axis.axis, ": one sample every ", axis.sample_time_s,
-                                 " s is too slow to identify a servo loop; record one at "
-                                 "least every ",
-                                 kMaxSamplingTime_s, " s"));
+    throw std::runtime_error(message(axis.axis, ": one sample every ", axis.sample_time_s,
+                                     " s is too slow to identify a servo loop; record one at "
+                                     "least every ",
+                                     kMaxSamplingTime_s, " s"));
   }
   if (options.coupling && axis.segments.front().neighbour.size() == 0)
     throw std::runtime_error(
@@ -312,10 +313,10 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         "coupling can be identified");
   const auto [training, holdout] = split(axis.segments, options.training_share, options.split_each);
   if (rows_of(training) < 300 || rows_of(holdout) < 100) {
-    throw std::runtime_error(
-        say(axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
-            " s) are too few to identify and validate a model; record at least 500 samples with "
-            "motion"));
+    throw std::runtime_error(message(
+        axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),
+        " s) are too few to identify and validate a model; record at least 500 samples with "
+        "motion"));
   }
 
   Identified out;
@@ -400,8 +401,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   record.holdout = judge(record.model, holdout);
   if (fit->fit.on_bound) {
     record.excitation.push_back(
-        say("poles lie on the search bounds: this motion does not determine them; ",
-            "widen the bounds, or add moves with faster changes of acceleration"));
+        message("poles lie on the search bounds: this motion does not determine them; ",
+                "widen the bounds, or add moves with faster changes of acceleration"));
   }
   for (std::string& line : loosely_known(record, poles))
     record.excitation.push_back(std::move(line));
@@ -412,10 +413,10 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         "the held-out segments are too short to validate a model; record longer segments");
   } else if (const double before = unpredicted(holdout).rms;
              options.must_predict && !(record.holdout.rms < before)) {
-    out.refusals.push_back(
-        say("on the held-out data the residual of the model is ",
-            micro_text(record.holdout.rms, axis.rotary), " RMS, not below the tracking error of ",
-            micro_text(before, axis.rotary), " RMS: the model predicts nothing"));
+    out.refusals.push_back(message(
+        "on the held-out data the residual of the model is ",
+        micro_text(record.holdout.rms, axis.rotary), " RMS, not below the tracking error of ",
+        micro_text(before, axis.rotary), " RMS: the model predicts nothing"));
   }
   return out;
 }

@@ -126,10 +126,11 @@ std::vector<Signals> along_simulation(const std::vector<Segment>& segments, cons
 
 /// - log of likelihood times prior. Where a coarse encoder hides the presliding travel, optima of
 /// very different travel are as likely as each other: the one that is nearest to what axes have, in
-/// standard deviations of a factor of kUsualFactor, is kept then. The prior is worth kMostPrior at
-/// most, which is about chance: it decides nothing else, whatever the axis measures its travel in.
+/// standard deviations of a factor of kFactorOfOneDeviation, is kept then. The prior is worth
+/// kMaxPriorWorth at most, which is about chance: it decides nothing else, whatever the axis
+/// measures its travel in.
 double improbability(const OutputErrorFit& fit) {
-  constexpr double kUsualFactor = 3.0, kMostPrior = 3.0;
+  constexpr double kFactorOfOneDeviation = 3.0, kMaxPriorWorth = 3.0;
   double prior = 0.0;
   for (const Effect& effect : fit.model.effects) {
     if (!is_friction_law(effect.kind)) continue;
@@ -137,11 +138,11 @@ double improbability(const OutputErrorFit& fit) {
     for (const Parameter& p : shapes_of(effect.kind)) {
       const double shape = effect.shape[i++];
       if (p.unit != "m" || !(p.start > 0.0) || !(shape > 0.0)) continue;
-      const double deviations = std::log(shape / p.start) / std::log(kUsualFactor);
+      const double deviations = std::log(shape / p.start) / std::log(kFactorOfOneDeviation);
       prior += 0.5 * deviations * deviations;
     }
   }
-  return fit.minus_log_likelihood + std::min(prior, kMostPrior);
+  return fit.minus_log_likelihood + std::min(prior, kMaxPriorWorth);
 }
 
 }  // namespace

@@ -7,7 +7,7 @@
 namespace servotwin {
 
 template <class... Parts>
-[[nodiscard]] std::string say(const Parts&... parts) {
+[[nodiscard]] std::string message(const Parts&... parts) {
   std::ostringstream out;
   out.precision(4);
   (out << ... << parts);

@@ -9,8 +9,8 @@
 #include <tuple>
 
 #include "identification/loop/joint.h"
+#include "identification/loop/message.h"
 #include "identification/loop/moving_modes.h"
-#include "identification/loop/say.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/linear_algebra.h"
 #include "twin/twin.h"
@@ -84,8 +84,8 @@ struct Trial {
 std::string why_delay(const Loop& loop, double delay_max_s) {
   const double imitated = delay_max_s > 0.0 ? imitated_delay_share(loop) : 0.0;
   if (imitated <= kMaxLagShareOfUnstableZeros) return {};
-  return say("zeros in the right half plane account for ", 100.0 * imitated,
-             " % of its lag: the loop imitates a delay");
+  return message("zeros in the right half plane account for ", 100.0 * imitated,
+                 " % of its lag: the loop imitates a delay");
 }
 
 /// Why the delay of this model imitates a velocity lag; empty if it does not. `before`: the
@@ -93,12 +93,13 @@ std::string why_delay(const Loop& loop, double delay_max_s) {
 std::string why_no_delay(const Model& model, double delay_max_s, const Trial& trial,
                          const std::vector<Trial>& before) {
   if (model.command_delay_s() > delay_max_s) {
-    return say("its delay, ", 1e3 * model.command_delay_s(), " ms, exceeds the search limit of ",
-               1e3 * delay_max_s, " ms");
+    return message("its delay, ", 1e3 * model.command_delay_s(),
+                   " ms, exceeds the search limit of ", 1e3 * delay_max_s, " ms");
   }
   if (lag_in_disguise(model)) {
-    return say("acceleration feed-forward of ", 1.0 - model.loop.numerator[0],
-               " times the moved mass compensates the delay: the model imitates a velocity lag");
+    return message(
+        "acceleration feed-forward of ", 1.0 - model.loop.numerator[0],
+        " times the moved mass compensates the delay: the model imitates a velocity lag");
   }
   // A delay in place of the velocity lag has as many parameters, so the costs of the fits compare.
   std::vector<std::size_t> without = trial.structure.effects;
@@ -294,9 +295,9 @@ class StructureChoice {
     }
     if (joint() && !options_.friction) try_free_elements();
     if (other_friction && !best_)
-      throw std::runtime_error(say(name_, ": ", identity_of(*options_.friction).id,
-                                   " has no valid fit to this motion; choose another friction "
-                                   "model"));
+      throw std::runtime_error(message(name_, ": ", identity_of(*options_.friction).id,
+                                       " has no valid fit to this motion; choose another friction "
+                                       "model"));
   }
 
   [[nodiscard]] ChosenStructure chosen() {

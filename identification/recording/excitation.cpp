@@ -47,20 +47,20 @@ Excitation excitation_of(const std::vector<Segment>& segments) {
 std::vector<std::string> missing_motion(const Excitation& e, bool rotary) {
   const char* length = rotary ? "rad" : "m";
   std::vector<std::string> out;
-  const auto say = [&out](const auto&... parts) {
+  const auto add = [&out](const auto&... parts) {
     std::ostringstream line;
     line.precision(3);
     (line << ... << parts);
     out.push_back(line.str());
   };
   if (e.reversals < 2 || e.forward_share < 0.02 || e.backward_share < 0.02) {
-    say("friction is not excited: it needs motion in both directions, the recording has ",
+    add("friction is not excited: it needs motion in both directions, the recording has ",
         e.reversals, " reversals and ", 100.0 * std::min(e.forward_share, e.backward_share),
         " % of the time in the less frequent direction; move there and back at least twice");
   }
   // The loop is excited where the command accelerates; production moves use ten times this limit.
   if (e.peak_velocity > 0.0 && e.peak_acceleration < 0.2 * e.peak_velocity) {
-    say("poles and tracking numerator are not excited: accelerations reach ", e.peak_acceleration,
+    add("poles and tracking numerator are not excited: accelerations reach ", e.peak_acceleration,
         " ", length, "/s^2 at a speed of ", e.peak_velocity, " ", length,
         "/s; add moves that reach this speed within a second or less");
   }
