@@ -105,7 +105,8 @@ json cause_json(const Diagnosis& diagnosis, const Cause& cause) {
         {"tracking_rms_repaired_m", number_or_null(cause.gain.tracking_repaired)},
         {"contour_rms_now_m", number_or_null(cause.gain.contour_now)},
         {"contour_rms_repaired_m", number_or_null(cause.gain.contour_repaired)}}},
-      {"check", advice_for(cause.id)}};
+      {"check", advice_for(cause.id)},
+      {"page", cause_page(cause.id)}};
   if (cause.doubt != CauseDoubt::kNone)
     out["doubt"] = cause.doubt == CauseDoubt::kGain ? "holdout_gain" : "parameters";
   if (!diagnosis.against_earlier) return out;

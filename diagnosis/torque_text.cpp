@@ -180,7 +180,8 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
                               {"ambiguous_with", cause.ambiguous_with},
                               {"evidence", evidence},
                               {"gain", whole},
-                              {"check", check_of(cause)}});
+                              {"check", check_of(cause)},
+                              {"page", cause_page(cause.id)}});
   }
   for (const TorqueCause& cause : torque.suspected)
     file["suspected"].push_back({{"id", cause.id},

@@ -34,6 +34,10 @@ TEST(DiagnosisFile, WithoutAnIntegratorNothingIsSaidOfItsReset) {
   EXPECT_TRUE(parameters["reset"].is_null());
 }
 
+TEST(DiagnosisFile, NamesThePageOfEveryCause) {
+  EXPECT_EQ(to_json(saturated(2), "")["causes"][0]["page"], "docs/causes/torque_saturation.md");
+}
+
 TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
   Diagnosis diagnosis;
   diagnosis.verdict = Verdict::kExplained;

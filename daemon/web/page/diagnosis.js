@@ -52,7 +52,7 @@ function causeItem(cause, rotary) {
   if (gain.holdout_rms_before_m !== null)
     fact("residual", `${error(gain.holdout_rms_before_m, rotary)} without it, ${error(gain.holdout_rms_after_m, rotary)} with it`);
   if (cause.check) fact("check", cause.check);
-  fact("see", `docs/causes/${cause.id}.md`);
+  if (cause.page) fact("see", cause.page);
   if (cause.ambiguous_with.length > 0) fact("ambiguous with", cause.ambiguous_with.map(words).join(", "));
   return make("li", {}, make("h3", {}, words(cause.id)), make("dl", {}, ...facts));
 }
