@@ -159,10 +159,149 @@ double share_won(const Varied& best, const Varied& rival, double own) {
          static_cast<double>(differences.size());
 }
 
-}  // namespace
+/// How sure a change is.
+struct Evidence {
+  double z = 0.0, p = 1.0, wins = 1.0;
+  std::vector<std::string> ambiguous_with;
+};
 
-Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
-                  const DiagnoseOptions& options) {
+/// The changes accepted so far and one more.
+struct Tried {
+  Varied varied;
+  Evidence evidence;
+};
+
+/// Adds changes to an earlier model one by one, as long as each lowers the error enough.
+class ChangeSelection {
+ public:
+  /// `variation` must outlive it. `own`: misfit [m | rad] that the earlier model already had on its
+  /// own data. That is no change, and it does not distinguish two changes.
+  ChangeSelection(const Variation& variation, Varied unchanged, double own, bool rotary,
+                  const DiagnoseOptions& options)
+      : variation_(variation),
+        current_(std::move(unchanged)),
+        own_(own),
+        least_(std::max(own, kMinRemovedShare * rms_of(current_.pieces))),
+        rotary_(rotary),
+        options_(options) {}
+
+  void run() {
+    for (std::size_t round = 0; round < kMaxChanges; ++round) {
+      if (options_.stop.stop_requested())
+        throw std::runtime_error("stopped before it was finished");
+      std::vector<Tried> tried = tried_changes();
+      if (tried.empty()) return;
+      Tried chosen = chosen_of(tried);
+      steps.push_back("  " + chosen.varied.changes.back().cause + ": added");
+      current_ = std::move(chosen.varied);
+      evidence.push_back(std::move(chosen.evidence));
+      remove_unnecessary();
+    }
+  }
+  [[nodiscard]] const Varied& current() const { return current_; }
+
+  std::vector<Evidence> evidence;  ///< of every change
+  std::vector<std::string> steps;  ///< as text
+  int fits = 0;
+
+ private:
+  /// The error as the steps show it.
+  [[nodiscard]] std::string size_of(const Varied& v) const {
+    return micro_text(rms_of(v.pieces), rotary_);
+  }
+
+  /// The most promising changes that pass, each fitted beside the present ones.
+  [[nodiscard]] std::vector<Tried> tried_changes() {
+    auto promising = promising_changes(variation_, current_, options_);
+    const std::size_t candidates = changes_of(variation_.base()).size() + kEffectKinds;
+    if (promising.size() > kMaxFitsPerRound) promising.resize(kMaxFitsPerRound);
+    std::string step = text("%s RMS, promising candidates:", size_of(current_).c_str());
+    for (const auto& [change, s] : promising)
+      step += text(" %s/%s (%.1f %%, p %.1g)", change.cause.c_str(),
+                   change.quantities.front().name.c_str(), 100.0 * s.gain, s.p);
+    steps.push_back(promising.empty() ? step + " none" : step);
+    std::vector<Tried> tried;
+    for (const auto& [change, screened] : promising) {
+      Tried one{current_, {}};
+      one.varied.add(change);
+      ++fits;
+      if (!variation_.fit(one.varied)) continue;
+      one.evidence.z = paired_z(current_.pieces, one.varied.pieces);
+      one.evidence.p = 0.5 * std::erfc(one.evidence.z / std::sqrt(2.0));
+      // Passes the paired block test, or the score test if the blocks do not contradict it.
+      if (one.evidence.z > kMinBlockZ) one.evidence.p = std::min(one.evidence.p, screened.p);
+      steps.push_back(text("  with %s: %s RMS, z %.1f", change.cause.c_str(),
+                           size_of(one.varied).c_str(), one.evidence.z));
+      if (rms_of(one.varied.pieces) < kMaxRmsRatioToAdd * rms_of(current_.pieces) &&
+          removed_rms(current_.pieces, one.varied.pieces) > least_ &&
+          plausible(variation_, one.varied) &&
+          one.evidence.p < kFalseAlarmRate / static_cast<double>(candidates))
+        tried.push_back(std::move(one));
+    }
+    return tried;
+  }
+
+  /// The best of them, with its rivals.
+  [[nodiscard]] Tried chosen_of(std::vector<Tried>& tried) const {
+    std::sort(tried.begin(), tried.end(),
+              [](const Tried& l, const Tried& r) { return l.varied.cost < r.varied.cost; });
+    // Of two changes that the blocks do not distinguish, prefer the one with fewer parameters.
+    std::size_t best = 0;
+    for (std::size_t i = 1; i < tried.size(); ++i) {
+      if (tried[i].varied.values.size() < tried[best].varied.values.size() &&
+          share_won(tried[best].varied, tried[i].varied, own_) < kMinShareToExcludeRival)
+        best = i;
+    }
+    const double before = rms_of(current_.pieces);
+    Tried chosen = tried[best];
+    Evidence& evidence_of = chosen.evidence;
+    for (std::size_t i = 0; i < tried.size(); ++i) {
+      if (i == best) continue;
+      const double wins = share_won(chosen.varied, tried[i].varied, own_);
+      const std::string& rival = tried[i].varied.changes.back().cause;
+      if (rival == chosen.varied.changes.back().cause) continue;
+      const bool as_good = before - rms_of(tried[i].varied.pieces) >
+                           kMinGainShareOfRivalChange * (before - rms_of(chosen.varied.pieces));
+      auto& rivals = evidence_of.ambiguous_with;
+      if (wins < kMinShareToExcludeRival && as_good) {
+        if (std::find(rivals.begin(), rivals.end(), rival) == rivals.end()) rivals.push_back(rival);
+      } else {
+        evidence_of.wins = std::min(evidence_of.wins, wins);
+      }
+    }
+    // With n ambiguous rivals each of the n + 1 changes is equally likely.
+    evidence_of.wins = std::min(
+        evidence_of.wins, 1.0 / (1.0 + static_cast<double>(evidence_of.ambiguous_with.size())));
+    evidence_of.wins = std::min(evidence_of.wins, 1.0 - evidence_of.p);
+    return chosen;
+  }
+
+  /// Removes earlier changes that the newest one has made unnecessary.
+  void remove_unnecessary() {
+    for (std::size_t i = 0; i + 1 < current_.changes.size();) {
+      Varied less =
+          current_.without([&](const Change& change) { return &change == &current_.changes[i]; });
+      ++fits;
+      if (!variation_.fit(less) ||
+          rms_of(current_.pieces) < kMaxRmsRatioToAdd * rms_of(less.pieces)) {
+        ++i;
+        continue;
+      }
+      steps.push_back("  " + current_.changes[i].cause + ": no longer needed, removed");
+      current_ = std::move(less);
+      evidence.erase(evidence.begin() + static_cast<std::ptrdiff_t>(i));
+    }
+  }
+
+  const Variation& variation_;
+  Varied current_;
+  double own_, least_;  // least_: error that a change must remove [m | rad]
+  bool rotary_;
+  const DiagnoseOptions& options_;
+};
+
+/// Throws where model and recording are not of the same axis.
+void check(const SegmentedAxis& axis, const ModelRecord& earlier) {
   if (earlier.axis != axis.axis)
     throw std::runtime_error("the model is of axis " + earlier.axis + ", the recording of axis " +
                              axis.axis + "; a comparison needs a model of the same axis");
@@ -170,6 +309,66 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
     throw std::runtime_error(axis.axis + ": the model is of a " +
                              (earlier.rotary ? "rotary" : "linear") + " axis, the recording of a " +
                              (axis.rotary ? "rotary" : "linear") + " one");
+}
+
+/// Places the change of an effect in the extended model, with the deviations of its values.
+void place_effect(const Change& change, const Eigen::Ref<const Eigen::VectorXd>& deviations,
+                  ModelRecord& extended, Cause& cause) {
+  auto& effects = extended.model.effects;
+  cause.place = static_cast<std::size_t>(
+      std::find_if(effects.begin(), effects.end(),
+                   [&](const Effect& e) { return e.kind == change.kind; }) -
+      effects.begin());
+  EffectDeviations& of_effect = extended.effect_deviations[cause.place];
+  const auto note = [&](const auto& parameters, auto& into, std::size_t q) {
+    for (std::size_t k = 0; k < parameters.size(); ++k) {
+      if (parameters[k].name == change.quantities[q].name)
+        into[k] = deviations(static_cast<Eigen::Index>(q));
+    }
+  };
+  for (std::size_t q = 0; q < change.quantities.size(); ++q) {
+    note(coefficients_of(change.kind), of_effect.coefficient, q);
+    note(shapes_of(change.kind), of_effect.shape, q);
+  }
+}
+
+/// The causes that the changes are evidence for; fills in the deviations of `extended`.
+std::vector<Cause> causes_of(const Varied& changed, const std::vector<Evidence>& evidence,
+                             const Eigen::VectorXd& deviations, ModelRecord& extended) {
+  std::vector<Cause> out;
+  Eigen::Index at = 0;
+  for (std::size_t i = 0; i < changed.changes.size(); ++i) {
+    const Change& change = changed.changes[i];
+    auto cause =
+        std::find_if(out.begin(), out.end(), [&](const Cause& c) { return c.id == change.cause; });
+    if (cause == out.end()) {
+      cause = out.insert(cause, Cause{});
+      cause->id = change.cause;
+      cause->place = kNoEffect;
+      cause->statistic = evidence[i].z;
+      cause->p = evidence[i].p;
+      cause->wins = evidence[i].wins;
+      cause->ambiguous_with = evidence[i].ambiguous_with;
+    }
+    const auto count = static_cast<Eigen::Index>(change.quantities.size());
+    if (change.kind < kEffectKinds) {
+      place_effect(change, deviations.segment(at, count), extended, *cause);
+    } else {
+      const Quantity& quantity = change.quantities.front();
+      const double before = quantity.relative ? 1.0 : 0.0;
+      cause->moved.push_back(
+          {quantity.name, quantity.unit, before, before + changed.values(at), deviations(at)});
+    }
+    at += count;
+  }
+  return out;
+}
+
+}  // namespace
+
+Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
+                  const DiagnoseOptions& options) {
+  check(axis, earlier);
   ModelRecord discretised = earlier;
   discretised.model.sample_time_s = axis.sample_time_s;
   if (const std::string why = why_invalid(discretised.model); !why.empty())
@@ -196,162 +395,26 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   const Variation variation(out.baseline.model, training);
   out.baseline.holdout = judge(out.baseline.model, holdout);
 
-  Varied current;
-  if (!variation.fit(current))
+  Varied unchanged;
+  if (!variation.fit(unchanged))
     throw std::runtime_error(axis.axis + ": the earlier model cannot be simulated at " +
                              text("%g s", axis.sample_time_s));
-  struct Evidence {
-    double z = 0.0, p = 1.0, wins = 1.0;
-    std::vector<std::string> ambiguous_with;
-  };
-  std::vector<Evidence> evidence;
-  // The error that the earlier model had on its own data is no change, and it does not distinguish
-  // two changes.
   const double own = std::isfinite(out.earlier_rms) ? kEarlierMisfitShare * out.earlier_rms : 0.0;
-  const double least = std::max(own, kMinRemovedShare * rms_of(current.pieces));
-  for (std::size_t round = 0; round < kMaxChanges; ++round) {
-    if (options.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
-    auto promising = promising_changes(variation, current, options);
-    const std::size_t candidates = changes_of(variation.base()).size() + kEffectKinds;
-    if (promising.size() > kMaxFitsPerRound) promising.resize(kMaxFitsPerRound);
-    std::string step = text("%s RMS, promising candidates:",
-                            micro_text(rms_of(current.pieces), axis.rotary).c_str());
-    for (const auto& [change, s] : promising)
-      step += text(" %s/%s (%.1f %%, p %.1g)", change.cause.c_str(),
-                   change.quantities.front().name.c_str(), 100.0 * s.gain, s.p);
-    out.steps.push_back(promising.empty() ? step + " none" : step);
-    struct Tried {
-      Varied varied;
-      Evidence evidence;
-    };
-    std::vector<Tried> tried;
-    for (const auto& [change, screened] : promising) {
-      Tried one{current, {}};
-      one.varied.add(change);
-      ++out.fits;
-      if (!variation.fit(one.varied)) continue;
-      one.evidence.z = paired_z(current.pieces, one.varied.pieces);
-      one.evidence.p = 0.5 * std::erfc(one.evidence.z / std::sqrt(2.0));
-      // Passes the paired block test, or the score test if the blocks do not contradict it.
-      if (one.evidence.z > kMinBlockZ) one.evidence.p = std::min(one.evidence.p, screened.p);
-      out.steps.push_back(text("  with %s: %s RMS, z %.1f", change.cause.c_str(),
-                               micro_text(rms_of(one.varied.pieces), axis.rotary).c_str(),
-                               one.evidence.z));
-      if (rms_of(one.varied.pieces) < kMaxRmsRatioToAdd * rms_of(current.pieces) &&
-          removed_rms(current.pieces, one.varied.pieces) > least &&
-          plausible(variation, one.varied) &&
-          one.evidence.p < kFalseAlarmRate / static_cast<double>(candidates))
-        tried.push_back(std::move(one));
-    }
-    if (tried.empty()) break;
-    std::sort(tried.begin(), tried.end(),
-              [](const Tried& l, const Tried& r) { return l.varied.cost < r.varied.cost; });
-    // Of two changes that the blocks do not distinguish, prefer the one with fewer parameters.
-    std::size_t best = 0;
-    for (std::size_t i = 1; i < tried.size(); ++i) {
-      if (tried[i].varied.values.size() < tried[best].varied.values.size() &&
-          share_won(tried[best].varied, tried[i].varied, own) < kMinShareToExcludeRival)
-        best = i;
-    }
-    const double before = rms_of(current.pieces);
-    Tried chosen = tried[best];
-    for (std::size_t i = 0; i < tried.size(); ++i) {
-      if (i == best) continue;
-      const double wins = share_won(chosen.varied, tried[i].varied, own);
-      const std::string& rival = tried[i].varied.changes.back().cause;
-      if (rival == chosen.varied.changes.back().cause) continue;
-      const bool as_good = before - rms_of(tried[i].varied.pieces) >
-                           kMinGainShareOfRivalChange * (before - rms_of(chosen.varied.pieces));
-      auto& rivals = chosen.evidence.ambiguous_with;
-      if (wins < kMinShareToExcludeRival && as_good) {
-        if (std::find(rivals.begin(), rivals.end(), rival) == rivals.end()) rivals.push_back(rival);
-      } else {
-        chosen.evidence.wins = std::min(chosen.evidence.wins, wins);
-      }
-    }
-    // With n ambiguous rivals each of the n + 1 changes is equally likely.
-    chosen.evidence.wins =
-        std::min(chosen.evidence.wins,
-                 1.0 / (1.0 + static_cast<double>(chosen.evidence.ambiguous_with.size())));
-    chosen.evidence.wins = std::min(chosen.evidence.wins, 1.0 - chosen.evidence.p);
-    out.steps.push_back("  " + chosen.varied.changes.back().cause + ": added");
-    current = std::move(chosen.varied);
-    evidence.push_back(std::move(chosen.evidence));
-    // Remove earlier changes that the new one has made unnecessary.
-    for (std::size_t i = 0; i + 1 < current.changes.size();) {
-      Varied less =
-          current.without([&](const Change& change) { return &change == &current.changes[i]; });
-      ++out.fits;
-      if (!variation.fit(less) ||
-          rms_of(current.pieces) < kMaxRmsRatioToAdd * rms_of(less.pieces)) {
-        ++i;
-        continue;
-      }
-      out.steps.push_back("  " + current.changes[i].cause + ": no longer needed, removed");
-      current = std::move(less);
-      evidence.erase(evidence.begin() + static_cast<std::ptrdiff_t>(i));
-    }
-  }
-
+  ChangeSelection selection(variation, std::move(unchanged), own, axis.rotary, options);
+  selection.run();
+  out.steps = std::move(selection.steps);
+  out.fits = selection.fits;
+  Varied current = selection.current();
   if (!(judge(current.of(variation.base()), holdout).rms < out.baseline.holdout.rms)) {
     if (!current.changes.empty())
       out.steps.emplace_back("the changes do not lower the error on held-out data: discarded");
     current = Varied{};
-    evidence.clear();
   }
   out.extended = out.baseline;
-  if (!current.changes.empty()) {
-    out.extended.model = current.of(variation.base());
-    out.extended.method = "comparison";
-    out.extended.training = judge(out.extended.model, variation.training());
-    out.extended.holdout = judge(out.extended.model, holdout);
-    out.extended.effect_deviations.assign(out.extended.model.effects.size(), {});
-    out.extended.denominator_deviation.fill(kAbsent);
-    out.extended.numerator_deviation.fill(kAbsent);
-    out.extended.pole_deviation = {kAbsent, kAbsent, kAbsent};
-    out.extended.loop_covariance.reset();
-  }
-  const Eigen::VectorXd deviations = variation.deviations(current);
-  for (std::size_t i = 0, at = 0; i < current.changes.size(); ++i) {
-    const Change& change = current.changes[i];
-    auto cause = std::find_if(out.causes.begin(), out.causes.end(),
-                              [&](const Cause& c) { return c.id == change.cause; });
-    if (cause == out.causes.end()) {
-      cause = out.causes.insert(cause, Cause{});
-      cause->id = change.cause;
-      cause->place = kNoEffect;
-      cause->statistic = evidence[i].z;
-      cause->p = evidence[i].p;
-      cause->wins = evidence[i].wins;
-      cause->ambiguous_with = evidence[i].ambiguous_with;
-    }
-    const std::size_t count = change.quantities.size();
-    if (change.kind < kEffectKinds) {
-      auto& effects = out.extended.model.effects;
-      cause->place = static_cast<std::size_t>(
-          std::find_if(effects.begin(), effects.end(),
-                       [&](const Effect& e) { return e.kind == change.kind; }) -
-          effects.begin());
-      EffectDeviations& of_effect = out.extended.effect_deviations[cause->place];
-      const auto note = [&](const auto& parameters, auto& into, std::size_t q) {
-        for (std::size_t k = 0; k < parameters.size(); ++k) {
-          if (parameters[k].name == change.quantities[q].name)
-            into[k] = deviations(static_cast<Eigen::Index>(at + q));
-        }
-      };
-      for (std::size_t q = 0; q < count; ++q) {
-        note(coefficients_of(change.kind), of_effect.coefficient, q);
-        note(shapes_of(change.kind), of_effect.shape, q);
-      }
-    } else {
-      const Quantity& quantity = change.quantities.front();
-      const auto first = static_cast<Eigen::Index>(at);
-      const double before = quantity.relative ? 1.0 : 0.0;
-      cause->moved.push_back({quantity.name, quantity.unit, before, before + current.values(first),
-                              deviations(first)});
-    }
-    at += count;
-  }
+  if (!current.changes.empty())
+    set_extended(out.extended, "comparison", current.of(variation.base()), variation.training(),
+                 holdout);
+  out.causes = causes_of(current, selection.evidence, variation.deviations(current), out.extended);
   for (Cause& cause : out.causes) {
     const auto same = [&](const Change& change) { return change.cause == cause.id; };
     Varied less = current.without(same);

@@ -152,6 +152,19 @@ std::vector<ResidualStretch> residual_stretches(const Model& model,
   return out;
 }
 
+void set_extended(ModelRecord& record, const char* method, const Model& model,
+                  const std::vector<Segment>& training, const std::vector<Segment>& holdout) {
+  record.model = model;
+  record.method = method;
+  record.training = judge(model, training);
+  record.holdout = judge(model, holdout);
+  record.effect_deviations.assign(model.effects.size(), {});
+  record.denominator_deviation.fill(kAbsent);
+  record.numerator_deviation.fill(kAbsent);
+  record.pole_deviation = {kAbsent, kAbsent, kAbsent};
+  record.loop_covariance.reset();
+}
+
 void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
               const NoiseFloor& floor, const DiagnoseOptions& options) {
   for (Cause& cause : diagnosis.suspected) diagnosis.causes.push_back(std::move(cause));
@@ -298,38 +311,171 @@ void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
   }
 }
 
+bool is_left_out(std::string_view cause, const DiagnoseOptions& options) {
+  const auto& all = options.leave_out;
+  return std::find(all.begin(), all.end(), cause) != all.end();
+}
+
+/// The model that the diagnosis starts from.
+ModelRecord identified_baseline(const SegmentedAxis& axis, const DiagnoseOptions& options) {
+  IdentifyOptions loop = options.identify;
+  if (is_left_out("time_delay", options)) loop.delay_max_s = 0.0;
+  loop.must_predict = false;  // the diagnosis is about what it does not predict
+  Identified identified = identify(axis, loop);
+  if (!identified.refusals.empty())
+    throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
+  identified.record.motion = motion_range(axis.segments);
+  return std::move(identified.record);
+}
+
+/// That model fitted again without the causes that are left out, which `baseline` gets then.
+Hypothesis refitted_baseline(ModelRecord& baseline, Search& search, const std::string& axis,
+                             const DiagnoseOptions& options) {
+  Hypothesis out;
+  out.structure.order = baseline.model.loop.order;
+  out.structure.matched_feedforward = baseline.model.find(kind_of<TimeDelay>()) != nullptr;
+  for (const Effect& effect : baseline.model.effects) {
+    if (!is_left_out(cause_of(effect.kind), options)) out.structure.effects.push_back(effect.kind);
+  }
+  if (!search.fit(out, {point_of(baseline.model, out.structure)}))
+    throw std::runtime_error(axis + ": the baseline model could not be fitted again");
+  if (out.structure.effects.size() < baseline.model.effects.size()) baseline.model = out.model;
+  return out;
+}
+
+/// Measures the gain of each cause: the model is refitted without it, with all other causes.
+class GainOfCauses {
+ public:
+  /// All must outlive it. `model`: the one with all causes.
+  GainOfCauses(const Model& baseline, const Model& model, const Selected& selected, Search& search,
+               const std::vector<Segment>& holdout)
+      : baseline_(baseline),
+        model_(model),
+        selected_(selected),
+        search_(search),
+        holdout_(holdout) {}
+
+  [[nodiscard]] Cause of(const std::string& id, const Found& found) const {
+    const bool named = selected_.found.count(id) > 0;
+    Cause cause = found.cause;
+    cause.id = id;
+    while (model_.effects[cause.place].kind != found.kind) ++cause.place;
+    Hypothesis less = without_cause(id, found.kind, cause.place, named);
+    const Gain fitted_again = gain_of(less.model, model_, holdout_);
+    cause.worth = worth_of(fitted_again);
+    if (found.kind == kind_of<TimeDelay>()) {
+      of_delay(cause, less.model, fitted_again);
+    } else {
+      cause.gain = fitted_again;
+      // A law of friction that replaces another one is nothing that could be repaired.
+      const auto laws = friction_kinds();
+      if (identity_of(found.kind).replaces.empty() &&
+          std::find(laws.begin(), laws.end(), found.kind) == laws.end()) {
+        judge_repair(model_, without_effect(model_, cause.place, baseline_), holdout_, cause.gain);
+      }
+      cause.without = less.model;
+      if (!named) {
+        search_.judge(less);
+        cause.statistic = paired_z(less.pieces, selected_.model.pieces);
+      }
+    }
+    if (!named) {
+      cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
+      cause.wins = 1.0 - cause.p;
+    }
+    return cause;
+  }
+
+ private:
+  /// The model refitted without a cause. `place`: of its effect. `named`: by the selection.
+  [[nodiscard]] Hypothesis without_cause(const std::string& id, std::size_t kind, std::size_t place,
+                                         bool named) const {
+    const Hypothesis& current = selected_.model;
+    Hypothesis less;
+    less.structure = without(current.structure, id, kind);
+    // If that fit fails, the effect is removed without a refit.
+    less.model = without_effect(model_, place, baseline_);
+    less.point = point_of(less.model, less.structure);
+    if (kind == kind_of<TimeDelay>()) {
+      // Without the delay the loop may have a velocity error that looks like a delay, but not the
+      // zeros that no drive has.
+      less.structure.matched_feedforward = false;
+      for (const std::vector<Point>& from :
+           {std::vector<Point>{point_of(current.model, less.structure)}, std::vector<Point>{}}) {
+        Hypothesis lagging;
+        lagging.structure = less.structure;
+        if (search_.fit(lagging, from) && !delay_in_disguise(lagging.model.loop) &&
+            lagging.cost < less.cost)
+          less = std::move(lagging);
+      }
+      // If the search found a model without the delay, that is the comparison.
+      if (!named && selected_.undelayed) less = *selected_.undelayed;
+      return less;
+    }
+    if (Hypothesis fitted = less; search_.fit(fitted, {point_of(current.model, less.structure),
+                                                       point_of(baseline_, less.structure)})) {
+      less = std::move(fitted);
+    }
+    // The baseline never had a cause that was found later, and may be the better model without it.
+    const std::vector<Segment>& training = search_.training();
+    if (baseline_.find(kind) == nullptr &&
+        judge(baseline_, training).rms < judge(less.model, training).rms)
+      less.model = baseline_;
+    return less;
+  }
+
+  /// Compares with the same loop without the delay or, where that is better, with a loop that
+  /// imitates the delay.
+  void of_delay(Cause& cause, const Model& imitation, const Gain& against_imitation) const {
+    const std::vector<Segment>& training = search_.training();
+    Model at_once = model_;
+    at_once.effects[cause.place].shape[0] = 0.0;
+    cause.gain = gain_of(at_once, model_, holdout_);
+    cause.without = at_once;
+    cause.statistic = paired_z(left_by(at_once, training), left_by(model_, training));
+    if (against_imitation.before < cause.gain.before) {
+      cause.gain = against_imitation;
+      cause.without = imitation;
+      cause.statistic = paired_z(left_by(imitation, training), left_by(model_, training));
+    }
+  }
+
+  const Model& baseline_;
+  const Model& model_;
+  const Selected& selected_;
+  Search& search_;
+  const std::vector<Segment>& holdout_;
+};
+
+/// `as_recorded`: the hold-out before the samples were bridged.
+Cause cause_of_dropped(const DroppedSamples& dropped, const Model& model,
+                       const std::vector<Segment>& as_recorded,
+                       const std::vector<Segment>& holdout) {
+  Cause cause;
+  cause.id = "dropped_samples";
+  cause.place = kNoEffect;
+  cause.counts = {{"missing", static_cast<double>(dropped.missing)},
+                  {"gaps", static_cast<double>(dropped.gaps)},
+                  {"held", static_cast<double>(dropped.held)}};
+  if (dropped.held > 0) {  // samples that are missing have no error
+    cause.gain.before = judge(model, as_recorded).rms;
+    cause.gain.after = judge(model, holdout).rms;
+    cause.worth = worth_of(cause.gain);
+  }
+  return cause;
+}
+
 /// The diagnosis with the division of the recording into training data and hold-out by the options.
 Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions& options) {
   Diagnosis out;
   SegmentedAxis axis = recorded;
   const NoiseFloor floor = noise_floor(recorded.segments);
-  const auto is_left_out = [&](std::string_view cause) {
-    const auto& all = options.leave_out;
-    return std::find(all.begin(), all.end(), cause) != all.end();
-  };
   DroppedSamples dropped;
-  if (!is_left_out("dropped_samples")) dropped = bridge_dropped(axis, floor.encoder_step);
-  IdentifyOptions loop = options.identify;
-  if (is_left_out("time_delay")) loop.delay_max_s = 0.0;
-  loop.must_predict = false;  // the diagnosis is about what it does not predict
-  const Identified identified = identify(axis, loop);
-  if (!identified.refusals.empty())
-    throw std::runtime_error(axis.axis + ": " + identified.refusals.front());
-  out.baseline = identified.record;
-  out.baseline.motion = motion_range(axis.segments);
+  if (!is_left_out("dropped_samples", options)) dropped = bridge_dropped(axis, floor.encoder_step);
+  out.baseline = identified_baseline(axis, options);
   Search search(axis.segments, out.baseline.training_to_s, options.identify.bounds, floor,
                 axis.rotary);
-  Hypothesis baseline;
-  baseline.structure.order = out.baseline.model.loop.order;
-  baseline.structure.matched_feedforward = out.baseline.model.find(kind_of<TimeDelay>()) != nullptr;
-  for (const Effect& effect : out.baseline.model.effects) {
-    if (!is_left_out(cause_of(effect.kind))) baseline.structure.effects.push_back(effect.kind);
-  }
-  if (!search.fit(baseline, {point_of(out.baseline.model, baseline.structure)}))
-    throw std::runtime_error(axis.axis + ": the baseline model could not be fitted again");
-  if (baseline.structure.effects.size() < out.baseline.model.effects.size())
-    out.baseline.model = baseline.model;
-
+  Hypothesis baseline = refitted_baseline(out.baseline, search, axis.axis, options);
   const std::vector<std::size_t> baseline_effects = baseline.structure.effects;
   Selected selected = select_causes(search, baseline, options);
   const double holdout_from_s = out.baseline.training_to_s + 0.5 * axis.sample_time_s;
@@ -362,97 +508,19 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   out.baseline.holdout = judge(out.baseline.model, cut(recorded.segments, holdout_from_s, 1e300));
   out.extended = out.baseline;
   out.extended.holdout = judge(out.baseline.model, holdout);
-  if (!found.empty() || current.structure.effects != baseline_effects) {
-    Model& model = out.extended.model;
-    model = current.model;
-    out.extended.method = "diagnosis";
-    out.extended.training = judge(model, training);
-    out.extended.holdout = judge(model, holdout);
-    // The uncertainties of the baseline belong to other poles; for these none are estimated yet.
-    out.extended.denominator_deviation.fill(kAbsent);
-    out.extended.numerator_deviation.fill(kAbsent);
-    out.extended.pole_deviation = {kAbsent, kAbsent, kAbsent};
-    out.extended.loop_covariance.reset();
-  }
+  if (!found.empty() || current.structure.effects != baseline_effects)
+    set_extended(out.extended, "diagnosis", current.model, training, holdout);
   out.extended.effect_deviations.assign(out.extended.model.effects.size(), {});
 
-  // The gain of each cause: the model is refitted without it, with all other causes.
   const Model& extended = out.extended.model;
   std::map<std::string, Found> causes = found;
   for (const Effect& effect : extended.effects) {
     if (const std::string id = cause_of(effect.kind); !id.empty() && causes.count(id) == 0)
       causes[id].kind = effect.kind;
   }
+  const GainOfCauses gain(out.baseline.model, extended, selected, search, holdout);
   for (const auto& [id, one] : causes) {
-    if (extended.find(one.kind) == nullptr) continue;
-    const bool named = found.count(id) > 0;
-    Cause cause = one.cause;
-    cause.id = id;
-    while (extended.effects[cause.place].kind != one.kind) ++cause.place;
-    const std::size_t i = cause.place;
-    Hypothesis less;
-    less.structure = without(current.structure, id, one.kind);
-    // If that fit fails, the effect is removed without a refit.
-    less.model = without_effect(extended, i, out.baseline.model);
-    less.point = point_of(less.model, less.structure);
-    if (one.kind == kind_of<TimeDelay>()) {
-      // Without the delay the loop may have a velocity error that looks like a delay, but not the
-      // zeros that no drive has.
-      less.structure.matched_feedforward = false;
-      for (const std::vector<Point>& from :
-           {std::vector<Point>{point_of(current.model, less.structure)}, std::vector<Point>{}}) {
-        Hypothesis lagging;
-        lagging.structure = less.structure;
-        if (search.fit(lagging, from) && !delay_in_disguise(lagging.model.loop) &&
-            lagging.cost < less.cost)
-          less = std::move(lagging);
-      }
-      // If the search found a model without the delay, that is the comparison.
-      if (!named && selected.undelayed) less = *selected.undelayed;
-    } else if (Hypothesis fitted = less;
-               search.fit(fitted, {point_of(current.model, less.structure),
-                                   point_of(out.baseline.model, less.structure)})) {
-      less = std::move(fitted);
-    }
-    // The baseline never had a cause that was found later, and may be the better model without it.
-    if (one.kind != kind_of<TimeDelay>() && out.baseline.model.find(one.kind) == nullptr &&
-        judge(out.baseline.model, training).rms < judge(less.model, training).rms)
-      less.model = out.baseline.model;
-    const Gain fitted_again = gain_of(less.model, extended, holdout);
-    cause.worth = worth_of(fitted_again);
-    if (one.kind == kind_of<TimeDelay>()) {
-      // Compare with the same loop without the delay or, where that is better, with a loop that
-      // imitates the delay.
-      Model at_once = extended;
-      at_once.effects[i].shape[0] = 0.0;
-      cause.gain = gain_of(at_once, extended, holdout);
-      cause.without = at_once;
-      cause.statistic = paired_z(left_by(at_once, training), left_by(extended, training));
-      if (fitted_again.before < cause.gain.before) {
-        cause.gain = fitted_again;
-        cause.without = less.model;
-        cause.statistic = paired_z(left_by(less.model, training), left_by(extended, training));
-      }
-    } else {
-      cause.gain = fitted_again;
-      // A law of friction that replaces another one is nothing that could be repaired.
-      const auto laws = friction_kinds();
-      if (identity_of(one.kind).replaces.empty() &&
-          std::find(laws.begin(), laws.end(), one.kind) == laws.end()) {
-        judge_repair(extended, without_effect(extended, i, out.baseline.model), holdout,
-                     cause.gain);
-      }
-      cause.without = less.model;
-      if (!named) {
-        search.judge(less);
-        cause.statistic = paired_z(less.pieces, current.pieces);
-      }
-    }
-    if (!named) {
-      cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
-      cause.wins = 1.0 - cause.p;
-    }
-    out.causes.push_back(std::move(cause));
+    if (extended.find(one.kind) != nullptr) out.causes.push_back(gain.of(id, one));
   }
   doubt(out.causes, current, search, holdout);
   for (Cause& cause : out.causes) {
@@ -462,18 +530,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   if (dropped.any()) {
     const std::vector<Segment> as_recorded =
         cut(recorded.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
-    Cause cause;
-    cause.id = "dropped_samples";
-    cause.place = kNoEffect;
-    cause.counts = {{"missing", static_cast<double>(dropped.missing)},
-                    {"gaps", static_cast<double>(dropped.gaps)},
-                    {"held", static_cast<double>(dropped.held)}};
-    if (dropped.held > 0) {  // samples that are missing have no error
-      cause.gain.before = judge(extended, as_recorded).rms;
-      cause.gain.after = judge(extended, holdout).rms;
-      cause.worth = worth_of(cause.gain);
-    }
-    out.causes.push_back(std::move(cause));
+    out.causes.push_back(cause_of_dropped(dropped, extended, as_recorded, holdout));
   }
   out.fits = search.fits();
   conclude(out, recorded, holdout, floor, options);

@@ -120,6 +120,11 @@ struct DiagnoseOptions {
 [[nodiscard]] std::vector<ResidualStretch> residual_stretches(const Model& model,
                                                               const std::vector<Segment>& segments);
 
+/// Makes the record of a baseline that of an extended model. The uncertainties of the baseline
+/// belong to other parameters; of these none are estimated yet.
+void set_extended(ModelRecord& record, const char* method, const Model& model,
+                  const std::vector<Segment>& training, const std::vector<Segment>& holdout);
+
 /// Completes a diagnosis after the search: sorts the causes into named and suspected ones, and
 /// fills in the verdict, the confidences, the shares of the residual, the spectral lines, the
 /// unexplained share, the causes that are not observable, and the suggested test. `holdout`: with
