@@ -21,7 +21,6 @@ constexpr std::size_t kMoments = 8;  // largest peaks in time that are tried
 // Peaks that impulses explain over peaks that remain: impulses must stand out by this ratio.
 constexpr double kMinPeakRatio = 2.5;
 
-
 Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
   if (gram.size() == 0) return right;
   Eigen::MatrixXd ridged = gram;
