@@ -71,7 +71,7 @@ class MapReader {
     Section root(&table, "", problems_);
     if (!root.has("cycle_s"))
       root.report_missing("cycle_s", "is missing; how long is a cycle [s]?");
-    root.number("cycle_s", 1e-5, 1.0, "s", map_.machine.cycle_s);
+    root.number("cycle_s", kMinCycle_s, kMaxCycle_s, "s", map_.machine.cycle_s);
     map_.deadline_s = 0.9 * map_.machine.cycle_s;
     root.number("deadline_s", 1e-6, 1.0, "s", map_.deadline_s);
     read_buses(root);

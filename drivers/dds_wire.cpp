@@ -121,7 +121,7 @@ void Wire<MachineFrame>::encode(const MachineFrame& frame, Sample& sample) {
 
 bool Wire<MachineDescription>::decode(const Sample& sample, MachineDescription& description) {
   if (sample.axes._length < 1 || sample.axes._length > kMaxAxes) return false;
-  if (!(sample.cycle_s > 0.0) || !std::isfinite(sample.cycle_s)) return false;
+  if (!(sample.cycle_s >= kMinCycle_s && sample.cycle_s <= kMaxCycle_s)) return false;
   description.cycle_s = sample.cycle_s;
   description.axes.clear();
   for (std::size_t i = 0; i < sample.axes._length; ++i) {

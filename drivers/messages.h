@@ -33,9 +33,13 @@ struct AxisDescription {
   std::string torque_unit;  ///< "N", "Nm", "A", "V", "%" or empty
 };
 
+/// Range of the cycle of a machine [s]: from twice the rate of the fastest current loops to
+/// positions that are polled.
+inline constexpr double kMinCycle_s = 1e-5, kMaxCycle_s = 1.0;
+
 /// The description of a machine: its axes in the order of its frames.
 struct MachineDescription {
-  double cycle_s = 0.0;
+  double cycle_s = 0.0;  ///< kMinCycle_s to kMaxCycle_s
   std::vector<AxisDescription> axes;
 };
 

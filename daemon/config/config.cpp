@@ -375,7 +375,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   Section machine = root.section("machine");
   machine.name("name", 63, config.machine);
   double cycle_s = 0.0;
-  machine.number("cycle_s", 1e-5, 1.0, "s", cycle_s);
+  machine.number("cycle_s", kMinCycle_s, kMaxCycle_s, "s", cycle_s);
   if (cycle_s > 0.0) config.cycle_s = cycle_s;
   machine.refuse_unknown();
 

@@ -103,17 +103,25 @@ MachineInput listening(const Config& config, EventLog& events) {
 }
 
 /// Waits for the description of the machine on the network; nothing if `stop` is requested before.
-/// Publishes the state "waiting" on `node`.
+/// Publishes the state "waiting" on `node`; the first description that is refused is an event.
 std::optional<MachineDescription> introduced(const DdsNode& node,
                                              DdsReader<MachineDescription>& reader,
-                                             const std::stop_token& stop) {
+                                             const std::stop_token& stop, EventLog& events) {
   DdsWriter<MachineStatus> writer(node);
   MachineStatus status;
   status.state = DaemonState::kWaiting;
   writer.write(status);
   MachineDescription machine;
+  bool refused = false;
   while (!stop.stop_requested()) {
     if (reader.receive(machine, 0.1)) return machine;
+    if (refused || reader.counts().malformed == 0) continue;
+    refused = true;
+    events.error("source", "",
+                 "the description of machine '" + node.place().machine +
+                     "' is refused: cycle_s must be " + number(kMinCycle_s) + " to " +
+                     number(kMaxCycle_s) + " s, there must be 1 to " + std::to_string(kMaxAxes) +
+                     " axes with different names, and a name " + std::string(kUsableNameRule));
   }
   return std::nullopt;
 }
@@ -175,7 +183,7 @@ std::optional<MachineInput> open_input(const Config& config, const DdsNode& node
     events.note("source", "",
                 "waiting for machine '" + config.machine + "' on DDS domain " +
                     std::to_string(node_in.place().domain));
-    const std::optional<MachineDescription> machine = introduced(node, descriptions, stop);
+    const std::optional<MachineDescription> machine = introduced(node, descriptions, stop, events);
     if (!machine) return std::nullopt;
     input.machine = *machine;
   } else {

@@ -140,6 +140,24 @@ TEST_F(ServiceTest, PredictsWithTheModelItHadForAMachineThatIntroducesItself) {
   EXPECT_THAT(said_.str(), HasSubstr("stopped after 500 frames"));
 }
 
+TEST_F(ServiceTest, ADescriptionWithAnAbsurdCycleIsRefusedAndTheNextOneIsTaken) {
+  start();
+  const DdsNode node(place_);
+  DdsWriter<MachineDescription> absurd(node);
+  ASSERT_TRUE(absurd.write({1e-300, {{"X", false, ""}}}));
+  const std::string refused = "the description of machine '" + config_.machine +
+                              "' is refused: cycle_s must be 1e-05 to 1 s";
+  const Store events(directory_.path(), config_.machine, StoreAccess::kRead);
+  for (int i = 0; i < 600 && !events.events(1)[0].text.starts_with(refused); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_THAT(events.events(1)[0].text, HasSubstr(refused));
+  Machine machine(node);
+  EXPECT_TRUE(machine.wait_for_daemon());
+  stop();
+  EXPECT_EQ(failure_, "");
+  EXPECT_THAT(said_.str(), HasSubstr("stopped after 0 frames"));
+}
+
 TEST_F(ServiceTest, SpeaksElsewhereThanWhereItsFramesComeFrom) {
   store_model(drive());
   config_.dds_in = DdsConfig{config_.dds.domain, "machines", 0};

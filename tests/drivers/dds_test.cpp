@@ -375,6 +375,26 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsTheDiagnosesAndTheStatus) {
   EXPECT_EQ(now.repeated, 9U);
 }
 
+TEST(Dds, ADescriptionWithACycleOutOfRangeIsCountedAndNotGiven) {
+  const DdsNode node(place("cycle"));
+  DdsReader<MachineDescription> reader(node);
+  DdsWriter<MachineDescription> writer(node);
+  ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
+  MachineDescription came;
+  std::uint64_t refused = 0;
+  for (const double cycle_s : {0.0, -1e-3, 1e-300, 9.9e-6, 1.01, 1e300, kAbsent}) {
+    ASSERT_TRUE(writer.write({cycle_s, {{"X", false, ""}}}));
+    ASSERT_TRUE(writer.wait_for_delivery(kPatience_s));
+    EXPECT_FALSE(reader.receive(came, 0.02)) << cycle_s;
+    EXPECT_EQ(reader.counts().malformed, ++refused) << cycle_s;
+  }
+  for (const double cycle_s : {1e-5, 1.0}) {
+    ASSERT_TRUE(writer.write({cycle_s, {{"X", false, ""}}}));
+    ASSERT_TRUE(reader.receive(came, kPatience_s)) << cycle_s;
+    EXPECT_EQ(came.cycle_s, cycle_s);
+  }
+}
+
 TEST(Dds, NamesThatDoNotFitAreRefusedBeforeTheyAreSent) {
   const auto refused = [](const auto& action) -> std::string {
     try {
