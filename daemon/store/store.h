@@ -83,7 +83,8 @@ class Store {
   /// Throws if no file can be created there, or in the nearest existing parent; leaves no file
   /// behind.
   static void try_making(const std::filesystem::path& directory);
-  /// True while a process has opened it with kOwn.
+  /// True while a process has opened it with kOwn. A servotwind of version 0.1.0 is not noticed:
+  /// that would need a lock, which could keep a daemon from starting.
   [[nodiscard]] static bool in_use(const std::filesystem::path& directory);
   Store(const Store&) = delete;
   Store& operator=(const Store&) = delete;

@@ -1,5 +1,6 @@
 // Who may use the directory of a Store: one process at a time, as one user.
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -44,6 +45,13 @@ struct flock whole_file(short type) {
   lock.l_type = type;
   lock.l_whence = SEEK_SET;
   return lock;
+}
+
+/// Whether a servotwind of version 0.1.0 owns the store. Its lock is an exclusive flock(), which
+/// does not exclude the one above. A shared one is refused while it is held, keeps such a daemon
+/// from starting later, and lets everybody else lock the file for reading.
+bool owned_by_0_1_0(int lock) {
+  return flock(lock, LOCK_SH | LOCK_NB) != 0 && errno == EWOULDBLOCK;
 }
 
 bool made_by_a_store(const std::string& name) {
@@ -95,7 +103,7 @@ int Store::lock_directory(const std::filesystem::path& directory) {
     throw std::runtime_error("store " + directory.string() + ": cannot be written: " +
                              system_error(errno) + "; give a writable directory with --store");
   struct flock whole = whole_file(F_WRLCK);
-  if (fcntl(lock, F_OFD_SETLK, &whole) != 0) {
+  if (fcntl(lock, F_OFD_SETLK, &whole) != 0 || owned_by_0_1_0(lock)) {
     close(lock);
     throw std::runtime_error(
         "store " + directory.string() +

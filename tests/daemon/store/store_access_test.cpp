@@ -103,6 +103,23 @@ TEST_F(StoreAccessTest, AskingWhetherAStoreIsInUseLocksNothing) {
   close(reader);
 }
 
+// Version 0.1.0 locked the file by flock(LOCK_EX | LOCK_NB).
+TEST_F(StoreAccessTest, ADaemonOfVersion010AndThisOneDoNotOwnTheSameStore) {
+  make_store();
+  const int old = open((store() / "lock").c_str(), O_RDWR | O_CLOEXEC);
+  ASSERT_GE(old, 0);
+  {
+    const Store used(store(), "mill");
+    EXPECT_NE(flock(old, LOCK_EX | LOCK_NB), 0);
+    EXPECT_EQ(errno, EWOULDBLOCK);
+  }
+  ASSERT_EQ(flock(old, LOCK_EX | LOCK_NB), 0);
+  EXPECT_THAT(message_of([&] { Store starts(store(), "mill"); }),
+              HasSubstr("is in use by another servotwind"));
+  close(old);
+  EXPECT_EQ(Store(store(), "mill").in_force().size(), 1U);
+}
+
 // The whole daemon, with the database locked for writing by another process.
 TEST_F(StoreAccessTest, TheDaemonStartsWhileTheDatabaseIsLockedAndSaysSo) {
   make_store();
