@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string_view>
@@ -46,6 +47,20 @@ nlohmann::json read_copy(const std::filesystem::path& file, bool* checked = null
     throw std::runtime_error(file.string() +
                              ": its checksum does not match: it was damaged or changed by hand");
   return model;
+}
+
+/// Makes a copy at `kept`, and says that it is there, or why there is none: a full disk must not
+/// keep the daemon from starting.
+std::string keep(const std::filesystem::path& kept, const std::function<void()>& make) {
+  try {
+    make();
+    return "is kept as " + kept.string();
+  } catch (const std::exception& error) {
+    std::error_code ignored;
+    for (const char* part : {"", "-journal"})
+      std::filesystem::remove(kept.string() + part, ignored);
+    return "could not be kept: " + std::string(error.what());
+  }
 }
 
 /// Why a database cannot be relied on.
@@ -150,11 +165,12 @@ std::string Store::damage() {
 /// `unread`: transactions in the journal that SQLite does not read.
 void Store::keep_journal(std::ptrdiff_t unread) {
   const std::string kept = aside().string() + "-wal";
-  std::filesystem::copy_file(file_.string() + "-wal", kept);
+  const std::string where =
+      keep(kept, [&] { std::filesystem::copy_file(file_.string() + "-wal", kept); });
   report_loss(
       "the journal of the database was damaged, or the power failed while it was written: " +
-      std::to_string(unread) +
-      " of the last models, diagnoses and events are lost; the journal is kept as " + kept);
+      std::to_string(unread) + " of the last models, diagnoses and events are lost; the journal " +
+      where);
 }
 
 std::filesystem::path Store::aside() const {
@@ -190,14 +206,16 @@ void Store::drop_damaged_rows() {
   }
   if (rows.empty()) return;
   const std::filesystem::path kept = aside();
-  Statement(*this, "VACUUM INTO ?").bind(kept.string()).step("cannot be written");
+  const std::string where = keep(kept, [&] {
+    Statement(*this, "VACUUM INTO ?").bind(kept.string()).step("cannot be copied");
+  });
   Transaction transaction(*this);
   for (const StoreTable& table : kStoreTables)
     execute(std::string("DELETE FROM ") + table.name + " WHERE NOT (" + intact(table) + ")");
   cite_anew();
   transaction.commit();
   report_loss("the store was damaged (rows that do not match their checksums: " + rows +
-              "): these rows are lost; the database with them is kept as " + kept.string());
+              "): these rows are lost; the database with them " + where);
 }
 
 /// Without its citation a recording that a model cites would be deleted; the models name them, too.

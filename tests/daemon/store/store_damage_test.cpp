@@ -2,11 +2,15 @@
 // of a file.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <csignal>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <random>
 
 #include "daemon/record/recorder.h"
@@ -204,6 +208,77 @@ TEST(StoreAfterDamage, AStoreThatIsWellLosesNothingAndIsCopied) {
   const Store store(directory.path(), "mill");
   EXPECT_EQ(store.lost(), "");
   EXPECT_EQ(read_model(copy).version, 1);
+}
+
+/// A disk on which no file becomes larger than this.
+class SmallDisk {
+ public:
+  explicit SmallDisk(std::uintmax_t bytes) : signal_(std::signal(SIGXFSZ, SIG_IGN)) {
+    getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit small{bytes, before_.rlim_max};
+    EXPECT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  }
+  SmallDisk(const SmallDisk&) = delete;
+  SmallDisk& operator=(const SmallDisk&) = delete;
+  ~SmallDisk() {
+    setrlimit(RLIMIT_FSIZE, &before_);
+    std::signal(SIGXFSZ, signal_);
+  }
+
+ private:
+  void (*signal_)(int);
+  rlimit before_{};
+};
+
+bool anything_kept(const fs::path& store) {
+  return std::any_of(fs::directory_iterator(store), fs::directory_iterator(),
+                     [](const auto& entry) {
+                       return entry.path().filename().string().find("damaged") != std::string::npos;
+                     });
+}
+
+TEST(StoreAfterDamage, WhereThereIsNoRoomForTheDatabaseWithTheDamagedRowsTheStoreOpensWithoutIt) {
+  TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    store.add(event("damaged"));
+    store.add(event(std::string(400'000, 'x')));
+    ModelRecord record = numbered(1);
+    store.promote(record, event("first"));
+  }
+  spoil(directory.path(), "UPDATE events SET text = 'other' WHERE text = 'damaged'");
+  std::optional<Store> store;
+  {
+    const SmallDisk disk(fs::file_size(database(directory.path())) / 2);
+    store.emplace(directory.path(), "mill");
+    store->add(event("goes on"));
+  }
+  EXPECT_THAT(store->lost(), HasSubstr("1 of events"));
+  EXPECT_THAT(store->lost(), HasSubstr("the database with them could not be kept: "));
+  EXPECT_FALSE(anything_kept(directory.path()));
+  EXPECT_EQ(store->events(10).size(), 3U);
+  EXPECT_EQ(store->in_force().size(), 1U);
+}
+
+TEST(StoreAfterDamage, WhereThereIsNoRoomForTheDamagedJournalTheStoreOpensWithoutIt) {
+  const LivingStore living(4);
+  const fs::path journal = living.path() / "servotwin.sqlite-wal";
+  const std::uintmax_t size = fs::file_size(journal);
+  {
+    std::fstream file(journal, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(static_cast<std::streamoff>(size / 2));
+    file.write("damage", 6);
+  }
+  std::optional<Store> store;
+  {
+    const SmallDisk disk(size - 1);
+    store.emplace(living.path(), "mill");
+    store->add(event("goes on"));
+  }
+  EXPECT_THAT(store->lost(), HasSubstr("the journal of the database was damaged"));
+  EXPECT_THAT(store->lost(), HasSubstr("; the journal could not be kept: "));
+  EXPECT_FALSE(anything_kept(living.path()));
+  EXPECT_EQ(store->in_force()[0].record.version, 4) << "from its copy";
 }
 
 /// Promotes, records with a small budget and logs events until it is killed; prints what is stored.
