@@ -5,6 +5,7 @@
 #include <matio.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -152,20 +153,65 @@ void read_values(const std::string& source, mat_t* file, matvar_t* variable, std
 // A file may hold much more than its size suggests: compressed, integers of one byte, or chunks
 // that were never written. A recording does not: its time stamps alone are more than 1 % of what is
 // read of it. So a small file cannot take the memory of the host.
-void require_plausible_size(const std::filesystem::path& file, std::size_t rows,
-                            std::size_t columns) {
+void require_plausible_size(const std::filesystem::path& file, double needed,
+                            const std::string& of_what) {
   constexpr double kMaxExpansion = 100;    // memory of the values, as a multiple of the file
   constexpr double kAlwaysAllowed = 64e6;  // bytes: two minutes of ten channels at 8 kHz
   const auto size = static_cast<double>(std::filesystem::file_size(file));
-  const double needed = static_cast<double>(rows) * static_cast<double>(columns) * sizeof(double);
   if (needed <= std::max(kAlwaysAllowed, kMaxExpansion * size)) return;
   const auto megabytes = [](double bytes) { return number(bytes / 1e6) + " MB"; };
-  throw std::runtime_error(
-      file.string() + ": a file of " + megabytes(size) + " would become " + megabytes(needed) +
-      " of values (" + std::to_string(rows) + " rows, " + std::to_string(columns) +
-      " columns); the limit is " + number(kMaxExpansion) + " times the size of the file, or " +
-      megabytes(kAlwaysAllowed) +
-      ". If this is a recording, save it without compression (in MATLAB: save -v6)");
+  throw std::runtime_error(file.string() + ": a file of " + megabytes(size) + " would become " +
+                           megabytes(needed) + " of " + of_what + "; the limit is " +
+                           number(kMaxExpansion) + " times the size of the file, or " +
+                           megabytes(kAlwaysAllowed) +
+                           ". If this is a recording, save it without compression (in MATLAB: "
+                           "save -v6)");
+}
+
+void require_plausible_values(const std::filesystem::path& file, std::size_t rows,
+                              std::size_t columns) {
+  require_plausible_size(
+      file, static_cast<double>(rows) * static_cast<double>(columns) * sizeof(double),
+      "values (" + std::to_string(rows) + " rows, " + std::to_string(columns) + " columns)");
+}
+
+/// An object of the HDF5 library.
+class Hdf5 {
+ public:
+  Hdf5(hid_t id, herr_t (*close)(hid_t)) : id_(id), close_(close) {}
+  Hdf5(const Hdf5&) = delete;
+  Hdf5& operator=(const Hdf5&) = delete;
+  ~Hdf5() {
+    if (id_ >= 0) close_(id_);
+  }
+  operator hid_t() const { return id_; }
+
+ private:
+  hid_t id_;
+  herr_t (*close_)(hid_t);
+};
+
+/// The size of a chunk of a v7.3 variable [bytes]; 0 if it has none.
+double chunk_bytes(hid_t file, const std::string& variable) {
+  const Hdf5 data(H5Dopen2(file, variable.c_str(), H5P_DEFAULT), H5Dclose);
+  if (data < 0) return 0.0;  // a group: no vector, which reading says
+  const Hdf5 properties(H5Dget_create_plist(data), H5Pclose), type(H5Dget_type(data), H5Tclose);
+  if (H5Pget_layout(properties) != H5D_CHUNKED) return 0.0;
+  std::array<hsize_t, H5S_MAX_RANK> length{};
+  const int rank = H5Pget_chunk(properties, H5S_MAX_RANK, length.data());
+  auto bytes = static_cast<double>(H5Tget_size(type));
+  for (int i = 0; i < rank; ++i) bytes *= static_cast<double>(length[static_cast<std::size_t>(i)]);
+  return bytes;
+}
+
+// HDF5 inflates a chunk as a whole, however few of its values belong to the vector.
+void require_plausible_chunks(const std::filesystem::path& file,
+                              const std::vector<std::string>& variables) {
+  const Hdf5 opened(H5Fopen(file.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT), H5Fclose);
+  if (opened < 0) throw std::runtime_error(file.string() + ": the MATLAB file is damaged");
+  for (const std::string& variable : variables)
+    require_plausible_size(file, chunk_bytes(opened, variable),
+                           "values at once (a chunk of variable " + in_quotes(variable) + ")");
 }
 
 // Converts to SI; values that are not numbers are counted and noted.
@@ -231,9 +277,17 @@ Recording read_mat(const std::filesystem::path& file, const ReadOptions& options
                                std::to_string(length));
     }
   };
-  if (layout.time) require_rows(*layout.time);
-  for (const Layout::Column& column : layout.columns) require_rows(column.index);
-  require_plausible_size(file, rows, layout.columns.size() + 1);
+  std::vector<std::string> read;
+  if (layout.time) {
+    require_rows(*layout.time);
+    read.push_back(names[*layout.time]);
+  }
+  for (const Layout::Column& column : layout.columns) {
+    require_rows(column.index);
+    read.push_back(names[column.index]);
+  }
+  require_plausible_values(file, rows, layout.columns.size() + 1);
+  if (Mat_GetVersion(mat.get()) == MAT_FT_MAT73) require_plausible_chunks(file, read);
   require_memory(file, rows, layout.columns.size() + 1);
 
   Recording recording;

@@ -1,10 +1,13 @@
 // A small MATLAB file that would become large in memory is refused before the memory is spent.
 #include <gmock/gmock.h>
+#include <hdf5.h>
 #include <matio.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <zlib.h>
 
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <string>
@@ -98,6 +101,72 @@ TEST(MatExpansion5, ARecordingOfConstantsIsRead) {
   // What is stored without compression is never refused: 5 MB become 80 MB.
   write_zeros(file, 5'000'000, MAT_FT_MAT5, MAT_COMPRESSION_NONE);
   EXPECT_EQ(read(file).time.size(), 5'000'000U);
+}
+
+/// `bytes` zeros as zlib writes them, made in parts.
+std::vector<unsigned char> deflated_zeros(std::size_t bytes) {
+  std::vector<unsigned char> block(1'000'000, 0), out(bytes / 500 + 1000);
+  z_stream stream{};
+  EXPECT_EQ(deflateInit(&stream, Z_DEFAULT_COMPRESSION), Z_OK);
+  stream.next_out = out.data();
+  stream.avail_out = static_cast<unsigned>(out.size());
+  for (std::size_t left = bytes; left > 0;) {
+    const std::size_t part = std::min(left, block.size());
+    left -= part;
+    stream.next_in = block.data();
+    stream.avail_in = static_cast<unsigned>(part);
+    EXPECT_EQ(deflate(&stream, left == 0 ? Z_FINISH : Z_NO_FLUSH), left == 0 ? Z_STREAM_END : Z_OK);
+  }
+  out.resize(stream.total_out);
+  deflateEnd(&stream);
+  return out;
+}
+
+/// Adds a vector of 100 values in a compressed chunk of this length.
+void add_vector(hid_t file, const char* name, hsize_t chunk) {
+  const hsize_t length[2] = {1, 100}, most[2] = {1, H5S_UNLIMITED}, part[2] = {1, chunk};
+  const hsize_t begin[2] = {0, 0};
+  const hid_t space = H5Screate_simple(2, length, most), how = H5Pcreate(H5P_DATASET_CREATE);
+  H5Pset_chunk(how, 2, part);
+  H5Pset_deflate(how, 1);
+  const hid_t data =
+      H5Dcreate2(file, name, H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, how, H5P_DEFAULT);
+  const std::vector<unsigned char> zeros = deflated_zeros(chunk * sizeof(double));
+  EXPECT_GE(H5Dwrite_chunk(data, H5P_DEFAULT, 0, begin, zeros.size(), zeros.data()), 0);
+  const hid_t type = H5Tcopy(H5T_C_S1);
+  H5Tset_size(type, 6);
+  const hid_t scalar = H5Screate(H5S_SCALAR);
+  const hid_t kind = H5Acreate2(data, "MATLAB_class", type, scalar, H5P_DEFAULT, H5P_DEFAULT);
+  EXPECT_GE(H5Awrite(kind, type, "double"), 0);
+  H5Aclose(kind);
+  H5Sclose(scalar);
+  H5Tclose(type);
+  H5Dclose(data);
+  H5Pclose(how);
+  H5Sclose(space);
+}
+
+/// A v7.3 file with the vectors t and x, of 100 values each.
+void write_chunks(const std::filesystem::path& file, hsize_t chunk) {
+  Mat_Close(Mat_CreateVer(file.c_str(), nullptr, MAT_FT_MAT73));
+  const hid_t out = H5Fopen(file.c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  ASSERT_GE(out, 0);
+  for (const char* name : {"t", "x"}) add_vector(out, name, chunk);
+  H5Fclose(out);
+}
+
+TEST(MatExpansion73, AFewValuesInAChunkThatBecomesLargeAreRefusedBeforeItIsInflated) {
+  const test::TemporaryDirectory directory;
+  const auto file = directory.path() / "chunk.mat";
+  write_chunks(file, 1000);
+  EXPECT_EQ(read(file).time.size(), 100U);
+  write_chunks(file, 25'000'000);
+  ASSERT_LT(std::filesystem::file_size(file), 1'000'000U);
+  const auto [said, grown_kib] = said_and_grown_kib(file);
+  EXPECT_THAT(said, HasSubstr("would become 200 MB of values at once (a chunk of variable 't')"));
+#ifndef __SANITIZE_THREAD__
+  EXPECT_LT(grown_kib, 8'000);
+#endif
 }
 
 INSTANTIATE_TEST_SUITE_P(Formats, MatExpansion, testing::Values(MAT_FT_MAT5, MAT_FT_MAT73),
