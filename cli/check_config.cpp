@@ -2,6 +2,7 @@
 #include <sys/stat.h>
 
 #include <algorithm>
+#include <ctime>
 #include <memory>
 #include <optional>
 #include <string>
@@ -14,6 +15,7 @@
 #include "daemon/config/listen_address.h"
 #include "daemon/input/offset_contract.h"
 #include "daemon/service.h"
+#include "daemon/web/tls_pair.h"
 #include "drivers/can_map.h"
 #include "drivers/text.h"
 
@@ -58,7 +60,7 @@ void note_readers(const std::filesystem::path& file, const std::string& secret,
                   text(" (mode %04o): ", found.st_mode & 07777U) + what_to_do);
 }
 
-/// Notes on what makes it easy to read the token.
+/// Notes on what makes it easy to read the token, and on a certificate that expires.
 void note_secrets(const std::filesystem::path& file, const daemon::HttpConfig& http) {
   const std::string close = "remove the rights of group and others (chmod go= FILE)";
   if (!http.token_file.empty()) {
@@ -69,6 +71,9 @@ void note_secrets(const std::filesystem::path& file, const daemon::HttpConfig& h
                  "in http.token_file");
   }
   if (!http.tls_key.empty()) note_readers(http.tls_key, "the private key", close);
+  const std::string expiry = daemon::expiry_note(
+      daemon::read_tls_pair(http.tls_certificate, http.tls_key), std::time(nullptr));
+  if (!expiry.empty()) say(stdout, "note: " + expiry);
   const auto address = daemon::parse_listen_address(http.listen);
   if (address && !address->is_loopback() && http.tls_certificate.empty())
     say(stdout, "note: " + http.listen +

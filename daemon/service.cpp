@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "daemon/between/clock.h"
 #include "daemon/config/listen_address.h"
 #include "daemon/config/reload.h"
 #include "daemon/input/machine_input.h"
@@ -31,12 +32,19 @@ DdsPlace place_of(const Config& config, const DdsConfig& dds) {
   return {config.machine, dds.domain, dds.partition, dds.strength, urgent ? config.priority : 0};
 }
 
+void note_expiry(const TlsPair& tls, EventLog& events) {
+  constexpr std::int64_t kSecond_ns = 1'000'000'000;
+  if (const std::string note = expiry_note(tls, wall_ns() / kSecond_ns); !note.empty())
+    events.note("http", "", note);
+}
+
 /// The page; null if it is not configured, or if it cannot be served and is not required.
 std::unique_ptr<WebService> page_of(const Config& config, Store& store, EventLog& events) {
   if (config.http.listen.empty() || config.http.listen == "none") return nullptr;
   try {
     auto web = std::make_unique<WebService>(config.http, config.machine, store, events);
     events.note("http", "", "page at " + web->url());
+    note_expiry(read_tls_pair(config.http.tls_certificate, config.http.tls_key), events);
     return web;
   } catch (const BadTlsPair&) {
     throw;  // TLS was asked for
@@ -71,10 +79,16 @@ bool read_again(const std::function<Config()>& load, Config& running, WebService
                 EventLog& events) {
   try {
     const Config newer = load();
-    const ConfigChanges changes = changes_between(running, newer);
+    ConfigChanges changes = changes_between(running, newer);
+    TlsPair tls;  // the files may have been renewed; other files need a restart
+    if (web != nullptr && newer.http.tls_certificate == running.http.tls_certificate &&
+        newer.http.tls_key == running.http.tls_key)
+      tls = read_tls_pair(newer.http.tls_certificate, newer.http.tls_key);
     running = reloaded(running, newer);
     if (web != nullptr) web->use_token(running.http.token);
+    if (tls.given() && web->use_tls(tls)) changes.at_once.emplace_back("a new certificate");
     events.note("reloaded", "", changes.text());
+    note_expiry(tls, events);
     return true;
   } catch (const std::exception& error) {
     // Each line of the message is an event.

@@ -2,9 +2,9 @@
 // which need a restart.
 //
 // At once: [identify], from its next step on; every_s, record_s and encoder_in_loop of [diagnose];
-// recordings_mb and recordings_max_mb of [store]; token and token_file of [http]. All other keys
-// need a restart; the event names those that have changed. A configuration with a problem changes
-// nothing.
+// recordings_mb and recordings_max_mb of [store]; token and token_file of [http], and what is in
+// the files of its certificate and key (service.cpp). All other keys need a restart; the event
+// names those that have changed. A configuration with a problem changes nothing.
 #pragma once
 
 #include <functional>

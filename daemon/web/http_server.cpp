@@ -1,6 +1,7 @@
 #include "daemon/web/http_server.h"
 
 #include <arpa/inet.h>
+#include <gnutls/abstract.h>
 #include <microhttpd.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -122,6 +123,15 @@ void HttpServer::try_listening(const ListenAddress& address) {
 }
 
 struct HttpServer::Callbacks {
+  /// The server that polls in this thread: GnuTLS asks for a certificate without saying whose.
+  static thread_local HttpServer* polling;
+  static int on_handshake(gnutls_session_t, const gnutls_cert_retr_st*, gnutls_pcert_st** chain,
+                          unsigned* count, gnutls_ocsp_data_st**, unsigned*, gnutls_privkey_t* key,
+                          unsigned* flags) {
+    const std::lock_guard lock(polling->tls_mutex_);
+    *flags |= GNUTLS_CERT_RETR_DEINIT_ALL;
+    return offer(polling->tls_, chain, count, key);
+  }
   static void on_connection(void* self, MHD_Connection* connection, void** context,
                             MHD_ConnectionNotificationCode code) {
     auto& server = *static_cast<HttpServer*>(self);
@@ -165,33 +175,42 @@ struct HttpServer::Callbacks {
   };
 };
 
+thread_local HttpServer* HttpServer::Callbacks::polling = nullptr;
+
 HttpServer::HttpServer(const ListenAddress& address, std::vector<std::string> names,
                        Handler handler, const TlsPair& tls, Warn warn)
     : address_(address),
       names_(std::move(names)),
       handler_(std::move(handler)),
+      tls_(tls),
       warn_(std::move(warn)) {
   for (std::string& name : names_) name = in_lower_case(name);
   char host[256] = "";
   if (gethostname(host, sizeof host - 1) == 0 && host[0] != '\0')
     names_.push_back(in_lower_case(host));
   names_.emplace_back("localhost");
-  listen_on(address, tls);
+  listen_on(address);
 }
 
-void HttpServer::listen_on(const ListenAddress& address, const TlsPair& tls) {
+bool HttpServer::use_tls(const TlsPair& tls) {
+  const std::lock_guard lock(tls_mutex_);
+  if (tls_.certificate == tls.certificate && tls_.key == tls.key) return false;
+  tls_ = tls;
+  return true;
+}
+
+void HttpServer::listen_on(const ListenAddress& address) {
   const int socket = listening_socket(address, address_.port);
   std::vector<MHD_OptionItem> secure;
-  if (tls.given()) {
-    const auto text = [](const std::string& pem) { return const_cast<char*>(pem.c_str()); };
-    secure = {{MHD_OPTION_HTTPS_MEM_CERT, 0, text(tls.certificate)},
-              {MHD_OPTION_HTTPS_MEM_KEY, 0, text(tls.key)},
-              {MHD_OPTION_HTTPS_PRIORITIES, 0, const_cast<char*>(kTlsPriorities)}};
+  if (tls_.given()) {
+    secure = {
+        {MHD_OPTION_HTTPS_CERT_CALLBACK2, 0, reinterpret_cast<void*>(&Callbacks::on_handshake)},
+        {MHD_OPTION_HTTPS_PRIORITIES, 0, const_cast<char*>(kTlsPriorities)}};
   }
   secure.push_back({MHD_OPTION_END, 0, nullptr});
   daemon_ = MHD_start_daemon(
       MHD_USE_EPOLL | MHD_USE_ITC | MHD_ALLOW_SUSPEND_RESUME |
-          static_cast<unsigned>(tls.given() ? MHD_USE_TLS : 0),
+          static_cast<unsigned>(tls_.given() ? MHD_USE_TLS : 0),
       0, nullptr, nullptr, Callbacks::on_request, this, MHD_OPTION_LISTEN_SOCKET, socket,
       MHD_OPTION_CONNECTION_LIMIT, kMaxSockets, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
       kMaxRequestBytes, MHD_OPTION_NOTIFY_CONNECTION, Callbacks::on_connection, this,
@@ -213,6 +232,7 @@ HttpServer::~HttpServer() {
 }
 
 void HttpServer::poll(int timeout_ms) {
+  Callbacks::polling = this;
   MHD_run_wait(daemon_, timeout_ms);
   const std::int64_t now_ns = steady_ns();
   keep_deadlines(now_ns);

@@ -10,11 +10,12 @@
 // that many large answers do not delay a change. Every response has headers that restrict what a
 // browser may do with it.
 //
-// Errors: the constructor throws CannotListen. One thread.
+// Errors: the constructor throws CannotListen. One thread, except use_tls().
 #pragma once
 
 #include <cstdint>
 #include <functional>
+#include <mutex>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -56,6 +57,9 @@ class HttpServer {
   HttpServer& operator=(const HttpServer&) = delete;
   ~HttpServer();
 
+  /// From now on new connections get this certificate; open ones stay. False if it is the one that
+  /// they get already. Only for a server that was made with one. Any thread.
+  bool use_tls(const TlsPair& tls);
   /// Answers requests for about `timeout_ms` at most.
   void poll(int timeout_ms);
   /// Sends a message to all streams.
@@ -70,7 +74,7 @@ class HttpServer {
  private:
   struct Callbacks;
 
-  void listen_on(const ListenAddress& address, const TlsPair& tls);
+  void listen_on(const ListenAddress& address);
   void accept(Caller& caller);
   void resume(Caller& caller);
   void drop(Caller& caller);
@@ -87,6 +91,8 @@ class HttpServer {
   ListenAddress address_;
   std::vector<std::string> names_;
   Handler handler_;
+  std::mutex tls_mutex_;
+  TlsPair tls_;
   Warn warn_;
   EventStream stream_;
   Callers callers_;

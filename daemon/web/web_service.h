@@ -60,6 +60,10 @@ class WebService {
   /// From now on changes need this token; empty: they are not allowed. Any thread.
   void use_token(const std::string& token);
 
+  /// From now on new connections get this certificate; false if it is the same. Only if the page
+  /// was made with one. Any thread.
+  bool use_tls(const TlsPair& tls) { return server_.use_tls(tls); }
+
   /// "http://127.0.0.1:8402/", with TLS "https://..."
   [[nodiscard]] std::string url() const;
 

@@ -9,6 +9,7 @@
 #include "daemon/web/http_server.h"
 #include "program.h"
 #include "recordings.h"
+#include "tests/support/certificate.h"
 
 namespace servotwin {
 namespace {
@@ -118,6 +119,18 @@ TEST(CheckConfig, ATlsCertificateThatCannotBeUsedIsSaid) {
   EXPECT_EQ(answer.status, 1) << answer;
   EXPECT_THAT(answer.err, HasSubstr("http.tls_certificate: " + folder / "c.pem" +
                                     ": cannot be opened: No such file or directory"));
+}
+
+TEST(CheckConfig, ACertificateThatExpiresWithinAMonthIsNoted) {
+  const Folder folder;
+  const std::string config = folder.write(
+      "m.toml", "[store]\ndirectory = '" + folder / "store" +
+                    "'\n[http]\nlisten = 'none'\ntls_certificate = 'c.pem'\ntls_key = 'k.pem'\n");
+  const std::string note = "note: the certificate in http.tls_certificate expires soon: 2";
+  test::make_certificate(folder / "c.pem", folder / "k.pem", 29);
+  EXPECT_THAT(servotwin_says({"check-config", config}).out, HasSubstr(note));
+  test::make_certificate(folder / "c.pem", folder / "k.pem", 31);
+  EXPECT_THAT(servotwin_says({"check-config", config}).out, testing::Not(HasSubstr("note: ")));
 }
 
 TEST(CheckConfig, AKeyOfVeryManyPartsIsAProblem) {

@@ -22,6 +22,7 @@
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/stalled_thread.h"
 #include "tests/daemon/support.h"
+#include "tests/support/certificate.h"
 #include "tests/support/process.h"
 
 namespace servotwin::daemon {
@@ -347,6 +348,39 @@ TEST_P(HangupTest, ANewTokenInItsFileIsNeededAtOnce) {
   EXPECT_EQ(ended.status, 0);
   EXPECT_THAT(ended.said, HasSubstr("token: is too short: a token has 16 to 256 characters"));
   EXPECT_THAT(ended.said, testing::Not(HasSubstr("of all")));
+}
+
+TEST_P(HangupTest, ARenewedCertificateIsServedAtOnce) {
+  const std::filesystem::path certificate = directory_.path() / "c.pem",
+                              key = directory_.path() / "k.pem";
+  test::make_certificate(certificate, key, 2);
+  const NotifySocket manager(directory_.path() / "notify");
+  const std::string file =
+      write("m.toml", GetParam() + "[http]\ntls_certificate = 'c.pem'\ntls_key = 'k.pem'\n");
+  std::vector<std::string> arguments = here("127.0.0.1:0");
+  arguments.insert(arguments.end(), {"--config", file});
+  Daemon daemon(arguments);
+  ASSERT_EQ(manager.next(), "READY=1");
+  ASSERT_TRUE(daemon.says("the certificate in http.tls_certificate expires soon: "));
+  const std::string place = daemon.said_after("page at https://");
+  const auto verifies = [&] {
+    test::Process client({"sh", "-c",
+                          "openssl s_client -connect " + place.substr(0, place.find('/')) +
+                              " -CAfile " + certificate.string() + " < /dev/null"});
+    (void)client.end();
+    return client.said().find("Verify return code: 0 (ok)") != std::string::npos;
+  };
+  EXPECT_TRUE(verifies());
+  test::make_certificate(certificate, key);
+  EXPECT_FALSE(verifies());
+  daemon.send(SIGHUP);
+  ASSERT_TRUE(daemon.says("configuration read again: a new certificate\n"));
+  EXPECT_TRUE(verifies());
+  write("k.pem", "no key\n");
+  daemon.send(SIGHUP);
+  ASSERT_TRUE(daemon.says("the new configuration is refused"));
+  EXPECT_TRUE(verifies());
+  EXPECT_EQ(daemon.wait_after(SIGTERM).status, 0) << daemon.said();
 }
 
 // Many SIGHUPs while a recording is replayed: no frame is lost.

@@ -3,26 +3,19 @@
 #include <gtest/gtest.h>
 
 #include <cstdlib>
+#include <ctime>
 
 #include "daemon/web/http_server.h"
 #include "tests/daemon/web/http_fixture.h"
+#include "tests/support/certificate.h"
 #include "tests/support/process.h"
 
 namespace servotwin::daemon {
 namespace {
 
+using test::make_certificate;
 using testing::HasSubstr;
 using testing::Not;
-
-/// A certificate of "localhost" that is its own issuer.
-void make_certificate(const std::filesystem::path& certificate, const std::filesystem::path& key) {
-  test::Process openssl({"openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt",
-                         "ec_paramgen_curve:P-256", "-nodes", "-days", "2", "-subj",
-                         "/CN=localhost", "-addext", "subjectAltName=DNS:localhost", "-keyout", key,
-                         "-out", certificate});
-  const int status = openssl.end();
-  ASSERT_EQ(status, 0) << openssl.said();
-}
 
 class TlsTest : public HttpTest {
  protected:
@@ -95,6 +88,37 @@ TEST_F(TlsTest, ADisarmGetsThroughConnectionsThatNeverBeginTls) {
                         kToken + "\r\n"),
               HasSubstr("\"armed\":false"));
   EXPECT_FALSE(armed_);
+}
+
+TEST_F(TlsTest, ARenewedCertificateIsForNewConnectionsAndTheStreamGoesOn) {
+  show();
+  const auto stream = client("GET /api/v1/stream HTTP/1.1\r\n");
+  ASSERT_TRUE(stream->says("Content-Type: text/event-stream")) << stream->said();
+  const std::filesystem::path old = directory_.path() / "old.pem";
+  std::filesystem::copy_file(certificate_, old);
+  const std::string trusting_the_old = "-CAfile " + old.string();
+  EXPECT_FALSE(web_->use_tls(read_tls_pair(certificate_, key_))) << "it is the same";
+  make_certificate(certificate_, key_);
+  EXPECT_THAT(answer_to("GET / HTTP/1.1\r\n"), Not(HasSubstr("<!doctype html>")));
+  EXPECT_TRUE(web_->use_tls(read_tls_pair(certificate_, key_)));
+  EXPECT_THAT(answer_to("GET / HTTP/1.1\r\n"), HasSubstr("<!doctype html>"));
+  EXPECT_THAT(answer_to("GET / HTTP/1.1\r\n", trusting_the_old), Not(HasSubstr("<!doctype html>")));
+  MachineStatus status;
+  status.frames = 4711;
+  shown_->feed().add(status);
+  EXPECT_TRUE(stream->says("\"frames\":4711")) << stream->said();
+}
+
+TEST_F(TlsTest, ACertificateThatExpiresIsNoted) {
+  constexpr std::int64_t kDay_s = 86'400;
+  make_certificate(certificate_, key_, 60);
+  const std::int64_t now_s = std::time(nullptr);
+  const TlsPair pair = read_tls_pair(certificate_, key_);
+  EXPECT_EQ(expiry_note(pair, now_s + 29 * kDay_s), "");
+  EXPECT_THAT(expiry_note(pair, now_s + 31 * kDay_s),
+              HasSubstr("the certificate in http.tls_certificate expires soon: 2"));
+  EXPECT_THAT(expiry_note(pair, now_s + 61 * kDay_s), HasSubstr("has expired: 2"));
+  EXPECT_EQ(expiry_note({}, now_s), "");
 }
 
 TEST_F(TlsTest, WhatDoesNotFitIsSaidWithItsFile) {
