@@ -1,5 +1,6 @@
 // Whether offsets may be sent to drives: only if the configuration has `live` and a person has
-// armed the daemon. Arming is not stored: a daemon starts disarmed. Any thread; errors: none.
+// armed the daemon. Arming is not stored: a daemon starts disarmed. Any thread; errors: none. Only
+// forbid() waits for the disk.
 #pragma once
 
 #include <atomic>
@@ -26,22 +27,25 @@ class Arming {
     if (!forbidden_.empty()) return forbidden_;
     if (!live_) return "offsets are a dry run: the configuration does not have ilc.live = true";
     if (!armed_.exchange(true, std::memory_order_relaxed))
-      events_.note("offsets_armed", "", "armed: from the next run on, offsets are sent to drives");
+      events_.note_soon("offsets_armed", "",
+                        "armed: from the next run on, offsets are sent to drives");
     return {};
   }
   /// Disarms: active offsets fade to 0.
   void disarm() {
     if (armed_.exchange(false, std::memory_order_relaxed))
-      events_.note("offsets_disarmed", "", "disarmed: offsets are not sent to drives");
+      events_.note_soon("offsets_disarmed", "", "disarmed: offsets are not sent to drives");
   }
   /// Disarms until the next start of the daemon. The first call reports the reason as an event.
   void forbid(const std::string& why) {
     armed_.store(false, std::memory_order_relaxed);  // at once, whoever holds the lock
-    const std::lock_guard lock(mutex_);
-    armed_.store(false, std::memory_order_relaxed);
-    if (!forbidden_.empty()) return;
-    forbidden_ = why;
-    events_.error("offsets_held_back", "", why);
+    {
+      const std::lock_guard lock(mutex_);
+      armed_.store(false, std::memory_order_relaxed);
+      if (!forbidden_.empty()) return;
+      forbidden_ = why;
+    }
+    events_.error("offsets_held_back", "", why);  // may wait for the disk, arm() must not
   }
   /// Disarms for good, without an event: the daemon ends.
   void end() {

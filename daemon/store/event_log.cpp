@@ -29,6 +29,10 @@ Event event_now(const std::string& kind, const std::string& axis, const std::str
 
 void EventLog::add(const Event& event, Priority priority) {
   print(event, priority);
+  store(event);
+}
+
+void EventLog::store(const Event& event) {
   try {
     store_.add(event);
   } catch (const std::runtime_error& failure) {
@@ -43,6 +47,30 @@ void EventLog::note(const std::string& kind, const std::string& axis, const std:
                     const std::string& detail) {
   const Event event = event_now(kind, axis, text, detail);
   add(event, priority_of(event.kind));
+}
+
+void EventLog::note_soon(const std::string& kind, const std::string& axis,
+                         const std::string& text) {
+  const Event event = event_now(kind, axis, text);
+  print(event, priority_of(event.kind));
+  const std::lock_guard lock(waiting_mutex_);
+  if (waiting_.size() >= kMaxWaiting) return;
+  waiting_.push_back(event);
+  if (!storing_.joinable())
+    storing_ = std::jthread([this](const std::stop_token& stop) { store_waiting(stop); });
+  waiting_changed_.notify_one();
+}
+
+/// Ends when it is asked to and all are stored.
+void EventLog::store_waiting(const std::stop_token& stop) {
+  std::unique_lock lock(waiting_mutex_);
+  while (waiting_changed_.wait(lock, stop, [&] { return !waiting_.empty(); })) {
+    const Event event = std::move(waiting_.front());
+    waiting_.pop_front();
+    lock.unlock();
+    store(event);
+    lock.lock();
+  }
 }
 
 void EventLog::error(const std::string& kind, const std::string& axis, const std::string& text) {

@@ -148,6 +148,8 @@ void Store::fail(const std::string& what) const {
   std::string why = sqlite3_errmsg(database_.get());
   if (const int error = sqlite3_system_errno(database_.get()); error != 0)
     why += " (" + std::generic_category().message(error) + ")";
+  const int error = sqlite3_errcode(database_.get()) & 0xff;
+  if (error == SQLITE_CORRUPT || error == SQLITE_NOTADB) note_damage(why);
   throw std::runtime_error("store " + file_.string() + ": " + what + ": " + why);
 }
 
@@ -161,9 +163,11 @@ std::string Store::models_of_axis() const {
          " FROM models WHERE machine = ? AND axis = ? ORDER BY version DESC";
 }
 
-StoredModel Store::model_in(const Statement& row) {
-  if (row.number(4) == 0)
+StoredModel Store::model_in(const Statement& row) const {
+  if (row.number(4) == 0) {
+    note_damage("model of axis " + row.text(0) + ", version " + row.text(1));
     throw std::runtime_error("its checksum does not match: the row is damaged");
+  }
   StoredModel model;
   model.record = model_from_json(nlohmann::json::parse(row.text(3)));
   model.reason = row.text(2);
@@ -374,10 +378,22 @@ void Store::insert_event(const Event& event) {
 
 void Store::require_intact(const StoreTable& table, const Statement& row, int id) const {
   if (row.number(id + 1) != 0) return;
+  note_damage("row " + row.text(id) + " of " + table.name);
   throw std::runtime_error("store " + file_.string() + ": row " + row.text(id) + " of " +
                            table.name +
                            " is damaged: its checksum does not match; restart servotwind, which "
                            "puts the damaged database aside and recovers the rest");
+}
+
+void Store::note_damage(const std::string& what) const {
+  if (found_damage_.empty())
+    found_damage_ = "store " + file_.string() + ": is damaged (" + what +
+                    "); restart servotwind, which recovers the rest";
+}
+
+std::string Store::found_damage() const {
+  const std::lock_guard lock(mutex_);
+  return found_damage_;
 }
 
 std::vector<Event> Store::events(int most) const {

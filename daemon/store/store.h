@@ -128,6 +128,8 @@ class Store {
   /// What was lost or could not be used when the store was opened, and where it is kept; empty:
   /// nothing.
   [[nodiscard]] const std::string& lost() const noexcept { return lost_; }
+  /// The first damage that was found since the store was opened, and what to do; empty: none.
+  [[nodiscard]] std::string found_damage() const;
   /// What else was put right when the store was opened; empty: nothing.
   [[nodiscard]] const std::string& noted() const noexcept { return noted_; }
 
@@ -168,6 +170,8 @@ class Store {
   [[nodiscard]] std::string intact_column(const StoreTable& table) const;
   [[nodiscard]] std::string models_of_axis() const;
   /// Throws if the column after `id` says that the row does not have its checksum.
+  /// Keeps `what` for found_damage().
+  void note_damage(const std::string& what) const;
   void require_intact(const StoreTable& table, const Statement& row, int id) const;
   void insert_event(const Event& event);
   void insert_citation(const std::string& machine, const std::string& axis, int version,
@@ -175,7 +179,7 @@ class Store {
   /// A model file with the checksum that the copies have.
   [[nodiscard]] static std::string copy_text(nlohmann::json model);
   /// The model of a row of models_of_axis(). Throws if this program cannot use it.
-  [[nodiscard]] static StoredModel model_in(const Statement& row);
+  [[nodiscard]] StoredModel model_in(const Statement& row) const;
   /// The first column of all rows.
   [[nodiscard]] static std::vector<std::string> all_texts(Statement& rows);
   /// The newest usable model of every axis; a sentence about newer unusable ones is added to
@@ -185,6 +189,7 @@ class Store {
   std::filesystem::path directory_, file_;
   std::string machine_;
   std::string lost_, noted_;
+  mutable std::string found_damage_;
   int layout_ = 0;
   int lock_ = -1;
   std::unique_ptr<sqlite3, Close> database_;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
@@ -185,21 +184,19 @@ HttpResponse Api::healthz() {
   const std::vector<std::string> problems = sources_.health.problems(steady_ns());
   return answer_json({{"schema", "servotwin.health/1"},
                       {"status", problems.empty() ? "ok" : "ill"},
-                      {"problems", problems}},
+                      {"problems", problems},
+                      {"notes", sources_.health.notes()}},
                      problems.empty() ? 200 : 503);
 }
 
 HttpResponse Api::metrics() {
   MetricsInput now = sources_.now();
+  const StoreCheck::Seen store = sources_.health.store(steady_ns());
   now.healthy = sources_.health.problems(steady_ns()).empty();
-  std::error_code ignored;
-  const auto recordings = sources_.store.directory() / "recordings" / sources_.machine;
-  for (const auto& file : std::filesystem::directory_iterator(recordings, ignored)) {
-    const std::uintmax_t size = file.file_size(ignored);
-    if (ignored) continue;  // deleted in the meantime
-    now.recordings_bytes += static_cast<double>(size);
-    now.recordings_files += 1.0;
-  }
+  now.store_lost = !sources_.health.notes().empty();
+  now.store_damaged = !store.damage.empty();
+  now.recordings_bytes = store.recordings_bytes;
+  now.recordings_files = store.recordings_files;
   return {200, "text/plain; version=0.0.4; charset=utf-8", metrics_text(now)};
 }
 

@@ -1,5 +1,5 @@
-// Whether the daemon works: the real-time loop makes progress, the store can be written, cycles are
-// recorded.
+// Whether the daemon works: the real-time loop makes progress, the store can be written and is not
+// damaged, cycles are recorded.
 //
 // A silent machine is not a problem of the daemon. One thread; the time is an argument.
 #pragma once
@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/store/store.h"
+#include "daemon/web/store_check.h"
 
 namespace servotwin::daemon {
 
@@ -17,9 +17,8 @@ class Health {
  public:
   /// The loop makes a turn at least every 0.1 s.
   static constexpr std::int64_t kMaxLoopSilence_ns = 2'000'000'000;
-  static constexpr std::int64_t kStoreCheck_ns = 10'000'000'000;  // every check writes to the disk
 
-  explicit Health(Store& store) : store_(store) {}
+  explicit Health(const StoreCheck& store) : store_(store) {}
 
   /// Reports the turns of the loop so far; nothing without a loop. To be called several times a
   /// second.
@@ -27,14 +26,17 @@ class Health {
   /// Reports why cycles are not recorded; empty: they are, or there are none.
   void on_recording(const std::string& problem) { recording_problem_ = problem; }
   /// The problems, one line each; empty if there are none.
-  [[nodiscard]] std::vector<std::string> problems(std::int64_t now_ns);
+  [[nodiscard]] std::vector<std::string> problems(std::int64_t now_ns) const;
+  /// What people should know although the daemon works, one line each: what the store had lost when
+  /// it was opened.
+  [[nodiscard]] std::vector<std::string> notes() const;
+  [[nodiscard]] StoreCheck::Seen store(std::int64_t now_ns) const { return store_.seen(now_ns); }
 
  private:
-  Store& store_;
+  const StoreCheck& store_;
   std::optional<std::uint64_t> turns_;
   std::int64_t turned_ns_ = 0;
-  std::optional<std::int64_t> tried_ns_;
-  std::string store_problem_, recording_problem_;
+  std::string recording_problem_;
 };
 
 }  // namespace servotwin::daemon

@@ -161,6 +161,10 @@ std::string metrics_text(const MetricsInput& input) {
   text.sample(1.0, label("machine", input.machine) + "," + label("version", input.version));
   text.gauge("uptime_seconds", "Time since the daemon started.", input.uptime_s);
   text.gauge("healthy", "1 if /healthz answers 200.", input.healthy ? 1.0 : 0.0);
+  text.gauge("store_lost", "1 if a part of the store was lost or could not be used at the start.",
+             input.store_lost ? 1.0 : 0.0);
+  text.gauge("store_damaged", "1 if damage of the store was found since the start.",
+             input.store_damaged ? 1.0 : 0.0);
   text.gauge("frame_rate_hz", "Servo cycles per second, over the last second.",
              input.live.status.frame_rate_hz);
   write_counters(input.live.status, text);

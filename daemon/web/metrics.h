@@ -26,7 +26,7 @@ struct MetricsInput {
   const Histogram* work = nullptr;
   const Histogram* published = nullptr;
   double recordings_bytes = 0.0, recordings_files = 0.0;
-  bool healthy = true;
+  bool healthy = true, store_lost = false, store_damaged = false;
   std::uint64_t streams = 0, slow_streams = 0, batches_dropped = 0;
 };
 

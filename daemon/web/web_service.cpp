@@ -48,7 +48,8 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
       tls_(!config.tls_certificate.empty()),
       started_ns_(steady_ns()),
       reading_(store.directory(), machine, StoreAccess::kRead),
-      health_(store),
+      check_(store, reading_),
+      health_(check_),
       api_({machine, config.token, reading_, health_, [this] { return now(); },
             [this](std::size_t axis) {
               if (shown_ == nullptr) return false;
@@ -63,7 +64,7 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
             return api_.answer(request);
           },
           read_tls_pair(config.tls_certificate, config.tls_key),
-          [&events](const std::string& text) { events.note("token_refused", "", text); }) {
+          [&events](const std::string& text) { events.note_soon("token_refused", "", text); }) {
   live_.status.state = DaemonState::kWaiting;
   stored_.cycle_s = kAbsent;
   const std::vector<StoredModel> models = reading_.in_force();
@@ -82,6 +83,10 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
   thread_ = std::jthread([this](const std::stop_token& stop) {
     name_thread("http");
     run(stop);
+  });
+  checking_ = std::jthread([this](const std::stop_token& stop) {
+    name_thread("store check");
+    check_.run(stop);
   });
 }
 

@@ -78,6 +78,7 @@ class WebService {
   bool tls_;
   std::int64_t started_ns_;
   Store reading_;
+  StoreCheck check_;
   Health health_;
   std::mutex mutex_;  // protects the members below
   Api api_;
@@ -89,7 +90,7 @@ class WebService {
   std::int64_t status_sent_ns_ = 0;  // time of the last status sent to the streams
 
   HttpServer server_;  // declared last: its last responses use the members above
-  std::jthread thread_;
+  std::jthread thread_, checking_;
 };
 
 }  // namespace servotwin::daemon

@@ -5,6 +5,7 @@
 // Sources: daemon/store/store_access.cpp daemon/store/store_checksum.cpp
 // Sources: daemon/store/write_ahead_log.cpp drivers/checksum.cpp
 // Sources: daemon/web/api.cpp daemon/web/health.cpp daemon/web/http_message.cpp
+// Sources: daemon/web/store_check.cpp
 // Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/store/report_file.cpp
 // Sources: daemon/store/store.cpp daemon/store/store_recovery.cpp daemon/store/event_log.cpp
 // Sources: daemon/store/journal.cpp daemon/publish/status_figures.cpp drivers/file_handle.cpp
@@ -35,7 +36,8 @@ class Service {
   }
   test::TemporaryDirectory directory;
   daemon::Store store{directory.path(), "mill"};
-  daemon::Health health{store};
+  daemon::StoreCheck check{store, store};
+  daemon::Health health{check};
   int asked = 0;
   daemon::Api api{{"mill", kToken, store, health,
                    [] {

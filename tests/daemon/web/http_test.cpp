@@ -3,14 +3,18 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <chrono>
 #include <memory>
+#include <thread>
 
+#include "daemon/between/clock.h"
 #include "daemon/store/report_file.h"
 #include "daemon/web/health.h"
 #include "daemon/web/http_server.h"
 #include "daemon/web/page.h"
 #include "daemon/web/web_service.h"
 #include "tests/daemon/http_client.h"
+#include "tests/daemon/hung_disk.h"
 #include "tests/daemon/prometheus_text.h"
 #include "tests/daemon/support.h"
 #include "tests/daemon/web/http_fixture.h"
@@ -375,7 +379,9 @@ class HealthTest : public testing::Test {
  protected:
   TemporaryDirectory directory_;
   Store store_{directory_.path(), "mill"};
-  Health health_{store_};
+  Store reading_{directory_.path(), "mill", StoreAccess::kRead};
+  StoreCheck check_{store_, reading_};
+  Health health_{check_};
 };
 
 TEST_F(HealthTest, ALoopThatStandsStillIsIllAndAMachineThatIsSilentIsNot) {
@@ -406,12 +412,100 @@ TEST_F(HealthTest, AStoreThatCannotBeWrittenIsIllUntilItCan) {
   sqlite3* other = nullptr;
   ASSERT_EQ(sqlite3_open((directory_.path() / "servotwin.sqlite").c_str(), &other), SQLITE_OK);
   ASSERT_EQ(sqlite3_exec(other, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
+  check_.look();
   const std::vector<std::string> problems = health_.problems(0);
   ASSERT_EQ(problems.size(), 1U);
   EXPECT_THAT(problems[0], HasSubstr("cannot be written"));
   sqlite3_close(other);
-  EXPECT_EQ(health_.problems(Health::kStoreCheck_ns - 1).size(), 1U);  // not tried so soon
-  EXPECT_TRUE(health_.problems(Health::kStoreCheck_ns).empty());
+  EXPECT_EQ(health_.problems(0).size(), 1U) << "as of the last look";
+  check_.look();
+  EXPECT_TRUE(health_.problems(0).empty());
+}
+
+TEST_F(HealthTest, ADiskThatDoesNotAnswerIsIll) {
+  auto disk = std::make_unique<HungDisk>();
+  std::thread looking([&] { check_.look(); });
+  HungDisk::wait_for_write();
+  const std::int64_t now_ns = steady_ns();
+  EXPECT_TRUE(health_.problems(now_ns).empty());
+  const std::vector<std::string> problems =
+      health_.problems(now_ns + 2 * StoreCheck::kMaxAnswer_ns);
+  disk.reset();
+  looking.join();
+  ASSERT_EQ(problems.size(), 1U);
+  EXPECT_THAT(problems[0], HasSubstr(": has not answered for "));
+  EXPECT_TRUE(health_.problems(now_ns + 2 * StoreCheck::kMaxAnswer_ns).empty());
+}
+
+TEST_F(HealthTest, DamageThatIsFoundWhileItRunsIsIll) {
+  store_.add(Event{"2026-01-31T12:00:00.000Z", "X", "noted", "an event", ""});
+  check_.look();
+  EXPECT_TRUE(health_.problems(0).empty());
+  spoil(directory_.path(), "UPDATE events SET text = 'other'");
+  EXPECT_THAT(message_of([&] { (void)reading_.events(1); }), HasSubstr("is damaged"));
+  check_.look();
+  EXPECT_EQ(health_.problems(0),
+            std::vector<std::string>{"store " + (directory_.path() / "servotwin.sqlite").string() +
+                                     ": is damaged (row 1 of events); restart servotwind, which "
+                                     "recovers the rest"});
+  EXPECT_FALSE(health_.store(0).damage.empty());
+}
+
+TEST_F(HealthTest, AModelThatIsDamagedWhileItRunsIsIll) {
+  ModelRecord record = record_of(drive());
+  store_.promote(record, {"2026-01-31T12:00:00.000Z", "X", "model_promoted", "first", ""});
+  spoil(directory_.path(), "UPDATE models SET reason = 'other'");
+  EXPECT_TRUE(store_.in_force().empty());
+  check_.look();
+  ASSERT_EQ(health_.problems(0).size(), 1U);
+  EXPECT_THAT(health_.problems(0)[0], HasSubstr("is damaged (model of axis X, version 1)"));
+}
+
+// It works again, but something is lost: nobody should have to find the line in the log.
+TEST(HealthOfARecoveredStore, IsWellAndSaysWhatWasLost) {
+  const TemporaryDirectory directory;
+  {
+    Store store(directory.path(), "mill");
+    store.add(Event{"2026-01-31T12:00:00.000Z", "X", "noted", "an event", ""});
+  }
+  spoil(directory.path(), "UPDATE events SET text = 'other'");
+  Store store(directory.path(), "mill");
+  std::ostringstream said;
+  EventLog events(store, said);
+  HttpConfig config;
+  config.listen = "127.0.0.1:0";
+  const WebService web(config, "mill", store, events);
+  const std::string url = web.url();
+  const auto port = static_cast<std::uint16_t>(std::stoi(url.substr(url.rfind(':') + 1)));
+  const HttpAnswer health = ask(port, "GET", "/healthz");
+  EXPECT_EQ(health.status, 200);
+  EXPECT_TRUE(health.json()["problems"].empty());
+  ASSERT_EQ(health.json()["notes"].size(), 1U);
+  EXPECT_THAT(health.json()["notes"][0].get<std::string>(), HasSubstr("1 of events"));
+  const auto metrics = read_prometheus(ask(port, "GET", "/metrics").body);
+  EXPECT_EQ(metrics.at("servotwin_store_lost").samples[0].value, 1.0);
+  EXPECT_EQ(metrics.at("servotwin_store_damaged").samples[0].value, 0.0);
+}
+
+TEST_F(HttpTest, WhileTheDiskHangsOffsetsAreDisarmedAndTheEventIsStoredLater) {
+  show();
+  armed_ = true;
+  auto disk = std::make_unique<HungDisk>();
+  const std::string authorization = std::string("Authorization: Bearer ") + kToken + "\r\n";
+  EXPECT_EQ(ask(port_, "POST", "/api/v1/offsets/disarm", authorization).status, 200);
+  EXPECT_FALSE(armed_);
+  HungDisk::wait_for_write();
+  EXPECT_EQ(ask(port_, "POST", "/api/v1/offsets/arm", authorization).status, 200);
+  EXPECT_EQ(ask(port_, "POST", "/api/v1/offsets/disarm", authorization).status, 200);
+  EXPECT_EQ(get("/healthz").status, 200);
+  EXPECT_EQ(read_prometheus(get("/metrics").body).at("servotwin_healthy").samples[0].value, 1.0);
+  disk.reset();
+  for (int i = 0; i < 600 && store_.events(3).size() < 3; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  const std::vector<Event> events = store_.events(3);
+  ASSERT_EQ(events.size(), 3U);
+  EXPECT_EQ(events[0].kind, "offsets_disarmed");
+  EXPECT_EQ(events[1].kind, "offsets_armed");
 }
 
 }  // namespace

@@ -24,6 +24,7 @@ MetricsInput an_input() {
   input.live.axes = {{{2e-3, 3e-3}, {1e-3, 2e-3}, {4e-8, 5e-7}}, {}};
   input.alarms = {AlarmState::kRaised, AlarmState::kLearning};
   input.recordings_bytes = 4096;
+  input.store_damaged = true;
   BusStatus up, down;
   up.name = "can0";
   up.frames = 7000;
@@ -77,6 +78,8 @@ TEST(Metrics, AreWhatAStrictReaderAccepts) {
   EXPECT_EQ(one(all, "servotwin_tracking_error_rms", {{"axis", "X"}}), 2e-3);
   EXPECT_EQ(one(all, "servotwin_residual_rms", {{"axis", "X"}}), 4e-8);
   EXPECT_EQ(one(all, "servotwin_recordings_bytes"), 4096);
+  EXPECT_EQ(one(all, "servotwin_store_damaged"), 1);
+  EXPECT_EQ(one(all, "servotwin_store_lost"), 0);
   EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "X"}, {"state", "raised"}}), 1);
   EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "X"}, {"state", "learning"}}), 0);
   EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "Y"}, {"state", "learning"}}), 1);
