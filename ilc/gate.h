@@ -5,8 +5,9 @@
 //   |y_k| <= peak,   |y_k - y_(k-1)| <= rate min(t_k - t_(k-1), cycle_s),
 //   V_k <= min(t_k + validity, E_k),   |y_k| <= min(peak / ramp_s, rate) (E_k - t_k),
 // where E_k is the expiry of the last permitted request (none: no bound), and y_(k-1) is the last
-// offset, or 0 if its validity is over by t_k. The limit of the rate holds for
-// the offset in the drive only once the drive has ramped out an expired offset. The gate cannot
+// offset, or 0 if its validity is over by t_k. Where steps are longer than cycle_s, the last bound
+// is later by the time by which they are longer: the rate comes first. The limit of the rate holds
+// for the offset in the drive only once the drive has ramped out an expired offset. The gate cannot
 // know when: after a gap its caller sends nothing for that long (daemon/loop/live_offsets.h,
 // docs/decisions/0011). So no offset is applied for longer than
 // its request allows, and it has faded to 0 when the request ends. The fade obeys

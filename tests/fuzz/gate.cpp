@@ -1,8 +1,9 @@
 // The gate of live corrections: no limits, clocks and requests whatever make an output that breaks
 // what ilc/gate.h promises.
 //
-// Input: one byte that chooses the limits (anything above 1: as the next 48 bytes say), then
-// requests of 25 bytes: flags, offset, step of the clock, time until the request expires.
+// Input: one byte that chooses the limits (its last seven bits above 1: as the next 48 bytes say;
+// its first bit set: then eight more bytes say the cycle), then requests of 25 bytes: flags,
+// offset, step of the clock, time until the request expires.
 //
 // Sources: ilc/gate.cpp
 #include <cstring>
@@ -43,13 +44,15 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace servotwin;
   Bytes bytes(data, size);
   GateLimits limits{20e-6, 2e-3, 50.0, 0.05, 0.01, 3600.0, true};
-  const auto choice = bytes.next<std::uint8_t>();
+  const auto first = bytes.next<std::uint8_t>();
+  const int choice = first & 0x7F;
   if (choice == 1) limits.rate = 0.1e-3;
   if (choice > 1) {
     for (double* limit : {&limits.peak, &limits.rate, &limits.bandwidth_hz, &limits.ramp_s,
                           &limits.validity_s, &limits.model_age_s})
       *limit = bytes.next<double>();
   }
+  if ((first & 0x80U) != 0) limits.cycle_s = bytes.next<double>();
   Gate gate(limits);
   GatePromises promises(limits);
   GateRequest request;

@@ -24,8 +24,11 @@ class GatePromises {
       last_ns_ = request.now_ns;  // it starts anew: no step at once
       bounded_ = advances = false;
       started_ = true;
+      unused_s_ = 0.0;
     }
-    const double step_s = advances ? seconds(last_ns_, request.now_ns) : 0.0;
+    const double since_s = advances ? seconds(last_ns_, request.now_ns) : 0.0;
+    const double step_s = std::min(since_s, limits_.cycle_s);
+    unused_s_ += since_s - step_s;
     if (advances) last_ns_ = request.now_ns;
     if (out.refusal == Refusal::kNone) {
       bounded_ = true;
@@ -44,7 +47,8 @@ class GatePromises {
     if (!bounded_) return out.offset != 0.0 ? "nothing without a permitted request" : nullptr;
     if (out.expires_ns > ends_ns_) return "nothing stays valid beyond the request";
     const double fastest = std::min(limits_.peak / limits_.ramp_s, limits_.rate);
-    if (std::abs(out.offset) > kRounding * fastest * seconds(last_ns_, ends_ns_) + 1e-12 * most_)
+    const double left_s = seconds(last_ns_, ends_ns_) + unused_s_;
+    if (std::abs(out.offset) > kRounding * fastest * left_s + 1e-12 * most_)
       return "the fade ends with the request";
     return nullptr;
   }
@@ -61,6 +65,7 @@ class GatePromises {
   bool started_ = false, bounded_ = false;
   double applied_ = 0.0;       // by the drive
   double most_ = 0.0;          // that it applied, against which sums are rounded
+  double unused_s_ = 0.0;      // of steps longer than a cycle, in which the offset did not move
   std::int64_t last_ns_ = 0;   // when it came
   std::int64_t valid_ns_ = 0;  // until when
   std::int64_t ends_ns_ = 0;   // of the last permitted request
