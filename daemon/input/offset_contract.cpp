@@ -36,7 +36,9 @@ void add_axis(const Config& config, const std::string& axis, std::optional<doubl
         "drive drops an offset [s], or \"none\"");
   } else if (std::isinf(*timeout_s)) {
     const std::string fact =
-        "the drive of axis " + axis + " keeps the last offset for ever if this daemon is killed";
+        "the drive of axis " + axis +
+        " keeps the last offset for ever if this daemon is killed, and after any gap "
+        "longer than ilc.validity_s; the next run then begins with a step";
     if (permitted_by_name(config, axis)) {
       contract.remarks.push_back(fact + "; ilc.arm_without_timeout permits it");
     } else {

@@ -60,7 +60,9 @@ TEST(OffsetContract, IsRefusedForADriveThatKeepsAnOffsetUnlessItsAxisIsNamed) {
   EXPECT_THAT(contract.refusals,
               ElementsAre(AllOf(HasSubstr("axis Y keeps the last offset for ever"),
                                 HasSubstr("ilc.arm_without_timeout = [\"Y\"]"))));
-  EXPECT_THAT(contract.remarks, ElementsAre(HasSubstr("axis X keeps the last offset for ever")));
+  EXPECT_THAT(contract.remarks,
+              ElementsAre(AllOf(HasSubstr("axis X keeps the last offset for ever"),
+                                HasSubstr("after any gap longer than"))));
   EXPECT_THAT(offset_contract(with(0.02, {"X", "Y"}), 0.001, &map).refusals, IsEmpty());
 }
 
