@@ -26,8 +26,8 @@ constexpr double kMemoryReserve_s = 30.0;
 constexpr double kMemoryOverRecordTime = 4.0;
 // Minimum of the default ceiling for all recordings.
 constexpr double kMinCeiling_mb = 1024.0;
-// A fade-out takes one ramp; a busy host gets a second one.
-constexpr double kFadeOutRamps = 2.0;
+// Of the longest fade-out; a busy host gets a second one.
+constexpr double kFadeOuts = 2.0;
 constexpr std::chrono::milliseconds kFadeOutCheck{5};
 // Period at which the reports of source and publisher are collected.
 constexpr std::chrono::milliseconds kNewsPeriod{500};
@@ -132,8 +132,9 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
       learner_(rules_, base.store, base.events, hand_over_,
                [this](const CorrectionChunk& chunk) { corrections_.write(chunk); }),
       publisher_(
-          base.node, machine_.cycle_s, predictions_, offsets_, predicted_, published_,
+          base.node, machine_.cycle_s, predictions_, offsets_, hand_over_, predicted_, published_,
           [this] { return status(); }, shown_ == nullptr ? nullptr : &shown_->feed()) {
+  hand_over_.by_publisher = base.config.source == SourceKind::kDds;
   loop_->give_back(*live_offsets_, offsets_);
   source_.wait_while([this] { return rows_.waiting() > rows_.capacity() / 2; });
   recorder_.spare([this] { return base_.store.cited(); });
@@ -238,8 +239,9 @@ void MachineService::fade_out() {
   // An offset that is not renewed is a fault for the drive: it fades out first. Without frames
   // nothing can be sent, and the drive ramps it to 0 by itself.
   const std::int64_t until_ns =
-      steady_ns() +
-      std::llround(1e9 * (kFadeOutRamps * base_.config.ilc.ramp_s + base_.config.ilc.validity_s));
+      steady_ns() + std::llround(1e9 * (kFadeOuts * fade_out_s(offset_rules(
+                                                        rules_, false, contract_.drive_timeout_s)) +
+                                        base_.config.ilc.validity_s));
   std::unique_lock lock(mutex_);
   while (!ended_ && hand_over_.active.load(std::memory_order_relaxed) && steady_ns() < until_ns)
     ended_changed_.wait_for(lock, kFadeOutCheck);

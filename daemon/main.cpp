@@ -47,7 +47,7 @@ class Signals {
     thread_ = std::thread([this, stop, &manager, &reloads]() mutable {
       int number = 0;
       while (sigwait(&wanted_, &number) == 0 && number == SIGHUP) {
-        manager.notify("RELOADING=1\nMONOTONIC_USEC=" + std::to_string(steady_ns() / 1000));
+        manager.notify("RELOADING=1\nMONOTONIC_USEC=" + std::to_string(monotonic_ns() / 1000));
         reloads.request();
         manager.notify("READY=1");
       }

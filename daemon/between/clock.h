@@ -16,8 +16,15 @@ inline std::int64_t clock_ns(clockid_t clock) noexcept {
 }
 }  // namespace detail
 
-/// Monotonic clock: time since an arbitrary moment before the program started [ns].
-[[nodiscard]] inline std::int64_t steady_ns() noexcept { return detail::clock_ns(CLOCK_MONOTONIC); }
+/// The clock of steady_ns(), for waits until a time of it. It goes on while the host sleeps, as
+/// drives do: an offset that was made before is not young afterwards.
+inline constexpr clockid_t kSteadyClock = CLOCK_BOOTTIME;
+/// Clock that nobody sets: time since the start of the host [ns].
+[[nodiscard]] inline std::int64_t steady_ns() noexcept { return detail::clock_ns(kSteadyClock); }
+/// The clock of the service manager, which stands still while the host sleeps [ns].
+[[nodiscard]] inline std::int64_t monotonic_ns() noexcept {
+  return detail::clock_ns(CLOCK_MONOTONIC);
+}
 /// Wall clock: time since 1970-01-01 UTC [ns].
 [[nodiscard]] inline std::int64_t wall_ns() noexcept { return detail::clock_ns(CLOCK_REALTIME); }
 

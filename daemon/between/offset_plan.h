@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -65,6 +66,16 @@ struct OffsetRules {
   bool in_command = false;         ///< the frames' command contains the offset
 };
 
+/// The longest time in which an offset fades to 0 while every frame is answered: within the ramp,
+/// and no faster than the limit of the rate.
+[[nodiscard]] inline double fade_out_s(const OffsetRules& rules) noexcept {
+  double longest = rules.ramp_s;
+  for (const GateLimits& limits : rules.limits) {
+    if (limits.rate > 0.0) longest = std::max(longest, limits.peak / limits.rate);
+  }
+  return longest;
+}
+
 /// The corrections that may be applied live. The learning worker keeps a plan until the loop uses a
 /// newer one.
 struct OffsetPlan {
@@ -79,6 +90,9 @@ struct OffsetPlan {
 struct DatedOffset {
   MachineOffset offset;
   std::int64_t leaves_until_ns = 0;  ///< steady clock; later it must not be sent
+  /// > 0: reaches a drive on this way. If one does not leave in time, no later one of this stream
+  /// may leave. 0: no drive depends on it.
+  std::uint64_t stream = 0;
 };
 
 /// Everything that the loop and the other threads share about corrections. It outlives both.
@@ -87,6 +101,13 @@ struct OffsetHandOver {
   std::atomic<std::uint64_t> in_use{0};  ///< generation of the plan that the loop uses
   std::atomic<bool> armed{false};        ///< by a person; not kept over a restart
   std::atomic<bool> active{false};       ///< a run has not faded out yet; written by the loop
+  bool by_publisher = false;  ///< drives get offsets from the publisher; set before the first frame
+  /// DatedOffset::stream of which an offset did not leave in time; written by the publisher. The
+  /// loop has understood when offsets of a later stream come.
+  std::atomic<std::uint64_t> interrupted{0};
+  /// Another daemon is active for the machine: its offsets are the ones that drives receive.
+  /// Written by the publisher.
+  std::atomic<bool> standby{false};
   Ring<OffsetRun> runs{16};
 };
 

@@ -19,11 +19,13 @@ enum class RunEnd : std::uint8_t {
   kGap = 4,       ///< cycles were lost
   kDisarmed = 5,
   kRefused = 6,  ///< by the gate
+  kNotDelivered =
+      7,  ///< a drive does not have the offset that was sent, or it did not leave in time
 };
 
 [[nodiscard]] constexpr std::string_view name_of(RunEnd end) noexcept {
-  constexpr std::array<std::string_view, 7> kNames{"finished", "left",     "residual", "contour",
-                                                   "gap",      "disarmed", "refused"};
+  constexpr std::array<std::string_view, 8> kNames{
+      "finished", "left", "residual", "contour", "gap", "disarmed", "refused", "not delivered"};
   const auto index = static_cast<std::size_t>(end);
   return index < kNames.size() ? kNames[index] : "unknown";
 }

@@ -42,7 +42,6 @@ CanSource::CanSource(CanMap map, std::vector<std::unique_ptr<CanBus>> buses, Pac
     if (i != known.start.bus) order_.push_back(i);
   }
   order_.push_back(known.start.bus);
-  cycle_ns_ = std::llround(known.machine.cycle_s * 1e9);
   patience_ns_ = std::max<std::int64_t>(500'000'000, std::llround(known.machine.cycle_s * 1e11));
   reported_ = snapshot();
 }
@@ -148,7 +147,7 @@ void CanSource::detect_other_sender(std::size_t bus, const CanFrame& frame) noex
   }
 }
 
-std::uint32_t CanSource::send(const MachineOffset& offset, std::int64_t made_ns) noexcept {
+std::uint32_t CanSource::send(const MachineOffset& offset, std::int64_t until_ns) noexcept {
   std::uint32_t kept_back = 0;
   for (Carried& one : carried_) {
     const AxisOffset& axis = offset.axes[one.axis];
@@ -158,8 +157,7 @@ std::uint32_t CanSource::send(const MachineOffset& offset, std::int64_t made_ns)
       other_sender_.store(static_cast<int>(one.axis), std::memory_order_relaxed);
     // The process may have been paused since the offset was made: it belongs to a cycle that is
     // over. relaxed: the flag orders no other data.
-    const bool leaves = other_sender_.load(std::memory_order_relaxed) < 0 &&
-                        now - made_ns <= cycle_ns_ &&
+    const bool leaves = other_sender_.load(std::memory_order_relaxed) < 0 && now <= until_ns &&
                         one.offset.send(axis, *buses_[assembly_.map().messages[one.message].bus]);
     if (leaves) {
       sent_ns_ = now;

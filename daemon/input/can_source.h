@@ -31,7 +31,7 @@ class CanSource final : public FrameSource {
   void carry_offsets(const std::vector<std::size_t>& axes);
 
   Received receive(MachineFrame& frame, double timeout_s) noexcept override;
-  std::uint32_t send(const MachineOffset& offset, std::int64_t made_ns) noexcept override;
+  std::uint32_t send(const MachineOffset& offset, std::int64_t until_ns) noexcept override;
   [[nodiscard]] std::int64_t age_ns() const noexcept override;
   [[nodiscard]] SourceState state(std::int64_t now_ns) const override;
   [[nodiscard]] std::vector<SourceNews> news(std::int64_t now_ns) override;
@@ -80,8 +80,7 @@ class CanSource final : public FrameSource {
   std::int64_t clock_offset_ns_ = 0;  // wall clock (of the stamps) minus steady clock
   std::int64_t completed_ns_ = 0;     // when the last cycle was complete, or its deadline
   std::int64_t last_cycle_ns_ = 0;    // steady
-  std::int64_t cycle_ns_;
-  std::int64_t patience_ns_;  // without a cycle for this long the source is stalled
+  std::int64_t patience_ns_;          // without a cycle for this long the source is stalled
   std::atomic<bool> stalled_{false};
   static constexpr std::int64_t kSimultaneous_ns = 1'000'000'000;
   // Steady times of the last own offset and of the last offset of another sender. Less than

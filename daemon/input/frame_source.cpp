@@ -22,7 +22,7 @@ constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 void sleep_until(std::int64_t steady) noexcept {
   const timespec until{static_cast<time_t>(steady / 1'000'000'000),
                        static_cast<long>(steady % 1'000'000'000)};
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+  while (clock_nanosleep(kSteadyClock, TIMER_ABSTIME, &until, nullptr) == EINTR) {
   }
 }
 

@@ -42,10 +42,10 @@ class FrameSource {
   /// returns true. Call it before the first receive(); `behind` is called by the thread of
   /// receive().
   virtual void wait_while(const std::function<bool()>& /*behind*/) {}
-  /// Sends offsets to the drives that are on the buses of the source. `made_ns`: when they were
-  /// made, steady clock. Returns the axes whose offset did not leave (bit i: axis i). Thread of
+  /// Sends offsets to the drives that are on the buses of the source. `until_ns`: steady clock;
+  /// none leaves later. Returns the axes whose offset did not leave (bit i: axis i). Thread of
   /// receive().
-  virtual std::uint32_t send(const MachineOffset& /*offset*/, std::int64_t /*made_ns*/) noexcept {
+  virtual std::uint32_t send(const MachineOffset& /*offset*/, std::int64_t /*until_ns*/) noexcept {
     return 0;
   }
   /// Time since the last received frame was due (replay) or sent [ns], by the clocks of this host.

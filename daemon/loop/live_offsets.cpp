@@ -13,6 +13,9 @@ std::int64_t ns_of(double seconds) noexcept { return std::llround(1e9 * seconds)
 
 double squared(double value) noexcept { return value * value; }
 
+// Of two cycles each command deviates from its row by up to the tolerance.
+constexpr double kToleranceOverTwoCycles = 2.0;
+
 }  // namespace
 
 std::int64_t Lateness::of(std::int64_t age_ns) noexcept {
@@ -35,7 +38,7 @@ LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
       held_ns_(ns_of(rules_.validity_s + 0.5 * rules_.cycle_s)),
       surely_gone_ns_(ns_of(std::max(rules_.validity_s, rules_.drive_timeout_s) +
                             rules_.drive_ramp_s + 2.0 * rules_.cycle_s)),
-      sent_(static_cast<std::size_t>(rules_.delay_cycles)) {
+      sent_(static_cast<std::size_t>(rules_.delay_cycles) + 1) {
   for (const GateLimits& limits : rules_.limits) gates_.emplace_back(limits);
   gates_before_ = gates_;
   path_.reserve(kMaxAxes);
@@ -47,21 +50,22 @@ const MachineFrame& LiveOffsets::seen(const MachineFrame& frame, bool follows) n
     const MachineOffset last = sent_[newest_];
     std::fill(sent_.begin(), sent_.end(), last);
   }
-  const MachineOffset& applied = sent_[(newest_ + 1) % sent_.size()];
-  std::array<double, kMaxAxes> added{};
+  const auto ago = static_cast<std::size_t>(rules_.delay_cycles) - 1;
+  const MachineOffset& applied = sent_[(newest_ + sent_.size() - ago) % sent_.size()];
+  added_before_ = added_;
   bool any = false;
   for (std::size_t i = 0; i < gates_.size(); ++i) {
     const AxisOffset& one = applied.axes[i];
-    added[i] = one.send ? one.offset : 0.0;
-    nominal_[i] = frame.axes[i].command - (rules_.in_command ? added[i] : 0.0);
-    any = any || added[i] != 0.0;
+    added_[i] = one.send ? one.offset : 0.0;
+    nominal_[i] = frame.axes[i].command - (rules_.in_command ? added_[i] : 0.0);
+    any = any || added_[i] != 0.0;
   }
   if (rules_.in_command || !any) return frame;
   seen_ = frame;
   for (std::size_t i = 0; i < gates_.size(); ++i) {
-    seen_.axes[i].command += added[i];
+    seen_.axes[i].command += added_[i];
     for (int k = 0; k < seen_.ahead_count; ++k)
-      seen_.ahead[i][static_cast<std::size_t>(k)] += added[i];
+      seen_.ahead[i][static_cast<std::size_t>(k)] += added_[i];
   }
   return seen_;
 }
@@ -86,7 +90,7 @@ void LiveOffsets::take_plan(std::int64_t now_ns) noexcept {
   hand_over_.in_use.store(plan_->generation, std::memory_order_release);
 }
 
-void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
+void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned, const MachineFrame& frame,
                         std::int64_t now_ns) noexcept {
   run_ = Run();
   run_.learned = &learned;
@@ -108,8 +112,11 @@ void LiveOffsets::begin(Eigen::Index row, const LearnedProgram& learned,
   phase_ = Phase::kRunning;
   // Nothing of an earlier run is left in the gates: no offset is active.
   for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = Gate(rules_.limits[i]);
-  sent_ns_ = sent_before_ns_ = sent_due_ns_ = sent_due_before_ns_ = now_ns - cycle_ns_;
+  const std::int64_t before_ns = now_ns - cycle_ns_;
+  renewed_ = renewed_before_ = {before_ns, before_ns, frame.sequence, frame.time_ns};
   unanswered_ = 0;
+  counted_row_ = row;
+  counted_sequence_ = frame.sequence;
 }
 
 void LiveOffsets::end(RunEnd end, int axis, Refusal refusal) noexcept {
@@ -210,12 +217,12 @@ void LiveOffsets::ask_gates(const MachineFrame& frame, const MachinePrediction& 
 }
 
 void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& prediction,
-                        std::int64_t now_ns) noexcept {
+                        std::int64_t now_ns, std::int64_t due_ns) noexcept {
   gate_ns_ += cycle_ns_;
   gates_before_ = gates_;
   ask_gates(frame, prediction, now_ns);
-  sent_before_ns_ = sent_ns_;
-  sent_ns_ = now_ns;
+  renewed_before_ = std::exchange(renewed_, {now_ns, due_ns, frame.sequence, frame.time_ns});
+  left_ns_ = now_ns;
   unanswered_ = 0;
   const auto is_out = [](const AxisOffset& axis) { return axis.offset != 0.0; };
   const bool out = std::any_of(offset_.axes.begin(), offset_.axes.end(), is_out);
@@ -223,10 +230,67 @@ void LiveOffsets::go_on(const MachineFrame& frame, const MachinePrediction& pred
 }
 
 /// Whether the drive may have dropped the offset by now. `due_ns`: when this cycle of the drive
-/// began. What was sent came in the cycle that began at sent_due_ns_.
-bool LiveOffsets::drive_has_dropped(std::int64_t now_ns, std::int64_t due_ns) const noexcept {
-  return due_ns - sent_due_ns_ > held_ns_ || now_ns - sent_ns_ > held_ns_ + cycle_ns_ ||
-         unanswered_ * cycle_ns_ > held_ns_;
+/// began. What was sent came in the cycle in which renewed_.due_ns was. The clocks of this host may
+/// have stood still, as those of a virtual machine; those of the frames have not, unless they were
+/// set. Where sequence numbers go back, nothing is known.
+bool LiveOffsets::drive_has_dropped(const MachineFrame& frame, std::int64_t now_ns,
+                                    std::int64_t due_ns) const noexcept {
+  return due_ns - renewed_.due_ns > held_ns_ || now_ns - renewed_.now_ns > held_ns_ + cycle_ns_ ||
+         unanswered_ * cycle_ns_ > held_ns_ || frame.sequence < renewed_.sequence ||
+         frame.sequence - renewed_.sequence >
+             static_cast<std::uint64_t>(held_ns_) / static_cast<std::uint64_t>(cycle_ns_) ||
+         between_ns(renewed_.time_ns, frame.time_ns) > held_ns_;
+}
+
+LiveOffsets::Shown LiveOffsets::shown_by(const MachineFrame& frame, std::size_t n) const noexcept {
+  const CommandedPath& program = run_.learned->program;
+  const std::size_t axis = program.axes[n];
+  const double shown = frame.axes[axis].command - program.command[n](*counted_row_);
+  if (std::abs(shown - added_[axis]) <= rules_.match_tolerance) return Shown::kSent;
+  // A drive that has not got the offset still has the one that it showed in the cycle before, or
+  // has begun to ramp that out.
+  const double had = added_before_[axis];
+  const double step =
+      std::abs(had) * std::min(1.0, rules_.cycle_s / std::max(rules_.drive_ramp_s, rules_.cycle_s));
+  const double less = had - std::clamp(had, -step, step);
+  const double off = kToleranceOverTwoCycles * rules_.match_tolerance;
+  return shown >= std::min(had, less) - off && shown <= std::max(had, less) + off ? Shown::kEarlier
+                                                                                  : Shown::kNeither;
+}
+
+/// Whether a drive does not have the offset that was sent, as far as the command of its frames
+/// shows. Where the commands leave the program they show it no longer.
+bool LiveOffsets::not_delivered(const MachineFrame& frame) noexcept {
+  if (!rules_.in_command || !run_.live || !counted_row_) return false;
+  const CommandedPath& program = run_.learned->program;
+  const std::uint64_t cycles = frame.sequence - counted_sequence_;
+  counted_sequence_ = frame.sequence;
+  // Fewer than a drive holds an offset for. After its last row a machine stands.
+  counted_row_ = std::min(*counted_row_ + static_cast<Eigen::Index>(cycles), program.rows() - 1);
+  bool missing = false, explained = true;
+  for (std::size_t n = 0; n < program.axes.size(); ++n) {
+    const Shown shown = shown_by(frame, n);
+    missing = missing || shown != Shown::kSent;
+    explained = explained && shown != Shown::kNeither;
+  }
+  if (missing && !explained && cycles == 1) {
+    counted_row_.reset();
+    return false;
+  }
+  return missing;
+}
+
+/// Whether an offset did not leave in time, as the publisher has reported since the last call, or
+/// because it stands still.
+/// Its run may be over by then, and the drive still has what came before.
+bool LiveOffsets::interrupted(std::int64_t now_ns) noexcept {
+  // relaxed: the number orders no other data.
+  const std::uint64_t stream = hand_over_.interrupted.load(std::memory_order_relaxed);
+  const bool lost = !std::exchange(handed_over_, true) && hand_over_.by_publisher;
+  if (stream < stream_ && !lost) return false;
+  ++stream_;
+  silent_until_ns_ = now_ns + surely_gone_ns_;
+  return true;
 }
 
 /// An answer now would come in a later cycle of the drive than it is meant for, or would be the
@@ -235,17 +299,17 @@ bool LiveOffsets::drive_has_dropped(std::int64_t now_ns, std::int64_t due_ns) co
 bool LiveOffsets::too_late(std::int64_t now_ns, std::int64_t due_ns) const noexcept {
   const std::int64_t since_ns = now_ns - came_ns_;  // the frame before
   return now_ns - due_ns > cycle_ns_ / 2 || since_ns < cycle_ns_ / 2 || since_ns > held_ns_ ||
-         (phase_ != Phase::kNone && now_ns - sent_ns_ < cycle_ns_ / 2);
+         (phase_ != Phase::kNone && due_ns - left_ns_ < cycle_ns_ / 2);
 }
 
 /// What the drive has is not known any more: silence until it has nothing. A drive that listens to
 /// DDS is told so; one on CAN gets no frame.
-void LiveOffsets::withdraw(const MachineFrame& frame) noexcept {
-  end(RunEnd::kGap);
+void LiveOffsets::withdraw(const MachineFrame& frame, RunEnd why, std::int64_t since_ns) noexcept {
+  end(why);
   phase_ = Phase::kNone;
   matched_ = false;
   matcher_.forget();
-  silent_until_ns_ = sent_ns_ + surely_gone_ns_;
+  silent_until_ns_ = since_ns + surely_gone_ns_;
   for (std::size_t i = 0; i < gates_.size(); ++i) gates_[i] = Gate(rules_.limits[i]);
   std::fill(sent_.begin(), sent_.end(), MachineOffset());
   for (AxisOffset& axis : offset_.axes) {
@@ -255,7 +319,8 @@ void LiveOffsets::withdraw(const MachineFrame& frame) noexcept {
 }
 
 /// Where the commands are in a program: begins a run, moves it on, ends it.
-void LiveOffsets::follow_program(std::int64_t now_ns, bool late) noexcept {
+void LiveOffsets::follow_program(const MachineFrame& frame, std::int64_t now_ns,
+                                 bool late) noexcept {
   if (gap_) matcher_.forget();
   const std::optional<ProgramMatcher::Match> match = matcher_.see({nominal_.data(), gates_.size()});
   if (phase_ == Phase::kRunning) {
@@ -271,7 +336,7 @@ void LiveOffsets::follow_program(std::int64_t now_ns, bool late) noexcept {
     }
   } else if (phase_ == Phase::kNone && match && !matched_ && !late && now_ns >= silent_until_ns_) {
     const LearnedProgram& learned = *plan_->programs[match->program];
-    if (learned.number != barred_) begin(match->row, learned, now_ns);
+    if (learned.number != barred_) begin(match->row, learned, frame, now_ns);
   }
   matched_ = match.has_value();
 }
@@ -287,14 +352,26 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
   const std::int64_t due_ns = arrival.now_ns - lateness_.of(arrival.age_ns);
   const bool late = too_late(arrival.now_ns, due_ns);
   came_ns_ = arrival.now_ns;
-  if (phase_ != Phase::kNone && drive_has_dropped(arrival.now_ns, due_ns)) {
-    withdraw(frame);
-    // relaxed: for the thread that stops the service; orders no data.
-    hand_over_.active.store(false, std::memory_order_relaxed);
-    return &offset_;
+  leaves_until_ns_ = due_ns + cycle_ns_ / 2;
+  const bool cut = interrupted(arrival.now_ns);
+  answer_stream_ = 0;
+  if (phase_ != Phase::kNone) {
+    const bool dropped = drive_has_dropped(frame, arrival.now_ns, due_ns);
+    if (dropped || cut || not_delivered(frame)) {
+      // What was not delivered is known only now, and may be on its way until now.
+      withdraw(frame, dropped ? RunEnd::kGap : RunEnd::kNotDelivered,
+               dropped && !cut ? renewed_.now_ns : arrival.now_ns);
+      // It takes away only, whenever it comes.
+      leaves_until_ns_ = arrival.now_ns + held_ns_;
+      // relaxed: for the thread that stops the service; orders no data.
+      hand_over_.active.store(false, std::memory_order_relaxed);
+      return &offset_;
+    }
   }
   if (phase_ == Phase::kNone) take_plan(arrival.now_ns);
-  follow_program(arrival.now_ns, late);
+  follow_program(frame, arrival.now_ns, late);
+  // The offset with which a run ends belongs to it.
+  if (phase_ != Phase::kNone && run_.live && hand_over_.by_publisher) answer_stream_ = stream_;
   if (phase_ == Phase::kRunning) {
     watch_residuals(prediction);
     measure(frame);
@@ -302,8 +379,7 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
 
   const bool answers = phase_ != Phase::kNone && !late;
   if (answers) {
-    go_on(frame, prediction, arrival.now_ns);
-    sent_due_before_ns_ = std::exchange(sent_due_ns_, due_ns);
+    go_on(frame, prediction, arrival.now_ns, due_ns);
   } else if (phase_ != Phase::kNone) {
     ++unanswered_;
     if (phase_ == Phase::kRunning) gate_ns_ += cycle_ns_;  // the program moves on all the same
@@ -322,8 +398,7 @@ void LiveOffsets::not_sent(std::uint32_t axes) noexcept {
     const std::size_t before = (newest_ + sent_.size() - 1) % sent_.size();
     sent_[newest_].axes[i] = sent_[before].axes[i];
     // The drive that has waited longest decides.
-    sent_ns_ = sent_before_ns_;
-    sent_due_ns_ = sent_due_before_ns_;
+    renewed_ = renewed_before_;
   }
 }
 

@@ -19,12 +19,17 @@
 //   - The gates run on a clock of their own, which counts cycles. Jumps of the frames' clock do not
 //     reach them, and an offset changes by at most one cycle's rate from one sent frame to the
 //     next.
-//   - A frame is not answered if the answer would come more than half a cycle late, so that a drive
-//     never gets two offsets in one of its cycles. The constant delay of the bus must be below half
-//     a cycle for that.
+//   - A frame is not answered if the answer would come more than half a cycle late, and an answer
+//     that has not left by then does not leave, so that a drive never gets two offsets in one of
+//     its cycles. The constant delay of the bus must be below half a cycle for that.
 //   - If nothing could be sent for validity_s, the drive may have begun to ramp out: nothing is
 //     sent until it has certainly reached 0. The same after the start of the daemon:
-//     the one before may have left an offset.
+//     the one before may have left an offset. How long it was is shown by the clock of this host,
+//     by the clock of the frames, and by their sequence numbers: the longest counts.
+//   - What was sent may be lost. Where the command of the frames contains the offset, it shows what
+//     the drive has, as long as the commands follow the program. If that is not what was sent, or
+//     if the publisher reports that an offset did not leave in time, nothing is sent until the
+//     drive has certainly reached 0.
 //
 // One thread; nothing allocates, locks or throws after construction.
 #pragma once
@@ -85,8 +90,14 @@ class LiveOffsets {
   [[nodiscard]] const MachineOffset* answer(const MachineFrame& frame,
                                             const MachinePrediction& prediction,
                                             const Arrival& arrival) noexcept;
-  /// Time for which a drive holds an offset that is not renewed [ns].
-  [[nodiscard]] std::int64_t validity_ns() const noexcept { return held_ns_ - cycle_ns_ / 2; }
+  /// Until when the last answer may leave [ns], steady clock.
+  [[nodiscard]] std::int64_t leaves_until_ns() const noexcept { return leaves_until_ns_; }
+  /// DatedOffset::stream of the last answer.
+  [[nodiscard]] std::uint64_t stream() const noexcept { return answer_stream_; }
+  /// The last answer was not handed to the publisher: that has stood still for long.
+  void not_handed_over() noexcept { handed_over_ = false; }
+  /// The last answer left before this time [ns], steady clock.
+  void has_left(std::int64_t now_ns) noexcept { left_ns_ = now_ns; }
   /// The last answer did not leave for these axes (bit i: axis i): their drives have the one
   /// before.
   void not_sent(std::uint32_t axes) noexcept;
@@ -109,15 +120,29 @@ class LiveOffsets {
     OffsetRun seen;
   };
 
+  /// An offset that was sent, and the frame that it answers.
+  struct Renewal {
+    std::int64_t now_ns = 0, due_ns = 0;  // steady clock: when it was sent; when the frame was due
+    std::uint64_t sequence = 0;
+    std::int64_t time_ns = 0;  // of the frame
+  };
+  /// What the command of a frame shows of the offset in a drive.
+  enum class Shown : std::uint8_t { kSent, kEarlier, kNeither };
+
   void take_plan(std::int64_t now_ns) noexcept;
-  void withdraw(const MachineFrame& frame) noexcept;
-  void follow_program(std::int64_t now_ns, bool late) noexcept;
-  void begin(Eigen::Index row, const LearnedProgram& learned, std::int64_t now_ns) noexcept;
-  [[nodiscard]] bool drive_has_dropped(std::int64_t now_ns, std::int64_t due_ns) const noexcept;
+  void withdraw(const MachineFrame& frame, RunEnd why, std::int64_t since_ns) noexcept;
+  void follow_program(const MachineFrame& frame, std::int64_t now_ns, bool late) noexcept;
+  void begin(Eigen::Index row, const LearnedProgram& learned, const MachineFrame& frame,
+             std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool drive_has_dropped(const MachineFrame& frame, std::int64_t now_ns,
+                                       std::int64_t due_ns) const noexcept;
+  [[nodiscard]] bool not_delivered(const MachineFrame& frame) noexcept;
+  [[nodiscard]] bool interrupted(std::int64_t now_ns) noexcept;
+  [[nodiscard]] Shown shown_by(const MachineFrame& frame, std::size_t n) const noexcept;
   [[nodiscard]] bool too_late(std::int64_t now_ns, std::int64_t due_ns) const noexcept;
   void end(RunEnd end, int axis = -1, Refusal refusal = Refusal::kNone) noexcept;
-  void go_on(const MachineFrame& frame, const MachinePrediction& prediction,
-             std::int64_t now_ns) noexcept;
+  void go_on(const MachineFrame& frame, const MachinePrediction& prediction, std::int64_t now_ns,
+             std::int64_t due_ns) noexcept;
   void watch_residuals(const MachinePrediction& prediction) noexcept;
   void measure(const MachineFrame& frame) noexcept;
   void measure_contour(const MachineFrame& frame, bool counts) noexcept;
@@ -137,22 +162,29 @@ class LiveOffsets {
   bool matched_ = false;                 // a program was matched in the cycle before
   bool gap_ = true;
   bool first_ = true;
-  // Steady clock: the last offset that was sent and the one before; until when the drive may still
-  // have an offset that this class does not know.
-  std::int64_t sent_ns_ = 0, sent_before_ns_ = 0, silent_until_ns_ = 0;
-  std::int64_t sent_due_ns_ = 0, sent_due_before_ns_ = 0;  // when their frames were due
-  std::int64_t cycle_ns_, held_ns_, surely_gone_ns_;       // after an offset was sent
-  std::int64_t gate_ns_ = 0;                               // the gates' clock
-  std::int64_t came_ns_ = 0;                               // the last frame, steady clock
+  bool handed_over_ = true;  // each answer so far to the publisher, or it is known
+  std::uint64_t stream_ = 1, answer_stream_ = 0;  // DatedOffset::stream; of the last answer
+  Renewal renewed_, renewed_before_;  // by the last offset that was sent, and by the one before
+  // Steady clock: until when the drive may still have an offset that this class does not know.
+  std::int64_t silent_until_ns_ = 0;
+  std::int64_t left_ns_ = 0, leaves_until_ns_ = 0;    // steady clock, of the last answer
+  std::int64_t cycle_ns_, held_ns_, surely_gone_ns_;  // after an offset was sent
+  std::int64_t gate_ns_ = 0;                          // the gates' clock
+  std::int64_t came_ns_ = 0;                          // the last frame, steady clock
   Lateness lateness_;
   int unanswered_ = 0;  // frames since the last answer, while a run is active
   Phase phase_ = Phase::kNone;
   Run run_;
+  // The row at which the commands of the run are, counted by sequence numbers, also while the
+  // offset fades; none: they have left the program.
+  std::optional<Eigen::Index> counted_row_;
+  std::uint64_t counted_sequence_ = 0;
   std::vector<std::size_t> path_;  // linear axes of the run, indices in the program
   ContourError contour_{2};
   std::array<PathPoint, kMaxLookAhead> ahead_{};
   std::array<double, kMaxAxes> nominal_{};
-  std::vector<MachineOffset> sent_;  // of the last delay_cycles cycles
+  std::array<double, kMaxAxes> added_{}, added_before_{};  // by the drives, if all was delivered
+  std::vector<MachineOffset> sent_;  // of the last delay_cycles cycles, and one before
   std::size_t newest_ = 0;           // of sent_
   MachineFrame seen_;
   MachineOffset offset_;

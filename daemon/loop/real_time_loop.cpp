@@ -162,7 +162,9 @@ void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexc
     counters_.wake.add(age);
     prediction_.due_ns = begin - age;
     if (const MachineOffset* offset = on_frame(frame_, {begin, age})) {
-      if (const std::uint32_t axes = source.send(*offset, begin)) offsets_->not_sent(axes);
+      if (const std::uint32_t axes = source.send(*offset, offsets_->leaves_until_ns()))
+        offsets_->not_sent(axes);
+      offsets_->has_left(steady_ns());
     }
     const std::int64_t taken = steady_ns() - begin;
     counters_.work.add(taken);
@@ -255,7 +257,8 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
   }
   const MachineOffset* offset =
       offsets_ != nullptr ? offsets_->answer(frame, prediction_, arrival) : nullptr;
-  if (offset != nullptr) said_->push({*offset, arrival.now_ns + offsets_->validity_ns()});
+  if (offset != nullptr && !said_->push({*offset, offsets_->leaves_until_ns(), offsets_->stream()}))
+    offsets_->not_handed_over();
   predictions_.push(prediction_);
   publisher_.notify();
 

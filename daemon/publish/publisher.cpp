@@ -17,8 +17,8 @@ constexpr int kRepeatsAfterTakeover = 1 + static_cast<int>(kLivelinessLease_ns /
 }  // namespace
 
 Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-                     Ring<DatedOffset>& offsets, const WakeUp& wake_up, Histogram& published,
-                     Status status, LiveFeed* page)
+                     Ring<DatedOffset>& offsets, OffsetHandOver& hand_over, const WakeUp& wake_up,
+                     Histogram& published, Status status, LiveFeed* page)
     : prediction_writer_(node, cycle_s),
       offset_writer_(node),
       model_writer_(node),
@@ -26,7 +26,8 @@ Publisher::Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction
       status_writer_(node),
       status_reader_(node),
       predictions_(predictions),
-      offsets_(offsets),
+      offsets_(offsets, hand_over),
+      hand_over_(hand_over),
       wake_up_(wake_up),
       published_(published),
       status_(std::move(status)),
@@ -68,10 +69,8 @@ void Publisher::announce(const StoredDiagnosis& diagnosis) {
 }
 
 void Publisher::send_offsets() {
-  // The process may have been paused: a drive must not get offsets of cycles that are long over.
-  while (offsets_.pop(offset_)) {
-    if (steady_ns() <= offset_.leaves_until_ns) offset_writer_.write(offset_.offset);
-  }
+  offsets_.send(steady_ns,
+                [this](const MachineOffset& offset) { return offset_writer_.write(offset); });
 }
 
 void Publisher::send_predictions() {
@@ -113,6 +112,7 @@ void Publisher::find_active_daemon() {
     if (ours != active_.value_or(true)) changes_.push(ours);
     if (ours && !active_.value_or(true)) repeats_left_ = kRepeatsAfterTakeover;
     active_ = ours;
+    hand_over_.standby.store(!ours, std::memory_order_relaxed);  // orders no data
   }
 }
 

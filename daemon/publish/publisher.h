@@ -3,7 +3,8 @@
 // Predictions and live offsets are sent as soon as the loop has them, the status once a second, a
 // model when it comes into force, a diagnosis when it is made. Of several daemons of a machine,
 // readers get the data of the strongest; a daemon that takes over sends its models and diagnoses
-// again, because readers have dropped what it sent before. One worker thread, which may be a
+// again, because readers have dropped what it sent before; while it is in standby, offsets of live
+// runs do not leave (daemon/publish/offset_outlet.h). One worker thread, which may be a
 // real-time thread: it waits for the network and for nothing else. announce(): any thread. Errors:
 // the constructor throws std::runtime_error (drivers/dds.h).
 #pragma once
@@ -22,6 +23,7 @@
 #include "daemon/between/ring.h"
 #include "daemon/between/wake_up.h"
 #include "daemon/publish/live_feed.h"
+#include "daemon/publish/offset_outlet.h"
 #include "daemon/store/store.h"
 #include "drivers/dds.h"
 
@@ -35,8 +37,8 @@ class Publisher {
   /// its prediction was handed to DDS. `status`: gives the status to send. `page`: gets the same
   /// data; may be null. All references must outlive the publisher.
   Publisher(const DdsNode& node, double cycle_s, Ring<MachinePrediction>& predictions,
-            Ring<DatedOffset>& offsets, const WakeUp& wake_up, Histogram& published, Status status,
-            LiveFeed* page = nullptr);
+            Ring<DatedOffset>& offsets, OffsetHandOver& hand_over, const WakeUp& wake_up,
+            Histogram& published, Status status, LiveFeed* page = nullptr);
 
   void run(const std::stop_token& stop);
   void announce(const StoredModel& model);
@@ -59,13 +61,13 @@ class Publisher {
   DdsWriter<MachineStatus> status_writer_;
   DdsReader<MachineStatus> status_reader_;
   Ring<MachinePrediction>& predictions_;
-  Ring<DatedOffset>& offsets_;
+  OffsetOutlet offsets_;
+  OffsetHandOver& hand_over_;
   const WakeUp& wake_up_;
   Histogram& published_;
   Status status_;
   LiveFeed* page_;
   MachinePrediction prediction_;
-  DatedOffset offset_;
   std::int64_t last_status_ns_ = 0;
   std::uint64_t last_frames_ = 0;
   std::mutex mutex_;

@@ -1,7 +1,7 @@
 // Live offsets between the real-time loop and a drive: whatever happens to frames, processes and
 // clocks, the motor feels neither a jump nor more than the peak.
 //
-// Input: one byte that chooses whether frames contain the offset, then incidents of four bytes:
+// Input: one byte that chooses the kind of drive, then incidents of four bytes:
 // what happens, how large (two bytes), how many cycles later.
 //
 // Sources: daemon/loop/live_offsets.cpp daemon/loop/program_matcher.cpp
@@ -16,7 +16,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using Event = OffsetWorld::Event;
   constexpr std::size_t kMaxIncidents = 16, kBytes = 4;
   if (size < 1 + kBytes || size > 1 + kMaxIncidents * kBytes) return 0;
-  OffsetWorld world((data[0] & 1U) != 0);
+  OffsetWorld world(OffsetWorld::kAllDrives[data[0] % OffsetWorld::kDrives]);
   const auto run = [&](int cycles) {
     for (int k = 0; k < cycles; ++k) servotwin::fuzz::require(world.cycle() == nullptr);
   };

@@ -2,7 +2,9 @@
 // (tests/daemon/loop/offset_world.h).
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <random>
+#include <string>
 
 #include "tests/daemon/loop/offset_world.h"
 
@@ -15,6 +17,18 @@ using Event = OffsetWorld::Event;
 constexpr int kUnderWay = 3 * OffsetWorld::kPeriod + OffsetWorld::kDwell + 70;
 constexpr int kAfterwards = 800;
 
+/// Each kind of drive in turn.
+OffsetWorld::Drive nth_drive(int n) {
+  return OffsetWorld::kAllDrives[static_cast<std::size_t>(n % OffsetWorld::kDrives)];
+}
+
+/// SERVOTWIN_SEQUENCES in the environment: how many random sequences are tried.
+int sequences_wanted() {
+  constexpr int kSequences = 1000;  // half a minute with sanitizers
+  const char* wanted = std::getenv("SERVOTWIN_SEQUENCES");
+  return wanted == nullptr ? kSequences : std::stoi(wanted);
+}
+
 struct Incident {
   const char* name;
   Event event;
@@ -24,13 +38,13 @@ struct Incident {
 class LiveOffsetsAfter : public testing::TestWithParam<Incident> {};
 
 TEST_P(LiveOffsetsAfter, TheMotorFeelsNoJump) {
-  for (const bool in_command : {true, false}) {
-    OffsetWorld world(in_command);
-    for (int k = 0; k < kUnderWay; ++k) ASSERT_EQ(world.cycle(), nullptr) << k;
+  for (const OffsetWorld::Drive drive : OffsetWorld::kAllDrives) {
+    OffsetWorld world(drive);
+    for (int k = 0; k < kUnderWay; ++k) ASSERT_STREQ(world.cycle(), nullptr) << k;
     ASSERT_GT(std::abs(world.felt()), 0.25 * OffsetWorld::kPeak) << "nothing is at stake";
     world.happens(GetParam().event, GetParam().size);
     for (int k = 0; k < kAfterwards; ++k)
-      ASSERT_EQ(world.cycle(), nullptr) << k << " cycles after it, offset " << world.felt();
+      ASSERT_STREQ(world.cycle(), nullptr) << k << " cycles after it, offset " << world.felt();
   }
 }
 
@@ -55,7 +69,20 @@ INSTANTIATE_TEST_SUITE_P(
         Incident{"ABusThatRefusesOnce", Event::kRefuse, 1},
         Incident{"ABusThatRefuses30Times", Event::kRefuse, 30},
         Incident{"Disarming", Event::kDisarm, 300}, Incident{"AnotherModel", Event::kModel, 1},
-        Incident{"LateAnswers", Event::kDelay, 40}),
+        Incident{"LateAnswers", Event::kDelay, 40},
+        Incident{"OneLostOffset", Event::kLoseOffset, 1},
+        Incident{"TenLostOffsets", Event::kLoseOffset, 10},
+        Incident{"OffsetsLostUntilTheDriveRamps", Event::kLoseOffset, 30},
+        Incident{"OffsetsLostUntilTheDriveHasRamped", Event::kLoseOffset, 125},
+        Incident{"ASleepOf60ms", Event::kSleep, 60},
+        Incident{"AVirtualMachineThatStoodStillFor15ms", Event::kSleep, 15},
+        Incident{"AVirtualMachineThatStoodStillFor61ms", Event::kSleep, 61},
+        Incident{"AVirtualMachineThatStoodStillFor125ms", Event::kSleep, 125},
+        Incident{"APublisherThatStoodStillFor2ms", Event::kPublisher, 2},
+        Incident{"APublisherThatStoodStillFor15ms", Event::kPublisher, 15},
+        Incident{"APublisherThatStoodStillFor60ms", Event::kPublisher, 60},
+        Incident{"APublisherThatStoodStillFor125ms", Event::kPublisher, 125},
+        Incident{"ASlowSocket", Event::kSlow, 100}),
     [](const auto& incident) { return std::string(incident.param.name); });
 
 TEST(LiveOffsets, TheMotorFeelsNoJumpInAnySequenceOfIncidents) {
@@ -63,45 +90,56 @@ TEST(LiveOffsets, TheMotorFeelsNoJumpInAnySequenceOfIncidents) {
   std::uniform_int_distribution<int> event(0, OffsetWorld::kEvents - 1), wait(-100, 300);
   std::uniform_int_distribution<int> large(-200, 200), small(-25, 25);
   int corrected = 0;
-  constexpr int kSequences = 1000;
-  for (int sequence = 0; sequence < kSequences; ++sequence) {
-    OffsetWorld world(sequence % 2 == 0);
+  const int sequences = sequences_wanted();
+  for (int sequence = 0; sequence < sequences; ++sequence) {
+    OffsetWorld world(nth_drive(sequence));
     for (int incident = 0; incident < 6; ++incident) {
       for (int k = wait(rng); k > 0; --k)
-        ASSERT_EQ(world.cycle(), nullptr) << "sequence " << sequence << ", incident " << incident;
+        ASSERT_STREQ(world.cycle(), nullptr)
+            << "sequence " << sequence << ", incident " << incident;
       const auto what = static_cast<Event>(event(rng));
       const int size = (rng() & 1U) != 0 ? large(rng) : small(rng);
       const bool clock = what == Event::kFrameClock || what == Event::kHostClock;
       world.happens(what, clock ? size : std::abs(size) + 1);
     }
     for (int k = 0; k < 400; ++k)
-      ASSERT_EQ(world.cycle(), nullptr) << "sequence " << sequence << ", at the end";
+      ASSERT_STREQ(world.cycle(), nullptr) << "sequence " << sequence << ", at the end";
     if (world.most() > 0.25 * OffsetWorld::kPeak) ++corrected;
   }
-  EXPECT_GT(corrected, kSequences / 2) << "the limits were seldom at stake";
+  EXPECT_GT(corrected, sequences / 2) << "the limits were seldom at stake";
 }
 
 // Frames that wait look younger than those before them: their age alone does not show the burst.
 TEST(LiveOffsets, TheMotorFeelsNoJumpIfTheHostClockIsSetBackInAPause) {
   for (const int pause : {5, 12, 19, 40}) {
-    OffsetWorld world(true);
-    for (int k = 0; k < kUnderWay; ++k) ASSERT_EQ(world.cycle(), nullptr);
+    OffsetWorld world(OffsetWorld::Drive::kOnBus);
+    for (int k = 0; k < kUnderWay; ++k) ASSERT_STREQ(world.cycle(), nullptr);
     world.happens(Event::kPause, pause);
     world.happens(Event::kHostClock, -200);
-    for (int k = 0; k < kAfterwards; ++k) ASSERT_EQ(world.cycle(), nullptr) << pause << " " << k;
+    for (int k = 0; k < kAfterwards; ++k) ASSERT_STREQ(world.cycle(), nullptr) << pause << " " << k;
   }
 }
 
 // The daemon ends before the drive has nothing, and a run of the next one could begin.
 TEST(LiveOffsets, TheMotorFeelsNoJumpWhereverInARunTheDaemonOrTheFramesStop) {
   for (const Event event : {Event::kRestart, Event::kLose, Event::kPause}) {
-    for (int at = 0; at < OffsetWorld::kPeriod; at += 3) {
-      OffsetWorld world(at % 2 == 0);
-      for (int k = 0; k < 3 * OffsetWorld::kPeriod + at; ++k) ASSERT_EQ(world.cycle(), nullptr);
+    for (int at = 0; at < OffsetWorld::kPeriod; at += 2) {
+      OffsetWorld world(nth_drive(at));
+      for (int k = 0; k < 3 * OffsetWorld::kPeriod + at; ++k) ASSERT_STREQ(world.cycle(), nullptr);
       world.happens(event, 22);
-      for (int k = 0; k < kAfterwards; ++k) ASSERT_EQ(world.cycle(), nullptr) << at << " " << k;
+      for (int k = 0; k < kAfterwards; ++k) ASSERT_STREQ(world.cycle(), nullptr) << at << " " << k;
     }
   }
+}
+
+// What waits in the ring is of no drive's concern; what no longer fits into it is.
+TEST(LiveOffsets, TheMotorFeelsNoJumpIfThePublisherStandsStillFromADryRunIntoALiveOne) {
+  OffsetWorld world(OffsetWorld::Drive::kOnNetwork);
+  for (int k = 0; k < 3 * OffsetWorld::kPeriod; ++k) ASSERT_STREQ(world.cycle(), nullptr);
+  world.happens(Event::kDisarm, 2 * OffsetWorld::kPeriod - 1);
+  for (int k = 0; k < OffsetWorld::kDwell; ++k) ASSERT_STREQ(world.cycle(), nullptr);
+  world.happens(Event::kPublisher, 2 * OffsetWorld::kPeriod + 85);
+  for (int k = 0; k < kAfterwards; ++k) ASSERT_STREQ(world.cycle(), nullptr) << k;
 }
 
 // A drive may wait for longer than the daemon needs it to: its event timer is as it is.
@@ -109,26 +147,51 @@ TEST(LiveOffsets, TheMotorFeelsNoJumpIfTheDriveWaitsLongerThanTheValidity) {
   for (const double timeout_s : {0.025, 0.05, 0.1}) {
     for (const Event event : {Event::kRestart, Event::kLose, Event::kPause}) {
       for (int at = 0; at < OffsetWorld::kPeriod; at += 7) {
-        OffsetWorld world(at % 2 == 0, timeout_s);
-        for (int k = 0; k < 3 * OffsetWorld::kPeriod + at; ++k) ASSERT_EQ(world.cycle(), nullptr);
+        OffsetWorld world(nth_drive(at), timeout_s);
+        for (int k = 0; k < 3 * OffsetWorld::kPeriod + at; ++k)
+          ASSERT_STREQ(world.cycle(), nullptr);
         world.happens(event, 22);
-        for (int k = 0; k < kAfterwards; ++k) ASSERT_EQ(world.cycle(), nullptr) << at << " " << k;
+        for (int k = 0; k < kAfterwards; ++k)
+          ASSERT_STREQ(world.cycle(), nullptr) << at << " " << k;
       }
     }
   }
 }
 
 TEST(LiveOffsets, GoOnAfterAnIncidentInTheNextRun) {
-  OffsetWorld world(true);
-  for (int k = 0; k < kUnderWay; ++k) ASSERT_EQ(world.cycle(), nullptr);
+  OffsetWorld world(OffsetWorld::Drive::kOnBus);
+  for (int k = 0; k < kUnderWay; ++k) ASSERT_STREQ(world.cycle(), nullptr);
   world.happens(Event::kPause, 60);
   const int next = 3 * OffsetWorld::kPeriod;  // silent until the drive has nothing
   double most = 0.0;
   for (int k = kUnderWay; k < next + kUnderWay; ++k) {
-    ASSERT_EQ(world.cycle(), nullptr);
+    ASSERT_STREQ(world.cycle(), nullptr);
     if (k > next) most = std::max(most, std::abs(world.felt()));
   }
   EXPECT_GT(most, 0.25 * OffsetWorld::kPeak);
+}
+
+// The service waits for as long before it ends.
+TEST(LiveOffsets, FadeOutWithinTheTimeThatIsSaidWhereTheRateIsSlowerThanTheRamp) {
+  OffsetRules rules;
+  rules.cycle_s = 1e-3;
+  rules.ramp_s = 0.05;
+  rules.limits = {{2e-4, 5e-4, 40.0, rules.ramp_s, 0.02, 1e6, true, rules.cycle_s}};
+  Gate gate(rules.limits[0]);
+  GateRequest request{.offset = 2e-4,
+                      .expires_ns = 10'000'000'000,
+                      .model_validated = true,
+                      .axis_state_matches = true};
+  const auto pass = [&] {
+    request.now_ns += 1'000'000;
+    return gate.pass(request).offset;
+  };
+  while (pass() < 2e-4) ASSERT_LT(request.now_ns, 5'000'000'000);
+  request.axis_state_matches = false;
+  int cycles = 1;
+  while (pass() > 0.0) ++cycles;
+  EXPECT_GT(cycles * rules.cycle_s, 2.0 * rules.ramp_s);
+  EXPECT_LE(cycles * rules.cycle_s, fade_out_s(rules) + rules.cycle_s);
 }
 
 TEST(Lateness, IsWhatComesOnTopOfAConstant) {
