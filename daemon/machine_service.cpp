@@ -116,7 +116,10 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
       live_offsets_(std::make_unique<LiveOffsets>(
           offset_rules(rules_, offset_in_command(base.config), contract_.drive_timeout_s),
           hand_over_)),
-      arming_(base.config.ilc.live, hand_over_.armed, base.events),
+      arming_(
+          base.config.ilc.live, hand_over_.armed, base.events,
+          [this] { return source_.state(steady_ns()).offsets_held_back; },
+          [this] { return standby_reason(); }),
       recorder_(machine_, base.config.machine, base.store.directory(), room_of(current), rows_,
                 memory_, watch_, base.events),
       shown_(base.web == nullptr
@@ -278,9 +281,12 @@ void MachineService::report_news(const std::stop_token& stop) {
         base_.events.error("source", "", news.text);
       }
     }
-    if (const std::string why = source_.state(steady_ns()).offsets_held_back; !why.empty())
-      arming_.forbid(why);
-    for (const std::string& line : publisher_.news()) base_.events.note("network", "", line);
+    (void)arming_.armed();  // disarms where there is a reason to
+    for (const std::string& line : publisher_.news()) {
+      base_.events.note("network", "", line);
+      // Drives hear another daemon from now on, or this one again, in the middle of a run.
+      if (hand_over_.by_publisher) arming_.disarm();
+    }
     const std::uint64_t malformed = loop_->counters().malformed;
     if (malformed > reported && (reported == 0 || steady_ns() - reported_ns >= kReportPeriod_ns)) {
       base_.events.error("source", "",
@@ -292,6 +298,13 @@ void MachineService::report_news(const std::stop_token& stop) {
       reported_ns = steady_ns();
     }
   }
+}
+
+std::string MachineService::standby_reason() const {
+  // relaxed: the flag orders no data.
+  if (!hand_over_.by_publisher || !hand_over_.standby.load(std::memory_order_relaxed)) return {};
+  return "standby: another daemon is active for this machine, and the drives receive its offsets; "
+         "arm that one";
 }
 
 MachineStatus MachineService::status() {

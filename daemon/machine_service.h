@@ -69,6 +69,8 @@ class MachineService {
   [[nodiscard]] MachineStatus status();
   void run_loop();
   void fade_out();
+  /// Why offsets cannot be armed while another daemon is active; empty: they can.
+  [[nodiscard]] std::string standby_reason() const;
   void report_news(const std::stop_token& stop);
 
   const ServiceBase base_;

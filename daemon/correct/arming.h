@@ -4,8 +4,10 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <mutex>
 #include <string>
+#include <utility>
 
 #include "daemon/store/event_log.h"
 
@@ -13,19 +15,36 @@ namespace servotwin::daemon {
 
 class Arming {
  public:
-  /// `armed` and `events` must outlive the object.
-  Arming(bool live, std::atomic<bool>& armed, EventLog& events)
-      : live_(live), armed_(armed), events_(events) {}
+  /// Gives the reason why offsets must not be sent; empty: they may. Called by any thread.
+  using Reason = std::function<std::string()>;
+
+  /// `for_good`: as forbid(); `for_now`: while there is a reason. Both are asked whenever somebody
+  /// arms or looks. All arguments must outlive the object.
+  Arming(
+      bool live, std::atomic<bool>& armed, EventLog& events,
+      Reason for_good = [] { return std::string(); }, Reason for_now = [] { return std::string(); })
+      : live_(live),
+        armed_(armed),
+        events_(events),
+        for_good_(std::move(for_good)),
+        for_now_(std::move(for_now)) {}
 
   [[nodiscard]] bool live() const noexcept { return live_; }
-  // relaxed, here and below: the flag orders nothing.
-  [[nodiscard]] bool armed() const noexcept { return armed_.load(std::memory_order_relaxed); }
+  /// Disarms first where there is a reason to.
+  [[nodiscard]] bool armed() {
+    if (const std::string why = for_good_(); !why.empty()) forbid(why);
+    if (!for_now_().empty()) disarm();
+    // relaxed, here and below: the flag orders nothing.
+    return armed_.load(std::memory_order_relaxed);
+  }
   /// Arms. Returns why that is not possible; empty if it is armed now.
   std::string arm() {
+    if (const std::string why = for_good_(); !why.empty()) forbid(why);
     // So that forbid() cannot run between the check and arming.
     const std::lock_guard lock(mutex_);
     if (!forbidden_.empty()) return forbidden_;
     if (!live_) return "offsets are a dry run: the configuration does not have ilc.live = true";
+    if (std::string why = for_now_(); !why.empty()) return why;
     if (!armed_.exchange(true, std::memory_order_relaxed))
       events_.note_soon("offsets_armed", "",
                         "armed: from the next run on, offsets are sent to drives");
@@ -60,6 +79,7 @@ class Arming {
   std::string forbidden_;
   std::atomic<bool>& armed_;
   EventLog& events_;
+  Reason for_good_, for_now_;
 };
 
 }  // namespace servotwin::daemon

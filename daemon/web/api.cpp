@@ -120,7 +120,7 @@ std::size_t number_of(const std::string& axis, const MachineDescription& machine
   return static_cast<std::size_t>(found - names.begin());
 }
 
-json arming_json(const Arming* arming) {
+json arming_json(Arming* arming) {
   return {{"live", arming != nullptr && arming->live()},
           {"armed", arming != nullptr && arming->armed()}};
 }

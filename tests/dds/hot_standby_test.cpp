@@ -5,6 +5,7 @@
 #include <map>
 
 #include "daemon/between/clock.h"
+#include "tests/daemon/http_client.h"
 #include "tests/dds/support.h"
 
 namespace servotwin::test {
@@ -83,6 +84,39 @@ TEST(HotStandby, OneStreamIsHeardAndGoesOnWhenTheStrongerDaemonIsKilled) {
     return standbys() == 2 && heard.size() == 3;
   });
   EXPECT_EQ(strong->end(SIGTERM), 0);
+  EXPECT_EQ(weak.end(SIGTERM), 0);
+}
+
+/// Asks a daemon with this token to be armed.
+daemon::HttpAnswer arm(Process& daemon, const std::string& token) {
+  const std::string at = "page at http://127.0.0.1:";
+  EXPECT_TRUE(daemon.says(at)) << daemon.said();
+  const auto port = static_cast<std::uint16_t>(
+      std::stoi(daemon.said().substr(daemon.said().find(at) + at.size())));
+  return daemon::ask(port, "POST", "/api/v1/offsets/arm",
+                     "Authorization: Bearer " + token + "\r\n");
+}
+
+// Drives would hear its offsets from the middle of a run on.
+TEST(HotStandby, IsDisarmedAndNotArmedUntilItIsActive) {
+  const DdsPlace place = place_of("arming");
+  const std::string token = "a token of the test";
+  const std::string rest =
+      "[http]\nlisten = '127.0.0.1:0'\ntoken = '" + token + "'\n[ilc]\nlive = true\n";
+  const Home strong_home(place, daemon::drive(), 10, "of the strong one", rest),
+      weak_home(place, daemon::drive(), 1, "of the standby", rest);
+  Process weak(weak_home.daemon());
+  ASSERT_EQ(arm(weak, token).status, 200) << weak.said();
+  Process strong(strong_home.daemon());
+  ASSERT_TRUE(weak.says("standby: another daemon is active")) << weak.said();
+  EXPECT_TRUE(weak.says("disarmed: offsets are not sent to drives")) << weak.said();
+  const daemon::HttpAnswer refused = arm(weak, token);
+  EXPECT_EQ(refused.status, 409);
+  EXPECT_THAT(refused.body, testing::HasSubstr("standby: another daemon is active"));
+  EXPECT_EQ(arm(strong, token).status, 200) << strong.said();
+  ASSERT_EQ(strong.end(SIGKILL), 128 + SIGKILL);
+  ASSERT_TRUE(weak.says("this daemon is now active for the machine")) << weak.said();
+  EXPECT_EQ(arm(weak, token).status, 200) << weak.said();
   EXPECT_EQ(weak.end(SIGTERM), 0);
 }
 

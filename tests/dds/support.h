@@ -45,7 +45,8 @@ inline MachineFrame frame_of(std::uint64_t k) {
 class Home {
  public:
   Home(const DdsPlace& place, const Model& model, int strength = 0,
-       const std::string& reason = "for this test") {
+       const std::string& reason = "for this test",
+       const std::string& rest = "[http]\nlisten = 'none'\n") {
     daemon::Store store(directory_.path() / "store", place.machine);
     ModelRecord record = daemon::record_of(model);
     store.promote(record, {"2026-01-31T12:00:00.000Z", "X", "model_promoted", reason, ""});
@@ -53,8 +54,8 @@ class Home {
         << "[machine]\nname = '" << place.machine << "'\ncycle_s = 0.001\n[[axis]]\nname = 'X'\n"
         << "[source.dds]\ndomain = " << place.domain << "\nstrength = " << strength
         << "\n[store]\ndirectory = '" << (directory_.path() / "store").string()
-        << "'\n[http]\nlisten = 'none'\n[real_time]\npriority = 0\n"
-        << "[diagnose]\nevery_s = 0\nfalse_alarm_days = 0\n";
+        << "'\n[real_time]\npriority = 0\n[diagnose]\nevery_s = 0\nfalse_alarm_days = 0\n"
+        << rest;
   }
   [[nodiscard]] std::vector<std::string> daemon() const {
     return {"servotwind", "--config", directory_.path() / "m.toml"};

@@ -39,6 +39,31 @@ TEST_F(ArmingTest, ADaemonThatEndsIsNotArmedAgain) {
   EXPECT_FALSE(arming_.armed());
 }
 
+TEST_F(ArmingTest, WhoLooksSeesAtOnceThatAnotherSenderWasDetected) {
+  std::string detected;
+  Arming arming(true, armed_, events_, [&] { return detected; });
+  EXPECT_EQ(arming.arm(), "");
+  detected = "another sender";
+  EXPECT_FALSE(arming.armed());
+  detected.clear();
+  EXPECT_EQ(arming.arm(), "another sender") << "for good";
+}
+
+TEST_F(ArmingTest, ADaemonInStandbyIsDisarmedAndArmedOnlyWhenItIsActiveAgain) {
+  std::string standby = "standby";
+  Arming arming(
+      true, armed_, events_, [] { return std::string(); }, [&] { return standby; });
+  EXPECT_EQ(arming.arm(), "standby");
+  EXPECT_FALSE(armed_);
+  standby.clear();
+  EXPECT_EQ(arming.arm(), "");
+  standby = "standby";
+  EXPECT_FALSE(arming.armed()) << "another one took over";
+  standby.clear();
+  EXPECT_FALSE(arming.armed()) << "a person decides";
+  EXPECT_EQ(arming.arm(), "");
+}
+
 // Whoever comes first: what is forbidden at the end is not armed.
 TEST_F(ArmingTest, ForbiddingBesideArmingNeverLeavesItArmed) {
   for (int round = 0; round < 200; ++round) {
