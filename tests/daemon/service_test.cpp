@@ -430,7 +430,7 @@ TEST(ThreadTable, NamesEveryThreadThatIsStarted) {
     EXPECT_THAT(table, HasSubstr("| " + source.substr(from, source.find('"', from) - from) + " |"));
     ++threads;
   }
-  EXPECT_EQ(threads, 9);
+  EXPECT_EQ(threads, 10);
 }
 
 }  // namespace
