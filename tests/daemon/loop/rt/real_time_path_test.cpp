@@ -30,8 +30,8 @@ class ForbiddingSource final : public FrameSource {
     forbid_heap_and_locks(received != Received::kEnd);
     return received;
   }
-  std::uint32_t send(const MachineOffset& offset, std::int64_t made_ns) noexcept override {
-    return inner_.send(offset, made_ns);
+  std::uint32_t send(const MachineOffset& offset, std::int64_t until_ns) noexcept override {
+    return inner_.send(offset, until_ns);
   }
   [[nodiscard]] std::int64_t age_ns() const noexcept override { return inner_.age_ns(); }
 
@@ -182,7 +182,7 @@ class Repeating final : public FrameSource {
       frame.axes[i] = {program_.command[i](row), program_.command[i](row), kAbsent};
     return Received::kFrame;
   }
-  std::uint32_t send(const MachineOffset& offset, std::int64_t /*made_ns*/) noexcept override {
+  std::uint32_t send(const MachineOffset& offset, std::int64_t /*until_ns*/) noexcept override {
     for (const AxisOffset& axis : offset.axes) sent_ = std::max(sent_, std::abs(axis.offset));
     return 0;
   }
