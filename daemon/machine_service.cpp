@@ -283,9 +283,9 @@ void MachineService::report_news(const std::stop_token& stop) {
     }
     (void)arming_.armed();  // disarms where there is a reason to
     for (const std::string& line : publisher_.news()) {
-      base_.events.note("network", "", line);
       // Drives hear another daemon from now on, or this one again, in the middle of a run.
       if (hand_over_.by_publisher) arming_.disarm();
+      base_.events.note("network", "", line);
     }
     const std::uint64_t malformed = loop_->counters().malformed;
     if (malformed > reported && (reported == 0 || steady_ns() - reported_ns >= kReportPeriod_ns)) {
