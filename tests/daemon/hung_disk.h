@@ -16,7 +16,10 @@ namespace servotwin::daemon {
 class HungDisk {
  public:
   HungDisk() {
-    hung_ = true;
+    {
+      const std::lock_guard lock(mutex_);
+      hung_ = true;
+    }
     sqlite3_vfs* vfs = sqlite3_vfs_find(nullptr);
     for (const char* name : {"pwrite", "pwrite64"})
       EXPECT_EQ(vfs->xSetSystemCall(vfs, name, reinterpret_cast<sqlite3_syscall_ptr>(&waits)),
