@@ -95,9 +95,9 @@ void Screen::prepare() {
 
 /// The shortest period of position that is searched.
 double Screen::shortest_period() const {
-  constexpr double kMostTurns = 200.0;    // over the travel: more would need a finer grid
+  constexpr double kMaxTurns = 200.0;     // over the travel: more would need a finer grid
   constexpr double kMinEncoderSteps = 8;  // below, the steps themselves make a pattern of position
-  return std::max(travel_ / kMostTurns, kMinEncoderSteps * encoder_step_);
+  return std::max(travel_ / kMaxTurns, kMinEncoderSteps * encoder_step_);
 }
 
 Eigen::MatrixXd Screen::columns(std::size_t kind, const std::vector<double>& shapes) const {

@@ -219,12 +219,13 @@ class OffsetWorld {
   /// one before, and the signal has steps.
   bool bends_too_often(double bend, double change) {
     constexpr double kOmega = 2.0 * std::numbers::pi * kBandwidth_Hz;
-    constexpr double kMost = kOmega * kOmega * kPeak * kCycle_s * kCycle_s +
-                             2.0 * std::min(kRate, kOmega * kPeak) * kCycle_s * kCycle_s / kRamp_s;
+    constexpr double kMaxBend =
+        kOmega * kOmega * kPeak * kCycle_s * kCycle_s +
+        2.0 * std::min(kRate, kOmega * kPeak) * kCycle_s * kCycle_s / kRamp_s;
     if (felt_ != 0.0 && felt_ == change) kinks_allowed_ += kKinksOfARun;
     if (felt_ != 0.0 && !drive_.took()) kinks_allowed_ += kKinksOfADisturbance;
     in_a_row_ = drive_.took() ? in_a_row_ + 1 : 0;
-    if (in_a_row_ >= 3 && bend > kMost * kRounding) ++kinks_;
+    if (in_a_row_ >= 3 && bend > kMaxBend * kRounding) ++kinks_;
     return kinks_ > kinks_allowed_;
   }
 
