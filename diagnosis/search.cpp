@@ -50,8 +50,7 @@ bool are_impulses(const Effect& effect) {
 
 /// Whether a model is physically plausible beyond the bounds of its single parameters.
 /// `max_deviation`: of the saturation coefficient from 1.
-bool plausible(const Model& model, double begin_s, double end_s, double max_deviation,
-               bool rotary) {
+bool plausible(const Model& model, double begin_s, double end_s, double max_deviation) {
   // An effect that sets in within this share of the recording from its begin or end is not
   // accepted: there is too little data before or after it.
   constexpr double kMinShareToEnds = 0.06;
@@ -64,13 +63,6 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
   // Saturation removes all of the torque above the limit, so that its coefficient must be near 1.
   const Effect* limit = model.find(kind_of<TorqueSaturation>());
   if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < max_deviation)) return false;
-  // A circle closes: no table or encoder has an error that grows with the angle. What looks like
-  // one is a force over position, such as the gravity of a load that swings.
-  if (rotary && model.find(kind_of<ThermalGrowth>()) != nullptr) return false;
-  if (const Effect* lead = model.find(kind_of<LeadError>()); rotary && lead != nullptr) {
-    const double over_a_turn = 2.0 * std::numbers::pi * std::abs(lead->coefficient[0]);
-    if (over_a_turn > std::hypot(lead->coefficient[1], lead->coefficient[2])) return false;
-  }
   // A damping ratio above kMaxDamping, more than tables and screws have, can only come from the
   // loop when the frequency is near its poles. Beyond kMaxOverFastestPole times the fastest pole it
   // is a lag of the control and not a mode.
@@ -329,7 +321,7 @@ void Search::polish(Hypothesis& h) {
 
 bool Search::is_plausible(const Model& model) const {
   return plausible(model, training_.front().start_s, training_.back().end_s(),
-                   kMaxDeviationSimulated, rotary_);
+                   kMaxDeviationSimulated);
 }
 
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
@@ -344,9 +336,8 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   h.model = all.model_of(found->point, found->solution.linear);
   h.model.sample_time_s = training_.front().sample_time_s;  // of the data before thinning
   const bool widened = widen_gap(h.model);
-  if (!why_invalid(h.model).empty() ||
-      !plausible(h.model, training_.front().start_s, training_.back().end_s(),
-                 kMaxDeviationMeasured, rotary_))
+  if (!why_invalid(h.model).empty() || !plausible(h.model, training_.front().start_s,
+                                                  training_.back().end_s(), kMaxDeviationMeasured))
     return false;
   h.point = point_of(h.model, h.structure);
   h.cost = found->solution.cost;

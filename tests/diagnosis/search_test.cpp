@@ -48,25 +48,5 @@ TEST(SignedRankZ, PiecesThatAreAlikeSayNothing) {
   EXPECT_EQ(signed_rank_z(pieces.before, pieces.after), 0.0);
 }
 
-// A circle closes: an error of the reading that grows with the angle is none of a rotary axis.
-TEST(Plausible, ALeadErrorOfARotaryAxisIsPeriodic) {
-  Segment s;
-  s.sample_time_s = 1e-3;
-  s.command = Eigen::ArrayXd::LinSpaced(4000, 0.0, 20.0).sin();
-  s.actual = s.command;
-  Model model;
-  model.sample_time_s = s.sample_time_s;
-  model.loop.denominator = {300.0, 3e4, 0.0};
-  model.effects.push_back(make_effect<LeadError>());
-  const auto plausible = [&](double slope, double sine, bool rotary) {
-    model.effects[0].coefficient = {slope, sine, 0.0, 0.0};
-    return Search({s}, 2.4, {}, {}, rotary).is_plausible(model);
-  };
-  EXPECT_TRUE(plausible(1e-4, 0.0, false));
-  EXPECT_FALSE(plausible(1e-4, 0.0, true));
-  EXPECT_FALSE(plausible(1e-4, 5e-4, true)) << "6.3e-4 over a turn";
-  EXPECT_TRUE(plausible(1e-4, 8e-4, true));
-}
-
 }  // namespace
 }  // namespace servotwin
