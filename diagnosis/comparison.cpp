@@ -175,7 +175,7 @@ struct Tried {
 class ChangeSelection {
  public:
   /// `variation` must outlive it. `own`: misfit [m | rad] that the earlier model already had on its
-  /// own data. That is no change, and it does not distinguish two changes.
+  /// own data, which is neither a change nor evidence for one.
   ChangeSelection(const Variation& variation, Varied unchanged, double own, bool rotary,
                   const DiagnoseOptions& options)
       : variation_(variation),

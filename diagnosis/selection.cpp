@@ -53,7 +53,7 @@ class Selection {
   [[nodiscard]] const std::vector<std::string>& steps() const { return steps_; }
 
  private:
-  /// All that an attempt changes and that is restored where it is no better.
+  /// Everything that an attempt changes; restored if the attempt improves nothing.
   struct State {
     Hypothesis current;  ///< the present model, refitted in free simulation
     Hypothesis fitted;   ///< the same structure fitted by projection, to compare candidates with
