@@ -20,7 +20,7 @@ using nlohmann::json;
 
 inline constexpr const char* kExportSchema = "servotwin.export/1";
 
-struct Arguments {
+struct ExportArguments {
   std::filesystem::path model, unit, matrices, result;
   double position = kAbsent;  // of the axis in the matrices [m | rad]; modes may vary with it
 };
@@ -71,7 +71,7 @@ std::vector<MatVariable> matrices_of(const ModelRecord& record, double position)
           {"model_version", number(record.version)}};
 }
 
-json unit_json(const Unit& unit, const std::filesystem::path& file) {
+json unit_json(const FmuUnit& unit, const std::filesystem::path& file) {
   json variables = json::array();
   for (const UnitVariable& v : unit.description.variables)
     variables.push_back({{"name", v.name},
@@ -85,7 +85,7 @@ json unit_json(const Unit& unit, const std::filesystem::path& file) {
           {"variables", variables}};
 }
 
-void run(const Arguments& arguments) {
+void run(const ExportArguments& arguments) {
   if (arguments.unit.empty() && arguments.matrices.empty())
     throw UsageError("nothing to write: give --fmu OUT.fmu, --mat OUT.mat or both");
   if (is_stdout(arguments.matrices))
@@ -103,7 +103,7 @@ void run(const Arguments& arguments) {
     std::vector<std::string> about = parameter_lines(record);
     for (std::string& line : fit_lines(record, Times::kOfRecording))
       about.push_back(std::move(line));
-    const Unit unit = make_unit(record, about);
+    const FmuUnit unit = make_unit(record, about);
     write_result(arguments.unit, unit.zip);
     say(people, "unit        " + rate);
     for (const UnitVariable& v : unit.description.variables) {
@@ -146,7 +146,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_export(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ExportArguments>();
   OptionTable command(app, "export",
                       "Exports a model to other programs: as an FMI 2.0 unit, "
                       "or as matrices for MATLAB and Octave.");

@@ -13,7 +13,7 @@ constexpr double kRatioStep = 1e-6;  // of a relative quantity, for finite diffe
 
 bool is_force(const Effect& effect) { return identity_of(effect.kind).acts == Acts::kForce; }
 
-Quantity ratio(const char* name) { return {name, "1", 0.0, kRatioStep, true}; }
+ChangedQuantity ratio(const char* name) { return {name, "1", 0.0, kRatioStep, true}; }
 
 /// Sets Kp and 1/Ti of the loop; k = a1 and the feed-forward stay.
 void set_gains(Loop& loop, const Gains& gains) {
@@ -129,7 +129,7 @@ std::vector<Change> changes_of(const Model& model) {
                      }});
     }
   }
-  const auto append = [&](const char* cause, Quantity quantity, Effect effect, bool shape) {
+  const auto append = [&](const char* cause, ChangedQuantity quantity, Effect effect, bool shape) {
     out.push_back({cause, {std::move(quantity)}, [=](Model& m, std::span<const double> v) {
                      m.effects.push_back(effect);
                      (shape ? m.effects.back().shape[0] : m.effects.back().coefficient[0]) = v[0];

@@ -21,7 +21,7 @@
 namespace servotwin {
 
 /// A physical quantity of a model that a change modifies.
-struct Quantity {
+struct ChangedQuantity {
   std::string name, unit;
   double start = 0.0;     ///< starting value of the search
   double step = 0.0;      ///< for finite differences: above rounding, small enough to be linear
@@ -31,7 +31,7 @@ struct Quantity {
 /// One possible change, named by a cause.
 struct Change {
   std::string cause;  ///< identifier of the contract
-  std::vector<Quantity> quantities;
+  std::vector<ChangedQuantity> quantities;
   /// Applies the change to the model with these values, one per quantity.
   std::function<void(Model&, std::span<const double>)> apply;
   std::size_t kind = kEffectKinds;  ///< of the effect that it adds; kEffectKinds: it adds none

@@ -29,8 +29,8 @@ namespace {
 // its misfit and not a change of the machine.
 constexpr double kEarlierMisfitShare = 0.5;
 // Share of the RMS on this recording: changes are not modelled more accurately than this.
-constexpr double kMinRemovedShare = 0.02;
-constexpr std::size_t kMaxFitsPerRound = 4;  // changes
+constexpr double kMinRemovedShareOfChange = 0.02;
+constexpr std::size_t kMaxChangesPerRound = 4;  // changes
 constexpr std::size_t kMaxChanges = 6;
 // Share of the best gain above which a change counts as a rival.
 constexpr double kMinGainShareOfRivalChange = 0.9;
@@ -135,7 +135,7 @@ bool plausible(const Variation& variation, const Varied& v) {
   }
   Eigen::Index at = 0;
   for (const Change& change : v.changes) {
-    for (const Quantity& quantity : change.quantities) {
+    for (const ChangedQuantity& quantity : change.quantities) {
       const double value = v.values(at++);
       if (quantity.unit == "1/s" && change.cause != "gain_change" &&
           std::abs(value) * speed > kMaxOverFriction * level + kOffset_mps2)
@@ -160,15 +160,15 @@ double share_won(const Varied& best, const Varied& rival, double own) {
 }
 
 /// How sure a change is.
-struct Evidence {
+struct EvidenceOfChange {
   double z = 0.0, p = 1.0, wins = 1.0;
   std::vector<std::string> ambiguous_with;
 };
 
 /// The changes accepted so far and one more.
-struct Tried {
+struct TriedChange {
   Varied varied;
-  Evidence evidence;
+  EvidenceOfChange evidence;
 };
 
 /// Adds changes to an earlier model one by one, as long as each lowers the error enough.
@@ -181,7 +181,7 @@ class ChangeSelection {
       : variation_(variation),
         current_(std::move(unchanged)),
         own_(own),
-        least_(std::max(own, kMinRemovedShare * rms_of(current_.pieces))),
+        least_(std::max(own, kMinRemovedShareOfChange * rms_of(current_.pieces))),
         rotary_(rotary),
         options_(options) {}
 
@@ -189,9 +189,9 @@ class ChangeSelection {
     for (std::size_t round = 0; round < kMaxChanges; ++round) {
       if (options_.stop.stop_requested())
         throw std::runtime_error("stopped before it was finished");
-      std::vector<Tried> tried = tried_changes();
+      std::vector<TriedChange> tried = tried_changes();
       if (tried.empty()) return;
-      Tried chosen = chosen_of(tried);
+      TriedChange chosen = chosen_of(tried);
       steps.push_back("  " + chosen.varied.changes.back().cause + ": added");
       current_ = std::move(chosen.varied);
       evidence.push_back(std::move(chosen.evidence));
@@ -200,8 +200,8 @@ class ChangeSelection {
   }
   [[nodiscard]] const Varied& current() const { return current_; }
 
-  std::vector<Evidence> evidence;  ///< of every change
-  std::vector<std::string> steps;  ///< as text
+  std::vector<EvidenceOfChange> evidence;  ///< of every change
+  std::vector<std::string> steps;          ///< as text
   int fits = 0;
 
  private:
@@ -211,18 +211,18 @@ class ChangeSelection {
   }
 
   /// The most promising changes that pass, each fitted beside the present ones.
-  [[nodiscard]] std::vector<Tried> tried_changes() {
+  [[nodiscard]] std::vector<TriedChange> tried_changes() {
     auto promising = promising_changes(variation_, current_, options_);
     const std::size_t candidates = changes_of(variation_.base()).size() + kEffectKinds;
-    if (promising.size() > kMaxFitsPerRound) promising.resize(kMaxFitsPerRound);
+    if (promising.size() > kMaxChangesPerRound) promising.resize(kMaxChangesPerRound);
     std::string step = text("%s RMS, promising candidates:", size_of(current_).c_str());
     for (const auto& [change, s] : promising)
       step += text(" %s/%s (%.1f %%, p %.1g)", change.cause.c_str(),
                    change.quantities.front().name.c_str(), 100.0 * s.gain, s.p);
     steps.push_back(promising.empty() ? step + " none" : step);
-    std::vector<Tried> tried;
+    std::vector<TriedChange> tried;
     for (const auto& [change, screened] : promising) {
-      Tried one{current_, {}};
+      TriedChange one{current_, {}};
       one.varied.add(change);
       ++fits;
       if (!variation_.fit(one.varied)) continue;
@@ -242,9 +242,10 @@ class ChangeSelection {
   }
 
   /// The best of them, with its rivals.
-  [[nodiscard]] Tried chosen_of(std::vector<Tried>& tried) const {
-    std::sort(tried.begin(), tried.end(),
-              [](const Tried& l, const Tried& r) { return l.varied.cost < r.varied.cost; });
+  [[nodiscard]] TriedChange chosen_of(std::vector<TriedChange>& tried) const {
+    std::sort(tried.begin(), tried.end(), [](const TriedChange& l, const TriedChange& r) {
+      return l.varied.cost < r.varied.cost;
+    });
     // Of two changes that the blocks do not distinguish, prefer the one with fewer parameters.
     std::size_t best = 0;
     for (std::size_t i = 1; i < tried.size(); ++i) {
@@ -253,8 +254,8 @@ class ChangeSelection {
         best = i;
     }
     const double before = rms_of(current_.pieces);
-    Tried chosen = tried[best];
-    Evidence& evidence_of = chosen.evidence;
+    TriedChange chosen = tried[best];
+    EvidenceOfChange& evidence_of = chosen.evidence;
     for (std::size_t i = 0; i < tried.size(); ++i) {
       if (i == best) continue;
       const double wins = share_won(chosen.varied, tried[i].varied, own_);
@@ -333,7 +334,7 @@ void place_effect(const Change& change, const Eigen::Ref<const Eigen::VectorXd>&
 }
 
 /// The causes that the changes are evidence for; fills in the deviations of `extended`.
-std::vector<Cause> causes_of(const Varied& changed, const std::vector<Evidence>& evidence,
+std::vector<Cause> causes_of(const Varied& changed, const std::vector<EvidenceOfChange>& evidence,
                              const Eigen::VectorXd& deviations, ModelRecord& extended) {
   std::vector<Cause> out;
   Eigen::Index at = 0;
@@ -354,7 +355,7 @@ std::vector<Cause> causes_of(const Varied& changed, const std::vector<Evidence>&
     if (change.kind < kEffectKinds) {
       place_effect(change, deviations.segment(at, count), extended, *cause);
     } else {
-      const Quantity& quantity = change.quantities.front();
+      const ChangedQuantity& quantity = change.quantities.front();
       const double before = quantity.relative ? 1.0 : 0.0;
       cause->moved.push_back(
           {quantity.name, quantity.unit, before, before + changed.values(at), deviations(at)});

@@ -36,7 +36,7 @@ LowPass from_ellipse(int order, double cutoff, double x, double y) {
 }
 
 void run(const LowPass& filter, Eigen::ArrayXd& x) {
-  for (const Section& section : filter) {
+  for (const FilterSection& section : filter) {
     const double gain = (1.0 + section.a1 + section.a2) / 4.0;
     // At rest on the first sample.
     double first = x(0) * (1.0 - gain), second = x(0) * (gain - section.a2);

@@ -16,10 +16,10 @@
 namespace servotwin {
 
 /// y_k = g (u_k + 2 u_(k-1) + u_(k-2)) - a1 y_(k-1) - a2 y_(k-2), g = (1 + a1 + a2) / 4.
-struct Section {
+struct FilterSection {
   double a1 = 0.0, a2 = 0.0;
 };
-using LowPass = std::vector<Section>;
+using LowPass = std::vector<FilterSection>;
 
 /// -3 dB at `cutoff`, a share of the sampling rate in (0, 0.5); `order` even.
 [[nodiscard]] LowPass butterworth(int order, double cutoff);

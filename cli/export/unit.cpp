@@ -152,9 +152,9 @@ std::string model_text(const Model& model, const std::string& guid) {
   return out + "end\n";
 }
 
-Unit make_unit(const ModelRecord& record, const std::vector<std::string>& about) {
+FmuUnit make_unit(const ModelRecord& record, const std::vector<std::string>& about) {
   for (const Effect& effect : record.model.effects) require_translated(identity_of(effect.kind).id);
-  Unit unit;
+  FmuUnit unit;
   unit.description = describe(record);
   const std::string& identifier = unit.description.identifier;
   std::vector<PackedFile> files;

@@ -14,13 +14,13 @@
 
 namespace servotwin {
 
-struct Unit {
+struct FmuUnit {
   UnitDescription description;
   std::string zip;
 };
 
 /// `about`: lines of text for the page, which describe the model and its prediction errors.
-[[nodiscard]] Unit make_unit(const ModelRecord& record, const std::vector<std::string>& about);
+[[nodiscard]] FmuUnit make_unit(const ModelRecord& record, const std::vector<std::string>& about);
 
 /// Throws std::runtime_error with the id of the effect if the C sources do not have it.
 void require_translated(std::string_view effect);

@@ -115,7 +115,7 @@ TEST(AnAddition, TakesThePlaceOfWhatItReplacesAndKeepsItsLevel) {
   Model after = before;
   const Change change = addition_to(before, kind_of<Presliding>(), {1e-5, 1.0});
   std::vector<double> start;
-  for (const Quantity& quantity : change.quantities) start.push_back(quantity.start);
+  for (const ChangedQuantity& quantity : change.quantities) start.push_back(quantity.start);
   change.apply(after, start);
   ASSERT_EQ(after.effects.size(), 1u);
   EXPECT_EQ(after.effects[0].kind, kind_of<Presliding>());
