@@ -24,8 +24,8 @@
 #include "daemon/store/store.h"
 #include "drivers/can_bus.h"
 #include "drivers/can_encoder.h"
-#include "drivers/dds.h"
 #include "tests/daemon/http_client.h"
+#include "tests/daemon/learned_program.h"
 #include "tests/daemon/support.h"
 #include "tests/support/process.h"
 
@@ -232,7 +232,9 @@ offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes 
     std::unique_ptr<Process> daemon = started(std::move(bus), source, cycle_s);
     if (daemon == nullptr) return nullptr;
     for (int k = 0; k < cycles(1.0); ++k) cycle(0.0);
-    send_program(DdsNode({name_, 95, ""}));
+    std::vector<double> path;
+    for (int k = 0; k < cycles(kPath_s); ++k) path.push_back(path_at(k));
+    learn_program(DdsNode({name_, 95, ""}), "part", path, cycle_s_);
     const daemon::HttpAnswer answer = arm(*daemon);
     EXPECT_EQ(answer.status, 200) << answer.body;
     for (int k = 0; k < cycles(0.2); ++k) cycle(0.0);
@@ -258,32 +260,6 @@ offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes 
   [[nodiscard]] double ramp_step() const { return kPeak / cycles(VirtualDrive::kOffsetRamp_s); }
   /// What the drive adds to its target.
   [[nodiscard]] double added(double target) const { return demand_ - target; }
-
-  void send_program(const DdsNode& node) {
-    DdsWriter<ProgramChunk> writer(node);
-    DdsReader<CorrectionChunk> reader(node);
-    ASSERT_TRUE(writer.wait_for_readers(1, kPatience_s));
-    ProgramChunk chunk;
-    chunk.program = "part";
-    chunk.learn = true;
-    chunk.axes = {"X"};
-    chunk.chunks = (cycles(kPath_s) + 999) / 1000;
-    const int rows = cycles(kPath_s);
-    for (int k = 0; k < rows; ++k) {
-      chunk.time_s.push_back(cycle_s_ * k);
-      chunk.command.push_back(path_at(k));
-      if (chunk.time_s.size() == 1000 || k == rows - 1) {
-        ASSERT_TRUE(writer.write(chunk));
-        ++chunk.chunk;
-        chunk.time_s.clear();
-        chunk.command.clear();
-      }
-    }
-    CorrectionChunk correction;
-    ASSERT_TRUE(reader.receive(correction, kPatience_s));
-    ASSERT_EQ(correction.state, CorrectionState::kLearned) << correction.reason;
-    ASSERT_EQ(correction.reason.find("not sent"), std::string::npos) << correction.reason;
-  }
 
   std::string timeout_ = "offset_timeout_s = 0.02";  // of the virtual drive
   TemporaryDirectory directory_;

@@ -41,18 +41,19 @@ inline MachineFrame frame_of(std::uint64_t k) {
   return frame;
 }
 
-/// A store with a model of axis X in force, and the daemon's configuration beside it.
+/// A store with a model of axis X in force, and the daemon's configuration beside it. `axis`: more
+/// keys of the axis; `rest`: more sections.
 class Home {
  public:
   Home(const DdsPlace& place, const Model& model, int strength = 0,
        const std::string& reason = "for this test",
-       const std::string& rest = "[http]\nlisten = 'none'\n") {
+       const std::string& rest = "[http]\nlisten = 'none'\n", const std::string& axis = "") {
     daemon::Store store(directory_.path() / "store", place.machine);
     ModelRecord record = daemon::record_of(model);
     store.promote(record, {"2026-01-31T12:00:00.000Z", "X", "model_promoted", reason, ""});
     std::ofstream(directory_.path() / "m.toml")
         << "[machine]\nname = '" << place.machine << "'\ncycle_s = 0.001\n[[axis]]\nname = 'X'\n"
-        << "[source.dds]\ndomain = " << place.domain << "\nstrength = " << strength
+        << axis << "[source.dds]\ndomain = " << place.domain << "\nstrength = " << strength
         << "\n[store]\ndirectory = '" << (directory_.path() / "store").string()
         << "'\n[real_time]\npriority = 0\n[diagnose]\nevery_s = 0\nfalse_alarm_days = 0\n"
         << rest;
