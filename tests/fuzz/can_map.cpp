@@ -1,9 +1,5 @@
 // A mapping of CAN signals: every problem is a line with its place; what is accepted can be decoded
 // from any frame, and has its messages and axes.
-//
-// Sources: drivers/can_map.cpp drivers/can_map_source.cpp drivers/can_signal.cpp
-// Sources: drivers/can_frame.cpp drivers/dbc.cpp drivers/eds.cpp drivers/file_handle.cpp
-// Sources: drivers/text.cpp drivers/toml_section.cpp drivers/units.cpp
 #include "drivers/can_map.h"
 
 #include <array>

@@ -1,6 +1,4 @@
 // A CAN log: a line that is read is a frame that can be, and is written to the same frame again.
-//
-// Sources: drivers/candump.cpp drivers/can_frame.cpp drivers/file_handle.cpp drivers/text.cpp
 #include "drivers/candump.h"
 
 #include "tests/fuzz/fuzz.h"

@@ -1,7 +1,5 @@
 // A packet of CAN over UDP: no frame is longer than frames are, and the errors of a frame can be
 // told.
-//
-// Sources: drivers/cannelloni.cpp drivers/can_frame.cpp drivers/text.cpp
 #include "drivers/cannelloni.h"
 
 #include "tests/fuzz/fuzz.h"

@@ -1,9 +1,5 @@
 // The daemon's configuration: every problem is a line with its place, and what is read twice is the
 // same.
-//
-// Sources: daemon/config/config.cpp daemon/config/listen_address.cpp daemon/config/secret_file.cpp
-// Sources: drivers/toml_section.cpp
-// Sources: drivers/file_handle.cpp drivers/text.cpp
 #include "daemon/config/config.h"
 
 #include "tests/fuzz/fuzz.h"

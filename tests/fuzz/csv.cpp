@@ -1,7 +1,4 @@
 // A recording as CSV: as many samples in every column as stamps.
-//
-// Sources: drivers/csv.cpp drivers/checksum.cpp drivers/column_map.cpp
-// Sources: drivers/file_handle.cpp drivers/memory.cpp drivers/text.cpp drivers/units.cpp
 #include "drivers/csv.h"
 #include "drivers/recording_file.h"
 #include "tests/fuzz/fuzz.h"

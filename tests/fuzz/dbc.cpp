@@ -1,8 +1,5 @@
 // A .dbc file: every signal that is accepted lies in its message, and decodes and encodes without a
 // fault.
-//
-// Sources: drivers/dbc.cpp drivers/can_signal.cpp drivers/can_frame.cpp drivers/file_handle.cpp
-// Sources: drivers/text.cpp
 #include "drivers/dbc.h"
 
 #include <array>

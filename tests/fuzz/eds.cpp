@@ -1,7 +1,4 @@
 // An .eds or .dcf file: what is accepted has PDOs that fit into a frame.
-//
-// Sources: drivers/eds.cpp drivers/can_signal.cpp drivers/can_frame.cpp drivers/file_handle.cpp
-// Sources: drivers/text.cpp
 #include "drivers/eds.h"
 
 #include "tests/fuzz/fuzz.h"

@@ -1,8 +1,5 @@
 // The parts of a feed axis: every problem is a line with its place; parts without one make a
 // mechanism that stands, wherever its nut is.
-//
-// Sources: cli/feed_axis_file.cpp drivers/toml_section.cpp drivers/file_handle.cpp
-// Sources: drivers/text.cpp twin/feed_axis/ball_screw.cpp
 #include "cli/feed_axis_file.h"
 
 #include <cmath>

@@ -4,8 +4,6 @@
 // Input: one byte that chooses the limits (its last seven bits above 1: as the next 48 bytes say;
 // its first bit set: then eight more bytes say the cycle), then requests of 25 bytes: flags,
 // offset, step of the clock, time until the request expires.
-//
-// Sources: ilc/gate.cpp
 #include <cstring>
 
 #include "tests/fuzz/fuzz.h"

@@ -1,16 +1,6 @@
 // A request over HTTP as the endpoints get it: whatever is asked, the answer is whole, and nothing
 // is changed or told without the token. What libmicrohttpd does before is done here as far as it
 // matters: lines, fields, percent signs; its own faults are not ours.
-//
-// Sources: daemon/store/store_access.cpp daemon/store/store_checksum.cpp
-// Sources: daemon/store/write_ahead_log.cpp drivers/checksum.cpp
-// Sources: daemon/web/api.cpp daemon/web/health.cpp daemon/web/http_message.cpp
-// Sources: daemon/web/store_check.cpp
-// Sources: daemon/web/live_json.cpp daemon/web/metrics.cpp daemon/store/report_file.cpp
-// Sources: daemon/store/store.cpp daemon/store/store_recovery.cpp daemon/store/event_log.cpp
-// Sources: daemon/store/journal.cpp daemon/publish/status_figures.cpp drivers/file_handle.cpp
-// Sources: drivers/text.cpp identification/model/model_file.cpp twin/catalogue.cpp twin/hold.cpp
-// Sources: twin/linear_algebra.cpp twin/loop.cpp twin/low_pass.cpp twin/model.cpp twin/twin.cpp
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <string>

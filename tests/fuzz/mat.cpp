@@ -1,8 +1,5 @@
 // A recording as MATLAB file. libmatio reads it, whose own faults are not ours: what it does not
 // survive is kept away from it, if at all, by what is checked before.
-//
-// Sources: drivers/mat.cpp drivers/column_map.cpp drivers/file_handle.cpp drivers/memory.cpp
-// Sources: drivers/text.cpp drivers/units.cpp
 #include "drivers/mat.h"
 
 #include "drivers/recording_file.h"

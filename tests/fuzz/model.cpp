@@ -1,8 +1,5 @@
 // A model file: what is accepted is within its bounds, is written and read to the same, and can be
 // simulated.
-//
-// Sources: identification/model/model_file.cpp twin/catalogue.cpp twin/hold.cpp
-// Sources: twin/linear_algebra.cpp twin/loop.cpp twin/low_pass.cpp twin/model.cpp twin/twin.cpp
 #include <cmath>
 #include <nlohmann/json.hpp>
 

@@ -3,11 +3,6 @@
 //
 // Input: one byte that chooses the kind of drive, then incidents of four bytes:
 // what happens, how large (two bytes), how many cycles later.
-//
-// Sources: daemon/loop/live_offsets.cpp daemon/loop/program_matcher.cpp
-// Sources: daemon/loop/real_time_loop.cpp ilc/gate.cpp twin/contour.cpp twin/hold.cpp
-// Sources: twin/catalogue.cpp twin/linear_algebra.cpp twin/loop.cpp twin/low_pass.cpp
-// Sources: twin/model.cpp twin/twin.cpp
 #include "tests/daemon/loop/offset_world.h"
 #include "tests/fuzz/fuzz.h"
 
