@@ -16,7 +16,7 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kPatience_s = 0.1;  // longest delay of an interrupt
+constexpr double kDrivePatience_s = 0.1;  // longest delay of an interrupt
 
 std::vector<Twin> twins_of(const CanMap& map, const std::vector<std::filesystem::path>& files) {
   std::vector<Twin> twins;
@@ -58,7 +58,7 @@ void drive_on_can(const CanDriveOptions& options) {
     for (std::size_t i = 0; i < buses.size(); ++i) {
       const std::size_t bus = (map.start.bus + 1 + i) % buses.size();
       const std::size_t count =
-          buses[bus]->receive(batch, bus == map.start.bus ? kPatience_s : 0.0);
+          buses[bus]->receive(batch, bus == map.start.bus ? kDrivePatience_s : 0.0);
       for (std::size_t k = 0; k < count; ++k) {
         for (const VirtualDrive::Answer& answer : drive.on_frame(bus, batch[k]))
           not_sent += 1 - buses[answer.bus]->send({&answer.frame, 1});

@@ -20,8 +20,8 @@
 namespace servotwin::cli {
 namespace {
 
-constexpr double kPatience_s = 0.2;  // longest delay of an interrupt
-constexpr double kLate_s = 1e-3;     // a frame of a log that is sent later than this counts as late
+constexpr double kBusPatience_s = 0.2;  // longest delay of an interrupt
+constexpr double kLate_s = 1e-3;  // a frame of a log that is sent later than this counts as late
 // After a delay, the cycles of a recording catch up with at least this share of the cycle time
 // between them: drives need time to answer, and a bus has a limited bit rate.
 constexpr double kMinCatchUpCycle = 0.9;
@@ -104,7 +104,7 @@ void play_log(const CanReplayOptions& options, Buses& buses) {
     const std::int64_t due = begin + std::llround(1e9 * after_s / options.speed);
     while (!interrupt.came() && daemon::steady_ns() < due) {
       std::this_thread::sleep_for(std::chrono::nanoseconds(
-          std::min<std::int64_t>(due - daemon::steady_ns(), std::llround(kPatience_s * 1e9))));
+          std::min<std::int64_t>(due - daemon::steady_ns(), std::llround(kBusPatience_s * 1e9))));
     }
     if (static_cast<double>(daemon::steady_ns() - due) > kLate_s * 1e9) ++sent.late;
     send(*buses[bus], {&line.frame, 1}, sent);
@@ -219,7 +219,7 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
   daemon::Received received = daemon::Received::kNothing;
   std::int64_t earliest = begin;
   while (!interrupt.came() &&
-         (received = machine.receive(frame, kPatience_s)) != daemon::Received::kEnd) {
+         (received = machine.receive(frame, kBusPatience_s)) != daemon::Received::kEnd) {
     if (received == daemon::Received::kNothing) continue;
     if (static_cast<double>(machine.age_ns()) * 1e-9 > cycle_s / options.speed) ++sent.late;
     sleep_until(earliest);

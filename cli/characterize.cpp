@@ -27,7 +27,7 @@ using nlohmann::json;
 constexpr int kCurvePoints = 200;
 constexpr double kMinMass_deviations = 3.0;  // of the moved mass, before forces are divided by it
 
-struct Arguments {
+struct CharacterizeArguments {
   AxisOptions input;
   std::filesystem::path model, result, plot;
   std::string method = "ramps";
@@ -197,8 +197,8 @@ struct Characterized {
   std::string plot;
 };
 
-Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, const ForceUnit& unit,
-                       std::FILE* people) {
+Characterized on_ramps(const CharacterizeArguments& arguments, const SegmentedAxis& axis,
+                       const ForceUnit& unit, std::FILE* people) {
   RampOptions options;
   options.centre = arguments.centre_mm * kMilli;
   if (arguments.band_mm > 0.0) options.band = arguments.band_mm * kMilli;
@@ -271,7 +271,7 @@ Characterized on_ramps(const Arguments& arguments, const SegmentedAxis& axis, co
   return out;
 }
 
-Characterized on_motion(const Arguments& arguments, const SegmentedAxis& axis,
+Characterized on_motion(const CharacterizeArguments& arguments, const SegmentedAxis& axis,
                         const ForceUnit& unit, std::FILE* people) {
   std::vector<std::size_t> kinds;
   for (const std::string& id : arguments.frictions) kinds.push_back(kind_of(id));
@@ -311,7 +311,7 @@ Characterized on_motion(const Arguments& arguments, const SegmentedAxis& axis,
   return out;
 }
 
-Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis,
+Characterized on_reversals(const CharacterizeArguments& arguments, const SegmentedAxis& axis,
                            const ForceUnit& unit, std::FILE* people) {
   // The inertia is fitted first: its share of the torque is small at a slow reversal, but can be
   // removed.
@@ -367,7 +367,7 @@ Characterized on_reversals(const Arguments& arguments, const SegmentedAxis& axis
   return out;
 }
 
-void run(const Arguments& arguments) {
+void run(const CharacterizeArguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.plot});
   SegmentedAxis axis = arguments.input.read(people);
   require_torque(axis, arguments.invert);
@@ -431,7 +431,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_characterize(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<CharacterizeArguments>();
   OptionTable command(app, "characterize",
                       "Identifies the friction of an axis from the motor's torque.");
   arguments->input.declare(command);

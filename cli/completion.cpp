@@ -5,14 +5,8 @@
 namespace servotwin::cli {
 namespace {
 
-std::string joined(const std::vector<std::string>& words, const std::string& between) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : between) + word;
-  return text;
-}
-
 /// `text` with a backslash before each of `special`.
-std::string escaped(const std::string& text, const std::string& special) {
+std::string backslashed(const std::string& text, const std::string& special) {
   std::string out;
   for (const char c : text) {
     if (special.find(c) != special.npos) out += '\\';
@@ -94,7 +88,7 @@ std::string zsh_quoted(const std::string& text) {
   return "'" + replaced(text, "'", R"('\'')") + "'";
 }
 
-std::string zsh_message(const std::string& text) { return escaped(text, "\\:"); }
+std::string zsh_message(const std::string& text) { return backslashed(text, "\\:"); }
 
 /// ":REC:_files", the part of a specification that is about the value.
 std::string zsh_value(const Argument& argument, bool optional, const std::string& name) {
@@ -102,7 +96,7 @@ std::string zsh_value(const Argument& argument, bool optional, const std::string
   switch (argument.kind) {
     case ValueKind::kChoice:
       action = argument.comma_separated
-                   ? " _values -s , " + escaped(name, " ") + " " + joined(argument.choices, " ")
+                   ? " _values -s , " + backslashed(name, " ") + " " + joined(argument.choices, " ")
                    : "(" + joined(argument.choices, " ") + ")";
       break;
     case ValueKind::kFile:
@@ -119,7 +113,7 @@ std::string zsh_value(const Argument& argument, bool optional, const std::string
 }
 
 std::string zsh_option(const Argument& option) {
-  const std::string description = "[" + escaped(option.description, "\\[]:") + "]";
+  const std::string description = "[" + backslashed(option.description, "\\[]:") + "]";
   const bool ends_all = option.names.back() == "--help" || option.names.back() == "--version";
   std::string out;
   for (const std::string& name : option.names) {
@@ -157,7 +151,7 @@ std::string zsh_arguments(const Usage& command, const std::string& indent) {
 
 // fish ----------------------------------------------------------------------
 
-std::string fish_quoted(const std::string& text) { return "'" + escaped(text, "\\'") + "'"; }
+std::string fish_quoted(const std::string& text) { return "'" + backslashed(text, "\\'") + "'"; }
 
 std::string fish_choices(const Argument& argument, const std::string& prefix) {
   return argument.comma_separated

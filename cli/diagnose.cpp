@@ -24,7 +24,7 @@
 namespace servotwin::cli {
 namespace {
 
-struct Arguments {
+struct DiagnoseArguments {
   AxisOptions input;
   std::filesystem::path result, report, extended, earlier;
   std::string test;  // base name of the files of the suggested test
@@ -153,7 +153,7 @@ std::vector<std::string> write_test(const std::string& base, const Diagnosis& di
 }
 
 /// Diagnoses the torque alone; `reason` says why the position loop cannot be diagnosed.
-void run_on_torque(const Arguments& arguments, const SegmentedAxis& axis, bool commanded,
+void run_on_torque(const DiagnoseArguments& arguments, const SegmentedAxis& axis, bool commanded,
                    const std::string& reason, std::FILE* people) {
   if (!arguments.extended.empty())
     throw std::runtime_error("--extended-model: there is no model of the position loop: " + reason);
@@ -165,8 +165,8 @@ void run_on_torque(const Arguments& arguments, const SegmentedAxis& axis, bool c
 }
 
 /// Nothing if there is no torque or too little of it; the latter is printed.
-std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis, const Arguments& arguments,
-                                         std::FILE* people) {
+std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis,
+                                         const DiagnoseArguments& arguments, std::FILE* people) {
   if (!has_torque(axis)) return std::nullopt;
   try {
     return diagnose_torque(axis, arguments.options);
@@ -176,7 +176,7 @@ std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis, const Argume
   }
 }
 
-void run(const Arguments& arguments) {
+void run(const DiagnoseArguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.report, arguments.extended});
   Recording recording = arguments.input.recording.read(people, arguments.input.axis);
   const bool commanded = !without_command(recording, arguments.input.axis);
@@ -231,7 +231,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_diagnose(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<DiagnoseArguments>();
   OptionTable command(
       app, "diagnose",
       "Diagnoses an axis: what the simulation gets wrong, and which physical causes explain it.");

@@ -22,7 +22,7 @@ namespace {
 
 constexpr const char* kHeader = "frequency[Hz],gain[dB],phase[deg]";
 
-struct Arguments {
+struct FitAxisArguments {
   std::filesystem::path file, response, covered, out;
   RecordingOptions bare;
   std::string axis;
@@ -93,7 +93,7 @@ void print_stage(const std::string& stage, const FeedAxisFit& fit, const std::st
   }
 }
 
-void run(const Arguments& arguments) {
+void run(const FitAxisArguments& arguments) {
   if (arguments.response.empty() && arguments.bare.file.empty() && arguments.covered.empty())
     throw UsageError("nothing to fit to; give --response, --bare or --covered");
   if ((!arguments.bare.file.empty() || !arguments.covered.empty()) && arguments.axis.empty())
@@ -142,7 +142,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_fit_axis(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<FitAxisArguments>();
   OptionTable command(app, "fit-axis",
                       "Fits the parts of a feed axis to measurements, stage by stage.");
   command

@@ -25,7 +25,7 @@ constexpr double kMinUsefulNyquist_hz = 50.0;  // modes of drives are usually ab
 constexpr double kMaxMisfit = 4.0;  // above: the order is too low, or the axis is not linear
 constexpr Eigen::Index kMinLinesOfBand = 3, kMaxGapInBand_lines = 2;
 
-struct Arguments {
+struct FrequencyResponseArguments {
   ResponseOptions input;
   std::filesystem::path result, plot;
   ModeOptions options;
@@ -154,7 +154,7 @@ std::string bode(const ResponseSignals& signals, const FittedResponse& found) {
   return plot_svg(panels);
 }
 
-json result_of(const Arguments& arguments, const ResponseSignals& signals,
+json result_of(const FrequencyResponseArguments& arguments, const ResponseSignals& signals,
                const FittedResponse& found) {
   const FrequencyResponse& response = found.response;
   const auto list = [](const auto& values) {
@@ -210,7 +210,7 @@ json result_of(const Arguments& arguments, const ResponseSignals& signals,
   return out;
 }
 
-void run(const Arguments& arguments) {
+void run(const FrequencyResponseArguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.plot});
   const ResponseSignals signals = arguments.input.read(people);
   ModeOptions options = arguments.options;
@@ -231,7 +231,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_frequency_response(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<FrequencyResponseArguments>();
   OptionTable command(app, "frequency-response",
                       "Estimates the frequency response of an axis, and its vibration modes.");
   arguments->input.declare(command);

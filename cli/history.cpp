@@ -19,7 +19,7 @@ using nlohmann::json;
 
 constexpr const char* kSchema = "servotwin.history/1";
 
-struct Arguments {
+struct HistoryArguments {
   std::filesystem::path store, result;
   std::string machine = daemon::Config().machine, axis;
   int last = 100;
@@ -74,7 +74,7 @@ json parsed(const daemon::StoredDiagnosis& stored) {
   }
 }
 
-std::string why_none(const daemon::Store& store, const Arguments& arguments) {
+std::string why_none(const daemon::Store& store, const HistoryArguments& arguments) {
   const std::vector<std::string> machines = store.machines(), axes = store.axes();
   if (machines.empty()) return "has no model and no diagnosis of any machine yet";
   if (axes.empty())
@@ -87,7 +87,7 @@ std::string why_none(const daemon::Store& store, const Arguments& arguments) {
          " has not been diagnosed yet";
 }
 
-void run(const Arguments& arguments) {
+void run(const HistoryArguments& arguments) {
   std::FILE* people = people_beside({arguments.result});
   const auto directory = arguments.store.empty() ? daemon::default_store() : arguments.store;
   const daemon::Store store(directory, arguments.machine, daemon::StoreAccess::kRead);
@@ -116,7 +116,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_history(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<HistoryArguments>();
   OptionTable command(app, "history",
                       "Lists the daemon's diagnoses of an axis from its store, the newest last.");
   command

@@ -25,7 +25,7 @@ using nlohmann::json;
 // 3, noise is less than a ninth of the squared residual: unmodelled effects dominate.
 constexpr double kMaxRmsOverFloorForDeviations = 3.0;
 
-struct Arguments {
+struct IdentifyArguments {
   AxisOptions input;
   std::filesystem::path model, result;
   IdentifyOptions identify;
@@ -92,7 +92,7 @@ void say_result(std::FILE* people, const Identified& identified) {
   say(people, text("time taken  %9.3f s, %s", record.time_taken_s, record.method.c_str()));
 }
 
-void run(const Arguments& arguments) {
+void run(const IdentifyArguments& arguments) {
   std::FILE* people = people_beside({arguments.model, arguments.result});
   IdentifyOptions options = arguments.identify;
   if (auto why = why_invalid(options.bounds); !why.empty()) throw UsageError(why);
@@ -156,7 +156,7 @@ void add_range(OptionTable& command, const std::string& name, double& min, doubl
 }  // namespace
 
 Command add_identify(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<IdentifyArguments>();
   OptionTable command(app, "identify", "Identifies the model of an axis from a recording.");
   arguments->input.declare(command);
   command

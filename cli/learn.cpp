@@ -27,7 +27,7 @@ const std::map<std::string, Law> kMethods{{"inverse", Law::kInverse},
                                           {"pd", Law::kPd},
                                           {"feedforward", Law::kInverse}};
 
-struct Arguments {
+struct LearnArguments {
   TableOptions commands;
   std::filesystem::path table, result, gcode, report;
   std::string method = "inverse";
@@ -40,7 +40,7 @@ struct Arguments {
 };
 
 /// Refuses options that the feed-forward does not use.
-void require_meant(const Arguments& arguments) {
+void require_meant(const LearnArguments& arguments) {
   if (arguments.method != "feedforward") return;
   const auto refuse = [](bool given, const char* option, const char* why) {
     if (given)
@@ -83,7 +83,7 @@ daemon::MotionReach look_at_motion(const std::string& source, const CommandedAxi
   return reach;
 }
 
-CorrectedAxis axis_of(const Arguments& arguments, CommandedAxis commanded) {
+CorrectedAxis axis_of(const LearnArguments& arguments, CommandedAxis commanded) {
   CorrectedAxis out;
   LearnAxis& axis = out.learning;
   axis.name = commanded.record.axis;
@@ -217,7 +217,7 @@ void print(const Correction& correction, std::FILE* people) {
     say(people, text("contour: expect at least %.3g um RMS on the machine", 1e6 * across));
 }
 
-void write_gcode(const Arguments& arguments, const Correction& correction,
+void write_gcode(const LearnArguments& arguments, const Correction& correction,
                  const std::vector<Eigen::ArrayXd>& corrected, std::FILE* people) {
   std::vector<PathAxisText> names;
   std::vector<Eigen::ArrayXd> original;
@@ -234,7 +234,7 @@ void write_gcode(const Arguments& arguments, const Correction& correction,
       text("G-code: %ld moves within %.4g um of the corrected path", gcode.moves, chord_um));
 }
 
-void run(const Arguments& arguments) {
+void run(const LearnArguments& arguments) {
   require_meant(arguments);
   std::FILE* people =
       people_beside({arguments.table, arguments.result, arguments.gcode, arguments.report});
@@ -299,7 +299,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_learn(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<LearnArguments>();
   OptionTable command(app, "learn", "Corrects a path in advance, in virtual trials on the twin.");
   arguments->commands.declare(command);
   command.option("--out", arguments->table, "write the corrected commands to this file")

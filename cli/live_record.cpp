@@ -109,11 +109,11 @@ namespace {
 /// "explained: cogging, presliding (2026-01-31T12:00:00.000Z)", or why it cannot be read.
 std::string line_of(const DiagnosisAnnouncement& announcement) {
   try {
-    const auto json = nlohmann::json::parse(announcement.diagnosis_json);
+    const auto file = nlohmann::json::parse(announcement.diagnosis_json);
     std::string causes;
-    for (const auto& cause : json.at("causes"))
+    for (const auto& cause : file.at("causes"))
       causes += (causes.empty() ? ": " : ", ") + cause.at("id").get<std::string>();
-    return json.at("verdict").get<std::string>() + causes + " (" + json.value("created", "") + ")";
+    return file.at("verdict").get<std::string>() + causes + " (" + file.value("created", "") + ")";
   } catch (const nlohmann::json::exception& error) {
     return std::string("cannot be read: ") + error.what();
   }

@@ -32,7 +32,7 @@ std::uint32_t next_code_point(const std::string& text, std::size_t& at) {
 
 /// Text for troff, where some characters would become typographic ones. `hyphens`: a - may be
 /// printed as a hyphen, as it is right within a word.
-std::string escaped(const std::string& text, bool hyphens) {
+std::string roff_escaped(const std::string& text, bool hyphens) {
   std::string out;
   for (std::size_t at = 0; at < text.size();) {
     const std::uint32_t point = next_code_point(text, at);
@@ -71,7 +71,7 @@ std::string escaped(const std::string& text, bool hyphens) {
   return out;
 }
 
-std::string literal(const std::string& text) { return escaped(text, false); }
+std::string literal(const std::string& text) { return roff_escaped(text, false); }
 std::string bold(const std::string& text) { return "\\fB" + literal(text) + "\\fR"; }
 std::string italic(const std::string& text) { return "\\fI" + literal(text) + "\\fR"; }
 
@@ -81,7 +81,7 @@ std::string prose_word(const std::string& word) {
     return std::isalpha(c) != 0 ||
            std::string("-,.;:()").find(static_cast<char>(c)) != std::string::npos;
   });
-  return escaped(word, plain && word.front() != '-' && word.find("(-") == word.npos);
+  return roff_escaped(word, plain && word.front() != '-' && word.find("(-") == word.npos);
 }
 
 /// A line that troff does not take for a request.
@@ -117,12 +117,6 @@ std::string heading(const char* macro, std::string title) {
 std::string page_name(const std::string& page) {
   const std::size_t open = page.find('(');
   return bold(page.substr(0, open)) + page.substr(open);
-}
-
-std::string joined(const std::vector<std::string>& parts, const std::string& between) {
-  std::string out;
-  for (const std::string& part : parts) out += (out.empty() ? "" : between) + part;
-  return out;
 }
 
 std::string section(const ManualSection& section) {

@@ -21,7 +21,7 @@ constexpr double kMaxVelocities = 1e4;
 constexpr double kMaxRows = 1e7;      // a table of about 250 MB
 constexpr double kPicometres = 1e12;  // in a metre; finer digits are rounding errors
 
-struct Arguments {
+struct MotionLawArguments {
   std::string velocities;
   std::string bands = "10";
   MotionLawPlan plan;
@@ -103,7 +103,7 @@ std::vector<double> parse_bands(const std::string& given, std::size_t velocities
   return bands;
 }
 
-MotionLawPlan plan_of(const Arguments& arguments) {
+MotionLawPlan plan_of(const MotionLawArguments& arguments) {
   MotionLawPlan plan = arguments.plan;
   plan.velocities = parse_velocities(arguments.velocities);
   plan.bands = parse_bands(arguments.bands, plan.velocities.size());
@@ -154,7 +154,7 @@ void describe(const MotionLawPlan& plan, const MotionLaw& law, std::FILE* people
 }
 
 /// The rows of the table; throws if it cannot be written.
-double rows_of(const Arguments& arguments, const MotionLaw& law) {
+double rows_of(const MotionLawArguments& arguments, const MotionLaw& law) {
   if (!(arguments.rate_hz > 0.0)) {
     throw UsageError("--rate is " + number(arguments.rate_hz) + " Hz, must be positive");
   }
@@ -173,7 +173,7 @@ double rows_of(const Arguments& arguments, const MotionLaw& law) {
   return rows;
 }
 
-std::string table_of(const Arguments& arguments, const MotionLaw& law, double rows) {
+std::string table_of(const MotionLawArguments& arguments, const MotionLaw& law, double rows) {
   Column time{"time[s]", {}}, command{arguments.axis + ".command[mm]", {}};
   for (double row = 0.0; row < rows; row += 1.0) {
     time.values.push_back(row / arguments.rate_hz);
@@ -182,7 +182,7 @@ std::string table_of(const Arguments& arguments, const MotionLaw& law, double ro
   return csv({time, command});
 }
 
-nlohmann::json json_of(const Arguments& arguments, const MotionLawPlan& plan,
+nlohmann::json json_of(const MotionLawArguments& arguments, const MotionLawPlan& plan,
                        const MotionLaw& law) {
   nlohmann::json ramps = nlohmann::json::array();
   for (const MotionRamp& ramp : law.ramps()) {
@@ -209,7 +209,7 @@ nlohmann::json json_of(const Arguments& arguments, const MotionLawPlan& plan,
           {"ramps", std::move(ramps)}};
 }
 
-void run(const Arguments& arguments) {
+void run(const MotionLawArguments& arguments) {
   std::FILE* people = people_beside({arguments.table, arguments.json});
   const MotionLawPlan plan = plan_of(arguments);
   const MotionLaw law(plan);
@@ -228,7 +228,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_motion_law(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<MotionLawArguments>();
   OptionTable command(
       app, "motion-law",
       "Generates the test motion for friction: ramps of constant velocity across a band.");

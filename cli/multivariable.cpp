@@ -40,7 +40,7 @@ constexpr double kMaxRelativeDeviation = 1.0 / 3.0;  // of a determined value, a
 const std::vector<std::string> kInputs{"command", "friction", "torque"};
 const std::vector<std::string> kOutputs{"error", "velocity", "torque"};
 
-struct Arguments {
+struct MultivariableArguments {
   RecordingOptions recording;
   std::string inputs, outputs;
   std::string break_distances;  // empty: searched for
@@ -132,7 +132,7 @@ void leave_out_long_distances(Signals& signals, const MultivariableOptions& opti
   }
 }
 
-Signals read(const Arguments& arguments, std::FILE* people) {
+Signals read(const MultivariableArguments& arguments, std::FILE* people) {
   const std::vector<double> distances = break_distances(
       arguments.break_distances.empty() ? kBreakDistances : arguments.break_distances);
   const Recording whole = arguments.recording.read(people);
@@ -370,7 +370,8 @@ void say_fit(std::FILE* people, const Signals& signals, const MultivariableFit& 
   }
 }
 
-json result_of(const Arguments& arguments, const Signals& signals, const MultivariableFit& fit) {
+json result_of(const MultivariableArguments& arguments, const Signals& signals,
+               const MultivariableFit& fit) {
   json out{{"schema", "servotwin.multivariable/1"},
            {"source", arguments.recording.file.filename().string()},
            {"sample_time_s", signals.data.sample_time_s},
@@ -499,7 +500,7 @@ std::string bode(const Signals& signals, const MultivariableFit& fit, std::FILE*
   return plot_svg(out);
 }
 
-void run(const Arguments& arguments) {
+void run(const MultivariableArguments& arguments) {
   if (is_stdout(arguments.matrices))
     throw UsageError("a MATLAB file cannot go to standard output; name a file");
   std::FILE* people = people_beside({arguments.matrices, arguments.plot, arguments.result});
@@ -533,7 +534,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_multivariable(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<MultivariableArguments>();
   OptionTable command(app, "multivariable",
                       "Identifies all axes together: their common modes, and the share of "
                       "every command and friction in every error.");

@@ -24,7 +24,7 @@ using nlohmann::json;
 
 inline constexpr const char* kPredictionSchema = "servotwin.prediction/1";
 
-struct Arguments {
+struct PredictArguments {
   AxisOptions input;
   std::filesystem::path model, table, result;
 };
@@ -100,7 +100,7 @@ std::string table_of(const SegmentedAxis& axis, const Model& model) {
   return csv(columns);
 }
 
-void run(const Arguments& arguments) {
+void run(const PredictArguments& arguments) {
   std::FILE* people = people_beside({arguments.table, arguments.result});
   const SegmentedAxis axis = arguments.input.read(people);
   const ModelRecord record = read_model_for(arguments.model, axis.axis, axis.rotary);
@@ -169,7 +169,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_predict(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<PredictArguments>();
   OptionTable command(
       app, "predict",
       "Predicts the tracking error of a recording and compares it with the measured one.");

@@ -25,7 +25,7 @@ namespace {
 constexpr std::string_view kSeparator = "; ";  // of the parts of the daemon's answer
 constexpr double kMaxDiscovery_s = 10.0;       // of a running daemon
 
-struct Arguments {
+struct PreviewArguments {
   RecordingOptions path;
   BusOptions bus;
   bool learn = false;
@@ -44,7 +44,7 @@ std::string name_after(const std::filesystem::path& file) {
 }
 
 /// A path divided into chunks, all of the same revision.
-std::vector<ProgramChunk> chunks_of(const Recording& path, const Arguments& arguments) {
+std::vector<ProgramChunk> chunks_of(const Recording& path, const PreviewArguments& arguments) {
   const std::size_t rows = path.time.size();
   std::vector<ProgramChunk> out((rows + kMaxChunkSamples - 1) / kMaxChunkSamples);
   if (out.size() > kMaxProgramChunks) {
@@ -184,7 +184,7 @@ std::string table_of(const Recording& path, const std::vector<CorrectionChunk>& 
   return csv(columns);
 }
 
-void run(const Arguments& arguments) {
+void run(const PreviewArguments& arguments) {
   if (!arguments.bus.dds) throw UsageError("--dds is required: the bus of the daemon");
   if (!arguments.name.empty() && !usable_name(arguments.name))
     throw UsageError("--name " + arguments.name + ": " + std::string(kUsableNameRule));
@@ -214,7 +214,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_preview(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<PreviewArguments>();
   OptionTable command(
       app, "preview",
       "Asks a running daemon for the predicted errors of a path, or for its correction.");

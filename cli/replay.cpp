@@ -21,7 +21,7 @@ namespace {
 
 constexpr double kPatience_s = 0.2;  // longest delay of an interrupt
 
-struct Arguments {
+struct ReplayArguments {
   RecordingOptions recording;
   BusOptions bus;
   std::vector<std::string> can;
@@ -32,7 +32,7 @@ struct Arguments {
   double wait_s = 10.0;  // a daemon that has just been started needs about 1 s
 };
 
-void run(const Arguments& arguments) {
+void run(const ReplayArguments& arguments) {
   const bool can = !arguments.can.empty() || !arguments.udp.empty();
   if (arguments.bus.dds == can) throw UsageError("choose one bus: --dds, --can or --udp");
   if (can) {
@@ -129,7 +129,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_replay(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<ReplayArguments>();
   OptionTable command(app, "replay", "Plays a recording on a live bus, in place of a machine.");
   arguments->recording.mends = false;  // the bus gets what the machine sent
   arguments->recording.declare(command, "LOG", "recording: CSV, MATLAB .mat, or a CAN log");

@@ -22,7 +22,7 @@ using nlohmann::json;
 
 constexpr double kMaxRmsOverRmsWithoutPart = 0.95;  // above, the part explains nothing
 
-struct Arguments {
+struct SequenceArguments {
   RecordingOptions bare, covered;
   std::vector<std::filesystem::path> verify_bare, verify_covered;
   std::filesystem::path result, plot;
@@ -37,8 +37,8 @@ struct Torque {
   ForceData data;
 };
 
-Torque read(RecordingOptions options, const std::filesystem::path& file, const Arguments& arguments,
-            const std::string& name, std::FILE* people) {
+Torque read(RecordingOptions options, const std::filesystem::path& file,
+            const SequenceArguments& arguments, const std::string& name, std::FILE* people) {
   options.file = file;
   Torque out{segment_axis(options.read(people, name), name), {}};
   require_torque(out.axis, arguments.invert);
@@ -110,7 +110,7 @@ Directions directions_of(const std::vector<Share>& shares) {
   return out;
 }
 
-void run(const Arguments& arguments) {
+void run(const SequenceArguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.plot});
   const Torque bare = read(arguments.bare, arguments.bare.file, arguments, arguments.axis, people);
   const Torque covered =
@@ -302,7 +302,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_sequence(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<SequenceArguments>();
   OptionTable command(
       app, "sequence",
       "Identifies the friction that a part adds, from recordings without and with the part.");

@@ -26,7 +26,7 @@ struct Encoder {
   double noise_rms = 0.0;
 };
 
-struct Arguments {
+struct SimulateArguments {
   TableOptions commands;
   std::filesystem::path table;
   Encoder encoder;
@@ -35,7 +35,7 @@ struct Arguments {
   double seconds = 0.0;
 };
 
-void run(const Arguments& arguments) {
+void run(const SimulateArguments& arguments) {
   if (!arguments.can.empty()) {
     if (!arguments.commands.path.file.empty() || !arguments.table.empty())
       throw UsageError("with --can, commands and answers are on the bus: leave PATH and --out out");
@@ -95,7 +95,7 @@ Encoder parse_noise(const std::string& given) {
 }  // namespace
 
 Command add_simulate(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<SimulateArguments>();
   OptionTable command(app, "simulate",
                       "Simulates the encoder positions of a machine for given commands.");
   arguments->commands.declare(command);

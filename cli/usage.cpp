@@ -135,4 +135,10 @@ std::vector<std::string> groups_of(const Usage& program) {
   return groups;
 }
 
+std::string joined(const std::vector<std::string>& parts, const std::string& between) {
+  std::string out;
+  for (const std::string& part : parts) out += (out.empty() ? "" : between) + part;
+  return out;
+}
+
 }  // namespace servotwin::cli

@@ -52,4 +52,7 @@ struct Usage {
 /// The headings of the commands, in the order of --help.
 [[nodiscard]] std::vector<std::string> groups_of(const Usage& program);
 
+/// The parts with this between each two.
+[[nodiscard]] std::string joined(const std::vector<std::string>& parts, const std::string& between);
+
 }  // namespace servotwin::cli

@@ -27,7 +27,7 @@ constexpr double kRefresh_s = 1.0;
 // that is away for this long has stopped.
 constexpr double kGone_s = 2.0;
 
-struct Arguments {
+struct WatchArguments {
   BusOptions bus;
   bool summary = false;
   double seconds = 0.0;
@@ -110,7 +110,7 @@ class Subscriber {
 /// Shows the last second; on a terminal in place of the second before.
 class Display {
  public:
-  explicit Display(const Arguments& arguments)
+  explicit Display(const WatchArguments& arguments)
       : arguments_(arguments), screen_(arguments.result.empty() && ::isatty(STDOUT_FILENO) == 1) {}
 
   void show(const LiveRecord& record, double seconds) {
@@ -128,12 +128,12 @@ class Display {
   }
 
  private:
-  const Arguments& arguments_;
+  const WatchArguments& arguments_;
   bool screen_;
   std::size_t shown_ = 0;
 };
 
-void run(const Arguments& arguments) {
+void run(const WatchArguments& arguments) {
   if (!arguments.can.empty()) {
     if (arguments.summary || !arguments.result.empty() || arguments.bus.dds)
       throw UsageError(
@@ -194,7 +194,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_watch(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<WatchArguments>();
   OptionTable command(
       app, "watch",
       "Shows the errors of a machine live: over DDS as predicted by its daemon, or on CAN.");

@@ -28,7 +28,7 @@ using nlohmann::json;
 
 constexpr int kShownModes = 3;
 
-struct Arguments {
+struct WhatIfArguments {
   std::filesystem::path file, changed, result, plot;
   std::vector<std::string> changes;
   RecordingOptions motion;
@@ -74,7 +74,7 @@ std::vector<Motion> paper_motions(const FeedAxisParts& parts) {
 }
 
 /// The commands of a recording, at its own times; throws if they have a gap.
-Segment read_motion(const Arguments& arguments, std::FILE* people) {
+Segment read_motion(const WhatIfArguments& arguments, std::FILE* people) {
   RecordingOptions motion = arguments.motion;
   motion.mends = false;  // a table of commands
   Recording recording = motion.read(people);
@@ -93,7 +93,8 @@ Segment read_motion(const Arguments& arguments, std::FILE* people) {
 }
 
 /// The same at the sampling rate of the control: a cubic spline through the samples.
-Motion motion_of(const Segment& segment, const Arguments& arguments, const FeedAxisParts& parts) {
+Motion motion_of(const Segment& segment, const WhatIfArguments& arguments,
+                 const FeedAxisParts& parts) {
   const double low = segment.command.minCoeff() + parts.nut.at_zero,
                high = segment.command.maxCoeff() + parts.nut.at_zero;
   if (low < parts.nut.from || high > parts.nut.to) {
@@ -279,7 +280,7 @@ std::string picture(const FeedAxisParts& before, const FeedAxisParts& after, boo
   return plot_svg({gain, phase});
 }
 
-void run(const Arguments& arguments) {
+void run(const WhatIfArguments& arguments) {
   if (arguments.motion.file.empty() != arguments.axis.empty())
     throw UsageError("--motion and --axis go together");
   std::FILE* people = people_beside({arguments.result, arguments.plot});
@@ -319,7 +320,7 @@ void run(const Arguments& arguments) {
 }  // namespace
 
 Command add_what_if(CLI::App& app) {
-  const auto arguments = std::make_shared<Arguments>();
+  const auto arguments = std::make_shared<WhatIfArguments>();
   OptionTable command(app, "what-if", "Predicts how a changed part affects a feed axis.");
   command.option("AXIS", arguments->file, "parts of the axis (TOML; examples/feed_axis.toml)")
       .takes("AXIS.toml")

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "daemon/between/clock.h"
+#include "daemon/between/report_period.h"
 #include "daemon/loop/scheduling.h"
 #include "drivers/text.h"
 
@@ -31,8 +32,6 @@ constexpr double kFadeOuts = 2.0;
 constexpr std::chrono::milliseconds kFadeOutCheck{5};
 // Period at which the reports of source and publisher are collected.
 constexpr std::chrono::milliseconds kNewsPeriod{500};
-// Minimum time between two reports of malformed frames.
-constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 double remembered_s(const Config& config) {
   const IdentifyConfig& identify = config.identify;

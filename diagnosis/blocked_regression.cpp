@@ -13,12 +13,6 @@ namespace {
 // Of the diagonal, against singular matrices, in what a column explains beside a base.
 constexpr double kRidgeBesideBase = 1e-7;
 
-Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
-  Eigen::MatrixXd ridged = gram;
-  ridged.diagonal() += kRidge * gram.diagonal().cwiseMax(1e-300);
-  return solve_symmetric(ridged, right);
-}
-
 /// The columns scaled to unit length, and their former lengths.
 Eigen::MatrixXd scaled(const Eigen::MatrixXd& columns, Eigen::VectorXd* length = nullptr) {
   Eigen::VectorXd norms = columns.colwise().norm();
@@ -37,6 +31,13 @@ Eigen::MatrixXd beside(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added
 
 }  // namespace
 
+Eigen::MatrixXd ridge_solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
+  if (gram.size() == 0) return right;
+  Eigen::MatrixXd ridged = gram;
+  ridged.diagonal() += kRidge * gram.diagonal().cwiseMax(1e-300);
+  return solve_symmetric(ridged, right);
+}
+
 BlockedRegression::BlockedRegression(Eigen::VectorXd y, const Eigen::VectorXd& time)
     : y_(std::move(y)) {
   const auto piece_at = [&](Eigen::Index k) { return std::floor(time(k) / kPiece_s); };
@@ -54,7 +55,7 @@ BlockedRegression::BlockedRegression(Eigen::VectorXd y, const Eigen::VectorXd& t
 Eigen::VectorXd BlockedRegression::fit(const Eigen::MatrixXd& columns) const {
   Eigen::VectorXd length;
   const Eigen::MatrixXd a = scaled(columns, &length);
-  return solved(a.transpose() * a, a.transpose() * y_).cwiseQuotient(length);
+  return ridge_solved(a.transpose() * a, a.transpose() * y_).cwiseQuotient(length);
 }
 
 std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
@@ -76,7 +77,7 @@ std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
       g -= part.transpose() * part;
       x -= part.transpose() * y.segment(piece.first, piece.count);
     }
-    const Eigen::VectorXd theta = solved(g, x);
+    const Eigen::VectorXd theta = ridge_solved(g, x);
     for (std::size_t i = 0; i < pieces_.size(); ++i) {
       const Piece& piece = pieces_[i];
       if (piece.block != b) continue;
@@ -92,7 +93,7 @@ std::vector<double> BlockedRegression::predicted(const Eigen::MatrixXd& base,
 double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixXd& added) const {
   const Eigen::MatrixXd a = scaled(beside(base, added));
   const Eigen::MatrixXd gram = a.transpose() * a;
-  const Eigen::VectorXd theta = solved(gram, a.transpose() * y_);
+  const Eigen::VectorXd theta = ridge_solved(gram, a.transpose() * y_);
   const Eigen::VectorXd left = y_ - a * theta;
   const Eigen::Index n = a.cols();
   Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(n, n);
@@ -103,7 +104,7 @@ double BlockedRegression::wald(const Eigen::MatrixXd& base, const Eigen::MatrixX
   }
   const auto m = static_cast<double>(pieces_.size()), q = static_cast<double>(added.cols());
   const double degrees = std::max(1.0, m - static_cast<double>(n));
-  const Eigen::MatrixXd inverse = solved(gram, Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd inverse = ridge_solved(gram, Eigen::MatrixXd::Identity(n, n));
   const Eigen::MatrixXd covariance =
       (inverse * scores * inverse).bottomRightCorner(added.cols(), added.cols()) * (m / degrees);
   const Eigen::VectorXd own = theta.tail(added.cols());

@@ -16,6 +16,11 @@
 
 namespace servotwin {
 
+/// The x of gram x = right, of a symmetric positive semidefinite `gram` whose diagonal is raised by
+/// kRidge of itself.
+[[nodiscard]] Eigen::MatrixXd ridge_solved(const Eigen::MatrixXd& gram,
+                                           const Eigen::MatrixXd& right);
+
 class BlockedRegression {
  public:
   /// Rows in order of `time` [s].

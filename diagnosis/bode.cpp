@@ -1,4 +1,5 @@
 #include "diagnosis/bode.h"
+#include "diagnosis/thresholds.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +9,6 @@
 namespace servotwin {
 namespace {
 
-constexpr double kOf95 = 1.96;  // standard deviations: half of a 95 % confidence band
 constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr double kGap = std::numeric_limits<double>::quiet_NaN();
 

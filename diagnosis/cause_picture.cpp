@@ -7,14 +7,13 @@
 #include "diagnosis/regressor.h"
 #include "diagnosis/spectrum.h"
 #include "diagnosis/text.h"
+#include "diagnosis/thresholds.h"
+#include "twin/sample.h"
 #include "twin/shown_units.h"
 
 namespace servotwin {
 
 namespace {
-
-constexpr double kNaN = kAbsent;
-constexpr double kOf95 = 1.96;  // standard deviations: half of a 95 % confidence interval
 
 bool is(const std::string& id, std::initializer_list<const char*> ids) {
   return std::any_of(ids.begin(), ids.end(), [&](const char* one) { return id == one; });
@@ -47,7 +46,7 @@ PlotPanel panel_over(const CauseSamples& drawn, const Abscissa& over) {
       const bool stands = std::abs(drawn.velocity[i]) < kMaxRestSpeedShare * drawn.fastest;
       const double sign = over.turned == Turned::kNo          ? 1.0
                           : over.turned == Turned::kSinceTurn ? drawn.direction[i]
-                          : stands                            ? kNaN
+                          : stands                            ? kAbsent
                                    : std::copysign(1.0, drawn.velocity[i]);
       y[i] = over.scale * sign * values[i];
     }
@@ -71,7 +70,7 @@ PlotPanel panel_over(const CauseSamples& drawn, const Abscissa& over) {
 
 /// The values in low..high, times `scale`; NaN for the others.
 std::vector<double> within(const std::vector<double>& x, double low, double high, double scale) {
-  std::vector<double> out(x.size(), kNaN);
+  std::vector<double> out(x.size(), kAbsent);
   for (std::size_t i = 0; i < x.size(); ++i) {
     if (x[i] >= low && x[i] <= high) out[i] = scale * x[i];
   }
@@ -169,7 +168,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
       if (p.name == name) return effect.shape[i];
       ++i;
     }
-    return kNaN;
+    return kAbsent;
   };
   double scale = 20e-6;  // travel [m | rad] over which friction reverses after a reversal
   for (const char* name : {"breakaway_displacement", "deflection", "width", "length"}) {
@@ -218,7 +217,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     caption = "Friction over the position of the axis, both directions together.";
   } else if (is(id, {"cogging", "encoder_error", "lead_error"})) {
     const double period = shape("period");
-    std::vector<double> place(drawn.position.size(), kNaN);
+    std::vector<double> place(drawn.position.size(), kAbsent);
     for (std::size_t i = 0; i < place.size(); ++i) {
       if (std::abs(drawn.velocity[i]) > 0.005 * drawn.fastest)
         place[i] = 1e3 * (drawn.position[i] - period * std::floor(drawn.position[i] / period));
@@ -250,7 +249,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     if (const double since = shape("time_s"); std::isfinite(since)) {
       marks = {since};
       for (std::size_t i = 0; i < x.size(); ++i) {
-        if (drawn.time[i] < since) x[i] = kNaN;
+        if (drawn.time[i] < since) x[i] = kAbsent;
       }
     }
     panels.push_back(panel_over(
@@ -275,7 +274,7 @@ CausePicture picture_of(const Diagnosis& diagnosis, const Cause& cause,
     caption = "A delayed record makes a tracking error in proportion to the speed.";
   } else if (id == "impulse_disturbance") {
     std::vector<double> marks;
-    double largest = 0.0, at = kNaN;
+    double largest = 0.0, at = kAbsent;
     for (std::size_t i = 0; i < 4; ++i) {
       marks.push_back(effect.shape[i]);
       if (std::abs(effect.coefficient[i]) > largest)

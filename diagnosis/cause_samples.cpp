@@ -7,16 +7,16 @@
 #include "diagnosis/regressor.h"
 #include "identification/loop/projection.h"
 #include "twin/low_pass.h"
+#include "twin/sample.h"
 #include "twin/twin.h"
 
 namespace servotwin {
 
 namespace {
 
-constexpr double kNaN = kAbsent;
-constexpr double kSettle_s = 0.5;      // start of every segment, not plotted: transient
-constexpr double kBandwidth_hz = 100;  // of forces reconstructed from the error
-constexpr double kForgets_s = 1.0;     // time constant of the leaky integral of the error
+constexpr double kNotPlotted_s = 0.5;       // start of every segment, not plotted: transient
+constexpr double kForceBandwidth_hz = 100;  // of forces reconstructed from the error
+constexpr double kForgets_s = 1.0;          // time constant of the leaky integral of the error
 
 /// The travel since the last reversal by more than `least`, and the direction since; NaN before the
 /// first reversal.
@@ -24,7 +24,8 @@ struct Turns {
   Eigen::ArrayXd travel, direction;
 };
 Turns turns_of(const Eigen::ArrayXd& x, double least) {
-  Turns out{Eigen::ArrayXd::Constant(x.size(), kNaN), Eigen::ArrayXd::Constant(x.size(), kNaN)};
+  Turns out{Eigen::ArrayXd::Constant(x.size(), kAbsent),
+            Eigen::ArrayXd::Constant(x.size(), kAbsent)};
   double direction = 0.0;
   bool turned = false;
   Eigen::Index extreme = 0, turn = 0;
@@ -68,7 +69,8 @@ Eigen::ArrayXd along(const Effect& effect, const Signals& signals, const Spline&
 /// The disturbance force that would make this difference between two tracking errors.
 Eigen::ArrayXd force_of(const Loop& loop, const Eigen::ArrayXd& difference, double h) {
   const Eigen::Index n = difference.size();
-  const Eigen::ArrayXd e = zero_phase(butterworth(4, std::min(0.3, kBandwidth_hz * h)), difference);
+  const Eigen::ArrayXd e =
+      zero_phase(butterworth(4, std::min(0.3, kForceBandwidth_hz * h)), difference);
   Eigen::ArrayXd out = Eigen::ArrayXd::Zero(n);
   double integral = 0.0;
   for (Eigen::Index k = 1; k + 1 < n; ++k) {
@@ -95,7 +97,7 @@ CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
                 [](const Effect& e) { return identity_of(e.kind).acts == Acts::kReading; });
   for (const Segment& s : segments) {
     const double h = s.sample_time_s;
-    const auto skip = std::max<Eigen::Index>(s.lead, std::lround(kSettle_s / h));
+    const auto skip = std::max<Eigen::Index>(s.lead, std::lround(kNotPlotted_s / h));
     if (s.size() < 2 * skip + 100) continue;
     const Eigen::ArrayXd error = s.command - s.actual, by_with = simulate(with, s),
                          by_without = simulate(without, s);
@@ -131,7 +133,7 @@ CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
       out.fastest = std::max(out.fastest, std::abs(v.velocity(k)));
       out.acceleration.push_back(v.acceleration(k));
       out.neighbour.push_back(
-          signals.neighbour_acceleration.size() > 0 ? signals.neighbour_acceleration(k) : kNaN);
+          signals.neighbour_acceleration.size() > 0 ? signals.neighbour_acceleration(k) : kAbsent);
       out.position.push_back(v.position(k));
       out.time.push_back(v.time(k));
       out.travel.push_back(turns.travel(k));

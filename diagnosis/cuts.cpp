@@ -77,14 +77,14 @@ double share_of_tone(const Eigen::ArrayXd& x, const Eigen::ArrayXd& tone_envelop
   return quantile(std::move(shares), 0.5);
 }
 
-struct Spectrum {
+struct PowerSpectrum {
   std::vector<double> power;
   double step_hz;
 };
 
 /// Power spectrum with a Hann window and zero padding to at least twice the length, which halves
 /// the distance between frequencies.
-Spectrum spectrum_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h) {
+PowerSpectrum spectrum_of(const Eigen::Ref<const Eigen::VectorXd>& signal, double h) {
   Eigen::Index length = 1;
   while (length < 2 * signal.size()) length *= 2;
   std::vector<double> x(static_cast<std::size_t>(length), 0.0);

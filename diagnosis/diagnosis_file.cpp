@@ -39,7 +39,7 @@ double ratio_of(const Model& model, const Effect& effect, const std::string& id)
   return kAbsent;
 }
 
-json parameters_of(const Diagnosis& diagnosis, const Cause& cause) {
+json parameters_json(const Diagnosis& diagnosis, const Cause& cause) {
   json out = json::object();
   for (const auto& [name, count] : cause.counts) out[name] = count;
   for (const Moved& moved : cause.moved) {
@@ -90,7 +90,7 @@ json cause_json(const Diagnosis& diagnosis, const Cause& cause) {
   json out = {
       {"id", cause.id},
       {"confidence", cause.confidence},
-      {"parameters", parameters_of(diagnosis, cause)},
+      {"parameters", parameters_json(diagnosis, cause)},
       {"ambiguous_with", cause.ambiguous_with},
       {"evidence", json::array({{{"test", diagnosis.against_earlier
                                               ? "free simulation, paired over 0.25 s"

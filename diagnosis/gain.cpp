@@ -15,7 +15,7 @@ namespace servotwin {
 namespace {
 
 // The simulation starts at rest even in the middle of a motion; the transient is over by then.
-constexpr double kSettle_s = 0.5;
+constexpr double kNotCounted_s = 0.5;
 
 double root_mean(const std::vector<double>& pieces, const std::vector<std::size_t>& places) {
   double sum = 0.0;
@@ -43,7 +43,7 @@ std::pair<double, double> simulated_rms(const Model& model, const std::vector<Se
     s.actual.resize(0);
     const Eigen::ArrayXd error = simulate(model, s);
     const Eigen::Index settled =
-        std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
+        std::max(s.lead, static_cast<Eigen::Index>(std::lround(kNotCounted_s / s.sample_time_s)));
     if (settled >= error.size()) continue;
     const Eigen::Index n = error.size() - settled;
     tracking += error.tail(n).square().sum();

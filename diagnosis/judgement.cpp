@@ -18,7 +18,7 @@ namespace {
 
 // Share of the baseline's error: a law of friction is accurate to a few hundredths of the error, so
 // that a smaller removed error may be its misfit.
-constexpr double kMinRemovedShare = 0.02;
+constexpr double kMinRemovedShareOfCause = 0.02;
 
 /// Whether the paired test does not contradict the score test. An effect that sets in at some time,
 /// or an intermittent one, is present in few of the blocks and needs only a positive z; impulses
@@ -76,7 +76,7 @@ Judgement judged(const Tried& one, const Bar& bar) {
   out.earned =
       one.model.rms() < kMaxRmsRatioToAdd * one.before->rms() &&
       removed_rms(*one.before, one.model) >
-          std::max(kMinRemovedShare * bar.baseline,
+          std::max(kMinRemovedShareOfCause * bar.baseline,
                    like_friction(one.screened.kind) ? kLawMisfitShare * bar.friction : 0.0) &&
       out.p < kFalseAlarmRate / static_cast<double>(bar.candidates);
   return out;

@@ -33,7 +33,7 @@ double robust_deviation(const std::vector<double>& values) {
 }
 
 /// Samples at which the position reverses, with a travel of at least `least` between them.
-std::vector<Eigen::Index> turns_of(const Eigen::ArrayXd& x, double least) {
+std::vector<Eigen::Index> reversals_of(const Eigen::ArrayXd& x, double least) {
   std::vector<Eigen::Index> out;
   Eigen::Index high = 0, low = 0;
   int direction = 0;
@@ -128,7 +128,7 @@ Plateau plateau_of(const std::vector<PositionForce>& stretches) {
   std::sort(forces.begin(), forces.end());
   const double least = kMinSlidingForce * forces[forces.size() * 9 / 10];
   for (const PositionForce& one : stretches) {
-    const std::vector<Eigen::Index> turns = turns_of(one.position, kMinStrokeShare * travel);
+    const std::vector<Eigen::Index> turns = reversals_of(one.position, kMinStrokeShare * travel);
     for (std::size_t i = 0; i < turns.size(); ++i)
       look(one, turns[i], i + 1 < turns.size() ? turns[i + 1] : one.position.size() - 1, least,
            out.reversals);

@@ -2,10 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <numeric>
 #include <random>
+
+#include "twin/sample.h"
 
 namespace servotwin {
 
@@ -17,7 +18,6 @@ constexpr int kShuffles = 999, kScans = 99;  // number of shuffles, without the 
 constexpr int kBins = 20;
 constexpr double kMaxRestSpeedShare =
     0.005;  // share of the peak speed below which the axis is at rest
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// The thinned data: the residual without its mean, and the value of every variable.
 struct Samples {
@@ -48,7 +48,7 @@ Samples samples_of(std::span<const ResidualStretch> stretches) {
       const bool moving = std::abs(v.velocity(k)) > kMaxRestSpeedShare * fastest;
       const std::array<double, kRegressors> row{
           v.velocity(k),     !moving ? 0.0 : v.velocity(k) > 0.0 ? 1.0 : -1.0,
-          v.position(k),     moving ? v.position(k) : kNaN,
+          v.position(k),     moving ? v.position(k) : kAbsent,
           v.acceleration(k), v.since_reversal_s(k),
           v.since_rest_s(k), v.time(k)};
       for (std::size_t r = 0; r < kRegressors; ++r) values[r].push_back(row[r]);
@@ -203,7 +203,7 @@ Variables variables_of(const ResidualStretch& stretch) {
   out.position = stretch.command;
   out.time =
       stretch.start_s + stretch.h * Eigen::ArrayXd::LinSpaced(n, 0.0, static_cast<double>(n - 1));
-  out.since_reversal_s = Eigen::ArrayXd::Constant(n, kNaN);
+  out.since_reversal_s = Eigen::ArrayXd::Constant(n, kAbsent);
   out.since_rest_s = out.travel = out.since_reversal_s;
   double fastest = 0.0;
   for (const double v : out.velocity) {

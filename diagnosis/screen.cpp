@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "diagnosis/blocked_regression.h"
 #include "diagnosis/chance.h"
 #include "diagnosis/cuts.h"
 #include "diagnosis/thresholds.h"
@@ -20,13 +21,6 @@ constexpr int kToneSearch = 24;  // range of the search about a line, in quarter
 constexpr std::size_t kMoments = 8;  // largest peaks in time that are tried
 // Peaks that impulses explain over peaks that remain: impulses must stand out by this ratio.
 constexpr double kMinPeakRatio = 2.5;
-
-Eigen::MatrixXd solved(const Eigen::MatrixXd& gram, const Eigen::MatrixXd& right) {
-  if (gram.size() == 0) return right;
-  Eigen::MatrixXd ridged = gram;
-  ridged.diagonal() += kRidge * gram.diagonal().cwiseMax(1e-300);
-  return solve_symmetric(ridged, right);
-}
 
 }  // namespace
 
@@ -149,7 +143,8 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
     }
     // Coefficients that the other blocks do not determine stay near 0.
     g += kPriorWeight * gram;
-    const Eigen::VectorXd both = solved(g, x), base = solved(g.topLeftCorner(k, k), x.head(k));
+    const Eigen::VectorXd both = ridge_solved(g, x),
+                          base = ridge_solved(g.topLeftCorner(k, k), x.head(k));
     for (std::size_t i = 0; i < pieces_.size(); ++i) {
       if (pieces_[i].block != b) continue;
       with += sums.square[i] - 2.0 * both.dot(sums.right[i]) + both.dot(sums.gram[i] * both);
@@ -159,13 +154,13 @@ void Screen::judge(const Eigen::MatrixXd& given, Screened& out) const {
   }
   out.gain = without > 0.0 ? 1.0 - with / without : 0.0;
 
-  const Eigen::VectorXd theta = solved(gram, right);
+  const Eigen::VectorXd theta = ridge_solved(gram, right);
   Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(n, n);
   for (std::size_t i = 0; i < pieces_.size(); ++i) {
     const Eigen::VectorXd s = sums.right[i] - sums.gram[i] * theta;
     scores += s * s.transpose();
   }
-  const Eigen::MatrixXd inverse = solved(gram, Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd inverse = ridge_solved(gram, Eigen::MatrixXd::Identity(n, n));
   const auto m = static_cast<double>(pieces_.size()), q = static_cast<double>(c.cols());
   const Eigen::MatrixXd cov = (inverse * scores * inverse).bottomRightCorner(c.cols(), c.cols()) *
                               (m / std::max(1.0, m - static_cast<double>(n)));
@@ -182,7 +177,7 @@ void Screen::judge_moment(std::size_t kind, Screened& out) const {
   const Eigen::MatrixXd own = columns(kind, out.shapes);
   out.gain = explained(own) / left_.squaredNorm();
   const Eigen::MatrixXd c = own - basis_ * (basis_.transpose() * own);
-  const Eigen::VectorXd rest = left_ - c * solved(c.transpose() * c, c.transpose() * left_);
+  const Eigen::VectorXd rest = left_ - c * ridge_solved(c.transpose() * c, c.transpose() * left_);
   std::vector<double> before, after;
   for (const Piece& piece : pieces_) {
     before.push_back(left_.segment(piece.first, piece.count).cwiseAbs().maxCoeff());

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kMinStretch_s = 0.5;
 constexpr double kMaxP = 0.01;  // of a line to be significant
-constexpr std::size_t kMaxLines = 6;
+constexpr std::size_t kMaxPeaks = 6;
 // Of the sampling rate: above it the anti-aliasing filter of the recorder shapes the spectrum.
 constexpr double kMaxFrequencyShare = 0.45;
 
@@ -97,7 +97,7 @@ std::vector<SpectrumPeak> spectrum_peaks(std::span<const ResidualStretch> stretc
     const bool skirt = std::any_of(apart.begin(), apart.end(), [&](const SpectrumPeak& other) {
       return std::abs(other.frequency_hz - peak.frequency_hz) < 5.0 / longest;
     });
-    if (!skirt && apart.size() < kMaxLines) apart.push_back(peak);
+    if (!skirt && apart.size() < kMaxPeaks) apart.push_back(peak);
   }
   return apart;
 }

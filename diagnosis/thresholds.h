@@ -26,6 +26,8 @@ inline constexpr double kMinGainShareOfRival = 0.8, kMinGainShareOfSimpler = 0.9
 inline constexpr double kMinStribeckShare = 0.12;
 // Share of the squared error explained with a period that half the period must reach to replace it.
 inline constexpr double kMinShareOfHalfPeriod = 0.9;
+// Standard deviations: half of a 95 % confidence interval.
+inline constexpr double kOf95 = 1.96;
 inline constexpr int kMaxCauses = 6;
 
 }  // namespace servotwin

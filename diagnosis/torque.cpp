@@ -20,7 +20,7 @@ constexpr double kMinShareToExcludeRival = 0.95;
 constexpr double kBlock_s = 0.25;
 constexpr double kMinBlocks = 10.0;
 
-double rms_of(const Eigen::VectorXd& left) {
+double rms_of_rows(const Eigen::VectorXd& left) {
   return std::sqrt(left.squaredNorm() / std::max<double>(1.0, static_cast<double>(left.size())));
 }
 
@@ -31,7 +31,7 @@ double white_part_of(const Eigen::VectorXd& left) {
   if (n < 1) return kAbsent;
   const Eigen::VectorXd third =
       left.tail(n) - 3.0 * left.segment(2, n) + 3.0 * left.segment(1, n) - left.head(n);
-  return rms_of(third) / std::sqrt(20.0);
+  return rms_of_rows(third) / std::sqrt(20.0);
 }
 
 class TorqueConclusion {
@@ -50,8 +50,8 @@ class TorqueConclusion {
     out_.left_before = sign * left_by(body_.columns);
     out_.left_after = sign * left_by(all);
     if (out_.time.size() > 0) {
-      out_.baseline_rms = rms_of(out_.left_before);
-      out_.extended_rms = rms_of(out_.left_after);
+      out_.baseline_rms = rms_of_rows(out_.left_before);
+      out_.extended_rms = rms_of_rows(out_.left_after);
       out_.noise_rms = white_part_of(out_.left_after);
     }
     Eigen::Index column = body_.columns.cols();
@@ -107,8 +107,8 @@ class TorqueConclusion {
                           after = left_by(columns_of(rows_, body_, parts_));
     Gain gain;
     if (before.size() == 0) return gain;
-    gain.before = rms_of(before);
-    gain.after = rms_of(after);
+    gain.before = rms_of_rows(before);
+    gain.after = rms_of_rows(after);
     const std::vector<double> was = pieces_of(before), is = pieces_of(after);
     if (was.size() < 4) return gain;
     const auto mean_of = [](const std::vector<double>& of, const std::vector<std::size_t>& places) {

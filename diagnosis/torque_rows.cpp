@@ -14,9 +14,9 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kBandwidth_hz = 40.0;       // of the filters, ..
-constexpr double kMaxBandwidthShare = 0.15;  // .. and at most this share of the sampling rate
-constexpr double kMaxRestSpeedShare = 0.01;  // of the 90 % quantile of the speeds
+constexpr double kFilterBandwidth_hz = 40.0;  // of the filters, ..
+constexpr double kMaxBandwidthShare = 0.15;   // .. and at most this share of the sampling rate
+constexpr double kMaxRestShareOfFast = 0.01;  // of the 90 % quantile of the speeds
 constexpr Eigen::Index kMinRows = 40;
 // Periods over the travel: at most, and at most for position-dependent friction.
 constexpr double kMaxPeriods = 400.0, kMaxSlowPeriods = 5.0;
@@ -51,7 +51,7 @@ Eigen::VectorXd TorqueRows::compared(const Value& value) const {
 }
 
 TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded)
-    : bandwidth_hz_(std::min(kBandwidth_hz, kMaxBandwidthShare / axis.sample_time_s)),
+    : bandwidth_hz_(std::min(kFilterBandwidth_hz, kMaxBandwidthShare / axis.sample_time_s)),
       rotary_(axis.rotary) {
   data_ = ForceData::of_motion(axis.segments, bandwidth_hz_);
   for (const ForceData::Stretch& stretch : data_.stretches()) {
@@ -64,7 +64,7 @@ TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool co
     }
   }
   const Eigen::VectorXd speed = compared([](const Motion& m) { return m.velocity; });
-  const double least = kMaxRestSpeedShare * quantile(speed.array().abs(), 0.9);
+  const double least = kMaxRestShareOfFast * quantile(speed.array().abs(), 0.9);
   const double fastest = speed.cwiseAbs().maxCoeff();
   for (Eigen::Index row = 0; row < speed.size(); ++row) {
     if (std::abs(speed(row)) > std::max(least, 1e-3 * fastest)) used_.push_back(row);

@@ -33,7 +33,8 @@ constexpr double kMinVelocityShareLeft = 0.8;
 // Share of Coulomb friction by which friction must vary with position; every guideway varies less.
 constexpr double kMinUnevenness = 0.1;
 constexpr int kMaxHarmonic = 8;
-constexpr std::size_t kMaxLines = 6, kLinesTried = 4;  // of cogging: periods in all, per round
+constexpr std::size_t kMaxCoggingLines = 6,
+                      kLinesTried = 4;  // of cogging: periods in all, per round
 
 class TorqueSelection {
  public:
@@ -358,7 +359,7 @@ class TorqueSelection {
     for (int n = 3; n <= kMaxHarmonic && !rotary_; ++n) periods.push_back(period / n);
     for (const auto& shapes : rows_.grid(kind_of<Cogging>(), body_.velocity_limit))
       periods.push_back(shapes[0]);
-    while (out_.parts.back().terms.size() < kMaxLines) {
+    while (out_.parts.back().terms.size() < kMaxCoggingLines) {
       const BlockedRegression data = training_of(rows_);
       const Eigen::MatrixXd base = all();
       const BlockedRegression::Beside beside(data, rows_.training(base));

@@ -18,15 +18,14 @@
 
 #include "drivers/column_map.h"
 #include "drivers/file_handle.h"
+#include "drivers/mat_handles.h"
 #include "drivers/memory.h"
 #include "drivers/text.h"
 
 namespace servotwin {
 namespace {
 
-using MatFile = std::unique_ptr<mat_t, decltype([](mat_t* file) { Mat_Close(file); })>;
-using Variable =
-    std::unique_ptr<matvar_t, decltype([](matvar_t* variable) { Mat_VarFree(variable); })>;
+using Variable = MatVariableHandle;
 
 // The library reports damage by a message and continues with zeros; here a message is an error.
 thread_local std::string complaint;

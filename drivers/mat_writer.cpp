@@ -6,12 +6,12 @@
 #include <memory>
 #include <stdexcept>
 
+#include "drivers/mat_handles.h"
+
 namespace servotwin {
 namespace {
 
-using MatFile = std::unique_ptr<mat_t, decltype([](mat_t* file) { Mat_Close(file); })>;
-using Variable =
-    std::unique_ptr<matvar_t, decltype([](matvar_t* variable) { Mat_VarFree(variable); })>;
+using Variable = MatVariableHandle;
 
 /// The library copies what it is given; its parameter is not const.
 Variable made(const char* name, const Eigen::MatrixXd& matrix) {

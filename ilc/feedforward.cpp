@@ -5,13 +5,12 @@
 #include <limits>
 #include <numbers>
 
+#include "ilc/transfer.h"
 #include "twin/hold.h"
 #include "twin/twin.h"
 
 namespace servotwin {
 namespace {
-
-constexpr double kMaxOfNyquist = 0.8;
 
 /// The model without the effects that are not linear in the command.
 Model linear_part(const Model& model) {
@@ -82,7 +81,7 @@ double harmless_bandwidth(LearningLaw law, std::span<const Transfer> models, dou
   constexpr double kMaxGrowthOfSquaredError =
       kMaxErrorRatioAtAnyFrequency * kMaxErrorRatioAtAnyFrequency - 1.0;
   law.bandwidth_hz = std::numeric_limits<double>::infinity();
-  double most = kMaxOfNyquist * 0.5 / h;
+  double most = kMaxBandwidthOfNyquist * 0.5 / h;
   for (const double f : frequencies_hz(h)) {
     const double omega = 2.0 * std::numbers::pi * f;
     const std::complex<double> l = law.l(omega);

@@ -11,8 +11,6 @@ namespace {
 
 constexpr double kFirst_hz = 0.1;
 constexpr double kRatio = 1.015;  // from frequency to frequency
-constexpr double kMaxOfNyquist = 0.8;
-
 }  // namespace
 
 double LearningLaw::q(double omega) const {
@@ -90,7 +88,7 @@ double robust_bandwidth(LearningLaw law, std::span<const Transfer> models, doubl
     }
     return true;
   };
-  double low = kMinBandwidth_hz, high = kMaxOfNyquist * 0.5 / h;
+  double low = kMinBandwidth_hz, high = kMaxBandwidthOfNyquist * 0.5 / h;
   if (holds(high)) return high;
   if (!holds(low)) return 0.0;
   while (high > 1.0001 * low) {

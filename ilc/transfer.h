@@ -19,6 +19,9 @@
 
 namespace servotwin {
 
+/// The widest band that a law of learning or a filter of feed-forward is given.
+inline constexpr double kMaxBandwidthOfNyquist = 0.8;
+
 struct Transfer {
   /// A table behind a spring: d = -(spring w + damper s) s^2 / (s^2 + 2 zeta w s + w^2) x_r.
   struct Table {

@@ -6,18 +6,6 @@
 namespace servotwin {
 namespace {
 
-PathPoint minus(const PathPoint& a, const PathPoint& b) noexcept {
-  PathPoint out;
-  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out[i] = a[i] - b[i];
-  return out;
-}
-
-double dot(const PathPoint& a, const PathPoint& b) noexcept {
-  double out = 0.0;
-  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out += a[i] * b[i];
-  return out;
-}
-
 double length(const PathPoint& a) noexcept { return std::sqrt(dot(a, a)); }
 
 bool finite(const PathPoint& a) noexcept {

@@ -33,6 +33,18 @@ inline constexpr int kMaxPathAxes = 5;
 /// A point of the path [m]; unused axes are 0.
 using PathPoint = std::array<double, kMaxPathAxes>;
 
+[[nodiscard]] inline PathPoint minus(const PathPoint& a, const PathPoint& b) noexcept {
+  PathPoint out;
+  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out[i] = a[i] - b[i];
+  return out;
+}
+
+[[nodiscard]] inline double dot(const PathPoint& a, const PathPoint& b) noexcept {
+  double out = 0.0;
+  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out += a[i] * b[i];
+  return out;
+}
+
 class ContourError {
  public:
   static constexpr int kCorners = 512;  ///< stored corners of the path; 0.1 s at 5 kHz

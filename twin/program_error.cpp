@@ -10,18 +10,6 @@ namespace {
 constexpr double kReach = ContourError::kReach;
 constexpr double kResolution = 1e-8;  // [m], commands closer than that share a corner
 
-double dot(const PathPoint& a, const PathPoint& b) {
-  double out = 0.0;
-  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out += a[i] * b[i];
-  return out;
-}
-
-PathPoint minus(const PathPoint& a, const PathPoint& b) {
-  PathPoint out;
-  for (std::size_t i = 0; i < kMaxPathAxes; ++i) out[i] = a[i] - b[i];
-  return out;
-}
-
 /// A place where the path may turn, and the samples that stand there.
 struct Corner {
   PathPoint at{};

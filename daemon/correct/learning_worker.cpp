@@ -8,7 +8,7 @@
 
 namespace servotwin::daemon {
 namespace {
-constexpr double kReceiveTimeout_s = 0.1;  // timeout after which the worker checks whether to stop
+constexpr double kProgramTimeout_s = 0.1;  // timeout after which the worker checks whether to stop
 }  // namespace
 
 LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& events,
@@ -24,7 +24,7 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
   std::uint64_t reported_malformed = 0;
   ProgramChunk chunk;
   while (!stop.stop_requested()) {
-    if (programs.receive(chunk, kReceiveTimeout_s)) take(chunk, steady_ns());
+    if (programs.receive(chunk, kProgramTimeout_s)) take(chunk, steady_ns());
     refuse_overdue(steady_ns());
     judge_runs();
     report_stale();

@@ -17,7 +17,7 @@ namespace servotwin::daemon {
 namespace {
 
 constexpr double kMinOffTime_s = 0.5;  // without a cycle: the machine was off
-constexpr auto kPause = std::chrono::milliseconds(100);
+constexpr auto kDiagnosisPause = std::chrono::milliseconds(100);
 // Minimum motion in memory as a share of record_s; less would show too little.
 constexpr double kMinMotionShare = 0.5;
 
@@ -67,7 +67,7 @@ void DiagnosisWorker::run(const std::stop_token& stop) {
     bool any = false;
     for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
       any = look(axis) || any;
-    if (!any) std::this_thread::sleep_for(kPause);
+    if (!any) std::this_thread::sleep_for(kDiagnosisPause);
   }
 }
 

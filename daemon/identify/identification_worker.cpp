@@ -15,7 +15,7 @@
 namespace servotwin::daemon {
 namespace {
 
-constexpr auto kPause = std::chrono::milliseconds(100);
+constexpr auto kIdentificationPause = std::chrono::milliseconds(100);
 // Share of the window that is fitted. The rest does not choose the structure; it only tests whether
 // the model predicts at all.
 constexpr double kTrainingShare = 0.8;
@@ -139,7 +139,7 @@ void IdentificationWorker::run(const std::stop_token& stop) {
     bool any = false;
     for (std::size_t axis = 0; axis < axes_.size() && !stop.stop_requested(); ++axis)
       any = look(axis) || any;
-    if (!any) std::this_thread::sleep_for(kPause);
+    if (!any) std::this_thread::sleep_for(kIdentificationPause);
   }
 }
 

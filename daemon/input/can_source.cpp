@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "daemon/between/clock.h"
+#include "daemon/between/report_period.h"
 #include "drivers/text.h"
 
 namespace servotwin::daemon {
@@ -20,8 +21,6 @@ constexpr std::int64_t kClockSet_ns = 2'000'000;
 constexpr std::int64_t kReceptionDelay_ns = 100'000;
 // How often an interface that is down is checked.
 constexpr double kInterfaceCheck_s = 0.1;
-// A persisting problem is reported once a minute.
-constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 }  // namespace
 

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "daemon/between/clock.h"
+#include "daemon/between/report_period.h"
 #include "drivers/text.h"
 
 namespace servotwin::daemon {
@@ -16,8 +17,6 @@ namespace {
 
 // How often `behind` is asked again.
 constexpr std::int64_t kPollPeriod_ns = 1'000'000;
-// A second writer that persists is reported no more often than this.
-constexpr std::int64_t kReportPeriod_ns = 60'000'000'000;
 
 void sleep_until(std::int64_t steady) noexcept {
   const timespec until{static_cast<time_t>(steady / 1'000'000'000),

@@ -17,7 +17,7 @@ static_assert(std::is_trivially_copyable_v<TwinInForce> &&
               std::is_trivially_copyable_v<MachinePrediction>);
 
 // Timeout of receive(), after which the loop checks whether it has to stop.
-constexpr double kReceiveTimeout_s = 0.1;
+constexpr double kFrameTimeout_s = 0.1;
 // A frame that seems older than this was on its way while the wall clock was set: its age is
 // unknown.
 constexpr std::int64_t kMaxAge_ns = 60'000'000'000;
@@ -152,7 +152,7 @@ void RealTimeLoop::give_back(LiveOffsets& offsets, Ring<DatedOffset>& said) noex
 void RealTimeLoop::run(FrameSource& source, const std::atomic<bool>& stop) noexcept {
   // relaxed: the flag orders nothing; whoever sets it joins this thread.
   while (!stop.load(std::memory_order_relaxed)) {
-    const Received received = source.receive(frame_, kReceiveTimeout_s);
+    const Received received = source.receive(frame_, kFrameTimeout_s);
     count(counters_.turns);
     if (received == Received::kEnd) return;
     if (received == Received::kNothing) continue;

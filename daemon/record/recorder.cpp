@@ -20,7 +20,7 @@ namespace {
 
 // The ring holds seconds of rows and identification waits for seconds of motion: this is often
 // enough.
-constexpr auto kPause = std::chrono::milliseconds(20);
+constexpr auto kRecorderPause = std::chrono::milliseconds(20);
 // Without a row for this long the file is finished.
 constexpr auto kSilence_ns = static_cast<std::int64_t>(Recorder::kFile_s * 1e9);
 
@@ -114,7 +114,7 @@ void Recorder::run(const std::stop_token& stop) {
       // Without new rows the file is finished, so that the last rows are on the disk if the host is
       // switched off as well.
       if (steady_ns() - last_ns > kSilence_ns) finish_file();
-      std::this_thread::sleep_for(kPause);
+      std::this_thread::sleep_for(kRecorderPause);
     }
   }
   while (drain()) {

@@ -282,9 +282,9 @@ void Store::promote(ModelRecord& record, const Event& event,
   }
   Statement insert(*this, insertion(kModels));
   insert.bind(machine_).bind(stored.axis).bind(std::int64_t{stored.version}).bind(stored.created);
-  nlohmann::json json = to_json(stored);
-  if (!recordings.empty()) json["data"]["recordings"] = recordings;
-  insert.bind(event.text).bind(json.dump()).step("cannot be written");
+  nlohmann::json model = to_json(stored);
+  if (!recordings.empty()) model["data"]["recordings"] = recordings;
+  insert.bind(event.text).bind(model.dump()).step("cannot be written");
   for (const std::string& recording : recordings)
     insert_citation(machine_, stored.axis, stored.version, recording);
   insert_event(event);
@@ -292,7 +292,7 @@ void Store::promote(ModelRecord& record, const Event& event,
   const std::filesystem::path copy = copy_of(machine_, stored.axis);
   std::filesystem::create_directories(copy.parent_path());
   AtomicFile file(copy);
-  file.write(copy_text(json));
+  file.write(copy_text(model));
   transaction.commit();
   try {
     file.commit();

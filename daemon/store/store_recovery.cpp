@@ -252,8 +252,8 @@ void Store::restore_models() {
                      "SELECT coalesce(max(version), 0) FROM models WHERE machine = ? AND axis = ?");
     newest.bind(machine).bind(axis).step("cannot be read");
     try {
-      const nlohmann::json json = read_copy(entry.path());
-      const ModelRecord record = model_from_json(json);
+      const nlohmann::json model = read_copy(entry.path());
+      const ModelRecord record = model_from_json(model);
       if (record.version <= newest.number(0)) continue;
       // The copy of one axis is not that of another, and no name leads out of the store.
       if (record.axis != axis || !usable_name(axis) || !usable_name(machine))
@@ -262,8 +262,8 @@ void Store::restore_models() {
       Statement insert(*this, insertion(kModels));
       insert.bind(machine).bind(record.axis).bind(std::int64_t{record.version});
       insert.bind(record.created).bind("restored from " + entry.path().string());
-      insert.bind(json.dump()).step("cannot be written");
-      for (const std::string& recording : recordings_of(json))
+      insert.bind(model.dump()).step("cannot be written");
+      for (const std::string& recording : recordings_of(model))
         insert_citation(machine, record.axis, record.version, recording);
       ++restored;
     } catch (const std::exception& error) {

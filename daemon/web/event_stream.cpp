@@ -2,9 +2,9 @@
 
 namespace servotwin::daemon {
 
-void EventStream::add(std::string_view event, std::string_view json, std::int64_t now_ns) {
+void EventStream::add(std::string_view event, std::string_view data, std::int64_t now_ns) {
   std::string message = "event: ";
-  message.append(event).append("\ndata: ").append(json).append("\n\n");
+  message.append(event).append("\ndata: ").append(data).append("\n\n");
   messages_.push_back({now_ns, std::move(message)});
   if (messages_.size() <= kMessagesKept) return;
   messages_.pop_front();

@@ -19,8 +19,8 @@ class EventStream {
   /// How much of the past a new reader gets.
   static constexpr std::int64_t kPast_ns = 10'000'000'000;
 
-  /// Adds a message. `json`: one line. `now_ns`: steady clock, here and below.
-  void add(std::string_view event, std::string_view json, std::int64_t now_ns);
+  /// Adds a message. `data`: one line. `now_ns`: steady clock, here and below.
+  void add(std::string_view event, std::string_view data, std::int64_t now_ns);
 
   /// Number of the first message for a new reader.
   [[nodiscard]] std::uint64_t start(std::int64_t now_ns) const noexcept {

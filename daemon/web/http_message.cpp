@@ -29,10 +29,10 @@ bool is_number(const std::string& host) {
 }  // namespace
 
 HttpResponse http_error(int status, const std::string& error) {
-  const nlohmann::json json{{"schema", "servotwin.error/1"}, {"status", status}, {"error", error}};
+  const nlohmann::json body{{"schema", "servotwin.error/1"}, {"status", status}, {"error", error}};
   // The message may quote bytes of the request that are not UTF-8: they are replaced.
   return {status, "application/json",
-          json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+          body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }
 
 std::string in_lower_case(std::string text) {

@@ -239,8 +239,8 @@ void HttpServer::poll(int timeout_ms) {
   resume_held(now_ns);
 }
 
-void HttpServer::send(std::string_view event, std::string_view json) {
-  stream_.add(event, json, steady_ns());
+void HttpServer::send(std::string_view event, std::string_view data) {
+  stream_.add(event, data, steady_ns());
   for (Caller& caller : callers_) {
     if (caller.phase == Caller::Phase::kStream) resume(caller);
   }

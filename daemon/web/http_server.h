@@ -63,7 +63,7 @@ class HttpServer {
   /// Answers requests for about `timeout_ms` at most.
   void poll(int timeout_ms);
   /// Sends a message to all streams.
-  void send(std::string_view event, std::string_view json);
+  void send(std::string_view event, std::string_view data);
 
   /// The address with the actual port.
   [[nodiscard]] const ListenAddress& address() const noexcept { return address_; }

@@ -11,14 +11,14 @@ namespace servotwin {
 namespace {
 
 std::atomic<std::size_t> allowed{1};
-thread_local bool within = false;
+thread_local bool inside_worker = false;
 
 }  // namespace
 
 void use_threads(std::size_t count) { allowed = std::max<std::size_t>(1, count); }
 
 void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work) {
-  const std::size_t threads = within ? 1 : std::min(allowed.load(), count);
+  const std::size_t threads = inside_worker ? 1 : std::min(allowed.load(), count);
   if (threads <= 1) {
     for (std::size_t i = 0; i < count; ++i) work(i);
     return;
@@ -26,7 +26,7 @@ void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work
   std::atomic<std::size_t> next{0};
   std::vector<std::exception_ptr> thrown(count);
   const auto take = [&] {
-    within = true;
+    inside_worker = true;
     for (std::size_t i = next++; i < count; i = next++) {
       try {
         work(i);
@@ -34,7 +34,7 @@ void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work
         thrown[i] = std::current_exception();
       }
     }
-    within = false;
+    inside_worker = false;
   };
   {
     std::vector<std::jthread> others;

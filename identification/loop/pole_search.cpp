@@ -29,7 +29,7 @@ PoleBounds below_nyquist(PoleBounds bounds, double h) {
 // place. Without bounds friction may vanish while its effect through a mode goes to infinity.
 constexpr double kMinDelta = -1.0, kMaxDelta = 2.0, kMaxGamma = 1.0;
 constexpr double kSamplesPerRadian = 1.0;  // of a mode, on thinned data
-constexpr double kSlowestMode_hz = 2.0, kMinDamping = 5e-4, kMaxDamping = 0.95;
+constexpr double kSlowestMode_hz = 2.0, kMinModeDamping = 5e-4, kMaxModeDamping = 0.95;
 constexpr double kModeShareOfNyquist = 0.9;
 
 /// The coordinates of modes: log omega, log zeta, gamma, delta of each.
@@ -234,7 +234,7 @@ Candidate refine(const Projection& data, Chart chart, const Candidate& from,
       modes[k] = std::clamp(modes[k], std::log(lower), std::log(upper));
     };
     within(i, kTwoPi * kSlowestMode_hz, fastest);
-    within(i + 1, kMinDamping, kMaxDamping);
+    within(i + 1, kMinModeDamping, kMaxModeDamping);
     const auto between = [&](std::size_t k, double lower, double upper) {
       problem.SetParameterLowerBound(modes.data(), static_cast<int>(k), lower);
       problem.SetParameterUpperBound(modes.data(), static_cast<int>(k), upper);

@@ -41,7 +41,7 @@ constexpr double kMaxAccelerationFeedforward = 1.5;
 // Time that is not judged at the start of a segment: friction and integrator forget their initial
 // state within it.
 constexpr double kSettlingTime_s = 0.5;
-constexpr double kNone = 1e300;  // residual of a structure that could not be fitted
+constexpr double kNotFitted = 1e300;  // residual of a structure that could not be fitted
 constexpr const char* kNoFit = "no stable fit within the bounds";
 
 /// The share of the loop's lag that is caused by zeros in the right half plane. Servo loops with
@@ -75,8 +75,8 @@ double imitated_delay_share(const Loop& loop) {
 
 struct Trial {
   Structure structure;
-  double cost = kNone;  // on what it was fitted to
-  double validation = kNone;
+  double cost = kNotFitted;  // on what it was fitted to
+  double validation = kNotFitted;
   std::string ruled_out = kNoFit;
 };
 
@@ -247,7 +247,7 @@ class StructureChoice {
     if (chosen == nullptr) {
       // If no structure passes, the best of the ruled-out ones is still a model.
       for (const Trial& trial : trials) {
-        if (trial.validation < kNone &&
+        if (trial.validation < kNotFitted &&
             (chosen == nullptr || trial.validation < chosen->validation))
           chosen = &trial;
       }
@@ -258,8 +258,8 @@ class StructureChoice {
                                "signs and the column mapping");
     for (const Trial& trial : trials)
       tried_.push_back({trial.structure.order, trial.structure.effects,
-                        trial.validation < kNone ? trial.validation : kAbsent, &trial == chosen, 0,
-                        trial.ruled_out});
+                        trial.validation < kNotFitted ? trial.validation : kAbsent,
+                        &trial == chosen, 0, trial.ruled_out});
     simple_ = out_.structure = chosen->structure;
     least_ = chosen->validation;
     const auto& effects = simple_.effects;
@@ -276,7 +276,7 @@ class StructureChoice {
     std::vector<std::size_t> compared{kind_of<CoulombFriction>()};
     if (joint())
       compared = options_.friction ? std::vector{*options_.friction} : compared_frictions();
-    if (other_friction) least_ = kNone;
+    if (other_friction) least_ = kNotFitted;
     if (compared.size() > 1 || other_friction || options_.modes > 0 || options_.coupling) {
       FirstStep first(signals_of(fitted_), simple_, search_);
       for (int modes = 0; modes <= options_.modes && modes <= out_.structure.modes + 1; ++modes) {
@@ -334,7 +334,7 @@ class StructureChoice {
       trial.ruled_out = why_invalid(fit->model);
       if (trial.ruled_out.empty()) trial.validation_rms = judge(fit->model, validated_).rms;
     }
-    if (trial.validation_rms < kNone)
+    if (trial.validation_rms < kNotFitted)
       stood.push_back({richer, fit->model, coupled, trial.validation_rms});
     const bool more = modes > out_.structure.modes || (coupled && !coupled_);
     if (trial.validation_rms < (more ? kMaxRmsRatioForMode : kMaxRmsRatioToAccept) * least_) {
@@ -364,7 +364,7 @@ class StructureChoice {
       return now;
     };
     std::size_t lead = stood.size();
-    double least = kNone;
+    double least = kNotFitted;
     for (const std::size_t i : asked_whether_modes_move(stood)) {
       moved[i] = moved_from(stood[i].model, stood[i]);
       if (moved[i].validation < least) {
@@ -426,7 +426,7 @@ class StructureChoice {
   Structure simple_;       // of the loop, with Coulomb friction
   std::size_t place_ = 0;  // of the friction in it
   ChosenStructure out_;
-  double least_ = kNone;             // validation RMS of the chosen structure
+  double least_ = kNotFitted;        // validation RMS of the chosen structure
   std::optional<std::size_t> best_;  // index in tried_; none: the loop as chosen first
   bool coupled_ = false;             // it contains the other axis
 };

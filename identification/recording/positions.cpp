@@ -48,10 +48,10 @@ std::vector<std::pair<std::size_t, std::size_t>> standing(const AxisRecord& axis
 /// slow and hardly adds to them.
 double noise_of(const AxisRecord& axis,
                 const std::vector<std::pair<std::size_t, std::size_t>>& standing) {
-  constexpr std::size_t kMaxRows = 100'000;         // a median of that many is certain enough
+  constexpr std::size_t kMaxMedianRows = 100'000;   // a median of that many is certain enough
   constexpr double kPerDeviation = 0.6745 * 2.449;  // median of |a - 2 b + c| of white noise
   Values bends;
-  for (std::size_t k = 0; k < standing.size(); k += 1 + standing.size() / kMaxRows) {
+  for (std::size_t k = 0; k < standing.size(); k += 1 + standing.size() / kMaxMedianRows) {
     const std::size_t i = standing[k].second;
     bends.push_back(std::abs(axis.actual[i] - 2.0 * axis.actual[i - 1] + axis.actual[i - 2]));
   }

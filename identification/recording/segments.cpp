@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "identification/recording/values.h"
+
 namespace servotwin {
 namespace {
 
@@ -197,12 +199,9 @@ class Cutter {
   std::size_t longest_ = 0;
 };
 
-// Six significant digits, and seconds to the microsecond without idle zeros.
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
-}
+using positions::number;
+
+// To the microsecond, without idle zeros.
 std::string seconds(double value) {
   char text[64];
   std::snprintf(text, sizeof text, "%.6f", value);

@@ -74,8 +74,9 @@ Jumps jumps_of(const Values& values) {
       sum += step(k), count += 1.0;
     }
     const double motion = count > 0.0 ? sum / count : 0.0;
-    constexpr double kMaxMotion = 0.1;  // of the range per row; faster is a step
-    if (motion * step(i) >= 0.0 || std::abs(motion) > kMaxMotion * range) out.as_motion = false;
+    constexpr double kMaxShareOfRange = 0.1;  // of the range per row; faster is a step
+    if (motion * step(i) >= 0.0 || std::abs(motion) > kMaxShareOfRange * range)
+      out.as_motion = false;
     out.sizes.push_back(std::abs(step(i) - motion));
   }
   return out;

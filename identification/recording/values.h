@@ -1,4 +1,4 @@
-// What the repairs of positions share: values of a channel, and how they are written.
+// What the repairs of a recording share: values of a channel, and how they are written.
 #pragma once
 
 #include <algorithm>
@@ -16,6 +16,7 @@ namespace servotwin::positions {
 
 using Values = std::vector<double>;
 
+/// Six significant digits.
 inline std::string number(double value) {
   std::array<char, 32> out{};
   std::snprintf(out.data(), out.size(), "%.6g", value);

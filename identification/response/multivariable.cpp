@@ -23,8 +23,8 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kMinFrequency_hz = 0.02, kShareOfNyquist = 0.9;
-constexpr double kMinDamping = 5e-4, kMaxDamping = 5.0;
+constexpr double kMinFrequency_hz = 0.02, kPoleShareOfNyquist = 0.9;
+constexpr double kMinPoleDamping = 5e-4, kMaxPoleDamping = 5.0;
 // Residual of a higher order over a lower one, at most, to accept it.
 constexpr double kMaxResidualRatioToAccept = 0.97;
 constexpr double kResidualFloor = 1e-6;  // residual over output RMS below which nothing is gained
@@ -46,7 +46,8 @@ Place place_of(const std::vector<FittedPole>& poles, double fastest) {
   for (const FittedPole& pole : poles) {
     out.pair.push_back(pole.pair);
     out.poles.push_back(std::log(std::clamp(pole.omega, kTwoPi * kMinFrequency_hz, fastest)));
-    if (pole.pair) out.poles.push_back(std::log(std::clamp(pole.zeta, kMinDamping, kMaxDamping)));
+    if (pole.pair)
+      out.poles.push_back(std::log(std::clamp(pole.zeta, kMinPoleDamping, kMaxPoleDamping)));
   }
   return out;
 }
@@ -87,7 +88,9 @@ class Cost final : public ceres::CostFunction {
   int& evaluations_;
 };
 
-double fastest(double sample_time_s) { return kShareOfNyquist * std::numbers::pi / sample_time_s; }
+double fastest(double sample_time_s) {
+  return kPoleShareOfNyquist * std::numbers::pi / sample_time_s;
+}
 
 /// Tolerance of a search, and which parameters it varies.
 struct Search {
@@ -111,7 +114,7 @@ std::optional<Place> refined(const MultivariableProblem& problem, Place at, Sear
   std::size_t value = 0;
   for (const bool pair : at.pair) {
     bound(at.poles, value++, kTwoPi * kMinFrequency_hz, fastest(problem.sample_time_s()));
-    if (pair) bound(at.poles, value++, kMinDamping, kMaxDamping);
+    if (pair) bound(at.poles, value++, kMinPoleDamping, kMaxPoleDamping);
   }
   if (!at.log_distances.empty() && !search.distances)
     solved.SetParameterBlockConstant(at.log_distances.data());
@@ -207,7 +210,7 @@ Place spread_out(int order, double sample_time_s) {
   return place_of(poles, fastest(sample_time_s));
 }
 
-struct Sought {
+struct Best {
   Place at;
   Eigen::ArrayXd scale;
   double cost = 0.0;  // log of the residual, summed over the outputs
@@ -215,9 +218,9 @@ struct Sought {
 
 /// The best point of this order: from every start twice, the second time with the outputs weighted
 /// by the residuals of the first.
-std::optional<Sought> sought(MultivariableProblem& problem, const std::vector<Place>& starts,
-                             const Search& search, int& evaluations) {
-  std::optional<Sought> best;
+std::optional<Best> sought(MultivariableProblem& problem, const std::vector<Place>& starts,
+                           const Search& search, int& evaluations) {
+  std::optional<Best> best;
   const Eigen::ArrayXd spread = problem.spread();
   for (const Place& start : starts) {
     problem.set_scale(spread);
@@ -231,7 +234,7 @@ std::optional<Sought> sought(MultivariableProblem& problem, const std::vector<Pl
     if (!at) continue;
     const double cost = (problem.scale() / spread).log().sum();
     if (!std::isfinite(cost) || (best && cost >= best->cost)) continue;
-    best = Sought{*at, problem.scale(), cost};
+    best = Best{*at, problem.scale(), cost};
   }
   if (best) problem.set_scale(best->scale);
   return best;

@@ -16,8 +16,8 @@ using Eigen::VectorXd;
 
 namespace {
 
-constexpr double kMinDamping = 1e-4;        // of a pole that lands on the imaginary axis
-constexpr double kMaxFrequencyRatio = 1e4;  // of a pole over the mean frequency, and the inverse
+constexpr double kDampingOfAxisPole = 1e-4;  // of a pole that lands on the imaginary axis
+constexpr double kMaxFrequencyRatio = 1e4;   // of a pole over the mean frequency, and the inverse
 
 }  // namespace
 
@@ -119,7 +119,7 @@ Factors zeros_of(const Factors& factors, const VectorXd& sigma, double least_wid
   for (const Complex z : zeros) {
     const double omega = std::clamp(std::abs(z), 1.0 / kMaxFrequencyRatio, kMaxFrequencyRatio);
     if (z.imag() > 0.0) {
-      const double zeta = std::max(std::abs(z.real()) / std::abs(z), kMinDamping);
+      const double zeta = std::max(std::abs(z.real()) / std::abs(z), kDampingOfAxisPole);
       out.push_back(pair_of(omega, std::max(zeta, 0.5 * least_width / omega)));
     } else if (z.imag() == 0.0) {
       out.push_back({false, 0.0, omega});

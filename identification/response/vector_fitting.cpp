@@ -33,13 +33,13 @@ constexpr double kMaxMisfitRatio = 2.0;
 // Difference in mean squared error below which orders are equal.
 constexpr double kMinMisfitDifference = 1e-3;
 
-struct Candidate {
+struct Relocated {
   Factors factors;
   Residues linear;
 };
 
-Candidate fitted_from(const WeightedResponse& p, Factors factors) {
-  Candidate best{factors, residues_of(p, factors)};
+Relocated fitted_from(const WeightedResponse& p, Factors factors) {
+  Relocated best{factors, residues_of(p, factors)};
   for (int i = 0; i < kRelocations; ++i) {
     factors = relocated(p, factors);
     if (factors.empty()) break;
@@ -85,7 +85,7 @@ class ResponseCost final : public ceres::CostFunction {
     }
     return out;
   }
-  [[nodiscard]] VectorXd parameters(const Candidate& at) const {
+  [[nodiscard]] VectorXd parameters(const Relocated& at) const {
     VectorXd out(parameter_block_sizes()[0]);
     Index i = 0;
     for (const Factor& factor : at.factors) {
@@ -142,8 +142,8 @@ class ResponseCost final : public ceres::CostFunction {
 };
 
 /// Levenberg-Marquardt over all parameters.
-Candidate refined(const WeightedResponse& p, const Candidate& start) {
-  Candidate from{in_pairs(start.factors), {}};
+Relocated refined(const WeightedResponse& p, const Relocated& start) {
+  Relocated from{in_pairs(start.factors), {}};
   from.linear = residues_of(p, from.factors);
   auto* cost = new ResponseCost(p, from.factors);  // the problem below owns it
   VectorXd x = cost->parameters(from);
@@ -158,7 +158,7 @@ Candidate refined(const WeightedResponse& p, const Candidate& start) {
   ceres::Solver::Summary summary;
   ceres::Solve(bounded_options(ceres::DENSE_QR, 60, 1e-12), &problem, &summary);
   if (!x.allFinite()) return from;
-  Candidate out{cost->factors_at(x.data()), {}};
+  Relocated out{cost->factors_at(x.data()), {}};
   out.linear = residues_of(p, out.factors);
   return out.linear.cost < from.linear.cost ? out : from;
 }
@@ -178,7 +178,7 @@ Factors spread(double from, double to, int order, bool logarithmic) {
 }
 
 /// The frequency around which the misfit is largest.
-double worst_at(const WeightedResponse& p, const Candidate& fit) {
+double worst_at(const WeightedResponse& p, const Relocated& fit) {
   const Eigen::MatrixXcd modelled =
       basis_of(fit.factors, p.s) * fit.linear.coefficients.transpose().cast<Complex>();
   const Eigen::ArrayXd wrong =
@@ -199,8 +199,8 @@ bool enough(const ResponsePoints& points, int order) {
 enum class Polish { kNone, kLeastSquares };
 
 /// The fit of this order, with the fit of two poles fewer as one of the starts.
-Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler, Polish polish) {
-  const auto polished = [&](const Candidate& found) {
+Relocated fitted(const WeightedResponse& p, int order, const Relocated* simpler, Polish polish) {
+  const auto polished = [&](const Relocated& found) {
     return polish == Polish::kNone ? found : refined(p, found);
   };
   const double from = p.s(0).imag(), to = p.s(p.s.size() - 1).imag();
@@ -209,32 +209,32 @@ Candidate fitted(const WeightedResponse& p, int order, const Candidate* simpler,
     starts.push_back(simpler->factors);
     starts.back().push_back(pair_of(worst_at(p, *simpler), kPeakDamping));
   }
-  Candidate best;
+  Relocated best;
   best.linear.cost = std::numeric_limits<double>::infinity();
   for (const Factors& start : starts) {
-    const Candidate found = polished(fitted_from(p, start));
+    const Relocated found = polished(fitted_from(p, start));
     if (found.linear.cost < best.linear.cost) best = found;
   }
   if (simpler != nullptr) {  // the simpler fit's poles unchanged, in case vector fitting loses them
-    const Candidate added = polished({starts.back(), residues_of(p, starts.back())});
+    const Relocated added = polished({starts.back(), residues_of(p, starts.back())});
     if (added.linear.cost < best.linear.cost) best = added;
   }
   return best;
 }
 
 /// The fits of orders 1 to `most`, each started from the one with two poles fewer.
-std::vector<Candidate> grown(const WeightedResponse& p, int first, int step, int most,
+std::vector<Relocated> grown(const WeightedResponse& p, int first, int step, int most,
                              Polish polish = Polish::kLeastSquares) {
-  std::vector<Candidate> out;
+  std::vector<Relocated> out;
   const auto back = static_cast<std::size_t>(2 / step);
   for (int order = first; order <= most; order += step) {
-    const Candidate* simpler = out.size() >= back ? &out[out.size() - back] : nullptr;
+    const Relocated* simpler = out.size() >= back ? &out[out.size() - back] : nullptr;
     out.push_back(fitted(p, order, simpler, polish));
   }
   return out;
 }
 
-RationalFit described(const WeightedResponse& p, const Candidate& found, double delay_s) {
+RationalFit described(const WeightedResponse& p, const Relocated& found, double delay_s) {
   RationalFit out;
   out.delay_s = delay_s;
   const Index n = found.linear.coefficients.cols(), channels = p.channels();
@@ -331,7 +331,7 @@ std::optional<RationalFit> fit_rational(const ResponsePoints& points, int order,
                                         const RationalOptions& options) {
   if (order < 1 || order > kMaxPoles || !enough(points, order)) return std::nullopt;
   const WeightedResponse p(points, options);
-  const std::vector<Candidate> fits = grown(p, order % 2 == 1 ? 1 : 2, 2, order);
+  const std::vector<Relocated> fits = grown(p, order % 2 == 1 ? 1 : 2, 2, order);
   if (!std::isfinite(fits.back().linear.cost)) return std::nullopt;
   return described(p, fits.back(), options.delay_s);
 }
@@ -341,7 +341,7 @@ std::vector<std::vector<FittedPole>> starting_poles(const ResponsePoints& points
   std::vector<std::vector<FittedPole>> out;
   if (most == 0) return out;
   const WeightedResponse p(points, {});
-  for (const Candidate& fit : grown(p, 1, 1, most, Polish::kNone)) {
+  for (const Relocated& fit : grown(p, 1, 1, most, Polish::kNone)) {
     out.emplace_back();
     for (const Factor& factor : in_pairs(fit.factors)) {
       FittedPole pole;
@@ -366,9 +366,9 @@ std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
   MatrixXd wrong = MatrixXd::Zero(all.omega.size(), most);
   for (std::size_t h = 0; h < 2; ++h) {
     const WeightedResponse& judge = half[1 - h];
-    const std::vector<Candidate> fits = grown(half[h], 1, 1, most);
+    const std::vector<Relocated> fits = grown(half[h], 1, 1, most);
     for (int i = 0; i < most; ++i) {
-      const Candidate& fit = fits[static_cast<std::size_t>(i)];
+      const Relocated& fit = fits[static_cast<std::size_t>(i)];
       const Eigen::MatrixXcd modelled =
           basis_of(fit.factors, judge.s) * fit.linear.coefficients.transpose().cast<Complex>();
       wrong.col(i) += (((modelled - judge.response).array().abs() * judge.weight.array())
@@ -399,7 +399,7 @@ std::optional<ChosenFit> fit_rational_order(const ResponsePoints& all,
     }
   }
   const WeightedResponse whole(all, options);
-  const std::vector<Candidate> fits = grown(whole, 1, 1, static_cast<int>(chosen) + 1);
+  const std::vector<Relocated> fits = grown(whole, 1, 1, static_cast<int>(chosen) + 1);
   const auto fit_of = [&](Index i) {
     return described(whole, fits[static_cast<std::size_t>(i)], options.delay_s);
   };

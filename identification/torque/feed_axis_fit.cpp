@@ -15,13 +15,13 @@
 namespace servotwin {
 namespace {
 
-struct Sought {
+struct SoughtPart {
   std::string name;
   double& (*of)(FeedAxisParts& parts);
 };
 using Residual = std::function<Eigen::VectorXd(const FeedAxisParts& parts)>;
 
-FeedAxisParts with(FeedAxisParts parts, const std::vector<Sought>& sought, const double* logs) {
+FeedAxisParts with(FeedAxisParts parts, const std::vector<SoughtPart>& sought, const double* logs) {
   for (std::size_t i = 0; i < sought.size(); ++i) sought[i].of(parts) = std::exp(logs[i]);
   return parts;
 }
@@ -29,8 +29,8 @@ FeedAxisParts with(FeedAxisParts parts, const std::vector<Sought>& sought, const
 /// The residual of logarithms, by central differences.
 class LogCost final : public ceres::CostFunction {
  public:
-  LogCost(const FeedAxisParts& parts, const std::vector<Sought>& sought, const Residual& residual,
-          Eigen::Index rows)
+  LogCost(const FeedAxisParts& parts, const std::vector<SoughtPart>& sought,
+          const Residual& residual, Eigen::Index rows)
       : parts_(parts), sought_(sought), residual_(residual) {
     set_num_residuals(static_cast<int>(rows));
     mutable_parameter_block_sizes()->push_back(static_cast<int>(sought.size()));
@@ -60,18 +60,18 @@ class LogCost final : public ceres::CostFunction {
 
  private:
   const FeedAxisParts& parts_;
-  const std::vector<Sought>& sought_;
+  const std::vector<SoughtPart>& sought_;
   const Residual& residual_;
 };
 
 /// The deviations take the residual for noise.
-FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
+FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<SoughtPart>& sought,
                 const Residual& residual) {
   // Largest change of a part from its given value: a factor of 100.
   constexpr double kMaxLogChange = 4.6;
   FeedAxisParts start = parts;
   std::vector<double> logs;
-  for (const Sought& one : sought) {
+  for (const SoughtPart& one : sought) {
     if (!(one.of(start) > 0.0))
       throw std::runtime_error(one.name + " is 0; a fitted parameter must start above 0");
     logs.push_back(std::log(one.of(start)));
@@ -116,8 +116,8 @@ FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<Sought>& sought,
   return out;
 }
 
-const std::vector<Sought>& springs() {
-  static const std::vector<Sought> all{
+const std::vector<SoughtPart>& springs() {
+  static const std::vector<SoughtPart> all{
       {"coupling.stiffness",
        [](FeedAxisParts& p) -> double& { return p.coupling.spring.stiffness; }},
       {"coupling.damping", [](FeedAxisParts& p) -> double& { return p.coupling.spring.damping; }},
@@ -129,7 +129,7 @@ const std::vector<Sought>& springs() {
 }
 
 template <std::optional<LuGreParts> FeedAxisParts::*kOf>
-std::vector<Sought> lugre(const std::string& name) {
+std::vector<SoughtPart> lugre(const std::string& name) {
   return {{name + ".breakaway", [](FeedAxisParts& p) -> double& { return (p.*kOf)->breakaway; }},
           {name + ".coulomb", [](FeedAxisParts& p) -> double& { return (p.*kOf)->coulomb; }},
           {name + ".stribeck_velocity",

@@ -23,7 +23,7 @@ constexpr int kFewestEvaluations = 200, kMaxEvaluations = 10'000;
 constexpr unsigned long kSeed = 1;
 constexpr double kMinUnitForce = 1e-9;  // largest unit force below which a column counts as 0
 // Relative decrease of the cost at which a refinement ends.
-constexpr double kCoarseTolerance = 1e-3, kFineTolerance = 1e-8;
+constexpr double kCoarseForceTolerance = 1e-3, kFineForceTolerance = 1e-8;
 
 /// The linear problem at given shapes.
 /// Motion::friction of a law whose elements, where it has several, weigh the same.
@@ -211,8 +211,8 @@ class ShapeCost : public ceres::CostFunction {
 };
 
 /// The best coordinates of a search over the whole box, from the catalogue's start.
-std::vector<double> searched(const ForceProjection& projection, const std::vector<double>& start,
-                             int evaluations, int& done) {
+std::vector<double> box_searched(const ForceProjection& projection,
+                                 const std::vector<double>& start, int evaluations, int& done) {
   struct Search {
     const ForceProjection& projection;
     int& done;
@@ -328,8 +328,9 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
     // Both starts to the coarse tolerance, then the better one to the fine tolerance.
     double least = 1e300;
     std::vector<double> best;
-    for (const auto& from : {start, searched(projection, start, evaluations, fit.evaluations)}) {
-      const auto x = refined(projection, from, unit, kCoarseTolerance, fit.evaluations);
+    for (const auto& from :
+         {start, box_searched(projection, start, evaluations, fit.evaluations)}) {
+      const auto x = refined(projection, from, unit, kCoarseForceTolerance, fit.evaluations);
       const double cost = projection.solve(projection.shapes_at(x.data())).cost;
       if (!(cost < least)) continue;
       least = cost;
@@ -337,7 +338,7 @@ std::optional<ForceFit> fit_force(const ForceData& data, const ForceStructure& s
     }
     if (best.empty()) return std::nullopt;
     shapes = projection.shapes_at(
-        refined(projection, best, unit, kFineTolerance, fit.evaluations).data());
+        refined(projection, best, unit, kFineForceTolerance, fit.evaluations).data());
   }
 
   const auto columns = projection.columns(shapes, true);

@@ -8,6 +8,7 @@
 
 #include "program.h"
 #include "recordings.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
@@ -16,30 +17,29 @@ using nlohmann::json;
 using testing::HasSubstr;
 using testing::Not;
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kHz = 45.0, kDamping = 0.1;
+constexpr double kResonance_hz = 45.0, kResonanceDamping = 0.1;
 
-/// A wandering command [mm] and an axis that follows it as a pair of poles at kHz, by the exact
-/// step for a command that is held; the torque is their distance.
-struct Motion {
+/// A wandering command [mm] and an axis that follows it as a pair of poles at kResonance_hz, by the
+/// exact step for a command that is held; the torque is their distance.
+struct Recorded {
   std::vector<double> command, actual;
 };
-Motion motion(int rows, double encoder_noise = 0.0) {
+Recorded motion(int rows, double encoder_noise = 0.0) {
   std::mt19937_64 random(5);
   std::normal_distribution<double> normal;
-  constexpr double h = 1e-3, w = kTwoPi * kHz;
-  const double damped = w * std::sqrt(1.0 - kDamping * kDamping),
-               decay = std::exp(-kDamping * w * h);
+  constexpr double h = 1e-3, w = kTwoPi * kResonance_hz;
+  const double damped = w * std::sqrt(1.0 - kResonanceDamping * kResonanceDamping),
+               decay = std::exp(-kResonanceDamping * w * h);
   const double c = std::cos(damped * h), s = std::sin(damped * h);
-  Motion out;
+  Recorded out;
   double r = 0.0, x = 0.0, v = 0.0;
   for (int k = 0; k < rows; ++k) {
     r += 0.01 * normal(random);
     out.command.push_back(r);
     out.actual.push_back(x + encoder_noise * normal(random));
-    const double from = x - r, slope = (v + kDamping * w * from) / damped;
+    const double from = x - r, slope = (v + kResonanceDamping * w * from) / damped;
     x = r + decay * (from * c + slope * s);
-    v = decay * (v * c - (w * w * from + kDamping * w * v) / damped * s);
+    v = decay * (v * c - (w * w * from + kResonanceDamping * w * v) / damped * s);
   }
   return out;
 }
@@ -58,7 +58,7 @@ const std::string kHeader = "time[s],X.command[mm],X.actual[mm]";
 
 TEST(FrequencyResponseTool, FindsTheModeOfAnAxis) {
   const Folder folder;
-  const Motion m = motion(30000, 1e-4);
+  const Recorded m = motion(30000, 1e-4);
   const std::string file = folder.write("rec.csv", table(kHeader, {m.command, m.actual}));
   const Answer answer = servotwin_says({"frequency-response", file, "--axis", "X", "--json",
                                         folder / "r.json", "--plot", folder / "r.svg"});
@@ -72,21 +72,22 @@ TEST(FrequencyResponseTool, FindsTheModeOfAnAxis) {
   EXPECT_EQ(result["schema"], "servotwin.frequency-response/1");
   EXPECT_TRUE(result["declined"].is_null());
   const json& pole = result["fit"]["poles"][0];
-  EXPECT_NEAR(pole["frequency_hz"], kHz, 4.0 * pole["frequency_sd_hz"].get<double>() + 0.01);
-  EXPECT_NEAR(pole["damping"], kDamping, 4.0 * pole["damping_sd"].get<double>() + 0.001);
+  EXPECT_NEAR(pole["frequency_hz"], kResonance_hz,
+              4.0 * pole["frequency_sd_hz"].get<double>() + 0.01);
+  EXPECT_NEAR(pole["damping"], kResonanceDamping, 4.0 * pole["damping_sd"].get<double>() + 0.001);
   // At 20 Hz, from the closed form; the command is held, half a sample later.
   const json& one = result["responses"][0];
   EXPECT_DOUBLE_EQ(result["frequency_hz"][39], 20.0);
-  const std::complex<double> s(0.0, 20.0 / kHz), found(one["real"][39], one["imag"][39]);
+  const std::complex<double> s(0.0, 20.0 / kResonance_hz), found(one["real"][39], one["imag"][39]);
   const std::complex<double> truth =
-      std::polar(1.0, -kTwoPi * 20.0 * 5e-4) / (1.0 + 2.0 * kDamping * s + s * s);
+      std::polar(1.0, -kTwoPi * 20.0 * 5e-4) / (1.0 + 2.0 * kResonanceDamping * s + s * s);
   EXPECT_LT(std::abs(found - truth), 4.0 * one["sd"][39].get<double>() + 0.005);
   EXPECT_THAT(content_of(folder / "r.svg"), HasSubstr("<polygon"));
 }
 
 TEST(FrequencyResponseTool, TakesColumnsOfAnyFileAndRepetitions) {
   const Folder folder;
-  const Motion m = motion(8000);
+  const Recorded m = motion(8000);
   std::vector<double> minus(m.actual);
   for (double& x : minus) x = -x;
   const std::string file =
@@ -100,7 +101,7 @@ TEST(FrequencyResponseTool, TakesColumnsOfAnyFileAndRepetitions) {
   ASSERT_EQ(two.status, 0) << two;
   const json first = json::parse(one.out), both = json::parse(two.out);
   EXPECT_TRUE(first["axis"].is_null());
-  EXPECT_NEAR(first["fit"]["poles"][0]["frequency_hz"], kHz, 0.1);
+  EXPECT_NEAR(first["fit"]["poles"][0]["frequency_hz"], kResonance_hz, 0.1);
   // The second has the opposite sign: the mean of both is zero.
   EXPECT_EQ(both["windows"].get<int>() % 2, 0);
   EXPECT_TRUE(both["fit"].is_null());
@@ -109,7 +110,7 @@ TEST(FrequencyResponseTool, TakesColumnsOfAnyFileAndRepetitions) {
 
 TEST(FrequencyResponseTool, TellsTheAxesApart) {
   const Folder folder;
-  const Motion m = motion(30000, 1e-3);
+  const Recorded m = motion(30000, 1e-3);
   std::mt19937_64 random(9);
   std::normal_distribution<double> normal;
   std::vector<double> other;
@@ -136,7 +137,7 @@ TEST(FrequencyResponseTool, TellsTheAxesApart) {
 
 TEST(FrequencyResponseTool, DeclinesWhereThereIsNothing) {
   const Folder folder;
-  Motion m = motion(20000);
+  Recorded m = motion(20000);
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
   for (double& x : m.actual) x = normal(random);
@@ -152,7 +153,7 @@ TEST(FrequencyResponseTool, DeclinesWhereThereIsNothing) {
 
 TEST(FrequencyResponseTool, AnInputThatStandsStillExcitesNothing) {
   const Folder folder;
-  const Motion m = motion(5000);
+  const Recorded m = motion(5000);
   const std::string file = folder.write(
       "rec.csv", table(kHeader, {std::vector<double>(m.command.size(), 1.0), m.actual}));
   const Answer answer = servotwin_says({"frequency-response", file, "--axis", "X"});
@@ -169,7 +170,7 @@ struct Wrong {
 
 TEST(FrequencyResponseTool, RefusesInOneLine) {
   const Folder folder;
-  const Motion m = motion(3000);
+  const Recorded m = motion(3000);
   const std::string file = folder.write("rec.csv", table(kHeader, {m.command, m.actual}));
   for (const auto& [options, status, says] : std::vector<Wrong>{
            {{}, 2, "give --axis, or columns of the file as --input and --output"},

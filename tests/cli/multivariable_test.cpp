@@ -10,6 +10,7 @@
 
 #include "program.h"
 #include "recordings.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
@@ -17,7 +18,6 @@ namespace {
 using nlohmann::json;
 using testing::HasSubstr;
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kHz = 22.0, kDamping = 0.15, kPole = 60.0, kPush = 0.1, kFriction = 2e-3;
 
 struct Axes {

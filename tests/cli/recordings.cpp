@@ -1,4 +1,5 @@
 #include "recordings.h"
+#include "twin/two_pi.h"
 
 #include <algorithm>
 #include <array>
@@ -37,7 +38,6 @@ void write_model(const std::string& file, const ModelRecord& record) {
 }
 
 double rich_motion(double t) {
-  constexpr double kTwoPi = 2 * std::numbers::pi;
   const double swell = 0.5 - 0.5 * std::cos(kTwoPi * t / 12.0);
   return swell * (0.02 * std::sin(kTwoPi * 0.5 * t) + 0.002 * std::sin(kTwoPi * 3.1 * t) +
                   0.0004 * std::sin(kTwoPi * 11.0 * t));

@@ -12,6 +12,7 @@
 #include <sstream>
 #include <string>
 
+#include "daemon/store/store.h"
 #include "daemon/store/store_checksum.h"
 #include "drivers/messages.h"
 #include "identification/model/model_file.h"
@@ -20,6 +21,7 @@
 
 namespace servotwin::daemon {
 
+inline constexpr std::int64_t kSecond_ns = 1'000'000'000;
 inline constexpr double kCycle_s = 1e-3;
 
 /// A P-P drive with Coulomb friction, similar to EMPS.
@@ -33,6 +35,11 @@ inline Model drive(double omega_hz = 20.0, double coulomb = 0.3) {
   friction.coefficient[0] = coulomb;
   model.effects = {friction};
   return model;
+}
+
+/// The event of a promotion.
+inline Event promotion_of(const std::string& text, const std::string& axis = "X") {
+  return {"2026-01-31T12:00:00.000Z", axis, "model_promoted", text, ""};
 }
 
 inline ModelRecord record_of(const Model& model, const std::string& axis = "X") {

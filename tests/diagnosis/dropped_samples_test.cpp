@@ -9,23 +9,23 @@
 namespace servotwin {
 namespace {
 
-constexpr double kH = 1e-3, kStep = 1e-7;
+constexpr double kDropStep_s = 1e-3, kEncoderStep = 1e-7;
 
 /// Oscillation over 40 mm with a delay of 5 ms, read by an encoder of 0.1 um with noise.
 SegmentedAxis moving() {
   SegmentedAxis axis;
-  axis.sample_time_s = kH;
+  axis.sample_time_s = kDropStep_s;
   Segment s;
-  s.sample_time_s = kH;
+  s.sample_time_s = kDropStep_s;
   s.command.resize(4000);
   s.actual.resize(4000);
   std::mt19937_64 random(1);
-  std::normal_distribution<> noise(0.0, 0.3 * kStep);
+  std::normal_distribution<> noise(0.0, 0.3 * kEncoderStep);
   const auto at = [](double t) { return 0.02 * std::sin(2.0 * M_PI * 0.5 * t); };
   for (Eigen::Index k = 0; k < 4000; ++k) {
-    const double t = kH * static_cast<double>(k);
+    const double t = kDropStep_s * static_cast<double>(k);
     s.command(k) = at(t);
-    s.actual(k) = std::nearbyint((at(t - 5e-3) + noise(random)) / kStep) * kStep;
+    s.actual(k) = std::nearbyint((at(t - 5e-3) + noise(random)) / kEncoderStep) * kEncoderStep;
   }
   axis.segments = {s};
   return axis;
@@ -33,7 +33,7 @@ SegmentedAxis moving() {
 
 TEST(DroppedSamples, NoneWhereEveryValueIsNew) {
   SegmentedAxis axis = moving();
-  EXPECT_FALSE(bridge_dropped(axis, kStep).any());
+  EXPECT_FALSE(bridge_dropped(axis, kEncoderStep).any());
 }
 
 TEST(DroppedSamples, HeldValuesAreCountedAndBridged) {
@@ -43,7 +43,7 @@ TEST(DroppedSamples, HeldValuesAreCountedAndBridged) {
     for (int i = 0; i < count; ++i)
       axis.segments[0].actual(first + i) = axis.segments[0].actual(first - 1);
   }
-  const DroppedSamples dropped = bridge_dropped(axis, kStep);
+  const DroppedSamples dropped = bridge_dropped(axis, kEncoderStep);
   EXPECT_EQ(dropped.held, 17U);
   // 12 ms of a sine of 0.5 Hz and 20 mm deviate by x'' t^2 / 8 = 3.6 um from their chord.
   EXPECT_LT((axis.segments[0].actual - truth).abs().maxCoeff(), 4e-6);
@@ -56,7 +56,7 @@ TEST(DroppedSamples, TwoValuesThatRepeatAreNoneAndThreeAre) {
     axis.segments[0] = whole;
     for (int i = 0; i < repeats; ++i)
       axis.segments[0].actual(1900 + 40 * i) = axis.segments[0].actual(1899 + 40 * i);
-    const DroppedSamples dropped = bridge_dropped(axis, kStep);
+    const DroppedSamples dropped = bridge_dropped(axis, kEncoderStep);
     EXPECT_EQ(dropped.held, static_cast<std::size_t>(repeats));
     EXPECT_EQ(dropped.any(), repeats > 2);
   }
@@ -71,14 +71,14 @@ TEST(DroppedSamples, AnAxisThatSticksIsNone) {
     const double share = static_cast<double>(k - 534) / 66.0;
     s.actual(k) = s.actual(505) + share * share * (s.actual(600) - s.actual(505));
   }
-  EXPECT_EQ(bridge_dropped(axis, kStep).held, 0U);
+  EXPECT_EQ(bridge_dropped(axis, kEncoderStep).held, 0U);
 }
 
 TEST(DroppedSamples, RowsThatTheReaderBridgedAreReported) {
   SegmentedAxis axis = moving();
   axis.report.samples_bridged = 3;
   axis.report.splits.push_back({1.0, 7.7});
-  const DroppedSamples dropped = bridge_dropped(axis, kStep);
+  const DroppedSamples dropped = bridge_dropped(axis, kEncoderStep);
   EXPECT_EQ(dropped.missing, 3U);
   EXPECT_EQ(dropped.gaps, 1U);
 }

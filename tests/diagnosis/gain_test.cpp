@@ -11,12 +11,12 @@
 namespace servotwin {
 namespace {
 
-constexpr double kH = 1e-3;
+constexpr double kGainStep_s = 1e-3;
 
 /// A loop of order 2 with a velocity error of c1/a2 and no forces.
 Model lagging() {
   Model model;
-  model.sample_time_s = kH;
+  model.sample_time_s = kGainStep_s;
   model.loop.order = 2;
   model.loop.denominator = {400.0, 40'000.0, 0.0};
   model.loop.numerator = {0.0, 400.0, 0.0};
@@ -26,7 +26,7 @@ Model lagging() {
 /// Motion at constant speed along a line at this angle to the axis.
 Segment line(double angle, bool in_plane) {
   Segment s;
-  s.sample_time_s = kH;
+  s.sample_time_s = kGainStep_s;
   s.command = Eigen::ArrayXd::LinSpaced(4001, 0.0, 0.4) * std::cos(angle);
   s.neighbour = Eigen::ArrayXd::LinSpaced(4001, 0.0, 0.4) * std::sin(angle);
   s.in_plane = in_plane;
@@ -58,7 +58,7 @@ TEST(Repair, SaysNothingAboutAPathWithARotaryNeighbour) {
 // motion at all, and so no gain.
 TEST(Gain, OfOneMoveInALongRestIsNotZero) {
   Segment s;
-  s.sample_time_s = kH;
+  s.sample_time_s = kGainStep_s;
   s.command.setZero(12'001);
   for (Eigen::Index k = 6000; k < 12'001; ++k)
     s.command(k) = 1e-4 * static_cast<double>(std::min<Eigen::Index>(k - 6000, 700));

@@ -11,16 +11,16 @@
 namespace servotwin {
 namespace {
 
-constexpr double kH = 1e-3;
+constexpr double kSeenStep_s = 1e-3;
 
 /// Strokes in both directions with rests, or in one direction only, for `duration_s`.
 SegmentedAxis axis(double duration_s, bool one_way) {
-  const auto n = static_cast<Eigen::Index>(duration_s / kH);
+  const auto n = static_cast<Eigen::Index>(duration_s / kSeenStep_s);
   Segment s;
-  s.sample_time_s = kH;
+  s.sample_time_s = kSeenStep_s;
   s.command.resize(n);
   for (Eigen::Index k = 0; k < n; ++k) {
-    const double t = kH * static_cast<double>(k), u = t - std::floor(t);
+    const double t = kSeenStep_s * static_cast<double>(k), u = t - std::floor(t);
     const double move = 0.05 * (1.0 - std::cos(std::numbers::pi * std::min(1.0, u / 0.8)));
     const bool back = static_cast<int>(t) % 2 == 1 && !one_way;
     s.command(k) = one_way ? 0.1 * std::floor(t) + move : (back ? 0.1 - move : move);
@@ -28,7 +28,7 @@ SegmentedAxis axis(double duration_s, bool one_way) {
   s.actual = s.command;
   SegmentedAxis out;
   out.axis = "X";
-  out.sample_time_s = kH;
+  out.sample_time_s = kSeenStep_s;
   out.segments = {s};
   return out;
 }
@@ -72,7 +72,7 @@ TEST(NotObservable, WithoutItsMotion) {
   SegmentedAxis restless = axis(20.0, false);
   for (Eigen::Index k = 0; k < restless.segments[0].size(); ++k)
     restless.segments[0].command(k) =
-        0.05 * std::sin(std::numbers::pi * kH * static_cast<double>(k));
+        0.05 * std::sin(std::numbers::pi * kSeenStep_s * static_cast<double>(k));
   const auto all = not_observable(restless, {});
   const auto dwell = std::find_if(all.begin(), all.end(),
                                   [](const auto& one) { return one.id == "dwell_stiction"; });

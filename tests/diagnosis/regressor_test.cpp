@@ -14,20 +14,20 @@
 namespace servotwin {
 namespace {
 
-constexpr double kStep = 1e-3;
+constexpr double kRegressorStep_s = 1e-3;
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 /// Strokes of different speed and length with rests, 24 s.
 ResidualStretch motion() {
   ResidualStretch out;
-  out.h = kStep;
+  out.h = kRegressorStep_s;
   out.start_s = 5.0;
   std::vector<double> x{0.0};
   std::mt19937_64 random(7);
   std::uniform_real_distribution<double> any(0.2, 1.0);
   const auto go = [&](double to, double speed) {
     const double from = x.back(), duration = std::abs(to - from) / speed * 1.5;
-    const auto n = static_cast<int>(duration / kStep);
+    const auto n = static_cast<int>(duration / kRegressorStep_s);
     for (int k = 1; k <= n; ++k) {
       const double s = static_cast<double>(k) / n;
       x.push_back(from + (to - from) * s * s * (3.0 - 2.0 * s));
@@ -44,7 +44,7 @@ ResidualStretch motion() {
 Eigen::ArrayXd noise(Eigen::Index n, double memory_s, std::uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
-  const double keep = memory_s > 0.0 ? std::exp(-kStep / memory_s) : 0.0;
+  const double keep = memory_s > 0.0 ? std::exp(-kRegressorStep_s / memory_s) : 0.0;
   Eigen::ArrayXd out(n);
   double value = normal(random);
   for (Eigen::Index k = 0; k < n; ++k) {
@@ -135,12 +135,12 @@ TEST(ByRegressor, NothingIsExplainedOfNothing) {
 
 TEST(VariablesOf, CountsFromTheReversalAndFromTheRest) {
   ResidualStretch s;
-  s.h = kStep;
+  s.h = kRegressorStep_s;
   s.start_s = 2.0;
   s.command.resize(4000);
   // 1 s at rest, 1 s up, 1 s down at 0.1 m/s, at rest again.
   for (Eigen::Index k = 0; k < 4000; ++k) {
-    const double t = static_cast<double>(k) * kStep;
+    const double t = static_cast<double>(k) * kRegressorStep_s;
     s.command(k) = t < 1.0 ? 0.0 : t < 2.0 ? 0.1 * (t - 1.0) : t < 3.0 ? 0.1 * (3.0 - t) : 0.0;
   }
   s.residual = Eigen::ArrayXd::Zero(4000);
@@ -177,10 +177,11 @@ TEST(BinsOf, TakesMeansAndTheirDeviationFromRuns) {
 
 TEST(Spectrum, ALineHasItsFrequencyAndAmplitude) {
   ResidualStretch s;
-  s.h = kStep;
+  s.h = kRegressorStep_s;
   s.residual = noise(12'345, 0.003, 9) * 1e-6;
   for (Eigen::Index k = 0; k < s.residual.size(); ++k)
-    s.residual(k) += 0.3e-6 * std::sin(kTwoPi * 49.9 * kStep * static_cast<double>(k) + 0.4);
+    s.residual(k) +=
+        0.3e-6 * std::sin(kTwoPi * 49.9 * kRegressorStep_s * static_cast<double>(k) + 0.4);
   s.command = s.residual;
   const std::vector<SpectrumPeak> peaks = spectrum_peaks(std::span(&s, 1));
   ASSERT_FALSE(peaks.empty());
@@ -199,7 +200,7 @@ TEST(Spectrum, ColouredNoiseHasNoLine) {
   int lines = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     ResidualStretch s;
-    s.h = kStep;
+    s.h = kRegressorStep_s;
     s.residual = noise(10'000, 0.01, seed);
     s.command = s.residual;
     lines += static_cast<int>(spectrum_peaks(std::span(&s, 1)).size());

@@ -13,6 +13,7 @@
 #include "diagnosis/cause_words.h"
 #include "diagnosis/diagnosis_file.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
@@ -20,7 +21,6 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr double kPeriod = 4e-3;
 
 /// Strokes of 60 mm forwards and back at several speeds, with rests.

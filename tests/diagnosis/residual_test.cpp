@@ -12,7 +12,7 @@
 namespace servotwin {
 namespace {
 
-constexpr double kStep = 0.001;
+constexpr double kResidualStep_s = 0.001;
 constexpr double kPeakSpeed = 0.1;         // [m/s]
 constexpr double kPeakAcceleration = 1.0;  // [m/s^2]
 
@@ -26,13 +26,14 @@ Eigen::ArrayXd out_and_back(double pause) {
     };
     return trapezoid(t - 1.0) - trapezoid(t - 2.0 - pause);
   };
-  const auto n = static_cast<Eigen::Index>(std::lround((4.0 + pause) / kStep)) + 1;
+  const auto n = static_cast<Eigen::Index>(std::lround((4.0 + pause) / kResidualStep_s)) + 1;
   Eigen::ArrayXd x(n);
   double position = 0.25;
   for (Eigen::Index k = 0; k < n; ++k) {
     x(k) = position;
-    const double t = static_cast<double>(k) * kStep;
-    position += kStep * (speed(t) + speed(t + kStep)) / 2;  // exact: the corners fall on samples
+    const double t = static_cast<double>(k) * kResidualStep_s;
+    position += kResidualStep_s * (speed(t) + speed(t + kResidualStep_s)) /
+                2;  // exact: the corners fall on samples
   }
   return x;
 }
@@ -46,11 +47,11 @@ double samples_of(const RegimeShares& shares, Regime regime) {
 }
 
 /// The boundary of a regime is uncertain by the span of the velocity differences.
-constexpr int kBlur = static_cast<int>(kRegimeSpan_s / kStep + 0.5) + 1;
+constexpr int kBlur = static_cast<int>(kRegimeSpan_s / kResidualStep_s + 0.5) + 1;
 
 TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
   const Eigen::ArrayXd x = out_and_back(1.0);
-  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
   // Rests 3 x 1 s; ramps 4 x 0.1 s, of which the first 50 ms of the return belong to the reversal.
   EXPECT_NEAR(samples_of(shares, Regime::kStandstill), 3000 - 2 * (kBlur - 1), 4 * kBlur);
   EXPECT_NEAR(samples_of(shares, Regime::kConstantSpeed), 1600, 4 * kBlur);
@@ -74,7 +75,7 @@ TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
 
 TEST(ByRegime, AReversalWithoutAStopCountsOnBothSides) {
   const Eigen::ArrayXd x = out_and_back(0.0);
-  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
   // The command stops for one instant (t = 2 s): 50 ms before the last and after the first motion.
   EXPECT_NEAR(samples_of(shares, Regime::kReversal), 101, 4);
   EXPECT_NEAR(samples_of(shares, Regime::kStandstill), 2000 - 2 * (kBlur - 1), 2 * kBlur);
@@ -85,7 +86,7 @@ TEST(ByRegime, GivesTheErrorToTheRegimeItHappenedIn) {
   Eigen::ArrayXd residual = Eigen::ArrayXd::Zero(x.size());
   residual(1500) = 3e-6;   // constant speed, out
   residual(3010) = -4e-6;  // 10 ms after the start of the return
-  const auto shares = by_regime(x, residual, kStep);
+  const auto shares = by_regime(x, residual, kResidualStep_s);
   EXPECT_DOUBLE_EQ(of(shares, Regime::kConstantSpeed).share, 9.0 / 25.0);
   EXPECT_DOUBLE_EQ(of(shares, Regime::kReversal).share, 16.0 / 25.0);
   EXPECT_DOUBLE_EQ(of(shares, Regime::kReversal).max, 4e-6);
@@ -99,21 +100,22 @@ TEST(ByRegime, ASineOnlyAcceleratesAndTurns) {
   const double omega = 2 * std::numbers::pi;
   Eigen::ArrayXd x(10001);
   for (Eigen::Index k = 0; k < x.size(); ++k) {
-    x(k) = 0.01 * std::sin(omega * static_cast<double>(k) * kStep);
+    x(k) = 0.01 * std::sin(omega * static_cast<double>(k) * kResidualStep_s);
   }
-  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
   EXPECT_EQ(of(shares, Regime::kStandstill).samples, 0);
   const double turns = 20, per_turn_s = 2 * (kReversalWindow_s + std::asin(0.005) / omega);
-  EXPECT_NEAR(samples_of(shares, Regime::kReversal), turns * per_turn_s / kStep, 2 * turns);
+  EXPECT_NEAR(samples_of(shares, Regime::kReversal), turns * per_turn_s / kResidualStep_s,
+              2 * turns);
   const double constant_s = 20 * 2 * std::asin(0.05) / omega;
-  EXPECT_NEAR(samples_of(shares, Regime::kConstantSpeed), constant_s / kStep, 60);
+  EXPECT_NEAR(samples_of(shares, Regime::kConstantSpeed), constant_s / kResidualStep_s, 60);
 }
 
 TEST(ByRegime, AQuantisedCommandIsNotAcceleration) {
   Eigen::ArrayXd x = out_and_back(1.0);
-  const auto exact = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  const auto exact = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
   x = (x / 1e-6).round() * 1e-6;
-  const auto quantised = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  const auto quantised = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
   for (std::size_t i = 0; i < kRegimes; ++i) {
     const Regime regime = exact[i].regime;
     EXPECT_NEAR(samples_of(quantised, regime), samples_of(exact, regime), kBlur) << name_of(regime);
@@ -123,8 +125,8 @@ TEST(ByRegime, AQuantisedCommandIsNotAcceleration) {
 TEST(ByRegime, RoundingIsNotAcceleration) {
   // Constant speed throughout: the differences give an acceleration of about 1e-13 m/s^2.
   Eigen::ArrayXd x(2000);
-  for (Eigen::Index k = 0; k < x.size(); ++k) x(k) = 0.1 * static_cast<double>(k) * kStep;
-  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  for (Eigen::Index k = 0; k < x.size(); ++k) x(k) = 0.1 * static_cast<double>(k) * kResidualStep_s;
+  const auto shares = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
   EXPECT_EQ(samples_of(shares, Regime::kConstantSpeed), 2000 - 2 * (kBlur - 1));
 }
 
@@ -132,8 +134,8 @@ TEST(ByRegime, HolesAreLeftOut) {
   const Eigen::ArrayXd x = out_and_back(1.0);
   Eigen::ArrayXd residual = Eigen::ArrayXd::Ones(x.size());
   residual.segment(1500, 10) = std::numeric_limits<double>::quiet_NaN();
-  const auto whole = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
-  const auto holed = by_regime(x, residual, kStep);
+  const auto whole = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
+  const auto holed = by_regime(x, residual, kResidualStep_s);
   EXPECT_EQ(of(holed, Regime::kConstantSpeed).samples,
             of(whole, Regime::kConstantSpeed).samples - 10);
   EXPECT_DOUBLE_EQ(of(holed, Regime::kConstantSpeed).rms, 1.0);
@@ -141,21 +143,23 @@ TEST(ByRegime, HolesAreLeftOut) {
 
 TEST(ByRegime, StretchesShareTheirPeaks) {
   // Alone, the slow stretch counts as motion; together with the fast one it counts as standstill.
-  ResidualStretch fast{out_and_back(1.0), {}, kStep};
+  ResidualStretch fast{out_and_back(1.0), {}, kResidualStep_s};
   fast.residual = Eigen::ArrayXd::Zero(fast.command.size());
-  ResidualStretch slow{fast.command * 1e-3, Eigen::ArrayXd::Ones(fast.command.size()), kStep};
+  ResidualStretch slow{fast.command * 1e-3, Eigen::ArrayXd::Ones(fast.command.size()),
+                       kResidualStep_s};
   const std::vector<ResidualStretch> both{fast, slow};
   EXPECT_DOUBLE_EQ(of(by_regime(both), Regime::kStandstill).share, 1.0);
-  EXPECT_LT(of(by_regime(slow.command, slow.residual, kStep), Regime::kStandstill).share, 0.7);
+  EXPECT_LT(of(by_regime(slow.command, slow.residual, kResidualStep_s), Regime::kStandstill).share,
+            0.7);
 }
 
 TEST(ByRegime, NothingIsNoResidual) {
-  const auto shares = by_regime(Eigen::ArrayXd(), Eigen::ArrayXd(), kStep);
+  const auto shares = by_regime(Eigen::ArrayXd(), Eigen::ArrayXd(), kResidualStep_s);
   for (const auto& regime : shares) EXPECT_EQ(regime.samples, 0);
 }
 
 TEST(ByRegime, RefusesWhatDoesNotFit) {
-  EXPECT_THROW((void)by_regime(Eigen::ArrayXd::Zero(3), Eigen::ArrayXd::Zero(2), kStep),
+  EXPECT_THROW((void)by_regime(Eigen::ArrayXd::Zero(3), Eigen::ArrayXd::Zero(2), kResidualStep_s),
                std::invalid_argument);
   EXPECT_THROW((void)by_regime(Eigen::ArrayXd::Zero(3), Eigen::ArrayXd::Zero(3), 0.0),
                std::invalid_argument);
@@ -165,16 +169,18 @@ TEST(AtLimit, IsWhereATorqueIsCutOffAndNotWhereItOnlyPeaks) {
   const Eigen::Index n = 4000;
   Eigen::ArrayXd sine(n);
   for (Eigen::Index k = 0; k < n; ++k)
-    sine(k) = 10.0 * std::sin(2.0 * std::numbers::pi * 0.5 * kStep * static_cast<double>(k));
-  EXPECT_EQ(at_limit(sine, kStep).size(), 0);
-  EXPECT_EQ(at_limit(sine.round(), kStep).size(), 0)
+    sine(k) =
+        10.0 * std::sin(2.0 * std::numbers::pi * 0.5 * kResidualStep_s * static_cast<double>(k));
+  EXPECT_EQ(at_limit(sine, kResidualStep_s).size(), 0);
+  EXPECT_EQ(at_limit(sine.round(), kResidualStep_s).size(), 0)
       << "a coarsely rounded torque stays at its peak";
-  EXPECT_EQ(at_limit({}, kStep).size(), 0);
-  EXPECT_EQ(at_limit(Eigen::ArrayXd::Zero(n), kStep).size(), 0) << "a drive that sends no torque";
-  EXPECT_EQ(at_limit(Eigen::ArrayXd::Constant(n, 3.0), kStep).size(), 0);
-  EXPECT_EQ(at_limit(sine.max(0.0), kStep).size(), 0) << "a load meter rests at 0";
+  EXPECT_EQ(at_limit({}, kResidualStep_s).size(), 0);
+  EXPECT_EQ(at_limit(Eigen::ArrayXd::Zero(n), kResidualStep_s).size(), 0)
+      << "a drive that sends no torque";
+  EXPECT_EQ(at_limit(Eigen::ArrayXd::Constant(n, 3.0), kResidualStep_s).size(), 0);
+  EXPECT_EQ(at_limit(sine.max(0.0), kResidualStep_s).size(), 0) << "a load meter rests at 0";
   // Clipped above only: where the sine exceeds 8.
-  const Eigen::ArrayXd limit = at_limit(sine.min(8.0), kStep);
+  const Eigen::ArrayXd limit = at_limit(sine.min(8.0), kResidualStep_s);
   ASSERT_EQ(limit.size(), n);
   EXPECT_EQ((limit > 0.0).count(), (sine >= 8.0).count());
   EXPECT_TRUE(((limit > 0.0) == (sine >= 8.0)).all());
@@ -182,12 +188,12 @@ TEST(AtLimit, IsWhereATorqueIsCutOffAndNotWhereItOnlyPeaks) {
 
 TEST(ByRegime, SaturationComesBeforeAllOthers) {
   const Eigen::ArrayXd x = out_and_back(1.0);
-  ResidualStretch stretch{x, Eigen::ArrayXd::Ones(x.size()), kStep, 0.0};
+  ResidualStretch stretch{x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s, 0.0};
   stretch.saturated = Eigen::ArrayXd::Zero(x.size());
   stretch.saturated.segment(900, 300).setOnes();  // rest, ramp and constant speed
   const auto with = by_regime(std::span(&stretch, 1));
   EXPECT_EQ(of(with, Regime::kSaturation).samples, 300);
-  const auto without = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kStep);
+  const auto without = by_regime(x, Eigen::ArrayXd::Ones(x.size()), kResidualStep_s);
   EXPECT_EQ(of(without, Regime::kSaturation).samples, 0);
   EXPECT_NEAR(samples_of(without, Regime::kStandstill) - samples_of(with, Regime::kStandstill), 100,
               kBlur);

@@ -22,7 +22,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
 
-constexpr double kStep = 1e-3;
+constexpr double kMotionStep_s = 1e-3;
 
 /// A recording of production-like moves that ends at rest.
 std::vector<Segment> recorded(std::uint64_t seed) {
@@ -30,17 +30,17 @@ std::vector<Segment> recorded(std::uint64_t seed) {
   mix.duration = 12.0;
   const vm::Trajectory path = vm::moves(mix, seed);
   Segment s;
-  s.sample_time_s = kStep;
-  s.command.resize(static_cast<Eigen::Index>(path.duration() / kStep) + 1);
+  s.sample_time_s = kMotionStep_s;
+  s.command.resize(static_cast<Eigen::Index>(path.duration() / kMotionStep_s) + 1);
   for (Eigen::Index k = 0; k < s.size(); ++k)
-    s.command(k) = path.at(static_cast<double>(k) * kStep).position;
+    s.command(k) = path.at(static_cast<double>(k) * kMotionStep_s).position;
   return {s};
 }
 
 double largest_difference(const Eigen::ArrayXd& x, int order) {
   Eigen::ArrayXd d = x;
   for (int i = 0; i < order; ++i) {
-    d = Eigen::ArrayXd((d.tail(d.size() - 1) - d.head(d.size() - 1)) / kStep);
+    d = Eigen::ArrayXd((d.tail(d.size() - 1) - d.head(d.size() - 1)) / kMotionStep_s);
   }
   return d.abs().maxCoeff();
 }
@@ -80,7 +80,7 @@ TEST_P(EveryPair, HasAMotionWithinWhatWasSeenOrAReason) {
       EXPECT_THAT(test->words, HasSubstr("cannot be distinguished with these sensors: "));
       continue;
     }
-    const Eigen::ArrayXd x = test->motion->command(kStep);
+    const Eigen::ArrayXd x = test->motion->command(kMotionStep_s);
     EXPECT_EQ(x(0), seen.start);
     EXPECT_NEAR(x(x.size() - 1), seen.start, 1e-12);
     EXPECT_GE(x.minCoeff(), seen.low - 1e-12);
@@ -88,7 +88,7 @@ TEST_P(EveryPair, HasAMotionWithinWhatWasSeenOrAReason) {
     EXPECT_LE(largest_difference(x, 1), largest_difference(was, 1) * (1 + 1e-6));
     EXPECT_LE(largest_difference(x, 2), largest_difference(was, 2) * (1 + 1e-6));
     EXPECT_LT(test->motion->duration_s(), 240.0);
-    const Eigen::Index tenth = 100;  // s * kStep
+    const Eigen::Index tenth = 100;  // s * kMotionStep_s
     EXPECT_EQ(largest_difference(x.tail(tenth), 1), 0.0);
   }
 }
@@ -171,7 +171,7 @@ TEST(SuggestedTest, OfADiagnosisAsksAboutItsRivalsAtTheirSizes) {
 
 TEST(SuggestedTest, AStandingAxisGetsWordsAndNoMotion) {
   Segment s;
-  s.sample_time_s = kStep;
+  s.sample_time_s = kMotionStep_s;
   s.command = Eigen::ArrayXd::Constant(2000, 0.1);
   const auto test = suggested_test({{"cogging", "encoder_error"}}, seen_motion({s}), {});
   EXPECT_FALSE(test->motion.has_value());
@@ -182,15 +182,16 @@ TEST(TestMotion, ALegTakesTheTimeOfItsTrapezoid) {
   // 0.1 m at 0.05 m/s under 0.5 m/s^2: 2 s and a ramp of 0.1 s more.
   const TestMotion motion{0.2, 0.02, {{0.3, 0.05, 0.5, 0.4}}};
   EXPECT_NEAR(motion.duration_s(), 0.02 + 2.1 + 0.4, 1e-12);
-  const Eigen::ArrayXd x = motion.command(kStep);
-  EXPECT_NEAR(x(1050), 0.25 - 0.01 * 0.05 + 0.5 * kStep * 0.05, 1e-6);  // half of the mean late
+  const Eigen::ArrayXd x = motion.command(kMotionStep_s);
+  EXPECT_NEAR(x(1050), 0.25 - 0.01 * 0.05 + 0.5 * kMotionStep_s * 0.05,
+              1e-6);  // half of the mean late
   EXPECT_NEAR(x(x.size() - 1), 0.3, 1e-12);
 }
 
 TEST(TestMotion, TooShortForItsSpeedItTurnsAtThePeakOfATriangle) {
   const TestMotion motion{0.0, 0.0, {{-0.01, 1.0, 1.0, 0.0}}};
   EXPECT_NEAR(motion.duration_s(), 0.2, 1e-12);
-  EXPECT_NEAR(motion.command(kStep)(100), -0.005, 1e-12);
+  EXPECT_NEAR(motion.command(kMotionStep_s)(100), -0.005, 1e-12);
 }
 
 TEST(TestMotion, GCodeSaysTheSameLegs) {

@@ -12,11 +12,11 @@
 namespace servotwin {
 namespace {
 
-constexpr double kH = 2e-3;
+constexpr double kRestStep_s = 2e-3;
 
 Model axis() {
   Model model;
-  model.sample_time_s = kH;
+  model.sample_time_s = kRestStep_s;
   model.loop.order = 2;
   model.loop.denominator = {400.0, 40'000.0, 0.0};
   model.loop.numerator = {1.0, 400.0, 0.0};
@@ -30,11 +30,11 @@ Model axis() {
 Segment recorded(const Model& truth, double begin_s, double length_s) {
   Segment s;
   s.start_s = begin_s;
-  s.sample_time_s = kH;
-  const auto n = static_cast<Eigen::Index>(length_s / kH);
+  s.sample_time_s = kRestStep_s;
+  const auto n = static_cast<Eigen::Index>(length_s / kRestStep_s);
   s.command.resize(n);
   for (Eigen::Index k = 0; k < n; ++k) {
-    const double t = begin_s + kH * static_cast<double>(k);
+    const double t = begin_s + kRestStep_s * static_cast<double>(k);
     s.command(k) = 0.08 * std::sin(2.1 * t) + 0.05 * std::sin(0.83 * t + 1.0);
   }
   s.actual = s.command - simulate(truth, s);

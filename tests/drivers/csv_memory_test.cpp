@@ -1,6 +1,5 @@
 // A large file needs memory for the columns that are read only.
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -9,6 +8,7 @@
 #include <string>
 
 #include "drivers/recording_file.h"
+#include "tests/support/peak_memory.h"
 #include "tests/support/temporary_directory.h"
 
 // Not under the sanitizers: their shadow and freed blocks are memory of the process, too.
@@ -16,7 +16,7 @@
 namespace servotwin {
 namespace {
 
-constexpr long kRows = 500'000;
+constexpr long kManyRows = 500'000;
 constexpr int kOtherColumns = 20;
 
 std::filesystem::path write_wide_file(const test::TemporaryDirectory& directory) {
@@ -29,18 +29,12 @@ std::filesystem::path write_wide_file(const test::TemporaryDirectory& directory)
   for (int c = 0; c < kOtherColumns; ++c) others += ",1000.2345";
   others += '\n';
   char row[64];
-  for (long i = 0; i < kRows; ++i) {
+  for (long i = 0; i < kManyRows; ++i) {
     const double time = 1e-3 * static_cast<double>(i);
     const int size = std::snprintf(row, sizeof row, "%.3f,%.6f,%.6f", time, time, time + 0.001);
     out.write(row, size) << others;
   }
   return file;
-}
-
-long peak_kib() {
-  struct rusage usage {};
-  getrusage(RUSAGE_SELF, &usage);
-  return usage.ru_maxrss;
 }
 
 TEST(CsvMemory, GrowsByTheWantedColumnsOnly) {
@@ -54,10 +48,11 @@ TEST(CsvMemory, GrowsByTheWantedColumnsOnly) {
   const pid_t child = fork();
   ASSERT_GE(child, 0);
   if (child == 0) {
-    const long before = peak_kib();
+    const long before = test::peak_kib();
     const Recording recording = read_recording(file);
-    const long grown =
-        recording.time.size() == static_cast<std::size_t>(kRows) ? peak_kib() - before : -1;
+    const long grown = recording.time.size() == static_cast<std::size_t>(kManyRows)
+                           ? test::peak_kib() - before
+                           : -1;
     const bool told = write(ends[1], &grown, sizeof grown) == sizeof grown;
     _exit(told ? 0 : 1);
   }
@@ -68,7 +63,7 @@ TEST(CsvMemory, GrowsByTheWantedColumnsOnly) {
   int status = 0;
   waitpid(child, &status, 0);
 
-  constexpr long kWanted = 3 * kRows * static_cast<long>(sizeof(double)) / 1024;  // 11.7 MB
+  constexpr long kWanted = 3 * kManyRows * static_cast<long>(sizeof(double)) / 1024;  // 11.7 MB
   constexpr long kBlocks =
       6 * 1024;  // the block of text, the samples of the estimate, the heap's own
   EXPECT_GE(grown, kWanted * 9 / 10) << "the measurement sees nothing";

@@ -2,7 +2,6 @@
 #include <gmock/gmock.h>
 #include <hdf5.h>
 #include <matio.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <zlib.h>
@@ -14,6 +13,7 @@
 #include <vector>
 
 #include "drivers/recording_file.h"
+#include "tests/support/peak_memory.h"
 #include "tests/support/temporary_directory.h"
 
 namespace servotwin {
@@ -43,12 +43,6 @@ Recording read(const std::filesystem::path& file) {
   return read_recording(file, options);
 }
 
-long peak_kib() {
-  struct rusage usage {};
-  getrusage(RUSAGE_SELF, &usage);
-  return usage.ru_maxrss;
-}
-
 /// What reading says, and by how much the peak of memory grew, in a process of its own, whose peak
 /// starts at what it has now.
 std::pair<std::string, long> said_and_grown_kib(const std::filesystem::path& file) {
@@ -57,13 +51,13 @@ std::pair<std::string, long> said_and_grown_kib(const std::filesystem::path& fil
   const pid_t child = fork();
   if (child == 0) {
     std::string said = "read";
-    const long before = peak_kib();
+    const long before = test::peak_kib();
     try {
       (void)read(file);
     } catch (const std::exception& error) {
       said = error.what();
     }
-    said = std::to_string(peak_kib() - before) + " " + said;
+    said = std::to_string(test::peak_kib() - before) + " " + said;
     _exit(write(ends[1], said.data(), said.size()) < 0 ? 1 : 0);
   }
   close(ends[1]);

@@ -9,7 +9,7 @@
 namespace servotwin::hidden_effects {
 namespace {
 
-constexpr int kMaxMachines = 100;  // draws until the change is large enough
+constexpr int kMaxChangedMachines = 100;  // draws until the change is large enough
 // Least effect of the change on the error, over the noise, ..
 constexpr double kMinChangeOverNoise = 6.0;
 // .. and in metres: a model without effects is accurate to about this.
@@ -63,7 +63,7 @@ ChangedMachine changed_machine(Part part, const std::string& id, int index) {
                            '/' + std::to_string(index);
   Random random(seed_of(name));
   const Needs needs{.inside = true};
-  for (int i = 0; i < kMaxMachines; ++i) {
+  for (int i = 0; i < kMaxChangedMachines; ++i) {
     Machine machine = draw_machine(ranges_of(part), needs, random);
     const Machine other_motion = draw_machine(ranges_of(part), needs, random);
     Rig before = machine.scene.rig;

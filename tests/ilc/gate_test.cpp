@@ -85,14 +85,16 @@ TEST(Gate, DryRunIsTheDefaultAndSendsNothing) {
   }
 }
 
-struct Case {
+struct GateCase {
   Refusal refusal;
   void (*spoil)(GateRequest&);
 };
 
-std::ostream& operator<<(std::ostream& out, const Case& one) { return out << name_of(one.refusal); }
+std::ostream& operator<<(std::ostream& out, const GateCase& one) {
+  return out << name_of(one.refusal);
+}
 
-class GateRefuses : public testing::TestWithParam<Case> {};
+class GateRefuses : public testing::TestWithParam<GateCase> {};
 
 TEST_P(GateRefuses, ByNameAndFadesOut) {
   std::int64_t cycle = 0;
@@ -116,15 +118,15 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 INSTANTIATE_TEST_SUITE_P(
     EachReason, GateRefuses,
     testing::Values(
-        Case{Refusal::kModelNotValidated, [](GateRequest& r) { r.model_validated = false; }},
-        Case{Refusal::kModelStale,
-             [](GateRequest& r) { r.model_validated_ns = r.now_ns - 3601'000'000'000; }},
-        Case{Refusal::kModelStale, [](GateRequest& r) { r.model_validated_ns = r.now_ns + 1; }},
-        Case{Refusal::kOtherAxisState, [](GateRequest& r) { r.axis_state_matches = false; }},
-        Case{Refusal::kNotFinite, [](GateRequest& r) { r.offset = kNan; }},
-        Case{Refusal::kNotFinite, [](GateRequest& r) { r.offset = -kInfinity; }},
-        Case{Refusal::kExpired, [](GateRequest& r) { r.expires_ns = r.now_ns - 1; }},
-        Case{Refusal::kPeak, [](GateRequest& r) { r.offset = 20.1e-6; }}));
+        GateCase{Refusal::kModelNotValidated, [](GateRequest& r) { r.model_validated = false; }},
+        GateCase{Refusal::kModelStale,
+                 [](GateRequest& r) { r.model_validated_ns = r.now_ns - 3601'000'000'000; }},
+        GateCase{Refusal::kModelStale, [](GateRequest& r) { r.model_validated_ns = r.now_ns + 1; }},
+        GateCase{Refusal::kOtherAxisState, [](GateRequest& r) { r.axis_state_matches = false; }},
+        GateCase{Refusal::kNotFinite, [](GateRequest& r) { r.offset = kNan; }},
+        GateCase{Refusal::kNotFinite, [](GateRequest& r) { r.offset = -kInfinity; }},
+        GateCase{Refusal::kExpired, [](GateRequest& r) { r.expires_ns = r.now_ns - 1; }},
+        GateCase{Refusal::kPeak, [](GateRequest& r) { r.offset = 20.1e-6; }}));
 
 TEST(Gate, RefusesAStepAboveTheRate) {
   std::int64_t cycle = 0;

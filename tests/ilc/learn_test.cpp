@@ -22,19 +22,19 @@ using study::plant;
 using study::rms_um;
 
 /// One case of the reference experiment: RMS of the error per trial [um].
-struct Case {
+struct LearnCase {
   std::string name;
   double bandwidth_hz, friction, gain;
   bool exact_model;
   std::vector<double> rms;
 };
 
-void PrintTo(const Case& one, std::ostream* out) { *out << one.name; }
+void PrintTo(const LearnCase& one, std::ostream* out) { *out << one.name; }
 
-class Reference : public testing::TestWithParam<Case> {};
+class Reference : public testing::TestWithParam<LearnCase> {};
 
 TEST_P(Reference, TrialByTrial) {
-  const Case& expected = GetParam();
+  const LearnCase& expected = GetParam();
   const Model truth = plant(expected.friction);
   LearnAxis axis = axis_of(expected.exact_model ? truth : mismatched(), expected.bandwidth_hz);
   axis.law.gain = expected.gain;
@@ -56,43 +56,43 @@ TEST_P(Reference, TrialByTrial) {
 INSTANTIATE_TEST_SUITE_P(
     Learning, Reference,
     testing::Values(
-        Case{"fc50_exact",
-             50.0,
-             0.286,
-             1.0,
-             true,
-             {516.434, 1.00333, 0.336607, 0.281333, 0.258516, 0.247353, 0.238828, 0.233576}},
-        Case{"fc50_mismatch",
-             50.0,
-             0.286,
-             1.0,
-             false,
-             {516.434, 1.75959, 0.364547, 0.304537, 0.265796, 0.245435, 0.235635, 0.227953}},
-        Case{"fc100_mismatch",
-             100.0,
-             0.286,
-             1.0,
-             false,
-             {516.434, 1.7963, 0.11888, 0.057578, 0.047014, 0.044393, 0.041375, 0.038116}},
-        Case{"fc100_mismatch_without_friction",
-             100.0,
-             0.0,
-             1.0,
-             false,
-             {516.204, 1.2976, 0.024679, 0.022222, 0.02151, 0.021531}},
-        Case{"fc200_mismatch",
-             200.0,
-             0.286,
-             1.0,
-             false,
-             {516.434, 1.8000, 0.1006, 0.023823, 0.010731, 0.0096536}},
-        Case{"fc100_mismatch_half_gain",
-             100.0,
-             0.286,
-             0.5,
-             false,
-             {516.434, 258.04, 128.95, 64.443, 32.205, 16.094, 8.0434, 4.0202, 2.0099, 1.0054,
-              0.50359, 0.25789}}),
+        LearnCase{"fc50_exact",
+                  50.0,
+                  0.286,
+                  1.0,
+                  true,
+                  {516.434, 1.00333, 0.336607, 0.281333, 0.258516, 0.247353, 0.238828, 0.233576}},
+        LearnCase{"fc50_mismatch",
+                  50.0,
+                  0.286,
+                  1.0,
+                  false,
+                  {516.434, 1.75959, 0.364547, 0.304537, 0.265796, 0.245435, 0.235635, 0.227953}},
+        LearnCase{"fc100_mismatch",
+                  100.0,
+                  0.286,
+                  1.0,
+                  false,
+                  {516.434, 1.7963, 0.11888, 0.057578, 0.047014, 0.044393, 0.041375, 0.038116}},
+        LearnCase{"fc100_mismatch_without_friction",
+                  100.0,
+                  0.0,
+                  1.0,
+                  false,
+                  {516.204, 1.2976, 0.024679, 0.022222, 0.02151, 0.021531}},
+        LearnCase{"fc200_mismatch",
+                  200.0,
+                  0.286,
+                  1.0,
+                  false,
+                  {516.434, 1.8000, 0.1006, 0.023823, 0.010731, 0.0096536}},
+        LearnCase{"fc100_mismatch_half_gain",
+                  100.0,
+                  0.286,
+                  0.5,
+                  false,
+                  {516.434, 258.04, 128.95, 64.443, 32.205, 16.094, 8.0434, 4.0202, 2.0099, 1.0054,
+                   0.50359, 0.25789}}),
     [](const auto& one) { return one.param.name; });
 
 TEST(Learning, WithAnEncoderOfOneMicrometreIsTheReference) {

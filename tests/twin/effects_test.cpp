@@ -8,11 +8,12 @@
 #include "twin/catalogue.h"
 #include "twin/model.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
 
-constexpr double kH = 1e-3, kTwoPi = 2.0 * std::numbers::pi;
+constexpr double kH = 1e-3;
 
 /// One effect along a motion that the test makes up sample by sample.
 class Along {

@@ -14,8 +14,7 @@
 namespace servotwin {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kRadius = 0.032 / (2.0 * kPi);
+constexpr double kRadius = 0.032 / (2.0 * std::numbers::pi);
 constexpr double kInertia = 0.004177060429152165;  // of everything, at the motor
 
 /// The rig of paper 002; the control is the reference study's.
@@ -34,7 +33,7 @@ FeedAxisParts rig() {
   parts.motor_inertia = 593e-6;
   parts.table_mass = 106.0;
   parts.control.position_gain = 60.0;
-  parts.control.velocity_gain = kInertia * 2.0 * kPi * 60.0;
+  parts.control.velocity_gain = kInertia * 2.0 * std::numbers::pi * 60.0;
   parts.control.reset_time = 0.01;
   parts.friction = LuGreParts{200.0, 163.0, 2.53e-3, 9.37e6, 4.45e4, 530.0};
   return parts;
@@ -141,8 +140,9 @@ TEST(BallScrew, ModesAreThoseOfTheReference) {
 
 TEST(BallScrew, StaticStiffnessIsItsSpringsInSeries) {
   const FeedAxisParts parts = rig();
-  const double area = kPi * 0.032 * 0.032 / 4.0, thread = kPi * std::pow(0.032, 4) / 32.0,
-               end = kPi * std::pow(0.025, 4) / 32.0, e = 2.1e11, g = 8.1e10;
+  const double area = std::numbers::pi * 0.032 * 0.032 / 4.0,
+               thread = std::numbers::pi * std::pow(0.032, 4) / 32.0,
+               end = std::numbers::pi * std::pow(0.025, 4) / 32.0, e = 2.1e11, g = 8.1e10;
   for (const double nut : {0.2125, 0.425, 0.6375}) {  // on nodes: an element is straight between
     const double series =
         1.0 / 19e8 + nut / (e * area) + 1.0 / 3e8 +
@@ -270,7 +270,7 @@ std::complex<double> amplitude(const Eigen::ArrayXd& signal, double hz, double r
   std::complex<double> sum = 0.0;
   for (Eigen::Index k = signal.size() - last; k < signal.size(); ++k)
     sum += signal(k) * std::polar(2.0 / static_cast<double>(last),
-                                  -2.0 * kPi * hz * static_cast<double>(k) / rate);
+                                  -2.0 * std::numbers::pi * hz * static_cast<double>(k) / rate);
   return sum;
 }
 
@@ -287,7 +287,8 @@ TEST(VelocityLoop, AnswersAsTheSimulatedAxisDoes) {
     Eigen::ArrayXd asked(kSamples), moved(kSamples);
     axis.start(0.0);
     for (Eigen::Index k = 0; k < kSamples; ++k) {
-      const double command = 1e-6 * std::sin(2.0 * kPi * hz * static_cast<double>(k) / rate);
+      const double command =
+          1e-6 * std::sin(2.0 * std::numbers::pi * hz * static_cast<double>(k) / rate);
       const FeedAxisSample sample = axis.step(command);
       asked(k) = parts.control.position_gain * (command - sample.motor_position);
       moved(k) = sample.motor_velocity;
@@ -308,7 +309,7 @@ TEST(VelocityLoop, OfARigidAxisIsThePaperAndPencilOne) {
   const Eigen::ArrayXd f = logarithmic(2.0, 15.0, 5);
   const Eigen::ArrayXcd got = closed_velocity_loop(parts, 0.425, f);
   for (Eigen::Index k = 0; k < f.size(); ++k) {
-    const std::complex<double> s(0.0, 2.0 * kPi * f(k)),
+    const std::complex<double> s(0.0, 2.0 * std::numbers::pi * f(k)),
         open = parts.control.velocity_gain * (1.0 + 1.0 / (0.01 * s)) / (kInertia * s);
     EXPECT_LT(std::abs(got(k) - open / (1.0 + open)), 0.01) << f(k);
   }
@@ -340,7 +341,8 @@ TEST(DriveControl, FiltersPassAndStopWhatTheyAreFor) {
   parts.current_loop_hz = 1e9;
   const auto gain = [&](double hz) {
     const DriveControl control(parts, 1.0);
-    return std::abs(control.linear().at(std::polar(1.0, 2.0 * kPi * hz / parts.rate_hz)));
+    return std::abs(
+        control.linear().at(std::polar(1.0, 2.0 * std::numbers::pi * hz / parts.rate_hz)));
   };
   parts.low_pass_hz = 500.0;
   EXPECT_NEAR(gain(1e-3), 1.0, 1e-3);

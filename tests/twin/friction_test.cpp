@@ -13,9 +13,9 @@ namespace servotwin {
 namespace {
 
 /// The forces of one effect along positions sampled every h.
-class Along {
+class Moved {
  public:
-  explicit Along(const Effect& effect, double h = 1e-3) : effect_(effect), h_(h) {
+  explicit Moved(const Effect& effect, double h = 1e-3) : effect_(effect), h_(h) {
     start_memory<double>(effect_.kind, effect_.shape.data(), memory_);
   }
   /// Moves by dx in one cycle; the force times its coefficients.
@@ -121,7 +121,7 @@ TEST(VirginCurve, ElementsAreThoseOfTheChords) {
 
 TEST(Presliding, FollowsTheVirginCurveAndSaturates) {
   for (double phi : {0.2, 0.5, 0.7, 0.85}) {
-    Along axis(presliding(20e-6, phi, 0.286));
+    Moved axis(presliding(20e-6, phi, 0.286));
     const double s = spline_length(phi);
     double before = 0.0;
     for (int node = 1; node <= 10; ++node) {
@@ -139,14 +139,14 @@ TEST(Presliding, FollowsTheVirginCurveAndSaturates) {
 TEST(Presliding, ReversalBranchIsTheVirginCurveDoubled) {
   const Effect effect = presliding(20e-6, 0.6);
   for (double back : {1e-6, 7e-6, 20e-6, 39e-6}) {
-    Along branch(effect), virgin(effect);
+    Moved branch(effect), virgin(effect);
     const double top = branch.travel(1e-4);
     EXPECT_NEAR(branch.travel(-back), top - 2.0 * virgin.travel(0.5 * back), 1e-11);
   }
 }
 
 TEST(Presliding, InnerLoopsCloseAndTheOuterOneIsFollowedAgain) {
-  Along axis(presliding(20e-6, 0.7)), straight(presliding(20e-6, 0.7));
+  Moved axis(presliding(20e-6, 0.7)), straight(presliding(20e-6, 0.7));
   axis.travel(12e-6);
   const double corner = axis.travel(-6e-6);
   axis.travel(3e-6);
@@ -162,7 +162,7 @@ TEST(Presliding, NeverCreatesEnergyAndNeverExceedsItsLevel) {
   std::mt19937_64 rng{7};
   std::normal_distribution<double> step(0.0, 4e-6);
   for (double phi : {0.05, 0.4, 0.7, 0.93}) {
-    Along axis(presliding(20e-6, phi));
+    Moved axis(presliding(20e-6, phi));
     const auto stored = [&] {
       const auto& memory = std::get<Presliding::Memory<double>>(axis.memory_);
       double energy = 0.0;
@@ -185,7 +185,7 @@ TEST(Presliding, NeverCreatesEnergyAndNeverExceedsItsLevel) {
 // field left it.
 TEST(Presliding, HoldsUnderASmallOscillationWhereLuGreDrifts) {
   const auto drift = [](const Effect& effect) {
-    Along axis(effect);
+    Moved axis(effect);
     double position = 0.0;
     double first = 0.0;
     for (int cycle = 0; cycle < 60; ++cycle) {
@@ -247,7 +247,7 @@ TEST(Gms, WithConstantLevelItIsTheSumOfClampedSprings) {
   Effect effect = make_effect<Gms>();
   effect.shape = {1e-6, 30e-6, 1.0, 5e-3, 1e5};
   effect.coefficient = {0.1, 0.1, 0.2, 0.2, 0.1, 0.1, 0.1, 0.1};
-  Along axis(effect);
+  Moved axis(effect);
   std::mt19937_64 rng{3};
   std::normal_distribution<double> step(0.0, 3e-6);
   std::array<double, 8> spring{};
@@ -270,7 +270,7 @@ TEST(FreeElements, AreClampedSpringsThatBreakAwayOneAfterTheOther) {
   effect.shape = {1e-6, 3.0, 2.0, 1.5, 4.0, 1.25};
   effect.coefficient = {0.1, 0.2, 0.05, 0.3, 0.15, 0.4};
   const std::array<double, 6> reach{1e-6, 3e-6, 6e-6, 9e-6, 36e-6, 45e-6};
-  Along axis(effect);
+  Moved axis(effect);
   std::mt19937_64 rng{3};
   std::normal_distribution<double> step(0.0, 4e-6);
   std::array<double, 6> spring{};
@@ -293,7 +293,7 @@ TEST(Dahl, IsExactInDisplacementForAnyStep) {
   Effect effect = make_effect<Dahl>();
   effect.shape = {5e-6};
   effect.coefficient = {2.0};
-  Along coarse(effect), fine(effect);
+  Moved coarse(effect), fine(effect);
   EXPECT_NEAR(coarse.move(3e-6), 2.0 * (1.0 - std::exp(-0.6)), 1e-12);
   EXPECT_NEAR(fine.travel(3e-6), 2.0 * (1.0 - std::exp(-0.6)), 1e-12);
   EXPECT_NEAR(coarse.move(-1e-3), -2.0, 1e-12);
@@ -318,7 +318,7 @@ TEST(LuGre, SteadyForcesOfThePaperAreReached) {
   for (const auto& [effect, forces] : models) {
     for (std::size_t i = 0; i < 6; ++i) {
       for (double sign : {1.0, -1.0}) {
-        Along axis(effect);
+        Moved axis(effect);
         double force = 0.0;
         for (int k = 0; k < 10000; ++k) force = axis.move(sign * speeds[i] * 1e-3);
         EXPECT_NEAR(force, sign * forces[i], 1e-9 * forces[i]) << speeds[i];
@@ -331,7 +331,7 @@ TEST(LuGre, SteadyForcesOfThePaperAreReached) {
 TEST(LuGre, IsStableAndExactAtServoRates) {
   const Effect effect = lugre_of(200, 163, 2.53e-3, 9.37e6, 4.45e4, 530);
   const auto forces = [&](double h) {
-    Along axis(effect, h);
+    Moved axis(effect, h);
     std::vector<double> at;
     const auto x = [](double t) { return 0.01 * (1.0 - std::cos(4.0 * std::numbers::pi * t)); };
     for (int k = 1; k <= static_cast<int>(std::lround(1.0 / h)); ++k) {
@@ -358,7 +358,7 @@ TEST(Stribeck, ForcesOfThePaper) {
   Effect effect = make_effect<Stribeck>();
   effect.shape = {0.0065, 0.0074, 1.26, 2e-5};
   effect.coefficient = {611.18, 750.9, 944.2 - 611.18, 1049.2 - 750.9, 1904.2, 2565.0};
-  Along axis(effect);
+  Moved axis(effect);
   EXPECT_NEAR(axis.move(0.05e-3), 706.4, 0.05);
   EXPECT_NEAR(axis.move(-0.05e-3), -879.2, 0.05);
 }
@@ -367,7 +367,7 @@ TEST(ModifiedStribeck, IsContinuousThroughRest) {
   Effect effect = make_effect<ModifiedStribeck>();
   effect.shape = {0.006, 0.008, 1.2, 1e-4};
   effect.coefficient = {600.0, 700.0, 300.0, 200.0, 1900.0, 2500.0};
-  Along axis(effect);
+  Moved axis(effect);
   EXPECT_EQ(axis.move(0.0), 0.0);
   // tanh(v / limit) (F_c + drop) to first order.
   EXPECT_NEAR(axis.move(1e-10), 900.0 * 1e-7 / 1e-4, 2e-3);
@@ -384,13 +384,13 @@ TEST(FrictionMap, IsTheNetworkOfItsEquation) {
   Effect effect = make_effect<FrictionMap>();
   effect.shape = {1000.0, 100.0, 10.0, 1.0, 0.0, 0.5 * std::log(3.0), -0.5 * std::log(3.0), 0.0};
   effect.coefficient = {8.0, 4.0, 2.0, 0.0, 0.25};
-  Along axis(effect);
+  Moved axis(effect);
   EXPECT_NEAR(axis.move(0.0), 4.0 * 0.5 - 2.0 * 0.5 + 0.25, 1e-12);
   // v = 1 m/s: all but the third are at their ends; tanh(10 - 0.5 ln 3) = 1 - 6/(e^20 + 3).
   EXPECT_NEAR(axis.move(1e-3), 8.0 + 4.0 + 2.0 * (1.0 - 6.0 / (std::exp(20.0) + 3.0)) + 0.25,
               1e-12);
   effect.coefficient = {0.0, 0.0, 0.0, 1.0, 0.0};
-  EXPECT_NEAR(Along(effect).move(0.5e-3 * std::log(3.0)), 0.5, 1e-12);
+  EXPECT_NEAR(Moved(effect).move(0.5e-3 * std::log(3.0)), 0.5, 1e-12);
 }
 
 // The level of the virgin curve from rest, and the fall to the Coulomb force at speed.
@@ -398,14 +398,14 @@ TEST(PreslidingStribeck, BreaksAwayAtItsRatioAndFallsWithSpeed) {
   Effect effect = make_effect<PreslidingStribeck>();
   effect.shape = {20e-6, 0.4, 1.5, 5e-3, 1e4};
   effect.coefficient = {10.0};
-  Along creeping(effect);
+  Moved creeping(effect);
   EXPECT_NEAR(creeping.travel(20e-6, 20000), 15.0, 0.02);  // 1 um/s
-  Along half(effect);
+  Moved half(effect);
   // The virgin curve at its midpoint (1 - phi)/2: (1 + phi)/2 of the breakaway force.
   EXPECT_NEAR(half.travel(6e-6, 6000), 15.0 * 0.7, 0.02 * 15.0);
-  Along fast(effect);
+  Moved fast(effect);
   EXPECT_NEAR(fast.travel(0.1, 1000), 10.0, 1e-6);  // 0.1 m/s
-  Along at_stribeck(effect);
+  Moved at_stribeck(effect);
   EXPECT_NEAR(at_stribeck.travel(0.05, 10000), 10.0 * (1.0 + 0.5 / std::numbers::e),
               1e-3);  // 5 mm/s
 }
@@ -415,7 +415,7 @@ TEST(PreslidingStribeck, WithoutAFallIsPresliding) {
   Effect effect = make_effect<PreslidingStribeck>();
   effect.shape = {20e-6, 0.6, 1.0, 5e-3, 1e5};
   effect.coefficient = {3.0};
-  Along both(effect), plain(presliding(20e-6, 0.6, 3.0));
+  Moved both(effect), plain(presliding(20e-6, 0.6, 3.0));
   std::mt19937_64 random(5);
   std::normal_distribution<double> step(0.0, 4e-6);
   for (int k = 0; k < 3000; ++k) {
@@ -431,7 +431,7 @@ TEST(AsymmetricFriction, SplitsCoulombAndViscousFrictionByDirection) {
   Effect symmetric = make_effect<CoulombFriction>();
   symmetric.shape = {1e-3};
   symmetric.coefficient = {20.39, 203.56};
-  Along axis(effect), other(symmetric);
+  Moved axis(effect), other(symmetric);
   // The published pairs of the EMPS axis: 20.15 and 20.63 N, 166.7 and 240.4 N s/m.
   EXPECT_NEAR(axis.move(0.1e-3) + other.move(0.1e-3), 20.15 + 166.7 * 0.1, 1e-9);
   EXPECT_NEAR(axis.move(-0.1e-3) + other.move(-0.1e-3), -20.63 - 240.42 * 0.1, 1e-9);

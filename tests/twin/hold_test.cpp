@@ -1,4 +1,5 @@
 #include "twin/hold.h"
+#include "twin/two_pi.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +8,6 @@
 
 namespace servotwin {
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 // w' = -p w + u with u = u0 + u1 s: closed form.
 TEST(Hold, FirstOrderLagOfARampIsTheClosedForm) {

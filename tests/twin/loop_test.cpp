@@ -1,4 +1,5 @@
 #include "twin/loop.h"
+#include "twin/two_pi.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +9,6 @@
 
 namespace servotwin {
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 Loop loop_of(std::array<double, 3> a, int order) {
   Loop loop;

@@ -9,6 +9,7 @@
 
 #include "twin/contour_shares.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
@@ -42,7 +43,6 @@ TEST(ProgramError, OfACircleIsTheErrorOfItsRadiusWhateverTheLag) {
 TEST(ProgramError, OfTwoEqualLoopsIsWhatTheReferenceSays) {
   Model model;
   const double h = model.sample_time_s = 0.6e-3;
-  constexpr double kTwoPi = 2.0 * std::numbers::pi;
   model.loop.denominator = denominator_of({kTwoPi * 9.87, kTwoPi * 31.31, 0.44}, 3);
   model.loop.numerator = {1.0, model.loop.denominator[0], model.loop.denominator[2] / 75.0};
   const auto command = circle(20.0, h, 3000);

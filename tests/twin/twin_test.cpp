@@ -1,4 +1,5 @@
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 #include <gtest/gtest.h>
 
@@ -9,8 +10,6 @@
 
 namespace servotwin {
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 /// A drive without integrator or feed-forward: x'' = a2 (x_r - x) - a1 x' - d.
 Model plain_drive(double h, double coulomb = 0.0, double offset = 0.0,

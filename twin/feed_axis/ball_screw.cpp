@@ -10,10 +10,8 @@
 namespace servotwin {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
-double area(double diameter) { return kPi * diameter * diameter / 4.0; }
-double polar_moment(double diameter) { return kPi * std::pow(diameter, 4) / 32.0; }
+double area(double diameter) { return std::numbers::pi * diameter * diameter / 4.0; }
+double polar_moment(double diameter) { return std::numbers::pi * std::pow(diameter, 4) / 32.0; }
 
 Eigen::VectorXd equal(double from, double to, int elements) {
   return Eigen::VectorXd::LinSpaced(elements + 1, from, to);
@@ -31,7 +29,9 @@ BallScrew BallScrew::remeshed(const FeedAxisParts& parts, double nut) {
 }
 
 BallScrew::BallScrew(const FeedAxisParts& parts, Eigen::VectorXd nodes)
-    : radius(parts.screw.lead / (2.0 * kPi)), nut(parts.nut.spring), nodes_(std::move(nodes)) {
+    : radius(parts.screw.lead / (2.0 * std::numbers::pi)),
+      nut(parts.nut.spring),
+      nodes_(std::move(nodes)) {
   const ScrewParts& screw = parts.screw;
   const Eigen::Index count = nodes_.size(), turning = 2, along = turning + count,
                      at_table = along + count, size = at_table + (parts.added_mass ? 2 : 1);
@@ -122,7 +122,7 @@ Eigen::VectorXd mode_frequencies(const BallScrew& screw, double nut) {
   const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(
       screw.stiffness_at(nut), screw.mass, Eigen::EigenvaluesOnly | Eigen::Ax_lBx);
   // The rigid motion is 0 but for rounding, which may be below it.
-  return solver.eigenvalues().cwiseMax(0.0).cwiseSqrt() / (2.0 * kPi);
+  return solver.eigenvalues().cwiseMax(0.0).cwiseSqrt() / (2.0 * std::numbers::pi);
 }
 
 double static_stiffness(const BallScrew& screw, double nut) {

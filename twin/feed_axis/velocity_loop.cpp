@@ -15,16 +15,14 @@ namespace {
 
 using Complex = std::complex<double>;
 
-constexpr double kPi = std::numbers::pi;
-
-struct Loop {
+struct VelocityLoop {
   DriveControl::Linear control;
   HeldMechanics mechanics;
   Eigen::RowVectorXd velocity;  // the motor's, of (q, q') [m/s]
   double step_s = 0.0;
 };
 
-Loop loop_of(const FeedAxisParts& parts, double nut) {
+VelocityLoop loop_of(const FeedAxisParts& parts, double nut) {
   const BallScrew screw(parts);
   const DriveControl control(parts.control, screw.radius);
   Eigen::RowVectorXd velocity = Eigen::RowVectorXd::Zero(2 * screw.size());
@@ -33,7 +31,7 @@ Loop loop_of(const FeedAxisParts& parts, double nut) {
 }
 
 /// L(z): open at the velocity's error.
-Eigen::ArrayXcd open_loop(const Loop& loop, const Eigen::ArrayXd& frequency_hz) {
+Eigen::ArrayXcd open_loop(const VelocityLoop& loop, const Eigen::ArrayXd& frequency_hz) {
   // Triangular once; then every frequency is one substitution.
   const Eigen::ComplexSchur<Eigen::MatrixXcd> schur(loop.mechanics.phi.cast<Complex>());
   const Eigen::VectorXcd in = schur.matrixU().adjoint() * loop.mechanics.gain.col(0);
@@ -41,7 +39,7 @@ Eigen::ArrayXcd open_loop(const Loop& loop, const Eigen::ArrayXd& frequency_hz) 
   Eigen::ArrayXcd response(frequency_hz.size());
   Eigen::MatrixXcd shifted = -schur.matrixT();
   for (Eigen::Index k = 0; k < frequency_hz.size(); ++k) {
-    const Complex z = std::polar(1.0, 2.0 * kPi * frequency_hz(k) * loop.step_s);
+    const Complex z = std::polar(1.0, 2.0 * std::numbers::pi * frequency_hz(k) * loop.step_s);
     shifted.diagonal() = z - schur.matrixT().diagonal().array();
     const Eigen::VectorXcd state = shifted.triangularView<Eigen::Upper>().solve(in);
     response(k) = loop.control.at(z) * (out * state)(0);
@@ -49,7 +47,7 @@ Eigen::ArrayXcd open_loop(const Loop& loop, const Eigen::ArrayXd& frequency_hz) 
   return response;
 }
 
-bool stable(const Loop& loop) {
+bool stable(const VelocityLoop& loop) {
   constexpr double kRounding = 1e-7;  // the rigid position stays where it is: 1
   const DriveControl::Linear& control = loop.control;
   const Eigen::Index n = loop.mechanics.phi.rows(), m = control.a.rows();
@@ -75,7 +73,7 @@ Eigen::ArrayXcd closed_velocity_loop(const FeedAxisParts& parts, double nut,
 LoopFigures velocity_loop_figures(const FeedAxisParts& parts, double nut) {
   constexpr Eigen::Index kFrequencies = 3000;
   const Eigen::ArrayXd f = logarithmic(1.0, 0.499 * parts.control.rate_hz, kFrequencies);
-  const Loop loop = loop_of(parts, nut);
+  const VelocityLoop loop = loop_of(parts, nut);
   const Eigen::ArrayXcd open = open_loop(loop, f), closed = open / (1.0 + open);
   const Eigen::ArrayXd gain = open.abs().log10() * 20.0, answer = closed.abs();
   LoopFigures out;
@@ -100,7 +98,7 @@ LoopFigures velocity_loop_figures(const FeedAxisParts& parts, double nut) {
     if ((gain(k - 1) < 0.0) != (gain(k) < 0.0)) {
       const double share = crossing(gain(k - 1), gain(k));
       const Complex at = (1.0 - share) * open(k - 1) + share * open(k);
-      least(out.phase_margin_deg, std::abs(std::arg(-at)) * 180.0 / kPi);
+      least(out.phase_margin_deg, std::abs(std::arg(-at)) * 180.0 / std::numbers::pi);
     }
   }
   return out;

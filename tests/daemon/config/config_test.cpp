@@ -188,13 +188,13 @@ TEST(Config, AnUnknownKeyIsNamedWithItsPlaceAndTheNearestOne) {
               HasSubstr("m.toml:3:1: axis.unit: there is no such key; did you mean 'units'?"));
 }
 
-struct Wrong {
+struct WrongKey {
   const char* text;
   const char* message;
 };
 
-class ConfigRefuses : public testing::TestWithParam<Wrong> {};
-std::ostream& operator<<(std::ostream& out, const Wrong& wrong) { return out << wrong.message; }
+class ConfigRefuses : public testing::TestWithParam<WrongKey> {};
+std::ostream& operator<<(std::ostream& out, const WrongKey& wrong) { return out << wrong.message; }
 
 TEST_P(ConfigRefuses, WithPlaceValueAndRule) {
   EXPECT_EQ(problem_of(GetParam().text), GetParam().message);
@@ -203,107 +203,116 @@ TEST_P(ConfigRefuses, WithPlaceValueAndRule) {
 INSTANTIATE_TEST_SUITE_P(
     EachRule, ConfigRefuses,
     testing::Values(
-        Wrong{"[identify]\nmethod = tru\n",
-              "m.toml:2:13: Error while parsing boolean: expected 'true', saw 'tru '"},
-        Wrong{"[identify]\ndelay_max_s = 0.0625\n",
-              "m.toml:2:15: identify.delay_max_s = 0.0625: must be a number from 0 to 0.05 s"},
-        Wrong{"[machine]\nname = ''\n",
-              "m.toml:2:8: machine.name = '': must be 1 to 63 letters, digits or any of . _ -, not "
-              "beginning with a dot"},
-        Wrong{"[machine]\nname = '../x'\n",
-              "m.toml:2:8: machine.name = '../x': must be 1 to 63 letters, digits or any of . _ -, "
-              "not beginning with a dot"},
-        Wrong{"[machine]\ncycle_s = 2\n",
-              "m.toml:2:11: machine.cycle_s = 2: must be a number from 1e-05 to 1 s"},
-        Wrong{"[machine]\ncycle_s = nan\n",
-              "m.toml:2:11: machine.cycle_s = nan: must be a number from 1e-05 to 1 s"},
-        Wrong{"[machine]\ncycle_s = '1 ms'\n",
-              "m.toml:2:11: machine.cycle_s = '1 ms': must be a number from 1e-05 to 1 s"},
-        Wrong{"machine = 3\n", "m.toml:1:11: machine = 3: must be a table: [machine]"},
-        Wrong{"axis = 3\n", "m.toml:1:8: axis = 3: must be given as [[axis]] tables"},
-        Wrong{"[[axis]]\n", "m.toml:1:1: axis.name: every axis needs one"},
-        Wrong{"[[axis]]\nname = 'X'\n[[axis]]\nname = 'X'\n",
-              "m.toml:4:8: axis.name = 'X': another axis has the same name"},
-        Wrong{"[[axis]]\nname = 'X,Y'\n",
-              "m.toml:2:8: axis.name = 'X,Y': must be 1 to 31 letters, digits or any of . _ -, not "
-              "beginning with a dot"},
-        Wrong{"[[axis]]\nname = 'X'\nunits = 'mm'\n",
-              "m.toml:3:9: axis.units = 'mm': must be one of 'm', 'rad'"},
-        Wrong{"[[axis]]\nname = 'X'\npath = 'main'\n",
-              "m.toml:3:8: axis.path = 'main': a path has 2 to 5 axes, this one has 1"},
-        Wrong{"[[axis]]\nname = 'X'\npath = 'main'\n[[axis]]\nname = 'Y'\npath = 'main'\n"
-              "[[axis]]\nname = 'C'\nunits = 'rad'\npath = 'main'\n",
-              "m.toml:10:8: axis.path = 'main': needs linear axes, but this axis has units = "
-              "'rad'"},
-        Wrong{"[[axis]]\nname = 'X'\nencoder_in_loop = 'yes'\n",
-              "m.toml:3:19: axis.encoder_in_loop = 'yes': must be true or false"},
-        Wrong{"[[axis]]\nname = 'X'\ncorrection = { peak = 1e-4, rate = 0.01 }\n",
-              "m.toml:3:14: axis.correction.bandwidth: a correction needs peak, rate and "
-              "bandwidth"},
-        Wrong{"[[axis]]\nname = 'X'\ncorrection = { peak = 0, rate = 0.01, bandwidth = 50 }\n",
-              "m.toml:3:23: axis.correction.peak = 0: must be a number from 1e-09 to 1 of the "
-              "axis"},
-        Wrong{"[[axis]]\nname = 'X'\ncorrection = { peak = 1e-4, rate = 1, bandwidth = 50, "
-              "peek = 1 }\n",
-              "m.toml:3:55: axis.correction.peek: there is no such key; did you mean 'peak'?"},
-        Wrong{"[ilc]\nlives = true\n",
-              "m.toml:2:1: ilc.lives: there is no such key; did you mean 'live'?"},
-        Wrong{"[ilc]\nlive = 1\n", "m.toml:2:8: ilc.live = 1: must be true or false"},
-        Wrong{"[ilc]\nvalidity_s = 0\n",
-              "m.toml:2:14: ilc.validity_s = 0: must be a number from 0.001 to 1 s"},
-        Wrong{"[store]\nrecordings_max_mb = 100\n",
-              "m.toml:2:21: store.recordings_max_mb = 100: must not be less than recordings_mb = "
-              "1024"},
-        Wrong{"[[axis]]\nname = 'X'\nsource = 'replay'\n",
-              "m.toml:3:10: axis.source = 'replay': there is no [source.replay]"},
-        Wrong{"[source.dds]\ndomain = 231\n",
-              "m.toml:2:10: source.dds.domain = 231: must be a whole number from 0 to 230"},
-        Wrong{"[source.dds]\nstrength = -1\n",
-              "m.toml:2:12: source.dds.strength = -1: must be a whole number from 0 to 1000"},
-        Wrong{"[source.dds]\ndomain = 1.5\n",
-              "m.toml:2:10: source.dds.domain = 1.5: must be a whole number from 0 to 230"},
-        Wrong{"[source.replay]\n",
-              "m.toml:1:1: source.replay.files: is missing: list the recordings to replay"},
-        Wrong{"[source.replay]\nfiles = 'a.csv'\n",
-              "m.toml:2:9: source.replay.files = 'a.csv': must be a list of file names in quotes"},
-        Wrong{"[source.replay]\nfiles = ['a.csv', 3]\n",
-              "m.toml:2:9: source.replay.files = [ 'a.csv', 3 ]: must be a list of file names in "
-              "quotes"},
-        Wrong{"[source.dds]\n[source.replay]\nfiles = ['a']\n",
-              "m.toml:2:1: source.replay: there is a source.dds as well; choose "
-              "one with axis.source, or move the daemon's own DDS settings to [dds]"},
-        Wrong{"[identify]\nomega_hz = [210, 1]\n",
-              "m.toml:2:12: identify.omega_hz = [ 210, 1 ]: must be [lowest, highest] within 0.001 "
-              "to 100000 Hz"},
-        Wrong{"[identify]\nwindow_s = 30\n",
-              "m.toml:2:12: identify.window_s = 30: a model is fitted to the last memory_s = 24 s, "
-              "which must not be less than window_s = 30 s"},
-        Wrong{"[diagnose]\nevery_s = -1\n",
-              "m.toml:2:11: diagnose.every_s = -1: must be a number from 0 to 1e+07 s"},
-        Wrong{"[diagnose]\nevery = 60\n",
-              "m.toml:2:1: diagnose.every: there is no such key; did you mean 'every_s'?"},
-        Wrong{"[diagnose]\nrecord_s = 2\n",
-              "m.toml:2:12: diagnose.record_s = 2: must be a number from 5 to 600 s"},
-        Wrong{"[diagnose]\nreference_s = 'long'\n",
-              "m.toml:2:15: diagnose.reference_s = 'long': must be a number from 60 to 86400 s"},
-        Wrong{"[diagnose]\nfalse_alarm_days = nan\n",
-              "m.toml:2:20: diagnose.false_alarm_days = nan: must be a number from 0 to 36525 days "
-              "of motion"},
-        Wrong{"[http]\nlisten = 'localhost:80'\n",
-              "m.toml:2:10: http.listen = 'localhost:80': must be ADDRESS:PORT, such as "
-              "'127.0.0.1:8402', '[::1]:8402' or, for everybody on the network, "
-              "'0.0.0.0:8402'; or 'none'"},
-        Wrong{"[http]\ntoken = 'short'\n",
-              "m.toml:2:9: http.token: must be a text of 16 to 256 characters in quotes"},
-        Wrong{"[http]\nnames = [1]\n",
-              "m.toml:2:9: http.names = [ 1 ]: must be a list of host names in quotes"},
-        Wrong{"[[axis]]\nname = 'X'\n[ilc]\narm_without_timeout = ['Y']\n",
-              "m.toml:4:23: ilc.arm_without_timeout = [ 'Y' ]: there is no [[axis]] named 'Y'"},
-        Wrong{
+        WrongKey{"[identify]\nmethod = tru\n",
+                 "m.toml:2:13: Error while parsing boolean: expected 'true', saw 'tru '"},
+        WrongKey{"[identify]\ndelay_max_s = 0.0625\n",
+                 "m.toml:2:15: identify.delay_max_s = 0.0625: must be a number from 0 to 0.05 s"},
+        WrongKey{
+            "[machine]\nname = ''\n",
+            "m.toml:2:8: machine.name = '': must be 1 to 63 letters, digits or any of . _ -, not "
+            "beginning with a dot"},
+        WrongKey{
+            "[machine]\nname = '../x'\n",
+            "m.toml:2:8: machine.name = '../x': must be 1 to 63 letters, digits or any of . _ -, "
+            "not beginning with a dot"},
+        WrongKey{"[machine]\ncycle_s = 2\n",
+                 "m.toml:2:11: machine.cycle_s = 2: must be a number from 1e-05 to 1 s"},
+        WrongKey{"[machine]\ncycle_s = nan\n",
+                 "m.toml:2:11: machine.cycle_s = nan: must be a number from 1e-05 to 1 s"},
+        WrongKey{"[machine]\ncycle_s = '1 ms'\n",
+                 "m.toml:2:11: machine.cycle_s = '1 ms': must be a number from 1e-05 to 1 s"},
+        WrongKey{"machine = 3\n", "m.toml:1:11: machine = 3: must be a table: [machine]"},
+        WrongKey{"axis = 3\n", "m.toml:1:8: axis = 3: must be given as [[axis]] tables"},
+        WrongKey{"[[axis]]\n", "m.toml:1:1: axis.name: every axis needs one"},
+        WrongKey{"[[axis]]\nname = 'X'\n[[axis]]\nname = 'X'\n",
+                 "m.toml:4:8: axis.name = 'X': another axis has the same name"},
+        WrongKey{
+            "[[axis]]\nname = 'X,Y'\n",
+            "m.toml:2:8: axis.name = 'X,Y': must be 1 to 31 letters, digits or any of . _ -, not "
+            "beginning with a dot"},
+        WrongKey{"[[axis]]\nname = 'X'\nunits = 'mm'\n",
+                 "m.toml:3:9: axis.units = 'mm': must be one of 'm', 'rad'"},
+        WrongKey{"[[axis]]\nname = 'X'\npath = 'main'\n",
+                 "m.toml:3:8: axis.path = 'main': a path has 2 to 5 axes, this one has 1"},
+        WrongKey{"[[axis]]\nname = 'X'\npath = 'main'\n[[axis]]\nname = 'Y'\npath = 'main'\n"
+                 "[[axis]]\nname = 'C'\nunits = 'rad'\npath = 'main'\n",
+                 "m.toml:10:8: axis.path = 'main': needs linear axes, but this axis has units = "
+                 "'rad'"},
+        WrongKey{"[[axis]]\nname = 'X'\nencoder_in_loop = 'yes'\n",
+                 "m.toml:3:19: axis.encoder_in_loop = 'yes': must be true or false"},
+        WrongKey{"[[axis]]\nname = 'X'\ncorrection = { peak = 1e-4, rate = 0.01 }\n",
+                 "m.toml:3:14: axis.correction.bandwidth: a correction needs peak, rate and "
+                 "bandwidth"},
+        WrongKey{"[[axis]]\nname = 'X'\ncorrection = { peak = 0, rate = 0.01, bandwidth = 50 }\n",
+                 "m.toml:3:23: axis.correction.peak = 0: must be a number from 1e-09 to 1 of the "
+                 "axis"},
+        WrongKey{"[[axis]]\nname = 'X'\ncorrection = { peak = 1e-4, rate = 1, bandwidth = 50, "
+                 "peek = 1 }\n",
+                 "m.toml:3:55: axis.correction.peek: there is no such key; did you mean 'peak'?"},
+        WrongKey{"[ilc]\nlives = true\n",
+                 "m.toml:2:1: ilc.lives: there is no such key; did you mean 'live'?"},
+        WrongKey{"[ilc]\nlive = 1\n", "m.toml:2:8: ilc.live = 1: must be true or false"},
+        WrongKey{"[ilc]\nvalidity_s = 0\n",
+                 "m.toml:2:14: ilc.validity_s = 0: must be a number from 0.001 to 1 s"},
+        WrongKey{
+            "[store]\nrecordings_max_mb = 100\n",
+            "m.toml:2:21: store.recordings_max_mb = 100: must not be less than recordings_mb = "
+            "1024"},
+        WrongKey{"[[axis]]\nname = 'X'\nsource = 'replay'\n",
+                 "m.toml:3:10: axis.source = 'replay': there is no [source.replay]"},
+        WrongKey{"[source.dds]\ndomain = 231\n",
+                 "m.toml:2:10: source.dds.domain = 231: must be a whole number from 0 to 230"},
+        WrongKey{"[source.dds]\nstrength = -1\n",
+                 "m.toml:2:12: source.dds.strength = -1: must be a whole number from 0 to 1000"},
+        WrongKey{"[source.dds]\ndomain = 1.5\n",
+                 "m.toml:2:10: source.dds.domain = 1.5: must be a whole number from 0 to 230"},
+        WrongKey{"[source.replay]\n",
+                 "m.toml:1:1: source.replay.files: is missing: list the recordings to replay"},
+        WrongKey{
+            "[source.replay]\nfiles = 'a.csv'\n",
+            "m.toml:2:9: source.replay.files = 'a.csv': must be a list of file names in quotes"},
+        WrongKey{
+            "[source.replay]\nfiles = ['a.csv', 3]\n",
+            "m.toml:2:9: source.replay.files = [ 'a.csv', 3 ]: must be a list of file names in "
+            "quotes"},
+        WrongKey{"[source.dds]\n[source.replay]\nfiles = ['a']\n",
+                 "m.toml:2:1: source.replay: there is a source.dds as well; choose "
+                 "one with axis.source, or move the daemon's own DDS settings to [dds]"},
+        WrongKey{
+            "[identify]\nomega_hz = [210, 1]\n",
+            "m.toml:2:12: identify.omega_hz = [ 210, 1 ]: must be [lowest, highest] within 0.001 "
+            "to 100000 Hz"},
+        WrongKey{
+            "[identify]\nwindow_s = 30\n",
+            "m.toml:2:12: identify.window_s = 30: a model is fitted to the last memory_s = 24 s, "
+            "which must not be less than window_s = 30 s"},
+        WrongKey{"[diagnose]\nevery_s = -1\n",
+                 "m.toml:2:11: diagnose.every_s = -1: must be a number from 0 to 1e+07 s"},
+        WrongKey{"[diagnose]\nevery = 60\n",
+                 "m.toml:2:1: diagnose.every: there is no such key; did you mean 'every_s'?"},
+        WrongKey{"[diagnose]\nrecord_s = 2\n",
+                 "m.toml:2:12: diagnose.record_s = 2: must be a number from 5 to 600 s"},
+        WrongKey{"[diagnose]\nreference_s = 'long'\n",
+                 "m.toml:2:15: diagnose.reference_s = 'long': must be a number from 60 to 86400 s"},
+        WrongKey{
+            "[diagnose]\nfalse_alarm_days = nan\n",
+            "m.toml:2:20: diagnose.false_alarm_days = nan: must be a number from 0 to 36525 days "
+            "of motion"},
+        WrongKey{"[http]\nlisten = 'localhost:80'\n",
+                 "m.toml:2:10: http.listen = 'localhost:80': must be ADDRESS:PORT, such as "
+                 "'127.0.0.1:8402', '[::1]:8402' or, for everybody on the network, "
+                 "'0.0.0.0:8402'; or 'none'"},
+        WrongKey{"[http]\ntoken = 'short'\n",
+                 "m.toml:2:9: http.token: must be a text of 16 to 256 characters in quotes"},
+        WrongKey{"[http]\nnames = [1]\n",
+                 "m.toml:2:9: http.names = [ 1 ]: must be a list of host names in quotes"},
+        WrongKey{"[[axis]]\nname = 'X'\n[ilc]\narm_without_timeout = ['Y']\n",
+                 "m.toml:4:23: ilc.arm_without_timeout = [ 'Y' ]: there is no [[axis]] named 'Y'"},
+        WrongKey{
             "[ilc]\narm_without_timeout = true\n",
             "m.toml:2:23: ilc.arm_without_timeout = true: must be a list of axis names in quotes"},
-        Wrong{"[real_time]\npriority = 99\n",
-              "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
+        WrongKey{"[real_time]\npriority = 99\n",
+                 "m.toml:2:12: real_time.priority = 99: must be a whole number from 0 to 98"}));
 
 /// "a.a.a", `parts` times.
 std::string key_of(std::size_t parts, const std::string& part = "a") {

@@ -11,7 +11,7 @@ namespace {
 
 using testing::HasSubstr;
 
-const MachineDescription kMachine{0.001, {{"X", false, ""}, {"Y", false, ""}, {"B", true, ""}}};
+const MachineDescription kThreeAxes{0.001, {{"X", false, ""}, {"Y", false, ""}, {"B", true, ""}}};
 
 double value(std::size_t axis, std::size_t row) {
   return static_cast<double>(axis) + 1e-6 * static_cast<double>(row);
@@ -44,7 +44,7 @@ std::string refusal(const Outcome& outcome) {
 }
 
 TEST(ProgramAssembly, PutsChunksTogetherInTheirOrder) {
-  ProgramAssembly assembly(kMachine);
+  ProgramAssembly assembly(kThreeAxes);
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 3), 1)));
   EXPECT_TRUE(waits(assembly.take(chunk_of(1, 3), 2)));
   const Outcome whole = assembly.take(chunk_of(2, 3), 3);
@@ -62,7 +62,7 @@ TEST(ProgramAssembly, PutsChunksTogetherInTheirOrder) {
 }
 
 TEST(ProgramAssembly, ANewRevisionAndTheSameOnceMoreBeginAnew) {
-  ProgramAssembly assembly(kMachine);
+  ProgramAssembly assembly(kThreeAxes);
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 2, 20, 1), 1)));
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 2, 20, 2), 2)));
   EXPECT_TRUE(std::holds_alternative<CommandedPath>(assembly.take(chunk_of(1, 2, 20, 2), 3)));
@@ -70,17 +70,17 @@ TEST(ProgramAssembly, ANewRevisionAndTheSameOnceMoreBeginAnew) {
   EXPECT_TRUE(std::holds_alternative<CommandedPath>(assembly.take(chunk_of(1, 2, 20, 2), 5)));
 }
 
-struct Wrong {
+struct Spoiled {
   const char* name;
   std::function<void(ProgramChunk&)> spoil;
   const char* reason;
 };
 
-class WrongChunk : public testing::TestWithParam<Wrong> {};
+class WrongChunk : public testing::TestWithParam<Spoiled> {};
 
 // The second of three chunks is wrong; it is refused by name, once, and the rest of it is ignored.
 TEST_P(WrongChunk, IsRefusedByNameOnce) {
-  ProgramAssembly assembly(kMachine);
+  ProgramAssembly assembly(kThreeAxes);
   ASSERT_TRUE(waits(assembly.take(chunk_of(0, 3), 1)));
   ProgramChunk wrong = chunk_of(1, 3);
   GetParam().spoil(wrong);
@@ -93,45 +93,45 @@ TEST_P(WrongChunk, IsRefusedByNameOnce) {
 INSTANTIATE_TEST_SUITE_P(
     , WrongChunk,
     testing::Values(
-        Wrong{"Missing", [](ProgramChunk& c) { c.chunk = 2; },
-              "chunk 1 of 3 is missing: chunk 2 came instead"},
-        Wrong{"Number", [](ProgramChunk& c) { c.chunk = 3; }, "chunk 3 of 3"},
-        Wrong{"OtherCount", [](ProgramChunk& c) { c.chunks = 4; },
-              "other values of chunks, axes or learn"},
-        Wrong{"OtherAxes",
-              [](ProgramChunk& c) {
-                c.axes = {"B", "Y"};
-              },
-              "other values of chunks, axes or learn"},
-        Wrong{"OtherWish", [](ProgramChunk& c) { c.learn = false; },
-              "other values of chunks, axes or learn"},
-        Wrong{"Empty",
-              [](ProgramChunk& c) {
-                c.time_s.clear();
-                c.command.clear();
-              },
-              "has no rows"},
-        Wrong{"Length", [](ProgramChunk& c) { c.command.pop_back(); },
-              "command_m has 39 values, and 20 rows of 2 axes need 40"},
-        Wrong{"NotANumber", [](ProgramChunk& c) { c.command[25] = kAbsent; },
-              "command_m of axis X of row 25 is not a number"},
-        Wrong{"Infinite",
-              [](ProgramChunk& c) { c.command[3] = std::numeric_limits<double>::infinity(); },
-              "command_m of axis B of row 23 is not a number"},
-        Wrong{"TimeNotANumber", [](ProgramChunk& c) { c.time_s[7] = kAbsent; },
-              "time_s of row 27 is not a number"},
-        Wrong{"UnevenTime", [](ProgramChunk& c) { c.time_s[7] += 2e-5; },
-              "uneven time: time_s of row 27"},
-        Wrong{"TimeGoesBack", [](ProgramChunk& c) { c.time_s[7] = 0.0; }, "uneven time"},
-        Wrong{"GapBetweenChunks",
-              [](ProgramChunk& c) {
-                for (double& time_s : c.time_s) time_s += 0.001;
-              },
-              "uneven time: time_s of row 20 comes 0.002 s after"}),
+        Spoiled{"Missing", [](ProgramChunk& c) { c.chunk = 2; },
+                "chunk 1 of 3 is missing: chunk 2 came instead"},
+        Spoiled{"Number", [](ProgramChunk& c) { c.chunk = 3; }, "chunk 3 of 3"},
+        Spoiled{"OtherCount", [](ProgramChunk& c) { c.chunks = 4; },
+                "other values of chunks, axes or learn"},
+        Spoiled{"OtherAxes",
+                [](ProgramChunk& c) {
+                  c.axes = {"B", "Y"};
+                },
+                "other values of chunks, axes or learn"},
+        Spoiled{"OtherWish", [](ProgramChunk& c) { c.learn = false; },
+                "other values of chunks, axes or learn"},
+        Spoiled{"Empty",
+                [](ProgramChunk& c) {
+                  c.time_s.clear();
+                  c.command.clear();
+                },
+                "has no rows"},
+        Spoiled{"Length", [](ProgramChunk& c) { c.command.pop_back(); },
+                "command_m has 39 values, and 20 rows of 2 axes need 40"},
+        Spoiled{"NotANumber", [](ProgramChunk& c) { c.command[25] = kAbsent; },
+                "command_m of axis X of row 25 is not a number"},
+        Spoiled{"Infinite",
+                [](ProgramChunk& c) { c.command[3] = std::numeric_limits<double>::infinity(); },
+                "command_m of axis B of row 23 is not a number"},
+        Spoiled{"TimeNotANumber", [](ProgramChunk& c) { c.time_s[7] = kAbsent; },
+                "time_s of row 27 is not a number"},
+        Spoiled{"UnevenTime", [](ProgramChunk& c) { c.time_s[7] += 2e-5; },
+                "uneven time: time_s of row 27"},
+        Spoiled{"TimeGoesBack", [](ProgramChunk& c) { c.time_s[7] = 0.0; }, "uneven time"},
+        Spoiled{"GapBetweenChunks",
+                [](ProgramChunk& c) {
+                  for (double& time_s : c.time_s) time_s += 0.001;
+                },
+                "uneven time: time_s of row 20 comes 0.002 s after"}),
     [](const auto& one) { return one.param.name; });
 
 TEST(ProgramAssembly, AxesThatTheMachineHasNotAreRefused) {
-  ProgramAssembly assembly(kMachine);
+  ProgramAssembly assembly(kThreeAxes);
   ProgramChunk chunk = chunk_of(0, 1);
   chunk.axes = {"B", "Z"};
   EXPECT_THAT(refusal(assembly.take(chunk, 1)),
@@ -144,12 +144,12 @@ TEST(ProgramAssembly, AxesThatTheMachineHasNotAreRefused) {
 }
 
 TEST(ProgramAssembly, AnotherCycleThanTheMachinesIsUneven) {
-  ProgramAssembly assembly({0.002, kMachine.axes});
+  ProgramAssembly assembly({0.002, kThreeAxes.axes});
   EXPECT_THAT(refusal(assembly.take(chunk_of(0, 1), 1)), HasSubstr("one cycle of the machine"));
 }
 
 TEST(ProgramAssembly, TooLongAndTooShortAreRefused) {
-  ProgramAssembly assembly(kMachine);
+  ProgramAssembly assembly(kThreeAxes);
   EXPECT_THAT(refusal(assembly.take(chunk_of(0, 257), 1)), HasSubstr("too long: 257 chunks"));
   EXPECT_THAT(refusal(assembly.take(chunk_of(0, 1, 15), 2)), HasSubstr("too short: 15 rows"));
 
@@ -174,7 +174,7 @@ TEST(ProgramAssembly, TooLongAndTooShortAreRefused) {
 }
 
 TEST(ProgramAssembly, AChunkThatNeverComesIsMissing) {
-  ProgramAssembly assembly(kMachine);
+  ProgramAssembly assembly(kThreeAxes);
   EXPECT_TRUE(waits(assembly.take(chunk_of(0, 2), 1000)));
   EXPECT_FALSE(assembly.overdue(999 + kChunkPatience_ns));
   const std::optional<ProgramRefusal> overdue = assembly.overdue(1000 + kChunkPatience_ns);
@@ -185,7 +185,7 @@ TEST(ProgramAssembly, AChunkThatNeverComesIsMissing) {
 }
 
 TEST(ProgramAssembly, ManyNamesTakeNoMoreThanTheirRoom) {
-  ProgramAssembly assembly(kMachine);
+  ProgramAssembly assembly(kThreeAxes);
   for (std::size_t i = 0; i <= kMaxProgramsAtOnce; ++i) {
     ProgramChunk chunk = chunk_of(0, 2);
     chunk.program = "part" + std::to_string(i);

@@ -190,24 +190,23 @@ TEST(CanSource, TellsWhatHappenedOnceAndWhatGoesOnOnceAMinute) {
     now += 1'000'000;
     EXPECT_EQ(machine.source->receive(frame, 1.0), Received::kFrame);
   };
-  constexpr std::int64_t kSecond = 1'000'000'000;
   cycle_with_wrong_length();
-  EXPECT_THAT(machine.source->news(kSecond), ElementsAre(bad("0x181 on b of axis Y")));
+  EXPECT_THAT(machine.source->news(kSecond_ns), ElementsAre(bad("0x181 on b of axis Y")));
   EXPECT_EQ(machine.source->state(0).malformed, 1U);
   cycle_with_wrong_length();
-  EXPECT_THAT(machine.source->news(2 * kSecond), IsEmpty());
-  EXPECT_THAT(machine.source->news(62 * kSecond), ElementsAre(bad("of a wrong length")));
+  EXPECT_THAT(machine.source->news(2 * kSecond_ns), IsEmpty());
+  EXPECT_THAT(machine.source->news(62 * kSecond_ns), ElementsAre(bad("of a wrong length")));
   // So is what the first packet is refused for, and an interface that goes.
   machine.buses[0]->refuse();
-  EXPECT_THAT(machine.source->news(62 * kSecond + 1),
+  EXPECT_THAT(machine.source->news(62 * kSecond_ns + 1),
               ElementsAre(bad("1 packets ignored: not CAN frames, or not from the peer")));
   machine.buses[0]->refuse();
-  EXPECT_THAT(machine.source->news(62 * kSecond + 2), IsEmpty());
+  EXPECT_THAT(machine.source->news(62 * kSecond_ns + 2), IsEmpty());
   machine.buses[1]->set_up(false);
-  EXPECT_THAT(machine.source->news(63 * kSecond),
+  EXPECT_THAT(machine.source->news(63 * kSecond_ns),
               testing::Contains(bad("b: the interface went down")));
   machine.buses[1]->set_up(true);
-  EXPECT_THAT(machine.source->news(64 * kSecond), testing::Contains(good("up again")));
+  EXPECT_THAT(machine.source->news(64 * kSecond_ns), testing::Contains(good("up again")));
 }
 
 TEST(CanSource, SaysThatNoCycleBeginsAndThatTheyDoAgain) {

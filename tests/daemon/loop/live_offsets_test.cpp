@@ -11,7 +11,7 @@
 namespace servotwin::daemon {
 namespace {
 
-using Event = OffsetWorld::Event;
+using WorldEvent = OffsetWorld::Event;
 
 /// Cycles until the correction is well under way; in the first run the daemon has just started.
 constexpr int kUnderWay = 3 * OffsetWorld::kPeriod + OffsetWorld::kDwell + 70;
@@ -31,7 +31,7 @@ int sequences_wanted() {
 
 struct Incident {
   const char* name;
-  Event event;
+  WorldEvent event;
   int size;
 };
 
@@ -50,39 +50,41 @@ TEST_P(LiveOffsetsAfter, TheMotorFeelsNoJump) {
 
 INSTANTIATE_TEST_SUITE_P(
     Incidents, LiveOffsetsAfter,
-    testing::Values(
-        Incident{"OneLostFrame", Event::kLose, 1}, Incident{"TenLostFrames", Event::kLose, 10},
-        Incident{"AsManyLostFramesAsTheDriveWaits", Event::kLose, 20},
-        Incident{"OneMore", Event::kLose, 21},
-        Incident{"LostFramesWhileTheDriveRamps", Event::kLose, 60},
-        Incident{"LostFramesUntilTheDriveHasRamped", Event::kLose, 119},
-        Incident{"APauseOf5ms", Event::kPause, 5}, Incident{"APauseOf60ms", Event::kPause, 60},
-        Incident{"APauseOf100ms", Event::kPause, 100},
-        Incident{"ARestartAtOnce", Event::kRestart, 1},
-        Incident{"ARestartAfter60ms", Event::kRestart, 60},
-        Incident{"AFrameClockThatGoesBack", Event::kFrameClock, -5000},
-        Incident{"AFrameClockThatGoesBackALittle", Event::kFrameClock, -7},
-        Incident{"AFrameClockThatGoesForward", Event::kFrameClock, 5000},
-        Incident{"AFrameClockThatGoesForwardALittle", Event::kFrameClock, 15},
-        Incident{"AHostClockThatGoesBack", Event::kHostClock, -30},
-        Incident{"AHostClockThatGoesForward", Event::kHostClock, 30},
-        Incident{"ABusThatRefusesOnce", Event::kRefuse, 1},
-        Incident{"ABusThatRefuses30Times", Event::kRefuse, 30},
-        Incident{"Disarming", Event::kDisarm, 300}, Incident{"AnotherModel", Event::kModel, 1},
-        Incident{"LateAnswers", Event::kDelay, 40},
-        Incident{"OneLostOffset", Event::kLoseOffset, 1},
-        Incident{"TenLostOffsets", Event::kLoseOffset, 10},
-        Incident{"OffsetsLostUntilTheDriveRamps", Event::kLoseOffset, 30},
-        Incident{"OffsetsLostUntilTheDriveHasRamped", Event::kLoseOffset, 125},
-        Incident{"ASleepOf60ms", Event::kSleep, 60},
-        Incident{"AVirtualMachineThatStoodStillFor15ms", Event::kSleep, 15},
-        Incident{"AVirtualMachineThatStoodStillFor61ms", Event::kSleep, 61},
-        Incident{"AVirtualMachineThatStoodStillFor125ms", Event::kSleep, 125},
-        Incident{"APublisherThatStoodStillFor2ms", Event::kPublisher, 2},
-        Incident{"APublisherThatStoodStillFor15ms", Event::kPublisher, 15},
-        Incident{"APublisherThatStoodStillFor60ms", Event::kPublisher, 60},
-        Incident{"APublisherThatStoodStillFor125ms", Event::kPublisher, 125},
-        Incident{"ASlowSocket", Event::kSlow, 100}),
+    testing::Values(Incident{"OneLostFrame", WorldEvent::kLose, 1},
+                    Incident{"TenLostFrames", WorldEvent::kLose, 10},
+                    Incident{"AsManyLostFramesAsTheDriveWaits", WorldEvent::kLose, 20},
+                    Incident{"OneMore", WorldEvent::kLose, 21},
+                    Incident{"LostFramesWhileTheDriveRamps", WorldEvent::kLose, 60},
+                    Incident{"LostFramesUntilTheDriveHasRamped", WorldEvent::kLose, 119},
+                    Incident{"APauseOf5ms", WorldEvent::kPause, 5},
+                    Incident{"APauseOf60ms", WorldEvent::kPause, 60},
+                    Incident{"APauseOf100ms", WorldEvent::kPause, 100},
+                    Incident{"ARestartAtOnce", WorldEvent::kRestart, 1},
+                    Incident{"ARestartAfter60ms", WorldEvent::kRestart, 60},
+                    Incident{"AFrameClockThatGoesBack", WorldEvent::kFrameClock, -5000},
+                    Incident{"AFrameClockThatGoesBackALittle", WorldEvent::kFrameClock, -7},
+                    Incident{"AFrameClockThatGoesForward", WorldEvent::kFrameClock, 5000},
+                    Incident{"AFrameClockThatGoesForwardALittle", WorldEvent::kFrameClock, 15},
+                    Incident{"AHostClockThatGoesBack", WorldEvent::kHostClock, -30},
+                    Incident{"AHostClockThatGoesForward", WorldEvent::kHostClock, 30},
+                    Incident{"ABusThatRefusesOnce", WorldEvent::kRefuse, 1},
+                    Incident{"ABusThatRefuses30Times", WorldEvent::kRefuse, 30},
+                    Incident{"Disarming", WorldEvent::kDisarm, 300},
+                    Incident{"AnotherModel", WorldEvent::kModel, 1},
+                    Incident{"LateAnswers", WorldEvent::kDelay, 40},
+                    Incident{"OneLostOffset", WorldEvent::kLoseOffset, 1},
+                    Incident{"TenLostOffsets", WorldEvent::kLoseOffset, 10},
+                    Incident{"OffsetsLostUntilTheDriveRamps", WorldEvent::kLoseOffset, 30},
+                    Incident{"OffsetsLostUntilTheDriveHasRamped", WorldEvent::kLoseOffset, 125},
+                    Incident{"ASleepOf60ms", WorldEvent::kSleep, 60},
+                    Incident{"AVirtualMachineThatStoodStillFor15ms", WorldEvent::kSleep, 15},
+                    Incident{"AVirtualMachineThatStoodStillFor61ms", WorldEvent::kSleep, 61},
+                    Incident{"AVirtualMachineThatStoodStillFor125ms", WorldEvent::kSleep, 125},
+                    Incident{"APublisherThatStoodStillFor2ms", WorldEvent::kPublisher, 2},
+                    Incident{"APublisherThatStoodStillFor15ms", WorldEvent::kPublisher, 15},
+                    Incident{"APublisherThatStoodStillFor60ms", WorldEvent::kPublisher, 60},
+                    Incident{"APublisherThatStoodStillFor125ms", WorldEvent::kPublisher, 125},
+                    Incident{"ASlowSocket", WorldEvent::kSlow, 100}),
     [](const auto& incident) { return std::string(incident.param.name); });
 
 TEST(LiveOffsets, TheMotorFeelsNoJumpInAnySequenceOfIncidents) {
@@ -97,9 +99,9 @@ TEST(LiveOffsets, TheMotorFeelsNoJumpInAnySequenceOfIncidents) {
       for (int k = wait(rng); k > 0; --k)
         ASSERT_STREQ(world.cycle(), nullptr)
             << "sequence " << sequence << ", incident " << incident;
-      const auto what = static_cast<Event>(event(rng));
+      const auto what = static_cast<WorldEvent>(event(rng));
       const int size = (rng() & 1U) != 0 ? large(rng) : small(rng);
-      const bool clock = what == Event::kFrameClock || what == Event::kHostClock;
+      const bool clock = what == WorldEvent::kFrameClock || what == WorldEvent::kHostClock;
       world.happens(what, clock ? size : std::abs(size) + 1);
     }
     for (int k = 0; k < 400; ++k)
@@ -114,15 +116,15 @@ TEST(LiveOffsets, TheMotorFeelsNoJumpIfTheHostClockIsSetBackInAPause) {
   for (const int pause : {5, 12, 19, 40}) {
     OffsetWorld world(OffsetWorld::Drive::kOnBus);
     for (int k = 0; k < kUnderWay; ++k) ASSERT_STREQ(world.cycle(), nullptr);
-    world.happens(Event::kPause, pause);
-    world.happens(Event::kHostClock, -200);
+    world.happens(WorldEvent::kPause, pause);
+    world.happens(WorldEvent::kHostClock, -200);
     for (int k = 0; k < kAfterwards; ++k) ASSERT_STREQ(world.cycle(), nullptr) << pause << " " << k;
   }
 }
 
 // The daemon ends before the drive has nothing, and a run of the next one could begin.
 TEST(LiveOffsets, TheMotorFeelsNoJumpWhereverInARunTheDaemonOrTheFramesStop) {
-  for (const Event event : {Event::kRestart, Event::kLose, Event::kPause}) {
+  for (const WorldEvent event : {WorldEvent::kRestart, WorldEvent::kLose, WorldEvent::kPause}) {
     for (int at = 0; at < OffsetWorld::kPeriod; at += 2) {
       OffsetWorld world(nth_drive(at));
       for (int k = 0; k < 3 * OffsetWorld::kPeriod + at; ++k) ASSERT_STREQ(world.cycle(), nullptr);
@@ -136,16 +138,16 @@ TEST(LiveOffsets, TheMotorFeelsNoJumpWhereverInARunTheDaemonOrTheFramesStop) {
 TEST(LiveOffsets, TheMotorFeelsNoJumpIfThePublisherStandsStillFromADryRunIntoALiveOne) {
   OffsetWorld world(OffsetWorld::Drive::kOnNetwork);
   for (int k = 0; k < 3 * OffsetWorld::kPeriod; ++k) ASSERT_STREQ(world.cycle(), nullptr);
-  world.happens(Event::kDisarm, 2 * OffsetWorld::kPeriod - 1);
+  world.happens(WorldEvent::kDisarm, 2 * OffsetWorld::kPeriod - 1);
   for (int k = 0; k < OffsetWorld::kDwell; ++k) ASSERT_STREQ(world.cycle(), nullptr);
-  world.happens(Event::kPublisher, 2 * OffsetWorld::kPeriod + 85);
+  world.happens(WorldEvent::kPublisher, 2 * OffsetWorld::kPeriod + 85);
   for (int k = 0; k < kAfterwards; ++k) ASSERT_STREQ(world.cycle(), nullptr) << k;
 }
 
 // A drive may wait for longer than the daemon needs it to: its event timer is as it is.
 TEST(LiveOffsets, TheMotorFeelsNoJumpIfTheDriveWaitsLongerThanTheValidity) {
   for (const double timeout_s : {0.025, 0.05, 0.1}) {
-    for (const Event event : {Event::kRestart, Event::kLose, Event::kPause}) {
+    for (const WorldEvent event : {WorldEvent::kRestart, WorldEvent::kLose, WorldEvent::kPause}) {
       for (int at = 0; at < OffsetWorld::kPeriod; at += 7) {
         OffsetWorld world(nth_drive(at), timeout_s);
         for (int k = 0; k < 3 * OffsetWorld::kPeriod + at; ++k)
@@ -161,7 +163,7 @@ TEST(LiveOffsets, TheMotorFeelsNoJumpIfTheDriveWaitsLongerThanTheValidity) {
 TEST(LiveOffsets, GoOnAfterAnIncidentInTheNextRun) {
   OffsetWorld world(OffsetWorld::Drive::kOnBus);
   for (int k = 0; k < kUnderWay; ++k) ASSERT_STREQ(world.cycle(), nullptr);
-  world.happens(Event::kPause, 60);
+  world.happens(WorldEvent::kPause, 60);
   const int next = 3 * OffsetWorld::kPeriod;  // silent until the drive has nothing
   double most = 0.0;
   for (int k = kUnderWay; k < next + kUnderWay; ++k) {

@@ -101,13 +101,13 @@ TEST(LiveBatch, EndsWhereACycleIsMissing) {
 TEST(LiveJson, IsJsonWithNullWhereThereIsNoNumber) {
   LiveBatcher batcher(1e-3, 1);
   batcher.add(cycle(7, 1, 1.25e-6));
-  const auto json = nlohmann::json::parse(batch_json(*batcher.flush()));
-  EXPECT_EQ(json["schema"], "servotwin.live/1");
-  EXPECT_EQ(json["first_sequence"], 7);
-  EXPECT_EQ(json["axes"][0]["measured"][0], 1.25e-6);
-  EXPECT_TRUE(json["axes"][0]["predicted"][0].is_null());
-  EXPECT_TRUE(json["contour"][0].is_null());
-  EXPECT_EQ(json["axes"][0]["state"], "predicting");
+  const auto batch = nlohmann::json::parse(batch_json(*batcher.flush()));
+  EXPECT_EQ(batch["schema"], "servotwin.live/1");
+  EXPECT_EQ(batch["first_sequence"], 7);
+  EXPECT_EQ(batch["axes"][0]["measured"][0], 1.25e-6);
+  EXPECT_TRUE(batch["axes"][0]["predicted"][0].is_null());
+  EXPECT_TRUE(batch["contour"][0].is_null());
+  EXPECT_EQ(batch["axes"][0]["state"], "predicting");
 }
 
 TEST(LiveFeed, FiguresAreOfWhatCameSinceTheStatusBefore) {

@@ -23,10 +23,6 @@ namespace {
 using testing::HasSubstr;
 namespace fs = std::filesystem;
 
-Event event(const std::string& text) {
-  return {"2026-01-31T12:00:00.000Z", "X", "model_promoted", text, ""};
-}
-
 fs::perms mode_of(const fs::path& path) { return fs::status(path).permissions(); }
 
 /// A program like sqlite3 that reads or writes the database beside the daemon.
@@ -53,7 +49,7 @@ class StoreAccessTest : public testing::Test {
   void make_store() const {
     Store made(store(), "mill");
     ModelRecord record = record_of(drive());
-    made.promote(record, event("first"));
+    made.promote(record, promotion_of("first"));
   }
   TemporaryDirectory directory_;
 };
@@ -214,7 +210,7 @@ TEST_P(StoreName, OfAnAxisIsRefusedAndNothingIsWritten) {
   Store opened(store(), "mill");
   ModelRecord record = record_of(drive());
   record.axis = GetParam();
-  EXPECT_THAT(message_of([&] { opened.promote(record, event("first")); }),
+  EXPECT_THAT(message_of([&] { opened.promote(record, promotion_of("first")); }),
               HasSubstr("must be 1 to 63 letters, digits or any of . _ -"));
   EXPECT_THAT(message_of([&] { write_report(store(), "mill", GetParam(), "html"); }),
               HasSubstr("must be 1 to 63 letters"));
@@ -236,7 +232,7 @@ TEST_P(StoreName, InTheStoreItselfLeadsNowhere) {
   ModelRecord record = record_of(drive());
   record.axis = GetParam();
   record.version = 1;
-  const std::string json = to_json(record).dump();
+  const std::string text = to_json(record).dump();
   sqlite3* database = nullptr;
   ASSERT_EQ(sqlite3_open((store() / "servotwin.sqlite").c_str(), &database), SQLITE_OK);
   add_row_crc32(database);
@@ -245,19 +241,19 @@ TEST_P(StoreName, InTheStoreItselfLeadsNowhere) {
     ASSERT_EQ(sqlite3_prepare_v2(database, insertion(kModels).c_str(), -1, &insert, nullptr),
               SQLITE_OK);
     const std::string other = machine ? "Y" : "mill";
-    const auto bind = [&](int at, const std::string& text) {
-      sqlite3_bind_text(insert, at, text.data(), static_cast<int>(text.size()), SQLITE_TRANSIENT);
+    const auto bind = [&](int at, const std::string& value) {
+      sqlite3_bind_text(insert, at, value.data(), static_cast<int>(value.size()), SQLITE_TRANSIENT);
     };
     bind(1, machine ? GetParam() : "mill");
     bind(2, machine ? "Y" : GetParam());
     sqlite3_bind_int64(insert, 3, 1);
     for (const int at : {4, 5}) bind(at, "then");
-    bind(6, json);
+    bind(6, text);
     ASSERT_EQ(sqlite3_step(insert), SQLITE_DONE);
     sqlite3_finalize(insert);
   }
   sqlite3_close(database);
-  std::ofstream(store() / "models" / "mill" / "B.json") << json;
+  std::ofstream(store() / "models" / "mill" / "B.json") << text;
   const Store opened(store(), "mill");
   EXPECT_THAT(opened.lost(), HasSubstr("B.json"));
   EXPECT_EQ(files_outside(), 0);

@@ -36,23 +36,19 @@ void flip(const fs::path& file, std::uintmax_t bit) {
   ASSERT_TRUE(bytes.flush());
 }
 
-Event event(const std::string& axis, const std::string& text) {
-  return {"2026-01-31T12:00:00.000Z", axis, "model_promoted", text, R"({"detail":1})"};
-}
-
 /// Two axes with three versions each, diagnoses and events.
 void fill(Store& store) {
   for (int i = 1; i <= 3; ++i) {
     for (const char* axis : {"X", "Y"}) {
       ModelRecord record = record_of(drive(10.0 + i + (*axis == 'Y' ? 0.5 : 0.0)), axis);
-      store.promote(record, event(axis, "promotion " + std::to_string(i)),
+      store.promote(record, promotion_of("promotion " + std::to_string(i), axis),
                     {axis + std::to_string(i) + ".csv"});
       store.validate(axis, i, "2026-02-0" + std::to_string(i) + "T12:00:00.000Z");
       store.add(
           {"2026-01-31T12:00:00.000Z", axis, "on schedule", "explained",
            R"({"number":)" + std::to_string(i) + R"(,"text":")" + std::string(3000, 'd') + R"("})",
            to_json(record).dump()},
-          event(axis, "diagnosis"));
+          promotion_of("diagnosis", axis));
     }
   }
 }
@@ -114,7 +110,7 @@ class StoreBitFlip : public testing::Test {
         ASSERT_EQ(models_in_force(opened), before_["in force"]) << opened.lost();
       }
       ModelRecord next = record_of(drive());
-      opened.promote(next, event("X", "goes on"));
+      opened.promote(next, promotion_of("goes on"));
       ASSERT_EQ(next.version, 4) << opened.lost();
     } catch (const std::exception& error) {
       FAIL() << "cannot be used: " << error.what();

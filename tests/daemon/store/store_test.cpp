@@ -20,21 +20,17 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-Event event(const std::string& text, const std::string& axis = "X") {
-  return {"2026-01-31T12:00:00.000Z", axis, "model_promoted", text, ""};
-}
-
 TEST(Store, CountsVersionsAndParentsPerAxis) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
   for (int version = 1; version <= 3; ++version) {
     ModelRecord record = record_of(drive());
-    store.promote(record, event("better"));
+    store.promote(record, promotion_of("better"));
     EXPECT_EQ(record.version, version);
     EXPECT_EQ(record.parent, version - 1);
   }
   ModelRecord other = record_of(drive(), "Y");
-  store.promote(other, event("first"));
+  store.promote(other, promotion_of("first"));
   EXPECT_EQ(other.version, 1);
   const std::vector<StoredModel> versions = store.versions("X");
   ASSERT_EQ(versions.size(), 3U);
@@ -50,8 +46,8 @@ TEST(Store, ComesBackWithTheModelsInForceBitForBit) {
     Store store(directory.path(), "mill");
     ModelRecord old = record_of(drive(15.0)),
                 record = record_of(drive(20.0 + 1.0 / 3.0, 0.1 + 1e-17));
-    store.promote(old, event("first"));
-    store.promote(record, event("leaves 1.3 um"));
+    store.promote(old, promotion_of("first"));
+    store.promote(record, promotion_of("leaves 1.3 um"));
     Twin(record.model).predict(commands, before);
   }
   Store store(directory.path(), "mill");
@@ -70,7 +66,7 @@ TEST(Store, KnowsWhenTheVersionInForceWasLastFoundToHold) {
   {
     Store store(directory.path(), "mill");
     ModelRecord first = record_of(drive());
-    store.promote(first, event("first"));
+    store.promote(first, promotion_of("first"));
     EXPECT_EQ(store.in_force()[0].validated, "");
     store.validate("X", 1, "2026-01-31T12:00:00.000Z");
     store.validate("X", 1, "2026-02-01T12:00:00.000Z");
@@ -83,7 +79,7 @@ TEST(Store, KnowsWhenTheVersionInForceWasLastFoundToHold) {
   Store store(directory.path(), "mill");
   EXPECT_EQ(store.in_force()[0].validated, "2026-02-01T12:00:00.000Z");
   ModelRecord second = record_of(drive());
-  store.promote(second, event("second"));
+  store.promote(second, promotion_of("second"));
   EXPECT_EQ(store.in_force()[0].validated, "") << "that was another version";
 }
 
@@ -92,7 +88,7 @@ TEST(Store, KeepsMachinesApart) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = record_of(drive());
-    store.promote(record, event("first"));
+    store.promote(record, promotion_of("first"));
   }
   Store store(directory.path(), "lathe");
   EXPECT_TRUE(store.in_force().empty());
@@ -105,12 +101,12 @@ TEST(Store, KnowsWhichRecordingsModelsCiteWhetherTheseAreInForceOrNot) {
     Store store(directory.path(), "mill");
     ModelRecord first = record_of(drive()), second = record_of(drive()),
                 other = record_of(drive(), "Y");
-    store.promote(first, event("first"), {"a.csv", "b.csv"});
-    store.promote(second, event("second"), {"b.csv", "c.csv"});
-    store.promote(other, event("of another axis"), {"a.csv"});
+    store.promote(first, promotion_of("first"), {"a.csv", "b.csv"});
+    store.promote(second, promotion_of("second"), {"b.csv", "c.csv"});
+    store.promote(other, promotion_of("of another axis"), {"a.csv"});
     EXPECT_THAT(store.cited(), ElementsAre("a.csv", "b.csv", "c.csv"));
     ModelRecord third = record_of(drive());
-    store.promote(third, event("third"), {"d.csv"});
+    store.promote(third, promotion_of("third"), {"d.csv"});
   }
   const Store store(directory.path(), "mill");
   EXPECT_THAT(store.cited(), ElementsAre("a.csv", "b.csv", "c.csv", "d.csv"));
@@ -120,7 +116,8 @@ TEST(Store, KnowsWhichRecordingsModelsCiteWhetherTheseAreInForceOrNot) {
 TEST(Store, EventsComeBackTheNewestFirst) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
-  for (int i = 0; i < 5; ++i) store.add(event("event " + std::to_string(i), i % 2 == 0 ? "" : "X"));
+  for (int i = 0; i < 5; ++i)
+    store.add(promotion_of("event " + std::to_string(i), i % 2 == 0 ? "" : "X"));
   const std::vector<Event> events = store.events(3);
   ASSERT_EQ(events.size(), 3U);
   EXPECT_EQ(events[0].text, "event 4");
@@ -141,8 +138,8 @@ TEST(Store, DiagnosesComeBackTheNewestFirstAfterARestart) {
   TemporaryDirectory directory;
   {
     Store store(directory.path(), "mill");
-    for (int i = 1; i <= 3; ++i) store.add(diagnosis(i), event("diagnosis"));
-    store.add(diagnosis(4, "Y"), event("diagnosis", "Y"));
+    for (int i = 1; i <= 3; ++i) store.add(diagnosis(i), promotion_of("diagnosis"));
+    store.add(diagnosis(4, "Y"), promotion_of("diagnosis", "Y"));
   }
   const Store store(directory.path(), "mill");
   const std::vector<StoredDiagnosis> found = store.diagnoses("X", 2);
@@ -175,8 +172,8 @@ TEST(Store, OfEveryAxisTheNewestDiagnosesAreKept) {
   }
   {
     Store store(directory.path(), "mill");
-    store.add(diagnosis(1), event("diagnosis"));
-    store.add(diagnosis(2), event("diagnosis"));
+    store.add(diagnosis(1), promotion_of("diagnosis"));
+    store.add(diagnosis(2), promotion_of("diagnosis"));
     const std::vector<StoredDiagnosis> kept = store.diagnoses("X", 1'000'000);
     ASSERT_EQ(kept.size(), static_cast<std::size_t>(Store::kDiagnosesKept));
     EXPECT_EQ(kept.front().json, R"({"number":2})");
@@ -194,12 +191,12 @@ TEST(Store, IsReadBesideTheOneThatOwnsItAndNotWritten) {
               HasSubstr("does not exist; --store"));
   EXPECT_TRUE(std::filesystem::is_empty(directory.path())) << "nothing is made";
   Store owner(directory.path(), "mill");
-  owner.add(diagnosis(1), event("diagnosis"));
+  owner.add(diagnosis(1), promotion_of("diagnosis"));
   Store reader(directory.path(), "mill", StoreAccess::kRead);
   EXPECT_EQ(reader.diagnoses("X", 10).size(), 1U);
-  owner.add(diagnosis(2), event("diagnosis"));
+  owner.add(diagnosis(2), promotion_of("diagnosis"));
   EXPECT_EQ(reader.diagnoses("X", 10).size(), 2U);
-  EXPECT_THAT(message_of([&] { reader.add(event("not mine")); }), HasSubstr("readonly"));
+  EXPECT_THAT(message_of([&] { reader.add(promotion_of("not mine")); }), HasSubstr("readonly"));
 }
 
 /// The tables of version 0.1.0, without checksums.
@@ -255,7 +252,7 @@ TEST(Store, OneThatKnewNoDiagnosesIsOpened) {
   spoil(directory.path(), kLayout1);
   Store store(directory.path(), "mill");
   EXPECT_TRUE(store.diagnoses("X", 1).empty());
-  store.add(diagnosis(1), event("diagnosis"));
+  store.add(diagnosis(1), promotion_of("diagnosis"));
   EXPECT_EQ(store.diagnoses("X", 1).size(), 1U);
 }
 
@@ -313,8 +310,8 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = record_of(drive());
-    store.promote(record, event("first"));
-    store.promote(record, event("second"));
+    store.promote(record, promotion_of("first"));
+    store.promote(record, promotion_of("second"));
   }
   struct Damage {
     const char* json;
@@ -340,7 +337,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   ModelRecord next = record_of(drive());
   {
     Store store(directory.path(), "mill");
-    store.promote(next, event("third"));
+    store.promote(next, promotion_of("third"));
   }
   EXPECT_EQ(next.version, 3);
   EXPECT_EQ(next.parent, 1);
@@ -348,7 +345,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   Store store(directory.path(), "mill");
   EXPECT_THAT(store.lost(), HasSubstr("the axis is identified again"));
   EXPECT_TRUE(store.in_force().empty());
-  store.promote(next, event("fourth"));
+  store.promote(next, promotion_of("fourth"));
   EXPECT_EQ(next.version, 4);
   EXPECT_EQ(next.parent, 0);
 }
@@ -363,18 +360,19 @@ TEST(StoreOnAFullDisk, KeepsWhatItHadAndGoesOnWhenThereIsSpaceAgain) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
   ModelRecord first = record_of(drive(15.0)), second = record_of(drive(20.0));
-  store.promote(first, event("first"));
+  store.promote(first, promotion_of("first"));
   {
     const FullDisk full;
-    EXPECT_THAT(message_of([&] { store.promote(second, event("second")); }), HasSubstr("full"));
-    EXPECT_THAT(message_of([&] { store.add(event("not stored")); }), HasSubstr("full"));
-    EXPECT_THAT(message_of([&] { store.add(diagnosis(1), event("not stored")); }),
+    EXPECT_THAT(message_of([&] { store.promote(second, promotion_of("second")); }),
+                HasSubstr("full"));
+    EXPECT_THAT(message_of([&] { store.add(promotion_of("not stored")); }), HasSubstr("full"));
+    EXPECT_THAT(message_of([&] { store.add(diagnosis(1), promotion_of("not stored")); }),
                 HasSubstr("full"));
     EXPECT_EQ(second.version, 0) << "it was not acknowledged";
     ASSERT_EQ(store.in_force().size(), 1U);
     EXPECT_EQ(store.in_force()[0].record.version, 1);
   }
-  store.promote(second, event("second"));
+  store.promote(second, promotion_of("second"));
   EXPECT_EQ(second.version, 2);
   EXPECT_TRUE(store.diagnoses("X", 1).empty());
   EXPECT_EQ(store.events(10).size(), 2U) << "one event per promotion, none of what was refused";

@@ -1,4 +1,5 @@
 #include "daemon/web/callers.h"
+#include "tests/daemon/support.h"
 
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
@@ -8,8 +9,6 @@ namespace servotwin::daemon {
 namespace {
 
 using Phase = Caller::Phase;
-
-constexpr std::int64_t kSecond = 1'000'000'000;
 
 Caller from(const char* address) {
   Caller caller;
@@ -111,16 +110,16 @@ TEST_F(CallersTest, WhatTakesTooLongIsOverdue) {
   const auto at = [](Phase phase, std::int64_t passed_ns, bool suspended = false) {
     Caller caller;
     caller.suspended = suspended;
-    caller.enter(phase, kSecond);
-    return Callers::is_overdue(caller, kSecond + passed_ns);
+    caller.enter(phase, kSecond_ns);
+    return Callers::is_overdue(caller, kSecond_ns + passed_ns);
   };
-  EXPECT_FALSE(at(Phase::kRequest, 10 * kSecond));
-  EXPECT_TRUE(at(Phase::kRequest, 10 * kSecond + 1));
-  EXPECT_FALSE(at(Phase::kAnswer, 30 * kSecond));
-  EXPECT_TRUE(at(Phase::kAnswer, 30 * kSecond + 1));
-  EXPECT_FALSE(at(Phase::kStream, 10 * kSecond));
-  EXPECT_TRUE(at(Phase::kStream, 10 * kSecond + 1));
-  EXPECT_FALSE(at(Phase::kStream, 3600 * kSecond, true)) << "it has taken everything";
+  EXPECT_FALSE(at(Phase::kRequest, 10 * kSecond_ns));
+  EXPECT_TRUE(at(Phase::kRequest, 10 * kSecond_ns + 1));
+  EXPECT_FALSE(at(Phase::kAnswer, 30 * kSecond_ns));
+  EXPECT_TRUE(at(Phase::kAnswer, 30 * kSecond_ns + 1));
+  EXPECT_FALSE(at(Phase::kStream, 10 * kSecond_ns));
+  EXPECT_TRUE(at(Phase::kStream, 10 * kSecond_ns + 1));
+  EXPECT_FALSE(at(Phase::kStream, 3600 * kSecond_ns, true)) << "it has taken everything";
 }
 
 }  // namespace

@@ -385,19 +385,18 @@ class HealthTest : public testing::Test {
 };
 
 TEST_F(HealthTest, ALoopThatStandsStillIsIllAndAMachineThatIsSilentIsNot) {
-  constexpr std::int64_t kSecond = 1'000'000'000;
   health_.on_turns(std::nullopt, 0);
-  EXPECT_TRUE(health_.problems(9 * kSecond).empty());  // it waits for its machine
-  health_.on_turns(1, 10 * kSecond);
-  health_.on_turns(2, 11 * kSecond);
-  EXPECT_TRUE(health_.problems(12 * kSecond).empty());
-  health_.on_turns(2, 14 * kSecond);
-  EXPECT_EQ(health_.problems(14 * kSecond),
+  EXPECT_TRUE(health_.problems(9 * kSecond_ns).empty());  // it waits for its machine
+  health_.on_turns(1, 10 * kSecond_ns);
+  health_.on_turns(2, 11 * kSecond_ns);
+  EXPECT_TRUE(health_.problems(12 * kSecond_ns).empty());
+  health_.on_turns(2, 14 * kSecond_ns);
+  EXPECT_EQ(health_.problems(14 * kSecond_ns),
             std::vector<std::string>{"the real-time loop has made no progress for 3.0 s"});
-  health_.on_turns(3, 15 * kSecond);
-  EXPECT_TRUE(health_.problems(15 * kSecond).empty());
-  health_.on_turns(std::nullopt, 20 * kSecond);  // it has ended
-  EXPECT_TRUE(health_.problems(30 * kSecond).empty());
+  health_.on_turns(3, 15 * kSecond_ns);
+  EXPECT_TRUE(health_.problems(15 * kSecond_ns).empty());
+  health_.on_turns(std::nullopt, 20 * kSecond_ns);  // it has ended
+  EXPECT_TRUE(health_.problems(30 * kSecond_ns).empty());
 }
 
 TEST_F(HealthTest, CyclesThatAreNotRecordedThoughTheyShouldBeAreIll) {

@@ -9,11 +9,10 @@
 #include "identification/least_squares/unit_columns.h"
 #include "identification/loop/projection.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 class EveryEffect : public ::testing::TestWithParam<std::tuple<std::size_t, int>> {
  protected:

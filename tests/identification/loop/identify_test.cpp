@@ -13,11 +13,11 @@
 #include "tests/virtual_machine/axis.h"
 #include "tests/virtual_machine/program.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 using test::expect_error;
 namespace vm = virtual_machine;
 

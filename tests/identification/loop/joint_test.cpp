@@ -11,11 +11,10 @@
 #include "tests/support/real_data.h"
 #include "tests/support/thesis_study.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 /// Estimate minus truth (thesis 3.6.1 with GMS friction), each in its unit.
 struct Misses {

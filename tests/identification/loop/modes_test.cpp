@@ -13,14 +13,13 @@
 #include "tests/support/many_masses.h"
 #include "tests/support/two_masses.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
 
 using hidden_effects::Friction;
 using hidden_effects::Rig;
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 Rig two_masses(double friction, double integral_time) {
   return test::two_masses(Friction::Family::kMaxwell, friction, integral_time);

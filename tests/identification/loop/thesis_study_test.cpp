@@ -14,11 +14,10 @@
 #include "tests/support/full_ls_prediction.h"
 #include "tests/support/thesis_study.h"
 #include "twin/twin.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
-
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 struct Case {
   double step_mm;

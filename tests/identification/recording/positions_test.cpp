@@ -17,7 +17,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-constexpr double kStep_s = 0.001;
+constexpr double kCycle_s = 0.001;
 constexpr double kTurn = 2.0 * std::numbers::pi;
 
 /// Back and forth between rests over more than a turn, or over `travel`; the encoder lags 12 ms.
@@ -36,9 +36,9 @@ Recording motion(double travel, bool rotary) {
     return travel * (from + (to - from) * moved);
   };
   for (int k = 0; k < 12000; ++k) {
-    out.time.push_back(k * kStep_s);
-    axis.command.push_back(command(k * kStep_s));
-    axis.actual.push_back(command(k * kStep_s - 0.012));
+    out.time.push_back(k * kCycle_s);
+    axis.command.push_back(command(k * kCycle_s));
+    axis.actual.push_back(command(k * kCycle_s - 0.012));
   }
   out.axes.push_back(axis);
   return out;
@@ -100,9 +100,9 @@ Recording one_way(double speed, bool rotary, int rows = 60000) {
     return 0.5 * speed * (t - std::sin(kTurn * t / 7.0) * 7.0 / kTurn);
   };
   for (int k = 0; k < rows; ++k) {
-    out.time.push_back(k * kStep_s);
-    axis.command.push_back(command(k * kStep_s));
-    axis.actual.push_back(command(k * kStep_s - 0.012));
+    out.time.push_back(k * kCycle_s);
+    axis.command.push_back(command(k * kCycle_s));
+    axis.actual.push_back(command(k * kCycle_s - 0.012));
   }
   return out;
 }
@@ -179,7 +179,7 @@ Recording indexing(double step) {
   double actual = 0.0;
   for (std::size_t i = 0; i < axis.command.size(); ++i) {
     axis.command[i] = step * static_cast<double>(i / 500);
-    actual += (axis.command[i] - actual) * kStep_s / 0.03;
+    actual += (axis.command[i] - actual) * kCycle_s / 0.03;
     axis.actual[i] = actual;
   }
   return out;
@@ -363,12 +363,12 @@ TEST(Positions, EachAxisIsRepairedByItselfAndTheRepairsAreKept) {
 }
 
 TEST(Positions, AnErrorAtRestIsNamedAndOnlyAnotherZeroIsSubtracted) {
-  struct Case {
+  struct Zero {
     double error;
     bool rotary, subtracted;
   };
-  for (const Case& c : {Case{4e-3, false, false}, Case{-9e-3, false, false},
-                        Case{0.05, false, true}, Case{0.1, true, false}, Case{0.3, true, true}}) {
+  for (const Zero& c : {Zero{4e-3, false, false}, Zero{-9e-3, false, false},
+                        Zero{0.05, false, true}, Zero{0.1, true, false}, Zero{0.3, true, true}}) {
     Recording stands = motion(c.rotary ? 3.0 : 0.3, c.rotary);
     for (double& value : stands.axes[0].actual) value += c.error;
     const Recording as_it_was = stands;
@@ -397,7 +397,7 @@ Recording slow_loop(double kv_per_s, double noise_m) {
     const double there = std::clamp(part / kMove_s, 0.0, 1.0);
     const double back = std::clamp((part - kMove_s - kRest_s) / kMove_s, 0.0, 1.0);
     axis.command[i] = kTravel_m * (there - back);
-    actual += (axis.command[i] - actual) * kSlower * kStep_s * kv_per_s;
+    actual += (axis.command[i] - actual) * kSlower * kCycle_s * kv_per_s;
     axis.actual[i] = actual + noise_m * noise(random);
   }
   return out;
@@ -448,9 +448,9 @@ TEST(Positions, TheLagOfAnAxisThatNeverRestsIsNoRatioAndNoOffset) {
     AxisRecord& axis = moving.axes[0];
     double actual = 0.0;
     for (std::size_t i = 0; i < axis.command.size(); ++i) {
-      const double t = kStep_s * static_cast<double>(i);
+      const double t = kCycle_s * static_cast<double>(i);
       axis.command[i] = hz > 0.0 ? 0.05 * std::sin(kTurn * hz * t) : 3.0 * t;
-      actual += (axis.command[i] - actual) * kStep_s / 0.02;
+      actual += (axis.command[i] - actual) * kCycle_s / 0.02;
       axis.actual[i] = actual;
     }
     EXPECT_THAT(mend_positions(moving), IsEmpty()) << hz;

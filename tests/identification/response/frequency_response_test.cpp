@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "identification/response/response_modes.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
@@ -19,8 +20,7 @@ using Eigen::ArrayXd;
 using Eigen::Index;
 using testing::HasSubstr;
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
-constexpr double kStep_s = 1e-3;
+constexpr double kSampleTime_s = 1e-3;
 
 /// y_k = 1.5 y_(k-1) - 0.8 y_(k-2) + 0.2 u_k + 0.1 u_(k-1)
 ArrayXd filtered(const ArrayXd& u) {
@@ -32,7 +32,7 @@ ArrayXd filtered(const ArrayXd& u) {
   return y;
 }
 Complex filter_at(double hz) {
-  const Complex q = std::polar(1.0, -kTwoPi * hz * kStep_s);
+  const Complex q = std::polar(1.0, -kTwoPi * hz * kSampleTime_s);
   return (0.2 + 0.1 * q) / (1.0 - 1.5 * q + 0.8 * q * q);
 }
 
@@ -82,7 +82,7 @@ TEST(FrequencyResponse, HasTheNumbersOfScipy) {
   };
   const ArrayXd u = uniform(4000), e = uniform(4000);
   const std::vector<ResponseRecord> records{{{u}, filtered(u) + 0.5 * e + 3.0, {}}};
-  const FrequencyResponse found = frequency_response(records, kStep_s, {.window_s = 0.5});
+  const FrequencyResponse found = frequency_response(records, kSampleTime_s, {.window_s = 0.5});
   EXPECT_EQ(found.windows, 15);
   for (const Known& k : known) {
     EXPECT_DOUBLE_EQ(found.frequency_hz(k.line - 1), 2.0 * static_cast<double>(k.line));
@@ -103,7 +103,7 @@ TEST(FrequencyResponse, ScattersAsItSays) {
       const ArrayXd u = noise(n, 1.0, random);
       records.push_back({{u}, filtered(u) + noise(n, 0.3, random), {}});
     }
-    sum += misfit(frequency_response(records, kStep_s, {.window_s = 0.25}), 0, filter_at);
+    sum += misfit(frequency_response(records, kSampleTime_s, {.window_s = 0.25}), 0, filter_at);
   }
   // 20 x 123 frequencies, half of them independent: 3 % of scatter.
   EXPECT_NEAR(sum / kTrials, 1.0, 0.12);
@@ -113,7 +113,7 @@ TEST(FrequencyResponse, CoherenceIsTheShareOfTheOutput) {
   std::mt19937_64 random(5);
   const ArrayXd u = noise(200000, 1.0, random);
   const std::vector<ResponseRecord> records{{{u}, filtered(u) + noise(200000, 0.5, random), {}}};
-  const FrequencyResponse found = frequency_response(records, kStep_s, {.window_s = 1.0});
+  const FrequencyResponse found = frequency_response(records, kSampleTime_s, {.window_s = 1.0});
   // 399 windows by halves; the squared correlation of neighbours is 1/36.
   EXPECT_NEAR(found.averages, 399.0 / (1.0 + 2.0 / 36.0), 0.1);
   for (Index i = 1; i < found.frequency_hz.size(); ++i) {
@@ -131,7 +131,7 @@ TEST(FrequencyResponse, NothingIsSignificantByMoreThanChance) {
   for (int i = 0; i < 20; ++i) {
     const std::vector<ResponseRecord> records{
         {{noise(8000, 1.0, random)}, noise(8000, 1.0, random), {}}};
-    const FrequencyResponse found = frequency_response(records, kStep_s, {.window_s = 0.5});
+    const FrequencyResponse found = frequency_response(records, kSampleTime_s, {.window_s = 0.5});
     significant += static_cast<double>(found.channels[0].significant.count());
     all += static_cast<double>(found.frequency_hz.size());
   }
@@ -167,8 +167,8 @@ TEST(FrequencyResponse, OfAClosedLoopNeedsTheCommandAsInstrument) {
   const std::vector<ResponseRecord> biased{{{loop.u}, loop.y, {}}};
   const std::vector<ResponseRecord> right{{{loop.u}, loop.y, {loop.r}}};
   const SpectralOptions options{.window_s = 0.25};
-  EXPECT_GT(misfit(frequency_response(biased, kStep_s, options), 0, filter_at), 20.0);
-  EXPECT_NEAR(misfit(frequency_response(right, kStep_s, options), 0, filter_at), 1.0, 0.45);
+  EXPECT_GT(misfit(frequency_response(biased, kSampleTime_s, options), 0, filter_at), 20.0);
+  EXPECT_NEAR(misfit(frequency_response(right, kSampleTime_s, options), 0, filter_at), 1.0, 0.45);
 }
 
 TEST(FrequencyResponse, AnInstrumentThatIsNoneTellsNothing) {
@@ -177,7 +177,7 @@ TEST(FrequencyResponse, AnInstrumentThatIsNoneTellsNothing) {
   std::mt19937_64 random(11);
   const Loop loop = closed_loop(30000, 50.0, random);
   const std::vector<ResponseRecord> records{{{loop.u}, loop.y, {noise(30000, 1.0, random)}}};
-  const FrequencyResponse found = frequency_response(records, kStep_s, {.window_s = 0.25});
+  const FrequencyResponse found = frequency_response(records, kSampleTime_s, {.window_s = 0.25});
   EXPECT_LT(found.channels[0].significant.count(), 7);  // 1.2 by chance
 }
 
@@ -189,9 +189,9 @@ TEST(FrequencyResponse, TellsTwoInputsApart) {
   const SpectralOptions options{.window_s = 0.25};
   // Alone the second input seems to move the axis, for it goes with the first.
   const std::vector<ResponseRecord> alone{{{u2}, y, {}}};
-  EXPECT_GT(frequency_response(alone, kStep_s, options).channels[0].significant.count(), 100);
+  EXPECT_GT(frequency_response(alone, kSampleTime_s, options).channels[0].significant.count(), 100);
   const std::vector<ResponseRecord> both{{{u1, u2}, y, {}}};
-  const FrequencyResponse found = frequency_response(both, kStep_s, options);
+  const FrequencyResponse found = frequency_response(both, kSampleTime_s, options);
   EXPECT_NEAR(misfit(found, 0, filter_at), 1.0, 0.45);
   EXPECT_LT(found.channels[1].significant.count(), 7);
   double sum = 0.0;
@@ -203,7 +203,7 @@ TEST(FrequencyResponse, TellsTwoInputsApart) {
   EXPECT_NEAR(sum / static_cast<double>(found.frequency_hz.size() - 1), 1.0, 0.45);
   // Two identical inputs cannot be separated.
   const std::vector<ResponseRecord> one{{{u1, 2.0 * u1}, y, {}}};
-  EXPECT_EQ(frequency_response(one, kStep_s, options).channels[0].significant.count(), 0);
+  EXPECT_EQ(frequency_response(one, kSampleTime_s, options).channels[0].significant.count(), 0);
 }
 
 TEST(FrequencyResponse, OfPositionsIsThatOfTheirDifferences) {
@@ -212,7 +212,7 @@ TEST(FrequencyResponse, OfPositionsIsThatOfTheirDifferences) {
   for (Index k = 1; k < u.size(); ++k) u(k) += u(k - 1);  // far from rest
   const std::vector<ResponseRecord> records{{{u}, filtered(u) + noise(u.size(), 0.3, random), {}}};
   const FrequencyResponse found =
-      frequency_response(records, kStep_s, {.window_s = 0.25, .differenced = true});
+      frequency_response(records, kSampleTime_s, {.window_s = 0.25, .differenced = true});
   EXPECT_NEAR(misfit(found, 0, filter_at), 1.0, 0.45);
 }
 
@@ -221,11 +221,11 @@ TEST(FrequencyResponse, AStrongLineLeaksAndIsNoExcitationElsewhere) {
   // coherent at all low harmonics.
   ArrayXd u(20000), y(20000);
   for (Index k = 0; k < u.size(); ++k) {
-    u(k) = std::sin(kTwoPi * 1.0003 * kStep_s * static_cast<double>(k));
+    u(k) = std::sin(kTwoPi * 1.0003 * kSampleTime_s * static_cast<double>(k));
     y(k) = u(k) * u(k) * u(k) + std::abs(u(k));
   }
   const std::vector<ResponseRecord> records{{{u}, y, {}}};
-  const FittedResponse found = fit_response(records, kStep_s);
+  const FittedResponse found = fit_response(records, kSampleTime_s);
   EXPECT_GT((found.response.coherence.segment(8, 60) > 0.8).count(), 15);
   EXPECT_TRUE(found.response.significant(0, 4.0, 500.0).empty());
   EXPECT_FALSE(found.fit);
@@ -238,7 +238,7 @@ TEST(FrequencyResponse, RefusesTooFewWindows) {
   const std::vector<ResponseRecord> records{{{u}, u, {}}};
   const auto words = [&](double window_s) -> std::string {
     try {
-      (void)frequency_response(records, kStep_s, {.window_s = window_s});
+      (void)frequency_response(records, kSampleTime_s, {.window_s = window_s});
     } catch (const std::runtime_error& error) {
       return error.what();
     }
@@ -295,8 +295,8 @@ TEST(ResponseModes, AreNoneWithoutExcitation) {
   std::mt19937_64 random(21);
   const std::vector<ResponseRecord> records{
       {{noise(20000, 1.0, random)}, noise(20000, 1.0, random), {}}};
-  EXPECT_TRUE(poles_shown(records, kStep_s).empty());
-  const FittedResponse found = fit_response(records, kStep_s);
+  EXPECT_TRUE(poles_shown(records, kSampleTime_s).empty());
+  const FittedResponse found = fit_response(records, kSampleTime_s);
   EXPECT_NE(found.declined, "");
   // Frequencies that are significant by chance are isolated.
   EXPECT_TRUE(found.response.channels[0].significant.any());

@@ -18,25 +18,25 @@ using Complex = std::complex<double>;
 constexpr double kHz = 2.0 * std::numbers::pi;
 
 /// gain (omega^2 + slope omega s) / (s^2 + 2 zeta omega s + omega^2)
-struct Mode {
+struct Resonance {
   double hz, zeta, gain, slope;
 };
 
-const std::vector<Mode> kModes{{45.0, 0.03, 1.0, 0.1},   {72.0, 0.02, -0.5, 0.3},
-                               {110.0, 0.015, 0.7, 0.0}, {160.0, 0.03, -0.6, 0.2},
-                               {210.0, 0.01, 0.3, -0.2}, {280.0, 0.05, 0.8, 0.4}};
+const std::vector<Resonance> kModes{{45.0, 0.03, 1.0, 0.1},   {72.0, 0.02, -0.5, 0.3},
+                                    {110.0, 0.015, 0.7, 0.0}, {160.0, 0.03, -0.6, 0.2},
+                                    {210.0, 0.01, 0.3, -0.2}, {280.0, 0.05, 0.8, 0.4}};
 
-Complex response(std::span<const Mode> modes, double direct, double omega) {
+Complex response(std::span<const Resonance> modes, double direct, double omega) {
   const Complex s(0.0, omega);
   Complex out = direct;
-  for (const Mode& m : modes) {
+  for (const Resonance& m : modes) {
     const double w = kHz * m.hz;
     out += m.gain * (w * w + m.slope * w * s) / (s * s + 2.0 * m.zeta * w * s + w * w);
   }
   return out;
 }
 
-ResponsePoints points_of(std::span<const Mode> modes, double deviation, int count = 400) {
+ResponsePoints points_of(std::span<const Resonance> modes, double deviation, int count = 400) {
   ResponsePoints out;
   out.omega = kHz * Eigen::ArrayXd::LinSpaced(count, 2.0, 350.0);
   out.response.resize(count, 1);
@@ -66,7 +66,7 @@ TEST_P(VectorFitting, RecoversTheModesOfAClosedForm) {
   const auto fit = fit_rational(points_of(modes, 1e-6), 2 * static_cast<int>(modes.size()));
   ASSERT_TRUE(fit);
   EXPECT_EQ(fit->poles.size(), modes.size());
-  for (const Mode& mode : modes) {
+  for (const Resonance& mode : modes) {
     const FittedPole& pole = nearest(*fit, mode.hz);
     EXPECT_TRUE(pole.pair);
     EXPECT_NEAR(pole.omega, kHz * mode.hz, 1e-8 * kHz * mode.hz);
@@ -91,7 +91,7 @@ TEST_P(VectorFitting, FindsTheNumberOfModesOnPointsThatItHasNotSeen) {
   ASSERT_TRUE(chosen);
   EXPECT_EQ(chosen->fit.order(), 2 * static_cast<int>(modes.size()));
   EXPECT_NEAR(chosen->fit.misfit, 1.0, 0.2);
-  for (const Mode& mode : modes) {
+  for (const Resonance& mode : modes) {
     const FittedPole& pole = nearest(chosen->fit, mode.hz);
     EXPECT_NEAR(pole.omega, kHz * mode.hz, 4.0 * pole.omega_deviation);
     EXPECT_NEAR(pole.zeta, mode.zeta, 4.0 * pole.zeta_deviation);
@@ -101,15 +101,15 @@ TEST_P(VectorFitting, FindsTheNumberOfModesOnPointsThatItHasNotSeen) {
 
 INSTANTIATE_TEST_SUITE_P(Modes, VectorFitting, testing::Values(1, 2, 4, 6));
 
-class VectorFittingScatter : public testing::TestWithParam<Mode> {};
+class VectorFittingScatter : public testing::TestWithParam<Resonance> {};
 
 TEST_P(VectorFittingScatter, IsThatOfTheCramerRaoBound) {
   // Fisher's matrix over (omega, zeta, gain, slope, direct), from the closed form alone.
-  const std::vector<Mode> truth{GetParam()};
+  const std::vector<Resonance> truth{GetParam()};
   constexpr double kNoise = 0.05;
   const ResponsePoints clean = points_of(truth, kNoise);
   const auto shifted = [&](int parameter, double by) {
-    Mode m = truth[0];
+    Resonance m = truth[0];
     double direct = 0.1;
     double* const all[] = {&m.hz, &m.zeta, &m.gain, &m.slope, &direct};
     *all[parameter] += by;
@@ -154,14 +154,14 @@ TEST_P(VectorFittingScatter, IsThatOfTheCramerRaoBound) {
 
 // Lightly damped, and as a position loop is, where omega and zeta are correlated.
 INSTANTIATE_TEST_SUITE_P(Modes, VectorFittingScatter,
-                         testing::Values(kModes[0], Mode{60.0, 0.6, 1.0, 0.3}));
+                         testing::Values(kModes[0], Resonance{60.0, 0.6, 1.0, 0.3}));
 
 TEST(VectorFittingPoles, AreCommonToAllChannels) {
   // The second channel hardly contains the first mode, and vice versa.
   ResponsePoints points = points_of(std::span(kModes.data(), 2), 1e-3);
   points.response.conservativeResize(Eigen::NoChange, 2);
   points.deviation = Eigen::MatrixXd::Constant(points.omega.size(), 2, 1e-3);
-  std::vector<Mode> first{kModes[0], kModes[1]}, second = first;
+  std::vector<Resonance> first{kModes[0], kModes[1]}, second = first;
   first[1].gain = second[0].gain = 1e-3;
   for (Eigen::Index i = 0; i < points.omega.size(); ++i) {
     points.response(i, 0) = response(first, 0.1, points.omega(i));
@@ -169,7 +169,7 @@ TEST(VectorFittingPoles, AreCommonToAllChannels) {
   }
   const auto fit = fit_rational(points, 4);
   ASSERT_TRUE(fit);
-  for (const Mode& mode : first) {
+  for (const Resonance& mode : first) {
     EXPECT_NEAR(nearest(*fit, mode.hz).omega, kHz * mode.hz, 1e-6 * kHz * mode.hz);
     EXPECT_NEAR(nearest(*fit, mode.hz).zeta, mode.zeta, 1e-6);
   }
