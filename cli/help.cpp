@@ -71,10 +71,10 @@ Command add_version(CLI::App& app) {
 }
 
 Command add_completion(CLI::App& app) {
-  struct HelpArguments {
+  struct CompletionArguments {
     std::string shell, program = kTool;
   };
-  const auto arguments = std::make_shared<HelpArguments>();
+  const auto arguments = std::make_shared<CompletionArguments>();
   OptionTable command(app, "completion",
                       "Writes the script that completes commands and options in a shell.");
   command.option("SHELL", arguments->shell, "shell that reads the script")
@@ -90,10 +90,10 @@ Command add_completion(CLI::App& app) {
 }
 
 Command add_manual(CLI::App& app) {
-  struct HelpArguments {
+  struct ManualArguments {
     std::string program = kTool, date;
   };
-  const auto arguments = std::make_shared<HelpArguments>();
+  const auto arguments = std::make_shared<ManualArguments>();
   OptionTable command(app, "manual", "Writes the manual page, in the man macros of troff.");
   declare_program(command, arguments->program);
   command.option("--date", arguments->date, "date of the version, for the foot of the page")

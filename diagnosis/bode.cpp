@@ -1,10 +1,11 @@
 #include "diagnosis/bode.h"
-#include "diagnosis/thresholds.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
+
+#include "diagnosis/thresholds.h"
 
 namespace servotwin {
 namespace {

@@ -30,7 +30,7 @@ namespace {
 constexpr double kEarlierMisfitShare = 0.5;
 // Share of the RMS on this recording: changes are not modelled more accurately than this.
 constexpr double kMinRemovedShareOfChange = 0.02;
-constexpr std::size_t kMaxChangesPerRound = 4;  // changes
+constexpr std::size_t kMaxChangeFitsPerRound = 4;
 constexpr std::size_t kMaxChanges = 6;
 // Share of the best gain above which a change counts as a rival.
 constexpr double kMinGainShareOfRivalChange = 0.9;
@@ -214,7 +214,7 @@ class ChangeSelection {
   [[nodiscard]] std::vector<TriedChange> tried_changes() {
     auto promising = promising_changes(variation_, current_, options_);
     const std::size_t candidates = changes_of(variation_.base()).size() + kEffectKinds;
-    if (promising.size() > kMaxChangesPerRound) promising.resize(kMaxChangesPerRound);
+    if (promising.size() > kMaxChangeFitsPerRound) promising.resize(kMaxChangeFitsPerRound);
     std::string step = text("%s RMS, promising candidates:", size_of(current_).c_str());
     for (const auto& [change, s] : promising)
       step += text(" %s/%s (%.1f %%, p %.1g)", change.cause.c_str(),

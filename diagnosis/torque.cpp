@@ -7,6 +7,7 @@
 
 #include "diagnosis/bootstrap.h"
 #include "diagnosis/extension.h"
+#include "diagnosis/thresholds.h"
 #include "diagnosis/torque_selection.h"
 
 namespace servotwin {
@@ -14,7 +15,6 @@ namespace servotwin {
 namespace {
 
 // A rival that loses in a smaller share of the bootstrap resamples is reported as ambiguous.
-constexpr double kMinShareToExcludeRival = 0.95;
 // Length of the resampled blocks; shorter in a short hold-out, so that there are at least
 // kMinBlocks.
 constexpr double kBlock_s = 0.25;

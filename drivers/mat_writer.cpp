@@ -3,7 +3,6 @@
 #include <matio.h>
 
 #include <array>
-#include <memory>
 #include <stdexcept>
 
 #include "drivers/mat_handles.h"

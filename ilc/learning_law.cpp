@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kFirst_hz = 0.1;
 constexpr double kRatio = 1.015;  // from frequency to frequency
+
 }  // namespace
 
 double LearningLaw::q(double omega) const {

@@ -19,7 +19,8 @@
 
 namespace servotwin {
 
-/// The widest band that a law of learning or a filter of feed-forward is given.
+/// The widest band that a law of learning or a filter of feed-forward is given, as a share of the
+/// Nyquist frequency.
 inline constexpr double kMaxBandwidthOfNyquist = 0.8;
 
 struct Transfer {

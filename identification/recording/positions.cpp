@@ -11,13 +11,13 @@
 namespace servotwin {
 namespace {
 
-using positions::command_bend;
-using positions::command_slope;
-using positions::finite;
-using positions::number;
-using positions::range_of;
-using positions::size_text;
-using positions::Values;
+using values::command_bend;
+using values::command_slope;
+using values::finite;
+using values::number;
+using values::range_of;
+using values::size_text;
+using values::Values;
 
 /// The rows where both are.
 std::vector<std::size_t> rows_of_both(const AxisRecord& axis) {

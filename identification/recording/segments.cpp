@@ -199,7 +199,7 @@ class Cutter {
   std::size_t longest_ = 0;
 };
 
-using positions::number;
+using values::number;
 
 // To the microsecond, without idle zeros.
 std::string seconds(double value) {

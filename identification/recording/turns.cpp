@@ -9,12 +9,12 @@
 namespace servotwin {
 namespace {
 
-using positions::command_bend;
-using positions::command_slope;
-using positions::finite;
-using positions::range_of;
-using positions::size_text;
-using positions::Values;
+using values::command_bend;
+using values::command_slope;
+using values::finite;
+using values::range_of;
+using values::size_text;
+using values::Values;
 
 constexpr double kTurn = 2.0 * std::numbers::pi;
 // Excess of a range over its period, and of one jump over another, by noise and speed.

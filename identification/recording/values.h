@@ -12,7 +12,7 @@
 
 #include "twin/sample.h"
 
-namespace servotwin::positions {
+namespace servotwin::values {
 
 using Values = std::vector<double>;
 
@@ -66,4 +66,4 @@ inline double command_bend(const AxisRecord& axis, std::size_t row) {
   return command_beside(axis, row, 1) - 2.0 * axis.command[row] + command_beside(axis, row, -1);
 }
 
-}  // namespace servotwin::positions
+}  // namespace servotwin::values

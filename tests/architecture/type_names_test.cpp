@@ -23,19 +23,24 @@ using testing::IsEmpty;
 /// "namespace::Type: header, header" of every type that several headers of these folders define.
 std::vector<std::string> defined_twice(const fs::path& root,
                                        const std::vector<std::string>& folders) {
-  static const std::regex space(R"(^namespace ([\w:]+) \{)"),
-      type(R"(^(?:struct|class|enum class|union) (\w+)(?: final)?(?: :.*)? \{.*)");
+  static const std::regex begin(R"(^namespace ([\w:]+) \{)"), end(R"(^\}  // namespace)"),
+      type(
+          R"(^(?:struct|class|enum|enum class|union) (?:\[\[.*\]\] |alignas\(.*\) )?(\w+)(?: final)?(?: :.*)?(?: \{.*)?)");
   std::map<std::string, std::vector<std::string>> headers;
   for (const std::string& folder : folders) {
     for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
       if (entry.path().extension() != ".h") continue;
       std::ifstream file(entry.path());
-      std::string line, inside;
+      std::string line;
+      std::vector<std::string> inside;
       std::smatch found;
       while (std::getline(file, line)) {
-        if (std::regex_search(line, found, space)) inside = found[1];
+        if (std::regex_search(line, found, begin)) inside.push_back(found[1]);
+        if (std::regex_search(line, end) && !inside.empty()) inside.pop_back();
         if (!std::regex_match(line, found, type)) continue;
-        headers[inside + "::" + found[1].str()].push_back(fs::relative(entry.path(), root));
+        std::string name;
+        for (const std::string& space : inside) name += space + "::";
+        headers[name + found[1].str()].push_back(fs::relative(entry.path(), root));
       }
     }
   }
@@ -51,7 +56,7 @@ std::vector<std::string> defined_twice(const fs::path& root,
 
 TEST(TypeNames, AreDefinedInOneHeaderEach) {
   EXPECT_THAT(defined_twice(SERVOTWIN_SOURCE_DIR, {"twin", "identification", "diagnosis", "ilc",
-                                                   "drivers", "msgs", "daemon", "cli"}),
+                                                   "drivers", "msgs", "daemon", "cli", "tests"}),
               IsEmpty());
 }
 
@@ -63,9 +68,15 @@ TEST(TypeNames, OneDefinedTwiceIsFound) {
   };
   write("a/unit.h", "namespace servotwin {\nstruct Unit {\n  int x = 0;\n};\nstruct Same;\n}\n");
   write("b/units.h", "namespace servotwin {\nclass Unit final : public Base {\n};\n}\n");
+  write("b/after.h",
+        "namespace servotwin {\nnamespace detail {\nstruct Inner {\n};\n}  // namespace detail\n"
+        "enum Kind : unsigned {\n};\n}  // namespace servotwin\n");
+  write("a/kind.h",
+        "namespace servotwin {\nclass [[nodiscard]] Kind\n    : public Base {\n};\n}\n");
   write("b/inner.h", "namespace servotwin::b {\nstruct Unit {\n};\nstruct Same {\n};\n}\n");
-  EXPECT_THAT(defined_twice(root.path(), {"a", "b"}),
-              ElementsAre("servotwin::Unit: a/unit.h b/units.h"));
+  EXPECT_THAT(
+      defined_twice(root.path(), {"a", "b"}),
+      ElementsAre("servotwin::Kind: a/kind.h b/after.h", "servotwin::Unit: a/unit.h b/units.h"));
 }
 
 }  // namespace

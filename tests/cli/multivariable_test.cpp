@@ -5,7 +5,6 @@
 #include <cmath>
 #include <complex>
 #include <nlohmann/json.hpp>
-#include <numbers>
 #include <vector>
 
 #include "program.h"

@@ -1,5 +1,4 @@
 #include "recordings.h"
-#include "twin/two_pi.h"
 
 #include <algorithm>
 #include <array>
@@ -8,6 +7,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
+
+#include "twin/two_pi.h"
 
 namespace servotwin {
 

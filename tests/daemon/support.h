@@ -5,6 +5,7 @@
 #include <sqlite3.h>
 
 #include <cmath>
+#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -37,9 +38,10 @@ inline Model drive(double omega_hz = 20.0, double coulomb = 0.3) {
   return model;
 }
 
-/// The event of a promotion.
-inline Event promotion_of(const std::string& text, const std::string& axis = "X") {
-  return {"2026-01-31T12:00:00.000Z", axis, "model_promoted", text, ""};
+/// An event of a store, of the kind of a promotion.
+inline Event event_of(const std::string& text, const std::string& axis = "X",
+                      const std::string& detail = "") {
+  return {"2026-01-31T12:00:00.000Z", axis, "model_promoted", text, detail};
 }
 
 inline ModelRecord record_of(const Model& model, const std::string& axis = "X") {

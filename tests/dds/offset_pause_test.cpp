@@ -5,10 +5,14 @@
 #include <signal.h>
 #include <sys/wait.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "tests/daemon/http_client.h"
 #include "tests/daemon/learned_program.h"
@@ -32,7 +36,8 @@ double path_at(int k) {
   return t < 0.0 || t > 4.0 ? 0.0 : 0.01 * (1.0 - std::cos(std::numbers::pi * t));
 }
 
-/// A machine whose drive hears offsets over DDS.
+/// A machine whose drive hears offsets over DDS. It takes steps of up to three times what the rule
+/// allows, because on a busy host it misses one now and then; what it refuses is a jump.
 class NetworkDrive {
  public:
   NetworkDrive(const DdsNode& node, const Model& model)
@@ -45,17 +50,18 @@ class NetworkDrive {
     came_ = 0;
     for (MachineOffset offset; offsets_.receive(offset, 0.0);) {
       const AxisOffset& axis = offset.axes[0];
-      if (axis.send && axis.expires_ns > frame_.time_ns) {
-        drive_.receive(axis.offset);
-        ++came_;
-      } else {
+      // Two in a cycle, on a busy host, act one after the other.
+      if (came_ > 0) step();
+      ++came_;
+      if (!axis.send) {
         drive_.drop();
-        stale_ += axis.send ? 1 : 0;
+      } else if (axis.expires_ns > frame_.time_ns && offset.sequence + kOldest >= frame_.sequence) {
+        drive_.receive(axis.offset);
+      } else {
+        ++stale_;
       }
-      // On a busy host two come in a cycle: the second one follows from the first.
-      if (came_ > 1) drive_.cycle();
     }
-    felt_ = drive_.cycle();
+    step();
     twin_.follow(path + felt_);
     frame_.sequence += 1;
     frame_.time_ns += 1'000'000;
@@ -67,13 +73,23 @@ class NetworkDrive {
     std::this_thread::sleep_until(next_);
   }
   [[nodiscard]] double felt() const { return felt_; }
-  [[nodiscard]] bool ramping() const { return drive_.ramping(); }
-  /// Offsets to be applied that came before the last cycle, and those in all that came too late.
-  [[nodiscard]] int came() const { return came_; }
+  /// Whether the drive itself takes an offset away that was not renewed.
+  [[nodiscard]] bool ramping() const { return drive_.ramping() && felt_ != 0.0; }
+  /// Offsets so far that the drive took, that were jumps, and that answer a frame of long ago.
+  [[nodiscard]] int taken() const { return taken_; }
+  [[nodiscard]] int jumps() const { return jumps_; }
   [[nodiscard]] int stale() const { return stale_; }
 
  private:
   using Clock = std::chrono::steady_clock;
+  static constexpr std::uint64_t kOldest = 5;  // cycles; what waits in a pause is older
+
+  void step() {
+    felt_ = drive_.cycle();
+    taken_ += drive_.took() ? 1 : 0;
+    jumps_ += drive_.refused() ? 1 : 0;
+  }
+
   DdsWriter<MachineFrame> frames_;
   DdsReader<MachineOffset> offsets_;
   daemon::OffsetDrive drive_{daemon::kCycle_s, kValidity_s, kDriveRamp_s, kStep*(1.0 + 1e-9)};
@@ -81,7 +97,7 @@ class NetworkDrive {
   MachineFrame frame_;
   Clock::time_point next_ = Clock::now();
   double felt_ = 0.0;
-  int came_ = 0, stale_ = 0;
+  int came_ = 0, taken_ = 0, jumps_ = 0, stale_ = 0;
 };
 
 class OffsetPause : public testing::Test {
@@ -105,11 +121,12 @@ class OffsetPause : public testing::Test {
     for (int k = 0; k < cycles(0.2); ++k) drive_.cycle(0.0);
   }
 
-  /// Runs the program until part of the correction has been active for a while; its next cycle.
-  int run_until_it_corrects() {
+  /// Runs the program until part of the correction has been active for a while, with this much of
+  /// the program left; its next cycle.
+  int run_until_it_corrects(double left_s) {
     constexpr int kMostRuns = 12;  // a busy host is late, and a late run is given up
     for (int runs = 0; runs < kMostRuns; ++runs) {
-      for (int k = 0, out = 0; k < cycles(kPath_s - 0.4); ++k) {
+      for (int k = 0, out = 0; k < cycles(kPath_s - left_s); ++k) {
         drive_.cycle(path_at(k));
         out = std::abs(drive_.felt()) > 0.25 * kPeak ? out + 1 : 0;
         if (out == cycles(0.2)) return k + 1;
@@ -135,51 +152,56 @@ class OffsetPause : public testing::Test {
   Process daemon_{home_.daemon()};
 };
 
-TEST_F(OffsetPause, WhatAPausedDaemonHasWaitingIsNotFelt) {
+TEST_F(OffsetPause, WhatAPausedDaemonHasWaitingIsNotSent) {
   for (const double pause_s : {0.01, 0.06, 0.4}) {
     SCOPED_TRACE("a pause of " + std::to_string(pause_s) + " s");
-    int k = run_until_it_corrects();
+    int k = run_until_it_corrects(pause_s + 0.3);
     ASSERT_FALSE(HasFailure());
     daemon_.send(SIGSTOP);
     int status = 0;
     ASSERT_EQ(waitpid(daemon_.id(), &status, WUNTRACED), daemon_.id());
     drive_.cycle(path_at(k++));  // what it had sent before has come
-    double before = drive_.felt();
-    ASSERT_GT(std::abs(before), 0.1 * kPeak) << "nothing is at stake";
+    ASSERT_GT(std::abs(drive_.felt()), 0.1 * kPeak) << "nothing is at stake";
     // Where the drive had to drop the offset, nothing comes until it has ramped it out, and the
     // next run begins from 0.
     bool silent = pause_s > kValidity_s;
-    const int stale = drive_.stale();
+    const int jumps = drive_.jumps(), stale = drive_.stale();
     for (int after = 0; k < cycles(kPath_s); ++after, ++k) {
-      SCOPED_TRACE(std::to_string(after) + " cycles after it stood still");
       if (after == cycles(pause_s)) daemon_.send(SIGCONT);
+      const int taken = drive_.taken();
       drive_.cycle(path_at(k));
-      const double most = drive_.ramping() ? kPeak * daemon::kCycle_s / kDriveRamp_s : 3.0 * kStep;
-      EXPECT_LE(std::abs(drive_.felt() - before), most * (1.0 + 1e-9));
-      EXPECT_LE(drive_.came(), silent ? 0 : 2);
+      if (silent) {
+        EXPECT_EQ(drive_.taken(), taken) << after << " cycles after it stood still";
+      }
       silent = silent && drive_.felt() != 0.0;
-      before = drive_.felt();
     }
     EXPECT_FALSE(silent);
-    EXPECT_EQ(drive_.stale(), stale) << "sent after they had expired";
+    EXPECT_EQ(drive_.jumps(), jumps);
+    EXPECT_EQ(drive_.stale(), stale) << "sent after the pause";
     for (k = 0; k < cycles(1.0); ++k) drive_.cycle(0.0);
   }
-  run_until_it_corrects();
-  EXPECT_EQ(daemon_.end(SIGTERM), 0) << daemon_.said();
+  // It corrects again; asked to stop, it fades out, so that the drive has nothing to ramp out.
+  int k = run_until_it_corrects(0.5);
+  ASSERT_FALSE(HasFailure());
+  const int jumps = drive_.jumps();
+  daemon_.send(SIGTERM);
+  for (int after = 0; after < cycles(0.3); ++after) {
+    drive_.cycle(path_at(k++));
+    EXPECT_FALSE(drive_.ramping()) << after;
+  }
+  EXPECT_EQ(drive_.felt(), 0.0);
+  EXPECT_EQ(drive_.jumps(), jumps);
+  EXPECT_EQ(daemon_.end(0), 0) << daemon_.said();
 }
 
-TEST_F(OffsetPause, AKilledDaemonsOffsetIsRampedOut) {
-  int k = run_until_it_corrects();
+TEST_F(OffsetPause, AKilledDaemonLeavesAnOffsetThatExpires) {
+  int k = run_until_it_corrects(0.5);
   ASSERT_FALSE(HasFailure());
   EXPECT_EQ(daemon_.end(SIGKILL), 128 + SIGKILL);
-  double before = drive_.felt();
   int gone = 0;
   for (int after = 0; after < cycles(0.3); ++after) {
     drive_.cycle(path_at(k++));
-    const double most = drive_.ramping() ? kPeak * daemon::kCycle_s / kDriveRamp_s : 3.0 * kStep;
-    EXPECT_LE(std::abs(drive_.felt() - before), most * (1.0 + 1e-9)) << after;
-    before = drive_.felt();
-    if (before != 0.0) gone = after + 1;
+    if (drive_.felt() != 0.0) gone = after + 1;
   }
   EXPECT_LE(gone, cycles(kValidity_s + kDriveRamp_s) + 3);
   EXPECT_GT(gone, cycles(kValidity_s)) << "the drive holds it until it expires";

@@ -6,16 +6,15 @@
 
 #include <cmath>
 #include <functional>
-#include <numbers>
 #include <random>
 
 #include "diagnosis/spectrum.h"
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
 
 constexpr double kRegressorStep_s = 1e-3;
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 /// Strokes of different speed and length with rests, 24 s.
 ResidualStretch motion() {

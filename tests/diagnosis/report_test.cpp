@@ -6,7 +6,6 @@
 
 #include <cmath>
 #include <fstream>
-#include <numbers>
 #include <random>
 
 #include "diagnosis/cause_picture.h"

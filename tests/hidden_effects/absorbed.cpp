@@ -8,21 +8,21 @@ namespace {
 
 /// Copies of the machine, each with one parameter changed by 1 %.
 std::vector<Rig> neighbours(const Rig& rig) {
-  constexpr double kPositionStep = 0.01;
+  constexpr double kShare = 0.01;
   std::vector<Rig> out;
   const auto with = [&](const auto& change) {
     out.push_back(rig);
     change(out.back());
   };
-  with([](Rig& r) { r.drive.position_gain *= 1.0 + kPositionStep; });
-  with([](Rig& r) { r.drive.velocity_gain *= 1.0 + kPositionStep; });
-  with([](Rig& r) { r.body.mass *= 1.0 + kPositionStep; });
-  with([](Rig& r) { r.drive.velocity_feedforward += kPositionStep; });
-  with([](Rig& r) { r.drive.acceleration_feedforward += kPositionStep * r.body.mass; });
-  with([](Rig& r) { r.friction.level *= 1.0 + kPositionStep; });
-  with([](Rig& r) { r.friction.viscous *= 1.0 + kPositionStep; });
+  with([](Rig& r) { r.drive.position_gain *= 1.0 + kShare; });
+  with([](Rig& r) { r.drive.velocity_gain *= 1.0 + kShare; });
+  with([](Rig& r) { r.body.mass *= 1.0 + kShare; });
+  with([](Rig& r) { r.drive.velocity_feedforward += kShare; });
+  with([](Rig& r) { r.drive.acceleration_feedforward += kShare * r.body.mass; });
+  with([](Rig& r) { r.friction.level *= 1.0 + kShare; });
+  with([](Rig& r) { r.friction.viscous *= 1.0 + kShare; });
   if (rig.drive.integral_time > 0.0) {
-    with([](Rig& r) { r.drive.integral_time *= 1.0 + kPositionStep; });
+    with([](Rig& r) { r.drive.integral_time *= 1.0 + kShare; });
   }
   return out;
 }

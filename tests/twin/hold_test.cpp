@@ -1,10 +1,10 @@
 #include "twin/hold.h"
-#include "twin/two_pi.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
+
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {

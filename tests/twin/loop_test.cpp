@@ -1,11 +1,11 @@
 #include "twin/loop.h"
-#include "twin/two_pi.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 #include <random>
+
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {

@@ -1,12 +1,12 @@
 #include "twin/twin.h"
-#include "twin/two_pi.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <vector>
+
+#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {

@@ -7,7 +7,6 @@
 
 #include <cmath>
 #include <deque>
-#include <numbers>
 #include <thread>
 
 #include "cli/virtual_drive.h"
@@ -34,8 +33,6 @@ auto bad(const std::string& text) {
   return testing::AllOf(testing::Field(&SourceNews::text, HasSubstr(text)),
                         testing::Field(&SourceNews::good, false));
 }
-
-constexpr std::int64_t kSecond_ns = 1'000'000'000;  // in which an offset may leave
 
 CanMap map_of(const std::string& text) {
   CheckedCanMap checked = check_can_map(text, "m.toml", "");

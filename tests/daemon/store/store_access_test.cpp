@@ -49,7 +49,7 @@ class StoreAccessTest : public testing::Test {
   void make_store() const {
     Store made(store(), "mill");
     ModelRecord record = record_of(drive());
-    made.promote(record, promotion_of("first"));
+    made.promote(record, event_of("first"));
   }
   TemporaryDirectory directory_;
 };
@@ -210,7 +210,7 @@ TEST_P(StoreName, OfAnAxisIsRefusedAndNothingIsWritten) {
   Store opened(store(), "mill");
   ModelRecord record = record_of(drive());
   record.axis = GetParam();
-  EXPECT_THAT(message_of([&] { opened.promote(record, promotion_of("first")); }),
+  EXPECT_THAT(message_of([&] { opened.promote(record, event_of("first")); }),
               HasSubstr("must be 1 to 63 letters, digits or any of . _ -"));
   EXPECT_THAT(message_of([&] { write_report(store(), "mill", GetParam(), "html"); }),
               HasSubstr("must be 1 to 63 letters"));

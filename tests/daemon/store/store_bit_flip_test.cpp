@@ -41,14 +41,14 @@ void fill(Store& store) {
   for (int i = 1; i <= 3; ++i) {
     for (const char* axis : {"X", "Y"}) {
       ModelRecord record = record_of(drive(10.0 + i + (*axis == 'Y' ? 0.5 : 0.0)), axis);
-      store.promote(record, promotion_of("promotion " + std::to_string(i), axis),
+      store.promote(record, event_of("promotion " + std::to_string(i), axis, R"({"detail":1})"),
                     {axis + std::to_string(i) + ".csv"});
       store.validate(axis, i, "2026-02-0" + std::to_string(i) + "T12:00:00.000Z");
       store.add(
           {"2026-01-31T12:00:00.000Z", axis, "on schedule", "explained",
            R"({"number":)" + std::to_string(i) + R"(,"text":")" + std::string(3000, 'd') + R"("})",
            to_json(record).dump()},
-          promotion_of("diagnosis", axis));
+          event_of("diagnosis", axis, R"({"detail":1})"));
     }
   }
 }
@@ -110,7 +110,7 @@ class StoreBitFlip : public testing::Test {
         ASSERT_EQ(models_in_force(opened), before_["in force"]) << opened.lost();
       }
       ModelRecord next = record_of(drive());
-      opened.promote(next, promotion_of("goes on"));
+      opened.promote(next, event_of("goes on"));
       ASSERT_EQ(next.version, 4) << opened.lost();
     } catch (const std::exception& error) {
       FAIL() << "cannot be used: " << error.what();

@@ -38,7 +38,7 @@ class LivingStore {
     Store store(original_.path(), "mill");
     for (int i = 1; i <= promotions; ++i) {
       ModelRecord record = numbered(i);
-      store.promote(record, promotion_of("promotion " + std::to_string(i)));
+      store.promote(record, event_of("promotion " + std::to_string(i)));
     }
     fs::copy(original_.path(), power_cut_.path() / "store", fs::copy_options::recursive);
   }
@@ -113,7 +113,7 @@ TEST(StoreAfterDamage, OfADatabaseThatIsCutAnywhereTheModelInForceComesBack) {
     Store store(whole, "mill");
     for (int i = 1; i <= 3; ++i) {
       ModelRecord record = numbered(i);
-      store.promote(record, promotion_of("promotion"));
+      store.promote(record, event_of("promotion"));
     }
   }
   ASSERT_FALSE(fs::exists(whole / "servotwin.sqlite-wal")) << "all of it is in the database";
@@ -135,7 +135,7 @@ TEST(StoreAfterDamage, OfADatabaseThatIsCutAnywhereTheModelInForceComesBack) {
               }()));
     ASSERT_EQ(fs::file_size(copy / "servotwin.sqlite.damaged-1"), length) << "nothing is deleted";
     ModelRecord next = numbered(4);
-    store.promote(next, promotion_of("goes on"));
+    store.promote(next, event_of("goes on"));
     ASSERT_EQ(next.version, 4);
   }
 }
@@ -145,7 +145,7 @@ TEST(StoreAfterDamage, ADatabaseThatIsGoneIsSaidAndTheModelComesBack) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = numbered(1);
-    store.promote(record, promotion_of("first"));
+    store.promote(record, event_of("first"));
   }
   fs::remove(database(directory.path()));
   const Store store(directory.path(), "mill");
@@ -159,8 +159,8 @@ TEST(StoreAfterDamage, TheModelThatComesBackStillCitesItsRecordings) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = numbered(1);
-    store.promote(record, promotion_of("first"), {"a.csv"});
-    store.promote(record, promotion_of("second"), {"b.csv", "c.csv"});
+    store.promote(record, event_of("first"), {"a.csv"});
+    store.promote(record, event_of("second"), {"b.csv", "c.csv"});
   }
   fs::remove(database(directory.path()));
   {
@@ -179,8 +179,8 @@ TEST(StoreAfterDamage, ACopyThatIsDamagedTooIsNamed) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = numbered(1), other = record_of(drive(), "Y");
-    store.promote(record, promotion_of("first"));
-    store.promote(other, promotion_of("first"));
+    store.promote(record, event_of("first"));
+    store.promote(other, event_of("first"));
   }
   cut(database(directory.path()), 5000);
   cut(directory.path() / "models" / "mill" / "Y.json", 100);
@@ -197,7 +197,7 @@ TEST(StoreAfterDamage, AStoreThatIsWellLosesNothingAndIsCopied) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = numbered(1);
-    store.promote(record, promotion_of("first"));
+    store.promote(record, event_of("first"));
   }
   const fs::path copy = directory.path() / "models" / "mill" / "X.json";
   fs::remove(copy);  // as in a store that knew no copies, or where a crash came in between
@@ -237,17 +237,17 @@ TEST(StoreAfterDamage, WhereThereIsNoRoomForTheDatabaseWithTheDamagedRowsTheStor
   TemporaryDirectory directory;
   {
     Store store(directory.path(), "mill");
-    store.add(promotion_of("damaged"));
-    store.add(promotion_of(std::string(400'000, 'x')));
+    store.add(event_of("damaged"));
+    store.add(event_of(std::string(400'000, 'x')));
     ModelRecord record = numbered(1);
-    store.promote(record, promotion_of("first"));
+    store.promote(record, event_of("first"));
   }
   spoil(directory.path(), "UPDATE events SET text = 'other' WHERE text = 'damaged'");
   std::optional<Store> store;
   {
     const SmallDisk disk(fs::file_size(database(directory.path())) / 2);
     store.emplace(directory.path(), "mill");
-    store->add(promotion_of("goes on"));
+    store->add(event_of("goes on"));
   }
   EXPECT_THAT(store->lost(), HasSubstr("1 of events"));
   EXPECT_THAT(store->lost(), HasSubstr("the database with them could not be kept: "));
@@ -269,7 +269,7 @@ TEST(StoreAfterDamage, WhereThereIsNoRoomForTheDamagedJournalTheStoreOpensWithou
   {
     const SmallDisk disk(size - 1);
     store.emplace(living.path(), "mill");
-    store->add(promotion_of("goes on"));
+    store->add(event_of("goes on"));
   }
   EXPECT_THAT(store->lost(), HasSubstr("the journal of the database was damaged"));
   EXPECT_THAT(store->lost(), HasSubstr("; the journal could not be kept: "));
@@ -300,7 +300,7 @@ TEST(StoreAfterDamage, WhereThereIsNoRoomForTheDamagedJournalTheStoreOpensWithou
       recorder.finish_file();
     }
     ModelRecord record = numbered(static_cast<int>(i));
-    store.promote(record, promotion_of("better"), recorder.files_with(memory.newest_s(), 1e9));
+    store.promote(record, event_of("better"), recorder.files_with(memory.newest_s(), 1e9));
     if (write(acknowledge, &record.version, sizeof record.version) != sizeof record.version)
       _exit(1);
   }

@@ -25,12 +25,12 @@ TEST(Store, CountsVersionsAndParentsPerAxis) {
   Store store(directory.path(), "mill");
   for (int version = 1; version <= 3; ++version) {
     ModelRecord record = record_of(drive());
-    store.promote(record, promotion_of("better"));
+    store.promote(record, event_of("better"));
     EXPECT_EQ(record.version, version);
     EXPECT_EQ(record.parent, version - 1);
   }
   ModelRecord other = record_of(drive(), "Y");
-  store.promote(other, promotion_of("first"));
+  store.promote(other, event_of("first"));
   EXPECT_EQ(other.version, 1);
   const std::vector<StoredModel> versions = store.versions("X");
   ASSERT_EQ(versions.size(), 3U);
@@ -46,8 +46,8 @@ TEST(Store, ComesBackWithTheModelsInForceBitForBit) {
     Store store(directory.path(), "mill");
     ModelRecord old = record_of(drive(15.0)),
                 record = record_of(drive(20.0 + 1.0 / 3.0, 0.1 + 1e-17));
-    store.promote(old, promotion_of("first"));
-    store.promote(record, promotion_of("leaves 1.3 um"));
+    store.promote(old, event_of("first"));
+    store.promote(record, event_of("leaves 1.3 um"));
     Twin(record.model).predict(commands, before);
   }
   Store store(directory.path(), "mill");
@@ -66,7 +66,7 @@ TEST(Store, KnowsWhenTheVersionInForceWasLastFoundToHold) {
   {
     Store store(directory.path(), "mill");
     ModelRecord first = record_of(drive());
-    store.promote(first, promotion_of("first"));
+    store.promote(first, event_of("first"));
     EXPECT_EQ(store.in_force()[0].validated, "");
     store.validate("X", 1, "2026-01-31T12:00:00.000Z");
     store.validate("X", 1, "2026-02-01T12:00:00.000Z");
@@ -79,7 +79,7 @@ TEST(Store, KnowsWhenTheVersionInForceWasLastFoundToHold) {
   Store store(directory.path(), "mill");
   EXPECT_EQ(store.in_force()[0].validated, "2026-02-01T12:00:00.000Z");
   ModelRecord second = record_of(drive());
-  store.promote(second, promotion_of("second"));
+  store.promote(second, event_of("second"));
   EXPECT_EQ(store.in_force()[0].validated, "") << "that was another version";
 }
 
@@ -88,7 +88,7 @@ TEST(Store, KeepsMachinesApart) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = record_of(drive());
-    store.promote(record, promotion_of("first"));
+    store.promote(record, event_of("first"));
   }
   Store store(directory.path(), "lathe");
   EXPECT_TRUE(store.in_force().empty());
@@ -101,12 +101,12 @@ TEST(Store, KnowsWhichRecordingsModelsCiteWhetherTheseAreInForceOrNot) {
     Store store(directory.path(), "mill");
     ModelRecord first = record_of(drive()), second = record_of(drive()),
                 other = record_of(drive(), "Y");
-    store.promote(first, promotion_of("first"), {"a.csv", "b.csv"});
-    store.promote(second, promotion_of("second"), {"b.csv", "c.csv"});
-    store.promote(other, promotion_of("of another axis"), {"a.csv"});
+    store.promote(first, event_of("first"), {"a.csv", "b.csv"});
+    store.promote(second, event_of("second"), {"b.csv", "c.csv"});
+    store.promote(other, event_of("of another axis"), {"a.csv"});
     EXPECT_THAT(store.cited(), ElementsAre("a.csv", "b.csv", "c.csv"));
     ModelRecord third = record_of(drive());
-    store.promote(third, promotion_of("third"), {"d.csv"});
+    store.promote(third, event_of("third"), {"d.csv"});
   }
   const Store store(directory.path(), "mill");
   EXPECT_THAT(store.cited(), ElementsAre("a.csv", "b.csv", "c.csv", "d.csv"));
@@ -117,7 +117,7 @@ TEST(Store, EventsComeBackTheNewestFirst) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
   for (int i = 0; i < 5; ++i)
-    store.add(promotion_of("event " + std::to_string(i), i % 2 == 0 ? "" : "X"));
+    store.add(event_of("event " + std::to_string(i), i % 2 == 0 ? "" : "X"));
   const std::vector<Event> events = store.events(3);
   ASSERT_EQ(events.size(), 3U);
   EXPECT_EQ(events[0].text, "event 4");
@@ -138,8 +138,8 @@ TEST(Store, DiagnosesComeBackTheNewestFirstAfterARestart) {
   TemporaryDirectory directory;
   {
     Store store(directory.path(), "mill");
-    for (int i = 1; i <= 3; ++i) store.add(diagnosis(i), promotion_of("diagnosis"));
-    store.add(diagnosis(4, "Y"), promotion_of("diagnosis", "Y"));
+    for (int i = 1; i <= 3; ++i) store.add(diagnosis(i), event_of("diagnosis"));
+    store.add(diagnosis(4, "Y"), event_of("diagnosis", "Y"));
   }
   const Store store(directory.path(), "mill");
   const std::vector<StoredDiagnosis> found = store.diagnoses("X", 2);
@@ -172,8 +172,8 @@ TEST(Store, OfEveryAxisTheNewestDiagnosesAreKept) {
   }
   {
     Store store(directory.path(), "mill");
-    store.add(diagnosis(1), promotion_of("diagnosis"));
-    store.add(diagnosis(2), promotion_of("diagnosis"));
+    store.add(diagnosis(1), event_of("diagnosis"));
+    store.add(diagnosis(2), event_of("diagnosis"));
     const std::vector<StoredDiagnosis> kept = store.diagnoses("X", 1'000'000);
     ASSERT_EQ(kept.size(), static_cast<std::size_t>(Store::kDiagnosesKept));
     EXPECT_EQ(kept.front().json, R"({"number":2})");
@@ -191,12 +191,12 @@ TEST(Store, IsReadBesideTheOneThatOwnsItAndNotWritten) {
               HasSubstr("does not exist; --store"));
   EXPECT_TRUE(std::filesystem::is_empty(directory.path())) << "nothing is made";
   Store owner(directory.path(), "mill");
-  owner.add(diagnosis(1), promotion_of("diagnosis"));
+  owner.add(diagnosis(1), event_of("diagnosis"));
   Store reader(directory.path(), "mill", StoreAccess::kRead);
   EXPECT_EQ(reader.diagnoses("X", 10).size(), 1U);
-  owner.add(diagnosis(2), promotion_of("diagnosis"));
+  owner.add(diagnosis(2), event_of("diagnosis"));
   EXPECT_EQ(reader.diagnoses("X", 10).size(), 2U);
-  EXPECT_THAT(message_of([&] { reader.add(promotion_of("not mine")); }), HasSubstr("readonly"));
+  EXPECT_THAT(message_of([&] { reader.add(event_of("not mine")); }), HasSubstr("readonly"));
 }
 
 /// The tables of version 0.1.0, without checksums.
@@ -252,7 +252,7 @@ TEST(Store, OneThatKnewNoDiagnosesIsOpened) {
   spoil(directory.path(), kLayout1);
   Store store(directory.path(), "mill");
   EXPECT_TRUE(store.diagnoses("X", 1).empty());
-  store.add(diagnosis(1), promotion_of("diagnosis"));
+  store.add(diagnosis(1), event_of("diagnosis"));
   EXPECT_EQ(store.diagnoses("X", 1).size(), 1U);
 }
 
@@ -310,8 +310,8 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   {
     Store store(directory.path(), "mill");
     ModelRecord record = record_of(drive());
-    store.promote(record, promotion_of("first"));
-    store.promote(record, promotion_of("second"));
+    store.promote(record, event_of("first"));
+    store.promote(record, event_of("second"));
   }
   struct Damage {
     const char* json;
@@ -337,7 +337,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   ModelRecord next = record_of(drive());
   {
     Store store(directory.path(), "mill");
-    store.promote(next, promotion_of("third"));
+    store.promote(next, event_of("third"));
   }
   EXPECT_EQ(next.version, 3);
   EXPECT_EQ(next.parent, 1);
@@ -345,7 +345,7 @@ TEST(Store, AModelThatCannotBeUsedIsNamedAndTheVersionBeforeIsInForce) {
   Store store(directory.path(), "mill");
   EXPECT_THAT(store.lost(), HasSubstr("the axis is identified again"));
   EXPECT_TRUE(store.in_force().empty());
-  store.promote(next, promotion_of("fourth"));
+  store.promote(next, event_of("fourth"));
   EXPECT_EQ(next.version, 4);
   EXPECT_EQ(next.parent, 0);
 }
@@ -360,19 +360,18 @@ TEST(StoreOnAFullDisk, KeepsWhatItHadAndGoesOnWhenThereIsSpaceAgain) {
   TemporaryDirectory directory;
   Store store(directory.path(), "mill");
   ModelRecord first = record_of(drive(15.0)), second = record_of(drive(20.0));
-  store.promote(first, promotion_of("first"));
+  store.promote(first, event_of("first"));
   {
     const FullDisk full;
-    EXPECT_THAT(message_of([&] { store.promote(second, promotion_of("second")); }),
-                HasSubstr("full"));
-    EXPECT_THAT(message_of([&] { store.add(promotion_of("not stored")); }), HasSubstr("full"));
-    EXPECT_THAT(message_of([&] { store.add(diagnosis(1), promotion_of("not stored")); }),
+    EXPECT_THAT(message_of([&] { store.promote(second, event_of("second")); }), HasSubstr("full"));
+    EXPECT_THAT(message_of([&] { store.add(event_of("not stored")); }), HasSubstr("full"));
+    EXPECT_THAT(message_of([&] { store.add(diagnosis(1), event_of("not stored")); }),
                 HasSubstr("full"));
     EXPECT_EQ(second.version, 0) << "it was not acknowledged";
     ASSERT_EQ(store.in_force().size(), 1U);
     EXPECT_EQ(store.in_force()[0].record.version, 1);
   }
-  store.promote(second, promotion_of("second"));
+  store.promote(second, event_of("second"));
   EXPECT_EQ(second.version, 2);
   EXPECT_TRUE(store.diagnoses("X", 1).empty());
   EXPECT_EQ(store.events(10).size(), 2U) << "one event per promotion, none of what was refused";

@@ -4,7 +4,6 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <numbers>
 #include <random>
 
 #include "drivers/recording_file.h"

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "drivers/recording_file.h"
 #include "identification/loop/identify.h"

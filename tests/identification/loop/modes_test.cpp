@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "identification/loop/identify.h"
 #include "identification/loop/joint.h"

@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <numbers>
 #include <ostream>
 
 #include "identification/loop/full_ls.h"
