@@ -370,15 +370,16 @@ class OffsetWorld {
     if (drive_is_ != Drive::kOnNetwork) return;
     std::int64_t at_ns = std::max(now_ * kCycle_ns + in_cycle_ns, publisher_busy_until_ns_);
     if (at_ns >= (now_ + 1) * kCycle_ns) return;
-    const auto [before_ns, meanwhile_ns] = said_.waiting() > 0 ? held_up() : HeldUp();
-    at_ns += before_ns;
+    // A name of its own: clang before 16 captures no structured binding.
+    const HeldUp held = said_.waiting() > 0 ? held_up() : HeldUp();
+    at_ns += held.before_ns;
     outlet_->send([&] { return steady(at_ns); },
                   [&](const MachineOffset& offset) {
                     if (refused_ > 0) {
                       --refused_;
                       return false;
                     }
-                    at_ns += meanwhile_ns;
+                    at_ns += held.meanwhile_ns;
                     const auto frame_ns = static_cast<std::int64_t>(offset.sequence - 1);
                     leaves(offset, at_ns, frame_ns * kCycle_ns);
                     return true;
