@@ -255,7 +255,7 @@ void require_checksum(const std::filesystem::path& file) {
   }
   last.pop_back();
   if (last.substr(kChecksumComment.size()) != crc32_text(crc32))
-    throw std::runtime_error(file.string() + ": its checksum does not match (" + last +
+    throw std::runtime_error(file.string() + ": its checksum does not match (" + in_quotes(last) +
                              " in its last line, " + crc32_text(crc32) +
                              " of its content): it was damaged since it was recorded; if it was "
                              "changed on purpose, delete its last line");

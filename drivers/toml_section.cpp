@@ -237,7 +237,9 @@ void Section::range(const std::string& key, double lower, double upper, const st
 }
 
 void Section::report(const std::string& key, const std::string& rule) {
-  problems_.add(name_of(key), *table_->get(key), rule);
+  const toml::node* node = table_->get(key);
+  if (node == nullptr) return report_missing(key, rule);
+  problems_.add(name_of(key), *node, rule);
 }
 
 void Section::report_secret(const std::string& key, const std::string& rule) {

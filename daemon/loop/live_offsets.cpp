@@ -18,13 +18,31 @@ constexpr double kToleranceOverTwoCycles = 2.0;
 
 }  // namespace
 
-std::int64_t Lateness::of(std::int64_t age_ns) noexcept {
-  if (++frames_ > kWindowFrames) {
-    least_before_ = std::exchange(least_, std::numeric_limits<std::int64_t>::max());
-    frames_ = 1;
+std::int64_t Lateness::of(std::int64_t age_ns, std::int64_t now_ns) noexcept {
+  constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
+  const auto learn = [&](std::int64_t constant) {
+    constant_ = constant;
+    last_on_time_ns_ = now_ns;
+    late_windows_ = 0;
+  };
+  if (constant_ == kNone || between_ns(constant_, age_ns) <= 0) {
+    learn(age_ns);
+  } else if (const std::int64_t late = between_ns(constant_, age_ns); late < on_time_ns_) {
+    const std::int64_t passed_ns =
+        std::clamp<std::int64_t>(now_ns - last_on_time_ns_, 0, kWindow_ns);
+    learn(constant_ + std::min(late, passed_ns * kDrift_ns_per_s / 1'000'000'000));
   }
   least_ = std::min(least_, age_ns);
-  return between_ns(std::min(least_, least_before_), age_ns);
+  if (now_ns - window_began_ns_ > kWindow_ns) {
+    if (last_on_time_ns_ < window_began_ns_) {
+      ++late_windows_;
+      if (between_ns(constant_, least_) > kClockWasSet_ns || late_windows_ >= kWindowsOfLateness)
+        learn(least_);
+    }
+    window_began_ns_ = now_ns;
+    least_ = kNone;
+  }
+  return std::max<std::int64_t>(0, between_ns(constant_, age_ns));
 }
 
 LiveOffsets::LiveOffsets(OffsetRules rules, OffsetHandOver& hand_over)
@@ -349,7 +367,7 @@ const MachineOffset* LiveOffsets::answer(const MachineFrame& frame,
   offset_.time_ns = frame.time_ns;
   offset_.axis_count = frame.axis_count;
   if (std::exchange(first_, false)) silent_until_ns_ = arrival.now_ns + surely_gone_ns_;
-  const std::int64_t due_ns = arrival.now_ns - lateness_.of(arrival.age_ns);
+  const std::int64_t due_ns = arrival.now_ns - lateness_.of(arrival.age_ns, arrival.now_ns);
   const bool late = too_late(arrival.now_ns, due_ns);
   came_ns_ = arrival.now_ns;
   leaves_until_ns_ = due_ns + cycle_ns_ / 2;

@@ -55,18 +55,30 @@ struct Arrival {
   std::int64_t age_ns = 0;  ///< since it was due or sent, plus an unknown constant (two clocks)
 };
 
-/// Lateness of a frame relative to the earliest of the last 500 to 1000 frames: its age without the
-/// constant part, which is transport and the difference of two hosts' clocks.
+/// Lateness of a frame relative to the earliest one: its age without the constant part, which is
+/// transport and the difference of two hosts' clocks.
+///
+/// A daemon that answers late for a second must not take that for punctual: two of its answers
+/// would reach a drive in one cycle. So the constant part grows only as fast as two clocks drift
+/// apart, and only by frames that are nearly on time; and at once where all frames of a window are
+/// later by more than a daemon is, or of a minute at all: then a clock was set.
 class Lateness {
  public:
-  /// Of the next frame [ns], >= 0.
-  std::int64_t of(std::int64_t age_ns) noexcept;
+  explicit Lateness(std::int64_t cycle_ns) noexcept : on_time_ns_(cycle_ns / 4) {}
+  /// Of the next frame [ns], >= 0, which came at `now_ns`.
+  std::int64_t of(std::int64_t age_ns, std::int64_t now_ns) noexcept;
 
  private:
-  // The minimum is taken over one to two windows, so that it follows a clock that is set.
-  static constexpr int kWindowFrames = 500;
-  std::int64_t least_ = std::numeric_limits<std::int64_t>::max(), least_before_ = least_;
-  int frames_ = 0;
+  static constexpr std::int64_t kDrift_ns_per_s = 100'000;  // two quartz clocks of 50 ppm each
+  static constexpr std::int64_t kWindow_ns = 1'000'000'000;
+  static constexpr std::int64_t kClockWasSet_ns =
+      100'000'000;  // no daemon is late by so much for long
+  static constexpr int kWindowsOfLateness = 60;
+  std::int64_t on_time_ns_;  // lateness up to which a frame is nearly on time
+  std::int64_t constant_ = std::numeric_limits<std::int64_t>::max();
+  std::int64_t last_on_time_ns_ = 0;
+  std::int64_t window_began_ns_ = 0, least_ = std::numeric_limits<std::int64_t>::max();
+  int late_windows_ = 0;  // in a row, without a frame on time
 };
 
 class LiveOffsets {
@@ -171,7 +183,7 @@ class LiveOffsets {
   std::int64_t cycle_ns_, held_ns_, surely_gone_ns_;  // after an offset was sent
   std::int64_t gate_ns_ = 0;                          // the gates' clock
   std::int64_t came_ns_ = 0;                          // the last frame, steady clock
-  Lateness lateness_;
+  Lateness lateness_{cycle_ns_};
   int unanswered_ = 0;  // frames since the last answer, while a run is active
   Phase phase_ = Phase::kNone;
   Run run_;
