@@ -108,7 +108,7 @@ CauseSamples samples_of(const Diagnosis& diagnosis, const Cause& cause,
     add_drive(with, signals);
 
     Eigen::ArrayXd measured, base, one = Eigen::ArrayXd::Zero(s.size());
-    if (acts == Acts::kCommandDelay) {
+    if (!acts_along_motion(acts)) {
       one = by_with, measured = error, base = by_without;
     } else if (acts == Acts::kReading) {
       one = along(effect, signals, command);

@@ -103,7 +103,7 @@ std::vector<std::pair<Change, Screened>> promising_changes(const Variation& vari
   for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
   for (const std::size_t kind : candidates_of(structure, {}, leave_out, channels)) {
     // A constant force and a delay are among the changes of the loop and the forces already.
-    if (kind == kind_of<ConstantForce>() || identity_of(kind).acts == Acts::kCommandDelay) continue;
+    if (kind == kind_of<ConstantForce>() || !acts_along_motion(identity_of(kind).acts)) continue;
     const Screened screened = screen.look(kind);
     if (!screened.shapes.empty() || shapes_of(kind).empty())
       out.emplace_back(addition_to(model, kind, screened.shapes), screened);

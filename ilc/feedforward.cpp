@@ -47,7 +47,7 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
   Eigen::ArrayXd friction = Eigen::ArrayXd::Constant(n, kNoLaw);
   for (const Effect& effect : effects) {
     const Acts acts = identity_of(effect.kind).acts;
-    if (acts == Acts::kCommandDelay) continue;
+    if (!acts_along_motion(acts)) continue;
     EffectMemory<double> memory;
     start_memory<double>(effect.kind, effect.shape.data(), memory);
     Eigen::ArrayXd& sum = acts == Acts::kForce ? out.force : out.reading;

@@ -46,9 +46,11 @@
 #include "twin/effects/presliding_stribeck.h"
 #include "twin/effects/smoothed_presliding.h"
 #include "twin/effects/stribeck.h"
+#include "twin/effects/swinging_load.h"
 #include "twin/effects/thermal_growth.h"
 #include "twin/effects/time_delay.h"
 #include "twin/effects/torque_saturation.h"
+#include "twin/effects/two_mass.h"
 #include "twin/effects/unexplained_force.h"
 #include "twin/effects/viscous_drift.h"
 
@@ -76,7 +78,10 @@ using Catalogue =
                BacklashBehindEncoder, Compliance, CrossCoupling, CuttingForce, DwellStiction,
                EncoderError, GainChange, ImpulseDisturbance, InertiaChange, LeadError,
                PeriodicDisturbance, ThermalGrowth, TorqueSaturation, ViscousDrift,
-               UnexplainedOverPosition, UnexplainedOverVelocity, UnexplainedOverAcceleration>;
+               UnexplainedOverPosition, UnexplainedOverVelocity, UnexplainedOverAcceleration,
+               TwoMassMotorEncoder, TwoMassLoadEncoder, TwoMassOutside,  //
+               PlayMotorEncoder, PlayLoadEncoder, PlayOutside,           //
+               SwingingLoad>;
 
 inline constexpr std::size_t kEffectKinds = std::tuple_size_v<Catalogue>;
 inline constexpr int kMaxEffects = 16;      ///< effects of one model
@@ -164,20 +169,26 @@ constexpr bool is_friction_law(std::size_t kind) {
   return std::find(kFrictionLaws.begin(), kFrictionLaws.end(), kind) != kFrictionLaws.end();
 }
 
+inline constexpr std::array kBesideTheLaw{kind_of<ConstantForce>(),
+                                          kind_of<FrictionMap>(),
+                                          kind_of<AsymmetricFriction>(),
+                                          kind_of<FallingFriction>(),
+                                          kind_of<PositionDependentFriction>(),
+                                          kind_of<AddedFriction>(),
+                                          kind_of<ViscousDrift>(),
+                                          kind_of<DwellStiction>()};
+/// Of one model at most.
+inline constexpr std::size_t kMaxFrictions = 1 + kBesideTheLaw.size();
+
 /// A law of friction, or a force that changes or joins it: together they are what the axis feels as
 /// friction.
 constexpr bool is_friction(std::size_t kind) {
-  constexpr std::array kBesideTheLaw{kind_of<ConstantForce>(),
-                                     kind_of<FrictionMap>(),
-                                     kind_of<AsymmetricFriction>(),
-                                     kind_of<FallingFriction>(),
-                                     kind_of<PositionDependentFriction>(),
-                                     kind_of<AddedFriction>(),
-                                     kind_of<ViscousDrift>(),
-                                     kind_of<DwellStiction>()};
   return is_friction_law(kind) ||
          std::find(kBesideTheLaw.begin(), kBesideTheLaw.end(), kind) != kBesideTheLaw.end();
 }
+
+/// Whether the effect makes the axis one of two masses (twin/two_mass_axis.h).
+inline bool acts_on_axis(std::size_t kind) { return identity_of(kind).acts == Acts::kAxis; }
 
 // The three below are defined in twin/catalogue_steps.h and compiled once for each scalar: for
 // double in twin/catalogue.cpp, for the derivatives by the shapes in

@@ -68,9 +68,15 @@ struct Motion {
   }
 };
 
-/// Where an effect acts: as a disturbance force, as a delay of the command against the feedback, or
-/// on the reading alone, outside the loop ("force" is then a displacement of the reading).
-enum class Acts { kForce, kCommandDelay, kReading };
+/// Where an effect acts: as a disturbance force, as a delay of the command against the feedback, on
+/// the reading alone, outside the loop ("force" is then a displacement of the reading), or on the
+/// axis itself, whose parts then move apart (twin/two_mass_axis.h).
+enum class Acts { kForce, kCommandDelay, kReading, kAxis };
+
+/// Whether the effect has forces or displacements along a motion that is given.
+[[nodiscard]] constexpr bool acts_along_motion(Acts acts) noexcept {
+  return acts == Acts::kForce || acts == Acts::kReading;
+}
 
 /// The grid on which a shape parameter is searched before it is refined.
 enum class Scan {
@@ -91,6 +97,12 @@ struct Identity {
   /// The id of the effect that it replaces; empty: none.
   std::string_view replaces = {};
   std::string_view check = {};  ///< what to check on the machine
+  /// On an axis of two masses: acts on the motor. All other forces act on the load, those of
+  /// friction by the axis' share on each.
+  bool on_motor = false;
+  /// Depends on the time of its recording, or on a signal that a twin stepped live does not get:
+  /// it describes that recording and predicts no other motion.
+  bool of_its_recording = false;
 };
 
 struct Parameter {

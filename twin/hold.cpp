@@ -7,14 +7,35 @@
 
 namespace servotwin {
 
-Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m) {
-  assert(a.rows() == a.cols() && b.size() == a.rows() && h > 0.0 && m >= 0);
+namespace {
+
+/// The system with a chain of integrators for its input and m derivatives of it.
+Eigen::MatrixXd with_inputs(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, int m) {
+  assert(a.rows() == a.cols() && b.size() == a.rows() && m >= 0);
   const Eigen::Index n = a.rows();
   Eigen::MatrixXd augmented = Eigen::MatrixXd::Zero(n + m + 1, n + m + 1);
   augmented.topLeftCorner(n, n) = a;
   augmented.col(n).head(n) = b;
   for (int k = 0; k < m; ++k) augmented(n + k, n + k + 1) = 1.0;
+  return augmented;
+}
 
+/// By one exponential in these units of the n states and the inputs, in which it loses no digits.
+Hold stepped(const Eigen::MatrixXd& augmented, Eigen::Index n, double h,
+             const Eigen::VectorXd& scale) {
+  const Eigen::MatrixXd scaled =
+      scale.asDiagonal() * (augmented * h) * scale.cwiseInverse().asDiagonal();
+  const Eigen::MatrixXd step =
+      scale.cwiseInverse().asDiagonal() * exponential(scaled) * scale.asDiagonal();
+  return {step.topLeftCorner(n, n), step.topRightCorner(n, step.cols() - n)};
+}
+
+}  // namespace
+
+Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m) {
+  assert(h > 0.0);
+  const Eigen::MatrixXd augmented = with_inputs(a, b, m);
+  const Eigen::Index n = a.rows();
   // States are derivatives of each other, so their magnitudes differ by powers of the pole
   // frequency. In units of time where that frequency is about 1 the exponential loses no digits.
   const double rate =
@@ -22,11 +43,17 @@ Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, in
   Eigen::VectorXd scale(n + m + 1);
   for (Eigen::Index i = 0; i < n; ++i) scale(i) = std::pow(rate, -static_cast<double>(i));
   for (Eigen::Index k = 0; k <= m; ++k) scale(n + k) = std::pow(rate, -static_cast<double>(n + k));
-  const Eigen::MatrixXd scaled =
-      scale.asDiagonal() * (augmented * h) * scale.cwiseInverse().asDiagonal();
-  const Eigen::MatrixXd step =
-      scale.cwiseInverse().asDiagonal() * exponential(scaled) * scale.asDiagonal();
-  return {step.topLeftCorner(n, n), step.block(0, n, n, m + 1)};
+  return stepped(augmented, n, h, scale);
+}
+
+Hold discretise_alike(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m,
+                      double rate) {
+  assert(h > 0.0 && rate > 0.0);
+  const Eigen::Index n = a.rows();
+  Eigen::VectorXd scale = Eigen::VectorXd::Ones(n + m + 1);
+  const double norm = b.norm(), size = norm > 0.0 ? norm : 1.0;
+  for (int k = 0; k <= m; ++k) scale(n + k) = size * std::pow(rate, -1 - k);
+  return stepped(with_inputs(a, b, m), n, h, scale);
 }
 
 Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_begin,

@@ -20,8 +20,11 @@ struct Hold {
   Eigen::MatrixXd g;    ///< n x (m + 1); column k multiplies the k-th derivative of the input
 };
 
-/// Discretises for the step h [s] > 0. Allocates.
+/// Discretises for the step h [s] > 0, for states that are derivatives of each other. Allocates.
 [[nodiscard]] Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m);
+/// The same for states of like size whose fastest rate is `rate` [1/s].
+[[nodiscard]] Hold discretise_alike(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h,
+                                    int m, double rate);
 
 /// The C2 cubic spline through equidistant samples, in the form that the hold uses: value and three
 /// derivatives at the start of every interval. The last row continues the last interval.

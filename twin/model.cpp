@@ -3,6 +3,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "twin/two_mass_axis.h"
+
 namespace servotwin {
 
 double Model::command_delay_s() const {
@@ -117,6 +119,18 @@ std::string why_invalid(const Model& model) {
     for (const Parameter& coefficient : coefficients_of(effect.kind)) {
       if (auto why = outside(id, coefficient, effect.coefficient[i++]); !why.empty()) return why;
     }
+  }
+  const Effect* axis = two_mass_of(model);
+  if (axis != nullptr) {
+    const auto id = identity_of(axis->kind).id;
+    for (const Effect& effect : model.effects) {
+      if (acts_on_axis(effect.kind) && &effect != axis)
+        return say("effects: ", identity_of(effect.kind).id, " beside ", id,
+                   ": an axis has one of them");
+    }
+    if (!loop.modes.empty())
+      return say("loop.modes: ", loop.modes.size(), " beside effects[", id,
+                 "]: the two masses are the mode; the loop must be the rigid axis'");
   }
   // A thousandth of a cycle for the rounding of the quotient.
   const double cycles = model.command_delay_s() / model.sample_time_s;

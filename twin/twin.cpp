@@ -19,6 +19,15 @@ namespace {
 /// columns know the cycle only, and the simulation are one scheme.
 constexpr double kLongestPart_s = 1e-3;
 
+/// With play the spring's force is not part of the linear system but taken for linear within a
+/// part, so that a part is short against its period [rad].
+constexpr double kLargestStepInPlay_rad = 0.5;
+
+/// Forces on motor and load are solved in turns, until a turn changes them by less [m/s^2 |
+/// rad/s^2].
+constexpr double kSmallestTurn = 1e-11;
+constexpr int kMostTurns = 12;
+
 /// The force at which `miss` is 0, sought from `first`, exact where that is it already. `slope` of
 /// the miss by the force: as it was last, and as it is now.
 template <class Miss>
@@ -66,9 +75,14 @@ double balanced(double first, double& slope, const Miss& miss_at) noexcept {
 
 Twin::Twin(const Model& model) {
   if (auto why = why_invalid(model); !why.empty()) throw std::invalid_argument(why);
+  const Effect* two_mass = two_mass_of(model);
+  double longest_part_s = kLongestPart_s;
+  if (two_mass != nullptr && two_mass_parameters(*two_mass).width > 0.0)
+    longest_part_s =
+        std::min(longest_part_s, kLargestStepInPlay_rad / two_mass_parameters(*two_mass).omega);
   linear_.parts = model.effects.empty()
                       ? 1
-                      : static_cast<int>(std::ceil(model.sample_time_s / kLongestPart_s - 1e-9));
+                      : static_cast<int>(std::ceil(model.sample_time_s / longest_part_s - 1e-9));
   cycle_s_ = model.sample_time_s;
   h_ = cycle_s_ / linear_.parts;
   delay_s_ = model.command_delay_s();
@@ -84,15 +98,33 @@ Twin::Twin(const Model& model) {
     if (is_friction_law(effect.kind)) return 0;
     return identity_of(effect.kind).acts == Acts::kForce ? 1 : 2;
   };
+  if (two_mass != nullptr) axis_.discretise(model.loop, two_mass_parameters(*two_mass), h_);
+  const double on_load = axis_.parameters().friction_share;
   for (const int place : {0, 1, 2}) {
     for (const Effect& effect : model.effects) {
-      if (identity_of(effect.kind).acts == Acts::kCommandDelay || place_of(effect) != place)
-        continue;
-      effects_[static_cast<std::size_t>(effect_count_ + reading_count_)] = effect;
-      ++(place < 2 ? effect_count_ : reading_count_);
+      if (!acts_along_motion(identity_of(effect.kind).acts) || place_of(effect) != place) continue;
+      if (place == 2) {
+        effects_[static_cast<std::size_t>(effect_count_ + reading_count_++)] = effect;
+      } else if (!axis_.used() || identity_of(effect.kind).on_motor) {
+        add_force(effect, Body::kMotor, 1.0);
+      } else if (!is_friction(effect.kind) || effect.kind == kind_of<ConstantForce>() ||
+                 on_load == 1.0) {
+        add_force(effect, Body::kLoad, 1.0);
+      } else {
+        add_force(effect, Body::kMotor, 1.0 - on_load);
+        add_force(effect, Body::kLoad, on_load);
+      }
     }
   }
   start(0.0);
+}
+
+void Twin::add_force(const Effect& effect, Body body, double share) noexcept {
+  const auto at = static_cast<std::size_t>(effect_count_++);
+  effects_[at] = effect;
+  bodies_[at] = body;
+  if (share == 1.0) return;
+  for (double& coefficient : effects_[at].coefficient) coefficient *= share;
 }
 
 void Twin::discretise_loop(const Loop& loop) {
@@ -222,6 +254,9 @@ void Twin::start(double command, double time_s) noexcept {
     trial_[k] = memory_[k];
   }
   history_.fill(command);
+  velocity_ = 0.0;
+  neighbour_acceleration_ = 0.0;
+  if (axis_.used()) return start_two_masses(command);
   if (moves_) place_modes(command, command);
   Motion rest;
   rest.step_s = h_;
@@ -239,8 +274,6 @@ void Twin::start(double command, double time_s) noexcept {
   force_ = balanced(0.0, slope_, miss_at);
   copy_memories(trial_, memory_);
   for (std::size_t r = 0; r < state_.size(); ++r) state_[r] = linear_.rest[r] * force_;
-  velocity_ = 0.0;
-  neighbour_acceleration_ = 0.0;
   demand_ = force_;
   position_ = command - (linear_.order == 2 ? linear_.error.at(state_, linear_.states) : 0.0);
   rest.position = position_;
@@ -249,6 +282,18 @@ void Twin::start(double command, double time_s) noexcept {
 
 void Twin::start(double position, std::span<const double> free_response, double time_s) noexcept {
   start(position, time_s);
+  if (axis_.used()) {
+    for (std::size_t r = 0; r < std::min(free_response.size(), axis_state_.size()); ++r)
+      axis_state_[r] += free_response[r];
+    CommandPiece still;
+    still.end_position = position;
+    const TwoMassAxis::Ends now =
+        axis_.ends_of(axis_state_, still, {force_ - contact_, load_force_ + contact_});
+    motor_position_ = now.motor_position;
+    load_position_ = now.load_position;
+    position_ = position - now.recorded_error;
+    return;
+  }
   const auto n = static_cast<std::size_t>(linear_.order),
              states = static_cast<std::size_t>(linear_.states);
   for (std::size_t r = 0; r < free_response.size() && n + r < states; ++r) {
@@ -260,16 +305,18 @@ void Twin::start(double position, std::span<const double> free_response, double 
   position_ = position - linear_.error.at(state_, linear_.states);
 }
 
-void Twin::copy_memories(const Memories& from, Memories& to) const noexcept {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i)
-    copy_memory<double>(effects_[i].kind, from[i], to[i]);
+void Twin::copy_memories(const Memories& from, Memories& to, Body body) const noexcept {
+  for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
+    if (bodies_[i] == body) copy_memory<double>(effects_[i].kind, from[i], to[i]);
+  }
 }
 
-double Twin::disturbance(Motion& m, Memories& memory) const noexcept {
+double Twin::disturbance(Motion& m, Memories& memory, Body body) const noexcept {
   double sum = 0.0;
   m.friction = kNoLaw;
   std::array<double, kMaxCoefficients> force{};
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
+    if (bodies_[i] != body) continue;
     const Effect& effect = effects_[i];
     unit_forces<double>(effect.kind, effect.shape.data(), memory[i], m, force.data());
     const std::size_t count = coefficients_of(effect.kind).size();
@@ -316,7 +363,124 @@ double Twin::step(const CommandPiece& whole) noexcept {
   return advance(part);
 }
 
+void Twin::balance_two_masses(const TwoMassAxis::State& free, const CommandPiece& piece,
+                              Motion& motor, Motion& load) noexcept {
+  const auto ends = [&] {
+    const TwoMassAxis::Forces end{force_ - contact_, load_force_ + contact_};
+    return axis_.ends_of(axis_.with(free, end), piece, end);
+  };
+  const auto miss_of = [&](Body body, Motion& m, double& force) {
+    return [&, body](double trial) {
+      force = trial;
+      const TwoMassAxis::Ends now = ends();
+      const bool on_load = body == Body::kLoad;
+      m.position = on_load ? now.load_position : now.motor_position;
+      m.velocity = on_load ? now.load_velocity : now.motor_velocity;
+      m.acceleration = on_load ? now.load_acceleration : now.motor_acceleration;
+      m.displacement = m.position - (on_load ? load_position_ : motor_position_);
+      m.tracking_error = now.loop_error;
+      m.demand = now.demand;
+      if (linear_.order == 3) {
+        m.demand_rate = now.demand_rate;
+        m.demand_damping = linear_.damping * now.loop_rate;
+      }
+      copy_memories(memory_, trial_, body);
+      return trial - disturbance(m, trial_, body);
+    };
+  };
+  const bool plays = axis_.parameters().width > 0.0;
+  const auto end = bodies_.begin() + effect_count_;
+  const bool motor_feels = std::find(bodies_.begin(), end, Body::kMotor) != end;
+  for (int turn = 0; turn < kMostTurns; ++turn) {
+    const double motor_before = force_, contact_before = contact_;
+    if (plays) {
+      contact_ = balanced(contact_, contact_slope_, [&](double trial) {
+        contact_ = trial;
+        return trial -
+               axis_.missing_contact(axis_.with(free, {force_ - trial, load_force_ + trial}));
+      });
+    }
+    load_force_ = balanced(load_force_, load_slope_, miss_of(Body::kLoad, load, load_force_));
+    force_ = balanced(force_, slope_, miss_of(Body::kMotor, motor, force_));
+    if (!plays && !motor_feels) break;
+    if (std::abs(force_ - motor_before) <= kSmallestTurn &&
+        std::abs(contact_ - contact_before) <= kSmallestTurn)
+      break;
+  }
+}
+
+void Twin::start_two_masses(double command) noexcept {
+  force_ = load_force_ = contact_ = 0.0;
+  load_force_change_ = 0.0;
+  load_slope_ = contact_slope_ = 1.0;
+  CommandPiece still;
+  still.end_position = command;
+  Motion rest;
+  rest.step_s = h_;
+  rest.time_s = time_s_;
+  // A standing loop holds whatever forces act at rest; they may depend on where it stands.
+  for (int turn = 0; turn < kMostTurns; ++turn) {
+    axis_state_ = axis_.at_rest({force_, load_force_});
+    contact_ = axis_.missing_contact(axis_state_);
+    const TwoMassAxis::Ends now =
+        axis_.ends_of(axis_state_, still, {force_ - contact_, load_force_ + contact_});
+    motor_position_ = now.motor_position;
+    load_position_ = now.load_position;
+    position_ = command - now.recorded_error;
+    demand_ = now.demand;
+    const double motor_before = force_, load_before = load_force_;
+    for (const Body body : {Body::kMotor, Body::kLoad}) {
+      rest.position = body == Body::kLoad ? load_position_ : motor_position_;
+      rest.tracking_error = now.loop_error;
+      rest.demand = now.demand;
+      copy_memories(memory_, trial_, body);
+      (body == Body::kLoad ? load_force_ : force_) = disturbance(rest, trial_, body);
+    }
+    if (std::abs(force_ - motor_before) <= kSmallestTurn &&
+        std::abs(load_force_ - load_before) <= kSmallestTurn)
+      break;
+  }
+  for (const Body body : {Body::kMotor, Body::kLoad}) copy_memories(trial_, memory_, body);
+  acceleration_ = 0.0;
+  rest.position = position_;
+  reading_ = read(rest);
+}
+
+double Twin::advance_two_masses(const CommandPiece& piece) noexcept {
+  time_s_ += h_;
+  const double motor_before = force_, load_before = load_force_;
+  const TwoMassAxis::State free =
+      axis_.free(axis_state_, piece, {force_ - contact_, load_force_ + contact_});
+  Motion motor;
+  motor.step_s = h_;
+  motor.time_s = time_s_;
+  motor.command_velocity = piece.end_velocity;
+  motor.command_acceleration = piece.end_acceleration;
+  motor.neighbour_acceleration = piece.neighbour_acceleration;
+  motor.in_cut = piece.in_cut;
+  Motion load = motor;
+  force_ += force_change_;
+  load_force_ += load_force_change_;
+  balance_two_masses(free, piece, motor, load);
+  for (const Body body : {Body::kMotor, Body::kLoad}) copy_memories(trial_, memory_, body);
+  const TwoMassAxis::Forces end{force_ - contact_, load_force_ + contact_};
+  axis_state_ = axis_.with(free, end);
+  const TwoMassAxis::Ends now = axis_.ends_of(axis_state_, piece, end);
+  force_change_ = force_ - motor_before;
+  load_force_change_ = load_force_ - load_before;
+  motor_position_ = now.motor_position;
+  load_position_ = now.load_position;
+  demand_ = now.demand;
+  const bool at_load = axis_.parameters().encoders != Encoders::kMotor;
+  position_ = at_load ? now.load_position : now.motor_position;
+  velocity_ = at_load ? now.load_velocity : now.motor_velocity;
+  acceleration_ = at_load ? now.load_acceleration : now.motor_acceleration;
+  if (reading_count_ > 0) reading_ = read(at_load ? load : motor);
+  return now.recorded_error - reading_;
+}
+
 double Twin::advance(const CommandPiece& piece) noexcept {
+  if (axis_.used()) return advance_two_masses(piece);
   if (moves_) place_modes(piece.end_position - 0.5 * h_ * piece.end_velocity, piece.end_position);
   const auto states = static_cast<std::size_t>(linear_.states);
   StepConstants::State next;
@@ -460,6 +624,18 @@ bool stands(const Eigen::ArrayXd& readings) {
 
 }  // namespace
 
+namespace {
+
+/// The axis without forces and play.
+Model linear_part(const Model& model) {
+  Model out = model;
+  out.effects.clear();
+  if (const Effect* two_mass = two_mass_of(model)) out.effects.push_back(without_play(*two_mass));
+  return out;
+}
+
+}  // namespace
+
 double starting_state_s(const Model& model) {
   // Long enough to see every mode of the loop, and at least 20 samples for the encoder's steps.
   double slowest = 1e9;
@@ -492,16 +668,15 @@ Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
   const auto settle = std::min(n, starting_state_samples(model, segment));
   if (stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))
     return run(twin, segment, motion, delayed, neighbour, {});
-  const int order = model.loop.order + 2 * static_cast<int>(model.loop.modes.size());
+  const int order = twin.free_states();
   Segment head = segment;
   head.command.conservativeResize(settle);
+  const Twin bare(linear_part(model));
   std::array<double, kMaxOrder + 2 * kMaxModes> start{};
   const std::span<const double> state(start.data(), static_cast<std::size_t>(order));
   Eigen::MatrixXd response(settle - 1, order);
   for (int i = 0; i < order; ++i) {
-    Model bare = model;
-    bare.effects.clear();
-    Twin free{bare};
+    Twin free = bare;
     std::array<double, kMaxOrder + 2 * kMaxModes> unit{};
     unit[static_cast<std::size_t>(i)] = 1.0;
     free.start(delayed(0), {unit.data(), static_cast<std::size_t>(order)});

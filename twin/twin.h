@@ -5,8 +5,9 @@
 // N, P and the modes of vibration: twin/loop.h; (s | 1): s with integral action, 1 without. The
 // filters are exact (twin/hold.h). The friction force is interpolated linearly within the step and
 // solved together with it, so any step is stable (docs/theory.md 2.3). Cycles above 1 ms are solved
-// in parts, because friction may reverse within them. Trivially copyable; looking ahead is done on
-// a copy.
+// in parts, because friction may reverse within them. On an axis of two masses
+// (twin/two_mass_axis.h) the forces on motor and load are solved in turns until they agree.
+// Trivially copyable; looking ahead is done on a copy.
 //
 // Units: m | rad, s. Errors: std::invalid_argument from the constructor. Any one thread; `step`,
 // `follow` and `predict` allocate nothing, take no lock and throw nothing. Source: docs/theory.md 1
@@ -20,6 +21,7 @@
 #include "twin/hold.h"
 #include "twin/model.h"
 #include "twin/sample.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -83,13 +85,21 @@ class Twin {
   [[nodiscard]] double velocity() const noexcept { return velocity_; }
   /// Force demanded by the control per moved mass, at the same time [m/s^2 | rad/s^2].
   [[nodiscard]] double demand() const noexcept { return demand_; }
-  /// x'': the demand minus all disturbances [m/s^2 | rad/s^2].
-  [[nodiscard]] double acceleration() const noexcept { return demand_ - force_; }
+  /// x'': the demand minus all disturbances [m/s^2 | rad/s^2]; of the body that carries the
+  /// recorded encoder.
+  [[nodiscard]] double acceleration() const noexcept {
+    return axis_.used() ? acceleration_ : demand_ - force_;
+  }
+  /// How many states of the loop a start within a motion may set.
+  [[nodiscard]] int free_states() const noexcept {
+    return axis_.used() ? axis_.states() : linear_.states - linear_.order;
+  }
 
   /// Starts at rest at this command, with constant forces already balanced by the loop.
   void start(double command, double time_s = 0.0) noexcept;
   /// Starts within a motion. `free_response`: the states of 1/P (output and derivatives) whose free
-  /// response is added to the error, then those of 1/M of every mode, whose output is added.
+  /// response is added to the error, then those of 1/M of every mode, whose output is added. On an
+  /// axis of two masses its states.
   void start(double position, std::span<const double> free_response, double time_s = 0.0) noexcept;
 
   /// One cycle with the cubic of the command given. Returns the tracking error at its end [m |
@@ -103,15 +113,25 @@ class Twin {
   void predict(std::span<const double> commands, std::span<double> errors) const noexcept;
 
  private:
-  using Memories = std::array<EffectMemory<double>, kMaxEffects>;
+  // On an axis of two masses friction is there twice.
+  static constexpr std::size_t kMaxEntries = kMaxEffects + kMaxFrictions;
+  using Memories = std::array<EffectMemory<double>, kMaxEntries>;
   void discretise_loop(const Loop& loop);
   /// Computes the modes' part of linear_ for a cycle during which the command is at `over` and at
   /// whose end it is at `at_end`.
   void place_modes(double over, double at_end) noexcept;
   double advance(const CommandPiece& piece) noexcept;
-  double disturbance(Motion& m, Memories& memory) const noexcept;
+  double advance_two_masses(const CommandPiece& piece) noexcept;
+  /// Solves the forces on motor and load and that of the play for a step of which this is the free
+  /// state; from the forces as they are.
+  void balance_two_masses(const TwoMassAxis::State& free, const CommandPiece& piece, Motion& motor,
+                          Motion& load) noexcept;
+  void start_two_masses(double command) noexcept;
+  enum class Body : std::uint8_t { kMotor, kLoad };
+  void add_force(const Effect& effect, Body body, double share) noexcept;
+  double disturbance(Motion& m, Memories& memory, Body body = Body::kMotor) const noexcept;
   double read(const Motion& m) noexcept;
-  void copy_memories(const Memories& from, Memories& to) const noexcept;
+  void copy_memories(const Memories& from, Memories& to, Body body = Body::kMotor) const noexcept;
 
   static constexpr int kHistory = 512;  // commands kept for a delay; power of two
   static_assert(kHistory >= kMaxDelayCycles + 8, "the interpolation reaches beyond the delay");
@@ -126,8 +146,9 @@ class Twin {
   std::array<Mode, kMaxModes> modes_{};
   Travel travel_{};
   bool moves_ = false;
-  std::array<Effect, kMaxEffects>
+  std::array<Effect, kMaxEntries>
       effects_{};  // order: friction law, other forces, effects on the reading
+  std::array<Body, kMaxEntries> bodies_{};  // on which they act; the motor's, if there is one body
   int reading_count_ = 0;
 
   StepConstants::State state_{};
@@ -142,6 +163,13 @@ class Twin {
   double reading_ = 0.0;  // reading minus position
   double neighbour_acceleration_ = 0.0;
   double time_s_ = 0.0;
+  // An axis of two masses: its state, the force on the load with its slope as above (force_ is that
+  // on the motor), and the force that the spring misses in the play.
+  TwoMassAxis axis_;
+  TwoMassAxis::State axis_state_{};
+  double load_force_ = 0.0, load_force_change_ = 0.0, load_slope_ = 1.0;
+  double contact_ = 0.0, contact_slope_ = 1.0;
+  double motor_position_ = 0.0, load_position_ = 0.0, acceleration_ = 0.0;
   std::array<double, kHistory> history_{};
   std::uint32_t newest_ = 0;
 };

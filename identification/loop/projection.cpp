@@ -473,7 +473,7 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
     for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
       const std::size_t kind = structure_.effects[i];
       const Acts acts = identity_of(kind).acts;
-      if (acts == Acts::kCommandDelay) continue;
+      if (!acts_along_motion(acts)) continue;
       const auto motion_at = [&](Eigen::Index k) { return motion_of(s, *command, acts, k); };
       const auto [forces, by_shape] =
           unit_columns(kind, point.shapes.data() + shape_offset_[i], n, motion_at, derivatives);

@@ -238,6 +238,24 @@ TEST(UnexplainedForce, IsLinearBetweenItsKnotsAndConstantBeyond) {
 }
 
 // The step response of two poles, p and s, in closed form.
+// A pendulum of mass m and arm l on an axis with the moment J: m g l sin(x) / J, and where the zero
+// is with the arm level m g l cos(x) / J.
+TEST(SwingingLoad, IsTheWeightTimesItsLeverArm) {
+  constexpr double kMass_kg = 2.0, kArm_m = 0.3, kInertia_kgm2 = 0.4, kGravity_mps2 = 9.81;
+  const double most = kMass_kg * kGravity_mps2 * kArm_m / kInertia_kgm2;
+  Effect effect = make_effect<SwingingLoad>();
+  effect.coefficient = {most, 0.0};
+  Along hanging(effect);
+  effect.coefficient = {0.0, most};
+  Along level(effect);
+  for (const double degrees : {0.0, 30.0, 90.0, 180.0, -90.0, 725.0}) {
+    Motion m;
+    m.position = degrees * kTwoPi / 360.0;
+    EXPECT_NEAR(hanging(m), most * std::sin(m.position), 1e-12 * most) << degrees;
+    EXPECT_NEAR(level(m), most * std::cos(m.position), 1e-12 * most) << degrees;
+  }
+}
+
 TEST(CrossCoupling, FollowsTheOtherAxisAsItsLoopDoes) {
   for (const double zeta : {0.3, 0.8, 0.99999, 1.0, 1.00001, 2.2, 5.0}) {
     const double f = 12.0, w = kTwoPi * f;

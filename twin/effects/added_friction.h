@@ -19,7 +19,8 @@ struct AddedFriction {
       .meaning = "friction that is added at one time of the recording",
       .acts = Acts::kForce,
       .cause = "added_friction",
-      .check = "what changed at that time: cover, wiper, clamp, lubrication"};
+      .check = "what changed at that time: cover, wiper, clamp, lubrication",
+      .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it is added", true, false,
         Scan::kTime}}};

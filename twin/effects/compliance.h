@@ -22,8 +22,8 @@ struct Compliance {
       .meaning = "a mode of vibration that the motion excites",
       .acts = Acts::kForce,
       .cause = "compliance",
-      .check =
-          "what vibrates at this frequency: table, column, foundation; filters of the control"};
+      .check = "what vibrates at this frequency: table, column, foundation; filters of the control",
+      .on_motor = true};
   static constexpr std::array<Parameter, 2> kShapes{
       {{"frequency_hz", "Hz", 2.0, 2000.0, 50.0, "undamped frequency of the mode", true, false,
         Scan::kFrequency},

@@ -21,7 +21,8 @@ struct CuttingForce {
           "mean force and a sinusoidal force at the tooth-passing frequency while the tool cuts",
       .acts = Acts::kForce,
       .cause = "cutting_force",
-      .check = "feed per tooth, wear and runout of the tool"};
+      .check = "feed per tooth, wear and runout of the tool",
+      .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"tooth_frequency_hz", "Hz", 0.2, 2000.0, 50.0, "tooth-passing frequency", true, false,
         Scan::kFrequency}}};

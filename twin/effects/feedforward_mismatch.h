@@ -17,7 +17,8 @@ struct FeedforwardMismatch {
   static constexpr Identity kIdentity{
       .id = "feedforward_mismatch",
       .meaning = "velocity or acceleration feed-forward that differs from that of the loop",
-      .acts = Acts::kForce};
+      .acts = Acts::kForce,
+      .on_motor = true};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"velocity_gain", "1/s", -2000.0, 2000.0, 0.0, "excess velocity feed-forward", false},

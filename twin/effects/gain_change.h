@@ -21,7 +21,9 @@ struct GainChange {
       .meaning = "position-loop gain that changes at one time of the recording",
       .acts = Acts::kForce,
       .cause = "gain_change",
-      .check = "parameter sets and gain switching of the control"};
+      .check = "parameter sets and gain switching of the control",
+      .on_motor = true,
+      .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it changes", true, false,
         Scan::kTime}}};

@@ -20,7 +20,8 @@ struct ImpulseDisturbance {
       .meaning = "short force impulses at up to four times of the recording",
       .acts = Acts::kForce,
       .cause = "impulse_disturbance",
-      .check = "chips, jammed cover segments, collision with the table at that time"};
+      .check = "chips, jammed cover segments, collision with the table at that time",
+      .of_its_recording = true};
   static constexpr std::array<Parameter, kPushes + 1> kShapes{
       {{"time_1_s", "s", 1e-3, 1e7, 1.0, "time of a peak in the recording", true, false,
         Scan::kMoments},

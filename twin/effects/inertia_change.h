@@ -20,7 +20,8 @@ struct InertiaChange {
       .meaning = "moved mass that changes at one time of the recording",
       .acts = Acts::kForce,
       .cause = "inertia_change",
-      .check = "what was loaded or unloaded at that time; load-dependent parameters"};
+      .check = "what was loaded or unloaded at that time; load-dependent parameters",
+      .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it changes", true, false,
         Scan::kTime}}};

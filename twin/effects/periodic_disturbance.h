@@ -19,7 +19,8 @@ struct PeriodicDisturbance {
       .meaning = "a force of fixed frequency in time",
       .acts = Acts::kForce,
       .cause = "periodic_disturbance",
-      .check = "pumps, fans and neighbouring machines at this frequency; the mains"};
+      .check = "pumps, fans and neighbouring machines at this frequency; the mains",
+      .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"frequency_hz", "Hz", 0.2, 2000.0, 10.0, "frequency of the force", true, false,
         Scan::kFrequency}}};

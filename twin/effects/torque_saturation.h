@@ -22,7 +22,8 @@ struct TorqueSaturation {
       .meaning = "the control demands more torque than the motor can give",
       .acts = Acts::kForce,
       .cause = "torque_saturation",
-      .check = "acceleration limits of the program against the torque limit of the motor"};
+      .check = "acceleration limits of the program against the torque limit of the motor",
+      .on_motor = true};
   static constexpr std::array<Parameter, 3> kShapes{
       {{"limit_mps2", "m/s^2", 0.01, 1000.0, 1.0, "acceleration that the motor can give", true,
         false, Scan::kDemand},

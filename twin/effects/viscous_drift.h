@@ -19,7 +19,8 @@ struct ViscousDrift {
       .meaning = "viscous friction that decreases with running time",
       .acts = Acts::kForce,
       .cause = "viscous_drift",
-      .check = "lubricant and its temperature; warming up before precision work"};
+      .check = "lubricant and its temperature; warming up before precision work",
+      .of_its_recording = true};
   static constexpr std::array<Parameter, 1> kShapes{
       {{"time_constant_s", "s", 2.0, 1e4, 20.0, "time in which it falls to 1/e"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{

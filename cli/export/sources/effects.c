@@ -62,6 +62,7 @@ static const EffectKind kEffects[] = {
     {"gravity_offset", kActsAsForce, 0, 1, 0, NULL, servotwin_constant_force, NULL},
     {"feedforward_mismatch", kActsAsForce, 0, 2, 0, NULL, servotwin_feedforward_mismatch, NULL},
     {"cogging", kActsAsForce, 1, 4, 0, NULL, servotwin_cogging, NULL},
+    {"swinging_load", kActsAsForce, 0, 2, 0, NULL, servotwin_swinging_load, NULL},
     {"compliance", kActsAsForce, 2, 4, MEMORY(mode), NULL, servotwin_compliance, NULL},
     {"cross_coupling", kActsAsForce, 2, 3, MEMORY(other), NULL, servotwin_cross_coupling, NULL},
     {"cutting_force", kActsAsForce, 1, 3, 0, NULL, servotwin_cutting_force, NULL},

@@ -121,6 +121,7 @@ void servotwin_viscous_drift(const double*, EffectMemory*, const Motion*, double
 void servotwin_constant_force(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_feedforward_mismatch(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cogging(const double*, EffectMemory*, const Motion*, double*);
+void servotwin_swinging_load(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_compliance(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cross_coupling(const double*, EffectMemory*, const Motion*, double*);
 void servotwin_cutting_force(const double*, EffectMemory*, const Motion*, double*);

@@ -30,6 +30,14 @@ void servotwin_cogging(const double* shape, EffectMemory* memory, const Motion* 
   force[3] = cos(2.0 * angle);
 }
 
+void servotwin_swinging_load(const double* shape, EffectMemory* memory, const Motion* m,
+                             double* force) {
+  (void)shape;
+  (void)memory;
+  force[0] = sin(m->position);
+  force[1] = cos(m->position);
+}
+
 /* Exact steps of q'' + 2 zeta w q' + w^2 q = w^2 rest, at any damping. */
 typedef struct {
   double w, zeta, cosine, sine; /* both faded; sine over the damped frequency */

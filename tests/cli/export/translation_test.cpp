@@ -24,7 +24,10 @@ namespace {
 constexpr double kSame = 1e-12;
 
 /// Effects that are not exported. A new effect must be translated, or listed here with the reason.
-const std::set<std::string_view> kDeclined{};
+const std::set<std::string_view> kDeclined{
+    // Two masses are stepped together, with forces on each; the unit steps one.
+    "two_mass",      "two_mass_load_encoder",      "two_mass_outside",
+    "two_mass_play", "two_mass_play_load_encoder", "two_mass_play_outside"};
 
 const ::EffectKind* translated(std::size_t kind) {
   const int place = servotwin_find_effect(std::string(identity_of(kind).id).c_str());

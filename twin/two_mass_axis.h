@@ -1,0 +1,93 @@
+// Motor and load of an axis as two masses on a spring, in the loop of its drive.
+//
+//   (1 - load_share) x1'' = u - c - d1      motor
+//   load_share x2''       = c - d2          load
+//   c = load_share (omega^2 s + 2 zeta omega (x1' - x2')) in contact, never pulling across the gap
+//       s: x1 - x2 beyond +- width / 2      without play: x1 - x2
+//   u = (1 - c0) x_r'' - c1 x_r' + a1 (x_r - x1)' + a2 e + I,   I' = a3 e - c2 x_r'   (order 3)
+//   e = x_r - x1 or, if the load's encoder closes the position loop, x_r - x2; then the part
+//       a1 reset of a2 stays with the motor, whose velocity the integrator integrates
+//
+// All forces are per moved mass of both. In the limit of a stiff spring it is the loop of
+// twin/loop.h. Omega and zeta are those of the load with the motor held.
+//
+// Linear but for the play: the state (e1, e1', q, q', I) with q = x1 - x2 is stepped exactly for a
+// cubic command and for forces that are linear within the step. Play is the force by which the
+// spring falls short of the linear one, a force on both masses. SI units. `discretise` allocates;
+// the rest allocates nothing and throws nothing. Any one thread.
+#pragma once
+
+#include <array>
+
+#include "twin/effects/two_mass.h"
+#include "twin/model.h"
+
+namespace servotwin {
+
+struct CommandPiece;
+
+/// The parameters of an effect that acts on the axis.
+struct TwoMassParameters {
+  Encoders encoders = Encoders::kMotor;
+  double omega = 0.0;  ///< [rad/s]
+  double zeta = 0.0;
+  double load_share = 0.0, friction_share = 0.0;
+  double reset = 0.0;  ///< [1/s]
+  double width = 0.0;  ///< of the gap [m | rad]; 0 without play
+};
+
+/// Of the effect that acts on the axis; nothing in a model without one.
+[[nodiscard]] const Effect* two_mass_of(const Model& model);
+[[nodiscard]] TwoMassParameters two_mass_parameters(const Effect& effect);
+/// The same kind of axis without play.
+[[nodiscard]] Effect without_play(const Effect& effect);
+
+class TwoMassAxis {
+ public:
+  static constexpr int kStates = 5;
+  using State = std::array<double, kStates>;
+  struct Forces {
+    double motor = 0.0, load = 0.0;  ///< d1, d2, with the play's force in them
+  };
+  /// Everything at the end of a step that forces of the effects may depend on.
+  struct Ends {
+    double motor_position = 0.0, motor_velocity = 0.0, motor_acceleration = 0.0;
+    double load_position = 0.0, load_velocity = 0.0, load_acceleration = 0.0;
+    double loop_error = 0.0, loop_rate = 0.0, demand = 0.0, demand_rate = 0.0;
+    double recorded_error = 0.0;
+  };
+
+  [[nodiscard]] bool used() const noexcept { return states_ > 0; }
+  [[nodiscard]] int states() const noexcept { return states_; }
+  [[nodiscard]] const TwoMassParameters& parameters() const noexcept { return parameters_; }
+
+  void discretise(const Loop& loop, const TwoMassParameters& parameters, double step_s);
+  /// The state in which constant forces are balanced, with the load on the side to which they push.
+  [[nodiscard]] State at_rest(const Forces& forces) const noexcept;
+  /// The state at the end of the step without the forces at its end.
+  [[nodiscard]] State free(const State& from, const CommandPiece& piece,
+                           const Forces& begin) const noexcept;
+  /// The same with them.
+  [[nodiscard]] State with(const State& free, const Forces& end) const noexcept;
+  [[nodiscard]] Ends ends_of(const State& state, const CommandPiece& piece,
+                             const Forces& end) const noexcept;
+  /// The force by which the spring falls short of the linear one for this deflection and its rate.
+  [[nodiscard]] double missing_contact(double deflection, double rate) const noexcept;
+  [[nodiscard]] double missing_contact(const State& state) const noexcept {
+    return missing_contact(state[2], state[3]);
+  }
+
+ private:
+  int states_ = 0;  // 5 with integral action, else 4
+  TwoMassParameters parameters_;
+  std::array<double, kMaxOrder> denominator_{}, numerator_{};
+  double by_loop_ = 0.0, by_motor_ = 0.0;  // a2 in two parts
+  double integral_ = 0.0, integral_velocity_ = 0.0;
+  double command_velocity_ = 0.0;  // -c1, of the demand
+  double command_acceleration_ = 0.0;
+  std::array<State, kStates> phi_{};
+  std::array<std::array<double, 3>, kStates> command_{};
+  State motor_begin_{}, motor_end_{}, load_begin_{}, load_end_{};
+};
+
+}  // namespace servotwin
