@@ -84,7 +84,11 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
     out = text("+-%.3g %s, every %.5g %s", 1e6 * of("amplitude_m"), unit, period, length);
   if (id == "backlash") out = text("a gap of %.3g %s", 1e6 * of("width_m"), unit);
   if (id == "time_delay") out = text("%.3g ms", 1e3 * of("delay_s"));
-  if (id == "gravity_offset") out = text("%.3g %s", of("offset_mps2"), force);
+  if (id == "gravity_offset" && std::isfinite(of("sine")))
+    out = text("at most %.3g %s, as sine and cosine of the angle",
+               std::hypot(of("sine"), of("cosine")), force);
+  else if (id == "gravity_offset")
+    out = text("%.3g %s", of("offset_mps2"), force);
   if (id == "inertia_change")
     out = text("%.3g times the mass from %.3g s on", of("ratio"), of("time_s"));
   if (id == "gain_change")

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "diagnosis/judgement.h"
+#include "diagnosis/search.h"
 #include "diagnosis/text.h"
 #include "identification/loop/joint.h"
 #include "identification/model/json_number.h"
@@ -73,7 +74,7 @@ json parameters_json(const Diagnosis& diagnosis, const Cause& cause) {
   } else if (cause.id == "periodic_disturbance") {
     out["amplitude_mps2"] = std::hypot(c[0], c[1]);
   } else if (cause.id == "backlash") {
-    out["width_m"] = effect.shape[0];
+    out["width_m"] = shape_of(model, effect.kind, "width");
   } else if (effect.kind == kind_of<Compliance>() && out["frequency_hz"].is_null()) {
     if (const std::optional<Vibration> vibration = vibration_of(model, effect)) {
       out["frequency_hz"] = vibration->frequency_hz;

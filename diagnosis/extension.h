@@ -16,6 +16,7 @@ struct Channels {
   bool in_cut = true;     ///< when the tool was cutting
   bool reading = true;    ///< errors of the reading: the encoder is not that of the position loop
   bool rests = true;      ///< the axis rests; reversals of a smooth motion do not count
+  bool rotary = false;    ///< a load may swing with the axis
   explicit Channels(const std::vector<Segment>& segments, bool encoder_in_loop = false);
 };
 

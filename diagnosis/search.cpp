@@ -7,12 +7,14 @@
 #include "diagnosis/cuts.h"
 #include "diagnosis/pieces.h"
 #include "diagnosis/thresholds.h"
+#include "diagnosis/two_mass_fit.h"
 #include "diagnosis/variation.h"
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/joint.h"
 #include "identification/loop/output_error.h"
 #include "twin/twin.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -75,6 +77,12 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
       fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
     if (2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest) return false;
   }
+  // Without play a spring that hardly rings is no spring but a lag.
+  constexpr double kMaxSpringDamping = 0.2;
+  if (const Effect* axis = two_mass_of(model); axis != nullptr &&
+                                               two_mass_parameters(*axis).width == 0.0 &&
+                                               axis->shape[1] > kMaxSpringDamping)
+    return false;
   if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
       pushes != nullptr && !are_impulses(*pushes))
     return false;
@@ -129,6 +137,10 @@ double Hypothesis::rms() const { return rms_of(pieces); }
 bool Hypothesis::has(std::size_t kind) const {
   return std::find(structure.effects.begin(), structure.effects.end(), kind) !=
          structure.effects.end();
+}
+
+bool has_two_masses(const Structure& structure) {
+  return std::any_of(structure.effects.begin(), structure.effects.end(), acts_on_axis);
 }
 
 bool is_intermittent(std::size_t kind) {
@@ -324,7 +336,25 @@ bool Search::is_plausible(const Model& model) const {
                    kMaxDeviationSimulated);
 }
 
+bool Search::refit_two_masses(Hypothesis& h) {
+  const auto is_of = [&](const Effect& effect, std::size_t kind) { return effect.kind == kind; };
+  if (!std::equal(h.model.effects.begin(), h.model.effects.end(), h.structure.effects.begin(),
+                  h.structure.effects.end(), is_of) ||
+      !why_invalid(h.model).empty())
+    return false;
+  ++fits_;
+  const auto found = output_error(training_, h.structure, h.model, polishing(floor_));
+  if (!found || !why_invalid(found->model).empty() || !is_plausible(found->model)) return false;
+  h.model = found->model;
+  h.point = point_of(h.model, h.structure);
+  double left = 0.0;
+  for (const double square : left_by(h.model, training_)) left += square;
+  h.cost = left;
+  return true;
+}
+
 bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
+  if (has_two_masses(h.structure)) return refit_two_masses(h);
   const Projection all = thinned(Projection(training_signals_, h.structure), kFitStep_s);
   PoleSearchOptions options;
   options.bounds = bounds_;
@@ -342,6 +372,19 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   h.point = point_of(h.model, h.structure);
   h.cost = found->solution.cost;
   if (widened) polish(h);
+  return true;
+}
+
+bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
+                         const std::vector<std::size_t>& kinds) {
+  ++fits_;
+  const auto found = servotwin::fit_two_masses(training_, rigid.structure, rigid.model, kinds,
+                                               floor_.encoder_step);
+  if (!found || !is_plausible(found->model)) return false;
+  h.structure = found->structure;
+  h.model = found->model;
+  h.point = point_of(h.model, h.structure);
+  judge(h);
   return true;
 }
 
@@ -443,6 +486,7 @@ void Search::judge(Hypothesis& h) const {
   // With saturation nothing is refitted: along a measured motion the limit is estimated wrongly,
   // and the state of the integrator at the start of a cut-out block is not known.
   if (h.model.find(kind_of<TorqueSaturation>()) != nullptr) return judge_as_is(h);
+  if (has_two_masses(h.structure)) return judge_polished(h);
   h.pieces.clear();
   // Effects are driven by the motion of the better model, so that a law of friction is not judged
   // by the motion of a model without it.
@@ -474,10 +518,28 @@ void Search::judge_polished(Hypothesis& h) const {
   }
 }
 
+/// What the simulation of two masses leaves; the loop's derivatives are those of a rigid axis.
+Screen Search::two_mass_screen(const Projection& coarse, const Hypothesis& h) const {
+  Eigen::VectorXd left = Eigen::VectorXd::Zero(coarse.rows());
+  Eigen::Index row = 0;
+  for (std::size_t i = 0; i < training_.size(); ++i) {
+    const Segment& s = training_[i];
+    const Eigen::ArrayXd all = s.command - s.actual - simulate(h.model, s);
+    const Eigen::Index n = coarse.segments()[i].size();
+    const auto every = std::lround(coarse.segments()[i].h / s.sample_time_s);
+    for (Eigen::Index k = 0; k < n && k * every < all.size(); ++k) left(row + k) = all(k * every);
+    row += n;
+  }
+  Eigen::MatrixXd tangent = coarse.full_jacobian(h.point, coarse.solve(h.point).linear)
+                                .leftCols(h.structure.order + h.structure.coefficient_count());
+  return {coarse.segments(), h.model, std::move(left), std::move(tangent)};
+}
+
 std::vector<Screened> Search::screen(const Hypothesis& h,
                                      const std::vector<std::size_t>& kinds) const {
   const Projection coarse = thinned(Projection(training_signals_, h.structure), kScreenStep_s);
-  const Screen screen(coarse, h.point, floor_.encoder_step);
+  const Screen screen = has_two_masses(h.structure) ? two_mass_screen(coarse, h)
+                                                    : Screen(coarse, h.point, floor_.encoder_step);
   std::vector<Screened> out;
   out.resize(kinds.size());
   in_parallel(kinds.size(), [&](std::size_t i) { out[i] = screen.look(kinds[i]); });

@@ -30,6 +30,9 @@ struct Hypothesis {
 /// of the catalogue where the model has none.
 [[nodiscard]] Point point_of(const Model& model, const Structure& structure);
 
+/// Whether the structure is that of an axis of two masses.
+[[nodiscard]] bool has_two_masses(const Structure& structure);
+
 /// Whether the effect is intermittent (impulses, saturation). Isolated events cannot be refitted on
 /// the other blocks; their parameters are kept, and few intervals contain all that they explain.
 [[nodiscard]] bool is_intermittent(std::size_t kind);
@@ -63,6 +66,10 @@ class Search {
   /// from a grid of its shape parameters, along the simulated motion where the encoder is coarse,
   /// and refitted in free simulation.
   [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
+  /// Fits an axis of two masses of one of these kinds in place of the rigid axis of `rigid`, and
+  /// judges it. False where there is no valid fit.
+  [[nodiscard]] bool part_masses(Hypothesis& h, const Hypothesis& rigid,
+                                 const std::vector<std::size_t>& kinds);
   /// Fits an effect of this kind in free simulation while the model `held` is fixed, and judges it
   /// as `judge` does, with the parameters of the effect from the other blocks. False where there is
   /// no valid fit.
@@ -115,10 +122,15 @@ class Search {
   /// Makes those of the training data, and of the blocks other than one, by `followed_`.
   void make_signals();
 
+  /// Fits two masses in free simulation from the model that `h` has: they have no forces along a
+  /// measured motion. False where it has none of this structure.
+  [[nodiscard]] bool refit_two_masses(Hypothesis& h);
+
   /// Starting points of the fit of an added effect: the screened one, and further ones where that
   /// is not enough.
   [[nodiscard]] std::vector<std::vector<double>> starts_of(std::size_t kind,
                                                            const std::vector<double>& shapes) const;
+  [[nodiscard]] Screen two_mass_screen(const Projection& coarse, const Hypothesis& h) const;
   /// The mean squares of the simulation error in a block, interval by interval.
   [[nodiscard]] std::vector<double> left_in(std::size_t block, const Model& model) const;
   /// Divides the recording into training data and hold-out, and the training data into blocks.

@@ -13,6 +13,7 @@
 #include "diagnosis/thresholds.h"
 #include "identification/least_squares/parallel.h"
 #include "twin/shown_units.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -23,6 +24,11 @@ namespace {
 constexpr double kMaxRmsRatioAfterRefit = 0.99;
 // RMS over noise floor above which a law of friction with a free virgin curve is tried.
 constexpr double kMinRmsOverFloorForFreeLaw = 2.0;
+// The same above which an axis of two masses is tried.
+constexpr double kMinRmsOverFloorForTwoMasses = 1.5;
+// RMS of two masses beside the causes found before over that of two masses alone below which those
+// causes stay.
+constexpr double kMaxRmsRatioOfMoreCauses = 0.8;
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
@@ -44,6 +50,7 @@ class Selection {
     integrator();
     add_causes();
     if (free_law()) add_causes();
+    if (part_masses()) add_causes();
     replace_misfit_by_law();
   }
   [[nodiscard]] const Hypothesis& current() const { return now_.current; }
@@ -251,9 +258,10 @@ class Selection {
     if (!now_.current.has(kind_of<CuttingForce>())) search_.detect_cuts(now_.current.model);
     std::vector<std::string> known;
     for (const auto& [id, one] : now_.found) known.push_back(id);
+    Channels channels(search_.recorded(), options_.encoder_in_loop);
+    channels.rotary = search_.rotary();
     std::vector<std::size_t> kinds =
-        candidates_of(now_.current.structure, known, options_.leave_out,
-                      Channels(search_.recorded(), options_.encoder_in_loop));
+        candidates_of(now_.current.structure, known, options_.leave_out, channels);
     std::erase_if(kinds, [&](std::size_t kind) { return rejected_.count(kind) > 0; });
     std::vector<Screened> promising = search_.screen(now_.current, kinds);
     std::erase_if(promising,
@@ -499,6 +507,77 @@ class Selection {
       return false;
     }
     named_by(kind_of<Gms>(), friction->second.cause);
+    rejected_.clear();
+    return true;
+  }
+
+  /// Where much stays unexplained, the axis may not be rigid: tries one of two masses, beside its
+  /// law of friction alone, and beside all causes found so far. True where that is clearly better:
+  /// the causes that stood for it are forgotten.
+  bool part_masses() {
+    if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
+    const bool reading = Channels(search_.recorded(), options_.encoder_in_loop).reading;
+    std::vector<std::size_t> kinds;
+    for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+      // Play in front of an encoder outside the loop is an effect on its reading.
+      const bool asked =
+          kind != kind_of<PlayOutside>() && (reading || kind != kind_of<TwoMassOutside>());
+      if (acts_on_axis(kind) && asked && !is_left_out(cause_of(kind))) kinds.push_back(kind);
+    }
+    if (kinds.empty()) return false;
+    const State before = now_;
+    const auto bare = [&] {
+      Hypothesis h;
+      h.structure.order = now_.current.structure.order;
+      h.structure.effects.clear();
+      for (const std::size_t kind : now_.current.structure.effects) {
+        if (is_friction_law(kind) || kind == kind_of<ConstantForce>())
+          h.structure.effects.push_back(kind);
+      }
+      if (!search_.fit(h, {point_of(now_.current.model, h.structure)})) return Hypothesis();
+      search_.polish(h);
+      return h;
+    };
+    const auto full = [&] {
+      Hypothesis h = now_.current;
+      std::erase_if(h.structure.effects, [](std::size_t kind) {
+        return cause_of(kind) == "compliance" || cause_of(kind) == "backlash";
+      });
+      std::erase_if(h.model.effects, [](const Effect& effect) {
+        return cause_of(effect.kind) == "compliance" || cause_of(effect.kind) == "backlash";
+      });
+      h.point = point_of(h.model, h.structure);
+      return h;
+    };
+    Hypothesis best;
+    double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
+    for (const Hypothesis& rigid : {bare(), full()}) {
+      check_stop();
+      Hypothesis h;
+      if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds)) continue;
+      steps_.push_back(text("as two masses (%s) beside %zu effects: %s RMS",
+                            identity_of(two_mass_of(h.model)->kind).id.data(),
+                            rigid.structure.effects.size(), size_of(h.rms()).c_str()));
+      if (h.rms() < least) least = kMaxRmsRatioOfMoreCauses * h.rms(), best = std::move(h);
+      if (before.found.empty()) break;  // both are the same
+    }
+    if (best.structure.effects.empty()) return false;
+    now_.current = std::move(best);
+    settle();
+    if (!(now_.current.rms() < kMaxRmsRatioClearlyBetter * before.current.rms()) ||
+        !search_.is_plausible(now_.current.model)) {
+      back_to(before);
+      return false;
+    }
+    std::erase_if(now_.found, [&](const auto& one) { return !now_.current.has(one.second.kind); });
+    const std::size_t kind = two_mass_of(now_.current.model)->kind;
+    Cause cause;
+    cause.id = last_ = cause_of(kind);
+    cause.statistic = paired_z(before.current.pieces, now_.current.pieces);
+    cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
+    cause.wins = 1.0 - cause.p;
+    now_.found[cause.id] = {cause, kind};
+    steps_.push_back(text("  %s: added", cause.id.c_str()));
     rejected_.clear();
     return true;
   }

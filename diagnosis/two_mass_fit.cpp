@@ -1,0 +1,162 @@
+#include "diagnosis/two_mass_fit.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "identification/least_squares/parallel.h"
+#include "identification/loop/identify.h"
+#include "identification/loop/output_error.h"
+#include "identification/recording/segments.h"
+#include "twin/twin.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kShortPart_s = 8.0;      // for the comparison of starts
+constexpr std::size_t kFittedStarts = 6;  // to that part
+constexpr std::size_t kFittedToAll = 2;
+constexpr double kMaxRmsRatioOfPlay = 0.9;  // over that without play
+
+/// How much faster than the rigid fit the loop may be.
+constexpr std::array kFaster{1.0, 1.6, 2.6};
+constexpr std::array kFrequencies_hz{12.0, 25.0, 50.0, 100.0, 200.0};
+// Contacts are stiff: two frequencies are near enough.
+constexpr std::array kContacts_hz{80.0, 250.0};
+constexpr std::array kWidths{1e-6, 4e-6, 16e-6, 64e-6};  // m | rad
+
+/// The same loop with poles that are faster by this factor; its lag at constant speed and its
+/// error by a constant force stay.
+Model faster(Model model, double factor) {
+  double power = 1.0;
+  for (std::size_t i = 0; i < kMaxOrder; ++i) {
+    power *= factor;
+    model.loop.denominator[i] *= power;
+    if (i > 0) model.loop.numerator[i] *= power * factor;
+  }
+  for (Effect& effect : model.effects) {
+    if (identity_of(effect.kind).acts != Acts::kForce) continue;
+    for (double& c : effect.coefficient) c *= factor * factor;
+  }
+  return model;
+}
+
+struct Start {
+  Model model;
+  double rms = 1e300;
+};
+
+double rms_on(const Model& model, const std::vector<Segment>& segments) {
+  const double rms = judge(model, segments).rms;
+  return std::isfinite(rms) ? rms : 1e300;
+}
+
+std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
+  std::vector<Start> out;
+  Effect effect;
+  effect.kind = kind;
+  std::size_t width = kMaxShapes, i = 0;
+  for (const Parameter& p : shapes_of(kind)) {
+    if (p.name == "width") width = i;
+    effect.shape[i++] = p.start;
+  }
+  effect.shape[3] = 0.9;  // of the friction on the load: within its bounds
+  const auto add = [&](double factor, double frequency_hz) {
+    if (frequency_hz * rigid.sample_time_s > 0.3) return;
+    effect.shape[0] = frequency_hz;
+    Model model = faster(rigid, factor);
+    model.effects.push_back(effect);
+    if (why_invalid(model).empty()) out.push_back({std::move(model)});
+  };
+  if (width == kMaxShapes) {
+    for (const double factor : kFaster) {
+      for (const double f : kFrequencies_hz) add(factor, f);
+    }
+  } else {
+    for (const double gap : kWidths) {
+      effect.shape[width] = gap;
+      for (const double f : kContacts_hz) add(1.0, f);
+    }
+  }
+  return out;
+}
+
+/// From the first motion on.
+std::vector<Segment> short_part(const std::vector<Segment>& segments) {
+  double from = segments.front().start_s;
+  for (const Segment& s : segments) {
+    Eigen::Index first = 0;
+    while (first < s.size() && s.command(first) == s.command(0)) ++first;
+    if (first == s.size()) continue;
+    from = s.start_s + s.sample_time_s * static_cast<double>(first);
+    break;
+  }
+  std::vector<Segment> out = cut(segments, from - 0.3, from + kShortPart_s);
+  return out.empty() ? segments : out;
+}
+
+}  // namespace
+
+std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
+                                         const Structure& structure, const Model& rigid,
+                                         const std::vector<std::size_t>& kinds,
+                                         double encoder_step) {
+  std::vector<Start> starts;
+  for (const std::size_t kind : kinds) {
+    for (Start& one : starts_of(rigid, kind)) starts.push_back(std::move(one));
+  }
+  const std::vector<Segment> part = short_part(segments);
+  const auto best_first = [](const Start& l, const Start& r) { return l.rms < r.rms; };
+  in_parallel(starts.size(), [&](std::size_t i) { starts[i].rms = rms_on(starts[i].model, part); });
+  std::sort(starts.begin(), starts.end(), best_first);
+  std::vector<Start> fitted;
+  const auto structure_of = [&](const Model& model) {
+    Structure out = structure;
+    out.effects.push_back(two_mass_of(model)->kind);
+    return out;
+  };
+  const auto plays = [](const Start& s) {
+    return two_mass_parameters(*two_mass_of(s.model)).width > 0.0;
+  };
+  // Not more than two of a kind: neighbours on the grid end in one fit.
+  for (const Start& one : starts) {
+    const auto there = std::count_if(fitted.begin(), fitted.end(), [&](const Start& s) {
+      return two_mass_of(s.model)->kind == two_mass_of(one.model)->kind;
+    });
+    if (fitted.size() < kFittedStarts && there < 2) fitted.push_back(one);
+  }
+  const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes) {
+    OutputErrorOptions options;
+    options.encoder_step = encoder_step;
+    options.rounds = rounds;
+    options.passes = passes;
+    options.tolerance = 1e-3;
+    options.covariance = false;
+    const auto found = output_error(to, structure_of(one.model), one.model, options);
+    one.rms = 1e300;
+    if (!found || !why_invalid(found->model).empty()) return;
+    one.model = found->model;
+    one.rms = rms_on(one.model, to);
+  };
+  in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], part, 8, 1); });
+  std::sort(fitted.begin(), fitted.end(), best_first);
+  if (fitted.size() > kFittedToAll) fitted.resize(kFittedToAll);
+  in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], segments, 14, 2); });
+  const Start* best = nullptr;
+  for (const Start& one : fitted) {
+    if (!(one.rms < 1e300)) continue;
+    if (best == nullptr) {
+      best = &one;
+      continue;
+    }
+    const double bar = plays(one) == plays(*best) ? 1.0
+                       : plays(one)               ? kMaxRmsRatioOfPlay
+                                                  : 1.0 / kMaxRmsRatioOfPlay;
+    if (one.rms < bar * best->rms) best = &one;
+  }
+  if (best == nullptr) return std::nullopt;
+  return TwoMassFit{structure_of(best->model), best->model, best->rms};
+}
+
+}  // namespace servotwin

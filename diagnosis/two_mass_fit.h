@@ -1,0 +1,32 @@
+// The fit of an axis of two masses in place of a rigid one (twin/two_mass_axis.h).
+//
+// A loop that was fitted as if the axis were rigid has taken over a part of the vibration: it is
+// too slow. So the search starts from faster loops as well, over a grid of frequencies and gaps;
+// the best by their simulation are fitted to a part of the recording, the best of those to all.
+// Units: SI, rad for m on rotary axes. Any thread.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "identification/loop/projection.h"
+#include "twin/model.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct TwoMassFit {
+  Structure structure;
+  Model model;
+  double rms = 0.0;  ///< on the segments [m | rad]
+};
+
+/// The best of these kinds of effects that make an axis one of two masses, beside the effects of
+/// `rigid`. One with play must be clearly better than one without. Nothing if none is valid.
+[[nodiscard]] std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
+                                                       const Structure& structure,
+                                                       const Model& rigid,
+                                                       const std::vector<std::size_t>& kinds,
+                                                       double encoder_step);
+
+}  // namespace servotwin
