@@ -144,6 +144,10 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
       [this](double from_s, double until_s) { return recorder_.files_with(from_s, until_s); });
   identification_.restore();
   diagnosis_.restore();
+  diagnosis_.propose_with(
+      [this](std::size_t axis, const ModelRecord& record, const std::string& because) {
+        identification_.propose(axis, record, because);
+      });
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
   for (const std::string& remark : contract_.remarks) base_.events.note("offsets", "", remark);

@@ -1,5 +1,6 @@
 #include "daemon/diagnose/diagnosis_worker.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <thread>
@@ -148,8 +149,31 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     keep({event.time, name, reason, json.at("verdict").get<std::string>(), json.dump(),
           to_json(diagnosis.extended).dump()},
          event);
+    propose(axis, diagnosis);
   } catch (const std::exception& error) {
     events_.note("diagnosis_failed", name, std::string("no diagnosis: ") + error.what());
+  }
+}
+
+void DiagnosisWorker::propose(std::size_t axis, const Diagnosis& diagnosis) const {
+  if (!propose_) return;
+  const std::vector<Effect>& effects = diagnosis.extended.model.effects;
+  std::string with;
+  for (const Cause& cause : diagnosis.causes) {
+    if (cause.place < effects.size()) with += (with.empty() ? "with " : ", ") + cause.id;
+  }
+  const auto of_its_recording = [](const Effect& effect) {
+    return identity_of(effect.kind).of_its_recording;
+  };
+  const auto found = std::find_if(effects.begin(), effects.end(), of_its_recording);
+  if (with.empty()) return;
+  if (found == effects.end()) {
+    propose_(axis, diagnosis.extended, with + ", as the diagnosis found");
+  } else {
+    events_.note("model_not_proposed", axes_[axis].name,
+                 "the model " + with +
+                     " is not put forward: " + std::string(identity_of(found->kind).id) +
+                     " is of its recording and predicts no other motion");
   }
 }
 

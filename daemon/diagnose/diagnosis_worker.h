@@ -5,11 +5,12 @@
 //   last diagnosis and at least half of that is in memory --> the most recent record_s of its
 //   motion
 //   --> diagnose(), and diagnose_torque() if there is a torque --> store, with the extended model
-//   --> publisher
+//   --> publisher; where causes are named, the extended model --> identification worker, which
+//   judges it as a candidate
 //
 // The first diagnosis is due as soon as there is that much motion. Times are machine time and
-// motion of the axis, not time of the worker. A diagnosis changes no model in force. Begin, result
-// and failure are events with their reason.
+// motion of the axis, not time of the worker. A diagnosis itself changes no model in force. Begin,
+// result and failure are events with their reason.
 //
 // One worker thread at idle priority, one axis at a time. When the daemon is asked to stop, a
 // running diagnosis is aborted before its next fit; when a replay has ended, it is finished. The
@@ -37,6 +38,8 @@ namespace servotwin::daemon {
 class DiagnosisWorker {
  public:
   using Announce = std::function<void(const StoredDiagnosis&)>;
+  /// Axis, extended model, and what it contains: "with ..".
+  using Propose = std::function<void(std::size_t, const ModelRecord&, const std::string&)>;
 
   /// `identify`: gives the pole bounds and the maximum delay. `announce` is called with every
   /// diagnosis. All references must outlive the worker.
@@ -47,6 +50,9 @@ class DiagnosisWorker {
   /// When `stop` is requested, a running diagnosis is aborted before its next fit. Call it before
   /// run().
   void give_up_with(const std::stop_token& stop) { options_.stop = stop; }
+  /// Called with the model of every diagnosis that names a cause, where that model can predict
+  /// other motion than that of its recording. Call it before run().
+  void propose_with(Propose propose) { propose_ = std::move(propose); }
   /// Announces the last stored diagnosis of every axis.
   void restore();
   void run(const std::stop_token& stop);
@@ -70,6 +76,7 @@ class DiagnosisWorker {
   void diagnose_now(std::size_t axis, const std::string& reason, double from_s, double until_s);
   /// Nothing if there is no torque, or too little (reported as an event).
   [[nodiscard]] std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& motion);
+  void propose(std::size_t axis, const Diagnosis& diagnosis) const;
   void keep_report(const std::string& axis, const std::string& html);
   void keep(const StoredDiagnosis& diagnosis, const Event& event);
 
@@ -80,6 +87,7 @@ class DiagnosisWorker {
   Store& store_;
   EventLog& events_;
   Announce announce_;
+  Propose propose_;
   std::vector<Axis> axes_;
   std::mutex config_mutex_;
   std::optional<std::pair<DiagnoseConfig, IdentifyConfig>> newer_config_;

@@ -108,6 +108,7 @@ IdentificationWorker::IdentificationWorker(const MachineDescription& machine,
         {axis.name, axis.rotary, {}, {}, 0.0, 0.0, EvidenceMemory(bounds_of(config)), {}, {}});
     status_.push_back({axis.name, 0, kAbsent, "waiting for motion"});
   }
+  proposals_.resize(axes_.size());
 }
 
 void IdentificationWorker::restore() {
@@ -156,8 +157,34 @@ void IdentificationWorker::take_newer_config() {
   for (Axis& axis : axes_) axis.evidence.keep(bounds_of(config_));
 }
 
+void IdentificationWorker::propose(std::size_t axis, ModelRecord record,
+                                   const std::string& because) {
+  Pending proposal;
+  proposal.identified.record = std::move(record);
+  proposal.because = because;
+  const std::lock_guard lock(proposal_mutex_);
+  proposals_.at(axis) = std::move(proposal);
+}
+
+void IdentificationWorker::take_proposal(std::size_t axis) {
+  if (axes_[axis].candidate) return;
+  std::optional<Pending> proposal;
+  {
+    const std::lock_guard lock(proposal_mutex_);
+    proposal = std::exchange(proposals_[axis], std::nullopt);
+  }
+  if (!proposal) return;
+  // It was made from motion until now at the latest.
+  proposal->until_s = memory_.newest_s();
+  proposal->moved_s = memory_.moved_s(axis);
+  events_.note("model_proposed", axes_[axis].name,
+               "a model " + proposal->because + " is a candidate now");
+  consider(axis, *std::move(proposal));
+}
+
 bool IdentificationWorker::look(std::size_t axis) {
   take_newer_config();
+  take_proposal(axis);
   Axis& state = axes_[axis];
   const double moved_s = memory_.moved_s(axis);
   if (state.candidate) {
@@ -228,6 +255,11 @@ void IdentificationWorker::step(std::size_t axis, double until_s) {
     state.last_step = "loop and friction" + on + tenths(fast_s) + " of fast motion are new";
   } else if (slow_s < kMinNewEvidence_s) {
     state.last_step = "no step: there is no new fast motion and no new slow reversal";
+    return;
+  } else if (state.in_force->record.method == "diagnosis") {
+    state.last_step =
+        "no step: friction from slow reversals starts from an identified model, and model " +
+        std::to_string(state.in_force->record.version) + " contains what a diagnosis found";
     return;
   } else if (kept.of(Evidence::kFastMotion) == 0.0) {
     state.last_step =
@@ -302,6 +334,11 @@ void IdentificationWorker::seek(std::size_t axis, double until_s, const Segmente
     note_refusal(axis, std::string("no model was found: ") + error.what());
     return;
   }
+  consider(axis, std::move(candidate));
+}
+
+void IdentificationWorker::consider(std::size_t axis, Pending candidate) {
+  Axis& state = axes_[axis];
   // A candidate that must not be used is refused without waiting for held-out motion.
   Candidacy candidacy;
   candidacy.rotary = state.rotary;
@@ -356,16 +393,17 @@ void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
                                 const Candidacy& candidacy) {
   Axis& state = axes_[axis];
   const Decision decision = decide(candidacy, {config_.judge_s, config_.min_improvement});
-  StoredModel model{candidate.identified.record, decision.reason};
+  const std::string because = candidate.because.empty() ? "" : "; " + candidate.because;
+  StoredModel model{candidate.identified.record, decision.reason + because};
   if (!decision.promoted()) {
-    note_refusal(axis, "candidate refused: " + decision.reason, to_json(model.record).dump());
+    note_refusal(axis, "candidate refused: " + decision.reason + because,
+                 to_json(model.record).dump());
     validate(axis, candidacy);
     return;
   }
   const int next = candidacy.version_in_force + 1;
-  const Event event =
-      event_now("model_promoted", state.name,
-                "model " + std::to_string(next) + " is in force: " + decision.reason);
+  const Event event = event_now("model_promoted", state.name,
+                                "model " + std::to_string(next) + " is in force: " + model.reason);
   try {
     store_.promote(model.record, event, candidate.recordings);
   } catch (const std::runtime_error& error) {

@@ -9,6 +9,9 @@
 //   --> candidate --> judge_s of held-out motion, to which neither the candidate nor the model in
 //   force was fitted --> daemon/identify/promotion.h --> store --> in force
 //
+//   a model that a diagnosis has extended by what it found (propose()) is a candidate like any
+//   other: judged on judge_s of motion after it was proposed
+//
 //   window_s of standstill --> measures the noise floor of the model in force, without a fit
 //
 // Steps are counted in motion of the axis, not in time of the worker: a worker that lags behind
@@ -16,8 +19,8 @@
 // (daemon/identify/evidence_memory.h), but not over a restart. A model is in force only when it is
 // on the disk. Every step and every decision is an event with its reason.
 //
-// One worker thread at idle priority; the constructor and restore() before it starts; update() any
-// thread.
+// One worker thread at idle priority; the constructor and restore() before it starts; update() and
+// propose() any thread.
 #pragma once
 
 #include <functional>
@@ -60,6 +63,10 @@ class IdentificationWorker {
   void run(const std::stop_token& stop);
   /// The new configuration applies from the next step on. Any thread.
   void reconfigure(const IdentifyConfig& config);
+  /// A model from elsewhere as the next candidate of an axis. `because` names what it contains, for
+  /// the reason of its promotion or refusal. A later one replaces one that is not judged yet. Any
+  /// thread.
+  void propose(std::size_t axis, ModelRecord record, const std::string& because);
   /// Checks one axis and does what is due; true if something was.
   bool look(std::size_t axis);
   /// To be called when no more motion will come: processes the rest and reports undecided
@@ -75,6 +82,7 @@ class IdentificationWorker {
     std::vector<std::string> recordings;  // that it was fitted to
     double until_s = 0.0;                 // end of the data that it was fitted to
     double moved_s = 0.0;                 // motion of the axis until then
+    std::string because = {};             // of a proposal
   };
   struct Axis {
     std::string name;
@@ -89,6 +97,9 @@ class IdentificationWorker {
   };
 
   void take_newer_config();
+  void take_proposal(std::size_t axis);
+  /// Makes it the candidate, or refuses it at once if it must not be used.
+  void consider(std::size_t axis, Pending candidate);
   void cite(Pending& candidate, double from_s, double until_s) const;
   SegmentedAxis sort(std::size_t axis, double until_s);
   void step(std::size_t axis, double until_s);
@@ -114,6 +125,8 @@ class IdentificationWorker {
   std::vector<Axis> axes_;
   std::mutex config_mutex_;
   std::optional<IdentifyConfig> newer_config_;
+  std::mutex proposal_mutex_;
+  std::vector<std::optional<Pending>> proposals_;  // one entry per axis
   mutable std::mutex status_mutex_;
   std::vector<AxisStatus> status_;
 };

@@ -49,6 +49,9 @@ class DiagnosisWorkerTest : public testing::Test {
     worker_ = std::make_unique<DiagnosisWorker>(
         machine_, config_, IdentifyConfig(), *memory_, *watch_, *store_, *events_,
         [this](const StoredDiagnosis& made) { announced_.push_back(made); });
+    worker_->propose_with([this](std::size_t, const ModelRecord& record, const std::string& with) {
+      proposed_.emplace_back(record, with);
+    });
   }
   void append(CycleRow row) {
     row.time_ns = rows_++ * std::llround(machine_.cycle_s * 1e9);
@@ -93,6 +96,7 @@ class DiagnosisWorkerTest : public testing::Test {
   std::unique_ptr<ResidualWatch> watch_;
   std::unique_ptr<DiagnosisWorker> worker_;
   std::vector<StoredDiagnosis> announced_;
+  std::vector<std::pair<ModelRecord, std::string>> proposed_;
   std::int64_t rows_ = 0;
 };
 
@@ -246,6 +250,9 @@ TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
   EXPECT_THAT(events("diagnosis"), ElementsAre(AllOf(HasSubstr("s, made in "), HasSubstr("named: "),
                                                      HasSubstr("; cogging: period "))));
   EXPECT_THAT(said_.str(), HasSubstr("servotwind: X: diagnosis of "));
+  ASSERT_EQ(proposed_.size(), 1U) << "what was found is a candidate for the live twin";
+  EXPECT_NE(proposed_[0].first.model.find(kind_of<Cogging>()), nullptr);
+  EXPECT_THAT(proposed_[0].second, HasSubstr("cogging"));
 
   restart();
   worker_->restore();

@@ -142,6 +142,52 @@ TEST_F(WorkerTest, AModelComesIntoForceOnMotionThatItHasNotSeen) {
   EXPECT_EQ(status().model_version, 1);
 }
 
+// The friction of the machine is a saturated sign: a model with too little of it is the one in
+// force, one with the right friction is proposed, and then the first one again.
+TEST_F(WorkerTest, AProposedModelIsJudgedLikeAnyOther) {
+  restart();
+  promote_one();
+  const ModelRecord right = announced_[0].record;
+  ModelRecord wrong = right;
+  for (Effect& effect : wrong.model.effects) {
+    for (double& coefficient : effect.coefficient) coefficient *= 0.8;
+  }
+  worker_->propose(0, wrong, "with less friction, as the test has it");
+  EXPECT_FALSE(worker_->look(0)) << "it is judged on motion after now";
+  EXPECT_THAT(newest_event().text, HasSubstr("a model with less friction, as the test has it"));
+  EXPECT_EQ(newest_event().kind, "model_proposed");
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  ASSERT_EQ(announced_.size(), 1U) << said_.str();
+  EXPECT_THAT(status().last_refusal, HasSubstr("with less friction"));
+
+  restart();
+  ModelRecord stored = wrong;
+  store_->promote(stored, event_now("model_promoted", "X", "by the test"), {});
+  worker_->restore();
+  ASSERT_EQ(announced_.size(), 2U);
+  run_machine(1.0);
+  worker_->propose(0, right, "with friction");
+  worker_->look(0);
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  ASSERT_EQ(announced_.size(), 3U) << said_.str();
+  EXPECT_THAT(announced_[2].reason, HasSubstr("; with friction"));
+  EXPECT_EQ(announced_[2].record.version, announced_[1].record.version + 1);
+  EXPECT_LT(announced_[2].record.holdout.rms, 0.15e-6);
+}
+
+TEST_F(WorkerTest, AProposedModelThatIsInvalidIsRefusedAtOnce) {
+  restart();
+  promote_one();
+  ModelRecord wrong = announced_[0].record;
+  wrong.model.loop.denominator[0] = -1.0;
+  worker_->propose(0, wrong, "that is unstable");
+  worker_->look(0);
+  EXPECT_EQ(announced_.size(), 1U);
+  EXPECT_THAT(status().last_refusal, HasSubstr("that is unstable"));
+}
+
 TEST_F(WorkerTest, AModelOfWorseDataIsRefusedWithTheFigures) {
   restart();
   promote_one();
