@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -26,9 +27,6 @@ constexpr double kMaxRmsRatioAfterRefit = 0.99;
 constexpr double kMinRmsOverFloorForFreeLaw = 2.0;
 // The same above which an axis of two masses is tried.
 constexpr double kMinRmsOverFloorForTwoMasses = 1.5;
-// RMS of two masses beside the causes found before over that of two masses alone below which those
-// causes stay.
-constexpr double kMaxRmsRatioOfMoreCauses = 0.8;
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
@@ -512,8 +510,8 @@ class Selection {
   }
 
   /// Where much stays unexplained, the axis may not be rigid: tries one of two masses, beside its
-  /// law of friction alone, and beside all causes found so far. True where that is clearly better:
-  /// the causes that stood for it are forgotten.
+  /// law of friction alone, and if that is not enough beside all causes found so far. True where
+  /// one is clearly better: the causes that stood for it are forgotten.
   bool part_masses() {
     if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
     const bool reading = Channels(search_.recorded(), options_.encoder_in_loop).reading;
@@ -550,15 +548,20 @@ class Selection {
       return h;
     };
     Hypothesis best;
-    double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
-    for (const Hypothesis& rigid : {bare(), full()}) {
+    const double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
+    for (const auto& make :
+         {std::function<Hypothesis()>(bare), std::function<Hypothesis()>(full)}) {
+      const Hypothesis rigid = make();
       check_stop();
       Hypothesis h;
       if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds)) continue;
       steps_.push_back(text("as two masses (%s) beside %zu effects: %s RMS",
                             identity_of(two_mass_of(h.model)->kind).id.data(),
                             rigid.structure.effects.size(), size_of(h.rms()).c_str()));
-      if (h.rms() < least) least = kMaxRmsRatioOfMoreCauses * h.rms(), best = std::move(h);
+      if (h.rms() < least) {
+        best = std::move(h);
+        break;
+      }
       if (before.found.empty()) break;  // both are the same
     }
     if (best.structure.effects.empty()) return false;

@@ -14,10 +14,9 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kShortPart_s = 8.0;      // for the comparison of starts
-constexpr std::size_t kFittedStarts = 6;  // to that part
-constexpr std::size_t kFittedToAll = 2;
-constexpr double kMaxRmsRatioOfPlay = 0.9;  // over that without play
+constexpr double kShortPart_s = 8.0;        // for the comparison of starts
+constexpr std::size_t kFittedStarts = 6;    // to that part
+constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
 
 /// How much faster than the rigid fit the loop may be.
 constexpr std::array kFaster{1.0, 1.6, 2.6};
@@ -141,22 +140,15 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   };
   in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], part, 8, 1); });
   std::sort(fitted.begin(), fitted.end(), best_first);
-  if (fitted.size() > kFittedToAll) fitted.resize(kFittedToAll);
-  in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], segments, 14, 2); });
-  const Start* best = nullptr;
-  for (const Start& one : fitted) {
-    if (!(one.rms < 1e300)) continue;
-    if (best == nullptr) {
-      best = &one;
-      continue;
-    }
-    const double bar = plays(one) == plays(*best) ? 1.0
-                       : plays(one)               ? kMaxRmsRatioOfPlay
-                                                  : 1.0 / kMaxRmsRatioOfPlay;
-    if (one.rms < bar * best->rms) best = &one;
-  }
-  if (best == nullptr) return std::nullopt;
-  return TwoMassFit{structure_of(best->model), best->model, best->rms};
+  if (fitted.empty() || !(fitted.front().rms < 1e300)) return std::nullopt;
+  Start best = fitted.front();
+  const auto simpler =
+      std::find_if(fitted.begin(), fitted.end(), [&](const Start& s) { return !plays(s); });
+  if (plays(best) && simpler != fitted.end() && best.rms > kMaxRmsRatioOfPlay * simpler->rms)
+    best = *simpler;
+  fit(best, segments, 14, 2);
+  if (!(best.rms < 1e300)) return std::nullopt;
+  return TwoMassFit{structure_of(best.model), best.model, best.rms};
 }
 
 }  // namespace servotwin
