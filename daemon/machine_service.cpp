@@ -145,9 +145,8 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
   identification_.restore();
   diagnosis_.restore();
   diagnosis_.propose_with(
-      [this](std::size_t axis, const ModelRecord& record, const std::string& because) {
-        identification_.propose(axis, record, because);
-      });
+      [this](std::size_t axis, const ModelRecord& record, const std::string& because, double from_s,
+             double until_s) { identification_.propose(axis, record, because, from_s, until_s); });
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
   for (const std::string& remark : contract_.remarks) base_.events.note("offsets", "", remark);
@@ -229,8 +228,8 @@ void MachineService::run() {
   }
   for (std::jthread* idle : {&identifying, &diagnosing, &learning}) idle->join();
   if (!base_.stop.stop_requested()) {
-    identification_.finish();
     diagnosis_.finish(base_.stop);
+    identification_.finish();
   }
   end(publishing);
   for (const std::string& line : publisher_.news()) base_.events.note("network", "", line);

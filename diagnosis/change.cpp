@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "identification/loop/joint.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -121,6 +122,17 @@ std::vector<Change> changes_of(const Model& model) {
           {"gravity_offset",
            {{"offset_mps2", "m/s^2", 0.0, 1e-6, false}},
            [i](Model& m, std::span<const double> v) { m.effects[i].coefficient[0] += v[0]; }});
+    } else if (acts_on_axis(kind)) {
+      const bool plays = two_mass_parameters(model.effects[i]).width > 0.0;
+      std::size_t shape = 0;
+      for (std::size_t k = 0; k < shapes_of(kind).size(); ++k) {
+        if (shapes_of(kind)[k].name == (plays ? "width" : "frequency_hz")) shape = k;
+      }
+      out.push_back({cause,
+                     {ratio(plays ? "width" : "frequency")},
+                     [i, shape](Model& m, std::span<const double> v) {
+                       m.effects[i].shape[shape] *= 1.0 + v[0];
+                     }});
     } else if (friction || !cause.empty()) {
       out.push_back({friction ? "added_friction" : cause,
                      {ratio(friction ? "friction" : "size")},

@@ -50,7 +50,8 @@ Eigen::VectorXd thinned(const Eigen::VectorXd& all, const std::vector<Segment>& 
 /// The changes that are worth fitting in addition to those in `v`, the best first.
 std::vector<std::pair<Change, Screened>> promising_changes(const Variation& variation,
                                                            const Varied& v,
-                                                           const DiagnoseOptions& options) {
+                                                           const DiagnoseOptions& options,
+                                                           bool rotary) {
   const std::vector<std::string>& leave_out = options.leave_out;
   const std::vector<Segment>& training = variation.training();
   const Model model = v.of(variation.base());
@@ -97,7 +98,8 @@ std::vector<std::pair<Change, Screened>> promising_changes(const Variation& vari
       c.col(i) = -thinned(columns->col(i), training, every);
     out.emplace_back(change, screen.look(c));
   }
-  const Channels channels(training, options.encoder_in_loop);
+  Channels channels(training, options.encoder_in_loop);
+  channels.rotary = rotary;
   Structure structure;
   structure.order = model.loop.order;
   for (const Effect& effect : model.effects) structure.effects.push_back(effect.kind);
@@ -212,7 +214,7 @@ class ChangeSelection {
 
   /// The most promising changes that pass, each fitted beside the present ones.
   [[nodiscard]] std::vector<TriedChange> tried_changes() {
-    auto promising = promising_changes(variation_, current_, options_);
+    auto promising = promising_changes(variation_, current_, options_, rotary_);
     const std::size_t candidates = changes_of(variation_.base()).size() + kEffectKinds;
     if (promising.size() > kMaxChangeFitsPerRound) promising.resize(kMaxChangeFitsPerRound);
     std::string step = text("%s RMS, promising candidates:", size_of(current_).c_str());

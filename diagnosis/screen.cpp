@@ -33,17 +33,31 @@ struct Screen::Sums {
 
 Screen::Screen(const Projection& data, const Point& at, double encoder_step)
     : segments_(data.segments()), encoder_step_(encoder_step) {
-  const Structure& structure = data.structure();
   const Projection::Solution solution = data.solve(at);
   model_ = data.model_of(at, solution.linear);
   left_ = solution.residual;
-  const Eigen::MatrixXd all = data.full_jacobian(at, solution.linear);
-  // Without the columns of the free responses, which have decayed before the first interval.
-  const Eigen::Index linear = structure.order + structure.coefficient_count(),
-                     rest = structure.order + structure.shape_count();
-  tangent_.resize(all.rows(), linear + rest);
-  tangent_ << all.leftCols(linear), all.rightCols(rest);
+  take_tangent(data, at, solution.linear);
   prepare();
+}
+
+Screen::Screen(const Projection& data, const Point& at, const Model& model, Eigen::VectorXd left,
+               double encoder_step)
+    : segments_(data.segments()),
+      model_(model),
+      left_(std::move(left)),
+      encoder_step_(encoder_step) {
+  take_tangent(data, at, data.solve(at).linear);
+  prepare();
+}
+
+void Screen::take_tangent(const Projection& data, const Point& at, const Eigen::VectorXd& linear) {
+  const Structure& structure = data.structure();
+  const Eigen::MatrixXd all = data.full_jacobian(at, linear);
+  // Without the columns of the free responses, which have decayed before the first interval.
+  const Eigen::Index first = structure.order + structure.coefficient_count(),
+                     rest = structure.order + structure.shape_count();
+  tangent_.resize(all.rows(), first + rest);
+  tangent_ << all.leftCols(first), all.rightCols(rest);
 }
 
 Screen::Screen(const std::vector<Signals>& segments, const Model& model, Eigen::VectorXd left,

@@ -33,6 +33,10 @@ class Screen {
   /// `encoder_step`: a few of them are no period of position [m | rad]; 0: not known.
   Screen(const Projection& data, const Point& at, double encoder_step);
 
+  /// The same for a model whose simulation leaves `left`, one value per row of `data`.
+  Screen(const Projection& data, const Point& at, const Model& model, Eigen::VectorXd left,
+         double encoder_step);
+
   /// Screens against a model that is fixed except for the parameters in `tangent`, whose columns
   /// are the derivatives of the simulated error. `left`: the residual. Both have the rows of the
   /// segments.
@@ -55,6 +59,7 @@ class Screen {
   [[nodiscard]] std::vector<double> tones() const;
   [[nodiscard]] std::vector<double> moments(std::size_t kind, std::vector<double> shapes) const;
 
+  void take_tangent(const Projection& data, const Point& at, const Eigen::VectorXd& linear);
   void prepare();
 
   const std::vector<Signals>& segments_;

@@ -338,12 +338,41 @@ bool Search::is_plausible(const Model& model) const {
                    kMaxDeviationSimulated);
 }
 
+std::optional<Model> Search::start_of_two_masses(const Hypothesis& h) const {
+  const auto is_of = [](const Effect& effect, std::size_t kind) { return effect.kind == kind; };
+  if (std::equal(h.model.effects.begin(), h.model.effects.end(), h.structure.effects.begin(),
+                 h.structure.effects.end(), is_of))
+    return h.model;
+  if (!followed_ || followed_->model.loop.order != h.structure.order) return std::nullopt;
+  Model out = followed_->model;
+  out.effects.clear();
+  for (const std::size_t kind : h.structure.effects) {
+    if (const Effect* known = followed_->model.find(kind)) {
+      out.effects.push_back(*known);
+      continue;
+    }
+    // Another law of friction, at the level of the one before.
+    const auto& effects = followed_->model.effects;
+    const auto law = std::find_if(effects.begin(), effects.end(),
+                                  [](const Effect& e) { return is_friction_law(e.kind); });
+    if (!is_friction_law(kind) || law == effects.end()) return std::nullopt;
+    Effect other;
+    other.kind = kind;
+    std::size_t i = 0;
+    for (const Parameter& p : shapes_of(kind)) other.shape[i++] = p.start;
+    const std::size_t elements = free_elements_of(kind);
+    const std::size_t levels = std::max<std::size_t>(1, elements);
+    for (std::size_t k = 0; k < levels; ++k)
+      other.coefficient[k] = level_of(*law) / static_cast<double>(levels);
+    out.effects.push_back(other);
+  }
+  return out;
+}
+
 bool Search::refit_two_masses(Hypothesis& h) {
-  const auto is_of = [&](const Effect& effect, std::size_t kind) { return effect.kind == kind; };
-  if (!std::equal(h.model.effects.begin(), h.model.effects.end(), h.structure.effects.begin(),
-                  h.structure.effects.end(), is_of) ||
-      !why_invalid(h.model).empty())
-    return false;
+  const std::optional<Model> start = start_of_two_masses(h);
+  if (!start || !why_invalid(*start).empty()) return false;
+  h.model = *start;
   ++fits_;
   const auto found = output_error(training_, h.structure, h.model, polishing(floor_));
   if (!found || !why_invalid(found->model).empty() || !is_plausible(found->model)) return false;
@@ -380,9 +409,10 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
 bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
                          const std::vector<std::size_t>& kinds) {
   ++fits_;
-  const auto found = servotwin::fit_two_masses(training_, rigid.structure, rigid.model, kinds,
-                                               floor_.encoder_step);
-  if (!found || !is_plausible(found->model)) return false;
+  const auto found =
+      servotwin::fit_two_masses(training_, rigid.structure, rigid.model, kinds, floor_.encoder_step,
+                                [this](const Model& m) { return is_plausible(m); });
+  if (!found) return false;
   h.structure = found->structure;
   h.model = found->model;
   h.point = point_of(h.model, h.structure);
@@ -391,6 +421,7 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
 }
 
 bool Search::fit_friction(Hypothesis& h, const Point& from) {
+  if (has_two_masses(h.structure)) return refit_two_masses(h);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
@@ -520,7 +551,7 @@ void Search::judge_polished(Hypothesis& h) const {
   }
 }
 
-/// What the simulation of two masses leaves; the loop's derivatives are those of a rigid axis.
+/// What the simulation of two masses leaves; the derivatives are those of a rigid axis.
 Screen Search::two_mass_screen(const Projection& coarse, const Hypothesis& h) const {
   Eigen::VectorXd left = Eigen::VectorXd::Zero(coarse.rows());
   Eigen::Index row = 0;

@@ -122,9 +122,11 @@ class Search {
   /// Makes those of the training data, and of the blocks other than one, by `followed_`.
   void make_signals();
 
-  /// Fits two masses in free simulation from the model that `h` has: they have no forces along a
-  /// measured motion. False where it has none of this structure.
+  /// Two masses have no forces along a measured motion: they are fitted in free simulation, from
+  /// the model of `h`, or from the one that is followed with the effects of `h`. False where
+  /// neither has them.
   [[nodiscard]] bool refit_two_masses(Hypothesis& h);
+  [[nodiscard]] std::optional<Model> start_of_two_masses(const Hypothesis& h) const;
 
   /// Starting points of the fit of an added effect: the screened one, and further ones where that
   /// is not enough.

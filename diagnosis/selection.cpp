@@ -526,12 +526,11 @@ class Selection {
     const State before = now_;
     const auto bare = [&] {
       Hypothesis h;
-      h.structure.order = now_.current.structure.order;
-      h.structure.effects.clear();
-      for (const std::size_t kind : now_.current.structure.effects) {
-        if (is_friction_law(kind) || kind == kind_of<ConstantForce>())
-          h.structure.effects.push_back(kind);
-      }
+      h.structure = now_.current.structure;
+      std::erase_if(h.structure.effects, [](std::size_t kind) {
+        return !is_friction_law(kind) && kind != kind_of<ConstantForce>() &&
+               kind != kind_of<TimeDelay>();
+      });
       if (!search_.fit(h, {point_of(now_.current.model, h.structure)})) return Hypothesis();
       search_.polish(h);
       return h;
@@ -562,7 +561,7 @@ class Selection {
         best = std::move(h);
         break;
       }
-      if (before.found.empty()) break;  // both are the same
+      if (rigid.structure.effects.size() == now_.current.structure.effects.size()) break;
     }
     if (best.structure.effects.empty()) return false;
     now_.current = std::move(best);

@@ -14,7 +14,9 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kShortPart_s = 8.0;        // for the comparison of starts
+constexpr double kShortPart_s = 8.0;  // for the comparison of starts
+constexpr double kNoFit = 1e300;
+constexpr int kMostFitsToAll = 2;           // if the first one is not plausible
 constexpr std::size_t kFittedStarts = 6;    // to that part
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
 
@@ -32,10 +34,10 @@ Model faster(Model model, double factor) {
   for (std::size_t i = 0; i < kMaxOrder; ++i) {
     power *= factor;
     model.loop.denominator[i] *= power;
-    if (i > 0) model.loop.numerator[i] *= power * factor;
+    if (i > 0) model.loop.numerator[i] *= power;
   }
   for (Effect& effect : model.effects) {
-    if (identity_of(effect.kind).acts != Acts::kForce) continue;
+    if (!is_friction(effect.kind)) continue;
     for (double& c : effect.coefficient) c *= factor * factor;
   }
   return model;
@@ -43,12 +45,12 @@ Model faster(Model model, double factor) {
 
 struct Start {
   Model model;
-  double rms = 1e300;
+  double rms = kNoFit;
 };
 
 double rms_on(const Model& model, const std::vector<Segment>& segments) {
   const double rms = judge(model, segments).rms;
-  return std::isfinite(rms) ? rms : 1e300;
+  return std::isfinite(rms) ? rms : kNoFit;
 }
 
 std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
@@ -99,8 +101,8 @@ std::vector<Segment> short_part(const std::vector<Segment>& segments) {
 
 std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
                                          const Structure& structure, const Model& rigid,
-                                         const std::vector<std::size_t>& kinds,
-                                         double encoder_step) {
+                                         const std::vector<std::size_t>& kinds, double encoder_step,
+                                         const Plausible& plausible) {
   std::vector<Start> starts;
   for (const std::size_t kind : kinds) {
     for (Start& one : starts_of(rigid, kind)) starts.push_back(std::move(one));
@@ -133,22 +135,25 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     options.tolerance = 1e-3;
     options.covariance = false;
     const auto found = output_error(to, structure_of(one.model), one.model, options);
-    one.rms = 1e300;
+    one.rms = kNoFit;
     if (!found || !why_invalid(found->model).empty()) return;
     one.model = found->model;
     one.rms = rms_on(one.model, to);
   };
   in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], part, 8, 1); });
-  std::sort(fitted.begin(), fitted.end(), best_first);
-  if (fitted.empty() || !(fitted.front().rms < 1e300)) return std::nullopt;
-  Start best = fitted.front();
-  const auto simpler =
-      std::find_if(fitted.begin(), fitted.end(), [&](const Start& s) { return !plays(s); });
-  if (plays(best) && simpler != fitted.end() && best.rms > kMaxRmsRatioOfPlay * simpler->rms)
-    best = *simpler;
-  fit(best, segments, 14, 2);
-  if (!(best.rms < 1e300)) return std::nullopt;
-  return TwoMassFit{structure_of(best.model), best.model, best.rms};
+  // Play counts for less where it is hardly better.
+  const auto rank = [&](const Start& s) { return s.rms / (plays(s) ? kMaxRmsRatioOfPlay : 1.0); };
+  std::sort(fitted.begin(), fitted.end(),
+            [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
+  int tries = kMostFitsToAll;
+  for (Start& one : fitted) {
+    if (!(one.rms < kNoFit) || !plausible(one.model)) continue;
+    if (tries-- == 0) break;
+    fit(one, segments, 14, 2);
+    if (one.rms < kNoFit && plausible(one.model))
+      return TwoMassFit{structure_of(one.model), one.model, one.rms};
+  }
+  return std::nullopt;
 }
 
 }  // namespace servotwin

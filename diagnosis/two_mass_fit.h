@@ -6,6 +6,7 @@
 // Units: SI, rad for m on rotary axes. Any thread.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -21,12 +22,14 @@ struct TwoMassFit {
   double rms = 0.0;  ///< on the segments [m | rad]
 };
 
-/// The best of these kinds of effects that make an axis one of two masses, beside the effects of
-/// `rigid`. One with play must be clearly better than one without. Nothing if none is valid.
-[[nodiscard]] std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
-                                                       const Structure& structure,
-                                                       const Model& rigid,
-                                                       const std::vector<std::size_t>& kinds,
-                                                       double encoder_step);
+/// Whether a model is physically plausible beyond the bounds of its single parameters.
+using Plausible = std::function<bool(const Model&)>;
+
+/// The best plausible one of these kinds of effects that make an axis one of two masses, beside the
+/// effects of `rigid`. One with play must be clearly better than one without. Nothing if none is
+/// valid.
+[[nodiscard]] std::optional<TwoMassFit> fit_two_masses(
+    const std::vector<Segment>& segments, const Structure& structure, const Model& rigid,
+    const std::vector<std::size_t>& kinds, double encoder_step, const Plausible& plausible);
 
 }  // namespace servotwin

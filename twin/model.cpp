@@ -1,5 +1,6 @@
 #include "twin/model.h"
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 
@@ -128,9 +129,16 @@ std::string why_invalid(const Model& model) {
         return say("effects: ", identity_of(effect.kind).id, " beside ", id,
                    ": an axis has one of them");
     }
+    if (std::count_if(model.effects.begin(), model.effects.end(), [](const Effect& effect) {
+          return is_friction(effect.kind);
+        }) > static_cast<std::ptrdiff_t>(kMaxFrictions))
+      return say("effects: more than ", kMaxFrictions, " of friction beside ", id,
+                 ", which acts on two masses");
     if (!loop.modes.empty())
       return say("loop.modes: ", loop.modes.size(), " beside effects[", id,
                  "]: the two masses are the mode; the loop must be the rigid axis'");
+    if (!stable(loop, two_mass_parameters(*axis)))
+      return say("effects[", id, "]: the loop is unstable with this spring");
   }
   // A thousandth of a cycle for the rounding of the quotient.
   const double cycles = model.command_delay_s() / model.sample_time_s;

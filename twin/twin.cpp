@@ -24,7 +24,8 @@ constexpr double kLongestPart_s = 1e-3;
 constexpr double kLargestStepInPlay_rad = 0.5;
 
 /// Forces on motor and load are solved in turns, until a turn changes them by less [m/s^2 |
-/// rad/s^2].
+/// rad/s^2], or for so many turns: with a stiff spring and friction on both not every step gets
+/// there; what is missing then is far below the friction.
 constexpr double kSmallestTurn = 1e-11;
 constexpr int kMostTurns = 12;
 
@@ -285,6 +286,7 @@ void Twin::start(double position, std::span<const double> free_response, double 
   if (axis_.used()) {
     for (std::size_t r = 0; r < std::min(free_response.size(), axis_state_.size()); ++r)
       axis_state_[r] += free_response[r];
+    contact_ = axis_.missing_contact(axis_state_);
     CommandPiece still;
     still.end_position = position;
     const TwoMassAxis::Ends now =

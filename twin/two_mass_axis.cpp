@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "twin/hold.h"
+#include "twin/linear_algebra.h"
 #include "twin/twin.h"
 
 namespace servotwin {
@@ -49,49 +50,88 @@ Effect without_play(const Effect& effect) {
   return out;
 }
 
-void TwoMassAxis::discretise(const Loop& loop, const TwoMassParameters& parameters, double step_s) {
-  const bool integrates = loop.order == 3;
-  states_ = integrates ? 5 : 4;
-  parameters_ = parameters;
-  denominator_ = loop.denominator;
-  numerator_ = loop.numerator;
-  const bool by_load = parameters.encoders == Encoders::kLoad;
-  const double a1 = denominator_[0], a2 = denominator_[1];
-  by_motor_ = by_load && integrates ? std::min(a1 * parameters.reset, a2) : by_load ? 0.0 : a2;
-  by_loop_ = by_load ? a2 - by_motor_ : 0.0;
-  integral_ = integrates ? denominator_[2] : 0.0;
-  integral_velocity_ = integrates ? numerator_[2] : 0.0;
-  command_acceleration_ = 1.0 - numerator_[0];
-  command_velocity_ = -numerator_[1];
+namespace {
 
+/// a2 in two parts: by the position of the loop's encoder, and by the motor's.
+struct Stiffness {
+  double by_loop = 0.0, by_motor = 0.0;
+};
+Stiffness stiffness_of(const Loop& loop, const TwoMassParameters& parameters) {
+  const double a1 = loop.denominator[0], a2 = loop.denominator[1];
+  if (parameters.encoders != Encoders::kLoad) return {0.0, a2};
+  const double by_motor = loop.order == 3 ? std::min(a1 * parameters.reset, a2) : 0.0;
+  return {a2 - by_motor, by_motor};
+}
+
+/// d state / dt by the state.
+Eigen::MatrixXd dynamics_of(const Loop& loop, const TwoMassParameters& parameters) {
+  const bool integrates = loop.order == 3, by_load = parameters.encoders == Encoders::kLoad;
+  const auto [by_loop, by_motor] = stiffness_of(loop, parameters);
   const double share = parameters.load_share;
-  const double omega = parameters.omega;
-  const double spring = omega * omega, damper = 2.0 * parameters.zeta * omega;  // c / load_share
-  const Eigen::Index n = states_;
+  const Eigen::Index n = integrates ? 5 : 4;
   // The demand by the states; the motor's acceleration is (demand - c - d1) / (1 - share).
-  Eigen::RowVectorXd demand = Eigen::RowVectorXd::Zero(n);
-  demand(kError) = by_motor_ + by_loop_;
-  demand(kRate) = a1;
-  demand(kDeflection) = by_loop_;
+  Eigen::RowVectorXd demand = Eigen::RowVectorXd::Zero(n), contact = demand;
+  demand(kError) = by_motor + by_loop;
+  demand(kRate) = loop.denominator[0];
+  demand(kDeflection) = by_loop;
   if (integrates) demand(kIntegral) = 1.0;
-  Eigen::RowVectorXd contact = Eigen::RowVectorXd::Zero(n);
-  contact(kDeflection) = share * spring;
-  contact(kDeflectionRate) = share * damper;
+  contact(kDeflection) = share * parameters.omega * parameters.omega;
+  contact(kDeflectionRate) = share * 2.0 * parameters.zeta * parameters.omega;
   const Eigen::RowVectorXd motor = (demand - contact) / (1.0 - share);
   const Eigen::RowVectorXd load = contact / share;
-
   Eigen::MatrixXd a = Eigen::MatrixXd::Zero(n, n);
   a(kError, kRate) = 1.0;
   a.row(kRate) = -motor;
   a(kDeflection, kDeflectionRate) = 1.0;
   a.row(kDeflectionRate) = motor - load;
   if (integrates) {
-    a(kIntegral, kError) = integral_;
-    if (by_load) a(kIntegral, kDeflection) = integral_;
+    a(kIntegral, kError) = loop.denominator[2];
+    if (by_load) a(kIntegral, kDeflection) = loop.denominator[2];
   }
+  return a;
+}
+
+/// Units in which all states are of one size: rates by the fastest frequency, the integral by its
+/// square.
+double fastest_of(const Loop& loop, const TwoMassParameters& parameters) {
+  return std::max(
+      {parameters.omega, loop.denominator[0], std::sqrt(std::abs(loop.denominator[1]))});
+}
+Eigen::VectorXd units_of(Eigen::Index states, double fastest) {
+  Eigen::VectorXd unit = Eigen::VectorXd::Ones(states);
+  unit(kRate) = unit(kDeflectionRate) = fastest;
+  if (states > kIntegral) unit(kIntegral) = fastest * fastest;
+  return unit;
+}
+
+}  // namespace
+
+bool stable(const Loop& loop, const TwoMassParameters& parameters) {
+  const Eigen::MatrixXd a = dynamics_of(loop, parameters);
+  const Eigen::VectorXd unit = units_of(a.rows(), fastest_of(loop, parameters));
+  const Eigen::VectorXcd roots =
+      eigenvalues(unit.cwiseInverse().asDiagonal() * a * unit.asDiagonal());
+  return (roots.real().array() < 0.0).all();
+}
+
+void TwoMassAxis::discretise(const Loop& loop, const TwoMassParameters& parameters, double step_s) {
+  const bool integrates = loop.order == 3;
+  states_ = integrates ? 5 : 4;
+  parameters_ = parameters;
+  denominator_ = loop.denominator;
+  numerator_ = loop.numerator;
+  by_loop_ = stiffness_of(loop, parameters).by_loop;
+  by_motor_ = stiffness_of(loop, parameters).by_motor;
+  integral_ = integrates ? denominator_[2] : 0.0;
+  integral_velocity_ = integrates ? numerator_[2] : 0.0;
+  command_acceleration_ = 1.0 - numerator_[0];
+  command_velocity_ = -numerator_[1];
+
+  const Eigen::MatrixXd a = dynamics_of(loop, parameters);
+  const Eigen::Index n = states_;
   Eigen::VectorXd velocity = Eigen::VectorXd::Zero(n), acceleration = velocity, on_motor = velocity,
                   on_load = velocity;
-  const double light = 1.0 / (1.0 - share);
+  const double light = 1.0 / (1.0 - parameters.load_share);
   velocity(kRate) = -light * command_velocity_;
   velocity(kDeflectionRate) = light * command_velocity_;
   if (integrates) velocity(kIntegral) = -integral_velocity_;
@@ -99,16 +139,10 @@ void TwoMassAxis::discretise(const Loop& loop, const TwoMassParameters& paramete
   acceleration(kDeflectionRate) = light * command_acceleration_;
   on_motor(kRate) = light;
   on_motor(kDeflectionRate) = -light;
-  on_load(kDeflectionRate) = 1.0 / share;
+  on_load(kDeflectionRate) = 1.0 / parameters.load_share;
 
-  // In units in which all states are of one size: the deflections by lengths, rates by the fastest
-  // frequency, the integral by its square.
-  const double fastest = std::max({omega, a1, std::sqrt(std::abs(a2))});
-  Eigen::VectorXd unit(n);
-  for (int i = 0; i < states_; ++i)
-    unit(i) = i == kIntegral                         ? fastest * fastest
-              : (i == kRate || i == kDeflectionRate) ? fastest
-                                                     : 1.0;
+  const double fastest = fastest_of(loop, parameters);
+  const Eigen::VectorXd unit = units_of(n, fastest);
   const auto hold = [&](const Eigen::VectorXd& b, int m) {
     Hold out = discretise_alike(unit.cwiseInverse().asDiagonal() * a * unit.asDiagonal(),
                                 unit.cwiseInverse().asDiagonal() * b, step_s, m, fastest);

@@ -42,6 +42,9 @@ struct TwoMassParameters {
 /// The same kind of axis without play.
 [[nodiscard]] Effect without_play(const Effect& effect);
 
+/// Whether the loop is stable with these two masses, without play. Allocates.
+[[nodiscard]] bool stable(const Loop& loop, const TwoMassParameters& parameters);
+
 class TwoMassAxis {
  public:
   static constexpr int kStates = 5;

@@ -7,6 +7,7 @@
 #include "daemon/correct/model_uncertainty.h"
 #include "drivers/text.h"
 #include "ilc/feedforward.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin::daemon {
 
@@ -19,6 +20,12 @@ RobustAxis robust_axis(const ModelRecord& record, const Segment& path,
   axis.model = record.model;
   axis.path = path;
   axis.limits = limits;
+  if (const Effect* two_mass = two_mass_of(axis.model))
+    throw std::runtime_error(
+        "axis " + axis.name + ": its model has two masses (" +
+        std::string(identity_of(two_mass->kind).id) +
+        "), for which corrections are not learned in the background; use servotwin learn, which "
+        "shows in simulation what a correction gains");
   axis.law.model = transfer_of(axis.model);
   const double h = path.sample_time_s;
   const ModelUncertainty uncertainty = uncertainty_of(record, axis.law.model);

@@ -149,14 +149,16 @@ void DiagnosisWorker::diagnose_now(std::size_t axis, const std::string& reason, 
     keep({event.time, name, reason, json.at("verdict").get<std::string>(), json.dump(),
           to_json(diagnosis.extended).dump()},
          event);
-    propose(axis, diagnosis);
+    propose(axis, diagnosis, from_s, until_s);
   } catch (const std::exception& error) {
     events_.note("diagnosis_failed", name, std::string("no diagnosis: ") + error.what());
   }
 }
 
-void DiagnosisWorker::propose(std::size_t axis, const Diagnosis& diagnosis) const {
-  if (!propose_) return;
+void DiagnosisWorker::propose(std::size_t axis, const Diagnosis& diagnosis, double from_s,
+                              double until_s) const {
+  // What the baseline has already, the identification finds by itself.
+  if (!propose_ || diagnosis.extended.method != "diagnosis") return;
   const std::vector<Effect>& effects = diagnosis.extended.model.effects;
   std::string with;
   for (const Cause& cause : diagnosis.causes) {
@@ -168,7 +170,7 @@ void DiagnosisWorker::propose(std::size_t axis, const Diagnosis& diagnosis) cons
   const auto found = std::find_if(effects.begin(), effects.end(), of_its_recording);
   if (with.empty()) return;
   if (found == effects.end()) {
-    propose_(axis, diagnosis.extended, with + ", as the diagnosis found");
+    propose_(axis, diagnosis.extended, with + ", as the diagnosis found", from_s, until_s);
   } else {
     events_.note("model_not_proposed", axes_[axis].name,
                  "the model " + with +

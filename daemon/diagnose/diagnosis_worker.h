@@ -38,8 +38,10 @@ namespace servotwin::daemon {
 class DiagnosisWorker {
  public:
   using Announce = std::function<void(const StoredDiagnosis&)>;
-  /// Axis, extended model, and what it contains: "with ..".
-  using Propose = std::function<void(std::size_t, const ModelRecord&, const std::string&)>;
+  /// Axis, extended model, what it contains ("with .."), and the times of the motion that it was
+  /// fitted to.
+  using Propose =
+      std::function<void(std::size_t, const ModelRecord&, const std::string&, double, double)>;
 
   /// `identify`: gives the pole bounds and the maximum delay. `announce` is called with every
   /// diagnosis. All references must outlive the worker.
@@ -50,8 +52,8 @@ class DiagnosisWorker {
   /// When `stop` is requested, a running diagnosis is aborted before its next fit. Call it before
   /// run().
   void give_up_with(const std::stop_token& stop) { options_.stop = stop; }
-  /// Called with the model of every diagnosis that names a cause, where that model can predict
-  /// other motion than that of its recording. Call it before run().
+  /// Called with the model of every diagnosis that has extended it by a named cause, where that
+  /// model can predict other motion than that of its recording. Call it before run().
   void propose_with(Propose propose) { propose_ = std::move(propose); }
   /// Announces the last stored diagnosis of every axis.
   void restore();
@@ -76,7 +78,7 @@ class DiagnosisWorker {
   void diagnose_now(std::size_t axis, const std::string& reason, double from_s, double until_s);
   /// Nothing if there is no torque, or too little (reported as an event).
   [[nodiscard]] std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& motion);
-  void propose(std::size_t axis, const Diagnosis& diagnosis) const;
+  void propose(std::size_t axis, const Diagnosis& diagnosis, double from_s, double until_s) const;
   void keep_report(const std::string& axis, const std::string& html);
   void keep(const StoredDiagnosis& diagnosis, const Event& event);
 

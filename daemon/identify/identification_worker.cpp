@@ -157,11 +157,13 @@ void IdentificationWorker::take_newer_config() {
   for (Axis& axis : axes_) axis.evidence.keep(bounds_of(config_));
 }
 
-void IdentificationWorker::propose(std::size_t axis, ModelRecord record,
-                                   const std::string& because) {
+void IdentificationWorker::propose(std::size_t axis, ModelRecord record, const std::string& because,
+                                   double from_s, double until_s) {
   Pending proposal;
   proposal.identified.record = std::move(record);
   proposal.because = because;
+  proposal.from_s = from_s;
+  proposal.until_s = until_s;
   const std::lock_guard lock(proposal_mutex_);
   proposals_.at(axis) = std::move(proposal);
 }
@@ -174,7 +176,8 @@ void IdentificationWorker::take_proposal(std::size_t axis) {
     proposal = std::exchange(proposals_[axis], std::nullopt);
   }
   if (!proposal) return;
-  // It was made from motion until now at the latest.
+  cite(*proposal, proposal->from_s, proposal->until_s);
+  // Judged on motion after now, which nobody has seen.
   proposal->until_s = memory_.newest_s();
   proposal->moved_s = memory_.moved_s(axis);
   events_.note("model_proposed", axes_[axis].name,
@@ -451,6 +454,9 @@ void IdentificationWorker::finish() {
     note_refusal(
         axis, "candidate not decided: " + progress_of("validated on", judged_s, config_.judge_s));
     axes_[axis].candidate.reset();
+    if (std::lock_guard lock(proposal_mutex_); proposals_[axis])
+      note_refusal(axis, "candidate not decided: a model " + proposals_[axis]->because +
+                             " came too late to be validated");
   }
 }
 

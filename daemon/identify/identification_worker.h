@@ -64,9 +64,10 @@ class IdentificationWorker {
   /// The new configuration applies from the next step on. Any thread.
   void reconfigure(const IdentifyConfig& config);
   /// A model from elsewhere as the next candidate of an axis. `because` names what it contains, for
-  /// the reason of its promotion or refusal. A later one replaces one that is not judged yet. Any
-  /// thread.
-  void propose(std::size_t axis, ModelRecord record, const std::string& because);
+  /// the reason of its promotion or refusal; it was fitted to motion of these times. A later one
+  /// replaces one that is not a candidate yet. Any thread.
+  void propose(std::size_t axis, ModelRecord record, const std::string& because, double from_s,
+               double until_s);
   /// Checks one axis and does what is due; true if something was.
   bool look(std::size_t axis);
   /// To be called when no more motion will come: processes the rest and reports undecided
@@ -83,6 +84,7 @@ class IdentificationWorker {
     double until_s = 0.0;                 // end of the data that it was fitted to
     double moved_s = 0.0;                 // motion of the axis until then
     std::string because = {};             // of a proposal
+    double from_s = 0.0;                  // of a proposal: begin of the data it was fitted to
   };
   struct Axis {
     std::string name;

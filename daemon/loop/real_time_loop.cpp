@@ -35,6 +35,10 @@ int settling_cycles(const Model& model) {
   double slowest = -roots[0].real();
   for (int i = 1; i < model.loop.order; ++i)
     slowest = std::min(slowest, -roots[static_cast<std::size_t>(i)].real());
+  if (const Effect* two_mass = two_mass_of(model)) {
+    const TwoMassParameters axis = two_mass_parameters(*two_mass);
+    slowest = std::min(slowest, axis.zeta * axis.omega);
+  }
   const double settling_s = std::log(100.0) / slowest + model.command_delay_s();
   return static_cast<int>(std::min(std::ceil(settling_s / model.sample_time_s), 1e9));
 }

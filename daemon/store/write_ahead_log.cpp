@@ -50,9 +50,13 @@ std::vector<int> commits_in_log(const std::filesystem::path& log, std::size_t pa
   // first frame has them.
   std::array<char, kFrameHeader> frame{};
   std::array<char, 8> salts{};
+  // SQLite writes a frame's header and then its page: a process that is killed in between leaves a
+  // frame without an end, whose transaction nobody was told of.
+  const std::uintmax_t size = std::filesystem::file_size(log);
   const auto next = [&](int number) {
     const std::uint64_t at = kHeader + (kFrameHeader + page_size) * (number - 1ULL);
-    return file.read_at(frame.data(), kFrameHeader, at) == kFrameHeader;
+    return at + kFrameHeader + page_size <= size &&
+           file.read_at(frame.data(), kFrameHeader, at) == kFrameHeader;
   };
   const auto salts_of = [](const char* bytes) { return std::string_view(bytes, 8); };
   if (has_its_checksum(header)) {

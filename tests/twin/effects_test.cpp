@@ -237,7 +237,6 @@ TEST(UnexplainedForce, IsLinearBetweenItsKnotsAndConstantBeyond) {
   }
 }
 
-// The step response of two poles, p and s, in closed form.
 // A pendulum of mass m and arm l on an axis with the moment J: m g l sin(x) / J, and where the zero
 // is with the arm level m g l cos(x) / J.
 TEST(SwingingLoad, IsTheWeightTimesItsLeverArm) {
@@ -256,6 +255,7 @@ TEST(SwingingLoad, IsTheWeightTimesItsLeverArm) {
   }
 }
 
+// The step response of two poles, p and s, in closed form.
 TEST(CrossCoupling, FollowsTheOtherAxisAsItsLoopDoes) {
   for (const double zeta : {0.3, 0.8, 0.99999, 1.0, 1.00001, 2.2, 5.0}) {
     const double f = 12.0, w = kTwoPi * f;

@@ -49,9 +49,8 @@ class DiagnosisWorkerTest : public testing::Test {
     worker_ = std::make_unique<DiagnosisWorker>(
         machine_, config_, IdentifyConfig(), *memory_, *watch_, *store_, *events_,
         [this](const StoredDiagnosis& made) { announced_.push_back(made); });
-    worker_->propose_with([this](std::size_t, const ModelRecord& record, const std::string& with) {
-      proposed_.emplace_back(record, with);
-    });
+    worker_->propose_with([this](std::size_t, const ModelRecord& record, const std::string& with,
+                                 double, double) { proposed_.emplace_back(record, with); });
   }
   void append(CycleRow row) {
     row.time_ns = rows_++ * std::llround(machine_.cycle_s * 1e9);

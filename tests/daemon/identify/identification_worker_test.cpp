@@ -152,7 +152,7 @@ TEST_F(WorkerTest, AProposedModelIsJudgedLikeAnyOther) {
   for (Effect& effect : wrong.model.effects) {
     for (double& coefficient : effect.coefficient) coefficient *= 0.8;
   }
-  worker_->propose(0, wrong, "with less friction, as the test has it");
+  worker_->propose(0, wrong, "with less friction, as the test has it", 0.0, 6.0);
   EXPECT_FALSE(worker_->look(0)) << "it is judged on motion after now";
   EXPECT_THAT(newest_event().text, HasSubstr("a model with less friction, as the test has it"));
   EXPECT_EQ(newest_event().kind, "model_proposed");
@@ -167,7 +167,7 @@ TEST_F(WorkerTest, AProposedModelIsJudgedLikeAnyOther) {
   worker_->restore();
   ASSERT_EQ(announced_.size(), 2U);
   run_machine(1.0);
-  worker_->propose(0, right, "with friction");
+  worker_->propose(0, right, "with friction", 0.0, 6.0);
   worker_->look(0);
   run_machine(3.5);
   ASSERT_TRUE(worker_->look(0));
@@ -182,7 +182,7 @@ TEST_F(WorkerTest, AProposedModelThatIsInvalidIsRefusedAtOnce) {
   promote_one();
   ModelRecord wrong = announced_[0].record;
   wrong.model.loop.denominator[0] = -1.0;
-  worker_->propose(0, wrong, "that is unstable");
+  worker_->propose(0, wrong, "that is unstable", 0.0, 6.0);
   worker_->look(0);
   EXPECT_EQ(announced_.size(), 1U);
   EXPECT_THAT(status().last_refusal, HasSubstr("that is unstable"));
