@@ -9,8 +9,8 @@
 namespace servotwin::daemon {
 
 /// The numbers, from 1, of the frames that end a transaction, those behind a damaged frame as well,
-/// in ascending order. A frame that the file ends in is none. `page_size` of the database [bytes]. Empty if there is no log. Throws
-/// std::runtime_error if it cannot be read.
+/// in ascending order. A frame that the file ends in is none. `page_size` of the database [bytes].
+/// Empty if there is no log. Throws std::runtime_error if it cannot be read.
 [[nodiscard]] std::vector<int> commits_in_log(const std::filesystem::path& log,
                                               std::size_t page_size);
 
