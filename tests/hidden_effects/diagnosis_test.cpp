@@ -2,6 +2,8 @@
 // is measured by the program hidden_effects, not asserted here.
 #include <gmock/gmock.h>
 
+#include <algorithm>
+
 #include "tests/hidden_effects/answer.h"
 #include "tests/hidden_effects/cases.h"
 
@@ -68,6 +70,24 @@ INSTANTIATE_TEST_SUITE_P(LongDev, AHiddenEffect,
                                          "periodic_disturbance", "position_dependent_friction",
                                          "presliding", "thermal_growth", "viscous_drift"),
                          [](const auto& test) { return std::string(test.param); });
+
+// A load on a spring with its friction on it: none of these was explained by a twin of one mass.
+class ALoadOnASpring : public testing::TestWithParam<int> {};
+
+TEST_P(ALoadOnASpring, IsNamedFirstWithItsFrequency) {
+  const Case asked = single_case(Part::kDev, "compliance", Class::kClear, GetParam());
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  ASSERT_FALSE(named(answer, asked).empty());
+  EXPECT_EQ(named(answer, asked).front(), "compliance");
+  const auto found = std::find_if(answer.causes.begin(), answer.causes.end(),
+                                  [](const NamedCause& one) { return one.id == "compliance"; });
+  ASSERT_NE(found, answer.causes.end());
+  EXPECT_NEAR(
+      found->parameters.at("frequency_hz") / asked.hidden.front().parameters.at("frequency_hz"),
+      1.0, 0.02);
+}
+INSTANTIATE_TEST_SUITE_P(LongDev, ALoadOnASpring, testing::Values(43, 44, 46));
 
 class ACleanMachine : public testing::TestWithParam<int> {};
 
