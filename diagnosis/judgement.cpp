@@ -16,10 +16,6 @@ namespace servotwin {
 
 namespace {
 
-// Share of the baseline's error: a law of friction is accurate to a few hundredths of the error, so
-// that a smaller removed error may be its misfit.
-constexpr double kMinRemovedShareOfCause = 0.02;
-
 /// Whether the paired test does not contradict the score test. An effect that sets in at some time,
 /// or an intermittent one, is present in few of the blocks and needs only a positive z; impulses
 /// always pass.

@@ -514,6 +514,10 @@ class Selection {
   /// one is clearly better: the causes that stood for it are forgotten.
   bool part_masses() {
     if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
+    // As for a single cause: what is left may be the misfit of the law of friction.
+    const double misfit =
+        std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
+    if (!(now_.current.rms() > misfit)) return false;
     const bool reading = Channels(search_.recorded(), options_.encoder_in_loop).reading;
     std::vector<std::size_t> kinds;
     for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
