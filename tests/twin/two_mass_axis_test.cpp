@@ -250,6 +250,25 @@ TEST(TwoMassAxis, ALoopThatIsUnstableWithTheSpringIsRefused) {
   EXPECT_EQ(why_invalid(model_of({}, axis, 1e-3)), "");
 }
 
+// A weight holds the load on one side of the gap from the start on.
+TEST(TwoMassAxis, StandsStillUnderAWeightWithPlay) {
+  for (const Encoders encoders : {Encoders::kMotor, Encoders::kLoad, Encoders::kOutside}) {
+    Axis axis;
+    axis.encoders = encoders;
+    axis.width = 2e-5;
+    axis.constant_force = 0.8;
+    Twin twin(model_of({}, axis, 1e-3));
+    twin.start(0.01);
+    const double stands = twin.position();
+    CommandPiece still;
+    still.end_position = 0.01;
+    for (int k = 0; k < 200; ++k) {
+      twin.step(still);
+      ASSERT_NEAR(twin.position(), stands, 1e-12) << k;
+    }
+  }
+}
+
 // Friction is there twice, and there is room for one law and what joins it.
 TEST(TwoMassAxis, MoreFrictionThanAModelCanHaveIsRefused) {
   Axis axis;
