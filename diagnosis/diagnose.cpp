@@ -526,6 +526,10 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   for (Cause& cause : out.causes) {
     if (at_end_of(cause.id, extended, extended.effects[cause.place]))
       cause.doubt = CauseDoubt::kParameters;
+    // Two masses have many parameters: a small gain may be that of any better fit.
+    if (acts_on_axis(extended.effects[cause.place].kind) &&
+        cause.gain.after > kMaxRmsRatioOfClearGain * cause.gain.before)
+      cause.doubt = CauseDoubt::kGain;
   }
   if (dropped.any()) {
     const std::vector<Segment> as_recorded =
