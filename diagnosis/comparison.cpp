@@ -7,6 +7,7 @@
 
 #include "diagnosis/bootstrap.h"
 #include "diagnosis/change.h"
+#include "diagnosis/conclusion.h"
 #include "diagnosis/cuts.h"
 #include "diagnosis/extension.h"
 #include "diagnosis/gain.h"

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iterator>
 
+#include "diagnosis/conclusion.h"
 #include "diagnosis/dropped_samples.h"
 #include "diagnosis/extension.h"
 #include "diagnosis/judgement.h"
@@ -20,32 +20,11 @@ namespace servotwin {
 
 namespace {
 
-// Prior hit rate of a cause that removes the whole error, and how much lower it is for a cause that
-// removes next to nothing. It allows for causes that the catalogue does not contain. Chosen, not
-// fitted; how well it holds is measured (docs/measurements.md 11, calibration error).
-constexpr double kHitRate = 0.97, kHitRateLoss = 0.4;
-// RMS over that of the earlier model on its own data above which the machine has changed.
-constexpr double kMinRmsOverEarlier = 2.0;
-// RMS over noise floor above which the residual is not chance.
-constexpr double kMinRmsOverFloorOfStructure = 4.0;
-// RMS over noise floor above which the named causes do not explain the recording.
-constexpr double kMaxRmsOverFloorToAccept = 5.0;
-// Misfit of any model over the error that its causes remove: a smaller residual is no evidence of a
-// further cause.
-constexpr double kModelMisfitShare = 0.15;
 // Unexplained share that a diagnosis with the other loop order must reach: a loop of another order
 // can explain a part of the error together with a wrong cause that resembles the right one.
 constexpr double kMaxUnexplainedShareOfOtherOrder = 0.1;
-// RMS with a cause over RMS without it above which its gain is small.
-constexpr double kMaxRmsRatioOfClearGain = 0.8;
-// RMS on the hold-out over that without any cause, up to which the causes count as no worse, and up
-// to which they are not discarded.
-constexpr double kMaxRmsRatioNoWorse = 1.02, kMaxRmsRatioToKeepCauses = 1.1;
-// RMS over noise floor that the error without a cause must exceed for the cause to be named.
-constexpr double kMinRmsOverFloorOfCause = 1.3;
-// Share of the squared error above the noise floor: with more unexplained, the verdict is
-// "unexplained".
-constexpr double kMaxUnexplainedShare = 0.5;
+// RMS on the hold-out over that without any cause, up to which the causes are not discarded.
+constexpr double kMaxRmsRatioToKeepCauses = 1.1;
 
 }  // namespace
 
@@ -62,18 +41,6 @@ std::string_view name_of(Verdict verdict) {
 }
 
 namespace {
-
-/// Whether the cause consists of isolated events at times that cannot be predicted.
-bool unforeseeable(const Diagnosis& diagnosis, const Cause& cause) {
-  if (cause.place >= diagnosis.extended.model.effects.size()) return false;
-  const auto shapes = shapes_of(diagnosis.extended.model.effects[cause.place].kind);
-  return !shapes.empty() && shapes.front().scan == Scan::kMoments;
-}
-
-/// Whether the gain on held-out data is small and its confidence interval includes zero.
-bool may_be_zero(const Gain& gain) {
-  return gain.low <= 0.0 && gain.after > kMaxRmsRatioOfClearGain * gain.before;
-}
 
 /// 1 where the motor is at its torque limit, from the limit in the model or, without one, from the
 /// recorded torque; empty where neither is known.
@@ -95,27 +62,6 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
     out(k) = std::abs(given) > (1.0 - 1e-9) * limit->shape[0] ? 1.0 : 0.0;
   }
   return out;
-}
-
-/// Two causes that repeat with position at the same period imitate a third one, and each other: an
-/// error of the screw and one of the encoder together can do what a force ripple does.
-void mark_common_periods(Diagnosis& diagnosis) {
-  constexpr double kSamePeriod = 0.02;  // relative difference; a fit is far more accurate
-  const auto period_of = [&](const Cause& cause) {
-    const auto& effects = diagnosis.extended.model.effects;
-    return cause.place < effects.size()
-               ? shape_of(diagnosis.extended.model, effects[cause.place].kind, "period")
-               : kAbsent;
-  };
-  for (Cause& cause : diagnosis.causes) {
-    for (const Cause& other : diagnosis.causes) {
-      auto& known = cause.ambiguous_with;
-      if (&cause == &other || std::find(known.begin(), known.end(), other.id) != known.end())
-        continue;
-      if (std::abs(period_of(cause) / period_of(other) - 1.0) < kSamePeriod)
-        known.push_back(other.id);
-    }
-  }
 }
 
 }  // namespace
@@ -163,99 +109,6 @@ void set_extended(ModelRecord& record, const char* method, const Model& model,
   record.numerator_deviation.fill(kAbsent);
   record.pole_deviation = {kAbsent, kAbsent, kAbsent};
   record.loop_covariance.reset();
-}
-
-void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
-              const NoiseFloor& floor, const DiagnoseOptions& options) {
-  for (Cause& cause : diagnosis.suspected) diagnosis.causes.push_back(std::move(cause));
-  diagnosis.suspected.clear();
-  std::sort(diagnosis.causes.begin(), diagnosis.causes.end(),
-            [](const Cause& l, const Cause& r) { return l.worth > r.worth; });
-
-  mark_common_periods(diagnosis);
-  const std::vector<ResidualStretch> stretches =
-      residual_stretches(diagnosis.extended.model, holdout);
-  diagnosis.regimes = by_regime(stretches);
-  diagnosis.regressors = by_regressor(stretches);
-  diagnosis.peaks = spectrum_peaks(stretches);
-  const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
-  // The error without causes: an effect that the baseline already contains counts as explained.
-  double without = diagnosis.baseline.holdout.rms;
-  for (const Cause& cause : diagnosis.causes) {
-    if (cause.place < diagnosis.extended.model.effects.size() && std::isfinite(cause.gain.before) &&
-        diagnosis.baseline.model.find(diagnosis.extended.model.effects[cause.place].kind) !=
-            nullptr)
-      without = std::max(without, cause.gain.before);
-  }
-  const double all = without * without - noise;
-  const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
-  diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
-  // Isolated events are not predictable on other motion; the error that they leave on the hold-out
-  // is no evidence of another cause.
-  const bool no_worse =
-      diagnosis.extended.holdout.rms <= kMaxRmsRatioNoWorse * diagnosis.baseline.holdout.rms;
-  const bool pushed =
-      no_worse && std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(),
-                              [&](const Cause& cause) { return unforeseeable(diagnosis, cause); });
-  if (pushed) diagnosis.unexplained_share = 0.0;
-  // confidence = prior hit rate x P(beats nearest rival) x explained share. The unexplained rest
-  // may have a cause that is not in the catalogue.
-  for (Cause& cause : diagnosis.causes) {
-    const double stays = cause.gain.after / cause.gain.before;
-    const double right =
-        std::isfinite(stays) ? kHitRate - kHitRateLoss * std::min(1.0, stays * stays) : kHitRate;
-    cause.confidence =
-        cause.counts.empty() ? right * cause.wins * (1.0 - diagnosis.unexplained_share) : 1.0;
-  }
-  // The cause that removes the least error is doubted if its gain may be zero. (Impulses are named
-  // all the same: other motion cannot confirm them, see the condition below.)
-  if (!diagnosis.causes.empty() && may_be_zero(diagnosis.causes.back().gain))
-    diagnosis.causes.back().doubt = CauseDoubt::kGain;
-  // A disturbance that acts at rest raises the noise floor too; the true floor is not above the
-  // residual of the model.
-  const double quiet = std::min(floor.rms, diagnosis.extended.holdout.rms);
-  const auto unsure =
-      std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(), [&](const Cause& c) {
-        const bool seen = !c.counts.empty() || !(c.gain.before <= kMinRmsOverFloorOfCause * quiet);
-        // Of several ambiguous changes one is real: they are named together, unless their
-        // confidence is low for other reasons too.
-        const double each = 1.0 / (1.0 + static_cast<double>(c.ambiguous_with.size()));
-        const double one_of_them =
-            diagnosis.against_earlier && !(c.wins < each) ? c.confidence / each : c.confidence;
-        return (one_of_them >= kMinConfidenceToName && c.doubt == CauseDoubt::kNone && seen) ||
-               (no_worse && unforeseeable(diagnosis, c));
-      });
-  std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
-  diagnosis.causes.erase(unsure, diagnosis.causes.end());
-  // The error that an earlier model had on its own data is no change of the machine.
-  double usual = kMinRmsOverFloorOfStructure * floor.rms;
-  if (std::isfinite(diagnosis.earlier_rms))
-    usual = std::max(usual, kMinRmsOverEarlier * diagnosis.earlier_rms);
-  // Causes that are only suspected do not explain the error.
-  const double stays =
-      (diagnosis.causes.empty() ? diagnosis.baseline : diagnosis.extended).holdout.rms;
-  const bool structured = std::isfinite(usual) && stays > usual;
-  // The error that the causes remove. A residual below the usual misfit of a model, as a share of
-  // it, is no evidence of another cause.
-  const double named = std::sqrt(std::max(
-      0.0, without * without - diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms));
-  const bool much_is_left =
-      structured && (diagnosis.unexplained_share > kMaxUnexplainedShare ||
-                     diagnosis.extended.holdout.rms >
-                         std::max(kMaxRmsOverFloorToAccept * floor.rms, kModelMisfitShare * named));
-  diagnosis.verdict = much_is_left                ? Verdict::kUnexplained
-                      : !diagnosis.causes.empty() ? Verdict::kExplained
-                      : structured                ? Verdict::kUnexplained
-                                                  : Verdict::kNothingSignificant;
-  diagnosis.not_observable =
-      not_observable(axis, {diagnosis.against_earlier, options.encoder_in_loop,
-                            diagnosis.extended.model.loop.order == 3, Channels(holdout).in_cut});
-  std::erase_if(diagnosis.not_observable, [&](const NotObservable& one) {
-    const auto is_it = [&](const Cause& cause) { return cause.id == one.id; };
-    return std::any_of(diagnosis.causes.begin(), diagnosis.causes.end(), is_it) ||
-           std::any_of(diagnosis.suspected.begin(), diagnosis.suspected.end(), is_it);
-  });
-  diagnosis.suggested_test = suggested_test(diagnosis, axis);
 }
 
 namespace {

@@ -125,11 +125,4 @@ struct DiagnoseOptions {
 void set_extended(ModelRecord& record, const char* method, const Model& model,
                   const std::vector<Segment>& training, const std::vector<Segment>& holdout);
 
-/// Completes a diagnosis after the search: sorts the causes into named and suspected ones, and
-/// fills in the verdict, the confidences, the shares of the residual, the spectral lines, the
-/// unexplained share, the causes that are not observable, and the suggested test. `holdout`: with
-/// detected cuts.
-void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector<Segment>& holdout,
-              const NoiseFloor& floor, const DiagnoseOptions& options);
-
 }  // namespace servotwin

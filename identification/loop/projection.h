@@ -18,6 +18,7 @@
 #include <array>
 #include <vector>
 
+#include "identification/loop/force_filter.h"
 #include "identification/recording/signals.h"
 #include "twin/model.h"
 
@@ -46,9 +47,6 @@ struct Point {
   std::vector<double> shapes{};  ///< in the order of the structure
   std::vector<Mode> modes{};     ///< alpha and beta are linear and not read here
 };
-
-/// The nonlinear parameters of a mode: omega, zeta, gamma, delta.
-inline constexpr int kModeShapes = 4;
 
 /// The motion that is passed to an effect of this kind at sample k.
 [[nodiscard]] Motion motion_of(const Signals& signals, const Spline& command, Acts acts,

@@ -5,6 +5,7 @@
 
 #include <numbers>
 
+#include "diagnosis/conclusion.h"
 #include "diagnosis/diagnose.h"
 
 namespace servotwin {

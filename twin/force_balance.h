@@ -1,0 +1,53 @@
+// The force at the end of a step, where motion and force depend on each other (docs/theory.md 2.3).
+// Any thread; allocates nothing, throws nothing.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+namespace servotwin {
+
+/// The force at which `miss` is 0, sought from `first`, exact where that is it already. `slope` of
+/// the miss by the force: as it was last, and as it is now.
+template <class Miss>
+double balanced(double first, double& slope, const Miss& miss_at) noexcept {
+  const double tolerance = 1e-15 + 1e-13 * std::abs(first);
+  double left = first, miss_left = miss_at(left);
+  if (std::abs(miss_left) <= tolerance) return left;
+  // Where the disturbance is smooth in the motion two secants from the last slope are enough.
+  constexpr double kMinSlope = 0.2, kMaxSlope = 1e6;
+  constexpr int kSecants = 5;
+  for (int round = 0; round < kSecants; ++round) {
+    const double next = left - miss_left / slope, miss_next = miss_at(next);
+    if (std::abs(miss_next) <= tolerance) return next;
+    const double now = (miss_next - miss_left) / (next - left);
+    left = next, miss_left = miss_next;
+    if (!(now > kMinSlope && now < kMaxSlope)) break;
+    slope = now;
+  }
+  double right = left, miss_right = miss_left;
+  // The first step is enough where the disturbance does not fall with the motion.
+  for (double reach = 1.0; (miss_right > 0.0) == (miss_left > 0.0) && reach < 1e12; reach *= 2.0) {
+    right = left - reach * miss_left;
+    miss_right = miss_at(right);
+    if (miss_right == 0.0) break;
+  }
+  // Bracketed secant (Illinois), halving where that is slow; forces that are piecewise linear in
+  // the motion take a few rounds. The last point tried is the answer: its memory is kept.
+  for (int round = 1; round <= 100 && std::abs(miss_right) > tolerance; ++round) {
+    double next = (left * miss_right - right * miss_left) / (miss_right - miss_left);
+    const auto [low, high] = std::minmax(left, right);
+    if (round % 8 == 0 || !(next > low && next < high)) next = 0.5 * (left + right);
+    if (next == left || next == right) break;
+    const double miss_next = miss_at(next);
+    if ((miss_next > 0.0) == (miss_right > 0.0)) {
+      miss_left *= 0.5;
+    } else {
+      left = right, miss_left = miss_right;
+    }
+    right = next, miss_right = miss_next;
+  }
+  return right;
+}
+
+}  // namespace servotwin
