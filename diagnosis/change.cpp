@@ -10,7 +10,7 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kRatioStep = 1e-6;  // of a relative quantity, for finite differences
+constexpr double kRatioStep = 1e-6;  // of a relative quantity
 
 bool is_force(const Effect& effect) { return identity_of(effect.kind).acts == Acts::kForce; }
 
@@ -160,7 +160,7 @@ std::vector<Change> changes_of(const Model& model) {
 }
 
 Change addition_to(const Model& model, std::size_t kind, const std::vector<double>& shapes) {
-  constexpr double kStepShare = 1e-9;  // of the physical range, for finite differences
+  constexpr double kStepShare = 1e-9;  // of the physical range
   Effect effect;
   effect.kind = kind;
   std::copy(shapes.begin(), shapes.end(), effect.shape.begin());

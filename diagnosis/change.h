@@ -24,7 +24,7 @@ namespace servotwin {
 struct ChangedQuantity {
   std::string name, unit;
   double start = 0.0;     ///< starting value of the search
-  double step = 0.0;      ///< for finite differences: above rounding, small enough to be linear
+  double step = 0.0;      ///< over which the parameters of the model change linearly
   bool relative = false;  ///< 1 + the value is the ratio to the former quantity
 };
 

@@ -2,7 +2,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
 
@@ -19,6 +18,13 @@ namespace {
 
 constexpr int kRounds = 12;            // most iterations of a fit
 constexpr double kMinDecrease = 1e-4;  // relative decrease of the cost that continues the fit
+
+/// Samples at the start of a segment that are not counted.
+Eigen::Index settled(const Segment& s, double settle_s) {
+  return std::min<Eigen::Index>(
+      s.size(),
+      std::max(s.lead, static_cast<Eigen::Index>(std::lround(settle_s / s.sample_time_s))));
+}
 
 }  // namespace
 
@@ -41,13 +47,20 @@ Model Varied::of(const Model& base, const Eigen::VectorXd& at) const {
   return out;
 }
 
-double Varied::step(Eigen::Index value) const {
-  for (const Change& change : changes) {
-    const auto count = static_cast<Eigen::Index>(change.quantities.size());
-    if (value < count) return change.quantities[static_cast<std::size_t>(value)].step;
-    value -= count;
-  }
-  return 0.0;
+Model Varied::direction(const Model& base, Eigen::Index value) const {
+  Eigen::Index at = value;
+  auto change = changes.begin();
+  while (at >= static_cast<Eigen::Index>(change->quantities.size()))
+    at -= static_cast<Eigen::Index>((change++)->quantities.size());
+  const double step = change->quantities[static_cast<std::size_t>(at)].step;
+  Eigen::VectorXd up = values, down = values;
+  up(value) += step;
+  down(value) -= step;
+  Model out = of(base, up);
+  each_parameter(out, of(base, down), [&](double& above, double below) {
+    above = (above - below) / (up(value) - down(value));
+  });
+  return out;
 }
 
 bool Variation::fit(Varied& v) const {
@@ -101,10 +114,7 @@ std::optional<Eigen::VectorXd> Variation::left(const Model& model, double settle
   for (const Segment& s : training_) rows += s.size();
   Eigen::VectorXd out = Eigen::VectorXd::Zero(rows);
   for (const Segment& s : training_) {
-    const auto settle = std::min<Eigen::Index>(
-        s.size(),
-        std::max(s.lead, static_cast<Eigen::Index>(std::lround(settle_s / s.sample_time_s))));
-    const Eigen::Index n = s.size() - settle;
+    const Eigen::Index settle = settled(s, settle_s), n = s.size() - settle;
     out.segment(row + settle, n) = (s.command - s.actual - simulate(model, s)).tail(n).matrix();
     row += s.size();
   }
@@ -114,26 +124,21 @@ std::optional<Eigen::VectorXd> Variation::left(const Model& model, double settle
 
 std::optional<Eigen::MatrixXd> Variation::derivatives(const Varied& v, double settle_s,
                                                       Eigen::Index first) const {
-  const std::optional<Eigen::VectorXd> here = left(v.of(base_), settle_s);
-  if (!here) return std::nullopt;
-  Eigen::MatrixXd out(here->size(), v.values.size() - first);
-  std::atomic<bool> valid{true};
-  in_parallel(static_cast<std::size_t>(v.values.size() - first), [&](std::size_t column) {
-    const Eigen::Index i = first + static_cast<Eigen::Index>(column);
-    Eigen::VectorXd moved = v.values;
-    moved(i) += v.step(i);
-    std::optional<Eigen::VectorXd> there = left(v.of(base_, moved), settle_s);
-    if (!there) {  // beyond a bound
-      moved(i) -= 2.0 * v.step(i);
-      there = left(v.of(base_, moved), settle_s);
-    }
-    if (there) {
-      out.col(i - first) = (*there - *here) / (moved(i) - v.values(i));
-    } else {
-      valid = false;
-    }
+  const Model here = v.of(base_);
+  if (!why_invalid(here).empty()) return std::nullopt;
+  std::vector<Model> directions;
+  for (Eigen::Index i = first; i < v.values.size(); ++i)
+    directions.push_back(v.direction(base_, i));
+  std::vector<Eigen::Index> row{0};
+  for (const Segment& s : training_) row.push_back(row.back() + s.size());
+  Eigen::MatrixXd out =
+      Eigen::MatrixXd::Zero(row.back(), static_cast<Eigen::Index>(directions.size()));
+  in_parallel(training_.size(), [&](std::size_t i) {
+    const Segment& s = training_[i];
+    const Eigen::Index n = s.size() - settled(s, settle_s);
+    out.middleRows(row[i + 1] - n, n) = -simulate(here, directions, s).by.bottomRows(n);
   });
-  if (!valid) return std::nullopt;
+  if (!out.allFinite()) return std::nullopt;
   return out;
 }
 

@@ -41,8 +41,9 @@ struct Varied {
   /// The model with these changes.
   [[nodiscard]] Model of(const Model& base) const { return of(base, values); }
   [[nodiscard]] Model of(const Model& base, const Eigen::VectorXd& at) const;
-  /// The step of this value for finite differences.
-  [[nodiscard]] double step(Eigen::Index value) const;
+  /// d model / d value: a model whose parameters are the derivatives. By differences of the
+  /// parameters, which are simple functions of the values.
+  [[nodiscard]] Model direction(const Model& base, Eigen::Index value) const;
 };
 
 /// Fits the values of changes of a base model to training data.

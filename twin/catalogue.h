@@ -191,8 +191,8 @@ constexpr bool is_friction(std::size_t kind) {
 inline bool acts_on_axis(std::size_t kind) { return identity_of(kind).acts == Acts::kAxis; }
 
 // The three below are defined in twin/catalogue_steps.h and compiled once for each scalar: for
-// double in twin/catalogue.cpp, for the derivatives by the shapes in
-// identification/least_squares/unit_columns.cpp.
+// double and for the derivatives of a twin in twin/catalogue.cpp, for those by the shapes along a
+// motion that is given in identification/least_squares/unit_columns.cpp.
 
 /// What the effect remembers before its first sample.
 template <class T>
@@ -204,8 +204,8 @@ template <class T>
 void copy_memory(std::size_t kind, const EffectMemory<T>& from, EffectMemory<T>& to) noexcept;
 
 /// Forces per unit coefficient of one effect at one sample; `force` has room for its coefficients.
-template <class T>
-void unit_forces(std::size_t kind, const T* shape, EffectMemory<T>& memory, const Motion& m,
+template <class T, class M>
+void unit_forces(std::size_t kind, const T* shape, EffectMemory<T>& memory, const MotionOf<M>& m,
                  T* force) noexcept;
 
 }  // namespace servotwin

@@ -7,8 +7,9 @@
 // formula that could disagree with the first (docs/decisions/0001-one-formula-per-effect.md).
 //
 // Shape parameters (theta) enter nonlinearly and are searched; coefficients enter linearly and are
-// projected out. `unit_forces` is a template on the scalar of theta so that Ceres can differentiate
-// it.
+// projected out. `unit_forces` is a template on the scalar of theta, T, so that Ceres can
+// differentiate it along a motion that is given, and on that of the motion, M, so that the twin can
+// be differentiated, whose motion depends on theta (twin/dual.h).
 //
 //   struct Example {
 //     static constexpr Identity kIdentity{...};
@@ -16,9 +17,10 @@
 //     static constexpr std::array<Parameter, C> kCoefficients{...};
 //     template <class T> struct Memory {       // state from cycle to cycle; may also hold values
 //       explicit Memory(const T* shape);       // computed from the shapes;
+//       template <class F> void each(const F& f);  // f(value) for every value that a cycle changes
 //     };                                       // NoMemory if there is none
-//     template <class T>
-//     static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force)
+//     template <class T, class M>
+//     static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m, T* force)
 //     noexcept;
 //   };
 //
@@ -35,38 +37,42 @@
 #include <string>
 #include <string_view>
 
+#include "twin/dual.h"
+
 namespace servotwin {
 
 inline constexpr double kNoLaw = std::numeric_limits<double>::quiet_NaN();
 
 /// The motion of one axis at one sample.
-struct Motion {
+template <class S>
+struct MotionOf {
   double step_s = 0.0;                  ///< sampling time [s]
-  double position = 0.0;                ///< x [m | rad]
-  double velocity = 0.0;                ///< [m/s | rad/s]
-  double displacement = 0.0;            ///< x minus x of the previous sample [m | rad]
-  double acceleration = 0.0;            ///< x'' [m/s^2 | rad/s^2]
-  double command_velocity = 0.0;        ///< [m/s | rad/s]
-  double command_acceleration = 0.0;    ///< [m/s^2 | rad/s^2]
-  double tracking_error = 0.0;          ///< command - position, without delay [m | rad]
+  S position = 0.0;                     ///< x [m | rad]
+  S velocity = 0.0;                     ///< [m/s | rad/s]
+  S displacement = 0.0;                 ///< x minus x of the previous sample [m | rad]
+  S acceleration = 0.0;                 ///< x'' [m/s^2 | rad/s^2]
+  S command_velocity = 0.0;             ///< [m/s | rad/s]
+  S command_acceleration = 0.0;         ///< [m/s^2 | rad/s^2]
+  S tracking_error = 0.0;               ///< command - position, without delay [m | rad]
   double time_s = 0.0;                  ///< in the recording [s]
   double neighbour_acceleration = 0.0;  ///< commanded, of another axis; 0 if unknown
   double in_cut = 0.0;                  ///< 1 while the tool cuts; 0 if unknown
   /// Force demanded by the control per moved mass [m/s^2 | rad/s^2]; 0 if unknown.
-  double demand = 0.0;
+  S demand = 0.0;
   /// Force of the model's friction law over its coefficient: between -1 and 1, or up to the
   /// breakaway ratio; kNoLaw if there is no law.
-  double friction = kNoLaw;
+  S friction = kNoLaw;
   /// With an integrator: the rate of `demand` by position (a3 e - c2 x_r') and its part by velocity
   /// (a1 e'), which the integrator of the velocity loop integrates as well; else 0.
-  double demand_rate = 0.0, demand_damping = 0.0;
+  S demand_rate = 0.0, demand_damping = 0.0;
 
   /// The direction of friction, which effects that change friction scale: that of the friction law,
   /// or without one the sign of the velocity, saturated at 1 mm/s.
-  [[nodiscard]] double direction() const noexcept {
-    return std::isnan(friction) ? std::clamp(1e3 * velocity, -1.0, 1.0) : friction;
+  [[nodiscard]] S direction() const noexcept {
+    return std::isnan(value_of(friction)) ? std::clamp<S>(1e3 * velocity, -1.0, 1.0) : friction;
   }
 };
+using Motion = MotionOf<double>;
 
 /// Where an effect acts: as a disturbance force, as a delay of the command against the feedback, on
 /// the reading alone, outside the loop ("force" is then a displacement of the reading), or on the

@@ -30,30 +30,71 @@ Hold stepped(const Eigen::MatrixXd& augmented, Eigen::Index n, double h,
   return {step.topLeftCorner(n, n), step.topRightCorner(n, step.cols() - n)};
 }
 
-}  // namespace
+/// Its derivative for a change of the system, from the exponential of both in one: that of
+/// [A, dA; 0, A] is [e^A, de^A; 0, e^A].
+Hold stepped_derivative(const Eigen::MatrixXd& augmented, const Eigen::MatrixXd& change,
+                        Eigen::Index n, double h, const Eigen::VectorXd& scale) {
+  const Eigen::Index size = augmented.rows();
+  const auto scaled = [&](const Eigen::MatrixXd& x) -> Eigen::MatrixXd {
+    return scale.asDiagonal() * (x * h) * scale.cwiseInverse().asDiagonal();
+  };
+  Eigen::MatrixXd both = Eigen::MatrixXd::Zero(2 * size, 2 * size);
+  both.topLeftCorner(size, size) = both.bottomRightCorner(size, size) = scaled(augmented);
+  both.topRightCorner(size, size) = scaled(change);
+  const Eigen::MatrixXd step = scale.cwiseInverse().asDiagonal() *
+                               exponential(both).topRightCorner(size, size) * scale.asDiagonal();
+  return {step.topLeftCorner(n, n), step.topRightCorner(n, size - n)};
+}
 
-Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m) {
-  assert(h > 0.0);
-  const Eigen::MatrixXd augmented = with_inputs(a, b, m);
-  const Eigen::Index n = a.rows();
-  // States are derivatives of each other, so their magnitudes differ by powers of the pole
-  // frequency. In units of time where that frequency is about 1 the exponential loses no digits.
+/// States are derivatives of each other, so their magnitudes differ by powers of the pole
+/// frequency. In units of time where that frequency is about 1 the exponential loses no digits.
+Eigen::VectorXd scale_of(const Eigen::MatrixXd& augmented, Eigen::Index n, int m) {
   const double rate =
       std::max(std::pow(augmented.topLeftCorner(n, n).norm(), 1.0 / static_cast<double>(n)), 1e-9);
   Eigen::VectorXd scale(n + m + 1);
   for (Eigen::Index i = 0; i < n; ++i) scale(i) = std::pow(rate, -static_cast<double>(i));
   for (Eigen::Index k = 0; k <= m; ++k) scale(n + k) = std::pow(rate, -static_cast<double>(n + k));
-  return stepped(augmented, n, h, scale);
+  return scale;
+}
+Eigen::VectorXd scale_alike(const Eigen::VectorXd& b, int m, double rate) {
+  const Eigen::Index n = b.size();
+  Eigen::VectorXd scale = Eigen::VectorXd::Ones(n + m + 1);
+  const double norm = b.norm(), size = norm > 0.0 ? norm : 1.0;
+  for (int k = 0; k <= m; ++k) scale(n + k) = size * std::pow(rate, -1 - k);
+  return scale;
+}
+
+}  // namespace
+
+Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m) {
+  assert(h > 0.0);
+  const Eigen::MatrixXd augmented = with_inputs(a, b, m);
+  return stepped(augmented, a.rows(), h, scale_of(augmented, a.rows(), m));
+}
+
+Hold discretise_derivative(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
+                           const Eigen::MatrixXd& da, const Eigen::VectorXd& db, double h, int m) {
+  const Eigen::MatrixXd augmented = with_inputs(a, b, m);
+  Eigen::MatrixXd change = Eigen::MatrixXd::Zero(augmented.rows(), augmented.cols());
+  change.topLeftCorner(a.rows(), a.cols()) = da;
+  change.col(a.rows()).head(a.rows()) = db;
+  return stepped_derivative(augmented, change, a.rows(), h, scale_of(augmented, a.rows(), m));
 }
 
 Hold discretise_alike(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m,
                       double rate) {
   assert(h > 0.0 && rate > 0.0);
-  const Eigen::Index n = a.rows();
-  Eigen::VectorXd scale = Eigen::VectorXd::Ones(n + m + 1);
-  const double norm = b.norm(), size = norm > 0.0 ? norm : 1.0;
-  for (int k = 0; k <= m; ++k) scale(n + k) = size * std::pow(rate, -1 - k);
-  return stepped(with_inputs(a, b, m), n, h, scale);
+  return stepped(with_inputs(a, b, m), a.rows(), h, scale_alike(b, m, rate));
+}
+
+Hold discretise_alike_derivative(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
+                                 const Eigen::MatrixXd& da, const Eigen::VectorXd& db, double h,
+                                 int m, double rate) {
+  const Eigen::MatrixXd augmented = with_inputs(a, b, m);
+  Eigen::MatrixXd change = Eigen::MatrixXd::Zero(augmented.rows(), augmented.cols());
+  change.topLeftCorner(a.rows(), a.cols()) = da;
+  change.col(a.rows()).head(a.rows()) = db;
+  return stepped_derivative(augmented, change, a.rows(), h, scale_alike(b, m, rate));
 }
 
 Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_begin,
@@ -134,6 +175,19 @@ Eigen::ArrayXd Spline::delayed(double delay_s) const {
     } else {
       out(i) = value(k) + sigma * (first(k) + sigma * (second(k) / 2.0 + sigma * third(k) / 6.0));
     }
+  }
+  return out;
+}
+
+Eigen::ArrayXd Spline::delayed_derivative(double delay_s) const {
+  const Eigen::Index n = value.size();
+  Eigen::ArrayXd out(n);
+  const double shift = delay_s / h;
+  const auto whole = static_cast<Eigen::Index>(std::ceil(shift));
+  const double sigma = (static_cast<double>(whole) - shift) * h;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index k = i - whole;
+    out(i) = k < 0 ? -first(0) : -(first(k) + sigma * (second(k) + sigma * third(k) / 2.0));
   }
   return out;
 }

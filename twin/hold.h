@@ -26,6 +26,14 @@ struct Hold {
 [[nodiscard]] Hold discretise_alike(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h,
                                     int m, double rate);
 
+/// The derivatives of both for a change of `a` and `b` at the rates `da` and `db`.
+[[nodiscard]] Hold discretise_derivative(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
+                                         const Eigen::MatrixXd& da, const Eigen::VectorXd& db,
+                                         double h, int m);
+[[nodiscard]] Hold discretise_alike_derivative(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
+                                               const Eigen::MatrixXd& da, const Eigen::VectorXd& db,
+                                               double h, int m, double rate);
+
 /// The C2 cubic spline through equidistant samples, in the form that the hold uses: value and three
 /// derivatives at the start of every interval. The last row continues the last interval.
 struct Spline {
@@ -43,6 +51,8 @@ struct Spline {
   /// The samples of the same motion delayed by `delay_s` >= 0, extrapolated before the start with
   /// the first slope.
   [[nodiscard]] Eigen::ArrayXd delayed(double delay_s) const;
+  /// d delayed / d delay_s.
+  [[nodiscard]] Eigen::ArrayXd delayed_derivative(double delay_s) const;
 };
 
 }  // namespace servotwin

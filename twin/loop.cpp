@@ -90,29 +90,10 @@ double disturbance_share(const std::array<double, kMaxOrder>& denominator,
   return share;
 }
 
-PlacedMode at_place(const Mode& mode, double place, int order,
-                    const std::array<double, kMaxOrder>& denominator) noexcept {
-  PlacedMode out{mode, 0.0};
-  if (!mode.moves()) return out;
-  const double last = denominator[static_cast<std::size_t>(order - 1)];
-  const double middle = mode.omega * mode.omega;
-  out.mode.omega = omega_at(mode, place);
-  out.mode.zeta = mode.zeta * std::exp(mode.zeta_slope * place);
-  out.mode.slope = out.mode.curve = out.mode.zeta_slope = 0.0;
-  const double here = out.mode.omega * out.mode.omega;
-  out.lag = last * mode.beta * (1.0 / middle - 1.0 / here);
-  // delta (1 / omega^2 - 1 / a2) stays; a mode as slow as the loop itself has no such delta.
-  constexpr double kMaxChange = 2.0;
-  const double before = middle - last, after = here - last;
-  if (order == 2 && before * after > 0.0)
-    out.mode.delta *= std::clamp(before / after * here / middle, 1.0 / kMaxChange, kMaxChange);
-  return out;
-}
-
 Loop at_position(const Loop& loop, double position) {
   Loop out = loop;
   for (Mode& mode : out.modes) {
-    const PlacedMode placed =
+    const PlacedMode<double> placed =
         at_place(mode, loop.travel.place(position), loop.order, loop.denominator);
     mode = placed.mode;
     out.numerator[static_cast<std::size_t>(loop.order - 1)] += placed.lag;

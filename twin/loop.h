@@ -32,6 +32,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "twin/dual.h"
+
 namespace servotwin {
 
 inline constexpr int kMaxOrder = 3;
@@ -40,50 +42,77 @@ inline constexpr std::size_t kMaxModes = 6;
 inline constexpr double kMaxModeTravel = 1.0;
 
 /// A mode of vibration.
-struct Mode {
-  double omega = 0.0;       ///< natural frequency [rad/s], > 0
-  double zeta = 0.0;        ///< damping ratio, 0 < zeta < 1
-  double alpha = 0.0;       ///< coefficients of the command: [-]
-  double beta = 0.0;        ///< and [1/s]
-  double gamma = 0.0;       ///< coefficients of the disturbance: [s]
-  double delta = 0.0;       ///< and [-]; 1 if the disturbance acts on this mode alone
-  double slope = 0.0;       ///< change of log omega over half the travel [-]
-  double curve = 0.0;       ///< its increase at both ends; omega is that of the middle [-]
-  double zeta_slope = 0.0;  ///< change of log zeta over half the travel [-]
+template <class S>
+struct ModeOf {
+  S omega = 0.0;       ///< natural frequency [rad/s], > 0
+  S zeta = 0.0;        ///< damping ratio, 0 < zeta < 1
+  S alpha = 0.0;       ///< coefficients of the command: [-]
+  S beta = 0.0;        ///< and [1/s]
+  S gamma = 0.0;       ///< coefficients of the disturbance: [s]
+  S delta = 0.0;       ///< and [-]; 1 if the disturbance acts on this mode alone
+  S slope = 0.0;       ///< change of log omega over half the travel [-]
+  S curve = 0.0;       ///< its increase at both ends; omega is that of the middle [-]
+  S zeta_slope = 0.0;  ///< change of log zeta over half the travel [-]
 
   [[nodiscard]] bool moves() const noexcept {
     return slope != 0.0 || curve != 0.0 || zeta_slope != 0.0;
   }
 };
+using Mode = ModeOf<double>;
 
 /// The range of the commanded position [m | rad].
 struct Travel {
   double from = 0.0, to = 0.0;
   /// xi: -1 at `from`, 1 at `to`, held beyond; 0 if the range is empty.
-  [[nodiscard]] double place(double position) const noexcept {
-    return to > from ? std::clamp((2.0 * position - from - to) / (to - from), -1.0, 1.0) : 0.0;
+  template <class S>
+  [[nodiscard]] S place(const S& position) const noexcept {
+    return to > from ? std::clamp<S>((2.0 * position - from - to) / (to - from), -1.0, 1.0)
+                     : S(0.0);
   }
 };
 
-struct Loop {
-  int order = 3;                                ///< 2 or 3
-  std::array<double, kMaxOrder> denominator{};  ///< a1..an [1/s^i]
-  std::array<double, kMaxOrder> numerator{};    ///< c0..c(n-1) [1/s^i]
-  std::vector<Mode> modes{};                    ///< at most kMaxModes
-  Travel travel{};                              ///< range over which modes move
+template <class S>
+struct LoopOf {
+  int order = 3;                           ///< 2 or 3
+  std::array<S, kMaxOrder> denominator{};  ///< a1..an [1/s^i]
+  std::array<S, kMaxOrder> numerator{};    ///< c0..c(n-1) [1/s^i]
+  std::vector<ModeOf<S>> modes{};          ///< at most kMaxModes
+  Travel travel{};                         ///< range over which modes move
 };
+using Loop = LoopOf<double>;
 
 /// omega(x) [rad/s]; `place` is xi of x.
-[[nodiscard]] inline double omega_at(const Mode& mode, double place) noexcept {
-  return mode.omega * std::exp(place * (mode.slope + mode.curve * place));
+template <class S>
+[[nodiscard]] S omega_at(const ModeOf<S>& mode, const S& place) noexcept {
+  using std::exp;
+  return mode.omega * exp(place * (mode.slope + mode.curve * place));
 }
 /// A mode at one place, constant there; `lag` is the change of c(n-1) there.
+template <class S>
 struct PlacedMode {
-  Mode mode;
-  double lag = 0.0;
+  ModeOf<S> mode;
+  S lag = 0.0;
 };
-[[nodiscard]] PlacedMode at_place(const Mode& mode, double place, int order,
-                                  const std::array<double, kMaxOrder>& denominator) noexcept;
+template <class S>
+[[nodiscard]] PlacedMode<S> at_place(const ModeOf<S>& mode, const S& place, int order,
+                                     const std::array<S, kMaxOrder>& denominator) noexcept {
+  using std::exp;
+  PlacedMode<S> out{mode, 0.0};
+  if (!mode.moves()) return out;
+  const S& last = denominator[static_cast<std::size_t>(order - 1)];
+  const S middle = mode.omega * mode.omega;
+  out.mode.omega = omega_at(mode, place);
+  out.mode.zeta = mode.zeta * exp(mode.zeta_slope * place);
+  out.mode.slope = out.mode.curve = out.mode.zeta_slope = 0.0;
+  const S here = out.mode.omega * out.mode.omega;
+  out.lag = last * mode.beta * (1.0 / middle - 1.0 / here);
+  // delta (1 / omega^2 - 1 / a2) stays; a mode as slow as the loop itself has no such delta.
+  constexpr double kMaxChange = 2.0;
+  const S before = middle - last, after = here - last;
+  if (order == 2 && before * after > 0.0)
+    out.mode.delta *= std::clamp<S>(before / after * here / middle, 1.0 / kMaxChange, kMaxChange);
+  return out;
+}
 /// The loop of an axis near this position: its modes are those of the position and do not move.
 [[nodiscard]] Loop at_position(const Loop& loop, double position);
 

@@ -25,8 +25,8 @@ struct MaxwellElements {
 };
 
 /// Force of an element of constant level after `dx`: that of the spring, clamped to the level.
-template <class T>
-T slip(const T& force, const T& stiffness, const T& level, double dx) noexcept {
+template <class T, class D>
+T slip(const T& force, const T& stiffness, const T& level, const D& dx) noexcept {
   T pulled = force + stiffness * dx;
   if (pulled > level) return level;
   if (pulled < -level) return -level;
@@ -45,8 +45,10 @@ struct AttractedElement {
 
   /// One cycle of displacement `dx` [m | rad] in `step_s` [s], with the level at this velocity. A
   /// sliding element approaches its level at `rate` [1/s].
-  void advance(const T& stiffness, const T& level, const T& rate, double dx,
+  template <class D>
+  void advance(const T& stiffness, const T& level, const T& rate, const D& dx,
                double step_s) noexcept {
+    using std::abs;
     using std::exp;
     if (dx == 0.0) return;
     const int direction = dx > 0.0 ? 1 : -1;
@@ -65,7 +67,7 @@ struct AttractedElement {
         return;
       }
     }
-    const double moving = std::abs(dx) / (std::abs(dx) + kCreep);
+    const D moving = abs(dx) / (abs(dx) + kCreep);
     force = sign * level + (force - sign * level) * exp(-rate * (moving * step_s));
   }
 };

@@ -9,22 +9,24 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 
 namespace servotwin {
 
-class ModeStep {
+template <class S>
+class ModeStepOf {
  public:
   /// `damping`: 2 zeta omega [1/s], `stiffness`: omega^2 [1/s^2].
-  ModeStep(double damping, double stiffness, double step_s) noexcept
+  ModeStepOf(const S& damping, const S& stiffness, double step_s) noexcept
       : damping_(damping), stiffness_(stiffness) {
     const bool slow = stiffness * step_s * step_s < kMaxSmallStep_rad2;
     const int terms = slow ? kTermsOfSmallStep : kTerms;
     double term =
         slow ? one_over_factorial(kTermsOfSmallStep) : one_over_factorial(kTerms);  // 1 / j!
-    double p = term, q = 0.0;
+    S p = term, q = 0.0;
     for (int j = terms - 1; j >= 0; --j) {
       term *= j + 1;
-      const double above = p;
+      const S above = p;
       p = term - step_s * stiffness * q;
       q = step_s * (above - damping * q);
       if (j < kInputs) p_[static_cast<std::size_t>(j)] = p, q_[static_cast<std::size_t>(j)] = q;
@@ -32,8 +34,8 @@ class ModeStep {
   }
 
   /// phi_j times the vector (first, second), j from 0 to 3.
-  [[nodiscard]] std::array<double, 2> times(std::size_t j, double first,
-                                            double second) const noexcept {
+  [[nodiscard]] std::array<S, 2> times(std::size_t j, const S& first,
+                                       const S& second) const noexcept {
     return {p_[j] * first + q_[j] * (second - damping_ * first),
             p_[j] * second - q_[j] * stiffness_ * first};
   }
@@ -49,8 +51,9 @@ class ModeStep {
     for (int j = 2; j <= of; ++j) out /= j;
     return out;
   }
-  double damping_, stiffness_;
-  std::array<double, kInputs> p_{}, q_{};
+  S damping_, stiffness_;
+  std::array<S, kInputs> p_{}, q_{};
 };
+using ModeStep = ModeStepOf<double>;
 
 }  // namespace servotwin

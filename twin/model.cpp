@@ -8,21 +8,6 @@
 
 namespace servotwin {
 
-double Model::command_delay_s() const {
-  double delay = 0.0;
-  for (const Effect& effect : effects) {
-    if (identity_of(effect.kind).acts == Acts::kCommandDelay) delay += effect.shape[0];
-  }
-  return delay;
-}
-
-const Effect* Model::find(std::size_t kind) const {
-  for (const Effect& effect : effects) {
-    if (effect.kind == kind) return &effect;
-  }
-  return nullptr;
-}
-
 namespace {
 
 template <class... Parts>

@@ -13,11 +13,13 @@
 namespace servotwin {
 
 /// One effect with its parameters, in the order of the catalogue.
-struct Effect {
+template <class S>
+struct EffectOf {
   std::size_t kind = 0;  ///< index in the catalogue
-  std::array<double, kMaxShapes> shape{};
-  std::array<double, kMaxCoefficients> coefficient{};
+  std::array<S, kMaxShapes> shape{};
+  std::array<S, kMaxCoefficients> coefficient{};
 };
+using Effect = EffectOf<double>;
 
 /// Number of elements of a friction law whose levels are its first coefficients; 0: one level.
 constexpr std::size_t free_elements_of(std::size_t kind) noexcept {
@@ -27,24 +29,26 @@ constexpr std::size_t free_elements_of(std::size_t kind) noexcept {
 
 /// The friction force of this law in sliding, per moved mass [m/s^2 | rad/s^2]; if it depends on
 /// the direction, that of the positive direction.
-inline double level_of(const Effect& law) noexcept {
+template <class S>
+[[nodiscard]] S level_of(const EffectOf<S>& law) noexcept {
   const std::size_t elements = free_elements_of(law.kind);
-  double sum = elements == 0 ? law.coefficient[0] : 0.0;
+  S sum = elements == 0 ? law.coefficient[0] : S(0.0);
   for (std::size_t i = 0; i < elements; ++i) sum += law.coefficient[i];
   return sum;
 }
 
 /// Motion::friction from the forces per unit coefficient of a friction law.
-inline double friction_of(const Effect& law, const double* force) noexcept {
+template <class S>
+[[nodiscard]] S friction_of(const EffectOf<S>& law, const S* force) noexcept {
   // One coefficient per direction, of which only one has a force at a time; or one per element.
   if (law.kind == kind_of<Stribeck>() || law.kind == kind_of<ModifiedStribeck>())
     return force[0] + force[1];
   const std::size_t elements = free_elements_of(law.kind);
   if (elements == 0) return force[0];
-  const double level = level_of(law);
-  double sum = 0.0;
+  const S level = level_of(law);
+  S sum = 0.0;
   for (std::size_t i = 0; i < elements; ++i) sum += law.coefficient[i] * force[i];
-  return level > 0.0 ? sum / level : kNoLaw;
+  return level > 0.0 ? sum / level : S(kNoLaw);
 }
 
 /// An effect of the catalogue with its shape parameters at their start values and no force.
@@ -56,15 +60,72 @@ template <class E>
   return effect;
 }
 
-struct Model {
+template <class S>
+struct ModelOf {
   double sample_time_s = 0.0;
-  Loop loop;
-  std::vector<Effect> effects;  ///< at most kMaxEffects
+  LoopOf<S> loop;
+  std::vector<EffectOf<S>> effects;  ///< at most kMaxEffects
 
   /// The sum of all command delays [s].
-  [[nodiscard]] double command_delay_s() const;
-  [[nodiscard]] const Effect* find(std::size_t kind) const;
+  [[nodiscard]] S command_delay_s() const {
+    S delay = 0.0;
+    for (const EffectOf<S>& effect : effects) {
+      if (identity_of(effect.kind).acts == Acts::kCommandDelay) delay += effect.shape[0];
+    }
+    return delay;
+  }
+  [[nodiscard]] const EffectOf<S>* find(std::size_t kind) const {
+    for (const EffectOf<S>& effect : effects) {
+      if (effect.kind == kind) return &effect;
+    }
+    return nullptr;
+  }
 };
+using Model = ModelOf<double>;
+
+/// f(a, b) for every parameter of two loops, or two models, of one structure.
+template <class A, class B, class F>
+void each_parameter(LoopOf<A>& a, const LoopOf<B>& b, const F& f) {
+  for (std::size_t i = 0; i < kMaxOrder; ++i) {
+    f(a.denominator[i], b.denominator[i]);
+    f(a.numerator[i], b.numerator[i]);
+  }
+  for (std::size_t i = 0; i < a.modes.size(); ++i) {
+    ModeOf<A>& l = a.modes[i];
+    const ModeOf<B>& r = b.modes[i];
+    f(l.omega, r.omega);
+    f(l.zeta, r.zeta);
+    f(l.alpha, r.alpha);
+    f(l.beta, r.beta);
+    f(l.gamma, r.gamma);
+    f(l.delta, r.delta);
+    f(l.slope, r.slope);
+    f(l.curve, r.curve);
+    f(l.zeta_slope, r.zeta_slope);
+  }
+}
+template <class A, class B, class F>
+void each_parameter(ModelOf<A>& a, const ModelOf<B>& b, const F& f) {
+  each_parameter(a.loop, b.loop, f);
+  for (std::size_t i = 0; i < a.effects.size(); ++i) {
+    for (std::size_t p = 0; p < a.effects[i].shape.size(); ++p)
+      f(a.effects[i].shape[p], b.effects[i].shape[p]);
+    for (std::size_t c = 0; c < a.effects[i].coefficient.size(); ++c)
+      f(a.effects[i].coefficient[c], b.effects[i].coefficient[c]);
+  }
+}
+/// A model of the structure of another, with all its parameters 0.
+template <class A, class B>
+[[nodiscard]] ModelOf<A> empty_like(const ModelOf<B>& other) {
+  ModelOf<A> out;
+  out.sample_time_s = other.sample_time_s;
+  out.loop.order = other.loop.order;
+  out.loop.travel = other.loop.travel;
+  out.loop.modes.resize(other.loop.modes.size());
+  out.effects.resize(other.effects.size());
+  for (std::size_t i = 0; i < out.effects.size(); ++i) out.effects[i].kind = other.effects[i].kind;
+  return out;
+}
 
 /// The longest command delay of a twin [cycles]: the 50 ms of the catalogue at 10 kHz.
 inline constexpr int kMaxDelayCycles = 500;

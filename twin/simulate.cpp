@@ -3,36 +3,81 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <vector>
 
+#include "twin/linear_algebra.h"
 #include "twin/twin.h"
 
 namespace servotwin {
 
 namespace {
 
-/// The error of a run from rest, or from this free response.
-Eigen::ArrayXd run(const Twin& model, const Segment& segment, const Spline& motion,
-                   const Eigen::ArrayXd& delayed, const Eigen::ArrayXd& neighbour,
-                   std::span<const double> free_response) {
-  Twin twin = model;
-  const Eigen::Index n = segment.size();
-  Eigen::ArrayXd error(n);
-  twin.start(delayed(0), free_response, segment.start_s);
-  error(0) = segment.command(0) - twin.position();
-  const double h = motion.h;
-  for (Eigen::Index k = 1; k < n; ++k) {
-    CommandPiece piece;
-    piece.velocity = motion.first(k - 1);
-    piece.acceleration = motion.second(k - 1);
-    piece.jerk = motion.third(k - 1);
-    piece.end_position = delayed(k);
-    piece.end_velocity = motion.first(k);
-    piece.end_acceleration = piece.acceleration + h * piece.jerk;
+/// The commanded motion of a segment as the loop gets it, delayed.
+template <class S>
+struct Input {
+  S delay_s = 0.0;
+  Spline motion;
+  Spline by_delay;  ///< d motion / d delay; empty if the delay does not change
+  Eigen::ArrayXd neighbour;
+
+  [[nodiscard]] S position(Eigen::Index k) const {
+    S out = 0.0;
+    set(out, &Spline::value, k);
+    return out;
+  }
+  /// The cycle that ends at sample k; `piece` had been set for another one.
+  void set(CommandPieceOf<S>& piece, const Segment& segment, Eigen::Index k) const {
+    set(piece.velocity, &Spline::first, k - 1);
+    set(piece.acceleration, &Spline::second, k - 1);
+    set(piece.jerk, &Spline::third, k - 1);
+    set(piece.end_position, &Spline::value, k);
+    set(piece.end_velocity, &Spline::first, k);
+    piece.end_acceleration = piece.acceleration + motion.h * piece.jerk;
     if (neighbour.size() > 0) piece.neighbour_acceleration = neighbour(k);
     if (segment.in_cut.size() > 0) piece.in_cut = segment.in_cut(k);
-    error(k) = twin.step(piece) + (segment.command(k) - delayed(k));
   }
-  return error;
+
+ private:
+  void set(S& x, Eigen::ArrayXd Spline::*what, Eigen::Index k) const {
+    if constexpr (is_dual<S>) {
+      x.value = (motion.*what)(k);
+      if (by_delay.h > 0.0) {
+        for (std::size_t i = 0; i < S::kLanes; ++i) x.by[i] = (by_delay.*what)(k)*delay_s.by[i];
+      }
+    } else {
+      x = (motion.*what)(k);
+    }
+  }
+};
+
+template <class S>
+Input<S> input_of(const Segment& segment, const S& delay_s) {
+  Input<S> out;
+  out.delay_s = delay_s;
+  const Spline original = Spline::through(segment.command, segment.sample_time_s);
+  out.motion = Spline::through(original.delayed(value_of(delay_s)), segment.sample_time_s);
+  if constexpr (is_dual<S>) {
+    if (std::any_of(delay_s.by.begin(), delay_s.by.end(), [](double by) { return by != 0.0; }))
+      out.by_delay =
+          Spline::through(original.delayed_derivative(delay_s.value), segment.sample_time_s);
+  }
+  if (segment.neighbour.size() == segment.size())
+    out.neighbour = Spline::through(segment.neighbour, segment.sample_time_s).second;
+  return out;
+}
+
+/// keep(k, error) for the first `count` samples of a run from rest, or from this free response.
+template <class S, class Keep>
+void run(const TwinOf<S>& model, const Segment& segment, Eigen::Index count, const Input<S>& input,
+         std::span<const S> free_response, const Keep& keep) {
+  TwinOf<S> twin = model;
+  twin.start(input.position(0), free_response, segment.start_s);
+  keep(Eigen::Index{0}, S(segment.command(0) - twin.position()));
+  CommandPieceOf<S> piece;
+  for (Eigen::Index k = 1; k < count; ++k) {
+    input.set(piece, segment, k);
+    keep(k, S(twin.step(piece) + (segment.command(k) - piece.end_position)));
+  }
 }
 
 /// One reading throughout, or two that an encoder's last digit changes between.
@@ -42,11 +87,137 @@ bool stands(const Eigen::ArrayXd& readings) {
 }
 
 /// The axis without forces and play.
-Model linear_part(const Model& model) {
-  Model out = model;
+template <class S>
+ModelOf<S> linear_part(const ModelOf<S>& model) {
+  ModelOf<S> out = model;
   out.effects.clear();
-  if (const Effect* two_mass = two_mass_of(model)) out.effects.push_back(without_play(*two_mass));
+  if (const EffectOf<S>* two_mass = two_mass_of(model))
+    out.effects.push_back(without_play(*two_mass));
   return out;
+}
+
+template <class S>
+Eigen::MatrixXd part(const std::vector<S>& x, Eigen::Index rows, std::size_t lane) {
+  Eigen::MatrixXd out(rows, static_cast<Eigen::Index>(x.size()) / rows);
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if constexpr (is_dual<S>) {
+      out(static_cast<Eigen::Index>(i)) = lane == S::kLanes ? x[i].value : x[i].by[lane];
+    } else {
+      out(static_cast<Eigen::Index>(i)) = x[i];
+    }
+  }
+  return out;
+}
+
+/// What the starting state of a segment is found by: the free responses of the axis.
+template <class S>
+class Start {
+ public:
+  Start(const ModelOf<S>& model, int order, const Input<S>& input, Eigen::Index settle)
+      : rows_(settle - 1) {
+    const TwinOf<S> bare(linear_part(model));
+    for (int i = 0; i < order; ++i) {
+      TwinOf<S> free = bare;
+      std::array<S, kMaxOrder + 2 * kMaxModes> unit{};
+      unit[static_cast<std::size_t>(i)] = 1.0;
+      free.start(input.position(0),
+                 std::span<const S>(unit.data(), static_cast<std::size_t>(order)));
+      for (Eigen::Index k = 0; k + 1 < settle; ++k) {
+        // Modes that change with position are those of the commanded position at rest.
+        CommandPieceOf<S> still;
+        still.end_position = input.position(k + 1);
+        response_.push_back(free.step(still));
+      }
+    }
+    const Eigen::MatrixXd response = part(response_, rows_, kValue);
+    scale_ = response.colwise().norm().cwiseMax(1e-300);
+    scaled_ = response * scale_.cwiseInverse().asDiagonal();
+    solver_.compute(scaled_);
+  }
+
+  /// The state whose free response is the nearest to `miss`, by least squares.
+  [[nodiscard]] std::vector<S> nearest(const std::vector<S>& miss) const {
+    const Eigen::VectorXd wanted = part(miss, rows_, kValue);
+    const Eigen::VectorXd found =
+        (solver_.solve(wanted).array() / scale_.transpose().array()).matrix();
+    std::vector<S> out(found.begin(), found.end());
+    if constexpr (is_dual<S>) {
+      // d (R+ m) = R+ (dm - dR x) + (R' R)^-1 dR' (m - R x)
+      const Eigen::VectorXd left = wanted - part(response_, rows_, kValue) * found;
+      for (std::size_t lane = 0; lane < kParametersPerPass; ++lane) {
+        const Eigen::MatrixXd by = part(response_, rows_, lane);
+        const Eigen::VectorXd change = part(miss, rows_, lane) - by * found;
+        Eigen::VectorXd moved = solver_.solve(change);
+        const Eigen::VectorXd turned = scale_.cwiseInverse().asDiagonal() * (by.transpose() * left);
+        moved += solve_symmetric(scaled_.transpose() * scaled_, turned);
+        for (std::size_t i = 0; i < out.size(); ++i) {
+          const auto at = static_cast<Eigen::Index>(i);
+          out[i].by[lane] = moved(at) / scale_(at);
+        }
+      }
+    }
+    return out;
+  }
+
+ private:
+  static constexpr std::size_t kValue = [] {
+    if constexpr (is_dual<S>) return S::kLanes;
+    return std::size_t{0};
+  }();
+  Eigen::Index rows_;
+  std::vector<S> response_;
+  Eigen::RowVectorXd scale_;
+  Eigen::MatrixXd scaled_;
+  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> solver_;
+};
+
+/// keep(k, error) for every sample of the segment; `values`: the model without derivatives.
+template <class S, class Keep>
+void simulate_with(const ModelOf<S>& model, const Model& values, const Segment& segment,
+                   const Keep& keep) {
+  const TwinOf<S> twin(model);
+  const Eigen::Index n = segment.size();
+  const Input<S> input = input_of(segment, twin.command_delay_s());
+  std::vector<S> state;
+  // The starting state: none where the axis stands, whatever the encoder's rounding says; else the
+  // free response that brings the simulation onto the first encoder values.
+  const auto settle = std::min(n, starting_state_samples(values, segment));
+  if (segment.actual.size() == n &&
+      !(stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))) {
+    state.resize(static_cast<std::size_t>(twin.free_states()));
+    const Start<S> start(model, twin.free_states(), input, settle);
+    // Friction depends on the starting motion, so a second round improves the estimate.
+    for (int round = 0; round < 3; ++round) {
+      std::vector<S> miss;
+      run<S>(twin, segment, settle, input, state, [&](Eigen::Index k, const S& error) {
+        if (k > 0) miss.push_back((segment.command(k) - segment.actual(k)) - error);
+      });
+      const std::vector<S> correction = start.nearest(miss);
+      for (std::size_t i = 0; i < state.size(); ++i) state[i] += correction[i];
+    }
+  }
+  run<S>(twin, segment, n, input, state, keep);
+}
+
+/// The model with its derivatives along these directions.
+ModelOf<TwinDual> moved(const Model& model, std::span<const Model* const> directions) {
+  auto out = empty_like<TwinDual>(model);
+  each_parameter(out, model, [](TwinDual& x, double value) { x.value = value; });
+  for (std::size_t lane = 0; lane < directions.size(); ++lane) {
+    each_parameter(out, *directions[lane], [lane](TwinDual& x, double by) { x.by[lane] = by; });
+  }
+  return out;
+}
+
+/// Whether the loop, or the delay of its command, changes along this direction.
+bool moves_command(const Model& direction) {
+  bool moves = direction.command_delay_s() != 0.0;
+  Loop loop = direction.loop;
+  each_parameter(loop, direction.loop, [&](double, double by) { moves = moves || by != 0.0; });
+  for (const Effect& effect : direction.effects) {
+    for (const double by : effect.shape) moves = moves || (acts_on_axis(effect.kind) && by != 0.0);
+  }
+  return moves;
 }
 
 }  // namespace
@@ -66,54 +237,38 @@ Eigen::Index starting_state_samples(const Model& model, const Segment& segment) 
 }
 
 Eigen::ArrayXd simulate(const Model& model, const Segment& segment) {
-  const Twin twin(model);
   const Eigen::Index n = segment.size();
-  if (n < 4) return Eigen::ArrayXd::Zero(n);
-  const Spline original = Spline::through(segment.command, segment.sample_time_s);
-  const Eigen::ArrayXd delayed = original.delayed(twin.command_delay_s());
-  const Spline motion = Spline::through(delayed, segment.sample_time_s);
-  const Eigen::ArrayXd neighbour =
-      segment.neighbour.size() == n
-          ? Spline::through(segment.neighbour, segment.sample_time_s).second
-          : Eigen::ArrayXd();
-  if (segment.actual.size() != n) return run(twin, segment, motion, delayed, neighbour, {});
+  if (n < 4) {
+    const Twin checked(model);
+    return Eigen::ArrayXd::Zero(n);
+  }
+  Eigen::ArrayXd out(n);
+  simulate_with(model, model, segment, [&](Eigen::Index k, double error) { out(k) = error; });
+  return out;
+}
 
-  // The starting state: none where the axis stands, whatever the encoder's rounding says; else the
-  // free response that brings the simulation onto the first encoder values.
-  const auto settle = std::min(n, starting_state_samples(model, segment));
-  if (stands(segment.command.head(settle)) && stands(segment.actual.head(settle)))
-    return run(twin, segment, motion, delayed, neighbour, {});
-  const int order = twin.free_states();
-  Segment head = segment;
-  head.command.conservativeResize(settle);
-  const Twin bare(linear_part(model));
-  std::array<double, kMaxOrder + 2 * kMaxModes> start{};
-  const std::span<const double> state(start.data(), static_cast<std::size_t>(order));
-  Eigen::MatrixXd response(settle - 1, order);
-  for (int i = 0; i < order; ++i) {
-    Twin free = bare;
-    std::array<double, kMaxOrder + 2 * kMaxModes> unit{};
-    unit[static_cast<std::size_t>(i)] = 1.0;
-    free.start(delayed(0), {unit.data(), static_cast<std::size_t>(order)});
-    for (Eigen::Index k = 0; k + 1 < settle; ++k) {
-      // Modes that change with position are those of the commanded position at rest.
-      CommandPiece still;
-      still.end_position = delayed(k + 1);
-      response(k, i) = free.step(still);
-    }
+Simulated simulate(const Model& model, std::span<const Model> directions, const Segment& segment) {
+  const Eigen::Index n = segment.size();
+  const auto count = static_cast<Eigen::Index>(directions.size());
+  if (n < 4 || count == 0) return {simulate(model, segment), Eigen::MatrixXd::Zero(n, count)};
+  Simulated out;
+  out.error.resize(n);
+  out.by.resize(n, count);
+  // Those first that change more than the forces: the twin is faster without the others.
+  std::vector<const Model*> order;
+  for (const Model& direction : directions) order.push_back(&direction);
+  std::stable_partition(order.begin(), order.end(),
+                        [](const Model* direction) { return moves_command(*direction); });
+  for (std::size_t first = 0; first < order.size(); first += kParametersPerPass) {
+    const std::span<const Model* const> some = std::span<const Model* const>(order).subspan(
+        first, std::min(kParametersPerPass, order.size() - first));
+    simulate_with(moved(model, some), model, segment, [&](Eigen::Index k, const TwinDual& error) {
+      out.error(k) = error.value;
+      for (std::size_t i = 0; i < some.size(); ++i)
+        out.by(k, some[i] - directions.data()) = error.by[i];
+    });
   }
-  const Eigen::RowVectorXd scale = response.colwise().norm().cwiseMax(1e-300);
-  const auto solver = (response * scale.cwiseInverse().asDiagonal()).eval().colPivHouseholderQr();
-  // Friction depends on the starting motion, so a second round improves the estimate.
-  for (int round = 0; round < 3; ++round) {
-    const Eigen::ArrayXd error = run(twin, head, motion, delayed, neighbour, state);
-    const Eigen::VectorXd miss =
-        ((segment.command - segment.actual).head(settle) - error).tail(settle - 1).matrix();
-    const Eigen::VectorXd correction =
-        (solver.solve(miss).array() / scale.transpose().array()).matrix();
-    for (int i = 0; i < order; ++i) start[static_cast<std::size_t>(i)] += correction(i);
-  }
-  return run(twin, segment, motion, delayed, neighbour, state);
+  return out;
 }
 
 }  // namespace servotwin

@@ -6,7 +6,9 @@
 #include <stdexcept>
 #include <type_traits>
 
+#include "twin/catalogue_steps.h"
 #include "twin/force_balance.h"
+#include "twin/hold_of.h"
 #include "twin/mode_step.h"
 
 namespace servotwin {
@@ -28,17 +30,48 @@ constexpr double kLargestStepInPlay_rad = 0.5;
 /// rad/s^2], or for so many turns: with a stiff spring and friction on both not every step gets
 /// there; what is missing then is far below the friction.
 constexpr double kSmallestTurn = 1e-11;
+/// Share of a contact's force by which a balanced one is missed at most.
+constexpr double kMostMiss = 1e-6;
 constexpr int kMostTurns = 12;
 
 }  // namespace
 
-Twin::Twin(const Model& model) {
-  if (auto why = why_invalid(model); !why.empty()) throw std::invalid_argument(why);
-  const Effect* two_mass = two_mass_of(model);
+namespace {
+
+template <std::size_t N>
+Model values_of(const ModelOf<Dual<N>>& model) {
+  Model out = empty_like<double>(model);
+  each_parameter(out, model, [](double& value, const Dual<N>& x) { value = x.value; });
+  return out;
+}
+
+/// Whether the load has all friction and keeps it.
+bool is_all(double share) { return share == 1.0; }
+template <std::size_t N>
+bool is_all(const Dual<N>& share) {
+  return share.value == 1.0 &&
+         std::all_of(share.by.begin(), share.by.end(), [](double by) { return by == 0.0; });
+}
+
+}  // namespace
+
+template <class S>
+TwinOf<S>::TwinOf(const ModelOf<S>& model) {
+  if constexpr (is_dual<S>) {
+    leader_ = Twin(values_of(model));
+    LoopOf<S> loop = model.loop;
+    each_parameter(loop, model.loop, [&](const S& /*same*/, const S& x) {
+      constant_lanes_ = lanes_with(x, constant_lanes_);
+    });
+    command_lanes_ = lanes_with(model.command_delay_s(), constant_lanes_);
+  } else if (auto why = why_invalid(model); !why.empty()) {
+    throw std::invalid_argument(why);
+  }
+  const EffectOf<S>* two_mass = two_mass_of(model);
   double longest_part_s = kLongestPart_s;
   if (two_mass != nullptr && two_mass_parameters(*two_mass).width > 0.0)
-    longest_part_s =
-        std::min(longest_part_s, kLargestStepInPlay_rad / two_mass_parameters(*two_mass).omega);
+    longest_part_s = std::min(
+        longest_part_s, kLargestStepInPlay_rad / value_of(two_mass_parameters(*two_mass).omega));
   linear_.parts = model.effects.empty()
                       ? 1
                       : static_cast<int>(std::ceil(model.sample_time_s / longest_part_s - 1e-9));
@@ -53,21 +86,21 @@ Twin::Twin(const Model& model) {
   }
   discretise_loop(model.loop);
   // Effects that change friction use the force of the friction law.
-  const auto place_of = [](const Effect& effect) {
+  const auto place_of = [](const EffectOf<S>& effect) {
     if (is_friction_law(effect.kind)) return 0;
     return identity_of(effect.kind).acts == Acts::kForce ? 1 : 2;
   };
   if (two_mass != nullptr) axis_.discretise(model.loop, two_mass_parameters(*two_mass), h_);
-  const double on_load = axis_.parameters().friction_share;
+  const S on_load = axis_.parameters().friction_share;
   for (const int place : {0, 1, 2}) {
-    for (const Effect& effect : model.effects) {
+    for (const EffectOf<S>& effect : model.effects) {
       if (!acts_along_motion(identity_of(effect.kind).acts) || place_of(effect) != place) continue;
       if (place == 2) {
         effects_[static_cast<std::size_t>(effect_count_ + reading_count_++)] = effect;
       } else if (!axis_.used() || identity_of(effect.kind).on_motor) {
         add_force(effect, Body::kMotor, 1.0);
       } else if (!is_friction(effect.kind) || effect.kind == kind_of<ConstantForce>() ||
-                 on_load == 1.0) {
+                 is_all(on_load)) {
         add_force(effect, Body::kLoad, 1.0);
       } else {
         add_force(effect, Body::kMotor, 1.0 - on_load);
@@ -78,15 +111,17 @@ Twin::Twin(const Model& model) {
   start(0.0);
 }
 
-void Twin::add_force(const Effect& effect, Body body, double share) noexcept {
+template <class S>
+void TwinOf<S>::add_force(const EffectOf<S>& effect, Body body, const S& share) noexcept {
   const auto at = static_cast<std::size_t>(effect_count_++);
   effects_[at] = effect;
   bodies_[at] = body;
-  if (share == 1.0) return;
-  for (double& coefficient : effects_[at].coefficient) coefficient *= share;
+  if (is_all(share)) return;
+  for (S& coefficient : effects_[at].coefficient) coefficient *= share;
 }
 
-void Twin::discretise_loop(const Loop& loop) {
+template <class S>
+void TwinOf<S>::discretise_loop(const LoopOf<S>& loop) {
   const int n = loop.order;
   linear_.states = 2 * n + 2 * static_cast<int>(loop.modes.size());
   denominator_ = loop.denominator;
@@ -94,24 +129,33 @@ void Twin::discretise_loop(const Loop& loop) {
   travel_ = loop.travel;
   std::copy(loop.modes.begin(), loop.modes.end(), modes_.begin());
   moves_ = std::any_of(loop.modes.begin(), loop.modes.end(),
-                       [](const Mode& mode) { return mode.moves(); });
-  Eigen::MatrixXd a = Eigen::MatrixXd::Zero(n, n);
-  for (int i = 0; i < n; ++i) {
-    if (i + 1 < n) a(i, i + 1) = 1.0;
-    a(n - 1, i) = -loop.denominator[static_cast<std::size_t>(n - 1 - i)];
+                       [](const ModeOf<S>& mode) { return mode.moves(); });
+  const auto last = static_cast<std::size_t>(n - 1);
+  SquareOf<S, kMaxOrder> a{};
+  std::array<S, kMaxOrder> input{};
+  for (std::size_t i = 0; i <= last; ++i) {
+    if (i < last) a[i][i + 1] = 1.0;
+    a[last][i] = -loop.denominator[last - i];
   }
-  const Hold hold = discretise(a, Eigen::VectorXd::Unit(n, n - 1), h_, 2);
+  input[last] = 1.0;
+  const HoldOf<S, kMaxOrder> hold = hold_of<S, kMaxOrder>(
+      n, a, input,
+      [&](const Eigen::MatrixXd& system, const Eigen::VectorXd& b) {
+        return discretise(system, b, h_, 2);
+      },
+      [&](const Eigen::MatrixXd& system, const Eigen::VectorXd& b, const Eigen::MatrixXd& da,
+          const Eigen::VectorXd& db) { return discretise_derivative(system, b, da, db, h_, 2); });
   for (int first : {0, n}) {
-    for (int r = 0; r < n; ++r) {
-      StepConstants::Row& row = linear_.rows[static_cast<std::size_t>(first + r)];
+    for (std::size_t r = 0; r <= last; ++r) {
+      auto& row = linear_.rows[static_cast<std::size_t>(first) + r];
       row.first = first;
       row.width = n;
-      for (int c = 0; c < n; ++c) row.phi[static_cast<std::size_t>(c)] = hold.phi(r, c);
+      for (std::size_t c = 0; c <= last; ++c) row.phi[c] = hold.phi[r][c];
       if (first == 0) {
-        for (int k = 0; k < 3; ++k) row.command[static_cast<std::size_t>(k)] = hold.g(r, k);
+        row.command = hold.g[r];
       } else {
-        row.force_end = hold.g(r, 1) / h_;
-        row.force_begin = hold.g(r, 0) - row.force_end;
+        row.force_end = hold.g[r][1] / h_;
+        row.force_begin = hold.g[r][0] - row.force_end;
       }
     }
   }
@@ -122,22 +166,25 @@ void Twin::discretise_loop(const Loop& loop) {
 
 // A mode in the form whose first state is its part of the error, so that any start shows in it:
 //   w1' = -2 zeta omega w1 + w2 + b1 u,   w2' = -omega^2 w1 + b2 u:   w1 = (b1 s + b2) / M u
-void Twin::place_modes(double over, double at_end) noexcept {
+template <class S>
+void TwinOf<S>::place_modes(const S& over, const S& at_end) noexcept {
+  using Constants = StepConstantsOf<S>;
+  using Vibration = ModeOf<S>;
   const auto n = static_cast<std::size_t>(linear_.order);
   const auto size = static_cast<std::size_t>(linear_.states);
-  StepConstants::State error{};
+  typename Constants::State error{};
   for (std::size_t i = 0; i < n; ++i) error[i] = numerator_[n - 1 - i];
-  double share = 1.0;  // disturbance_share
-  std::array<Mode, kMaxModes> here;
+  S share = 1.0;  // disturbance_share
+  std::array<Vibration, kMaxModes> here;
 
   for (std::size_t first = 2 * n; first < size; first += 2) {
     const std::size_t place = (first - 2 * n) / 2;
-    const Mode mode =
+    const Vibration mode =
         at_place(modes_[place], travel_.place(over), linear_.order, denominator_).mode;
-    const ModeStep step(2.0 * mode.zeta * mode.omega, mode.omega * mode.omega, h_);
+    const ModeStepOf<S> step(2.0 * mode.zeta * mode.omega, mode.omega * mode.omega, h_);
     const auto left = step.times(0, 1.0, 0.0), right = step.times(0, 0.0, 1.0);
     for (std::size_t r = 0; r < 2; ++r) {
-      StepConstants::Row& row = linear_.rows[first + r];
+      typename Constants::Row& row = linear_.rows[first + r];
       row.first = static_cast<int>(first);
       row.width = 2;
       row.phi[0] = left[r];
@@ -148,10 +195,10 @@ void Twin::place_modes(double over, double at_end) noexcept {
       row.force_end = h_ * step.times(2, mode.gamma, mode.delta)[r];
       row.force_begin = h_ * step.times(1, mode.gamma, mode.delta)[r] - row.force_end;
     }
-    const PlacedMode placed =
+    const PlacedMode<S> placed =
         at_place(modes_[place], travel_.place(at_end), linear_.order, denominator_);
-    const Mode& end = here[place] = placed.mode;
-    const double damping = 2.0 * end.zeta * end.omega, stiffness = end.omega * end.omega;
+    const Vibration& end = here[place] = placed.mode;
+    const S damping = 2.0 * end.zeta * end.omega, stiffness = end.omega * end.omega;
     error[first] = 1.0;
     error[0] += placed.lag;
     error[2 * n - 1] -= end.gamma;
@@ -164,90 +211,221 @@ void Twin::place_modes(double over, double at_end) noexcept {
   error[2 * n - 2] += share;
 
   // d/dt of a reading, and what of the inputs is in it at once.
-  const auto rate_of = [&](const StepConstants::State& of) {
-    StepConstants::State out{};
+  const auto rate_of = [&](const typename Constants::State& of) {
+    typename Constants::State out{};
     for (const std::size_t first : {std::size_t{0}, n}) {
       for (std::size_t c = 0; c < n; ++c)
         out[first + c] =
-            (c > 0 ? of[first + c - 1] : 0.0) - of[first + n - 1] * denominator_[n - 1 - c];
+            (c > 0 ? of[first + c - 1] : S(0.0)) - of[first + n - 1] * denominator_[n - 1 - c];
     }
     for (std::size_t first = 2 * n; first < size; first += 2) {
-      const Mode& mode = here[(first - 2 * n) / 2];
+      const Vibration& mode = here[(first - 2 * n) / 2];
       out[first] =
           -2.0 * mode.zeta * mode.omega * of[first] - mode.omega * mode.omega * of[first + 1];
       out[first + 1] = of[first];
     }
     return out;
   };
-  const auto at_once = [&](const StepConstants::State& of, std::size_t block, double Mode::*first,
-                           double Mode::*second) {
-    double sum = of[block + n - 1];
+  const auto at_once = [&](const typename Constants::State& of, std::size_t block,
+                           S Vibration::*first, S Vibration::*second) {
+    S sum = of[block + n - 1];
     for (std::size_t at = 2 * n; at < size; at += 2) {
-      const Mode& mode = here[(at - 2 * n) / 2];
+      const Vibration& mode = here[(at - 2 * n) / 2];
       sum += of[at] * (mode.*first) + of[at + 1] * (mode.*second);
     }
     return sum;
   };
-  const auto keep = [&](const StepConstants::State& of, StepConstants::Reading& reading) {
+  const auto keep = [&](const typename Constants::State& of, typename Constants::Reading& reading) {
     reading.state = of;
     reading.force_end = 0.0;
     for (std::size_t i = 0; i < size; ++i) reading.force_end += of[i] * linear_.rows[i].force_end;
   };
-  const StepConstants::State rate = rate_of(error);
+  const typename Constants::State rate = rate_of(error);
   keep(error, linear_.error);
   keep(rate, linear_.rate);
   keep(rate_of(rate), linear_.second);
-  linear_.rate.velocity = at_once(error, 0, &Mode::alpha, &Mode::beta);
-  linear_.second.velocity = at_once(rate, 0, &Mode::alpha, &Mode::beta);
+  linear_.rate.velocity = at_once(error, 0, &Vibration::alpha, &Vibration::beta);
+  linear_.second.velocity = at_once(rate, 0, &Vibration::alpha, &Vibration::beta);
   linear_.second.acceleration = linear_.rate.velocity;
-  linear_.second.force = at_once(rate, n, &Mode::gamma, &Mode::delta);
+  linear_.second.force = at_once(rate, n, &Vibration::gamma, &Vibration::delta);
 }
 
-void Twin::start(double command, double time_s) noexcept {
+template <class S>
+S TwinOf<S>::value_at(const typename StepConstantsOf<S>::Reading& reading,
+                      const typename StepConstantsOf<S>::State& w) const noexcept {
+  S sum = 0.0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(linear_.states); ++i)
+    add(sum, reading.state[i], w[i], lanes_of(i));
+  return sum;
+}
+
+namespace {
+
+// Lanes of the forces that a step solves for.
+constexpr std::size_t kMotorLane = kParametersPerPass, kLoadLane = kMotorLane + 1,
+                      kContactLane = kMotorLane + 2;
+
+/// A force that is solved for.
+TwinDual unknown(double value, std::size_t lane) noexcept {
+  TwinDual out(value);
+  out.by[lane] = 1.0;
+  return out;
+}
+
+/// The deflection beyond the nearer edge of a gap. There the contact's damper sets in at once, and
+/// a step may end on the edge with any part of its force.
+template <class S>
+S beyond_edge(const typename TwoMassAxisOf<S>::State& state, const S& width) noexcept {
+  const S& deflection = state[2];
+  return deflection - (deflection > 0.0 ? 0.5 : -0.5) * width;
+}
+
+/// Replaces derivatives by the forces that were solved for by those of the forces.
+class Resolution {
+ public:
+  /// From the derivatives of what is zero there (implicit function theorem): of the motor's force
+  /// alone, or of all.
+  explicit Resolution(const TwinDual& miss) noexcept {
+    set(0, -miss.by / miss.by[kMotorLane]);
+    for (std::size_t f = 1; f < kForcesPerStep; ++f) set(f, TwinDual::Derivatives::Zero());
+  }
+  explicit Resolution(const std::array<TwinDual, kForcesPerStep>& misses) noexcept {
+    Eigen::Matrix3d by_force;
+    for (std::size_t r = 0; r < kForcesPerStep; ++r) {
+      for (std::size_t c = 0; c < kForcesPerStep; ++c)
+        by_force(static_cast<int>(r), static_cast<int>(c)) = misses[r].by[kMotorLane + c];
+    }
+    const Eigen::Matrix3d inverse = by_force.inverse();
+    for (std::size_t f = 0; f < kForcesPerStep; ++f) {
+      const Eigen::RowVector3d row = -inverse.row(static_cast<int>(f));
+      set(f, row(0) * misses[0].by + row(1) * misses[1].by + row(2) * misses[2].by);
+    }
+  }
+  void operator()(TwinDual& x) const noexcept {
+    for (std::size_t f = 0; f < kForcesPerStep; ++f) {
+      const double by = x.by[kMotorLane + f];
+      if (by != 0.0) x.by += by * forces_[f];
+    }
+  }
+
+ private:
+  /// The lanes of the forces themselves take out what is replaced.
+  void set(std::size_t force, const TwinDual::Derivatives& by) noexcept {
+    forces_[force] = by;
+    forces_[force].tail<static_cast<int>(kForcesPerStep)>().setZero();
+    forces_[force][kMotorLane + force] = -1.0;
+  }
+  std::array<TwinDual::Derivatives, kForcesPerStep> forces_;
+};
+
+}  // namespace
+
+template <class S>
+template <class Miss, class Settle>
+S TwinOf<S>::solved(const S& first, double known, const Miss& miss, const Settle& settle) noexcept {
+  if constexpr (is_dual<S>) {
+    S force = unknown(known, kMotorLane);
+    const Resolution resolve(miss(force));
+    resolve(force);
+    settle(resolve);
+    return force;
+  } else {
+    return balanced(first, slope_, miss);
+  }
+}
+
+template <class S>
+template <class Resolve>
+void TwinOf<S>::resolve_motion(const Resolve& resolve, MotionOf<S>& m) const noexcept {
+  for (S* x : {&m.position, &m.velocity, &m.displacement, &m.acceleration, &m.tracking_error,
+               &m.demand, &m.friction, &m.demand_rate, &m.demand_damping})
+    resolve(*x);
+}
+
+template <class S>
+template <class Resolve>
+void TwinOf<S>::resolve_memories(const Resolve& resolve, Body body) noexcept {
+  for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
+    if (bodies_[i] != body) continue;
+    each_value<S>(effects_[i].kind, memory_[i], resolve);
+  }
+}
+
+template <class S>
+typename TwinOf<S>::Memories& TwinOf<S>::tried(Body body) noexcept {
+  if constexpr (is_dual<S>) {
+    return memory_;
+  } else {
+    copy_memories(memory_, trial_, body);
+    return trial_;
+  }
+}
+
+template <class S>
+void TwinOf<S>::keep_tried(Body body) noexcept {
+  if constexpr (!is_dual<S>) copy_memories(trial_, memory_, body);
+}
+
+template <class S>
+void TwinOf<S>::start(const S& command, double time_s) noexcept {
+  double known = 0.0;
+  if constexpr (is_dual<S>) {
+    leader_.start(command.value, time_s);
+    known = leader_.force_;
+  }
   time_s_ = time_s;
   force_change_ = 0.0;
   slope_ = 1.0;
   for (int i = 0; i < effect_count_ + reading_count_; ++i) {
     const auto k = static_cast<std::size_t>(i);
-    start_memory<double>(effects_[k].kind, effects_[k].shape.data(), memory_[k]);
+    start_memory<S>(effects_[k].kind, effects_[k].shape.data(), memory_[k]);
     trial_[k] = memory_[k];
   }
-  history_.fill(command);
+  history_.fill(value_of(command));
   velocity_ = 0.0;
   neighbour_acceleration_ = 0.0;
   if (axis_.used()) return start_two_masses(command);
   if (moves_) place_modes(command, command);
-  Motion rest;
+  MotionOf<S> rest;
   rest.step_s = h_;
   rest.time_s = time_s;
   // A standing loop already holds whatever force acts at rest; without an integrator it does so
   // away from the command.
-  const double give = linear_.order == 2 ? linear_.error.at(linear_.rest, linear_.states) : 0.0;
-  const auto miss_at = [&](double trial) {
+  const S give = linear_.order == 2 ? value_at(linear_.error, linear_.rest) : S(0.0);
+  const auto miss_at = [&](const S& trial) -> S {
     rest.tracking_error = give * trial;
     rest.position = command - give * trial;
     rest.demand = trial;
-    copy_memories(memory_, trial_);
-    return trial - disturbance(rest, trial_);
+    return trial - disturbance(rest, tried());
   };
-  force_ = balanced(0.0, slope_, miss_at);
-  copy_memories(trial_, memory_);
+  force_ = solved(S(0.0), known, miss_at, [&](const auto& resolve) {
+    resolve_motion(resolve, rest);
+    resolve_memories(resolve, Body::kMotor);
+  });
+  keep_tried();
   for (std::size_t r = 0; r < state_.size(); ++r) state_[r] = linear_.rest[r] * force_;
   demand_ = force_;
-  position_ = command - (linear_.order == 2 ? linear_.error.at(state_, linear_.states) : 0.0);
+  position_ = command - (linear_.order == 2 ? value_at(linear_.error, state_) : S(0.0));
   rest.position = position_;
   reading_ = read(rest);
 }
 
-void Twin::start(double position, std::span<const double> free_response, double time_s) noexcept {
+template <class S>
+void TwinOf<S>::start(const S& position, std::span<const S> free_response, double time_s) noexcept {
   start(position, time_s);
+  if constexpr (is_dual<S>) {
+    std::array<double, StepConstants::kStates> values{};
+    const std::size_t count = std::min(free_response.size(), values.size());
+    for (std::size_t i = 0; i < count; ++i) values[i] = free_response[i].value;
+    leader_.start(position.value, std::span<const double>(values.data(), count), time_s);
+  }
   if (axis_.used()) {
     for (std::size_t r = 0; r < std::min(free_response.size(), axis_state_.size()); ++r)
       axis_state_[r] += free_response[r];
     contact_ = axis_.missing_contact(axis_state_);
-    CommandPiece still;
+    CommandPieceOf<S> still;
     still.end_position = position;
-    const TwoMassAxis::Ends now =
+    const typename TwoMassAxisOf<S>::Ends now =
         axis_.ends_of(axis_state_, still, {force_ - contact_, load_force_ + contact_});
     motor_position_ = now.motor_position;
     load_position_ = now.load_position;
@@ -262,23 +440,25 @@ void Twin::start(double position, std::span<const double> free_response, double 
     if (r >= n && (r - n) % 2 == 1)
       state_[n + r] -= linear_.rate.state[n + r - 1] * free_response[r - 1];
   }
-  position_ = position - linear_.error.at(state_, linear_.states);
+  position_ = position - value_at(linear_.error, state_);
 }
 
-void Twin::copy_memories(const Memories& from, Memories& to, Body body) const noexcept {
+template <class S>
+void TwinOf<S>::copy_memories(const Memories& from, Memories& to, Body body) const noexcept {
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
-    if (bodies_[i] == body) copy_memory<double>(effects_[i].kind, from[i], to[i]);
+    if (bodies_[i] == body) copy_memory<S>(effects_[i].kind, from[i], to[i]);
   }
 }
 
-double Twin::disturbance(Motion& m, Memories& memory, Body body) const noexcept {
-  double sum = 0.0;
+template <class S>
+S TwinOf<S>::disturbance(MotionOf<S>& m, Memories& memory, Body body) const noexcept {
+  S sum = 0.0;
   m.friction = kNoLaw;
-  std::array<double, kMaxCoefficients> force{};
+  std::array<S, kMaxCoefficients> force;  // each effect fills its part
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
     if (bodies_[i] != body) continue;
-    const Effect& effect = effects_[i];
-    unit_forces<double>(effect.kind, effect.shape.data(), memory[i], m, force.data());
+    const EffectOf<S>& effect = effects_[i];
+    unit_forces<S>(effect.kind, effect.shape.data(), memory[i], m, force.data());
     const std::size_t count = coefficients_of(effect.kind).size();
     for (std::size_t k = 0; k < count; ++k) sum += effect.coefficient[k] * force[k];
     if (is_friction_law(effect.kind)) m.friction = friction_of(effect, force.data());
@@ -286,22 +466,25 @@ double Twin::disturbance(Motion& m, Memories& memory, Body body) const noexcept 
   return sum;
 }
 
-double Twin::read(const Motion& m) noexcept {
-  double sum = 0.0;
-  std::array<double, kMaxCoefficients> unit{};
+template <class S>
+S TwinOf<S>::read(const MotionOf<S>& m) noexcept {
+  S sum = 0.0;
+  std::array<S, kMaxCoefficients> unit{};
   for (int i = effect_count_; i < effect_count_ + reading_count_; ++i) {
     const auto k = static_cast<std::size_t>(i);
-    unit_forces<double>(effects_[k].kind, effects_[k].shape.data(), memory_[k], m, unit.data());
+    unit_forces<S>(effects_[k].kind, effects_[k].shape.data(), memory_[k], m, unit.data());
     for (std::size_t c = 0; c < coefficients_of(effects_[k].kind).size(); ++c)
       sum += effects_[k].coefficient[c] * unit[c];
   }
   return sum;
 }
 
-double Twin::step(const CommandPiece& whole) noexcept {
+template <class S>
+S TwinOf<S>::step(const CommandPieceOf<S>& whole) noexcept {
   const double neighbour_before = neighbour_acceleration_;
   neighbour_acceleration_ = whole.neighbour_acceleration;
-  CommandPiece part = whole;
+  if (linear_.parts == 1) return advance(whole);
+  CommandPieceOf<S> part = whole;
   for (int i = 1; i < linear_.parts; ++i) {
     const double to_end = h_ * (linear_.parts - i);
     part.end_acceleration = whole.end_acceleration - to_end * whole.jerk;
@@ -323,72 +506,97 @@ double Twin::step(const CommandPiece& whole) noexcept {
   return advance(part);
 }
 
-void Twin::balance_two_masses(const TwoMassAxis::State& free, const CommandPiece& piece,
-                              Motion& motor, Motion& load) noexcept {
+template <class S>
+void TwinOf<S>::balance_two_masses(const typename TwoMassAxisOf<S>::State& free,
+                                   const CommandPieceOf<S>& piece, MotionOf<S>& motor,
+                                   MotionOf<S>& load) noexcept {
+  using Forces = typename TwoMassAxisOf<S>::Forces;
   const auto ends = [&] {
-    const TwoMassAxis::Forces end{force_ - contact_, load_force_ + contact_};
+    const Forces end{force_ - contact_, load_force_ + contact_};
     return axis_.ends_of(axis_.with(free, end), piece, end);
   };
-  const auto miss_of = [&](Body body, Motion& m, double& force) {
-    return [&, body](double trial) {
-      force = trial;
-      const TwoMassAxis::Ends now = ends();
-      const bool on_load = body == Body::kLoad;
-      m.position = on_load ? now.load_position : now.motor_position;
-      m.velocity = on_load ? now.load_velocity : now.motor_velocity;
-      m.acceleration = on_load ? now.load_acceleration : now.motor_acceleration;
-      m.displacement = m.position - (on_load ? load_position_ : motor_position_);
-      m.tracking_error = now.loop_error;
-      m.demand = now.demand;
-      if (linear_.order == 3) {
-        m.demand_rate = now.demand_rate;
-        m.demand_damping = linear_.damping * now.loop_rate;
-      }
-      copy_memories(memory_, trial_, body);
-      return trial - disturbance(m, trial_, body);
-    };
+  const auto set = [&](const typename TwoMassAxisOf<S>::Ends& now, Body body, MotionOf<S>& m) {
+    const bool on_load = body == Body::kLoad;
+    m.position = on_load ? now.load_position : now.motor_position;
+    m.velocity = on_load ? now.load_velocity : now.motor_velocity;
+    m.acceleration = on_load ? now.load_acceleration : now.motor_acceleration;
+    m.displacement = m.position - (on_load ? load_position_ : motor_position_);
+    m.tracking_error = now.loop_error;
+    m.demand = now.demand;
+    if (linear_.order == 3) {
+      m.demand_rate = now.demand_rate;
+      m.demand_damping = linear_.damping * now.loop_rate;
+    }
   };
   const bool plays = axis_.parameters().width > 0.0;
-  const auto end = bodies_.begin() + effect_count_;
-  const bool motor_feels = std::find(bodies_.begin(), end, Body::kMotor) != end;
-  for (int turn = 0; turn < kMostTurns; ++turn) {
-    const double motor_before = force_, contact_before = contact_;
-    if (plays) {
-      contact_ = balanced(contact_, contact_slope_, [&](double trial) {
-        contact_ = trial;
-        return trial -
-               axis_.missing_contact(axis_.with(free, {force_ - trial, load_force_ + trial}));
-      });
+  if constexpr (is_dual<S>) {
+    force_ = unknown(leader_.force_, kMotorLane);
+    load_force_ = unknown(leader_.load_force_, kLoadLane);
+    contact_ = unknown(leader_.contact_, kContactLane);
+    const Forces all{force_ - contact_, load_force_ + contact_};
+    const typename TwoMassAxisOf<S>::State state = axis_.with(free, all);
+    const typename TwoMassAxisOf<S>::Ends now = axis_.ends_of(state, piece, all);
+    set(now, Body::kMotor, motor);
+    set(now, Body::kLoad, load);
+    S contact_miss = plays ? contact_ - axis_.missing_contact(state) : contact_;
+    if (std::abs(contact_miss.value) > kMostMiss * std::abs(contact_.value))
+      contact_miss = beyond_edge<S>(state, axis_.parameters().width);
+    const Resolution resolve({force_ - disturbance(motor, memory_, Body::kMotor),
+                              load_force_ - disturbance(load, memory_, Body::kLoad), contact_miss});
+    for (S* x : {&force_, &load_force_, &contact_}) resolve(*x);
+    resolve_motion(resolve, motor);
+    resolve_motion(resolve, load);
+    for (const Body body : {Body::kMotor, Body::kLoad}) resolve_memories(resolve, body);
+  } else {
+    const auto miss_of = [&](Body body, MotionOf<S>& m, S& force) {
+      return [&, body](const S& trial) -> S {
+        force = trial;
+        set(ends(), body, m);
+        return trial - disturbance(m, tried(body), body);
+      };
+    };
+    const auto end = bodies_.begin() + effect_count_;
+    const bool motor_feels = std::find(bodies_.begin(), end, Body::kMotor) != end;
+    for (int turn = 0; turn < kMostTurns; ++turn) {
+      const double motor_before = force_, contact_before = contact_;
+      if (plays) {
+        contact_ = balanced(contact_, contact_slope_, [&](double trial) {
+          contact_ = trial;
+          return trial -
+                 axis_.missing_contact(axis_.with(free, {force_ - trial, load_force_ + trial}));
+        });
+      }
+      load_force_ = balanced(load_force_, load_slope_, miss_of(Body::kLoad, load, load_force_));
+      force_ = balanced(force_, slope_, miss_of(Body::kMotor, motor, force_));
+      if (!plays && !motor_feels) break;
+      if (std::abs(force_ - motor_before) <= kSmallestTurn &&
+          std::abs(contact_ - contact_before) <= kSmallestTurn)
+        break;
     }
-    load_force_ = balanced(load_force_, load_slope_, miss_of(Body::kLoad, load, load_force_));
-    force_ = balanced(force_, slope_, miss_of(Body::kMotor, motor, force_));
-    if (!plays && !motor_feels) break;
-    if (std::abs(force_ - motor_before) <= kSmallestTurn &&
-        std::abs(contact_ - contact_before) <= kSmallestTurn)
-      break;
   }
 }
 
-void Twin::start_two_masses(double command) noexcept {
+template <class S>
+void TwinOf<S>::start_two_masses(const S& command) noexcept {
   force_ = load_force_ = contact_ = 0.0;
   load_force_change_ = 0.0;
   load_slope_ = contact_slope_ = 1.0;
-  CommandPiece still;
+  CommandPieceOf<S> still;
   still.end_position = command;
-  Motion rest;
+  MotionOf<S> rest;
   rest.step_s = h_;
   rest.time_s = time_s_;
   // A standing loop holds whatever forces act at rest; they may depend on where it stands.
   for (int turn = 0; turn < kMostTurns; ++turn) {
     axis_state_ = axis_.at_rest({force_, load_force_});
     contact_ = axis_.missing_contact(axis_state_);
-    const TwoMassAxis::Ends now =
+    const typename TwoMassAxisOf<S>::Ends now =
         axis_.ends_of(axis_state_, still, {force_ - contact_, load_force_ + contact_});
     motor_position_ = now.motor_position;
     load_position_ = now.load_position;
     position_ = command - now.recorded_error;
     demand_ = now.demand;
-    const double motor_before = force_, load_before = load_force_;
+    const S motor_before = force_, load_before = load_force_;
     for (const Body body : {Body::kMotor, Body::kLoad}) {
       rest.position = body == Body::kLoad ? load_position_ : motor_position_;
       rest.tracking_error = now.loop_error;
@@ -396,8 +604,8 @@ void Twin::start_two_masses(double command) noexcept {
       copy_memories(memory_, trial_, body);
       (body == Body::kLoad ? load_force_ : force_) = disturbance(rest, trial_, body);
     }
-    if (std::abs(force_ - motor_before) <= kSmallestTurn &&
-        std::abs(load_force_ - load_before) <= kSmallestTurn)
+    if (std::abs(value_of(force_ - motor_before)) <= kSmallestTurn &&
+        std::abs(value_of(load_force_ - load_before)) <= kSmallestTurn)
       break;
   }
   for (const Body body : {Body::kMotor, Body::kLoad}) copy_memories(trial_, memory_, body);
@@ -406,26 +614,27 @@ void Twin::start_two_masses(double command) noexcept {
   reading_ = read(rest);
 }
 
-double Twin::advance_two_masses(const CommandPiece& piece) noexcept {
+template <class S>
+S TwinOf<S>::advance_two_masses(const CommandPieceOf<S>& piece) noexcept {
   time_s_ += h_;
-  const double motor_before = force_, load_before = load_force_;
-  const TwoMassAxis::State free =
+  const S motor_before = force_, load_before = load_force_;
+  const typename TwoMassAxisOf<S>::State free =
       axis_.free(axis_state_, piece, {force_ - contact_, load_force_ + contact_});
-  Motion motor;
+  MotionOf<S> motor;
   motor.step_s = h_;
   motor.time_s = time_s_;
   motor.command_velocity = piece.end_velocity;
   motor.command_acceleration = piece.end_acceleration;
   motor.neighbour_acceleration = piece.neighbour_acceleration;
   motor.in_cut = piece.in_cut;
-  Motion load = motor;
+  MotionOf<S> load = motor;
   force_ += force_change_;
   load_force_ += load_force_change_;
   balance_two_masses(free, piece, motor, load);
-  for (const Body body : {Body::kMotor, Body::kLoad}) copy_memories(trial_, memory_, body);
-  const TwoMassAxis::Forces end{force_ - contact_, load_force_ + contact_};
+  for (const Body body : {Body::kMotor, Body::kLoad}) keep_tried(body);
+  const typename TwoMassAxisOf<S>::Forces end{force_ - contact_, load_force_ + contact_};
   axis_state_ = axis_.with(free, end);
-  const TwoMassAxis::Ends now = axis_.ends_of(axis_state_, piece, end);
+  const typename TwoMassAxisOf<S>::Ends now = axis_.ends_of(axis_state_, piece, end);
   force_change_ = force_ - motor_before;
   load_force_change_ = load_force_ - load_before;
   motor_position_ = now.motor_position;
@@ -439,37 +648,47 @@ double Twin::advance_two_masses(const CommandPiece& piece) noexcept {
   return now.recorded_error - reading_;
 }
 
-double Twin::advance(const CommandPiece& piece) noexcept {
+template <class S>
+S TwinOf<S>::advance(const CommandPieceOf<S>& piece) noexcept {
+  double known = 0.0;
+  if constexpr (is_dual<S>) {
+    leader_.advance({piece.velocity.value, piece.acceleration.value, piece.jerk.value,
+                     piece.end_position.value, piece.end_velocity.value,
+                     piece.end_acceleration.value, piece.neighbour_acceleration, piece.in_cut});
+    known = leader_.force_;
+  }
   if (axis_.used()) return advance_two_masses(piece);
   if (moves_) place_modes(piece.end_position - 0.5 * h_ * piece.end_velocity, piece.end_position);
   const auto states = static_cast<std::size_t>(linear_.states);
-  StepConstants::State next;
+  typename StepConstantsOf<S>::State next;
   for (std::size_t r = 0; r < states; ++r) {
-    const StepConstants::Row& row = linear_.rows[r];
-    double sum = row.command[0] * piece.velocity + row.command[1] * piece.acceleration +
-                 row.command[2] * piece.jerk + row.force_begin * force_;
+    const auto& row = linear_.rows[r];
+    const std::size_t lanes = lanes_of(r);
+    S sum = row.command[0] * piece.velocity;
+    add(sum, row.command[1], piece.acceleration, command_lanes_);
+    add(sum, row.command[2], piece.jerk, command_lanes_);
+    add(sum, row.force_begin, force_, lanes);
     for (std::size_t c = 0; c < static_cast<std::size_t>(row.width); ++c)
-      sum += row.phi[c] * state_[static_cast<std::size_t>(row.first) + c];
+      add(sum, row.phi[c], state_[static_cast<std::size_t>(row.first) + c], lanes);
     next[r] = sum;
   }
   // The demand of the control: the acceleration x_r'' - e'' of a motor without disturbance and
   // without limit; the disturbance itself is not part of it (docs/theory.md 3.11).
-  const double error_free = linear_.error.at(next, linear_.states);
-  const double rate_free =
-      linear_.rate.at(next, linear_.states) + linear_.rate.velocity * piece.end_velocity;
-  const double demand_free = piece.end_acceleration - linear_.second.at(next, linear_.states) -
-                             linear_.second.velocity * piece.end_velocity -
-                             linear_.second.acceleration * piece.end_acceleration;
-  const double demand_given = 1.0 - linear_.second.force - linear_.second.force_end;
+  const S error_free = value_at(linear_.error, next);
+  const S rate_free = value_at(linear_.rate, next) + linear_.rate.velocity * piece.end_velocity;
+  const S demand_free = piece.end_acceleration - value_at(linear_.second, next) -
+                        linear_.second.velocity * piece.end_velocity -
+                        linear_.second.acceleration * piece.end_acceleration;
+  const S demand_given = 1.0 - linear_.second.force - linear_.second.force_end;
 
   // The motion at the end of the step and the force there depend on each other
   // (docs/theory.md 2.3):
   //   f = d(x_free - gamma_x f, v_free - gamma_v f),  gammas > 0
   // d is bounded and continuous, so that there is a solution for any step; where d does not fall
   // with the motion it is the only one.
-  const double position_free = piece.end_position - error_free;
-  const double velocity_free = piece.end_velocity - rate_free;
-  Motion m;
+  const S position_free = piece.end_position - error_free;
+  const S velocity_free = piece.end_velocity - rate_free;
+  MotionOf<S> m;
   m.step_s = h_;
   m.command_velocity = piece.end_velocity;
   m.command_acceleration = piece.end_acceleration;
@@ -477,7 +696,7 @@ double Twin::advance(const CommandPiece& piece) noexcept {
   m.in_cut = piece.in_cut;
   time_s_ += h_;
   m.time_s = time_s_;
-  const auto miss_at = [&](double trial) {
+  const auto miss_at = [&](const S& trial) -> S {
     m.position = position_free - linear_.error.force_end * trial;
     m.velocity = velocity_free - linear_.rate.force_end * trial;
     m.displacement = m.position - position_;
@@ -489,22 +708,28 @@ double Twin::advance(const CommandPiece& piece) noexcept {
           linear_.integral * m.tracking_error - linear_.integral_velocity * piece.end_velocity;
       m.demand_damping = linear_.damping * (piece.end_velocity - m.velocity);
     }
-    copy_memories(memory_, trial_);
-    return trial - disturbance(m, trial_);
+    return trial - disturbance(m, tried());
   };
-  const double force = balanced(force_ + force_change_, slope_, miss_at);
-  copy_memories(trial_, memory_);
-  for (std::size_t r = 0; r < states; ++r) state_[r] = next[r] + linear_.rows[r].force_end * force;
+  const S force = solved(force_ + force_change_, known, miss_at, [&](const auto& resolve) {
+    resolve_motion(resolve, m);
+    resolve_memories(resolve, Body::kMotor);
+  });
+  keep_tried();
+  for (std::size_t r = 0; r < states; ++r) {
+    state_[r] = next[r];
+    add(state_[r], linear_.rows[r].force_end, force, lanes_of(r));
+  }
   force_change_ = force - force_;
   force_ = force;
   position_ = m.position;
   velocity_ = m.velocity;
   demand_ = m.demand;
-  reading_ = reading_count_ > 0 ? read(m) : 0.0;
+  reading_ = reading_count_ > 0 ? read(m) : S(0.0);
   return error_free + linear_.error.force_end * force - reading_;
 }
 
-double Twin::follow(double command) noexcept {
+template <class S>
+S TwinOf<S>::follow(double command) noexcept requires(!is_dual<S>) {
   newest_ = (newest_ + 1) % kHistory;
   history_[newest_] = command;
   const auto past = [this](std::uint32_t back) {
@@ -543,10 +768,15 @@ double Twin::follow(double command) noexcept {
   return step(piece) + (command - x[0]);
 }
 
-void Twin::predict(std::span<const double> commands, std::span<double> errors) const noexcept {
-  Twin ahead = *this;
+template <class S>
+void TwinOf<S>::predict(std::span<const double> commands, std::span<double> errors) const noexcept
+    requires(!is_dual<S>) {
+  TwinOf ahead = *this;
   for (std::size_t i = 0; i < commands.size() && i < errors.size(); ++i)
     errors[i] = ahead.follow(commands[i]);
 }
+
+template class TwinOf<double>;
+template class TwinOf<TwinDual>;
 
 }  // namespace servotwin

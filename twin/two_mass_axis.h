@@ -18,79 +18,125 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
+#include <numbers>
 
 #include "twin/effects/two_mass.h"
 #include "twin/model.h"
 
 namespace servotwin {
 
-struct CommandPiece;
+template <class S>
+struct CommandPieceOf;
 
 /// The parameters of an effect that acts on the axis.
-struct TwoMassParameters {
+template <class S>
+struct TwoMassParametersOf {
   Encoders encoders = Encoders::kMotor;
-  double omega = 0.0;  ///< [rad/s]
-  double zeta = 0.0;
-  double load_share = 0.0, friction_share = 0.0;
-  double reset = 0.0;  ///< [1/s]
-  double width = 0.0;  ///< of the gap [m | rad]; 0 without play
+  S omega = 0.0;  ///< [rad/s]
+  S zeta = 0.0;
+  S load_share = 0.0, friction_share = 0.0;
+  S reset = 0.0;  ///< [1/s]
+  S width = 0.0;  ///< of the gap [m | rad]; 0 without play
 };
+using TwoMassParameters = TwoMassParametersOf<double>;
 
 /// Of the effect that acts on the axis; nothing in a model without one.
-[[nodiscard]] const Effect* two_mass_of(const Model& model);
-[[nodiscard]] TwoMassParameters two_mass_parameters(const Effect& effect);
+template <class S>
+[[nodiscard]] const EffectOf<S>* two_mass_of(const ModelOf<S>& model) {
+  for (const EffectOf<S>& effect : model.effects) {
+    if (acts_on_axis(effect.kind)) return &effect;
+  }
+  return nullptr;
+}
+template <class S>
+[[nodiscard]] TwoMassParametersOf<S> two_mass_parameters(const EffectOf<S>& effect) {
+  TwoMassParametersOf<S> out;
+  out.omega = 2.0 * std::numbers::pi * effect.shape[0];
+  out.zeta = effect.shape[1];
+  out.load_share = effect.shape[2];
+  out.friction_share = effect.shape[3];
+  visit_effect(effect.kind, [&]<class E, std::size_t>() {
+    if constexpr (E::kIdentity.acts == Acts::kAxis) {
+      out.encoders = E::kEncoders;
+      if constexpr (E::kEncoders == Encoders::kLoad) out.reset = effect.shape[E::kResetAt];
+      if constexpr (E::kPlay) out.width = effect.shape[E::kWidthAt];
+    }
+  });
+  return out;
+}
 /// The same kind of axis without play.
-[[nodiscard]] Effect without_play(const Effect& effect);
+template <class S>
+[[nodiscard]] EffectOf<S> without_play(const EffectOf<S>& effect) {
+  EffectOf<S> out = effect;
+  visit_effect(effect.kind, [&]<class E, std::size_t>() {
+    if constexpr (E::kIdentity.acts == Acts::kAxis)
+      out.kind = kind_of<TwoMass<E::kEncoders, false>>();
+  });
+  return out;
+}
 
 /// Whether the loop is stable with these two masses, without play. Allocates.
 [[nodiscard]] bool stable(const Loop& loop, const TwoMassParameters& parameters);
 
-class TwoMassAxis {
+/// Compiled for double and for TwinDual.
+template <class S>
+class TwoMassAxisOf {
  public:
   static constexpr int kStates = 5;
-  using State = std::array<double, kStates>;
+  using State = std::array<S, kStates>;
   struct Forces {
-    double motor = 0.0, load = 0.0;  ///< d1, d2, with the play's force in them
+    S motor = 0.0, load = 0.0;  ///< d1, d2, with the play's force in them
   };
   /// Everything at the end of a step that forces of the effects may depend on.
   struct Ends {
-    double motor_position = 0.0, motor_velocity = 0.0, motor_acceleration = 0.0;
-    double load_position = 0.0, load_velocity = 0.0, load_acceleration = 0.0;
-    double loop_error = 0.0, loop_rate = 0.0, demand = 0.0, demand_rate = 0.0;
-    double recorded_error = 0.0;
+    S motor_position = 0.0, motor_velocity = 0.0, motor_acceleration = 0.0;
+    S load_position = 0.0, load_velocity = 0.0, load_acceleration = 0.0;
+    S loop_error = 0.0, loop_rate = 0.0, demand = 0.0, demand_rate = 0.0;
+    S recorded_error = 0.0;
   };
 
   [[nodiscard]] bool used() const noexcept { return states_ > 0; }
   [[nodiscard]] int states() const noexcept { return states_; }
-  [[nodiscard]] const TwoMassParameters& parameters() const noexcept { return parameters_; }
+  [[nodiscard]] const TwoMassParametersOf<S>& parameters() const noexcept { return parameters_; }
 
-  void discretise(const Loop& loop, const TwoMassParameters& parameters, double step_s);
+  void discretise(const LoopOf<S>& loop, const TwoMassParametersOf<S>& parameters, double step_s);
   /// The state in which constant forces are balanced, with the load on the side to which they push.
   [[nodiscard]] State at_rest(const Forces& forces) const noexcept;
   /// The state at the end of the step without the forces at its end.
-  [[nodiscard]] State free(const State& from, const CommandPiece& piece,
+  [[nodiscard]] State free(const State& from, const CommandPieceOf<S>& piece,
                            const Forces& begin) const noexcept;
   /// The same with them.
   [[nodiscard]] State with(const State& free, const Forces& end) const noexcept;
-  [[nodiscard]] Ends ends_of(const State& state, const CommandPiece& piece,
+  [[nodiscard]] Ends ends_of(const State& state, const CommandPieceOf<S>& piece,
                              const Forces& end) const noexcept;
   /// The force by which the spring falls short of the linear one for this deflection and its rate.
-  [[nodiscard]] double missing_contact(double deflection, double rate) const noexcept;
-  [[nodiscard]] double missing_contact(const State& state) const noexcept {
+  [[nodiscard]] S missing_contact(const S& deflection, const S& rate) const noexcept;
+  [[nodiscard]] S missing_contact(const State& state) const noexcept {
     return missing_contact(state[2], state[3]);
   }
 
  private:
+  void add(S& sum, const S& constant, const S& x) const noexcept {
+    if constexpr (is_dual<S>) {
+      add_product(sum, constant, x, lanes_, S::kLanes);
+    } else {
+      sum += constant * x;
+    }
+  }
+
   int states_ = 0;  // 5 with integral action, else 4
-  TwoMassParameters parameters_;
-  std::array<double, kMaxOrder> denominator_{}, numerator_{};
-  double by_loop_ = 0.0, by_motor_ = 0.0;  // a2 in two parts
-  double integral_ = 0.0, integral_velocity_ = 0.0;
-  double command_velocity_ = 0.0;  // -c1, of the demand
-  double command_acceleration_ = 0.0;
+  TwoMassParametersOf<S> parameters_;
+  std::array<S, kMaxOrder> denominator_{}, numerator_{};
+  S by_loop_ = 0.0, by_motor_ = 0.0;  // a2 in two parts
+  S integral_ = 0.0, integral_velocity_ = 0.0;
+  S command_velocity_ = 0.0;  // -c1, of the demand
+  S command_acceleration_ = 0.0;
   std::array<State, kStates> phi_{};
-  std::array<std::array<double, 3>, kStates> command_{};
+  std::array<std::array<S, 3>, kStates> command_{};
   State motor_begin_{}, motor_end_{}, load_begin_{}, load_end_{};
+  std::size_t lanes_ = 0;  // only the first so many parameters change what is above
 };
+using TwoMassAxis = TwoMassAxisOf<double>;
 
 }  // namespace servotwin

@@ -14,8 +14,8 @@ namespace servotwin {
 constexpr std::size_t kLanes = 4;
 using Jet = ceres::Jet<double, static_cast<int>(kLanes)>;
 template void start_memory<Jet>(std::size_t, const Jet*, EffectMemory<Jet>&) noexcept;
-template void unit_forces<Jet>(std::size_t, const Jet*, EffectMemory<Jet>&, const Motion&,
-                               Jet*) noexcept;
+template void unit_forces<Jet, double>(std::size_t, const Jet*, EffectMemory<Jet>&, const Motion&,
+                                       Jet*) noexcept;
 
 UnitColumns unit_columns(std::size_t kind, const double* shapes, Eigen::Index n,
                          const std::function<Motion(Eigen::Index)>& motion_at, bool derivatives) {

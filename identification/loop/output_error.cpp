@@ -4,7 +4,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -162,51 +161,80 @@ class Coordinates {
     return {-1e300, 1e300};
   }
 
-  /// Step for a difference quotient: large against rounding, small against the curvature.
-  [[nodiscard]] double step(Eigen::Index i, double value) const {
-    const auto linear = static_cast<Eigen::Index>(slots_.size()) + numerators_;
-    const Eigen::Index modes = linear + structure_.order + static_cast<Eigen::Index>(axes_.size());
-    const Eigen::Index of_mode = (i - modes) % kModeCoordinates;
-    if (i >= modes + kModeCoordinates * structure_.modes) return 1e-5;
-    if (i >= linear && (i < modes || of_mode == 2 || of_mode == 3)) return 1e-5;
-    return 1e-5 * std::max(std::abs(value), 1e-3);
+  /// d model / d coordinate at x, of every coordinate: models whose parameters are the derivatives.
+  [[nodiscard]] std::vector<Model> directions(const double* x) const {
+    std::vector<Model> out;
+    const auto along = [&](const auto& set) {
+      out.push_back(empty_like<double>(template_));
+      set(out.back());
+    };
+    for (int i = 0; i < numerators_; ++i)
+      along([&](Model& d) { d.loop.numerator[static_cast<std::size_t>(i)] = 1.0; });
+    x += numerators_;
+    for (const Slot& slot : slots_)
+      along([&](Model& d) { d.effects[slot.effect].coefficient[slot.coefficient] = 1.0; });
+    x += slots_.size();
+    const Eigen::Matrix3d by_chart = chart_jacobian(Chart::kStable, structure_.order, x);
+    for (int j = 0; j < structure_.order; ++j) {
+      along([&](Model& d) {
+        for (int i = 0; i < structure_.order; ++i)
+          d.loop.denominator[static_cast<std::size_t>(i)] = by_chart(i, j);
+      });
+    }
+    x += structure_.order;
+    std::size_t axis = 0;
+    for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
+      for (std::size_t p = 0; p < shapes_of(structure_.effects[i]).size(); ++p, ++axis, ++x) {
+        const double slope = axes_[axis].logarithmic ? axes_[axis].value(*x) : 1.0;
+        along([&](Model& d) { d.effects[i].shape[p] = slope; });
+      }
+    }
+    for (std::size_t m = 0; m < template_.loop.modes.size(); ++m, x += kModeCoordinates) {
+      along([&](Model& d) { d.loop.modes[m].alpha = 1.0; });
+      along([&](Model& d) { d.loop.modes[m].beta = 1.0; });
+      along([&](Model& d) { d.loop.modes[m].omega = std::exp(x[2]); });
+      along([&](Model& d) { d.loop.modes[m].zeta = std::exp(x[3]); });
+      along([&](Model& d) { d.loop.modes[m].gamma = 1.0; });
+      along([&](Model& d) { d.loop.modes[m].delta = 1.0; });
+    }
+    for (std::size_t m = 0; structure_.moving && m < template_.loop.modes.size(); ++m) {
+      along([&](Model& d) { d.loop.modes[m].slope = 1.0; });
+      along([&](Model& d) { d.loop.modes[m].curve = 1.0; });
+      along([&](Model& d) { d.loop.modes[m].zeta_slope = 1.0; });
+    }
+    return out;
   }
 
   /// d parameters / d coordinates at x, with the parameters in the order of the covariance (every
   /// numerator, coefficients, alpha and beta of every mode, a1..an, shapes, omega, zeta, gamma,
-  /// delta of every mode, slope, curve and zeta_slope of every
-  /// one that moves).
+  /// delta of every mode, slope, curve and zeta_slope of every one that moves).
   [[nodiscard]] Eigen::MatrixXd parameters_by_coordinates(const Eigen::VectorXd& x) const {
-    const auto slots = static_cast<Eigen::Index>(slots_.size());
-    const Eigen::Index n = structure_.order;
-    const auto shapes = static_cast<Eigen::Index>(axes_.size());
-    const Eigen::Index modes = structure_.modes, linear = n + slots + 2 * modes;
-    const Eigen::Index moving = structure_.moving ? kMovingCoordinates * modes : 0;
-    Eigen::MatrixXd out = Eigen::MatrixXd::Zero(linear + n + shapes + 4 * modes + moving, x.size());
-    out.bottomRightCorner(moving, moving).setIdentity();
-    for (Eigen::Index i = 0; i < numerators_; ++i) out(i, i) = 1.0;
-    for (Eigen::Index i = 0; i < slots; ++i) out(n + i, numerators_ + i) = 1.0;
-    const Eigen::Index chart = numerators_ + slots;
-    out.block(linear, chart, n, n) =
-        chart_jacobian(Chart::kStable, structure_.order, x.data() + chart).topLeftCorner(n, n);
-    for (Eigen::Index i = 0; i < shapes; ++i) {
-      const ShapeAxis& axis = axes_[static_cast<std::size_t>(i)];
-      out(linear + n + i, chart + n + i) = axis.logarithmic ? axis.value(x(chart + n + i)) : 1.0;
+    std::vector<double> all;
+    const std::vector<Model> along = directions(x.data());
+    for (const Model& d : along) {
+      const auto order = static_cast<std::size_t>(structure_.order);
+      all.insert(all.end(), d.loop.numerator.begin(), d.loop.numerator.begin() + structure_.order);
+      for (const Slot& slot : slots_)
+        all.push_back(d.effects[slot.effect].coefficient[slot.coefficient]);
+      for (const Mode& m : d.loop.modes) all.insert(all.end(), {m.alpha, m.beta});
+      for (std::size_t i = 0; i < order; ++i) all.push_back(d.loop.denominator[i]);
+      for (const Effect& effect : d.effects) {
+        for (std::size_t p = 0; p < shapes_of(effect.kind).size(); ++p)
+          all.push_back(effect.shape[p]);
+      }
+      for (const Mode& m : d.loop.modes) all.insert(all.end(), {m.omega, m.zeta, m.gamma, m.delta});
+      for (const Mode& m : d.loop.modes) {
+        if (structure_.moving) all.insert(all.end(), {m.slope, m.curve, m.zeta_slope});
+      }
     }
-    for (Eigen::Index m = 0; m < modes; ++m) {
-      const Eigen::Index from = chart + n + shapes + kModeCoordinates * m;
-      const Eigen::Index to = linear + n + shapes + 4 * m;
-      out(n + slots + 2 * m, from) = out(n + slots + 2 * m + 1, from + 1) = 1.0;
-      for (const Eigen::Index i : {0, 1}) out(to + i, from + 2 + i) = std::exp(x(from + 2 + i));
-      for (const Eigen::Index i : {2, 3}) out(to + i, from + 2 + i) = 1.0;
-    }
-    return out;
+    const auto columns = static_cast<Eigen::Index>(along.size());
+    return Eigen::Map<Eigen::MatrixXd>(all.data(), static_cast<Eigen::Index>(all.size()) / columns,
+                                       columns);
   }
 
  private:
   // alpha, beta, log omega, log zeta, gamma, delta
   static constexpr int kModeCoordinates = 6;
-  static constexpr int kMovingCoordinates = 3;  // slope, curve, zeta_slope, after all modes
   static constexpr double kMaxDamping = 0.95;
   struct Slot {
     std::size_t effect = 0, coefficient = 0;
@@ -218,18 +246,24 @@ class Coordinates {
   int numerators_ = 0;
 };
 
-/// Measured minus simulated error, without the samples that determine the starting state; empty if
-/// the model is not valid.
+/// The samples of a segment that count: those that determine the starting state do not.
+Eigen::Index counted(const Segment& s, Eigen::Index settled) {
+  return std::max<Eigen::Index>(0, s.size() - std::max(settled, s.lead));
+}
+Eigen::Index counted(const std::vector<Segment>& segments, Eigen::Index settled) {
+  Eigen::Index rows = 0;
+  for (const Segment& s : segments) rows += counted(s, settled);
+  return rows;
+}
+
+/// Measured minus simulated error at the samples that count; empty if the model is not valid.
 Eigen::VectorXd missed(const Model& model, const std::vector<Segment>& segments,
                        Eigen::Index settled) {
   if (!why_invalid(model).empty()) return {};
-  Eigen::Index rows = 0;
-  const auto counted = [settled](const Segment& s) { return s.size() - std::max(settled, s.lead); };
-  for (const Segment& s : segments) rows += std::max<Eigen::Index>(0, counted(s));
-  Eigen::VectorXd out(rows);
+  Eigen::VectorXd out(counted(segments, settled));
   Eigen::Index row = 0;
   for (const Segment& s : segments) {
-    const Eigen::Index n = counted(s);
+    const Eigen::Index n = counted(s, settled);
     if (n <= 0) continue;
     out.segment(row, n) = ((s.command - s.actual) - simulate(model, s)).tail(n).matrix();
     row += n;
@@ -237,61 +271,60 @@ Eigen::VectorXd missed(const Model& model, const std::vector<Segment>& segments,
   return out;
 }
 
+/// The same with its derivatives by the coordinates.
+struct Missed {
+  Eigen::VectorXd r;  ///< empty if the model is not valid
+  Eigen::MatrixXd by;
+};
+Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
+                               const std::vector<Segment>& segments, Eigen::Index settled) {
+  const Model model = coordinates.model(x);
+  if (!why_invalid(model).empty()) return {};
+  const std::vector<Model> directions = coordinates.directions(x);
+  std::vector<Eigen::Index> rows{0};
+  for (const Segment& s : segments) rows.push_back(rows.back() + counted(s, settled));
+  Missed out;
+  out.r.resize(rows.back());
+  out.by.resize(rows.back(), static_cast<Eigen::Index>(directions.size()));
+  in_parallel(segments.size(), [&](std::size_t i) {
+    const Segment& s = segments[i];
+    const Eigen::Index n = rows[i + 1] - rows[i];
+    if (n <= 0) return;
+    const Simulated simulated = simulate(model, directions, s);
+    out.r.segment(rows[i], n) = ((s.command - s.actual) - simulated.error).tail(n).matrix();
+    out.by.middleRows(rows[i], n) = -simulated.by.bottomRows(n);
+  });
+  return out;
+}
+
 class ReadingCost final : public ceres::CostFunction {
  public:
   ReadingCost(const std::vector<Segment>& segments, const Coordinates& coordinates,
               Eigen::Index settled, Eigen::Index rows, Eigen::Index parameters,
-              const ReadingLikelihood& likelihood, int& simulations)
-      : segments_(segments),
-        coordinates_(coordinates),
-        settled_(settled),
-        likelihood_(likelihood),
-        simulations_(simulations) {
+              const ReadingLikelihood& likelihood)
+      : segments_(segments), coordinates_(coordinates), settled_(settled), likelihood_(likelihood) {
     mutable_parameter_block_sizes()->push_back(static_cast<int>(parameters));
     set_num_residuals(static_cast<int>(rows));
   }
 
   bool Evaluate(double const* const* x, double* residuals, double** jacobians) const override {
     const Eigen::Index rows = num_residuals(), count = parameter_block_sizes()[0];
-    const Eigen::VectorXd r = at(x[0]);
-    ++simulations_;
-    if (r.size() != rows || !r.allFinite()) return false;
-    for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihood_.residual(r(k));
+    const bool derivatives = jacobians != nullptr && jacobians[0] != nullptr;
+    Missed at;
+    if (derivatives) {
+      at = missed_with_derivatives(coordinates_, x[0], segments_, settled_);
+    } else {
+      at.r = missed(coordinates_.model(x[0]), segments_, settled_);
+    }
+    if (at.r.size() != rows || !at.r.allFinite()) return false;
+    for (Eigen::Index k = 0; k < rows; ++k) residuals[k] = likelihood_.residual(at.r(k));
     if (!Eigen::Map<const Eigen::VectorXd>(residuals, rows).allFinite()) return false;
-    if (jacobians == nullptr || jacobians[0] == nullptr) return true;
+    if (!derivatives) return true;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     Eigen::Map<RowMajor> jacobian(jacobians[0], rows, count);
-    if (!differentiate(x[0], r, jacobian)) return false;
-    for (Eigen::Index k = 0; k < rows; ++k) jacobian.row(k) *= likelihood_.slope(r(k));
+    for (Eigen::Index k = 0; k < rows; ++k)
+      jacobian.row(k) = likelihood_.slope(at.r(k)) * at.by.row(k);
     return jacobian.allFinite();
-  }
-
-  /// d r / d x by differences from r = at(x); the step is large against rounding and small against
-  /// the curvature of the simulation.
-  template <class Matrix>
-  bool differentiate(const double* x, const Eigen::VectorXd& r, Matrix&& jacobian) const {
-    const Eigen::Index count = parameter_block_sizes()[0];
-    simulations_ += static_cast<int>(count);
-    std::atomic<bool> valid{true};
-    in_parallel(static_cast<std::size_t>(count), [&](std::size_t parameter) {
-      const auto i = static_cast<Eigen::Index>(parameter);
-      Eigen::VectorXd moved = Eigen::Map<const Eigen::VectorXd>(x, count);
-      const double here = moved(i);
-      double d = coordinates_.step(i, here);
-      if (here + d > coordinates_.bounds(i).second) d = -d;
-      moved(i) = here + d;
-      const Eigen::VectorXd there = at(moved.data());
-      if (there.size() == jacobian.rows()) {
-        jacobian.col(i) = (there - r) / d;
-      } else {
-        valid = false;
-      }
-    });
-    return valid;
-  }
-
-  [[nodiscard]] Eigen::VectorXd at(const double* x) const {
-    return missed(coordinates_.model(x), segments_, settled_);
   }
 
  private:
@@ -299,7 +332,6 @@ class ReadingCost final : public ceres::CostFunction {
   const Coordinates& coordinates_;
   Eigen::Index settled_;
   const ReadingLikelihood& likelihood_;
-  int& simulations_;
 };
 
 /// The residuals of least squares for these; `jacobian`, of r, becomes theirs.
@@ -342,16 +374,15 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   if (r.size() <= x.size() || !r.allFinite()) return std::nullopt;
 
   OutputErrorFit fit;
-  fit.simulations = 1;
   for (int pass = 0; pass < options.passes; ++pass) {
     const double before = fit.sigma;
     fit.sigma = most_probable_sigma(r, options.encoder_step);
     if (pass > 0 && std::abs(fit.sigma - before) < 0.05 * before) break;
     const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
     ceres::Problem problem;
-    problem.AddResidualBlock(new ReadingCost(segments, coordinates, settled, r.size(), x.size(),
-                                             likelihood, fit.simulations),
-                             nullptr, x.data());
+    problem.AddResidualBlock(
+        new ReadingCost(segments, coordinates, settled, r.size(), x.size(), likelihood), nullptr,
+        x.data());
     for (Eigen::Index i = 0; i < x.size(); ++i) {
       const auto [lower, upper] = coordinates.bounds(i);
       if (lower > -1e299) problem.SetParameterLowerBound(x.data(), static_cast<int>(i), lower);
@@ -368,15 +399,13 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
   fit.model = coordinates.model(x.data());
 
   const ReadingLikelihood likelihood(options.encoder_step, fit.sigma);
-  const ReadingCost cost(segments, coordinates, settled, r.size(), x.size(), likelihood,
-                         fit.simulations);
   for (const double value : r) fit.minus_log_likelihood += likelihood.minus_log_likelihood(value);
   if (!options.covariance) return fit;
-  Eigen::MatrixXd jacobian(r.size(), x.size());
-  if (!cost.differentiate(x.data(), r, jacobian)) return std::nullopt;
-  const Eigen::VectorXd g = weighted(likelihood, r, jacobian);
+  Missed at = missed_with_derivatives(coordinates, x.data(), segments, settled);
+  if (at.r.size() != r.size() || !at.by.allFinite()) return std::nullopt;
+  const Eigen::VectorXd g = weighted(likelihood, at.r, at.by);
   const Eigen::MatrixXd by_x = coordinates.parameters_by_coordinates(x);
-  fit.covariance = by_x * robust_covariance(jacobian, g, h) * by_x.transpose();
+  fit.covariance = by_x * robust_covariance(at.by, g, h) * by_x.transpose();
   return fit;
 }
 
@@ -399,18 +428,15 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
       encoder_step, most_probable_sigma(Eigen::Map<const Eigen::VectorXd>(
                                             all.data(), static_cast<Eigen::Index>(all.size())),
                                         encoder_step));
-  int simulations = 0;
-  std::vector<NormalEquations> equations;
-  for (std::size_t b = 0; b < blocks.size(); ++b) {
-    Eigen::MatrixXd jacobian = Eigen::MatrixXd::Zero(left[b].size(), x.size());
-    if (left[b].size() > 0) {
-      const ReadingCost cost(blocks[b], coordinates, starting_state_samples(at, blocks[b].front()),
-                             left[b].size(), x.size(), likelihood, simulations);
-      if (!cost.differentiate(x.data(), left[b], jacobian)) return out;
-    }
-    const Eigen::VectorXd g = weighted(likelihood, left[b], jacobian);
-    equations.push_back(normal_equations(jacobian, g));
-  }
+  std::vector<NormalEquations> equations(blocks.size());
+  in_parallel(blocks.size(), [&](std::size_t b) {
+    Missed missed{Eigen::VectorXd(), Eigen::MatrixXd::Zero(0, x.size())};
+    if (left[b].size() > 0)
+      missed = missed_with_derivatives(coordinates, x.data(), blocks[b],
+                                       starting_state_samples(at, blocks[b].front()));
+    const Eigen::VectorXd g = weighted(likelihood, missed.r, missed.by);
+    equations[b] = normal_equations(missed.by, g);
+  });
   const std::vector<Eigen::VectorXd> steps = steps_without_each(equations);
   // Of the blocks other than one.
   const auto cost = [&](std::size_t without, const Model& model) {

@@ -29,7 +29,7 @@ struct OutputErrorOptions {
   int rounds = 40;            ///< of Levenberg-Marquardt, each time sigma is estimated
   double tolerance = 1e-5;    ///< of the relative decrease at which a pass ends
   int passes = 6;             ///< how often sigma is estimated at most
-  bool covariance = true;     ///< false: not computed, which saves a simulation per parameter
+  bool covariance = true;     ///< false: not computed, which saves a simulation
 };
 
 struct OutputErrorFit {
@@ -40,7 +40,6 @@ struct OutputErrorFit {
   /// pole search), and after them slope, curve and zeta_slope of every mode
   /// that moves. Empty where it was not asked for.
   Eigen::MatrixXd covariance;
-  int simulations = 0;
 };
 
 /// Refines `start`, a model of this structure. Nothing if the result is not a valid model. Any

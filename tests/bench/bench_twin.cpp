@@ -107,6 +107,66 @@ void step(benchmark::State& state, const Model& model) {
   state.SetItemsProcessed(state.iterations() * static_cast<std::int64_t>(pieces.size()));
 }
 
+/// The derivatives of a simulation by every parameter of the model: exactly, and by differences of
+/// whole simulations, one after the other.
+std::vector<Model> directions_of(const Model& model) {
+  std::vector<Model> out;
+  std::size_t count = 0;
+  Model same = model;
+  each_parameter(same, model, [&](double, double value) { count += value != 0.0 ? 1 : 0; });
+  for (std::size_t i = 0; i < count; ++i) {
+    out.push_back(empty_like<double>(model));
+    std::size_t at = 0;
+    each_parameter(out.back(), model, [&](double& by, double value) {
+      if (value != 0.0 && at++ == i) by = value;
+    });
+  }
+  return out;
+}
+
+void derivatives(benchmark::State& state, const Model& model) {
+  const std::vector<Model> directions = directions_of(model);
+  for ([[maybe_unused]] auto _ : state)
+    benchmark::DoNotOptimize(simulate(model, directions, motion()).by.data());
+  state.counters["parameters"] = static_cast<double>(directions.size());
+}
+
+void differences(benchmark::State& state, const Model& model) {
+  const std::vector<Model> directions = directions_of(model);
+  for ([[maybe_unused]] auto _ : state) {
+    const Eigen::ArrayXd here = simulate(model, motion());
+    Eigen::MatrixXd by(here.size(), static_cast<Eigen::Index>(directions.size()));
+    for (std::size_t i = 0; i < directions.size(); ++i) {
+      constexpr double kStep = 1e-5;
+      Model moved = model;
+      each_parameter(moved, directions[i], [](double& x, double rate) { x += kStep * rate; });
+      by.col(static_cast<Eigen::Index>(i)) = (simulate(moved, motion()) - here).matrix() / kStep;
+    }
+    benchmark::DoNotOptimize(by.data());
+  }
+  state.counters["parameters"] = static_cast<double>(directions.size());
+}
+
+/// The production axis as a diagnosis fits it: LuGre, cogging, asymmetric friction.
+Model with_causes() {
+  Model model = with_friction(make_effect<LuGre>());
+  Effect cogging = make_effect<Cogging>();
+  cogging.coefficient = {0.02, 0.01, 0.01, 0.01};  // [m/s^2]
+  Effect asymmetric = make_effect<AsymmetricFriction>();
+  asymmetric.coefficient = {0.02, 0.01};  // [m/s^2], [1/s]
+  model.effects.push_back(cogging);
+  model.effects.push_back(asymmetric);
+  return model;
+}
+
+Model with_two_masses() {
+  Model model = bench::production_model();
+  Effect two_masses = make_effect<TwoMassMotorEncoder>();
+  two_masses.shape = {80.0, 0.05, 0.4, 0.6};
+  model.effects.push_back(two_masses);
+  return model;
+}
+
 /// `follow` in an exported unit, through its interface: command set, step done, error asked for.
 void unit(benchmark::State& state, const Model& model) {
   const Segment& segment = motion();
@@ -180,5 +240,11 @@ BENCHMARK_CAPTURE(unit, order 3 + Coulomb, bench::production_model());
 BENCHMARK_CAPTURE(unit, order 2 + Coulomb + constant, without_integrator());
 BENCHMARK_CAPTURE(unit, order 3 + Coulomb + delay, with_delay(bench::production_model()));
 BENCHMARK_CAPTURE(unit, order 3 + presliding of 10, with_friction(make_effect<Presliding>()));
+BENCHMARK_CAPTURE(derivatives, order 3 + Coulomb, bench::production_model());
+BENCHMARK_CAPTURE(differences, order 3 + Coulomb, bench::production_model());
+BENCHMARK_CAPTURE(derivatives, order 3 + LuGre + two causes, with_causes());
+BENCHMARK_CAPTURE(differences, order 3 + LuGre + two causes, with_causes());
+BENCHMARK_CAPTURE(derivatives, two masses, with_two_masses());
+BENCHMARK_CAPTURE(differences, two masses, with_two_masses());
 
 BENCHMARK_MAIN();

@@ -32,11 +32,12 @@ struct AsymmetricFriction {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
-    force[0] = T(std::abs(m.direction()));
-    force[1] = T(std::abs(m.velocity));
+    using std::abs;
+    force[0] = T(abs(m.direction()));
+    force[1] = T(abs(m.velocity));
   }
 };
 

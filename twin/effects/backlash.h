@@ -27,8 +27,9 @@ struct Backlash {
   template <class T>
   using Memory = LoadInGap<T>;
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     memory.follow(shape, m);
     force[0] = -memory.play;
     force[1] = T(1.0);

@@ -30,8 +30,9 @@ struct BacklashBehindEncoder {
   template <class T>
   using Memory = LoadInGap<T>;
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     const T before = memory.alone;
     memory.follow(shape, m);
     force[0] = saturated(memory.load, shape[1]) - saturated(m.velocity, shape[1]);

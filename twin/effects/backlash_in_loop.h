@@ -30,10 +30,15 @@ struct BacklashInLoop {
     Memory() = default;
     explicit Memory(const T* /*shape*/) noexcept {}
     T play = T(0.0);
+    template <class F>
+    void each(const F& f) {
+      f(play);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     const T half = 0.5 * shape[0];
     const T before = memory.play;
     memory.play += m.command_velocity * m.step_s;

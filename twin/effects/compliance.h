@@ -41,10 +41,16 @@ struct Compliance {
     explicit Memory(const T* /*shape*/) noexcept {}
     Swing<T> by_command;   // [m], [m/s]
     Swing<T> by_friction;  // r [1], [1/s]
+    template <class F>
+    void each(const F& f) {
+      by_command.each(f);
+      by_friction.each(f);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     const SwingStep<T> mode(shape[0], shape[1], m.step_s);
     const T direction(m.direction());
     mode.advance(memory.by_command, -m.command_acceleration / (mode.w * mode.w));

@@ -25,8 +25,8 @@ struct ConstantForce {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& /*m*/,
+  template <class T, class M>
+  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const MotionOf<M>& /*m*/,
                           T* force) noexcept {
     force[0] = T(1.0);
   }

@@ -27,8 +27,8 @@ struct CoulombFriction {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
     force[0] = saturated(m.velocity, shape[0]);
     force[1] = T(m.velocity);

@@ -37,10 +37,15 @@ struct CrossCoupling {
     Memory() = default;
     explicit Memory(const T* /*shape*/) noexcept {}
     Swing<T> other;  // [m/s^2], [m/s^3]
+    template <class F>
+    void each(const F& f) {
+      other.each(f);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     const SwingStep<T> loop(shape[0], shape[1], m.step_s);
     loop.advance(memory.other, T(m.neighbour_acceleration));
     force[0] = memory.other.q;

@@ -25,14 +25,20 @@ struct Dahl {
   struct Memory {
     explicit Memory(const T* /*shape*/) noexcept {}
     T force{0.0};
+    template <class F>
+    void each(const F& f) {
+      f(force);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
+    using std::abs;
     using std::exp;
     if (m.displacement != 0.0) {
       const double level = m.displacement > 0.0 ? 1.0 : -1.0;
-      memory.force = level + (memory.force - level) * exp(-std::abs(m.displacement) / shape[0]);
+      memory.force = level + (memory.force - level) * exp(-abs(m.displacement) / shape[0]);
     }
     force[0] = memory.force;
     force[1] = T(m.velocity);

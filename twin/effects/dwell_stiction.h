@@ -35,17 +35,24 @@ struct DwellStiction {
   struct Memory {
     Memory() = default;
     explicit Memory(const T* /*shape*/) noexcept {}
-    double age_s = 0.0;  // theta
-    T extra = T(0.0);    // E
+    T age_s = T(0.0);  // theta
+    T extra = T(0.0);  // E
+    template <class F>
+    void each(const F& f) {
+      f(age_s);
+      f(extra);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
+    using std::abs;
     using std::exp;
     using std::log;
     // The smaller of the two: an encoder whose last digit toggles does not move.
-    const double moved = std::min(std::abs(m.displacement), std::abs(m.velocity) * m.step_s);
-    const double before = memory.age_s;
+    const M moved = std::min<M>(abs(m.displacement), abs(m.velocity) * m.step_s);
+    const T before = memory.age_s;
     memory.age_s = (before + m.step_s) * exp(-moved / kContact_m);
     if (memory.age_s > before) memory.extra += log((shape[1] + memory.age_s) / (shape[1] + before));
     memory.extra *= exp(-moved / shape[0]);

@@ -28,12 +28,13 @@ struct FallingFriction {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
+    using std::abs;
     using std::exp;
     using std::pow;
-    const double speed = std::abs(m.velocity);
+    const M speed = abs(m.velocity);
     force[0] = T(m.direction());
     if (speed > 0.0) force[0] *= exp(-pow(speed / shape[0], shape[1]));
   }

@@ -37,8 +37,8 @@ struct FrictionMap {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
     using std::tanh;
     for (std::size_t j = 0; j < kUnits; ++j)

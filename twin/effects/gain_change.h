@@ -35,10 +35,15 @@ struct GainChange {
     Memory() = default;
     explicit Memory(const T* /*shape*/) noexcept {}
     T integral = T(0.0);
+    template <class F>
+    void each(const F& f) {
+      f(integral);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     const T on = onset(m.time_s, shape[0]);
     force[0] = on * m.tracking_error;
     memory.integral += on * (m.tracking_error * m.step_s);

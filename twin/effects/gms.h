@@ -55,10 +55,15 @@ struct Gms {
     }
     std::array<T, kElements> stiffness;
     std::array<AttractedElement<T>, kElements> element{};
+    template <class F>
+    void each(const F& f) {
+      for (auto& one : element) f(one.force);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     using std::exp;
     const T q = m.velocity / shape[3];
     const T level = 1.0 + (shape[2] - 1.0) * exp(-q * q);

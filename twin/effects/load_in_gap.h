@@ -29,9 +29,16 @@ struct LoadInGap {
   T load = T(0.0);   // u
   T alone = T(0.0);  // v - u
   bool under_way = false;
+  template <class F>
+  void each(const F& f) {
+    f(play);
+    f(load);
+    f(alone);
+  }
 
   /// `shape`: those of kGapShapes.
-  void follow(const T* shape, const Motion& m) noexcept {
+  template <class M>
+  void follow(const T* shape, const MotionOf<M>& m) noexcept {
     using std::abs;
     if (!under_way) load = T(m.velocity);  // starts with the motor
     under_way = true;

@@ -35,14 +35,20 @@ struct LuGre {
   struct Memory {
     explicit Memory(const T* /*shape*/) noexcept {}
     T bristle{0.0};  ///< z over deflection
+    template <class F>
+    void each(const F& f) {
+      f(bristle);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
+    using std::abs;
     using std::exp;
     using std::pow;
     T level(1.0);
-    const double speed = std::abs(m.velocity);
+    const M speed = abs(m.velocity);
     if (speed > 0.0) {
       level += (shape[1] - 1.0) * exp(-pow(speed / shape[2], shape[3]));
     } else {
@@ -51,7 +57,7 @@ struct LuGre {
     const T before = memory.bristle;
     if (m.displacement != 0.0) {
       const T end = m.displacement > 0.0 ? level : -level;
-      memory.bristle = end + (before - end) * exp(-std::abs(m.displacement) / (level * shape[0]));
+      memory.bristle = end + (before - end) * exp(-abs(m.displacement) / (level * shape[0]));
     }
     force[0] = memory.bristle + shape[4] * (memory.bristle - before) / m.step_s;
     force[1] = T(m.velocity);

@@ -48,10 +48,14 @@ struct MaxwellSlip {
       force.fill(T(0.0));
     }
     std::array<T, kElements> stiffness, force;
+    template <class F>
+    void each(const F& f) {
+      for (T& one : force) f(one);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const MotionOf<M>& m,
                           T* force) noexcept {
     for (std::size_t i = 0; i < kElements; ++i) {
       memory.force[i] = slip(memory.force[i], memory.stiffness[i], T(1.0), m.displacement);

@@ -28,14 +28,15 @@ struct ModifiedStribeck {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
+    using std::abs;
     using std::exp;
     using std::pow;
     using std::tanh;
     const std::size_t here = m.velocity >= 0.0 ? 0 : 1;
-    const double speed = std::abs(m.velocity);
+    const M speed = abs(m.velocity);
     const T direction = tanh(m.velocity / shape[3]);
     for (std::size_t i = 0; i < 6; ++i) force[i] = T(0.0);
     force[here] = direction;

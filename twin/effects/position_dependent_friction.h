@@ -32,12 +32,12 @@ struct PositionDependentFriction {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
     using std::cos;
     using std::sin;
-    const double direction = m.direction();
+    const M direction = m.direction();
     const T angle = 2.0 * std::numbers::pi * m.position / shape[0];
     force[0] = T(direction * m.position);
     force[1] = force[0] * m.position;

@@ -39,10 +39,14 @@ struct Presliding {
     }
     MaxwellElements<T, kElements> elements;
     std::array<T, kElements> force;
+    template <class F>
+    void each(const F& f) {
+      for (T& one : force) f(one);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const MotionOf<M>& m,
                           T* force) noexcept {
     T sum(0.0);
     for (std::size_t i = 0; i < kElements; ++i) {

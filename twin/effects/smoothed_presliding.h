@@ -39,11 +39,16 @@ struct SmoothedPresliding {
     }
     MaxwellElements<T, kElements> elements;
     std::array<T, kElements> force;
+    template <class F>
+    void each(const F& f) {
+      for (T& one : force) f(one);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* /*shape*/, Memory<T>& memory, const MotionOf<M>& m,
                           T* force) noexcept {
+    using std::abs;
     using std::exp;
     T sum(0.0);
     const double sign = m.displacement > 0.0 ? 1.0 : -1.0;
@@ -51,7 +56,7 @@ struct SmoothedPresliding {
       T& f = memory.force[i];
       if (m.displacement != 0.0) {
         const T level = sign * memory.elements.level[i];
-        f = level + (f - level) * exp(-std::abs(m.displacement) * memory.elements.stiffness[i] /
+        f = level + (f - level) * exp(-abs(m.displacement) * memory.elements.stiffness[i] /
                                       memory.elements.level[i]);
       }
       sum += f;

@@ -40,13 +40,14 @@ struct Stribeck {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
+    using std::abs;
     using std::exp;
     using std::pow;
     const bool plus = m.velocity >= 0.0;
-    const double speed = std::abs(m.velocity);
+    const M speed = abs(m.velocity);
     const T ramp = speed / shape[3];
     const T level = ramp > 1.0 ? T(1.0) : ramp;
     const T& limit = shape[plus ? 0 : 1];

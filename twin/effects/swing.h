@@ -15,6 +15,11 @@ namespace servotwin {
 template <class T>
 struct Swing {
   T q = T(0.0), rate = T(0.0);
+  template <class F>
+  void each(const F& f) {
+    f(q);
+    f(rate);
+  }
 };
 
 template <class T>

@@ -27,11 +27,13 @@ struct SwingingLoad {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* /*shape*/, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
-    force[0] = T(std::sin(m.position));
-    force[1] = T(std::cos(m.position));
+    using std::cos;
+    using std::sin;
+    force[0] = T(sin(m.position));
+    force[1] = T(cos(m.position));
   }
 };
 

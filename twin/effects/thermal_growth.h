@@ -31,8 +31,8 @@ struct ThermalGrowth {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
     using std::exp;
     const T warm = 1.0 - exp(-m.time_s / shape[0]);

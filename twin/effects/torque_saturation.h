@@ -36,10 +36,15 @@ struct TorqueSaturation {
   struct Memory {
     explicit Memory(const T* /*shape*/) {}
     T held = T(0.0);
+    template <class F>
+    void each(const F& f) {
+      f(held);
+    }
   };
 
-  template <class T>
-  static void unit_forces(const T* shape, Memory<T>& memory, const Motion& m, T* force) noexcept {
+  template <class T, class M>
+  static void unit_forces(const T* shape, Memory<T>& memory, const MotionOf<M>& m,
+                          T* force) noexcept {
     const T asked = m.demand - memory.held + shape[2] * m.velocity;
     const T missing = asked > shape[0]    ? asked - shape[0]
                       : asked < -shape[0] ? asked + shape[0]

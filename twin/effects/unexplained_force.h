@@ -40,12 +40,12 @@ struct UnexplainedForce {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
-    const double at = over == Over::kPosition   ? m.position
-                      : over == Over::kVelocity ? m.velocity
-                                                : m.command_acceleration;
+    const M at = over == Over::kPosition   ? m.position
+                 : over == Over::kVelocity ? m.velocity
+                                           : m.command_acceleration;
     constexpr double kLast = kKnots - 1;
     T u = kLast * (at - shape[0]) / (shape[1] - shape[0]);
     if (u < 0.0) u = T(0.0);

@@ -29,8 +29,8 @@ struct ViscousDrift {
   template <class T>
   using Memory = NoMemory;
 
-  template <class T>
-  static void unit_forces(const T* shape, NoMemory& /*memory*/, const Motion& m,
+  template <class T, class M>
+  static void unit_forces(const T* shape, NoMemory& /*memory*/, const MotionOf<M>& m,
                           T* force) noexcept {
     using std::exp;
     force[0] = exp(-m.time_s / shape[0]) * m.velocity;
