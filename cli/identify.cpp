@@ -104,6 +104,10 @@ void run(const IdentifyArguments& arguments) {
     throw UsageError(
         "--friction needs --method joint: the pole search models Coulomb friction only");
   }
+  if (options.masses != Masses::kRigid && (options.method != Method::kJoint || options.modes > 0))
+    throw UsageError(
+        "--structure two-mass and auto need --method joint, and no --modes: friction acts on both "
+        "masses, and a mode stands for the same vibration");
   if (options.method == Method::kFullLs && (options.modes > 0 || options.coupling))
     throw UsageError(
         std::string(options.modes > 0 ? "--modes" : "--coupling") +
@@ -188,6 +192,18 @@ Command add_identify(CLI::App& app) {
           "joint: use this friction model (default: the one that predicts held-out data best)")
       .one_of(frictions)
       .takes("ID");
+  command
+      .option_read_by(
+          "--structure",
+          [arguments](const std::string& name) {
+            arguments->identify.masses = name == "two-mass" ? Masses::kTwo
+                                         : name == "auto"   ? Masses::kChosen
+                                                            : Masses::kRigid;
+          },
+          "joint: rigid (default); two-mass, motor and load on a spring; auto, two masses if they "
+          "predict held-out data clearly better")
+      .one_of({"rigid", "two-mass", "auto"})
+      .takes("STRUCTURE");
   PoleBounds& bounds = arguments->identify.bounds;
   add_range(command, "--real-pole-hz", bounds.real_min_hz, bounds.real_max_hz,
             "bounds of the real pole");

@@ -7,12 +7,12 @@
 #include "diagnosis/cuts.h"
 #include "diagnosis/pieces.h"
 #include "diagnosis/thresholds.h"
-#include "diagnosis/two_mass_fit.h"
 #include "diagnosis/variation.h"
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/joint.h"
 #include "identification/loop/output_error.h"
+#include "identification/loop/two_mass_fit.h"
 #include "twin/twin.h"
 #include "twin/two_mass_axis.h"
 

@@ -21,6 +21,9 @@ namespace servotwin {
 
 enum class Method { kPoleSearch, kFullLs, kJoint };
 
+/// Whether the axis is rigid, or motor and load are two masses on a spring (docs/theory.md 3.11).
+enum class Masses { kRigid, kTwo, kChosen };
+
 struct IdentifyOptions {
   Method method = Method::kPoleSearch;
   PoleBounds bounds;
@@ -32,6 +35,10 @@ struct IdentifyOptions {
   double delay_max_s = 0.02;  ///< longest delay considered; 0: none
   int modes =
       0;  ///< most modes of vibration; their number is chosen by validation error; not full LS
+  /// kTwo: two masses, the encoder at the motor or at the load as it fits better. kChosen: if they
+  /// predict the last third of the training data clearly better than a rigid axis. Joint only,
+  /// without modes.
+  Masses masses = Masses::kRigid;
   bool coupling = false;  ///< identify the force that another axis causes on this one; not full LS
   /// An earlier model of this axis: its structure is kept, and steps 2 to 4 of
   /// identification/loop/joint.h start from its loop. Not for full LS.

@@ -139,11 +139,11 @@ TEST(FrequencyResponse, NothingIsSignificantByMoreThanChance) {
 }
 
 /// u = gain (r - y), y = filter u + v: feedback brings v into u.
-struct Loop {
+struct ClosedLoop {
   ArrayXd r, u, y;
 };
-Loop closed_loop(Index n, double disturbance, std::mt19937_64& random) {
-  Loop out{noise(n, 1.0, random), ArrayXd(n), ArrayXd(n)};
+ClosedLoop closed_loop(Index n, double disturbance, std::mt19937_64& random) {
+  ClosedLoop out{noise(n, 1.0, random), ArrayXd(n), ArrayXd(n)};
   const ArrayXd v = noise(n, disturbance, random);
   double x1 = 0.0, x2 = 0.0, u1 = 0.0;  // of the filter, one and two samples ago
   constexpr double kGain = 0.3;
@@ -162,7 +162,7 @@ Loop closed_loop(Index n, double disturbance, std::mt19937_64& random) {
 
 TEST(FrequencyResponse, OfAClosedLoopNeedsTheCommandAsInstrument) {
   std::mt19937_64 random(9);
-  const Loop loop = closed_loop(60000, 1.0, random);
+  const ClosedLoop loop = closed_loop(60000, 1.0, random);
   const std::vector<ResponseRecord> biased{{{loop.u}, loop.y, {}}};
   const std::vector<ResponseRecord> right{{{loop.u}, loop.y, {loop.r}}};
   const SpectralOptions options{.window_s = 0.25};
@@ -174,7 +174,7 @@ TEST(FrequencyResponse, AnInstrumentThatIsNoneTellsNothing) {
   // The disturbance alone moves this loop: input and output hang together as -1 / controller, which
   // any instrument would find.
   std::mt19937_64 random(11);
-  const Loop loop = closed_loop(30000, 50.0, random);
+  const ClosedLoop loop = closed_loop(30000, 50.0, random);
   const std::vector<ResponseRecord> records{{{loop.u}, loop.y, {noise(30000, 1.0, random)}}};
   const FrequencyResponse found = frequency_response(records, kSampleTime_s, {.window_s = 0.25});
   EXPECT_LT(found.channels[0].significant.count(), 7);  // 1.2 by chance

@@ -1,4 +1,4 @@
-#include "diagnosis/two_mass_fit.h"
+#include "identification/loop/two_mass_fit.h"
 
 #include <algorithm>
 #include <array>
@@ -15,7 +15,7 @@ namespace servotwin {
 namespace {
 
 constexpr double kShortPart_s = 8.0;  // for the comparison of starts
-constexpr double kNoFit = 1e300;
+constexpr double kUnfittedRms = 1e300;
 constexpr int kMostFitsToAll = 2;           // if the first one is not plausible
 constexpr std::size_t kFittedStarts = 6;    // to that part
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
@@ -45,12 +45,12 @@ Model faster(Model model, double factor) {
 
 struct Start {
   Model model;
-  double rms = kNoFit;
+  double rms = kUnfittedRms;
 };
 
 double rms_on(const Model& model, const std::vector<Segment>& segments) {
   const double rms = judge(model, segments).rms;
-  return std::isfinite(rms) ? rms : kNoFit;
+  return std::isfinite(rms) ? rms : kUnfittedRms;
 }
 
 std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
@@ -135,7 +135,7 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     options.tolerance = 1e-3;
     options.covariance = false;
     const auto found = output_error(to, structure_of(one.model), one.model, options);
-    one.rms = kNoFit;
+    one.rms = kUnfittedRms;
     if (!found || !why_invalid(found->model).empty()) return;
     one.model = found->model;
     one.rms = rms_on(one.model, to);
@@ -147,10 +147,10 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
             [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
   int tries = kMostFitsToAll;
   for (Start& one : fitted) {
-    if (!(one.rms < kNoFit) || !plausible(one.model)) continue;
+    if (!(one.rms < kUnfittedRms) || !plausible(one.model)) continue;
     if (tries-- == 0) break;
     fit(one, segments, 14, 2);
-    if (one.rms < kNoFit && plausible(one.model))
+    if (one.rms < kUnfittedRms && plausible(one.model))
       return TwoMassFit{structure_of(one.model), one.model, one.rms};
   }
   return std::nullopt;

@@ -1,0 +1,58 @@
+// Motor and load as two masses, identified from recordings of a machine that shares no code with
+// the twin (tests/hidden_effects/rig.h): its load hangs on a spring and carries the friction.
+
+#include <gtest/gtest.h>
+
+#include "drivers/recording_file.h"
+#include "identification/loop/identify.h"
+#include "tests/hidden_effects/cases.h"
+#include "tests/support/temporary_directory.h"
+#include "twin/two_mass_axis.h"
+
+namespace servotwin {
+namespace {
+
+Identified identified(const hidden_effects::Case& machine, Masses masses) {
+  const test::TemporaryDirectory directory;
+  const SegmentedAxis axis =
+      segment_axis(read_recording(directory.file("recording.csv", machine.csv)), "X");
+  IdentifyOptions options;
+  options.method = Method::kJoint;
+  options.masses = masses;
+  return identify(axis, options);
+}
+
+TEST(LongTwoMasses, AreFoundWithTheirFrequencyAndPredictHeldOutMotionToTheNoise) {
+  const hidden_effects::Case machine = hidden_effects::single_case(
+      hidden_effects::Part::kDev, "compliance", hidden_effects::Class::kClear, 43);
+  const Identified rigid = identified(machine, Masses::kRigid);
+  const Identified two = identified(machine, Masses::kTwo);
+  EXPECT_TRUE(two.refusals.empty());
+  const Effect* found = two_mass_of(two.record.model);
+  ASSERT_NE(found, nullptr);
+  const double truth = machine.hidden.front().parameters.at("frequency_hz");
+  EXPECT_NEAR(found->shape[0] / truth, 1.0, 0.02);
+  EXPECT_LT(two.record.holdout.rms, 1.3 * machine.noise_rms);
+  EXPECT_LT(two.record.holdout.rms, 0.5 * rigid.record.holdout.rms);
+}
+
+TEST(LongTwoMasses, AreChosenWhereThereAreTwoAndOnlyThere) {
+  const hidden_effects::Case soft = hidden_effects::single_case(
+      hidden_effects::Part::kDev, "compliance", hidden_effects::Class::kClear, 43);
+  const hidden_effects::Case clean = hidden_effects::clean_case(hidden_effects::Part::kDev, 0);
+  EXPECT_NE(two_mass_of(identified(soft, Masses::kChosen).record.model), nullptr);
+  EXPECT_EQ(two_mass_of(identified(clean, Masses::kChosen).record.model), nullptr);
+}
+
+TEST(TwoMasses, AreRefusedBesideWhatTheyAreNotFittedWith) {
+  const hidden_effects::Case clean = hidden_effects::clean_case(hidden_effects::Part::kDev, 0);
+  const test::TemporaryDirectory directory;
+  const SegmentedAxis axis =
+      segment_axis(read_recording(directory.file("recording.csv", clean.csv)), "X");
+  IdentifyOptions options;
+  options.masses = Masses::kTwo;
+  EXPECT_THROW((void)identify(axis, options), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace servotwin
