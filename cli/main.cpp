@@ -125,6 +125,7 @@ std::size_t allowed_cores() {
 int main(int argc, char** argv) {
   try {
     servotwin::use_threads(allowed_cores());
+    servotwin::keep_freed_memory();
     return run(argc, argv);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "servotwin: %s\n", error.what());

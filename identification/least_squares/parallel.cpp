@@ -1,5 +1,7 @@
 #include "identification/least_squares/parallel.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <atomic>
 #include <exception>
@@ -16,6 +18,15 @@ thread_local bool inside_worker = false;
 }  // namespace
 
 void use_threads(std::size_t count) { allowed = std::max<std::size_t>(1, count); }
+
+void keep_freed_memory() {
+  constexpr int kKept_B = 512 << 20;    // at most
+  constexpr int kLargest_B = 32 << 20;  // of one piece; the largest that glibc allows here
+  constexpr int kGrowth_B = 16 << 20;   // asked for at once
+  ::mallopt(M_TRIM_THRESHOLD, kKept_B);
+  ::mallopt(M_MMAP_THRESHOLD, kLargest_B);
+  ::mallopt(M_TOP_PAD, kGrowth_B);
+}
 
 void in_parallel(std::size_t count, const std::function<void(std::size_t)>& work) {
   const std::size_t threads = inside_worker ? 1 : std::min(allowed.load(), count);

@@ -14,6 +14,7 @@
 #include <thread>
 #include <vector>
 
+#include "identification/least_squares/parallel.h"
 #include "tests/hidden_effects/changes.h"
 #include "tests/hidden_effects/score.h"
 
@@ -194,6 +195,7 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   try {
+    servotwin::keep_freed_memory();
     return run(argc, argv);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "hidden_effects: %s\n", error.what());
