@@ -376,12 +376,15 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     if (extended.find(one.kind) != nullptr) out.causes.push_back(gain.of(id, one));
   }
   doubt(out.causes, current, search, holdout);
+  const bool cuts_recorded = recorded.segments.front().in_cut.size() > 0;
   for (Cause& cause : out.causes) {
     if (at_end_of(cause.id, extended, extended.effects[cause.place]))
       cause.doubt = CauseDoubt::kParameters;
-    // Two masses have many parameters: a small gain may be that of any better fit.
-    if (acts_on_axis(extended.effects[cause.place].kind) &&
-        cause.gain.after > kMaxRmsRatioOfClearGain * cause.gain.before)
+    // Two masses have many parameters, and cuts that were not recorded are found in the residual
+    // itself: a small gain may be that of any better fit.
+    const std::size_t kind = extended.effects[cause.place].kind;
+    const bool free = acts_on_axis(kind) || (kind == kind_of<CuttingForce>() && !cuts_recorded);
+    if (free && cause.gain.after > kMaxRmsRatioOfClearGain * cause.gain.before)
       cause.doubt = CauseDoubt::kGain;
   }
   if (dropped.any()) {

@@ -11,6 +11,7 @@
 #include "diagnosis/cause_nature.h"
 #include "diagnosis/pieces.h"
 #include "diagnosis/text.h"
+#include "identification/loop/identify.h"
 
 namespace servotwin {
 
@@ -96,10 +97,18 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
     if (!vibration || vibration->damping_ratio > most)
       return text("no vibration with a damping ratio below %g: a filter or a delay", most);
   }
-  if (effect.kind == kind_of<TimeDelay>() &&
-      effect.shape[0] < kMinDelaySamples * model.sample_time_s)
-    return text("shorter than %g sampling times: it may come from the recording", kMinDelaySamples);
   constexpr double kAtLimit = 0.99;  // of the limit; a fit stops a little before it
+  if (effect.kind == kind_of<TimeDelay>()) {
+    const double delay_s = effect.shape[0], longest_s = shapes_of(effect.kind)[0].upper;
+    if (delay_s < kMinDelaySamples * model.sample_time_s)
+      return text("shorter than %g sampling times: it may come from the recording",
+                  kMinDelaySamples);
+    if (delay_s > kAtLimit * longest_s)
+      return text("at its limit of %g ms: it stands for something else", 1e3 * longest_s);
+    if (lag_in_disguise(model))
+      return "compensated by more acceleration feed-forward than any drive has: it imitates a "
+             "velocity lag";
+  }
   const CauseNature& nature = nature_of(cause);
   const auto shapes = shapes_of(effect.kind);
   for (std::size_t i = 0; i < shapes.size(); ++i) {

@@ -61,8 +61,8 @@ struct Bar {
 [[nodiscard]] bool like_friction(std::size_t kind);
 
 /// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, a
-/// compliance does not vibrate, or a delay is shorter than kMinDelaySamples, so that the fit asks
-/// for something else. Throws
+/// compliance does not vibrate, or a delay is shorter than kMinDelaySamples, at its limit, or an
+/// imitation of a velocity lag, so that the fit asks for something else. Throws
 /// std::invalid_argument for an unknown cause.
 [[nodiscard]] bool at_end_of(std::string_view cause, const Model& model, const Effect& effect);
 

@@ -1,7 +1,7 @@
 // Rules by which a cause is named.
 #include "diagnosis/judgement.h"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <numbers>
 
@@ -63,6 +63,21 @@ TEST(EndOfACause, ADelayWithinASampleMayComeFromTheRecording) {
             "shorter than 0.25 sampling times: it may come from the recording");
   delay.shape[0] = 0.3e-3;
   EXPECT_FALSE(at_end_of("time_delay", loop_with(20.0, 0.7), delay));
+}
+
+// A loop on two masses took the longest delay there is, and its feed-forward took it back.
+TEST(EndOfACause, ADelayAtItsLimitOrTakenBackByTheLoopStandsForSomethingElse) {
+  Effect delay = make_effect<TimeDelay>();
+  delay.shape[0] = 0.05;
+  EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay),
+            "at its limit of 50 ms: it stands for something else");
+  delay.shape[0] = 5e-3;
+  Model model = loop_with(20.0, 0.7);
+  model.effects = {delay};
+  model.loop.numerator[0] = 0.5;
+  EXPECT_FALSE(at_end_of("time_delay", model, delay));
+  model.loop.numerator[0] = -3.0;  // four times the force that the moved mass needs
+  EXPECT_THAT(end_text("time_delay", model, delay), testing::HasSubstr("imitates a velocity lag"));
 }
 
 TEST(EndOfACause, OtherCausesHaveNone) {
