@@ -229,6 +229,10 @@ double starting_state_s(const Model& model) {
   for (int i = 0; i < model.loop.order; ++i)
     slowest = std::min(slowest, -roots[static_cast<std::size_t>(i)].real());
   for (const Mode& mode : model.loop.modes) slowest = std::min(slowest, mode.zeta * mode.omega);
+  if (const Effect* two_mass = two_mass_of(model)) {
+    const TwoMassParameters load = two_mass_parameters(*two_mass);
+    slowest = std::min(slowest, load.zeta * load.omega);
+  }
   return std::clamp(3.0 / slowest, 20.0 * model.sample_time_s, 0.25);
 }
 

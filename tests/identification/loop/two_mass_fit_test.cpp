@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <optional>
+
 #include "drivers/recording_file.h"
 #include "identification/loop/identify.h"
 #include "tests/hidden_effects/cases.h"
@@ -12,28 +14,33 @@
 namespace servotwin {
 namespace {
 
-Identified identified(const hidden_effects::Case& machine, Masses masses) {
+/// `friction`: the law of the machine; by default it is chosen.
+Identified identified(const hidden_effects::Case& machine, Masses masses,
+                      std::optional<std::size_t> friction = std::nullopt) {
   const test::TemporaryDirectory directory;
   const SegmentedAxis axis =
       segment_axis(read_recording(directory.file("recording.csv", machine.csv)), "X");
   IdentifyOptions options;
   options.method = Method::kJoint;
   options.masses = masses;
+  options.friction = friction;
   return identify(axis, options);
 }
 
 TEST(LongTwoMasses, AreFoundWithTheirFrequencyAndPredictHeldOutMotionToTheNoise) {
   const hidden_effects::Case machine = hidden_effects::single_case(
       hidden_effects::Part::kDev, "compliance", hidden_effects::Class::kClear, 43);
-  const Identified rigid = identified(machine, Masses::kRigid);
-  const Identified two = identified(machine, Masses::kTwo);
+  const std::size_t friction = kind_of<Presliding>();
+  const Identified rigid = identified(machine, Masses::kRigid, friction);
+  const Identified two = identified(machine, Masses::kTwo, friction);
   EXPECT_TRUE(two.refusals.empty());
   const Effect* found = two_mass_of(two.record.model);
   ASSERT_NE(found, nullptr);
   const double truth = machine.hidden.front().parameters.at("frequency_hz");
-  EXPECT_NEAR(found->shape[0] / truth, 1.0, 0.02);
+  EXPECT_NEAR(found->shape[0] / truth, 1.0, 0.01);
+  // The held-out data begin within a swing of the load.
   EXPECT_LT(two.record.holdout.rms, 1.3 * machine.noise_rms);
-  EXPECT_LT(two.record.holdout.rms, 0.5 * rigid.record.holdout.rms);
+  EXPECT_LT(two.record.holdout.rms, 0.1 * rigid.record.holdout.rms);
 }
 
 TEST(LongTwoMasses, AreChosenWhereThereAreTwoAndOnlyThere) {
