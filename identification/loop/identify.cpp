@@ -10,7 +10,7 @@
 #include "identification/loop/message.h"
 #include "identification/loop/moving_modes.h"
 #include "identification/loop/structure_choice.h"
-#include "identification/loop/two_mass_fit.h"
+#include "identification/loop/two_mass_choice.h"
 #include "identification/recording/evidence.h"
 #include "identification/recording/excitation.h"
 #include "identification/recording/noise_floor.h"
@@ -26,9 +26,6 @@ namespace {
 constexpr double kMaxSamplingTime_s = 0.1;
 // Ratio of encoder to command motion, up or down, beyond which the two are in different units.
 constexpr double kMaxMotionRatio = 2.0;
-// Held-out RMS with two masses over that of a rigid axis, at most, to choose them: they have four
-// parameters more.
-constexpr double kMaxRmsRatioOfTwoMasses = 0.8;
 // A parameter whose standard deviation exceeds this share of its value is not excited.
 constexpr double kMaxRelativeDeviation = 0.5;
 
@@ -221,36 +218,6 @@ Structure structure_of(const Model& model) {
   return structure;
 }
 
-/// A model of two masses in place of a rigid one. Its play, if it has any, is behind the encoder of
-/// the loop: from one encoder alone play outside the loop is not told from an error of the reading.
-std::optional<TwoMassFit> two_masses(const std::vector<Segment>& segments,
-                                     const Structure& structure, const Model& rigid,
-                                     double encoder_step) {
-  const std::vector<std::size_t> kinds{kind_of<TwoMassMotorEncoder>(),
-                                       kind_of<TwoMassLoadEncoder>(), kind_of<PlayMotorEncoder>(),
-                                       kind_of<PlayLoadEncoder>()};
-  return fit_two_masses(segments, structure, rigid, kinds, encoder_step,
-                        [](const Model&) { return true; });
-}
-
-/// Whether two masses, fitted to the first two thirds, predict the last third clearly better.
-bool two_masses_predict(const std::vector<Segment>& training, const Structure& structure,
-                        const PoleSearchOptions& search, double encoder_step,
-                        std::vector<StructureTrial>& trials) {
-  constexpr double kFittedShare = 2.0 / 3.0;
-  const auto [fitted, validation] = split(training, kFittedShare);
-  if (rows_of(fitted) == 0 || rows_of(validation) == 0) return false;
-  const auto rigid = joint_fit(fitted, structure, search, encoder_step, true);
-  if (!rigid) return false;
-  const auto two = two_masses(fitted, structure, rigid->model, encoder_step);
-  if (!two) return false;
-  const double rms = judge(two->model, validation).rms;
-  const bool better = rms < kMaxRmsRatioOfTwoMasses * judge(rigid->model, validation).rms;
-  for (StructureTrial& trial : trials) trial.chosen = trial.chosen && !better;
-  trials.push_back({two->structure.order, two->structure.effects, rms, better, 0, "", false});
-  return better;
-}
-
 }  // namespace
 
 std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
@@ -428,23 +395,25 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     record.model = moved->model;
     covariance = moved->covariance;
   }
-  if (options.masses == Masses::kTwo ||
-      (options.masses == Masses::kChosen &&
-       two_masses_predict(training, structure, search, encoder_step, out.trials))) {
-    const auto two = two_masses(training, structure, record.model, encoder_step);
-    const auto refined =
-        two ? output_error(training, two->structure, two->model, {encoder_step}) : std::nullopt;
+  Eigen::Index nonlinear = fit->linear;
+  const auto two =
+      options.masses == Masses::kRigid
+          ? std::nullopt
+          : chosen_masses(axis.axis, training, standing, search, options, encoder_step, out.trials);
+  if (two) {
+    const auto refined = output_error(training, two->structure, two->model, {encoder_step});
     if (!refined)
       throw std::runtime_error(axis.axis +
                                ": two masses have no valid fit to the training data; identify a "
                                "rigid axis");
     record.model = refined->model;
     covariance = refined->covariance;
+    nonlinear = two->structure.order + two->structure.coefficient_count();
   }
   record.condition_number = fit->condition_number;
   // Of the possible assignments of the poles, the one nearest to that of the projected fit.
   const PoleSet poles = named_as(fit->fit.poles, record.model.loop);
-  fill_deviations(record, poles, covariance, fit->linear);
+  fill_deviations(record, poles, covariance, nonlinear);
   if (auto why = why_invalid(record.model); !why.empty()) {
     out.refusals.push_back(why);
     return out;

@@ -3,8 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <optional>
-
 #include "drivers/recording_file.h"
 #include "identification/loop/identify.h"
 #include "tests/hidden_effects/cases.h"
@@ -14,25 +12,21 @@
 namespace servotwin {
 namespace {
 
-/// `friction`: the law of the machine; by default it is chosen.
-Identified identified(const hidden_effects::Case& machine, Masses masses,
-                      std::optional<std::size_t> friction = std::nullopt) {
+Identified identified(const hidden_effects::Case& machine, Masses masses) {
   const test::TemporaryDirectory directory;
   const SegmentedAxis axis =
       segment_axis(read_recording(directory.file("recording.csv", machine.csv)), "X");
   IdentifyOptions options;
   options.method = Method::kJoint;
   options.masses = masses;
-  options.friction = friction;
   return identify(axis, options);
 }
 
 TEST(LongTwoMasses, AreFoundWithTheirFrequencyAndPredictHeldOutMotionToTheNoise) {
   const hidden_effects::Case machine = hidden_effects::single_case(
       hidden_effects::Part::kDev, "compliance", hidden_effects::Class::kClear, 43);
-  const std::size_t friction = kind_of<Presliding>();
-  const Identified rigid = identified(machine, Masses::kRigid, friction);
-  const Identified two = identified(machine, Masses::kTwo, friction);
+  const Identified rigid = identified(machine, Masses::kRigid);
+  const Identified two = identified(machine, Masses::kTwo);
   EXPECT_TRUE(two.refusals.empty());
   const Effect* found = two_mass_of(two.record.model);
   ASSERT_NE(found, nullptr);

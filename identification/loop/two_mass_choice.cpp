@@ -1,0 +1,110 @@
+#include "identification/loop/two_mass_choice.h"
+
+#include <algorithm>
+#include <array>
+#include <stdexcept>
+
+#include "identification/least_squares/parallel.h"
+#include "identification/loop/joint.h"
+#include "identification/loop/output_error.h"
+
+namespace servotwin {
+
+namespace {
+
+// Of the training data; the rest validates.
+constexpr double kFittedShare = 2.0 / 3.0;
+// RMS on the validation part over that of a rigid axis, at most, to choose two masses: they have
+// four parameters more.
+constexpr double kMaxRmsRatioOfTwoMasses = 0.8;
+// RMS over that of the law before, at most, to choose another law of friction.
+constexpr double kMaxRmsRatioOfLaw = 0.97;
+
+/// Laws of friction that are tried on the load: the friction of a rigid axis that was fitted to a
+/// load on a spring stands for a part of the spring.
+constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
+                                 kind_of<PreslidingStribeck>()};
+
+/// The effect with this law in place of its own, at the same level and travel.
+Effect with_law(const Effect& old, std::size_t law) {
+  Effect out;
+  out.kind = law;
+  std::size_t i = 0;
+  for (const Parameter& p : shapes_of(law)) out.shape[i++] = p.start;
+  if (shapes_of(old.kind)[0].unit == shapes_of(law)[0].unit)
+    out.shape[0] = std::clamp(old.shape[0], shapes_of(law)[0].lower, shapes_of(law)[0].upper);
+  out.coefficient[0] = level_of(old);
+  return out;
+}
+
+/// The same two masses with another law, refined; nothing without a valid fit.
+std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
+                                   const std::vector<Segment>& segments, double encoder_step) {
+  TwoMassFit out = fit;
+  const auto is_law = [](const Effect& effect) { return is_friction_law(effect.kind); };
+  const auto at = std::find_if(out.model.effects.begin(), out.model.effects.end(), is_law);
+  if (at == out.model.effects.end() || at->kind == law) return std::nullopt;
+  out.structure.effects[static_cast<std::size_t>(at - out.model.effects.begin())] = law;
+  *at = with_law(*at, law);
+  OutputErrorOptions options;
+  options.encoder_step = encoder_step;
+  options.rounds = 20;
+  options.passes = 2;
+  options.tolerance = 1e-3;
+  options.covariance = false;
+  const auto refined = output_error(segments, out.structure, out.model, options);
+  if (!refined || !why_invalid(refined->model).empty()) return std::nullopt;
+  out.model = refined->model;
+  return out;
+}
+
+}  // namespace
+
+std::optional<TwoMassFit> chosen_masses(const std::string& axis,
+                                        const std::vector<Segment>& training,
+                                        const Structure& structure, const PoleSearchOptions& search,
+                                        const IdentifyOptions& options, double encoder_step,
+                                        std::vector<StructureTrial>& trials) {
+  const auto [fitted, validation] = split(training, kFittedShare);
+  const auto rigid = fitted.empty() || validation.empty()
+                         ? std::nullopt
+                         : joint_fit(fitted, structure, search, encoder_step, true);
+  // Play outside the loop is not told from an error of the reading by one encoder alone.
+  const std::vector<std::size_t> kinds{kind_of<TwoMassMotorEncoder>(),
+                                       kind_of<TwoMassLoadEncoder>(), kind_of<PlayMotorEncoder>(),
+                                       kind_of<PlayLoadEncoder>()};
+  auto best = rigid ? fit_two_masses(fitted, structure, rigid->model, kinds, encoder_step,
+                                     [](const Model&) { return true; })
+                    : std::nullopt;
+  if (!best) {
+    if (options.masses == Masses::kTwo)
+      throw std::runtime_error(axis + ": two masses have no valid fit to the training data");
+    return std::nullopt;
+  }
+  std::vector<TwoMassFit> all{*best};
+  if (!options.friction) {
+    std::array<std::optional<TwoMassFit>, kLawsOnLoad.size()> others;
+    in_parallel(others.size(), [&](std::size_t i) {
+      others[i] = with_law(*best, kLawsOnLoad[i], fitted, encoder_step);
+    });
+    for (const auto& other : others) {
+      if (other) all.push_back(*other);
+    }
+  }
+  const std::size_t first = trials.size();
+  std::size_t chosen = 0;
+  double least = 0.0;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const double rms = judge(all[i].model, validation).rms;
+    if (i == 0 || rms < kMaxRmsRatioOfLaw * least) chosen = i, least = rms;
+    trials.push_back({all[i].structure.order, all[i].structure.effects, rms, false, 0, "", false});
+  }
+  if (options.masses == Masses::kChosen &&
+      !(least < kMaxRmsRatioOfTwoMasses * judge(rigid->model, validation).rms))
+    return std::nullopt;
+  for (StructureTrial& trial : trials) trial.chosen = false;
+  trials[first + chosen].chosen = true;
+  return all[chosen];
+}
+
+}  // namespace servotwin
