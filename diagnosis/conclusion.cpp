@@ -112,6 +112,8 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   // A disturbance that acts at rest raises the noise floor too; the true floor is not above the
   // residual of the model.
   const double quiet = std::min(floor.rms, diagnosis.extended.holdout.rms);
+  // What other motion cannot confirm has at least to stand out where it was found.
+  const bool stands_out = !(diagnosis.baseline.training.rms <= kMinRmsOverFloorOfCause * quiet);
   const auto unsure =
       std::stable_partition(diagnosis.causes.begin(), diagnosis.causes.end(), [&](const Cause& c) {
         const bool seen = !c.counts.empty() || !(c.gain.before <= kMinRmsOverFloorOfCause * quiet);
@@ -121,7 +123,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
         const double one_of_them =
             diagnosis.against_earlier && !(c.wins < each) ? c.confidence / each : c.confidence;
         return (one_of_them >= kMinConfidenceToName && c.doubt == CauseDoubt::kNone && seen) ||
-               (no_worse && unforeseeable(diagnosis, c));
+               (no_worse && stands_out && unforeseeable(diagnosis, c));
       });
   std::move(unsure, diagnosis.causes.end(), std::back_inserter(diagnosis.suspected));
   diagnosis.causes.erase(unsure, diagnosis.causes.end());

@@ -126,6 +126,23 @@ void conclude(Diagnosis& diagnosis) {
   conclude(diagnosis, axis, axis.segments, floor, {});
 }
 
+// A clean machine got four pushes where the residual was its noise.
+TEST(Pushes, AreNamedOnlyWhereTheyStandOutOfTheNoiseOfTheTrainingData) {
+  for (const double training : {0.11e-6, 0.5e-6}) {
+    Diagnosis diagnosis =
+        explained_by({{"impulse_disturbance", make_effect<ImpulseDisturbance>()}});
+    diagnosis.baseline.training = {training, 10.0 * training};
+    diagnosis.baseline.holdout = diagnosis.extended.holdout = {0.1e-6, 0.4e-6};
+    Gain& gain = diagnosis.causes.front().gain;
+    gain.before = gain.after = 0.1e-6;
+    gain.low = -1e-9;
+    gain.high = 1e-9;
+    conclude(diagnosis);
+    EXPECT_EQ(diagnosis.causes.size(), training > 0.2e-6 ? 1U : 0U);
+    EXPECT_EQ(diagnosis.suspected.size(), training > 0.2e-6 ? 0U : 1U);
+  }
+}
+
 TEST(CommonPeriod, OfTwoCausesMakesThemAmbiguous) {
   Effect lead = make_effect<LeadError>(), encoder = make_effect<EncoderError>();
   const auto set_period = [](Effect& effect, double period) {
