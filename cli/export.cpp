@@ -12,6 +12,7 @@
 #include "drivers/mat_writer.h"
 #include "drivers/text.h"
 #include "twin/state_space.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin::cli {
 namespace {
@@ -117,6 +118,10 @@ void run(const ExportArguments& arguments) {
     result["unit"] = unit_json(unit, arguments.unit);
   }
   if (!arguments.matrices.empty()) {
+    if (const Effect* two_mass = two_mass_of(record.model))
+      throw std::runtime_error(
+          std::string("the matrices are those of a rigid axis; this model has ") +
+          std::string(identity_of(two_mass->kind).id) + ", which they do not contain");
     const Travel& travel = record.model.loop.travel;
     const bool given = std::isfinite(arguments.position);
     const double position = given ? arguments.position : 0.5 * (travel.from + travel.to);

@@ -104,10 +104,12 @@ void run(const IdentifyArguments& arguments) {
     throw UsageError(
         "--friction needs --method joint: the pole search models Coulomb friction only");
   }
-  if (options.masses != Masses::kRigid && (options.method != Method::kJoint || options.modes > 0))
+  if (options.masses != Masses::kRigid && options.method != Method::kJoint)
     throw UsageError(
-        "--structure two-mass and auto need --method joint, and no --modes: friction acts on both "
-        "masses, and a mode stands for the same vibration");
+        "--structure two-mass and auto need --method joint: they are fitted in free simulation");
+  if (options.masses != Masses::kRigid && options.modes > 0)
+    throw UsageError(
+        "--structure two-mass and auto take no --modes: a mode stands for the same vibration");
   if (options.method == Method::kFullLs && (options.modes > 0 || options.coupling))
     throw UsageError(
         std::string(options.modes > 0 ? "--modes" : "--coupling") +

@@ -383,8 +383,8 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     // Two masses have many parameters, and cuts that were not recorded are found in the residual
     // itself: a small gain may be that of any better fit.
     const std::size_t kind = extended.effects[cause.place].kind;
-    const bool free = acts_on_axis(kind) || (kind == kind_of<CuttingForce>() && !cuts_recorded);
-    if (free && cause.gain.after > kMaxRmsRatioOfClearGain * cause.gain.before)
+    const bool flexible = acts_on_axis(kind) || (kind == kind_of<CuttingForce>() && !cuts_recorded);
+    if (flexible && cause.gain.after > kMaxRmsRatioOfClearGain * cause.gain.before)
       cause.doubt = CauseDoubt::kGain;
   }
   if (dropped.any()) {

@@ -99,7 +99,9 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
   }
   constexpr double kAtLimit = 0.99;  // of the limit; a fit stops a little before it
   if (effect.kind == kind_of<TimeDelay>()) {
-    const double delay_s = effect.shape[0], longest_s = shapes_of(effect.kind)[0].upper;
+    const double delay_s = effect.shape[0],
+                 longest_s = std::min(shapes_of(effect.kind)[0].upper,
+                                      kMaxDelayCycles * model.sample_time_s);
     if (delay_s < kMinDelaySamples * model.sample_time_s)
       return text("shorter than %g sampling times: it may come from the recording",
                   kMinDelaySamples);

@@ -136,6 +136,7 @@ std::optional<Eigen::MatrixXd> Variation::derivatives(const Varied& v, double se
   in_parallel(training_.size(), [&](std::size_t i) {
     const Segment& s = training_[i];
     const Eigen::Index n = s.size() - settled(s, settle_s);
+    if (n <= 0) return;
     out.middleRows(row[i + 1] - n, n) = -simulate(here, directions, s).by.bottomRows(n);
   });
   if (!out.allFinite()) return std::nullopt;

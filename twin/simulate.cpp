@@ -220,10 +220,41 @@ bool moves_command(const Model& direction) {
   return moves;
 }
 
+/// Along a motion that chatters in a gap a derivative can grow without bounds, though the motion
+/// does not: the derivative of the error by a parameter, for a change as large as the parameter,
+/// over the largest error [1].
+constexpr double kMostGrowth = 1e4;
+/// Relative change of the parameters for a difference in its place, which averages over the
+/// chatter.
+constexpr double kDifferenceStep = 1e-5;
+
+/// How often its parameters would change by themselves in a unit of this direction.
+double relative_rate(const Model& model, const Model& direction) {
+  double most = 0.0;
+  Model rates = direction;
+  each_parameter(rates, model, [&](double rate, double value) {
+    if (value != 0.0) most = std::max(most, std::abs(rate / value));
+  });
+  return most;
+}
+
+/// The derivative along the direction by a difference of simulations; that of one side where the
+/// other is no valid model.
+Eigen::VectorXd difference(const Model& model, const Model& direction, double step,
+                           const Segment& segment, const Eigen::ArrayXd& error) {
+  for (const double by : {step, -step}) {
+    Model there = model;
+    each_parameter(there, direction, [by](double& x, double rate) { x += by * rate; });
+    if (why_invalid(there).empty()) return ((simulate(there, segment) - error) / by).matrix();
+  }
+  return Eigen::VectorXd::Constant(error.size(), kAbsent);
+}
+
 }  // namespace
 
 double starting_state_s(const Model& model) {
-  // Long enough to see every mode of the loop, and at least 20 samples for the encoder's steps.
+  // Long enough to see every mode of the loop and the load on its spring, and at least 20 samples
+  // for the encoder's steps.
   double slowest = 1e9;
   const auto roots = roots_of(model.loop);
   for (int i = 0; i < model.loop.order; ++i)
@@ -271,6 +302,16 @@ Simulated simulate(const Model& model, std::span<const Model> directions, const 
       for (std::size_t i = 0; i < some.size(); ++i)
         out.by(k, some[i] - directions.data()) = error.by[i];
     });
+  }
+  const double largest = out.error.abs().maxCoeff();
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const Model& direction = directions[static_cast<std::size_t>(i)];
+    const double rate = relative_rate(model, direction);
+    if (!(rate > 0.0)) continue;
+    if (out.by.col(i).allFinite() &&
+        out.by.col(i).cwiseAbs().maxCoeff() <= kMostGrowth * rate * largest)
+      continue;
+    out.by.col(i) = difference(model, direction, kDifferenceStep / rate, segment, out.error);
   }
   return out;
 }

@@ -30,7 +30,8 @@ constexpr double kLargestStepInPlay_rad = 0.5;
 /// rad/s^2], or for so many turns: with a stiff spring and friction on both not every step gets
 /// there; what is missing then is far below the friction.
 constexpr double kSmallestTurn = 1e-11;
-/// Share of a contact's force by which a balanced one is missed at most.
+/// A step that ends on the edge of a gap misses its contact's force by more than this share of what
+/// the spring has over the gap, and the edge by less than this share of the gap.
 constexpr double kMostMiss = 1e-6;
 constexpr int kMostTurns = 12;
 
@@ -64,6 +65,10 @@ TwinOf<S>::TwinOf(const ModelOf<S>& model) {
       constant_lanes_ = lanes_with(x, constant_lanes_);
     });
     command_lanes_ = lanes_with(model.command_delay_s(), constant_lanes_);
+    // Modes that move are placed by the command, which the delay moves.
+    if (std::any_of(loop.modes.begin(), loop.modes.end(),
+                    [](const ModeOf<S>& mode) { return mode.moves(); }))
+      constant_lanes_ = command_lanes_;
   } else if (auto why = why_invalid(model); !why.empty()) {
     throw std::invalid_argument(why);
   }
@@ -539,8 +544,14 @@ void TwinOf<S>::balance_two_masses(const typename TwoMassAxisOf<S>::State& free,
     set(now, Body::kMotor, motor);
     set(now, Body::kLoad, load);
     S contact_miss = plays ? contact_ - axis_.missing_contact(state) : contact_;
-    if (std::abs(contact_miss.value) > kMostMiss * std::abs(contact_.value))
-      contact_miss = beyond_edge<S>(state, axis_.parameters().width);
+    if (plays) {
+      const TwoMassParametersOf<S>& gap = axis_.parameters();
+      const S beyond = beyond_edge<S>(state, gap.width);
+      const double force = value_of(gap.load_share * gap.omega * gap.omega * gap.width);
+      if (std::abs(contact_miss.value) > kMostMiss * force &&
+          std::abs(beyond.value) < kMostMiss * gap.width.value)
+        contact_miss = beyond;
+    }
     const Resolution resolve({force_ - disturbance(motor, memory_, Body::kMotor),
                               load_force_ - disturbance(load, memory_, Body::kLoad), contact_miss});
     for (S* x : {&force_, &load_force_, &contact_}) resolve(*x);
@@ -604,7 +615,8 @@ void TwinOf<S>::start_two_masses(const S& command) noexcept {
       copy_memories(memory_, trial_, body);
       (body == Body::kLoad ? load_force_ : force_) = disturbance(rest, trial_, body);
     }
-    if (std::abs(value_of(force_ - motor_before)) <= kSmallestTurn &&
+    // Derivatives settle later than values, which may be 0 from the start.
+    if (!is_dual<S> && std::abs(value_of(force_ - motor_before)) <= kSmallestTurn &&
         std::abs(value_of(load_force_ - load_before)) <= kSmallestTurn)
       break;
   }

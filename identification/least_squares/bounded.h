@@ -3,6 +3,7 @@
 #pragma once
 
 #include <ceres/solver.h>
+#include <glog/logging.h>
 
 namespace servotwin {
 
@@ -12,6 +13,9 @@ namespace servotwin {
 /// the cost alone.
 [[nodiscard]] inline ceres::Solver::Options bounded_options(ceres::LinearSolverType solver,
                                                             int rounds, double tolerance) {
+  // What Ceres logs of a step that led nowhere, which a search takes in its stride, would appear
+  // between the lines of the program.
+  FLAGS_minloglevel = google::GLOG_FATAL;
   ceres::Solver::Options out;
   out.linear_solver_type = solver;
   out.max_num_iterations = rounds;

@@ -396,19 +396,24 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     covariance = moved->covariance;
   }
   Eigen::Index nonlinear = fit->linear;
+  const std::vector<StructureTrial> rigid_trials = out.trials;
   const auto two =
       options.masses == Masses::kRigid
           ? std::nullopt
           : chosen_masses(axis.axis, training, standing, search, options, encoder_step, out.trials);
   if (two) {
     const auto refined = output_error(training, two->structure, two->model, {encoder_step});
-    if (!refined)
+    if (refined) {
+      record.model = refined->model;
+      covariance = refined->covariance;
+      nonlinear = two->structure.order + two->structure.coefficient_count();
+    } else if (options.masses == Masses::kChosen) {
+      out.trials = rigid_trials;
+    } else {
       throw std::runtime_error(axis.axis +
                                ": two masses have no valid fit to the training data; identify a "
                                "rigid axis");
-    record.model = refined->model;
-    covariance = refined->covariance;
-    nonlinear = two->structure.order + two->structure.coefficient_count();
+    }
   }
   record.condition_number = fit->condition_number;
   // Of the possible assignments of the poles, the one nearest to that of the projected fit.

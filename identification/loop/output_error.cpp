@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
 
 #include "identification/least_squares/bounded.h"
 #include "identification/least_squares/chart.h"
@@ -286,13 +287,20 @@ Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
   Missed out;
   out.r.resize(rows.back());
   out.by.resize(rows.back(), static_cast<Eigen::Index>(directions.size()));
-  in_parallel(segments.size(), [&](std::size_t i) {
+  // One task for every segment and every pass over it.
+  const std::size_t passes = (directions.size() + kParametersPerPass - 1) / kParametersPerPass;
+  in_parallel(segments.size() * passes, [&](std::size_t task) {
+    const std::size_t i = task / passes, first = task % passes * kParametersPerPass;
     const Segment& s = segments[i];
     const Eigen::Index n = rows[i + 1] - rows[i];
     if (n <= 0) return;
-    const Simulated simulated = simulate(model, directions, s);
-    out.r.segment(rows[i], n) = ((s.command - s.actual) - simulated.error).tail(n).matrix();
-    out.by.middleRows(rows[i], n) = -simulated.by.bottomRows(n);
+    const auto some = std::span<const Model>(directions)
+                          .subspan(first, std::min(kParametersPerPass, directions.size() - first));
+    const Simulated simulated = simulate(model, some, s);
+    if (first == 0)
+      out.r.segment(rows[i], n) = ((s.command - s.actual) - simulated.error).tail(n).matrix();
+    out.by.block(rows[i], static_cast<Eigen::Index>(first), n,
+                 static_cast<Eigen::Index>(some.size())) = -simulated.by.bottomRows(n);
   });
   return out;
 }
@@ -429,14 +437,15 @@ std::vector<Model> left_out(const std::vector<std::vector<Segment>>& blocks,
                                             all.data(), static_cast<Eigen::Index>(all.size())),
                                         encoder_step));
   std::vector<NormalEquations> equations(blocks.size());
-  in_parallel(blocks.size(), [&](std::size_t b) {
-    Missed missed{Eigen::VectorXd(), Eigen::MatrixXd::Zero(0, x.size())};
+  for (std::size_t b = 0; b < blocks.size(); ++b) {
+    Missed block{Eigen::VectorXd(), Eigen::MatrixXd::Zero(0, x.size())};
     if (left[b].size() > 0)
-      missed = missed_with_derivatives(coordinates, x.data(), blocks[b],
-                                       starting_state_samples(at, blocks[b].front()));
-    const Eigen::VectorXd g = weighted(likelihood, missed.r, missed.by);
-    equations[b] = normal_equations(missed.by, g);
-  });
+      block = missed_with_derivatives(coordinates, x.data(), blocks[b],
+                                      starting_state_samples(at, blocks[b].front()));
+    if (block.r.size() != left[b].size() || !block.by.allFinite()) return out;
+    const Eigen::VectorXd g = weighted(likelihood, block.r, block.by);
+    equations[b] = normal_equations(block.by, g);
+  }
   const std::vector<Eigen::VectorXd> steps = steps_without_each(equations);
   // Of the blocks other than one.
   const auto cost = [&](std::size_t without, const Model& model) {

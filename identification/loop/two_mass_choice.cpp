@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <stdexcept>
 
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/joint.h"
+#include "identification/loop/message.h"
 #include "identification/loop/output_error.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -58,6 +61,20 @@ std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
   return out;
 }
 
+/// Whether frequency and share of the load are within their bounds, and not at them.
+bool determined(const Model& model) {
+  constexpr double kMargin = 0.02;  // of the logarithm of the bounds' ratio
+  const Effect& two_mass = *two_mass_of(model);
+  std::size_t i = 0;
+  for (const Parameter& p : shapes_of(two_mass.kind)) {
+    const double value = two_mass.shape[i++];
+    if (p.name != "frequency_hz" && p.name != "load_share") continue;
+    const double place = std::log(value / p.lower) / std::log(p.upper / p.lower);
+    if (!(place > kMargin && place < 1.0 - kMargin)) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 std::optional<TwoMassFit> chosen_masses(const std::string& axis,
@@ -73,12 +90,14 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
   const std::vector<std::size_t> kinds{kind_of<TwoMassMotorEncoder>(),
                                        kind_of<TwoMassLoadEncoder>(), kind_of<PlayMotorEncoder>(),
                                        kind_of<PlayLoadEncoder>()};
-  auto best = rigid ? fit_two_masses(fitted, structure, rigid->model, kinds, encoder_step,
-                                     [](const Model&) { return true; })
-                    : std::nullopt;
+  auto best = rigid
+                  ? fit_two_masses(fitted, structure, rigid->model, kinds, encoder_step, determined)
+                  : std::nullopt;
   if (!best) {
     if (options.masses == Masses::kTwo)
-      throw std::runtime_error(axis + ": two masses have no valid fit to the training data");
+      throw std::runtime_error(axis +
+                               ": the training data do not determine two masses; identify a rigid "
+                               "axis, or record reversals after which the load swings");
     return std::nullopt;
   }
   std::vector<TwoMassFit> all{*best};
@@ -88,9 +107,11 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
       others[i] = with_law(*best, kLawsOnLoad[i], fitted, encoder_step);
     });
     for (const auto& other : others) {
-      if (other) all.push_back(*other);
+      if (other && determined(other->model)) all.push_back(*other);
     }
   }
+  const double of_rigid = judge(rigid->model, validation).rms;
+  trials.push_back({structure.order, structure.effects, of_rigid, false, 0, "", false});
   const std::size_t first = trials.size();
   std::size_t chosen = 0;
   double least = 0.0;
@@ -99,9 +120,11 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
     if (i == 0 || rms < kMaxRmsRatioOfLaw * least) chosen = i, least = rms;
     trials.push_back({all[i].structure.order, all[i].structure.effects, rms, false, 0, "", false});
   }
-  if (options.masses == Masses::kChosen &&
-      !(least < kMaxRmsRatioOfTwoMasses * judge(rigid->model, validation).rms))
+  if (options.masses == Masses::kChosen && !(least < kMaxRmsRatioOfTwoMasses * of_rigid)) {
+    trials[first + chosen].ruled_out =
+        message("not below ", kMaxRmsRatioOfTwoMasses, " of the error of the rigid axis");
     return std::nullopt;
+  }
   for (StructureTrial& trial : trials) trial.chosen = false;
   trials[first + chosen].chosen = true;
   return all[chosen];

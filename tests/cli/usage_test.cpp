@@ -51,7 +51,7 @@ const std::vector<Typed> kTyped{
     {{"identify", "rec.csv", "--axis", "X", "--structure", "two-mass"}, "need --method joint"},
     {{"identify", "rec.csv", "--axis", "X", "--structure", "auto", "--method", "joint", "--modes",
       "2"},
-     "no --modes"},
+     "take no --modes"},
     {{"identify", "rec.csv", "--axis", "X", "--order", "4"}, "4 not in {2,3}"},
     {{"identify", "rec.csv", "--axis", "X", "--training-share", "1.5"}, "--training-share"},
     {{"identify", "rec.csv", "--axis", "X", "--damping", "2"}, "'2' is not a valid range MIN:MAX"},

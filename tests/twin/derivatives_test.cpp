@@ -177,7 +177,7 @@ TEST(Derivatives, OfStandingAndMovingModesAreThoseOfDifferences) {
         for (Mode& mode : model.loop.modes)
           mode.slope = 0.2, mode.curve = 0.1, mode.zeta_slope = 0.1;
       }
-      model.effects = {coulomb()};
+      model.effects = {coulomb(), effect_of(kind_of<TimeDelay>())};
       expect_derivatives(model, "order " + std::to_string(order) + (moves ? ", moving" : ""));
     }
   }
@@ -189,6 +189,28 @@ TEST(Derivatives, OfCyclesInPartsAreThoseOfDifferences) {
   model.loop = loop_of(3);
   model.effects = {effect_of(kind_of<Presliding>()), effect_of(kind_of<TimeDelay>())};
   expect_derivatives(model, "4 ms");
+}
+
+// The spline of a command that begins to move shakes the load within its gap by 1e-16 m before.
+TEST(Derivatives, OfPlayAreThoseOfDifferencesAfterARest) {
+  for (const std::size_t kind :
+       {kind_of<PlayMotorEncoder>(), kind_of<PlayLoadEncoder>(), kind_of<PlayOutside>()}) {
+    Model model;
+    model.sample_time_s = 1e-3;
+    model.loop = loop_of(3);
+    model.effects = {coulomb(), effect_of(kind)};
+    Segment segment = segment_for(model, false);
+    const Eigen::Index rest = 300;
+    segment.command.tail(segment.size() - rest) =
+        segment.command.head(segment.size() - rest).eval();
+    segment.command.head(rest) = segment.command(0);
+    for (const Direction& one : directions_of(model)) {
+      const Simulated out = simulate(model, std::vector<Model>{one.along}, segment);
+      const Eigen::ArrayXd by = out.by.col(0).array();
+      const double apart = (by - difference(model, one.along, segment)).matrix().norm();
+      EXPECT_LT(apart, kMost * by.matrix().norm() + kNoise) << identity_of(kind).id << one.name;
+    }
+  }
 }
 
 TEST(Derivatives, OfMoreParametersThanOnePassHas) {
