@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "twin/difference.h"
 #include "twin/linear_algebra.h"
 #include "twin/twin.h"
 
@@ -224,31 +225,6 @@ bool moves_command(const Model& direction) {
 /// does not: the derivative of the error by a parameter, for a change as large as the parameter,
 /// over the largest error [1].
 constexpr double kMostGrowth = 1e4;
-/// Relative change of the parameters for a difference in its place, which averages over the
-/// chatter.
-constexpr double kDifferenceStep = 1e-5;
-
-/// How often its parameters would change by themselves in a unit of this direction.
-double relative_rate(const Model& model, const Model& direction) {
-  double most = 0.0;
-  Model rates = direction;
-  each_parameter(rates, model, [&](double rate, double value) {
-    if (value != 0.0) most = std::max(most, std::abs(rate / value));
-  });
-  return most;
-}
-
-/// The derivative along the direction by a difference of simulations; that of one side where the
-/// other is no valid model.
-Eigen::VectorXd difference(const Model& model, const Model& direction, double step,
-                           const Segment& segment, const Eigen::ArrayXd& error) {
-  for (const double by : {step, -step}) {
-    Model there = model;
-    each_parameter(there, direction, [by](double& x, double rate) { x += by * rate; });
-    if (why_invalid(there).empty()) return ((simulate(there, segment) - error) / by).matrix();
-  }
-  return Eigen::VectorXd::Constant(error.size(), kAbsent);
-}
 
 }  // namespace
 
@@ -311,7 +287,7 @@ Simulated simulate(const Model& model, std::span<const Model> directions, const 
     if (out.by.col(i).allFinite() &&
         out.by.col(i).cwiseAbs().maxCoeff() <= kMostGrowth * rate * largest)
       continue;
-    out.by.col(i) = difference(model, direction, kDifferenceStep / rate, segment, out.error);
+    out.by.col(i) = difference(model, direction, segment, out.error);
   }
   return out;
 }

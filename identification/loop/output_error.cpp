@@ -14,7 +14,9 @@
 #include "identification/least_squares/covariance.h"
 #include "identification/least_squares/jackknife.h"
 #include "identification/least_squares/parallel.h"
+#include "twin/difference.h"
 #include "twin/twin.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -272,6 +274,17 @@ Eigen::VectorXd missed(const Model& model, const std::vector<Segment>& segments,
   return out;
 }
 
+/// With play a fit ends in a better optimum by differences: they see past the next contact.
+Simulated by_differences(const Model& model, std::span<const Model> directions,
+                         const Segment& segment) {
+  Simulated out;
+  out.error = simulate(model, segment);
+  out.by.resize(out.error.size(), static_cast<Eigen::Index>(directions.size()));
+  for (std::size_t i = 0; i < directions.size(); ++i)
+    out.by.col(static_cast<Eigen::Index>(i)) = difference(model, directions[i], segment, out.error);
+  return out;
+}
+
 /// The same with its derivatives by the coordinates.
 struct Missed {
   Eigen::VectorXd r;  ///< empty if the model is not valid
@@ -287,6 +300,8 @@ Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
   Missed out;
   out.r.resize(rows.back());
   out.by.resize(rows.back(), static_cast<Eigen::Index>(directions.size()));
+  const Effect* two_mass = two_mass_of(model);
+  const bool plays = two_mass != nullptr && two_mass_parameters(*two_mass).width > 0.0;
   // One task for every segment and every pass over it.
   const std::size_t passes = (directions.size() + kParametersPerPass - 1) / kParametersPerPass;
   in_parallel(segments.size() * passes, [&](std::size_t task) {
@@ -296,7 +311,7 @@ Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
     if (n <= 0) return;
     const auto some = std::span<const Model>(directions)
                           .subspan(first, std::min(kParametersPerPass, directions.size() - first));
-    const Simulated simulated = simulate(model, some, s);
+    const Simulated simulated = plays ? by_differences(model, some, s) : simulate(model, some, s);
     if (first == 0)
       out.r.segment(rows[i], n) = ((s.command - s.actual) - simulated.error).tail(n).matrix();
     out.by.block(rows[i], static_cast<Eigen::Index>(first), n,
