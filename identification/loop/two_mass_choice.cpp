@@ -61,6 +61,20 @@ std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
   return out;
 }
 
+/// The same axis without its play, if the gap is as narrow as it may be: then there is none.
+TwoMassFit without_empty_gap(TwoMassFit fit) {
+  for (std::size_t i = 0; i < fit.model.effects.size(); ++i) {
+    Effect& effect = fit.model.effects[i];
+    if (!acts_on_axis(effect.kind)) continue;
+    constexpr double kNarrow = 2.0;  // times the narrowest gap
+    const double width = two_mass_parameters(effect).width;
+    if (!(width > 0.0) || width > kNarrow * shapes_of(effect.kind).back().lower) continue;
+    effect = without_play(effect);
+    fit.structure.effects[i] = effect.kind;
+  }
+  return fit;
+}
+
 /// Whether frequency and share of the load are within their bounds, and not at them.
 bool determined(const Model& model) {
   constexpr double kMargin = 0.02;  // of the logarithm of the bounds' ratio
@@ -100,14 +114,14 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
                                "axis, or record reversals after which the load swings");
     return std::nullopt;
   }
-  std::vector<TwoMassFit> all{*best};
+  std::vector<TwoMassFit> all{without_empty_gap(*best)};
   if (!options.friction) {
     std::array<std::optional<TwoMassFit>, kLawsOnLoad.size()> others;
     in_parallel(others.size(), [&](std::size_t i) {
-      others[i] = with_law(*best, kLawsOnLoad[i], fitted, encoder_step);
+      others[i] = with_law(all.front(), kLawsOnLoad[i], fitted, encoder_step);
     });
     for (const auto& other : others) {
-      if (other && determined(other->model)) all.push_back(*other);
+      if (other && determined(other->model)) all.push_back(without_empty_gap(*other));
     }
   }
   const double of_rigid = judge(rigid->model, validation).rms;

@@ -30,6 +30,7 @@ TEST(LongTwoMasses, AreFoundWithTheirFrequencyAndPredictHeldOutMotionToTheNoise)
   EXPECT_TRUE(two.refusals.empty());
   const Effect* found = two_mass_of(two.record.model);
   ASSERT_NE(found, nullptr);
+  EXPECT_EQ(two_mass_parameters(*found).width, 0.0) << "the machine has no play";
   const double truth = machine.hidden.front().parameters.at("frequency_hz");
   EXPECT_NEAR(found->shape[0] / truth, 1.0, 0.01);
   // The held-out data begin within a swing of the load.
