@@ -32,9 +32,12 @@ Hold stepped(const Eigen::MatrixXd& augmented, Eigen::Index n, double h,
 
 /// Its derivative for a change of the system, from the exponential of both in one: that of
 /// [A, dA; 0, A] is [e^A, de^A; 0, e^A].
-Hold stepped_derivative(const Eigen::MatrixXd& augmented, const Eigen::MatrixXd& change,
-                        Eigen::Index n, double h, const Eigen::VectorXd& scale) {
-  const Eigen::Index size = augmented.rows();
+Hold stepped_derivative(const Eigen::MatrixXd& augmented, const Eigen::MatrixXd& da,
+                        const Eigen::VectorXd& db, double h, const Eigen::VectorXd& scale) {
+  const Eigen::Index size = augmented.rows(), n = da.rows();
+  Eigen::MatrixXd change = Eigen::MatrixXd::Zero(size, size);
+  change.topLeftCorner(n, n) = da;
+  change.col(n).head(n) = db;
   const auto scaled = [&](const Eigen::MatrixXd& x) -> Eigen::MatrixXd {
     return scale.asDiagonal() * (x * h) * scale.cwiseInverse().asDiagonal();
   };
@@ -75,10 +78,7 @@ Hold discretise(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, in
 Hold discretise_derivative(const Eigen::MatrixXd& a, const Eigen::VectorXd& b,
                            const Eigen::MatrixXd& da, const Eigen::VectorXd& db, double h, int m) {
   const Eigen::MatrixXd augmented = with_inputs(a, b, m);
-  Eigen::MatrixXd change = Eigen::MatrixXd::Zero(augmented.rows(), augmented.cols());
-  change.topLeftCorner(a.rows(), a.cols()) = da;
-  change.col(a.rows()).head(a.rows()) = db;
-  return stepped_derivative(augmented, change, a.rows(), h, scale_of(augmented, a.rows(), m));
+  return stepped_derivative(augmented, da, db, h, scale_of(augmented, a.rows(), m));
 }
 
 Hold discretise_alike(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, double h, int m,
@@ -91,10 +91,7 @@ Hold discretise_alike_derivative(const Eigen::MatrixXd& a, const Eigen::VectorXd
                                  const Eigen::MatrixXd& da, const Eigen::VectorXd& db, double h,
                                  int m, double rate) {
   const Eigen::MatrixXd augmented = with_inputs(a, b, m);
-  Eigen::MatrixXd change = Eigen::MatrixXd::Zero(augmented.rows(), augmented.cols());
-  change.topLeftCorner(a.rows(), a.cols()) = da;
-  change.col(a.rows()).head(a.rows()) = db;
-  return stepped_derivative(augmented, change, a.rows(), h, scale_alike(b, m, rate));
+  return stepped_derivative(augmented, da, db, h, scale_alike(b, m, rate));
 }
 
 Spline Spline::through(const Eigen::ArrayXd& samples, double h, double slope_begin,

@@ -224,7 +224,7 @@ bool moves_command(const Model& direction) {
 /// Along a motion that chatters in a gap a derivative can grow without bounds, though the motion
 /// does not: the derivative of the error by a parameter, for a change as large as the parameter,
 /// over the largest error [1].
-constexpr double kMostGrowth = 1e4;
+constexpr double kMaxRelativeDerivative = 1e4;
 
 }  // namespace
 
@@ -285,7 +285,7 @@ Simulated simulate(const Model& model, std::span<const Model> directions, const 
     const double rate = relative_rate(model, direction);
     if (!(rate > 0.0)) continue;
     if (out.by.col(i).allFinite() &&
-        out.by.col(i).cwiseAbs().maxCoeff() <= kMostGrowth * rate * largest)
+        out.by.col(i).cwiseAbs().maxCoeff() <= kMaxRelativeDerivative * rate * largest)
       continue;
     out.by.col(i) = difference(model, direction, segment, out.error);
   }

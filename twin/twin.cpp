@@ -32,7 +32,7 @@ constexpr double kLargestStepInPlay_rad = 0.5;
 constexpr double kSmallestTurn = 1e-11;
 /// A step that ends on the edge of a gap misses its contact's force by more than this share of what
 /// the spring has over the gap, and the edge by less than this share of the gap.
-constexpr double kMostMiss = 1e-6;
+constexpr double kEdgeTolerance = 1e-6;
 constexpr int kMostTurns = 12;
 
 }  // namespace
@@ -548,8 +548,8 @@ void TwinOf<S>::balance_two_masses(const typename TwoMassAxisOf<S>::State& free,
       const TwoMassParametersOf<S>& gap = axis_.parameters();
       const S beyond = beyond_edge<S>(state, gap.width);
       const double force = value_of(gap.load_share * gap.omega * gap.omega * gap.width);
-      if (std::abs(contact_miss.value) > kMostMiss * force &&
-          std::abs(beyond.value) < kMostMiss * gap.width.value)
+      if (std::abs(contact_miss.value) > kEdgeTolerance * force &&
+          std::abs(beyond.value) < kEdgeTolerance * gap.width.value)
         contact_miss = beyond;
     }
     const Resolution resolve({force_ - disturbance(motor, memory_, Body::kMotor),

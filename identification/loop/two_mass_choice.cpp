@@ -28,7 +28,7 @@ constexpr double kMaxRmsRatioOfLaw = 0.97;
 constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
                                  kind_of<PreslidingStribeck>()};
 
-/// The effect with this law in place of its own, at the same level and travel.
+/// Friction by this law, with the level and travel of the old one.
 Effect with_law(const Effect& old, std::size_t law) {
   Effect out;
   out.kind = law;

@@ -128,7 +128,7 @@ class OffsetPause : public testing::Test {
     for (int runs = 0; runs < kMostRuns; ++runs) {
       for (int k = 0, out = 0; k < cycles(kPath_s - left_s); ++k) {
         drive_.cycle(path_at(k));
-        // Where an answer was late the drive takes the offset away: that is no correction.
+        // After a late answer the drive ramps the offset out; that does not count as a correction.
         out = std::abs(drive_.felt()) > 0.25 * kPeak && !drive_.ramping() ? out + 1 : 0;
         if (out == cycles(0.2)) return k + 1;
       }

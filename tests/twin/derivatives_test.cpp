@@ -14,11 +14,11 @@ namespace servotwin {
 namespace {
 
 // Relative change of a parameter for a difference: its truncation and its rounding are both far
-// below kMost.
+// below kRelativeTolerance.
 constexpr double kStep = 1e-6;
 /// Norm of the difference of both over that of the derivative, and what the tolerance of the force
 /// balance leaves in a difference [m].
-constexpr double kMost = 5e-5, kNoise = 4e-10;
+constexpr double kRelativeTolerance = 5e-5, kNoise_m = 4e-10;
 
 Loop loop_of(int order) {
   const double kv = 200.0, kp = 40.0, reset = 30.0;
@@ -141,7 +141,7 @@ void expect_derivatives(const Model& model, const std::string& what) {
     for (std::size_t i = 0; i < all.size(); ++i) {
       const Eigen::ArrayXd by = out.by.col(static_cast<Eigen::Index>(i)).array();
       const double apart = (by - difference(model, all[i].along, segment)).matrix().norm();
-      EXPECT_LT(apart, kMost * by.matrix().norm() + kNoise)
+      EXPECT_LT(apart, kRelativeTolerance * by.matrix().norm() + kNoise_m)
           << what << ", " << all[i].name << (moving ? ", from within a motion" : ", from rest");
     }
   }
@@ -208,7 +208,8 @@ TEST(Derivatives, OfPlayAreThoseOfDifferencesAfterARest) {
       const Simulated out = simulate(model, std::vector<Model>{one.along}, segment);
       const Eigen::ArrayXd by = out.by.col(0).array();
       const double apart = (by - difference(model, one.along, segment)).matrix().norm();
-      EXPECT_LT(apart, kMost * by.matrix().norm() + kNoise) << identity_of(kind).id << one.name;
+      EXPECT_LT(apart, kRelativeTolerance * by.matrix().norm() + kNoise_m)
+          << identity_of(kind).id << one.name;
     }
   }
 }
