@@ -8,8 +8,7 @@
 
 #include "twin/catalogue_steps.h"
 #include "twin/force_balance.h"
-#include "twin/hold_of.h"
-#include "twin/mode_step.h"
+#include "twin/resolution.h"
 
 namespace servotwin {
 
@@ -25,15 +24,6 @@ constexpr double kLongestPart_s = 1e-3;
 /// With play the spring's force is not part of the linear system but taken for linear within a
 /// part, so that a part is short against its period [rad].
 constexpr double kLargestStepInPlay_rad = 0.5;
-
-/// Forces on motor and load are solved in turns, until a turn changes them by less [m/s^2 |
-/// rad/s^2], or for so many turns: with a stiff spring and friction on both not every step gets
-/// there; what is missing then is far below the friction.
-constexpr double kSmallestTurn = 1e-11;
-/// A step that ends on the edge of a gap misses its contact's force by more than this share of what
-/// the spring has over the gap, and the edge by less than this share of the gap.
-constexpr double kEdgeTolerance = 1e-6;
-constexpr int kMostTurns = 12;
 
 }  // namespace
 
@@ -126,136 +116,6 @@ void TwinOf<S>::add_force(const EffectOf<S>& effect, Body body, const S& share) 
 }
 
 template <class S>
-void TwinOf<S>::discretise_loop(const LoopOf<S>& loop) {
-  const int n = loop.order;
-  linear_.states = 2 * n + 2 * static_cast<int>(loop.modes.size());
-  denominator_ = loop.denominator;
-  numerator_ = loop.numerator;
-  travel_ = loop.travel;
-  std::copy(loop.modes.begin(), loop.modes.end(), modes_.begin());
-  moves_ = std::any_of(loop.modes.begin(), loop.modes.end(),
-                       [](const ModeOf<S>& mode) { return mode.moves(); });
-  const auto last = static_cast<std::size_t>(n - 1);
-  SquareOf<S, kMaxOrder> a{};
-  std::array<S, kMaxOrder> input{};
-  for (std::size_t i = 0; i <= last; ++i) {
-    if (i < last) a[i][i + 1] = 1.0;
-    a[last][i] = -loop.denominator[last - i];
-  }
-  input[last] = 1.0;
-  const HoldOf<S, kMaxOrder> hold = hold_of<S, kMaxOrder>(
-      n, a, input,
-      [&](const Eigen::MatrixXd& system, const Eigen::VectorXd& b) {
-        return discretise(system, b, h_, 2);
-      },
-      [&](const Eigen::MatrixXd& system, const Eigen::VectorXd& b, const Eigen::MatrixXd& da,
-          const Eigen::VectorXd& db) { return discretise_derivative(system, b, da, db, h_, 2); });
-  for (int first : {0, n}) {
-    for (std::size_t r = 0; r <= last; ++r) {
-      auto& row = linear_.rows[static_cast<std::size_t>(first) + r];
-      row.first = first;
-      row.width = n;
-      for (std::size_t c = 0; c <= last; ++c) row.phi[c] = hold.phi[r][c];
-      if (first == 0) {
-        row.command = hold.g[r];
-      } else {
-        row.force_end = hold.g[r][1] / h_;
-        row.force_begin = hold.g[r][0] - row.force_end;
-      }
-    }
-  }
-  linear_.rest[static_cast<std::size_t>(n)] =
-      1.0 / loop.denominator[static_cast<std::size_t>(n - 1)];
-  place_modes(0.0, 0.0);
-}
-
-// A mode in the form whose first state is its part of the error, so that any start shows in it:
-//   w1' = -2 zeta omega w1 + w2 + b1 u,   w2' = -omega^2 w1 + b2 u:   w1 = (b1 s + b2) / M u
-template <class S>
-void TwinOf<S>::place_modes(const S& over, const S& at_end) noexcept {
-  using Constants = StepConstantsOf<S>;
-  using Vibration = ModeOf<S>;
-  const auto n = static_cast<std::size_t>(linear_.order);
-  const auto size = static_cast<std::size_t>(linear_.states);
-  typename Constants::State error{};
-  for (std::size_t i = 0; i < n; ++i) error[i] = numerator_[n - 1 - i];
-  S share = 1.0;  // disturbance_share
-  std::array<Vibration, kMaxModes> here;
-
-  for (std::size_t first = 2 * n; first < size; first += 2) {
-    const std::size_t place = (first - 2 * n) / 2;
-    const Vibration mode =
-        at_place(modes_[place], travel_.place(over), linear_.order, denominator_).mode;
-    const ModeStepOf<S> step(2.0 * mode.zeta * mode.omega, mode.omega * mode.omega, h_);
-    const auto left = step.times(0, 1.0, 0.0), right = step.times(0, 0.0, 1.0);
-    for (std::size_t r = 0; r < 2; ++r) {
-      typename Constants::Row& row = linear_.rows[first + r];
-      row.first = static_cast<int>(first);
-      row.width = 2;
-      row.phi[0] = left[r];
-      row.phi[1] = right[r];
-      double power = h_;
-      for (std::size_t k = 0; k < 3; ++k, power *= h_)
-        row.command[k] = power * step.times(k + 1, mode.alpha, mode.beta)[r];
-      row.force_end = h_ * step.times(2, mode.gamma, mode.delta)[r];
-      row.force_begin = h_ * step.times(1, mode.gamma, mode.delta)[r] - row.force_end;
-    }
-    const PlacedMode<S> placed =
-        at_place(modes_[place], travel_.place(at_end), linear_.order, denominator_);
-    const Vibration& end = here[place] = placed.mode;
-    const S damping = 2.0 * end.zeta * end.omega, stiffness = end.omega * end.omega;
-    error[first] = 1.0;
-    error[0] += placed.lag;
-    error[2 * n - 1] -= end.gamma;
-    if (n == 3) error[n] -= end.delta * denominator_[2] / stiffness;
-    share -= end.gamma * (denominator_[0] - damping) + end.delta;
-    // At rest w1 = delta / omega^2, w2 = damping w1 - gamma.
-    linear_.rest[first] = end.delta / stiffness;
-    linear_.rest[first + 1] = damping * end.delta / stiffness - end.gamma;
-  }
-  error[2 * n - 2] += share;
-
-  // d/dt of a reading, and what of the inputs is in it at once.
-  const auto rate_of = [&](const typename Constants::State& of) {
-    typename Constants::State out{};
-    for (const std::size_t first : {std::size_t{0}, n}) {
-      for (std::size_t c = 0; c < n; ++c)
-        out[first + c] =
-            (c > 0 ? of[first + c - 1] : S(0.0)) - of[first + n - 1] * denominator_[n - 1 - c];
-    }
-    for (std::size_t first = 2 * n; first < size; first += 2) {
-      const Vibration& mode = here[(first - 2 * n) / 2];
-      out[first] =
-          -2.0 * mode.zeta * mode.omega * of[first] - mode.omega * mode.omega * of[first + 1];
-      out[first + 1] = of[first];
-    }
-    return out;
-  };
-  const auto at_once = [&](const typename Constants::State& of, std::size_t block,
-                           S Vibration::*first, S Vibration::*second) {
-    S sum = of[block + n - 1];
-    for (std::size_t at = 2 * n; at < size; at += 2) {
-      const Vibration& mode = here[(at - 2 * n) / 2];
-      sum += of[at] * (mode.*first) + of[at + 1] * (mode.*second);
-    }
-    return sum;
-  };
-  const auto keep = [&](const typename Constants::State& of, typename Constants::Reading& reading) {
-    reading.state = of;
-    reading.force_end = 0.0;
-    for (std::size_t i = 0; i < size; ++i) reading.force_end += of[i] * linear_.rows[i].force_end;
-  };
-  const typename Constants::State rate = rate_of(error);
-  keep(error, linear_.error);
-  keep(rate, linear_.rate);
-  keep(rate_of(rate), linear_.second);
-  linear_.rate.velocity = at_once(error, 0, &Vibration::alpha, &Vibration::beta);
-  linear_.second.velocity = at_once(rate, 0, &Vibration::alpha, &Vibration::beta);
-  linear_.second.acceleration = linear_.rate.velocity;
-  linear_.second.force = at_once(rate, n, &Vibration::gamma, &Vibration::delta);
-}
-
-template <class S>
 S TwinOf<S>::value_at(const typename StepConstantsOf<S>::Reading& reading,
                       const typename StepConstantsOf<S>::State& w) const noexcept {
   S sum = 0.0;
@@ -263,67 +123,6 @@ S TwinOf<S>::value_at(const typename StepConstantsOf<S>::Reading& reading,
     add(sum, reading.state[i], w[i], lanes_of(i));
   return sum;
 }
-
-namespace {
-
-// Lanes of the forces that a step solves for.
-constexpr std::size_t kMotorLane = kParametersPerPass, kLoadLane = kMotorLane + 1,
-                      kContactLane = kMotorLane + 2;
-
-/// A force that is solved for.
-TwinDual unknown(double value, std::size_t lane) noexcept {
-  TwinDual out(value);
-  out.by[lane] = 1.0;
-  return out;
-}
-
-/// The deflection beyond the nearer edge of a gap. There the contact's damper sets in at once, and
-/// a step may end on the edge with any part of its force.
-template <class S>
-S beyond_edge(const typename TwoMassAxisOf<S>::State& state, const S& width) noexcept {
-  const S& deflection = state[2];
-  return deflection - (deflection > 0.0 ? 0.5 : -0.5) * width;
-}
-
-/// Replaces derivatives by the forces that were solved for by those of the forces.
-class Resolution {
- public:
-  /// From the derivatives of what is zero there (implicit function theorem): of the motor's force
-  /// alone, or of all.
-  explicit Resolution(const TwinDual& miss) noexcept {
-    set(0, -miss.by / miss.by[kMotorLane]);
-    for (std::size_t f = 1; f < kForcesPerStep; ++f) set(f, TwinDual::Derivatives::Zero());
-  }
-  explicit Resolution(const std::array<TwinDual, kForcesPerStep>& misses) noexcept {
-    Eigen::Matrix3d by_force;
-    for (std::size_t r = 0; r < kForcesPerStep; ++r) {
-      for (std::size_t c = 0; c < kForcesPerStep; ++c)
-        by_force(static_cast<int>(r), static_cast<int>(c)) = misses[r].by[kMotorLane + c];
-    }
-    const Eigen::Matrix3d inverse = by_force.inverse();
-    for (std::size_t f = 0; f < kForcesPerStep; ++f) {
-      const Eigen::RowVector3d row = -inverse.row(static_cast<int>(f));
-      set(f, row(0) * misses[0].by + row(1) * misses[1].by + row(2) * misses[2].by);
-    }
-  }
-  void operator()(TwinDual& x) const noexcept {
-    for (std::size_t f = 0; f < kForcesPerStep; ++f) {
-      const double by = x.by[kMotorLane + f];
-      if (by != 0.0) x.by += by * forces_[f];
-    }
-  }
-
- private:
-  /// The lanes of the forces themselves take out what is replaced.
-  void set(std::size_t force, const TwinDual::Derivatives& by) noexcept {
-    forces_[force] = by;
-    forces_[force].tail<static_cast<int>(kForcesPerStep)>().setZero();
-    forces_[force][kMotorLane + force] = -1.0;
-  }
-  std::array<TwinDual::Derivatives, kForcesPerStep> forces_;
-};
-
-}  // namespace
 
 template <class S>
 template <class Miss, class Settle>
@@ -340,19 +139,10 @@ S TwinOf<S>::solved(const S& first, double known, const Miss& miss, const Settle
 }
 
 template <class S>
-template <class Resolve>
-void TwinOf<S>::resolve_motion(const Resolve& resolve, MotionOf<S>& m) const noexcept {
-  for (S* x : {&m.position, &m.velocity, &m.displacement, &m.acceleration, &m.tracking_error,
-               &m.demand, &m.friction, &m.demand_rate, &m.demand_damping})
-    resolve(*x);
-}
-
-template <class S>
-template <class Resolve>
-void TwinOf<S>::resolve_memories(const Resolve& resolve, Body body) noexcept {
+void TwinOf<S>::resolve_memories(const Resolution& resolve, Body body) noexcept {
   for (std::size_t i = 0; i < static_cast<std::size_t>(effect_count_); ++i) {
     if (bodies_[i] != body) continue;
-    each_value<S>(effects_[i].kind, memory_[i], resolve);
+    if constexpr (is_dual<S>) each_value<S>(effects_[i].kind, memory_[i], resolve);
   }
 }
 
@@ -509,155 +299,6 @@ S TwinOf<S>::step(const CommandPieceOf<S>& whole) noexcept {
   part.end_acceleration = whole.end_acceleration;
   part.neighbour_acceleration = whole.neighbour_acceleration;
   return advance(part);
-}
-
-template <class S>
-void TwinOf<S>::balance_two_masses(const typename TwoMassAxisOf<S>::State& free,
-                                   const CommandPieceOf<S>& piece, MotionOf<S>& motor,
-                                   MotionOf<S>& load) noexcept {
-  using Forces = typename TwoMassAxisOf<S>::Forces;
-  const auto ends = [&] {
-    const Forces end{force_ - contact_, load_force_ + contact_};
-    return axis_.ends_of(axis_.with(free, end), piece, end);
-  };
-  const auto set = [&](const typename TwoMassAxisOf<S>::Ends& now, Body body, MotionOf<S>& m) {
-    const bool on_load = body == Body::kLoad;
-    m.position = on_load ? now.load_position : now.motor_position;
-    m.velocity = on_load ? now.load_velocity : now.motor_velocity;
-    m.acceleration = on_load ? now.load_acceleration : now.motor_acceleration;
-    m.displacement = m.position - (on_load ? load_position_ : motor_position_);
-    m.tracking_error = now.loop_error;
-    m.demand = now.demand;
-    if (linear_.order == 3) {
-      m.demand_rate = now.demand_rate;
-      m.demand_damping = linear_.damping * now.loop_rate;
-    }
-  };
-  const bool plays = axis_.parameters().width > 0.0;
-  if constexpr (is_dual<S>) {
-    force_ = unknown(leader_.force_, kMotorLane);
-    load_force_ = unknown(leader_.load_force_, kLoadLane);
-    contact_ = unknown(leader_.contact_, kContactLane);
-    const Forces all{force_ - contact_, load_force_ + contact_};
-    const typename TwoMassAxisOf<S>::State state = axis_.with(free, all);
-    const typename TwoMassAxisOf<S>::Ends now = axis_.ends_of(state, piece, all);
-    set(now, Body::kMotor, motor);
-    set(now, Body::kLoad, load);
-    S contact_miss = plays ? contact_ - axis_.missing_contact(state) : contact_;
-    if (plays) {
-      const TwoMassParametersOf<S>& gap = axis_.parameters();
-      const S beyond = beyond_edge<S>(state, gap.width);
-      const double force = value_of(gap.load_share * gap.omega * gap.omega * gap.width);
-      if (std::abs(contact_miss.value) > kEdgeTolerance * force &&
-          std::abs(beyond.value) < kEdgeTolerance * gap.width.value)
-        contact_miss = beyond;
-    }
-    const Resolution resolve({force_ - disturbance(motor, memory_, Body::kMotor),
-                              load_force_ - disturbance(load, memory_, Body::kLoad), contact_miss});
-    for (S* x : {&force_, &load_force_, &contact_}) resolve(*x);
-    resolve_motion(resolve, motor);
-    resolve_motion(resolve, load);
-    for (const Body body : {Body::kMotor, Body::kLoad}) resolve_memories(resolve, body);
-  } else {
-    const auto miss_of = [&](Body body, MotionOf<S>& m, S& force) {
-      return [&, body](const S& trial) -> S {
-        force = trial;
-        set(ends(), body, m);
-        return trial - disturbance(m, tried(body), body);
-      };
-    };
-    const auto end = bodies_.begin() + effect_count_;
-    const bool motor_feels = std::find(bodies_.begin(), end, Body::kMotor) != end;
-    for (int turn = 0; turn < kMostTurns; ++turn) {
-      const double motor_before = force_, contact_before = contact_;
-      if (plays) {
-        contact_ = balanced(contact_, contact_slope_, [&](double trial) {
-          contact_ = trial;
-          return trial -
-                 axis_.missing_contact(axis_.with(free, {force_ - trial, load_force_ + trial}));
-        });
-      }
-      load_force_ = balanced(load_force_, load_slope_, miss_of(Body::kLoad, load, load_force_));
-      force_ = balanced(force_, slope_, miss_of(Body::kMotor, motor, force_));
-      if (!plays && !motor_feels) break;
-      if (std::abs(force_ - motor_before) <= kSmallestTurn &&
-          std::abs(contact_ - contact_before) <= kSmallestTurn)
-        break;
-    }
-  }
-}
-
-template <class S>
-void TwinOf<S>::start_two_masses(const S& command) noexcept {
-  force_ = load_force_ = contact_ = 0.0;
-  load_force_change_ = 0.0;
-  load_slope_ = contact_slope_ = 1.0;
-  CommandPieceOf<S> still;
-  still.end_position = command;
-  MotionOf<S> rest;
-  rest.step_s = h_;
-  rest.time_s = time_s_;
-  // A standing loop holds whatever forces act at rest; they may depend on where it stands.
-  for (int turn = 0; turn < kMostTurns; ++turn) {
-    axis_state_ = axis_.at_rest({force_, load_force_});
-    contact_ = axis_.missing_contact(axis_state_);
-    const typename TwoMassAxisOf<S>::Ends now =
-        axis_.ends_of(axis_state_, still, {force_ - contact_, load_force_ + contact_});
-    motor_position_ = now.motor_position;
-    load_position_ = now.load_position;
-    position_ = command - now.recorded_error;
-    demand_ = now.demand;
-    const S motor_before = force_, load_before = load_force_;
-    for (const Body body : {Body::kMotor, Body::kLoad}) {
-      rest.position = body == Body::kLoad ? load_position_ : motor_position_;
-      rest.tracking_error = now.loop_error;
-      rest.demand = now.demand;
-      copy_memories(memory_, trial_, body);
-      (body == Body::kLoad ? load_force_ : force_) = disturbance(rest, trial_, body);
-    }
-    // Derivatives settle later than values, which may be 0 from the start.
-    if (!is_dual<S> && std::abs(value_of(force_ - motor_before)) <= kSmallestTurn &&
-        std::abs(value_of(load_force_ - load_before)) <= kSmallestTurn)
-      break;
-  }
-  for (const Body body : {Body::kMotor, Body::kLoad}) copy_memories(trial_, memory_, body);
-  acceleration_ = 0.0;
-  rest.position = position_;
-  reading_ = read(rest);
-}
-
-template <class S>
-S TwinOf<S>::advance_two_masses(const CommandPieceOf<S>& piece) noexcept {
-  time_s_ += h_;
-  const S motor_before = force_, load_before = load_force_;
-  const typename TwoMassAxisOf<S>::State free =
-      axis_.free(axis_state_, piece, {force_ - contact_, load_force_ + contact_});
-  MotionOf<S> motor;
-  motor.step_s = h_;
-  motor.time_s = time_s_;
-  motor.command_velocity = piece.end_velocity;
-  motor.command_acceleration = piece.end_acceleration;
-  motor.neighbour_acceleration = piece.neighbour_acceleration;
-  motor.in_cut = piece.in_cut;
-  MotionOf<S> load = motor;
-  force_ += force_change_;
-  load_force_ += load_force_change_;
-  balance_two_masses(free, piece, motor, load);
-  for (const Body body : {Body::kMotor, Body::kLoad}) keep_tried(body);
-  const typename TwoMassAxisOf<S>::Forces end{force_ - contact_, load_force_ + contact_};
-  axis_state_ = axis_.with(free, end);
-  const typename TwoMassAxisOf<S>::Ends now = axis_.ends_of(axis_state_, piece, end);
-  force_change_ = force_ - motor_before;
-  load_force_change_ = load_force_ - load_before;
-  motor_position_ = now.motor_position;
-  load_position_ = now.load_position;
-  demand_ = now.demand;
-  const bool at_load = axis_.parameters().encoders != Encoders::kMotor;
-  position_ = at_load ? now.load_position : now.motor_position;
-  velocity_ = at_load ? now.load_velocity : now.motor_velocity;
-  acceleration_ = at_load ? now.load_acceleration : now.motor_acceleration;
-  if (reading_count_ > 0) reading_ = read(at_load ? load : motor);
-  return now.recorded_error - reading_;
 }
 
 template <class S>

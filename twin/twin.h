@@ -29,6 +29,8 @@
 
 namespace servotwin {
 
+class Resolution;
+
 /// The commanded motion over one cycle, as a cubic from its start, and its values at the end.
 template <class S>
 struct CommandPieceOf {
@@ -157,10 +159,7 @@ class TwinOf {
   /// `settle(resolve)` has to call resolve(x) for everything that `miss` set.
   template <class Miss, class Settle>
   S solved(const S& first, double known, const Miss& miss, const Settle& settle) noexcept;
-  template <class Resolve>
-  void resolve_motion(const Resolve& resolve, MotionOf<S>& m) const noexcept;
-  template <class Resolve>
-  void resolve_memories(const Resolve& resolve, Body body) noexcept;
+  void resolve_memories(const Resolution& resolve, Body body) noexcept;
   /// The memory for one trial of a step, and what keeps it: a step is tried many times, but once
   /// for its derivatives.
   [[nodiscard]] Memories& tried(Body body = Body::kMotor) noexcept;

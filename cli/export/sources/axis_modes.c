@@ -1,6 +1,6 @@
 /* The modes' part of a step where modes of vibration move with position: at_place of twin/loop.cpp,
- * twin/mode_step.h, and place_modes of twin/twin.cpp, translated line by line. Symbols and sources
- * are explained there. */
+ * twin/mode_step.h, and place_modes of twin/step_constants.cpp, translated line by line. Symbols
+ * and sources are explained there. */
 #include <math.h>
 
 #include "axis.h"
