@@ -1,6 +1,6 @@
 // A real daemon that replays a recording, on a store of its own.
 import { spawn } from "node:child_process";
-import { mkdtempSync, rmSync } from "node:fs";
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 
@@ -8,20 +8,26 @@ import { join } from "node:path";
 process.once("SIGTERM", () => process.exit(1));
 
 export class Daemon {
-  /** `options`: {port, store, recordings, config, machine} */
+  /** `options`: {port, store, recordings, configuration, machine}; the configuration is a text */
   static async start(program, options) {
     const daemon = new Daemon();
-    daemon.ownStore = options.store === undefined;
     daemon.store = options.store ?? mkdtempSync(join(tmpdir(), "servotwin-page-"));
-    const given = ["--store", daemon.store, "--machine", options.machine ?? `page-${process.pid}`, "--domain", "97", "--http", `127.0.0.1:${options.port ?? 0}`];
-    if (options.config) given.push("--config", options.config);
+    daemon.machine = options.machine ?? `page-${process.pid}`;
+    const given = ["--store", daemon.store, "--machine", daemon.machine, "--domain", "97", "--http", `127.0.0.1:${options.port ?? 0}`];
+    if (options.configuration) {
+      const file = join(daemon.store, "servotwin.toml");
+      writeFileSync(file, options.configuration);
+      given.push("--config", file);
+    }
     if (options.recordings.length > 0) given.push("--replay", ...options.recordings);
     daemon.process = spawn(program, given, { stdio: ["ignore", "ignore", "pipe"] });
     process.once("exit", () => daemon.process.kill("SIGKILL"));
     daemon.said = "";
+    daemon.waiting = [];
+    const wake = () => { for (const resolve of daemon.waiting.splice(0)) resolve(); };
     daemon.ended = new Promise((resolve) => daemon.process.once("exit", resolve));
-    daemon.process.stderr.on("data", (text) => { daemon.said += text; daemon.wake?.(); });
-    daemon.ended.then(() => daemon.wake?.());
+    daemon.process.stderr.on("data", (text) => { daemon.said += text; wake(); });
+    daemon.ended.then(wake);
     const [, url] = await daemon.says(/page at (\S+)/);
     daemon.url = url;
     daemon.port = new URL(url).port;
@@ -34,7 +40,7 @@ export class Daemon {
       const found = this.said.match(pattern);
       if (found) return found;
       if (this.process.exitCode !== null) throw new Error(`the daemon ended without saying ${pattern}: ${this.said}`);
-      await new Promise((resolve) => { this.wake = resolve; });
+      await new Promise((resolve) => this.waiting.push(resolve));
     }
   }
 

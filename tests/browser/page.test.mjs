@@ -2,7 +2,6 @@
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { createSocket } from "node:dgram";
-import { writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { after, before, test } from "node:test";
 import { promisify } from "node:util";
@@ -11,18 +10,33 @@ import { Daemon } from "./daemon.mjs";
 
 const { SERVOTWIND: program, SERVOTWIN_RECORDING: recording } = process.env;
 const run = promisify(execFile);
-let browser;
-let daemon;
+const token = "a token of the test";
 const recordings = Array(20).fill(recording);
+let browser;
+let daemon; // replays a recording
+let diagnosed; // has models and diagnoses
+let learning; // has models, learns programs and may be armed
 
+/** A daemon of its own machine with this configuration. */
+const configured = (name, configuration, given = {}) => Daemon.start(program, { recordings, configuration, machine: `${name}-${process.pid}`, ...given });
+
+// A browser that paints takes the processor from the identification, which runs at idle priority: models come first.
 before(async () => {
-  browser = await launch();
-  daemon = await Daemon.start(program, { recordings });
+  const identify = `[http]\ntoken = "${token}"\n[identify]\nmethod = "pole-search"\n`;
+  const axis = (name) => `[[axis]]\nname = "${name}"\ncorrection = { peak = 2e-3, rate = 0.05, bandwidth = 60 }\n`;
+  [diagnosed, learning] = await Promise.all([
+    configured("diagnosed", `${identify}[diagnose]\nrecord_s = 10\n`),
+    configured("learning", `${identify}[diagnose]\nevery_s = 0\n[ilc]\nlive = true\nmatch_tolerance = 1e-4\n${axis("X")}${axis("Y")}`),
+  ]);
+  await Promise.all([...[diagnosed, learning].flatMap((one) => [one.says(/X: model \d+ is in force/), one.says(/Y: model \d+ is in force/)]), diagnosed.says(/X: diagnosis of/)]);
+  [browser, daemon] = await Promise.all([launch(), Daemon.start(program, { recordings })]);
 });
 after(async () => {
-  await browser.close();
-  await daemon.stop("SIGKILL");
-  daemon.forget();
+  await browser?.close();
+  for (const one of [daemon, diagnosed, learning]) {
+    await one?.stop("SIGKILL");
+    one?.forget();
+  }
 });
 
 test("shows live cycles of the axes, and asks nobody else", async () => {
@@ -139,74 +153,52 @@ test("words stand out from what is behind them", async () => {
 });
 
 test("models and diagnoses come with their reasons and pictures", async () => {
-  const config = join(daemon.store, "short.toml");
-  writeFileSync(config, "[http]\ntoken = 'a token of the test'\n[identify]\nmethod = 'pole-search'\n[diagnose]\nrecord_s = 10\n");
-  const other = await Daemon.start(program, { recordings, config });
-  const { page, complaints } = await open(browser, `${other.url}#models`);
-  try {
-    await shows(page, "#versions tbody", /in force.*model 1 is in force: residual/);
-    await other.says(/Y: model 1 is in force/);
-    await page.getByRole("link", { name: "Live" }).click();
-    await shows(page, "#contour", /by the daemon-?[\d.]+ µm/);
-    await other.says(/X: diagnosis of/);
-    await page.getByRole("link", { name: "Diagnosis" }).click();
-    await shows(page, "#verdict", /The residual of the simulation is [\d.]+ µm RMS/);
-    await shows(page, "#causes", /check.+/);
-    await shows(page, "#doubt", /Not observable here.*: ./);
-    await page.frameLocator("#report").locator("figure svg").first().waitFor();
-    await page.locator("#ask summary").click();
-    await page.locator("#token").fill("a wrong token");
-    await page.getByRole("button", { name: "Ask" }).click();
-    await shows(page, "#asked", /^Not asked: needs Authorization/);
-    complaints.length = 0; // the browser complains of the 401, which was wanted
-    await page.locator("#token").fill("a token of the test");
-    await page.keyboard.press("Enter");
-    await shows(page, "#asked", /^Asked: a diagnosis is made/);
-    await page.getByRole("link", { name: "Service" }).click();
-    await shows(page, "#events", /diagnosis of/);
-    assert.deepEqual(complaints, []);
-  } finally {
-    await page.close();
-    await other.stop("SIGKILL");
-    other.forget();
-  }
+  const { page, complaints } = await open(browser, `${diagnosed.url}#models`);
+  await shows(page, "#versions tbody", /in force.*model 1 is in force: residual/);
+  await page.getByRole("link", { name: "Live" }).click();
+  await shows(page, "#contour", /by the daemon-?[\d.]+ µm/);
+  await page.getByRole("link", { name: "Diagnosis" }).click();
+  await shows(page, "#verdict", /The residual of the simulation is [\d.]+ µm RMS/);
+  await shows(page, "#causes", /check.+/);
+  await shows(page, "#doubt", /Not observable here.*: ./);
+  await page.frameLocator("#report").locator("figure svg").first().waitFor();
+  await page.locator("#ask summary").click();
+  await page.locator("#token").fill("a wrong token");
+  await page.getByRole("button", { name: "Ask" }).click();
+  await shows(page, "#asked", /^Not asked: needs Authorization/);
+  complaints.length = 0; // the browser complains of the 401, which was wanted
+  await page.locator("#token").fill(token);
+  await page.keyboard.press("Enter");
+  await shows(page, "#asked", /^Asked: a diagnosis is made/);
+  await page.getByRole("link", { name: "Service" }).click();
+  await shows(page, "#events", /diagnosis of/);
+  assert.deepEqual(complaints, []);
+  await page.close();
 });
 
 test("shows what was learned of a program, and what became of it", async () => {
-  const config = join(daemon.store, "learn.toml");
-  const axis = (name) => `[[axis]]\nname = "${name}"\ncorrection = { peak = 2e-3, rate = 0.05, bandwidth = 60 }\n`;
-  writeFileSync(config, `[http]\ntoken = "a token of the test"\n[identify]\nmethod = "pole-search"\n[diagnose]\nevery_s = 0\n[ilc]\nlive = true\nmatch_tolerance = 1e-4\n${axis("X")}${axis("Y")}`);
-  const machine = `learn-${process.pid}`;
-  const other = await Daemon.start(program, { recordings, config, machine });
-  const { page, complaints } = await open(browser, `${other.url}#corrections`);
-  try {
-    await shows(page, "#sending", /Not armed: nothing goes to the drives/);
-    await shows(page, "#programs", /No program has been received yet/);
-    await other.says(/X: model \d+ is in force/);
-    await other.says(/Y: model \d+ is in force/);
-    await run(join(dirname(program), "servotwin"), ["preview", recording, "--dds", "--learn", "--name", "part", "--machine", machine, "--domain", "97"]);
-    await page.reload();
-    await shows(page, "#programs", /learnedprogram 'part'.*axis X[\d.]+ µm[\d.]+ µm–axis Y[\d.]+ µm[\d.]+ µm–path[\d.]+ µm[\d.]+ µm–/);
-    await page.locator("#do-arm").click();
-    await shows(page, "#arm-said", /^Not done: needs Authorization/);
-    complaints.length = 0; // the browser complains of the 401, which was wanted
-    await page.locator("#arm-token").fill("a token of the test");
-    await page.locator("#do-arm").click();
-    await shows(page, "#sending", /Armed: offsets go to the drives/);
-    await page.locator("#do-disarm").click();
-    await shows(page, "#sending", /Not armed/);
-    // Who arms elsewhere is seen here with the next status, and not only when the page asks again.
-    await page.route("**/api/v1/offsets", (route) => route.fulfill({ json: { live: true, armed: false } }));
-    const elsewhere = await fetch(`${other.url}api/v1/offsets/arm`, { method: "POST", headers: { Authorization: "Bearer a token of the test" } });
-    assert.equal(elsewhere.status, 200);
-    await shows(page, "#sending", /Armed: offsets go to the drives/);
-    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), 0);
-    assert.deepEqual(complaints, []);
-  } finally {
-    await page.close();
-    await other.stop("SIGKILL");
-    other.forget();
-  }
+  const { page, complaints } = await open(browser, `${learning.url}#corrections`);
+  await shows(page, "#sending", /Not armed: nothing goes to the drives/);
+  await shows(page, "#programs", /No program has been received yet/);
+  await run(join(dirname(program), "servotwin"), ["preview", recording, "--dds", "--learn", "--name", "part", "--machine", learning.machine, "--domain", "97"]);
+  await page.reload();
+  await shows(page, "#programs", /learnedprogram 'part'.*axis X[\d.]+ µm[\d.]+ µm–axis Y[\d.]+ µm[\d.]+ µm–path[\d.]+ µm[\d.]+ µm–/);
+  await page.locator("#do-arm").click();
+  await shows(page, "#arm-said", /^Not done: needs Authorization/);
+  complaints.length = 0; // the browser complains of the 401, which was wanted
+  await page.locator("#arm-token").fill(token);
+  await page.locator("#do-arm").click();
+  await shows(page, "#sending", /Armed: offsets go to the drives/);
+  await page.locator("#do-disarm").click();
+  await shows(page, "#sending", /Not armed/);
+  // Who arms elsewhere is seen here with the next status, and not only when the page asks again.
+  await page.route("**/api/v1/offsets", (route) => route.fulfill({ json: { live: true, armed: false } }));
+  const elsewhere = await fetch(`${learning.url}api/v1/offsets/arm`, { method: "POST", headers: { Authorization: `Bearer ${token}` } });
+  assert.equal(elsewhere.status, 200);
+  await shows(page, "#sending", /Armed: offsets go to the drives/);
+  assert.equal(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), 0);
+  assert.deepEqual(complaints, []);
+  await page.close();
 });
 
 test("shows how long predictions take, as a histogram too", async () => {
@@ -225,9 +217,8 @@ const packet = (sequence, id) => Buffer.from([2, 0, sequence, 0, 1, 0, 0, id >> 
 
 test("shows what was lost on every bus", async () => {
   const port = 20_000 + (process.pid % 10_000);
-  const config = join(daemon.store, "udp.toml");
-  writeFileSync(config, `[source.udp]\nmap = "${join(dirname(recording), "can_machine.toml")}"\nlisten = "127.0.0.1:${port}"\n`);
-  const other = await Daemon.start(program, { recordings: [], config });
+  const map = join(dirname(recording), "can_machine.toml");
+  const other = await configured("udp", `[source.udp]\nmap = "${map}"\nlisten = "127.0.0.1:${port}"\n`, { recordings: [] });
   const { page, complaints } = await open(browser, `${other.url}#service`);
   const socket = createSocket("udp4");
   try {
@@ -269,9 +260,7 @@ test("says when the daemon is gone, and goes on when it is back", async () => {
 });
 
 test("says when the machine falls silent", async () => {
-  const config = join(daemon.store, "waiting.toml");
-  writeFileSync(config, "[[axis]]\nname = 'X'\n");
-  const other = await Daemon.start(program, { recordings: [], config });
+  const other = await configured("waiting", "[[axis]]\nname = 'X'\n", { recordings: [] });
   const { page } = await open(browser, other.url);
   try {
     await shows(page, "#state", /waiting for the machine/);

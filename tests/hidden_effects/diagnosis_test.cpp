@@ -114,7 +114,7 @@ TEST(LongLeaveOut, WithoutCoggingWhatIsNamedInItsPlaceIsAmbiguous) {
   }
 }
 
-TEST(LeaveOut, ADelayThatIsLeftOutIsNotNamed) {
+TEST(LongLeaveOut, ADelayThatIsLeftOutIsNotNamed) {
   const Case asked = single_case(Part::kDev, "time_delay", Class::kClear, 1);
   const Answer without = ask(asked.csv, {"time_delay"});
   ASSERT_EQ(without.failure, "");

@@ -209,8 +209,10 @@ TEST_F(DiagnosisWorkerTest, OnAFullDiskItIsPublishedAllTheSameAndSaid) {
   EXPECT_THAT(last_error, HasSubstr("full"));
 }
 
+class LongDiagnosisWorkerTest : public DiagnosisWorkerTest {};
+
 // The rig of the benchmark shares no code with the twin. Its ripple was put in by other formulas.
-TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
+TEST_F(LongDiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
   using namespace hidden_effects;
   const Case hidden = single_case(Part::kDev, "cogging", Class::kClear, 0);
   std::ofstream(directory_.path() / "case.csv") << hidden.csv;
@@ -262,8 +264,6 @@ TEST_F(DiagnosisWorkerTest, AHiddenRippleIsNamedKeptAndThereAfterARestart) {
 
 // The torque of a body of 10 kg with 3 N of friction on the recorded way, and a ripple of its own
 // that the position loop is not asked about: by Newton, from differences of the command.
-class LongDiagnosisWorkerTest : public DiagnosisWorkerTest {};
-
 TEST_F(LongDiagnosisWorkerTest, TheTorqueIsExplainedWhereTheMachineSendsOne) {
   using namespace hidden_effects;
   const Case hidden = single_case(Part::kDev, "cogging", Class::kClear, 0);

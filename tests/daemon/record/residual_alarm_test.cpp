@@ -229,7 +229,7 @@ Segment moves(double seconds, double friction, std::uint64_t seed) {
   return out;
 }
 
-TEST(ResidualAlarm, FrictionThatHasGrownByATenthIsNoticedOnAMachineOfOtherCode) {
+TEST(LongResidualAlarm, FrictionThatHasGrownByATenthIsNoticedOnAMachineOfOtherCode) {
   SegmentedAxis seen;
   seen.axis = "X";
   seen.sample_time_s = 1e-3;

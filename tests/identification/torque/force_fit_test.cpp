@@ -129,7 +129,7 @@ TEST(ForceFit, RecoversTheLuGreParametersOfTheFeedDrive) {
 }
 
 // The telescopic cover, with the drive's parameters held at their values without it.
-TEST(ForceFit, RecoversTheAddedFrictionOfTheCover) {
+TEST(LongForceFit, RecoversTheAddedFrictionOfTheCover) {
   const auto data_of = [](bool covered, std::uint64_t seed) {
     const vm::Axis axis = vm::cover_rig_axis(covered);
     const auto motion = vm::cover_rig_motion(seed, 0.05, 0.4, 2);
