@@ -160,7 +160,8 @@ std::vector<Change> changes_of(const Model& model) {
 }
 
 Change addition_to(const Model& model, std::size_t kind, const std::vector<double>& shapes) {
-  constexpr double kStepShare = 1e-9;  // of the physical range
+  constexpr double kStepShare = 1e-9;     // of the physical range,
+  constexpr double kWidestRange = 200.0;  // at most of so many units
   Effect effect;
   effect.kind = kind;
   std::copy(shapes.begin(), shapes.end(), effect.shape.begin());
@@ -177,7 +178,7 @@ Change addition_to(const Model& model, std::size_t kind, const std::vector<doubl
   for (const Parameter& p : coefficients_of(kind)) {
     if (known) break;
     out.quantities.push_back({std::string(p.name), std::string(p.unit), effect.coefficient[i++],
-                              kStepShare * (p.upper - p.lower), false});
+                              kStepShare * std::min(p.upper - p.lower, kWidestRange), false});
   }
   // The velocity limit is that of the friction in the model and is not fitted.
   std::vector<std::size_t> free;

@@ -133,6 +133,10 @@ struct Parameter {
   return out;
 }
 
+/// Bound of a force per moved mass [m/s^2 | rad/s^2]. On a linear axis friction above 10 m/s^2 is
+/// rare, but a small motor that turns by itself has several hundred rad/s^2.
+inline constexpr double kMaxForce = 1e4;
+
 /// Whether this coefficient can be identified beside a free loop of this order.
 [[nodiscard]] constexpr bool told_from_loop(const Parameter& p, int order) noexcept {
   return p.with_free_loop && (order == 3 || !p.behind_integrator);

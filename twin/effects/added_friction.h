@@ -25,7 +25,7 @@ struct AddedFriction {
       {{"time_s", "s", 1e-3, 1e7, 1.0, "time in the recording at which it is added", true, false,
         Scan::kTime}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb", "m/s^2", -100.0, 100.0, 0.0, "added Coulomb friction, per moved mass"},
+      {{"coulomb", "m/s^2", -kMaxForce, kMaxForce, 0.0, "added Coulomb friction, per moved mass"},
        {"viscous", "1/s", -1000.0, 1000.0, 0.0, "added viscous friction, per moved mass"}}};
   template <class T>
   using Memory = NoMemory;

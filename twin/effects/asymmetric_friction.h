@@ -25,7 +25,7 @@ struct AsymmetricFriction {
       .check = "wipers and covers; a counterbalance; the screw's nut by direction"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb_difference", "m/s^2", -100.0, 100.0, 0.0,
+      {{"coulomb_difference", "m/s^2", -kMaxForce, kMaxForce, 0.0,
         "half the difference of Coulomb friction, v > 0 minus v < 0, per moved mass"},
        {"viscous_difference", "1/s", -1000.0, 1000.0, 0.0,
         "half the difference of viscous friction, v > 0 minus v < 0, per moved mass"}}};

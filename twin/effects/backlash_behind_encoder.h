@@ -25,7 +25,7 @@ struct BacklashBehindEncoder {
       .on_motor = true};
   static constexpr std::array<Parameter, 3> kShapes = kGapShapes;
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"friction", "m/s^2", 0.0, 100.0, 0.0, "friction of the load, per moved mass"},
+      {{"friction", "m/s^2", 0.0, kMaxForce, 0.0, "friction of the load, per moved mass"},
        {"load_share", "1", 0.0, 1.0, 0.0, "share of the moved mass that is behind the gap"}}};
   template <class T>
   using Memory = LoadInGap<T>;

@@ -25,10 +25,11 @@ struct Cogging {
       {{"period", "m", 5e-5, 1.0, 5e-3, "period of the force along the axis", true, false,
         Scan::kPeriod}}};
   static constexpr std::array<Parameter, 4> kCoefficients{
-      {{"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
-       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"},
-       {"sine_2", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine at half the period"},
-       {"cosine_2", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine at half the period"}}};
+      {{"sine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the sine, per moved mass"},
+       {"cosine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the cosine"},
+       {"sine_2", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the sine at half the period"},
+       {"cosine_2", "m/s^2", -kMaxForce, kMaxForce, 0.0,
+        "amplitude of the cosine at half the period"}}};
   template <class T>
   using Memory = NoMemory;
 

@@ -31,9 +31,9 @@ struct Compliance {
   static constexpr std::array<Parameter, 4> kCoefficients{
       {{"spring", "1/s", -1e6, 1e6, 0.0, "force per deflection and angular frequency"},
        {"damper", "1/s", -1e6, 1e6, 0.0, "force per speed of deflection"},
-       {"ringing", "m/s^2", -100.0, 100.0, 0.0,
+       {"ringing", "m/s^2", -kMaxForce, kMaxForce, 0.0,
         "force per deflection by friction, from its rest value"},
-       {"fading", "m/s^2", -100.0, 100.0, 0.0,
+       {"fading", "m/s^2", -kMaxForce, kMaxForce, 0.0,
         "force per rate of that deflection over angular frequency"}}};
   template <class T>
   struct Memory {

@@ -21,7 +21,7 @@ struct ConstantForce {
                                       .check = "counterweight or brake; a cable that pulls"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"offset_mps2", "m/s^2", -100.0, 100.0, 0.0, "constant force per moved mass"}}};
+      {{"offset_mps2", "m/s^2", -kMaxForce, kMaxForce, 0.0, "constant force per moved mass"}}};
   template <class T>
   using Memory = NoMemory;
 

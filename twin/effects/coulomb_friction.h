@@ -23,7 +23,7 @@ struct CoulombFriction {
       {{"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
         "velocity at which the friction force is fully developed"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};
+      {{"coulomb", "m/s^2", 0.0, kMaxForce, 0.2, "Coulomb friction per moved mass"}, kViscous}};
   template <class T>
   using Memory = NoMemory;
 

@@ -27,9 +27,9 @@ struct CuttingForce {
       {{"tooth_frequency_hz", "Hz", 0.2, 2000.0, 50.0, "tooth-passing frequency", true, false,
         Scan::kFrequency}}};
   static constexpr std::array<Parameter, 3> kCoefficients{
-      {{"mean", "m/s^2", -100.0, 100.0, 0.0, "mean force, per moved mass"},
-       {"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine"},
-       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"}}};
+      {{"mean", "m/s^2", -kMaxForce, kMaxForce, 0.0, "mean force, per moved mass"},
+       {"sine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the sine"},
+       {"cosine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the cosine"}}};
   template <class T>
   using Memory = NoMemory;
 

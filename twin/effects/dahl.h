@@ -19,7 +19,7 @@ struct Dahl {
   static constexpr std::array<Parameter, 1> kShapes{
       {{"deflection", "m", 2e-8, 2e-3, 5e-6, "Coulomb force over initial stiffness"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};
+      {{"coulomb", "m/s^2", 0.0, kMaxForce, 0.2, "Coulomb friction per moved mass"}, kViscous}};
 
   template <class T>
   struct Memory {

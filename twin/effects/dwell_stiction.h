@@ -27,7 +27,7 @@ struct DwellStiction {
       {{"length", "m", 1e-6, 5e-4, 5e-5, "travel after which the increase has decayed to 1/e"},
        {"rest_time", "s", 1e-3, 10.0, 0.1, "time at rest from which it grows logarithmically"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"growth", "m/s^2", 0.0, 100.0, 0.0,
+      {{"growth", "m/s^2", 0.0, kMaxForce, 0.0,
         "increase per e-fold of the time at rest, per moved mass"}}};
   /// Travel after which the contacts are new [m]: the size of a few asperities.
   static constexpr double kContact_m = 1e-6;

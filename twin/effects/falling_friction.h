@@ -24,7 +24,8 @@ struct FallingFriction {
       {{"stribeck_velocity", "m/s", 1e-4, 0.2, 1e-2, "Stribeck velocity v_s"},
        {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "Stribeck exponent delta"}}};
   static constexpr std::array<Parameter, 1> kCoefficients{
-      {{"drop", "m/s^2", -100.0, 100.0, 0.0, "breakaway minus Coulomb force, per moved mass"}}};
+      {{"drop", "m/s^2", -kMaxForce, kMaxForce, 0.0,
+        "breakaway minus Coulomb force, per moved mass"}}};
   template <class T>
   using Memory = NoMemory;
 

@@ -33,14 +33,14 @@ struct Gms {
        {"attraction", "1/s", 0.1, 1e5, 100.0,
         "C over Coulomb force: rate at which a sliding element approaches its level"}}};
   static constexpr std::array<Parameter, kElements + 1> kCoefficients{
-      {{"level_1", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_2", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_3", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_4", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_5", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_6", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_7", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
-       {"level_8", "m/s^2", 0.0, 100.0, 0.02, "Coulomb level of the element per moved mass"},
+      {{"level_1", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_2", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_3", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_4", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_5", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_6", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_7", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
+       {"level_8", "m/s^2", 0.0, kMaxForce, 0.02, "Coulomb level of the element per moved mass"},
        kViscous}};
 
   template <class T>

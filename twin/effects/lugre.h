@@ -29,7 +29,7 @@ struct LuGre {
        {"stribeck_exponent", "1", 0.5, 2.0, 1.0, "Stribeck exponent delta"},
        {"damping_time", "s", 1e-6, 0.05, 1e-3, "bristle damping over bristle stiffness"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};
+      {{"coulomb", "m/s^2", 0.0, kMaxForce, 0.2, "Coulomb friction per moved mass"}, kViscous}};
 
   template <class T>
   struct Memory {

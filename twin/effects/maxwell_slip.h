@@ -29,12 +29,12 @@ struct MaxwellSlip {
        {"step_5", "1", 1.02, 50.0, 2.2, "travel of the fifth over that of the fourth"},
        {"step_6", "1", 1.02, 50.0, 2.2, "travel of the sixth over that of the fifth"}}};
   static constexpr std::array<Parameter, kElements + 1> kCoefficients{
-      {{"level_1", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},
-       {"level_2", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},
-       {"level_3", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},
-       {"level_4", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},
-       {"level_5", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},
-       {"level_6", "m/s^2", 0.0, 100.0, 0.03, "level of the element per moved mass"},
+      {{"level_1", "m/s^2", 0.0, kMaxForce, 0.03, "level of the element per moved mass"},
+       {"level_2", "m/s^2", 0.0, kMaxForce, 0.03, "level of the element per moved mass"},
+       {"level_3", "m/s^2", 0.0, kMaxForce, 0.03, "level of the element per moved mass"},
+       {"level_4", "m/s^2", 0.0, kMaxForce, 0.03, "level of the element per moved mass"},
+       {"level_5", "m/s^2", 0.0, kMaxForce, 0.03, "level of the element per moved mass"},
+       {"level_6", "m/s^2", 0.0, kMaxForce, 0.03, "level of the element per moved mass"},
        kViscous}};
 
   template <class T>

@@ -25,8 +25,8 @@ struct PeriodicDisturbance {
       {{"frequency_hz", "Hz", 0.2, 2000.0, 10.0, "frequency of the force", true, false,
         Scan::kFrequency}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
-       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"}}};
+      {{"sine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the sine, per moved mass"},
+       {"cosine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the cosine"}}};
   template <class T>
   using Memory = NoMemory;
 

@@ -27,8 +27,8 @@ struct PositionDependentFriction {
       {{"slope", "1/s^2", -1e4, 1e4, 0.0, "change of the level along the axis, per moved mass"},
        {"curvature", "1/(m s^2)", -1e6, 1e6, 0.0,
         "quadratic change of the level along the axis, per moved mass"},
-       {"sine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the sine, per moved mass"},
-       {"cosine", "m/s^2", -100.0, 100.0, 0.0, "amplitude of the cosine"}}};
+       {"sine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the sine, per moved mass"},
+       {"cosine", "m/s^2", -kMaxForce, kMaxForce, 0.0, "amplitude of the cosine"}}};
   template <class T>
   using Memory = NoMemory;
 

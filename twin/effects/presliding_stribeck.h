@@ -34,7 +34,7 @@ struct PreslidingStribeck {
        {"attraction", "1/s", 0.1, 1e5, 100.0,
         "C over Coulomb force: rate at which a sliding element approaches its level"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"coulomb", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass"}, kViscous}};
+      {{"coulomb", "m/s^2", 0.0, kMaxForce, 0.2, "Coulomb friction per moved mass"}, kViscous}};
 
   template <class T>
   struct Memory {

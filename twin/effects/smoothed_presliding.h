@@ -29,7 +29,7 @@ struct SmoothedPresliding {
        {"shape_factor", "1", 0.02, kMaxShape, 0.5,
         "0: force rises linearly with travel; towards 1: immediately"}}};
   static constexpr std::array<Parameter, 2> kCoefficients{
-      {{"breakaway", "m/s^2", 0.0, 100.0, 0.2, "breakaway force per moved mass"}, kViscous}};
+      {{"breakaway", "m/s^2", 0.0, kMaxForce, 0.2, "breakaway force per moved mass"}, kViscous}};
 
   template <class T>
   struct Memory {

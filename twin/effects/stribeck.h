@@ -28,10 +28,10 @@ struct Stribeck {
        {"velocity_limit", "m/s", 2e-5, 2e-2, 1e-3,
         "velocity at which the friction force is fully developed"}}};
   static constexpr std::array<Parameter, 6> kCoefficients{
-      {{"coulomb_plus", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass, v > 0"},
-       {"coulomb_minus", "m/s^2", 0.0, 100.0, 0.2, "Coulomb friction per moved mass, v < 0"},
-       {"drop_plus", "m/s^2", -100.0, 100.0, 0.0, "breakaway minus Coulomb force, v > 0"},
-       {"drop_minus", "m/s^2", -100.0, 100.0, 0.0, "breakaway minus Coulomb force, v < 0"},
+      {{"coulomb_plus", "m/s^2", 0.0, kMaxForce, 0.2, "Coulomb friction per moved mass, v > 0"},
+       {"coulomb_minus", "m/s^2", 0.0, kMaxForce, 0.2, "Coulomb friction per moved mass, v < 0"},
+       {"drop_plus", "m/s^2", -kMaxForce, kMaxForce, 0.0, "breakaway minus Coulomb force, v > 0"},
+       {"drop_minus", "m/s^2", -kMaxForce, kMaxForce, 0.0, "breakaway minus Coulomb force, v < 0"},
        {"viscous_plus", "1/s", -1000.0, 1000.0, 0.0,
         "viscous friction in addition to the poles, v > 0", false, true},
        {"viscous_minus", "1/s", -1000.0, 1000.0, 0.0,

@@ -32,7 +32,7 @@ struct UnexplainedForce {
   static constexpr std::array<Parameter, 2> kShapes{{{"low", kUnit, -1e3, 1e3, -1.0, "first knot"},
                                                      {"high", kUnit, -1e3, 1e3, 1.0, "last knot"}}};
   static constexpr Parameter knot(const char* name) {
-    return {name, "m/s^2", -100.0, 100.0, 0.0, "force at this knot, per moved mass"};
+    return {name, "m/s^2", -kMaxForce, kMaxForce, 0.0, "force at this knot, per moved mass"};
   }
   static constexpr std::array<Parameter, kKnots> kCoefficients{
       {knot("force_1"), knot("force_2"), knot("force_3"), knot("force_4"), knot("force_5"),

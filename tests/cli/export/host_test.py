@@ -354,7 +354,7 @@ class Life(Exported):
     def test_parameters_are_the_models_and_fixed_after_initialization(self):
         one = Instance(self.unit)
         self.assertEqual(one.get("presliding.breakaway"), 0.53)
-        with self.refused("breakaway = -1", "outside 0 .. 100"):
+        with self.refused("breakaway = -1", "outside 0 .. 10000"):
             one.set(presliding__breakaway=-1.0)
         with self.refused("nan is not finite"):
             one.set(presliding__breakaway=math.nan)
