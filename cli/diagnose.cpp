@@ -83,7 +83,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
     }
     for (const std::string& rival : cause.ambiguous_with)
       say(people, "              not distinguishable from " + rival + " with this recording");
-    if (const std::string advice = advice_for(cause.id); !advice.empty())
+    if (const std::string advice = advice_for(diagnosis, cause); !advice.empty())
       say(people, "              check " + advice);
     say(people, "              see " + cause_page(cause.id));
   }

@@ -164,7 +164,7 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
         " The extended model explains %.0f %% of what was unexplained: the simulation error is now "
         "%.3g %s RMS instead of %.3g.",
         100.0 * (1.0 - diagnosis.unexplained_share), after, unit, before);
-  if (const std::string advice = advice_for(first.id); !advice.empty())
+  if (const std::string advice = advice_for(diagnosis, first); !advice.empty())
     out += " Check first: " + advice + ".";
   return out;
 }

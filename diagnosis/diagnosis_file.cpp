@@ -106,7 +106,7 @@ json cause_json(const Diagnosis& diagnosis, const Cause& cause) {
         {"tracking_rms_repaired_m", number_or_null(cause.gain.tracking_repaired)},
         {"contour_rms_now_m", number_or_null(cause.gain.contour_now)},
         {"contour_rms_repaired_m", number_or_null(cause.gain.contour_repaired)}}},
-      {"check", advice_for(cause.id)},
+      {"check", advice_for(diagnosis, cause)},
       {"page", cause_page(cause.id)}};
   if (cause.doubt != CauseDoubt::kNone)
     out["doubt"] = cause.doubt == CauseDoubt::kGain ? "holdout_gain" : "parameters";
@@ -340,7 +340,10 @@ std::vector<std::string> left_lines(const Diagnosis& diagnosis) {
           "spectral lines: " + (lines.empty() ? "none is significant" : lines)};
 }
 
-std::string advice_for(const std::string& id) {
+std::string advice_for(const std::string& id, bool rises) {
+  if (id == "stribeck" && rises)
+    return "what rubs more the faster it moves: wipers and covers, stiff grease, preloaded "
+           "bearings, a cable chain; the friction compensation of the control";
   for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
     if (identity_of(kind).cause == id) return std::string(identity_of(kind).check);
   }
@@ -349,6 +352,16 @@ std::string advice_for(const std::string& id) {
   if (id == "dropped_samples")
     return "the load and the clock of the recording device; the connection to the encoder";
   return {};
+}
+
+std::string advice_for(const Diagnosis& diagnosis, const Cause& cause) {
+  bool rises = false;
+  if (cause.id == "stribeck" && cause.place != kNoEffect) {
+    const Effect& effect = diagnosis.extended.model.effects[cause.place];
+    const double ratio = shape_of(diagnosis.extended.model, effect.kind, "breakaway_ratio");
+    rises = effect.kind == kind_of<FallingFriction>() ? effect.coefficient[0] < 0.0 : ratio < 1.0;
+  }
+  return advice_for(cause.id, rises);
 }
 
 std::string cause_page(const std::string& id) { return "docs/causes/" + id + ".md"; }

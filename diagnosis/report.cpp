@@ -159,7 +159,7 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
            " Points are measured values; bars are 95 % confidence intervals of means."
            "</figcaption></figure>\n";
   out += "<table>";
-  if (const std::string advice = advice_for(cause.id); !advice.empty())
+  if (const std::string advice = advice_for(diagnosis, cause); !advice.empty())
     out += row("check on the machine", escaped(advice));
   out += row("about this cause", "<code>" + cause_page(cause.id) + "</code>");
   if (std::isfinite(cause.gain.before))

@@ -89,8 +89,10 @@ const char* kAgainst =
 
 /// What to check for this cause. In the torque, backlash may be anywhere between motor and load.
 std::string check_of(const TorqueCause& cause) {
-  return cause.id == "backlash" ? std::string(identity_of(kind_of<BacklashInLoop>()).check)
-                                : advice_for(cause.id);
+  if (cause.id == "backlash") return std::string(identity_of(kind_of<BacklashInLoop>()).check);
+  const bool rises =
+      cause.id == "stribeck" && !cause.parameters.empty() && cause.parameters.front().second < 0.0;
+  return advice_for(cause.id, rises);
 }
 
 std::string sizes_of(const TorqueCause& cause) {

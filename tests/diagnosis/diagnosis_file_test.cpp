@@ -38,6 +38,31 @@ TEST(DiagnosisFile, NamesThePageOfEveryCause) {
   EXPECT_EQ(to_json(saturated(2), "")["causes"][0]["page"], "docs/causes/torque_saturation.md");
 }
 
+TEST(Advice, FrictionThatRisesWithSpeedIsNoMatterOfLubrication) {
+  Diagnosis diagnosis;
+  Cause cause;
+  cause.id = "stribeck";
+  const auto advice = [&](const Effect& effect) {
+    diagnosis.extended.model.effects = {effect};
+    return advice_for(diagnosis, cause);
+  };
+  Effect falling = make_effect<FallingFriction>(), law = make_effect<LuGre>();
+  double* ratio = nullptr;
+  for (std::size_t i = 0; i < shapes_of(law.kind).size(); ++i) {
+    if (shapes_of(law.kind)[i].name == "breakaway_ratio") ratio = &law.shape[i];
+  }
+  ASSERT_NE(ratio, nullptr);
+  falling.coefficient[0] = 0.1;
+  *ratio = 1.3;
+  EXPECT_THAT(advice(falling), HasSubstr("lubrication"));
+  EXPECT_THAT(advice(law), HasSubstr("lubrication"));
+  falling.coefficient[0] = -0.1;
+  *ratio = 0.7;
+  EXPECT_THAT(advice(falling), Not(HasSubstr("lubrication")));
+  EXPECT_THAT(advice(law), HasSubstr("wipers"));
+  EXPECT_EQ(to_json(saturated(2), "")["causes"][0]["check"], advice_for("torque_saturation"));
+}
+
 TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
   Diagnosis diagnosis;
   diagnosis.verdict = Verdict::kExplained;
