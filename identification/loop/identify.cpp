@@ -277,13 +277,14 @@ std::string why_scaled(const std::vector<Segment>& segments) {
                  " times as far as its command: check the units and signs of both columns");
 }
 
-ErrorFigures judge(const Model& model, const std::vector<Segment>& segments) {
+ErrorFigures judge(const Model& model, const std::vector<Segment>& segments, double skip_s) {
   double sum = 0.0;
   ErrorFigures out;
   Eigen::Index count = 0;
   double most = 0.0;
   for (const Segment& s : segments) {
-    const Eigen::Index used = std::max(s.lead, starting_state_samples(model, s));
+    const auto skipped = static_cast<Eigen::Index>(std::ceil(skip_s / s.sample_time_s));
+    const Eigen::Index used = std::max({s.lead, skipped, starting_state_samples(model, s)});
     if (s.size() <= used + 10) continue;
     const Eigen::ArrayXd left = ((s.command - s.actual) - simulate(model, s)).tail(s.size() - used);
     sum += left.square().sum();

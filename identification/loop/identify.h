@@ -76,8 +76,10 @@ struct Identified {
 [[nodiscard]] Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options = {});
 
 /// The residual of free simulation over all segments, without the samples that determine the
-/// starting state. NaN if every segment is too short.
-[[nodiscard]] ErrorFigures judge(const Model& model, const std::vector<Segment>& segments);
+/// starting state, at least `skip_s` of each: models whose starting states differ in length are
+/// compared on the same samples. NaN if every segment is too short.
+[[nodiscard]] ErrorFigures judge(const Model& model, const std::vector<Segment>& segments,
+                                 double skip_s = 0.0);
 
 /// Whether zeros in the right half plane cause most of this loop's lag: the loop imitates a delay.
 [[nodiscard]] bool delay_in_disguise(const Loop& loop);

@@ -9,6 +9,7 @@
 #include "identification/loop/joint.h"
 #include "identification/loop/message.h"
 #include "identification/loop/output_error.h"
+#include "twin/twin.h"
 #include "twin/two_mass_axis.h"
 
 namespace servotwin {
@@ -124,13 +125,15 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
       if (other && determined(other->model)) all.push_back(without_empty_gap(*other));
     }
   }
-  const double of_rigid = judge(rigid->model, validation).rms;
+  double skip_s = starting_state_s(rigid->model);
+  for (const TwoMassFit& one : all) skip_s = std::max(skip_s, starting_state_s(one.model));
+  const double of_rigid = judge(rigid->model, validation, skip_s).rms;
   trials.push_back({structure.order, structure.effects, of_rigid, false, 0, "", false});
   const std::size_t first = trials.size();
   std::size_t chosen = 0;
   double least = 0.0;
   for (std::size_t i = 0; i < all.size(); ++i) {
-    const double rms = judge(all[i].model, validation).rms;
+    const double rms = judge(all[i].model, validation, skip_s).rms;
     if (i == 0 || rms < kMaxRmsRatioOfLaw * least) chosen = i, least = rms;
     trials.push_back({all[i].structure.order, all[i].structure.effects, rms, false, 0, "", false});
   }
