@@ -44,7 +44,8 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
   if (frame != nullptr && latencies_ns_.size() < kMaxCycles)
     latencies_ns_.push_back(written_ns - frame->written_ns);
 
-  contour_.add(prediction.contour_error);
+  contour_lately_.predicted.add(prediction.contour_error);
+  contour_lately_.measured.add(prediction.measured_contour_error);
   const auto count = static_cast<std::size_t>(prediction.axis_count);
   while (axes_.size() < count) {
     axes_.emplace_back().name = "axis " + std::to_string(axes_.size());
@@ -58,6 +59,7 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
     if (one.model_version != axis.version) {
       axis.version = one.model_version;
       axis.since_promotion = {};
+      contour_ = {};
       axis.settling = 0;
       cycles_[i].clear();
       kept_[i] = 0;
@@ -73,6 +75,14 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
     }
     if (frame != nullptr && i < static_cast<std::size_t>(frame->axis_count))
       keep(i, prediction, frame->command[i]);
+  }
+  const bool all_predicted =
+      std::all_of(prediction.axes.begin(), prediction.axes.begin() + prediction.axis_count,
+                  [](const AxisPrediction& one) { return one.state == AxisState::kPredicting; });
+  if (all_predicted && std::isfinite(prediction.contour_error) &&
+      std::isfinite(prediction.measured_contour_error)) {
+    contour_.predicted.add(prediction.contour_error);
+    contour_.measured.add(prediction.measured_contour_error);
   }
 }
 
@@ -175,7 +185,7 @@ void LiveRecord::on_status(const MachineStatus& status) {
 
 void LiveRecord::clear_lately() {
   for (LiveAxis& axis : axes_) axis.lately = {};
-  contour_ = {};
+  contour_lately_ = {};
   cleared_ = predictions_;
 }
 

@@ -35,6 +35,11 @@ struct PredictionErrors {
   RunningError predicted{};  ///< predicted
 };
 
+/// Contour errors over the same cycles [m].
+struct ContourErrors {
+  RunningError predicted, measured;
+};
+
 struct LiveAxis {
   std::string name;
   AxisState state = AxisState::kNoModel;
@@ -77,8 +82,10 @@ class LiveRecord {
   void clear_lately();
 
   [[nodiscard]] const std::vector<LiveAxis>& axes() const { return axes_; }
-  /// Predicted contour error since clear_lately.
-  [[nodiscard]] const RunningError& contour() const { return contour_; }
+  /// Contour error since clear_lately.
+  [[nodiscard]] const ContourErrors& contour_lately() const { return contour_lately_; }
+  /// The same since a model came into force, where all axes are predicted.
+  [[nodiscard]] const ContourErrors& contour_since_promotion() const { return contour_; }
   [[nodiscard]] const std::optional<MachineStatus>& status() const { return status_; }
   [[nodiscard]] std::uint64_t predictions() const { return predictions_; }
   /// Whether there are no predictions now: what is known about the axes is older.
@@ -121,7 +128,7 @@ class LiveRecord {
   std::vector<Sent> frames_ = std::vector<Sent>(1024);     // by sequence
   std::vector<std::int64_t> latencies_ns_;
   std::optional<MachineStatus> status_;
-  RunningError contour_;
+  ContourErrors contour_lately_, contour_;
   std::uint64_t predictions_ = 0, missed_ = 0, last_sequence_ = 0;
   std::uint64_t cleared_ = 0;  // predictions before clear_lately
   std::int64_t first_written_ns_ = 0, last_written_ns_ = 0;

@@ -146,6 +146,11 @@ std::string table_row(const LiveRecord& record, const LiveAxis& axis) {
   return row + "   " + (version > 0 ? text("v%d, ", version) : "") + state_of(record, axis);
 }
 
+json contour_json(const ContourErrors& contour) {
+  return {{"predicted", figures_json(contour.predicted.figures())},
+          {"measured", figures_json(contour.measured.figures())}};
+}
+
 json head_json(const LiveRecord& record, const std::string& machine, double seconds) {
   return {{"schema", kWatchSchema},       {"machine", machine},
           {"seconds", seconds},           {"predictions", record.predictions()},
@@ -172,6 +177,13 @@ std::vector<std::string> summary_lines(const LiveRecord& record, const std::stri
                   microseconds(record.latency_s(1.0)));
   if (record.axes().empty()) lines.push_back(nothing_yet(record));
   for (std::size_t i = 0; i < record.axes().size(); ++i) add_axis(record, i, lines);
+  if (const ContourErrors& contour = record.contour_since_promotion();
+      contour.measured.count() > 0) {
+    lines.emplace_back();
+    lines.push_back("contour     predicted " + figures_text(contour.predicted.figures(), false));
+    lines.push_back("            measured  " + figures_text(contour.measured.figures(), false) +
+                    ", since a model came into force");
+  }
   if (!record.daemon_there()) {
     lines.emplace_back();
     lines.emplace_back("the daemon has stopped; the counts are those of its last status");
@@ -219,6 +231,7 @@ json summary_json(const LiveRecord& record, const std::string& machine, double s
                            {"diagnosis", axis.diagnosis},
                            {"activity", axis.activity}});
   }
+  out["contour"] = contour_json(record.contour_since_promotion());
   return out;
 }
 
@@ -243,6 +256,7 @@ std::string line_of(const LiveRecord& record, double seconds) {
 
 json line_json(const LiveRecord& record, const std::string& machine, double seconds) {
   json out = head_json(record, machine, seconds);
+  out["contour"] = contour_json(record.contour_lately());
   out["axes"] = json::array();
   for (const LiveAxis& axis : record.axes()) {
     out["axes"].push_back({{"axis", axis.name},
@@ -279,10 +293,12 @@ std::vector<std::string> screen_lines(const LiveRecord& record, const std::strin
       "                      RMS        MAX        RMS        MAX        RMS        MAX");
   for (const LiveAxis& axis : record.axes()) lines.push_back(table_row(record, axis));
   if (record.axes().empty()) lines.push_back(nothing_yet(record));
-  const ErrorFigures contour = record.contour().figures();
-  lines.push_back("contour error, predicted: " + (std::isfinite(contour.rms)
-                                                      ? figures_text(contour, false)
-                                                      : std::string("not available")));
+  const auto contour = [](const RunningError& errors) {
+    return errors.count() > 0 ? figures_text(errors.figures(), false)
+                              : std::string("not available");
+  };
+  lines.push_back("contour error, predicted: " + contour(record.contour_lately().predicted));
+  lines.push_back("               measured:  " + contour(record.contour_lately().measured));
   for (const LiveAxis& axis : record.axes()) {
     if (!axis.activity.empty()) lines.push_back(axis.name + " now        " + axis.activity);
     if (!axis.diagnosis.empty()) lines.push_back(axis.name + " diagnosis  " + axis.diagnosis);

@@ -158,6 +158,7 @@ bool Wire<MachinePrediction>::decode(const Sample& sample, MachinePrediction& pr
   prediction.axis_count = static_cast<int>(sample.axes._length);
   prediction.ahead_count = static_cast<int>(sample.ahead_count);
   prediction.contour_error = sample.contour_error_m;
+  prediction.measured_contour_error = sample.measured_contour_error_m;
   for (std::size_t i = 0; i < sample.axes._length; ++i) {
     const auto& from = sample.axes._buffer[i];
     prediction.axes[i] = {from.predicted_error_m, from.standard_deviation_m,
@@ -182,6 +183,7 @@ void Wire<MachinePrediction>::encode(const MachinePrediction& prediction, Sample
   sample.ahead_count = static_cast<std::uint32_t>(prediction.ahead_count);
   pack(prediction.ahead, prediction.axis_count, prediction.ahead_count, sample.ahead_error_m);
   sample.contour_error_m = prediction.contour_error;
+  sample.measured_contour_error_m = prediction.measured_contour_error;
 }
 
 bool Wire<ModelAnnouncement>::decode(const Sample& sample, ModelAnnouncement& model) {

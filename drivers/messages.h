@@ -67,7 +67,8 @@ struct MachinePrediction {
   std::int64_t time_ns = 0;    ///< of the frame
   int axis_count = 0;
   int ahead_count = 0;
-  double contour_error = kAbsent;  ///< predicted, where axes form a path (twin/contour.h)
+  double contour_error = kAbsent;           ///< predicted, where axes form a path (twin/contour.h)
+  double measured_contour_error = kAbsent;  ///< the same of the encoder values
   std::array<AxisPrediction, kMaxAxes> axes{};
   std::array<std::array<double, kMaxLookAhead>, kMaxAxes>
       ahead{};  ///< predicted errors of coming cycles

@@ -201,18 +201,24 @@ RealTimeLoop::Order RealTimeLoop::order_of(const MachineFrame& frame) noexcept {
   return Order::kAfterGap;
 }
 
-double RealTimeLoop::contour_error(Path& path, const MachineFrame& frame, Order order) noexcept {
+void RealTimeLoop::add_contour(Path& path, const MachineFrame& frame, Order order) noexcept {
   const auto ahead = static_cast<std::size_t>(prediction_.ahead_count);
-  PathPoint command{}, predicted{};
+  PathPoint command{}, predicted{}, measured{};
   for (std::size_t i = 0; i < path.axes.size(); ++i) {
     const std::size_t axis = path.axes[i];
     command[i] = offsets_ != nullptr ? offsets_->nominal(axis) : frame.axes[axis].command;
     predicted[i] = frame.axes[axis].command - prediction_.axes[axis].predicted_error;
+    measured[i] = frame.axes[axis].actual;
     for (std::size_t k = 0; k < ahead; ++k) path_ahead_[k][i] = frame.ahead[axis][k];
   }
   if (order == Order::kAfterGap) path.contour.forget();
   path.contour.move(command);
-  return path.contour.of(predicted, {path_ahead_.data(), ahead});
+  const auto keep_farthest = [&](double& farthest, const PathPoint& point) {
+    const double error = path.contour.of(point, {path_ahead_.data(), ahead});
+    if (std::isnan(farthest) || std::abs(error) > std::abs(farthest)) farthest = error;
+  };
+  keep_farthest(prediction_.contour_error, predicted);
+  keep_farthest(prediction_.measured_contour_error, measured);
 }
 
 const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
@@ -241,12 +247,8 @@ const MachineOffset* RealTimeLoop::on_frame(const MachineFrame& came,
     prediction_.axes[i] = axis.predict(frame.axes[i].command);
     axis.look_ahead({frame.ahead[i].data(), ahead}, {prediction_.ahead[i].data(), ahead});
   }
-  prediction_.contour_error = kAbsent;
-  for (Path& path : paths_) {
-    const double error = contour_error(path, frame, order);
-    double& farthest = prediction_.contour_error;
-    if (std::isnan(farthest) || std::abs(error) > std::abs(farthest)) farthest = error;
-  }
+  prediction_.contour_error = prediction_.measured_contour_error = kAbsent;
+  for (Path& path : paths_) add_contour(path, frame, order);
   // ... then the measured values.
   for (std::size_t i = 0; i < models_.size(); ++i) {
     const AxisSample& sample = frame.axes[i];

@@ -113,7 +113,8 @@ class RealTimeLoop {
   };
   /// `frame`: with the commands that the drives follow. The path is that of the program, without
   /// offsets.
-  [[nodiscard]] double contour_error(Path& path, const MachineFrame& frame, Order order) noexcept;
+  /// Adds the contour errors of this path to the prediction, where they are the largest.
+  void add_contour(Path& path, const MachineFrame& frame, Order order) noexcept;
 
   std::int64_t cycle_ns_;
   std::span<LatestValue<TwinInForce>> models_;

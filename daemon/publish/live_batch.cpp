@@ -78,6 +78,7 @@ void LiveBatcher::put(const MachinePrediction& cycle) {
     to.state = from.state;
   }
   append(batch_.contour, cycle.contour_error, first, plain);
+  append(batch_.measured_contour, cycle.measured_contour_error, first, plain);
   ++cycles_;
 }
 

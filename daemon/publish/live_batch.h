@@ -34,7 +34,7 @@ struct LiveBatch {
   int cycles_per_point = 1;
   bool after_gap = true;  ///< cycles are missing between the batch before and this one
   std::vector<LiveAxisBatch> axes;
-  LiveSeries contour;
+  LiveSeries contour, measured_contour;
 };
 
 class LiveBatcher {

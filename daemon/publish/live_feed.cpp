@@ -29,11 +29,12 @@ void LiveFeed::add(const MachinePrediction& cycle) {
     sums_[i].residual.add(cycle.axes[i].residual);
   }
   contour_.add(cycle.contour_error);
+  measured_contour_.add(cycle.measured_contour_error);
   collect(batcher_.add(cycle));
 }
 
 void LiveFeed::add(const MachineStatus& status) {
-  LiveStatus live{status, {}, contour_.take()};
+  LiveStatus live{status, {}, contour_.take(), measured_contour_.take()};
   for (AxisSums& sums : sums_)
     live.axes.push_back({sums.measured.take(), sums.predicted.take(), sums.residual.take()});
   collected_.status = std::move(live);

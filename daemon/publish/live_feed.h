@@ -30,7 +30,7 @@ struct LiveAxisFigures {
 struct LiveStatus {
   MachineStatus status;
   std::vector<LiveAxisFigures> axes;
-  LiveFigures contour;
+  LiveFigures contour, measured_contour;
 };
 
 class LiveFeed {
@@ -74,10 +74,10 @@ class LiveFeed {
   void collect(std::optional<LiveBatch> batch);
   void hand_over();
 
-  LiveBatcher batcher_;         // the publisher's
-  std::vector<AxisSums> sums_;  // likewise
-  Sum contour_;                 // likewise
-  News collected_;              // likewise
+  LiveBatcher batcher_;             // the publisher's
+  std::vector<AxisSums> sums_;      // likewise
+  Sum contour_, measured_contour_;  // likewise
+  News collected_;                  // likewise
   std::mutex mutex_;
   News news_;
 };

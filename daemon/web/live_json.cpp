@@ -115,6 +115,7 @@ json status_json(const LiveStatus& live, const MachineDescription& machine,
               {"publish_max_s", number_or_null(status.publish_max_s)},
               {"buses", std::move(buses)},
               {"contour_last_second", figures_json(live.contour)},
+              {"measured_contour_last_second", figures_json(live.measured_contour)},
               {"not_recording", status.not_recording},
               {"axes", axes}});
   return out;
@@ -146,6 +147,7 @@ std::string batch_json(const LiveBatch& batch) {
   out += ",\"cycles_per_point\":" + std::to_string(batch.cycles_per_point);
   out += std::string(",\"after_gap\":") + (batch.after_gap ? "true" : "false");
   append(out, "contour", batch.contour, kErrorDigits);
+  append(out, "measured_contour", batch.measured_contour, kErrorDigits);
   out += ",\"axes\":[";
   for (const LiveAxisBatch& axis : batch.axes) {
     out += "{\"model_version\":" + std::to_string(axis.model_version);

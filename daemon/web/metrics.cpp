@@ -183,6 +183,9 @@ std::string metrics_text(const MetricsInput& input) {
   write_axes(input, text);
   text.gauge("contour_error_rms", "RMS of the predicted contour error over the last second, in m.",
              input.live.contour.rms);
+  text.gauge("measured_contour_error_rms",
+             "RMS of the measured contour error over the last second, in m.",
+             input.live.measured_contour.rms);
   text.gauge("recordings_bytes", "Size of all recorded files of this machine.",
              input.recordings_bytes);
   text.gauge("recordings_files", "Number of recorded files of this machine.",

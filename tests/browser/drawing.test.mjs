@@ -103,7 +103,7 @@ function batch(first, values, { several = false, gap = false, time_s = first * 1
     axis[name] = values;
     if (several) Object.assign(axis, { [`${name}_min`]: values.map((v) => v - 1), [`${name}_max`]: values.map((v) => v + 1) });
   }
-  return { first_sequence: first, first_time_ns: time_s * 1e9, point_s: 1e-3, cycles_per_point: several ? 4 : 1, after_gap: gap, contour: values.map(() => null), axes: [axis] };
+  return { first_sequence: first, first_time_ns: time_s * 1e9, point_s: 1e-3, cycles_per_point: several ? 4 : 1, after_gap: gap, contour: values.map(() => null), measured_contour: values.map(() => null), axes: [axis] };
 }
 
 test("where a point is several cycles its least and greatest values are drawn", () => {

@@ -156,7 +156,7 @@ test("models and diagnoses come with their reasons and pictures", async () => {
   const { page, complaints } = await open(browser, `${diagnosed.url}#models`);
   await shows(page, "#versions tbody", /in force.*model 1 is in force: residual/);
   await page.getByRole("link", { name: "Live" }).click();
-  await shows(page, "#contour", /by the daemon-?[\d.]+ µm/);
+  await shows(page, "#contour", /by the daemon-?[\d.]+ µm predicted, -?[\d.]+ µm measured/);
   await page.getByRole("link", { name: "Diagnosis" }).click();
   await shows(page, "#verdict", /The residual of the simulation is [\d.]+ µm RMS/);
   await shows(page, "#causes", /check.+/);

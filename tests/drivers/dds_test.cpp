@@ -190,6 +190,7 @@ TEST(Dds, PredictionsArriveAsTheyWereSent) {
   sent.axis_count = 2;
   sent.ahead_count = 3;
   sent.contour_error = 1e-6;
+  sent.measured_contour_error = 2e-6;
   sent.axes[0] = {1e-6, 2e-6, 3e-6, 4e-6, 12, AxisState::kPredicting};
   sent.axes[1].state = AxisState::kBadSample;
   sent.ahead[1][2] = 5e-6;
@@ -199,6 +200,7 @@ TEST(Dds, PredictionsArriveAsTheyWereSent) {
   EXPECT_EQ(came.sequence, 7U);
   EXPECT_EQ(came.time_ns, -1);
   EXPECT_EQ(came.contour_error, 1e-6);
+  EXPECT_EQ(came.measured_contour_error, 2e-6);
   EXPECT_EQ(came.axes[0].predicted_error, 1e-6);
   EXPECT_EQ(came.axes[0].standard_deviation, 2e-6);
   EXPECT_EQ(came.axes[0].measured_error, 3e-6);

@@ -132,14 +132,17 @@ export class PathPicture {
   }
 
   tell(measured, predicted) {
-    const live = this.recording.contour.filter((value) => value !== null);
-    const last = live.length > 0 ? error(live.at(-1)) : "not available";
+    const last = (series) => {
+      const live = series.filter((value) => value !== null);
+      return live.length > 0 ? error(live.at(-1)) : "not available";
+    };
+    const now = `${last(this.recording.contour)} predicted, ${last(this.recording.measuredContour)} measured`;
     const pair = (name, found) => make("div", {}, make("dt", {}, name), make("dd", {}, found ? `${error(found.rms)} RMS, max ${error(found.max)}` : "–"));
     write(at("contour-title"), `Contour error, ${this.window_s} s`);
     fill(at("contour"),
       pair("measured", figures(measured)),
       pair("predicted axes", figures(predicted)),
-      make("div", {}, make("dt", {}, "by the daemon"), make("dd", {}, last)));
+      make("div", {}, make("dt", {}, "by the daemon"), make("dd", {}, now)));
   }
 }
 

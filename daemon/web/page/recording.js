@@ -16,6 +16,7 @@ export class Recording {
     this.path = null;
     this.next = undefined;
     this.contour = [];
+    this.measuredContour = [];
   }
 
   get now() {
@@ -40,6 +41,7 @@ export class Recording {
         this.charts.push([time + part * batch.point_s, ...batch.axes.flatMap((a) => kQuantities.map((q) => a[q + end][i]))]);
     }
     if (batch.contour.some((value) => value !== null)) this.contour = batch.contour;
+    if (batch.measured_contour.some((value) => value !== null)) this.measuredContour = batch.measured_contour;
   }
 
   start(point_s) {

@@ -179,6 +179,30 @@ TEST(RealTimeLoop, TheContourErrorOfACircleIsThatOfTheLoops) {
   }
 }
 
+// On a circle run counter-clockwise the contour error is the distance from the centre less the
+// radius, of whatever point.
+TEST(RealTimeLoop, TheMeasuredContourErrorIsThatOfTheEncoders) {
+  constexpr double kRadius = 5e-3, kOmega = 40.0, kChord = 0.2e-3 * 0.2e-3 / (8.0 * kRadius);
+  Loop loop(2, 16'384, {{1, 0}});  // without models: nothing is predicted
+  for (std::uint64_t k = 0; k < 1000; ++k) {
+    const double angle = kOmega * static_cast<double>(k) * kCycle_s;
+    // The encoders lag, and the circle that they run on is wider on one side.
+    const double radius = kRadius + 3e-6 + 2e-6 * std::sin(3.0 * angle), lagging = angle - 0.02;
+    MachineFrame frame = loop.frame(k);
+    frame.axes[1].command = kRadius * std::cos(angle);
+    frame.axes[0].command = kRadius * std::sin(angle);
+    frame.axes[1].actual = radius * std::cos(lagging);
+    frame.axes[0].actual = radius * std::sin(lagging);
+    const MachinePrediction prediction = loop.put(frame);
+    EXPECT_TRUE(std::isnan(prediction.contour_error)) << k;
+    if (k < 100) continue;
+    ASSERT_NEAR(prediction.measured_contour_error, radius - kRadius, 1.01 * kChord) << k;
+  }
+  MachineFrame unmeasured = loop.frame(1000);
+  unmeasured.axes[0].actual = kAbsent;
+  EXPECT_TRUE(std::isnan(loop.put(unmeasured).measured_contour_error));
+}
+
 TEST(RealTimeLoop, TheContourErrorIsPredictedAndNotMeasured) {
   Loop with(2, 16'384, {{0, 1}}), without(2, 16'384, {{0, 1}});
   for (Loop* loop : {&with, &without}) {
