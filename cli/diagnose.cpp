@@ -180,7 +180,7 @@ void run(const DiagnoseArguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.report, arguments.extended});
   Recording recording = arguments.input.recording.read(people, arguments.input.axis);
   const bool commanded = !without_command(recording, arguments.input.axis);
-  const SegmentedAxis axis = arguments.input.segmented(recording, people);
+  const SegmentedAxis axis = segmented(recording, arguments.input.axis, people);
   if (!commanded) {
     run_on_torque(arguments, axis, false, "the recording has position and torque, but no command",
                   people);

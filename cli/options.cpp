@@ -65,10 +65,10 @@ void AxisOptions::declare(OptionTable& command) {
 }
 
 SegmentedAxis AxisOptions::read(std::FILE* people) const {
-  return segmented(recording.read(people, axis), people);
+  return segmented(recording.read(people, axis), axis, people);
 }
 
-SegmentedAxis AxisOptions::segmented(const Recording& whole, std::FILE* people) const {
+SegmentedAxis segmented(const Recording& whole, const std::string& axis, std::FILE* people) {
   std::string axes;
   for (const AxisRecord& one : whole.axes) axes += (axes.empty() ? "" : ", ") + one.name;
   say(people, "read " + whole.source + ": " + (whole.axes.size() == 1 ? "axis " : "axes ") + axes);

@@ -34,6 +34,10 @@ struct RecordingOptions {
   [[nodiscard]] Recording read(std::FILE* people, const std::string& axis = "") const;
 };
 
+/// An axis of a recording, cut into segments; prints on `people` what was read.
+[[nodiscard]] SegmentedAxis segmented(const Recording& whole, const std::string& axis,
+                                      std::FILE* people);
+
 /// REC and --axis.
 struct AxisOptions {
   RecordingOptions recording;
@@ -42,8 +46,6 @@ struct AxisOptions {
   void declare(OptionTable& command);
   /// Reads the axis and prints on `people` what was read.
   [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
-  /// The same for a recording that has been read already.
-  [[nodiscard]] SegmentedAxis segmented(const Recording& whole, std::FILE* people) const;
 };
 
 /// --dds --machine --domain --partition.

@@ -4,6 +4,9 @@
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
 
 #include "cli/command.h"
 #include "cli/model_text.h"
@@ -14,6 +17,7 @@
 #include "identification/loop/identify.h"
 #include "identification/model/json_number.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/program_error.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
 
@@ -25,14 +29,33 @@ using nlohmann::json;
 inline constexpr const char* kPredictionSchema = "servotwin.prediction/1";
 
 struct PredictArguments {
-  AxisOptions input;
-  std::filesystem::path model, table, result;
+  RecordingOptions recording;
+  std::vector<std::string> axes;
+  std::vector<std::filesystem::path> models;  // in the order of the axes
+  std::filesystem::path table, result;
 };
 
 struct Judged {
-  const Segment* segment = nullptr;
-  ErrorFigures figures;   // NaN for a segment that is too short for an initial state
-  Eigen::Index rows = 0;  // number of rows that the figures are computed from
+  double from_s = 0.0, to_s = 0.0;
+  ErrorFigures figures;             // NaN for a segment that is too short for an initial state
+  Eigen::Index size = 0, rows = 0;  // number of rows, and of those that the figures come from
+};
+
+/// One axis of the recording with the model that predicts it.
+struct PredictedAxis {
+  SegmentedAxis axis;
+  ModelRecord record;
+  Model model;  // for the sampling time of the recording
+  bool overlaps_training = false;
+  ErrorFigures all;
+  std::vector<Judged> judged;
+  double noise_floor_rms = kAbsent;
+};
+
+/// Over the same rows [m].
+struct ContourFigures {
+  ErrorFigures predicted, measured;
+  Eigen::Index rows = 0;
 };
 
 /// RMS of the measured tracking error over the rows that the prediction is judged on.
@@ -47,24 +70,39 @@ double tracking_error_rms(const Model& model, const std::vector<Segment>& segmen
   return std::sqrt(squares / count);
 }
 
-json result_of(const std::string& axis, const ErrorFigures& all, double noise_floor_rms,
-               bool overlaps_training, const std::vector<Judged>& judged) {
+json result_of(const PredictedAxis& one) {
   json segments = json::array();
-  for (const Judged& one : judged) {
-    segments.push_back({{"from_s", one.segment->start_s},
-                        {"to_s", one.segment->end_s()},
-                        {"rms_m", number_or_null(one.figures.rms)},
-                        {"max_m", number_or_null(one.figures.max)},
-                        {"rows", one.segment->size()},
-                        {"rows_judged", one.rows}});
+  for (const Judged& judged : one.judged) {
+    segments.push_back({{"from_s", judged.from_s},
+                        {"to_s", judged.to_s},
+                        {"rms_m", number_or_null(judged.figures.rms)},
+                        {"max_m", number_or_null(judged.figures.max)},
+                        {"rows", judged.size},
+                        {"rows_judged", judged.rows}});
   }
-  return {{"schema", kPredictionSchema},
-          {"axis", axis},
-          {"rms_m", number_or_null(all.rms)},
-          {"max_m", number_or_null(all.max)},
-          {"noise_floor_rms_m", number_or_null(noise_floor_rms)},
-          {"overlaps_training", overlaps_training},
+  return {{"axis", one.axis.axis},
+          {"rms_m", number_or_null(one.all.rms)},
+          {"max_m", number_or_null(one.all.max)},
+          {"noise_floor_rms_m", number_or_null(one.noise_floor_rms)},
+          {"overlaps_training", one.overlaps_training},
           {"segments", segments}};
+}
+
+json result_of(const std::vector<PredictedAxis>& all,
+               const std::optional<ContourFigures>& contour) {
+  json out = all.size() == 1 ? result_of(all.front()) : json::object();
+  out["schema"] = kPredictionSchema;
+  if (all.size() == 1) return out;
+  out["axes"] = json::array();
+  for (const PredictedAxis& one : all) out["axes"].push_back(result_of(one));
+  const auto figures = [](const ErrorFigures& errors) {
+    return json{{"rms_m", number_or_null(errors.rms)}, {"max_m", number_or_null(errors.max)}};
+  };
+  out["contour"] = contour ? json{{"predicted", figures(contour->predicted)},
+                                  {"measured", figures(contour->measured)},
+                                  {"rows", contour->rows}}
+                           : json();
+  return out;
 }
 
 /// Whether the recording overlaps the training data of the model, judged by its file name and
@@ -77,33 +115,89 @@ bool overlaps_training(const ModelRecord& record, const std::string& file,
          });
 }
 
-std::string table_of(const SegmentedAxis& axis, const Model& model) {
-  const std::string unit = axis.rotary ? "[rad]" : "[m]";
+/// Whether all axes have the same segments, so that their rows belong together.
+bool same_segments(const std::vector<PredictedAxis>& all) {
+  const std::vector<Segment>& first = all.front().axis.segments;
+  return std::all_of(all.begin(), all.end(), [&](const PredictedAxis& one) {
+    return std::equal(first.begin(), first.end(), one.axis.segments.begin(),
+                      one.axis.segments.end(), [](const Segment& l, const Segment& r) {
+                        return l.start_s == r.start_s && l.size() == r.size();
+                      });
+  });
+}
+
+std::string table_of(const std::vector<PredictedAxis>& all) {
+  if (!same_segments(all))
+    throw std::runtime_error(
+        "--out: the axes have gaps at different times, so that a row does not belong to all of "
+        "them; write one table per axis");
   std::vector<Column> columns{{"time[s]", {}}};
-  for (const char* channel :
-       {"command", "actual", "measured_error", "predicted_error", "residual"}) {
-    columns.push_back({axis.axis + "." + channel + unit, {}});
-  }
-  for (const Segment& segment : axis.segments) {
-    const Eigen::ArrayXd predicted = simulate(model, segment);
-    for (Eigen::Index i = 0; i < segment.size(); ++i) {
-      const double measured = segment.command(i) - segment.actual(i);
-      const std::array row{segment.start_s + segment.sample_time_s * static_cast<double>(i),
-                           segment.command(i),
-                           segment.actual(i),
-                           measured,
-                           predicted(i),
-                           measured - predicted(i)};
-      for (std::size_t c = 0; c < row.size(); ++c) columns[c].values.push_back(row[c]);
+  for (const PredictedAxis& one : all) {
+    const SegmentedAxis& axis = one.axis;
+    const std::string unit = axis.rotary ? "[rad]" : "[m]";
+    const std::size_t first = columns.size();
+    for (const char* channel :
+         {"command", "actual", "measured_error", "predicted_error", "residual"}) {
+      columns.push_back({axis.axis + "." + channel + unit, {}});
+    }
+    for (const Segment& segment : axis.segments) {
+      const Eigen::ArrayXd predicted = simulate(one.model, segment);
+      for (Eigen::Index i = 0; i < segment.size(); ++i) {
+        if (first == 1)
+          columns[0].values.push_back(segment.start_s +
+                                      segment.sample_time_s * static_cast<double>(i));
+        const double measured = segment.command(i) - segment.actual(i);
+        const std::array row{segment.command(i), segment.actual(i), measured, predicted(i),
+                             measured - predicted(i)};
+        for (std::size_t c = 0; c < row.size(); ++c) columns[first + c].values.push_back(row[c]);
+      }
     }
   }
   return csv(columns);
 }
 
-void run(const PredictArguments& arguments) {
-  std::FILE* people = people_beside({arguments.table, arguments.result});
-  const SegmentedAxis axis = arguments.input.read(people);
-  const ModelRecord record = read_model_for(arguments.model, axis.axis, axis.rotary);
+/// Of the linear axes, if they form a path and their rows belong together.
+std::optional<ContourFigures> contour_of(const std::vector<PredictedAxis>& all) {
+  std::vector<const PredictedAxis*> path;
+  for (const PredictedAxis& one : all) {
+    if (!one.axis.rotary) path.push_back(&one);
+  }
+  if (path.size() < 2 || path.size() > kMaxPathAxes || !same_segments(all)) return std::nullopt;
+  ContourFigures out;
+  Eigen::ArrayXd predicted(0), measured(0);
+  const auto append = [](Eigen::ArrayXd& to, const Eigen::ArrayXd& more) {
+    to.conservativeResize(to.size() + more.size());
+    to.tail(more.size()) = more;
+  };
+  for (std::size_t k = 0; k < path.front()->axis.segments.size(); ++k) {
+    std::vector<Eigen::ArrayXd> command, actual, simulated;
+    Eigen::Index used = 0;
+    for (const PredictedAxis* one : path) {
+      const Segment& segment = one->axis.segments[k];
+      command.push_back(segment.command);
+      actual.push_back(segment.actual);
+      simulated.emplace_back(segment.command - simulate(one->model, segment));
+      used = std::max({used, segment.lead, starting_state_samples(one->model, segment)});
+    }
+    const Eigen::Index rows = command.front().size() - used;
+    if (rows <= 0) continue;
+    append(predicted, program_error(command, simulated).distance.tail(rows));
+    append(measured, program_error(command, actual).distance.tail(rows));
+  }
+  if (measured.size() == 0) return std::nullopt;
+  const auto figures_of = [](const Eigen::ArrayXd& errors) {
+    return ErrorFigures{std::sqrt(errors.square().mean()), errors.abs().maxCoeff()};
+  };
+  return ContourFigures{figures_of(predicted), figures_of(measured), measured.size()};
+}
+
+PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording& recording,
+                             std::size_t at, std::FILE* people) {
+  PredictedAxis out;
+  out.axis = segmented(recording, arguments.axes[at], people);
+  const SegmentedAxis& axis = out.axis;
+  out.record = read_model_for(arguments.models[at], axis.axis, axis.rotary);
+  const ModelRecord& record = out.record;
   if (axis.segments.front().actual.size() == 0) {
     throw std::runtime_error(
         axis.source + ": " + axis.axis +
@@ -113,57 +207,92 @@ void run(const PredictArguments& arguments) {
     say(people, "note: the model was identified on axis " + record.axis +
                     ", the recording is of axis " + axis.axis);
   }
-  const bool overlaps =
-      overlaps_training(record, arguments.input.recording.file.filename().string(), axis);
-  if (overlaps) {
+  out.overlaps_training =
+      overlaps_training(record, arguments.recording.file.filename().string(), axis);
+  if (out.overlaps_training) {
     say(people, text("note: the model was fitted to %.2f to %.2f s of this recording, so this "
                      "comparison is no validation; its held-out data are %.2f to %.2f s",
                      record.from_s, record.training_to_s, record.training_to_s, record.to_s));
   }
-  const Model model = model_at(record, axis.sample_time_s, people);
-
+  out.model = model_at(record, axis.sample_time_s, people);
   if (const daemon::MotionReach reach = daemon::motion_reach(record, axis.segments); reach.beyond())
     say(people, "note: " + reach.words);
 
   const Progress progress("predicting " + axis.axis);
-  const ErrorFigures all = judge(model, axis.segments);
-  if (!std::isfinite(all.rms)) {
+  out.all = judge(out.model, axis.segments);
+  if (!std::isfinite(out.all.rms)) {
     throw std::runtime_error(axis.source + ": " + axis.axis +
                              text(": no segment is longer than the %.3f s that the initial state "
                                   "is estimated from; use a longer part",
-                                  starting_state_s(model)));
+                                  starting_state_s(out.model)));
   }
-  std::vector<Judged> judged;
   for (const Segment& segment : axis.segments) {
-    const ErrorFigures figures = judge(model, {segment});
-    judged.push_back(
-        {&segment, figures,
-         std::isfinite(figures.rms) ? segment.size() - starting_state_samples(model, segment) : 0});
+    const ErrorFigures figures = judge(out.model, {segment});
+    out.judged.push_back({segment.start_s, segment.end_s(), figures, segment.size(),
+                          std::isfinite(figures.rms)
+                              ? segment.size() - starting_state_samples(out.model, segment)
+                              : 0});
   }
-  const double floor = noise_floor(axis.segments).rms;
+  out.noise_floor_rms = noise_floor(axis.segments).rms;
+  return out;
+}
 
-  say(people, "model       " + structure_text(model) +
-                  (record.version > 0 ? text(", version %d", record.version) : "") +
-                  (record.source.empty() ? "" : ", from " + record.source));
+void print(const PredictedAxis& one, std::FILE* people) {
+  const bool rotary = one.axis.rotary;
+  say(people, "model       " + structure_text(one.model) +
+                  (one.record.version > 0 ? text(", version %d", one.record.version) : "") +
+                  (one.record.source.empty() ? "" : ", from " + one.record.source));
   say(people,
       "measured minus predicted tracking error, in free simulation from the command alone:");
-  for (const Judged& one : judged) {
+  for (const Judged& judged : one.judged) {
     say(people,
-        text("%8.2f to %8.2f s  ", one.segment->start_s, one.segment->end_s()) +
-            (std::isfinite(one.figures.rms) ? figures_text(one.figures, axis.rotary)
-                                            : "too short for an initial state, not evaluated"));
+        text("%8.2f to %8.2f s  ", judged.from_s, judged.to_s) +
+            (std::isfinite(judged.figures.rms) ? figures_text(judged.figures, rotary)
+                                               : "too short for an initial state, not evaluated"));
   }
-  say(people, "all                    " + figures_text(all, axis.rotary));
-  say(people, "noise floor            " + noise_floor_text(floor, axis.rotary));
-  if (const double error = tracking_error_rms(model, axis.segments); all.rms > error) {
+  say(people, "all                    " + figures_text(one.all, rotary));
+  say(people, "noise floor            " + noise_floor_text(one.noise_floor_rms, rotary));
+  if (const double error = tracking_error_rms(one.model, one.axis.segments); one.all.rms > error) {
     say(people, text("note: the tracking error itself is %s RMS only: this model predicts worse "
                      "than none. Are the columns of command and encoder exchanged, is it another "
                      "axis, or was the drive tuned since?",
-                     micro_text(error, axis.rotary).c_str()));
+                     micro_text(error, rotary).c_str()));
   }
-  if (!arguments.table.empty()) write_result(arguments.table, table_of(axis, model));
-  if (!arguments.result.empty())
-    write_json(arguments.result, result_of(axis.axis, all, floor, overlaps, judged));
+}
+
+void run(const PredictArguments& arguments) {
+  const std::size_t count = arguments.axes.size();
+  if (arguments.models.size() != count) {
+    throw UsageError(
+        text("%zu axes and %zu models: give one --model for each --axis, in the same "
+             "order",
+             count, arguments.models.size()));
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    if (std::count(arguments.axes.begin(), arguments.axes.end(), arguments.axes[i]) > 1)
+      throw UsageError("--axis " + arguments.axes[i] + " is given twice");
+  }
+  std::FILE* people = people_beside({arguments.table, arguments.result});
+  const Recording recording =
+      arguments.recording.read(people, count == 1 ? arguments.axes.front() : "");
+  std::vector<PredictedAxis> all;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (count > 1) say(people, "\naxis        " + arguments.axes[i]);
+    all.push_back(predicted_axis(arguments, recording, i, people));
+    print(all.back(), people);
+  }
+  const std::optional<ContourFigures> contour = contour_of(all);
+  if (contour) {
+    say(people, "\ncontour error of the linear axes:");
+    say(people, "predicted              " + figures_text(contour->predicted, false));
+    say(people, "measured               " + figures_text(contour->measured, false));
+  } else if (count > 1) {
+    say(people, same_segments(all)
+                    ? "\nnote: no contour error: a path has two to five linear axes"
+                    : "\nnote: no contour error: the axes have gaps at different times");
+  }
+  if (!arguments.table.empty()) write_result(arguments.table, table_of(all));
+  if (!arguments.result.empty()) write_json(arguments.result, result_of(all, contour));
 }
 
 }  // namespace
@@ -173,10 +302,22 @@ Command add_predict(CLI::App& app) {
   OptionTable command(
       app, "predict",
       "Predicts the tracking error of a recording and compares it with the measured one.");
-  arguments->input.declare(command);
-  command.option("--model", arguments->model, "model file (servotwin.model/1)")
+  arguments->recording.declare(
+      command, "REC",
+      "recording: CSV with units, foreign CSV with --columns, MATLAB .mat, or a CAN log "
+      "with --can-map");
+  command
+      .option("--axis", arguments->axes,
+              "axis of the recording; several times: also the contour error of these axes")
+      .takes("X")
+      .required()
+      .one_value_each_time();
+  command
+      .option("--model", arguments->models,
+              "model file (servotwin.model/1); one for each --axis, in the same order")
       .takes("M.json")
-      .required();
+      .required()
+      .one_value_each_time();
   command
       .option(
           "--out", arguments->table,

@@ -186,5 +186,73 @@ TEST_F(Simulate, RefusesAPathThatBreaksOff) {
   EXPECT_THAT(answer.err, HasSubstr("X.command is interrupted at 0.999 s"));
 }
 
+class PredictTwoAxes : public Simulate {
+ protected:
+  void SetUp() override {
+    Simulate::SetUp();
+    write_model(second_, known_axis("Y"));
+  }
+  json predicted(const std::string& recording) {
+    const Answer answer =
+        servotwin_says({"predict", recording, "--axis", "X", "--axis", "Y", "--model", model_,
+                        "--model", second_, "--json", "-", "--out", folder_ / "rows.csv"});
+    EXPECT_EQ(answer.status, 0) << answer;
+    return json::parse(answer.out);
+  }
+  std::string second_ = folder_ / "second.json";
+};
+
+// A circle run counter-clockwise, and encoders on one that is wider by 3 um and lags.
+TEST_F(PredictTwoAxes, TheMeasuredContourErrorOfACircleIsTheDifferenceOfTheRadii) {
+  constexpr double kRadius_mm = 8.0, kWider_mm = 3e-3, kOmega = 2.0, kLag = 0.01;
+  std::string table = "time[s],X.command[mm],X.actual[mm],Y.command[mm],Y.actual[mm]\n";
+  for (int k = 0; k < 4000; ++k) {
+    const double t = 0.001 * k, angle = kOmega * t;
+    table += cell(t) + "," + cell(kRadius_mm * std::cos(angle)) + "," +
+             cell((kRadius_mm + kWider_mm) * std::cos(angle - kLag)) + "," +
+             cell(kRadius_mm * std::sin(angle)) + "," +
+             cell((kRadius_mm + kWider_mm) * std::sin(angle - kLag)) + "\n";
+  }
+  const json result = predicted(folder_.write("circle.csv", table));
+  ASSERT_EQ(result["axes"].size(), 2U);
+  EXPECT_EQ(result["axes"][1]["axis"], "Y");
+  const json& measured = result["contour"]["measured"];
+  EXPECT_NEAR(measured["rms_m"].get<double>(), 3e-6, 0.01e-6);
+  EXPECT_NEAR(measured["max_m"].get<double>(), 3e-6, 0.01e-6);
+  EXPECT_TRUE(result["contour"]["predicted"]["rms_m"].is_number());
+  const Recording rows = read_recording(folder_ / "rows.csv");
+  ASSERT_EQ(rows.axes.size(), 2U);
+  EXPECT_EQ(rows.time.size(), 4000U);
+}
+
+TEST_F(PredictTwoAxes, AMachineThatIsTheModelHasTheContourErrorThatIsPredicted) {
+  std::string table = "time[s],X.command[mm],Y.command[mm]\n";
+  for (int k = 0; k < 4000; ++k) {
+    const double t = 0.001 * k;
+    table += cell(t) + "," + cell(1e3 * rich_motion(t)) + "," + cell(700.0 * rich_motion(0.8 * t)) +
+             "\n";
+  }
+  const Answer simulated =
+      servotwin_says({"simulate", folder_.write("paths.csv", table), "--model", model_, "--model",
+                      second_, "--out", folder_ / "sim.csv"});
+  ASSERT_EQ(simulated.status, 0) << simulated;
+  const json contour = predicted(folder_ / "sim.csv")["contour"];
+  EXPECT_GT(contour["measured"]["rms_m"].get<double>(), 1e-6);
+  EXPECT_NEAR(contour["predicted"]["rms_m"].get<double>(),
+              contour["measured"]["rms_m"].get<double>(), 1e-9);
+}
+
+TEST_F(PredictTwoAxes, NeedsAModelForEach) {
+  for (const std::vector<std::string>& words :
+       {std::vector<std::string>{"--axis", "X", "--axis", "Y", "--model", model_},
+        {"--axis", "X", "--axis", "X", "--model", model_, "--model", model_}}) {
+    std::vector<std::string> all{"predict", table_};
+    all.insert(all.end(), words.begin(), words.end());
+    const Answer answer = servotwin_says(all);
+    EXPECT_EQ(answer.status, 2) << answer;
+    EXPECT_EQ(answer.complaints().size(), 1U) << answer;
+  }
+}
+
 }  // namespace
 }  // namespace servotwin
