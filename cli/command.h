@@ -36,6 +36,7 @@ struct Command {
 [[nodiscard]] Command add_fit_axis(CLI::App& app);
 [[nodiscard]] Command add_what_if(CLI::App& app);
 [[nodiscard]] Command add_preview(CLI::App& app);
+[[nodiscard]] Command add_put_in_force(CLI::App& app);
 [[nodiscard]] Command add_replay(CLI::App& app);
 [[nodiscard]] Command add_watch(CLI::App& app);
 [[nodiscard]] Command add_history(CLI::App& app);

@@ -147,6 +147,13 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
   diagnosis_.propose_with(
       [this](std::size_t axis, const ModelRecord& record, const std::string& because, double from_s,
              double until_s) { identification_.propose(axis, record, because, from_s, until_s); });
+  try {
+    proposals_.emplace(base_.node_in);
+  } catch (const std::runtime_error& error) {
+    base_.events.note(
+        "network", "",
+        std::string("servotwin put-in-force cannot reach this daemon: ") + error.what());
+  }
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
   for (const std::string& remark : contract_.remarks) base_.events.note("offsets", "", remark);
@@ -271,6 +278,7 @@ void MachineService::run_loop() {
 void MachineService::report_news(const std::stop_token& stop) {
   std::uint64_t reported = 0;  // malformed frames
   std::int64_t reported_ns = 0;
+  ModelProposal proposal;
   std::mutex mutex;
   std::condition_variable_any never;
   std::unique_lock lock(mutex);
@@ -284,6 +292,7 @@ void MachineService::report_news(const std::stop_token& stop) {
       }
     }
     (void)arming_.armed();  // disarms where there is a reason to
+    while (proposals_ && proposals_->receive(proposal, 0.0)) identification_.propose(proposal);
     for (const std::string& line : publisher_.news()) {
       // Drives hear another daemon from now on, or this one again, in the middle of a run.
       if (hand_over_.by_publisher) arming_.disarm();

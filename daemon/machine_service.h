@@ -10,6 +10,7 @@
 #include <condition_variable>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -99,6 +100,7 @@ class MachineService {
   IdentificationWorker identification_;
   DiagnosisWorker diagnosis_;
   DdsReader<ProgramChunk> programs_;
+  std::optional<DdsReader<ModelProposal>> proposals_;  // none where DDS Security forbids it
   DdsWriter<CorrectionChunk> corrections_;
   LearningWorker learner_;
   Publisher publisher_;

@@ -86,7 +86,7 @@ struct ReaderCounts {
   std::uint64_t foreign = 0;    ///< of another machine
 };
 
-/// M is MachineFrame, MachineDescription, MachinePrediction, ModelAnnouncement,
+/// M is MachineFrame, MachineDescription, MachinePrediction, ModelAnnouncement, ModelProposal,
 /// DiagnosisAnnouncement, MachineStatus, MachineOffset, ProgramChunk or CorrectionChunk.
 template <class M>
 class DdsReader {

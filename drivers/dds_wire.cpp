@@ -202,6 +202,19 @@ void Wire<ModelAnnouncement>::encode(const ModelAnnouncement& model, Sample& sam
   assign(sample.model_json, model.model_json);
 }
 
+bool Wire<ModelProposal>::decode(const Sample& sample, ModelProposal& proposal) {
+  if (sample.axis[0] == '\0') return false;
+  proposal = {sample.axis, text(sample.origin), sample.force, text(sample.model_json)};
+  return true;
+}
+
+void Wire<ModelProposal>::encode(const ModelProposal& proposal, Sample& sample) {
+  assign(sample.axis, proposal.axis, "axis name");
+  assign(sample.origin, proposal.origin);
+  sample.force = proposal.force;
+  assign(sample.model_json, proposal.model_json);
+}
+
 bool Wire<DiagnosisAnnouncement>::decode(const Sample& sample, DiagnosisAnnouncement& diagnosis) {
   if (sample.axis[0] == '\0') return false;
   diagnosis = {sample.axis, text(sample.diagnosis_json)};

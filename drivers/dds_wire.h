@@ -47,6 +47,14 @@ struct Wire<ModelAnnouncement> {
 };
 
 template <>
+struct Wire<ModelProposal> {
+  using Sample = servotwin_msgs_ModelProposal;
+  static const Topic& topic() { return topics::kModelProposal; }
+  static bool decode(const Sample& sample, ModelProposal& proposal);
+  static void encode(const ModelProposal& proposal, Sample& sample);
+};
+
+template <>
 struct Wire<DiagnosisAnnouncement> {
   using Sample = servotwin_msgs_Diagnosis;
   static const Topic& topic() { return topics::kDiagnosis; }

@@ -147,6 +147,14 @@ struct ModelAnnouncement {
   std::string model_json;
 };
 
+/// A model that is to come into force.
+struct ModelProposal {
+  std::string axis;
+  std::string origin;      ///< where it is from, for people
+  bool force = false;      ///< without being judged
+  std::string model_json;  ///< servotwin.model/1, not checked
+};
+
 /// The last diagnosis of an axis.
 struct DiagnosisAnnouncement {
   std::string axis;

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "daemon/between/clock.h"
+#include "daemon/identify/held_out.h"
 #include "drivers/text.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/shown_units.h"
@@ -21,10 +22,10 @@ constexpr auto kIdentificationPause = std::chrono::milliseconds(100);
 constexpr double kTrainingShare = 0.8;
 // Less new evidence than this starts no step.
 constexpr double kMinNewEvidence_s = 1.0;
+// A model file takes some kilobytes.
+constexpr std::size_t kMaxModelBytes = 1'000'000;
 // A noise floor that changes by less than this share is not updated.
 constexpr double kNoiseFloorTolerance = 0.1;
-// Relative tolerance of the sampling time: a model of another sampling time cannot be used.
-constexpr double kCycleTolerance = 0.01;
 
 std::string progress_of(const char* what, double done_s, double needed_s) {
   std::ostringstream out;
@@ -53,39 +54,17 @@ EvidenceBounds bounds_of(const IdentifyConfig& config) {
           kMemoriesUntilForgotten * config.memory_s};
 }
 
+/// A reason with what the model contains or where it is from, if it was proposed.
+std::string with_origin(const std::string& reason, const std::string& because) {
+  return because.empty() ? reason : reason + "; " + because;
+}
+
 /// The larger noise floor of standstill and motion [m | rad]; NaN without stored motion.
 double noise_floor_of(const EvidenceMemory& evidence) {
   const NoiseFloor motion =
       noise_floor(evidence.kept({Evidence::kFastMotion, Evidence::kSlowReversals}));
   const NoiseFloor standing = noise_floor(evidence.kept({Evidence::kStandstill}));
   return standing.standstill_rms > motion.rms ? standing.standstill_rms : motion.rms;
-}
-
-/// The residual of the tracking error with this model, or the tracking error itself without a
-/// model; the first `skip_s` of every segment are left out.
-Eigen::ArrayXd left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
-  std::vector<Eigen::ArrayXd> parts;
-  Eigen::Index count = 0;
-  for (const Segment& segment : segments) {
-    const auto skip = static_cast<Eigen::Index>(std::ceil(skip_s / segment.sample_time_s));
-    if (segment.size() <= skip) continue;
-    Eigen::ArrayXd left = segment.command - segment.actual;
-    if (model != nullptr) left -= simulate(*model, segment);
-    parts.emplace_back(left.tail(segment.size() - skip));
-    count += parts.back().size();
-  }
-  Eigen::ArrayXd out(count);
-  Eigen::Index at = 0;
-  for (const Eigen::ArrayXd& part : parts) {
-    out.segment(at, part.size()) = part;
-    at += part.size();
-  }
-  return out;
-}
-
-ErrorFigures figures_of(const Eigen::ArrayXd& left) {
-  if (left.size() == 0) return {};
-  return {std::sqrt(left.square().mean()), left.abs().maxCoeff()};
 }
 
 }  // namespace
@@ -119,15 +98,9 @@ void IdentificationWorker::restore() {
     if (found == axes_.end()) {
       events_.note("model_unused", model.record.axis,
                    version + " is in the store, but the machine has no such axis");
-    } else if (model.record.rotary != found->rotary) {
-      events_.note("model_unused", model.record.axis,
-                   version + (found->rotary ? " is for a linear axis, this one is rotary"
-                                            : " is for a rotary axis, this one is linear"));
-    } else if (std::abs(model.record.model.sample_time_s - machine_.cycle_s) >
-               kCycleTolerance * machine_.cycle_s) {
-      events_.note("model_unused", model.record.axis,
-                   version + " is for a cycle of " + number(model.record.model.sample_time_s) +
-                       " s, the machine runs at " + number(machine_.cycle_s) + " s");
+    } else if (const std::string why = why_not_for(model.record, found->rotary, machine_.cycle_s);
+               !why.empty()) {
+      events_.note("model_unused", model.record.axis, version + " " + why);
     } else {
       put_in_force(static_cast<std::size_t>(found - axes_.begin()), model);
       events_.note("model_restored", model.record.axis, version + " is in force again");
@@ -165,18 +138,63 @@ void IdentificationWorker::propose(std::size_t axis, ModelRecord record, const s
   proposal.from_s = from_s;
   proposal.until_s = until_s;
   const std::lock_guard lock(proposal_mutex_);
-  proposals_.at(axis) = std::move(proposal);
+  // What a person has proposed waits for its turn.
+  if (proposals_.at(axis) && proposals_[axis]->origin != Origin::kDiagnosis) return;
+  proposals_[axis] = std::move(proposal);
+}
+
+void IdentificationWorker::propose(const ModelProposal& given) {
+  const std::string because = "from " + given.origin + ", proposed by hand";
+  const auto axis = std::find_if(axes_.begin(), axes_.end(),
+                                 [&](const Axis& one) { return one.name == given.axis; });
+  if (axis == axes_.end()) {
+    events_.note("model_refused", given.axis,
+                 "a model " + because + " is refused: the machine has no such axis");
+    return;
+  }
+  const auto at = static_cast<std::size_t>(axis - axes_.begin());
+  const auto refuse = [&](const std::string& why) {
+    note_refusal(at, "candidate refused: " + why + "; " + because);
+  };
+  Pending proposal;
+  proposal.origin = given.force ? Origin::kForced : Origin::kPerson;
+  proposal.because = because;
+  ModelRecord& record = proposal.identified.record;
+  try {
+    if (given.model_json.size() > kMaxModelBytes)
+      throw std::runtime_error("the model is larger than any model file");
+    record = model_from_json(nlohmann::json::parse(given.model_json));
+  } catch (const std::exception& error) {
+    refuse(error.what());
+    return;
+  }
+  record.axis = axis->name;
+  if (const std::string why = why_not_for(record, axis->rotary, machine_.cycle_s); !why.empty()) {
+    refuse("it " + why);
+    return;
+  }
+  std::optional<Pending> replaced;
+  {
+    const std::lock_guard lock(proposal_mutex_);
+    replaced = std::exchange(proposals_[at], std::move(proposal));
+  }
+  if (replaced && replaced->origin != Origin::kDiagnosis)
+    note_refusal(at, "candidate refused: replaced by a later proposal; " + replaced->because);
 }
 
 void IdentificationWorker::take_proposal(std::size_t axis) {
-  if (axes_[axis].candidate) return;
   std::optional<Pending> proposal;
   {
     const std::lock_guard lock(proposal_mutex_);
-    proposal = std::exchange(proposals_[axis], std::nullopt);
+    std::optional<Pending>& waiting = proposals_[axis];
+    if (!waiting || (axes_[axis].candidate && waiting->origin != Origin::kForced)) return;
+    proposal = std::exchange(waiting, std::nullopt);
   }
-  if (!proposal) return;
-  cite(*proposal, proposal->from_s, proposal->until_s);
+  if (proposal->origin == Origin::kForced) {
+    promote(axis, *proposal, "put in force without being judged (--force)");
+    return;
+  }
+  if (proposal->origin == Origin::kDiagnosis) cite(*proposal, proposal->from_s, proposal->until_s);
   // Judged on motion after now, which nobody has seen.
   proposal->until_s = memory_.newest_s();
   proposal->moved_s = memory_.moved_s(axis);
@@ -375,15 +393,7 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     }
     const std::vector<Segment> held_out =
         segment_axis(memory_.copy(axis, candidate.until_s, until_s, "live"), state.name).segments;
-    // Both models are compared on the same samples.
-    const double skip_s =
-        std::max(starting_state_s(model), other != nullptr ? starting_state_s(*other) : 0.0);
-    const Eigen::ArrayXd left = left_by(&model, held_out, skip_s);
-    const Eigen::ArrayXd left_in_force = left_by(other, held_out, skip_s);
-    candidate.identified.record.holdout = figures_of(left);
-    candidacy.rms = candidate.identified.record.holdout.rms;
-    candidacy.rms_in_force = figures_of(left_in_force).rms;
-    candidacy.significance = significance(left, left_in_force);
+    candidate.identified.record.holdout = judge_on(held_out, model, other, candidacy);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
     note_refusal(axis, std::string("candidate not judged: ") + error.what());
@@ -394,17 +404,21 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
 
 void IdentificationWorker::rule(std::size_t axis, const Pending& candidate,
                                 const Candidacy& candidacy) {
-  Axis& state = axes_[axis];
   const Decision decision = decide(candidacy, {config_.judge_s, config_.min_improvement});
-  const std::string because = candidate.because.empty() ? "" : "; " + candidate.because;
-  StoredModel model{candidate.identified.record, decision.reason + because};
   if (!decision.promoted()) {
-    note_refusal(axis, "candidate refused: " + decision.reason + because,
-                 to_json(model.record).dump());
+    note_refusal(axis, "candidate refused: " + with_origin(decision.reason, candidate.because),
+                 to_json(candidate.identified.record).dump());
     validate(axis, candidacy);
     return;
   }
-  const int next = candidacy.version_in_force + 1;
+  promote(axis, candidate, decision.reason);
+}
+
+void IdentificationWorker::promote(std::size_t axis, const Pending& candidate,
+                                   const std::string& reason) {
+  Axis& state = axes_[axis];
+  StoredModel model{candidate.identified.record, with_origin(reason, candidate.because)};
+  const int next = (state.in_force ? state.in_force->record.version : 0) + 1;
   const Event event = event_now("model_promoted", state.name,
                                 "model " + std::to_string(next) + " is in force: " + model.reason);
   try {

@@ -9,8 +9,8 @@
 //   --> candidate --> judge_s of held-out motion, to which neither the candidate nor the model in
 //   force was fitted --> daemon/identify/promotion.h --> store --> in force
 //
-//   a model that a diagnosis has extended by what it found (propose()) is a candidate like any
-//   other: judged on judge_s of motion after it was proposed
+//   a model that a diagnosis has extended by what it found, or that a person proposes (propose()),
+//   is a candidate like any other: judged on judge_s of motion after it was proposed
 //
 //   window_s of standstill --> measures the noise floor of the model in force, without a fit
 //
@@ -68,6 +68,9 @@ class IdentificationWorker {
   /// replaces one that is not a candidate yet. Any thread.
   void propose(std::size_t axis, ModelRecord record, const std::string& because, double from_s,
                double until_s);
+  /// The same of a person, who comes before a diagnosis; or in force without being judged, if the
+  /// proposal says so. A model that cannot be used is a refused candidate. Any thread.
+  void propose(const ModelProposal& given);
   /// Checks one axis and does what is due; true if something was.
   bool look(std::size_t axis);
   /// To be called when no more motion will come: processes the rest and reports undecided
@@ -78,13 +81,16 @@ class IdentificationWorker {
   void update(std::vector<AxisStatus>& status) const;
 
  private:
+  /// Who made a model.
+  enum class Origin : std::uint8_t { kDiagnosis, kPerson, kForced };
   struct Pending {
     Identified identified;
     std::vector<std::string> recordings;  // that it was fitted to
     double until_s = 0.0;                 // end of the data that it was fitted to
     double moved_s = 0.0;                 // motion of the axis until then
     std::string because = {};             // of a proposal
-    double from_s = 0.0;                  // of a proposal: begin of the data it was fitted to
+    double from_s = 0.0;                  // of a diagnosis: begin of the data it was fitted to
+    Origin origin = Origin::kDiagnosis;   // of a proposal
   };
   struct Axis {
     std::string name;
@@ -110,6 +116,7 @@ class IdentificationWorker {
   void renew_noise_floor(std::size_t axis, double until_s);
   void judge_candidate(std::size_t axis, double until_s);
   void rule(std::size_t axis, const Pending& candidate, const Candidacy& candidacy);
+  void promote(std::size_t axis, const Pending& candidate, const std::string& reason);
   /// Stores that the model in force is still valid, if it is.
   void validate(std::size_t axis, const Candidacy& candidacy);
   void put_in_force(std::size_t axis, const StoredModel& model);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cerrno>
+#include <nlohmann/json.hpp>
 #include <random>
 
 #include "tests/daemon/ball_screw.h"
@@ -186,6 +187,87 @@ TEST_F(WorkerTest, AProposedModelThatIsInvalidIsRefusedAtOnce) {
   worker_->look(0);
   EXPECT_EQ(announced_.size(), 1U);
   EXPECT_THAT(status().last_refusal, HasSubstr("that is unstable"));
+}
+
+/// A model with four fifths of the friction of this one, as a person may propose it.
+ModelProposal with_less_friction(ModelRecord record) {
+  for (Effect& effect : record.model.effects) {
+    for (double& coefficient : effect.coefficient) coefficient *= 0.8;
+  }
+  return {"X", "worse.json", false, to_json(record).dump()};
+}
+
+TEST_F(WorkerTest, AModelByHandIsJudgedUnlessItIsForced) {
+  restart();
+  promote_one();
+  ModelProposal worse = with_less_friction(announced_[0].record);
+  worker_->propose(worse);
+  EXPECT_FALSE(worker_->look(0)) << "it is judged on motion after now";
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  ASSERT_EQ(announced_.size(), 1U) << said_.str();
+  EXPECT_THAT(status().last_refusal, AllOf(HasSubstr("must be better by"),
+                                           HasSubstr("from worse.json, proposed by hand")));
+
+  worse.force = true;
+  worker_->propose(worse);
+  worker_->look(0);
+  ASSERT_EQ(announced_.size(), 2U) << said_.str();
+  EXPECT_EQ(store_->in_force().at(0).reason,
+            "put in force without being judged (--force); from worse.json, proposed by hand")
+      << "the store keeps how it came into force";
+  EXPECT_EQ(status().model_version, 2);
+
+  const ModelProposal better{"X", "better.json", false, to_json(announced_[0].record).dump()};
+  run_machine(0.5);
+  worker_->propose(better);
+  worker_->look(0);
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  ASSERT_EQ(announced_.size(), 3U) << said_.str();
+  EXPECT_THAT(announced_[2].reason, HasSubstr("from better.json, proposed by hand"));
+}
+
+TEST_F(WorkerTest, AModelByHandWaitsItsTurnAndNoDiagnosisTakesIt) {
+  restart();
+  promote_one();
+  const ModelRecord record = announced_[0].record;
+  worker_->propose(with_less_friction(record));
+  worker_->look(0);
+  ModelProposal second = with_less_friction(record);
+  second.origin = "second.json";
+  worker_->propose(second);
+  worker_->propose(0, record, "of a diagnosis", 0.0, 6.0);
+  run_machine(3.5);
+  ASSERT_TRUE(worker_->look(0));
+  worker_->look(0);
+  EXPECT_THAT(newest_event().text, HasSubstr("from second.json"));
+}
+
+TEST_F(WorkerTest, AModelByHandThatCannotBeUsedIsRefusedWithTheReason) {
+  restart();
+  promote_one();
+  const ModelProposal good = with_less_friction(announced_[0].record);
+  const auto refusal = [&](const ModelProposal& proposal) {
+    worker_->propose(proposal);
+    return newest_event().text;
+  };
+  ModelProposal bad = good;
+  bad.model_json = "{\"schema\":";
+  EXPECT_THAT(refusal(bad), AllOf(HasSubstr("parse error"), HasSubstr("from worse.json")));
+  bad.model_json.assign(2'000'000, ' ');
+  EXPECT_THAT(refusal(bad), HasSubstr("larger than any model file"));
+  bad = good;
+  bad.axis = "Z";
+  EXPECT_THAT(refusal(bad), HasSubstr("the machine has no such axis"));
+  ModelRecord slow = announced_[0].record;
+  slow.model.sample_time_s = 0.004;
+  bad = good;
+  bad.model_json = to_json(slow).dump();
+  bad.force = true;
+  EXPECT_THAT(refusal(bad), HasSubstr("is for a cycle of 0.004 s, the machine runs at 0.001 s"));
+  worker_->look(0);
+  EXPECT_EQ(announced_.size(), 1U);
 }
 
 TEST_F(WorkerTest, AModelOfWorseDataIsRefusedWithTheFigures) {

@@ -1,0 +1,68 @@
+#include "daemon/identify/held_out.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "drivers/text.h"
+#include "twin/twin.h"
+
+namespace servotwin::daemon {
+namespace {
+
+// Relative tolerance of the sampling time: a model of another sampling time cannot be used.
+constexpr double kCycleTolerance = 0.01;
+
+/// The residual of the tracking error with this model, or the tracking error itself without a
+/// model; the first `skip_s` of every segment are left out.
+Eigen::ArrayXd left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
+  std::vector<Eigen::ArrayXd> parts;
+  Eigen::Index count = 0;
+  for (const Segment& segment : segments) {
+    const auto skip = static_cast<Eigen::Index>(std::ceil(skip_s / segment.sample_time_s));
+    if (segment.size() <= skip) continue;
+    Eigen::ArrayXd left = segment.command - segment.actual;
+    if (model != nullptr) left -= simulate(*model, segment);
+    parts.emplace_back(left.tail(segment.size() - skip));
+    count += parts.back().size();
+  }
+  Eigen::ArrayXd out(count);
+  Eigen::Index at = 0;
+  for (const Eigen::ArrayXd& part : parts) {
+    out.segment(at, part.size()) = part;
+    at += part.size();
+  }
+  return out;
+}
+
+ErrorFigures figures_of(const Eigen::ArrayXd& left) {
+  if (left.size() == 0) return {};
+  return {std::sqrt(left.square().mean()), left.abs().maxCoeff()};
+}
+
+}  // namespace
+
+ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate,
+                      const Model* in_force, Candidacy& candidacy) {
+  const double skip_s = std::max(starting_state_s(candidate),
+                                 in_force != nullptr ? starting_state_s(*in_force) : 0.0);
+  const Eigen::ArrayXd left = left_by(&candidate, motion, skip_s);
+  const Eigen::ArrayXd left_in_force = left_by(in_force, motion, skip_s);
+  candidacy.rms = figures_of(left).rms;
+  candidacy.rms_in_force = figures_of(left_in_force).rms;
+  candidacy.significance = significance(left, left_in_force);
+  return figures_of(left);
+}
+
+std::string why_not_for(const ModelRecord& record, bool rotary, double cycle_s) {
+  if (record.rotary != rotary) {
+    return rotary ? "is for a linear axis, this one is rotary"
+                  : "is for a rotary axis, this one is linear";
+  }
+  if (std::abs(record.model.sample_time_s - cycle_s) > kCycleTolerance * cycle_s) {
+    return "is for a cycle of " + number(record.model.sample_time_s) + " s, the machine runs at " +
+           number(cycle_s) + " s";
+  }
+  return {};
+}
+
+}  // namespace servotwin::daemon

@@ -1,0 +1,28 @@
+// What a candidate and the model in force leave of the error on held-out motion, for the rule of
+// promotion (daemon/identify/promotion.h).
+//
+// Errors [m | rad]. Errors of the models' simulation are thrown as std::invalid_argument. Pure: no
+// clock, file or thread.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "daemon/identify/promotion.h"
+#include "identification/model/model_file.h"
+#include "twin/model.h"
+#include "twin/sample.h"
+
+namespace servotwin::daemon {
+
+/// Fills in what the candidacy says of the errors, on the same samples for both models; returns
+/// those of the candidate. `in_force`: null where no model is in force, which is compared with no
+/// prediction.
+[[nodiscard]] ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate,
+                                    const Model* in_force, Candidacy& candidacy);
+
+/// Why a model cannot be used for an axis of a machine with this cycle, "is for ..."; empty: it
+/// can.
+[[nodiscard]] std::string why_not_for(const ModelRecord& record, bool rotary, double cycle_s);
+
+}  // namespace servotwin::daemon
