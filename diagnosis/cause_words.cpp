@@ -130,6 +130,27 @@ std::string plain_size(const Diagnosis& diagnosis, const Cause& cause) {
   return out;
 }
 
+namespace {
+
+/// What a repair of this cause would change: the contour error if it is known, else the tracking
+/// error. Empty where no repair was simulated.
+std::string worth_of_repair(const Gain& gain, bool rotary) {
+  const bool path = std::isfinite(gain.contour_repaired);
+  const double now = path ? gain.contour_now : gain.tracking_now,
+               then = path ? gain.contour_repaired : gain.tracking_repaired;
+  if (!std::isfinite(now) || !std::isfinite(then)) return {};
+  const char *what = path ? "contour error" : "tracking error",
+             *unit = micro(path ? false : rotary);
+  constexpr double kMinWorth = 0.02;  // of the error: less is not worth a repair
+  if (!(then < (1.0 - kMinWorth) * now))
+    return text(" Without it the %s of this motion would stay at %.3g %s RMS.", what, 1e6 * now,
+                unit);
+  return text(" Without it the %s of this motion would be %.3g %s RMS instead of %.3g.", what,
+              1e6 * then, unit, 1e6 * now);
+}
+
+}  // namespace
+
 std::string plain_verdict(const Diagnosis& diagnosis) {
   const std::string axis = "Axis " + diagnosis.baseline.axis;
   if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
@@ -151,8 +172,8 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
       break;
   }
   const Cause& first = diagnosis.causes.front();
-  std::string out =
-      axis + " has " + plain_name(first.id) + ": " + plain_size(diagnosis, first) + ".";
+  std::string out = axis + " has " + plain_name(first.id) + ": " + plain_size(diagnosis, first) +
+                    "." + worth_of_repair(first.gain, diagnosis.baseline.rotary);
   if (diagnosis.causes.size() > 1) {
     out += " Further causes: ";
     for (std::size_t i = 1; i < diagnosis.causes.size(); ++i)

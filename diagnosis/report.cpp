@@ -31,9 +31,12 @@ constexpr const char* kStyle =
     "border-bottom:1px solid var(--line);vertical-align:top}"
     "svg{max-width:100%;height:auto;border-radius:.3rem}"
     ".verdict{font-size:1.25rem;border-left:.3rem solid #3b7dd8;padding:.2rem 1rem}"
-    "section{border-top:1px solid var(--line);margin-top:2rem}"
-    ".size{font-size:1.1rem}.note{background:var(--soft);padding:.5rem 1rem}"
-    "figure{margin:1rem 0}figcaption{opacity:.8}summary{cursor:pointer;font-weight:bold}"
+    ".facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(16rem,1fr));gap:0 2rem}"
+    ".facts h2{font-size:1rem;margin:.5rem 0}.facts p,.facts ol{margin:.3rem 0}"
+    ".facts ol{padding-left:1.2rem}"
+    ".size{font-size:1.1rem}figure{margin:1rem 0}figcaption{opacity:.8}"
+    "details{border-top:1px solid var(--line);padding:.6rem 0}"
+    "summary{cursor:pointer;font-size:1.1rem;font-weight:bold}"
     "pre{overflow:auto}";
 
 std::string spaced(std::string_view id) {
@@ -42,13 +45,18 @@ std::string spaced(std::string_view id) {
   return out;
 }
 
+/// A part that is closed until the reader opens it. `title` is HTML.
+std::string folded(const std::string& title, const std::string& content) {
+  return "<details><summary>" + title + "</summary>\n" + content + "</details>\n";
+}
+
 std::string row(const char* name, const std::string& cell) {
   return std::string("<tr><th>") + name + "</th><td>" + cell + "</td></tr>\n";
 }
 
 /// The simulation error of baseline and extended model over a few seconds of the hold-out, with the
 /// measured tracking error beside it.
-std::string picture(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
+std::string error_figure(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
   const std::vector<Segment> holdout =
       holdout_for(diagnosis.extended.model, segments, diagnosis.baseline.training_to_s + 1e-9);
@@ -113,15 +121,15 @@ std::string frequency_section(const Diagnosis& diagnosis, const std::vector<Segm
     model.frequency_hz.push_back(machine.frequency_hz(i));
     model.response.push_back(twin.channels[0].response(i));
   }
-  return "<section><h2>Frequency response</h2>\n<figure>" +
-         plot_svg(bode_panels(machine, {"command"}, "position", {model})) +
-         text(
-             "<figcaption>From command to position, averaged over %d windows of %.3g s. "
-             "Frequencies whose coherence could be chance are not drawn. A peak that the twin "
-             "lacks is an unmodelled mode of vibration: see <code>servotwin "
-             "frequency-response</code>."
-             "</figcaption></figure></section>\n",
-             machine.windows, machine.window_s);
+  return folded(
+      "Frequency response",
+      "<figure>" + plot_svg(bode_panels(machine, {"command"}, "position", {model})) +
+          text("<figcaption>From command to position, averaged over %d windows of %.3g s. "
+               "Frequencies whose coherence could be chance are not drawn. A peak that the twin "
+               "lacks is an unmodelled mode of vibration: see <code>servotwin "
+               "frequency-response</code>."
+               "</figcaption></figure>\n",
+               machine.windows, machine.window_s));
 }
 
 /// The confidence of a cause and the figures that it is computed from.
@@ -148,16 +156,23 @@ std::string confidence_text(const Cause& cause, double unexplained_share, const 
   return out + ".";
 }
 
+/// A picture that shows the cause, if there is one.
+std::string figure_of(const Diagnosis& diagnosis, const Cause& cause,
+                      const std::vector<Segment>& segments) {
+  const CausePicture picture = picture_of(diagnosis, cause, segments);
+  if (picture.panels.empty()) return {};
+  return "<figure>" + plot_svg(picture.panels) + "<figcaption>" + escaped(picture.caption) +
+         " Points are measured values; bars are 95 % confidence intervals of means."
+         "</figcaption></figure>\n";
+}
+
 std::string section_of(const Diagnosis& diagnosis, std::size_t number,
                        const std::vector<Segment>& segments) {
   const Cause& cause = diagnosis.causes[number];
   const char* unit = micro(diagnosis.baseline.rotary);
-  std::string out = text("<section><h2>%zu. ", number + 1) + escaped(plain_name(cause.id)) +
-                    "</h2>\n<p class='size'>" + escaped(plain_size(diagnosis, cause)) + "</p>\n";
-  if (const CausePicture picture = picture_of(diagnosis, cause, segments); !picture.panels.empty())
-    out += "<figure>" + plot_svg(picture.panels) + "<figcaption>" + escaped(picture.caption) +
-           " Points are measured values; bars are 95 % confidence intervals of means."
-           "</figcaption></figure>\n";
+  std::string out = "<p class='size'>" + escaped(plain_size(diagnosis, cause)) + "</p>\n";
+  // That of the first cause is on the first screen.
+  if (number > 0) out += figure_of(diagnosis, cause, segments);
   out += "<table>";
   if (const std::string advice = advice_for(diagnosis, cause); !advice.empty())
     out += row("check on the machine", escaped(advice));
@@ -180,13 +195,82 @@ std::string section_of(const Diagnosis& diagnosis, std::size_t number,
     std::string rivals;
     for (const std::string& rival : cause.ambiguous_with)
       rivals += (rivals.empty() ? "" : "; ") + escaped(plain_name(rival));
-    out +=
-        row("it may also be",
-            rivals + ": this recording does not distinguish them. See the suggested test below.");
+    out += row("it may also be", rivals + ": this recording does not distinguish them");
   }
   out += row("in the model",
              "<code>" + escaped(cause.id) + "</code>: " + escaped(cause_text(diagnosis, cause)));
-  return out + "</table></section>\n";
+  return folded(text("%zu. ", number + 1) + escaped(plain_name(cause.id)), out + "</table>\n");
+}
+
+/// What to check, in the order of what the causes explain.
+std::string checks_of(const Diagnosis& diagnosis) {
+  std::string out;
+  for (const Cause& cause : diagnosis.causes) {
+    if (const std::string advice = advice_for(diagnosis, cause); !advice.empty())
+      out += "<li>" + escaped(advice) + " <small>(" + escaped(plain_name(cause.id)) +
+             ")</small></li>\n";
+  }
+  return out.empty()
+             ? out
+             : "<div><h2>Check on the machine, in this order</h2><ol>" + out + "</ol></div>\n";
+}
+
+/// How sure the first cause is, and what it could be instead.
+std::string certainty_of(const Diagnosis& diagnosis) {
+  const Cause& first = diagnosis.causes.front();
+  const char* unit = micro(diagnosis.baseline.rotary);
+  std::string out =
+      "<p>" +
+      (first.counts.empty() ? text("%.0f %%", 100.0 * std::min(first.confidence, 0.99))
+                            : std::string("Counted in the recording")) +
+      ".";
+  if (std::isfinite(first.gain.before))
+    out += text(
+        " On data that no fit has used, the model with this cause leaves %.3g %s RMS of the "
+        "error; without it %.3g.",
+        1e6 * first.gain.after, unit, 1e6 * first.gain.before);
+  out += "</p>";
+  std::string others;
+  for (const std::string& rival : first.ambiguous_with)
+    others += (others.empty() ? "" : ", or ") + escaped(plain_name(rival));
+  if (!others.empty()) out += "<p>It could also be " + others + ".</p>";
+  others.clear();
+  for (const Cause& cause : diagnosis.suspected)
+    others += (others.empty() ? "" : ", ") + escaped(plain_name(cause.id));
+  if (!others.empty()) out += "<p>Suspected as well: " + others + ".</p>";
+  return "<div><h2>How sure</h2>" + out + "</div>\n";
+}
+
+/// How to become surer.
+std::string next_step_of(const Diagnosis& diagnosis) {
+  std::string out;
+  if (diagnosis.suggested_test) {
+    out = "<p>Record the suggested test";
+    if (diagnosis.suggested_test->motion)
+      out += text(
+          " of %.0f s: <code>servotwin diagnose</code> with <code>--suggested-test</code> "
+          "writes it as G-code",
+          diagnosis.suggested_test->motion->duration_s());
+    out += ". It is described below.</p>";
+  }
+  if (!diagnosis.not_observable.empty())
+    out += text(
+        "<p>%zu of the known causes cannot be seen in this recording; they are listed "
+        "below with what would show them.</p>",
+        diagnosis.not_observable.size());
+  return out.empty() ? out : "<div><h2>If in doubt</h2>" + out + "</div>\n";
+}
+
+/// What a maintenance engineer has to know: verdict, what to do, how sure, one picture.
+std::string first_screen(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
+  std::string out = "<h1>Axis " + escaped(diagnosis.baseline.axis) + "</h1>\n<p class='verdict'>" +
+                    escaped(plain_verdict(diagnosis)) + "</p>\n";
+  out += "<div class='facts'>" + checks_of(diagnosis);
+  if (!diagnosis.causes.empty()) out += certainty_of(diagnosis);
+  out += next_step_of(diagnosis) + "</div>\n";
+  std::string figure;
+  if (!diagnosis.causes.empty()) figure = figure_of(diagnosis, diagnosis.causes.front(), segments);
+  return out + (figure.empty() ? error_figure(diagnosis, segments) : figure);
 }
 
 /// The residual of the extended model: by regime of the commanded motion, by variable and by
@@ -195,7 +279,7 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
   const bool rotary = diagnosis.baseline.rotary;
   const char* unit = micro(rotary);
   std::string out =
-      "<section><h2>Remaining residual</h2>\n<table><tr><th>while the axis</th><th>RMS</th>"
+      "<table><tr><th>while the axis</th><th>RMS</th>"
       "<th>MAX</th>"
       "<th>share of the squared error</th><th>share of the time</th></tr>\n";
   for (const RegimeShare& share : diagnosis.regimes) {
@@ -239,7 +323,70 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
         "<p>The noise floor of the recording, the lowest error that any model can reach, is "
         "%.2g %s RMS.</p>",
         1e6 * diagnosis.baseline.noise_floor_rms, unit);
-  return out + "</section>\n";
+  return folded("What the model still leaves of the error", out);
+}
+
+std::string test_section(const Diagnosis& diagnosis) {
+  if (!diagnosis.suggested_test) return {};
+  std::string out = "<p>" + escaped(diagnosis.suggested_test->words) + "</p>\n";
+  if (const auto& motion = diagnosis.suggested_test->motion; motion) {
+    constexpr double kMotionPlotPoints = 2000.0;
+    const double h = motion->duration_s() / kMotionPlotPoints, scale = 1e3;
+    const Eigen::ArrayXd path = motion->command(h);
+    PlotSeries series{"", {}, {}, true, ""};
+    for (Eigen::Index k = 0; k < path.size(); ++k) {
+      series.x.push_back(h * static_cast<double>(k));
+      series.y.push_back(scale * path(k));
+    }
+    out += "<figure>" +
+           plot_svg({{"test motion",
+                      "time [s]",
+                      diagnosis.baseline.rotary ? "position [mrad]" : "position [mm]",
+                      false,
+                      {series}}}) +
+           "<figcaption><code>servotwin diagnose --suggested-test</code> writes this motion as a "
+           "path and as G-code.</figcaption></figure>\n";
+  }
+  return folded("Suggested test", out);
+}
+
+std::string suspected_section(const Diagnosis& diagnosis) {
+  if (diagnosis.suspected.empty()) return {};
+  std::string out =
+      "<p>Their confidence is too low to name them, their gain on held-out data may be zero, or a "
+      "parameter is at the limit beyond which it would be something else. They are kept in the "
+      "extended model because it predicts better with them.</p>\n<table>";
+  for (const Cause& cause : diagnosis.suspected)
+    out += row(escaped(plain_name(cause.id)).c_str(),
+               text("confidence %.0f %%: ", 100.0 * cause.confidence) +
+                   escaped(cause_text(diagnosis, cause)));
+  return folded("Suspected causes", out + "</table>\n");
+}
+
+std::string not_observable_section(const Diagnosis& diagnosis) {
+  if (diagnosis.not_observable.empty()) return {};
+  std::string out = "<p>This recording can neither confirm nor exclude these causes.</p>\n<table>";
+  for (const NotObservable& one : diagnosis.not_observable)
+    out += row(escaped(plain_name(one.id)).c_str(), escaped(one.why));
+  return folded("Not observable here", out + "</table>\n");
+}
+
+std::string method_section(const Diagnosis& diagnosis) {
+  std::string out =
+      "<p>Each candidate was fitted together with the position loop on the first part of the "
+      "recording (training data). It was kept only if it significantly lowered the prediction "
+      "error of blocks that it was not fitted to. All errors above are those of a free simulation "
+      "of the held-out rest, which the search did not use. A force per moved mass in N/kg is an "
+      "acceleration in m/s^2; it is reconstructed from the tracking error through the model of the "
+      "loop.</p><table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
+  for (const Cause& cause : diagnosis.causes) {
+    if (!cause.counts.empty()) continue;
+    out += "<tr><td>" + escaped(cause.id) + text("</td><td>%.2f</td><td>", cause.statistic) +
+           (std::isfinite(cause.p) ? text("%.2g", cause.p) : "") + "</td></tr>";
+  }
+  out += "</table><p>Steps of the search, in order:</p><pre>";
+  for (const std::string& step : diagnosis.steps) out += escaped(step) + "\n";
+  return folded("Method", out + "</pre>\n");
 }
 
 }  // namespace
@@ -250,79 +397,19 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>Axis " +
       escaped(diagnosis.baseline.axis) + "</title>\n<style>" + kStyle + "</style></head><body>\n";
-  out += "<h1>Axis " + escaped(diagnosis.baseline.axis) + "</h1>\n<p class='verdict'>" +
-         escaped(plain_verdict(diagnosis)) + "</p>\n";
-  if (diagnosis.suggested_test)
-    out +=
-        "<p class='note'>This recording does not decide everything: see the suggested test at the "
-        "end.</p>\n";
-  out += "<p>From " + escaped(source);
+  out += first_screen(diagnosis, segments) + "<p>From " + escaped(source);
   if (!segments.empty())
     out +=
         text(", %.4g to %.4g s; errors are evaluated on the held-out data after %.4g s",
              segments.front().start_s, segments.back().end_s(), diagnosis.baseline.training_to_s);
-  out += ".</p>\n" + picture(diagnosis, segments);
+  out += ".</p>\n";
   for (std::size_t i = 0; i < diagnosis.causes.size(); ++i)
     out += section_of(diagnosis, i, segments);
-  if (diagnosis.suggested_test) {
-    out += "<section><h2>Suggested test</h2>\n<p>" + escaped(diagnosis.suggested_test->words) +
-           "</p>\n";
-    if (const auto& motion = diagnosis.suggested_test->motion; motion) {
-      constexpr double kMotionPlotPoints = 2000.0;
-      const double h = motion->duration_s() / kMotionPlotPoints, scale = 1e3;
-      const Eigen::ArrayXd path = motion->command(h);
-      PlotSeries series{"", {}, {}, true, ""};
-      for (Eigen::Index k = 0; k < path.size(); ++k) {
-        series.x.push_back(h * static_cast<double>(k));
-        series.y.push_back(scale * path(k));
-      }
-      out += "<figure>" +
-             plot_svg({{"test motion",
-                        "time [s]",
-                        diagnosis.baseline.rotary ? "position [mrad]" : "position [mm]",
-                        false,
-                        {series}}}) +
-             "<figcaption><code>servotwin diagnose --suggested-test</code> writes this motion as a "
-             "path and as G-code.</figcaption></figure>\n";
-    }
-    out += "</section>\n";
-  }
-  if (!diagnosis.suspected.empty()) {
-    out +=
-        "<section><h2>Suspected causes</h2>\n<p>Their confidence is too low to name them, their "
-        "gain on held-out data may be zero, or a parameter is at the limit beyond which it would "
-        "be something else. "
-        "They are kept in the extended model because it predicts better with them.</p>\n<table>";
-    for (const Cause& cause : diagnosis.suspected)
-      out += row(escaped(plain_name(cause.id)).c_str(),
-                 text("confidence %.0f %%: ", 100.0 * cause.confidence) +
-                     escaped(cause_text(diagnosis, cause)));
-    out += "</table></section>\n";
-  }
-  if (!diagnosis.not_observable.empty()) {
-    out +=
-        "<section><h2>Not observable here</h2>\n<p>This recording can neither confirm nor exclude "
-        "these causes.</p>\n<table>";
-    for (const NotObservable& one : diagnosis.not_observable)
-      out += row(escaped(plain_name(one.id)).c_str(), escaped(one.why));
-    out += "</table></section>\n";
-  }
-  out += more + frequency_section(diagnosis, segments) + left_of(diagnosis, segments) +
-         "<section><details><summary>Method</summary><p>Each candidate was fitted together with "
-         "the position loop on the first part of the recording (training data). It was kept only "
-         "if it significantly lowered the prediction error of blocks that it was not fitted to. "
-         "All errors above are those of a free simulation of the held-out rest, which the "
-         "search did not use. A force per moved mass in N/kg is an acceleration in m/s^2; it is "
-         "reconstructed from the tracking error through the model of the loop.</p>"
-         "<table><tr><th>cause</th><th>statistic</th><th>p</th></tr>";
-  for (const Cause& cause : diagnosis.causes) {
-    if (!cause.counts.empty()) continue;
-    out += "<tr><td>" + escaped(cause.id) + text("</td><td>%.2f</td><td>", cause.statistic) +
-           (std::isfinite(cause.p) ? text("%.2g", cause.p) : "") + "</td></tr>";
-  }
-  out += "</table><p>Steps of the search, in order:</p><pre>";
-  for (const std::string& step : diagnosis.steps) out += escaped(step) + "\n";
-  return out + "</pre></details></section>\n</body></html>\n";
+  if (!diagnosis.causes.empty())
+    out += folded("The error over a few seconds", error_figure(diagnosis, segments));
+  return out + test_section(diagnosis) + suspected_section(diagnosis) +
+         not_observable_section(diagnosis) + more + frequency_section(diagnosis, segments) +
+         left_of(diagnosis, segments) + method_section(diagnosis) + "</body></html>\n";
 }
 
 }  // namespace servotwin

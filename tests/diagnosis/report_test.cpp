@@ -189,6 +189,25 @@ TEST(Words, SayWhichAxisWhatHowMuchAndWhatToDo) {
   EXPECT_THAT(words, HasSubstr("Check first: what repeats with this period"));
 }
 
+TEST(Words, SayWhatARepairWouldBring) {
+  Effect ripple = make_effect<Cogging>();
+  ripple.shape[0] = kPeriod;
+  Case one = diagnosed("cogging", plain(2), ripple);
+  Gain& gain = one.diagnosis.causes[0].gain;
+  gain.tracking_now = 9e-6;
+  gain.tracking_repaired = 4e-6;
+  EXPECT_THAT(plain_verdict(one.diagnosis),
+              HasSubstr("Without it the tracking error of this motion would be 4 um RMS instead of "
+                        "9."));
+  gain.contour_now = 6e-6;
+  gain.contour_repaired = 2e-6;
+  EXPECT_THAT(plain_verdict(one.diagnosis),
+              HasSubstr("contour error of this motion would be 2 um"));
+  gain.contour_repaired = 5.99e-6;
+  EXPECT_THAT(plain_verdict(one.diagnosis),
+              HasSubstr("Without it the contour error of this motion would stay at 6 um RMS."));
+}
+
 TEST(Words, EveryCauseOfTheContractHasAName) {
   for (const std::string_view id : contract_ids()) {
     EXPECT_NE(plain_name(std::string(id)), id);
@@ -213,13 +232,14 @@ TEST(Report, NeedsNothingButItself) {
   one.diagnosis.suggested_test = suggested_test({{"cogging", "encoder_error"}},
                                                 seen_motion({one.segment}), {.period = kPeriod});
   const std::string page = report_html(one.diagnosis, {one.segment}, "a & b.csv");
-  EXPECT_THAT(page, HasSubstr("<h2>Frequency response</h2>"));
+  EXPECT_THAT(page, HasSubstr("<summary>Frequency response</summary>"));
   EXPECT_THAT(page, HasSubstr("the twin"));
   for (const char* outside : {"src=", "href", "<script", "@import", "url(", "https:"})
     EXPECT_EQ(page.find(outside), std::string::npos) << outside;
   for (const char* inside :
        {"Axis &lt;X&gt;", "a &amp; b.csv", "it may also be</th><td>an error of the encoder",
-        "docs/causes/cogging.md", "<h2>Suggested test</h2>", "prefers-color-scheme:dark"})
+        "docs/causes/cogging.md", "<summary>Suggested test</summary>",
+        "It could also be an error of the encoder", "prefers-color-scheme:dark"})
     EXPECT_NE(page.find(inside), std::string::npos) << inside;
   const std::size_t nan = page.find("nan");
   EXPECT_EQ(nan, std::string::npos) << page.substr(nan < 80 ? 0 : nan - 80, 120);
