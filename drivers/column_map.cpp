@@ -50,6 +50,12 @@ struct Tagged {
 
 Tagged split_unit(std::string_view text) {
   text = trimmed(text);
+  // "NAME (unit)", where that is a unit.
+  if (const std::size_t open = text.rfind('(');
+      open != std::string_view::npos && open > 0 && text.back() == ')') {
+    const std::string_view unit = trimmed(text.substr(open + 1, text.size() - open - 2));
+    if (parse_unit(unit)) return {std::string(trimmed(text.substr(0, open))), std::string(unit)};
+  }
   const std::size_t open = text.rfind('[');
   if (open == std::string_view::npos || text.empty() || text.back() != ']') {
     return {std::string(text), std::nullopt};
@@ -126,7 +132,9 @@ void require_quantity(const std::string& where, const Wanted& wanted) {
 // The columns that `columns` names, in its order.
 struct Mapping {
   Wanted wanted;
-  std::string column;  // its name in the file
+  std::string column;               // its name in the file
+  std::string written;              // as the user wrote it
+  std::optional<std::string> unit;  // absent: that of the file
 };
 
 std::vector<Mapping> parse_mapping(const std::string& text) {
@@ -158,9 +166,11 @@ std::vector<Mapping> parse_mapping(const std::string& text) {
         throw std::invalid_argument(where + in_quotes(ours) + " is given twice");
       }
     }
-    Mapping mapping{{ours, {}, 0}, theirs.name};
-    mapping.wanted.unit = unit_of<std::invalid_argument>(where, part, theirs.unit);
-    require_quantity<std::invalid_argument>(where, mapping.wanted);
+    Mapping mapping{{ours, {}, 0}, theirs.name, part, theirs.unit};
+    if (mapping.unit) {
+      mapping.wanted.unit = unit_of<std::invalid_argument>(where, part, mapping.unit);
+      require_quantity<std::invalid_argument>(where, mapping.wanted);
+    }
     mappings.push_back(std::move(mapping));
   }
   return mappings;
@@ -196,6 +206,12 @@ std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const
                                " The file has: " + listed(names));
     }
     mapping.wanted.index = *index;
+    if (!mapping.unit) {
+      const std::string where = "--columns: ";
+      mapping.wanted.unit =
+          unit_of<std::invalid_argument>(where, mapping.written, split_unit(names[*index]).unit);
+      require_quantity<std::invalid_argument>(where, mapping.wanted);
+    }
     used[*index] = true;
     wanted.push_back(std::move(mapping.wanted));
   }
@@ -257,7 +273,7 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
     if (!column.unit && underscore != std::string::npos) {
       column = {column.name.substr(0, underscore), column.name.substr(underscore + 1)};
     }
-    const bool bare = column.name == "t" || column.name == "time";
+    const bool bare = column.name == "t" || column.name == "time" || column.name == "zeit";
     if (!bare && (column.name != "timestamp" || !column.unit)) continue;
     const auto unit = parse_unit(column.unit.value_or("s"));
     if (!unit || unit->quantity != Quantity::kTime) continue;
@@ -273,12 +289,62 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
   return found;
 }
 
+/// What a channel may be called by other programs, in lower case.
+struct LikelyNames {
+  const char* channel;
+  std::array<std::string_view, 10> parts;
+};
+constexpr std::array kLikely{
+    LikelyNames{"X.command",
+                {"command", "cmd", "soll", "setpos", "setpoint", "set_pos", "des_pos", "demand",
+                 "target", "reference"}},
+    LikelyNames{"X.actual",
+                {"actual", "actpos", "act_pos", "lageist", "s ist", "enc_pos", "encoder",
+                 "feedback", "fb", "measured"}},
+    LikelyNames{"X.torque",
+                {"torque", "moment", "force", "kraft", "current", "strom", "i ist", "iq", "effort",
+                 "load"}},
+};
+/// Parts of names of other quantities.
+constexpr std::array<std::string_view, 6> kNoPosition{"vel", "speed",  "geschw",
+                                                      "acc", "v soll", "v ist"};
+
+/// "X.command=Sollwert[mm],X.actual=Istwert[mm]", guessed from the names of the columns; empty
+/// where no command is among them. A unit that the file does not have is left as [unit].
+std::string proposal_for(std::span<const std::string> names) {
+  std::string out;
+  std::vector<bool> used(names.size());
+  for (const LikelyNames& likely : kLikely) {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      const Tagged column = split_unit(names[i]);
+      std::string name = column.name;
+      std::transform(name.begin(), name.end(), name.begin(), [](char c) {
+        return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+      });
+      const auto has = [&](std::string_view part) { return name.find(part) != name.npos; };
+      if (used[i] || std::none_of(likely.parts.begin(), likely.parts.end(), has) ||
+          std::any_of(kNoPosition.begin(), kNoPosition.end(), has))
+        continue;
+      used[i] = true;
+      const bool known = column.unit && parse_unit(*column.unit);
+      out += (out.empty() ? "" : ",") + std::string(likely.channel) + "=" + column.name + "[" +
+             (known ? *column.unit : "unit") + "]";
+      break;
+    }
+    if (out.empty()) return {};  // there is no command
+  }
+  return out;
+}
+
 [[noreturn]] void throw_foreign(const std::string& source, std::span<const std::string> names) {
+  const std::string proposal = proposal_for(names);
   throw std::runtime_error(
       source +
       ": no column is named AXIS.channel[unit], such as X.command[mm]; if this is another " +
-      "program's recording, assign its columns to channels: --columns " +
-      "\"X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]\". The file has: " + listed(names));
+      "program's recording, assign its columns to channels: --columns \"" +
+      (proposal.empty() ? "X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]"
+                        : proposal + "\" (a guess), with time=NAME[s] if needed") +
+      (proposal.empty() ? "\"" : "") + ". The file has: " + listed(names));
 }
 
 void add_column(const std::string& source, const Wanted& wanted, Layout& layout) {

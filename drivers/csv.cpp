@@ -15,132 +15,23 @@
 
 #include "drivers/checksum.h"
 #include "drivers/column_map.h"
+#include "drivers/csv_header.h"
 #include "drivers/file_handle.h"
 #include "drivers/memory.h"
 #include "drivers/text.h"
+#include "drivers/text_lines.h"
+#include "drivers/time_stamp.h"
 
 namespace servotwin {
 namespace {
 
-constexpr std::size_t kBlock = 1 << 20;  // the longest line, too: a longer one is no CSV
-
-/// The lines of a file, one after the other, without their ends.
-class Lines {
- public:
-  explicit Lines(const std::filesystem::path& file)
-      : source_(file.string()), file_(FileHandle::open(file, O_RDONLY)), block_(kBlock, '\0') {}
-
-  /// The next line, valid until the next call; false at the end of the file.
-  bool next(std::string_view& line) {
-    while (true) {
-      const char* begin = block_.data() + begin_;
-      const auto* end = static_cast<const char*>(std::memchr(begin, '\n', end_ - begin_));
-      if (end != nullptr || (ended_ && begin_ < end_)) {
-        complete_ = end != nullptr;
-        const std::size_t length =
-            complete_ ? static_cast<std::size_t>(end - begin) : end_ - begin_;
-        line = std::string_view(begin, length);
-        if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
-        begin_ += length + (complete_ ? 1 : 0);
-        ++number_;
-        return true;
-      }
-      if (ended_) return false;
-      refill();
-    }
-  }
-
-  [[nodiscard]] std::size_t number() const { return number_; }
-  /// False for a last line that has no line end.
-  [[nodiscard]] bool complete() const { return complete_; }
-  [[noreturn]] void fail(const std::string& what) const {
-    throw std::runtime_error(source_ + ": line " + std::to_string(number_) + ": " + what);
-  }
-
- private:
-  void refill() {
-    std::memmove(block_.data(), block_.data() + begin_, end_ - begin_);
-    end_ -= begin_;
-    begin_ = 0;
-    if (end_ == block_.size()) {
-      ++number_;
-      fail("is longer than a megabyte: this is not a CSV recording");
-    }
-    const std::size_t count = file_.read(block_.data() + end_, block_.size() - end_);
-    end_ += count;
-    ended_ = count == 0;
-  }
-
-  std::string source_;
-  FileHandle file_;
-  std::string block_;
-  std::size_t begin_ = 0;  // of the lines not yet returned
-  std::size_t end_ = 0;
-  std::size_t number_ = 0;
-  bool ended_ = false;
-  bool complete_ = true;
-};
-
-// The separator of the fields of this line: the one that occurs most often.
-char separator_of(std::string_view header) {
-  char best = ',';
-  for (const char candidate : {';', '\t'}) {
-    if (std::count(header.begin(), header.end(), candidate) >
-        std::count(header.begin(), header.end(), best)) {
-      best = candidate;
-    }
-  }
-  return best;
-}
-
-struct Header {
-  char separator = ',';
-  std::vector<std::string> names;
-};
-
-bool is_comment(std::string_view line) {
-  line = trimmed(line);
-  return line.empty() || line.front() == '#';
-}
-
-/// A line as G-code programs begin: %, O1234, N10 .., G90 ..
-bool is_gcode(std::string_view line) {
-  const auto digit = [&](std::size_t at) {
-    return at < line.size() && '0' <= line[at] && line[at] <= '9';
-  };
-  return line.starts_with('%') || (line.find_first_of("GNOgno") == 0 && digit(1));
-}
-
-Header read_header(Lines& lines, const std::string& source) {
-  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
-  std::string_view line;
-  do {
-    if (!lines.next(line)) throw std::runtime_error(source + ": has no header line and no rows");
-    if (lines.number() == 1 && line.starts_with(kByteOrderMark)) {
-      line.remove_prefix(kByteOrderMark.size());
-    }
-  } while (is_comment(line));
-
-  Header header;
-  header.separator = separator_of(line);
-  header.names = split_fields(line, header.separator);
-  if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
-  if (header.names.size() < 2) {
-    lines.fail("this is text, but not CSV: " + in_quotes(line) +
-               " is not a header such as time[s],X.command[mm],X.actual[mm]" +
-               (is_gcode(line)
-                    ? "; G-code has no times: let the control run it, dry or simulated, and "
-                      "record what it commands"
-                    : ""));
-  }
-  return header;
-}
+constexpr std::size_t kBlock = 1 << 20;
 
 /// Cuts rows into the cells that are wanted, without copying, and checks the number of fields.
 class RowCutter {
  public:
   // `wanted`: places of the wanted columns in the file, in any order.
-  RowCutter(const Header& header, std::vector<std::size_t> wanted)
+  RowCutter(const CsvHeader& header, std::vector<std::size_t> wanted)
       : header_(header), wanted_(std::move(wanted)), order_(wanted_.size()) {
     for (std::size_t i = 0; i < order_.size(); ++i) order_[i] = i;
     std::sort(order_.begin(), order_.end(),
@@ -149,7 +40,8 @@ class RowCutter {
 
   /// Fills `cells` in the order of `wanted`; returns the number of fields of the row.
   std::size_t cut(std::string_view line, std::vector<std::string_view>& cells) {
-    if (line.find('"') != std::string_view::npos) return cut_quoted(line, cells);
+    if (header_.separator == ' ' || line.find('"') != std::string_view::npos)
+      return cut_copied(line, cells);
     const char* at = line.data();
     const char* const end = at + line.size();
     const auto field_end = [&] {
@@ -173,8 +65,8 @@ class RowCutter {
   }
 
  private:
-  std::size_t cut_quoted(std::string_view line, std::vector<std::string_view>& cells) {
-    fields_ = split_fields(line, header_.separator);
+  std::size_t cut_copied(std::string_view line, std::vector<std::string_view>& cells) {
+    fields_ = fields_of(line, header_.separator);
     if (fields_.size() == header_.names.size() + 1 && fields_.back().empty()) fields_.pop_back();
     for (std::size_t i = 0; i < wanted_.size() && fields_.size() == header_.names.size(); ++i) {
       cells[i] = fields_[wanted_[i]];
@@ -182,19 +74,15 @@ class RowCutter {
     return fields_.size();
   }
 
-  const Header& header_;
+  const CsvHeader& header_;
   std::vector<std::size_t> wanted_;
   std::vector<std::size_t> order_;   // of wanted_, from left to right in the file
-  std::vector<std::string> fields_;  // of a row with quotes, which the cells point into
+  std::vector<std::string> fields_;  // of a row with quotes or blanks, which the cells point into
 };
 
 enum class Cell { kNumber, kMissing, kNoNumber };
 
-Cell parse_cell(std::string_view cell, double& value) {
-  cell = trimmed(cell);
-  if (!cell.empty() && cell.front() == '+') cell.remove_prefix(1);
-  value = kAbsent;
-  if (cell.empty()) return Cell::kMissing;
+Cell parse_number(std::string_view cell, double& value) {
   const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
   if (end != cell.data() + cell.size() || error == std::errc::invalid_argument) {
     return Cell::kNoNumber;
@@ -208,11 +96,88 @@ Cell parse_cell(std::string_view cell, double& value) {
   return Cell::kMissing;
 }
 
+/// What spreadsheets and recorders write where there is no value.
+bool says_missing(std::string_view cell) {
+  constexpr std::array kWords{"N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "-", "--", "#NV"};
+  return std::find(kWords.begin(), kWords.end(), cell) != kWords.end();
+}
+
+/// The numbers of one column. A column has one decimal mark: the first cell that shows it decides.
+/// The other mark may then divide thousands.
+class CellReader {
+ public:
+  /// `separator` of the columns: numbers cannot have it.
+  CellReader(char separator, bool is_time) : comma_(separator != ','), is_time_(is_time) {}
+
+  /// SI is not known here: `value` is in the unit of the column, `stamped` whether it is in seconds
+  /// because the cell was a date or a time of day.
+  Cell read(std::string_view cell, double& value, bool& stamped) {
+    stamped = false;
+    cell = trimmed(cell);
+    if (!cell.empty() && cell.front() == '+') cell.remove_prefix(1);
+    value = kAbsent;
+    if (cell.empty() || says_missing(cell)) return Cell::kMissing;
+    const bool has_comma = comma_ && cell.find(',') != std::string_view::npos;
+    if (!has_comma) {
+      if (mark_ == ',' && cell.find('.') != std::string_view::npos)
+        return stamp(cell, value, stamped);
+      if (mark_ == 0 && cell.find('.') != std::string_view::npos) mark_ = '.';
+      const Cell plain = parse_number(cell, value);
+      return plain == Cell::kNoNumber ? stamp(cell, value, stamped) : plain;
+    }
+    if (mark_ == 0)
+      mark_ =
+          cell.find('.') > cell.rfind(',') && cell.find('.') != std::string_view::npos ? '.' : ',';
+    const Cell number = with_point(cell) ? parse_number(copy_, value) : Cell::kNoNumber;
+    return number == Cell::kNoNumber ? stamp(cell, value, stamped) : number;
+  }
+
+  [[nodiscard]] bool has_decimal_comma() const { return mark_ == ','; }
+
+ private:
+  /// Copies the cell with a decimal point and without marks of thousands, which divide groups of
+  /// three digits; false if it is not written so.
+  bool with_point(std::string_view cell) {
+    const char thousands = mark_ == ',' ? '.' : ',';
+    copy_.clear();
+    const std::size_t decimal = std::min(cell.find(mark_), cell.size());
+    std::size_t digits = 0;  // since the last mark of thousands
+    bool grouped = false;
+    for (std::size_t i = 0; i < cell.size(); ++i) {
+      const char c = cell[i];
+      if (c == thousands) {
+        if (i > decimal || digits == 0 || digits > 3 || (grouped && digits != 3)) return false;
+        grouped = true;
+        digits = 0;
+        continue;
+      }
+      if (i == decimal && grouped && digits != 3) return false;
+      digits += '0' <= c && c <= '9' ? 1 : 0;
+      copy_ += i == decimal ? '.' : c;
+    }
+    return !(grouped && decimal == cell.size() && digits != 3);
+  }
+
+  Cell stamp(std::string_view cell, double& value, bool& stamped) {
+    value = kAbsent;
+    const auto read = is_time_ ? parse_time_stamp(cell) : std::nullopt;
+    if (!read) return Cell::kNoNumber;
+    stamped = true;
+    value = clock_.seconds(*read);
+    return Cell::kNumber;
+  }
+
+  bool comma_, is_time_;
+  char mark_ = 0;  // 0: not known yet
+  std::string copy_;
+  StampClock clock_;
+};
+
 // The characters after the point, an exponent included: a number that was cut off has fewer of
 // them.
 std::size_t decimals(std::string_view cell) {
   cell = trimmed(cell);
-  const std::size_t point = cell.find('.');
+  const std::size_t point = cell.find_last_of(".,");
   return point == std::string_view::npos ? 0 : cell.size() - point - 1;
 }
 
@@ -308,19 +273,31 @@ class Columns {
   std::vector<std::size_t> missing_, first_missing_;
 };
 
+/// What may be wrong with a cell that is no number; continues the message.
+std::string why_no_number(const CsvHeader& header, const CellReader& reader,
+                          std::string_view cell) {
+  const bool comma = cell.find(',') != std::string_view::npos;
+  if (header.separator == ',' && comma)
+    return "; where , separates the columns, decimals need a point";
+  if (reader.has_decimal_comma() && cell.find('.') != std::string_view::npos)
+    return "; the rows above have a decimal comma";
+  return comma ? "; the rows above have a decimal point" : "";
+}
+
 }  // namespace
 
 Recording read_csv(const std::filesystem::path& file, const ReadOptions& options) {
   const std::string source = file.string();
   require_checksum(file);
-  Lines lines(file);
-  const Header header = read_header(lines, source);
+  TextLines lines(file);
+  const CsvHeader header = read_csv_header(lines, source);
   Layout layout = lay_out(source, header.names, options);
 
   Recording recording;
   recording.source = source;
   recording.axes = std::move(layout.axes);
-  recording.notes = std::move(layout.notes);
+  recording.notes = header.notes;
+  recording.notes.insert(recording.notes.end(), layout.notes.begin(), layout.notes.end());
   Columns columns(file, layout, recording);
   if (!selects_part(options)) columns.reserve(estimate_rows(file));
 
@@ -330,6 +307,9 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
   for (const Layout::Column& column : layout.columns) wanted.push_back(column.index);
   RowCutter cutter(header, wanted);
   std::vector<std::string_view> cells(wanted.size());
+  std::vector<CellReader> readers;
+  for (std::size_t i = 0; i < wanted.size(); ++i)
+    readers.emplace_back(header.separator, layout.time && i == 0);
   std::vector<double> row(layout.columns.size() + 1);
 
   double first_time = kAbsent, time = kAbsent;
@@ -340,7 +320,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
   std::size_t decimals_before = 0;
   std::string_view line;
   while (lines.next(line)) {
-    if (is_comment(line)) continue;
+    if (is_csv_comment(line)) continue;
     const std::size_t fields = cutter.cut(line, cells);
     if (fields != header.names.size()) {
       if (fields < header.names.size() && !lines.complete()) {
@@ -354,8 +334,10 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
     if (at_the_end < cells.size()) {
       const std::string_view cell = cells[at_the_end];
       double value = 0.0;
+      bool stamped = false;
       if (!lines.complete() &&
-          (decimals(cell) < decimals_before || parse_cell(cell, value) == Cell::kNoNumber)) {
+          (decimals(cell) < decimals_before ||
+           readers[at_the_end].read(cell, value, stamped) == Cell::kNoNumber)) {
         recording.notes.push_back("line " + std::to_string(lines.number()) +
                                   ", the last one, has no line end, and " + in_quotes(cell) +
                                   " is shorter than the number above it: dropped as cut off");
@@ -370,12 +352,12 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
     const std::size_t skipped = layout.time ? 0 : 1;  // values without a cell
     for (std::size_t i = 0; i < cells.size(); ++i) {
       double& value = row[i + skipped];
-      const Cell cell = parse_cell(cells[i], value);
-      if (cell == Cell::kNoNumber) {
-        const bool comma = cells[i].find(',') != std::string_view::npos;
+      bool stamped = false;
+      if (readers[i].read(cells[i], value, stamped) == Cell::kNoNumber) {
         lines.fail("column " + in_quotes(header.names[wanted[i]]) + ": " + in_quotes(cells[i]) +
-                   " is not a number" + (comma ? "; decimals need a point, not a comma" : ""));
+                   " is not a number" + why_no_number(header, readers[i], cells[i]));
       }
+      if (stamped) continue;  // in seconds already
       const bool is_time = i + skipped == 0;
       value = (is_time ? layout.time_unit : layout.columns[i + skipped - 1].unit).to_si(value);
     }

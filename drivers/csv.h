@@ -1,12 +1,14 @@
 // Recordings as text: read in one pass through a small block, written so that they read back bit
 // for bit.
 //
-// UTF-8; lines that begin with # are comments; then one header line, then one row per line. Foreign
-// files may be separated by ; or tabs, have CRLF line ends, a byte order mark, quoted names and a
-// separator at the end of every line. Numbers have a decimal point. A last line without a line end
-// is reported in the notes; it is dropped if fields are missing or its last number is shorter than
-// the one above it. Memory: eight bytes per row and column that is read; the text itself is never
-// held. Errors: as drivers/recording_file.h. Any thread.
+// Lines that begin with # are comments; then the header (drivers/csv_header.h), then one row per
+// line. Foreign files may be separated by ; tabs or blanks, be UTF-16, have CRLF line ends, quoted
+// names and a separator at the end of every line. Numbers have a decimal point or, where no comma
+// separates the columns, a decimal comma; the other mark may divide thousands. A time may be a date
+// or a time of day (drivers/time_stamp.h). N/A and the like are missing values. A last line without
+// a line end is reported in the notes; it is dropped if fields are missing or its last number is
+// shorter than the one above it. Memory: eight bytes per row and column that is read; the text
+// itself is never held. Errors: as drivers/recording_file.h. Any thread.
 #pragma once
 
 #include <filesystem>

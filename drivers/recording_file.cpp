@@ -11,6 +11,7 @@
 #include "drivers/candump.h"
 #include "drivers/column_map.h"
 #include "drivers/csv.h"
+#include "drivers/csv_header.h"
 #include "drivers/file_handle.h"
 #include "drivers/mat.h"
 #include "drivers/text.h"
@@ -43,17 +44,15 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
   if (is_candump(start)) return read_candump(file, options);
-  if (file.extension() == ".log") {
+  const bool utf16 = start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff");
+  if (file.extension() == ".log" && !utf16 && !is_table(start)) {
     refuse(
         "is named .log, but its first line is not that of a CAN log, such as (12.345678) can0 "
         "181#00");
   }
   if (!options.can_map.empty())
     throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is not one");
-  if (start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff")) {
-    refuse("the text is UTF-16; save it as UTF-8");
-  }
-  if (start.find('\0') != std::string_view::npos) {
+  if (!utf16 && start.find('\0') != std::string_view::npos) {
     refuse("is a binary file, neither CSV text nor a MATLAB file");
   }
   return read_csv(file, options);

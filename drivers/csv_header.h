@@ -1,0 +1,38 @@
+// The header of a table, however a spreadsheet or a recorder has written it.
+//
+//   time[s],X.command[mm]          names with units
+//   Time,Position Command          names, and a second line of units: s,mm
+//   # t xcmd xact                  the names in the comment before columns divided by blanks
+//   0 0.000000 0.0000              no names: columns are called 1, 2, 3
+// The separator is the one of , ; tab that occurs most often, else blanks. Names that are not UTF-8
+// are read as Latin-1. Lines that begin with # and empty ones are skipped. Errors:
+// std::runtime_error with file and line. One thread.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "drivers/text_lines.h"
+
+namespace servotwin {
+
+struct CsvHeader {
+  char separator = ',';            ///< ' ': any number of blanks and tabs
+  std::vector<std::string> names;  ///< with "[unit]" where the file has one
+  std::vector<std::string> notes;  ///< what was assumed, for people
+};
+
+/// Reads it; the next line of `lines` is the first row.
+[[nodiscard]] CsvHeader read_csv_header(TextLines& lines, const std::string& source);
+
+/// The fields of a line: split_fields(), or what blanks divide.
+[[nodiscard]] std::vector<std::string> fields_of(std::string_view line, char separator);
+
+/// Whether a line has no row: empty, or a comment.
+[[nodiscard]] bool is_csv_comment(std::string_view line);
+
+/// Whether this text, the beginning of a file, could be a table: its first line has a separator.
+[[nodiscard]] bool is_table(std::string_view start);
+
+}  // namespace servotwin

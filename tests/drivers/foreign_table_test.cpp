@@ -1,0 +1,220 @@
+// Tables as spreadsheets and recorders write them. What is true here is what the person who wrote
+// the cells meant.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include "drivers/recording_file.h"
+#include "drivers/time_stamp.h"
+#include "tests/support/expect_error.h"
+#include "tests/support/real_data.h"
+#include "tests/support/temporary_directory.h"
+
+namespace servotwin {
+namespace {
+
+using std::vector;
+using test::expect_error;
+
+class ForeignTable : public testing::Test {
+ protected:
+  [[nodiscard]] Recording read(std::string_view text, const ReadOptions& options = {}) const {
+    return read_recording(directory_.file("table.csv", text), options);
+  }
+  static ReadOptions mapped(const char* columns) {
+    ReadOptions options;
+    options.columns = columns;
+    return options;
+  }
+  static std::string notes(const Recording& recording) {
+    std::string all;
+    for (const std::string& note : recording.notes) all += note + "\n";
+    return all;
+  }
+  template <class Error = std::runtime_error>
+  void refuses(std::string_view text, std::initializer_list<const char*> parts,
+               const ReadOptions& options = {}) const {
+    const auto file = directory_.file("bad.csv", text);
+    expect_error<Error>([&] { (void)read_recording(file, options); }, parts);
+  }
+
+  test::TemporaryDirectory directory_;
+};
+
+TEST_F(ForeignTable, SemicolonsWithADecimalComma) {
+  const Recording r =
+      read("time[s];X.command[mm];X.actual[mm]\n0,000;-1,5;2\n0,001;+3,25;1,5E-1\n0,002;4;0,25\n");
+  EXPECT_EQ(r.time, (vector<double>{0.0, 0.001, 0.002}));
+  EXPECT_EQ(r.axes[0].command, (vector<double>{-0.0015, 0.00325, 0.004}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.002, 0.00015, 0.00025}));
+}
+
+TEST_F(ForeignTable, TheOtherMarkDividesThousands) {
+  const Recording german = read("time[s];X.command[mm]\n0;0,5\n1;1.234,5\n2;1.234.567,25\n"),
+                  english = read("time[s]\tX.command[mm]\n0\t0.5\n1\t1,234.5\n2\t1,234,567.25\n");
+  for (const Recording* r : {&german, &english})
+    EXPECT_EQ(r->axes[0].command, (vector<double>{0.0005, 1.2345, 1234.56725}));
+}
+
+TEST_F(ForeignTable, AColumnHasOneDecimalMark) {
+  refuses("time[s];X.command[mm]\n0;0,5\n1;1.25\n",
+          {"line 3", "'1.25' is not a number", "the rows above have a decimal comma"});
+  refuses("time[s];X.command[mm]\n0;0.5\n1;1,25\n",
+          {"line 3", "'1,25' is not a number", "the rows above have a decimal point"});
+  refuses("time[s];X.command[mm]\n0;0,5\n1;12.34,5\n", {"line 3", "'12.34,5' is not a number"});
+  refuses("time[s],X.command[mm]\n0,\"0,5\"\n",
+          {"line 2", "'0,5' is not a number", "decimals need a point"});
+}
+
+TEST_F(ForeignTable, AbsentValuesAsSpreadsheetsSayThem) {
+  const Recording r =
+      read("time[s],X.command[mm],X.actual[mm]\n0,1,N/A\n1,2,-\n2,3,#N/A\n3,4,null\n4,5,7\n");
+  for (int k = 0; k < 4; ++k) EXPECT_TRUE(std::isnan(r.axes[0].actual[static_cast<size_t>(k)]));
+  EXPECT_EQ(r.axes[0].actual[4], 0.007);
+  EXPECT_NE(notes(r).find("X.actual: 4 of 5 values are empty"), std::string::npos) << notes(r);
+}
+
+TEST_F(ForeignTable, TimesAsDatesAndAsTimesOfDay) {
+  const auto times = [&](const std::string& a, const std::string& b, const std::string& c) {
+    return read("time[s];X.command[mm]\n" + a + ";1\n" + b + ";2\n" + c + ";3\n").time;
+  };
+  const auto near = [](const vector<double>& time, double start) {
+    ASSERT_EQ(time.size(), 3U);
+    EXPECT_NEAR(time[0], start, 1e-9);
+    EXPECT_NEAR(time[1], start + 0.001, 1e-9);
+    EXPECT_NEAR(time[2], start + 0.002, 1e-9);
+  };
+  const double start = 6 * 3600 + 16 * 60 + 50.0;
+  near(times("2024-05-16T06:16:50.000", "2024-05-16T06:16:50.001", "2024-05-16T06:16:50.002"),
+       start);
+  near(times("2024-05-16 06:16:50,000Z", "2024-05-16 06:16:50,001Z", "2024-05-16 06:16:50,002Z"),
+       start);
+  near(times("16.05.2024 06:16:50.000", "16.05.2024 06:16:50.001", "16.05.2024 06:16:50.002"),
+       start);
+  near(times("06:16:50.000", "06:16:50.001", "06:16:50.002"), start);
+  near(times("06:16:50,000", "06:16:50,001", "06:16:50,002"), start);
+  // Over midnight, at the end of a leap year's February.
+  near(times("2024-02-29T23:59:59.999", "2024-03-01T00:00:00.000", "2024-03-01T00:00:00.001"),
+       86'399.999);
+  near(times("23:59:59.999", "00:00:00.000", "00:00:00.001"), 86'399.999);
+}
+
+TEST(TimeStampTest, WhatIsNoTimeIsNotRead) {
+  for (const char* text :
+       {"", "1.5", "06:16", "6:61:00", "24:00:00", "2023-02-29T00:00:00", "05/16/2024 06:16:50",
+        "2024-05-16", "2024-05-16T06:16:50x", "06:16:50.", "2024-13-01 00:00:00"}) {
+    const auto stamp = parse_time_stamp(text);
+    if (std::string_view(text) == "06:16:50.") {
+      ASSERT_TRUE(stamp) << "a mark without digits is harmless";
+      continue;
+    }
+    EXPECT_FALSE(stamp) << text;
+  }
+}
+
+TEST_F(ForeignTable, ARowOfUnitsUnderTheNames) {
+  const Recording r = read("Time,Position Command,Position Actual,Mode\ns,mm,um,\n0,1,900,2\n",
+                           mapped("X.command=Position Command,X.actual=Position Actual"));
+  EXPECT_EQ(r.axes[0].command, (vector<double>{0.001}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.0009}));
+  EXPECT_NE(notes(r).find("line 2 is read as the units"), std::string::npos) << notes(r);
+  // A unit that is given comes before that of the file.
+  EXPECT_EQ(read("t,a\ns,mm\n0,1\n", mapped("X.command=a[m]")).axes[0].command,
+            (vector<double>{1.0}));
+}
+
+TEST_F(ForeignTable, UnitsInParentheses) {
+  const Recording r = read("Time (ms),Ref (mm),Pos (left) (mm)\n1,2,3\n",
+                           mapped("X.command=Ref,X.actual=Pos (left)"));
+  EXPECT_EQ(r.time, (vector<double>{0.001}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.003}));
+}
+
+TEST_F(ForeignTable, ColumnsDividedByBlanks) {
+  const Recording named = read("# t  xcmd  xact\n0.0   1.0   2.0\n 0.5\t 3.0   4.0 \n",
+                               mapped("X.command=xcmd[mm],X.actual=xact[mm]"));
+  EXPECT_EQ(named.time, (vector<double>{0.0, 0.5}));
+  EXPECT_EQ(named.axes[0].actual, (vector<double>{0.002, 0.004}));
+  const Recording headed =
+      read("t xcmd xact\n0.0 1.0 2.0\n", mapped("X.command=xcmd[mm],X.actual=xact[mm]"));
+  EXPECT_EQ(headed.axes[0].command, (vector<double>{0.001}));
+  ReadOptions sampled = mapped("X.command=2[mm],X.actual=3[mm]");
+  sampled.rate_hz = 1000.0;
+  const Recording unnamed = read("0 1.0 2.0 \n1 3.0 4.0 \n", sampled);
+  EXPECT_EQ(unnamed.time, (vector<double>{0.0, 0.001}));
+  EXPECT_EQ(unnamed.axes[0].command, (vector<double>{0.001, 0.003}));
+  EXPECT_NE(notes(unnamed).find("columns are called 1 to 3"), std::string::npos);
+  refuses("# t a b\n0 1 2\n0 1\n", {"line 3", "2 fields where the header has 3"},
+          mapped("X.command=a[mm]"));
+}
+
+TEST_F(ForeignTable, NamesThatAreLatin1AndTextThatIsUtf16) {
+  const Recording latin =
+      read("Zeit [ms];Soll\xfcngswert [mm]\n1,0;2,5\n", mapped("X.command=Soll\xc3\xbcngswert"));
+  EXPECT_EQ(latin.time, (vector<double>{0.001}));
+  EXPECT_EQ(latin.axes[0].command, (vector<double>{0.0025}));
+  const std::string text = "time[s],X.command[\xc2\xb5m]\r\n0,1\r\n1,2500\r\n";
+  for (const bool little : {true, false}) {
+    std::string utf16 = little ? "\xff\xfe" : "\xfe\xff";
+    for (std::size_t i = 0; i < text.size(); ++i) {
+      const char low = text[i] == '\xc2' ? '\xb5' : text[i];
+      if (text[i] == '\xc2') ++i;
+      utf16 += little ? std::string{low, '\0'} : std::string{'\0', low};
+    }
+    const Recording r = read(utf16);
+    EXPECT_EQ(r.axes[0].command, (vector<double>{1e-6, 2.5e-3})) << little;
+  }
+}
+
+TEST_F(ForeignTable, ColumnsThatNobodyAssignedAreGuessedForTheUser) {
+  refuses("Zeit [ms];v_Sollwert;Lagesollwert [mm];Lageistwert [mm];Drehmoment [Nm]\n0;0;0;0;0\n",
+          {"--columns \"X.command=Lagesollwert[mm],X.actual=Lageistwert[mm],X.torque=Drehmoment[Nm]"
+           "\" (a guess)"});
+  refuses("Time,Position Command,Position Actual\n0,0,0\n",
+          {"X.command=Position Command[unit],X.actual=Position Actual[unit]"});
+  refuses("t,speed command\n0,0\n", {"X.command=NAME[unit]"});
+}
+
+TEST_F(ForeignTable, ATableNamedLogIsRead) {
+  const auto file = directory_.file("run.log", "\"time[s]\",\"X.command[mm]\"\n0,1\n");
+  EXPECT_EQ(read_recording(file).axes[0].command, (vector<double>{0.001}));
+}
+
+// Cut from one recording in many spellings: all have the motion of our example's first second.
+TEST(FieldFormats, HoldTheSameMotion) {
+  struct Spelling {
+    const char* name;
+    const char* columns;
+    double rate_hz;
+  };
+  for (const Spelling& one :
+       {Spelling{"csv_named.log", "", 0},
+        {"epoch_ms.csv", "", 0},
+        {"hms.csv", "", 0},
+        {"iso.csv", "", 0},
+        {"quoted.csv", "", 0},
+        {"semi_comma.csv", "", 0},
+        {"semi_comma_bom.csv", "", 0},
+        {"tab_trailing.txt", "", 0},
+        {"thousands.csv", "", 0},
+        {"utf16.csv", "", 0},
+        {"latin1_german.csv", "X.command=Lagesollwert,X.actual=Lageistwert", 0},
+        {"space.txt", "X.command=xcmd[mm],X.actual=xact[mm]", 0},
+        {"units_row.csv", "X.command=Position Command,X.actual=Position Actual", 0},
+        {"halsampler.txt", "X.command=2[mm],X.actual=3[mm]", 1000.0}}) {
+    SERVOTWIN_REAL_DATA(file, std::filesystem::path("field_formats") / one.name);
+    ReadOptions options;
+    options.columns = one.columns;
+    if (one.rate_hz > 0.0) options.rate_hz = one.rate_hz;
+    const Recording r = read_recording(file, options);
+    ASSERT_GT(r.time.size(), 500U) << one.name;
+    // Its row 500, as semi_comma.csv and its brothers show it.
+    EXPECT_NEAR(r.time[500] - r.time[0], 0.5, 1e-6) << one.name;
+    EXPECT_NEAR(r.axes[0].command[500], 27.735010e-3, 1e-9) << one.name;
+    EXPECT_NEAR(r.axes[0].actual[500], 24.9639e-3, 1e-9) << one.name;
+  }
+}
+
+}  // namespace
+}  // namespace servotwin
