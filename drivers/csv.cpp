@@ -21,6 +21,7 @@
 #include "drivers/text.h"
 #include "drivers/text_lines.h"
 #include "drivers/time_stamp.h"
+#include "drivers/units.h"
 
 namespace servotwin {
 namespace {
@@ -38,6 +39,10 @@ class RowCutter {
               [&](std::size_t a, std::size_t b) { return wanted_[a] < wanted_[b]; });
   }
 
+  /// Whether a row of so many fields has all wanted ones.
+  [[nodiscard]] bool reached(std::size_t fields) const {
+    return order_.empty() || wanted_[order_.back()] < fields;
+  }
   /// Fills `cells` in the order of `wanted`; returns the number of fields of the row.
   std::size_t cut(std::string_view line, std::vector<std::string_view>& cells) {
     if (header_.separator == ' ' || line.find('"') != std::string_view::npos)
@@ -273,6 +278,33 @@ class Columns {
   std::vector<std::size_t> missing_, first_missing_;
 };
 
+/// The columns to read, with the times that they have in this file.
+Layout layout_of(const std::string& source, const CsvHeader& header, const ReadOptions& options) {
+  ReadOptions read = options;
+  if (header.time_of.empty()) {
+    if (!read.rate_hz) read.rate_hz = header.rate_hz;
+    return lay_out(source, header.names, read);
+  }
+  if (options.rate_hz)
+    throw std::runtime_error(source + ": --rate is for files without time, and this one has times");
+  read.rate_hz = 1.0;  // the times are found here, by the columns that are read
+  Layout layout = lay_out(source, header.names, read);
+  if (layout.time) return layout;
+  const std::size_t first = layout.columns.front().index;
+  for (const Layout::Column& column : layout.columns) {
+    const double step = header.step_ms[column.index], wanted = header.step_ms[first];
+    if (step != wanted && !(std::isnan(step) && std::isnan(wanted)))
+      throw std::runtime_error(source + ": " + in_quotes(header.names[first]) +
+                               " was sampled every " + number(wanted) + " ms and " +
+                               in_quotes(header.names[column.index]) + " every " + number(step) +
+                               " ms; record what belongs together at one rate, or name columns of "
+                               "one rate with --columns");
+  }
+  layout.time = header.time_of[first];
+  layout.time_unit = *parse_unit("ms");
+  return layout;
+}
+
 /// What may be wrong with a cell that is no number; continues the message.
 std::string why_no_number(const CsvHeader& header, const CellReader& reader,
                           std::string_view cell) {
@@ -291,7 +323,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
   require_checksum(file);
   TextLines lines(file);
   const CsvHeader header = read_csv_header(lines, source);
-  Layout layout = lay_out(source, header.names, options);
+  Layout layout = layout_of(source, header, options);
 
   Recording recording;
   recording.source = source;
@@ -321,8 +353,14 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
   std::string_view line;
   while (lines.next(line)) {
     if (is_csv_comment(line)) continue;
+    if (!header.ends_with.empty() && line == header.ends_with) break;
+    const bool own_times = !header.time_of.empty();
+    if (own_times) std::fill(cells.begin(), cells.end(), std::string_view());
     const std::size_t fields = cutter.cut(line, cells);
-    if (fields != header.names.size()) {
+    if (own_times && fields < header.names.size()) {
+      // Channels that were sampled less often have ended.
+      if (!cutter.reached(fields) || trimmed(cells.front()).empty()) continue;
+    } else if (fields != header.names.size()) {
       if (fields < header.names.size() && !lines.complete()) {
         recording.notes.push_back("line " + std::to_string(lines.number()) +
                                   ", the last one, is cut off and was dropped");
@@ -361,7 +399,9 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
       const bool is_time = i + skipped == 0;
       value = (is_time ? layout.time_unit : layout.columns[i + skipped - 1].unit).to_si(value);
     }
-    if (!layout.time) row[0] = static_cast<double>(rows) / *options.rate_hz;
+    if (own_times && std::isnan(row[0])) continue;
+    if (!layout.time)
+      row[0] = static_cast<double>(rows) / options.rate_hz.value_or(header.rate_hz.value_or(1.0));
     ++rows;
 
     if (!std::isnan(row[0])) {

@@ -7,6 +7,7 @@
 
 #include "drivers/text.h"
 #include "drivers/time_stamp.h"
+#include "drivers/traces/formats.h"
 #include "drivers/units.h"
 
 namespace servotwin {
@@ -156,9 +157,10 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
     if (!is_csv_comment(line)) break;
     if (!trimmed(line).empty()) comment = line;
   }
+  const std::string first(line);
+  if (auto trace = read_trace_header(lines, first)) return *std::move(trace);
 
   CsvHeader header;
-  const std::string first(line);
   header.separator = separator_of(first);
   header.names = fields_of(first, header.separator);
   if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();

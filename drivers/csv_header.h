@@ -9,6 +9,7 @@
 // std::runtime_error with file and line. One thread.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -21,6 +22,12 @@ struct CsvHeader {
   char separator = ',';            ///< ' ': any number of blanks and tabs
   std::vector<std::string> names;  ///< with "[unit]" where the file has one
   std::vector<std::string> notes;  ///< what was assumed, for people
+  // Of controllers' traces (drivers/traces):
+  std::optional<double> rate_hz;     ///< rows per second, where the file says it and has no times
+  std::vector<std::size_t> time_of;  ///< of every column the column of its times [ms]; empty: one
+                                     ///< time for all
+  std::vector<double> step_ms;       ///< their sampling times; NaN: not known
+  std::string ends_with;             ///< a line behind the last row
 };
 
 /// Reads it; the next line of `lines` is the first row.

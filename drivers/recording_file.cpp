@@ -15,6 +15,7 @@
 #include "drivers/file_handle.h"
 #include "drivers/mat.h"
 #include "drivers/text.h"
+#include "drivers/traces/sinumerik_capture.h"
 
 namespace servotwin {
 namespace {
@@ -44,6 +45,7 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
   if (is_candump(start)) return read_candump(file, options);
+  if (is_sinumerik_capture(start)) return read_sinumerik_capture(file, options);
   const bool utf16 = start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff");
   if (file.extension() == ".log" && !utf16 && !is_table(start)) {
     refuse(

@@ -1,4 +1,5 @@
-// Recordings from files: CSV with units in its header, foreign CSV, MATLAB v5 and v7.3, CAN logs.
+// Recordings from files: CSV with units in its header, foreign tables, traces of controllers
+// (drivers/traces), MATLAB v5 and v7.3, CAN logs.
 //
 //   time[s],X.command[mm],X.actual[mm],X.torque[Nm],Y.command[mm],Y.actual[mm]
 // Values are returned in SI units and rows in the order of the file; the notes say what was ignored

@@ -1,0 +1,22 @@
+// Headers of controllers' traces that are tables: which format it is, and what its columns are.
+// Errors: std::runtime_error with file and line. One thread.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "drivers/csv_header.h"
+#include "drivers/text_lines.h"
+
+namespace servotwin {
+
+/// The header of the trace that begins with this line, which `lines` has just returned; the next
+/// line is then the first row. Nothing if it is no known format.
+[[nodiscard]] std::optional<CsvHeader> read_trace_header(TextLines& lines,
+                                                         const std::string& first);
+
+/// "AXIS.channel[unit]"; without the unit if it is none that the program knows.
+[[nodiscard]] std::string column_name(const std::string& name, std::string_view unit);
+
+}  // namespace servotwin

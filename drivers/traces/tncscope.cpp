@@ -1,0 +1,92 @@
+#include "drivers/traces/tncscope.h"
+
+#include <array>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "drivers/text.h"
+#include "drivers/traces/formats.h"
+
+namespace servotwin {
+namespace {
+
+constexpr std::size_t kMostCurves = 256;  // TNCscope records some tens
+
+using Section = std::map<std::string, std::string, std::less<>>;
+
+std::string value_of(const Section& section, std::string_view key) {
+  const auto found = section.find(key);
+  return found == section.end() ? std::string() : found->second;
+}
+
+std::string channel_of(const std::string& type) {
+  constexpr std::array<std::pair<std::string_view, const char*>, 6> kChannels{
+      {{"s soll", "command"},
+       {"s nominal", "command"},
+       {"s ist", "actual"},
+       {"s actual", "actual"},
+       {"I ist", "torque"},
+       {"I actual", "torque"}}};
+  for (const auto& [theirs, ours] : kChannels) {
+    if (theirs == type) return ours;
+  }
+  return {};
+}
+
+std::string unit_of(const std::string& dimension) {
+  if (dimension == "Ampere") return "A";
+  if (dimension == "Grad" || dimension == "degree" || dimension == "\xb0") return "deg";
+  return dimension;
+}
+
+/// The curve of a section becomes the name of its column.
+void add_curve(TextLines& lines, const Section& section, std::vector<std::string>& names) {
+  const std::string place = value_of(section, "COLUMN");
+  if (place.empty()) return;  // a section of something else
+  std::size_t column = 0;
+  for (const char c : place) {
+    if (c < '0' || c > '9' || column > kMostCurves)
+      lines.fail("TNCscope: COLUMN=" + in_quotes(place) + " is no column");
+    column = 10 * column + static_cast<std::size_t>(c - '0');
+  }
+  if (column == 0 || column > kMostCurves)
+    lines.fail("TNCscope: COLUMN=" + place + " is not between 1 and " +
+               std::to_string(kMostCurves));
+  if (names.size() <= column) names.resize(column + 1);
+  const std::string axis = value_of(section, "AXISTYPE"),
+                    channel = channel_of(value_of(section, "CHANNELTYPE"));
+  names[column] = axis.empty() || channel.empty()
+                      ? value_of(section, "NAME")
+                      : column_name(axis + "." + channel, unit_of(value_of(section, "DIMENSION")));
+}
+
+}  // namespace
+
+CsvHeader read_tncscope_header(TextLines& lines) {
+  CsvHeader header;
+  header.separator = ';';
+  header.names = {"time[us]"};
+  Section section;
+  std::string_view line;
+  while (lines.next(line)) {
+    line = trimmed(line);
+    if (!line.starts_with('%')) lines.fail("TNCscope: " + in_quotes(line) + " before %[DATA]");
+    line.remove_prefix(1);
+    if (line.starts_with('[')) {
+      add_curve(lines, section, header.names);
+      section.clear();
+      if (line == "[DATA]") {
+        header.notes.emplace_back("TNCscope recording");
+        return header;
+      }
+      continue;
+    }
+    if (const std::size_t equals = line.find('='); equals != std::string_view::npos)
+      section[std::string(trimmed(line.substr(0, equals)))] =
+          std::string(trimmed(line.substr(equals + 1)));
+  }
+  lines.fail("TNCscope: there is no %[DATA]");
+}
+
+}  // namespace servotwin

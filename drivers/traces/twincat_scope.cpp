@@ -1,0 +1,120 @@
+#include "drivers/traces/twincat_scope.h"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "drivers/text.h"
+#include "drivers/traces/formats.h"
+#include "twin/sample.h"
+
+namespace servotwin {
+namespace {
+
+constexpr std::string_view kName = "Name", kStart = "Starttime of export", kUnit = "Unit",
+                           kSampleTime = "SampleTime[ms]";
+constexpr int kMostHeaderLines = 60;  // real ones have twenty
+
+std::string channel_of(const std::string& name) {
+  constexpr std::array<std::pair<std::string_view, const char*>, 2> kChannels{
+      {{".SetPos", ".command"}, {".ActPos", ".actual"}}};
+  for (const auto& [theirs, ours] : kChannels) {
+    if (name.size() > theirs.size() && name.ends_with(theirs))
+      return name.substr(0, name.size() - theirs.size()) + ours;
+  }
+  return name;
+}
+
+/// "V (Voltage)" is V, "(None)" nothing.
+std::string unit_of(const std::string& cell) {
+  return cell.starts_with('(') ? std::string() : cell.substr(0, cell.find(' '));
+}
+
+std::optional<double> number_in(std::string cell) {
+  std::replace(cell.begin(), cell.end(), ',', '.');
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(cell.data(), cell.data() + cell.size(), value);
+  if (error != std::errc() || end != cell.data() + cell.size()) return std::nullopt;
+  return value;
+}
+
+/// The properties of the channels, each a row of cells.
+struct Properties {
+  std::vector<std::string> names, units, sample_times;
+};
+
+Properties read_properties(TextLines& lines, char separator) {
+  Properties out;
+  std::string_view line;
+  for (int count = 0; count < kMostHeaderLines && lines.next(line); ++count) {
+    if (trimmed(line).empty()) {
+      if (out.names.empty()) continue;  // between the recording and its channels
+      return out;
+    }
+    std::vector<std::string> cells = fields_of(line, separator);
+    if (cells.front() == kName && out.names.empty() && count > 0)
+      out.names = std::move(cells);
+    else if (cells.front() == kUnit)
+      out.units = std::move(cells);
+    else if (cells.front() == kSampleTime)
+      out.sample_times = std::move(cells);
+  }
+  lines.fail("TwinCAT Scope: no line Name with the channels, or no empty line behind them");
+}
+
+}  // namespace
+
+bool is_twincat_scope(TextLines& lines, const std::string& first) {
+  if (!first.starts_with(kName) || first.size() <= kName.size() ||
+      std::string_view(";\t:, ").find(first[kName.size()]) == std::string_view::npos)
+    return false;
+  std::string_view second;
+  if (!lines.next(second)) return false;
+  const bool is = second.starts_with(std::string("File") + first[kName.size()]);
+  lines.put_back();
+  return is;
+}
+
+CsvHeader read_twincat_scope_header(TextLines& lines, std::string_view first) {
+  CsvHeader header;
+  header.separator = first[kName.size()];
+  if (header.separator == ' ')
+    lines.fail("TwinCAT Scope: names may have blanks; export it with another separator");
+  Properties channels = read_properties(lines, header.separator);
+  if (channels.names.size() > 1 && channels.names.back().empty()) channels.names.pop_back();
+  // A file that was not written by the program itself may name the times of the first channel only.
+  std::string_view line;
+  if (!lines.next(line)) lines.fail("TwinCAT Scope: there are no rows");
+  const std::size_t fields = fields_of(line, header.separator).size();
+  lines.put_back();
+  const bool each = fields == 2 * (channels.names.size() - 1) && channels.names.size() > 2;
+  std::size_t time = 0;
+  const auto add = [&](const std::string& name, double step_ms) {
+    header.names.push_back(name);
+    header.time_of.push_back(time);
+    header.step_ms.push_back(step_ms);
+  };
+  for (std::size_t i = 0; i < channels.names.size(); ++i) {
+    const auto cell = [i](const std::vector<std::string>& row) {
+      return i < row.size() ? row[i] : std::string();
+    };
+    const std::string& name = channels.names[i];
+    if (name == kName || (each && i > 1)) {
+      time = header.names.size();
+      add("times of the next channels", kAbsent);
+    }
+    if (name == kName) continue;
+    add(column_name(channel_of(name), unit_of(cell(channels.units))),
+        number_in(cell(channels.sample_times)).value_or(kAbsent));
+  }
+  header.ends_with = "EOF";
+  header.notes.emplace_back("TwinCAT Scope recording");
+  return header;
+}
+
+}  // namespace servotwin

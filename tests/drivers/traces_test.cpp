@@ -1,0 +1,194 @@
+// Traces of controllers. The samples here are written by the descriptions of their formats; the
+// recordings of real machines are read as well, where they are at hand.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include "drivers/recording_file.h"
+#include "tests/support/expect_error.h"
+#include "tests/support/real_data.h"
+#include "tests/support/temporary_directory.h"
+
+namespace servotwin {
+namespace {
+
+using std::vector;
+using test::expect_error;
+
+class Traces : public testing::Test {
+ protected:
+  [[nodiscard]] Recording read(std::string_view text, const char* columns = "") const {
+    ReadOptions options;
+    options.columns = columns;
+    return read_recording(directory_.file("trace.txt", text), options);
+  }
+  void refuses(std::string_view text, std::initializer_list<const char*> parts,
+               const char* columns = "") const {
+    ReadOptions options;
+    options.columns = columns;
+    const auto file = directory_.file("bad.txt", text);
+    expect_error<std::runtime_error>([&] { (void)read_recording(file, options); }, parts);
+  }
+  test::TemporaryDirectory directory_;
+};
+
+constexpr const char* kTncscope =
+    "%TNCscopeNT data file\n%\n%[GLOBAL]\n%VERSION=2.0\n%\n"
+    "%[CURVE1]\n%NAME=s ist/Y\n%CHANNELTYPE=s ist\n%AXISTYPE=Y\n%DIMENSION=mm\n%COLUMN=2\n%\n"
+    "%[CURVE2]\n%NAME=s soll/Y\n%CHANNELTYPE=s soll\n%AXISTYPE=Y\n%DIMENSION=mm\n%COLUMN=1\n%\n"
+    "%[CURVE3]\n%NAME=I ist/Y\n%CHANNELTYPE=I ist\n%AXISTYPE=Y\n%DIMENSION=Ampere\n%COLUMN=4\n%\n"
+    "%[CURVE4]\n%NAME=v ist/Y\n%CHANNELTYPE=v ist\n%AXISTYPE=Y\n%DIMENSION=mm/min\n%COLUMN=3\n%\n"
+    "%[DATA]\n"
+    " 0.000000000e+000;  4.000000000e+002;  4.000010000e+002;  6.000000000e+003;  "
+    "3.815000000e+000; \n"
+    " 3.000000000e+003;  4.003000000e+002;  4.002990000e+002;  6.000000000e+003; "
+    "-3.776000000e+000; \n";
+
+TEST_F(Traces, TncscopeNamesItsAxesAndChannels) {
+  const Recording r = read(kTncscope);
+  ASSERT_EQ(r.axes.size(), 1U);
+  EXPECT_EQ(r.axes[0].name, "Y");
+  EXPECT_EQ(r.time, (vector<double>{0.0, 0.003}));
+  EXPECT_EQ(r.axes[0].command, (vector<double>{0.4, 0.4003}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.400001, 0.400299}));
+  EXPECT_EQ(r.axes[0].torque, (vector<double>{3.815, -3.776}));
+  EXPECT_EQ(r.axes[0].torque_unit, "A");
+}
+
+TEST_F(Traces, ATncscopeFileThatIsDamagedIsRefusedWithItsLine) {
+  refuses("%TNCscopeNT data file\n%[CURVE1]\n%COLUMN=x\n%[DATA]\n", {"line 4", "COLUMN='x'"});
+  refuses("%TNCscopeNT data file\n%[CURVE1]\n%COLUMN=99999999999\n%[DATA]\n",
+          {"line 4", "COLUMN="});
+  refuses("%TNCscopeNT data file\n%[CURVE1]\n", {"there is no %[DATA]"});
+  refuses("%TNCscopeNT data file\n0;1\n", {"line 2", "before %[DATA]"});
+}
+
+constexpr const char* kTwincat =
+    "Name;Scope\nFile;C:\\a.svdx\nStarttime of export;133603138100000000;x\n"
+    "Endtime of export;133603138190000000\n\n"
+    "Name;X.SetPos;X.ActPos;Name;Motor temperature\nSymbolComment;;;SymbolComment;\n"
+    "SampleTime[ms];1;1;SampleTime[ms];5\nUnit;mm;mm;Unit;(None)\n\n"
+    "0;0,5;0,25;0;31,5\n1;1,5;1,25;5;31,6\n2;2,5;2,25; ; \nEOF\n";
+
+TEST_F(Traces, TwincatScopeHasTimesBeforeEachGroupOfChannels) {
+  const Recording r = read(kTwincat);
+  ASSERT_EQ(r.axes.size(), 1U);
+  EXPECT_EQ(r.axes[0].name, "X");
+  EXPECT_EQ(r.time, (vector<double>{0.0, 0.001, 0.002}));
+  EXPECT_EQ(r.axes[0].command, (vector<double>{0.0005, 0.0015, 0.0025}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.00025, 0.00125, 0.00225}));
+  // The slower group, whose rows end earlier.
+  const Recording slow = read(kTwincat, "T.command=Motor temperature[mm]");
+  EXPECT_EQ(slow.time, (vector<double>{0.0, 0.005}));
+  EXPECT_EQ(slow.axes[0].command, (vector<double>{0.0315, 0.0316}));
+}
+
+TEST_F(Traces, TwincatChannelsOfUnlikeRatesAreNotMixed) {
+  refuses(kTwincat,
+          {"'X.command[mm]' was sampled every 1 ms and 'Motor temperature' every 5 ms",
+           "name columns of one rate"},
+          "X.command=X.command[mm],X.torque=Motor temperature[A]");
+}
+
+TEST_F(Traces, ATableWhoseFirstColumnIsCalledNameIsNoTwincatTrace) {
+  const Recording r = read("Name,t,Soll\nabc,0.5,1\n", "X.command=Soll[mm]");
+  EXPECT_EQ(r.time, (vector<double>{0.5}));
+  refuses("Name;a\nFile;b\n\nNothing;here\n", {"TwinCAT Scope", "no line Name"});
+}
+
+TEST_F(Traces, HalscopeHasNamesAndValuesInTurns) {
+  const char* log =
+      "Sampling period is 500000 nSec \n\n"
+      "joint.0.cmd +7,5 spindle.on +1,0 joint.0.fb +7,25 \n"
+      "joint.0.cmd +8,5 spindle.on +1,0 joint.0.fb -8,25 \n";
+  const Recording r = read(log, "X.command=joint.0.cmd[mm],X.actual=joint.0.fb[mm]");
+  EXPECT_EQ(r.time, (vector<double>{0.0, 0.0005}));
+  EXPECT_EQ(r.axes[0].command, (vector<double>{0.0075, 0.0085}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.00725, -0.00825}));
+  refuses(log, {"X.command=joint.0.cmd[unit],X.actual=joint.0.fb[unit]"});
+  refuses("Sampling period is none\na 1\n", {"line 1", "gives no sampling period"});
+  refuses("Sampling period is 5 nSec\na 1 b\n", {"line 2", "names and values in turns"});
+}
+
+constexpr const char* kCapture =
+    R"({"Header":{"SignalListHFData":[{"Name":"CYCLE","Axis":"Cycle"},
+ {"Name":"DES_POS|2","Axis":"Y1"},{"Name":"ENC_POS|2","Axis":"Y1"},{"Name":"TORQUE|2","Axis":"Y1"},
+ {"Name":"DES_POS|4","Axis":"C1"},{"Name":"LOAD|2","Axis":"Y1"}],"CycleTimeMs":2},
+ "Payload":[{"HFTimestamp":{}},{"HFData":[[100,910.0,910.5,-22.5,180,1],[101,911.0,911.5,null,90,1]]},
+ {"HFBlockEvent":{}},{"HFData":[[110,912.0,912.5,3,0,1]]}],"Footer":{}})";
+
+TEST_F(Traces, ASinumerikCaptureCountsCycles) {
+  const Recording r = read(kCapture);
+  ASSERT_EQ(r.axes.size(), 2U);
+  EXPECT_EQ(r.axes[0].name, "Y1");
+  EXPECT_EQ(r.time, (vector<double>{0.0, 0.002, 0.02})) << "eight cycles were not captured";
+  EXPECT_EQ(r.axes[0].command, (vector<double>{0.91, 0.911, 0.912}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.9105, 0.9115, 0.9125}));
+  EXPECT_EQ(r.axes[0].torque[0], -22.5);
+  EXPECT_TRUE(std::isnan(r.axes[0].torque[1]));
+  EXPECT_TRUE(r.axes[1].rotary);
+  EXPECT_DOUBLE_EQ(r.axes[1].command[0], M_PI);
+}
+
+TEST_F(Traces, ACaptureThatIsDamagedIsRefused) {
+  const std::string whole(kCapture);
+  refuses(whole.substr(0, 400), {"SINUMERIK capture cannot be read"});
+  refuses(R"({"Header":{"CycleTimeMs":0,"SignalListHFData":[{"Name":"CYCLE"}]},"Payload":[]})",
+          {"CycleTimeMs = 0 must be positive"});
+  refuses(R"({"Header":{"CycleTimeMs":2,"SignalListHFData":[{"Name":"LOAD"}]},"Payload":[]})",
+          {"is not CYCLE"});
+  refuses(R"({"Header":{"CycleTimeMs":2},"Payload":[]})", {"SINUMERIK capture cannot be read"});
+}
+
+// Recordings of real machines; what they hold is in the READMEs beside them.
+
+TEST(RealTraces, TheMachiningCentresAxisReversesTwentyOneTimes) {
+  SERVOTWIN_REAL_DATA(file, "trace_formats/tncscope/axis_y_shaker_off.sco");
+  const Recording r = read_recording(file);
+  ASSERT_EQ(r.axes.size(), 1U);
+  EXPECT_EQ(r.axes[0].name, "Y");
+  EXPECT_NEAR(r.time[1], 0.003, 1e-12);
+  ASSERT_EQ(r.time.size(), 6848U);
+  int reversals = 0;
+  double direction = 0.0;
+  for (std::size_t k = 1; k < r.time.size(); ++k) {
+    const double step = r.axes[0].command[k] - r.axes[0].command[k - 1];
+    if (step * direction < 0.0) ++reversals;
+    if (step != 0.0) direction = step;
+  }
+  EXPECT_EQ(reversals, 21);
+}
+
+TEST(RealTraces, TheCaptureHasAGapOfSevenPointSevenSeconds) {
+  SERVOTWIN_REAL_DATA(file, "trace_formats/sinumerik_capture/capture.json");
+  const Recording r = read_recording(file);
+  EXPECT_EQ(r.axes.at(0).name, "Y1");
+  double longest = 0.0;
+  for (std::size_t k = 1; k < r.time.size(); ++k)
+    longest = std::max(longest, r.time[k] - r.time[k - 1]);
+  EXPECT_NEAR(longest, 7.72, 0.005);
+}
+
+TEST(RealTraces, TheSpellingsOfOneTwincatExportHoldTheSameSignals) {
+  for (const char* name :
+       {"tc3_scope_3_4_3145_3-ContainEOF_true.csv", "tc3_scope_3_4_3145_3-DecimalMark_,.csv",
+        "tc3_scope_3_4_3145_3-ExcludeDoubleTimestamp_false-SortChannels_false.csv",
+        "tc3_scope_3_4_3145_3-ExcludeDoubleTimestamp_false-SortChannels_true.csv",
+        "tc3_scope_3_4_3145_3-ExcludeDoubleTimestamp_true-SortChannels_false.csv",
+        "tc3_scope_3_4_3145_3-Seperator_2.csv", "tc3_scope_3_4_3145_3-default.csv",
+        "tc3_scope_3_4_3145_3_noOS.csv"}) {
+    SERVOTWIN_REAL_DATA(file, std::filesystem::path("trace_formats/twincat_scope") / name);
+    ReadOptions options;
+    options.columns = "X.command=var_REAL64[mm],X.actual=func_scaled[mm]";
+    const Recording r = read_recording(file, options);
+    // A counter from 0 to 999, once a millisecond, and 1 minus it.
+    ASSERT_EQ(r.time.size(), 1000U) << name;
+    EXPECT_NEAR(r.time[999] - r.time[0], 0.999, 1e-9) << name;
+    EXPECT_DOUBLE_EQ(r.axes[0].command[700], 0.7) << name;
+    EXPECT_DOUBLE_EQ(r.axes[0].actual[700], -0.699) << name;
+  }
+}
+
+}  // namespace
+}  // namespace servotwin
