@@ -179,8 +179,9 @@ std::optional<TorqueDiagnosis> torque_of(const SegmentedAxis& axis,
 void run(const DiagnoseArguments& arguments) {
   std::FILE* people = people_beside({arguments.result, arguments.report, arguments.extended});
   Recording recording = arguments.input.recording.read(people, arguments.input.axis);
-  const bool commanded = !without_command(recording, arguments.input.axis);
-  const SegmentedAxis axis = segmented(recording, arguments.input.axis, people);
+  const std::string name = axis_of(recording, arguments.input.axis);
+  const bool commanded = !without_command(recording, name);
+  const SegmentedAxis axis = segmented(recording, name, people);
   if (!commanded) {
     run_on_torque(arguments, axis, false, "the recording has position and torque, but no command",
                   people);

@@ -1,6 +1,10 @@
 #include "cli/options.h"
 
+#include <stdlib.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 
@@ -39,11 +43,56 @@ void RecordingOptions::declare_as_recorded(OptionTable& command) {
                "sign, ratio and zero of the encoder");
 }
 
+namespace {
+
+/// What standard input says, in a file that is deleted afterwards: readers go through a file more
+/// than once.
+class StandardInput {
+ public:
+  StandardInput() {
+    std::FILE* out = nullptr;
+    const int descriptor = ::mkstemp(path_.data());
+    if (descriptor >= 0) out = ::fdopen(descriptor, "wb");
+    if (out == nullptr) throw std::runtime_error("standard input cannot be kept in " + path_);
+    std::array<char, 1 << 16> block{};
+    bool written = true;
+    while (const std::size_t count = std::fread(block.data(), 1, block.size(), stdin))
+      written = written && std::fwrite(block.data(), 1, count, out) == count;
+    written = std::fclose(out) == 0 && written;
+    if (written) return;
+    ::unlink(path_.c_str());
+    throw std::runtime_error("standard input cannot be kept in " + path_ + ": the disk is full?");
+  }
+  StandardInput(const StandardInput&) = delete;
+  StandardInput& operator=(const StandardInput&) = delete;
+  ~StandardInput() { ::unlink(path_.c_str()); }
+
+  [[nodiscard]] Recording read(const ReadOptions& options) const {
+    constexpr const char* kShown = "standard input";
+    try {
+      Recording recording = read_recording(path_, options);
+      recording.source = kShown;
+      return recording;
+    } catch (const std::runtime_error& error) {
+      std::string message = error.what();
+      if (const std::size_t at = message.find(path_); at != std::string::npos)
+        message.replace(at, path_.size(), kShown);
+      throw std::runtime_error(message);
+    }
+  }
+
+ private:
+  std::string path_ = (std::filesystem::temp_directory_path() / "servotwin-input-XXXXXX").string();
+};
+
+}  // namespace
+
 Recording RecordingOptions::read(std::FILE* people, const std::string& axis) const {
   Recording recording;
   {
     const Progress progress("reading " + file.filename().string());
-    recording = read_recording(file, read_options);
+    recording =
+        file == "-" ? StandardInput().read(read_options) : read_recording(file, read_options);
   }
   if (mends && as_recorded) {
     Recording mended = recording;
@@ -61,11 +110,21 @@ void AxisOptions::declare(OptionTable& command) {
       command, "REC",
       "recording: CSV with units, foreign CSV with --columns, MATLAB .mat, or a CAN log "
       "with --can-map");
-  command.option("--axis", axis, "axis of the recording").takes("X").required();
+  command.option("--axis", axis, "axis of the recording, if it has several").takes("X");
 }
 
 SegmentedAxis AxisOptions::read(std::FILE* people) const {
-  return segmented(recording.read(people, axis), axis, people);
+  const Recording whole = recording.read(people, axis);
+  return segmented(whole, axis_of(whole, axis), people);
+}
+
+std::string axis_of(const Recording& whole, const std::string& given) {
+  if (!given.empty()) return given;
+  if (whole.axes.size() == 1) return whole.axes.front().name;
+  std::vector<std::string> names;
+  for (const AxisRecord& one : whole.axes) names.push_back(one.name);
+  throw std::runtime_error(whole.source + ": has the axes " + listed(names) +
+                           "; choose one with --axis");
 }
 
 SegmentedAxis segmented(const Recording& whole, const std::string& axis, std::FILE* people) {

@@ -29,16 +29,19 @@ struct RecordingOptions {
   void declare(OptionTable& command, const std::string& name, const std::string& what);
   /// --as-recorded alone, for commands that name several recordings.
   void declare_as_recorded(OptionTable& command);
-  /// Reads the recording and prints on `people` what was ignored, repaired or dropped. `axis`: the
-  /// one whose encoder is repaired; empty: all.
+  /// Reads the recording, from standard input if the file is "-", and prints on `people` what was
+  /// ignored, repaired or dropped. `axis`: the one whose encoder is repaired; empty: all.
   [[nodiscard]] Recording read(std::FILE* people, const std::string& axis = "") const;
 };
 
+/// The axis that is meant: the given one, or the only one of the recording. Throws if it has
+/// several.
+[[nodiscard]] std::string axis_of(const Recording& whole, const std::string& given);
 /// An axis of a recording, cut into segments; prints on `people` what was read.
 [[nodiscard]] SegmentedAxis segmented(const Recording& whole, const std::string& axis,
                                       std::FILE* people);
 
-/// REC and --axis.
+/// REC and --axis, which may be left out where the recording has one axis.
 struct AxisOptions {
   RecordingOptions recording;
   std::string axis;

@@ -260,21 +260,23 @@ void print(const PredictedAxis& one, std::FILE* people) {
   }
 }
 
-void run(const PredictArguments& arguments) {
-  const std::size_t count = arguments.axes.size();
+void run(PredictArguments arguments) {
+  // Without --axis the axis is the only one of the recording.
+  const std::size_t count = std::max<std::size_t>(arguments.axes.size(), 1);
   if (arguments.models.size() != count) {
     throw UsageError(
         text("%zu axes and %zu models: give one --model for each --axis, in the same "
              "order",
              count, arguments.models.size()));
   }
-  for (std::size_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < arguments.axes.size(); ++i) {
     if (std::count(arguments.axes.begin(), arguments.axes.end(), arguments.axes[i]) > 1)
       throw UsageError("--axis " + arguments.axes[i] + " is given twice");
   }
   std::FILE* people = people_beside({arguments.table, arguments.result});
   const Recording recording =
-      arguments.recording.read(people, count == 1 ? arguments.axes.front() : "");
+      arguments.recording.read(people, arguments.axes.size() == 1 ? arguments.axes.front() : "");
+  if (arguments.axes.empty()) arguments.axes.push_back(axis_of(recording, ""));
   std::vector<PredictedAxis> all;
   for (std::size_t i = 0; i < count; ++i) {
     if (count > 1) say(people, "\naxis        " + arguments.axes[i]);
@@ -308,9 +310,9 @@ Command add_predict(CLI::App& app) {
       "with --can-map");
   command
       .option("--axis", arguments->axes,
-              "axis of the recording; several times: also the contour error of these axes")
+              "axis of the recording, if it has several; given several times: also the contour "
+              "error of these axes")
       .takes("X")
-      .required()
       .one_value_each_time();
   command
       .option("--model", arguments->models,

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -46,6 +47,35 @@ class Identify : public testing::Test {
   Folder folder_;
   std::string recording_ = folder_.write("rec.csv", known_recording());
 };
+
+TEST_F(Identify, NeedsNoAxisWhereThereIsOne) {
+  const Answer one = servotwin_says({"identify", recording_, "--json", folder_ / "one.json"}),
+               named = identify({"--json", folder_ / "named.json"});
+  EXPECT_EQ(one.status, 0) << one;
+  EXPECT_EQ(json::parse(content_of(folder_ / "one.json"))["loop"],
+            json::parse(content_of(folder_ / "named.json"))["loop"]);
+  const std::string two = folder_.write(
+      "two.csv", "time[s],X.command[mm],Y.command[mm]\n0,0,0\n0.001,1,1\n0.002,2,2\n");
+  for (const char* command : {"identify", "diagnose"}) {
+    const Answer answer = servotwin_says({command, two});
+    EXPECT_EQ(answer.status, 1) << answer;
+    EXPECT_THAT(answer.err, HasSubstr("has the axes X, Y; choose one with --axis"));
+  }
+}
+
+TEST_F(Identify, ReadsStandardInput) {
+  const auto from_input = [&](const std::string& file) {
+    const std::string command = std::string(SERVOTWIN_BINARY) + " identify - --json - < " + file +
+                                " > " + (folder_ / "out") + " 2> " + (folder_ / "err");
+    return std::system(command.c_str());
+  };
+  const Answer named = identify({"--json", "-"});
+  EXPECT_EQ(from_input(recording_), 0);
+  EXPECT_EQ(json::parse(content_of(folder_ / "out"))["loop"], json::parse(named.out)["loop"]);
+  EXPECT_NE(from_input(folder_.write("bad.csv", "time[s],X.command[mm]\n0,x\n")), 0);
+  EXPECT_THAT(content_of(folder_ / "err"),
+              HasSubstr("servotwin identify: standard input: line 2: column 'X.command[mm]'"));
+}
 
 TEST_F(Identify, RecoversTheTruthItWasGiven) {
   const Answer answer = identify({"--json", "-"});
