@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 namespace servotwin {
 
@@ -19,6 +20,55 @@ MotionRange motion_range(std::span<const Segment> segments) {
     out.acceleration = std::fmax(out.acceleration, a);
   }
   return out;
+}
+
+namespace {
+
+/// The largest step of a command that rests nearly always, as a target does; else 0.
+double largest_jump_of_steps(std::span<const Segment> segments) {
+  constexpr double kMaxMovingShare = 0.05;  // of the samples
+  double largest = 0.0;
+  Eigen::Index moving = 0, count = 0;
+  for (const Segment& segment : segments) {
+    const Eigen::Index steps = segment.size() - 1;
+    if (steps < 1) continue;
+    const Eigen::ArrayXd step = (segment.command.tail(steps) - segment.command.head(steps)).abs();
+    moving += (step > 0.0).count();
+    count += steps;
+    largest = std::max(largest, step.maxCoeff());
+  }
+  return static_cast<double>(moving) <= kMaxMovingShare * static_cast<double>(count) ? largest
+                                                                                     : 0.0;
+}
+
+}  // namespace
+
+std::string why_implausible(std::span<const Segment> segments, bool rotary) {
+  // Linear motors reach 10 m/s, gantries 60 m; spindles of 60,000 rpm turn at 6300 rad/s, and a
+  // table that turns for an hour at 100 rpm makes 6000 turns.
+  constexpr double kFastest_m_s = 20.0, kLongest_m = 100.0, kFastest_rad_s = 10'000.0;
+  const MotionRange range = motion_range(segments);
+  std::ostringstream out;
+  out.precision(3);
+  if (range.speed > (rotary ? kFastest_rad_s : kFastest_m_s)) {
+    if (const double jump = largest_jump_of_steps(segments); jump > 0.0) {
+      out << "jumps by up to " << jump << (rotary ? " rad" : " m")
+          << " and rests in between: it is a target, and not the set-point that the drive follows; "
+             "record the command behind the interpolator";
+      return out.str();
+    }
+    out << "moves at up to " << range.speed << (rotary ? " rad/s" : " m/s");
+  } else if (!rotary) {
+    double lowest = HUGE_VAL, highest = -HUGE_VAL;
+    for (const Segment& segment : segments) {
+      lowest = std::min(lowest, segment.command.minCoeff());
+      highest = std::max(highest, segment.command.maxCoeff());
+    }
+    if (highest - lowest > kLongest_m) out << "travels " << highest - lowest << " m";
+  }
+  if (out.str().empty()) return {};
+  return out.str() + ", which no servo axis does: is its unit " +
+         (rotary ? "deg and not rad?" : "mm and not m? Is the time in ms?");
 }
 
 }  // namespace servotwin

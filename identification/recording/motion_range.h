@@ -11,6 +11,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 
 #include "twin/sample.h"
 
@@ -25,5 +26,9 @@ struct MotionRange {
 
 /// The range of the commands; NaN if no segment is longer than two spans.
 [[nodiscard]] MotionRange motion_range(std::span<const Segment> segments);
+
+/// Why commands cannot be those of a servo axis, with the unit that may be wrong: faster or longer
+/// than any machine. Empty: they can.
+[[nodiscard]] std::string why_implausible(std::span<const Segment> segments, bool rotary);
 
 }  // namespace servotwin

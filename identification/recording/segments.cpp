@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "identification/recording/motion_range.h"
 #include "identification/recording/values.h"
 
 namespace servotwin {
@@ -381,6 +382,8 @@ void require_motion(const SegmentedAxis& axis) {
   };
   require("command", &Segment::command);
   require("actual", &Segment::actual);
+  if (const std::string why = why_implausible(axis.segments, axis.rotary); !why.empty())
+    throw std::runtime_error(axis.source + ": " + axis.axis + ".command " + why);
 }
 
 }  // namespace servotwin

@@ -74,7 +74,7 @@ struct SegmentedAxis {
                                          const SegmentLimits& limits = {});
 
 /// Throws if command or encoder is constant, or there is no encoder: nothing can be identified from
-/// an axis at rest.
+/// an axis at rest. Also if the command is faster or longer than any machine: its unit is wrong.
 void require_motion(const SegmentedAxis& axis);
 
 }  // namespace servotwin

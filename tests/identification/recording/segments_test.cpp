@@ -173,6 +173,33 @@ TEST(Segments, RefusesWhatIsNoRecordingOfTheAxis) {
           {"no segment of 10 samples", "the longest has 9 of 9 rows"});
 }
 
+TEST(RequireMotion, RefusesWhatNoMachineDoes) {
+  const auto moving = [](double amplitude, double hz, bool rotary) {
+    Recording r = sampled(grid(20'000, 0.001));
+    for (std::size_t k = 0; k < r.time.size(); ++k)
+      r.axes[0].command[k] = amplitude * std::sin(2.0 * M_PI * hz * r.time[k]);
+    r.axes[0].actual = r.axes[0].command;
+    r.axes[0].rotary = rotary;
+    return segment_axis(r, "X");
+  };
+  const auto refuses = [](const SegmentedAxis& axis, std::initializer_list<const char*> parts) {
+    expect_error<std::runtime_error>([&] { require_motion(axis); }, parts);
+  };
+  // 40 mm at 1 Hz, read as metres; a stroke of 300 mm at 0.02 Hz, read as metres.
+  refuses(moving(40.0, 1.0, false),
+          {"X.command moves at up to 251 m/s", "is its unit mm and not m?"});
+  refuses(moving(150.0, 0.02, false), {"X.command", "is its unit mm and not m?"});
+  // A turn of 360 degrees at 10 Hz, read as radians.
+  refuses(moving(360.0, 10.0, true), {"X.command moves at up to", "rad/s", "deg and not rad?"});
+  EXPECT_NO_THROW(require_motion(moving(0.5, 1.0, false)));
+  EXPECT_NO_THROW(require_motion(moving(2.0 * M_PI, 10.0, true)));
+  Recording steps = sampled(grid(2000, 0.001));
+  for (std::size_t k = 0; k < steps.time.size(); ++k)
+    steps.axes[0].command[k] = k / 500 % 2 == 0 ? 0.0 : 0.3;
+  steps.axes[0].actual = steps.axes[0].command;
+  refuses(segment_axis(steps, "X"), {"X.command jumps by up to 0.3 m", "is a target"});
+}
+
 TEST(RequireMotion, NamesTheSignalThatStands) {
   const auto refuses = [](const Recording& r, std::initializer_list<const char*> parts) {
     expect_error<std::runtime_error>([&] { require_motion(segment_axis(r, "X")); }, parts);
