@@ -163,6 +163,7 @@ void add_range(OptionTable& command, const std::string& name, double& min, doubl
 
 Command add_identify(CLI::App& app) {
   const auto arguments = std::make_shared<IdentifyArguments>();
+  arguments->identify.method = Method::kJoint;
   OptionTable command(app, "identify", "Identifies the model of an axis from a recording.");
   arguments->input.declare(command);
   command
@@ -181,9 +182,9 @@ Command add_identify(CLI::App& app) {
                                          : name == "joint" ? Method::kJoint
                                                            : Method::kPoleSearch;
           },
-          "pole-search (default); joint, which also identifies the friction model; full-ls, full "
-          "least squares as a baseline")
-      .one_of({"pole-search", "joint", "full-ls"})
+          "joint (default): the loop together with the law of friction; pole-search: the loop with "
+          "Coulomb friction alone, faster; full-ls: full least squares, a baseline")
+      .one_of({"joint", "pole-search", "full-ls"})
       .takes("METHOD");
   std::vector<std::string> frictions;
   for (const std::size_t kind : friction_kinds()) frictions.emplace_back(identity_of(kind).id);

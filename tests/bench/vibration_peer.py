@@ -216,7 +216,7 @@ def main():
                 ("servotwin, with modes", flexible),
             ):
                 seconds = run_tool(
-                    [f"{build}/servotwin", "identify", path, "--axis", "X"]
+                    [f"{build}/servotwin", "identify", path, "--axis", "X", "--method", "pole-search"]
                     + ["--json", f"{folder}/found.json"]
                     + options
                 )

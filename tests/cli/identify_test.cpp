@@ -1,6 +1,7 @@
 // servotwin identify and predict on machines whose truth is known.
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -38,9 +39,12 @@ const std::string& known_recording() {
 
 class Identify : public testing::Test {
  protected:
+  /// By the pole search, which is the fastest; the machine has no other friction than it knows.
   Answer identify(const std::vector<std::string>& options) {
     std::vector<std::string> words{"identify", recording_, "--axis", "X"};
     words.insert(words.end(), options.begin(), options.end());
+    if (std::find(options.begin(), options.end(), "--method") == options.end())
+      words.insert(words.end(), {"--method", "pole-search"});
     return servotwin_says(words);
   }
 
@@ -49,7 +53,8 @@ class Identify : public testing::Test {
 };
 
 TEST_F(Identify, NeedsNoAxisWhereThereIsOne) {
-  const Answer one = servotwin_says({"identify", recording_, "--json", folder_ / "one.json"}),
+  const Answer one = servotwin_says({"identify", recording_, "--method", "pole-search", "--json",
+                                     folder_ / "one.json"}),
                named = identify({"--json", folder_ / "named.json"});
   EXPECT_EQ(one.status, 0) << one;
   EXPECT_EQ(json::parse(content_of(folder_ / "one.json"))["loop"],
@@ -65,8 +70,9 @@ TEST_F(Identify, NeedsNoAxisWhereThereIsOne) {
 
 TEST_F(Identify, ReadsStandardInput) {
   const auto from_input = [&](const std::string& file) {
-    const std::string command = std::string(SERVOTWIN_BINARY) + " identify - --json - < " + file +
-                                " > " + (folder_ / "out") + " 2> " + (folder_ / "err");
+    const std::string command = std::string(SERVOTWIN_BINARY) +
+                                " identify - --method pole-search --json - < " + file + " > " +
+                                (folder_ / "out") + " 2> " + (folder_ / "err");
     return std::system(command.c_str());
   };
   const Answer named = identify({"--json", "-"});
@@ -215,9 +221,9 @@ TEST_F(Identify, TheModelMayGoToStandardOutput) {
 TEST_F(Identify, AForeignFileIsMapped) {
   std::string foreign = known_recording();
   foreign.replace(0, foreign.find('\n'), "t,soll,ist");
-  const Answer answer =
-      servotwin_says({"identify", folder_.write("foreign.csv", foreign), "--axis", "A", "--columns",
-                      "time=t[s],A.command=soll[m],A.actual=ist[m]", "--json", "-"});
+  const Answer answer = servotwin_says(
+      {"identify", folder_.write("foreign.csv", foreign), "--axis", "A", "--columns",
+       "time=t[s],A.command=soll[m],A.actual=ist[m]", "--method", "pole-search", "--json", "-"});
   ASSERT_EQ(answer.status, 0) << answer;
   const json ours = json::parse(identify({"--json", "-"}).out), theirs = json::parse(answer.out);
   EXPECT_EQ(theirs["axis"], "A");
@@ -230,6 +236,7 @@ TEST_F(Identify, AnEncoderThatCountsBackwardsIsRepairedUnlessItIsToStayAsRecorde
   std::vector<std::string> words{"identify",  folder_.write("foreign.csv", foreign),
                                  "--axis",    "X",
                                  "--columns", "time=t[s],X.command=soll[m],X.actual=ist[m*-1]",
+                                 "--method",  "pole-search",
                                  "--json",    "-"};
   const Answer repaired = servotwin_says(words);
   ASSERT_EQ(repaired.status, 0) << repaired;
