@@ -42,6 +42,7 @@ struct Command {
 [[nodiscard]] Command add_history(CLI::App& app);
 [[nodiscard]] Command add_export(CLI::App& app);
 [[nodiscard]] Command add_check_config(CLI::App& app);
+[[nodiscard]] Command add_formats(CLI::App& app);
 // These four read the option tables of all commands when they run: `app` must live until then.
 [[nodiscard]] Command add_help(CLI::App& app);
 [[nodiscard]] Command add_version(CLI::App& app);

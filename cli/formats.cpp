@@ -1,0 +1,49 @@
+// servotwin formats: which files are read as recordings, with an example line of each.
+#include <array>
+#include <string>
+
+#include "cli/command.h"
+#include "cli/option_table.h"
+#include "cli/output.h"
+
+namespace servotwin::cli {
+namespace {
+
+struct Format {
+  const char *name, *line, *channels;
+};
+
+constexpr std::array kFormats{
+    Format{"table of this program", "time[s],X.command[mm],X.actual[mm],X.torque[Nm]",
+           "AXIS.channel[unit]"},
+    Format{"table of another program", "Zeit [ms];Lagesollwert [mm];Lageistwert [mm]",
+           "by --columns; without it the error proposes one"},
+    Format{"columns divided by blanks", "0.001   27.318985   24.5482",
+           "by --columns: named in the comment above, else 1, 2, 3"},
+    Format{"MATLAB 5 and 7.3", "(binary)", "by --columns: names of vectors"},
+    Format{"candump -l", "(1652345678.123456) can0 181#0011223344556677", "by --can-map"},
+    Format{"TwinCAT Scope CSV", "Name;ScopeProject",
+           "X.SetPos and X.ActPos of axis X; others by --columns"},
+    Format{"Heidenhain TNCscope (.sco)", "%TNCscopeNT data file",
+           "s soll, s ist and I ist of each axis"},
+    Format{"LinuxCNC halscope log", "Sampling period is 1000000 nSec", "by --columns"},
+    Format{"SINUMERIK Edge capture", "{\"Header\": {.. \"SignalListHFData\": [..",
+           "DES_POS, ENC_POS and TORQUE of each axis"}};
+
+void run() {
+  for (const Format& format : kFormats) {
+    say(stdout, format.name);
+    say(stdout, std::string("  first line  ") + format.line);
+    say(stdout, std::string("  channels    ") + format.channels);
+  }
+}
+
+}  // namespace
+
+Command add_formats(CLI::App& app) {
+  OptionTable command(app, "formats",
+                      "Lists the files that are read as recordings, with an example line of each.");
+  return {command.app(), [] { run(); }};
+}
+
+}  // namespace servotwin::cli
