@@ -14,6 +14,7 @@
 #include "cli/output.h"
 #include "identification/loop/joint.h"
 #include "identification/model/json_number.h"
+#include "identification/recording/excerpt.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::cli {
@@ -30,7 +31,26 @@ struct IdentifyArguments {
   std::filesystem::path model, result;
   IdentifyOptions identify;
   bool no_pole_constraints = false;
+  bool whole = false;  ///< --whole: all of a long recording
 };
+
+double length_s(const std::vector<Segment>& segments) {
+  double sum = 0.0;
+  for (const Segment& one : segments) sum += one.sample_time_s * static_cast<double>(one.size());
+  return sum;
+}
+
+/// Leaves the informative part of a long recording.
+void use_excerpt(SegmentedAxis& axis, std::FILE* people) {
+  const double all_s = length_s(axis.segments);
+  std::vector<Segment> used = excerpt(axis.segments);
+  const double used_s = length_s(used);
+  if (!(used_s < all_s)) return;
+  axis.segments = std::move(used);
+  say(people, text("note: of %.0f s the most informative %.0f s are used, from all parts of the "
+                   "recording; --whole uses all",
+                   all_s, used_s));
+}
 
 std::string now_utc() {
   const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
@@ -116,7 +136,8 @@ void run(const IdentifyArguments& arguments) {
         " is not for --method full-ls, which models one loop and Coulomb friction only");
   options.pole_constraints = !arguments.no_pole_constraints;
 
-  const SegmentedAxis axis = arguments.input.read(people);
+  SegmentedAxis axis = arguments.input.read(people);
+  if (!arguments.whole) use_excerpt(axis, people);
   Identified identified;
   {
     const Progress progress("identifying " + axis.axis);
@@ -239,6 +260,8 @@ Command add_identify(CLI::App& app) {
           "longest delay of the encoder record that is searched for [s] (default 0.02); 0: none")
       .takes("S")
       .between(0.0, 0.05);
+  command.flag("--whole", arguments->whole,
+               "use all of a recording of more than 240 s, and not its most informative 120 s");
   command.flag("--no-pole-constraints", arguments->no_pole_constraints,
                "full-ls: accept any poles");
   return {command.app(), [arguments] { run(*arguments); }};

@@ -1,0 +1,100 @@
+#include "identification/recording/excerpt.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identification/recording/evidence.h"
+
+namespace servotwin {
+
+namespace {
+
+/// A window of a segment.
+struct Window {
+  const Segment* of = nullptr;
+  Eigen::Index begin = 0, size = 0;
+  double evidence_s = 0.0;
+
+  [[nodiscard]] double start_s() const {
+    return of->start_s + of->sample_time_s * static_cast<double>(begin);
+  }
+};
+
+Eigen::ArrayXd part_of(const Eigen::ArrayXd& whole, Eigen::Index begin, Eigen::Index size) {
+  return whole.size() == 0 ? whole : Eigen::ArrayXd(whole.segment(begin, size));
+}
+
+Segment cut(const Segment& from, Eigen::Index begin, Eigen::Index size) {
+  Segment out;
+  out.start_s = from.start_s + from.sample_time_s * static_cast<double>(begin);
+  out.sample_time_s = from.sample_time_s;
+  out.command = part_of(from.command, begin, size);
+  out.actual = part_of(from.actual, begin, size);
+  out.torque = part_of(from.torque, begin, size);
+  out.neighbour = part_of(from.neighbour, begin, size);
+  out.in_cut = part_of(from.in_cut, begin, size);
+  out.in_plane = from.in_plane;
+  out.lead = std::clamp<Eigen::Index>(from.lead - begin, 0, size);
+  return out;
+}
+
+/// Seconds of these stretches within a span of time.
+double seconds_in(const std::vector<EvidenceStretch>& stretches, double from_s, double to_s) {
+  double sum = 0.0;
+  for (const EvidenceStretch& one : stretches) {
+    if (one.shows == Evidence::kStandstill) continue;
+    sum +=
+        std::max(0.0, std::min(to_s, one.segment.end_s()) - std::max(from_s, one.segment.start_s));
+  }
+  return sum;
+}
+
+std::vector<Window> windows_of(const std::vector<Segment>& segments, double window_s) {
+  const MotionScale scale = motion_scale(segments);
+  std::vector<Window> out;
+  for (const Segment& segment : segments) {
+    const std::vector<EvidenceStretch> stretches = sorted_by_evidence({segment}, scale);
+    const auto size = std::min<Eigen::Index>(
+        segment.size(), std::max<Eigen::Index>(1, std::lround(window_s / segment.sample_time_s)));
+    for (Eigen::Index begin = 0; begin + size <= segment.size(); begin += size) {
+      Window window{&segment, begin, size, 0.0};
+      window.evidence_s =
+          seconds_in(stretches, window.start_s(),
+                     window.start_s() + segment.sample_time_s * static_cast<double>(size));
+      out.push_back(window);
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<Segment> excerpt(const std::vector<Segment>& segments, const ExcerptLimits& limits) {
+  double length_s = 0.0;
+  for (const Segment& segment : segments)
+    length_s += segment.sample_time_s * static_cast<double>(segment.size());
+  if (length_s <= limits.longest_s) return segments;
+  const std::vector<Window> windows = windows_of(segments, limits.window_s);
+  const auto parts = static_cast<std::size_t>(std::lround(limits.used_s / limits.window_s));
+  std::vector<Segment> out;
+  const Window* last = nullptr;
+  for (std::size_t part = 0; part < parts; ++part) {
+    const std::size_t first = windows.size() * part / parts,
+                      end = windows.size() * (part + 1) / parts;
+    if (first == end) continue;
+    const Window& best = *std::max_element(
+        windows.begin() + static_cast<std::ptrdiff_t>(first),
+        windows.begin() + static_cast<std::ptrdiff_t>(end),
+        [](const Window& l, const Window& r) { return l.evidence_s < r.evidence_s; });
+    Eigen::Index begin = best.begin;
+    if (last != nullptr && last->of == best.of && last->begin + last->size == best.begin) {
+      begin -= out.back().size();
+      out.pop_back();
+    }
+    out.push_back(cut(*best.of, begin, best.begin + best.size - begin));
+    last = &best;
+  }
+  return out;
+}
+
+}  // namespace servotwin
