@@ -169,6 +169,26 @@ DaemonThere wait_for_daemon(const DdsNode& node, double patience_s, std::vector<
   }
 }
 
+std::runtime_error no_daemon(const DdsNode& node, const BusOptions& bus) {
+  return std::runtime_error("no daemon listens to " + bus.text() + other_daemons(node) +
+                            "; start servotwind with this machine and domain first");
+}
+
+std::vector<AxisStatus> axes_of_daemon(const DdsNode& node, const BusOptions& bus,
+                                       double patience_s) {
+  std::vector<AxisStatus> axes;
+  switch (wait_for_daemon(node, patience_s, &axes)) {
+    case DaemonThere::kNobody:
+      throw no_daemon(node, bus);
+    case DaemonThere::kKnowsNoAxes:
+      throw std::runtime_error("the daemon of " + bus.text() +
+                               " does not know its axes yet; it learns them when the machine runs");
+    case DaemonThere::kReady:
+      break;
+  }
+  return axes;
+}
+
 std::string other_daemons(const DdsNode& node) {
   constexpr double kStatusEvery_s = 1.0;
   std::vector<std::string> machines = machines_with_daemons(node, 1.5 * kStatusEvery_s);

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -67,6 +68,14 @@ enum class DaemonThere : std::uint8_t { kNobody, kKnowsNoAxes, kReady };
 /// be `servotwin watch`.
 [[nodiscard]] DaemonThere wait_for_daemon(const DdsNode& node, double patience_s,
                                           std::vector<AxisStatus>* axes = nullptr);
+/// How long a running daemon may take to be found [s].
+inline constexpr double kMaxDiscovery_s = 10.0;
+/// The error that no daemon serves the machine of this bus.
+[[nodiscard]] std::runtime_error no_daemon(const DdsNode& node, const BusOptions& bus);
+/// The axes of the machine as its daemon knows them. Throws if there is no daemon, or it does not
+/// know them yet.
+[[nodiscard]] std::vector<AxisStatus> axes_of_daemon(const DdsNode& node, const BusOptions& bus,
+                                                     double patience_s);
 /// For an error message when no daemon serves the machine of this node: "; in this domain there are
 /// daemons of 'a', 'b'", or an empty string. Listens for one and a half periods of the daemons'
 /// status.

@@ -23,7 +23,6 @@ namespace servotwin::cli {
 namespace {
 
 constexpr std::string_view kSeparator = "; ";  // of the parts of the daemon's answer
-constexpr double kMaxDiscovery_s = 10.0;       // of a running daemon
 
 struct PreviewArguments {
   RecordingOptions path;
@@ -75,30 +74,18 @@ std::vector<ProgramChunk> chunks_of(const Recording& path, const PreviewArgument
 /// Waits until the daemon of this machine reads programs and its answers will be received; throws
 /// if there is none. Topics are shared by all machines of a domain: any reader of programs is not
 /// enough. Returns the machine's axes.
-std::vector<AxisStatus> find_daemon(const DdsNode& node, const std::string& machine,
+std::vector<AxisStatus> find_daemon(const DdsNode& node, const BusOptions& bus,
                                     const DdsWriter<ProgramChunk>& programs,
                                     const DdsReader<CorrectionChunk>& corrections,
                                     double patience_s) {
-  const auto nobody = [&] {
-    return std::runtime_error("no daemon listens to " + machine + other_daemons(node) +
-                              "; start servotwind with this machine and domain first");
-  };
-  std::vector<AxisStatus> axes;
-  switch (wait_for_daemon(node, patience_s, &axes)) {
-    case DaemonThere::kNobody:
-      throw nobody();
-    case DaemonThere::kKnowsNoAxes:
-      throw std::runtime_error("the daemon of " + machine +
-                               " does not know its axes yet; it learns them when the machine runs");
-    case DaemonThere::kReady:
-      break;
-  }
+  std::vector<AxisStatus> axes = axes_of_daemon(node, bus, patience_s);
   const std::int64_t begin = daemon::steady_ns();
   while (!corrections.matched()) {
-    if (static_cast<double>(daemon::steady_ns() - begin) * 1e-9 > patience_s) throw nobody();
+    if (static_cast<double>(daemon::steady_ns() - begin) * 1e-9 > patience_s)
+      throw no_daemon(node, bus);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
-  if (!programs.wait_for_readers(1, patience_s)) throw nobody();
+  if (!programs.wait_for_readers(1, patience_s)) throw no_daemon(node, bus);
   return axes;
 }
 
@@ -196,7 +183,7 @@ void run(const PreviewArguments& arguments) {
   DdsReader<CorrectionChunk> corrections(node);
   DdsWriter<ProgramChunk> programs(node);
   require_kinds(path,
-                find_daemon(node, arguments.bus.text(), programs, corrections,
+                find_daemon(node, arguments.bus, programs, corrections,
                             std::min(arguments.wait_s, kMaxDiscovery_s)),
                 arguments.bus.text());
   for (const ProgramChunk& chunk : chunks) {

@@ -28,8 +28,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMaxDiscovery_s = 10.0;  // of a running daemon
-constexpr double kLook_s = 0.1;           // between two looks at what the daemon says
+constexpr double kLook_s = 0.1;  // between two looks at what the daemon says
 constexpr const char* kUnjudged = "put in force without being judged (--force)";
 
 struct PutInForceArguments {
@@ -40,7 +39,7 @@ struct PutInForceArguments {
   double wait_s = 60.0;
 };
 
-double since(std::chrono::steady_clock::time_point start) {
+double waited_s(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
@@ -56,19 +55,8 @@ void print_in_force(int version, const std::string& axis, const std::string& rea
 /// The axis of this name as the daemon knows it; throws if there is none.
 AxisStatus find_axis(const DdsNode& node, const BusOptions& bus, const std::string& name,
                      double patience_s) {
-  std::vector<AxisStatus> axes;
-  switch (wait_for_daemon(node, patience_s, &axes)) {
-    case DaemonThere::kNobody:
-      throw std::runtime_error("no daemon listens to " + bus.text() + other_daemons(node) +
-                               "; start servotwind with this machine and domain first");
-    case DaemonThere::kKnowsNoAxes:
-      throw std::runtime_error("the daemon of " + bus.text() +
-                               " does not know its axes yet; it learns them when the machine runs");
-    case DaemonThere::kReady:
-      break;
-  }
   std::vector<std::string> names;
-  for (const AxisStatus& one : axes) {
+  for (const AxisStatus& one : axes_of_daemon(node, bus, patience_s)) {
     if (one.name == name) return one;
     names.push_back(one.name);
   }
@@ -99,7 +87,7 @@ void ask_daemon(const PutInForceArguments& arguments, const ModelRecord& record,
   const auto of_this = [&](const std::string& reason) {
     return reason.find("from " + origin + ", proposed by hand") != std::string::npos;
   };
-  while (since(start) < arguments.wait_s) {
+  while (waited_s(start) < arguments.wait_s) {
     while (models.receive(model, kLook_s)) {
       if (model.axis == axis && model.version > before.model_version && of_this(model.reason)) {
         print_in_force(model.version, axis, model.reason);

@@ -20,7 +20,7 @@ std::string value_of(const Section& section, std::string_view key) {
   return found == section.end() ? std::string() : found->second;
 }
 
-std::string channel_of(const std::string& type) {
+std::string channel_of_curve(const std::string& type) {
   constexpr std::array<std::pair<std::string_view, const char*>, 6> kChannels{
       {{"s soll", "command"},
        {"s nominal", "command"},
@@ -34,7 +34,7 @@ std::string channel_of(const std::string& type) {
   return {};
 }
 
-std::string unit_of(const std::string& dimension) {
+std::string unit_of_curve(const std::string& dimension) {
   if (dimension == "Ampere") return "A";
   if (dimension == "Grad" || dimension == "degree" || dimension == "\xb0") return "deg";
   return dimension;
@@ -55,10 +55,11 @@ void add_curve(TextLines& lines, const Section& section, std::vector<std::string
                std::to_string(kMostCurves));
   if (names.size() <= column) names.resize(column + 1);
   const std::string axis = value_of(section, "AXISTYPE"),
-                    channel = channel_of(value_of(section, "CHANNELTYPE"));
-  names[column] = axis.empty() || channel.empty()
-                      ? value_of(section, "NAME")
-                      : column_name(axis + "." + channel, unit_of(value_of(section, "DIMENSION")));
+                    channel = channel_of_curve(value_of(section, "CHANNELTYPE"));
+  names[column] =
+      axis.empty() || channel.empty()
+          ? value_of(section, "NAME")
+          : column_name(axis + "." + channel, unit_of_curve(value_of(section, "DIMENSION")));
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ constexpr std::string_view kName = "Name", kStart = "Starttime of export", kUnit
                            kSampleTime = "SampleTime[ms]";
 constexpr int kMostHeaderLines = 60;  // real ones have twenty
 
-std::string channel_of(const std::string& name) {
+std::string channel_of_signal(const std::string& name) {
   constexpr std::array<std::pair<std::string_view, const char*>, 2> kChannels{
       {{".SetPos", ".command"}, {".ActPos", ".actual"}}};
   for (const auto& [theirs, ours] : kChannels) {
@@ -31,7 +31,7 @@ std::string channel_of(const std::string& name) {
 }
 
 /// "V (Voltage)" is V, "(None)" nothing.
-std::string unit_of(const std::string& cell) {
+std::string unit_of_signal(const std::string& cell) {
   return cell.starts_with('(') ? std::string() : cell.substr(0, cell.find(' '));
 }
 
@@ -109,7 +109,7 @@ CsvHeader read_twincat_scope_header(TextLines& lines, std::string_view first) {
       add("times of the next channels", kAbsent);
     }
     if (name == kName) continue;
-    add(column_name(channel_of(name), unit_of(cell(channels.units))),
+    add(column_name(channel_of_signal(name), unit_of_signal(cell(channels.units))),
         number_in(cell(channels.sample_times)).value_or(kAbsent));
   }
   header.ends_with = "EOF";
