@@ -7,17 +7,17 @@
 namespace servotwin {
 namespace {
 
-constexpr double kStep_s = 0.001;
+constexpr double kMillisecond_s = 0.001;
 
 /// At rest, but for a fast swing of a second that begins at these times.
 Segment swings(double length_s, const std::vector<double>& at_s) {
   Segment s;
-  s.sample_time_s = kStep_s;
+  s.sample_time_s = kMillisecond_s;
   s.start_s = 5.0;
-  s.command = Eigen::ArrayXd::Zero(static_cast<Eigen::Index>(length_s / kStep_s));
+  s.command = Eigen::ArrayXd::Zero(static_cast<Eigen::Index>(length_s / kMillisecond_s));
   for (const double at : at_s) {
     for (Eigen::Index k = 0; k < 1000; ++k)
-      s.command(static_cast<Eigen::Index>(at / kStep_s) + k) =
+      s.command(static_cast<Eigen::Index>(at / kMillisecond_s) + k) =
           0.01 * std::sin(2.0 * M_PI * 5e-3 * static_cast<double>(k));
   }
   // Every sample has its own number, so that a cut shows where it was made.
@@ -41,8 +41,8 @@ TEST(Excerpt, TakesTheMotionOfEveryPart) {
   double length_s = 0.0;
   int found = 0;
   for (const Segment& s : out) {
-    length_s += kStep_s * static_cast<double>(s.size());
-    EXPECT_NEAR(s.start_s, 5.0 + kStep_s * s.actual(0), 1e-9) << "its time in the recording";
+    length_s += kMillisecond_s * static_cast<double>(s.size());
+    EXPECT_NEAR(s.start_s, 5.0 + kMillisecond_s * s.actual(0), 1e-9) << "its time in the recording";
     EXPECT_EQ(s.actual(s.size() - 1) - s.actual(0), static_cast<double>(s.size() - 1));
     for (const double one : at) {
       if (one >= s.start_s - 5.0 - 0.5 && one <= s.end_s() - 5.0 - 0.5) ++found;
