@@ -4,6 +4,7 @@
 #include <array>
 #include <cctype>
 #include <cmath>
+#include <iterator>
 #include <stdexcept>
 
 #include "drivers/text.h"
@@ -158,7 +159,7 @@ std::vector<Mapping> parse_mapping(const std::string& text) {
       if (!split || find_channel(channel) == nullptr) {
         throw std::invalid_argument(
             where + in_quotes(ours) + " is neither time nor AXIS.channel with " +
-            "one of the channels " + listed(names) + did_you_mean(channel, names));
+            "one of the channels " + listed(named(names)) + did_you_mean(channel, names));
       }
     }
     for (const Mapping& before : mappings) {
@@ -174,6 +175,14 @@ std::vector<Mapping> parse_mapping(const std::string& text) {
     mappings.push_back(std::move(mapping));
   }
   return mappings;
+}
+
+/// The columns that can be asked for: those that have a name.
+std::vector<std::string> named(std::span<const std::string> names) {
+  std::vector<std::string> out;
+  std::copy_if(names.begin(), names.end(), std::back_inserter(out),
+               [](const std::string& name) { return !name.empty(); });
+  return out;
 }
 
 // The place of a column by its name: as written in the file, or without the unit that the file
@@ -203,7 +212,7 @@ std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const
     if (!index) {
       throw std::runtime_error(source + ": no column " + in_quotes(mapping.column) + " for " +
                                mapping.wanted.name + did_you_mean(mapping.column, names) +
-                               " The file has: " + listed(names));
+                               " The file has: " + listed(named(names)));
     }
     mapping.wanted.index = *index;
     if (!mapping.unit) {
@@ -248,7 +257,7 @@ void note_ignored(std::span<const std::string> names, const std::vector<bool>& u
   const auto known = channel_names();
   std::string ignored;
   for (std::size_t i = 0; i < names.size(); ++i) {
-    if (used[i]) continue;
+    if (used[i] || names[i].empty()) continue;
     ignored += (ignored.empty() ? "" : ", ") + names[i];
     const auto split = split_channel(split_unit(names[i]).name);
     const std::string nearest = split ? nearest_name(split->channel, known) : std::string();
@@ -344,7 +353,7 @@ std::string proposal_for(std::span<const std::string> names) {
       "program's recording, assign its columns to channels: --columns \"" +
       (proposal.empty() ? "X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]"
                         : proposal + "\" (a guess), with time=NAME[s] if needed") +
-      (proposal.empty() ? "\"" : "") + ". The file has: " + listed(names));
+      (proposal.empty() ? "\"" : "") + ". The file has: " + listed(named(names)));
 }
 
 void add_column(const std::string& source, const Wanted& wanted, Layout& layout) {
@@ -432,12 +441,12 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
   if (!has(Channel::kCommand) && !(has(Channel::kActual) && has(Channel::kTorque))) {
     throw std::runtime_error(source +
                              ": no column is the command of an axis, such as X.command[mm]. " +
-                             "The file has: " + listed(names));
+                             "The file has: " + listed(named(names)));
   }
   if (!layout.time && !options.rate_hz) {
     throw std::runtime_error(
         source + ": no time column: give one as time[s], name it with " +
-        "time=NAME[s] in --columns, or give --rate HZ. The file has: " + listed(names));
+        "time=NAME[s] in --columns, or give --rate HZ. The file has: " + listed(named(names)));
   }
   if (layout.time && options.rate_hz) {
     throw std::runtime_error(source +

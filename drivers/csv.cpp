@@ -354,6 +354,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
   while (lines.next(line)) {
     if (is_csv_comment(line)) continue;
     if (!header.ends_with.empty() && line == header.ends_with) break;
+    while (header.separator != ' ' && !line.empty() && line.back() == ' ') line.remove_suffix(1);
     const bool own_times = !header.time_of.empty();
     if (own_times) std::fill(cells.begin(), cells.end(), std::string_view());
     const std::size_t fields = cutter.cut(line, cells);

@@ -146,7 +146,7 @@ bool is_csv_comment(std::string_view line) {
 
 bool is_table(std::string_view start) {
   const std::string_view line = start.substr(0, start.find('\n'));
-  return line.find_first_of(",;\t") != std::string_view::npos;
+  return line.find_first_of(",;\t") != std::string_view::npos || is_trace(line);
 }
 
 CsvHeader read_csv_header(TextLines& lines, const std::string& source) {

@@ -39,7 +39,8 @@ struct CsvHeader {
 /// Whether a line has no row: empty, or a comment.
 [[nodiscard]] bool is_csv_comment(std::string_view line);
 
-/// Whether this text, the beginning of a file, could be a table: its first line has a separator.
+/// Whether this text, the beginning of a file, could be a table: its first line has a separator, or
+/// is that of a trace.
 [[nodiscard]] bool is_table(std::string_view start);
 
 }  // namespace servotwin

@@ -14,6 +14,8 @@ std::optional<CsvHeader> read_trace_header(TextLines& lines, const std::string& 
   return std::nullopt;
 }
 
+bool is_trace(std::string_view first) noexcept { return is_tncscope(first) || is_halscope(first); }
+
 std::string column_name(const std::string& name, std::string_view unit) {
   return parse_unit(unit) ? name + "[" + std::string(unit) + "]" : name;
 }

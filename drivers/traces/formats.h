@@ -16,6 +16,9 @@ namespace servotwin {
 [[nodiscard]] std::optional<CsvHeader> read_trace_header(TextLines& lines,
                                                          const std::string& first);
 
+/// Whether a trace begins with this line that has no separator of a table.
+[[nodiscard]] bool is_trace(std::string_view first) noexcept;
+
 /// "AXIS.channel[unit]"; without the unit if it is none that the program knows.
 [[nodiscard]] std::string column_name(const std::string& name, std::string_view unit);
 

@@ -29,7 +29,7 @@ CsvHeader read_halscope_header(TextLines& lines, std::string_view first) {
     lines.fail("halscope: " + in_quotes(line) + " is not names and values in turns");
   for (std::size_t i = 0; i < fields.size(); i += 2) {
     // The column of the name, which nobody can ask for, and that of its values.
-    header.names.push_back("name of " + fields[i]);
+    header.names.emplace_back();
     header.names.push_back(fields[i]);
   }
   header.notes.push_back("halscope recording at " + number(*header.rate_hz) + " Hz");

@@ -106,7 +106,7 @@ CsvHeader read_twincat_scope_header(TextLines& lines, std::string_view first) {
     const std::string& name = channels.names[i];
     if (name == kName || (each && i > 1)) {
       time = header.names.size();
-      add("times of the next channels", kAbsent);
+      add("", kAbsent);
     }
     if (name == kName) continue;
     add(column_name(channel_of_signal(name), unit_of_signal(cell(channels.units))),

@@ -160,6 +160,15 @@ TEST(RealTraces, TheMachiningCentresAxisReversesTwentyOneTimes) {
   EXPECT_EQ(reversals, 21);
 }
 
+TEST(RealTraces, TheHalscopeLogHasItsNameAndItsPeriod) {
+  SERVOTWIN_REAL_DATA(file, "trace_formats/halscope/halscope.log");
+  ReadOptions options;
+  options.columns = "Z.command=joint.3.motor-pos-cmd[mm]";
+  const Recording r = read_recording(file, options);
+  EXPECT_NEAR(r.time[1], 1e-4, 1e-12);
+  EXPECT_NEAR(r.axes[0].command[0], 7.92000000061527e-3, 1e-15);
+}
+
 TEST(RealTraces, TheCaptureHasAGapOfSevenPointSevenSeconds) {
   SERVOTWIN_REAL_DATA(file, "trace_formats/sinumerik_capture/capture.json");
   const Recording r = read_recording(file);
@@ -180,13 +189,13 @@ TEST(RealTraces, TheSpellingsOfOneTwincatExportHoldTheSameSignals) {
         "tc3_scope_3_4_3145_3_noOS.csv"}) {
     SERVOTWIN_REAL_DATA(file, std::filesystem::path("trace_formats/twincat_scope") / name);
     ReadOptions options;
-    options.columns = "X.command=var_REAL64[mm],X.actual=func_scaled[mm]";
+    options.columns = "X.command=var_REAL64[mm],X.actual=var_REAL32[mm]";
     const Recording r = read_recording(file, options);
-    // A counter from 0 to 999, once a millisecond, and 1 minus it.
+    // A counter from 0 to 999, once a millisecond, in two types.
     ASSERT_EQ(r.time.size(), 1000U) << name;
     EXPECT_NEAR(r.time[999] - r.time[0], 0.999, 1e-9) << name;
     EXPECT_DOUBLE_EQ(r.axes[0].command[700], 0.7) << name;
-    EXPECT_DOUBLE_EQ(r.axes[0].actual[700], -0.699) << name;
+    EXPECT_DOUBLE_EQ(r.axes[0].actual[700], 0.7) << name;
   }
 }
 
