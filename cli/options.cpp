@@ -56,11 +56,16 @@ class StandardInput {
     if (out == nullptr) throw std::runtime_error("standard input cannot be kept in " + path_);
     std::array<char, 1 << 16> block{};
     bool written = true;
-    while (const std::size_t count = std::fread(block.data(), 1, block.size(), stdin))
-      written = written && std::fwrite(block.data(), 1, count, out) == count;
+    while (written) {
+      const std::size_t count = std::fread(block.data(), 1, block.size(), stdin);
+      if (count == 0) break;
+      written = std::fwrite(block.data(), 1, count, out) == count;
+    }
+    const bool complete = std::ferror(stdin) == 0;
     written = std::fclose(out) == 0 && written;
-    if (written) return;
+    if (written && complete) return;
     ::unlink(path_.c_str());
+    if (!complete) throw std::runtime_error("standard input cannot be read to its end");
     throw std::runtime_error("standard input cannot be kept in " + path_ + ": the disk is full?");
   }
   StandardInput(const StandardInput&) = delete;
@@ -68,20 +73,27 @@ class StandardInput {
   ~StandardInput() { ::unlink(path_.c_str()); }
 
   [[nodiscard]] Recording read(const ReadOptions& options) const {
-    constexpr const char* kShown = "standard input";
     try {
       Recording recording = read_recording(path_, options);
       recording.source = kShown;
       return recording;
+    } catch (const std::invalid_argument& error) {
+      throw std::invalid_argument(shown(error.what()));
     } catch (const std::runtime_error& error) {
-      std::string message = error.what();
-      if (const std::size_t at = message.find(path_); at != std::string::npos)
-        message.replace(at, path_.size(), kShown);
-      throw std::runtime_error(message);
+      throw std::runtime_error(shown(error.what()));
     }
   }
 
  private:
+  static constexpr const char* kShown = "standard input";
+
+  /// A message without the name of the file.
+  [[nodiscard]] std::string shown(std::string message) const {
+    if (const std::size_t at = message.find(path_); at != std::string::npos)
+      message.replace(at, path_.size(), kShown);
+    return message;
+  }
+
   std::string path_ = (std::filesystem::temp_directory_path() / "servotwin-input-XXXXXX").string();
 };
 

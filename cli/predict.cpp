@@ -109,7 +109,8 @@ json result_of(const std::vector<PredictedAxis>& all,
 /// times.
 bool overlaps_training(const ModelRecord& record, const std::string& file,
                        const SegmentedAxis& axis) {
-  return record.source == file && record.axis == axis.axis &&
+  // Two recordings of standard input are not one.
+  return file != "-" && record.source == file && record.axis == axis.axis &&
          std::any_of(axis.segments.begin(), axis.segments.end(), [&](const Segment& segment) {
            return segment.start_s < record.training_to_s && segment.end_s() > record.from_s;
          });

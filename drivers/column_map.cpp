@@ -134,6 +134,7 @@ void require_quantity(const std::string& where, const Wanted& wanted) {
 struct Mapping {
   Wanted wanted;
   std::string column;               // its name in the file
+  std::string exact;                // the same with what was taken for its unit
   std::string written;              // as the user wrote it
   std::optional<std::string> unit;  // absent: that of the file
 };
@@ -159,7 +160,7 @@ std::vector<Mapping> parse_mapping(const std::string& text) {
       if (!split || find_channel(channel) == nullptr) {
         throw std::invalid_argument(
             where + in_quotes(ours) + " is neither time nor AXIS.channel with " +
-            "one of the channels " + listed(named(names)) + did_you_mean(channel, names));
+            "one of the channels " + listed(names) + did_you_mean(channel, names));
       }
     }
     for (const Mapping& before : mappings) {
@@ -167,7 +168,8 @@ std::vector<Mapping> parse_mapping(const std::string& text) {
         throw std::invalid_argument(where + in_quotes(ours) + " is given twice");
       }
     }
-    Mapping mapping{{ours, {}, 0}, theirs.name, part, theirs.unit};
+    const std::string exact(trimmed(std::string_view(part).substr(equals + 1)));
+    Mapping mapping{{ours, {}, 0}, theirs.name, exact, part, theirs.unit};
     if (mapping.unit) {
       mapping.wanted.unit = unit_of<std::invalid_argument>(where, part, mapping.unit);
       require_quantity<std::invalid_argument>(where, mapping.wanted);
@@ -208,7 +210,8 @@ std::vector<Wanted> wanted_by_mapping(const std::string& source, std::span<const
                                       const std::string& columns, std::vector<bool>& used) {
   std::vector<Wanted> wanted;
   for (Mapping& mapping : parse_mapping(columns)) {
-    const auto index = find_column(source, mapping.column, names);
+    const bool is_name = std::find(names.begin(), names.end(), mapping.exact) != names.end();
+    const auto index = find_column(source, is_name ? mapping.exact : mapping.column, names);
     if (!index) {
       throw std::runtime_error(source + ": no column " + in_quotes(mapping.column) + " for " +
                                mapping.wanted.name + did_you_mean(mapping.column, names) +
@@ -315,8 +318,8 @@ constexpr std::array kLikely{
                  "load"}},
 };
 /// Parts of names of other quantities.
-constexpr std::array<std::string_view, 6> kNoPosition{"vel", "speed",  "geschw",
-                                                      "acc", "v soll", "v ist"};
+constexpr std::array<std::string_view, 8> kNoPosition{"vel",    "speed", "geschw", "acc",
+                                                      "v soll", "v ist", "v_soll", "v_ist"};
 
 /// "X.command=Sollwert[mm],X.actual=Istwert[mm]", guessed from the names of the columns; empty
 /// where no command is among them. A unit that the file does not have is left as [unit].
@@ -331,13 +334,20 @@ std::string proposal_for(std::span<const std::string> names) {
         return static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
       });
       const auto has = [&](std::string_view part) { return name.find(part) != name.npos; };
+      const std::optional<Unit> unit =
+          column.unit ? parse_unit(*column.unit) : std::optional<Unit>();
+      const bool torque = &likely == &kLikely.back();
+      if (unit &&
+          (torque ? unit->quantity != Quantity::kTorque
+                  : unit->quantity != Quantity::kLength && unit->quantity != Quantity::kAngle))
+        continue;
+      if (torque && has("pos")) continue;
       if (used[i] || std::none_of(likely.parts.begin(), likely.parts.end(), has) ||
           std::any_of(kNoPosition.begin(), kNoPosition.end(), has))
         continue;
       used[i] = true;
-      const bool known = column.unit && parse_unit(*column.unit);
       out += (out.empty() ? "" : ",") + std::string(likely.channel) + "=" + column.name + "[" +
-             (known ? *column.unit : "unit") + "]";
+             (unit ? *column.unit : "unit") + "]";
       break;
     }
     if (out.empty()) return {};  // there is no command

@@ -26,7 +26,7 @@
 namespace servotwin {
 namespace {
 
-constexpr std::size_t kBlock = 1 << 20;
+constexpr std::size_t kChecksumBlock_bytes = 1 << 20;  // read at a time
 
 /// Cuts rows into the cells that are wanted, without copying, and checks the number of fields.
 class RowCutter {
@@ -101,12 +101,6 @@ Cell parse_number(std::string_view cell, double& value) {
   return Cell::kMissing;
 }
 
-/// What spreadsheets and recorders write where there is no value.
-bool says_missing(std::string_view cell) {
-  constexpr std::array kWords{"N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "-", "--", "#NV"};
-  return std::find(kWords.begin(), kWords.end(), cell) != kWords.end();
-}
-
 /// The numbers of one column. A column has one decimal mark: the first cell that shows it decides.
 /// The other mark may then divide thousands.
 class CellReader {
@@ -121,11 +115,13 @@ class CellReader {
     cell = trimmed(cell);
     if (!cell.empty() && cell.front() == '+') cell.remove_prefix(1);
     value = kAbsent;
-    if (cell.empty() || says_missing(cell)) return Cell::kMissing;
+    if (cell.empty() || is_missing_word(cell)) return Cell::kMissing;
     const bool has_comma = comma_ && cell.find(',') != std::string_view::npos;
     if (!has_comma) {
-      if (mark_ == ',' && cell.find('.') != std::string_view::npos)
-        return stamp(cell, value, stamped);
+      if (mark_ == ',' && cell.find('.') != std::string_view::npos) {
+        if (!with_point(cell)) return stamp(cell, value, stamped);
+        return parse_number(copy_, value);
+      }
       if (mark_ == 0 && cell.find('.') != std::string_view::npos) mark_ = '.';
       const Cell plain = parse_number(cell, value);
       return plain == Cell::kNoNumber ? stamp(cell, value, stamped) : plain;
@@ -133,11 +129,14 @@ class CellReader {
     if (mark_ == 0)
       mark_ =
           cell.find('.') > cell.rfind(',') && cell.find('.') != std::string_view::npos ? '.' : ',';
+    if (mark_ == ',') count_comma(cell);
     const Cell number = with_point(cell) ? parse_number(copy_, value) : Cell::kNoNumber;
     return number == Cell::kNoNumber ? stamp(cell, value, stamped) : number;
   }
 
   [[nodiscard]] bool has_decimal_comma() const { return mark_ == ','; }
+  /// Whether every comma of the column could divide thousands as well: 1,250.
+  [[nodiscard]] bool is_ambiguous() const { return thousands_ > 0 && commas_ == thousands_; }
 
  private:
   /// Copies the cell with a decimal point and without marks of thousands, which divide groups of
@@ -147,7 +146,7 @@ class CellReader {
     copy_.clear();
     const std::size_t decimal = std::min(cell.find(mark_), cell.size());
     std::size_t digits = 0;  // since the last mark of thousands
-    bool grouped = false;
+    bool grouped = false, exponent = false;
     for (std::size_t i = 0; i < cell.size(); ++i) {
       const char c = cell[i];
       if (c == thousands) {
@@ -157,10 +156,24 @@ class CellReader {
         continue;
       }
       if (i == decimal && grouped && digits != 3) return false;
-      digits += '0' <= c && c <= '9' ? 1 : 0;
+      if (c == 'e' || c == 'E') exponent = true;
+      digits += !exponent && '0' <= c && c <= '9' ? 1 : 0;
       copy_ += i == decimal ? '.' : c;
     }
     return !(grouped && decimal == cell.size() && digits != 3);
+  }
+
+  /// Counts the cells with a decimal comma, and those of them that could be thousands.
+  void count_comma(std::string_view cell) {
+    ++commas_;
+    if (!cell.empty() && cell.front() == '-') cell.remove_prefix(1);
+    const std::size_t comma = cell.find(',');
+    const auto is_digit = [](char c) { return '0' <= c && c <= '9'; };
+    const bool groups = 1 <= comma && comma <= 3 && cell.size() == comma + 4 &&
+                        cell.front() != '0' &&
+                        std::all_of(cell.begin(), cell.begin() + comma, is_digit) &&
+                        std::all_of(cell.begin() + comma + 1, cell.end(), is_digit);
+    thousands_ += groups ? 1 : 0;
   }
 
   Cell stamp(std::string_view cell, double& value, bool& stamped) {
@@ -174,6 +187,7 @@ class CellReader {
 
   bool comma_, is_time_;
   char mark_ = 0;  // 0: not known yet
+  std::size_t commas_ = 0, thousands_ = 0;
   std::string copy_;
   StampClock clock_;
 };
@@ -215,10 +229,11 @@ void require_checksum(const std::filesystem::path& file) {
   std::string last(kLine, '\0');
   last.resize(handle.read_at(last.data(), kLine, size - kLine));
   if (!last.starts_with(kChecksumComment) || !last.ends_with('\n')) return;
-  std::string block(kBlock, '\0');
+  std::string block(kChecksumBlock_bytes, '\0');
   std::uint32_t crc32 = 0;
   for (std::uint64_t left = size - kLine; left > 0;) {
-    const std::size_t count = handle.read(block.data(), std::min<std::uint64_t>(kBlock, left));
+    const std::size_t count =
+        handle.read(block.data(), std::min<std::uint64_t>(kChecksumBlock_bytes, left));
     if (count == 0) break;
     crc32 = crc32_of(std::string_view(block.data(), count), crc32);
     left -= count;
@@ -293,7 +308,19 @@ Layout layout_of(const std::string& source, const CsvHeader& header, const ReadO
   const std::size_t first = layout.columns.front().index;
   for (const Layout::Column& column : layout.columns) {
     const double step = header.step_ms[column.index], wanted = header.step_ms[first];
-    if (step != wanted && !(std::isnan(step) && std::isnan(wanted)))
+    const bool one_group = header.time_of[column.index] == header.time_of[first];
+    if (!one_group && std::isnan(step))
+      throw std::runtime_error(source + ": " + in_quotes(header.names[first]) + " and " +
+                               in_quotes(header.names[column.index]) +
+                               " have times of their own, and the file does not say that they were "
+                               "sampled together");
+    if (!one_group && header.begins_ms[column.index] != header.begins_ms[first])
+      throw std::runtime_error(source + ": " + in_quotes(header.names[first]) + " begins at " +
+                               number(header.begins_ms[first]) + " ms and " +
+                               in_quotes(header.names[column.index]) + " at " +
+                               number(header.begins_ms[column.index]) +
+                               " ms; export what belongs together from one time on");
+    if (!one_group && step != wanted)
       throw std::runtime_error(source + ": " + in_quotes(header.names[first]) +
                                " was sampled every " + number(wanted) + " ms and " +
                                in_quotes(header.names[column.index]) + " every " + number(step) +
@@ -360,6 +387,11 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
     const std::size_t fields = cutter.cut(line, cells);
     if (own_times && fields < header.names.size()) {
       // Channels that were sampled less often have ended.
+      if (!lines.complete()) {
+        recording.notes.push_back("line " + std::to_string(lines.number()) +
+                                  ", the last one, is cut off and was dropped");
+        break;
+      }
       if (!cutter.reached(fields) || trimmed(cells.front()).empty()) continue;
     } else if (fields != header.names.size()) {
       if (fields < header.names.size() && !lines.complete()) {
@@ -375,7 +407,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
       double value = 0.0;
       bool stamped = false;
       if (!lines.complete() &&
-          (decimals(cell) < decimals_before ||
+          (decimals(cell) < decimals_before || is_missing_word(trimmed(cell)) ||
            readers[at_the_end].read(cell, value, stamped) == Cell::kNoNumber)) {
         recording.notes.push_back("line " + std::to_string(lines.number()) +
                                   ", the last one, has no line end, and " + in_quotes(cell) +
@@ -424,6 +456,15 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
                               " rows are outside --from and --to");
   }
   columns.note_missing();
+  for (std::size_t i = 0; i < readers.size(); ++i) {
+    const std::string& name = header.names[wanted[i]];
+    if (readers[i].is_ambiguous())
+      recording.notes.push_back("column " + in_quotes(name) +
+                                ": commas are read as decimal marks; if they divide thousands, "
+                                "save the file without them");
+    if (!header.remarks.empty() && !header.remarks[wanted[i]].empty())
+      recording.notes.push_back("column " + in_quotes(name) + ": " + header.remarks[wanted[i]]);
+  }
   fill_absent(recording);
   return recording;
 }

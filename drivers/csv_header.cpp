@@ -1,6 +1,7 @@
 #include "drivers/csv_header.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <stdexcept>
 #include <utility>
@@ -15,8 +16,18 @@ namespace {
 
 constexpr std::string_view kBlanks = " \t";
 
-/// The separator that occurs most often in this line; blanks if there is none.
+bool is_row(const std::vector<std::string>& fields);
+
+/// The separator that occurs most often in this line; blanks if there is none. In a row of numbers
+/// commas may be decimal marks.
 char separator_of(std::string_view line) {
+  for (const char candidate : {';', '\t', ' '}) {
+    const std::vector<std::string> fields = fields_of(line, candidate);
+    const bool divided = std::none_of(fields.begin(), fields.end(), [](const std::string& field) {
+      return !field.empty() && field.back() == ',';
+    });
+    if (fields.size() > 1 && divided && is_row(fields)) return candidate;
+  }
   char best = ',';
   for (const char candidate : {';', '\t'}) {
     if (std::count(line.begin(), line.end(), candidate) >
@@ -45,9 +56,24 @@ bool is_number(std::string_view field) {
 
 /// Whether these are values and not names.
 bool is_row(const std::vector<std::string>& fields) {
-  return std::all_of(fields.begin(), fields.end(), [](const std::string& field) {
-    return field.empty() || is_number(field) || parse_time_stamp(field);
-  });
+  bool any = false;
+  for (const std::string& field : fields) {
+    const bool value = is_number(field) || parse_time_stamp(field);
+    if (!value && !field.empty() && !is_missing_word(field)) return false;
+    any = any || value;
+  }
+  return any;
+}
+
+/// Whether these are the numbers of columns, 0, 1, 2, .., that some programs write as names, with
+/// an empty one before them or not.
+bool are_counted(const std::vector<std::string>& fields) {
+  const std::size_t first = fields.front().empty() ? 1 : 0;
+  if (fields.size() < first + 3) return false;
+  for (std::size_t i = first; i < fields.size(); ++i) {
+    if (fields[i] != std::to_string(i - first)) return false;
+  }
+  return true;
 }
 
 /// A name as UTF-8; other bytes are taken for Latin-1.
@@ -89,12 +115,12 @@ std::string unit_in(std::string_view cell) {
   return parse_unit(cell) ? std::string(cell) : std::string();
 }
 
-/// Whether these cells are the units of the columns above them: at least two are, and what is not
-/// is empty or no number.
+/// Whether these cells are the units of the columns above them: at least one is, and none is a
+/// value.
 bool is_row_of_units(const std::vector<std::string>& cells) {
   const auto units = std::count_if(cells.begin(), cells.end(),
                                    [](const std::string& cell) { return !unit_in(cell).empty(); });
-  return units >= 2 && std::none_of(cells.begin(), cells.end(), [](const std::string& cell) {
+  return units >= 1 && std::none_of(cells.begin(), cells.end(), [](const std::string& cell) {
            return !cell.empty() && (is_number(cell) || parse_time_stamp(cell));
          });
 }
@@ -139,9 +165,15 @@ std::vector<std::string> fields_of(std::string_view line, char separator) {
   return fields;
 }
 
+bool is_missing_word(std::string_view cell) {
+  constexpr std::array kWords{"N/A", "n/a", "#N/A", "NA", "null", "NULL", "None", "-", "--", "#NV"};
+  return std::find(kWords.begin(), kWords.end(), cell) != kWords.end();
+}
+
 bool is_csv_comment(std::string_view line) {
   line = trimmed(line);
-  return line.empty() || line.front() == '#';
+  // Spreadsheets write #N/A where there is no value.
+  return line.empty() || (line.front() == '#' && !line.starts_with("#N"));
 }
 
 bool is_table(std::string_view start) {
@@ -164,7 +196,7 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
   header.separator = separator_of(first);
   header.names = fields_of(first, header.separator);
   if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
-  const bool values = is_row(header.names);
+  const bool values = is_row(header.names) && !are_counted(header.names);
   if (header.names.size() < 2 ||
       (header.separator == ' ' && !values && !is_row_next(lines, header.names.size()))) {
     lines.fail("this is text, but not CSV: " + in_quotes(first) +
@@ -182,10 +214,13 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
   for (std::string& name : header.names) name = utf8_of(name);
 
   const bool tagged = std::any_of(header.names.begin(), header.names.end(), [](const auto& name) {
-    return name.find('[') != std::string::npos;
+    const std::size_t open = name.rfind('[');
+    return open != std::string::npos && name.back() == ']' && !unit_in(name.substr(open)).empty();
   });
   if (tagged || !lines.next(line)) return header;
   std::vector<std::string> units = fields_of(line, header.separator);
+  for (std::string& unit : units) unit = utf8_of(unit);
+  if (units.size() == header.names.size() + 1 && units.back().empty()) units.pop_back();
   if (units.size() > header.names.size() || !is_row_of_units(units)) {
     lines.put_back();
     return header;

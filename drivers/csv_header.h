@@ -26,8 +26,9 @@ struct CsvHeader {
   std::optional<double> rate_hz;     ///< rows per second, where the file says it and has no times
   std::vector<std::size_t> time_of;  ///< of every column the column of its times [ms]; empty: one
                                      ///< time for all
-  std::vector<double> step_ms;       ///< their sampling times; NaN: not known
-  std::string ends_with;             ///< a line behind the last row
+  std::vector<double> step_ms, begins_ms;  ///< their sampling and first times; NaN: not known
+  std::vector<std::string> remarks;        ///< of every column, for who reads it; empty: none
+  std::string ends_with;                   ///< a line behind the last row
 };
 
 /// Reads it; the next line of `lines` is the first row.
@@ -35,6 +36,9 @@ struct CsvHeader {
 
 /// The fields of a line: split_fields(), or what blanks divide.
 [[nodiscard]] std::vector<std::string> fields_of(std::string_view line, char separator);
+
+/// Whether this cell says that there is no value: N/A and the like.
+[[nodiscard]] bool is_missing_word(std::string_view cell);
 
 /// Whether a line has no row: empty, or a comment.
 [[nodiscard]] bool is_csv_comment(std::string_view line);

@@ -45,7 +45,6 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
   if (is_candump(start)) return read_candump(file, options);
-  if (is_sinumerik_capture(start)) return read_sinumerik_capture(file, options);
   const bool utf16 = start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff");
   if (file.extension() == ".log" && !utf16 && !is_table(start)) {
     refuse(
@@ -54,6 +53,7 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   }
   if (!options.can_map.empty())
     throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is not one");
+  if (is_sinumerik_capture(start)) return read_sinumerik_capture(file, options);
   if (!utf16 && start.find('\0') != std::string_view::npos) {
     refuse("is a binary file, neither CSV text nor a MATLAB file");
   }

@@ -59,7 +59,8 @@ void TextLines::refill() {
   std::memmove(block_.data(), block_.data() + begin_, end_ - begin_);
   end_ -= begin_;
   begin_ = 0;
-  if (end_ == block_.size()) {
+  constexpr std::size_t kRoom_bytes = 6;  // for a decoded pair of code units
+  if (end_ + (encoding_ == Encoding::kUtf8 ? 1 : kRoom_bytes) > block_.size()) {
     ++number_;
     fail("is longer than a megabyte: this is not a CSV recording");
   }

@@ -54,6 +54,8 @@ std::optional<std::int64_t> take_date(Reader& reader) {
   const auto first = reader.digits(1, 4);
   if (!first) return std::nullopt;
   const char mark = reader.take('-') ? '-' : '.';
+  constexpr int kFirstYear = 1000;
+  if (mark == '-' && *first < kFirstYear) return std::nullopt;  // 16-05-24 may be any order
   if (mark == '.' && !reader.take('.')) return std::nullopt;
   const auto second = reader.digits(1, 2);
   if (!second || !reader.take(mark)) return std::nullopt;

@@ -13,7 +13,8 @@ CsvHeader read_halscope_header(TextLines& lines, std::string_view first) {
   double period_ns = 0.0;
   const auto [end, error] =
       std::from_chars(digits.data(), digits.data() + digits.size(), period_ns);
-  if (error != std::errc() || !(period_ns > 0.0) ||
+  constexpr double kLeast_ns = 1.0, kMost_ns = 1e10;
+  if (error != std::errc() || !(period_ns >= kLeast_ns && period_ns <= kMost_ns) ||
       !std::string_view(end, static_cast<std::size_t>(digits.data() + digits.size() - end))
            .starts_with(kAfter))
     lines.fail("halscope: " + in_quotes(first) + " gives no sampling period");

@@ -18,7 +18,7 @@ namespace {
 using nlohmann::json;
 
 // The whole text is held in memory, and some times its size while it is parsed.
-constexpr std::size_t kMostBytes = std::size_t{512} << 20;
+constexpr std::size_t kMostBytes = std::size_t{128} << 20;
 
 /// The name of the column of a signal: "Y1.command[mm]", or the signal's own.
 std::string column_of(const json& signal) {
@@ -28,7 +28,9 @@ std::string column_of(const json& signal) {
   const std::string axis = signal.value("Axis", "");
   if (axis.empty()) return name;
   const std::string kind = name.substr(0, name.find('|'));
-  const bool rotary = std::string_view("ABC").find(axis.front()) != std::string_view::npos;
+  // A, B2, C1; but AX1 is a linear axis.
+  const bool rotary = std::string_view("ABC").find(axis.front()) != std::string_view::npos &&
+                      axis.find_first_not_of("0123456789", 1) == std::string::npos;
   for (const auto& [theirs, ours] : kChannels) {
     if (theirs == kind)
       return axis + ours + (theirs == "TORQUE" ? "[Nm]" : rotary ? "[deg]" : "[mm]");
@@ -81,14 +83,18 @@ Recording recording_in(const std::string& source, const json& capture, const Rea
 }  // namespace
 
 bool is_sinumerik_capture(std::string_view start) noexcept {
-  constexpr std::size_t kNear = 64;  // spaces of the formatter
+  constexpr std::size_t kMostBytesBeforeHeader = 64;  // spaces of the formatter
   const std::size_t first = start.find_first_not_of(" \t\r\n");
   return first != std::string_view::npos && start[first] == '{' &&
-         start.find("\"Header\"") < first + kNear;
+         start.find("\"Header\"") < first + kMostBytesBeforeHeader;
 }
 
 Recording read_sinumerik_capture(const std::filesystem::path& file, const ReadOptions& options) {
   const std::string source = file.string();
+  if (std::filesystem::file_size(file) > kMostBytes)
+    throw std::runtime_error(source + ": a capture of more than " +
+                             std::to_string(kMostBytes >> 20) +
+                             " MB does not fit into memory as JSON; capture shorter files");
   try {
     return recording_in(source, json::parse(read_text(file, kMostBytes)), options);
   } catch (const json::exception& error) {

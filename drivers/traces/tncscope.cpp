@@ -1,5 +1,6 @@
 #include "drivers/traces/tncscope.h"
 
+#include <algorithm>
 #include <array>
 #include <map>
 #include <string>
@@ -7,11 +8,15 @@
 
 #include "drivers/text.h"
 #include "drivers/traces/formats.h"
+#include "drivers/units.h"
 
 namespace servotwin {
 namespace {
 
 constexpr std::size_t kMostCurves = 256;  // TNCscope records some tens
+
+constexpr std::array<std::string_view, 5> kKeys{"NAME", "CHANNELTYPE", "AXISTYPE", "DIMENSION",
+                                                "COLUMN"};  // of a curve
 
 using Section = std::map<std::string, std::string, std::less<>>;
 
@@ -36,7 +41,9 @@ std::string channel_of_curve(const std::string& type) {
 
 std::string unit_of_curve(const std::string& dimension) {
   if (dimension == "Ampere") return "A";
-  if (dimension == "Grad" || dimension == "degree" || dimension == "\xb0") return "deg";
+  if (dimension == "Grad" || dimension == "degree" || dimension == "\xb0" ||
+      dimension == "\xc2\xb0")
+    return "deg";
   return dimension;
 }
 
@@ -56,10 +63,10 @@ void add_curve(TextLines& lines, const Section& section, std::vector<std::string
   if (names.size() <= column) names.resize(column + 1);
   const std::string axis = value_of(section, "AXISTYPE"),
                     channel = channel_of_curve(value_of(section, "CHANNELTYPE"));
-  names[column] =
-      axis.empty() || channel.empty()
-          ? value_of(section, "NAME")
-          : column_name(axis + "." + channel, unit_of_curve(value_of(section, "DIMENSION")));
+  const std::string unit = unit_of_curve(value_of(section, "DIMENSION"));
+  names[column] = axis.empty() || channel.empty() || !parse_unit(unit)
+                      ? value_of(section, "NAME")
+                      : column_name(axis + "." + channel, unit);
 }
 
 }  // namespace
@@ -83,9 +90,11 @@ CsvHeader read_tncscope_header(TextLines& lines) {
       }
       continue;
     }
-    if (const std::size_t equals = line.find('='); equals != std::string_view::npos)
-      section[std::string(trimmed(line.substr(0, equals)))] =
-          std::string(trimmed(line.substr(equals + 1)));
+    const std::size_t equals = line.find('=');
+    if (equals == std::string_view::npos) continue;
+    const std::string_view key = trimmed(line.substr(0, equals));
+    if (std::find(kKeys.begin(), kKeys.end(), key) != kKeys.end())
+      section[std::string(key)] = std::string(trimmed(line.substr(equals + 1)));
   }
   lines.fail("TNCscope: there is no %[DATA]");
 }

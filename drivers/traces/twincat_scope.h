@@ -13,9 +13,9 @@
 //
 // Separators: ; tab , or :. Channels that share their times are a group; what is read together has
 // to have one sample time. `X.SetPos` and `X.ActPos` are command and encoder of axis X; others are
-// named by --columns. Where Unit ScaleFactor and Offset are not 1 and 0, exported values already
-// have them. A last line EOF is none. Source: Beckhoff, TwinCAT 3 Scope Export; samples of
-// CagtayFabry/pytcs (BSD-3-Clause).
+// named by --columns. Whether exported values contain a ScaleFactor or Offset depends on the export
+// and is not in the file: a note says so where they are not 1 and 0. A last line EOF is none.
+// Source: Beckhoff, TwinCAT 3 Scope Export; samples of CagtayFabry/pytcs (BSD-3-Clause).
 #pragma once
 
 #include <string>

@@ -179,7 +179,8 @@ TEST_F(BadRecording, NotANumber) {
   refuses("time[s],X.command[mm]\n0,1\nnow,1\n", {"line 3", "'time[s]'", "'now'"});
 }
 TEST_F(BadRecording, DecimalComma) {
-  refuses("time[s];X.command[mm]\n0;1,5\n", {"line 2", "'1,5'", "need a point"});
+  refuses("time[s],X.command[mm],X.actual[mm]\n0,\"1,5\",2\n",
+          {"line 2", "'X.command[mm]'", "'1,5'", "decimals need a point"});
 }
 TEST_F(BadRecording, AValueThatWouldBreakTheLineOfTheMessage) {
   refuses("time[s],X.command[mm]\n0,1\n1,a\x01\x1b" + std::string(500, 'b') + "\n",

@@ -42,7 +42,7 @@ constexpr const char* kTncscope =
     "%[DATA]\n"
     " 0.000000000e+000;  4.000000000e+002;  4.000010000e+002;  6.000000000e+003;  "
     "3.815000000e+000; \n"
-    " 3.000000000e+003;  4.003000000e+002;  4.002990000e+002;  6.000000000e+003; "
+    " 3.000000000e+003;  4.003000000e+002;  4.002500000e+002;  6.000000000e+003; "
     "-3.776000000e+000; \n";
 
 TEST_F(Traces, TncscopeNamesItsAxesAndChannels) {
@@ -51,7 +51,7 @@ TEST_F(Traces, TncscopeNamesItsAxesAndChannels) {
   EXPECT_EQ(r.axes[0].name, "Y");
   EXPECT_EQ(r.time, (vector<double>{0.0, 0.003}));
   EXPECT_EQ(r.axes[0].command, (vector<double>{0.4, 0.4003}));
-  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.400001, 0.400299}));
+  EXPECT_EQ(r.axes[0].actual, (vector<double>{0.400001, 0.40025}));
   EXPECT_EQ(r.axes[0].torque, (vector<double>{3.815, -3.776}));
   EXPECT_EQ(r.axes[0].torque_unit, "A");
 }
