@@ -76,10 +76,12 @@ void LiveRecord::on_prediction(const MachinePrediction& prediction, std::int64_t
     if (frame != nullptr && i < static_cast<std::size_t>(frame->axis_count))
       keep(i, prediction, frame->command[i]);
   }
-  const bool all_predicted =
-      std::all_of(prediction.axes.begin(), prediction.axes.begin() + prediction.axis_count,
-                  [](const AxisPrediction& one) { return one.state == AxisState::kPredicting; });
-  if (all_predicted && std::isfinite(prediction.contour_error) &&
+  // A contour error is predicted where all axes of a path are; a twin that has just started is not
+  // the axis yet.
+  const bool settling =
+      std::any_of(prediction.axes.begin(), prediction.axes.begin() + prediction.axis_count,
+                  [](const AxisPrediction& one) { return one.state == AxisState::kSettling; });
+  if (!settling && std::isfinite(prediction.contour_error) &&
       std::isfinite(prediction.measured_contour_error)) {
     contour_.predicted.add(prediction.contour_error);
     contour_.measured.add(prediction.measured_contour_error);

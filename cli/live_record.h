@@ -84,7 +84,7 @@ class LiveRecord {
   [[nodiscard]] const std::vector<LiveAxis>& axes() const { return axes_; }
   /// Contour error since clear_lately.
   [[nodiscard]] const ContourErrors& contour_lately() const { return contour_lately_; }
-  /// The same since a model came into force, where all axes are predicted.
+  /// The same since a model came into force and its twin has settled.
   [[nodiscard]] const ContourErrors& contour_since_promotion() const { return contour_; }
   [[nodiscard]] const std::optional<MachineStatus>& status() const { return status_; }
   [[nodiscard]] std::uint64_t predictions() const { return predictions_; }

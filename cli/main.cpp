@@ -50,7 +50,7 @@ std::vector<servotwin::cli::Command> declare_commands(CLI::App& app) {
   group("Path correction", {add_learn(app), add_preview(app)});
   group("Machine and daemon",
         {add_replay(app), add_watch(app), add_put_in_force(app), add_check_config(app)});
-  group("This program", {add_formats(app), add_help(app), add_version(app), add_completion(app)});
+  group("This program", {add_help(app), add_version(app), add_completion(app), add_formats(app)});
   group("", {add_manual(app)});
   return commands;
 }

@@ -164,7 +164,6 @@ std::optional<ContourFigures> contour_of(const std::vector<PredictedAxis>& all) 
     if (!one.axis.rotary) path.push_back(&one);
   }
   if (path.size() < 2 || path.size() > kMaxPathAxes || !same_segments(all)) return std::nullopt;
-  ContourFigures out;
   Eigen::ArrayXd predicted(0), measured(0);
   const auto append = [](Eigen::ArrayXd& to, const Eigen::ArrayXd& more) {
     to.conservativeResize(to.size() + more.size());

@@ -29,7 +29,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kLook_s = 0.1;  // between two looks at what the daemon says
-constexpr const char* kUnjudged = "put in force without being judged (--force)";
 
 struct PutInForceArguments {
   fs::path model, store;
@@ -43,9 +42,11 @@ double waited_s(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// What people may call this model: the file, without its folder.
+/// What this model is called: the file, without its folder, and when it was proposed, so that no
+/// other proposal is called so.
 std::string origin_of(const PutInForceArguments& arguments) {
-  return arguments.model.filename().string();
+  return daemon::printable(arguments.model.filename().string()) + " at " +
+         daemon::iso_time(daemon::wall_ns());
 }
 
 void print_in_force(int version, const std::string& axis, const std::string& reason) {
@@ -85,7 +86,7 @@ void ask_daemon(const PutInForceArguments& arguments, const ModelRecord& record,
   ModelAnnouncement model;
   MachineStatus status;
   const auto of_this = [&](const std::string& reason) {
-    return reason.find("from " + origin + ", proposed by hand") != std::string::npos;
+    return reason.find(daemon::by_hand(origin)) != std::string::npos;
   };
   while (waited_s(start) < arguments.wait_s) {
     while (models.receive(model, kLook_s)) {
@@ -171,17 +172,27 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record,
     return one.record.axis == axis;
   });
   const bool first = held == all.end();
+  if (!store.lost().empty()) say(stderr, "note: " + store.lost());
+  if (const std::vector<std::string> axes = store.axes();
+      !axes.empty() && std::find(axes.begin(), axes.end(), axis) == axes.end())
+    throw std::runtime_error(arguments.store.string() + ": machine " + in_quotes(machine) +
+                             " has no axis " + in_quotes(axis) + "; it has " + listed(axes) +
+                             " (--axis)");
   if (!first) {
     const std::string why =
         daemon::why_not_for(record, held->record.rotary, held->record.model.sample_time_s);
     if (!why.empty()) throw std::runtime_error("not in force: the model " + why);
   }
-  daemon::Decision decision{daemon::Ruling::kPromoted, kUnjudged};
+  daemon::Decision decision{daemon::Ruling::kPromoted, daemon::kUnjudged};
   std::vector<std::string> judged_on;
   if (!arguments.force) {
     const daemon::PromotionRule rule;
     const RecordedMotion motion =
         motion_since(arguments.store / "recordings" / machine, axis, record, rule.judge_s);
+    if (record.created.empty())
+      throw std::runtime_error(arguments.model.string() +
+                               ": does not say when it was made, so that no recording is known to "
+                               "be new to it");
     daemon::Candidacy candidacy;
     candidacy.rotary = record.rotary;
     candidacy.refusals = record.excitation;
@@ -196,12 +207,13 @@ void put_in_store(const PutInForceArguments& arguments, ModelRecord record,
           "; the store has no more motion from after the model was made (" + record.created + ")";
     judged_on = motion.files;
   }
-  const std::string reason =
-      decision.reason + "; from " + origin_of(arguments) + ", proposed by hand";
+  const std::string reason = decision.reason + "; " + daemon::by_hand(origin_of(arguments));
   if (!decision.promoted()) {
     store.add(daemon::event_now("model_refused", axis, "candidate refused: " + reason));
     throw std::runtime_error("not in force: " + reason);
   }
+  daemon::admit(record, !arguments.force, daemon::iso_time(daemon::wall_ns()),
+                first ? record.model.sample_time_s : held->record.model.sample_time_s);
   const int next = first ? 1 : held->record.version + 1;
   store.promote(record,
                 daemon::event_now("model_promoted", axis,

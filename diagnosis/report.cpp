@@ -405,7 +405,8 @@ std::string report_html(const Diagnosis& diagnosis, const std::vector<Segment>& 
   out += ".</p>\n";
   for (std::size_t i = 0; i < diagnosis.causes.size(); ++i)
     out += section_of(diagnosis, i, segments);
-  if (!diagnosis.causes.empty())
+  if (!diagnosis.causes.empty() &&
+      !figure_of(diagnosis, diagnosis.causes.front(), segments).empty())
     out += folded("The error over a few seconds", error_figure(diagnosis, segments));
   return out + test_section(diagnosis) + suspected_section(diagnosis) +
          not_observable_section(diagnosis) + more + frequency_section(diagnosis, segments) +

@@ -36,14 +36,6 @@ Qos newest_while_it_lasts() {
   return qos;
 }
 
-/// For those who listen now.
-Qos each_once() {
-  Qos qos(dds_create_qos());
-  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
-  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, 1);
-  return qos;
-}
-
 Qos for_late_joiners() {
   Qos qos(dds_create_qos());
   dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
@@ -88,7 +80,7 @@ const Topic kPrediction{"servotwin/prediction", &servotwin_msgs_Prediction_desc,
                         newest_best_effort};
 const Topic kModel{"servotwin/model", &servotwin_msgs_AxisModel_desc, of_one_daemon};
 const Topic kModelProposal{"servotwin/model_proposal", &servotwin_msgs_ModelProposal_desc,
-                           each_once};
+                           for_late_joiners};
 const Topic kDiagnosis{"servotwin/diagnosis", &servotwin_msgs_Diagnosis_desc, of_one_daemon};
 const Topic kStatus{"servotwin/status", &servotwin_msgs_Status_desc, of_one_daemon};
 const Topic kProgram{"servotwin/program", &servotwin_msgs_ProgramChunk_desc,

@@ -31,7 +31,7 @@ extern const Topic kMachineFrame;  ///< in: one servo cycle; reliable, the last 
 extern const Topic kMachine;       ///< in: description of the machine; reliable, transient local
 extern const Topic kPrediction;    ///< out: prediction of a cycle; best effort, deadline: the cycle
 extern const Topic kModel;         ///< out: the model in force; reliable, transient local
-extern const Topic kModelProposal;  ///< in: a model to be judged; reliable
+extern const Topic kModelProposal;  ///< in: a model to be judged; reliable, transient local
 extern const Topic kDiagnosis;      ///< out: the last diagnosis; reliable, transient local
 extern const Topic kStatus;         ///< out: state of the daemon; reliable, transient local
 extern const Topic kProgram;        ///< in: paths to preview or learn; reliable, transient local

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "drivers/text.h"
+#include "twin/catalogue.h"
 #include "twin/twin.h"
 
 namespace servotwin::daemon {
@@ -62,7 +63,30 @@ std::string why_not_for(const ModelRecord& record, bool rotary, double cycle_s) 
     return "is for a cycle of " + number(record.model.sample_time_s) + " s, the machine runs at " +
            number(cycle_s) + " s";
   }
+  for (const Effect& effect : record.model.effects) {
+    if (identity_of(effect.kind).of_its_recording)
+      return "contains " + std::string(identity_of(effect.kind).id) +
+             ", which is of its recording and predicts no other motion";
+  }
   return {};
+}
+
+std::string printable(const std::string& text) {
+  constexpr std::size_t kMostCharacters = 200;
+  std::string out = text.substr(0, kMostCharacters);
+  std::replace_if(
+      out.begin(), out.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+  return out;
+}
+
+std::string by_hand(const std::string& origin) {
+  return "from " + printable(origin) + ", proposed by hand";
+}
+
+void admit(ModelRecord& record, bool judged, const std::string& now, double cycle_s) {
+  record.model.sample_time_s = cycle_s;
+  record.created = judged ? now : "";
+  if (!judged) record.holdout = {};
 }
 
 }  // namespace servotwin::daemon

@@ -22,7 +22,18 @@ namespace servotwin::daemon {
                                     const Model* in_force, Candidacy& candidacy);
 
 /// Why a model cannot be used for an axis of a machine with this cycle, "is for ..."; empty: it
-/// can.
+/// can. An effect that belongs to the time or the work of its recording predicts no other motion.
 [[nodiscard]] std::string why_not_for(const ModelRecord& record, bool rotary, double cycle_s);
+
+/// Text from elsewhere for a reason: printable ASCII, of a length that a line can hold.
+[[nodiscard]] std::string printable(const std::string& text);
+
+/// "from mine.json, proposed by hand".
+[[nodiscard]] std::string by_hand(const std::string& origin);
+/// The reason of a model that was forced.
+inline constexpr const char* kUnjudged = "put in force without being judged (--force)";
+/// Makes a model from a person ready to be promoted: one that was judged is validated now (`now`,
+/// ISO 8601); one that was not has no error that is known, and nothing is sent to drives by it.
+void admit(ModelRecord& record, bool judged, const std::string& now, double cycle_s);
 
 }  // namespace servotwin::daemon

@@ -144,7 +144,7 @@ void IdentificationWorker::propose(std::size_t axis, ModelRecord record, const s
 }
 
 void IdentificationWorker::propose(const ModelProposal& given) {
-  const std::string because = "from " + given.origin + ", proposed by hand";
+  const std::string because = by_hand(given.origin);
   const auto axis = std::find_if(axes_.begin(), axes_.end(),
                                  [&](const Axis& one) { return one.name == given.axis; });
   if (axis == axes_.end()) {
@@ -154,7 +154,7 @@ void IdentificationWorker::propose(const ModelProposal& given) {
   }
   const auto at = static_cast<std::size_t>(axis - axes_.begin());
   const auto refuse = [&](const std::string& why) {
-    note_refusal(at, "candidate refused: " + why + "; " + because);
+    note_refusal(at, "candidate refused: " + printable(why) + "; " + because);
   };
   Pending proposal;
   proposal.origin = given.force ? Origin::kForced : Origin::kPerson;
@@ -191,7 +191,8 @@ void IdentificationWorker::take_proposal(std::size_t axis) {
     proposal = std::exchange(waiting, std::nullopt);
   }
   if (proposal->origin == Origin::kForced) {
-    promote(axis, *proposal, "put in force without being judged (--force)");
+    admit(proposal->identified.record, false, "", machine_.cycle_s);
+    promote(axis, *proposal, kUnjudged);
     return;
   }
   if (proposal->origin == Origin::kDiagnosis) cite(*proposal, proposal->from_s, proposal->until_s);
@@ -396,9 +397,12 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
     candidate.identified.record.holdout = judge_on(held_out, model, other, candidacy);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {
-    note_refusal(axis, std::string("candidate not judged: ") + error.what());
+    note_refusal(
+        axis, with_origin(std::string("candidate not judged: ") + error.what(), candidate.because));
     return;
   }
+  if (candidate.origin == Origin::kPerson)
+    admit(candidate.identified.record, true, iso_time(wall_ns()), machine_.cycle_s);
   rule(axis, candidate, candidacy);
 }
 
@@ -428,6 +432,8 @@ void IdentificationWorker::promote(std::size_t axis, const Pending& candidate,
         "not_stored", state.name,
         std::string("a better model was found but is not in force, because it cannot be stored: ") +
             error.what());
+    if (candidate.origin != Origin::kDiagnosis)
+      note_refusal(axis, with_origin("candidate refused: it cannot be stored", candidate.because));
     return;
   }
   put_in_force(axis, model);
@@ -465,8 +471,9 @@ void IdentificationWorker::finish() {
     }
     if (!axes_[axis].candidate) continue;
     const double judged_s = memory_.moved_s(axis) - axes_[axis].candidate->moved_s;
-    note_refusal(
-        axis, "candidate not decided: " + progress_of("validated on", judged_s, config_.judge_s));
+    note_refusal(axis, with_origin("candidate not decided: " +
+                                       progress_of("validated on", judged_s, config_.judge_s),
+                                   axes_[axis].candidate->because));
     axes_[axis].candidate.reset();
     if (std::lock_guard lock(proposal_mutex_); proposals_[axis])
       note_refusal(axis, "candidate not decided: a model " + proposals_[axis]->because +

@@ -136,7 +136,7 @@ void WebService::pass_on(LiveFeed::News news) {
                                          {"parent", model.parent},
                                          {"created", model.created},
                                          {"reason", model.reason}}
-                              .dump());
+                              .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
   for (const DiagnosisAnnouncement& diagnosis : news.diagnoses)
     server_.send("diagnosis", diagnosis.diagnosis_json);
   if (!news.status) return;

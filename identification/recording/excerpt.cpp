@@ -15,6 +15,7 @@ struct Window {
   Eigen::Index begin = 0, size = 0;
   double evidence_s = 0.0;
 
+  [[nodiscard]] double length_s() const { return of->sample_time_s * static_cast<double>(size); }
   [[nodiscard]] double start_s() const {
     return of->start_s + of->sample_time_s * static_cast<double>(begin);
   }
@@ -75,24 +76,38 @@ std::vector<Segment> excerpt(const std::vector<Segment>& segments, const Excerpt
     length_s += segment.sample_time_s * static_cast<double>(segment.size());
   if (length_s <= limits.longest_s) return segments;
   const std::vector<Window> windows = windows_of(segments, limits.window_s);
-  const auto parts = static_cast<std::size_t>(std::lround(limits.used_s / limits.window_s));
+  // Windows of short segments are shorter: then more of each part are taken.
+  std::vector<bool> taken(windows.size());
+  double taken_s = 0.0;
+  for (auto parts = static_cast<std::size_t>(std::lround(limits.used_s / limits.window_s));
+       taken_s < limits.used_s; parts *= 2) {
+    parts = std::min(parts, windows.size());
+    for (std::size_t part = 0; part < parts && taken_s < limits.used_s; ++part) {
+      std::size_t best = windows.size();
+      for (std::size_t i = windows.size() * part / parts; i < windows.size() * (part + 1) / parts;
+           ++i) {
+        if (!taken[i] &&
+            (best == windows.size() || windows[i].evidence_s > windows[best].evidence_s))
+          best = i;
+      }
+      if (best == windows.size()) continue;
+      taken[best] = true;
+      taken_s += windows[best].length_s();
+    }
+    if (parts == windows.size()) break;
+  }
   std::vector<Segment> out;
   const Window* last = nullptr;
-  for (std::size_t part = 0; part < parts; ++part) {
-    const std::size_t first = windows.size() * part / parts,
-                      end = windows.size() * (part + 1) / parts;
-    if (first == end) continue;
-    const Window& best = *std::max_element(
-        windows.begin() + static_cast<std::ptrdiff_t>(first),
-        windows.begin() + static_cast<std::ptrdiff_t>(end),
-        [](const Window& l, const Window& r) { return l.evidence_s < r.evidence_s; });
-    Eigen::Index begin = best.begin;
-    if (last != nullptr && last->of == best.of && last->begin + last->size == best.begin) {
+  for (std::size_t i = 0; i < windows.size(); ++i) {
+    if (!taken[i]) continue;
+    const Window& window = windows[i];
+    Eigen::Index begin = window.begin;
+    if (last != nullptr && last->of == window.of && last->begin + last->size == window.begin) {
       begin -= out.back().size();
       out.pop_back();
     }
-    out.push_back(cut(*best.of, begin, best.begin + best.size - begin));
-    last = &best;
+    out.push_back(cut(*window.of, begin, window.begin + window.size - begin));
+    last = &window;
   }
   return out;
 }

@@ -56,7 +56,7 @@ class CanOnTheCommandLine : public testing::Test {
 TEST_F(CanOnTheCommandLine, TheLogOfABusGivesTheModelOfTheRecording) {
   const std::string log = folder_.write("run.log", log_of(recording_, map_));
   const auto holdout = [&](const std::vector<std::string>& recording) {
-    std::vector<std::string> arguments{"identify"};
+    std::vector<std::string> arguments{"identify", "--method", "pole-search"};
     arguments.insert(arguments.end(), recording.begin(), recording.end());
     arguments.insert(arguments.end(), {"--axis", "X", "--json", "-"});
     const Answer answer = servotwin_says(arguments);

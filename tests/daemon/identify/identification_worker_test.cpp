@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cerrno>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <random>
 
@@ -209,14 +210,19 @@ TEST_F(WorkerTest, AModelByHandIsJudgedUnlessItIsForced) {
   EXPECT_THAT(status().last_refusal, AllOf(HasSubstr("must be better by"),
                                            HasSubstr("from worse.json, proposed by hand")));
 
+  config_.window_s = 100.0;  // so that the worker makes no candidate of its own
+  worker_->reconfigure(config_);
   worse.force = true;
   worker_->propose(worse);
   worker_->look(0);
   ASSERT_EQ(announced_.size(), 2U) << said_.str();
-  EXPECT_EQ(store_->in_force().at(0).reason,
-            "put in force without being judged (--force); from worse.json, proposed by hand")
+  EXPECT_THAT(store_->in_force().at(0).reason,
+              HasSubstr("put in force without being judged (--force); from worse.json, proposed by "
+                        "hand"))
       << "the store keeps how it came into force";
   EXPECT_EQ(status().model_version, 2);
+  EXPECT_TRUE(std::isnan(announced_[1].record.holdout.rms)) << "nothing is known of its error";
+  EXPECT_EQ(announced_[1].record.created, "") << "nothing is sent to drives by it";
 
   const ModelProposal better{"X", "better.json", false, to_json(announced_[0].record).dump()};
   run_machine(0.5);
@@ -226,6 +232,7 @@ TEST_F(WorkerTest, AModelByHandIsJudgedUnlessItIsForced) {
   ASSERT_TRUE(worker_->look(0));
   ASSERT_EQ(announced_.size(), 3U) << said_.str();
   EXPECT_THAT(announced_[2].reason, HasSubstr("from better.json, proposed by hand"));
+  EXPECT_GT(announced_[2].record.created, "2026") << "it was validated now";
 }
 
 TEST_F(WorkerTest, AModelByHandWaitsItsTurnAndNoDiagnosisTakesIt) {
@@ -266,6 +273,16 @@ TEST_F(WorkerTest, AModelByHandThatCannotBeUsedIsRefusedWithTheReason) {
   bad.model_json = to_json(slow).dump();
   bad.force = true;
   EXPECT_THAT(refusal(bad), HasSubstr("is for a cycle of 0.004 s, the machine runs at 0.001 s"));
+  ModelRecord timed = announced_[0].record;
+  timed.model.effects.push_back(make_effect<AddedFriction>());
+  timed.effect_deviations.resize(timed.model.effects.size());
+  bad = good;
+  bad.model_json = to_json(timed).dump();
+  EXPECT_THAT(refusal(bad), HasSubstr("contains added_friction, which is of its recording"));
+  bad = good;
+  bad.origin = "Achse\xfc\nX";
+  bad.model_json = "{}";
+  EXPECT_THAT(refusal(bad), HasSubstr("from Achse??X, proposed by hand"));
   worker_->look(0);
   EXPECT_EQ(announced_.size(), 1U);
 }
