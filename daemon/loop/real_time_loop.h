@@ -111,9 +111,8 @@ class RealTimeLoop {
     std::vector<std::size_t> axes;
     ContourError contour;
   };
-  /// `frame`: with the commands that the drives follow. The path is that of the program, without
-  /// offsets.
-  /// Adds the contour errors of this path to the prediction, where they are the largest.
+  /// Adds the contour errors of this path to the prediction, where they are the largest. `frame`:
+  /// with the commands that the drives follow. The path is that of the program, without offsets.
   void add_contour(Path& path, const MachineFrame& frame, Order order) noexcept;
 
   std::int64_t cycle_ns_;

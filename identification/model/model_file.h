@@ -44,7 +44,7 @@ struct ModelRecord {
   std::vector<EffectDeviations> effect_deviations;  ///< one per effect
   std::optional<LoopCovariance> loop_covariance;    ///< nothing where not estimated
 
-  std::string method;              ///< pole-search | full-ls
+  std::string method;              ///< pole-search | full-ls | joint | diagnosis
   ErrorFigures training, holdout;  ///< free simulation; holdout on data the fit has not seen
   double noise_floor_rms = kAbsent;
   double condition_number = kAbsent;  ///< of the regressors in mm and s, as the thesis prints it

@@ -189,7 +189,10 @@ TEST_F(ServotwindTest, ASecondOneOnTheSameStoreDoesNotStart) {
 }
 
 TEST_F(ServotwindTest, AThreadOfALibraryThatIsThereBeforeItTakesNoSignalFromIt) {
-  Daemon daemon(here(), [] { setenv("LD_PRELOAD", test::built("libearly_thread.so").c_str(), 1); });
+  Daemon daemon(here(), [] {
+    setenv("LD_PRELOAD", test::built("libearly_thread.so").c_str(), 1);
+    setenv("ASAN_OPTIONS", "verify_asan_link_order=0", 1);  // a sanitizer wants to be the first
+  });
   ASSERT_TRUE(daemon.says("waiting for machine"));
   daemon.send(SIGHUP);
   const Ended ended = daemon.wait_after(SIGTERM);
