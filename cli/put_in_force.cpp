@@ -106,7 +106,7 @@ void ask_daemon(const PutInForceArguments& arguments, const ModelRecord& record,
   }
   throw std::runtime_error(
       text("not decided after %.3g s (--wait): axis %s is ", arguments.wait_s, axis.c_str()) +
-      activity + "; the model stays a candidate");
+      activity + "; the daemon may still decide");
 }
 
 /// Motion that was recorded after a model was made, newest first, as much as is needed.

@@ -196,7 +196,8 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
   header.separator = separator_of(first);
   header.names = fields_of(first, header.separator);
   if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
-  const bool values = is_row(header.names) && !are_counted(header.names);
+  const bool values =
+      is_row(header.names) && (header.separator == ' ' || !are_counted(header.names));
   if (header.names.size() < 2 ||
       (header.separator == ' ' && !values && !is_row_next(lines, header.names.size()))) {
     lines.fail("this is text, but not CSV: " + in_quotes(first) +
