@@ -1,5 +1,6 @@
 #include "drivers/traces/sinumerik_capture.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -20,12 +21,18 @@ using nlohmann::json;
 // The whole text is held in memory, and some times its size while it is parsed.
 constexpr std::size_t kMostBytes = std::size_t{128} << 20;
 
+/// A name without what would break a message into lines.
+std::string in_one_line(std::string name) {
+  std::replace_if(name.begin(), name.end(), [](unsigned char c) { return c < ' '; }, '?');
+  return name;
+}
+
 /// The name of the column of a signal: "Y1.command[mm]", or the signal's own.
 std::string column_of(const json& signal) {
   constexpr std::array<std::pair<std::string_view, const char*>, 3> kChannels{
       {{"DES_POS", ".command"}, {"ENC_POS", ".actual"}, {"TORQUE", ".torque"}}};
-  const std::string name = signal.at("Name").get<std::string>();
-  const std::string axis = signal.value("Axis", "");
+  const std::string name = in_one_line(signal.at("Name").get<std::string>()),
+                    axis = in_one_line(signal.value("Axis", ""));
   if (axis.empty()) return name;
   const std::string kind = name.substr(0, name.find('|'));
   // A, B2, C1; but AX1 is a linear axis.
