@@ -188,6 +188,8 @@ bool encoder_leads(const std::vector<Segment>& segments) {
 std::vector<std::string> exchanged_or_scaled(const Model& model,
                                              const std::vector<Segment>& segments) {
   std::vector<std::string> out;
+  // First, because a model of channels in unlike units means nothing.
+  if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
   const auto last = static_cast<std::size_t>(model.loop.order - 1);
   double lag = model.loop.numerator[last] / model.loop.denominator[last] + model.command_delay_s();
   for (const Mode& mode : model.loop.modes) lag += mode.beta / (mode.omega * mode.omega);
@@ -202,7 +204,6 @@ std::vector<std::string> exchanged_or_scaled(const Model& model,
                       "this axis, in the same unit and stamped by one clock, and that the "
                       "sensor is fine enough"));
   }
-  if (std::string scaled = why_scaled(segments); !scaled.empty()) out.push_back(std::move(scaled));
   return out;
 }
 
