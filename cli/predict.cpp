@@ -54,7 +54,7 @@ struct PredictedAxis {
 
 /// Over the same rows [m].
 struct ContourFigures {
-  ErrorFigures predicted, measured;
+  ErrorFigures predicted, measured, residual;  // residual: measured minus predicted
   Eigen::Index rows = 0;
 };
 
@@ -100,6 +100,7 @@ json result_of(const std::vector<PredictedAxis>& all,
   };
   out["contour"] = contour ? json{{"predicted", figures(contour->predicted)},
                                   {"measured", figures(contour->measured)},
+                                  {"residual", figures(contour->residual)},
                                   {"rows", contour->rows}}
                            : json();
   return out;
@@ -188,7 +189,21 @@ std::optional<ContourFigures> contour_of(const std::vector<PredictedAxis>& all) 
   const auto figures_of = [](const Eigen::ArrayXd& errors) {
     return ErrorFigures{std::sqrt(errors.square().mean()), errors.abs().maxCoeff()};
   };
-  return ContourFigures{figures_of(predicted), figures_of(measured), measured.size()};
+  return ContourFigures{figures_of(predicted), figures_of(measured),
+                        figures_of(measured - predicted), measured.size()};
+}
+
+/// Throws where a model is that of another of the axes: two of them were exchanged.
+void require_order(const PredictArguments& arguments) {
+  if (arguments.axes.size() < 2) return;
+  for (std::size_t i = 0; i < arguments.axes.size(); ++i) {
+    const std::string of = read_model(arguments.models[i]).axis;
+    if (of != arguments.axes[i] &&
+        std::find(arguments.axes.begin(), arguments.axes.end(), of) != arguments.axes.end())
+      throw UsageError(arguments.models[i].string() + " is a model of axis " + of +
+                       ", and is given for axis " + arguments.axes[i] +
+                       ": give the models in the order of the axes");
+  }
 }
 
 PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording& recording,
@@ -274,6 +289,7 @@ void run(PredictArguments arguments) {
       throw UsageError("--axis " + arguments.axes[i] + " is given twice");
   }
   std::FILE* people = people_beside({arguments.table, arguments.result});
+  require_order(arguments);
   const Recording recording =
       arguments.recording.read(people, arguments.axes.size() == 1 ? arguments.axes.front() : "");
   if (arguments.axes.empty()) arguments.axes.push_back(axis_of(recording, ""));
@@ -288,6 +304,7 @@ void run(PredictArguments arguments) {
     say(people, "\ncontour error of the linear axes:");
     say(people, "predicted              " + figures_text(contour->predicted, false));
     say(people, "measured               " + figures_text(contour->measured, false));
+    say(people, "measured - predicted   " + figures_text(contour->residual, false));
   } else if (count > 1) {
     say(people, same_segments(all)
                     ? "\nnote: no contour error: a path has two to five linear axes"

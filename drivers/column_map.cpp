@@ -362,7 +362,11 @@ std::string proposal_for(std::span<const std::string> names) {
       ": no column is named AXIS.channel[unit], such as X.command[mm]; if this is another " +
       "program's recording, assign its columns to channels: --columns \"" +
       (proposal.empty() ? "X.command=NAME[unit],X.actual=NAME[unit],time=NAME[s]"
-                        : proposal + "\" (a guess), with time=NAME[s] if needed") +
+                        : proposal + "\" (a guess" +
+                              (proposal.find("[unit]") == std::string::npos
+                                   ? ""
+                                   : "; replace [unit] by mm, deg, Nm, ..") +
+                              "), with time=NAME[s] if needed") +
       (proposal.empty() ? "\"" : "") + ". The file has: " + listed(named(names)));
 }
 

@@ -308,6 +308,12 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         "two masses are identified by the joint method, without modes and without an earlier "
         "model");
   require_motion(axis);
+  constexpr double kMinSamplingTime_s = 1e-5;  // ten times below that of the fastest drives
+  if (axis.sample_time_s < kMinSamplingTime_s) {
+    throw std::runtime_error(message(axis.axis, ": ", 1.0 / axis.sample_time_s,
+                                     " samples per second is no rate of a servo: is the unit of "
+                                     "the time right?"));
+  }
   if (axis.sample_time_s > kMaxSamplingTime_s) {
     throw std::runtime_error(message(axis.axis, ": one sample every ", axis.sample_time_s,
                                      " s is too slow to identify a servo loop; record one at "

@@ -485,6 +485,7 @@ double condition_number(const Projection& data, const Point& point) {
     if (r.col(c).squaredNorm() > 0.0) r.col(kept++) = r.col(c);
   }
   r.conservativeResize(Eigen::NoChange, kept);
+  if (kept == 0) return std::numeric_limits<double>::infinity();
   // From the R of a QR: the tall matrix itself needs no SVD.
   const Eigen::VectorXd singular = singular_values(triangle_of(r));
   return singular(singular.size() - 1) > 0.0 ? singular(0) / singular(singular.size() - 1)

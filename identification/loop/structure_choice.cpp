@@ -204,6 +204,13 @@ class StructureChoice {
                   std::vector<StructureTrial>& tried)
       : name_(name), options_(options), encoder_step_(encoder_step), tried_(tried) {
     std::tie(fitted_, validated_) = split(training, 2.0 / 3.0, options.split_each);
+    const auto moves = [](const Segment& s) { return (s.command != s.command(0)).any(); };
+    if (std::none_of(fitted_.begin(), fitted_.end(), moves))
+      throw std::runtime_error(message(
+          name, ": the command rests until ",
+          fitted_.empty() ? training.front().start_s : fitted_.back().end_s(),
+          " s, which is all that a structure can be fitted to: select a part that begins with "
+          "motion (--from), or record a longer one"));
     // A segment cut within a motion begins with friction and integrator in an unknown state. The
     // transient until that state has decayed is the same for every structure and would hide the
     // differences between them, so it is not judged.

@@ -240,11 +240,13 @@ TEST_F(PredictTwoAxes, AMachineThatIsTheModelHasTheContourErrorThatIsPredicted) 
   EXPECT_GT(contour["measured"]["rms_m"].get<double>(), 1e-6);
   EXPECT_NEAR(contour["predicted"]["rms_m"].get<double>(),
               contour["measured"]["rms_m"].get<double>(), 1e-9);
+  EXPECT_LT(contour["residual"]["rms_m"].get<double>(), 1e-9);
 }
 
 TEST_F(PredictTwoAxes, NeedsAModelForEach) {
   for (const std::vector<std::string>& words :
        {std::vector<std::string>{"--axis", "X", "--axis", "Y", "--model", model_},
+        {"--axis", "X", "--axis", "Y", "--model", second_, "--model", model_},
         {"--axis", "X", "--axis", "X", "--model", model_, "--model", model_}}) {
     std::vector<std::string> all{"predict", table_};
     all.insert(all.end(), words.begin(), words.end());

@@ -229,6 +229,22 @@ TEST(Identify, EncoderAndCommandExchangedAreRefused) {
   EXPECT_NE(found.refusals[0].find("exchanged"), std::string::npos) << found.refusals[0];
 }
 
+TEST(Identify, ARecordingThatRestsWhereItIsFittedIsRefused) {
+  SegmentedAxis axis = as_segments(production(virtual_axis(false), 3));
+  Segment& s = axis.segments[0];
+  // Of the training share of 0.6, two thirds are fitted.
+  const Eigen::Index rest = s.size() / 2;
+  s.command.head(rest).setConstant(s.command(rest));
+  s.actual.head(rest).setConstant(s.actual(rest));
+  for (const Method method : {Method::kPoleSearch, Method::kJoint}) {
+    IdentifyOptions options;
+    options.method = method;
+    options.training_share = 0.6;
+    expect_error<std::runtime_error>([&] { (void)identify(axis, options); },
+                                     {"the command rests until", "--from"});
+  }
+}
+
 TEST(Identify, AnEncoderInAnotherUnitIsRefused) {
   SegmentedAxis axis = as_segments(production(virtual_axis(false), 3));
   axis.segments[0].actual *= 1e-3;
