@@ -26,6 +26,7 @@ int fail(int status, const std::string& command, std::string message) {
   // One line, even if a library put line breaks into the message.
   std::replace(message.begin(), message.end(), '\n', ' ');
   while (!message.empty() && message.back() == ' ') message.pop_back();
+  std::fflush(stdout);  // what was read comes before why it failed, in a pipe as well
   std::fprintf(stderr, "%s: %s\n", command.c_str(), message.c_str());
   return status;
 }
