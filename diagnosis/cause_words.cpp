@@ -180,11 +180,17 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
       out += (i > 1 ? "; " : "") + plain_name(diagnosis.causes[i].id);
     out += ".";
   }
-  if (std::isfinite(before) && after < before)
-    out += text(
-        " The extended model explains %.0f %% of what was unexplained: the simulation error is now "
-        "%.3g %s RMS instead of %.3g.",
-        100.0 * (1.0 - diagnosis.unexplained_share), after, unit, before);
+  if (first.id == "presliding")
+    out += " Every axis has such friction: it calls for action where it has grown.";
+  if (std::isfinite(before) && after < before) {
+    const double explained = 1.0 - diagnosis.unexplained_share;
+    constexpr double kNearlyAll = 0.995;  // would be rounded to 100 %
+    out +=
+        " The extended model explains " +
+        (explained > kNearlyAll ? std::string("over 99 %") : text("%.0f %%", 100.0 * explained)) +
+        text(" of what was unexplained: the simulation error is now %.3g %s RMS instead of %.3g.",
+             after, unit, before);
+  }
   if (const std::string advice = advice_for(diagnosis, first); !advice.empty())
     out += " Check first: " + advice + ".";
   return out;
