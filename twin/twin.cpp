@@ -383,50 +383,57 @@ S TwinOf<S>::advance(const CommandPieceOf<S>& piece) noexcept {
 
 template <class S>
 S TwinOf<S>::follow(double command) noexcept requires(!is_dual<S>) {
-  newest_ = (newest_ + 1) % kHistory;
-  history_[newest_] = command;
-  const auto past = [this](std::uint32_t back) {
-    return history_[(newest_ + kHistory - back) % kHistory];
-  };
+  // Clang 14 instantiates members whose constraints do not hold, with the class.
+  if constexpr (is_dual<S>) {
+    return S(command);
+  } else {
+    newest_ = (newest_ + 1) % kHistory;
+    history_[newest_] = command;
+    const auto past = [this](std::uint32_t back) {
+      return history_[(newest_ + kHistory - back) % kHistory];
+    };
 
-  // The delayed commands at the end of this cycle and of the three before, by cubic interpolation
-  // centred where later commands are known.
-  std::array<double, 4> x{};
-  const double h = cycle_s_;
-  const double shift = delay_s_ / h;
-  const auto whole = static_cast<std::uint32_t>(shift);
-  const double t = shift - whole;  // the sought point lies t cycles before past(whole + i)
-  for (std::uint32_t i = 0; i < 4; ++i) {
-    if (t == 0.0) {
-      x[i] = past(whole + i);
-      continue;
+    // The delayed commands at the end of this cycle and of the three before, by cubic interpolation
+    // centred where later commands are known.
+    std::array<double, 4> x{};
+    const double h = cycle_s_;
+    const double shift = delay_s_ / h;
+    const auto whole = static_cast<std::uint32_t>(shift);
+    const double t = shift - whole;  // the sought point lies t cycles before past(whole + i)
+    for (std::uint32_t i = 0; i < 4; ++i) {
+      if (t == 0.0) {
+        x[i] = past(whole + i);
+        continue;
+      }
+      const std::uint32_t first = whole + i >= 1 ? whole + i - 1 : 0;  // newest of the four nodes
+      const double u = t + static_cast<double>(whole + i - first);  // position counted back from it
+      const double a = past(first), b = past(first + 1), c = past(first + 2), d = past(first + 3);
+      x[i] = -a * (u - 1) * (u - 2) * (u - 3) / 6 + b * u * (u - 2) * (u - 3) / 2 -
+             c * u * (u - 1) * (u - 3) / 2 + d * u * (u - 1) * (u - 2) / 6;
     }
-    const std::uint32_t first = whole + i >= 1 ? whole + i - 1 : 0;  // newest of the four nodes
-    const double u = t + static_cast<double>(whole + i - first);  // position counted back from it
-    const double a = past(first), b = past(first + 1), c = past(first + 2), d = past(first + 3);
-    x[i] = -a * (u - 1) * (u - 2) * (u - 3) / 6 + b * u * (u - 2) * (u - 3) / 2 -
-           c * u * (u - 1) * (u - 3) / 2 + d * u * (u - 1) * (u - 2) / 6;
+    // The cubic through x[3], x[2], x[1], x[0]; the cycle runs from x[1] to x[0].
+    const double d1 = x[0] - x[1];
+    const double d2 = x[0] - 2 * x[1] + x[2];
+    const double d3 = x[0] - 3 * x[1] + 3 * x[2] - x[3];
+    CommandPiece piece;
+    piece.velocity = (d1 - d2 / 2 - d3 / 6) / h;
+    piece.acceleration = d2 / (h * h);
+    piece.jerk = d3 / (h * h * h);
+    piece.end_position = x[0];
+    piece.end_velocity = piece.velocity + h * (piece.acceleration + h * piece.jerk / 2);
+    piece.end_acceleration = piece.acceleration + h * piece.jerk;
+    return step(piece) + (command - x[0]);
   }
-  // The cubic through x[3], x[2], x[1], x[0]; the cycle runs from x[1] to x[0].
-  const double d1 = x[0] - x[1];
-  const double d2 = x[0] - 2 * x[1] + x[2];
-  const double d3 = x[0] - 3 * x[1] + 3 * x[2] - x[3];
-  CommandPiece piece;
-  piece.velocity = (d1 - d2 / 2 - d3 / 6) / h;
-  piece.acceleration = d2 / (h * h);
-  piece.jerk = d3 / (h * h * h);
-  piece.end_position = x[0];
-  piece.end_velocity = piece.velocity + h * (piece.acceleration + h * piece.jerk / 2);
-  piece.end_acceleration = piece.acceleration + h * piece.jerk;
-  return step(piece) + (command - x[0]);
 }
 
 template <class S>
 void TwinOf<S>::predict(std::span<const double> commands, std::span<double> errors) const noexcept
     requires(!is_dual<S>) {
-  TwinOf ahead = *this;
-  for (std::size_t i = 0; i < commands.size() && i < errors.size(); ++i)
-    errors[i] = ahead.follow(commands[i]);
+  if constexpr (!is_dual<S>) {
+    TwinOf ahead = *this;
+    for (std::size_t i = 0; i < commands.size() && i < errors.size(); ++i)
+      errors[i] = ahead.follow(commands[i]);
+  }
 }
 
 template class TwinOf<double>;
