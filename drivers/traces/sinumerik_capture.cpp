@@ -23,7 +23,8 @@ constexpr std::size_t kMostBytes = std::size_t{128} << 20;
 
 /// A name without what would break a message into lines.
 std::string in_one_line(std::string name) {
-  std::replace_if(name.begin(), name.end(), [](unsigned char c) { return c < ' '; }, '?');
+  std::replace_if(
+      name.begin(), name.end(), [](unsigned char c) { return c < ' '; }, '?');
   return name;
 }
 
