@@ -184,10 +184,11 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
     out += " Every axis has such friction: it calls for action where it has grown.";
   if (std::isfinite(before) && after < before) {
     const double explained = 1.0 - diagnosis.unexplained_share;
-    constexpr double kNearlyAll = 0.995;  // would be rounded to 100 %
+    constexpr double kShareRoundedToAll = 0.995;  // "%.0f %%" prints it as 100 %
     out +=
         " The extended model explains " +
-        (explained > kNearlyAll ? std::string("over 99 %") : text("%.0f %%", 100.0 * explained)) +
+        (explained > kShareRoundedToAll ? std::string("over 99 %")
+                                        : text("%.0f %%", 100.0 * explained)) +
         text(" of what was unexplained: the simulation error is now %.3g %s RMS instead of %.3g.",
              after, unit, before);
   }
