@@ -7,31 +7,12 @@
 #include <string>
 
 #include "drivers/recording_file.h"
-#include "tests/support/temporary_directory.h"
+#include "tests/drivers/table_fixture.h"
 
 namespace servotwin {
 namespace {
 
-using testing::Test;
-
-class Csv : public Test {
- protected:
-  [[nodiscard]] Recording read(std::string_view text, const ReadOptions& options = {}) const {
-    return read_recording(directory_.file("recording.csv", text), options);
-  }
-  static ReadOptions mapped(const char* columns) {
-    ReadOptions options;
-    options.columns = columns;
-    return options;
-  }
-  static std::string notes(const Recording& recording) {
-    std::string all;
-    for (const std::string& note : recording.notes) all += note + "\n";
-    return all;
-  }
-
-  test::TemporaryDirectory directory_;
-};
+class Csv : public TableFixture {};
 
 TEST_F(Csv, ReadsTheFormatOfTheContract) {
   const Recording r = read(

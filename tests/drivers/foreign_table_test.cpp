@@ -7,9 +7,9 @@
 
 #include "drivers/recording_file.h"
 #include "drivers/time_stamp.h"
+#include "tests/drivers/table_fixture.h"
 #include "tests/support/expect_error.h"
 #include "tests/support/real_data.h"
-#include "tests/support/temporary_directory.h"
 
 namespace servotwin {
 namespace {
@@ -17,29 +17,14 @@ namespace {
 using std::vector;
 using test::expect_error;
 
-class ForeignTable : public testing::Test {
+class ForeignTable : public TableFixture {
  protected:
-  [[nodiscard]] Recording read(std::string_view text, const ReadOptions& options = {}) const {
-    return read_recording(directory_.file("table.csv", text), options);
-  }
-  static ReadOptions mapped(const char* columns) {
-    ReadOptions options;
-    options.columns = columns;
-    return options;
-  }
-  static std::string notes(const Recording& recording) {
-    std::string all;
-    for (const std::string& note : recording.notes) all += note + "\n";
-    return all;
-  }
   template <class Error = std::runtime_error>
   void refuses(std::string_view text, std::initializer_list<const char*> parts,
                const ReadOptions& options = {}) const {
     const auto file = directory_.file("bad.csv", text);
     expect_error<Error>([&] { (void)read_recording(file, options); }, parts);
   }
-
-  test::TemporaryDirectory directory_;
 };
 
 TEST_F(ForeignTable, SemicolonsWithADecimalComma) {
