@@ -189,6 +189,7 @@ TEST_F(StepsTest, FrictionIsSoughtInTheStructureOfTheModelInForce) {
   third.order = 3;
   SegmentedAxis axis;
   axis.axis = "X";
+  axis.sample_time_s = kCycle_s;
   axis.segments = {{0.0, kCycle_s, before.command, before.actual, {}, {}, false, {}}};
   const Model model = identify(axis, third).record.model;
   ASSERT_EQ(model.loop.order, 3);
