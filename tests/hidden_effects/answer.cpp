@@ -8,6 +8,8 @@
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnose.h"
 #include "diagnosis/diagnosis_file.h"
+#include "diagnosis/torque.h"
+#include "diagnosis/torque_text.h"
 #include "drivers/recording_file.h"
 #include "identification/recording/segments.h"
 #include "tests/support/temporary_directory.h"
@@ -37,7 +39,9 @@ void read(const nlohmann::json& file, Answer& answer) {
     named.id = cause.at("id").get<std::string>();
     named.confidence = number(cause.at("confidence"));
     named.ambiguous_with = cause.at("ambiguous_with").get<std::vector<std::string>>();
-    for (const auto& [key, value] : cause.at("parameters").items()) {
+    named.by_torque = !cause.contains("gain") || cause["gain"]["holdout_rms_before_m"].is_null();
+    if (!cause.contains("parameters")) return named;
+    for (const auto& [key, value] : cause["parameters"].items()) {
       if (value.is_number()) named.parameters[key] = value.get<double>();
     }
     return named;
@@ -52,11 +56,11 @@ Answer answer_of(const Diagnosing& diagnosis) {
   Answer answer;
   const double start = processor_seconds();
   const auto clock = std::chrono::steady_clock::now();
-  const Diagnosis result = diagnosis();
+  const nlohmann::json result = diagnosis();
   answer.seconds = processor_seconds() - start;
   answer.wall_seconds =
       std::chrono::duration<double>(std::chrono::steady_clock::now() - clock).count();
-  read(to_json(result, ""), answer);
+  read(result, answer);
   return answer;
 }
 
@@ -73,7 +77,15 @@ Answer ask(const std::string& csv, const std::vector<std::string>& leave_out) {
     const SegmentedAxis axis = axis_of(csv);
     DiagnoseOptions options;
     options.leave_out = leave_out;
-    return answer_of([&] { return diagnose(axis, options); });
+    return answer_of([&] {
+      Diagnosis diagnosis = diagnose(axis, options);
+      if (!has_torque(axis)) return to_json(diagnosis, "");
+      const TorqueDiagnosis torque = diagnose_torque(axis, options);
+      heed(torque, diagnosis);
+      nlohmann::json file = to_json(diagnosis, "");
+      add_torque(file, torque);
+      return file;
+    });
   } catch (const std::exception& error) {
     return failed(error);
   }
@@ -83,7 +95,7 @@ Answer ask_what_changed(const std::string& before_csv, const std::string& after_
   try {
     const ModelRecord earlier = diagnose(axis_of(before_csv)).extended;
     const SegmentedAxis axis = axis_of(after_csv);
-    return answer_of([&] { return compare(axis, earlier); });
+    return answer_of([&] { return to_json(compare(axis, earlier), ""); });
   } catch (const std::exception& error) {
     return failed(error);
   }

@@ -15,6 +15,7 @@ struct NamedCause {
   double confidence = 0.0;
   std::vector<std::string> ambiguous_with;
   Parameters parameters;
+  bool by_torque = false;  ///< and by nothing else
 };
 
 struct Answer {

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <functional>
 #include <iostream>
+#include <map>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -29,6 +30,7 @@ struct Options {
   std::vector<std::string> leave_out;
   int jobs = 1;
   bool gaps = false;
+  Torque torque = Torque::kHalf;
   std::string list, write;
 };
 
@@ -68,18 +70,21 @@ std::vector<Job> jobs_of(const Options& options) {
   for (const std::string& id : effect_ids()) {
     if (!wanted(id)) continue;
     add(Kind::kSingle, options.cases,
-        [=](int i) { return single_case(part, id, Class::kClear, i); });
+        [=, &options](int i) { return single_case(part, id, Class::kClear, i, options.torque); });
     add(Kind::kFaint, options.faint,
-        [=](int i) { return single_case(part, id, Class::kFaint, i); });
+        [=, &options](int i) { return single_case(part, id, Class::kFaint, i, options.torque); });
   }
   for (const std::string& id : effect_ids()) {
     if (!wanted(id)) continue;
     for (int i = options.first; i < options.first + options.outside; ++i)
-      out.push_back({Kind::kOutside, [=] { return single_case(part, id, Class::kClear, i); }, id});
+      out.push_back(
+          {Kind::kOutside,
+           [=, &options] { return single_case(part, id, Class::kClear, i, options.torque); }, id});
   }
   for (const std::string& id : blind_ids()) {
     if (wanted(id))
-      add(Kind::kBlind, options.blind, [=](int i) { return blind_case(part, id, i); });
+      add(Kind::kBlind, options.blind,
+          [=, &options](int i) { return blind_case(part, id, i, options.torque); });
   }
   std::vector<std::string> changes = change_ids();
   changes.emplace_back();
@@ -87,8 +92,10 @@ std::vector<Job> jobs_of(const Options& options) {
     for (int i = options.first; i < options.first + options.changed; ++i)
       out.push_back({Kind::kChanged, {}, {}, [=] { return changed_outcome(part, id, i); }});
   }
-  add(Kind::kPair, options.pairs, [=](int i) { return pair_case(part, i); });
-  add(Kind::kClean, options.clean, [=](int i) { return clean_case(part, i); });
+  add(Kind::kPair, options.pairs,
+      [=, &options](int i) { return pair_case(part, i, options.torque); });
+  add(Kind::kClean, options.clean,
+      [=, &options](int i) { return clean_case(part, i, options.torque); });
   return out;
 }
 
@@ -182,6 +189,10 @@ int run(int argc, char** argv) {
       ->check(CLI::Range(1, 256));
   app.add_flag("--gaps", options.gaps,
                "for every clear case also: does the twin represent it, does the search find it");
+  app.add_option("--torque", options.torque,
+                 "recordings that contain the torque: none, half (default) or all")
+      ->transform(CLI::CheckedTransformer(std::map<std::string, Torque>{
+          {"none", Torque::kNone}, {"half", Torque::kHalf}, {"all", Torque::kAll}}));
   app.add_option("--list", options.list, "file for one line about every case");
   app.add_option("--write", options.write, "directory for the recordings and their hidden effects");
   CLI11_PARSE(app, argc, argv);

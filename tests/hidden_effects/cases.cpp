@@ -57,11 +57,12 @@ struct NamedTrace {
 
 /// `lost`: rows that are not written.
 std::string csv_of(const std::vector<NamedTrace>& axes, double sample_time,
-                   const std::vector<bool>& lost) {
+                   const std::vector<bool>& lost, const std::string& torque_unit) {
   constexpr double kMillimetres = 1e3;
   std::string text = "time[s]";
   for (const auto& [name, trace] : axes) {
     text += std::string(",") + name + ".command[mm]," + name + ".actual[mm]";
+    if (!trace->torque.empty()) text += std::string(",") + name + ".torque[" + torque_unit + ']';
   }
   text += '\n';
   for (std::size_t row = 0; row < axes.front().trace->command.size(); ++row) {
@@ -72,6 +73,9 @@ std::string csv_of(const std::vector<NamedTrace>& axes, double sample_time,
       append(text, kMillimetres * trace->command[row], 9);
       text += ',';
       append(text, kMillimetres * trace->actual[row], 9);
+      if (trace->torque.empty()) continue;
+      text += ',';
+      append(text, trace->torque[row], 9);
     }
     text += '\n';
   }
@@ -82,7 +86,23 @@ struct Wish {
   std::vector<std::string> ids;
   Class size = Class::kClear;
   bool blind = false;
+  bool torque = false;
 };
+
+/// As a drive gives it: force, torque behind a screw, or current, counted either way.
+void record_torque(Rig& rig, Random random) {
+  struct Unit {
+    const char* name;
+    double low, high;  // per newton
+  };
+  constexpr Unit kUnits[] = {{"N", 1.0, 1.0}, {"Nm", 8e-4, 6e-3}, {"A", 2e-3, 5e-2}};
+  const Unit& unit = kUnits[random.below(3)];
+  Reading& r = rig.reading;
+  r.torque_unit = unit.name;
+  r.torque_per_newton = random.log_between(unit.low, unit.high) * random.sign();
+  r.torque_lag = random.log_between(1e-4, 2e-3);
+  r.torque_noise = rig.friction.level * random.log_between(2e-3, 5e-2);
+}
 
 Needs needs_of(const Wish& wish) {
   Needs needs;
@@ -102,7 +122,7 @@ bool in_class(Class size, double ratio) {
 }
 
 /// One drawn machine; nothing if its effects do not reach the wanted class.
-std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
+std::optional<Case> try_machine(Part part, const Wish& wish, Random& random, std::uint64_t seed) {
   Machine machine = draw_machine(ranges_of(part), needs_of(wish), random);
   Scene& scene = machine.scene;
   const auto hides = [&](const char* id) {
@@ -156,6 +176,7 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
     one.put(without_noise, *size);
   }
 
+  if (wish.torque) record_torque(with_all, Random(~seed));
   const Trace exact = simulate(without_noise, scene.command);
   const Trace recorded = simulate(with_all, scene.command);
   if (exact.runaway || recorded.runaway) return {};
@@ -182,18 +203,21 @@ std::optional<Case> try_machine(Part part, const Wish& wish, Random& random) {
   if (machine.records_other) axes.push_back({"Y", &other});
   // A recorder that loses samples repeats the last value or omits the rows.
   const bool lose_rows = hides("dropped_samples") && random.chance(0.3);
+  out.torque = wish.torque;
   out.csv =
-      csv_of(axes, out.sample_time_s, lose_rows ? with_all.reading.stuck : std::vector<bool>{});
+      csv_of(axes, out.sample_time_s, lose_rows ? with_all.reading.stuck : std::vector<bool>{},
+             with_all.reading.torque_unit);
   return out;
 }
 
-Case make_case(Part part, const Wish& wish, const std::string& kind, int index) {
+Case make_case(Part part, Wish wish, Torque torque, const std::string& kind, int index) {
   const std::string name =
       std::string(part == Part::kDev ? "dev/" : "test/") + kind + '/' + std::to_string(index);
   const std::uint64_t seed = seed_of(name);
+  wish.torque = torque == Torque::kAll || (torque == Torque::kHalf && seed % 2 == 1);
   Random random(seed);
   for (int i = 0; i < kMaxMachines; ++i) {
-    if (std::optional<Case> found = try_machine(part, wish, random)) {
+    if (std::optional<Case> found = try_machine(part, wish, random, seed)) {
       found->name = name;
       found->seed = seed;
       found->draws = i + 1;
@@ -248,7 +272,7 @@ std::uint64_t seed_of(const std::string& name) {
 }
 
 std::string csv_of(const Trace& trace, double sample_time) {
-  return csv_of({{"X", &trace}}, sample_time, {});
+  return csv_of({{"X", &trace}}, sample_time, {}, {});
 }
 
 bool Case::hides(const std::string& id) const {
@@ -259,13 +283,15 @@ bool Case::owns(const std::string& id) const {
   return std::find(own.begin(), own.end(), id) != own.end();
 }
 
-Case clean_case(Part part, int index) { return make_case(part, {}, "clean", index); }
-
-Case single_case(Part part, const std::string& id, Class size, int index) {
-  return make_case(part, {{id}, size}, size == Class::kClear ? id : "faint-" + id, index);
+Case clean_case(Part part, int index, Torque torque) {
+  return make_case(part, {}, torque, "clean", index);
 }
 
-Case pair_case(Part part, int index) {
+Case single_case(Part part, const std::string& id, Class size, int index, Torque torque) {
+  return make_case(part, {{id}, size}, torque, size == Class::kClear ? id : "faint-" + id, index);
+}
+
+Case pair_case(Part part, int index, Torque torque) {
   // The choice of the pair has its own seed, independent of the machines drawn for it.
   Random random(seed_of((part == Part::kDev ? "dev/pair/" : "test/pair/") + std::to_string(index)));
   const std::vector<std::string>& ids = effect_ids();
@@ -274,12 +300,12 @@ Case pair_case(Part part, int index) {
         ids[static_cast<std::size_t>(random.below(static_cast<int>(ids.size())))];
     const std::string& b =
         ids[static_cast<std::size_t>(random.below(static_cast<int>(ids.size())))];
-    if (may_pair(a, b)) return make_case(part, {{a, b}}, a + '+' + b, index);
+    if (may_pair(a, b)) return make_case(part, {{a, b}}, torque, a + '+' + b, index);
   }
 }
 
-Case blind_case(Part part, const std::string& id, int index) {
-  return make_case(part, {{id}, Class::kClear, true}, "blind-" + id, index);
+Case blind_case(Part part, const std::string& id, int index, Torque torque) {
+  return make_case(part, {{id}, Class::kClear, true}, torque, "blind-" + id, index);
 }
 
 }  // namespace servotwin::hidden_effects

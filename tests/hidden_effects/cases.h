@@ -26,6 +26,9 @@ namespace servotwin::hidden_effects {
 
 enum class Part { kDev, kTest };
 enum class Class { kClear, kFaint };
+/// Which recordings contain the motor's torque; kHalf: those whose seed is odd. All else in them
+/// is the same.
+enum class Torque { kNone, kHalf, kAll };
 
 inline constexpr double kClearFrom = 5.0;                  // of the noise
 inline constexpr double kFaintFrom = 1.0, kFaintTo = 3.0;  // of the noise
@@ -47,7 +50,9 @@ struct Case {
   double sample_time_s = 0.0, noise_rms = 0.0;
   int draws = 1;        ///< number of machines drawn until one reached the class
   std::string machine;  ///< description in one line
-  std::string csv;  ///< time[s],X.command[mm],X.actual[mm] and the same of Y where it is recorded
+  bool torque = false;  ///< it is recorded
+  /// time[s],X.command[mm],X.actual[mm], with X.torque where it is recorded, and the same of Y.
+  std::string csv;
 
   [[nodiscard]] bool hides(const std::string& id) const;
   [[nodiscard]] bool owns(const std::string& id) const;
@@ -61,15 +66,17 @@ struct Case {
 [[nodiscard]] std::string csv_of(const Trace& trace, double sample_time);
 
 /// A machine without any of the effects.
-[[nodiscard]] Case clean_case(Part part, int index);
+[[nodiscard]] Case clean_case(Part part, int index, Torque torque = Torque::kNone);
 
 /// A machine with one effect.
-[[nodiscard]] Case single_case(Part part, const std::string& id, Class size, int index);
+[[nodiscard]] Case single_case(Part part, const std::string& id, Class size, int index,
+                               Torque torque = Torque::kNone);
 
 /// Two clear effects, drawn by the index.
-[[nodiscard]] Case pair_case(Part part, int index);
+[[nodiscard]] Case pair_case(Part part, int index, Torque torque = Torque::kNone);
 
 /// An effect that is present but not observable in the record.
-[[nodiscard]] Case blind_case(Part part, const std::string& id, int index);
+[[nodiscard]] Case blind_case(Part part, const std::string& id, int index,
+                              Torque torque = Torque::kNone);
 
 }  // namespace servotwin::hidden_effects

@@ -277,14 +277,14 @@ Trace simulate(const Rig& rig, const std::function<virtual_machine::Setpoint(dou
                (1.0 - std::exp(-time / reading.growth_time));
   };
   Controller controller(rig.drive, encoder(plant.motor.x), held);
-  Random noise(reading.noise_seed);
+  Random noise(reading.noise_seed), torque_noise(~reading.noise_seed);
 
   Trace trace;
   for (auto* column :
        {&trace.command, &trace.actual, &trace.exact, &trace.motor, &trace.load, &trace.force}) {
     column->reserve(rows);
   }
-  double force = held;
+  double force = held, filtered = held;
   const auto write = [&](double motor, double load) {
     const std::size_t row = trace.exact.size();
     const double time = static_cast<double>(row) * reading.sample_time;
@@ -300,6 +300,11 @@ Trace simulate(const Rig& rig, const std::function<virtual_machine::Setpoint(dou
     trace.motor.push_back(motor);
     trace.load.push_back(load);
     trace.force.push_back(force);
+    if (reading.torque_per_newton != 0.0) {
+      trace.torque.push_back(stuck ? trace.torque.back()
+                                   : reading.torque_per_newton *
+                                         (filtered + reading.torque_noise * torque_noise.normal()));
+    }
   };
   // In integration steps, so that a row at the time of a control period sees its force.
   const auto row_step = [&] {
@@ -316,6 +321,7 @@ Trace simulate(const Rig& rig, const std::function<virtual_machine::Setpoint(dou
       const virtual_machine::Setpoint wanted = command(time);
       force = controller.act(wanted, encoder(plant.motor.x),
                              encoder(loop_on_load ? plant.load.x : plant.motor.x), time);
+      filtered += (force - filtered) * kPeriod / std::max(kPeriod, reading.torque_lag);
       external = k < rig.external_force.size() ? rig.external_force[k] : 0.0;
       trace.acceleration.push_back(plant.load.a);
       if (!(std::abs(plant.load.x - wanted.position) < kRunaway)) {

@@ -27,6 +27,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <string>
 #include <vector>
 
 #include "tests/virtual_machine/trajectory.h"
@@ -113,6 +114,12 @@ struct Reading {
   double noise = 0.0;         ///< RMS before the step [m]
   std::uint64_t noise_seed = 1;
   std::vector<bool> stuck;  ///< rows in which the record repeats the reading of the row before
+
+  /// The drive's own reading of the motor's force, as a torque or a current.
+  double torque_per_newton = 0.0;  ///< of either sign [unit/N]; 0: not recorded
+  double torque_lag = 0.0;         ///< of a first-order filter [s]
+  double torque_noise = 0.0;       ///< RMS [N]
+  std::string torque_unit = "N";
 };
 
 struct Rig {
@@ -131,6 +138,7 @@ struct Trace {
   std::vector<double> exact;         ///< the same without noise and step
   std::vector<double> motor, load;   ///< true positions at the same time
   std::vector<double> force;         ///< of the motor
+  std::vector<double> torque;        ///< as recorded [torque_unit]; empty where it is not
   std::vector<double> acceleration;  ///< of the table, one per control period
   /// The axis has left its command by more than 0.05 m; the rows end there.
   bool runaway = false;

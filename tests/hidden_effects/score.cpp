@@ -94,6 +94,40 @@ void print_singles(const std::vector<const Outcome*>& singles, std::ostream& out
   }
 }
 
+/// With and without torque told apart, and what the torque alone named that is not there.
+void print_by_torque(const std::vector<Outcome>& outcomes, std::ostream& out) {
+  if (std::none_of(outcomes.begin(), outcomes.end(),
+                   [](const Outcome& o) { return o.made.torque; }))
+    return;
+  for (const bool torque : {true, false}) {
+    std::vector<const Outcome*> singles, clean;
+    for (const Outcome& o : outcomes) {
+      if (o.made.torque != torque) continue;
+      if (o.kind == Kind::kSingle) singles.push_back(&o);
+      if (o.kind == Kind::kClean) clean.push_back(&o);
+    }
+    const auto alone = [](const Outcome& o) { return first_is_right(o) && o.named().size() == 1; };
+    out << (torque ? "with" : "without") << " torque: named first "
+        << shares(count_if(singles, first_is_right), size_of(singles)) << ", and nothing else "
+        << shares(count_if(singles, alone), size_of(singles)) << "; false alarms "
+        << shares(count_if(clean, [](const Outcome& o) { return !o.named().empty(); }),
+                  size_of(clean))
+        << '\n';
+  }
+  std::map<std::string, int> wrong;
+  int right = 0, all = 0;
+  for (const Outcome& o : outcomes) {
+    for (const NamedCause& cause : o.named()) {
+      if (!cause.by_torque) continue;
+      ++all;
+      o.made.hides(cause.id) ? ++right : ++wrong[cause.id];
+    }
+  }
+  out << "causes named by torque alone: right   " << shares(right, all);
+  for (const auto& [id, count] : wrong) out << ", wrong " << id << ' ' << count;
+  out << '\n';
+}
+
 void print_clean(const std::vector<const Outcome*>& clean, std::ostream& out) {
   if (clean.empty()) return;
   const int alarms = count_if(clean, [](const Outcome& o) { return !o.named().empty(); });
@@ -319,6 +353,7 @@ void print_scores(const std::vector<Outcome>& outcomes, const std::vector<std::s
              blind = of_kind(outcomes, Kind::kBlind);
   print_singles(singles, out);
   print_clean(of_kind(outcomes, Kind::kClean), out);
+  print_by_torque(outcomes, out);
   print_pairs(of_kind(outcomes, Kind::kPair), out);
   if (!faint.empty()) {
     out << "faint effects: named first           "
@@ -378,7 +413,7 @@ void print_gaps(const std::vector<Outcome>& outcomes, std::ostream& out) {
 void print_line(const Outcome& o, std::ostream& out) {
   std::ostringstream line;
   line.precision(3);
-  line << o.made.name << " seed " << o.made.seed << " truth";
+  line << o.made.name << (o.made.torque ? " torque" : "") << " seed " << o.made.seed << " truth";
   for (const Truth& truth : o.made.hidden) {
     line << ' ' << truth.id << " x" << truth.contribution_rms / o.made.noise_rms << " (";
     for (const auto& [key, value] : truth.parameters) line << ' ' << key << ' ' << value;
@@ -387,15 +422,16 @@ void print_line(const Outcome& o, std::ostream& out) {
   if (o.made.hidden.empty()) line << " none";
   line << " | " << o.first() << ':';
   for (const NamedCause& cause : o.answer.causes) {
-    line << ' ' << cause.id << ' ' << cause.confidence << (o.made.owns(cause.id) ? " own" : "");
+    line << (cause.by_torque ? " by torque " : " ") << cause.id << ' ' << cause.confidence
+         << (o.made.owns(cause.id) ? " own" : "");
     for (const std::string& rival : cause.ambiguous_with) line << " or " << rival;
     line << " (";
     for (const auto& [key, value] : cause.parameters) line << ' ' << key << ' ' << value;
     line << " )";
   }
   for (const NamedCause& cause : o.answer.suspected)
-    line << " suspected " << cause.id << ' ' << cause.confidence
-         << (o.made.owns(cause.id) ? " own" : "");
+    line << " suspected " << (cause.by_torque ? "by torque " : "") << cause.id << ' '
+         << cause.confidence << (o.made.owns(cause.id) ? " own" : "");
   line << " | rms " << 1e6 * o.answer.before_rms << " -> " << 1e6 * o.answer.after_rms
        << " um, noise " << 1e6 * o.made.noise_rms << " | " << o.answer.seconds << " s | "
        << o.made.machine;
