@@ -25,6 +25,9 @@ constexpr int kBlocks = 4;  // of the cross-validation
 // motion is used.
 constexpr double kMaxCostRatioToUseSimulation = 0.7;
 constexpr double kFitStep_s = 1e-3;  // sampling time of the data for fits
+// RMS with friction that grows over a travel over that with Coulomb friction, at most, for it to be
+// the friction of a load.
+constexpr double kMaxRmsRatioOfTravel = 0.8;
 
 // Allowed deviation of the saturation coefficient from 1: along a measured motion, where it is
 // estimated roughly, and along a simulated one.
@@ -407,12 +410,26 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
 }
 
 bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
-                         const std::vector<std::size_t>& kinds) {
+                         const std::vector<std::size_t>& kinds,
+                         const std::vector<std::size_t>& laws) {
   ++fits_;
-  const auto found =
+  auto found =
       servotwin::fit_two_masses(training_, rigid.structure, rigid.model, kinds, floor_.encoder_step,
                                 [this](const Model& m) { return is_plausible(m); });
   if (!found) return false;
+  if (found->model.find(kind_of<CoulombFriction>()) != nullptr) {
+    std::vector<std::optional<TwoMassFit>> others(laws.size());
+    in_parallel(laws.size(), [&](std::size_t i) {
+      others[i] = with_law(*found, laws[i], training_, floor_.encoder_step);
+    });
+    double least = kMaxRmsRatioOfTravel * found->rms;
+    for (auto& other : others) {
+      if (!other || !(other->rms < least) || !is_plausible(other->model)) continue;
+      least = kMaxRmsRatioToAdd * other->rms;
+      found = std::move(other);
+    }
+  }
+  *found = without_empty_gap(std::move(*found));
   h.structure = found->structure;
   h.model = found->model;
   h.point = point_of(h.model, h.structure);

@@ -67,9 +67,11 @@ class Search {
   /// and refitted in free simulation.
   [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
   /// Fits an axis of two masses of one of these kinds in place of the rigid axis of `rigid`, and
-  /// judges it. False where there is no valid fit.
+  /// judges it. In place of Coulomb friction one of these laws is taken if it is clearly better.
+  /// False where there is no valid fit.
   [[nodiscard]] bool part_masses(Hypothesis& h, const Hypothesis& rigid,
-                                 const std::vector<std::size_t>& kinds);
+                                 const std::vector<std::size_t>& kinds,
+                                 const std::vector<std::size_t>& laws);
   /// Fits an effect of this kind in free simulation while the model `held` is fixed, and judges it
   /// as `judge` does, with the parameters of the effect from the other blocks. False where there is
   /// no valid fit.

@@ -13,6 +13,7 @@
 #include "diagnosis/text.h"
 #include "diagnosis/thresholds.h"
 #include "identification/least_squares/parallel.h"
+#include "identification/loop/two_mass_fit.h"
 #include "twin/shown_units.h"
 #include "twin/two_mass_axis.h"
 
@@ -509,15 +510,18 @@ class Selection {
     return true;
   }
 
-  /// Where much stays unexplained, the axis may not be rigid: tries one of two masses, beside its
-  /// law of friction alone, and if that is not enough beside all causes found so far. True where
-  /// one is clearly better: the causes that stood for it are forgotten.
+  /// Where much stays unexplained, or a mode or a gap beside a rigid axis was found, the axis may
+  /// not be rigid: tries one of two masses, beside its law of friction alone, beside all causes
+  /// found so far, and in a loop of the other order, since a rigid loop takes over a part of the
+  /// vibration. True where one is clearly better: the causes that stood for it are forgotten.
   bool part_masses() {
     if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
     // As for a single cause: what is left may be the misfit of the law of friction.
     const double misfit =
         std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
-    if (!(now_.current.rms() > misfit)) return false;
+    const auto is_found = [&](const char* id) { return now_.found.count(id) > 0; };
+    if (!(now_.current.rms() > misfit) && !is_found("compliance") && !is_found("backlash"))
+      return false;
     const bool reading = Channels(search_.recorded(), options_.encoder_in_loop).reading;
     std::vector<std::size_t> kinds;
     for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
@@ -528,14 +532,18 @@ class Selection {
     }
     if (kinds.empty()) return false;
     const State before = now_;
-    const auto bare = [&] {
+    const auto bare = [&](int order) {
       Hypothesis h;
       h.structure = now_.current.structure;
+      h.structure.order = order;
       std::erase_if(h.structure.effects, [](std::size_t kind) {
         return !is_friction_law(kind) && kind != kind_of<ConstantForce>() &&
                kind != kind_of<TimeDelay>();
       });
-      if (!search_.fit(h, {point_of(now_.current.model, h.structure)})) return Hypothesis();
+      const bool same = order == now_.current.structure.order;
+      const std::vector<Point> from =
+          same ? std::vector{point_of(now_.current.model, h.structure)} : std::vector<Point>();
+      if (!search_.fit(h, from)) return Hypothesis();
       search_.polish(h);
       return h;
     };
@@ -550,23 +558,32 @@ class Selection {
       h.point = point_of(h.model, h.structure);
       return h;
     };
+    std::vector<std::size_t> laws;
+    for (const std::size_t law : kLawsOnLoad) {
+      const bool falls = law != kind_of<Presliding>();
+      if (!is_left_out("presliding") && !(falls && is_left_out("stribeck"))) laws.push_back(law);
+    }
     Hypothesis best;
-    const double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
-    for (const auto& make :
-         {std::function<Hypothesis()>(bare), std::function<Hypothesis()>(full)}) {
-      const Hypothesis rigid = make();
+    double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
+    const auto take = [&](const Hypothesis& rigid) {
       check_stop();
       Hypothesis h;
-      if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds)) continue;
-      steps_.push_back(text("as two masses (%s) beside %zu effects: %s RMS",
+      if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds, laws)) return;
+      steps_.push_back(text("as two masses (%s) beside %zu effects, order %d: %s RMS",
                             identity_of(two_mass_of(h.model)->kind).id.data(),
-                            rigid.structure.effects.size(), size_of(h.rms()).c_str()));
-      if (h.rms() < least) {
-        best = std::move(h);
-        break;
-      }
-      if (rigid.structure.effects.size() == now_.current.structure.effects.size()) break;
-    }
+                            rigid.structure.effects.size(), h.structure.order,
+                            size_of(h.rms()).c_str()));
+      if (h.rms() < least) least = h.rms(), best = std::move(h);
+    };
+    const int order = now_.current.structure.order;
+    const Hypothesis law_alone = bare(order);
+    take(law_alone);
+    if (best.structure.effects.empty() &&
+        law_alone.structure.effects.size() < now_.current.structure.effects.size())
+      take(full());
+    if (options_.identify.order == 0 &&
+        !(least < kMinRmsOverFloorForTwoMasses * search_.floor().rms))
+      take(bare(order == 2 ? 3 : 2));
     if (best.structure.effects.empty()) return false;
     now_.current = std::move(best);
     settle();
@@ -583,6 +600,9 @@ class Selection {
     cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
     cause.wins = 1.0 - cause.p;
     now_.found[cause.id] = {cause, kind};
+    const auto& effects = now_.current.structure.effects;
+    const auto law = std::find_if(effects.begin(), effects.end(), is_friction_law);
+    if (law != effects.end() && *law != kind_of<CoulombFriction>()) named_by(*law, cause);
     steps_.push_back(text("  %s: added", cause.id.c_str()));
     rejected_.clear();
     return true;

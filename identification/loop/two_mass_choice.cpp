@@ -24,58 +24,6 @@ constexpr double kMaxRmsRatioOfTwoMasses = 0.8;
 // RMS over that of the law before, at most, to choose another law of friction.
 constexpr double kMaxRmsRatioOfLaw = 0.97;
 
-/// Laws of friction that are tried on the load: the friction of a rigid axis that was fitted to a
-/// load on a spring stands for a part of the spring.
-constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
-                                 kind_of<PreslidingStribeck>()};
-
-/// Friction by this law, with the level and travel of the old one.
-Effect with_law(const Effect& old, std::size_t law) {
-  Effect out;
-  out.kind = law;
-  std::size_t i = 0;
-  for (const Parameter& p : shapes_of(law)) out.shape[i++] = p.start;
-  if (shapes_of(old.kind)[0].unit == shapes_of(law)[0].unit)
-    out.shape[0] = std::clamp(old.shape[0], shapes_of(law)[0].lower, shapes_of(law)[0].upper);
-  out.coefficient[0] = level_of(old);
-  return out;
-}
-
-/// The same two masses with another law, refined; nothing without a valid fit.
-std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
-                                   const std::vector<Segment>& segments, double encoder_step) {
-  TwoMassFit out = fit;
-  const auto is_law = [](const Effect& effect) { return is_friction_law(effect.kind); };
-  const auto at = std::find_if(out.model.effects.begin(), out.model.effects.end(), is_law);
-  if (at == out.model.effects.end() || at->kind == law) return std::nullopt;
-  out.structure.effects[static_cast<std::size_t>(at - out.model.effects.begin())] = law;
-  *at = with_law(*at, law);
-  OutputErrorOptions options;
-  options.encoder_step = encoder_step;
-  options.rounds = 20;
-  options.passes = 2;
-  options.tolerance = 1e-3;
-  options.covariance = false;
-  const auto refined = output_error(segments, out.structure, out.model, options);
-  if (!refined || !why_invalid(refined->model).empty()) return std::nullopt;
-  out.model = refined->model;
-  return out;
-}
-
-/// The same axis without its play, if the gap is as narrow as it may be: then there is none.
-TwoMassFit without_empty_gap(TwoMassFit fit) {
-  for (std::size_t i = 0; i < fit.model.effects.size(); ++i) {
-    Effect& effect = fit.model.effects[i];
-    if (!acts_on_axis(effect.kind)) continue;
-    constexpr double kNarrow = 2.0;  // times the narrowest gap
-    const double width = two_mass_parameters(effect).width;
-    if (!(width > 0.0) || width > kNarrow * shapes_of(effect.kind).back().lower) continue;
-    effect = without_play(effect);
-    fit.structure.effects[i] = effect.kind;
-  }
-  return fit;
-}
-
 /// Whether frequency and share of the load are within their bounds, and not at them.
 bool determined(const Model& model) {
   constexpr double kMargin = 0.02;  // of the logarithm of the bounds' ratio

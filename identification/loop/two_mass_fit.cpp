@@ -9,6 +9,7 @@
 #include "identification/loop/output_error.h"
 #include "identification/recording/segments.h"
 #include "twin/twin.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -97,7 +98,53 @@ std::vector<Segment> short_part(const std::vector<Segment>& segments) {
   return out.empty() ? segments : out;
 }
 
+/// Friction by this law, with the level and travel of the old one.
+Effect with_law(const Effect& old, std::size_t law) {
+  Effect out;
+  out.kind = law;
+  std::size_t i = 0;
+  for (const Parameter& p : shapes_of(law)) out.shape[i++] = p.start;
+  if (shapes_of(old.kind)[0].unit == shapes_of(law)[0].unit)
+    out.shape[0] = std::clamp(old.shape[0], shapes_of(law)[0].lower, shapes_of(law)[0].upper);
+  out.coefficient[0] = level_of(old);
+  return out;
+}
+
 }  // namespace
+
+std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
+                                   const std::vector<Segment>& segments, double encoder_step) {
+  TwoMassFit out = fit;
+  const auto is_law = [](const Effect& effect) { return is_friction_law(effect.kind); };
+  const auto at = std::find_if(out.model.effects.begin(), out.model.effects.end(), is_law);
+  if (at == out.model.effects.end() || at->kind == law) return std::nullopt;
+  out.structure.effects[static_cast<std::size_t>(at - out.model.effects.begin())] = law;
+  *at = with_law(*at, law);
+  OutputErrorOptions options;
+  options.encoder_step = encoder_step;
+  options.rounds = 20;
+  options.passes = 2;
+  options.tolerance = 1e-3;
+  options.covariance = false;
+  const auto refined = output_error(segments, out.structure, out.model, options);
+  if (!refined || !why_invalid(refined->model).empty()) return std::nullopt;
+  out.model = refined->model;
+  out.rms = rms_on(out.model, segments);
+  return out;
+}
+
+TwoMassFit without_empty_gap(TwoMassFit fit) {
+  for (std::size_t i = 0; i < fit.model.effects.size(); ++i) {
+    Effect& effect = fit.model.effects[i];
+    if (!acts_on_axis(effect.kind)) continue;
+    constexpr double kNarrow = 2.0;  // times the narrowest gap
+    const double width = two_mass_parameters(effect).width;
+    if (!(width > 0.0) || width > kNarrow * shapes_of(effect.kind).back().lower) continue;
+    effect = without_play(effect);
+    fit.structure.effects[i] = effect.kind;
+  }
+  return fit;
+}
 
 std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
                                          const Structure& structure, const Model& rigid,
@@ -150,8 +197,17 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     if (!(one.rms < kUnfittedRms) || !plausible(one.model)) continue;
     if (tries-- == 0) break;
     fit(one, segments, 14, 2);
-    if (one.rms < kUnfittedRms && plausible(one.model))
-      return TwoMassFit{structure_of(one.model), one.model, one.rms};
+    if (!(one.rms < kUnfittedRms) || !plausible(one.model)) continue;
+    if (plays(one)) {
+      Start spring{one.model};
+      for (Effect& effect : spring.model.effects) {
+        if (acts_on_axis(effect.kind)) effect = without_play(effect);
+      }
+      const std::size_t kind = two_mass_of(spring.model)->kind;
+      if (std::find(kinds.begin(), kinds.end(), kind) != kinds.end()) fit(spring, segments, 14, 2);
+      if (rank(spring) < rank(one) && plausible(spring.model)) one = std::move(spring);
+    }
+    return TwoMassFit{structure_of(one.model), one.model, one.rms};
   }
   return std::nullopt;
 }

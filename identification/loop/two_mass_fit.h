@@ -6,6 +6,7 @@
 // Units: SI, rad for m on rotary axes. Any thread.
 #pragma once
 
+#include <array>
 #include <functional>
 #include <optional>
 #include <vector>
@@ -26,10 +27,24 @@ struct TwoMassFit {
 using Plausible = std::function<bool(const Model&)>;
 
 /// The best plausible one of these kinds of effects that make an axis one of two masses, beside the
-/// effects of `rigid`. One with play must be clearly better than one without. Nothing if none is
-/// valid.
+/// effects of `rigid`. One with play must be clearly better than the same without it. Nothing if
+/// none is valid.
 [[nodiscard]] std::optional<TwoMassFit> fit_two_masses(
     const std::vector<Segment>& segments, const Structure& structure, const Model& rigid,
     const std::vector<std::size_t>& kinds, double encoder_step, const Plausible& plausible);
+
+/// Laws of friction that are tried on the load: the friction of a rigid axis that was fitted to a
+/// load on a spring stands for a part of the spring.
+inline constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
+                                        kind_of<PreslidingStribeck>()};
+
+/// The same two masses with another law of friction, from its level and travel; nothing if it is
+/// that law already, or without a valid fit.
+[[nodiscard]] std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
+                                                 const std::vector<Segment>& segments,
+                                                 double encoder_step);
+
+/// The same axis without its play, if the gap is as narrow as it may be: then there is none.
+[[nodiscard]] TwoMassFit without_empty_gap(TwoMassFit fit);
 
 }  // namespace servotwin

@@ -60,6 +60,17 @@ class Pieces {
     for (Eigen::Index at = 0; at + length <= signal.size(); at += length)
       squares_.push_back(signal.segment(at, length).square().mean());
   }
+  /// Each block about its own straight line: an axis that creeps at rest is no noise.
+  void add_about_lines(const Eigen::ArrayXd& signal, Eigen::Index length) {
+    length = std::min(length, signal.size());
+    const double n = static_cast<double>(length);
+    const Eigen::ArrayXd along = Eigen::ArrayXd::LinSpaced(length, -1.0, 1.0);
+    for (Eigen::Index at = 0; at + length <= signal.size(); at += length) {
+      const auto block = signal.segment(at, length);
+      const double mean = block.mean(), slope = (block * along).sum() / along.square().sum();
+      squares_.push_back((block - mean - slope * along).square().sum() / (n - 2.0));
+    }
+  }
   [[nodiscard]] double rms() const {
     return squares_.empty() ? std::nan("") : std::sqrt(median(squares_));
   }
@@ -77,9 +88,8 @@ void standstill(const Segment& s, Pieces& pieces) {
     if (const Eigen::Index length = i - begin - settle;
         length >= std::max<Eigen::Index>(least, 8)) {
       // From the first reading on: readings that are all the same then leave 0, not its rounding.
-      const Eigen::ArrayXd rest =
-          s.actual.segment(begin + settle, length) - s.actual(begin + settle);
-      pieces.add(rest - median({rest.begin(), rest.end()}), least);
+      pieces.add_about_lines(s.actual.segment(begin + settle, length) - s.actual(begin + settle),
+                             least);
     }
     begin = i;
   }
