@@ -32,6 +32,9 @@ constexpr double kMinRmsOverFloorForTwoMasses = 1.5;
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
 constexpr std::size_t kMaxFitsPerRound = 3;  // candidates
+// RMS of a rigid axis with a loop of the other order over that with this one, above which two
+// masses are not tried in it.
+constexpr double kMaxRmsRatioOfOtherOrder = 3.0;
 // RMS with a delay over RMS with a mode below which the delay replaces the mode.
 constexpr double kMaxRmsRatioDelayOverMode = 0.9;
 
@@ -50,6 +53,7 @@ class Selection {
     add_causes();
     if (free_law()) add_causes();
     if (part_masses()) add_causes();
+    if (law_beside_rests()) add_causes();
     replace_misfit_by_law();
   }
   [[nodiscard]] const Hypothesis& current() const { return now_.current; }
@@ -383,10 +387,13 @@ class Selection {
   }
 
   /// Refits the two best candidates in free simulation where they explain nearly the same, so that
-  /// the better one is chosen by its best fit.
+  /// the better one is chosen by its best fit. So does a limit beside pushes at free moments: the
+  /// loop that was fitted without the limit stands for a part of it.
   void polish_rivals(std::vector<Tried>& tried) {
-    if (tried.size() < 2 || 1.0 - tried[1].left() < kMinGainShareOfRival * (1.0 - tried[0].left()))
-      return;
+    if (tried.size() < 2) return;
+    const bool moments =
+        is_intermittent(tried[0].screened.kind) && is_intermittent(tried[1].screened.kind);
+    if (!moments && 1.0 - tried[1].left() < kMinGainShareOfRival * (1.0 - tried[0].left())) return;
     for (std::size_t i = 0; i < 2; ++i) {
       check_stop();
       Tried best{tried[i].model, &now_.fitted, tried[i].screened};
@@ -510,6 +517,75 @@ class Selection {
     return true;
   }
 
+  /// A law whose breakaway force is high and falls at once stands for one that grows at rest: tries
+  /// that beside every law of friction. True where it is clearly better.
+  bool law_beside_rests() {
+    const std::size_t dwell = kind_of<DwellStiction>();
+    if (now_.found.count("presliding") + now_.found.count("stribeck") == 0 ||
+        now_.current.has(dwell) || has_two_masses(now_.current.structure) ||
+        is_left_out(cause_of(dwell)) ||
+        !(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms))
+      return false;
+    std::vector<Hypothesis> all;
+    for (const std::size_t law : kLawsOnLoad) {
+      for (const double length_m : {1.5e-5, 6e-5}) {
+        for (const double rest_s : {0.03, 0.3}) {
+          Hypothesis h;
+          h.structure = now_.current.structure;
+          auto& effects = h.structure.effects;
+          std::erase(effects, kind_of<FallingFriction>());
+          std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
+          effects.push_back(dwell);
+          h.point = point_of(now_.current.model, h.structure);
+          // The law as it starts, not as it was fitted in place of what is tried here.
+          auto of_law =
+              h.point.shapes.begin() + static_cast<std::ptrdiff_t>(shapes_before(h.structure, law));
+          for (const Parameter& p : shapes_of(law)) *of_law++ = p.start;
+          const auto of_rests = h.point.shapes.end() - 2;
+          of_rests[0] = length_m, of_rests[1] = rest_s;
+          all.push_back(std::move(h));
+        }
+      }
+    }
+    check_stop();
+    std::vector<char> fits(all.size());
+    in_parallel(all.size(), [&](std::size_t i) {
+      fits[i] = search_.fit_friction(all[i], Point(all[i].point));
+      if (fits[i]) search_.judge_as_is(all[i]);
+    });
+    Hypothesis* best = nullptr;
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (fits[i] && (best == nullptr || all[i].rms() < best->rms())) best = &all[i];
+    }
+    if (best == nullptr) return false;
+    search_.polish(*best);
+    search_.judge_polished(*best);
+    const auto law = *std::find_if(best->structure.effects.begin(), best->structure.effects.end(),
+                                   is_friction_law);
+    steps_.push_back(text("as %s beside a force that grows at rest: %s RMS",
+                          identity_of(law).id.data(), size_of(best->rms()).c_str()));
+    if (!(best->rms() < kMaxRmsRatioClearlyBetter * now_.current.rms())) return false;
+    const State before = now_;
+    now_.current = *best;
+    settle();
+    if (!(now_.current.rms() < kMaxRmsRatioClearlyBetter * before.current.rms()) ||
+        !search_.is_plausible(now_.current.model)) {
+      back_to(before);
+      return false;
+    }
+    Cause cause;
+    cause.id = last_ = cause_of(dwell);
+    cause.statistic = paired_z(before.current.pieces, now_.current.pieces);
+    cause.p = 0.5 * std::erfc(cause.statistic / std::sqrt(2.0));
+    cause.wins = 1.0 - cause.p;
+    now_.found.erase("stribeck");
+    now_.found[cause.id] = {cause, dwell};
+    named_by(law, cause);
+    steps_.push_back(text("  %s: added", cause.id.c_str()));
+    rejected_.clear();
+    return true;
+  }
+
   /// Where much stays unexplained, or a mode or a gap beside a rigid axis was found, the axis may
   /// not be rigid: tries one of two masses, beside its law of friction alone, beside all causes
   /// found so far, and in a loop of the other order, since a rigid loop takes over a part of the
@@ -582,8 +658,15 @@ class Selection {
         law_alone.structure.effects.size() < now_.current.structure.effects.size())
       take(full());
     if (options_.identify.order == 0 &&
-        !(least < kMinRmsOverFloorForTwoMasses * search_.floor().rms))
-      take(bare(order == 2 ? 3 : 2));
+        !(least < kMinRmsOverFloorForTwoMasses * search_.floor().rms)) {
+      const Hypothesis other = bare(order == 2 ? 3 : 2);
+      const auto left_by_rigid = [&](const Hypothesis& h) {
+        return h.structure.effects.empty() ? kAbsent
+                                           : servotwin::judge(h.model, search_.training()).rms;
+      };
+      if (!(left_by_rigid(other) > kMaxRmsRatioOfOtherOrder * left_by_rigid(law_alone)))
+        take(other);
+    }
     if (best.structure.effects.empty()) return false;
     now_.current = std::move(best);
     settle();
