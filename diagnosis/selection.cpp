@@ -31,6 +31,9 @@ constexpr double kMinRmsOverFloorForTwoMasses = 1.5;
 // RMS over RMS of the current model below which a model is clearly better; demanded of a law of
 // friction that implies more than is known.
 constexpr double kMaxRmsRatioClearlyBetter = 0.8;
+// Share of the squared error that the screen must forecast for a force that grows at rest, for it
+// to be tried beside other laws of friction.
+constexpr double kMinScreenGainBesideLaw = 0.1;
 constexpr std::size_t kMaxFitsPerRound = 3;  // candidates
 // RMS of a rigid axis with a loop of the other order over that with this one, above which two
 // masses are not tried in it.
@@ -526,26 +529,24 @@ class Selection {
         is_left_out(cause_of(dwell)) ||
         !(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms))
       return false;
+    const Screened screened = search_.screen(now_.current, {dwell}).front();
+    if (screened.p > kMaxScreenP || screened.gain < kMinScreenGainBesideLaw) return false;
     std::vector<Hypothesis> all;
     for (const std::size_t law : kLawsOnLoad) {
-      for (const double length_m : {1.5e-5, 6e-5}) {
-        for (const double rest_s : {0.03, 0.3}) {
-          Hypothesis h;
-          h.structure = now_.current.structure;
-          auto& effects = h.structure.effects;
-          std::erase(effects, kind_of<FallingFriction>());
-          std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
-          effects.push_back(dwell);
-          h.point = point_of(now_.current.model, h.structure);
-          // The law as it starts, not as it was fitted in place of what is tried here.
-          auto of_law =
-              h.point.shapes.begin() + static_cast<std::ptrdiff_t>(shapes_before(h.structure, law));
-          for (const Parameter& p : shapes_of(law)) *of_law++ = p.start;
-          const auto of_rests = h.point.shapes.end() - 2;
-          of_rests[0] = length_m, of_rests[1] = rest_s;
-          all.push_back(std::move(h));
-        }
-      }
+      Hypothesis h;
+      h.structure = now_.current.structure;
+      auto& effects = h.structure.effects;
+      std::erase(effects, kind_of<FallingFriction>());
+      std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
+      effects.push_back(dwell);
+      h.point = point_of(now_.current.model, h.structure);
+      // The law as it starts, not as it was fitted in place of what is tried here.
+      auto of_law =
+          h.point.shapes.begin() + static_cast<std::ptrdiff_t>(shapes_before(h.structure, law));
+      for (const Parameter& p : shapes_of(law)) *of_law++ = p.start;
+      std::copy(screened.shapes.begin(), screened.shapes.end(),
+                h.point.shapes.end() - static_cast<std::ptrdiff_t>(screened.shapes.size()));
+      all.push_back(std::move(h));
     }
     check_stop();
     std::vector<char> fits(all.size());

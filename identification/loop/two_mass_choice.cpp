@@ -46,32 +46,44 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
                                         const IdentifyOptions& options, double encoder_step,
                                         std::vector<StructureTrial>& trials) {
   const auto [fitted, validation] = split(training, kFittedShare);
-  const auto rigid = fitted.empty() || validation.empty()
-                         ? std::nullopt
-                         : joint_fit(fitted, structure, search, encoder_step, true);
   // Play outside the loop is not told from an error of the reading by one encoder alone.
   const std::vector<std::size_t> kinds{kind_of<TwoMassMotorEncoder>(),
                                        kind_of<TwoMassLoadEncoder>(), kind_of<PlayMotorEncoder>(),
                                        kind_of<PlayLoadEncoder>()};
-  auto best = rigid
-                  ? fit_two_masses(fitted, structure, rigid->model, kinds, encoder_step, determined)
-                  : std::nullopt;
-  if (!best) {
+  std::optional<JointFit> rigid;
+  std::vector<TwoMassFit> all;
+  // A rigid loop takes over a part of the vibration, with an integrator that the drive need not
+  // have: the other order is tried as well.
+  for (const int order : {structure.order, structure.order == 2 ? 3 : 2}) {
+    if (fitted.empty() || validation.empty()) break;
+    if (order != structure.order && options.order != 0) break;
+    Structure of_order = structure;
+    of_order.order = order;
+    if (order == 3) std::erase(of_order.effects, kind_of<ConstantForce>());  // not observable
+    const auto loop = joint_fit(fitted, of_order, search, encoder_step, true);
+    if (order == structure.order) rigid = loop;
+    if (!rigid) break;
+    const auto found =
+        loop ? fit_two_masses(fitted, of_order, loop->model, kinds, encoder_step, determined)
+             : std::nullopt;
+    if (!found) continue;
+    const TwoMassFit first = without_empty_gap(*found);
+    all.push_back(first);
+    if (options.friction) continue;
+    std::array<std::optional<TwoMassFit>, kLawsOnLoad.size()> others;
+    in_parallel(others.size(), [&](std::size_t i) {
+      others[i] = with_law(first, kLawsOnLoad[i], fitted, encoder_step);
+    });
+    for (const auto& other : others) {
+      if (other && determined(other->model)) all.push_back(without_empty_gap(*other));
+    }
+  }
+  if (all.empty()) {
     if (options.masses == Masses::kTwo)
       throw std::runtime_error(axis +
                                ": the training data do not determine two masses; identify a rigid "
                                "axis, or record reversals after which the load swings");
     return std::nullopt;
-  }
-  std::vector<TwoMassFit> all{without_empty_gap(*best)};
-  if (!options.friction) {
-    std::array<std::optional<TwoMassFit>, kLawsOnLoad.size()> others;
-    in_parallel(others.size(), [&](std::size_t i) {
-      others[i] = with_law(all.front(), kLawsOnLoad[i], fitted, encoder_step);
-    });
-    for (const auto& other : others) {
-      if (other && determined(other->model)) all.push_back(without_empty_gap(*other));
-    }
   }
   double skip_s = starting_state_s(rigid->model);
   for (const TwoMassFit& one : all) skip_s = std::max(skip_s, starting_state_s(one.model));

@@ -113,5 +113,32 @@ TEST(Motion, RestsAndMovesFillTheTime) {
   EXPECT_GT(rested, 0.3);
 }
 
+TEST(HiddenEffects, TheTorqueIsOneColumnMoreAndNothingElse) {
+  const Case without = single_case(Part::kDev, "gravity_offset", Class::kClear, 1);
+  const Case with = single_case(Part::kDev, "gravity_offset", Class::kClear, 1, Torque::kAll);
+  EXPECT_FALSE(without.torque);
+  EXPECT_TRUE(with.torque);
+  std::istringstream plain(without.csv), more(with.csv);
+  std::string left, right;
+  std::getline(plain, left);
+  std::getline(more, right);
+  EXPECT_THAT(right, testing::HasSubstr(",X.torque["));
+  int rows = 0;
+  while (std::getline(plain, left)) {
+    ASSERT_TRUE(std::getline(more, right));
+    // time, command, actual; then the torque.
+    std::size_t third = 0;
+    for (int i = 0; i < 3; ++i) third = right.find(',', third + 1);
+    ASSERT_EQ(right.substr(0, third), left.substr(0, third)) << rows;
+    ++rows;
+  }
+  EXPECT_GT(rows, 1000);
+  // Of many, about half.
+  int torque = 0;
+  for (int i = 0; i < 8; ++i) torque += clean_case(Part::kDev, i, Torque::kHalf).torque ? 1 : 0;
+  EXPECT_GT(torque, 0);
+  EXPECT_LT(torque, 8);
+}
+
 }  // namespace
 }  // namespace servotwin::hidden_effects

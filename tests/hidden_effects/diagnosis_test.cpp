@@ -87,7 +87,29 @@ TEST_P(ALoadOnASpring, IsNamedFirstWithItsFrequency) {
       found->parameters.at("frequency_hz") / asked.hidden.front().parameters.at("frequency_hz"),
       1.0, 0.02);
 }
-INSTANTIATE_TEST_SUITE_P(LongDev, ALoadOnASpring, testing::Values(43, 44, 46));
+// 3001: no integrator, but a rigid loop needs one to imitate the spring. 3003: a mode beside a
+// rigid axis was enough.
+INSTANTIATE_TEST_SUITE_P(LongDev, ALoadOnASpring, testing::Values(43, 44, 46, 3001, 3003));
+
+class AnEffectThatAnotherStoodFor : public testing::TestWithParam<std::pair<const char*, int>> {};
+
+TEST_P(AnEffectThatAnotherStoodFor, IsNamedAloneAndLeavesLittle) {
+  const auto [id, index] = GetParam();
+  const Case asked = single_case(Part::kDev, id, Class::kClear, index);
+  const Answer answer = ask(asked.csv, {});
+  ASSERT_EQ(answer.failure, "");
+  EXPECT_THAT(named(answer, asked), testing::ElementsAre(id));
+  EXPECT_LT(answer.after_rms, 0.2 * answer.before_rms);
+}
+// Pushes at free moments stood for a limit, friction that falls at once for one that grows at rest,
+// and the creep of an axis at rest for noise.
+INSTANTIATE_TEST_SUITE_P(
+    LongDev, AnEffectThatAnotherStoodFor,
+    testing::Values(std::pair("torque_saturation", 3002), std::pair("torque_saturation", 3003),
+                    std::pair("dwell_stiction", 3000), std::pair("compliance", 3002)),
+    [](const auto& test) {
+      return std::string(test.param.first) + '_' + std::to_string(test.param.second);
+    });
 
 class ACleanMachine : public testing::TestWithParam<int> {};
 

@@ -53,6 +53,28 @@ TEST(Rig, LagsAtConstantVelocityByWhatFeedForwardLeaves) {
   }
 }
 
+// F = m a + Fc at 0.5 m/s^2: in the unit and with the sign of the drive, behind its filter.
+TEST(Rig, RecordsTheMotorsForceAsTheDriveGivesIt) {
+  Rig rig = plain();
+  rig.friction.level = 30.0;
+  EXPECT_TRUE(simulate(rig, one_move()).torque.empty());
+  rig.reading.torque_per_newton = -0.02;
+  const Trace prompt = simulate(rig, one_move());
+  ASSERT_EQ(prompt.torque.size(), prompt.command.size());
+  const auto at = [](const Trace& trace, double time) {
+    return trace.torque[static_cast<std::size_t>(std::lround(time / 1e-3))];
+  };
+  EXPECT_NEAR(at(prompt, 0.8), -0.02 * 30.0, 0.02 * 0.3) << "at constant speed";
+  for (std::size_t row = 0; row < prompt.torque.size(); ++row)
+    ASSERT_NEAR(prompt.torque[row], -0.02 * prompt.force[row], 1e-12) << row;
+
+  // Behind a lag of 5 ms a force that grows steadily is read as it was 5 ms before.
+  rig.reading.torque_lag = 5e-3;
+  const Trace late = simulate(rig, one_move());
+  EXPECT_NEAR(at(late, 0.235), at(prompt, 0.230), 0.02 * 1.0);
+  EXPECT_GT(std::abs(at(late, 0.235) - at(prompt, 0.235)), 0.02 * 5.0);
+}
+
 // With drag and friction, and no integrator: e = (v (1 - kff) + (B v + Fc) / Kv) / Kp.
 TEST(Rig, DragAndFrictionStandAgainstTheVelocityGain) {
   Rig rig = plain();
