@@ -433,7 +433,6 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
   h.structure = found->structure;
   h.model = found->model;
   h.point = point_of(h.model, h.structure);
-  judge(h);
   return true;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <functional>
 #include <optional>
 #include <set>
@@ -223,6 +224,33 @@ class Selection {
     return false;
   }
 
+  /// Where to search the poles of a loop of the other order, with the present shape parameters:
+  /// with a slow pole more, or without one of the real ones.
+  [[nodiscard]] std::vector<Point> starts_in_other_order(const Structure& structure) const {
+    std::vector<Point> out;
+    const auto add = [&](const std::array<double, kMaxOrder>& denominator) {
+      out.push_back(point_of(now_.current.model, structure));
+      out.back().denominator = denominator;
+    };
+    const Loop& loop = now_.current.model.loop;
+    const std::array<double, kMaxOrder>& a = loop.denominator;
+    if (loop.order == 2) {
+      for (const double share : {0.02, 0.1, 0.4}) {
+        // (s^2 + a1 s + a2)(s + p)
+        const double pole = share * a[1] / a[0];
+        add({a[0] + pole, a[1] + a[0] * pole, a[1] * pole});
+      }
+      return out;
+    }
+    for (const std::complex<double>& root : roots_of(loop)) {
+      // s^3 + a1 s^2 + a2 s + a3 over (s - root)
+      if (std::abs(root.imag()) > 1e-9 * std::abs(root)) continue;
+      const double first = a[0] + root.real();
+      add({first, a[1] + root.real() * first, 0.0});
+    }
+    return out;
+  }
+
   /// Tries a loop with an integrator where the model has none. An integrator is not a cause but
   /// part of the loop beside which causes are searched; a missing cause may have hidden it.
   void integrator() {
@@ -234,16 +262,7 @@ class Selection {
     // Without causes the poles are searched from the grid. With causes the search starts from the
     // present model, so that their shape parameters are kept.
     std::vector<Point> from;
-    if (!now_.found.empty()) {
-      const std::array<double, kMaxOrder>& a = now_.current.model.loop.denominator;
-      for (const double share : {0.02, 0.1, 0.4}) {
-        // (s^2 + a1 s + a2)(s + p)
-        const double pole = share * a[1] / a[0];
-        Point point = point_of(now_.current.model, h.structure);
-        point.denominator = {a[0] + pole, a[1] + a[0] * pole, a[1] * pole};
-        from.push_back(std::move(point));
-      }
-    }
+    if (!now_.found.empty()) from = starts_in_other_order(h.structure);
     if (!search_.fit(h, from)) return;
     search_.judge(h);
     const bool better = h.rms() < kMaxRmsRatioToAdd * now_.fitted.rms() &&
@@ -618,8 +637,8 @@ class Selection {
                kind != kind_of<TimeDelay>();
       });
       const bool same = order == now_.current.structure.order;
-      const std::vector<Point> from =
-          same ? std::vector{point_of(now_.current.model, h.structure)} : std::vector<Point>();
+      const std::vector<Point> from = same ? std::vector{point_of(now_.current.model, h.structure)}
+                                           : starts_in_other_order(h.structure);
       if (!search_.fit(h, from)) return Hypothesis();
       search_.polish(h);
       return h;
@@ -640,12 +659,19 @@ class Selection {
       const bool falls = law != kind_of<Presliding>();
       if (!is_left_out("presliding") && !(falls && is_left_out("stribeck"))) laws.push_back(law);
     }
+    const auto left_by = [&](const Hypothesis& h) {  // in the training data
+      return h.structure.effects.empty() ? kAbsent
+                                         : servotwin::judge(h.model, search_.training()).rms;
+    };
     Hypothesis best;
     double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
     const auto take = [&](const Hypothesis& rigid) {
       check_stop();
       Hypothesis h;
       if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds, laws)) return;
+      // The cross-validation takes as long as four fits.
+      if (!(left_by(h) < kMaxRmsRatioClearlyBetter * left_by(now_.current))) return;
+      search_.judge(h);
       steps_.push_back(text("as two masses (%s) beside %zu effects, order %d: %s RMS",
                             identity_of(two_mass_of(h.model)->kind).id.data(),
                             rigid.structure.effects.size(), h.structure.order,
@@ -661,12 +687,7 @@ class Selection {
     if (options_.identify.order == 0 &&
         !(least < kMinRmsOverFloorForTwoMasses * search_.floor().rms)) {
       const Hypothesis other = bare(order == 2 ? 3 : 2);
-      const auto left_by_rigid = [&](const Hypothesis& h) {
-        return h.structure.effects.empty() ? kAbsent
-                                           : servotwin::judge(h.model, search_.training()).rms;
-      };
-      if (!(left_by_rigid(other) > kMaxRmsRatioOfOtherOrder * left_by_rigid(law_alone)))
-        take(other);
+      if (!(left_by(other) > kMaxRmsRatioOfOtherOrder * left_by(law_alone))) take(other);
     }
     if (best.structure.effects.empty()) return false;
     now_.current = std::move(best);

@@ -193,8 +193,9 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   std::sort(fitted.begin(), fitted.end(),
             [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
   int tries = kMostFitsToAll;
+  const double of_rigid = rms_on(rigid, part);
   for (Start& one : fitted) {
-    if (!(one.rms < kUnfittedRms) || !plausible(one.model)) continue;
+    if (!(one.rms < of_rigid) || !plausible(one.model)) continue;
     if (tries-- == 0) break;
     fit(one, segments, 14, 2);
     if (!(one.rms < kUnfittedRms) || !plausible(one.model)) continue;

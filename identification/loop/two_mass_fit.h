@@ -28,7 +28,7 @@ using Plausible = std::function<bool(const Model&)>;
 
 /// The best plausible one of these kinds of effects that make an axis one of two masses, beside the
 /// effects of `rigid`. One with play must be clearly better than the same without it. Nothing if
-/// none is valid.
+/// none is valid, or better than `rigid`.
 [[nodiscard]] std::optional<TwoMassFit> fit_two_masses(
     const std::vector<Segment>& segments, const Structure& structure, const Model& rigid,
     const std::vector<std::size_t>& kinds, double encoder_step, const Plausible& plausible);
