@@ -411,13 +411,13 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
 
 bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
                          const std::vector<std::size_t>& kinds,
-                         const std::vector<std::size_t>& laws) {
+                         const std::vector<std::size_t>& laws, double worth) {
   ++fits_;
   auto found =
       servotwin::fit_two_masses(training_, rigid.structure, rigid.model, kinds, floor_.encoder_step,
                                 [this](const Model& m) { return is_plausible(m); });
   if (!found) return false;
-  if (found->model.find(kind_of<CoulombFriction>()) != nullptr) {
+  if (found->rms < worth && found->model.find(kind_of<CoulombFriction>()) != nullptr) {
     std::vector<std::optional<TwoMassFit>> others(laws.size());
     in_parallel(laws.size(), [&](std::size_t i) {
       others[i] = with_law(*found, laws[i], training_, floor_.encoder_step);

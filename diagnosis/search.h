@@ -66,12 +66,13 @@ class Search {
   /// from a grid of its shape parameters, along the simulated motion where the encoder is coarse,
   /// and refitted in free simulation.
   [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
-  /// Fits an axis of two masses of one of these kinds in place of the rigid axis of `rigid`. In
-  /// place of Coulomb friction one of these laws is taken if it is clearly better. False where
-  /// there is no valid fit that is better than `rigid`.
+  /// Fits an axis of two masses of one of these kinds in place of the rigid axis of `rigid`. If it
+  /// leaves less than `worth` (RMS, training data), one of these laws is taken in place of Coulomb
+  /// friction where it is clearly better. False where there is no valid fit that is better than
+  /// `rigid`.
   [[nodiscard]] bool part_masses(Hypothesis& h, const Hypothesis& rigid,
                                  const std::vector<std::size_t>& kinds,
-                                 const std::vector<std::size_t>& laws);
+                                 const std::vector<std::size_t>& laws, double worth);
   /// Fits an effect of this kind in free simulation while the model `held` is fixed, and judges it
   /// as `judge` does, with the parameters of the effect from the other blocks. False where there is
   /// no valid fit.

@@ -663,14 +663,16 @@ class Selection {
       return h.structure.effects.empty() ? kAbsent
                                          : servotwin::judge(h.model, search_.training()).rms;
     };
+    const double left = left_by(now_.current);
     Hypothesis best;
     double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
     const auto take = [&](const Hypothesis& rigid) {
       check_stop();
       Hypothesis h;
-      if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds, laws)) return;
+      if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds, laws, left))
+        return;
       // The cross-validation takes as long as four fits.
-      if (!(left_by(h) < kMaxRmsRatioClearlyBetter * left_by(now_.current))) return;
+      if (!(left_by(h) < kMaxRmsRatioClearlyBetter * left)) return;
       search_.judge(h);
       steps_.push_back(text("as two masses (%s) beside %zu effects, order %d: %s RMS",
                             identity_of(two_mass_of(h.model)->kind).id.data(),
