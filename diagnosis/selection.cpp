@@ -559,7 +559,7 @@ class Selection {
       std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
       effects.push_back(dwell);
       h.point = point_of(now_.current.model, h.structure);
-      // The law as it starts, not as it was fitted in place of what is tried here.
+      // From the default values of the law: the fitted ones imitate the force that grows at rest.
       auto of_law =
           h.point.shapes.begin() + static_cast<std::ptrdiff_t>(shapes_before(h.structure, law));
       for (const Parameter& p : shapes_of(law)) *of_law++ = p.start;

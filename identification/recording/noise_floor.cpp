@@ -60,7 +60,7 @@ class Pieces {
     for (Eigen::Index at = 0; at + length <= signal.size(); at += length)
       squares_.push_back(signal.segment(at, length).square().mean());
   }
-  /// Each block about its own straight line: an axis that creeps at rest is no noise.
+  /// The same about the straight line of each block, so that creep at rest does not count as noise.
   void add_about_lines(const Eigen::ArrayXd& signal, Eigen::Index length) {
     length = std::min(length, signal.size());
     const double n = static_cast<double>(length);
