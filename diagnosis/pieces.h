@@ -7,6 +7,9 @@
 #include <cmath>
 #include <vector>
 
+#include "twin/model.h"
+#include "twin/twin.h"
+
 namespace servotwin {
 
 inline constexpr double kPiece_s = 0.25;   // length of an interval
@@ -37,5 +40,20 @@ struct Piece {
   const double with = rms_of(after), without = rms_of(before);
   return std::sqrt(std::max(0.0, without * without - with * with));
 }
+
+/// Appends the mean squares of the residual of a segment, interval by interval [m^2 | rad^2].
+void add_pieces(const Segment& s, const Eigen::Ref<const Eigen::ArrayXd>& left,
+                std::vector<double>& out);
+/// The mean square of the simulation error of a model in every interval of 0.25 s [m^2 | rad^2].
+[[nodiscard]] std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments);
+/// Whether the command moves in each of these intervals.
+[[nodiscard]] std::vector<bool> moving(const std::vector<Segment>& segments);
+
+/// z of the mean of paired differences; 0 where there are fewer than four.
+[[nodiscard]] double paired_z(const std::vector<double>& before, const std::vector<double>& after);
+/// z of the signed ranks of paired differences (Wilcoxon, Biometrics Bulletin 1 (1945) 80), which
+/// does not fall when a few intervals contain most of the error; 0 where there are fewer than ten.
+[[nodiscard]] double signed_rank_z(const std::vector<double>& before,
+                                   const std::vector<double>& after);
 
 }  // namespace servotwin

@@ -2,10 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "diagnosis/cuts.h"
-#include "diagnosis/pieces.h"
+#include "diagnosis/plausibility.h"
 #include "diagnosis/thresholds.h"
 #include "diagnosis/variation.h"
 #include "identification/least_squares/parallel.h"
@@ -33,84 +32,6 @@ constexpr double kMaxRmsRatioOfTravel = 0.8;
 // estimated roughly, and along a simulated one.
 constexpr double kMaxDeviationMeasured = 0.5, kMaxDeviationSimulated = 0.1;
 
-/// Whether the effect consists of short impulses at separate times. Impulses all at one time, or a
-/// single one of nearly the longest possible duration, model something else.
-bool are_impulses(const Effect& effect) {
-  // An impulse smaller than kMinShare of the largest one does not count. kMaxDurationShare: of the
-  // longest duration that the catalogue allows. kMinSpread_s: between first and last.
-  constexpr double kMinShare = 0.2, kMaxDurationShare = 0.9, kMinSpread_s = 0.25;
-  constexpr std::size_t kPushes = ImpulseDisturbance::kPushes;
-  double most = 0.0;
-  for (std::size_t i = 0; i < kPushes; ++i) most = std::max(most, std::abs(effect.coefficient[i]));
-  std::vector<double> moments;
-  for (std::size_t i = 0; i < kPushes; ++i) {
-    if (std::abs(effect.coefficient[i]) > kMinShare * most) moments.push_back(effect.shape[i]);
-  }
-  if (moments.empty()) return false;
-  const auto [first, last] = std::minmax_element(moments.begin(), moments.end());
-  if (*last - *first > kMinSpread_s) return true;
-  return moments.size() == 1 &&
-         effect.shape[kPushes] < kMaxDurationShare * shapes_of(effect.kind)[kPushes].upper;
-}
-
-/// Whether a model is physically plausible beyond the bounds of its single parameters.
-/// `max_deviation`: of the saturation coefficient from 1.
-bool plausible(const Model& model, double begin_s, double end_s, double max_deviation) {
-  // An effect that sets in within this share of the recording from its begin or end is not
-  // accepted: there is too little data before or after it.
-  constexpr double kMinShareToEnds = 0.06;
-  for (const Effect& effect : model.effects) {
-    const auto shapes = shapes_of(effect.kind);
-    if (shapes.empty() || shapes.front().scan != Scan::kTime) continue;
-    const double share = (effect.shape[0] - begin_s) / (end_s - begin_s);
-    if (share < kMinShareToEnds || share > 1.0 - kMinShareToEnds) return false;
-  }
-  // Saturation removes all of the torque above the limit, so that its coefficient must be near 1.
-  const Effect* limit = model.find(kind_of<TorqueSaturation>());
-  if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < max_deviation)) return false;
-  // A damping ratio above kMaxDamping, more than tables and screws have, can only come from the
-  // loop when the frequency is near its poles. Beyond kMaxOverFastestPole times the fastest pole it
-  // is a lag of the control and not a mode.
-  constexpr double kMaxDamping = 0.1, kMaxOverFastestPole = 2.0;
-  if (const Effect* mode = model.find(kind_of<Compliance>());
-      mode != nullptr && mode->shape[1] > kMaxDamping) {
-    double fastest = 0.0;
-    const auto roots = roots_of(model.loop);
-    for (int i = 0; i < model.loop.order; ++i)
-      fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
-    if (2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest) return false;
-  }
-  // Without play a spring that hardly rings is no spring but a lag, and one that the samples cannot
-  // show is none either.
-  constexpr double kMaxSpringDamping = 0.2, kMaxSpringFrequency = 0.4;  // of the sampling rate
-  if (const Effect* axis = two_mass_of(model);
-      axis != nullptr && two_mass_parameters(*axis).width == 0.0 &&
-      (axis->shape[1] > kMaxSpringDamping ||
-       axis->shape[0] * model.sample_time_s > kMaxSpringFrequency))
-    return false;
-  if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
-      pushes != nullptr && !are_impulses(*pushes))
-    return false;
-  // The part behind a gap must carry at least this share of the friction or of the mass.
-  constexpr double kMinPartShare = 0.02;
-  if (const Effect* gap = model.find(kind_of<BacklashBehindEncoder>()); gap != nullptr) {
-    double level = 0.0;
-    for (const Effect& effect : model.effects) {
-      if (is_friction_law(effect.kind)) level += level_of(effect);
-    }
-    if (std::abs(gap->coefficient[0]) <= kMinPartShare * level &&
-        gap->coefficient[1] < kMinPartShare)
-      return false;
-  }
-  // A gap is crossed with the gain of the velocity loop, which makes most of the first denominator
-  // coefficient: their ratio must lie between these.
-  constexpr double kMinGainRatio = 0.3, kMaxGainRatio = 2.0;
-  const Effect* play = model.find(kind_of<BacklashInLoop>());
-  if (play == nullptr) return true;
-  const double share = play->coefficient[0] / model.loop.denominator[0];
-  return share > kMinGainRatio && share < kMaxGainRatio;
-}
-
 /// Copies the intermittent effects from `found` to a model that was refitted to other data.
 void keep_intermittent(const Model& found, Model& model) {
   for (std::size_t i = 0; i < model.effects.size(); ++i) {
@@ -136,113 +57,6 @@ bool widen_gap(Model& model) {
 }
 
 }  // namespace
-
-double Hypothesis::rms() const { return rms_of(pieces); }
-
-bool Hypothesis::has(std::size_t kind) const {
-  return std::find(structure.effects.begin(), structure.effects.end(), kind) !=
-         structure.effects.end();
-}
-
-bool has_two_masses(const Structure& structure) {
-  return std::any_of(structure.effects.begin(), structure.effects.end(), acts_on_axis);
-}
-
-bool is_intermittent(std::size_t kind) {
-  const auto shapes = shapes_of(kind);
-  const Scan scan = shapes.empty() ? Scan::kNone : shapes.front().scan;
-  return scan == Scan::kMoments || scan == Scan::kDemand;
-}
-
-double shape_of(const Model& model, std::size_t kind, std::string_view name) {
-  const Effect* effect = model.find(kind);
-  std::size_t p = 0;
-  for (const Parameter& parameter : shapes_of(kind)) {
-    if (effect != nullptr && parameter.name == name) return effect->shape[p];
-    ++p;
-  }
-  return kAbsent;
-}
-
-Point point_of(const Model& model, const Structure& structure) {
-  Point point{model.loop.denominator, {}};
-  for (const std::size_t kind : structure.effects) {
-    for (const Parameter& parameter : shapes_of(kind)) {
-      double value = shape_of(model, kind, parameter.name);
-      // A new effect starts with the value of this parameter in an effect that it may replace.
-      for (const Effect& other : model.effects) {
-        const double known = shape_of(model, other.kind, parameter.name);
-        if (!std::isfinite(value) && std::isfinite(known) && parameter.scan == Scan::kNone)
-          value = std::clamp(known, parameter.lower, parameter.upper);
-      }
-      point.shapes.push_back(std::isfinite(value) ? value : parameter.start);
-    }
-  }
-  return point;
-}
-
-namespace {
-
-/// Calls `take(first, count)` for the samples of every interval of a segment.
-template <class Take>
-void each_piece(const Segment& s, Eigen::Index size, const Take& take) {
-  const auto piece = std::max<Eigen::Index>(1, std::lround(kPiece_s / s.sample_time_s));
-  const auto skip =
-      std::max(s.lead, static_cast<Eigen::Index>(std::lround(kSettle_s / s.sample_time_s)));
-  for (Eigen::Index at = skip; at + piece <= size; at += piece) take(at, piece);
-}
-
-/// Appends the mean squares of the residual of a segment, interval by interval.
-void add_pieces(const Segment& s, const Eigen::Ref<const Eigen::ArrayXd>& left,
-                std::vector<double>& out) {
-  each_piece(s, left.size(), [&](Eigen::Index at, Eigen::Index count) {
-    out.push_back(left.segment(at, count).square().mean());
-  });
-}
-
-}  // namespace
-
-std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments) {
-  std::vector<double> out;
-  for (const Segment& s : segments) add_pieces(s, s.command - s.actual - simulate(model, s), out);
-  return out;
-}
-
-std::vector<bool> moving(const std::vector<Segment>& segments) {
-  std::vector<bool> out;
-  for (const Segment& s : segments) {
-    each_piece(s, s.size(), [&](Eigen::Index at, Eigen::Index count) {
-      const auto commands = s.command.segment(at, count);
-      out.push_back(commands.maxCoeff() > commands.minCoeff());
-    });
-  }
-  return out;
-}
-
-double paired_z(const std::vector<double>& before, const std::vector<double>& after) {
-  const auto n = static_cast<Eigen::Index>(std::min(before.size(), after.size()));
-  if (n < 4) return 0.0;
-  const Eigen::ArrayXd d = Eigen::Map<const Eigen::ArrayXd>(before.data(), n) -
-                           Eigen::Map<const Eigen::ArrayXd>(after.data(), n);
-  const double sd = std::sqrt((d - d.mean()).square().sum() / static_cast<double>(n - 1));
-  return sd > 0.0 ? d.mean() / (sd / std::sqrt(static_cast<double>(n))) : 0.0;
-}
-
-double signed_rank_z(const std::vector<double>& before, const std::vector<double>& after) {
-  std::vector<double> d;
-  for (std::size_t i = 0; i < std::min(before.size(), after.size()); ++i) {
-    if (before[i] != after[i]) d.push_back(before[i] - after[i]);
-  }
-  if (d.size() < 10) return 0.0;
-  std::sort(d.begin(), d.end(), [](double l, double r) { return std::abs(l) < std::abs(r); });
-  double sum = 0.0, squares = 0.0;
-  for (std::size_t i = 0; i < d.size(); ++i) {
-    const double rank = static_cast<double>(i) + 1.0;
-    sum += d[i] > 0.0 ? rank : -rank;
-    squares += rank * rank;
-  }
-  return sum / std::sqrt(squares);
-}
 
 Search::Search(std::vector<Segment> recorded, double training_to_s, const PoleBounds& bounds,
                const NoiseFloor& floor, bool rotary)

@@ -6,51 +6,13 @@
 #include <atomic>
 #include <vector>
 
+#include "diagnosis/hypothesis.h"
+#include "diagnosis/pieces.h"
 #include "diagnosis/screen.h"
 #include "identification/loop/pole_search.h"
 #include "identification/recording/noise_floor.h"
 
 namespace servotwin {
-
-/// A model structure with its best fit, and with its error on blocks that its coefficients were not
-/// fitted to.
-struct Hypothesis {
-  Structure structure;
-  Point point;
-  Model model;
-  double cost = 1e300;  ///< on the training data
-  /// Mean square of the error of the cross-validation in every interval of 0.25 s [m^2 | rad^2].
-  std::vector<double> pieces;
-
-  [[nodiscard]] double rms() const;  ///< of all intervals [m | rad]
-  [[nodiscard]] bool has(std::size_t kind) const;
-};
-
-/// The starting point for a structure: the loop and the shape parameters of this model, with those
-/// of the catalogue where the model has none.
-[[nodiscard]] Point point_of(const Model& model, const Structure& structure);
-
-/// Whether the structure is that of an axis of two masses.
-[[nodiscard]] bool has_two_masses(const Structure& structure);
-
-/// Whether the effect is intermittent (impulses, saturation). Isolated events cannot be refitted on
-/// the other blocks; their parameters are kept, and few intervals contain all that they explain.
-[[nodiscard]] bool is_intermittent(std::size_t kind);
-
-/// A shape parameter by its name; NaN where the model or the effect has none.
-[[nodiscard]] double shape_of(const Model& model, std::size_t kind, std::string_view name);
-
-/// The mean square of the simulation error of a model in every interval of 0.25 s [m^2 | rad^2].
-[[nodiscard]] std::vector<double> left_by(const Model& model, const std::vector<Segment>& segments);
-/// Whether the command moves in each of these intervals.
-[[nodiscard]] std::vector<bool> moving(const std::vector<Segment>& segments);
-
-/// z of the mean of paired differences; 0 where there are fewer than four.
-[[nodiscard]] double paired_z(const std::vector<double>& before, const std::vector<double>& after);
-/// z of the signed ranks of paired differences (Wilcoxon, Biometrics Bulletin 1 (1945) 80), which
-/// does not fall when a few intervals contain most of the error; 0 where there are fewer than ten.
-[[nodiscard]] double signed_rank_z(const std::vector<double>& before,
-                                   const std::vector<double>& after);
 
 /// Fits hypotheses to the training data and judges them by cross-validation over blocks of it.
 class Search {

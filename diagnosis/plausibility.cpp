@@ -1,0 +1,92 @@
+#include "diagnosis/plausibility.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "twin/two_mass_axis.h"
+
+namespace servotwin {
+
+namespace {
+
+/// Whether the effect consists of short impulses at separate times. Impulses all at one time, or a
+/// single one of nearly the longest possible duration, model something else.
+bool are_impulses(const Effect& effect) {
+  // An impulse smaller than kMinShare of the largest one does not count. kMaxDurationShare: of the
+  // longest duration that the catalogue allows. kMinSpread_s: between first and last.
+  constexpr double kMinShare = 0.2, kMaxDurationShare = 0.9, kMinSpread_s = 0.25;
+  constexpr std::size_t kPushes = ImpulseDisturbance::kPushes;
+  double most = 0.0;
+  for (std::size_t i = 0; i < kPushes; ++i) most = std::max(most, std::abs(effect.coefficient[i]));
+  std::vector<double> moments;
+  for (std::size_t i = 0; i < kPushes; ++i) {
+    if (std::abs(effect.coefficient[i]) > kMinShare * most) moments.push_back(effect.shape[i]);
+  }
+  if (moments.empty()) return false;
+  const auto [first, last] = std::minmax_element(moments.begin(), moments.end());
+  if (*last - *first > kMinSpread_s) return true;
+  return moments.size() == 1 &&
+         effect.shape[kPushes] < kMaxDurationShare * shapes_of(effect.kind)[kPushes].upper;
+}
+
+}  // namespace
+
+bool plausible(const Model& model, double begin_s, double end_s, double max_deviation) {
+  // An effect that sets in within this share of the recording from its begin or end is not
+  // accepted: there is too little data before or after it.
+  constexpr double kMinShareToEnds = 0.06;
+  for (const Effect& effect : model.effects) {
+    const auto shapes = shapes_of(effect.kind);
+    if (shapes.empty() || shapes.front().scan != Scan::kTime) continue;
+    const double share = (effect.shape[0] - begin_s) / (end_s - begin_s);
+    if (share < kMinShareToEnds || share > 1.0 - kMinShareToEnds) return false;
+  }
+  // Saturation removes all of the torque above the limit, so that its coefficient must be near 1.
+  const Effect* limit = model.find(kind_of<TorqueSaturation>());
+  if (limit != nullptr && !(std::abs(limit->coefficient[0] - 1.0) < max_deviation)) return false;
+  // A damping ratio above kMaxDamping, more than tables and screws have, can only come from the
+  // loop when the frequency is near its poles. Beyond kMaxOverFastestPole times the fastest pole it
+  // is a lag of the control and not a mode.
+  constexpr double kMaxDamping = 0.1, kMaxOverFastestPole = 2.0;
+  if (const Effect* mode = model.find(kind_of<Compliance>());
+      mode != nullptr && mode->shape[1] > kMaxDamping) {
+    double fastest = 0.0;
+    const auto roots = roots_of(model.loop);
+    for (int i = 0; i < model.loop.order; ++i)
+      fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
+    if (2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest) return false;
+  }
+  // Without play a spring that hardly rings is no spring but a lag, and one that the samples cannot
+  // show is none either.
+  constexpr double kMaxSpringDamping = 0.2, kMaxSpringFrequency = 0.4;  // of the sampling rate
+  if (const Effect* axis = two_mass_of(model);
+      axis != nullptr && two_mass_parameters(*axis).width == 0.0 &&
+      (axis->shape[1] > kMaxSpringDamping ||
+       axis->shape[0] * model.sample_time_s > kMaxSpringFrequency))
+    return false;
+  if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
+      pushes != nullptr && !are_impulses(*pushes))
+    return false;
+  // The part behind a gap must carry at least this share of the friction or of the mass.
+  constexpr double kMinPartShare = 0.02;
+  if (const Effect* gap = model.find(kind_of<BacklashBehindEncoder>()); gap != nullptr) {
+    double level = 0.0;
+    for (const Effect& effect : model.effects) {
+      if (is_friction_law(effect.kind)) level += level_of(effect);
+    }
+    if (std::abs(gap->coefficient[0]) <= kMinPartShare * level &&
+        gap->coefficient[1] < kMinPartShare)
+      return false;
+  }
+  // A gap is crossed with the gain of the velocity loop, which makes most of the first denominator
+  // coefficient: their ratio must lie between these.
+  constexpr double kMinGainRatio = 0.3, kMaxGainRatio = 2.0;
+  const Effect* play = model.find(kind_of<BacklashInLoop>());
+  if (play == nullptr) return true;
+  const double share = play->coefficient[0] / model.loop.denominator[0];
+  return share > kMinGainRatio && share < kMaxGainRatio;
+}
+
+}  // namespace servotwin
