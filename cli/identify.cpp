@@ -12,15 +12,13 @@
 #include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
+#include "identification/loop/identified_file.h"
 #include "identification/loop/joint.h"
-#include "identification/model/json_number.h"
 #include "identification/recording/excerpt.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::cli {
 namespace {
-
-using nlohmann::json;
 
 // Largest training RMS over the noise floor at which +- describes the error of the estimates. Above
 // 3, noise is less than a ninth of the squared residual: unmodelled effects dominate.
@@ -58,25 +56,6 @@ std::string now_utc() {
   ::gmtime_r(&now, &utc);
   return text("%04d-%02d-%02dT%02d:%02d:%02dZ", utc.tm_year + 1900, utc.tm_mon + 1, utc.tm_mday,
               utc.tm_hour, utc.tm_min, utc.tm_sec);
-}
-
-json result_of(const Identified& identified) {
-  json out = to_json(identified.record);
-  json trials = json::array();
-  for (const StructureTrial& trial : identified.trials) {
-    json effects = json::array();
-    for (const std::size_t kind : trial.effects) effects.push_back(identity_of(kind).id);
-    trials.push_back({{"order", trial.order},
-                      {"modes", trial.modes},
-                      {"moving", trial.moving},
-                      {"effects", effects},
-                      {"validation_rms_m", number_or_null(trial.validation_rms)},
-                      {"chosen", trial.chosen},
-                      {"ruled_out", trial.ruled_out}});
-  }
-  out["trials"] = trials;
-  out["refusals"] = identified.refusals;
-  return out;
 }
 
 void say_result(std::FILE* people, const Identified& identified) {
@@ -151,7 +130,7 @@ void run(const IdentifyArguments& arguments) {
   identified.record.source = arguments.input.recording.file.filename().string();
 
   say_result(people, identified);
-  if (!arguments.result.empty()) write_json(arguments.result, result_of(identified));
+  if (!arguments.result.empty()) write_json(arguments.result, to_json(identified));
   if (!identified.refusals.empty()) {
     std::string why = "the model must not be used: ";
     for (std::size_t i = 0; i < identified.refusals.size(); ++i) {

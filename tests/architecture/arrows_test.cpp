@@ -30,6 +30,7 @@ const std::map<std::string, std::set<std::string>> kMayInclude{
     {"drivers", {"drivers", "msgs", "twin/sample.h"}},
     {"daemon", {"daemon", "diagnosis", "identification", "ilc", "drivers", "msgs", "twin"}},
     {"cli", {"cli", "daemon", "diagnosis", "identification", "ilc", "drivers", "msgs", "twin"}},
+    {"python", {"python", "diagnosis", "identification", "ilc", "drivers", "msgs", "twin"}},
 };
 
 /// The inner rooms of a room, floor by floor from below. A room may include itself and every floor

@@ -42,7 +42,9 @@ class SteppedClock {
   }
   void set(std::int64_t added_ns) const { *added_ns_ = added_ns; }
   [[nodiscard]] test::Environment environment() const {
-    return {{"LD_PRELOAD", built("libstepped_clock.so")}, {"STEPPED_CLOCK", file_}};
+    return {{"LD_PRELOAD", built("libstepped_clock.so")},
+            {"STEPPED_CLOCK", file_},
+            {"ASAN_OPTIONS", "verify_asan_link_order=0"}};  // a sanitizer wants to be the first
   }
 
  private:

@@ -1,0 +1,74 @@
+// The parts of the module servotwin._core, and what they share. Positions and errors are numpy
+// arrays in m, or rad on a rotary axis; everything else is in SI units. An error of the libraries
+// becomes RuntimeError (what failed, and what to do) or ValueError (an argument out of range).
+// Functions that calculate release the interpreter's lock.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <Eigen/Core>
+#include <chrono>
+#include <functional>
+#include <future>
+#include <nlohmann/json.hpp>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "identification/model/model_file.h"
+#include "identification/recording/segments.h"
+
+namespace servotwin::python {
+
+void bind_recording(pybind11::module_& module);
+void bind_model(pybind11::module_& module);
+void bind_diagnosis(pybind11::module_& module);
+void bind_listener(pybind11::module_& module);
+
+/// One axis of a recording, repaired and cut into segments.
+struct Axis {
+  SegmentedAxis segmented;
+  std::vector<std::string> notes;  ///< what was read, repaired or dropped
+  bool commanded = true;           ///< the recording has its command
+};
+
+/// A model with where it comes from.
+struct ModelOfAxis {
+  ModelRecord record;
+};
+
+/// The same values as dict, list, str, float, int, bool and None.
+[[nodiscard]] pybind11::object object_of(const nlohmann::json& json);
+/// A model file from the same. Throws as model_from_json.
+[[nodiscard]] nlohmann::json json_of(const pybind11::handle& object);
+[[nodiscard]] pybind11::object array_of(const Eigen::ArrayXd& values);
+/// The name of the recording as model files have it: without folders.
+[[nodiscard]] std::string file_name(const Axis& axis);
+/// "2026-11-27T08:15:00Z".
+[[nodiscard]] std::string now_utc();
+/// The model for data with this sampling time. Throws std::runtime_error if it cannot run at it.
+[[nodiscard]] Model model_at(const ModelRecord& record, double sample_time_s);
+
+/// Runs work without the interpreter's lock; Ctrl-C asks it to stop.
+template <class Work>
+auto interruptible(const Work& work) {
+  std::stop_source stop;
+  auto result = std::async(std::launch::async, [&] { return work(stop.get_token()); });
+  while (true) {
+    {
+      const pybind11::gil_scoped_release release;
+      if (result.wait_for(std::chrono::milliseconds(100)) == std::future_status::ready) break;
+    }
+    if (PyErr_CheckSignals() == 0) continue;
+    stop.request_stop();
+    {
+      const pybind11::gil_scoped_release release;
+      result.wait();
+    }
+    throw pybind11::error_already_set();
+  }
+  return result.get();
+}
+
+}  // namespace servotwin::python

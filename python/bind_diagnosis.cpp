@@ -1,0 +1,135 @@
+// Diagnoses: what a simulation gets wrong, and why.
+#include <pybind11/stl.h>
+
+#include <cmath>
+#include <optional>
+
+#include "diagnosis/comparison.h"
+#include "diagnosis/diagnose.h"
+#include "diagnosis/diagnosis_file.h"
+#include "diagnosis/report.h"
+#include "diagnosis/torque.h"
+#include "diagnosis/torque_text.h"
+#include "python/bind.h"
+
+namespace servotwin::python {
+namespace {
+
+namespace py = pybind11;
+
+/// As the tool makes it: of the position loop, of the torque, or of both.
+struct Diagnosed {
+  std::optional<Diagnosis> loop;
+  std::optional<TorqueDiagnosis> torque;
+  std::string reason;  ///< why the position loop was not diagnosed
+  SegmentedAxis axis;
+};
+
+std::optional<TorqueDiagnosis> torque_of(const Axis& axis, const DiagnoseOptions& options) {
+  if (!has_torque(axis.segmented)) return std::nullopt;
+  try {
+    return diagnose_torque(axis.segmented, options);
+  } catch (const std::runtime_error&) {
+    return std::nullopt;  // too little motion with torque
+  }
+}
+
+Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
+                    const DiagnoseOptions& options) {
+  Diagnosed out;
+  out.axis = axis.segmented;
+  if (!axis.commanded) {
+    out.reason = "the recording has position and torque, but no command";
+    out.torque = diagnose_torque(axis.segmented, options, false);
+    return out;
+  }
+  try {
+    out.loop =
+        earlier ? compare(axis.segmented, *earlier, options) : diagnose(axis.segmented, options);
+  } catch (const std::runtime_error& error) {
+    if (!has_torque(axis.segmented) || earlier || options.stop.stop_requested()) throw;
+    out.reason = error.what();
+    out.torque = diagnose_torque(axis.segmented, options);
+    return out;
+  }
+  out.torque = torque_of(axis, options);
+  if (out.torque) heed(*out.torque, *out.loop);
+  out.loop->baseline.source = out.loop->extended.source = file_name(axis);
+  return out;
+}
+
+nlohmann::json json_of(const Diagnosed& diagnosed) {
+  if (!diagnosed.loop) return torque_alone(*diagnosed.torque, diagnosed.reason);
+  nlohmann::json out = to_json(*diagnosed.loop, "");
+  if (diagnosed.torque) add_torque(out, *diagnosed.torque);
+  return out;
+}
+
+const Diagnosis& loop_of(const Diagnosed& diagnosed) {
+  if (!diagnosed.loop)
+    throw std::runtime_error("there is no model of the position loop: " + diagnosed.reason);
+  return *diagnosed.loop;
+}
+
+std::string page_of(const Diagnosed& d) {
+  if (!d.loop) return torque_page(*d.torque, d.axis.source);
+  return report_html(*d.loop, d.axis.segments, d.axis.source,
+                     d.torque ? torque_section(*d.torque) : "");
+}
+
+}  // namespace
+
+void bind_diagnosis(py::module_& module) {
+  py::class_<Diagnosed>(module, "Diagnosis", "What the simulation of an axis gets wrong, and why.")
+      .def(
+          "to_dict", [](const Diagnosed& d) { return object_of(json_of(d)); },
+          "What `servotwin diagnose --json` writes.")
+      .def_property_readonly("verdict",
+                             [](const Diagnosed& d) {
+                               return d.loop ? verdict_text(*d.loop) : "torque alone: " + d.reason;
+                             })
+      .def_property_readonly(
+          "causes", [](const Diagnosed& d) { return object_of(json_of(d).at("causes")); },
+          "The named causes, as in the diagnosis file; the one that explains most is the first.")
+      .def_property_readonly("baseline",
+                             [](const Diagnosed& d) { return ModelOfAxis{loop_of(d).baseline}; })
+      .def_property_readonly(
+          "extended", [](const Diagnosed& d) { return ModelOfAxis{loop_of(d).extended}; },
+          "The model with all causes.")
+      .def_property_readonly(
+          "steps", [](const Diagnosed& d) { return loop_of(d).steps; },
+          "What the search tried, added and removed.")
+      .def("report", &page_of, py::call_guard<py::gil_scoped_release>(),
+           "A page for people, as HTML.")
+      .def("_repr_html_", &page_of)
+      .def("__repr__",
+           [](const Diagnosed& d) { return "<servotwin.Diagnosis of axis " + d.axis.axis + ">"; });
+
+  module.def(
+      "diagnose",
+      [](const Axis& axis, const std::optional<ModelOfAxis>& earlier,
+         const std::vector<std::string>& leave_out, bool encoder_in_loop,
+         std::optional<double> training_share, double delay_max_s) {
+        DiagnoseOptions options;
+        options.leave_out = leave_out;
+        options.encoder_in_loop = encoder_in_loop;
+        options.identify.delay_max_s = delay_max_s;
+        if (training_share) {
+          if (!(*training_share >= 0.1 && *training_share <= 0.95))
+            throw std::invalid_argument("training_share must be 0.1 to 0.95");
+          options.identify.training_share = *training_share;
+          options.balance = false;
+        }
+        std::optional<ModelRecord> record;
+        if (earlier) record = earlier->record;
+        return interruptible([&](const std::stop_token& stop) {
+          options.stop = stop;
+          return diagnosed(axis, record, options);
+        });
+      },
+      py::arg("axis"), py::kw_only(), py::arg("earlier") = py::none(),
+      py::arg("leave_out") = std::vector<std::string>(), py::arg("encoder_in_loop") = false,
+      py::arg("training_share") = py::none(), py::arg("delay_max_s") = 0.02);
+}
+
+}  // namespace servotwin::python

@@ -1,0 +1,261 @@
+"""The module beside the command-line tool: the same digits, and errors that say what to do."""
+
+import ast
+import csv
+import json
+import os
+import signal
+import subprocess
+import tempfile
+import threading
+import unittest
+from pathlib import Path
+
+import numpy
+import servotwin
+
+TOOL = os.environ["SERVOTWIN"]
+DAEMON = os.environ["SERVOTWIND"]
+RECORDING = Path(os.environ["SERVOTWIN_EXAMPLES"]) / "axis_production.csv"
+STUB = Path(os.environ["SERVOTWIN_SOURCES"]) / "servotwin" / "_core.pyi"
+PART = {"to_s": 8.0}  # seconds: a diagnosis of all takes longer and shows no more
+
+
+def tool(*arguments):
+    """What the tool writes to standard output, where it was asked to."""
+    done = subprocess.run([TOOL, *map(str, arguments)], capture_output=True, text=True)
+    if done.returncode != 0:
+        raise AssertionError(done.stderr)
+    return done.stdout
+
+
+def without_clock(values):
+    """Without what the clock says."""
+    out = {key: value for key, value in values.items() if key != "created"}
+    if "fit" in out:
+        out["fit"] = {key: value for key, value in out["fit"].items() if key != "time_taken_s"}
+    return out
+
+
+class AnAxis(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.axis = servotwin.read(RECORDING, **PART)["X"]
+        cls.found = servotwin.identify(cls.axis)
+
+    def in_files(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        return Path(folder.name)
+
+
+class SameDigits(AnAxis):
+    def test_identify(self):
+        of_tool = json.loads(tool("identify", RECORDING, "--axis", "X", "--to", 8, "--json", "-"))
+        self.assertEqual(without_clock(self.found.to_dict()), without_clock(of_tool))
+        self.assertGreater(len(of_tool["trials"]), 1)
+
+    def test_predict(self):
+        folder = self.in_files()
+        self.found.model.save(folder / "m.json")
+        figures = json.loads(
+            tool("predict", RECORDING, "--axis", "X", "--model", folder / "m.json", "--json", "-", "--out", folder / "p.csv")
+        )
+        prediction = self.found.model.predict(servotwin.read(RECORDING)["X"])
+        self.assertEqual(prediction.rms, figures["rms_m"])
+        self.assertEqual(prediction.max, figures["max_m"])
+        self.assertEqual(prediction.noise_floor_rms, figures["noise_floor_rms_m"])
+        with open(folder / "p.csv") as table:
+            rows = list(csv.DictReader(table))
+        for column, values in (
+            ("time[s]", prediction.time),
+            ("X.predicted_error[m]", prediction.predicted_error),
+            ("X.measured_error[m]", prediction.measured_error),
+            ("X.residual[m]", prediction.residual),
+        ):
+            numpy.testing.assert_array_equal(values, [float(row[column]) for row in rows])
+
+    def test_simulate(self):
+        folder = self.in_files()
+        self.found.model.save(folder / "m.json")
+        tool("simulate", RECORDING, "--model", folder / "m.json", "--out", folder / "s.csv")
+        with open(folder / "s.csv") as table:
+            rows = list(csv.DictReader(table))
+        command = numpy.array([float(row["X.command[m]"]) for row in rows])
+        error = self.found.model.simulate(command)
+        numpy.testing.assert_array_equal(command - error, [float(row["X.actual[m]"]) for row in rows])
+        self.assertGreater(abs(error).max(), 1e-6)
+
+    def test_diagnose(self):
+        of_tool = json.loads(tool("diagnose", RECORDING, "--axis", "X", "--to", 8, "--json", "-"))
+        diagnosis = servotwin.diagnose(self.axis)
+        self.assertEqual(without_clock(diagnosis.to_dict()), without_clock(of_tool))
+        self.assertEqual([cause["id"] for cause in diagnosis.causes], [cause["id"] for cause in of_tool["causes"]])
+        self.assertIn("<html", diagnosis.report())
+        self.assertLess(diagnosis.extended.predict(self.axis).rms, diagnosis.baseline.predict(self.axis).rms)
+
+    def test_a_saved_model_is_the_model(self):
+        file = self.in_files() / "m.json"
+        model = self.found.model
+        model.save(file)
+        loaded = servotwin.Model.load(file)
+        self.assertEqual(loaded.to_dict(), model.to_dict())
+        self.assertEqual(servotwin.Model.from_dict(model.to_dict()).to_dict(), model.to_dict())
+        self.assertEqual(loaded.predict(self.axis).rms, model.predict(self.axis).rms)
+
+
+class Arrays(AnAxis):
+    def columns(self):
+        with open(RECORDING) as table:
+            rows = list(csv.reader(line for line in table if not line.startswith("#")))
+        return {name: numpy.array([float(row[i]) for row in rows[1:]]) for i, name in enumerate(rows[0])}
+
+    def assert_same(self, recording):
+        of_file, of_table = servotwin.read(RECORDING)["X"], recording["X"]
+        for name in ("time", "command", "actual", "torque"):
+            numpy.testing.assert_array_equal(getattr(of_table, name), getattr(of_file, name))
+        self.assertEqual(of_table.torque_unit, of_file.torque_unit)
+
+    def test_of_a_dict(self):
+        self.assert_same(servotwin.recording(self.columns()))
+
+    def test_of_a_frame(self):
+        import pandas
+
+        self.assert_same(servotwin.recording(pandas.DataFrame(self.columns())))
+
+    def test_with_names_and_units_of_ones_own(self):
+        columns = self.columns()
+        mine = {"q": 1000.0 * columns["X.command[mm]"], "y": columns["X.actual[mm]"]}
+        recording = servotwin.recording(mine, columns="X.command=q[um],X.actual=y[mm]", rate_hz=1000.0)
+        numpy.testing.assert_allclose(recording["X"].command, servotwin.read(RECORDING)["X"].command, rtol=1e-14)
+
+    def test_what_is_wrong_with_them_is_said(self):
+        columns = self.columns()
+        columns["X.actual[mm]"] = columns["X.actual[mm]"][:-1]
+        with self.assertRaisesRegex(ValueError, r"differ in length: X\.actual\[mm\] has 24516 rows, X\.command\[mm\] 24517"):
+            servotwin.recording(columns)
+        with self.assertRaisesRegex(ValueError, "dimensions"):
+            servotwin.recording({"X.command[mm]": numpy.zeros((2, 2)), "X.actual[mm]": numpy.zeros(4)}, rate_hz=1.0)
+        with self.assertRaises(ValueError):
+            servotwin.recording({})
+
+
+class Errors(AnAxis):
+    def test_several_axes(self):
+        with self.assertRaisesRegex(RuntimeError, r"has the axes X, Y.*choose one"):
+            servotwin.identify(servotwin.read(RECORDING))
+        with self.assertRaisesRegex(KeyError, "has no axis 'Q'"):
+            servotwin.read(RECORDING)["Q"]
+
+    def test_no_file(self):
+        with self.assertRaisesRegex(RuntimeError, "nowhere.csv"):
+            servotwin.read("nowhere.csv")
+
+    def test_options(self):
+        for options, words in (
+            ({"method": "magic"}, "'magic' is not known; choose one of full-ls, joint, pole-search"),
+            ({"friction": "gms", "method": "full-ls"}, "need the method joint"),
+            ({"structure": "two-mass", "modes": 1}, "takes no modes"),
+            ({"order": 4}, "order 4"),
+            ({"training_share": 2.0}, "training"),
+        ):
+            with self.assertRaisesRegex((ValueError, RuntimeError), words):
+                servotwin.identify(self.axis, **options)
+
+    def test_a_command_that_is_none(self):
+        with self.assertRaisesRegex(ValueError, "not finite"):
+            self.found.model.simulate([0.0, float("nan")])
+        with self.assertRaisesRegex(ValueError, "no values"):
+            self.found.model.simulate([])
+
+    def test_a_model_that_must_not_be_used(self):
+        # The positions of another axis: no loop predicts them.
+        other = servotwin.read(RECORDING, **PART)
+        mixed = servotwin.recording(
+            {"X.command[m]": other["X"].command, "X.actual[m]": other["Y"].actual[: len(other["X"].command)]},
+            rate_hz=1000.0,
+            as_recorded=True,
+        )
+        try:
+            found = servotwin.identify(mixed)
+        except RuntimeError:
+            return  # refused before anything was fitted
+        self.assertNotEqual(found.refusals, [])
+        with self.assertRaisesRegex(RuntimeError, "must not be used"):
+            found.model
+
+
+class Threads(AnAxis):
+    def test_others_go_on_while_it_calculates(self):
+        count, done = 0, threading.Event()
+
+        def work():
+            servotwin.identify(self.axis)
+            done.set()
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        while not done.wait(0.001):
+            count += 1
+        thread.join()
+        self.assertGreater(count, 10)
+
+    def test_an_interrupt_ends_a_diagnosis(self):
+        timer = threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT))
+        timer.start()
+        with self.assertRaises(KeyboardInterrupt):
+            servotwin.diagnose(servotwin.read(RECORDING)["X"])
+        timer.join()
+
+
+class Live(unittest.TestCase):
+    def test_predictions_of_a_daemon(self):
+        with tempfile.TemporaryDirectory() as store:
+            machine = f"python-{os.getpid()}"
+            daemon = subprocess.Popen(
+                [DAEMON, "--store", store, "--machine", machine, "--domain", "96", "--replay", *[RECORDING] * 20],
+                stderr=subprocess.DEVNULL,
+            )
+            try:
+                listener = servotwin.Listener(machine, domain=96)
+                got = []
+                while len(got) < 20:
+                    one = listener.next(timeout_s=5.0)
+                    if one is not None and "X" in one["axes"]:
+                        got.append(one)
+                self.assertLess(got[0]["sequence"], got[-1]["sequence"])
+                self.assertEqual(sorted(got[-1]["axes"]), ["X", "Y"])
+                self.assertTrue(numpy.isfinite(got[-1]["axes"]["X"]["measured_error"]))
+            finally:
+                daemon.kill()
+                daemon.wait()
+
+    def test_nobody_there(self):
+        self.assertIsNone(servotwin.Listener("nobody", domain=96).next(timeout_s=0.1))
+
+
+class Stub(unittest.TestCase):
+    def test_has_what_the_module_has(self):
+        said = {}
+        for node in ast.parse(STUB.read_text()).body:
+            if isinstance(node, ast.ClassDef):
+                said[node.name] = {
+                    item.target.id if isinstance(item, ast.AnnAssign) else item.name
+                    for item in node.body
+                    if isinstance(item, (ast.AnnAssign, ast.FunctionDef))
+                }
+            elif isinstance(node, ast.FunctionDef):
+                said[node.name] = None
+        core = servotwin._core
+        public = {name for name in dir(core) if not name.startswith("_")}
+        self.assertEqual(public, set(said))
+        for name, members in said.items():
+            if members is None:
+                continue
+            there = {m for m in dir(getattr(core, name)) if not m.startswith("_")}
+            self.assertEqual(there, {m for m in members if not m.startswith("_")}, name)
+
+
+if __name__ == "__main__":
+    unittest.main()
