@@ -12,6 +12,7 @@
 #include <functional>
 #include <future>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -28,7 +29,7 @@ void bind_listener(pybind11::module_& module);
 
 /// One axis of a recording, repaired and cut into segments.
 struct Axis {
-  SegmentedAxis segmented;
+  SegmentedAxis segmented;         ///< without a command: NaN in its place
   std::vector<std::string> notes;  ///< what was read, repaired or dropped
   bool commanded = true;           ///< the recording has its command
 };
@@ -40,13 +41,18 @@ struct ModelOfAxis {
 
 /// The same values as dict, list, str, float, int, bool and None.
 [[nodiscard]] pybind11::object object_of(const nlohmann::json& json);
-/// A model file from the same. Throws as model_from_json.
+/// JSON from the same, and from numpy's scalars. Throws std::invalid_argument with the place of a
+/// value that is not one of these, or not finite.
 [[nodiscard]] nlohmann::json json_of(const pybind11::handle& object);
 [[nodiscard]] pybind11::object array_of(const Eigen::ArrayXd& values);
+/// An axis by its name; the only one without. Throws std::runtime_error, pybind11::key_error.
+[[nodiscard]] Axis axis_of(const Recording& recording, const std::optional<std::string>& name);
 /// The name of the recording as model files have it: without folders.
 [[nodiscard]] std::string file_name(const Axis& axis);
 /// "2026-11-27T08:15:00Z".
 [[nodiscard]] std::string now_utc();
+/// Throws std::invalid_argument where the longest delay is not 0 to 0.05 s.
+void require_delay(double delay_max_s);
 /// The model for data with this sampling time. Throws std::runtime_error if it cannot run at it.
 [[nodiscard]] Model model_at(const ModelRecord& record, double sample_time_s);
 

@@ -1,8 +1,9 @@
 // Diagnoses: what a simulation gets wrong, and why.
 #include <pybind11/stl.h>
 
-#include <cmath>
+#include <algorithm>
 #include <optional>
+#include <set>
 
 #include "diagnosis/comparison.h"
 #include "diagnosis/diagnose.h"
@@ -40,7 +41,9 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
   out.axis = axis.segmented;
   if (!axis.commanded) {
     out.reason = "the recording has position and torque, but no command";
-    out.torque = diagnose_torque(axis.segmented, options, false);
+    // The position in place of the command, as without_command has it.
+    for (Segment& s : out.axis.segments) s.command = s.actual;
+    out.torque = diagnose_torque(out.axis, options, false);
     return out;
   }
   try {
@@ -63,6 +66,32 @@ nlohmann::json json_of(const Diagnosed& diagnosed) {
   nlohmann::json out = to_json(*diagnosed.loop, "");
   if (diagnosed.torque) add_torque(out, *diagnosed.torque);
   return out;
+}
+
+/// The named causes that the position loop shows, or those that the torque alone does.
+py::object causes_of(const Diagnosed& diagnosed, bool by_loop) {
+  nlohmann::json out = nlohmann::json::array();
+  const nlohmann::json all = json_of(diagnosed);
+  for (const nlohmann::json& one : all.at("causes")) {
+    const bool in_loop =
+        diagnosed.loop && std::any_of(diagnosed.loop->causes.begin(), diagnosed.loop->causes.end(),
+                                      [&](const Cause& cause) { return cause.id == one.at("id"); });
+    if (in_loop == by_loop) out.push_back(one);
+  }
+  return object_of(out);
+}
+
+void require_causes(const std::vector<std::string>& given) {
+  std::set<std::string> known{"dropped_samples"};
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    if (!identity_of(kind).cause.empty()) known.emplace(identity_of(kind).cause);
+  }
+  for (const std::string& one : given) {
+    if (known.count(one) > 0) continue;
+    std::string names;
+    for (const std::string& name : known) names += (names.empty() ? "" : ", ") + name;
+    throw std::invalid_argument("leave_out: '" + one + "' is no cause; the causes are " + names);
+  }
 }
 
 const Diagnosis& loop_of(const Diagnosed& diagnosed) {
@@ -89,13 +118,23 @@ void bind_diagnosis(py::module_& module) {
                                return d.loop ? verdict_text(*d.loop) : "torque alone: " + d.reason;
                              })
       .def_property_readonly(
-          "causes", [](const Diagnosed& d) { return object_of(json_of(d).at("causes")); },
-          "The named causes, as in the diagnosis file; the one that explains most is the first.")
+          "causes", [](const Diagnosed& d) { return causes_of(d, true); },
+          "The named causes, as in the diagnosis file; the one that explains most of the tracking "
+          "error is the first.")
+      .def_property_readonly(
+          "torque_causes", [](const Diagnosed& d) { return causes_of(d, false); },
+          "The causes that only the motor's torque shows. They are not in `extended`.")
+      .def_property_readonly(
+          "suspected",
+          [](const Diagnosed& d) {
+            return object_of(json_of(d).value("suspected", nlohmann::json::array()));
+          },
+          "Causes that are too uncertain to be named.")
       .def_property_readonly("baseline",
                              [](const Diagnosed& d) { return ModelOfAxis{loop_of(d).baseline}; })
       .def_property_readonly(
           "extended", [](const Diagnosed& d) { return ModelOfAxis{loop_of(d).extended}; },
-          "The model with all causes.")
+          "The model with all causes of the position loop, the suspected ones too.")
       .def_property_readonly(
           "steps", [](const Diagnosed& d) { return loop_of(d).steps; },
           "What the search tried, added and removed.")
@@ -111,6 +150,8 @@ void bind_diagnosis(py::module_& module) {
          const std::vector<std::string>& leave_out, bool encoder_in_loop,
          std::optional<double> training_share, double delay_max_s) {
         DiagnoseOptions options;
+        require_causes(leave_out);
+        require_delay(delay_max_s);
         options.leave_out = leave_out;
         options.encoder_in_loop = encoder_in_loop;
         options.identify.delay_max_s = delay_max_s;

@@ -3,7 +3,12 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <cerrno>
+#include <chrono>
 #include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <optional>
@@ -55,6 +60,10 @@ IdentifyOptions options_of(const std::string& method, const std::optional<std::s
   if (out.method == Method::kFullLs && (modes > 0 || coupling))
     throw std::invalid_argument(
         "full-ls models one loop and Coulomb friction only: it takes neither modes nor coupling");
+  if (modes < 0 || modes > static_cast<int>(kMaxModes))
+    throw std::invalid_argument("modes " + std::to_string(modes) + " is not 0 to " +
+                                std::to_string(kMaxModes));
+  require_delay(delay_max_s);
   if (order != 0 && order != 2 && order != 3)
     throw std::invalid_argument("order " + std::to_string(order) +
                                 " is not 2, 3, or 0 for the one that predicts best");
@@ -86,6 +95,8 @@ struct Prediction {
     Eigen::ArrayXd predicted;  ///< the tracking error in free simulation
     ErrorFigures figures;
   };
+  std::string axis;
+  bool rotary = false;
   std::vector<Part> parts;
   ErrorFigures all;
   double noise_floor_rms = kAbsent;
@@ -100,8 +111,13 @@ Prediction predicted(const ModelOfAxis& model, const Axis& axis) {
   if (of.segments.front().actual.size() == 0)
     throw std::invalid_argument(of.source + ": " + of.axis +
                                 ".actual has no values to compare with; simulate() needs none");
+  if (!axis.commanded)
+    throw std::invalid_argument(of.source + ": " + of.axis +
+                                ".command has no values: nothing to predict from");
   const Model at = model_at(model.record, of.sample_time_s);
   Prediction out;
+  out.axis = of.axis;
+  out.rotary = of.rotary;
   out.all = judge(at, of.segments);
   if (!std::isfinite(out.all.rms))
     throw std::runtime_error(of.source + ": no segment of " + of.axis + " is longer than the " +
@@ -125,6 +141,22 @@ Eigen::ArrayXd simulated(const ModelOfAxis& model, const Eigen::ArrayXd& command
   return simulate(model_at(model.record, sample_time_s), segment);
 }
 
+/// Completely or not at all.
+void save(const ModelOfAxis& model, const std::filesystem::path& file) {
+  const std::filesystem::path part = file.string() + ".part";
+  const auto refuse = [&] {
+    const int error = errno;
+    std::error_code ignored;
+    std::filesystem::remove(part, ignored);
+    throw std::runtime_error(file.string() + ": cannot be written: " + std::strerror(error));
+  };
+  std::ofstream out(part, std::ios::binary);
+  if (!out) refuse();
+  out << to_json(model.record).dump(2) << '\n';
+  out.close();
+  if (!out || std::rename(part.c_str(), file.c_str()) != 0) refuse();
+}
+
 template <class Of>
 py::object joined(const Prediction& prediction, const Of& of) {
   Eigen::Index size = 0, at = 0;
@@ -144,6 +176,56 @@ Eigen::ArrayXd error_of(const Prediction::Part& part) {
 }  // namespace
 
 void bind_model(py::module_& module) {
+  py::class_<Prediction::Part>(module, "PredictedSegment")
+      .def_readonly("segment", &Prediction::Part::segment)
+      .def_property_readonly("predicted_error",
+                             [](const Prediction::Part& p) { return array_of(p.predicted); })
+      .def_property_readonly("measured_error",
+                             [](const Prediction::Part& p) { return array_of(error_of(p)); })
+      .def_property_readonly("rms", [](const Prediction::Part& p) { return p.figures.rms; })
+      .def_property_readonly("max", [](const Prediction::Part& p) { return p.figures.max; });
+
+  py::class_<Prediction>(module, "Prediction", "The tracking error, predicted and measured.")
+      .def_property_readonly(
+          "rms", [](const Prediction& p) { return p.all.rms; },
+          "Of measured minus predicted [m | rad], without the samples that the starting state is "
+          "estimated from.")
+      .def_readonly("axis", &Prediction::axis)
+      .def_readonly("rotary", &Prediction::rotary)
+      .def_property_readonly("unit", [](const Prediction& p) { return p.rotary ? "rad" : "m"; })
+      .def("__repr__",
+           [](const Prediction& p) {
+             return "<servotwin.Prediction of axis " + p.axis + ", " +
+                    std::to_string(p.parts.size()) +
+                    (p.parts.size() == 1 ? " segment>" : " segments>");
+           })
+      .def_property_readonly("max", [](const Prediction& p) { return p.all.max; })
+      .def_readonly("noise_floor_rms", &Prediction::noise_floor_rms)
+      .def_property_readonly(
+          "segments",
+          [](const Prediction& p) -> const std::vector<Prediction::Part>& { return p.parts; },
+          py::return_value_policy::reference_internal)
+      .def_property_readonly("time",
+                             [](const Prediction& p) {
+                               return joined(p, [](const Prediction::Part& part) {
+                                 Eigen::ArrayXd out(part.segment.size());
+                                 for (Eigen::Index i = 0; i < out.size(); ++i)
+                                   out(i) = part.segment.start_s +
+                                            part.segment.sample_time_s * static_cast<double>(i);
+                                 return out;
+                               });
+                             })
+      .def_property_readonly("predicted_error",
+                             [](const Prediction& p) {
+                               return joined(p, [](const auto& part) { return part.predicted; });
+                             })
+      .def_property_readonly("measured_error",
+                             [](const Prediction& p) { return joined(p, error_of); })
+      .def_property_readonly("residual", [](const Prediction& p) {
+        return joined(
+            p, [](const auto& part) -> Eigen::ArrayXd { return error_of(part) - part.predicted; });
+      });
+
   py::class_<ModelOfAxis>(module, "Model", "The model of an axis, and where it comes from.")
       .def_static(
           "load", [](const std::filesystem::path& file) { return ModelOfAxis{read_model(file)}; },
@@ -151,14 +233,8 @@ void bind_model(py::module_& module) {
       .def_static(
           "from_dict", [](const py::dict& d) { return ModelOfAxis{model_from_json(json_of(d))}; },
           py::arg("values"))
-      .def(
-          "save",
-          [](const ModelOfAxis& m, const std::filesystem::path& file) {
-            std::ofstream out(file, std::ios::binary);
-            out << to_json(m.record).dump(2) << '\n';
-            if (!out.flush()) throw std::runtime_error(file.string() + ": cannot be written");
-          },
-          py::arg("file"), "Writes the model file that the tool and the daemon read.")
+      .def("save", &save, py::arg("file"),
+           "Writes the model file that the tool and the daemon read.")
       .def(
           "to_dict", [](const ModelOfAxis& m) { return object_of(to_json(m.record)); },
           "The content of the model file.")
@@ -168,6 +244,16 @@ void bind_model(py::module_& module) {
                              [](const ModelOfAxis& m) { return m.record.model.sample_time_s; })
       .def_property_readonly("settling_time_s",
                              [](const ModelOfAxis& m) { return starting_state_s(m.record.model); })
+      .def(py::pickle([](const ModelOfAxis& m) { return py::dict(object_of(to_json(m.record))); },
+                      [](const py::dict& d) { return ModelOfAxis{model_from_json(json_of(d))}; }))
+      .def(
+          "predict",
+          [](const ModelOfAxis& m, const Recording& recording) {
+            const Axis axis = axis_of(recording, std::nullopt);
+            const py::gil_scoped_release release;
+            return predicted(m, axis);
+          },
+          py::arg("recording"), "The same with a recording of one axis.")
       .def("predict", &predicted, py::arg("axis"), py::call_guard<py::gil_scoped_release>(),
            "Compares the model with a recorded axis, in free simulation from the command alone.")
       .def(
@@ -216,43 +302,6 @@ void bind_model(py::module_& module) {
       .def("__repr__", [](const Identified& i) {
         return "<servotwin.Identification of axis " + i.record.axis +
                (i.refusals.empty() ? "" : ", refused") + ">";
-      });
-
-  py::class_<Prediction::Part>(module, "PredictedSegment")
-      .def_readonly("segment", &Prediction::Part::segment)
-      .def_property_readonly("predicted_error",
-                             [](const Prediction::Part& p) { return array_of(p.predicted); })
-      .def_property_readonly("measured_error",
-                             [](const Prediction::Part& p) { return array_of(error_of(p)); })
-      .def_property_readonly("rms", [](const Prediction::Part& p) { return p.figures.rms; })
-      .def_property_readonly("max", [](const Prediction::Part& p) { return p.figures.max; });
-
-  py::class_<Prediction>(module, "Prediction", "The tracking error, predicted and measured.")
-      .def_property_readonly(
-          "rms", [](const Prediction& p) { return p.all.rms; },
-          "Of measured minus predicted [m | rad].")
-      .def_property_readonly("max", [](const Prediction& p) { return p.all.max; })
-      .def_readonly("noise_floor_rms", &Prediction::noise_floor_rms)
-      .def_readonly("segments", &Prediction::parts)
-      .def_property_readonly("time",
-                             [](const Prediction& p) {
-                               return joined(p, [](const Prediction::Part& part) {
-                                 Eigen::ArrayXd out(part.segment.size());
-                                 for (Eigen::Index i = 0; i < out.size(); ++i)
-                                   out(i) = part.segment.start_s +
-                                            part.segment.sample_time_s * static_cast<double>(i);
-                                 return out;
-                               });
-                             })
-      .def_property_readonly("predicted_error",
-                             [](const Prediction& p) {
-                               return joined(p, [](const auto& part) { return part.predicted; });
-                             })
-      .def_property_readonly("measured_error",
-                             [](const Prediction& p) { return joined(p, error_of); })
-      .def_property_readonly("residual", [](const Prediction& p) {
-        return joined(
-            p, [](const auto& part) -> Eigen::ArrayXd { return error_of(part) - part.predicted; });
       });
 
   module.def(

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <optional>
 
 #include "diagnosis/torque.h"
@@ -39,6 +38,8 @@ const AxisRecord* find(const Recording& recording, const std::string& name) {
   return one == recording.axes.end() ? nullptr : &*one;
 }
 
+}  // namespace
+
 Axis axis_of(const Recording& recording, const std::optional<std::string>& given) {
   if (!given && recording.axes.size() != 1)
     throw std::runtime_error(recording.source + ": has the axes " + listed_axes(recording) +
@@ -53,9 +54,15 @@ Axis axis_of(const Recording& recording, const std::optional<std::string>& given
   out.commanded = !without_command(moved, name);
   out.segmented = segment_axis(moved, name);
   out.notes = recording.notes;
+  if (!out.commanded) {
+    for (Segment& s : out.segmented.segments) s.command.setConstant(kAbsent);
+    out.notes.push_back(name + ".command has no values: only its torque can be diagnosed");
+  }
   for (const std::string& line : out.segmented.report.lines()) out.notes.push_back(line);
   return out;
 }
+
+namespace {
 
 Recording mended(Recording recording, bool as_recorded) {
   if (!as_recorded) {
@@ -81,8 +88,9 @@ Recording read(const std::filesystem::path& file, const std::string& columns,
 }
 
 /// From columns named as in a file: "X.command[mm]", "time[s]".
-Recording recording_of(const std::map<std::string, Values>& given, const std::string& columns,
-                       std::optional<double> rate_hz, bool as_recorded, const std::string& source) {
+Recording recording_of(const std::vector<std::pair<std::string, Values>>& given,
+                       const std::string& columns, std::optional<double> rate_hz, bool as_recorded,
+                       const std::string& source) {
   std::vector<std::string> names;
   std::vector<std::vector<double>> values;
   for (const auto& [name, column] : given) {
@@ -133,6 +141,11 @@ py::object joined(const Axis& axis, const Of& of) {
   return array_of(out);
 }
 
+/// A channel of a segment; NaN where it is not recorded.
+py::object channel_of(const Segment& s, const Eigen::ArrayXd& values) {
+  return array_of(values.size() == s.size() ? values : Eigen::ArrayXd::Constant(s.size(), kAbsent));
+}
+
 Eigen::ArrayXd times_of(const Segment& s) {
   Eigen::ArrayXd out(s.size());
   for (Eigen::Index i = 0; i < s.size(); ++i)
@@ -147,9 +160,9 @@ void bind_recording(py::module_& module) {
       .def_readonly("start_s", &Segment::start_s)
       .def_readonly("sample_time_s", &Segment::sample_time_s)
       .def_property_readonly("time", [](const Segment& s) { return array_of(times_of(s)); })
-      .def_property_readonly("command", [](const Segment& s) { return array_of(s.command); })
-      .def_property_readonly("actual", [](const Segment& s) { return array_of(s.actual); })
-      .def_property_readonly("torque", [](const Segment& s) { return array_of(s.torque); })
+      .def_property_readonly("command", [](const Segment& s) { return channel_of(s, s.command); })
+      .def_property_readonly("actual", [](const Segment& s) { return channel_of(s, s.actual); })
+      .def_property_readonly("torque", [](const Segment& s) { return channel_of(s, s.torque); })
       .def("__len__", [](const Segment& s) { return s.size(); });
 
   py::class_<Axis>(module, "Axis", "One axis of a recording, repaired and cut into segments.")
@@ -161,7 +174,10 @@ void bind_recording(py::module_& module) {
       .def_property_readonly("sample_time_s",
                              [](const Axis& a) { return a.segmented.sample_time_s; })
       .def_property_readonly("notes", [](const Axis& a) { return a.notes; })
-      .def_property_readonly("segments", [](const Axis& a) { return a.segmented.segments; })
+      .def_property_readonly(
+          "segments",
+          [](const Axis& a) -> const std::vector<Segment>& { return a.segmented.segments; },
+          py::return_value_policy::reference_internal)
       .def_property_readonly("time", [](const Axis& a) { return joined(a, times_of); })
       .def_property_readonly(
           "command",
@@ -190,6 +206,12 @@ void bind_recording(py::module_& module) {
            [](const Recording& r, const std::string& name) { return axis_of(r, name); })
       .def("__contains__",
            [](const Recording& r, const std::string& name) { return find(r, name) != nullptr; })
+      .def("__iter__",
+           [](const Recording& r) {
+             py::list names;
+             for (const AxisRecord& one : r.axes) names.append(one.name);
+             return py::iter(names);
+           })
       .def("__len__", [](const Recording& r) { return r.axes.size(); })
       .def("__repr__", [](const Recording& r) {
         return "<servotwin.Recording " + r.source + ": " + listed_axes(r) + ", " +
@@ -199,7 +221,9 @@ void bind_recording(py::module_& module) {
   module.def("read", &read, py::arg("file"), py::kw_only(), py::arg("columns") = "",
              py::arg("rate_hz") = py::none(), py::arg("can_map") = py::none(),
              py::arg("from_s") = 0.0, py::arg("to_s") = std::numeric_limits<double>::infinity(),
-             py::arg("as_recorded") = false, py::call_guard<py::gil_scoped_release>());
+             py::arg("as_recorded") = false, py::call_guard<py::gil_scoped_release>(),
+             "A recording from a file, of any kind that `servotwin formats` lists. The options are "
+             "those of the tool: --columns, --rate, --can-map, --from, --to, --as-recorded.");
   module.def("recording", &recording_of, py::arg("table"), py::kw_only(), py::arg("columns") = "",
              py::arg("rate_hz") = py::none(), py::arg("as_recorded") = false,
              py::arg("source") = "table");

@@ -1,4 +1,5 @@
 // The module servotwin._core: the libraries for Python.
+#include <cmath>
 #include <ctime>
 #include <filesystem>
 
@@ -37,13 +38,53 @@ py::object object_of(const json& value) {
   }
 }
 
-json json_of(const py::handle& object) {
-  const py::object text = py::module_::import("json").attr("dumps")(object);
-  return json::parse(text.cast<std::string>());
+namespace {
+
+json json_at(const py::handle& value, const std::string& place) {
+  if (value.is_none()) return nullptr;
+  if (py::isinstance<py::bool_>(value)) return value.cast<bool>();
+  if (py::isinstance<py::int_>(value)) return value.cast<std::int64_t>();
+  if (py::isinstance<py::str>(value)) return value.cast<std::string>();
+  if (py::isinstance<py::float_>(value)) {
+    const auto number = value.cast<double>();
+    if (std::isfinite(number)) return number;
+    throw std::invalid_argument((place.empty() ? "the value" : place) + " is " +
+                                std::to_string(number) + ", which is no number of a model");
+  }
+  if (py::isinstance<py::dict>(value)) {
+    json out = json::object();
+    for (const auto& [key, one] : value.cast<py::dict>()) {
+      const auto name = py::str(key).cast<std::string>();
+      out[name] = json_at(one, place.empty() ? name : place + "." + name);
+    }
+    return out;
+  }
+  if (py::isinstance<py::list>(value) || py::isinstance<py::tuple>(value)) {
+    json out = json::array();
+    for (const py::handle one : value)
+      out.push_back(json_at(one, place + "[" + std::to_string(out.size()) + "]"));
+    return out;
+  }
+  if (py::hasattr(value, "item") && py::hasattr(value, "ndim") &&
+      value.attr("ndim").cast<int>() == 0)
+    return json_at(value.attr("item")(), place);
+  throw std::invalid_argument((place.empty() ? "the value" : place) + " is of the type " +
+                              py::str(py::type::of(value).attr("__name__")).cast<std::string>() +
+                              "; a model has numbers, text, lists and dicts");
 }
+
+}  // namespace
+
+json json_of(const py::handle& object) { return json_at(object, ""); }
 
 py::object array_of(const Eigen::ArrayXd& values) {
   return py::array_t<double>(values.size(), values.data());
+}
+
+void require_delay(double delay_max_s) {
+  constexpr double kLongest_s = 0.05;  // as of --delay-max
+  if (!(delay_max_s >= 0.0 && delay_max_s <= kLongest_s))
+    throw std::invalid_argument("delay_max_s " + std::to_string(delay_max_s) + " is not 0 to 0.05");
 }
 
 std::string file_name(const Axis& axis) {

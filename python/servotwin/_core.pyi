@@ -1,5 +1,5 @@
 from os import PathLike
-from typing import Any, Mapping, Sequence
+from typing import Any, Iterator, Sequence
 
 import numpy
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +39,7 @@ class Recording:
     def axis(self, name: str | None = None) -> Axis: ...
     def __getitem__(self, name: str) -> Axis: ...
     def __contains__(self, name: str) -> bool: ...
+    def __iter__(self) -> Iterator[str]: ...
     def __len__(self) -> int: ...
 
 class PredictedSegment:
@@ -49,6 +50,9 @@ class PredictedSegment:
     max: float
 
 class Prediction:
+    axis: str
+    rotary: bool
+    unit: str
     rms: float
     max: float
     noise_floor_rms: float
@@ -57,7 +61,7 @@ class Prediction:
     predicted_error: _Array
     measured_error: _Array
     residual: _Array
-    def plot(self, *, rotary: bool = False, ax: Any = None) -> Any: ...
+    def plot(self, *, ax: Any = None) -> Any: ...
 
 class Model:
     axis: str
@@ -70,7 +74,7 @@ class Model:
     def from_dict(values: dict[str, Any]) -> Model: ...
     def save(self, file: str | PathLike[str]) -> None: ...
     def to_dict(self) -> dict[str, Any]: ...
-    def predict(self, axis: Axis) -> Prediction: ...
+    def predict(self, axis: Axis | Recording) -> Prediction: ...
     def simulate(self, command: ArrayLike, *, sample_time_s: float | None = None) -> _Array: ...
 
 class Identification:
@@ -86,11 +90,14 @@ class Identification:
 class Diagnosis:
     verdict: str
     causes: list[dict[str, Any]]
+    torque_causes: list[dict[str, Any]]
+    suspected: list[dict[str, Any]]
     baseline: Model
     extended: Model
     steps: list[str]
     def to_dict(self) -> dict[str, Any]: ...
     def report(self) -> str: ...
+    def _repr_html_(self) -> str: ...
 
 class Listener:
     def __init__(self, machine: str = "machine", *, domain: int = 0, partition: str = "") -> None: ...
@@ -107,7 +114,7 @@ def read(
     as_recorded: bool = False,
 ) -> Recording: ...
 def recording(
-    table: Mapping[str, ArrayLike],
+    table: Sequence[tuple[str, ArrayLike]],
     *,
     columns: str = "",
     rate_hz: float | None = None,

@@ -1,32 +1,30 @@
 """Plots, where matplotlib is installed."""
 
 
-def _scale(rotary):
-    return (1e6, "µrad") if rotary else (1e6, "µm")
-
-
-def plot_prediction(prediction, *, rotary=False, ax=None):
+def plot_prediction(prediction, *, ax=None):
     """Predicted and measured tracking error over time. Returns the matplotlib axes."""
     import matplotlib.pyplot as plt
 
     ax = ax or plt.subplots()[1]
-    scale, unit = _scale(rotary)
-    ax.plot(prediction.time, scale * prediction.measured_error, label="measured", linewidth=2)
-    ax.plot(prediction.time, scale * prediction.predicted_error, "--", label="predicted")
+    unit = "µ" + prediction.unit
+    for i, part in enumerate(prediction.segments):  # one line each: nothing is drawn over a gap
+        time = part.segment.time
+        ax.plot(time, 1e6 * part.measured_error, "C0", linewidth=2, label="" if i else "measured")
+        ax.plot(time, 1e6 * part.predicted_error, "C1--", label="" if i else "predicted")
     ax.set_xlabel("time [s]")
-    ax.set_ylabel(f"tracking error [{unit}]")
-    ax.set_title(f"measured minus predicted: {scale * prediction.rms:.3g} {unit} RMS")
+    ax.set_ylabel(f"tracking error of {prediction.axis} [{unit}]")
+    ax.set_title(f"measured minus predicted: {1e6 * prediction.rms:.3g} {unit} RMS")
     ax.legend()
     return ax
 
 
-def plot_recording(axis, *, ax=None):
+def plot_axis(axis, *, ax=None):
     """Measured tracking error over time. Returns the matplotlib axes."""
     import matplotlib.pyplot as plt
 
     ax = ax or plt.subplots()[1]
-    scale, unit = _scale(axis.rotary)
-    ax.plot(axis.time, scale * (axis.command - axis.actual))
+    for segment in axis.segments:
+        ax.plot(segment.time, 1e6 * (segment.command - segment.actual), "C0")
     ax.set_xlabel("time [s]")
-    ax.set_ylabel(f"tracking error of {axis.name} [{unit}]")
+    ax.set_ylabel(f"tracking error of {axis.name} [µ{axis.unit}]")
     return ax

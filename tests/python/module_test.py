@@ -4,6 +4,7 @@ import ast
 import csv
 import json
 import os
+import pickle
 import signal
 import subprocess
 import tempfile
@@ -90,7 +91,10 @@ class SameDigits(AnAxis):
         of_tool = json.loads(tool("diagnose", RECORDING, "--axis", "X", "--to", 8, "--json", "-"))
         diagnosis = servotwin.diagnose(self.axis)
         self.assertEqual(without_clock(diagnosis.to_dict()), without_clock(of_tool))
-        self.assertEqual([cause["id"] for cause in diagnosis.causes], [cause["id"] for cause in of_tool["causes"]])
+        self.assertEqual([cause["id"] for cause in diagnosis.causes], ["presliding"])
+        self.assertEqual(diagnosis.causes + diagnosis.torque_causes, of_tool["causes"])
+        self.assertGreater(len(diagnosis.torque_causes), 0)
+        self.assertEqual(diagnosis.suspected, of_tool["suspected"])
         self.assertIn("<html", diagnosis.report())
         self.assertLess(diagnosis.extended.predict(self.axis).rms, diagnosis.baseline.predict(self.axis).rms)
 
@@ -102,6 +106,25 @@ class SameDigits(AnAxis):
         self.assertEqual(loaded.to_dict(), model.to_dict())
         self.assertEqual(servotwin.Model.from_dict(model.to_dict()).to_dict(), model.to_dict())
         self.assertEqual(loaded.predict(self.axis).rms, model.predict(self.axis).rms)
+
+
+class Objects(AnAxis):
+    def test_a_model_goes_to_other_processes(self):
+        model = self.found.model
+        self.assertEqual(pickle.loads(pickle.dumps(model)).to_dict(), model.to_dict())
+
+    def test_a_recording_of_one_axis_is_that_axis(self):
+        table = {"X.command[m]": self.axis.command, "X.actual[m]": self.axis.actual}
+        recording = servotwin.recording(table, rate_hz=1000.0)
+        self.assertAlmostEqual(self.found.model.predict(recording).rms, self.found.model.predict(self.axis).rms, 12)
+
+    def test_a_prediction_knows_its_axis_and_unit(self):
+        prediction = self.found.model.predict(self.axis)
+        self.assertEqual((prediction.axis, prediction.rotary, prediction.unit), ("X", False, "m"))
+        # Measured minus predicted, once the starting state is known.
+        rows = round(self.found.model.settling_time_s / self.axis.sample_time_s)
+        rms = numpy.sqrt(numpy.mean(prediction.residual[rows:] ** 2))
+        self.assertAlmostEqual(prediction.rms, rms, delta=1e-3 * rms)
 
 
 class Arrays(AnAxis):
@@ -133,12 +156,46 @@ class Arrays(AnAxis):
     def test_what_is_wrong_with_them_is_said(self):
         columns = self.columns()
         columns["X.actual[mm]"] = columns["X.actual[mm]"][:-1]
-        with self.assertRaisesRegex(ValueError, r"differ in length: X\.actual\[mm\] has 24516 rows, X\.command\[mm\] 24517"):
+        with self.assertRaisesRegex(ValueError, r"differ in length: time\[s\] has 24517 rows, X\.actual\[mm\] 24516"):
             servotwin.recording(columns)
         with self.assertRaisesRegex(ValueError, "dimensions"):
             servotwin.recording({"X.command[mm]": numpy.zeros((2, 2)), "X.actual[mm]": numpy.zeros(4)}, rate_hz=1.0)
         with self.assertRaises(ValueError):
             servotwin.recording({})
+        with self.assertRaisesRegex(TypeError, "a dict of arrays or a pandas frame.*ndarray"):
+            servotwin.recording(numpy.zeros((3, 3)))
+
+    def test_what_is_no_number_is_refused_where_it_is_asked_for(self):
+        columns = self.columns()
+        dates = numpy.datetime64("2026-01-01", "ns") + (1e9 * columns["time[s]"]).astype("timedelta64[ns]")
+        with self.assertRaisesRegex(ValueError, r"time\[s\] has dates.*give seconds"):
+            servotwin.recording({**columns, "time[s]": dates})
+        with self.assertRaisesRegex(ValueError, r"X\.actual\[mm\] has values of the type <U"):
+            servotwin.recording({**columns, "X.actual[mm]": columns["X.actual[mm]"].astype(str)})
+        self.assert_same(servotwin.recording({**columns, "note": ["x"] * len(dates)}))
+
+    def test_names_keep_their_order(self):
+        z, a = numpy.sin(numpy.arange(1000.0) / 50), numpy.cos(numpy.arange(1000.0) / 50)
+        table = {"Z.command[mm]": z, "Z.actual[mm]": z, "A.command[mm]": a, "A.actual[mm]": a}
+        recording = servotwin.recording(table, rate_hz=1000.0)
+        self.assertEqual(list(recording), ["Z", "A"])
+        self.assertIn("A", recording)
+
+    def test_an_axis_without_a_command_has_none(self):
+        columns = self.columns()
+        del columns["X.command[mm]"]
+        axis = servotwin.recording(columns)["X"]
+        self.assertTrue(numpy.isnan(axis.command).all())
+        self.assertTrue(numpy.isnan(axis.segments[0].command).all())
+        self.assertIn("X.command has no values: only its torque can be diagnosed", axis.notes)
+        with self.assertRaisesRegex(ValueError, "X.command has no values"):
+            self.found.model.predict(axis)
+        with self.assertRaisesRegex(ValueError, "X.command has no values"):
+            servotwin.identify(axis)
+        diagnosis = servotwin.diagnose(axis)
+        self.assertIn("torque alone", diagnosis.verdict)
+        self.assertEqual(diagnosis.causes, [])
+        self.assertNotEqual(diagnosis.torque_causes, [])
 
 
 class Errors(AnAxis):
@@ -159,9 +216,32 @@ class Errors(AnAxis):
             ({"structure": "two-mass", "modes": 1}, "takes no modes"),
             ({"order": 4}, "order 4"),
             ({"training_share": 2.0}, "training"),
+            ({"modes": -1}, "modes -1 is not 0 to 6"),
+            ({"delay_max_s": float("nan")}, "delay_max_s nan is not 0 to 0.05"),
         ):
             with self.assertRaisesRegex((ValueError, RuntimeError), words):
                 servotwin.identify(self.axis, **options)
+
+    def test_of_a_diagnosis(self):
+        for options, words in (
+            ({"leave_out": ["dhal"]}, "'dhal' is no cause; the causes are .*presliding"),
+            ({"delay_max_s": 1.0}, "delay_max_s 1.0"),
+            ({"training_share": 0.0}, "training_share"),
+        ):
+            with self.assertRaisesRegex(ValueError, words):
+                servotwin.diagnose(self.axis, **options)
+        with self.assertRaisesRegex(TypeError, "diagnose takes an axis.*str"):
+            servotwin.diagnose("axis.csv")
+
+    def test_of_a_model(self):
+        values = self.found.model.to_dict()
+        values["loop"]["damping_ratio"] = float("nan")
+        with self.assertRaisesRegex(ValueError, "loop.damping_ratio is nan"):
+            servotwin.Model.from_dict(values)
+        with self.assertRaisesRegex(ValueError, r"axis\[0\] is of the type set"):
+            servotwin.Model.from_dict({"axis": [{1}]})
+        with self.assertRaisesRegex(RuntimeError, "cannot be written: No such file or directory"):
+            self.found.model.save("/nowhere/at/all.json")
 
     def test_a_command_that_is_none(self):
         with self.assertRaisesRegex(ValueError, "not finite"):
@@ -232,7 +312,11 @@ class Live(unittest.TestCase):
                 daemon.wait()
 
     def test_nobody_there(self):
-        self.assertIsNone(servotwin.Listener("nobody", domain=96).next(timeout_s=0.1))
+        listener = servotwin.Listener("nobody", domain=96)
+        self.assertIsNone(listener.next(timeout_s=0.1))
+        for wrong in (float("nan"), -1.0, float("inf")):
+            with self.assertRaisesRegex(ValueError, "timeout_s"):
+                listener.next(timeout_s=wrong)
 
 
 class Stub(unittest.TestCase):
