@@ -14,8 +14,8 @@ namespace servotwin {
 [[nodiscard]] inline ceres::Solver::Options bounded_options(ceres::LinearSolverType solver,
                                                             int rounds, double tolerance) {
   // What Ceres logs of a step that led nowhere, which a search takes in its stride, would appear
-  // between the lines of the program.
-  FLAGS_minloglevel = google::GLOG_FATAL;
+  // between the lines of the program. Once: the level is a global of all threads.
+  [[maybe_unused]] static const int level = FLAGS_minloglevel = google::GLOG_FATAL;
   ceres::Solver::Options out;
   out.linear_solver_type = solver;
   out.max_num_iterations = rounds;
