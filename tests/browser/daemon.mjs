@@ -15,9 +15,9 @@ export class Daemon {
     daemon.machine = options.machine ?? `page-${process.pid}`;
     const given = ["--store", daemon.store, "--machine", daemon.machine, "--domain", "97", "--http", `127.0.0.1:${options.port ?? 0}`];
     if (options.configuration) {
-      const file = join(daemon.store, "servotwin.toml");
-      writeFileSync(file, options.configuration);
-      given.push("--config", file);
+      daemon.file = join(daemon.store, "servotwin.toml");
+      writeFileSync(daemon.file, options.configuration);
+      given.push("--config", daemon.file);
     }
     if (options.recordings.length > 0) given.push("--replay", ...options.recordings);
     daemon.process = spawn(program, given, { stdio: ["ignore", "ignore", "pipe"] });
@@ -42,6 +42,13 @@ export class Daemon {
       if (this.process.exitCode !== null) throw new Error(`the daemon ended without saying ${pattern}: ${this.said}`);
       await new Promise((resolve) => this.waiting.push(resolve));
     }
+  }
+
+  /** Has it read another configuration. */
+  async read(configuration) {
+    writeFileSync(this.file, configuration);
+    this.process.kill("SIGHUP");
+    await this.says(/configuration read again/);
   }
 
   async stop(signal = "SIGTERM") {

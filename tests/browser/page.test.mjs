@@ -12,6 +12,7 @@ const { SERVOTWIND: program, SERVOTWIN_RECORDING: recording } = process.env;
 const run = promisify(execFile);
 const token = "a token of the test";
 const recordings = Array(20).fill(recording);
+const rest = "[identify]\nwindow_s = 600\nmemory_s = 600\n"; // for as long as the test lasts nothing is identified
 let browser;
 let daemon; // replays a recording
 let diagnosed; // has models and diagnoses
@@ -21,15 +22,17 @@ let learning; // has models, learns programs and may be armed
 const configured = (name, configuration, given = {}) => Daemon.start(program, { recordings, configuration, machine: `${name}-${process.pid}`, ...given });
 
 // A browser that paints takes the processor from the identification, which runs at idle priority: models come first.
+// Then nothing is identified any more, which takes it from the browser where the host knows no such priority.
 before(async () => {
-  const identify = `[http]\ntoken = "${token}"\n[identify]\nmethod = "pole-search"\n`;
+  const identify = `[identify]\nmethod = "pole-search"\n`;
+  const http = `[http]\ntoken = "${token}"\n`;
   const axis = (name) => `[[axis]]\nname = "${name}"\ncorrection = { peak = 2e-3, rate = 0.05, bandwidth = 60 }\n`;
-  [diagnosed, learning] = await Promise.all([
-    configured("diagnosed", `${identify}[diagnose]\nrecord_s = 10\n`),
-    configured("learning", `${identify}[diagnose]\nevery_s = 0\n[ilc]\nlive = true\nmatch_tolerance = 1e-4\n${axis("X")}${axis("Y")}`),
-  ]);
+  const asked = `${http}[diagnose]\nrecord_s = 10\n`;
+  const learns = `${http}[diagnose]\nevery_s = 0\n[ilc]\nlive = true\nmatch_tolerance = 1e-4\n${axis("X")}${axis("Y")}`;
+  [diagnosed, learning] = await Promise.all([configured("diagnosed", identify + asked), configured("learning", identify + learns)]);
   await Promise.all([...[diagnosed, learning].flatMap((one) => [one.says(/X: model \d+ is in force/), one.says(/Y: model \d+ is in force/)]), diagnosed.says(/X: diagnosis of/)]);
-  [browser, daemon] = await Promise.all([launch(), Daemon.start(program, { recordings })]);
+  await Promise.all([diagnosed.read(rest + asked), learning.read(rest + learns)]);
+  [browser, daemon] = await Promise.all([launch(), Daemon.start(program, { recordings, configuration: rest })]);
 });
 after(async () => {
   await browser?.close();
@@ -239,7 +242,7 @@ test("shows what was lost on every bus", async () => {
 });
 
 test("says when the daemon is gone, and goes on when it is back", async () => {
-  let other = await Daemon.start(program, { recordings });
+  let other = await Daemon.start(program, { recordings, configuration: rest });
   const { port, store } = other;
   const { page } = await open(browser, other.url);
   await live(page);
@@ -249,7 +252,7 @@ test("says when the daemon is gone, and goes on when it is back", async () => {
   await shows(page, "#banner", /No connection to the daemon since .* Trying again/);
   assert.ok(await page.locator("#banner").isVisible());
   assert.equal(await page.locator("#banner").getAttribute("role"), "status");
-  other = await Daemon.start(program, { recordings, port, store });
+  other = await Daemon.start(program, { recordings, configuration: rest, port, store });
   await live(page);
   assert.equal(await page.locator("#banner").isVisible(), false);
   assert.equal(await page.evaluate(() => window.same), true); // by itself, without a new page

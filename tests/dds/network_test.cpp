@@ -89,7 +89,9 @@ TEST_F(Network, EveryFrameComesOverALinkThatLosesOrIsCountedAsLost) {
   EXPECT_EQ(machine.end(0), 0) << machine.said() << daemon.said();
   EXPECT_THAT(machine.said(), HasSubstr("sent 3000 of 3000 frames"));
   // It has then taken what was delivered, which takes seconds in a guest without its own processor.
-  EXPECT_TRUE(daemon.says("frame source stopped: no frame for 1 s")) << daemon.said();
+  // It knows that the machine is gone or takes it for silent, since the farewell may be lost
+  // as well.
+  EXPECT_TRUE(daemon.says("no frame for 1 s")) << daemon.said();
   EXPECT_EQ(subscriber.end(SIGTERM), 0);
   daemon.send(SIGTERM);
   EXPECT_EQ(daemon.end(0), 0);
