@@ -41,7 +41,7 @@ Diagnosed diagnosed(const Axis& axis, const std::optional<ModelRecord>& earlier,
   out.axis = axis.segmented;
   if (!axis.commanded) {
     out.reason = "the recording has position and torque, but no command";
-    // The position in place of the command, as without_command has it.
+    // diagnose_torque() expects the position in place of a missing command.
     for (Segment& s : out.axis.segments) s.command = s.actual;
     out.torque = diagnose_torque(out.axis, options, false);
     return out;
