@@ -60,15 +60,14 @@ TEST_P(AMotorsLimit, IsAllThatIsNamedAndLeavesTheNoise) {
 }
 INSTANTIATE_TEST_SUITE_P(LongDev, AMotorsLimit, testing::Values(63, 81));
 
-INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect,
-                         testing::Values("asymmetric_friction", "encoder_error", "stribeck",
-                                         "time_delay"),
+INSTANTIATE_TEST_SUITE_P(Dev, AHiddenEffect, testing::Values("asymmetric_friction", "stribeck"),
                          [](const auto& test) { return std::string(test.param); });
 INSTANTIATE_TEST_SUITE_P(LongDev, AHiddenEffect,
-                         testing::Values("cogging", "cross_coupling", "gain_change",
-                                         "impulse_disturbance", "lead_error",
+                         testing::Values("cogging", "cross_coupling", "encoder_error",
+                                         "gain_change", "impulse_disturbance", "lead_error",
                                          "periodic_disturbance", "position_dependent_friction",
-                                         "presliding", "thermal_growth", "viscous_drift"),
+                                         "presliding", "thermal_growth", "time_delay",
+                                         "viscous_drift"),
                          [](const auto& test) { return std::string(test.param); });
 
 // A load on a spring with its friction on it: none of these was explained by a twin of one mass.

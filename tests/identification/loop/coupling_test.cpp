@@ -63,7 +63,7 @@ TEST(LongCoupling, OfTwoAxesThatBothVibrate) {
   }
 }
 
-TEST(Coupling, ThatIsNotThereIsNotTaken) {
+TEST(LongCoupling, ThatIsNotThereIsNotTaken) {
   test::CoupledMachine machine = test::coupled_machine(0.0);
   machine.common_mass = 0.0;
   const auto axes = test::recorded(machine, test::production_of_both());

@@ -81,8 +81,12 @@ INSTANTIATE_TEST_SUITE_P(
     EncoderSteps, ThesisDrive,
     ::testing::Values(
         Encoder{0.0, 0.0, {0.006, 0.0003, 0.56, 0.0042, 0.11}, {0.01, 0.0005, 0.6, 0.005, 0.2}},
-        Encoder{1.0, 0.0, {0.0005, 0.0027, 1.32, 0.0084, 0.2}, {0.03, 0.002, 0.6, 0.006, 0.5}},
         Encoder{10.0, 0.34, {2.19, 0.018, 5.2, 0.084, 46.6}, {0.2, 0.006, 2.0, 0.01, 4.0}}),
+    [](const auto& test) { return std::to_string(static_cast<int>(test.param.step_um)) + "_um"; });
+INSTANTIATE_TEST_SUITE_P(
+    LongEncoderSteps, ThesisDrive,
+    ::testing::Values(Encoder{
+        1.0, 0.0, {0.0005, 0.0027, 1.32, 0.0084, 0.2}, {0.03, 0.002, 0.6, 0.006, 0.5}}),
     [](const auto& test) { return std::to_string(static_cast<int>(test.param.step_um)) + "_um"; });
 
 SegmentedAxis example_axis(const char* name) {
