@@ -15,6 +15,7 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "daemon/between/clock.h"
+#include "daemon/correct/program_chunks.h"
 #include "daemon/input/recorded_cycles.h"
 #include "daemon/store/store.h"
 #include "drivers/dds.h"
@@ -33,44 +34,6 @@ struct PreviewArguments {
   double wait_s = 60.0;
 };
 
-/// A valid name for a program, derived from the name of its file.
-std::string name_after(const std::filesystem::path& file) {
-  std::string name = file.stem().string().substr(0, kMaxNameLength);
-  for (char& letter : name) {
-    if (!usable_name(std::string("x") + letter)) letter = '_';
-  }
-  return usable_name(name) ? name : "program";
-}
-
-/// A path divided into chunks, all of the same revision.
-std::vector<ProgramChunk> chunks_of(const Recording& path, const PreviewArguments& arguments) {
-  const std::size_t rows = path.time.size();
-  std::vector<ProgramChunk> out((rows + kMaxChunkSamples - 1) / kMaxChunkSamples);
-  if (out.size() > kMaxProgramChunks) {
-    throw std::runtime_error(
-        text("%s has %zu rows, and a program at most %zu; select a part with --from and --to",
-             path.source.c_str(), rows, kMaxProgramChunks * kMaxChunkSamples));
-  }
-  const auto revision = static_cast<std::uint64_t>(daemon::wall_ns());
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    ProgramChunk& chunk = out[i];
-    chunk.program = arguments.name.empty() ? name_after(arguments.path.file) : arguments.name;
-    chunk.revision = revision;
-    chunk.chunk = static_cast<std::uint32_t>(i);
-    chunk.chunks = static_cast<std::uint32_t>(out.size());
-    chunk.learn = arguments.learn;
-    const auto from = static_cast<std::ptrdiff_t>(i * kMaxChunkSamples);
-    const auto to = static_cast<std::ptrdiff_t>(std::min(rows, (i + 1) * kMaxChunkSamples));
-    chunk.time_s.assign(path.time.begin() + from, path.time.begin() + to);
-    for (const AxisRecord& axis : path.axes) {
-      chunk.axes.push_back(axis.name);
-      chunk.command.insert(chunk.command.end(), axis.command.begin() + from,
-                           axis.command.begin() + to);
-    }
-  }
-  return out;
-}
-
 /// Waits until the daemon of this machine reads programs and its answers will be received; throws
 /// if there is none. Topics are shared by all machines of a domain: any reader of programs is not
 /// enough. Returns the machine's axes.
@@ -87,21 +50,6 @@ std::vector<AxisStatus> find_daemon(const DdsNode& node, const BusOptions& bus,
   }
   if (!programs.wait_for_readers(1, patience_s)) throw no_daemon(node, bus);
   return axes;
-}
-
-/// Commands are sent to the daemon without units: degrees would be read as metres.
-void require_kinds(const Recording& path, const std::vector<AxisStatus>& machine,
-                   const std::string& name) {
-  for (const AxisRecord& axis : path.axes) {
-    const auto known = std::find_if(machine.begin(), machine.end(),
-                                    [&](const AxisStatus& one) { return one.name == axis.name; });
-    if (known == machine.end() || known->rotary == axis.rotary)
-      continue;  // the daemon refuses an axis that it does not have
-    const auto kind = [](bool rotary) { return std::string(rotary ? "rotary" : "linear"); };
-    throw std::runtime_error(path.source + ": " + axis.name + ".command has the unit of a " +
-                             kind(axis.rotary) + " axis, and " + axis.name + " of " + name +
-                             " is " + kind(known->rotary) + "; correct the unit in the header");
-  }
 }
 
 /// The complete answer of the daemon to this revision; throws with its reason if it refuses.
@@ -177,15 +125,18 @@ void run(const PreviewArguments& arguments) {
     throw UsageError("--name " + arguments.name + ": " + std::string(kUsableNameRule));
   std::FILE* people = people_beside({arguments.table});
   const Recording path = daemon::recorded_cycles(arguments.path.read(people)).recording;
-  const std::vector<ProgramChunk> chunks = chunks_of(path, arguments);
+  const std::vector<ProgramChunk> chunks = daemon::program_chunks(
+      path, arguments.name.empty() ? daemon::program_name(arguments.path.file) : arguments.name,
+      arguments.learn, static_cast<std::uint64_t>(daemon::wall_ns()));
 
   const DdsNode node(arguments.bus.place);
   DdsReader<CorrectionChunk> corrections(node);
   DdsWriter<ProgramChunk> programs(node);
-  require_kinds(path,
-                find_daemon(node, arguments.bus, programs, corrections,
-                            std::min(arguments.wait_s, kMaxDiscovery_s)),
-                arguments.bus.text());
+  std::vector<AxisDescription> machine;
+  for (const AxisStatus& axis : find_daemon(node, arguments.bus, programs, corrections,
+                                            std::min(arguments.wait_s, kMaxDiscovery_s)))
+    machine.push_back({axis.name, axis.rotary, ""});
+  daemon::require_kinds(path, machine, arguments.bus.text());
   for (const ProgramChunk& chunk : chunks) {
     if (!programs.write(chunk)) throw std::runtime_error("DDS refused a part of the program");
   }

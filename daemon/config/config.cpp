@@ -102,7 +102,7 @@ std::vector<NamedSource> read_axes(const toml::node* node, Config& config, Probl
   return sources;
 }
 
-/// Reads the name of a file, relative to the configuration.
+/// Reads the name of a file or folder, relative to the configuration.
 void read_map(Section& section, const std::string& key, const std::filesystem::path& folder,
               std::filesystem::path& to) {
   std::string file;
@@ -276,10 +276,12 @@ void read_axis_names(Section& section, const std::string& key, const std::vector
   }
 }
 
-void read_ilc(Section section, const std::vector<AxisConfig>& axes, IlcConfig& ilc) {
+void read_ilc(Section section, const std::vector<AxisConfig>& axes,
+              const std::filesystem::path& folder, IlcConfig& ilc) {
   std::string aim = "tracking";
   section.one_of("aim", {"tracking", "contour"}, aim);
   ilc.contour = aim == "contour";
+  read_map(section, "programs", folder, ilc.programs);
   section.integer("trials", 1, 100, ilc.trials);
   section.flag("live", ilc.live);
   section.number("ramp_s", 1e-3, 10.0, "s", ilc.ramp_s);
@@ -383,7 +385,7 @@ void read_all(const toml::table& table, const std::filesystem::path& folder, Con
   read_source(root.section("source"), root.section("dds"), named, folder, config, problems);
   read_identify(root.section("identify"), config.identify);
   read_diagnose(root.section("diagnose"), config.diagnose);
-  read_ilc(root.section("ilc"), config.axes, config.ilc);
+  read_ilc(root.section("ilc"), config.axes, folder, config.ilc);
 
   Section store = root.section("store");
   std::string directory;

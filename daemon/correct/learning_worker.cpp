@@ -9,6 +9,12 @@
 namespace servotwin::daemon {
 namespace {
 constexpr double kProgramTimeout_s = 0.1;  // timeout after which the worker checks whether to stop
+
+std::map<std::string, int> versions_of(const std::vector<StoredModel>& in_force) {
+  std::map<std::string, int> out;
+  for (const StoredModel& model : in_force) out[model.record.axis] = model.record.version;
+  return out;
+}
 }  // namespace
 
 LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& events,
@@ -18,13 +24,16 @@ LearningWorker::LearningWorker(LearningRules rules, Store& store, EventLog& even
       events_(events),
       hand_over_(hand_over),
       announce_(std::move(announce)),
-      assembly_(rules_.machine) {}
+      assembly_(rules_.machine) {
+  if (!rules_.ilc.programs.empty()) folder_.emplace(rules_.ilc.programs, rules_.machine);
+}
 
 void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs) {
   std::uint64_t reported_malformed = 0;
   ProgramChunk chunk;
   while (!stop.stop_requested()) {
     if (programs.receive(chunk, kProgramTimeout_s)) take(chunk, steady_ns());
+    look_into_folder(steady_ns());
     refuse_overdue(steady_ns());
     judge_runs();
     report_stale();
@@ -45,6 +54,45 @@ void LearningWorker::take(const ProgramChunk& chunk, std::int64_t now_ns) {
   const ProgramAssembly::Outcome outcome = assembly_.take(chunk, now_ns);
   if (const auto* refusal = std::get_if<ProgramRefusal>(&outcome)) refuse(*refusal);
   if (const auto* program = std::get_if<CommandedPath>(&outcome)) learn_now(*program);
+}
+
+void LearningWorker::look_into_folder(std::int64_t now_ns) {
+  if (!folder_ || between_ns(looked_ns_, now_ns) < kLookEvery_ns) return;
+  looked_ns_ = now_ns;
+  try_again();
+  const ProgramFolder::News news = folder_->look(wall_ns());
+  if (!news.problem.empty()) events_.error("program_refused", "", "ilc.programs: " + news.problem);
+  for (const std::string& program : news.gone) gone(program);
+  for (const ProgramFolder::Found& found : news.found) {
+    from_folder_[found.program] = found.revision;
+    if (!found.problem.empty()) refuse({found.program, found.revision, found.problem});
+    for (const ProgramChunk& chunk : found.chunks) take(chunk, now_ns);
+  }
+  if (!news.found.empty()) tried_with_ = versions_of(store_.in_force());
+}
+
+void LearningWorker::gone(const std::string& program) {
+  const std::uint64_t revision = from_folder_[program];
+  from_folder_.erase(program);
+  const auto found = std::find_if(kept_.begin(), kept_.end(), [&](const Kept& one) {
+    return one->program.name == program && one->program.revision == revision;
+  });
+  if (found == kept_.end()) return;
+  const Kept learned = *found;
+  withdraw(learned, "its file is no longer in " + folder_->folder().string());
+}
+
+void LearningWorker::try_again() {
+  std::vector<std::string> without = folder_->programs();
+  std::erase_if(without, [&](const std::string& program) {
+    return std::any_of(kept_.begin(), kept_.end(),
+                       [&](const Kept& one) { return one->program.name == program; });
+  });
+  if (without.empty()) return;
+  std::map<std::string, int> versions = versions_of(store_.in_force());
+  if (versions == tried_with_) return;
+  tried_with_ = std::move(versions);
+  folder_->find_again(without);
 }
 
 void LearningWorker::refuse_overdue(std::int64_t now_ns) {

@@ -1,5 +1,5 @@
-// The learning worker: receives commanded programs from the network, learns their corrections with
-// the models in force, and publishes the results.
+// The learning worker: receives commanded programs from the network or from a folder, learns their
+// corrections with the models in force, and publishes the results.
 //
 //   chunks --> complete and checked program (daemon/correct/program_assembly.h) --> virtual trials
 //   on the twins (daemon/correct/learned_program.h) --> correction on the network, event with its
@@ -7,17 +7,20 @@
 //   reports every run
 //   --> kept, learned again or withdrawn (daemon/correct/correction_rule.h); the gain is an event
 //
-// Nothing is learned without a request. Every result (learned, previewed, refused, used, withdrawn)
-// is an event with its reason; a refusal is also the last error of the status. The kMaxKept newest
-// corrections are kept until the daemon stops; after a restart they are learned from the programs
-// that their sender still publishes.
+// Nothing is learned without a request; a file in the folder is one for as long as it is there, so
+// what could not be learned is tried again when other models are in force. Every result (learned,
+// previewed, refused, used, withdrawn) is an event with its reason; a refusal is also the last
+// error of the status. The kMaxKept newest corrections are kept until the daemon stops; after a
+// restart they are learned from the programs that their sender still publishes.
 //
 // One worker thread at idle priority. When the daemon is asked to stop, learning is aborted before
 // the next trial.
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <vector>
@@ -26,6 +29,7 @@
 #include "daemon/correct/correction_rule.h"
 #include "daemon/correct/learned_program.h"
 #include "daemon/correct/program_assembly.h"
+#include "daemon/correct/program_folder.h"
 #include "daemon/loop/program_matcher.h"
 #include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
@@ -37,6 +41,7 @@ class LearningWorker {
  public:
   static constexpr std::size_t kMaxKept = ProgramMatcher::kMaxPrograms;
   static constexpr std::int64_t kRenewEvery_ns = 600'000'000'000;
+  static constexpr std::int64_t kLookEvery_ns = 1'000'000'000;
   using Announce = std::function<void(const CorrectionChunk&)>;
 
   /// All arguments outlive the worker.
@@ -48,6 +53,9 @@ class LearningWorker {
   void run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs);
   /// Takes one chunk of a program. `now_ns`: any monotonic clock, here and below.
   void take(const ProgramChunk& chunk, std::int64_t now_ns);
+  /// Takes what has changed in the folder of programs, if there is one; at most every
+  /// kLookEvery_ns.
+  void look_into_folder(std::int64_t now_ns);
   /// Refuses programs whose next chunk has not come in time.
   void refuse_overdue(std::int64_t now_ns);
   /// Judges the runs that the real-time loop has reported since the last call.
@@ -66,6 +74,9 @@ class LearningWorker {
   using Kept = std::shared_ptr<const LearnedProgram>;
   void learn_now(const CommandedPath& program);
   void judge(const OffsetRun& run);
+  void gone(const std::string& program);
+  /// Finds the programs of the folder again that have no correction, if other models are in force.
+  void try_again();
   void learn_anew(const Kept& learned);
   void withdraw(const Kept& learned, const std::string& why);
   void refuse(const ProgramRefusal& refusal);
@@ -79,6 +90,10 @@ class LearningWorker {
   OffsetHandOver& hand_over_;
   Announce announce_;
   ProgramAssembly assembly_;
+  std::optional<ProgramFolder> folder_;
+  std::map<std::string, std::uint64_t> from_folder_;  // newest revision of each program found there
+  std::map<std::string, int> tried_with_;  // version in force of each axis when it was last tried
+  std::int64_t looked_ns_ = -kLookEvery_ns;
   std::stop_token give_up_;
   std::uint64_t learned_ = 0, plans_made_ = 0;
   std::int64_t renewed_ns_ = 0;

@@ -365,6 +365,7 @@ TEST(Config, CorrectionsAreReadWithTheirLimits) {
     correction = { peak = 2e-4, rate = 0.01, bandwidth = 100 }
     [ilc]
     aim = "contour"
+    programs = "parts"
     trials = 7
     live = true
     ramp_s = 0.2
@@ -385,6 +386,7 @@ TEST(Config, CorrectionsAreReadWithTheirLimits) {
   EXPECT_EQ(limits->bandwidth_hz, 100.0);
   const IlcConfig& ilc = checked.config.ilc;
   EXPECT_TRUE(ilc.contour);
+  EXPECT_EQ(ilc.programs, "parts");
   EXPECT_EQ(ilc.trials, 7);
   EXPECT_TRUE(ilc.live);
   EXPECT_EQ(ilc.ramp_s, 0.2);

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "daemon/between/clock.h"
@@ -28,6 +30,7 @@ class LearningWorkerTest : public testing::Test {
       config.axes.push_back({name, false, ""});
       config.axes.back().correction = limits_;
     }
+    config.ilc.programs = programs_;
     worker_ = std::make_unique<LearningWorker>(
         learning_rules(config, two_axes()), store_, events_, hand_over_,
         [this](const CorrectionChunk& chunk) { announced_.push_back(chunk); });
@@ -85,6 +88,7 @@ class LearningWorkerTest : public testing::Test {
   std::ostringstream said_;
   EventLog events_{store_, said_};
   std::optional<OffsetLimits> limits_ = OffsetLimits{3e-3, 0.2, 200.0};
+  std::filesystem::path programs_;
   OffsetHandOver hand_over_;
   std::vector<CorrectionChunk> announced_;
   std::unique_ptr<LearningWorker> worker_;
@@ -369,6 +373,82 @@ TEST_F(LearningWorkerTest, ARefusedRevisionTakesBackTheOneBefore) {
   ASSERT_EQ(worker_->kept().size(), 1U);
   send({Eigen::ArrayXd::Constant(100, kAbsent)}, true, "part", 2);
   EXPECT_THAT(worker_->kept(), IsEmpty());
+}
+
+TEST_F(LearningWorkerTest, AFileInTheFolderIsLearnedOnceItsAxesHaveModelsAndForAsLongAsItIsThere) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  put_in_force(model_of(stepped_axis()), "X");
+  start();
+  std::int64_t now = 0;
+  const auto look = [&] {
+    worker_->look_into_folder(now);
+    now += LearningWorker::kLookEvery_ns;
+  };
+  {
+    const auto path = circle_program();
+    std::ofstream file(parts.path() / "ring.csv");
+    file.precision(12);
+    file << "time[s],X.command[mm],Y.command[mm]\n";
+    for (Eigen::Index k = 0; k < path[0].size(); ++k)
+      file << kCycle_s * static_cast<double>(k) << "," << 1e3 * path[0](k) << ","
+           << 1e3 * path[1](k) << "\n";
+  }
+  look();
+  worker_->look_into_folder(now - 1);  // too early
+  EXPECT_THAT(events("program_refused"), IsEmpty());
+  look();
+  ASSERT_EQ(events("program_refused").size(), 1U);
+  EXPECT_THAT(events("program_refused")[0].text, AllOf(HasSubstr("'ring'"), HasSubstr("Y")));
+  look();
+  EXPECT_EQ(events("program_refused").size(), 1U) << "nothing has changed";
+
+  put_in_force(model_of(stepped_axis()), "Y");
+  look();
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_EQ(worker_->kept()[0]->program.name, "ring");
+  const auto path = circle_program();
+  EXPECT_LT((worker_->kept()[0]->program.command[0] - path[0]).abs().maxCoeff(), 1e-11);
+  look();
+  EXPECT_EQ(events("correction_learned").size(), 1U);
+
+  send({path[0], path[1]}, true, "other", 5);
+  std::filesystem::remove(parts.path() / "ring.csv");
+  look();
+  const std::vector<Event> withdrawn = events("correction_withdrawn");
+  ASSERT_EQ(withdrawn.size(), 1U) << "the same path under another name has replaced it before";
+  EXPECT_THAT(withdrawn[0].text, HasSubstr("'other' is the same path"));
+  EXPECT_EQ(worker_->kept().size(), 1U);
+}
+
+TEST_F(LearningWorkerTest, WithItsFileACorrectionIsWithdrawnButNotOneFromTheNetwork) {
+  const TemporaryDirectory parts;
+  programs_ = parts.path();
+  for (const char* axis : {"X", "Y"}) put_in_force(model_of(stepped_axis()), axis);
+  start();
+  const auto path = circle_program();
+  const auto write = [&](const char* name, const Eigen::ArrayXd& command) {
+    std::ofstream file(parts.path() / name);
+    file.precision(12);
+    file << "time[s],X.command[m]\n";
+    for (Eigen::Index k = 0; k < command.size(); ++k)
+      file << kCycle_s * static_cast<double>(k) << "," << command(k) << "\n";
+  };
+  write("a.csv", path[0]);
+  write("b.csv", 0.5 * path[0]);
+  worker_->look_into_folder(0);
+  worker_->look_into_folder(LearningWorker::kLookEvery_ns);
+  ASSERT_EQ(worker_->kept().size(), 2U);
+  send({0.7 * path[0]}, true, "b", 7);  // from the network, in place of the file's
+  ASSERT_EQ(worker_->kept().size(), 2U);
+  for (const char* name : {"a.csv", "b.csv"}) std::filesystem::remove(parts.path() / name);
+  worker_->look_into_folder(2 * LearningWorker::kLookEvery_ns);
+  ASSERT_EQ(worker_->kept().size(), 1U);
+  EXPECT_EQ(worker_->kept()[0]->program.name, "b");
+  ASSERT_EQ(events("correction_withdrawn").size(), 1U);
+  EXPECT_THAT(events("correction_withdrawn")[0].text,
+              AllOf(HasSubstr("'a'"), HasSubstr(parts.path().string())));
+  EXPECT_EQ(announced_.back().state, CorrectionState::kWithdrawn);
 }
 
 TEST_F(LearningWorkerTest, LearningIsGivenUpWhenTheDaemonStops) {

@@ -1,0 +1,114 @@
+#include "daemon/correct/program_folder.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "daemon/correct/program_chunks.h"
+#include "daemon/input/recorded_cycles.h"
+#include "drivers/recording_file.h"
+#include "drivers/text.h"
+
+namespace servotwin::daemon {
+namespace fs = std::filesystem;
+
+ProgramFolder::ProgramFolder(fs::path folder, MachineDescription machine)
+    : folder_(std::move(folder)), machine_(std::move(machine)) {}
+
+std::map<fs::path, ProgramFolder::File> ProgramFolder::files(std::error_code& error) const {
+  std::map<fs::path, File> out;
+  for (fs::directory_iterator entry(folder_, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const fs::path& path = entry->path();
+    std::string kind = path.extension().string();
+    std::transform(kind.begin(), kind.end(), kind.begin(),
+                   [](unsigned char letter) { return static_cast<char>(std::tolower(letter)); });
+    if (kind != ".csv" || path.filename().string().front() == '.') continue;
+    File file;
+    std::error_code vanished;  // between the listing and here
+    if (!entry->is_regular_file(vanished)) continue;
+    file.bytes = entry->file_size(vanished);
+    file.changed = entry->last_write_time(vanished);
+    if (vanished) continue;
+    file.program = program_name(path);
+    out.emplace(path, std::move(file));
+  }
+  return out;
+}
+
+ProgramFolder::Found ProgramFolder::read(const fs::path& file, const File& known,
+                                         std::uint64_t revision) const {
+  Found out{known.program, revision, {}, {}};
+  const auto same_name = [&](const auto& other) {
+    return other.first < file && other.second.program == known.program;
+  };
+  try {
+    if (const auto other = std::find_if(files_.begin(), files_.end(), same_name);
+        other != files_.end())
+      throw std::runtime_error(file.string() + ": " + other->first.filename().string() +
+                               " gives the same name of a program; rename one of them");
+    if (known.bytes > kMaxProgramFile_bytes)
+      throw std::runtime_error(file.string() + " has " + std::to_string(known.bytes) +
+                               " bytes, and at most " + std::to_string(kMaxProgramFile_bytes) +
+                               " are read");
+    const Recording path = recorded_cycles(read_recording(file)).recording;
+    require_kinds(path, machine_.axes, "the machine");
+    out.chunks = program_chunks(path, known.program, true, revision);
+    if (out.chunks.empty()) throw std::runtime_error(file.string() + " has no rows");
+  } catch (const std::exception& error) {
+    out.chunks.clear();
+    out.problem = error.what();
+  }
+  return out;
+}
+
+ProgramFolder::News ProgramFolder::look(std::int64_t wall_ns) {
+  News news;
+  std::error_code error;
+  std::map<fs::path, File> now = files(error);
+  if (error) {
+    // Files that cannot be seen for a moment, as on a network drive, are not gone.
+    if (!std::exchange(unreadable_, true))
+      news.problem = folder_.string() + ": cannot be read: " + error.message();
+    return news;
+  }
+  unreadable_ = false;
+  for (const auto& [path, file] : files_) {
+    if (file.usable && now.count(path) == 0) news.gone.push_back(file.program);
+  }
+  std::vector<fs::path> settled;
+  for (auto& [path, file] : now) {
+    const auto before = files_.find(path);
+    if (before == files_.end() || before->second.bytes != file.bytes ||
+        before->second.changed != file.changed) {
+      if (before != files_.end()) file.usable = before->second.usable;  // what it was still is
+      continue;
+    }
+    file.read = true;
+    file.usable = before->second.usable;
+    if (!before->second.read) settled.push_back(path);
+  }
+  files_ = std::move(now);
+  for (const fs::path& path : settled) {
+    File& file = files_.at(path);
+    news.found.push_back(read(path, file, static_cast<std::uint64_t>(wall_ns)));
+    file.usable = news.found.back().problem.empty();
+  }
+  return news;
+}
+
+void ProgramFolder::find_again(const std::vector<std::string>& programs) {
+  for (auto& [path, file] : files_) {
+    if (std::find(programs.begin(), programs.end(), file.program) != programs.end())
+      file.read = false;
+  }
+}
+
+std::vector<std::string> ProgramFolder::programs() const {
+  std::vector<std::string> out;
+  for (const auto& [path, file] : files_) {
+    if (file.usable) out.push_back(file.program);
+  }
+  return out;
+}
+
+}  // namespace servotwin::daemon
