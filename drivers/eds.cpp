@@ -219,7 +219,7 @@ class Dictionary {
 
   /// The section that gives the type of an object: a variable, or an entry of a record.
   [[nodiscard]] std::string described_in(unsigned index, unsigned sub) const {
-    const std::string entry = hex(index, 4) + "sub" + hex(sub, 1);
+    std::string entry = hex(index, 4) + "sub" + hex(sub, 1);
     if (sheet_.has(entry)) return entry;
     return sub == 0 ? hex(index, 4) : std::string();
   }

@@ -32,8 +32,8 @@ std::string in_one_line(std::string name) {
 std::string column_of(const json& signal) {
   constexpr std::array<std::pair<std::string_view, const char*>, 3> kChannels{
       {{"DES_POS", ".command"}, {"ENC_POS", ".actual"}, {"TORQUE", ".torque"}}};
-  const std::string name = in_one_line(signal.at("Name").get<std::string>()),
-                    axis = in_one_line(signal.value("Axis", ""));
+  std::string name = in_one_line(signal.at("Name").get<std::string>());
+  const std::string axis = in_one_line(signal.value("Axis", ""));
   if (axis.empty()) return name;
   const std::string kind = name.substr(0, name.find('|'));
   // A, B2, C1; but AX1 is a linear axis.

@@ -85,7 +85,8 @@ class Motion {
  private:
   [[nodiscard]] AxisSample row_of(std::int64_t row) const {
     const Eigen::Index k = row % record_.size();
-    const double offset = travel_ * static_cast<double>(row / record_.size());
+    const Eigen::Index passes = row / record_.size();
+    const double offset = travel_ * static_cast<double>(passes);
     return {.command = record_.command(k) + offset, .actual = record_.actual(k) + offset};
   }
 

@@ -310,7 +310,7 @@ virtual_machine::Gms gms_on_conic(double level, double breakaway, double shape_f
 }
 
 virtual_machine::Axis feed_drive(const FeedDrive& drive, double sliding_share) {
-  constexpr double mass = 600.0;  // [kg]
+  const double mass = 600.0;  // [kg]
   const auto [a1, a2, a3] =
       denominator_of({kTwoPi * drive.hz.real, kTwoPi * drive.hz.omega, drive.hz.zeta}, 3);
   virtual_machine::Axis axis;

@@ -353,7 +353,8 @@ int main(int argc, char** argv) {
   }
 
   head("Ways to correct, with the last model");
-  for (const auto& [name, path] : paths) {
+  for (const auto& [name, of_both] : paths) {
+    const auto& path = of_both;  // a lambda cannot take a part of a pair by reference everywhere
     std::printf("  %s\n", name);
     const OnMachine before = run(path, {});
     const Twins& best = twins.back();

@@ -10,6 +10,7 @@
 namespace servotwin {
 namespace {
 
+using namespace std::string_literals;
 using nlohmann::json;
 using testing::Contains;
 using testing::HasSubstr;
@@ -47,9 +48,8 @@ const std::vector<BadRecording> kBadRecordings{
     {"header_only", "time[s],X.command[mm],X.actual[mm]\n", "rec.csv: "},
     {"text", "This is a letter.\nIt has two lines.\n", "line 1"},
     {"binary",
-     std::string("\x7f"
-                 "ELF\x02\x01\x01\0\0\0\0\n\x01\x02",
-                 15),
+     "\x7f"
+     "ELF\x02\x01\x01\0\0\0\0\n\x01\x02"s,
      "rec.csv: "},
     {"one_row", "time[s],X.command[mm],X.actual[mm]\n0,1,1\n", "only one row"},
     {"no_encoder", command_table(2.0), "X.actual"},

@@ -363,7 +363,8 @@ TEST_F(ServiceTest, ReplaysEveryRowOfARecordingWithCoarseStamps) {
   file << "time[s],X.command[m],X.actual[m]\n";
   for (int k = 0; k < 3000; ++k) {
     const double command = command_at(k * kCycle_s);
-    file << k / 10 * 0.01 << ',' << command << ',' << command - 1e-6 << '\n';
+    const int hundredths = k / 10;
+    file << hundredths * 0.01 << ',' << command << ',' << command - 1e-6 << '\n';
   }
   file.close();
   config_.source = SourceKind::kReplay;

@@ -38,7 +38,7 @@ class Network : public testing::Test {
     }
   }
   ~Network() override {
-    for (const auto& host : {"plant", "office"}) run(std::string("ip netns del ") + host);
+    for (const char* host : {"plant", "office"}) Process({"ip", "netns", "del", host}).end();
   }
 
   /// Both ends of the link.

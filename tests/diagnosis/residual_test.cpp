@@ -47,7 +47,7 @@ double samples_of(const RegimeShares& shares, Regime regime) {
 }
 
 /// The boundary of a regime is uncertain by the span of the velocity differences.
-constexpr int kBlur = static_cast<int>(kRegimeSpan_s / kResidualStep_s + 0.5) + 1;
+const int kBlur = static_cast<int>(std::lround(kRegimeSpan_s / kResidualStep_s)) + 1;
 
 TEST(ByRegime, CountsTheTimeOfEveryRegimeOfATrapezoid) {
   const Eigen::ArrayXd x = out_and_back(1.0);

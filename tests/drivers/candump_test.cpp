@@ -86,7 +86,7 @@ TEST(Candump, TellsALogFromATable) {
 class CandumpFile : public testing::Test {
  protected:
   std::filesystem::path write(const std::string& text) {
-    const auto file = directory_.path() / "a.log";
+    auto file = directory_.path() / "a.log";
     std::ofstream(file, std::ios::binary) << text;
     return file;
   }

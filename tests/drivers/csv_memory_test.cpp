@@ -20,7 +20,7 @@ constexpr long kManyRows = 500'000;
 constexpr int kOtherColumns = 20;
 
 std::filesystem::path write_wide_file(const test::TemporaryDirectory& directory) {
-  const auto file = directory.file("wide.csv", "");
+  auto file = directory.file("wide.csv", "");
   std::ofstream out(file);
   out << "time[s],X.command[mm],X.actual[mm]";
   for (int c = 0; c < kOtherColumns; ++c) out << ",other" << c;

@@ -92,8 +92,8 @@ TEST(DdsProgram, AProgramThatCannotBeAnsweredByNameIsCountedAndNotGiven) {
   const DdsEntity writer(
       dds_create_writer(node.publisher(), topic, topics::kProgram.qos().get(), nullptr), "write");
   servotwin_msgs_ProgramChunk sample{};
-  std::strcpy(sample.machine, node.place().machine.c_str());
-  std::strcpy(sample.program, "../part");
+  node.place().machine.copy(sample.machine, sizeof sample.machine - 1);
+  std::string("../part").copy(sample.program, sizeof sample.program - 1);
   ASSERT_EQ(dds_write(writer.get(), &sample), DDS_RETCODE_OK);
   ProgramChunk came;
   for (int i = 0; i < 100 && reader.counts().malformed == 0; ++i)

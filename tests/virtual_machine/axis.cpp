@@ -138,7 +138,8 @@ AxisRecord record(const Axis& axis, const Command& command, double duration) {
   while (row < rows && step_of_row() < -1e-6) write(start, 0.0, 0.0);
   for (std::int64_t n = 0; row < rows; ++n) {
     if (n % drive.integration_steps == 0) {
-      const double time = static_cast<double>(n / drive.integration_steps) / drive.rate_hz;
+      const std::int64_t cycle = n / drive.integration_steps;
+      const double time = static_cast<double>(cycle) / drive.rate_hz;
       force = controller.act(command(time), body.state().position);
     }
     const BodyState before = body.state();

@@ -75,7 +75,7 @@ ReducedMechanics::Place ReducedMechanics::place_at(double nut, double step_s) co
   }
 
   const Eigen::EigenSolver<Eigen::MatrixXd> solver(a);
-  const Eigen::VectorXcd values = solver.eigenvalues();
+  const Eigen::VectorXcd& values = solver.eigenvalues();
   const Eigen::MatrixXcd vectors = solver.eigenvectors();
   const Eigen::MatrixXcd inverse = vectors.inverse();
   const double missed = (vectors * values.asDiagonal() * inverse - a).norm() / a.norm();

@@ -45,7 +45,7 @@ class LivingStore {
   [[nodiscard]] fs::path path() const { return power_cut_.path() / "store"; }
   /// A copy that a test may damage.
   [[nodiscard]] fs::path fresh_copy() const {
-    const fs::path copy = power_cut_.path() / "copy";
+    fs::path copy = power_cut_.path() / "copy";
     fs::remove_all(copy);
     fs::copy(path(), copy, fs::copy_options::recursive);
     return copy;

@@ -268,7 +268,7 @@ ArrayXd oscillator(const ArrayXd& u, double hz, double zeta, double h) {
 
 TEST(ResponseModes, AreThoseOfTheOscillators) {
   std::mt19937_64 random(19);
-  constexpr double h = 2.5e-4;
+  const double h = 2.5e-4;
   std::vector<ResponseRecord> records;
   for (const Index n : {80000, 60000}) {
     const ArrayXd u = noise(n, 1.0, random);
