@@ -116,6 +116,7 @@ void run(const IdentifyArguments& arguments) {
   options.pole_constraints = !arguments.no_pole_constraints;
 
   SegmentedAxis axis = arguments.input.read(people);
+  require_motion(axis);
   if (!arguments.whole) use_excerpt(axis, people);
   Identified identified;
   {

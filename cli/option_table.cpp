@@ -109,7 +109,7 @@ TableOption OptionTable::flag(const std::string& name, bool& value, const std::s
 }
 
 TableOption OptionTable::option_read_by(const std::string& name,
-                                        std::function<void(const std::string&)> read,
+                                        const std::function<void(const std::string&)>& read,
                                         const std::string& what) {
   return TableOption(app_->add_option_function(name, read, what));
 }

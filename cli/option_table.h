@@ -59,7 +59,8 @@ class OptionTable {
   TableOption option(const std::string& name, T& value, const std::string& what);
   TableOption flag(const std::string& name, bool& value, const std::string& what);
   /// For values with a form of their own; `read` may throw.
-  TableOption option_read_by(const std::string& name, std::function<void(const std::string&)> read,
+  TableOption option_read_by(const std::string& name,
+                             const std::function<void(const std::string&)>& read,
                              const std::string& what);
   /// An option that was declared before.
   [[nodiscard]] TableOption declared(const std::string& name) const;

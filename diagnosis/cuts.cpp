@@ -118,7 +118,8 @@ std::vector<double> lines_of(const Eigen::Ref<const Eigen::VectorXd>& signal, do
     const std::size_t from = i > reach ? i - reach : 1, to = std::min(power.size(), i + reach);
     double sum = 0.0;
     for (std::size_t j = from; j < to; j += 2) sum += power[j];
-    const double around = sum / static_cast<double>((to - from + 1) / 2);
+    const std::size_t count = (to - from + 1) / 2;
+    const double around = sum / static_cast<double>(count);
     lines.emplace_back(-power[i] / around, step_hz * static_cast<double>(i));
   }
   std::sort(lines.begin(), lines.end());

@@ -99,7 +99,7 @@ class Learner {
 
  private:
   [[nodiscard]] Signal robust(const Signal& signal) {
-    const Signal narrow = filter_.filtered(signal, q_);
+    Signal narrow = filter_.filtered(signal, q_);
     if (weight_.size() == 0) return narrow;
     return weight_ * filter_.filtered(signal, q_reversal_) + (1.0 - weight_) * narrow;
   }

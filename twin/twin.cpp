@@ -91,7 +91,8 @@ TwinOf<S>::TwinOf(const ModelOf<S>& model) {
     for (const EffectOf<S>& effect : model.effects) {
       if (!acts_along_motion(identity_of(effect.kind).acts) || place_of(effect) != place) continue;
       if (place == 2) {
-        effects_[static_cast<std::size_t>(effect_count_ + reading_count_++)] = effect;
+        effects_[static_cast<std::size_t>(effect_count_) +
+                 static_cast<std::size_t>(reading_count_++)] = effect;
       } else if (!axis_.used() || identity_of(effect.kind).on_motor) {
         add_force(effect, Body::kMotor, 1.0);
       } else if (!is_friction(effect.kind) || effect.kind == kind_of<ConstantForce>() ||

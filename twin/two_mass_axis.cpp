@@ -248,7 +248,7 @@ S TwoMassAxisOf<S>::missing_contact(const S& deflection, const S& rate) const no
   const S half = 0.5 * parameters_.width;
   if (half == 0.0) return 0.0;
   const S scale = parameters_.load_share * parameters_.omega;
-  const S linear = scale * (parameters_.omega * deflection + 2.0 * parameters_.zeta * rate);
+  S linear = scale * (parameters_.omega * deflection + 2.0 * parameters_.zeta * rate);
   const S beyond = deflection - std::clamp<S>(deflection, -half, half);
   if (beyond == 0.0) return linear;
   const S contact = scale * (parameters_.omega * beyond + 2.0 * parameters_.zeta * rate);

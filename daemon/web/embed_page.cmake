@@ -63,9 +63,9 @@ std::string_view text(const unsigned char* bytes, std::size_t count) {
 }  // namespace
 
 std::span<const PageFile> page_files() noexcept {
-  static const auto kFiles = std::to_array<PageFile>({
+  static const auto files = std::to_array<PageFile>({
 ${table}  });
-  return kFiles;
+  return files;
 }
 
 }  // namespace servotwin::daemon

@@ -22,8 +22,6 @@ namespace servotwin {
 
 namespace {
 
-// Longest sampling time at which the dynamics of a servo loop can still be identified.
-constexpr double kMaxSamplingTime_s = 0.1;
 // Ratio of encoder to command motion, up or down, beyond which the two are in different units.
 constexpr double kMaxMotionRatio = 2.0;
 // A parameter whose standard deviation exceeds this share of its value is not excited.
@@ -308,18 +306,6 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         "two masses are identified by the joint method, without modes and without an earlier "
         "model");
   require_motion(axis);
-  constexpr double kMinSamplingTime_s = 1e-5;  // ten times below that of the fastest drives
-  if (axis.sample_time_s < kMinSamplingTime_s) {
-    throw std::runtime_error(message(axis.axis, ": ", 1.0 / axis.sample_time_s,
-                                     " samples per second is no rate of a servo: is the unit of "
-                                     "the time right?"));
-  }
-  if (axis.sample_time_s > kMaxSamplingTime_s) {
-    throw std::runtime_error(message(axis.axis, ": one sample every ", axis.sample_time_s,
-                                     " s is too slow to identify a servo loop; record one at "
-                                     "least every ",
-                                     kMaxSamplingTime_s, " s"));
-  }
   if (options.coupling && axis.segments.front().neighbour.size() == 0)
     throw std::runtime_error(
         axis.axis +

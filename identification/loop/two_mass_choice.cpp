@@ -45,7 +45,8 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
                                         const Structure& structure, const PoleSearchOptions& search,
                                         const IdentifyOptions& options, double encoder_step,
                                         std::vector<StructureTrial>& trials) {
-  const auto [fitted, validation] = split(training, kFittedShare);
+  const auto halves = split(training, kFittedShare);
+  const auto &fitted = halves.first, &validation = halves.second;
   // Play outside the loop is not told from an error of the reading by one encoder alone.
   const std::vector<std::size_t> kinds{kind_of<TwoMassMotorEncoder>(),
                                        kind_of<TwoMassLoadEncoder>(), kind_of<PlayMotorEncoder>(),

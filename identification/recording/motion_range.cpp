@@ -1,8 +1,14 @@
 #include "identification/recording/motion_range.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <numbers>
 #include <sstream>
+#include <utility>
+#include <vector>
+
+#include "identification/recording/order_statistics.h"
 
 namespace servotwin {
 
@@ -77,6 +83,46 @@ std::string why_implausible(std::span<const Segment> segments, bool rotary) {
   if (out.str().empty()) return {};
   return out.str() + ", which no servo axis does: is its unit " +
          (rotary ? "deg and not rad?" : "mm and not m? Is the time in ms?");
+}
+
+std::string why_not_following(std::span<const Segment> segments, bool rotary) {
+  // Between these quantiles, so that single wrong values do not count.
+  constexpr double kLow = 0.01, kHigh = 0.99;
+  const auto travel = [&](const Eigen::ArrayXd Segment::*values) {
+    std::vector<double> all;
+    for (const Segment& segment : segments) {
+      const Eigen::ArrayXd& x = segment.*values;
+      all.insert(all.end(), x.begin(), x.end());
+    }
+    return all.empty() ? 0.0 : quantile(all, kHigh) - quantile(all, kLow);
+  };
+  const double commanded = travel(&Segment::command), actual = travel(&Segment::actual);
+  if (!(commanded > 0.0) ||
+      (actual <= kMaxTravelRatio * commanded && commanded <= kMaxTravelRatio * actual))
+    return {};
+  // What one number is in the other unit.
+  constexpr std::array<std::pair<double, const char*>, 3> kLinear{
+      {{1e3, "is one of them in mm and the other in um?"},
+       {25.4, "is one of them in inches?"},
+       {10.0, "is one of them in mm and the other in cm?"}}};
+  constexpr std::array<std::pair<double, const char*>, 2> kRotary{
+      {{180.0 / std::numbers::pi, "is one of them in degrees and the other in radians?"},
+       {360.0, "is one of them in turns and the other in degrees?"}}};
+  constexpr double kFollows = 1.15;  // how exactly an axis follows over its travel
+  const double ratio = std::max(actual / commanded, commanded / actual);
+  const char* guess = "is it the position error, a velocity, or of another axis?";
+  const auto try_these = [&](const auto& units) {
+    for (const auto& [factor, question] : units) {
+      if (ratio < factor * kFollows && ratio > factor / kFollows) guess = question;
+    }
+  };
+  rotary ? try_these(kRotary) : try_these(kLinear);
+  std::ostringstream out;
+  out.precision(3);
+  const char* unit = rotary ? " rad" : " m";
+  out << "travels " << actual << unit << " where the command travels " << commanded << unit << ": "
+      << guess;
+  return out.str();
 }
 
 }  // namespace servotwin

@@ -31,4 +31,9 @@ struct MotionRange {
 /// than any machine. Empty: they can.
 [[nodiscard]] std::string why_implausible(std::span<const Segment> segments, bool rotary);
 
+/// Why the actual position cannot be that of an axis which follows this command, with the unit that
+/// may be wrong: it travels more than kMaxTravelRatio times as far or less. Empty: it can.
+inline constexpr double kMaxTravelRatio = 6.0;
+[[nodiscard]] std::string why_not_following(std::span<const Segment> segments, bool rotary);
+
 }  // namespace servotwin

@@ -146,14 +146,17 @@ std::optional<std::string> mend_zero(AxisRecord& axis, const std::vector<std::si
 }
 
 /// A value that is refreshed at a regular interval and by various amounts is held in between. A
-/// coarse encoder changes by its step, at intervals that depend on the speed.
-std::optional<std::string> held(const AxisRecord& axis, double step_s) {
+/// coarse encoder changes by its step, at intervals that depend on the speed. `other` tells which
+/// rows are in motion.
+std::optional<std::string> held(const AxisRecord& axis, const char* what,
+                                const std::vector<double>& value, const std::vector<double>& other,
+                                double step_s) {
   Values intervals, sizes;
   std::size_t last = 0, repeats = 0, moving = 0;
   const std::vector<std::size_t> rows = rows_of_both(axis);
   for (std::size_t k = 1; k < rows.size(); ++k) {
-    const double by = axis.actual[rows[k]] - axis.actual[rows[k - 1]];
-    if (axis.command[rows[k]] == axis.command[rows[k - 1]]) {
+    const double by = value[rows[k]] - value[rows[k - 1]];
+    if (other[rows[k]] == other[rows[k - 1]]) {
       last = 0;
       continue;
     }
@@ -182,7 +185,7 @@ std::optional<std::string> held(const AxisRecord& axis, double step_s) {
       median(sizes) < kMinSizes * *std::min_element(sizes.begin(), sizes.end()))
     return std::nullopt;
   const double share = static_cast<double>(repeats) / static_cast<double>(moving);
-  return "the encoder is refreshed every " + number(1e3 * typical * step_s) +
+  return std::string("the ") + what + " is refreshed every " + number(1e3 * typical * step_s) +
          " ms only: " + number(std::round(100.0 * share)) +
          " % of the rows in motion repeat the value before; the motion in between is not recorded";
 }
@@ -228,7 +231,8 @@ std::vector<std::string> mend_positions(Recording& recording, const std::string&
     if (const auto line = unwrap(axis)) say(*line);
     if (!only.empty() && axis.name != only) continue;
     for (const std::string& line : mend_encoder(axis, step_s, limits)) say(line);
-    if (const auto line = held(axis, step_s)) say(*line);
+    if (const auto line = held(axis, "encoder", axis.actual, axis.command, step_s)) say(*line);
+    if (const auto line = held(axis, "command", axis.command, axis.actual, step_s)) say(*line);
   }
   recording.notes.insert(recording.notes.end(), out.begin(), out.end());
   return out;

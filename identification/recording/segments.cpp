@@ -362,6 +362,22 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
 }
 
 void require_motion(const SegmentedAxis& axis) {
+  constexpr double kMinSamplingTime_s = 1e-5;  // ten times below that of the fastest drives
+  // A slow position loop has its bandwidth at 5 Hz, which four samples in a period still show.
+  constexpr double kMaxSamplingTime_s = 0.05;
+  if (axis.sample_time_s < kMinSamplingTime_s) {
+    throw std::runtime_error(axis.source + ": " + axis.axis + ": " +
+                             number(1.0 / axis.sample_time_s) +
+                             " samples per second is no rate of a servo: is the unit of the time "
+                             "right?");
+  }
+  if (axis.sample_time_s > kMaxSamplingTime_s) {
+    throw std::runtime_error(
+        axis.source + ": " + axis.axis + ": one sample every " + number(axis.sample_time_s) +
+        " s is too slow to identify a servo loop, whose transient lasts some "
+        "10 ms: record at least every " +
+        number(kMaxSamplingTime_s) + " s, better every ms. Is the time in ms or us?");
+  }
   const auto require = [&](const char* channel, const Eigen::ArrayXd Segment::*values) {
     const std::string name = axis.source + ": " + axis.axis + "." + channel;
     Eigen::Index samples = 0;
@@ -384,6 +400,8 @@ void require_motion(const SegmentedAxis& axis) {
   require("actual", &Segment::actual);
   if (const std::string why = why_implausible(axis.segments, axis.rotary); !why.empty())
     throw std::runtime_error(axis.source + ": " + axis.axis + ".command " + why);
+  if (const std::string why = why_not_following(axis.segments, axis.rotary); !why.empty())
+    throw std::runtime_error(axis.source + ": " + axis.axis + ".actual " + why);
 }
 
 }  // namespace servotwin

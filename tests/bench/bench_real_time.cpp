@@ -214,6 +214,8 @@ void measure(bool background, double seconds, double hz, int cpu, const Segment&
 
 }  // namespace
 
+// What escapes ends the benchmark with its message.
+// NOLINTNEXTLINE(bugprone-exception-escape)
 int main(int argc, char** argv) {
   const double seconds = argc > 1 ? std::atof(argv[1]) : 30.0;
   const double hz = argc > 2 ? std::atof(argv[2]) : 1000.0;

@@ -26,7 +26,7 @@ struct Recorded {
 Recorded motion(int rows, double encoder_noise = 0.0) {
   std::mt19937_64 random(5);
   std::normal_distribution<double> normal;
-  constexpr double h = 1e-3, w = kTwoPi * kResonance_hz;
+  const double h = 1e-3, w = kTwoPi * kResonance_hz;
   const double damped = w * std::sqrt(1.0 - kResonanceDamping * kResonanceDamping),
                decay = std::exp(-kResonanceDamping * w * h);
   const double c = std::cos(damped * h), s = std::sin(damped * h);

@@ -112,7 +112,7 @@ actual = {id = 0x181, start_bit = 32, length = 32, unit = "nm*10"}
   Process replay(words, {.environment = clock.environment()});
   const auto wait_for_cycles = [&](std::uint64_t cycles) {
     for (int i = 0; i < 3000; ++i) {
-      const auto now = status();
+      auto now = status();
       if (now.contains("frames") && now["frames"] >= cycles) return now;
       usleep(10'000);
     }

@@ -285,7 +285,7 @@ TEST(Twin, TakesItsStartingStateFromTheEncoder) {
 }
 
 TEST(Twin, RefusesAModelByTheNameOfTheField) {
-  const auto why = [](Model m) {
+  const auto why = [](const Model& m) {
     try {
       Twin{m};
     } catch (const std::invalid_argument& error) {

@@ -110,11 +110,11 @@ Recording one_way(double speed, bool rotary, int rows = 60000) {
 class Periods : public testing::TestWithParam<double> {};
 
 TEST_P(Periods, APeriodThatIsNoRoundNumberDoesNotAddUpOverManyTurns) {
-  const double period = GetParam(), kTurns = 150.0;
+  const double period = GetParam(), turns = 150.0;
   std::mt19937 random(7);
   std::normal_distribution<double> noise(0.0, 1e-6);
   for (const int which : {1, 2}) {
-    Recording whole = one_way(2.0 * kTurns * period / 60.0, false);
+    Recording whole = one_way(2.0 * turns * period / 60.0, false);
     for (double& value : whole.axes[0].actual) value += noise(random);
     Recording spoiled = whole;
     wrap(which == 1 ? spoiled.axes[0].command : spoiled.axes[0].actual, 0.0, period);
@@ -122,7 +122,7 @@ TEST_P(Periods, APeriodThatIsNoRoundNumberDoesNotAddUpOverManyTurns) {
     EXPECT_LT(greatest_error_difference(spoiled.axes[0], whole.axes[0]), 2e-6) << which;
   }
   // Where both wrap, an error of the period moves both.
-  const Recording whole = one_way(2.0 * kTurns * period / 60.0, false);
+  const Recording whole = one_way(2.0 * turns * period / 60.0, false);
   Recording both = whole;
   wrap(both.axes[0].command, 0.0, period);
   wrap(both.axes[0].actual, 0.0, period);
@@ -178,7 +178,8 @@ Recording indexing(double step) {
   AxisRecord& axis = out.axes[0];
   double actual = 0.0;
   for (std::size_t i = 0; i < axis.command.size(); ++i) {
-    axis.command[i] = step * static_cast<double>(i / 500);
+    const std::size_t steps = i / 500;
+    axis.command[i] = step * static_cast<double>(steps);
     actual += (axis.command[i] - actual) * kCycle_s / 0.03;
     axis.actual[i] = actual;
   }
@@ -462,6 +463,11 @@ TEST(Positions, AHeldEncoderIsSaidAndACoarseOneIsNot) {
   for (std::size_t i = 0; i < held.axes[0].actual.size(); ++i)
     held.axes[0].actual[i] = held.axes[0].actual[i - i % 14];
   EXPECT_THAT(mend_positions(held), ElementsAre(HasSubstr("refreshed every 14 ms only")));
+  Recording stepped = motion(0.3, false);
+  for (std::size_t i = 0; i < stepped.axes[0].command.size(); ++i)
+    stepped.axes[0].command[i] = stepped.axes[0].command[i - i % 8];
+  EXPECT_THAT(mend_positions(stepped),
+              ElementsAre(HasSubstr("the command is refreshed every 8 ms only")));
   Recording coarse = motion(0.3, false);
   for (double& value : coarse.axes[0].actual) value = 2e-3 * std::round(value / 2e-3);
   EXPECT_THAT(mend_positions(coarse), IsEmpty());

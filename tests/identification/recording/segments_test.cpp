@@ -199,10 +199,54 @@ TEST(RequireMotion, RefusesWhatNoMachineDoes) {
   steps.axes[0].actual = steps.axes[0].command;
   refuses(segment_axis(steps, "X"), {"X.command jumps by up to 0.01 m", "is a target"});
   // Slow motion that is recorded in steps of an encoder is no such jump.
-  for (std::size_t k = 0; k < steps.time.size(); ++k)
-    steps.axes[0].command[k] = 1e-5 * static_cast<double>(k / 50);
+  for (std::size_t k = 0; k < steps.time.size(); ++k) {
+    const std::size_t counts = k / 50;
+    steps.axes[0].command[k] = 1e-5 * static_cast<double>(counts);
+  }
   steps.axes[0].actual = steps.axes[0].command;
   EXPECT_NO_THROW(require_motion(segment_axis(steps, "X")));
+}
+
+TEST(RequireMotion, RefusesARateThatIsNoServosAndSaysWhichIsNeeded) {
+  const auto at = [](double step_s) {
+    Recording r = sampled(grid(1000, step_s));
+    for (std::size_t k = 0; k < r.time.size(); ++k)
+      r.axes[0].command[k] = 0.1 * std::sin(0.2 * static_cast<double>(k));
+    r.axes[0].actual = r.axes[0].command;
+    return segment_axis(r, "X");
+  };
+  const auto refuses = [](const SegmentedAxis& axis, std::initializer_list<const char*> parts) {
+    expect_error<std::runtime_error>([&] { require_motion(axis); }, parts);
+  };
+  refuses(at(0.1), {"rec.csv", "X: one sample every 0.1 s", "at least every 0.05 s", "ms or us"});
+  refuses(at(1e-6), {"rec.csv", "1e+06 samples per second", "unit of the time"});
+  EXPECT_NO_THROW(require_motion(at(0.05)));
+}
+
+TEST(RequireMotion, RefusesAnEncoderThatCannotBelongToTheCommand) {
+  const auto encoder = [](double factor, bool rotary) {
+    Recording r = sampled(grid(2000, 0.001));
+    for (std::size_t k = 0; k < r.time.size(); ++k) {
+      r.axes[0].command[k] = 0.1 * std::sin(2.0 * M_PI * r.time[k]);
+      r.axes[0].actual[k] = factor * r.axes[0].command[k];
+    }
+    r.axes[0].rotary = rotary;
+    return r;
+  };
+  const auto refuses = [](const Recording& r, std::initializer_list<const char*> parts) {
+    expect_error<std::runtime_error>([&] { require_motion(segment_axis(r, "X")); }, parts);
+  };
+  refuses(encoder(1000.0, false), {"rec.csv", "X.actual travels 200 m", "0.2 m", "mm", "um"});
+  refuses(encoder(1.0 / 25.4, false), {"X.actual travels 0.0078", "inches"});
+  refuses(encoder(-10.0, false), {"X.actual", "cm"});
+  refuses(encoder(180.0 / M_PI, true), {"X.actual", "degrees", "radians"});
+  refuses(encoder(0.01, false), {"X.actual", "the position error"});
+  // An axis with much lag or overshoot, and single wrong values.
+  EXPECT_NO_THROW(require_motion(segment_axis(encoder(0.3, false), "X")));
+  EXPECT_NO_THROW(require_motion(segment_axis(encoder(3.0, false), "X")));
+  Recording spikes = encoder(1.0, false);
+  spikes.axes[0].actual[777] = 50.0;
+  EXPECT_NO_THROW(require_motion(segment_axis(spikes, "X")));
 }
 
 TEST(RequireMotion, NamesTheSignalThatStands) {
