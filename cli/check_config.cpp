@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <ctime>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -48,6 +49,15 @@ void say_offsets(const daemon::Config& config) {
   for (const std::string& remark : contract.remarks) say(stdout, "note: " + remark);
   if (const std::string why = contract.refusal(); !why.empty())
     say(stdout, "note: with ilc.live = true " + why);
+}
+
+/// The folder of commanded paths, if there is one.
+void say_programs(const std::filesystem::path& folder) {
+  if (folder.empty()) return;
+  std::error_code error;
+  std::filesystem::directory_iterator(folder, error);
+  say(stdout, "programs    the .csv files in " + folder.string() +
+                  (error ? ", which cannot be read now: " + error.message() : ""));
 }
 
 /// A note if others than its owner may read a file with a secret.
@@ -125,6 +135,7 @@ void run(const std::filesystem::path& file) {
       config.store.directory.empty() ? daemon::default_store() : config.store.directory;
   say(stdout, "store       " + store.string());
   say_offsets(config);
+  say_programs(config.ilc.programs);
   if (config.ilc.live) {
     if (config.http.token.empty())
       say(stdout,

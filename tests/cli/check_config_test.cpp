@@ -14,6 +14,7 @@
 namespace servotwin {
 namespace {
 
+using testing::ContainsRegex;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
@@ -215,6 +216,10 @@ TEST_F(OffsetsOverCan, OfADryRunAndOfAnAxisThatIsNamedAreNoted) {
   EXPECT_EQ(dry.status, 0) << dry;
   EXPECT_THAT(dry.out, HasSubstr("offsets     dry run;"));
   EXPECT_THAT(dry.out, HasSubstr("note: with ilc.live = true offsets cannot be armed: "));
+  EXPECT_THAT(dry.out, Not(HasSubstr("programs")));
+  EXPECT_THAT(said("", "programs = 'nowhere'").out,
+              ContainsRegex("programs    the .csv files in .*nowhere, which cannot be read now: "));
+  EXPECT_THAT(said("", "programs = '.'").out, Not(HasSubstr("cannot be read now")));
   const Answer named =
       said("offset_timeout_s = 'none'", "live = true\narm_without_timeout = ['X']");
   EXPECT_EQ(named.status, 0) << named;

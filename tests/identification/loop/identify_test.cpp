@@ -247,11 +247,14 @@ TEST(Identify, ARecordingThatRestsWhereItIsFittedIsRefused) {
 
 TEST(Identify, AnEncoderInAnotherUnitIsRefused) {
   SegmentedAxis axis = as_segments(production(virtual_axis(false), 3));
-  axis.segments[0].actual *= 1e-3;
+  axis.segments[0].actual *= 0.3;  // as with the wrong pitch of a screw
   const Identified found = identify(axis);
   ASSERT_FALSE(found.refusals.empty());
   EXPECT_NE(found.refusals[0].find("times as far as its command"), std::string::npos)
       << found.refusals[0];
+  axis.segments[0].actual *= 1e-3 / 0.3;
+  expect_error<std::runtime_error>([&] { (void)identify(axis); },
+                                   {"X.actual travels", "is one of them in mm"});
 }
 
 Recording real_recording(const std::filesystem::path& file, const char* columns) {
