@@ -108,7 +108,7 @@ std::string why_not_following(std::span<const Segment> segments, bool rotary) {
   constexpr std::array<std::pair<double, const char*>, 2> kRotary{
       {{180.0 / std::numbers::pi, "is one of them in degrees and the other in radians?"},
        {360.0, "is one of them in turns and the other in degrees?"}}};
-  constexpr double kFollows = 1.15;  // how exactly an axis follows over its travel
+  constexpr double kFollows = 1.05;  // how exactly an axis follows over its travel
   const double ratio = std::max(actual / commanded, commanded / actual);
   const char* guess = "is it the position error, a velocity, or of another axis?";
   const auto try_these = [&](const auto& units) {

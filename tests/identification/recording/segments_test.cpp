@@ -241,6 +241,7 @@ TEST(RequireMotion, RefusesAnEncoderThatCannotBelongToTheCommand) {
   refuses(encoder(-10.0, false), {"X.actual", "cm"});
   refuses(encoder(180.0 / M_PI, true), {"X.actual", "degrees", "radians"});
   refuses(encoder(0.01, false), {"X.actual", "the position error"});
+  refuses(encoder(1.0 / 27.0, false), {"X.actual", "the position error"});  // no inches
   // An axis with much lag or overshoot, and single wrong values.
   EXPECT_NO_THROW(require_motion(segment_axis(encoder(0.3, false), "X")));
   EXPECT_NO_THROW(require_motion(segment_axis(encoder(3.0, false), "X")));
