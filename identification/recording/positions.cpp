@@ -5,6 +5,7 @@
 
 #include "identification/recording/order_statistics.h"
 #include "identification/recording/regression.h"
+#include "identification/recording/spikes.h"
 #include "identification/recording/turns.h"
 #include "identification/recording/values.h"
 
@@ -80,7 +81,8 @@ std::vector<std::size_t> rows_at_rest(const AxisRecord& axis, double step_s) {
 /// over that of the motion.
 struct Ratio {
   double ratio = 0.0, left = 0.0;
-  bool at_rest = false;  ///< in motion a lag can look like a ratio
+  double ahead_rows = 0.0;  ///< of the command, at constant speed; negative: it lags
+  bool at_rest = false;     ///< in motion a lag can look like a ratio
 };
 
 /// x = offset + ratio x_r + c1 x_r' + c2 x_r'' at these rows.
@@ -95,7 +97,8 @@ std::optional<Ratio> ratio_at(const AxisRecord& axis, const std::vector<std::siz
   const double motion = regression.deviation(0);
   if (!(motion > 0.0)) return std::nullopt;
   const auto fit = regression.fit();
-  const Ratio out{fit.slopes(0), fit.rms / motion, false};
+  // The slope of the command is twice its change per row.
+  const Ratio out{fit.slopes(0), fit.rms / motion, 2.0 * fit.slopes(1) / fit.slopes(0), false};
   return std::isfinite(out.ratio) ? std::optional(out) : std::nullopt;
 }
 
@@ -197,6 +200,21 @@ double step_of(const std::vector<double>& time) {
   return steps.empty() ? 0.0 : median(std::move(steps));
 }
 
+/// Positions in metres that are called millimetres.
+std::optional<std::string> tiny(const AxisRecord& axis) {
+  constexpr double kMaxTravel_m = 0.5e-3, kMaxStep_m = 0.5e-9;
+  const double travel = range_of(axis.command);
+  if (axis.rotary || !(travel > 0.0) || !(travel < kMaxTravel_m)) return std::nullopt;
+  double step = HUGE_VAL;
+  for (std::size_t i = 1; i < axis.actual.size(); ++i) {
+    if (const double by = std::abs(axis.actual[i] - axis.actual[i - 1]); by > 0.0)
+      step = std::min(step, by);
+  }
+  if (!(step < kMaxStep_m)) return std::nullopt;
+  return "travels " + number(1e6 * travel) + " um in all, in steps of " + number(1e9 * step) +
+         " nm: if the positions are in m, write [m] behind their names";
+}
+
 /// Sign, ratio and zero of the encoder, if it follows its command at all.
 std::vector<std::string> mend_encoder(AxisRecord& axis, double step_s,
                                       const PositionLimits& limits) {
@@ -217,6 +235,13 @@ std::vector<std::string> mend_encoder(AxisRecord& axis, double step_s,
                   "by that");
   }
   if (const auto line = mend_zero(axis, at_rest, limits)) out.push_back(*line);
+  constexpr double kMinAhead_rows = 2.0;  // less may be the order in which a cycle is recorded
+  if (const double ahead_s = found->ahead_rows * step_s;
+      found->ahead_rows > kMinAhead_rows && ahead_s > limits.ahead_s) {
+    out.push_back("the encoder is " + number(std::round(1e4 * ahead_s) / 10.0) +
+                  " ms ahead of its command at constant speed: more velocity feedforward than the "
+                  "axis needs, or the two were not recorded at the same time");
+  }
   return out;
 }
 
@@ -230,6 +255,9 @@ std::vector<std::string> mend_positions(Recording& recording, const std::string&
     const auto say = [&](const std::string& line) { out.push_back(axis.name + ": " + line); };
     if (const auto line = unwrap(axis)) say(*line);
     if (!only.empty() && axis.name != only) continue;
+    // Not before: where positions go round, noise makes single values of the other end.
+    if (const auto line = leave_out_spikes(axis, recording.time, step_s)) say(*line);
+    if (const auto line = tiny(axis)) say(*line);
     for (const std::string& line : mend_encoder(axis, step_s, limits)) say(line);
     if (const auto line = held(axis, "encoder", axis.actual, axis.command, step_s)) say(*line);
     if (const auto line = held(axis, "command", axis.command, axis.actual, step_s)) say(*line);

@@ -3,13 +3,16 @@
 //
 // For every axis, in this order, from command and encoder together:
 //   1. Positions that go round (0 to 360 degrees) are unwrapped (turns.h).
-//   2. An encoder that counts against its command gets the other sign.
-//   3. An encoder that moves 0.5 to 2 times as far as its command, and not as far, is divided by
+//   2. Single wrong values of the encoder are left out (spikes.h).
+//   3. An encoder that counts against its command gets the other sign.
+//   4. An encoder that moves 0.5 to 2 times as far as its command, and not as far, is divided by
 //      that ratio (gear ratio, unit or pitch). Only where it rested at places far apart: in motion
 //      a lag can look like a ratio.
-//   4. An encoder whose zero is elsewhere at rest gets that of the command; where it may as well be
+//   5. An encoder whose zero is elsewhere at rest gets that of the command; where it may as well be
 //      an axis that does not reach its command, that is only reported.
-//   5. An encoder that is refreshed more slowly than it is recorded is reported.
+//   6. Reported, and left as it is: an encoder or a command that is refreshed more slowly than it
+//   is
+//      recorded, an encoder ahead of its command, a travel so small that its unit may be wrong.
 // Each repair is far from what a machine does (`PositionLimits`), so that thermal growth, lead
 // errors and backlash stay as they are.
 //
@@ -33,6 +36,8 @@ struct PositionLimits {
   double other_zero_m = 10e-3;
   double other_zero_rad = std::numbers::pi / 18.0;  ///< 10 degrees
   double other_zero_share = 0.2;  ///< of the travel, where that is less: no axis is used like that
+  /// Least time by which an encoder is ahead of its command at constant speed to be reported.
+  double ahead_s = 1e-3;
   /// Greatest RMS that sign, ratio, zero and lag leave, over that of the motion.
   double unexplained = 0.02;
 };

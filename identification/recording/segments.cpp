@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "identification/recording/motion_range.h"
+#include "identification/recording/time_shift.h"
 #include "identification/recording/values.h"
 
 namespace servotwin {
@@ -401,6 +402,8 @@ void require_motion(const SegmentedAxis& axis) {
   if (const std::string why = why_implausible(axis.segments, axis.rotary); !why.empty())
     throw std::runtime_error(axis.source + ": " + axis.axis + ".command " + why);
   if (const std::string why = why_not_following(axis.segments, axis.rotary); !why.empty())
+    throw std::runtime_error(axis.source + ": " + axis.axis + ".actual " + why);
+  if (const std::string why = why_at_another_time(axis.segments); !why.empty())
     throw std::runtime_error(axis.source + ": " + axis.axis + ".actual " + why);
 }
 

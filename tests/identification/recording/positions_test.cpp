@@ -276,8 +276,11 @@ TEST(Positions, AFalseValueIsNoTurn) {
   for (double& value : false_value.axes[0].actual) value += 5.0;
   for (const std::size_t i : {4300UL, 8100UL}) false_value.axes[0].actual[i] = 0.0;
   const Recording as_it_was = false_value;
-  (void)mend_positions(false_value);
-  EXPECT_EQ(false_value.axes[0].actual, as_it_was.axes[0].actual);
+  EXPECT_THAT(mend_positions(false_value), ElementsAre(HasSubstr("2 single values")));
+  for (std::size_t i = 0; i < as_it_was.time.size(); ++i) {
+    if (i != 4300 && i != 8100)
+      EXPECT_EQ(false_value.axes[0].actual[i], as_it_was.axes[0].actual[i]) << i;
+  }
 }
 
 TEST(Positions, AWrapThatCannotBeUndoneIsSaid) {
@@ -478,6 +481,79 @@ TEST(Positions, AHeldEncoderIsSaidAndACoarseOneIsNot) {
     axis.actual[i] = 2e-3 * std::round((axis.command[i] - 1e-3) / 2e-3);
   }
   EXPECT_THAT(mend_positions(steady), IsEmpty());
+}
+
+TEST(Positions, SingleWrongValuesAreLeftOutAndTheOthersStay) {
+  const Recording whole = motion(0.3, false);
+  Recording spoiled = whole;
+  for (std::size_t i = 777; i < whole.time.size(); i += 2000) spoiled.axes[0].actual[i] += 0.05;
+  EXPECT_THAT(mend_positions(spoiled),
+              ElementsAre(testing::AllOf(HasSubstr("6 single values of the encoder are up to"),
+                                         HasSubstr("first at 0.777 s"))));
+  for (std::size_t i = 0; i < whole.time.size(); ++i) {
+    if (i % 2000 == 777) {
+      EXPECT_TRUE(std::isnan(spoiled.axes[0].actual[i])) << i;
+    } else {
+      EXPECT_EQ(spoiled.axes[0].actual[i], whole.axes[0].actual[i]) << i;
+    }
+  }
+  Recording one = whole;
+  one.axes[0].actual[5000] -= 0.002;
+  EXPECT_THAT(mend_positions(one), ElementsAre(HasSubstr("one value of the encoder is 2.000")));
+}
+
+TEST(Positions, WhatAnAxisCanDoIsNoSpike) {
+  const Recording whole = motion(0.3, false);
+  // A step stays where it is, two values in a row are an event, a count that flickers is noise,
+  // and 0.2 mm away and back in two milliseconds are 800 m/s^2, which a blow can do.
+  const auto spoilt = [&](std::initializer_list<std::size_t> rows, double by) {
+    Recording out = whole;
+    for (const std::size_t row : rows) out.axes[0].actual[row] += by;
+    return out;
+  };
+  for (Recording recording :
+       {spoilt({4000, 4001}, 0.05), spoilt({5000}, 2e-4), spoilt({3000, 5000, 7000}, 1e-5)})
+    EXPECT_THAT(mend_positions(recording), IsEmpty());
+  Recording step = whole;
+  for (std::size_t i = 6000; i < step.time.size(); ++i) step.axes[0].actual[i] += 3e-3;
+  for (const std::string& line : mend_positions(step))
+    EXPECT_THAT(line, testing::Not(HasSubstr("away from both neighbours")));
+  Recording flickers = whole;  // a coarse encoder: counts of 2 mm
+  for (std::size_t i = 0; i < flickers.time.size(); ++i) {
+    double& value = flickers.axes[0].actual[i];
+    value = 2e-3 * std::round(value / 2e-3) + (i % 1000 == 7 ? 2e-3 : 0.0);
+  }
+  EXPECT_THAT(mend_positions(flickers), IsEmpty());
+  // The peak of a vibration of a quarter of the sampling rate: three large bends in a row.
+  Recording vibrates = whole;
+  for (std::size_t i = 6000; i < 6008; ++i)
+    vibrates.axes[0].actual[i] += 2e-3 * std::sin(0.25 * kTurn * static_cast<double>(i));
+  EXPECT_THAT(mend_positions(vibrates), IsEmpty());
+}
+
+TEST(Positions, AnEncoderAheadOfItsCommandIsSaid) {
+  for (const int ahead : {1, 5}) {
+    Recording early = motion(0.3, false);
+    std::vector<double>& actual = early.axes[0].actual;
+    // 12 ms behind; from that row on the value of `ahead` ms later than the command.
+    for (std::size_t i = 0; i < actual.size(); ++i)
+      actual[i] =
+          early.axes[0].command[std::min(i + static_cast<std::size_t>(ahead), actual.size() - 1)];
+    if (ahead == 5) {
+      EXPECT_THAT(mend_positions(early), ElementsAre(HasSubstr("is 5 ms ahead of its command")));
+    } else {
+      EXPECT_THAT(mend_positions(early), IsEmpty());
+    }
+  }
+}
+
+TEST(Positions, MetresThatAreCalledMillimetresAreAsked) {
+  Recording tiny = motion(0.2e-3, false);  // 200 mm, with an encoder of 0.1 um
+  for (double& value : tiny.axes[0].actual) value = 1e-10 * std::round(value / 1e-10);
+  EXPECT_THAT(mend_positions(tiny), ElementsAre(HasSubstr("write [m] behind their names")));
+  Recording stage = motion(0.2e-3, false);  // a stage that travels so little, with its encoder
+  for (double& value : stage.axes[0].actual) value = 1e-9 * std::round(value / 1e-9);
+  EXPECT_THAT(mend_positions(stage), IsEmpty());
 }
 
 TEST(Positions, AbsentValuesStayAbsent) {

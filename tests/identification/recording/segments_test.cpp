@@ -223,6 +223,52 @@ TEST(RequireMotion, RefusesARateThatIsNoServosAndSaysWhichIsNeeded) {
   EXPECT_NO_THROW(require_motion(at(0.05)));
 }
 
+/// 20 s of moves between rests, or of `hz` where that is not zero; the encoder as `follow` gives it
+/// from the command at every time.
+template <class Follow>
+SegmentedAxis followed(double hz, const Follow& follow) {
+  const auto command = [hz](double t) {
+    if (hz > 0.0) return 0.1 * std::sin(2.0 * M_PI * hz * t);
+    const double part = t - 2.0 * std::floor(t / 2.0), share = std::clamp(part / 0.5, 0.0, 1.0);
+    const double from = std::sin(3.0 * std::floor(t / 2.0)),
+                 to = std::sin(3.0 * std::floor(t / 2.0) + 3.0);
+    return 0.1 * (from + (to - from) * share * share * (3.0 - 2.0 * share));
+  };
+  Recording r = sampled(grid(20'000, 0.001));
+  for (std::size_t k = 0; k < r.time.size(); ++k) {
+    r.axes[0].command[k] = command(r.time[k]);
+    r.axes[0].actual[k] = follow(command, r.time[k]);
+  }
+  return segment_axis(r, "X");
+}
+
+/// A loop of first order of this time constant.
+auto lagging(double constant_s) {
+  return [constant_s, x = 0.0](const auto& command, double t) mutable {
+    return x += (command(t) - x) * 0.001 / constant_s;
+  };
+}
+
+TEST(RequireMotion, RefusesAnEncoderThatWasRecordedAtAnotherTime) {
+  const auto later = [](double s) {
+    return [s](const auto& command, double t) { return command(std::max(0.0, t - s)); };
+  };
+  const auto refuses = [](const SegmentedAxis& axis, std::initializer_list<const char*> parts) {
+    expect_error<std::runtime_error>([&] { require_motion(axis); }, parts);
+  };
+  refuses(followed(0.0, later(0.5)), {"X.actual shows the commanded motion 0.5 s later", "clock"});
+  refuses(followed(0.0, later(-0.5)), {"X.actual shows the commanded motion 0.5 s before"});
+  // What a servo does: a delay of a few cycles, a slow loop, and one whose motion repeats.
+  EXPECT_NO_THROW(require_motion(followed(0.0, later(0.02))));
+  for (const double constant_s : {0.02, 0.1, 0.4})
+    EXPECT_NO_THROW(require_motion(followed(0.0, lagging(constant_s)))) << constant_s;
+  for (const double hz : {0.3, 1.0, 3.0}) {
+    EXPECT_NO_THROW(require_motion(followed(hz, lagging(0.03)))) << hz;
+    EXPECT_NO_THROW(require_motion(followed(hz, later(0.03)))) << hz;
+    EXPECT_NO_THROW(require_motion(followed(hz, later(-0.003)))) << hz;
+  }
+}
+
 TEST(RequireMotion, RefusesAnEncoderThatCannotBelongToTheCommand) {
   const auto encoder = [](double factor, bool rotary) {
     Recording r = sampled(grid(2000, 0.001));
