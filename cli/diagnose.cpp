@@ -181,7 +181,8 @@ void run(const DiagnoseArguments& arguments) {
   Recording recording = arguments.input.recording.read(people, arguments.input.axis);
   const std::string name = axis_of(recording, arguments.input.axis);
   const bool commanded = !without_command(recording, name);
-  const SegmentedAxis axis = segmented(recording, name, people);
+  SegmentedAxis axis = segmented(recording, name, people);
+  arguments.input.read_more(axis, people);
   if (!commanded) {
     run_on_torque(arguments, axis, false, "the recording has position and torque, but no command",
                   people);
@@ -205,8 +206,7 @@ void run(const DiagnoseArguments& arguments) {
   }
   const std::optional<TorqueDiagnosis> torque = torque_of(axis, arguments, people);
   if (torque) heed(*torque, diagnosis);
-  diagnosis.baseline.source = diagnosis.extended.source =
-      arguments.input.recording.file.filename().string();
+  diagnosis.baseline.source = diagnosis.extended.source = arguments.input.source();
   say_diagnosis(people, diagnosis, torque, arguments.details);
   if (torque) {
     std::vector<std::string> told;
@@ -236,7 +236,7 @@ Command add_diagnose(CLI::App& app) {
   OptionTable command(
       app, "diagnose",
       "Diagnoses an axis: what the simulation gets wrong, and which physical causes explain it.");
-  arguments->input.declare(command);
+  arguments->input.declare_several(command);
   command
       .option("--model", arguments->earlier,
               "earlier model of this axis: diagnose what has changed since it was identified")

@@ -128,7 +128,7 @@ void run(const IdentifyArguments& arguments) {
   }
   identified.record.motion = motion_range(axis.segments);
   identified.record.created = now_utc();
-  identified.record.source = arguments.input.recording.file.filename().string();
+  identified.record.source = arguments.input.source();
 
   say_result(people, identified);
   if (!arguments.result.empty()) write_json(arguments.result, to_json(identified));
@@ -166,7 +166,7 @@ Command add_identify(CLI::App& app) {
   const auto arguments = std::make_shared<IdentifyArguments>();
   arguments->identify.method = Method::kJoint;
   OptionTable command(app, "identify", "Identifies the model of an axis from a recording.");
-  arguments->input.declare(command);
+  arguments->input.declare_several(command);
   command
       .option("--model", arguments->model,
               "write the model to this file (servotwin.model/1), unless it is refused")

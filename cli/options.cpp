@@ -125,9 +125,37 @@ void AxisOptions::declare(OptionTable& command) {
   command.option("--axis", axis, "axis of the recording, if it has several").takes("X");
 }
 
+void AxisOptions::declare_several(OptionTable& command) {
+  declare(command);
+  command
+      .option("MORE", more,
+              "further recordings of the same axis, of the same rate: used together with the "
+              "first, each with a start of its own")
+      .takes("REC");
+}
+
 SegmentedAxis AxisOptions::read(std::FILE* people) const {
   const Recording whole = recording.read(people, axis);
-  return segmented(whole, axis_of(whole, axis), people);
+  SegmentedAxis out = segmented(whole, axis_of(whole, axis), people);
+  read_more(out, people);
+  return out;
+}
+
+void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
+  for (const std::filesystem::path& file : more) {
+    RecordingOptions one = recording;
+    one.file = file;
+    const Recording whole = one.read(people, read.axis);
+    const double begin_s = append(read, segmented(whole, read.axis, people));
+    say(people, text("note: %s begins at %.6g s of the time used below",
+                     file.filename().string().c_str(), begin_s));
+  }
+}
+
+std::string AxisOptions::source() const {
+  std::string out = recording.file.filename().string();
+  for (const std::filesystem::path& file : more) out += ", " + file.filename().string();
+  return out;
 }
 
 std::string axis_of(const Recording& whole, const std::string& given) {

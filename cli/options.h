@@ -45,11 +45,18 @@ struct RecordingOptions {
 /// REC and --axis, which may be left out where the recording has one axis.
 struct AxisOptions {
   RecordingOptions recording;
+  std::vector<std::filesystem::path> more;  ///< further recordings of the same axis
   std::string axis;
 
   void declare(OptionTable& command);
+  /// Also MORE..
+  void declare_several(OptionTable& command);
   /// Reads the axis and prints on `people` what was read.
   [[nodiscard]] SegmentedAxis read(std::FILE* people) const;
+  /// Adds the further recordings to the first one, read before.
+  void read_more(SegmentedAxis& axis, std::FILE* people) const;
+  /// The names of the files, without their folders.
+  [[nodiscard]] std::string source() const;
 };
 
 /// --dds --machine --domain --partition.

@@ -362,6 +362,53 @@ SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
   return out;
 }
 
+double append(SegmentedAxis& axis, SegmentedAxis next) {
+  constexpr double kBetween_s = 1.0;      // a gap that no fit takes for motion
+  constexpr double kMaxRateRatio = 1e-3;  // 1 ms and 1.0001 ms are one rate, measured twice
+  const auto refuse = [&](const std::string& why) {
+    throw std::runtime_error(next.source + " cannot be used together with " + axis.source + ": " +
+                             why);
+  };
+  const auto apiece = [&](const std::string& this_one, const std::string& other) {
+    return this_one + " there, " + other + " here";
+  };
+  if (next.rotary != axis.rotary)
+    refuse("the axis is " +
+           apiece(axis.rotary ? "rotary" : "linear", next.rotary ? "rotary" : "linear"));
+  if (std::abs(next.sample_time_s / axis.sample_time_s - 1.0) > kMaxRateRatio) {
+    refuse("one sample every " +
+           apiece(milliseconds(axis.sample_time_s), milliseconds(next.sample_time_s)) +
+           "; record both at one rate");
+  }
+  const auto all_have = [&](const Eigen::ArrayXd Segment::*values) {
+    const auto has = [&](const Segment& s) { return (s.*values).size() == s.size(); };
+    return std::all_of(axis.segments.begin(), axis.segments.end(), has) &&
+           std::all_of(next.segments.begin(), next.segments.end(), has);
+  };
+  if ((axis.segments.front().actual.size() > 0) != (next.segments.front().actual.size() > 0))
+    refuse("only one of them has an encoder");
+  if (!axis.torque_unit.empty() && !next.torque_unit.empty() &&
+      axis.torque_unit != next.torque_unit)
+    refuse("the torque is in " + apiece(axis.torque_unit, next.torque_unit));
+  const double begin_s = axis.segments.back().end_s() + kBetween_s;
+  const double shift_s = begin_s - next.segments.front().start_s;
+  const bool torque = all_have(&Segment::torque), neighbour = all_have(&Segment::neighbour),
+             cuts = all_have(&Segment::in_cut);
+  for (Segment& s : next.segments) {
+    s.start_s += shift_s;
+    s.sample_time_s = axis.sample_time_s;
+    axis.segments.push_back(std::move(s));
+  }
+  for (Segment& s : axis.segments) {
+    if (!torque) s.torque.resize(0);
+    if (!neighbour) s.neighbour.resize(0), s.in_plane = false;
+    if (!cuts) s.in_cut.resize(0);
+  }
+  if (!torque) axis.torque_unit.clear();
+  axis.source += ", " + next.source;
+  return begin_s;
+}
+
 void require_motion(const SegmentedAxis& axis) {
   constexpr double kMinSamplingTime_s = 1e-5;  // ten times below that of the fastest drives
   // A slow position loop has its bandwidth at 5 Hz, which four samples in a period still show.

@@ -73,6 +73,12 @@ struct SegmentedAxis {
 [[nodiscard]] SegmentedAxis segment_axis(const Recording& recording, std::string_view axis,
                                          const SegmentLimits& limits = {});
 
+/// Adds another recording of the same axis: its segments follow those of `axis`, one second after
+/// their end, whatever their own stamps are. The new start of its first segment [s]. Torque, or the
+/// other axis of the plane, is kept where both have it. Throws if one is rotary and the other not,
+/// if their rates or the units of their torques differ, or if only one has an encoder.
+double append(SegmentedAxis& axis, SegmentedAxis next);
+
 /// Throws if command or encoder is constant, or there is no encoder: nothing can be identified from
 /// an axis at rest. Also if the command is faster or longer than any machine: its unit is wrong.
 void require_motion(const SegmentedAxis& axis);

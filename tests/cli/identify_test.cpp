@@ -101,6 +101,31 @@ TEST_F(Identify, RecoversTheTruthItWasGiven) {
   EXPECT_NEAR(result["fit"]["holdout"]["rms_m"].get<double>(), 1e-6 / std::sqrt(12.0), 0.05e-6);
 }
 
+TEST_F(Identify, SeveralRecordingsAreFittedTogether) {
+  std::istringstream lines(known_recording());
+  std::string line, head, first, second;
+  std::getline(lines, head);
+  std::vector<std::string> rows;
+  while (std::getline(lines, line)) rows.push_back(line);
+  for (std::size_t k = 0; k < rows.size(); ++k)
+    (k < rows.size() / 2 ? first : second) += rows[k] + "\n";
+  const std::string a = folder_.write("a.csv", head + "\n" + first),
+                    b = folder_.write("b.csv", head + "\n" + second);
+  const Answer both =
+      servotwin_says({"identify", a, b, "--axis", "X", "--method", "pole-search", "--json",
+                      folder_ / "both.json", "--model", folder_ / "both_model.json"});
+  ASSERT_EQ(both.status, 0) << both;
+  EXPECT_THAT(both.out, HasSubstr("note: b.csv begins at"));
+  const json loop = json::parse(content_of(folder_ / "both.json"))["loop"];
+  EXPECT_NEAR(loop["natural_frequency_hz"].get<double>(), 25.0, 0.25);
+  EXPECT_NEAR(loop["damping_ratio"].get<double>(), 0.45, 0.01);
+  EXPECT_EQ(read_model(folder_ / "both_model.json").source, "a.csv, b.csv");
+  const Answer again = servotwin_says(
+      {"identify", a, folder_.write("c.csv", "time[s],X.command[mm]\n0,1\n"), "--axis", "X"});
+  EXPECT_EQ(again.status, 1) << again;
+  EXPECT_THAT(again.err, HasSubstr("c.csv"));
+}
+
 TEST_F(Identify, TheResultSaysHowItCameAbout) {
   const Answer answer = identify({"--json", "-"});
   ASSERT_EQ(answer.status, 0) << answer;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <random>
 #include <stdexcept>
 #include <string>
@@ -223,10 +224,53 @@ TEST(RequireMotion, RefusesARateThatIsNoServosAndSaysWhichIsNeeded) {
   EXPECT_NO_THROW(require_motion(at(0.05)));
 }
 
+TEST(AppendedSegments, FollowTheOthersWithTheirOwnStart) {
+  SegmentedAxis first = segment_axis(sampled(grid(2000, 0.001)), "X");
+  Recording later = sampled(grid(500, 0.001));
+  for (double& t : later.time) t += 7200.0;
+  later.source = "other.csv";
+  EXPECT_DOUBLE_EQ(append(first, segment_axis(later, "X")), 1.999 + 1.0);
+  ASSERT_EQ(first.segments.size(), 2U);
+  EXPECT_EQ(first.segments[1].size(), 500);
+  EXPECT_DOUBLE_EQ(first.segments[1].start_s, 2.999);
+  expect_motion(first.segments[0], 0.0, 1e-12);
+  EXPECT_EQ(first.segments[1].actual(100), later.axes[0].actual[100]);
+  EXPECT_EQ(first.segments[1].torque(100), later.axes[0].torque[100]);
+  EXPECT_EQ(first.source, "rec.csv, other.csv");
+  EXPECT_EQ(first.torque_unit, "Nm");
+}
+
+TEST(AppendedSegments, TorqueIsUsedWhereAllHaveIt) {
+  Recording without = sampled(grid(500, 0.001));
+  without.axes[0].torque.clear();
+  SegmentedAxis first = segment_axis(sampled(grid(2000, 0.001)), "X");
+  (void)append(first, segment_axis(without, "X"));
+  EXPECT_EQ(first.torque_unit, "");
+  for (const Segment& s : first.segments) EXPECT_EQ(s.torque.size(), 0);
+}
+
+TEST(AppendedSegments, WhatCannotBeFittedTogetherIsRefused) {
+  const auto refuses = [](const std::function<void(Recording&)>& change, double step_s,
+                          std::initializer_list<const char*> parts) {
+    SegmentedAxis first = segment_axis(sampled(grid(2000, 0.001)), "X");
+    Recording other = sampled(grid(500, step_s));
+    other.source = "other.csv";
+    change(other);
+    expect_error<std::runtime_error>([&] { (void)append(first, segment_axis(other, "X")); }, parts);
+    EXPECT_EQ(first.segments.size(), 1U);
+  };
+  refuses([](Recording&) {}, 0.002,
+          {"other.csv cannot be used together with rec.csv", "1 ms there, 2 ms here"});
+  refuses([](Recording& r) { r.axes[0].rotary = true; }, 0.001, {"linear there, rotary here"});
+  refuses([](Recording& r) { r.axes[0].torque_unit = "A"; }, 0.001, {"Nm there, A here"});
+  refuses([](Recording& r) { r.axes[0].actual.assign(500, kAbsent); }, 0.001,
+          {"only one of them has an encoder"});
+}
+
 /// 20 s of moves between rests, or of `hz` where that is not zero; the encoder as `follow` gives it
 /// from the command at every time.
 template <class Follow>
-SegmentedAxis followed(double hz, const Follow& follow) {
+SegmentedAxis followed(double hz, Follow follow) {
   const auto command = [hz](double t) {
     if (hz > 0.0) return 0.1 * std::sin(2.0 * M_PI * hz * t);
     const double part = t - 2.0 * std::floor(t / 2.0), share = std::clamp(part / 0.5, 0.0, 1.0);
