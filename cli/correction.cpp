@@ -5,9 +5,9 @@
 
 #include "cli/model_text.h"
 #include "cli/output.h"
-#include "daemon/correct/path_ends.h"
 #include "drivers/text.h"
 #include "identification/model/json_number.h"
+#include "ilc/path_ends.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::cli {
@@ -53,8 +53,8 @@ json axis_json(const Correction& correction, std::size_t i) {
 /// The share of the remaining squared error that lies so near the ends of the path that the
 /// correction is 0 there.
 double ends_share(const CorrectedAxis& axis, const Eigen::ArrayXd& left) {
-  const auto n = std::min<Eigen::Index>(
-      left.size() / 2, std::lround(daemon::kEndRest_s / axis.learning.path.sample_time_s));
+  const auto n = std::min<Eigen::Index>(left.size() / 2,
+                                        std::lround(kEndRest_s / axis.learning.path.sample_time_s));
   const double all = left.square().sum();
   return all > 0.0 ? (left.head(n).square().sum() + left.tail(n).square().sum()) / all : 0.0;
 }
@@ -123,7 +123,7 @@ std::string limited_by(const Correction& correction, std::size_t i) {
     return text(
         "the ends of the path: %.0f %% of the remaining squared error lies within %.3g s of them, "
         "where the correction is 0",
-        100.0 * share, daemon::kEndRest_s);
+        100.0 * share, kEndRest_s);
   if (learned.beyond_bandwidth_rms > 0.7 * left)
     return text("the bandwidth: %.0f %% of the remaining error lies beyond it",
                 100.0 * learned.beyond_bandwidth_rms / left);

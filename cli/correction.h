@@ -7,19 +7,15 @@
 #include <vector>
 
 #include "cli/command_table.h"
-#include "ilc/learn.h"
+#include "ilc/prepared_axis.h"
 #include "twin/contour_shares.h"
 
 namespace servotwin::cli {
 
 inline constexpr const char* kCorrectionSchema = "servotwin.correction/1";
 
-struct CorrectedAxis {
+struct CorrectedAxis : PreparedAxis {
   CommandedAxis commanded;
-  LearnAxis learning;
-  ContractionCurve contraction;  ///< of |Q (1 - L T)|; without trials of |1 - Q L T|
-  std::size_t models = 0;        ///< number of models within the uncertainty
-  std::string uncertainty;       ///< source of the uncertainty, in words
   bool beyond_model = false;  ///< the path is outside the motion that the model was identified on
 };
 

@@ -12,10 +12,9 @@
 #include "cli/options.h"
 #include "cli/output.h"
 #include "cli/path_gcode.h"
-#include "daemon/correct/model_uncertainty.h"
-#include "daemon/correct/motion_reach.h"
-#include "daemon/correct/path_ends.h"
-#include "ilc/feedforward.h"
+#include "identification/model/motion_reach.h"
+#include "identification/model/stated_deviations.h"
+#include "ilc/path_ends.h"
 #include "twin/shown_units.h"
 
 namespace servotwin::cli {
@@ -56,21 +55,20 @@ void require_meant(const LearnArguments& arguments) {
 /// Throws if no axis moves.
 void require_motion(const std::string& source, const std::vector<CommandedAxis>& axes) {
   if (std::none_of(axes.begin(), axes.end(),
-                   [](const CommandedAxis& axis) { return daemon::moves(axis.path); }))
+                   [](const CommandedAxis& axis) { return path_moves(axis.path); }))
     throw std::runtime_error(source + ": no axis with a model moves: there is nothing to correct");
 }
 
 /// Throws if no drive can follow the motion or it is far beyond that of the model; prints whether
 /// it is beyond it, or whether that is unknown.
-daemon::MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
-                                   std::FILE* people) {
+MotionReach look_at_motion(const std::string& source, const CommandedAxis& axis,
+                           std::FILE* people) {
   const ModelRecord& record = axis.record;
-  if (const std::string jump = daemon::jump_in(axis.path, record.axis, record.rotary);
-      !jump.empty())
+  if (const std::string jump = jump_in(axis.path, record.axis, record.rotary); !jump.empty())
     throw std::runtime_error(source + ": " + jump);
-  daemon::MotionReach reach = daemon::motion_reach(record, {&axis.path, 1});
+  MotionReach reach = motion_reach(record, {&axis.path, 1});
   if (reach.far_beyond())
-    throw std::runtime_error(source + ": " + reach.words + "; " + daemon::kFarBeyondAdvice);
+    throw std::runtime_error(source + ": " + reach.words + "; " + kFarBeyondAdvice);
   if (reach.beyond()) {
     say(people, "warning: " + reach.words +
                     "; its prediction for this path is not reliable: identify the model from "
@@ -84,50 +82,17 @@ daemon::MotionReach look_at_motion(const std::string& source, const CommandedAxi
 }
 
 CorrectedAxis axis_of(const LearnArguments& arguments, CommandedAxis commanded) {
-  CorrectedAxis out;
-  LearnAxis& axis = out.learning;
-  axis.name = commanded.record.axis;
-  axis.rotary = commanded.record.rotary;
-  axis.model = commanded.model;
-  axis.path = commanded.path;
-  axis.law.law = kMethods.at(arguments.method);
-  axis.law.model = transfer_of(axis.model);
-  axis.law.derivative_s = axis.law.model.lag_s();
-  if (arguments.peak > 0.0) axis.limits.peak = kMicro * arguments.peak;
-  if (arguments.rate > 0.0) axis.limits.rate = kMilli * arguments.rate;
-
-  const double h = axis.path.sample_time_s;
-  const daemon::ModelUncertainty uncertainty =
-      daemon::uncertainty_of(commanded.record, axis.law.model, arguments.uncertainty / 100.0);
-  out.uncertainty = uncertainty.words;
-  const std::vector<Transfer> models = models_within(axis.law.model, uncertainty.of_transfer);
-  out.models = models.size();
-  LearningLaw inverse = axis.law;
-  inverse.law = Law::kInverse;
-  axis.basis_bandwidth_hz =
-      axis.law.law == Law::kNormOptimal ? 0.0 : harmless_bandwidth(inverse, models, h);
-  // --bandwidth limits the whole correction, the feed-forward included, as in the daemon.
-  if (arguments.bandwidth_hz > 0.0)
-    axis.basis_bandwidth_hz = std::min(axis.basis_bandwidth_hz, arguments.bandwidth_hz);
-  if (arguments.method == "feedforward") {
-    axis.law.bandwidth_hz = axis.basis_bandwidth_hz;
-    out.contraction = left_by_feedforward(axis.law, models, h);
-    out.commanded = std::move(commanded);
-    return out;
-  }
-  axis.law.bandwidth_hz =
-      arguments.bandwidth_hz > 0.0 ? arguments.bandwidth_hz : robust_bandwidth(axis.law, models, h);
-  if (axis.law.bandwidth_hz == 0.0) {
-    throw std::runtime_error("axis " + axis.name +
-                             text(": no bandwidth from %.3g Hz on keeps |Q (1 - L T)| below %.2g "
-                                  "for every model within ",
-                                  kMinBandwidth_hz, kContraction) +
-                             out.uncertainty +
-                             "; use --method inverse, or a model from motion with more excitation");
-  }
-  if (const std::string why = why_refused(axis.law, models, h); !why.empty())
-    throw std::runtime_error("axis " + axis.name + ": " + why);
-  out.contraction = contraction(axis.law, models, h);
+  CorrectionWish wish;
+  wish.law = kMethods.at(arguments.method);
+  wish.feedforward_only = arguments.method == "feedforward";
+  wish.bandwidth_hz = arguments.bandwidth_hz;
+  wish.uncertainty_share = arguments.uncertainty / 100.0;
+  if (arguments.peak > 0.0) wish.limits.peak = kMicro * arguments.peak;
+  if (arguments.rate > 0.0) wish.limits.rate = kMilli * arguments.rate;
+  const ModelRecord& record = commanded.record;
+  CorrectedAxis out{prepared_axis(record.axis, record.rotary, commanded.model,
+                                  stated_deviations(record), commanded.path, wish),
+                    {}};
   out.commanded = std::move(commanded);
   return out;
 }
@@ -256,14 +221,13 @@ void run(const LearnArguments& arguments) {
     }
     if (!arguments.gcode.empty() && axis.record.axis.size() != 1)
       throw UsageError("--gcode needs axes named by one letter, not " + axis.record.axis);
-    const daemon::MotionReach reach =
-        look_at_motion(arguments.commands.path.file.string(), axis, people);
+    const MotionReach reach = look_at_motion(arguments.commands.path.file.string(), axis, people);
     correction.axes.push_back(axis_of(arguments, std::move(axis)));
     correction.axes.back().beyond_model = reach.beyond();
   }
   std::vector<LearnAxis> axes;
   for (const CorrectedAxis& axis : correction.axes) axes.push_back(axis.learning);
-  for (const std::string& line : daemon::short_rests(axes)) say(people, "warning: " + line);
+  for (const std::string& line : short_rests(axes)) say(people, "warning: " + line);
   {
     const Progress progress("learning");
     correction.learned = learn(axes, on_twins(axes), correction.options);

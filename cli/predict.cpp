@@ -13,9 +13,9 @@
 #include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
-#include "daemon/correct/motion_reach.h"
 #include "identification/loop/identify.h"
 #include "identification/model/json_number.h"
+#include "identification/model/motion_reach.h"
 #include "identification/recording/noise_floor.h"
 #include "twin/program_error.h"
 #include "twin/shown_units.h"
@@ -230,7 +230,7 @@ PredictedAxis predicted_axis(const PredictArguments& arguments, const Recording&
                      record.from_s, record.training_to_s, record.training_to_s, record.to_s));
   }
   out.model = model_at(record, axis.sample_time_s, people);
-  if (const daemon::MotionReach reach = daemon::motion_reach(record, axis.segments); reach.beyond())
+  if (const MotionReach reach = motion_reach(record, axis.segments); reach.beyond())
     say(people, "note: " + reach.words);
 
   const Progress progress("predicting " + axis.axis);

@@ -11,8 +11,8 @@
 #include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
-#include "daemon/correct/motion_reach.h"
 #include "drivers/text.h"
+#include "identification/model/motion_reach.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
 
@@ -51,8 +51,7 @@ void run(const SimulateArguments& arguments) {
        read_commands(arguments.commands, "simulated", people)) {
     if (columns.empty()) columns.push_back({"time[s]", times_of(segment)});
     const std::string unit = record.rotary ? "[rad]" : "[m]";
-    if (const daemon::MotionReach reach = daemon::motion_reach(record, {&segment, 1});
-        reach.beyond())
+    if (const MotionReach reach = motion_reach(record, {&segment, 1}); reach.beyond())
       say(people, "note: " + reach.words);
     const Eigen::ArrayXd error = simulate(model, segment);
     // One random sequence per axis, so that the result of an axis does not depend on the other

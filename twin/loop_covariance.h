@@ -4,6 +4,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <optional>
 
 #include "twin/loop.h"
 
@@ -13,5 +15,14 @@ namespace servotwin {
 inline constexpr int kLoopValues = 3 + kMaxOrder + 1;
 /// Rows and columns of values that the loop does not have, or that are known exactly, are 0.
 using LoopCovariance = Eigen::Matrix<double, kLoopValues, kLoopValues>;
+
+/// What an identification states of the certainty of its loop. NaN or 0: not stated.
+struct StatedDeviations {
+  PoleSet poles;                              ///< standard deviations
+  std::array<double, kMaxOrder> numerator{};  ///< standard deviations of c0..c2
+  double delay_s = 0.0;                       ///< standard deviation
+  std::optional<LoopCovariance> covariance;   ///< nothing where not estimated
+  double holdout_over_training = 0.0;         ///< ratio of the RMS errors
+};
 
 }  // namespace servotwin

@@ -9,12 +9,14 @@
 #include <numbers>
 #include <stdexcept>
 
-#include "daemon/correct/motion_reach.h"
-#include "daemon/correct/path_ends.h"
-#include "daemon/correct/robust_axis.h"
 #include "drivers/text.h"
+#include "identification/model/motion_reach.h"
+#include "identification/model/stated_deviations.h"
 #include "ilc/gate.h"
+#include "ilc/path_ends.h"
+#include "ilc/prepared_axis.h"
 #include "twin/shown_units.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -100,6 +102,27 @@ std::string expected_of(const LearnedProgram& learned, const std::vector<bool>& 
 
 }  // namespace
 
+namespace {
+
+/// Throws std::runtime_error with the axis if there is no bandwidth at which it may learn.
+LearnAxis learning_axis(const ModelRecord& record, const Segment& path,
+                        const std::optional<OffsetLimits>& limits) {
+  if (const Effect* two_mass = two_mass_of(record.model))
+    throw std::runtime_error(
+        "axis " + record.axis + ": its model has two masses (" +
+        std::string(identity_of(two_mass->kind).id) +
+        "), for which corrections are not learned in the background; use servotwin learn, which "
+        "shows in simulation what a correction gains");
+  CorrectionWish wish;
+  wish.limits = limits_of(limits);
+  if (limits) wish.most_hz = limits->bandwidth_hz;
+  return prepared_axis(record.axis, record.rotary, record.model, stated_deviations(record), path,
+                       wish)
+      .learning;
+}
+
+}  // namespace
+
 LearningRules learning_rules(const Config& config, const MachineDescription& machine) {
   LearningRules out{machine, {}, config.ilc};
   out.limits.resize(machine.axes.size());
@@ -156,10 +179,7 @@ LearnedProgram learned(const CommandedPath& program, const LearningRules& rules,
       if (!note.empty()) out.notes.push_back(note);
     }
     if (program.learn) {
-      axes.push_back(
-          robust_axis(record, path, limits_of(limits),
-                      limits ? limits->bandwidth_hz : std::numeric_limits<double>::infinity())
-              .learning);
+      axes.push_back(learning_axis(record, path, limits));
     } else {
       axes.emplace_back();
       axes.back().model = record.model;

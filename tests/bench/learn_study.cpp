@@ -20,11 +20,11 @@
 #include <string>
 #include <vector>
 
-#include "daemon/correct/robust_axis.h"
 #include "diagnosis/diagnose.h"
 #include "identification/loop/identify.h"
+#include "identification/model/stated_deviations.h"
 #include "ilc/feedforward.h"
-#include "ilc/learn.h"
+#include "ilc/prepared_axis.h"
 #include "tests/hidden_effects/rig.h"
 #include "tests/virtual_machine/example_machine.h"
 
@@ -222,7 +222,9 @@ LearnAxis learner(const ModelRecord& record, const ArrayXd& command, bool basis)
   Segment path;
   path.sample_time_s = kCycle_s;
   path.command = command;
-  LearnAxis axis = daemon::robust_axis(record, path, {}).learning;
+  LearnAxis axis =
+      prepared_axis(record.axis, record.rotary, record.model, stated_deviations(record), path, {})
+          .learning;
   if (!basis) axis.basis_bandwidth_hz = 0.0;
   return axis;
 }

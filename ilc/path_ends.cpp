@@ -1,12 +1,14 @@
-#include "daemon/correct/path_ends.h"
+#include "ilc/path_ends.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "drivers/text.h"
+#include "ilc/words.h"
 
-namespace servotwin::daemon {
+namespace servotwin {
 namespace {
+
+using words::number;
 
 constexpr double kStandstillTolerance = 1e-8;  // [m | rad]
 
@@ -25,7 +27,7 @@ double rest_s(const Segment& path, bool at_end) {
 
 }  // namespace
 
-bool moves(const Segment& path) {
+bool path_moves(const Segment& path) {
   return rest_s(path, false) < path.sample_time_s * (static_cast<double>(path.size()) - 1.5);
 }
 
@@ -48,4 +50,4 @@ std::vector<std::string> short_rests(std::span<const LearnAxis> axes) {
   return out;
 }
 
-}  // namespace servotwin::daemon
+}  // namespace servotwin

@@ -1,17 +1,22 @@
-#include "daemon/correct/model_uncertainty.h"
+#include "ilc/model_uncertainty.h"
 
 #include <cmath>
 
-#include "drivers/text.h"
+#include "ilc/words.h"
 
-namespace servotwin::daemon {
+namespace servotwin {
 namespace {
+
+using words::number;
+
 constexpr double kUnstatedPoleUncertainty = 0.05;  // relative, of every pole and coefficient
+
 }  // namespace
 
-ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& transfer, double share) {
+ModelUncertainty uncertainty_of(const StatedDeviations& stated, const Transfer& transfer,
+                                double sample_time_s, double share) {
   ModelUncertainty out;
-  const PoleSet& poles = record.pole_deviation;
+  const PoleSet& poles = stated.poles;
   if (share > 0.0 || !(poles.omega > 0.0 || poles.zeta > 0.0)) {
     const double taken = share > 0.0 ? share : kUnstatedPoleUncertainty;
     out.of_transfer = relative_uncertainty(transfer, taken);
@@ -21,32 +26,26 @@ ModelUncertainty uncertainty_of(const ModelRecord& record, const Transfer& trans
   } else {
     out.words = "two standard deviations of the model";
     LoopCovariance& covariance = out.of_transfer.covariance;
-    if (record.loop_covariance) {
-      covariance = *record.loop_covariance;
+    if (stated.covariance) {
+      covariance = *stated.covariance;
     } else {
-      double delay_s = 0.0;
-      for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
-        if (record.model.effects[i].kind == kind_of<TimeDelay>() &&
-            i < record.effect_deviations.size())
-          delay_s = record.effect_deviations[i].shape[0];
-      }
-      covariance = one_by_one(poles, record.numerator_deviation, delay_s);
+      covariance = one_by_one(poles, stated.numerator, stated.delay_s);
       out.words += ", taken as independent because its file has no covariance (identify it again)";
     }
     // The stated deviations cover the scatter of the training data; a larger residual on held-out
     // data scales them.
-    const double more = record.holdout.rms / record.training.rms;
+    const double more = stated.holdout_over_training;
     if (more > 1.0 && std::isfinite(more)) {
       covariance *= more * more;
       out.words += ", " + number(std::round(100.0 * more) / 100.0) +
                    " times as large because its residual was that much larger on held-out data";
     }
   }
-  out.of_transfer.timing_s = record.model.sample_time_s;
+  out.of_transfer.timing_s = sample_time_s;
   out.words += out.words.find(',') == std::string::npos
                    ? " and a timing error of one sampling time"
                    : ", and a timing error of one sampling time";
   return out;
 }
 
-}  // namespace servotwin::daemon
+}  // namespace servotwin

@@ -1,13 +1,15 @@
-#include "daemon/correct/motion_reach.h"
+#include "identification/model/motion_reach.h"
 
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
-#include "drivers/text.h"
+#include "identification/recording/values.h"
 
-namespace servotwin::daemon {
+namespace servotwin {
 namespace {
+
+using values::number;
 
 /// To two digits, for people.
 std::string rounded(double value) {
@@ -52,4 +54,4 @@ std::string jump_in(const Segment& path, const std::string& axis, bool rotary) {
   return {};
 }
 
-}  // namespace servotwin::daemon
+}  // namespace servotwin

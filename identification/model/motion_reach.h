@@ -20,7 +20,7 @@
 
 #include "identification/model/model_file.h"
 
-namespace servotwin::daemon {
+namespace servotwin {
 
 inline constexpr double kMaxRatioToPredict = 1.5, kMaxRatioToLearn = 10.0;
 inline constexpr double kMinJumpAcceleration = 200.0,
@@ -49,4 +49,4 @@ inline constexpr const char* kFarBeyondAdvice =
 /// advice; empty if there is none.
 [[nodiscard]] std::string jump_in(const Segment& path, const std::string& axis, bool rotary);
 
-}  // namespace servotwin::daemon
+}  // namespace servotwin

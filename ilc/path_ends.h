@@ -10,14 +10,14 @@
 
 #include "ilc/learn.h"
 
-namespace servotwin::daemon {
+namespace servotwin {
 
 inline constexpr double kEndRest_s = 0.1;  ///< minimum rest at an end
 
 /// Whether the command of the path changes at all.
-[[nodiscard]] bool moves(const Segment& path);
+[[nodiscard]] bool path_moves(const Segment& path);
 /// For each end at which an axis rests for less than kEndRest_s: a sentence about the axis with the
 /// shortest rest.
 [[nodiscard]] std::vector<std::string> short_rests(std::span<const LearnAxis> axes);
 
-}  // namespace servotwin::daemon
+}  // namespace servotwin
