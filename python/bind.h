@@ -11,6 +11,7 @@
 #include <chrono>
 #include <functional>
 #include <future>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stop_token>
@@ -25,6 +26,7 @@ namespace servotwin::python {
 void bind_recording(pybind11::module_& module);
 void bind_model(pybind11::module_& module);
 void bind_diagnosis(pybind11::module_& module);
+void bind_correction(pybind11::module_& module);
 void bind_listener(pybind11::module_& module);
 
 /// One axis of a recording, repaired and cut into segments.
@@ -55,6 +57,16 @@ struct ModelOfAxis {
 void require_delay(double delay_max_s);
 /// The model for data with this sampling time. Throws std::runtime_error if it cannot run at it.
 [[nodiscard]] Model model_at(const ModelRecord& record, double sample_time_s);
+
+/// The value of a name. Throws std::invalid_argument with the names that are known.
+template <class Value>
+Value one_of(const std::map<std::string, Value>& known, const std::string& given,
+             const std::string& what) {
+  if (const auto found = known.find(given); found != known.end()) return found->second;
+  std::string names;
+  for (const auto& [name, value] : known) names += (names.empty() ? "" : ", ") + name;
+  throw std::invalid_argument(what + " '" + given + "' is not known; choose one of " + names);
+}
 
 /// Runs work without the interpreter's lock; Ctrl-C asks it to stop.
 template <class Work>

@@ -27,15 +27,6 @@ namespace {
 
 namespace py = pybind11;
 
-template <class Value>
-Value one_of(const std::map<std::string, Value>& known, const std::string& given,
-             const std::string& what) {
-  if (const auto found = known.find(given); found != known.end()) return found->second;
-  std::string names;
-  for (const auto& [name, value] : known) names += (names.empty() ? "" : ", ") + name;
-  throw std::invalid_argument(what + " '" + given + "' is not known; choose one of " + names);
-}
-
 IdentifyOptions options_of(const std::string& method, const std::optional<std::string>& friction,
                            const std::string& structure, int order, int modes, bool coupling,
                            double delay_max_s, double training_share) {

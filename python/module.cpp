@@ -125,5 +125,6 @@ PYBIND11_MODULE(_core, module) {
   servotwin::python::bind_recording(module);
   servotwin::python::bind_model(module);
   servotwin::python::bind_diagnosis(module);
+  servotwin::python::bind_correction(module);
   servotwin::python::bind_listener(module);
 }

@@ -1,4 +1,4 @@
-"""Servotwin for Python: identify, predict, simulate and diagnose servo axes.
+"""Servotwin for Python: identify, predict, simulate, diagnose and correct servo axes.
 
     import servotwin
 
@@ -6,6 +6,7 @@
     found = servotwin.identify(axis)
     prediction = found.model.predict(axis)
     diagnosis = servotwin.diagnose(axis)
+    correction = servotwin.learn(found.model, axis)
 
 Positions and errors are numpy arrays in m, or rad on a rotary axis; times in s. The figures are
 those of the command-line tool, bit for bit. RuntimeError says what failed and what to do, ValueError
@@ -21,6 +22,7 @@ import numpy
 from . import _core, _plots
 from ._core import (
     Axis,
+    Correction,
     Diagnosis,
     Identification,
     Listener,
@@ -35,6 +37,7 @@ from ._core import (
 
 __all__ = [
     "Axis",
+    "Correction",
     "Diagnosis",
     "Identification",
     "Listener",
@@ -45,6 +48,7 @@ __all__ = [
     "Segment",
     "diagnose",
     "identify",
+    "learn",
     "read",
     "recording",
 ]
@@ -174,5 +178,77 @@ def diagnose(
     )
 
 
+def learn(
+    models: Model | Sequence[Model],
+    commands: Axis | Recording | Mapping[str, Any] | Any,
+    *,
+    sample_time_s: float | None = None,
+    method: str = "inverse",
+    aim: str = "tracking",
+    trials: int = 10,
+    bandwidth_hz: float | None = None,
+    uncertainty: float | None = None,
+    peak: float | None = None,
+    rate: float | None = None,
+) -> Correction:
+    """Corrected commands of a path, learned in virtual trials on the twins, as of `servotwin learn`.
+
+    models: one for each axis that is corrected. commands: a dict of arrays by axis, one array for one
+    model, or a recording or an axis without gaps, whose commands are used. sample_time_s: of arrays;
+    None for that of the first model. method: "inverse", "norm-optimal", "p", "pd", or "feedforward",
+    the inverse of the model without trials. aim: "tracking" or "contour". uncertainty: share of every
+    pole and coefficient, None for what the model states. peak [m | rad] and rate [m/s | rad/s] limit
+    the correction. Ctrl-C ends it after its present trial.
+    """
+    several = [models] if isinstance(models, Model) else list(models)
+    for model in several:
+        if not isinstance(model, Model):
+            raise TypeError(f"learn takes models, as identify(..).model; this is of the type {type(model).__name__}")
+    names = [model.axis for model in several]
+    by_axis, step = _commands(commands, names)
+    if sample_time_s is None:
+        sample_time_s = step if step is not None or not several else several[0].sample_time_s
+    missing = [name for name in names if name not in by_axis]
+    if missing:
+        raise ValueError(f"there is no command of axis {', '.join(missing)}; there are {', '.join(by_axis) or 'none'}")
+    return _core.learn(
+        several,
+        [numpy.asarray(by_axis[name], dtype=float) for name in names],
+        sample_time_s,
+        method=method,
+        aim=aim,
+        trials=trials,
+        bandwidth_hz=bandwidth_hz,
+        uncertainty=uncertainty,
+        peak=peak,
+        rate=rate,
+    )
+
+
+def _commands(commands: Any, names: Sequence[str]) -> tuple[dict[str, Any], float | None]:
+    """The command of every axis by its name, and the sampling time where the source has one."""
+    if isinstance(commands, Recording):
+        commands = {name: commands[name] for name in names if name in commands}
+    elif isinstance(commands, Axis) or not hasattr(commands, "keys"):
+        if len(names) != 1:
+            raise ValueError(f"for the axes {', '.join(names)} give a dict with the command of each")
+        commands = {names[0]: commands}
+    step = None
+    out = {}
+    for name in commands.keys():
+        command = commands[name]
+        if isinstance(command, Axis):
+            if len(command.segments) != 1:
+                raise ValueError(
+                    f"{name} has {len(command.segments)} segments, between which its command is not known: "
+                    "give the array of one"
+                )
+            step = command.sample_time_s
+            command = command.command
+        out[str(name)] = command
+    return out, step
+
+
+Correction.plot = _plots.plot_correction
 Prediction.plot = _plots.plot_prediction
 Axis.plot = _plots.plot_axis

@@ -99,6 +99,24 @@ class Diagnosis:
     def report(self) -> str: ...
     def _repr_html_(self) -> str: ...
 
+class Correction:
+    axes: list[str]
+    sample_time_s: float
+    notes: list[str]
+    command: dict[str, _Array]
+    correction: dict[str, _Array]
+    corrected: dict[str, _Array]
+    error_before: dict[str, _Array]
+    error_after: dict[str, _Array]
+    contour_before: _Array | None
+    contour_after: _Array | None
+    trials: list[dict[str, Any]]
+    best: int
+    bandwidth_hz: dict[str, float]
+    contraction: dict[str, float]
+    uncertainty: dict[str, str]
+    def plot(self, *, ax: Any = None) -> Any: ...
+
 class Listener:
     def __init__(self, machine: str = "machine", *, domain: int = 0, partition: str = "") -> None: ...
     def next(self, timeout_s: float = 1.0) -> dict[str, Any] | None: ...
@@ -143,3 +161,16 @@ def diagnose(
     training_share: float | None = None,
     delay_max_s: float = 0.02,
 ) -> Diagnosis: ...
+def learn(
+    models: Sequence[Model],
+    commands: Sequence[ArrayLike],
+    sample_time_s: float,
+    *,
+    method: str = "inverse",
+    aim: str = "tracking",
+    trials: int = 10,
+    bandwidth_hz: float | None = None,
+    uncertainty: float | None = None,
+    peak: float | None = None,
+    rate: float | None = None,
+) -> Correction: ...

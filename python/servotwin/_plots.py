@@ -28,3 +28,20 @@ def plot_axis(axis, *, ax=None):
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"tracking error of {axis.name} [µ{axis.unit}]")
     return ax
+
+
+def plot_correction(correction, *, ax=None):
+    """Tracking error of every axis on the twin, before and after. Returns the matplotlib axes."""
+    import matplotlib.pyplot as plt
+    import numpy
+
+    ax = ax or plt.subplots()[1]
+    for i, name in enumerate(correction.axes):
+        before, after = correction.error_before[name], correction.error_after[name]
+        time = correction.sample_time_s * numpy.arange(before.size)
+        ax.plot(time, 1e6 * before, f"C{i}", alpha=0.4, label=f"{name} before")
+        ax.plot(time, 1e6 * after, f"C{i}", label=f"{name} after")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("tracking error on the twin [µm | µrad]")
+    ax.legend()
+    return ax

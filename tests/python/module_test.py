@@ -87,6 +87,31 @@ class SameDigits(AnAxis):
         numpy.testing.assert_array_equal(command - error, [float(row["X.actual[m]"]) for row in rows])
         self.assertGreater(abs(error).max(), 1e-6)
 
+    def test_learn(self):
+        folder = self.in_files()
+        self.found.model.save(folder / "m.json")
+        with open(folder / "path.csv", "w") as table:
+            table.write("time[s],X.command[m]\n")
+            for k, command in enumerate(self.axis.command):
+                table.write(f"{k * 1e-3:.3f},{float(command)!r}\n")
+        for method, aim_options in (("inverse", {}), ("feedforward", {}), ("norm-optimal", {"peak": 50e-6})):
+            tool(
+                "learn", folder / "path.csv", "--model", folder / "m.json", "--method", method, "--out", folder / "c.csv",
+                "--json", folder / "c.json", *(("--limits-peak", 50) if aim_options else ()),
+            )
+            with open(folder / "c.csv") as table:
+                rows = list(csv.DictReader(table))
+            correction = servotwin.learn(self.found.model, self.axis, method=method, **aim_options)
+            numpy.testing.assert_array_equal(
+                correction.corrected["X"], [float(row["X.command[m]"]) for row in rows], method
+            )
+            figures = json.loads((folder / "c.json").read_text())
+            self.assertEqual(correction.bandwidth_hz["X"], figures["axes"][0]["bandwidth_hz"])
+            self.assertEqual(correction.contraction["X"], figures["axes"][0]["contraction"])
+            self.assertEqual(len(correction.trials), len(figures["trials"]))
+            if method == "inverse":
+                self.assertLess(correction.trials[correction.best]["rms"]["X"], 0.05 * correction.trials[0]["rms"]["X"])
+
     def test_diagnose(self):
         of_tool = json.loads(tool("diagnose", RECORDING, "--axis", "X", "--to", 8, "--json", "-"))
         diagnosis = servotwin.diagnose(self.axis)
@@ -125,6 +150,31 @@ class Objects(AnAxis):
         rows = round(self.found.model.settling_time_s / self.axis.sample_time_s)
         rms = numpy.sqrt(numpy.mean(prediction.residual[rows:] ** 2))
         self.assertAlmostEqual(prediction.rms, rms, delta=1e-3 * rms)
+
+
+class Paths(AnAxis):
+    def test_two_axes_have_a_contour_error(self):
+        recording = servotwin.read(RECORDING, to_s=4.0)
+        models = [self.found.model, servotwin.identify(servotwin.read(RECORDING, **PART)["Y"]).model]
+        correction = servotwin.learn(models, recording, aim="contour", trials=3)
+        self.assertEqual(correction.axes, ["X", "Y"])
+        before, after = correction.contour_before, correction.contour_after
+        self.assertLess(numpy.sqrt(numpy.mean(after**2)), 0.5 * numpy.sqrt(numpy.mean(before**2)))
+        self.assertAlmostEqual(
+            correction.trials[0]["contour_rms"], numpy.sqrt(numpy.mean(before**2)), delta=1e-12
+        )
+        for name in correction.axes:
+            numpy.testing.assert_array_equal(
+                correction.corrected[name], correction.command[name] + correction.correction[name]
+            )
+            # The twin is the model: what the correction leaves is what the model says of it.
+            simulated = dict(zip(correction.axes, models))[name].simulate(
+                correction.corrected[name], sample_time_s=correction.sample_time_s
+            )
+            position = correction.corrected[name] - simulated
+            numpy.testing.assert_allclose(
+                correction.command[name] - position, correction.error_after[name], atol=1e-12
+            )
 
 
 class Arrays(AnAxis):
@@ -232,6 +282,26 @@ class Errors(AnAxis):
                 servotwin.diagnose(self.axis, **options)
         with self.assertRaisesRegex(TypeError, "diagnose takes an axis.*str"):
             servotwin.diagnose("axis.csv")
+
+    def test_of_a_correction(self):
+        model, command = self.found.model, self.axis.command
+        for arguments, options, words in (
+            ((model, {"Y": command}), {}, "no command of axis X; there are Y"),
+            (([model, model], command), {}, "for the axes X, X give a dict"),
+            ((model, command), {"method": "magic"}, "'magic' is not known; choose one of feedforward, inverse"),
+            ((model, command), {"trials": 0}, "trials 0 is not 1 to 1000"),
+            ((model, command), {"uncertainty": 2.0}, "uncertainty 2.0"),
+            ((model, command), {"method": "feedforward", "aim": "contour"}, "takes neither aim"),
+            ((model, command), {"sample_time_s": 0.0}, "sample_time_s must be positive"),
+            ((model, numpy.zeros(1000)), {}, "no axis moves"),
+            ((model, numpy.full(1000, numpy.nan)), {}, "finite"),
+            ((model, numpy.repeat([0.0, 0.01, 0.0], [500, 1, 500])), {}, "X.command jumps by 10 mm"),
+            ((model, 1e3 * command), {}, "nothing is learned|jumps"),
+        ):
+            with self.assertRaisesRegex((ValueError, RuntimeError), words):
+                servotwin.learn(*arguments, **options)
+        with self.assertRaisesRegex(TypeError, "learn takes models"):
+            servotwin.learn(["m.json"], command)
 
     def test_of_a_model(self):
         values = self.found.model.to_dict()
