@@ -13,7 +13,7 @@
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/can_encoder.h"
 #include "drivers/can_udp.h"
-#include "drivers/candump.h"
+#include "drivers/can_log.h"
 #include "drivers/socketcan.h"
 #include "drivers/text.h"
 
@@ -80,7 +80,7 @@ std::size_t place_of(const std::string& name, std::vector<std::string>& names) {
 }
 
 void play_log(const CanReplayOptions& options, Buses& buses) {
-  CandumpReader reader(options.file);
+  CanLogReader reader(options.file);
   std::vector<std::string> interfaces;
   CandumpLine line;
   Sent sent;

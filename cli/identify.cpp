@@ -29,7 +29,8 @@ struct IdentifyArguments {
   std::filesystem::path model, result;
   IdentifyOptions identify;
   bool no_pole_constraints = false;
-  bool whole = false;  ///< --whole: all of a long recording
+  bool whole = false;    ///< --whole: all of a long recording
+  bool details = false;  ///< --details: also the structures that were ruled out
 };
 
 double length_s(const std::vector<Segment>& segments) {
@@ -58,11 +59,50 @@ std::string now_utc() {
               utc.tm_hour, utc.tm_min, utc.tm_sec);
 }
 
-void say_result(std::FILE* people, const Identified& identified) {
+/// RMS of the tracking error on the hold-out [m | rad]; NaN without one.
+double tracking_rms(const ModelRecord& record, const std::vector<Segment>& segments) {
+  double sum = 0.0, count = 0.0;
+  for (const Segment& s : cut(segments, record.training_to_s + 1e-9, 1e300)) {
+    const Eigen::ArrayXd error = s.command - s.actual;
+    sum += error.square().sum();
+    count += static_cast<double>(error.size());
+  }
+  return std::sqrt(sum / count);
+}
+
+/// Whether and for what the model can be used, in one line.
+std::string verdict_text(const Identified& identified, const std::vector<Segment>& segments) {
+  const ModelRecord& record = identified.record;
+  if (!identified.refusals.empty()) return "must not be used, see refused";
+  const double error = tracking_rms(record, segments), left = record.holdout.rms;
+  // Of the squared tracking error; a loop that is right but for its friction explains more.
+  constexpr double kMinExplained = 0.9;
+  const double explained = 1.0 - left * left / (error * error);
+  if (!std::isfinite(explained)) return "cannot be judged: no motion is held out";
+  const std::string share = micro_text(left, record.rotary, 3) +
+                            " RMS left of a tracking error of " +
+                            micro_text(error, record.rotary, 3) + " on held-out motion";
+  if (explained < kMinExplained)
+    return "weak: " + share + "; 'servotwin diagnose' tells what is missing";
+  if (record.noise_floor_rms > 0.0 && left > kMaxRmsOverFloorForDeviations * record.noise_floor_rms)
+    return "good for predictions: " + share + "; 'servotwin diagnose' tells what is missing";
+  if (!record.excitation.empty())
+    return "good for motion like this: " + share +
+           "; other motion may be predicted worse, since not all of the model was excited";
+  return "good: " + share + ", little more than the noise";
+}
+
+void say_result(std::FILE* people, const Identified& identified,
+                const std::vector<Segment>& segments, bool details) {
   const ModelRecord& record = identified.record;
   if (!identified.trials.empty())
     say(people, "tried       validation RMS, within the training data");
+  std::size_t hidden = 0;
   for (const StructureTrial& trial : identified.trials) {
+    if (!trial.ruled_out.empty() && !details) {
+      ++hidden;
+      continue;
+    }
     const std::string error =
         std::isfinite(trial.validation_rms)
             ? text("%9.3f %s", 1e6 * trial.validation_rms, micro(record.rotary))
@@ -71,6 +111,8 @@ void say_result(std::FILE* people, const Identified& identified) {
                     structure_text(trial.order, trial.effects, trial.modes, trial.moving) +
                     (trial.ruled_out.empty() ? "" : "  [ruled out: " + trial.ruled_out + "]"));
   }
+  if (hidden > 0)
+    say(people, text("               %zu more ruled out; --details tells why", hidden));
   for (const std::string& line : parameter_lines(record)) say(people, line);
   for (const std::string& line : fit_lines(record, Times::kOfRecording)) say(people, line);
   if (record.excitation.empty()) {
@@ -88,6 +130,7 @@ void say_result(std::FILE* people, const Identified& identified) {
                      record.training.rms / record.noise_floor_rms));
   }
   for (const std::string& line : identified.refusals) say(people, "refused     " + line);
+  say(people, "verdict     " + verdict_text(identified, segments));
   say(people, text("time taken  %9.3f s, %s", record.time_taken_s, record.method.c_str()));
 }
 
@@ -130,7 +173,7 @@ void run(const IdentifyArguments& arguments) {
   identified.record.created = now_utc();
   identified.record.source = arguments.input.source();
 
-  say_result(people, identified);
+  say_result(people, identified, axis.segments, arguments.details);
   if (!arguments.result.empty()) write_json(arguments.result, to_json(identified));
   if (!identified.refusals.empty()) {
     std::string why = "the model must not be used: ";
@@ -242,6 +285,8 @@ Command add_identify(CLI::App& app) {
       .between(0.0, 0.05);
   command.flag("--whole", arguments->whole,
                "use all of a recording of more than 240 s, and not its most informative 120 s");
+  command.flag("--details", arguments->details,
+               "print also the structures that were ruled out, and why");
   command.flag("--no-pole-constraints", arguments->no_pole_constraints,
                "full-ls: accept any poles");
   return {command.app(), [arguments] { run(*arguments); }};

@@ -56,8 +56,8 @@ ManualText servotwin_manual_text() {
                    {{"recording",
                      "A CSV table with one row per cycle. Every column name carries its unit: "
                      "time[s],X.command[mm],X.actual[mm],X.torque[Nm]. Files with other names, "
-                     "and MATLAB .mat files, are read with --columns; logs of candump -l with "
-                     "--can-map."},
+                     "and MATLAB .mat files, are read with --columns; CAN logs (candump, "
+                     "Vector ASC, PEAK TRC) with --can-map."},
                     {"model file",
                      "JSON of the schema servotwin.model/1. identify writes it; most other "
                      "commands read it."},

@@ -26,7 +26,7 @@ void RecordingOptions::declare(OptionTable& command, const std::string& name,
       .takes("MAP");
   command
       .option("--can-map", read_options.can_map,
-              "mapping of the bits of a CAN log (candump -l) to signals")
+              "mapping of the bits of a CAN log to signals")
       .takes("F.toml");
   command.option("--from", read_options.from_s, "start of the part to read [s of the recording]")
       .takes("S");

@@ -5,7 +5,7 @@
 #include <stdexcept>
 
 #include "drivers/can_assembly.h"
-#include "drivers/candump.h"
+#include "drivers/can_log.h"
 #include "drivers/column_map.h"
 #include "drivers/text.h"
 
@@ -76,7 +76,7 @@ Recording read_candump(const std::filesystem::path& file, const ReadOptions& opt
   CanAssembly assembly(std::move(map));
   Interfaces interfaces(assembly.map());
   const CanCounts none = assembly.counts();
-  CandumpReader reader(file);
+  CanLogReader reader(file);
   CandumpLine line;
   MachineFrame frame;
   std::int64_t first_ns = 0;

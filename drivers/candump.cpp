@@ -1,6 +1,5 @@
 #include "drivers/candump.h"
 
-#include <fcntl.h>
 #include <linux/can.h>
 
 #include <charconv>
@@ -204,70 +203,6 @@ bool is_candump(std::string_view beginning) {
       }
     }
     beginning.remove_prefix(std::min(beginning.find('\n'), beginning.size() - 1) + 1);
-  }
-  return false;
-}
-
-bool is_can_log(const std::filesystem::path& file) {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(file, error)) return false;
-  std::string start(4096, '\0');
-  start.resize(FileHandle::open(file, O_RDONLY).read(start.data(), start.size()));
-  return is_candump(start);
-}
-
-CandumpReader::CandumpReader(const std::filesystem::path& file)
-    : name_(file.string()), file_(FileHandle::open(file, O_RDONLY)) {}
-
-bool CandumpReader::next_text(std::string_view& text) {
-  constexpr std::size_t kBlock = 1 << 16;
-  std::size_t end = block_.find('\n', begin_);
-  while (end == std::string::npos && !at_end_) {
-    const std::size_t searched = block_.size() - begin_;
-    block_.erase(0, begin_);
-    begin_ = 0;
-    if (block_.size() > kBlock) {
-      throw std::runtime_error(name_ + ":" + std::to_string(line_ + 1) +
-                               ": a line of more than 65536 characters is not a line of a CAN log");
-    }
-    const std::size_t kept = block_.size();
-    block_.resize(kept + kBlock);
-    const std::size_t count = file_.read(block_.data() + kept, kBlock);
-    block_.resize(kept + count);
-    at_end_ = count == 0;
-    end = block_.find('\n', searched);
-  }
-  whole_ = end != std::string::npos;
-  if (!whole_) end = block_.size();
-  if (begin_ >= block_.size()) return false;
-  text = std::string_view(block_).substr(begin_, end - begin_);
-  begin_ = std::min(end + 1, block_.size());
-  ++line_;
-  return true;
-}
-
-bool CandumpReader::next(CandumpLine& line) {
-  std::string_view text;
-  while (next_text(text)) {
-    const std::string_view content = trimmed(text);
-    if (content.empty() || content.front() == '#' || content == "\r") continue;
-    try {
-      line = parse_candump_line(content);
-    } catch (const std::runtime_error& error) {
-      // A recorder that was killed leaves an incomplete line.
-      if (!whole_) {
-        notes_.push_back(name_ + ":" + std::to_string(line_) +
-                         ": the last line is cut off and dropped");
-        return false;
-      }
-      throw std::runtime_error(name_ + ":" + std::to_string(line_) + ": " + error.what());
-    }
-    if (!whole_) {
-      notes_.push_back(name_ + ":" + std::to_string(line_) +
-                       ": the last line has no end and is dropped: its data may be cut off");
-      return false;
-    }
-    return true;
   }
   return false;
 }

@@ -7,8 +7,8 @@
 #include <stdexcept>
 #include <string_view>
 
+#include "drivers/can_log_form.h"
 #include "drivers/can_recording.h"
-#include "drivers/candump.h"
 #include "drivers/column_map.h"
 #include "drivers/csv.h"
 #include "drivers/csv_header.h"
@@ -44,7 +44,7 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   }
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
-  if (is_candump(start)) return read_candump(file, options);
+  if (can_log_form(start)) return read_candump(file, options);
   const bool utf16 = start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff");
   if (file.extension() == ".log" && !utf16 && !is_table(start)) {
     refuse(

@@ -1,5 +1,5 @@
 // CAN logs: every kind of line, messages for invalid lines, and round trips.
-#include "drivers/candump.h"
+#include "drivers/can_log.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -94,7 +94,7 @@ class CandumpFile : public testing::Test {
 };
 
 TEST_F(CandumpFile, IsReadLineByLine) {
-  CandumpReader reader(write("(1.0) can0 123#00\r\n\n# by hand\n(2.0) can0 124#01\n"));
+  CanLogReader reader(write("(1.0) can0 123#00\r\n\n# by hand\n(2.0) can0 124#01\n"));
   CandumpLine line;
   ASSERT_TRUE(reader.next(line));
   EXPECT_EQ(line.frame.id, 0x123U);
@@ -112,7 +112,7 @@ TEST_F(CandumpFile, LongerThanItsBlocks) {
     frame.id = static_cast<std::uint32_t>(i % 2048);
     text += candump_line(frame, "can0") + "\n";
   }
-  CandumpReader reader(write(text));
+  CanLogReader reader(write(text));
   CandumpLine line;
   int count = 0;
   for (; reader.next(line); ++count) ASSERT_EQ(line.frame.time_ns, count * 1000);
@@ -121,7 +121,7 @@ TEST_F(CandumpFile, LongerThanItsBlocks) {
 
 TEST_F(CandumpFile, ALastLineWithoutItsEndIsDroppedAndSaid) {
   for (const char* rest : {"(2.0) can0 124#01", "(2.0) can"}) {
-    CandumpReader reader(write(std::string("(1.0) can0 123#00\n") + rest));
+    CanLogReader reader(write(std::string("(1.0) can0 123#00\n") + rest));
     CandumpLine line;
     EXPECT_TRUE(reader.next(line));
     EXPECT_FALSE(reader.next(line));
@@ -130,7 +130,7 @@ TEST_F(CandumpFile, ALastLineWithoutItsEndIsDroppedAndSaid) {
 }
 
 TEST_F(CandumpFile, ALineInTheMiddleThatIsNoneIsAnErrorWithItsNumber) {
-  CandumpReader reader(write("(1.0) can0 123#00\nnonsense\n(2.0) can0 124#01\n"));
+  CanLogReader reader(write("(1.0) can0 123#00\nnonsense\n(2.0) can0 124#01\n"));
   CandumpLine line;
   EXPECT_TRUE(reader.next(line));
   expect_error<std::runtime_error>([&] { reader.next(line); }, {"a.log:2", "'nonsense'"});

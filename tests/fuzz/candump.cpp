@@ -1,12 +1,12 @@
 // A CAN log: a line that is read is a frame that can be, and is written to the same frame again.
-#include "drivers/candump.h"
+#include "drivers/can_log.h"
 
 #include "tests/fuzz/fuzz.h"
 
 int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace servotwin;
   fuzz::refused_or_read([&] {
-    CandumpReader reader(fuzz::as_file(data, size));
+    CanLogReader reader(fuzz::as_file(data, size));
     CandumpLine line;
     while (reader.next(line)) {
       const CanFrame& frame = line.frame;

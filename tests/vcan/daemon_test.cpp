@@ -15,7 +15,7 @@
 
 #include "daemon/store/store.h"
 #include "drivers/can_encoder.h"
-#include "drivers/candump.h"
+#include "drivers/can_log.h"
 #include "drivers/recording_file.h"
 #include "identification/model/model_file.h"
 #include "tests/daemon/http_client.h"
@@ -77,7 +77,7 @@ class Candump {
     std::vector<CandumpLine> lines;
     EXPECT_TRUE(wait_for([&] {
       lines.clear();
-      CandumpReader reader(file_);
+      CanLogReader reader(file_);
       for (CandumpLine line; reader.next(line);) {
         if (line.frame.id != 0x7FF) lines.push_back(line);
       }
