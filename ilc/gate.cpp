@@ -8,7 +8,9 @@
 namespace servotwin {
 namespace {
 
-bool positive(double value) noexcept { return value > 0.0 && std::isfinite(value); }
+// Of limits. Below, products of limits and steps lose their digits, and no promise holds.
+constexpr double kLeastLimit = 1e-30;
+bool usable(double limit) noexcept { return limit >= kLeastLimit && std::isfinite(limit); }
 
 constexpr std::int64_t kForever = std::numeric_limits<std::int64_t>::max();
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::min();
@@ -50,9 +52,9 @@ std::string_view name_of(Refusal refusal) noexcept {
 
 Gate::Gate(const GateLimits& limits) noexcept
     : limits_(limits),
-      usable_(positive(limits.peak) && positive(limits.rate) && positive(limits.bandwidth_hz) &&
-              positive(limits.ramp_s) && positive(limits.validity_s) && limits.validity_s < 1e9 &&
-              positive(limits.model_age_s) && limits.cycle_s > 0.0) {}
+      usable_(usable(limits.peak) && usable(limits.rate) && usable(limits.bandwidth_hz) &&
+              usable(limits.ramp_s) && usable(limits.validity_s) && limits.validity_s < 1e9 &&
+              usable(limits.model_age_s) && limits.cycle_s > 0.0) {}
 
 Refusal Gate::judge(const GateRequest& request, double step_s) noexcept {
   // The requests are followed whether they are permitted or not: a slope is one of the signal.

@@ -34,7 +34,7 @@
 
 namespace servotwin {
 
-/// From the axis configuration. All must be positive and finite, otherwise every request is
+/// From the axis configuration. All must be finite and at least 1e-30, otherwise every request is
 /// refused.
 struct GateLimits {
   double peak = 0.0;  ///< [m | rad]

@@ -237,7 +237,7 @@ TEST(Gate, StartsFromNothingAfterTheDriveHasDroppedTheOffset) {
 }
 
 TEST(Gate, WithoutPositiveLimitsLetsNothingThrough) {
-  for (const double bad : {0.0, -1.0, kNan, kInfinity}) {
+  for (const double bad : {0.0, -1.0, 1e-310, kNan, kInfinity}) {
     for (int field = 0; field < 6; ++field) {
       GateLimits limits = kLimits;
       (field == 0   ? limits.peak
