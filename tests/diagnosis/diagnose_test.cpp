@@ -108,7 +108,7 @@ TEST(Diagnosis, NamesPreslidingOnTheExampleMachine) {
 TEST(Diagnosis, IsTheSameOnAnyNumberOfThreads) {
   SegmentedAxis axis = segment_axis(
       read_recording(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/axis_production.csv", {}), "X");
-  axis.segments = cut(axis.segments, 0.0, 6.0);
+  axis.segments = cut(axis.segments, 0.0, 3.0);
   std::vector<std::string> files;
   for (const std::size_t threads : {1U, 3U}) {
     use_threads(threads);
