@@ -140,13 +140,15 @@ Model without_effect(const Model& model, std::size_t i, const Model& baseline) {
   return out;
 }
 
-/// Marks the causes whose gain may be zero. Of several equivalent causes each has no gain beside
-/// the others: starting with the least, each is tested without the causes already doubted.
+/// Doubts the causes whose gain on held-out data may be zero. Of several equivalent causes each has
+/// no gain beside the others: starting with the least, each is tested without the causes already
+/// doubted, and gets the gain that it has there.
 void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
            const std::vector<Segment>& holdout) {
+  const auto unsure = [](const Gain& gain) { return gain.low <= 0.0; };
   std::vector<Cause*> asked;
   for (Cause& cause : causes) {
-    if (may_be_zero(cause.gain)) asked.push_back(&cause);
+    if (unsure(cause.gain)) asked.push_back(&cause);
   }
   std::sort(asked.begin(), asked.end(),
             [](const Cause* l, const Cause* r) { return l->worth < r->worth; });
@@ -155,10 +157,23 @@ void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
     Hypothesis less;
     const std::size_t kind = all.model.effects[cause->place].kind;
     less.structure = without(rest.structure, cause->id, kind);
-    if (less.structure.effects == rest.structure.effects)
-      continue;  // contained in a law already removed
-    if (!search.fit(less, {point_of(all.model, less.structure)})) return;
-    if (cause != asked.front() && !may_be_zero(gain_of(less.model, rest.model, holdout))) return;
+    // The law of a cause that was doubted may have contained it.
+    const bool contained = less.structure.effects == rest.structure.effects;
+    if (contained || !search.fit(less, {point_of(all.model, less.structure)})) {
+      cause->doubt = CauseDoubt::kGain;
+      continue;
+    }
+    if (cause != asked.front()) {
+      const Gain alone = gain_of(less.model, rest.model, holdout);
+      if (!unsure(alone)) {
+        cause->gain.before = alone.before;
+        cause->gain.after = alone.after;
+        cause->gain.low = alone.low;
+        cause->gain.high = alone.high;
+        cause->worth = worth_of(alone);
+        continue;
+      }
+    }
     cause->doubt = CauseDoubt::kGain;
     rest = std::move(less);
   }
