@@ -4,6 +4,8 @@
 #include <cmath>
 #include <sstream>
 
+#include "identification/recording/regression.h"
+
 namespace servotwin {
 
 namespace {
@@ -22,6 +24,16 @@ constexpr double kMaxLeftOverOther = 0.33;  // over that left by a lag, or by no
 double left(const Eigen::Ref<const Eigen::ArrayXd>& a, const Eigen::Ref<const Eigen::ArrayXd>& b) {
   const Eigen::ArrayXd difference = a - b;
   return std::sqrt((difference - difference.mean()).square().mean());
+}
+
+/// RMS left by the command, its slope and its bend: a short lag or lead of any kind.
+double left_by_slopes(const Eigen::ArrayXd& command, const Eigen::ArrayXd& actual) {
+  Regression<3> regression;
+  for (Eigen::Index k = 1; k + 1 < command.size(); ++k) {
+    regression.add({command(k), command(k + 1) - command(k - 1),
+                    command(k + 1) - 2.0 * command(k) + command(k - 1), actual(k)});
+  }
+  return regression.fit().rms;
 }
 
 double left_by_shift(const Eigen::ArrayXd& command, const Eigen::ArrayXd& actual,
@@ -64,7 +76,7 @@ std::string why_at_another_time(std::span<const Segment> segments) {
   const auto most = std::min(rows / 4, static_cast<Eigen::Index>(kMaxShift_s / grid_s));
   if (most < 1) return {};
   const double motion = std::sqrt((command - command.mean()).square().mean());
-  if (!(motion > 0.0) || left_by_shift(command, actual, 0) < kMaxLeft * motion) return {};
+  if (!(motion > 0.0) || left_by_slopes(command, actual) < kMaxLeft * motion) return {};
   // The nearest shift that leaves little: a motion that repeats fits a period later as well.
   const auto remains = [&](Eigen::Index shift) { return left_by_shift(command, actual, shift); };
   Eigen::Index best = 0;

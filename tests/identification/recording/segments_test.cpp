@@ -232,7 +232,7 @@ TEST(AppendedSegments, FollowTheOthersWithTheirOwnStart) {
   EXPECT_DOUBLE_EQ(append(first, segment_axis(later, "X")), 1.999 + 1.0);
   ASSERT_EQ(first.segments.size(), 2U);
   EXPECT_EQ(first.segments[1].size(), 500);
-  EXPECT_DOUBLE_EQ(first.segments[1].start_s, 2.999);
+  EXPECT_NEAR(first.segments[1].start_s, 2.999, 1e-9);
   expect_motion(first.segments[0], 0.0, 1e-12);
   EXPECT_EQ(first.segments[1].actual(100), later.axes[0].actual[100]);
   EXPECT_EQ(first.segments[1].torque(100), later.axes[0].torque[100]);
