@@ -18,9 +18,9 @@ constexpr std::size_t kMostCurves = 256;  // TNCscope records some tens
 constexpr std::array<std::string_view, 5> kKeys{"NAME", "CHANNELTYPE", "AXISTYPE", "DIMENSION",
                                                 "COLUMN"};  // of a curve
 
-using Section = std::map<std::string, std::string, std::less<>>;
+using CurveSection = std::map<std::string, std::string, std::less<>>;
 
-std::string value_of(const Section& section, std::string_view key) {
+std::string value_of(const CurveSection& section, std::string_view key) {
   const auto found = section.find(key);
   return found == section.end() ? std::string() : found->second;
 }
@@ -48,7 +48,7 @@ std::string unit_of_curve(const std::string& dimension) {
 }
 
 /// The curve of a section becomes the name of its column.
-void add_curve(TextLines& lines, const Section& section, std::vector<std::string>& names) {
+void add_curve(TextLines& lines, const CurveSection& section, std::vector<std::string>& names) {
   const std::string place = value_of(section, "COLUMN");
   if (place.empty()) return;  // a section of something else
   std::size_t column = 0;
@@ -75,7 +75,7 @@ CsvHeader read_tncscope_header(TextLines& lines) {
   CsvHeader header;
   header.separator = ';';
   header.names = {"time[us]"};
-  Section section;
+  CurveSection section;
   std::string_view line;
   while (lines.next(line)) {
     line = trimmed(line);

@@ -18,9 +18,9 @@ using values::Values;
 constexpr double kMaxAcceleration_m_s2 = 1e3, kMaxAcceleration_rad_s2 = 1e6;
 // Spikes and their neighbours are rarer than one value in a hundred; the others are far below.
 constexpr double kTypicalQuantile = 0.99, kMinOverTypical = 30.0;
-constexpr double kMinSteps = 20.0;    // of the encoder: a value that flickers by a count is none
-constexpr double kSymmetry = 0.2;     // of d: deviation of the neighbours from -d/2
-constexpr double kMaxShare = 0.0025;  // of the rows
+constexpr double kMinSteps = 20.0;  // of the encoder: a value that flickers by a count is none
+constexpr double kSymmetry = 0.2;   // of d: deviation of the neighbours from -d/2
+constexpr double kMaxSpikeShare = 0.0025;  // of the rows
 
 }  // namespace
 
@@ -55,7 +55,7 @@ std::optional<std::string> leave_out_spikes(AxisRecord& axis, const std::vector<
     largest = std::max(largest, std::abs(d));
   }
   if (found.empty() ||
-      static_cast<double>(found.size()) > kMaxShare * static_cast<double>(x.size()))
+      static_cast<double>(found.size()) > kMaxSpikeShare * static_cast<double>(x.size()))
     return std::nullopt;
   for (const std::size_t k : found) axis.actual[k] = kAbsent;
   const bool one = found.size() == 1;
