@@ -10,7 +10,7 @@
 #include "daemon/input/offset_contract.h"
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/can_udp.h"
-#include "drivers/candump.h"
+#include "drivers/can_log.h"
 #include "drivers/recording_file.h"
 #include "drivers/replay.h"
 #include "drivers/socketcan.h"
