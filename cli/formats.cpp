@@ -31,7 +31,9 @@ constexpr std::array kFormats{
            "s soll, s ist and I ist of each axis"},
     Format{"LinuxCNC halscope log", "Sampling period is 1000000 nSec", "by --columns"},
     Format{"SINUMERIK Edge capture", "{\"Header\": {.. \"SignalListHFData\": [..",
-           "DES_POS, ENC_POS and TORQUE of each axis"}};
+           "DES_POS, ENC_POS and TORQUE of each axis"},
+    Format{"SINUMERIK trace (XML)", "<traceSession version=\"01.00.03.02\">",
+           "by --columns: CmdPos2ndEnc64_7 is that signal of axis 7"}};
 
 void run() {
   for (const Format& format : kFormats) {

@@ -304,7 +304,7 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
 /// What a channel may be called by other programs, in lower case.
 struct LikelyNames {
   const char* channel;
-  std::array<std::string_view, 10> parts;
+  std::array<std::string_view, 11> parts;
 };
 constexpr std::array kLikely{
     LikelyNames{"X.command",
@@ -312,10 +312,10 @@ constexpr std::array kLikely{
                  "target", "reference"}},
     LikelyNames{"X.actual",
                 {"actual", "actpos", "act_pos", "lageist", "s ist", "enc_pos", "encoder",
-                 "feedback", "fb", "measured"}},
+                 "feedback", "fb", "measured", "measpos"}},
     LikelyNames{"X.torque",
                 {"torque", "moment", "force", "kraft", "current", "strom", "i ist", "iq", "effort",
-                 "load"}},
+                 "load", "actcurr"}},
 };
 /// Parts of names of other quantities.
 constexpr std::array<std::string_view, 8> kNoPosition{"vel",    "speed", "geschw", "acc",

@@ -16,6 +16,7 @@
 #include "drivers/mat.h"
 #include "drivers/text.h"
 #include "drivers/traces/sinumerik_capture.h"
+#include "drivers/traces/sinumerik_trace.h"
 
 namespace servotwin {
 namespace {
@@ -53,6 +54,7 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   }
   if (!options.can_map.empty())
     throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is not one");
+  if (is_sinumerik_trace(start)) return read_sinumerik_trace(file, options);
   if (is_sinumerik_capture(start)) return read_sinumerik_capture(file, options);
   if (!utf16 && start.find('\0') != std::string_view::npos) {
     refuse("is a binary file, neither CSV text nor a MATLAB file");
