@@ -63,6 +63,9 @@ struct TorqueDiagnosis {
   std::string axis, unit;
   bool rotary = false;
   bool commanded = true;  ///< false: the recording has no position command
+  /// The recorded torque is behind the motion by this time [s], and was advanced by it; 0 where the
+  /// motion shows none, negative where the position is behind.
+  double lag_s = 0.0;
   /// The recorded torque has the opposite sign to the position: a positive one drives backwards.
   bool opposite = false;
   double mass = 0.0, coulomb = 0.0, viscous = 0.0;  ///< of the baseline

@@ -50,9 +50,12 @@ Eigen::VectorXd TorqueRows::compared(const Value& value) const {
   return used_.empty() ? all : under_way(all);
 }
 
+double TorqueRows::bandwidth_of(double sample_time_s) {
+  return std::min(kFilterBandwidth_hz, kMaxBandwidthShare / sample_time_s);
+}
+
 TorqueRows::TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded)
-    : bandwidth_hz_(std::min(kFilterBandwidth_hz, kMaxBandwidthShare / axis.sample_time_s)),
-      rotary_(axis.rotary) {
+    : bandwidth_hz_(bandwidth_of(axis.sample_time_s)), rotary_(axis.rotary) {
   data_ = ForceData::of_motion(axis.segments, bandwidth_hz_);
   for (const ForceData::Stretch& stretch : data_.stretches()) {
     motion_.push_back(stretch.motion);

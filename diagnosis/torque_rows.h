@@ -31,6 +31,8 @@ class TorqueRows {
   /// Throws std::runtime_error where too little of the motion has a torque. `commanded`: the
   /// segments have a true position command.
   TorqueRows(const SegmentedAxis& axis, double training_share, bool commanded);
+  /// Up to which torque and motion are compared [Hz].
+  [[nodiscard]] static double bandwidth_of(double sample_time_s);
 
   [[nodiscard]] const Eigen::VectorXd& torque() const { return torque_; }
   [[nodiscard]] const Eigen::VectorXd& time() const { return time_; }

@@ -105,6 +105,43 @@ TEST_P(ACleanBody, GetsNoCauseFromItsTorque) {
 }
 INSTANTIATE_TEST_SUITE_P(Seeds, ACleanBody, testing::Range<std::uint64_t>(1, 13));
 
+/// What a first-order filter with this time constant makes of the torque.
+SegmentedAxis filtered(SegmentedAxis axis, double constant_s) {
+  Segment& s = axis.segments.front();
+  double out = s.torque(0);
+  for (Eigen::Index k = 0; k < s.size(); ++k) {
+    out += (s.torque(k) - out) * s.sample_time_s / (constant_s + s.sample_time_s);
+    s.torque(k) = out;
+  }
+  return axis;
+}
+
+TEST(Torque, AFilteredTorqueIsPutInTimeBeforeAnythingIsReadFromIt) {
+  for (const std::uint64_t seed : {1U, 2U, 3U, 4U}) {
+    SCOPED_TRACE(seed);
+    const SegmentedAxis sharp =
+        recorded({.coulomb = 40.0, .seed = seed}, [](double, double, double) { return 0.0; });
+    const TorqueDiagnosis in_time = diagnose_torque(sharp),
+                          late = diagnose_torque(filtered(sharp, 5e-3));
+    EXPECT_EQ(in_time.lag_s, 0.0);
+    EXPECT_NEAR(late.lag_s, 5e-3, 0.5e-3);
+    EXPECT_NEAR(late.mass, 90.0, 2.0);
+    EXPECT_THAT(ids(late), IsEmpty()) << testing::PrintToString(late.steps);
+  }
+}
+
+TEST(Torque, FrictionIsNoLag) {
+  // Force that builds up over 20 um of travel after a reversal: late there, and not elsewhere.
+  double turned_at = 0.0, direction = 0.0;
+  const TorqueDiagnosis found =
+      diagnose_torque(recorded({.coulomb = 0.0}, [&](double x, double v, double) {
+        if (v * direction <= 0.0) turned_at = x, direction = v > 0.0 ? 1.0 : -1.0;
+        return 40.0 * direction * (1.0 - 2.0 * std::exp(-std::abs(x - turned_at) / 20e-6));
+      }));
+  EXPECT_EQ(found.lag_s, 0.0);
+  EXPECT_THAT(ids(found), Contains("presliding"));
+}
+
 TEST(Torque, WhatABriefRecordHasByChanceIsNoCause) {
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
     SCOPED_TRACE(seed);

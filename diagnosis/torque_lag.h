@@ -1,0 +1,28 @@
+// The time by which a recorded torque is behind the motion: a drive filters the value that it
+// shows, or sends it a cycle later. At reversals such a lag looks like friction that needs some
+// travel.
+//
+//   T(t) = m a(t - lag) + F_c sgn v + B v + G  ~  m a - m lag a' + F_c sgn v + B v + G
+//
+// fitted where the axis is under way in one direction within the span of all filters, so that
+// reversals, where friction decides, do not count. Repeated with the torque advanced by what was
+// found, until nothing is left.
+//
+// Units: s; the rest as in torque.h. Errors: as of ForceData::of_motion, where no stretch is long
+// enough. Any thread. Allocates.
+#pragma once
+
+#include <vector>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+/// The lag [s]; 0 where the motion does not show one. Negative: the position is behind the torque.
+[[nodiscard]] double torque_lag(const std::vector<Segment>& segments, double bandwidth_hz);
+
+/// The segments with the torque of `lag_s` later, by linear interpolation; absent at the end.
+[[nodiscard]] std::vector<Segment> with_torque_advanced(std::vector<Segment> segments,
+                                                        double lag_s);
+
+}  // namespace servotwin
