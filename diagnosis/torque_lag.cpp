@@ -14,11 +14,11 @@ namespace {
 
 constexpr double kMaxLag_s = 0.02;  // of a display filter; more is another recording's torque
 constexpr int kMaxRepetitions = 4;
-constexpr double kMinChange_s = 2e-5;   // of the lag, for another repetition
-constexpr double kMinSpeedShare = 0.1;  // of the 90 % quantile of the speeds
-constexpr Eigen::Index kMinRows = 100;
+constexpr double kMinChangeOfLag_s = 2e-5;   // of the lag, for another repetition
+constexpr double kMinSpeedShareOfLag = 0.1;  // of the 90 % quantile of the speeds
+constexpr Eigen::Index kMinRowsOfLag = 100;
 // Squared residual with the lag over that without it, above which the motion does not show it.
-constexpr double kMaxErrorRatio = 0.9;
+constexpr double kMaxErrorRatioOfLag = 0.9;
 
 /// One more step of the lag; nothing where the motion does not show it.
 std::optional<double> step_of_lag(const std::vector<Segment>& segments, double bandwidth_hz) {
@@ -47,13 +47,13 @@ std::optional<double> step_of_lag(const std::vector<Segment>& segments, double b
     out.segment(1, a.size() - 2) = (a.tail(a.size() - 2) - a.head(a.size() - 2)) / (2.0 * h);
     return out;
   });
-  const double least = kMinSpeedShare * quantile(velocity.array().abs(), 0.9);
+  const double least = kMinSpeedShareOfLag * quantile(velocity.array().abs(), 0.9);
   std::vector<Eigen::Index> rows;
   for (Eigen::Index k = 0; k < data.rows(); ++k) {
     if (data.least_speed()(k) > least) rows.push_back(k);
   }
   const auto n = static_cast<Eigen::Index>(rows.size());
-  if (n < kMinRows) return std::nullopt;
+  if (n < kMinRowsOfLag) return std::nullopt;
   Eigen::MatrixXd columns(n, 5);
   Eigen::VectorXd force(n);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -65,7 +65,8 @@ std::optional<double> step_of_lag(const std::vector<Segment>& segments, double b
   const Eigen::MatrixXd body = columns.leftCols(4);
   const double without = (force - body * least_squares(body, force)).squaredNorm();
   const Eigen::VectorXd theta = least_squares(columns, force);
-  if (!((force - columns * theta).squaredNorm() < kMaxErrorRatio * without)) return std::nullopt;
+  if (!((force - columns * theta).squaredNorm() < kMaxErrorRatioOfLag * without))
+    return std::nullopt;
   const double lag_s = -theta(4) / theta(0);
   return std::isfinite(lag_s) ? std::optional(lag_s) : std::nullopt;
 }
@@ -93,7 +94,7 @@ double torque_lag(const std::vector<Segment>& segments, double bandwidth_hz) {
     if (!step_s) break;
     lag_s += *step_s;
     if (std::abs(lag_s) > kMaxLag_s) return 0.0;
-    if (std::abs(*step_s) < kMinChange_s) break;
+    if (std::abs(*step_s) < kMinChangeOfLag_s) break;
   }
   return lag_s;
 }
