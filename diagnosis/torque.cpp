@@ -8,7 +8,6 @@
 #include "diagnosis/bootstrap.h"
 #include "diagnosis/extension.h"
 #include "diagnosis/thresholds.h"
-#include "diagnosis/torque_lag.h"
 #include "diagnosis/torque_selection.h"
 
 namespace servotwin {
@@ -262,11 +261,11 @@ void conclude(const TorqueRows& rows, const TorqueBody& body, TorqueSelected sel
 }
 
 /// Of the training data, so that the hold-out judges it too.
-double lag_of(const SegmentedAxis& axis, double training_share) {
+TorqueLag lag_of(const SegmentedAxis& axis, double training_share) {
   const double begin_s = axis.segments.front().start_s, end_s = axis.segments.back().end_s();
   const std::vector<Segment> training =
       cut(axis.segments, begin_s, begin_s + training_share * (end_s - begin_s));
-  if (training.empty()) return 0.0;
+  if (training.empty()) return {};
   return torque_lag(training, TorqueRows::bandwidth_of(axis.sample_time_s));
 }
 
@@ -302,9 +301,9 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
                                 bool commanded) {
   if (!has_torque(axis))
     throw std::runtime_error(axis.axis + ": the recording has no torque of this axis");
-  const double lag_s = lag_of(axis, options.identify.training_share);
+  const TorqueLag lag = lag_of(axis, options.identify.training_share);
   SegmentedAxis in_time = axis;
-  in_time.segments = with_torque_advanced(std::move(in_time.segments), lag_s);
+  in_time.segments = without_lag(std::move(in_time.segments), lag);
   TorqueRows rows(in_time, options.identify.training_share, commanded);
   const TorqueBody body = body_of(rows, axis.rotary);
   const TorqueSelected selected = select_torque_causes(
@@ -314,7 +313,7 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   out.unit = axis.torque_unit;
   out.rotary = axis.rotary;
   out.commanded = commanded;
-  out.lag_s = lag_s;
+  out.lag = lag;
   out.opposite = body.opposite;
   out.mass = body.mass;
   out.coulomb = body.coulomb;

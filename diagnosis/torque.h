@@ -22,6 +22,7 @@
 
 #include "diagnosis/diagnose.h"
 #include "diagnosis/plateau.h"
+#include "diagnosis/torque_lag.h"
 #include "identification/recording/segments.h"
 
 namespace servotwin {
@@ -63,9 +64,7 @@ struct TorqueDiagnosis {
   std::string axis, unit;
   bool rotary = false;
   bool commanded = true;  ///< false: the recording has no position command
-  /// The recorded torque is behind the motion by this time [s], and was advanced by it; 0 where the
-  /// motion shows none, negative where the position is behind.
-  double lag_s = 0.0;
+  TorqueLag lag;          ///< of the recorded torque, which was put in time
   /// The recorded torque has the opposite sign to the position: a positive one drives backwards.
   bool opposite = false;
   double mass = 0.0, coulomb = 0.0, viscous = 0.0;  ///< of the baseline

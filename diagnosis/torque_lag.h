@@ -5,7 +5,7 @@
 //   T(t) = m a(t - lag) + F_c sgn v + B v + G  ~  m a - m lag a' + F_c sgn v + B v + G
 //
 // fitted where the axis is under way in one direction within the span of all filters, so that
-// reversals, where friction decides, do not count. Repeated with the torque advanced by what was
+// reversals, where friction decides, do not count. Repeated with the torque put in time by what was
 // found, until nothing is left.
 //
 // Units: s; the rest as in torque.h. Errors: as of ForceData::of_motion, where no stretch is long
@@ -18,11 +18,15 @@
 
 namespace servotwin {
 
-/// The lag [s]; 0 where the motion does not show one. Negative: the position is behind the torque.
-[[nodiscard]] double torque_lag(const std::vector<Segment>& segments, double bandwidth_hz);
+struct TorqueLag {
+  double s = 0.0;       ///< 0 where the motion shows none; negative: the position is behind
+  bool filter = false;  ///< a filter of first order with this time constant, and not a delay
+};
 
-/// The segments with the torque of `lag_s` later, by linear interpolation; absent at the end.
-[[nodiscard]] std::vector<Segment> with_torque_advanced(std::vector<Segment> segments,
-                                                        double lag_s);
+/// The lag of a torque. Filter or delay is what leaves less of the torque, reversals included.
+[[nodiscard]] TorqueLag torque_lag(const std::vector<Segment>& segments, double bandwidth_hz);
+
+/// The segments with the torque that was before the lag; absent at the ends where it is not known.
+[[nodiscard]] std::vector<Segment> without_lag(std::vector<Segment> segments, const TorqueLag& lag);
 
 }  // namespace servotwin

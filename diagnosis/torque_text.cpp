@@ -194,7 +194,8 @@ void add_torque(json& file, const TorqueDiagnosis& torque) {
     file["verdict"] = explained(torque) ? "explained" : "unexplained";
   file["torque"] = {{"unit", torque.unit},
                     {"counts_against_position", torque.opposite},
-                    {"lag_s", torque.lag_s},
+                    {"lag_s", torque.lag.s},
+                    {"lag_by_filter", torque.lag.filter},
                     {"training_to_s", torque.training_to_s},
                     {"baseline",
                      {{"rms_" + unit, number_or_null(torque.baseline_rms)},
@@ -239,12 +240,12 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
   std::vector<std::string> out{"torque      " + verdict_of(torque),
                                "torque      rigid body: " + body_of(torque)};
   if (torque.opposite) out.push_back(std::string("torque      ") + kAgainst);
-  if (torque.lag_s != 0.0)
-    out.push_back(
-        text("torque      is recorded %.3g ms %s the motion, and was shifted by that (%s)",
-             1e3 * std::abs(torque.lag_s), torque.lag_s > 0.0 ? "behind" : "ahead of",
-             torque.lag_s > 0.0 ? "a filter of the drive, or a later cycle"
-                                : "the position is recorded later"));
+  if (const TorqueLag& lag = torque.lag; lag.s != 0.0)
+    out.push_back(text("torque      is recorded %.3g ms %s the motion (%s), and was put in time",
+                       1e3 * std::abs(lag.s), lag.s > 0.0 ? "behind" : "ahead of",
+                       lag.filter    ? "a filter of the drive"
+                       : lag.s > 0.0 ? "a later cycle"
+                                     : "the position is recorded later"));
   for (const TorqueCause& cause : torque.causes) {
     if (std::find(told.begin(), told.end(), cause.id) != told.end()) continue;
     out.push_back(text("by torque   %-24s %12.4g -> %.4g %s without and with it", cause.id.c_str(),

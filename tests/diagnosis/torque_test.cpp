@@ -123,10 +123,26 @@ TEST(Torque, AFilteredTorqueIsPutInTimeBeforeAnythingIsReadFromIt) {
         recorded({.coulomb = 40.0, .seed = seed}, [](double, double, double) { return 0.0; });
     const TorqueDiagnosis in_time = diagnose_torque(sharp),
                           late = diagnose_torque(filtered(sharp, 5e-3));
-    EXPECT_EQ(in_time.lag_s, 0.0);
-    EXPECT_NEAR(late.lag_s, 5e-3, 0.5e-3);
+    EXPECT_EQ(in_time.lag.s, 0.0);
+    EXPECT_NEAR(late.lag.s, 5e-3, 0.5e-3);
+    EXPECT_TRUE(late.lag.filter);
     EXPECT_NEAR(late.mass, 90.0, 2.0);
     EXPECT_THAT(ids(late), IsEmpty()) << testing::PrintToString(late.steps);
+  }
+}
+
+TEST(Torque, ATorqueOfALaterCycleIsPutInTime) {
+  for (const int cycles : {3, -3}) {
+    SegmentedAxis shifted =
+        recorded({.coulomb = 40.0, .seed = 5}, [](double, double, double) { return 0.0; });
+    const Eigen::ArrayXd torque = shifted.segments.front().torque;
+    for (Eigen::Index k = 0; k < torque.size(); ++k)
+      shifted.segments.front().torque(k) =
+          torque(std::clamp<Eigen::Index>(k - cycles, 0, torque.size() - 1));
+    const TorqueDiagnosis found = diagnose_torque(shifted);
+    EXPECT_NEAR(found.lag.s, 1e-3 * cycles, 0.2e-3);
+    EXPECT_FALSE(found.lag.filter);
+    EXPECT_THAT(ids(found), IsEmpty()) << testing::PrintToString(found.steps);
   }
 }
 
@@ -138,7 +154,7 @@ TEST(Torque, FrictionIsNoLag) {
         if (v * direction <= 0.0) turned_at = x, direction = v > 0.0 ? 1.0 : -1.0;
         return 40.0 * direction * (1.0 - 2.0 * std::exp(-std::abs(x - turned_at) / 20e-6));
       }));
-  EXPECT_EQ(found.lag_s, 0.0);
+  EXPECT_EQ(found.lag.s, 0.0);
   EXPECT_THAT(ids(found), Contains("presliding"));
 }
 
