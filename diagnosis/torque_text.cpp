@@ -241,11 +241,12 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
                                "torque      rigid body: " + body_of(torque)};
   if (torque.opposite) out.push_back(std::string("torque      ") + kAgainst);
   if (const TorqueLag& lag = torque.lag; lag.s != 0.0)
-    out.push_back(text("torque      is recorded %.3g ms %s the motion (%s), and was put in time",
-                       1e3 * std::abs(lag.s), lag.s > 0.0 ? "behind" : "ahead of",
-                       lag.filter    ? "a filter of the drive"
-                       : lag.s > 0.0 ? "a later cycle"
-                                     : "the position is recorded later"));
+    out.push_back(text(
+        "torque      is recorded %.3g ms %s the motion (%s), and was put in time",
+        1e3 * std::abs(lag.s), lag.s > 0.0 ? "behind" : "ahead of",
+        lag.filter    ? "a filter of the drive"
+        : lag.s > 0.0 ? "a later cycle"
+                      : "the torque that was asked for, or a position that is recorded later"));
   for (const TorqueCause& cause : torque.causes) {
     if (std::find(told.begin(), told.end(), cause.id) != told.end()) continue;
     out.push_back(text("by torque   %-24s %12.4g -> %.4g %s without and with it", cause.id.c_str(),
