@@ -301,7 +301,7 @@ std::optional<Wanted> find_time(const std::string& source, std::span<const std::
   return found;
 }
 
-/// What a channel may be called by other programs, in lower case.
+/// What a channel may be called by other programs, in lower case; no part is empty.
 struct LikelyNames {
   const char* channel;
   std::array<std::string_view, 11> parts;
@@ -309,7 +309,7 @@ struct LikelyNames {
 constexpr std::array kLikely{
     LikelyNames{"X.command",
                 {"command", "cmd", "soll", "setpos", "setpoint", "set_pos", "des_pos", "demand",
-                 "target", "reference"}},
+                 "target", "reference", "cmdpos"}},
     LikelyNames{"X.actual",
                 {"actual", "actpos", "act_pos", "lageist", "s ist", "enc_pos", "encoder",
                  "feedback", "fb", "measured", "measpos"}},
