@@ -94,7 +94,7 @@ class SameDigits(AnAxis):
             table.write("time[s],X.command[m]\n")
             for k, command in enumerate(self.axis.command):
                 table.write(f"{k * 1e-3:.3f},{float(command)!r}\n")
-        for method, aim_options in (("inverse", {}), ("feedforward", {}), ("norm-optimal", {"peak": 50e-6})):
+        for method, aim_options in (("inverse", {}), ("feedforward", {}), ("norm-optimal", {"peak": 1e-6 * 50.0})):
             tool(
                 "learn", folder / "path.csv", "--model", folder / "m.json", "--method", method, "--out", folder / "c.csv",
                 "--json", folder / "c.json", *(("--limits-peak", 50) if aim_options else ()),
