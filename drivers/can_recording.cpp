@@ -66,6 +66,11 @@ class Interfaces {
 }  // namespace
 
 Recording read_candump(const std::filesystem::path& file, const ReadOptions& options) {
+  {  // What is wrong with the log itself is said before a mapping is asked for.
+    CanLogReader reader(file);
+    CandumpLine line;
+    (void)reader.next(line);
+  }
   if (options.can_map.empty()) {
     throw std::invalid_argument(
         file.string() +

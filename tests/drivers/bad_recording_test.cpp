@@ -89,7 +89,8 @@ TEST_F(BadRecording, Utf16) {
   refuses(std::string_view("\xff\xfet\0i\0m\0e\0", 10), {"text, but not CSV", "'time'"});
 }
 TEST_F(BadRecording, CanLog) {
-  refuses("  can0  181   [1]  00\n", {"first line is not that of a CAN log"}, {}, "run.log");
+  refuses("  can0  181   00\n", {"first line is not that of a CAN log"}, {}, "run.log");
+  refuses("  can0  181   [1]  00\n", {"run.log:1", "has no time", "candump -l"}, {}, "run.log");
   const auto file = directory_.file("run.log", "(0.1) can0 181#00\n");
   expect_error<std::invalid_argument>([&] { (void)read_recording(file); },
                                       {"run.log", "--can-map F.toml"});
