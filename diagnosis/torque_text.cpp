@@ -87,6 +87,15 @@ const char* kAgainst =
     "has the opposite sign to the position: a positive torque drives the axis backwards; a "
     "constant force is given with its recorded sign";
 
+std::string lag_of(const TorqueLag& lag) {
+  return text("is recorded %.3g ms %s the motion (%s), and was put in time", 1e3 * std::abs(lag.s),
+              lag.s > 0.0 ? "behind" : "ahead of",
+              lag.filter ? "a filter of the drive"
+              : lag.s > 0.0
+                  ? "a later cycle"
+                  : "the torque that was asked for, or a position that is recorded later");
+}
+
 /// What to check for this cause. In the torque, backlash may be anywhere between motor and load.
 std::string check_of(const TorqueCause& cause) {
   if (cause.id == "backlash") return std::string(identity_of(kind_of<BacklashInLoop>()).check);
@@ -240,13 +249,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
   std::vector<std::string> out{"torque      " + verdict_of(torque),
                                "torque      rigid body: " + body_of(torque)};
   if (torque.opposite) out.push_back(std::string("torque      ") + kAgainst);
-  if (const TorqueLag& lag = torque.lag; lag.s != 0.0)
-    out.push_back(text(
-        "torque      is recorded %.3g ms %s the motion (%s), and was put in time",
-        1e3 * std::abs(lag.s), lag.s > 0.0 ? "behind" : "ahead of",
-        lag.filter    ? "a filter of the drive"
-        : lag.s > 0.0 ? "a later cycle"
-                      : "the torque that was asked for, or a position that is recorded later"));
+  if (torque.lag.s != 0.0) out.push_back("torque      " + lag_of(torque.lag));
   for (const TorqueCause& cause : torque.causes) {
     if (std::find(told.begin(), told.end(), cause.id) != told.end()) continue;
     out.push_back(text("by torque   %-24s %12.4g -> %.4g %s without and with it", cause.id.c_str(),
@@ -278,6 +281,7 @@ std::string torque_section(const TorqueDiagnosis& torque) {
   std::string out = "<h2>Torque</h2>\n<p>" + escaped(verdict_of(torque)) +
                     ".</p>\n<p>Rigid body: " + escaped(body_of(torque)) + ".</p>\n";
   if (torque.opposite) out += std::string("<p>The recorded torque ") + kAgainst + ".</p>\n";
+  if (torque.lag.s != 0.0) out += "<p>The torque " + lag_of(torque.lag) + ".</p>\n";
   out += picture(torque);
   for (const TorqueCause& cause : torque.suspected)
     out += "<p>" + escaped(suspected_of(cause)) + ".</p>\n";
