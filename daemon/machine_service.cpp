@@ -106,6 +106,7 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
       predictions_(kPredictionRing),
       rows_(kRowRing),
       offsets_(kOffsetRing),
+      hand_over_(base.config.source == SourceKind::kDds),
       memory_(machine_, remembered_s(current)),
       watch_(machine_, current.diagnose, base.events),
       loop_(std::make_unique<RealTimeLoop>(machine_.cycle_s, models_, predictions_, rows_,
@@ -136,7 +137,6 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
       publisher_(
           base.node, machine_.cycle_s, predictions_, offsets_, hand_over_, predicted_, published_,
           [this] { return status(); }, shown_ == nullptr ? nullptr : &shown_->feed()) {
-  hand_over_.by_publisher = base.config.source == SourceKind::kDds;
   loop_->give_back(*live_offsets_, offsets_);
   source_.wait_while([this] { return rows_.waiting() > rows_.capacity() / 2; });
   recorder_.spare([this] { return base_.store.cited(); });

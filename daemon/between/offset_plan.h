@@ -97,11 +97,13 @@ struct DatedOffset {
 
 /// Everything that the loop and the other threads share about corrections. It outlives both.
 struct OffsetHandOver {
+  explicit OffsetHandOver(bool to_publisher = false) : by_publisher(to_publisher) {}
+
   LatestValue<const OffsetPlan*> plans;
   std::atomic<std::uint64_t> in_use{0};  ///< generation of the plan that the loop uses
   std::atomic<bool> armed{false};        ///< by a person; not kept over a restart
   std::atomic<bool> active{false};       ///< a run has not faded out yet; written by the loop
-  bool by_publisher = false;  ///< drives get offsets from the publisher; set before the first frame
+  const bool by_publisher;               ///< drives get offsets from the publisher
   /// DatedOffset::stream of which an offset did not leave in time; written by the publisher. The
   /// loop has understood when offsets of a later stream come.
   std::atomic<std::uint64_t> interrupted{0};

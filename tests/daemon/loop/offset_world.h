@@ -247,8 +247,7 @@ class OffsetWorld {
     rules.live = true;
     rules.in_command = in_command_;
     models_ = std::vector<LatestValue<TwinInForce>>(1);
-    hand_over_ = std::make_unique<OffsetHandOver>();
-    hand_over_->by_publisher = drive_is_ == Drive::kOnNetwork;
+    hand_over_ = std::make_unique<OffsetHandOver>(drive_is_ == Drive::kOnNetwork);
     loop_ = std::make_unique<RealTimeLoop>(kCycle_s, models_, predictions_, rows_, wake_up_);
     live_ = std::make_unique<LiveOffsets>(rules, *hand_over_);
     loop_->give_back(*live_, said_);
