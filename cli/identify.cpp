@@ -84,11 +84,11 @@ std::string verdict_text(const Identified& identified, const std::vector<Segment
                             micro_text(error, record.rotary, 3) + " on held-out motion";
   if (explained < kMinExplained)
     return "weak: " + share + "; 'servotwin diagnose' tells what is missing";
-  if (record.noise_floor_rms > 0.0 && left > kMaxRmsOverFloorForDeviations * record.noise_floor_rms)
-    return "good for predictions: " + share + "; 'servotwin diagnose' tells what is missing";
   if (!record.excitation.empty())
     return "good for motion like this: " + share +
            "; other motion may be predicted worse, since not all of the model was excited";
+  if (record.noise_floor_rms > 0.0 && left > kMaxRmsOverFloorForDeviations * record.noise_floor_rms)
+    return "good for predictions: " + share + "; 'servotwin diagnose' tells what is missing";
   return "good: " + share + ", little more than the noise";
 }
 

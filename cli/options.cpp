@@ -24,9 +24,7 @@ void RecordingOptions::declare(OptionTable& command, const std::string& name,
               "which column of a foreign file is which channel: "
               "\"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
       .takes("MAP");
-  command
-      .option("--can-map", read_options.can_map,
-              "mapping of the bits of a CAN log to signals")
+  command.option("--can-map", read_options.can_map, "mapping of the bits of a CAN log to signals")
       .takes("F.toml");
   command.option("--from", read_options.from_s, "start of the part to read [s of the recording]")
       .takes("S");
@@ -143,6 +141,11 @@ SegmentedAxis AxisOptions::read(std::FILE* people) const {
 
 void AxisOptions::read_more(SegmentedAxis& read, std::FILE* people) const {
   for (const std::filesystem::path& file : more) {
+    std::error_code error;
+    if (std::filesystem::equivalent(file, recording.file, error) ||
+        std::count(more.begin(), more.end(), file) > 1)
+      throw std::runtime_error(file.string() +
+                               ": is given twice; its hold-out would be fitted with its copy");
     RecordingOptions one = recording;
     one.file = file;
     const Recording whole = one.read(people, read.axis);

@@ -37,11 +37,12 @@ struct Compared {
     });
   }
 
-  /// Squared residual of the rigid body over all of the motion.
+  /// Mean squared residual of the rigid body over all of the motion.
   [[nodiscard]] double left() const {
     Eigen::MatrixXd body(data.rows(), 4);
     body << data.acceleration(), direction, velocity, Eigen::VectorXd::Ones(data.rows());
-    return (data.force() - body * least_squares(body, data.force())).squaredNorm();
+    return (data.force() - body * least_squares(body, data.force())).squaredNorm() /
+           static_cast<double>(data.rows());
   }
 
   ForceData data;
@@ -116,9 +117,10 @@ struct Fitted {
 std::optional<Fitted> fitted(const std::vector<Segment>& segments, double bandwidth_hz,
                              bool filter) {
   Fitted out{{0.0, filter}, HUGE_VAL};
-  for (int i = 0; i < kMaxRepetitions; ++i) {
+  for (int i = 0;; ++i) {
     const Compared compared(without_lag(segments, out.lag), bandwidth_hz);
     out.left = compared.left();
+    if (i == kMaxRepetitions) break;
     const auto step_s = step_of_lag(compared);
     if (!step_s) break;
     out.lag.s += *step_s;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <chrono>
 #include <cmath>
 #include <stdexcept>
 
@@ -226,20 +227,25 @@ std::optional<CandumpLine> CanLogLines::parse_terminal(std::string_view line) {
     const auto time = bracketed(words[0]);
     if (!time) refuse(words[0], "must be a time in brackets, (seconds.fraction)");
     out.frame.time_ns = since_start(*time);
-  } else {  // -tA: (2024-05-16 18:16:50.884123); the month does not matter within a recording
+  } else {  // -tA: (2024-05-16 18:16:50.884123)
     const std::string_view date = words[0], clock = words[1];
-    const auto day = whole(part(date, 9, 2), 10), hours = whole(part(clock, 0, 2), 10),
+    const auto year = whole(part(date, 1, 4), 10), month = whole(part(date, 6, 2), 10),
+               day = whole(part(date, 9, 2), 10), hours = whole(part(clock, 0, 2), 10),
                minutes = whole(part(clock, 3, 2), 10);
     const auto seconds =
         time_of(part(clock, 6, clock.size() - std::min<std::size_t>(7, clock.size())), kSecond_ns);
-    if (!day.has_value() || !hours.has_value() || !minutes.has_value() || !seconds.has_value() ||
-        day.value() > 31 || hours.value() > 23 || minutes.value() > 59)
+    const std::chrono::year_month_day when{std::chrono::year(static_cast<int>(year.value_or(0))),
+                                           std::chrono::month(month.value_or(0)),
+                                           std::chrono::day(day.value_or(0))};
+    if (!when.ok() || year.value_or(0) < 1970 || year.value_or(0) > 2200 ||
+        hours.value_or(24) > 23 || minutes.value_or(60) > 59 || !seconds.has_value())
       refuse(clock, "must be a date and a time in brackets, as of candump -tA");
     constexpr std::int64_t kMinutesPerDay = 24 * 60;
+    const std::int64_t days = std::chrono::sys_days(when).time_since_epoch().count();
     out.frame.time_ns =
-        (day.value() * kMinutesPerDay + hours.value() * std::int64_t{60} + minutes.value()) * 60 *
+        (days * kMinutesPerDay + hours.value_or(0) * std::int64_t{60} + minutes.value_or(0)) * 60 *
             kSecond_ns +
-        seconds.value();
+        seconds.value_or(0);
   }
   out.interface = std::string(words[*at]);
   const bool flags = !words[*at + 2].starts_with('[');
@@ -347,6 +353,8 @@ std::optional<CandumpLine> CanLogLines::parse_trc(std::string_view line) {
     return std::nullopt;
   }
   if (trc_columns_.empty()) trc_columns_ = "NOIlD";  // 1.0 has no header of its own
+  const std::size_t data = trc_columns_.find('D');
+  if (data == std::string::npos) refuse(trc_columns_, "$COLUMNS has no D, the data of the frames");
   const Words words = words_of(line);
   CandumpLine out;
   out.interface = "1";
@@ -395,7 +403,6 @@ std::optional<CandumpLine> CanLogLines::parse_trc(std::string_view line) {
     }
   }
   if (type == "ER" || type == "ST" || type == "EC" || type == "EV") return std::nullopt;
-  const std::size_t data = trc_columns_.find('D');
   out.frame.fd = type == "FD" || type == "FB" || type == "FE" || type == "BI";
   out.frame.fast = type == "FB" || type == "BI";
   out.frame.passive = type == "FE" || type == "BI";

@@ -10,6 +10,7 @@
 #include "identification/model/stated_deviations.h"
 #include "ilc/path_ends.h"
 #include "ilc/prepared_axis.h"
+#include "ilc/words.h"
 #include "python/bind.h"
 
 namespace servotwin::python {
@@ -54,8 +55,8 @@ LearnArguments arguments_of(const std::string& method, const std::string& aim, i
   out.options.trials = trials;
   const auto within = [](const char* what, std::optional<double> value, double low, double high) {
     if (value && !(*value >= low && *value <= high))
-      throw std::invalid_argument(std::string(what) + " " + std::to_string(*value) + " is not " +
-                                  std::to_string(low) + " to " + std::to_string(high));
+      throw std::invalid_argument(std::string(what) + " " + words::number(*value) + " is not " +
+                                  words::number(low) + " to " + words::number(high));
   };
   within("bandwidth_hz", bandwidth_hz, kMinBandwidth_hz, 1e5);
   within("uncertainty", uncertainty, 1e-5, 0.9);
@@ -77,6 +78,10 @@ CorrectedPath corrected(const std::vector<ModelOfAxis>& models,
   bool moving = false;
   for (std::size_t i = 0; i < models.size(); ++i) {
     const ModelRecord& record = models[i].record;
+    for (std::size_t k = 0; k < i; ++k) {
+      if (models[k].record.axis == record.axis)
+        throw std::invalid_argument("two models are of axis " + record.axis);
+    }
     Segment path;
     path.sample_time_s = sample_time_s;
     path.command = commands[i].array();

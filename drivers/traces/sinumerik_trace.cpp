@@ -20,8 +20,9 @@
 namespace servotwin {
 namespace {
 
-// Eleven hours at 0.5 ms. A damaged time would fill the memory otherwise.
-constexpr double kMaxRows = 8e7;
+// Rows of a trace: so many, and so many more for every record. An axis at rest needs no records,
+// but noise makes some; a damaged time would fill the memory.
+constexpr double kMaxRestRows = 1e5, kMaxRowsPerRecord = 1e3;
 // The bits of an infinity, which a trace writes as a whole number where a value is missing.
 constexpr double kNoValue = 9.2e18;
 
@@ -67,6 +68,12 @@ class Trace {
   void element(std::string_view name, const XML_Char** attributes) {
     if (name == "traceData") in_data_ = true;
     if (!in_data_) return;
+    // Signals after records belong to another frame, whose times begin anew.
+    if (name == "dataSignal" && laid_out_) {
+      recording_.notes.emplace_back("only the first data frame of the trace is read");
+      in_data_ = false;
+      return;
+    }
     if (name == "frameHeader") {
       const std::string_view drops = attribute(attributes, "dropOuts");
       if (!drops.empty() && drops != "0")
@@ -130,9 +137,11 @@ class Trace {
                                in_quotes(attribute(attributes, "time")) +
                                ", must be a number that does not decrease");
     if (std::isfinite(next_s_)) {
-      if ((time_s - next_s_) / step_s_ > kMaxRows)
+      if ((time_s - begin_s_) / step_s_ >
+          kMaxRestRows + kMaxRowsPerRecord * static_cast<double>(++records_))
         throw std::runtime_error(source_ + ": a record at " + number(time_s) +
-                                 " s follows one at " + number(last_s_) + " s");
+                                 " s follows one at " + number(last_s_) +
+                                 " s: that many rows cannot be of this few records");
       rows_before(time_s - 0.25 * step_s_);
     }
     last_s_ = time_s;
@@ -175,7 +184,7 @@ class Trace {
   double step_s_ = 0.0, begin_s_ = 0.0;
   double next_s_ = kAbsent;    // of the next row
   double last_s_ = -HUGE_VAL;  // of the last record
-  std::size_t row_ = 0;
+  std::size_t row_ = 0, records_ = 0;
 };
 
 /// What goes through the C library: the trace, and what it threw.

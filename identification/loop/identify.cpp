@@ -73,9 +73,10 @@ std::vector<std::string> loosely_known(const ModelRecord& record, const PoleSet&
     double variance = 0.0;
     for (std::size_t k = 0; k < std::max<std::size_t>(1, free_elements_of(effect.kind)); ++k)
       variance += std::pow(record.effect_deviations[i].coefficient[k], 2.0);
-    check(effect.kind == kind_of<Presliding>() ? "breakaway force [m/s^2]"
-                                               : "Coulomb friction [m/s^2]",
-          level_of(effect), std::sqrt(variance), 1.0, "needs reversals at low and at high speed");
+    const std::string force =
+        effect.kind == kind_of<Presliding>() ? "breakaway force" : "Coulomb friction";
+    check(force + (record.rotary ? " [rad/s^2]" : " [m/s^2]"), level_of(effect),
+          std::sqrt(variance), 1.0, "needs reversals at low and at high speed");
   }
   return out;
 }

@@ -212,7 +212,7 @@ std::optional<std::string> tiny(const AxisRecord& axis) {
   }
   if (!(step < kMaxStep_m)) return std::nullopt;
   return "travels " + number(1e6 * travel) + " um in all, in steps of " + number(1e9 * step) +
-         " nm: if the positions are in m, write [m] behind their names";
+         " nm: is their unit right? If the positions are in m, write [m] behind their names";
 }
 
 /// Sign, ratio and zero of the encoder, if it follows its command at all.

@@ -54,9 +54,12 @@ std::optional<std::string> leave_out_spikes(AxisRecord& axis, const std::vector<
     found.push_back(k);
     largest = std::max(largest, std::abs(d));
   }
-  if (found.empty() ||
-      static_cast<double>(found.size()) > kMaxSpikeShare * static_cast<double>(x.size()))
-    return std::nullopt;
+  if (found.empty()) return std::nullopt;
+  if (static_cast<double>(found.size()) > kMaxSpikeShare * static_cast<double>(x.size()))
+    return std::to_string(found.size()) + " single values of the encoder are up to " +
+           size_text(largest, axis.rotary) +
+           " away from both neighbours: too many to be left out; look at the encoder, its cable or "
+           "the recorder";
   for (const std::size_t k : found) axis.actual[k] = kAbsent;
   const bool one = found.size() == 1;
   return (one ? "one value" : std::to_string(found.size()) + " single values") +

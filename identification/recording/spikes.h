@@ -16,7 +16,7 @@
 namespace servotwin {
 
 /// Replaces the spikes of `actual` by absent values. What was found, for the notes of the
-/// recording; nothing if there is none, or if there are so many that they are the signal.
+/// recording; nothing if there is none. If there are too many, they stay, and that is said.
 std::optional<std::string> leave_out_spikes(AxisRecord& axis, const std::vector<double>& time,
                                             double step_s);
 

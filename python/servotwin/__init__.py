@@ -243,6 +243,10 @@ def _commands(commands: Any, names: Sequence[str]) -> tuple[dict[str, Any], floa
                     f"{name} has {len(command.segments)} segments, between which its command is not known: "
                     "give the array of one"
                 )
+            if command.name != str(name):
+                raise ValueError(f"the command is of axis {command.name}, the model of axis {name}: give its array")
+            if step is not None and step != command.sample_time_s:
+                raise ValueError(f"the commands have cycles of {step:g} and {command.sample_time_s:g} s")
             step = command.sample_time_s
             command = command.command
         out[str(name)] = command

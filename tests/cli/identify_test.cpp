@@ -120,6 +120,9 @@ TEST_F(Identify, SeveralRecordingsAreFittedTogether) {
   EXPECT_NEAR(loop["natural_frequency_hz"].get<double>(), 25.0, 0.25);
   EXPECT_NEAR(loop["damping_ratio"].get<double>(), 0.45, 0.01);
   EXPECT_EQ(read_model(folder_ / "both_model.json").source, "a.csv, b.csv");
+  const Answer twice = servotwin_says({"identify", a, b, a, "--axis", "X"});
+  EXPECT_EQ(twice.status, 1) << twice;
+  EXPECT_THAT(twice.err, HasSubstr("is given twice"));
   const Answer again = servotwin_says(
       {"identify", a, folder_.write("c.csv", "time[s],X.command[mm]\n0,1\n"), "--axis", "X"});
   EXPECT_EQ(again.status, 1) << again;

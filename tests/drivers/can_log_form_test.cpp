@@ -74,6 +74,16 @@ TEST(CanLogForm, ATerminalWithDates) {
       " (2024-05-31 23:59:59.999500)  can0  181   [1]  08\n");
   ASSERT_EQ(frames.size(), 2U);
   EXPECT_EQ(frames[1].frame.time_ns - frames[0].frame.time_ns, 500'000);
+  const auto month = frames_of(
+      " (2024-02-29 23:59:59.500000)  can0  181   [1]  07\n"
+      " (2024-03-01 00:00:00.500000)  can0  181   [1]  08\n");
+  ASSERT_EQ(month.size(), 2U);
+  EXPECT_EQ(month[0].frame.time_ns, 1'709'251'199'500'000'000);
+  EXPECT_EQ(month[1].frame.time_ns, 1'709'251'200'500'000'000);
+  for (const char* date : {"2024-02-30", "1969-12-31", "2024-13-01", "2024-00-01"})
+    expect_error<std::runtime_error>(
+        [&] { frames_of(" (" + std::string(date) + " 23:59:59.5)  can0  181   [1]  07\n"); },
+        {"candump -tA"});
 }
 
 TEST(CanLogForm, ATerminalWithoutTimesIsRefusedWithWhatToDo) {
@@ -201,6 +211,7 @@ TEST(CanLogForm, WhatIsWrongWithAFrameIsSaid) {
   refuses(asc + "0.1 1 181 Rx d 1 100\n", {"'100'", "is no byte"});
   refuses(trc + "1 x DT 0181 Rx 1 00\n", {"'x'", "time in ms"});
   refuses(trc + "1 1.0 DT 0181\n", {"shorter than its columns"});
+  refuses(trc + ";$COLUMNS=N,O,T,I,d,l\n1 1.0 DT 0181 Rx 1\n", {"has no D"});
   refuses("(1.0)  can0  181   [1]  00\n(1.0) nonsense\n", {"must be a line of candump"});
 }
 

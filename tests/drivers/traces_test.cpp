@@ -249,6 +249,19 @@ TEST_F(Traces, ASinumerikTraceWithFastSignalsAloneHasThatRate) {
   EXPECT_NEAR(r.time[7], 0.014, 1e-12);
 }
 
+TEST_F(Traces, ASinumerikTraceIsReadUpToItsSecondFrame) {
+  std::string two = kSinumerikTrace;
+  two.insert(two.find("</traceData>"),
+             " <dataFrame>\n  <dataSignal interval=\"0.002\" id=\"f9\" name=\"/x/late [u1, 8]\"/>\n"
+             "  <rec time=\"0.0\" f9=\"1\" f1=\"7\"/>\n </dataFrame>\n");
+  const Recording r = read(two, kSinumerikColumns);
+  EXPECT_EQ(r.time.size(), 4U);
+  EXPECT_EQ(r.axes[0].command.back(), 4e-3);
+  std::string notes;
+  for (const std::string& note : r.notes) notes += note + "\n";
+  EXPECT_NE(notes.find("only the first data frame"), std::string::npos) << notes;
+}
+
 TEST_F(Traces, ASinumerikTraceProposesItsColumns) {
   refuses(kSinumerikTrace, {"X.command=CmdPos2ndEnc64_7[unit],X.actual=measPos2_7[unit],X.torque="
                             "ActCurr32_7[unit]"});
@@ -268,6 +281,9 @@ TEST_F(Traces, ASinumerikTraceThatIsDamagedIsRefusedWithItsLine) {
   refuses(with("<rec time=\"0.014000\"", "<rec time=\"1e15\""), {"1e+15", "follows one at"},
           kSinumerikColumns);
   refuses(with("interval=\"0.004000\"", "interval=\"0\""), {"interval", "must be positive"},
+          kSinumerikColumns);
+  // 28 hours of rows from six records.
+  refuses(with("<rec time=\"0.014000\"", "<rec time=\"1e5\""), {"follows one at"},
           kSinumerikColumns);
   const std::size_t records = whole.find("  <rec"), end = whole.find(" </dataFrame>");
   refuses(whole.substr(0, records) + whole.substr(end), {"has no records", "packed"},

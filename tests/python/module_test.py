@@ -288,9 +288,12 @@ class Errors(AnAxis):
         for arguments, options, words in (
             ((model, {"Y": command}), {}, "no command of axis X; there are Y"),
             (([model, model], command), {}, "for the axes X, X give a dict"),
+            (([model, model], {"X": command}), {}, "two models are of axis X"),
+            ((model, servotwin.read(RECORDING, **PART)["Y"]), {}, "command is of axis Y, the model of axis X"),
+            ((model, command), {"peak": 0.0}, "peak 0 is not 1e-09 to 1"),
             ((model, command), {"method": "magic"}, "'magic' is not known; choose one of feedforward, inverse"),
             ((model, command), {"trials": 0}, "trials 0 is not 1 to 1000"),
-            ((model, command), {"uncertainty": 2.0}, "uncertainty 2.0"),
+            ((model, command), {"uncertainty": 2.0}, "uncertainty 2 is not"),
             ((model, command), {"method": "feedforward", "aim": "contour"}, "takes neither aim"),
             ((model, command), {"sample_time_s": 0.0}, "sample_time_s must be positive"),
             ((model, numpy.zeros(1000)), {}, "no axis moves"),

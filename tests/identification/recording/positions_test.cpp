@@ -497,6 +497,11 @@ TEST(Positions, SingleWrongValuesAreLeftOutAndTheOthersStay) {
       EXPECT_EQ(spoiled.axes[0].actual[i], whole.axes[0].actual[i]) << i;
     }
   }
+  Recording many = whole;
+  for (std::size_t i = 50; i < whole.time.size(); i += 200) many.axes[0].actual[i] += 0.05;
+  const std::vector<double> as_it_was = many.axes[0].actual;
+  EXPECT_THAT(mend_positions(many), ElementsAre(HasSubstr("too many to be left out")));
+  EXPECT_EQ(many.axes[0].actual, as_it_was);
   Recording one = whole;
   one.axes[0].actual[5000] -= 0.002;
   EXPECT_THAT(mend_positions(one), ElementsAre(HasSubstr("one value of the encoder is 2.000")));
