@@ -12,8 +12,8 @@
 #include "daemon/input/frame_source.h"
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/can_encoder.h"
-#include "drivers/can_udp.h"
 #include "drivers/can_log.h"
+#include "drivers/can_udp.h"
 #include "drivers/socketcan.h"
 #include "drivers/text.h"
 

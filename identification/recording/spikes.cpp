@@ -16,8 +16,8 @@ using values::Values;
 
 // 100 g: ten times what the fastest linear axes do, and what small motors do.
 constexpr double kMaxAcceleration_m_s2 = 1e3, kMaxAcceleration_rad_s2 = 1e6;
-// Spikes and their neighbours are rarer than one value in a hundred; the others are far below.
-constexpr double kTypicalQuantile = 0.99, kMinOverTypical = 30.0;
+// Spikes and their neighbours are rarer than one value in twenty; the others are far below.
+constexpr double kTypicalQuantile = 0.95, kMinOverTypical = 30.0;
 constexpr double kMinSteps = 20.0;  // of the encoder: a value that flickers by a count is none
 constexpr double kSymmetry = 0.2;   // of d: deviation of the neighbours from -d/2
 constexpr double kMaxSpikeShare = 0.0025;  // of the rows
