@@ -36,7 +36,7 @@ class CanLogLines {
   /// From the beginning of the file, which tells the form and whether its times are differences.
   explicit CanLogLines(std::string_view beginning);
 
-  /// Nothing for a line that is no frame. Throws std::runtime_error with value and rule.
+  /// Empty if the line holds no frame. Throws std::runtime_error with value and rule.
   [[nodiscard]] std::optional<CandumpLine> parse(std::string_view line);
 
  private:

@@ -9,8 +9,8 @@ namespace servotwin {
 namespace {
 
 // Of limits. Below, products of limits and steps lose their digits, and no promise holds.
-constexpr double kLeastLimit = 1e-30;
-bool usable(double limit) noexcept { return limit >= kLeastLimit && std::isfinite(limit); }
+constexpr double kMinLimit = 1e-30;
+bool usable(double limit) noexcept { return limit >= kMinLimit && std::isfinite(limit); }
 
 constexpr std::int64_t kForever = std::numeric_limits<std::int64_t>::max();
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::min();

@@ -226,7 +226,7 @@ constexpr const char* kSinumerikColumns =
 TEST_F(Traces, ASinumerikTraceHasARowWhereItsSlowestSignalIsSampled) {
   const Recording r = read(kSinumerikTrace, kSinumerikColumns);
   ASSERT_EQ(r.axes.size(), 1U);
-  // Nothing changed from 6 to 14 ms but the current, which then is no number.
+  // From 6 to 14 ms only the current changes: its value is then missing.
   ASSERT_EQ(r.time.size(), 4U);
   for (std::size_t k = 0; k < 4; ++k) EXPECT_NEAR(r.time[k], 0.004 * static_cast<double>(k), 1e-12);
   EXPECT_EQ(r.axes[0].command, (vector<double>{1.5e-3, 2.5e-3, 2.5e-3, 4e-3}));
