@@ -29,7 +29,7 @@ constexpr std::array<std::pair<const char*, const char*>, 24> kNames{{
     {"gravity_offset", "a constant force (weight, counterbalance, cable)"},
     {"inertia_change", "a moved mass that changed"},
     {"viscous_drift", "friction that changes as the axis warms up"},
-    {"time_delay", "an encoder record delayed against the command record"},
+    {"time_delay", "a delay between command and encoder"},
     {"feedforward_mismatch", "a feed-forward that differs from that of the model"},
     {"gain_change", "a position loop gain that changed"},
     {"torque_saturation", "a motor at its torque limit"},

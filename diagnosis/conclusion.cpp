@@ -1,8 +1,10 @@
 #include "diagnosis/conclusion.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
+#include <string_view>
 
 #include "diagnosis/extension.h"
 #include "diagnosis/judgement.h"
@@ -51,6 +53,50 @@ void mark_common_periods(Diagnosis& diagnosis) {
   }
 }
 
+/// Share of the commanded travel within one range of speeds of this width.
+double share_of_commonest_speed(const std::vector<Segment>& segments) {
+  constexpr double kWidthOfRange = 1.1;  // highest speed over lowest: the transfer hardly changes
+  std::vector<double> steps;
+  for (const Segment& segment : segments) {
+    for (Eigen::Index k = 1; k < segment.command.size(); ++k) {
+      if (const double step = std::abs(segment.command[k] - segment.command[k - 1]); step > 0.0)
+        steps.push_back(step);
+    }
+  }
+  std::sort(steps.begin(), steps.end());
+  double all = 0.0, within = 0.0, most = 0.0;
+  std::size_t lowest = 0;
+  for (const double step : steps) {
+    all += step;
+    within += step;
+    while (steps[lowest] * kWidthOfRange < step) within -= steps[lowest++];
+    most = std::max(most, within);
+  }
+  return all > 0.0 ? most / all : 0.0;
+}
+
+/// At one speed a period of the position is one frequency: a force and an error of the reading that
+/// repeat with it differ only by a factor, which the fit finds for either.
+void mark_at_one_speed(Diagnosis& diagnosis, const std::vector<Segment>& segments) {
+  constexpr double kShareOfOneSpeed = 0.7;  // of the travel; the rest is mostly ramps
+  constexpr std::array<std::string_view, 3> kPeriodic{"cogging", "lead_error", "encoder_error"};
+  const auto periodic = [&](const Cause& cause) {
+    return std::find(kPeriodic.begin(), kPeriodic.end(), cause.id) != kPeriodic.end();
+  };
+  if (std::none_of(diagnosis.causes.begin(), diagnosis.causes.end(), periodic) ||
+      share_of_commonest_speed(segments) < kShareOfOneSpeed)
+    return;
+  for (Cause& cause : diagnosis.causes) {
+    if (!periodic(cause)) continue;
+    for (const std::string_view rival : kPeriodic) {
+      auto& known = cause.ambiguous_with;
+      if (rival != cause.id && std::find(known.begin(), known.end(), rival) == known.end())
+        known.emplace_back(rival);
+    }
+    cause.wins = std::min(cause.wins, 1.0 / static_cast<double>(kPeriodic.size()));
+  }
+}
+
 }  // namespace
 
 bool unforeseeable(const Diagnosis& diagnosis, const Cause& cause) {
@@ -71,6 +117,7 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
             [](const Cause& l, const Cause& r) { return l.worth > r.worth; });
 
   mark_common_periods(diagnosis);
+  mark_at_one_speed(diagnosis, axis.segments);
   const std::vector<ResidualStretch> stretches =
       residual_stretches(diagnosis.extended.model, holdout);
   diagnosis.regimes = by_regime(stretches);

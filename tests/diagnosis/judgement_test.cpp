@@ -113,11 +113,14 @@ Diagnosis explained_by(const std::vector<std::pair<std::string, Effect>>& causes
   return diagnosis;
 }
 
-void conclude(Diagnosis& diagnosis) {
+/// Concludes on this motion, or on one at many speeds.
+void conclude(Diagnosis& diagnosis,
+              const Eigen::ArrayXd& command = 0.01 *
+                                              Eigen::ArrayXd::LinSpaced(2000, 0.0, 6.0).sin()) {
   SegmentedAxis axis;
   Segment s;
   s.sample_time_s = 0.001;
-  s.command = 0.01 * Eigen::ArrayXd::LinSpaced(2000, 0.0, 6.0).sin();
+  s.command = command;
   s.actual = s.command;
   axis.sample_time_s = s.sample_time_s;
   axis.segments.push_back(s);
@@ -159,6 +162,38 @@ TEST(CommonPeriod, OfTwoCausesMakesThemAmbiguous) {
     for (const Cause& cause : diagnosis.causes)
       EXPECT_EQ(cause.ambiguous_with.size(), period < 4e-3 ? 1U : 0U) << cause.id;
   }
+}
+
+/// A stroke back and forth, the way there at `there` [m/s] and the way back at `back`.
+Eigen::ArrayXd stroke(double there, double back) {
+  Eigen::ArrayXd out(2000);
+  out << Eigen::ArrayXd::LinSpaced(1000, 0.0, there),
+      Eigen::ArrayXd::LinSpaced(1000, there, there - back);
+  return out;
+}
+
+// A rotary table that was recorded at one speed had a "pitch error of the screw".
+TEST(OneSpeed, DoesNotTellAForceFromAnErrorOfTheReading) {
+  for (const double back : {0.05, 0.02}) {
+    Diagnosis diagnosis = explained_by({{"lead_error", make_effect<LeadError>()}});
+    conclude(diagnosis, stroke(0.05, back));
+    if (back == 0.05) {
+      EXPECT_TRUE(diagnosis.causes.empty());
+      ASSERT_EQ(diagnosis.suspected.size(), 1U);
+      EXPECT_THAT(diagnosis.suspected.front().ambiguous_with,
+                  testing::ElementsAre("cogging", "encoder_error"));
+    } else {
+      ASSERT_EQ(diagnosis.causes.size(), 1U) << "two speeds tell";
+      EXPECT_THAT(diagnosis.causes.front().ambiguous_with, testing::IsEmpty());
+    }
+  }
+}
+
+TEST(OneSpeed, ConcernsOnlyWhatRepeatsWithPosition) {
+  Diagnosis diagnosis = explained_by({{"presliding", make_effect<Presliding>()}});
+  conclude(diagnosis, stroke(0.05, 0.05));
+  ASSERT_EQ(diagnosis.causes.size(), 1U);
+  EXPECT_THAT(diagnosis.causes.front().ambiguous_with, testing::IsEmpty());
 }
 
 TEST(EndOfACause, KeepsACauseFromBeingNamedHoweverConfident) {

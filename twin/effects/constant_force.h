@@ -18,7 +18,9 @@ struct ConstantForce {
                                       .meaning = "constant force that the motor must hold",
                                       .acts = Acts::kForce,
                                       .cause = "gravity_offset",
-                                      .check = "counterweight or brake; a cable that pulls"};
+                                      .check =
+                                          "whether it is the weight of the axis (no fault); else "
+                                          "counterweight, brake, a cable that pulls"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 1> kCoefficients{
       {{"offset_mps2", "m/s^2", -kMaxForce, kMaxForce, 0.0, "constant force per moved mass"}}};

@@ -19,7 +19,7 @@ struct SwingingLoad {
       .meaning = "weight of a load that swings with the axis",
       .acts = Acts::kForce,
       .cause = "gravity_offset",
-      .check = "counterweight or brake; the load's centre of gravity"};
+      .check = "whether it is the weight of the load (no fault); else counterweight, brake"};
   static constexpr std::array<Parameter, 0> kShapes{};
   static constexpr std::array<Parameter, 2> kCoefficients{
       {{"sine", "m/s^2", -1000.0, 1000.0, 0.0, "force at a quarter of a turn, per moved mass"},
