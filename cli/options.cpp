@@ -26,9 +26,9 @@ void RecordingOptions::declare(OptionTable& command, const std::string& name,
       .takes("MAP");
   command.option("--can-map", read_options.can_map, "mapping of the bits of a CAN log to signals")
       .takes("F.toml");
-  command.option("--from", read_options.from_s, "start of the part to read [s of the recording]")
+  command.option("--from", read_options.from_s, "start of the part to read [s after the first row]")
       .takes("S");
-  command.option("--to", read_options.to_s, "end of the part to read [s of the recording]")
+  command.option("--to", read_options.to_s, "end of the part to read [s after the first row]")
       .takes("S");
   command.option("--rate", read_options.rate_hz, "rows per second of a file without a time column")
       .takes("HZ");

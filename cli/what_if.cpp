@@ -344,11 +344,11 @@ Command add_what_if(CLI::App& app) {
       .takes("MAP");
   command
       .option("--from", arguments->motion.read_options.from_s,
-              "start of the part to read [s of the recording]")
+              "start of the part to read [s after the first row]")
       .takes("S");
   command
       .option("--to", arguments->motion.read_options.to_s,
-              "end of the part to read [s of the recording]")
+              "end of the part to read [s after the first row]")
       .takes("S");
   command
       .option("--json", arguments->result,
