@@ -57,11 +57,12 @@ Eigen::ArrayXd along(const Effect& effect, const Signals& signals, const Spline&
   Eigen::ArrayXd out(signals.size());
   std::array<double, kMaxCoefficients> unit{};
   const std::size_t count = coefficients_of(effect.kind).size();
-  for (Eigen::Index k = 0; k < signals.size(); ++k) {
-    const Motion m = motion_of(signals, command, identity_of(effect.kind).acts, k);
+  Eigen::Index k = 0;
+  for (const Motion& m : motion_along(signals, command, identity_of(effect.kind).acts)) {
     unit_forces<double>(effect.kind, effect.shape.data(), memory, m, unit.data());
     out(k) = 0.0;
     for (std::size_t i = 0; i < count; ++i) out(k) += effect.coefficient[i] * unit[i];
+    ++k;
   }
   return out;
 }

@@ -52,11 +52,12 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
   add_drive(model, signals);
   EffectMemory<double> memory;
   start_memory(limit->kind, limit->shape.data(), memory);
+  const std::vector<Motion> motion = motion_along(signals, signals.command, Acts::kForce);
   Eigen::ArrayXd out(s.size());
   for (Eigen::Index k = 0; k < s.size(); ++k) {
     std::array<double, kMaxCoefficients> missing{};
     unit_forces<double>(limit->kind, limit->shape.data(), memory,
-                        motion_of(signals, signals.command, Acts::kForce, k), missing.data());
+                        motion[static_cast<std::size_t>(k)], missing.data());
     // The torque that the motor does give, which equals the limit where it is saturated.
     const double given = signals.demand(k) - missing[0] + limit->shape[2] * signals.velocity(k);
     out(k) = std::abs(given) > (1.0 - 1e-9) * limit->shape[0] ? 1.0 : 0.0;

@@ -142,10 +142,7 @@ Eigen::MatrixXd TorqueRows::columns(const TorqueTerm& term) const {
       force.resize(n, 2);
       force << unit.max(0.0), unit.min(0.0);
     } else {
-      force = unit_columns(
-                  term.kind, term.shapes.data(), n,
-                  [&](Eigen::Index k) { return motion[static_cast<std::size_t>(k)]; }, false)
-                  .force;
+      force = unit_columns(term.kind, term.shapes.data(), motion, false).force;
     }
     const Eigen::Index count = term.first > 0 ? term.first : force.cols();
     if (all.size() == 0) all.resize(data_.rows(), count);

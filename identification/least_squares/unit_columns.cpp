@@ -17,8 +17,9 @@ template void start_memory<Jet>(std::size_t, const Jet*, EffectMemory<Jet>&) noe
 template void unit_forces<Jet, double>(std::size_t, const Jet*, EffectMemory<Jet>&, const Motion&,
                                        Jet*) noexcept;
 
-UnitColumns unit_columns(std::size_t kind, const double* shapes, Eigen::Index n,
-                         const std::function<Motion(Eigen::Index)>& motion_at, bool derivatives) {
+UnitColumns unit_columns(std::size_t kind, const double* shapes, std::span<const Motion> motion,
+                         bool derivatives) {
+  const auto n = static_cast<Eigen::Index>(motion.size());
   const std::size_t coefficients = coefficients_of(kind).size(),
                     shape_count = shapes_of(kind).size();
   UnitColumns out;
@@ -28,7 +29,7 @@ UnitColumns unit_columns(std::size_t kind, const double* shapes, Eigen::Index n,
     start_memory<double>(kind, shapes, memory);
     std::array<double, kMaxCoefficients> force{};
     for (Eigen::Index k = 0; k < n; ++k) {
-      unit_forces<double>(kind, shapes, memory, motion_at(k), force.data());
+      unit_forces<double>(kind, shapes, memory, motion[static_cast<std::size_t>(k)], force.data());
       for (std::size_t c = 0; c < coefficients; ++c)
         out.force(k, static_cast<Eigen::Index>(c)) = force[c];
     }
@@ -46,7 +47,8 @@ UnitColumns unit_columns(std::size_t kind, const double* shapes, Eigen::Index n,
     start_memory<Jet>(kind, shape.data(), memory);
     std::array<Jet, kMaxCoefficients> force{};
     for (Eigen::Index k = 0; k < n; ++k) {
-      unit_forces<Jet>(kind, shape.data(), memory, motion_at(k), force.data());
+      unit_forces<Jet>(kind, shape.data(), memory, motion[static_cast<std::size_t>(k)],
+                       force.data());
       for (std::size_t c = 0; c < coefficients; ++c) {
         const auto column = static_cast<Eigen::Index>(c);
         out.force(k, column) = force[c].a;

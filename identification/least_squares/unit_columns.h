@@ -3,7 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
+#include <span>
 #include <vector>
 
 #include "twin/catalogue.h"
@@ -15,9 +15,8 @@ struct UnitColumns {
   std::vector<Eigen::ArrayXXd> by_shape;  ///< for every shape the derivative of `force`
 };
 
-/// `motion_at(k)` is the motion at sample k = 0 .. n - 1, taken in this order.
-[[nodiscard]] UnitColumns unit_columns(std::size_t kind, const double* shapes, Eigen::Index n,
-                                       const std::function<Motion(Eigen::Index)>& motion_at,
-                                       bool derivatives);
+/// `motion`: sample by sample.
+[[nodiscard]] UnitColumns unit_columns(std::size_t kind, const double* shapes,
+                                       std::span<const Motion> motion, bool derivatives);
 
 }  // namespace servotwin

@@ -67,29 +67,41 @@ Projection::Projection(std::vector<Signals> segments, Structure structure, bool 
   }
 }
 
-Motion motion_of(const Signals& s, const Spline& command, Acts acts, Eigen::Index k) {
-  const bool simulated = acts == Acts::kReading && s.loop_position.size() > 0;
+namespace {
+
+/// Whether such an effect is driven by the position of the loop, which the reading is not.
+bool along_loop(const Signals& s, Acts acts) {
+  return acts == Acts::kReading && s.loop_position.size() > 0;
+}
+
+}  // namespace
+
+std::vector<Motion> motion_along(const Signals& s, const Spline& command, Acts acts) {
+  const bool simulated = along_loop(s, acts);
   const Eigen::ArrayXd& x = simulated ? s.loop_position : s.position;
-  Motion m;
-  m.step_s = s.h;
-  m.position = x(k);
-  m.velocity =
-      simulated && k > 0 && k + 1 < s.size() ? (x(k + 1) - x(k - 1)) / (2.0 * s.h) : s.velocity(k);
-  m.displacement = k > 0 ? x(k) - x(k - 1) : 0.0;
-  if (s.acceleration.size() > 0) m.acceleration = s.acceleration(k);
-  m.command_velocity = command.first(k);
-  m.command_acceleration = command.second(k);
-  m.tracking_error = command.value(k) - x(k);
-  m.time_s = s.start_s + s.h * static_cast<double>(k);
-  if (s.in_cut.size() > 0) m.in_cut = s.in_cut(k);
-  if (s.demand.size() > 0) {
-    m.demand = s.demand(k);
-    m.demand_rate = s.demand_rate(k);
-    m.demand_damping = s.demand_damping(k);
+  std::vector<Motion> out(static_cast<std::size_t>(s.size()));
+  for (Eigen::Index k = 0; k < s.size(); ++k) {
+    Motion& m = out[static_cast<std::size_t>(k)];
+    m.step_s = s.h;
+    m.position = x(k);
+    m.velocity = simulated && k > 0 && k + 1 < s.size() ? (x(k + 1) - x(k - 1)) / (2.0 * s.h)
+                                                        : s.velocity(k);
+    m.displacement = k > 0 ? x(k) - x(k - 1) : 0.0;
+    if (s.acceleration.size() > 0) m.acceleration = s.acceleration(k);
+    m.command_velocity = command.first(k);
+    m.command_acceleration = command.second(k);
+    m.tracking_error = command.value(k) - x(k);
+    m.time_s = s.start_s + s.h * static_cast<double>(k);
+    if (s.in_cut.size() > 0) m.in_cut = s.in_cut(k);
+    if (s.demand.size() > 0) {
+      m.demand = s.demand(k);
+      m.demand_rate = s.demand_rate(k);
+      m.demand_damping = s.demand_damping(k);
+    }
+    if (s.friction.size() > 0) m.friction = s.friction(k);
+    if (s.neighbour_acceleration.size() > 0) m.neighbour_acceleration = s.neighbour_acceleration(k);
   }
-  if (s.friction.size() > 0) m.friction = s.friction(k);
-  if (s.neighbour_acceleration.size() > 0) m.neighbour_acceleration = s.neighbour_acceleration(k);
-  return m;
+  return out;
 }
 
 namespace {
@@ -110,9 +122,7 @@ Eigen::MatrixXd effect_columns_of(const std::vector<Signals>& segments, const Lo
     Spline moved;
     if (delay > 0.0) moved = Spline::through(s.command.delayed(delay), s.h);
     const Spline& command = delay > 0.0 ? moved : s.command;
-    const auto units = unit_columns(
-        kind, shapes.data(), s.size(),
-        [&](Eigen::Index k) { return motion_of(s, command, acts, k); }, false);
+    const auto units = unit_columns(kind, shapes.data(), motion_along(s, command, acts), false);
     Eigen::Index column = 0;
     for (std::size_t c = 0; c < coefficients.size(); ++c) {
       if (!told_from_loop(coefficients[c], N)) continue;
@@ -298,13 +308,15 @@ __attribute__((flatten)) void Projection::fill(const Point& point, bool derivati
     }
 
     // --- the forces along the measured motion
+    std::vector<Motion> by_reading, by_loop;
     for (std::size_t i = 0; i < structure_.effects.size(); ++i) {
       const std::size_t kind = structure_.effects[i];
       const Acts acts = identity_of(kind).acts;
       if (!acts_along_motion(acts)) continue;
-      const auto motion_at = [&](Eigen::Index k) { return motion_of(s, *command, acts, k); };
+      std::vector<Motion>& motion = along_loop(s, acts) ? by_loop : by_reading;
+      if (motion.empty()) motion = motion_along(s, *command, acts);
       const auto [forces, by_shape] =
-          unit_columns(kind, point.shapes.data() + shape_offset_[i], n, motion_at, derivatives);
+          unit_columns(kind, point.shapes.data() + shape_offset_[i], motion, derivatives);
       for (std::size_t slot = 0; slot < slots_.size(); ++slot) {
         if (slots_[slot].effect != i) continue;
         const auto c = static_cast<Eigen::Index>(slots_[slot].coefficient);

@@ -48,9 +48,9 @@ struct Point {
   std::vector<Mode> modes{};     ///< alpha and beta are linear and not read here
 };
 
-/// The motion that is passed to an effect of this kind at sample k.
-[[nodiscard]] Motion motion_of(const Signals& signals, const Spline& command, Acts acts,
-                               Eigen::Index k);
+/// The motion that is passed to an effect which acts so, sample by sample.
+[[nodiscard]] std::vector<Motion> motion_along(const Signals& signals, const Spline& command,
+                                               Acts acts);
 
 /// The columns of one more effect: the error per unit of each coefficient that is identifiable
 /// beside a free loop. Rows as in a Projection of these segments.

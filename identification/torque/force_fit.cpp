@@ -72,18 +72,14 @@ class ForceProjection {
     for (const ForceData::Stretch& stretch : data_.stretches()) {
       Eigen::Index column = structure_.mass ? 1 : 0, shape = 0, rows = 0;
       std::size_t entry = 0;
-      Eigen::ArrayXd friction;  // of the friction law, which precedes effects that change it
+      std::vector<Motion> motion = stretch.motion;
       for (const std::size_t kind : structure_.effects) {
-        const auto n = static_cast<Eigen::Index>(stretch.motion.size());
-        const UnitColumns units = unit_columns(
-            kind, shapes.data() + shape, n,
-            [&](Eigen::Index k) {
-              Motion m = stretch.motion[static_cast<std::size_t>(k)];
-              if (friction.size() > 0) m.friction = friction(k);
-              return m;
-            },
-            derivatives);
-        if (is_friction_law(kind)) friction = friction_along(kind, units.force);
+        const UnitColumns units = unit_columns(kind, shapes.data() + shape, motion, derivatives);
+        if (is_friction_law(kind)) {  // it precedes the effects that change it
+          const Eigen::ArrayXd friction = friction_along(kind, units.force);
+          for (std::size_t k = 0; k < motion.size(); ++k)
+            motion[k].friction = friction(static_cast<Eigen::Index>(k));
+        }
         const auto samples = Eigen::seqN(0, stretch.force.size(), stretch.substeps);
         for (Eigen::Index c = 0; c < units.force.cols(); ++c) {
           const Eigen::VectorXd values = data_.compared(units.force.col(c)(samples));

@@ -200,9 +200,7 @@ TEST_P(EveryEffect, DerivativesByShapeAgreeWithDifferences) {
       m.demand_damping = 0.01 * uniform(rng);
       m.time_s = 0.5 + 0.4 * uniform(rng);
     }
-    const UnitColumns columns = unit_columns(
-        kind, effect.shape.data(), static_cast<Eigen::Index>(motion.size()),
-        [&](Eigen::Index k) { return motion[static_cast<std::size_t>(k)]; }, true);
+    const UnitColumns columns = unit_columns(kind, effect.shape.data(), motion, true);
     const auto last = static_cast<Eigen::Index>(motion.size()) - 1;
     for (std::size_t p = 0; p < shape_count; ++p) {
       const auto at = [&](double factor) {
