@@ -467,17 +467,17 @@ void IdentificationWorker::put_in_force(std::size_t axis, const StoredModel& mod
 
 void IdentificationWorker::finish() {
   for (std::size_t axis = 0; axis < axes_.size(); ++axis) {
-    while (look(axis)) {
+    std::optional<Pending>& candidate = axes_[axis].candidate;
+    while (look(axis) || candidate) {
+      if (!candidate || memory_.time_when_moved(axis, candidate->moved_s + config_.judge_s))
+        continue;
+      // The motion that would decide it does not come. What is in memory may hold another one.
+      const double judged_s = memory_.moved_s(axis) - candidate->moved_s;
+      note_refusal(axis, with_origin("candidate not decided: " +
+                                         progress_of("validated on", judged_s, config_.judge_s),
+                                     candidate->because));
+      candidate.reset();
     }
-    if (!axes_[axis].candidate) continue;
-    const double judged_s = memory_.moved_s(axis) - axes_[axis].candidate->moved_s;
-    note_refusal(axis, with_origin("candidate not decided: " +
-                                       progress_of("validated on", judged_s, config_.judge_s),
-                                   axes_[axis].candidate->because));
-    axes_[axis].candidate.reset();
-    if (std::lock_guard lock(proposal_mutex_); proposals_[axis])
-      note_refusal(axis, "candidate not decided: a model " + proposals_[axis]->because +
-                             " came too late to be validated");
   }
 }
 

@@ -16,6 +16,7 @@ namespace servotwin::daemon {
 namespace {
 
 using testing::HasSubstr;
+using testing::Not;
 
 const virtual_machine::AxisRecord& machine_record() {
   static const virtual_machine::AxisRecord record = ball_screw_record(32.0);
@@ -458,6 +459,29 @@ TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
   worker_->finish();
   EXPECT_THAT(newest_event().text,
               HasSubstr("candidate not decided: validated on: 1.5 of 3.0 s of motion"));
+}
+
+// On a busy host the diagnosis of a whole recording was done before the first identification: its
+// proposal waited for motion that did not come, and the axis ended without a model.
+TEST_F(WorkerTest, AtTheEndAProposalThatCannotBeJudgedKeepsNoModelFromTheMotionInMemory) {
+  restart();
+  promote_one();
+  const ModelRecord proposed = announced_[0].record;
+  worker_.reset();
+  events_.reset();
+  store_.reset();
+  std::filesystem::remove(directory_.path() / "servotwin.sqlite");
+  std::filesystem::remove_all(directory_.path() / "models");
+  announced_.clear();
+  row_ = 0;
+  restart();
+  run_machine(10.0);
+  worker_->propose(0, proposed, "as the diagnosis found", 0.0, 10.0);
+  worker_->finish();
+  EXPECT_THAT(said_.str(),
+              HasSubstr("validated on: 0.0 of 3.0 s of motion; as the diagnosis found"));
+  ASSERT_EQ(announced_.size(), 1U) << said_.str();
+  EXPECT_THAT(announced_[0].reason, Not(HasSubstr("as the diagnosis found")));
 }
 
 TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
