@@ -5,7 +5,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
 #include <random>
+#include <regex>
+#include <set>
 
 #include "tests/daemon/prometheus_text.h"
 
@@ -83,6 +87,56 @@ TEST(Metrics, AreWhatAStrictReaderAccepts) {
   EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "X"}, {"state", "raised"}}), 1);
   EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "X"}, {"state", "learning"}}), 0);
   EXPECT_EQ(one(all, "servotwin_alarm", {{"axis", "Y"}, {"state", "learning"}}), 1);
+}
+
+// examples/grafana: what a panel asks for is there, under that name and with those labels.
+// tests/bench/dashboard.py asks a Prometheus that has scraped a daemon.
+TEST(Metrics, AreThoseThatTheDashboardAsksFor) {
+  Histogram wake, work, published;
+  MetricsInput input = an_input();
+  input.wake = &wake;
+  input.work = &work;
+  input.published = &published;
+  const auto all = read_prometheus(metrics_text(input));
+  std::ifstream file(std::string(SERVOTWIN_SOURCE_DIR) + "/examples/grafana/servotwin.json");
+  const auto dashboard = nlohmann::json::parse(file);
+  std::set<int> ids;
+  std::set<std::pair<int, int>> taken;  // cells of the grid
+  std::set<std::string> asked;
+  for (const auto& panel : dashboard.at("panels")) {
+    EXPECT_TRUE(ids.insert(panel.at("id").get<int>()).second) << panel.at("id");
+    const auto& place = panel.at("gridPos");
+    for (int x = place.at("x"); x < place.at("x").get<int>() + place.at("w").get<int>(); ++x) {
+      EXPECT_LT(x, 24);
+      for (int y = place.at("y"); y < place.at("y").get<int>() + place.at("h").get<int>(); ++y)
+        EXPECT_TRUE(taken.emplace(x, y).second) << panel.at("title") << " covers another panel";
+    }
+    if (panel.at("type") == "row") continue;
+    EXPECT_FALSE(panel.at("description").get<std::string>().empty()) << panel.at("title");
+    for (const auto& target : panel.at("targets")) {
+      const std::string expression = target.at("expr");
+      const std::regex of_metric("(servotwin_[a-z0-9_]+)\\{([^}]*)\\}");
+      int metrics = 0;
+      for (std::sregex_iterator at(expression.begin(), expression.end(), of_metric), end; at != end;
+           ++at, ++metrics) {
+        const std::string name =
+            std::regex_replace((*at)[1].str(), std::regex("_bucket$"), std::string());
+        asked.insert(name);
+        ASSERT_TRUE(all.contains(name)) << name;
+        const PrometheusSample& sample = all.at(name).samples.at(0);
+        for (const char* label : {"axis", "bus", "state"}) {
+          if ((*at)[2].str().find(std::string(label) + "=") != std::string::npos ||
+              target.at("legendFormat").get<std::string>().find("{{" + std::string(label)) !=
+                  std::string::npos) {
+            EXPECT_TRUE(sample.labels.contains(label)) << name << ' ' << label;
+          }
+        }
+        EXPECT_THAT((*at)[2].str(), testing::StartsWith("instance=\"$instance\"")) << expression;
+      }
+      EXPECT_GT(metrics, 0) << expression;
+    }
+  }
+  EXPECT_GE(asked.size(), 20U);
 }
 
 TEST(Metrics, WithoutAMachineHaveNoAxesAndNoHistogram) {
