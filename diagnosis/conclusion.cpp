@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <iterator>
+#include <numeric>
+#include <span>
 #include <string_view>
 
 #include "diagnosis/extension.h"
@@ -53,9 +55,30 @@ void mark_common_periods(Diagnosis& diagnosis) {
   }
 }
 
-/// Share of the commanded travel within one range of speeds of this width.
-double share_of_commonest_speed(const std::vector<Segment>& segments) {
+/// A range of speeds: the first and the last of sorted steps, and its share of the travel.
+struct SpeedRange {
+  std::size_t first = 0, last = 0;
+  double travel = 0.0;
+};
+
+/// The range of these sorted steps with the most travel whose speeds hardly differ.
+SpeedRange commonest(std::span<const double> steps) {
   constexpr double kWidthOfRange = 1.1;  // highest speed over lowest: the transfer hardly changes
+  SpeedRange best;
+  double within = 0.0;
+  std::size_t first = 0;
+  for (std::size_t last = 0; last < steps.size(); ++last) {
+    within += steps[last];
+    while (steps[first] * kWidthOfRange < steps[last]) within -= steps[first++];
+    if (within > best.travel) best = {first, last, within};
+  }
+  return best;
+}
+
+/// Whether the axis moves at one speed, but for the ramps to it.
+bool at_one_speed(const std::vector<Segment>& segments) {
+  // Shares of the travel: at the speed at least, and in any other range of speeds at most.
+  constexpr double kMinShareOfSpeed = 0.5, kMaxShareOfOther = 0.1;
   std::vector<double> steps;
   for (const Segment& segment : segments) {
     for (Eigen::Index k = 1; k < segment.command.size(); ++k) {
@@ -64,27 +87,23 @@ double share_of_commonest_speed(const std::vector<Segment>& segments) {
     }
   }
   std::sort(steps.begin(), steps.end());
-  double all = 0.0, within = 0.0, most = 0.0;
-  std::size_t lowest = 0;
-  for (const double step : steps) {
-    all += step;
-    within += step;
-    while (steps[lowest] * kWidthOfRange < step) within -= steps[lowest++];
-    most = std::max(most, within);
-  }
-  return all > 0.0 ? most / all : 0.0;
+  const double all = std::accumulate(steps.begin(), steps.end(), 0.0);
+  const SpeedRange most = commonest(steps);
+  const std::span<const double> sorted(steps);
+  return all > 0.0 && most.travel >= kMinShareOfSpeed * all &&
+         commonest(sorted.first(most.first)).travel <= kMaxShareOfOther * all &&
+         commonest(sorted.subspan(most.last + 1)).travel <= kMaxShareOfOther * all;
 }
 
 /// At one speed a period of the position is one frequency: a force and an error of the reading that
 /// repeat with it differ only by a factor, which the fit finds for either.
 void mark_at_one_speed(Diagnosis& diagnosis, const std::vector<Segment>& segments) {
-  constexpr double kShareOfOneSpeed = 0.7;  // of the travel; the rest is mostly ramps
   constexpr std::array<std::string_view, 3> kPeriodic{"cogging", "lead_error", "encoder_error"};
   const auto periodic = [&](const Cause& cause) {
     return std::find(kPeriodic.begin(), kPeriodic.end(), cause.id) != kPeriodic.end();
   };
   if (std::none_of(diagnosis.causes.begin(), diagnosis.causes.end(), periodic) ||
-      share_of_commonest_speed(segments) < kShareOfOneSpeed)
+      !at_one_speed(segments))
     return;
   for (Cause& cause : diagnosis.causes) {
     if (!periodic(cause)) continue;
