@@ -10,18 +10,15 @@
 #include "cli/can_watch.h"
 #include "cli/command.h"
 #include "cli/interrupt.h"
-#include "cli/live_record.h"
 #include "cli/option_table.h"
 #include "cli/options.h"
 #include "cli/output.h"
+#include "cli/subscriber.h"
 #include "cli/summary_text.h"
-#include "drivers/dds.h"
 
 namespace servotwin::cli {
 namespace {
 
-// Sleep of the loop: short enough that the readers' queues of 64 messages do not overflow at 1 kHz.
-constexpr double kWait_s = 0.02;
 constexpr double kRefresh_s = 1.0;
 // A daemon that was waiting publishes through another writer once its machine is there: only one
 // that is away for this long has stopped.
@@ -40,72 +37,6 @@ struct WatchArguments {
 double since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
-
-/// Receives everything that is published about one machine, frames before their predictions.
-class Subscriber {
- public:
-  explicit Subscriber(const DdsPlace& place)
-      : node_(place),
-        predictions_(node_),
-        frames_(node_),
-        models_(node_),
-        diagnoses_(node_),
-        statuses_(node_) {}
-
-  /// Waits up to kWait_s for a prediction; true if at least one was received.
-  bool receive(LiveRecord& record) {
-    double wait_s = kWait_s;
-    bool any = false;
-    while (predictions_.receive(prediction_, wait_s)) {
-      take_frames(record);
-      record.on_prediction(prediction_, predictions_.written_ns());
-      predicts_ = predictions_.writer();
-      any = true;
-      wait_s = 0.0;
-    }
-    take_frames(record);
-    while (statuses_.receive(status_, 0.0)) {
-      record.on_status(status_);
-      daemon_ = statuses_.writer();
-    }
-    while (models_.receive(model_, 0.0)) record.on_model(model_);
-    while (diagnoses_.receive(diagnosis_, 0.0)) record.on_diagnosis(diagnosis_);
-    return any;
-  }
-  [[nodiscard]] const DdsNode& node() const { return node_; }
-  /// Whether nothing more will be received: the daemon has stopped, or the machine that it listened
-  /// to. A daemon that replays recordings itself has no machine on the bus and stops at their end.
-  [[nodiscard]] bool over() const {
-    return !daemon_there() || (machine_ != 0 && !frames_.matched(machine_));
-  }
-  /// Any writer of predictions is not enough: topics are shared by all machines of a domain.
-  [[nodiscard]] bool daemon_there() const {
-    return (daemon_ != 0 && statuses_.matched(daemon_)) ||
-           (predicts_ != 0 && predictions_.matched(predicts_));
-  }
-
- private:
-  void take_frames(LiveRecord& record) {
-    while (frames_.receive(frame_, 0.0)) {
-      record.on_frame(frame_, frames_.written_ns());
-      machine_ = frames_.writer();
-    }
-  }
-
-  DdsNode node_;
-  DdsReader<MachinePrediction> predictions_;
-  DdsReader<MachineFrame> frames_;
-  DdsReader<ModelAnnouncement> models_;
-  DdsReader<DiagnosisAnnouncement> diagnoses_;
-  DdsReader<MachineStatus> statuses_;
-  MachinePrediction prediction_;
-  MachineFrame frame_;
-  ModelAnnouncement model_;
-  DiagnosisAnnouncement diagnosis_;
-  MachineStatus status_;
-  // Writers of the last messages; 0: none yet.
-  dds_instance_handle_t daemon_ = 0, predicts_ = 0, machine_ = 0;
-};
 
 /// Shows the last second; on a terminal in place of the second before.
 class Display {

@@ -334,7 +334,10 @@ MachineStatus MachineService::status() {
   identification_.update(axes_);
   base_.events.update_last_error(last_error_);
   now.axes = axes_;
-  for (std::size_t i = 0; i < now.axes.size(); ++i) now.axes[i].rotary = machine_.axes[i].rotary;
+  for (std::size_t i = 0; i < now.axes.size(); ++i) {
+    now.axes[i].rotary = machine_.axes[i].rotary;
+    now.axes[i].alarm = watch_.state(i);
+  }
   now.last_error = last_error_;
   return now;
 }

@@ -252,6 +252,11 @@ bool Wire<MachineStatus>::decode(const Sample& sample, MachineStatus& status) {
   }
   for (std::size_t i = 0; i < status.axes.size() && i < sample.rotary._length; ++i)
     status.axes[i].rotary = sample.rotary._buffer[i];
+  constexpr auto kLast = static_cast<std::uint8_t>(AlarmState::kRaised);
+  for (std::size_t i = 0; i < status.axes.size() && i < sample.alarm._length; ++i) {
+    if (sample.alarm._buffer[i] <= kLast)
+      status.axes[i].alarm = static_cast<AlarmState>(sample.alarm._buffer[i]);
+  }
   status.last_error = text(sample.last_error);
   status.repeated = sample.repeated;
   return true;
@@ -287,6 +292,9 @@ void Wire<MachineStatus>::encode(const MachineStatus& status, Sample& sample) {
   resize(sample.rotary, status.axes.size(), kMaxAxes);
   for (std::size_t i = 0; i < status.axes.size(); ++i)
     sample.rotary._buffer[i] = status.axes[i].rotary;
+  resize(sample.alarm, status.axes.size(), kMaxAxes);
+  for (std::size_t i = 0; i < status.axes.size(); ++i)
+    sample.alarm._buffer[i] = static_cast<std::uint8_t>(status.axes[i].alarm);
   assign(sample.last_error, status.last_error);
   sample.repeated = status.repeated;
 }

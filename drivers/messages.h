@@ -163,6 +163,14 @@ struct DiagnosisAnnouncement {
 
 enum class DaemonState : std::uint8_t { kStarting, kWaiting, kRunning, kStopping };
 
+/// Of the residual of an axis; the numbers of the wire.
+enum class AlarmState : std::uint8_t {
+  kOff,       ///< not configured
+  kLearning,  ///< the normal residual is being learned
+  kWatching,
+  kRaised,
+};
+
 struct AxisStatus {
   std::string name;
   int model_version = 0;
@@ -171,6 +179,7 @@ struct AxisStatus {
   std::uint32_t refused = 0;  ///< candidates that did not come into force, since the daemon started
   std::string last_refusal{};  ///< why the last of them did not
   bool rotary = false;         ///< rad in place of m
+  AlarmState alarm = AlarmState::kOff;
 };
 
 /// An event at the source of the frames: one line of text.

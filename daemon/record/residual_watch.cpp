@@ -13,9 +13,9 @@ ResidualWatch::ResidualWatch(const MachineDescription& machine, const DiagnoseCo
     : false_alarm_days_(config.false_alarm_days),
       events_(events),
       raised_(machine.axes.size()),
-      states_(machine.axes.size(),
-              config.false_alarm_days > 0.0 ? AlarmState::kLearning : AlarmState::kOff) {
+      states_(machine.axes.size()) {
   if (false_alarm_days_ <= 0.0) return;
+  for (std::atomic<AlarmState>& state : states_) state = AlarmState::kLearning;
   const AlarmOptions options{86400.0 * false_alarm_days_, config.reference_s};
   for (const AxisDescription& axis : machine.axes)
     axes_.push_back({axis.name, axis.rotary, ResidualAlarm(options, machine.cycle_s)});
@@ -49,16 +49,15 @@ void ResidualWatch::report(std::size_t axis, const AlarmChange& change) {
                    "alarm: " + what +
                        text(" (CUSUM above %.1f; on average one false alarm in %g days of motion)",
                             change.threshold, false_alarm_days_));
+      states_[axis] = AlarmState::kRaised;
       const std::lock_guard lock(mutex_);
       raised_[axis] = what;
-      states_[axis] = AlarmState::kRaised;
       return;
     }
     case AlarmChange::Kind::kBack: {
       events_.note("alarm_cleared", state.name,
                    "alarm over: the residual is back at its normal " + normal + "; it was " + rms +
                        text(" over %.0f s of motion", change.motion_s));
-      const std::lock_guard lock(mutex_);
       states_[axis] = AlarmState::kWatching;
       return;
     }
@@ -70,7 +69,6 @@ void ResidualWatch::report(std::size_t axis, const AlarmChange& change) {
           "alarm_reference", state.name,
           text("the residual is monitored: %s RMS is normal, learned from %.0f s of motion",
                normal.c_str(), change.motion_s));
-      const std::lock_guard lock(mutex_);
       states_[axis] = AlarmState::kWatching;
       return;
     }
@@ -85,11 +83,6 @@ std::optional<std::string> ResidualWatch::take_alarm(std::size_t axis) {
 void ResidualWatch::ask(std::size_t axis, const std::string& why) {
   const std::lock_guard lock(mutex_);
   if (!raised_[axis]) raised_[axis] = why;
-}
-
-AlarmState ResidualWatch::state(std::size_t axis) const {
-  const std::lock_guard lock(mutex_);
-  return states_[axis];
 }
 
 }  // namespace servotwin::daemon

@@ -5,6 +5,7 @@
 // append() one thread, take_alarm() another, the rest any thread.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <mutex>
 #include <optional>
@@ -19,13 +20,6 @@
 
 namespace servotwin::daemon {
 
-enum class AlarmState : std::uint8_t {
-  kOff,       ///< not configured
-  kLearning,  ///< the normal residual is being learned
-  kWatching,
-  kRaised,
-};
-
 class ResidualWatch {
  public:
   ResidualWatch(const MachineDescription& machine, const DiagnoseConfig& config, EventLog& events);
@@ -35,8 +29,8 @@ class ResidualWatch {
   [[nodiscard]] std::optional<std::string> take_alarm(std::size_t axis);
   /// Requests a diagnosis: take_alarm() returns `why` as if it were an alarm. Any thread.
   void ask(std::size_t axis, const std::string& why);
-  /// Any thread.
-  [[nodiscard]] AlarmState state(std::size_t axis) const;
+  /// Any thread; without waiting.
+  [[nodiscard]] AlarmState state(std::size_t axis) const noexcept { return states_[axis]; }
 
  private:
   struct Axis {
@@ -50,9 +44,9 @@ class ResidualWatch {
   double false_alarm_days_;
   EventLog& events_;
   std::vector<Axis> axes_;  // empty if no alarm is configured
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::vector<std::optional<std::string>> raised_;
-  std::vector<AlarmState> states_;
+  std::vector<std::atomic<AlarmState>> states_;
 };
 
 }  // namespace servotwin::daemon

@@ -9,7 +9,6 @@
 
 #include "daemon/between/histogram.h"
 #include "daemon/publish/live_feed.h"
-#include "daemon/record/residual_watch.h"
 #include "drivers/messages.h"
 
 namespace servotwin::daemon {

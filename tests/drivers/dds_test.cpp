@@ -328,6 +328,7 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsTheDiagnosesAndTheStatus) {
   status.work_p99_s = 12e-6;
   status.axes = {{"X", 2, 1.5e-6, "judging"}, {"B", 0, kAbsent, ""}};
   status.axes[1].rotary = true;
+  status.axes[1].alarm = AlarmState::kRaised;
   status.last_error = "disk is full";
   status.repeated = 9;
   ASSERT_TRUE(statuses.write(status));
@@ -373,6 +374,8 @@ TEST(Dds, WhoComesLateStillLearnsTheMachineTheModelsTheDiagnosesAndTheStatus) {
   EXPECT_EQ(now.axes[0].activity, "judging");
   EXPECT_FALSE(now.axes[0].rotary);
   EXPECT_TRUE(now.axes[1].rotary);
+  EXPECT_EQ(now.axes[0].alarm, AlarmState::kOff);
+  EXPECT_EQ(now.axes[1].alarm, AlarmState::kRaised);
   EXPECT_EQ(now.last_error, "disk is full");
   EXPECT_EQ(now.repeated, 9U);
 }
