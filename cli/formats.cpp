@@ -1,10 +1,12 @@
 // servotwin formats: which files are read as recordings, with an example line of each.
 #include <array>
 #include <string>
+#include <string_view>
 
 #include "cli/command.h"
 #include "cli/option_table.h"
 #include "cli/output.h"
+#include "drivers/foreign_format.h"
 
 namespace servotwin::cli {
 namespace {
@@ -40,6 +42,13 @@ void run() {
     say(stdout, format.name);
     say(stdout, std::string("  first line  ") + format.line);
     say(stdout, std::string("  channels    ") + format.channels);
+  }
+  std::string_view last;
+  for (const ForeignFormat& format : foreign_formats()) {
+    if (last.empty()) say(stdout, "\nNot read, but recognised:");
+    if (last != format.name)
+      say(stdout, std::string(format.name) + "\n  instead     " + format.advice);
+    last = format.name;
   }
 }
 

@@ -13,6 +13,7 @@
 #include "drivers/csv.h"
 #include "drivers/csv_header.h"
 #include "drivers/file_handle.h"
+#include "drivers/foreign_format.h"
 #include "drivers/mat.h"
 #include "drivers/text.h"
 #include "drivers/traces/sinumerik_capture.h"
@@ -43,6 +44,8 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   if (start.starts_with("MATLAB 5.0 MAT-file") || start.starts_with("MATLAB 7.3 MAT-file")) {
     return read_mat(file, options);
   }
+  if (const ForeignFormat* foreign = foreign_format(start))
+    refuse(std::string("is a ") + foreign->name + ", which is not read; " + foreign->advice);
   if (file.extension() == ".mat")
     refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
   if (can_log_form(start)) return read_candump(file, options);

@@ -79,6 +79,34 @@ TEST_F(BadRecording, BinaryGarbage) {
   for (char& byte : bytes) byte = static_cast<char>(random());
   refuses(bytes, {"binary file"});
 }
+// First bytes of real files of these formats.
+TEST_F(BadRecording, FormatsThatAreNotReadAreNamedWithAWayToConvertThem) {
+  using namespace std::string_view_literals;
+  const std::pair<std::string_view, const char*> known[]{
+      {"\x89MCAP0\r\n\x01\x1c\0\0\0\0\0\0\0\x04\0\0\0ros2"sv, "PlotJuggler"},
+      {"SQLite format 3\0\x10\0\x01\x01\0@  "sv, "bags of ROS 2"},
+      {"MDF     4.10    asammdf\0\0\0\0\0\x9a\x01"sv, "asammdf"},
+      {"LOGG\x90\0\0\0\x04\x02\x05\0"sv, "can.logconvert"},
+      {"TDSm\x0e\0\0\0\x69\x12\0\0"sv, "nptdms"},
+      {"PAR1\x15\x04\x15\xa0\x1f"sv, "read_parquet"},
+      {"\x93NUMPY\x01\0v\0{'descr': '<f8'"sv, "Python module"},
+      {"\x89HDF\r\n\x1a\n\0\0\0\0\0\x08\x08\0"sv, "HDF5"},
+      {"PK\x03\x04\x14\0\x06\0\x08\0\0\0!\0"sv, "spreadsheet"},
+      {"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1\0\0\0\0"sv, "spreadsheet"},
+      {"\x1f\x8b\x08\0\0\0\0\0\0\x03"sv, "gunzip"},
+      {"\xfd"
+       "7zXZ\0\0\x04\xe6\xd6\xb4"sv,
+       "unxz"},
+      {"\x28\xb5\x2f\xfd\x04\x58\x81\0"sv, "unzstd"},
+      {"\xd4\xc3\xb2\xa1\x02\0\x04\0\0\0\0\0"sv, "candump -l"},
+      {"\x0a\x0d\x0d\x0a\xb8\0\0\0\x4d\x3c\x2b\x1a"sv, "candump -l"},
+  };
+  for (const auto& [bytes, advice] : known) refuses(bytes, {"which is not read", advice});
+}
+TEST_F(BadRecording, ATableMayHaveAColumnThatIsCalledLikeSuchAFormat) {
+  for (const char* name : {"PAR1", "LOGG", "TDSm"})
+    refuses(std::string(name) + ",LOGB\n1,2\n", {"no column is named AXIS.channel[unit]"});
+}
 TEST_F(BadRecording, BinaryGarbageWithoutZeros) {
   std::mt19937_64 random(21);
   std::string bytes(3 << 20, '\0');
