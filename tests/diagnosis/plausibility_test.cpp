@@ -1,0 +1,43 @@
+// Models that no machine has, although each of their parameters is within its bounds.
+#include "diagnosis/plausibility.h"
+
+#include <gtest/gtest.h>
+
+namespace servotwin {
+namespace {
+
+Model loop_with(const Effect& effect) {
+  Model model;
+  model.sample_time_s = 1e-3;
+  model.loop.order = 3;
+  model.loop.denominator = {300.0, 3e4, 1e6};
+  model.effects = {effect};
+  return model;
+}
+
+/// The effect with its gap so wide.
+Effect with_gap(Effect effect, double width) {
+  std::size_t i = 0;
+  while (shapes_of(effect.kind)[i].name != "width") ++i;
+  effect.shape[i] = width;
+  effect.coefficient[1] = 0.5;  // of the part behind a gap: none would be no part
+  return effect;
+}
+
+bool is_plausible(const Effect& effect) { return plausible(loop_with(effect), 0.0, 20.0, 0.1); }
+
+// A hidden friction that depends on position was called play, with a gap of 0.1 um: the least that
+// a fit can give.
+TEST(Plausible, AGapThatTheFitHasClosedIsNone) {
+  for (const Effect& gap : {make_effect<Backlash>(), make_effect<BacklashBehindEncoder>()}) {
+    EXPECT_FALSE(is_plausible(with_gap(gap, 1e-7))) << identity_of(gap.kind).id;
+    EXPECT_TRUE(is_plausible(with_gap(gap, 1e-6))) << identity_of(gap.kind).id;
+  }
+}
+
+TEST(Plausible, AnEffectWithoutAGapHasNoneToClose) {
+  EXPECT_TRUE(is_plausible(make_effect<Presliding>()));
+}
+
+}  // namespace
+}  // namespace servotwin
