@@ -89,7 +89,8 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
   }
   for (const Cause& cause : diagnosis.suspected) {
     std::string rivals;
-    for (const std::string& rival : cause.ambiguous_with) rivals += ", or " + rival;
+    for (const std::string& rival : cause.ambiguous_with)
+      rivals += (rivals.empty() ? "; this recording does not tell it from " : " or ") + rival;
     const std::string why =
         cause.confidence < kMinConfidenceToName ? "too low to name it as a cause"
         : cause.doubt == CauseDoubt::kParameters

@@ -22,6 +22,9 @@ namespace {
 using nlohmann::json;
 
 constexpr double kPeriod_s = 1.0;  // of the status
+// The state is repeated: the will of an earlier connection, or the end of another bridge of this
+// machine, would stay otherwise.
+constexpr double kRepeat_s = 10.0;
 // Without a connection for this long, that is said; and once more when it is back.
 constexpr double kPatience_s = 5.0;
 
@@ -60,14 +63,15 @@ MqttBroker broker_of(const MqttArguments& arguments) {
   if (arguments.password_file.empty()) return out;
   if (out.user.empty()) throw UsageError("--password-file needs --user");
   std::ifstream file(arguments.password_file);
-  if (!std::getline(file, out.password) || out.password.empty())
+  std::getline(file, out.password);
+  if (out.password.ends_with('\r')) out.password.pop_back();
+  if (out.password.empty())
     throw std::runtime_error(arguments.password_file.string() +
                              ": cannot be read, or its first line is empty; it has the password");
-  if (out.password.back() == '\r') out.password.pop_back();
   return out;
 }
 
-/// A name as one level of a topic.
+/// The name of an axis as one level of a topic.
 std::string level_of(std::string name) {
   for (char& c : name) {
     if (c == '/' || c == '+' || c == '#' || static_cast<unsigned char>(c) < ' ') c = '_';
@@ -84,7 +88,7 @@ daemon::LiveFigures figures_of(const RunningError& error) {
   return {figures.rms, figures.max};
 }
 
-/// servotwin.status/1, with the errors since the one before.
+/// servotwin.status/1 without what is not on DDS, with the errors since the one before.
 std::string status_of(const LiveRecord& record, const std::string& machine) {
   daemon::LiveStatus live;
   live.status = *record.status();
@@ -104,6 +108,10 @@ std::string status_of(const LiveRecord& record, const std::string& machine) {
   }
   json out = daemon::status_json(live, description, alarms);
   out["machine"] = machine;
+  for (const char* unknown : {"cycle_s", "buses", "not_recording", "publish_p50_s", "publish_p99_s",
+                              "publish_p999_s", "publish_max_s"})
+    out.erase(unknown);
+  for (json& axis : out["axes"]) axis.erase("torque_unit");
   return dumped(out);
 }
 
@@ -125,15 +133,15 @@ class Bridge {
  public:
   explicit Bridge(const MqttArguments& arguments)
       : machine_(arguments.bus.place.machine),
-        root_(arguments.prefix + "/" + level_of(machine_)),
+        root_(arguments.prefix + "/" + machine_),
         where_(arguments.broker),
         client_(broker_of(arguments), root_ + "/state", "offline"),
         subscriber_(arguments.bus.place) {
     subscriber_.on_model = [this](const ModelAnnouncement& model) {
-      client_.retain(topic_of(model.axis, "model"), promotion_of(model, machine_));
+      client_.publish(topic_of(model.axis, "model"), promotion_of(model, machine_));
     };
     subscriber_.on_diagnosis = [this](const DiagnosisAnnouncement& diagnosis) {
-      client_.retain(topic_of(diagnosis.axis, "diagnosis"), diagnosis.diagnosis_json);
+      client_.publish(topic_of(diagnosis.axis, "diagnosis"), diagnosis.diagnosis_json);
     };
   }
 
@@ -147,7 +155,8 @@ class Bridge {
       look_at_connection();
       if (now_s() - sent_s_ >= kPeriod_s) pass_on();
     }
-    if (!was_connected_) throw std::runtime_error(where_ + " was not reached" + because());
+    if (!was_connected_ && !interrupt.came())
+      throw std::runtime_error(where_ + " was not reached: " + problem());
   }
 
  private:
@@ -157,19 +166,23 @@ class Bridge {
   [[nodiscard]] std::string topic_of(const std::string& axis, const char* what) const {
     return root_ + "/axis/" + level_of(axis) + "/" + what;
   }
-  [[nodiscard]] std::string because() const {
-    const std::string problem = client_.problem();
-    return problem.empty() ? "" : ": " + problem;
+  [[nodiscard]] std::string problem() const {
+    const std::string known = client_.problem();
+    return known.empty() ? "it does not answer" : known;
   }
 
   void pass_on() {
     sent_s_ = now_s();
     const bool there = subscriber_.daemon_there();
-    client_.retain(root_ + "/state", there ? "online" : "no daemon");
+    client_.publish(root_ + "/state", there ? "online" : "no daemon");
+    if (sent_s_ - repeated_s_ >= kRepeat_s) {
+      client_.repeat(root_ + "/state");
+      repeated_s_ = sent_s_;
+    }
     if (!there || !record_.status()) return;
-    client_.retain(root_ + "/status", status_of(record_, machine_));
+    client_.publish(root_ + "/status", status_of(record_, machine_));
     for (const AxisStatus& axis : record_.status()->axes)
-      client_.retain(topic_of(axis.name, "alarm"), daemon::name_of(axis.alarm));
+      client_.publish(topic_of(axis.name, "alarm"), daemon::name_of(axis.alarm));
     record_.clear_lately();
   }
 
@@ -182,17 +195,17 @@ class Bridge {
       said_ = false;
       apart_s_ = now_s();
     } else if (!said_ && now_s() - apart_s_ > kPatience_s) {
-      say(stderr, "no connection to " + where_ + because() + "; trying again");
+      say(stderr, "no connection to " + where_ + ": " + problem() + "; trying again");
       said_ = true;
     }
   }
 
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::string machine_, root_, where_;
   MqttClient client_;
   Subscriber subscriber_;
   LiveRecord record_;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-  double sent_s_ = 0.0, apart_s_ = 0.0;
+  double sent_s_ = 0.0, repeated_s_ = 0.0, apart_s_ = 0.0;
   bool was_connected_ = false, said_ = false;
 };
 

@@ -2,6 +2,8 @@
 
 #include <mosquitto.h>
 
+#include <fstream>
+#include <iterator>
 #include <stdexcept>
 
 namespace servotwin::cli {
@@ -10,10 +12,26 @@ namespace {
 // Between attempts to connect; doubled from the first to the longest.
 constexpr unsigned kFirstDelay_s = 1, kLongestDelay_s = 30;
 constexpr int kKeepAlive_s = 15;  // silence after which the broker publishes the will, and a half
-constexpr int kAtLeastOnce = 1, kAtMostOnce = 0;
+constexpr int kAtLeastOnce = 1;   // the will, which the broker publishes itself
+// Everything else: the library would send what is not acknowledged again after a reconnection,
+// behind what is newer. TCP keeps the order, and on_connect() sends everything again.
+constexpr int kAtMostOnce = 0;
 
 void require(int code, const std::string& what) {
   if (code != MOSQ_ERR_SUCCESS) throw std::runtime_error(what + ": " + mosquitto_strerror(code));
+}
+
+/// The library's sentence, as the middle of one.
+std::string clause(std::string sentence) {
+  while (sentence.ends_with('.')) sentence.pop_back();
+  return sentence;
+}
+
+void require_certificate(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  if (text.find("-----BEGIN CERTIFICATE-----") == text.npos)
+    throw std::runtime_error(file.string() + ": cannot be read, or has no certificate (PEM)");
 }
 
 }  // namespace
@@ -21,6 +39,7 @@ void require(int code, const std::string& what) {
 MqttClient::MqttClient(const MqttBroker& broker, const std::string& will_topic,
                        const std::string& will)
     : client_(nullptr), will_topic_(will_topic), will_(will) {
+  if (!broker.ca_file.empty()) require_certificate(broker.ca_file);
   mosquitto_lib_init();
   client_ = mosquitto_new(nullptr, true, this);
   if (client_ == nullptr) throw std::runtime_error("MQTT: not enough memory");
@@ -61,49 +80,55 @@ MqttClient::MqttClient(const MqttBroker& broker, const std::string& will_topic,
 MqttClient::~MqttClient() {
   const bool linked = connected();
   if (linked) {
-    send(will_topic_, will_, true);
+    send(will_topic_, will_);
     mosquitto_disconnect(client_);
   }
-  // With a connection the thread ends once everything is sent.
+  // With a connection the thread ends once these two are sent.
   mosquitto_loop_stop(client_, !linked);
   mosquitto_destroy(client_);
   mosquitto_lib_cleanup();
 }
 
 void MqttClient::on_connect(int code) {
+  constexpr int kAccepted = 0, kUnavailable = 3;  // MQTT 3.1.1, 3.2.2.3
   const std::lock_guard lock(mutex_);
-  if (code != 0) {
-    refusal_ = mosquitto_connack_string(code);
+  if (code == kUnavailable) {  // for now: the thread tries again
+    problem_ = clause(mosquitto_connack_string(code));
+    return;
+  }
+  if (code != kAccepted) {
+    refusal_ = clause(mosquitto_connack_string(code));
     return;
   }
   connected_ = true;
   problem_.clear();
-  for (const auto& [topic, payload] : retained_) send(topic, payload, true);
+  for (const auto& [topic, payload] : published_) send(topic, payload);
 }
 
 void MqttClient::on_disconnect(int code) {
   const std::lock_guard lock(mutex_);
   connected_ = false;
-  problem_ = mosquitto_strerror(code);
+  problem_ = clause(mosquitto_strerror(code));
 }
 
 void MqttClient::publish(const std::string& topic, const std::string& payload) {
   const std::lock_guard lock(mutex_);
-  if (connected_) send(topic, payload, false);
-}
-
-void MqttClient::retain(const std::string& topic, const std::string& payload) {
-  const std::lock_guard lock(mutex_);
-  std::string& known = retained_[topic];
+  std::string& known = published_[topic];
   if (known == payload) return;
   known = payload;
-  if (connected_) send(topic, payload, true);
+  if (connected_) send(topic, payload);
 }
 
-void MqttClient::send(const std::string& topic, const std::string& payload, bool retained) {
-  // What fails here fails with the connection: on_connect() sends what is retained again.
+void MqttClient::repeat(const std::string& topic) {
+  const std::lock_guard lock(mutex_);
+  if (const auto known = published_.find(topic); known != published_.end() && connected_)
+    send(topic, known->second);
+}
+
+void MqttClient::send(const std::string& topic, const std::string& payload) {
+  // What fails here fails with the connection, after which everything is sent again.
   (void)mosquitto_publish(client_, nullptr, topic.c_str(), static_cast<int>(payload.size()),
-                          payload.data(), retained ? kAtLeastOnce : kAtMostOnce, retained);
+                          payload.data(), kAtMostOnce, true);
 }
 
 bool MqttClient::connected() const {

@@ -41,7 +41,8 @@ inline constexpr const char* kLoadEncoder =
 inline constexpr std::array<CauseNature, 24> kNatures{{
     {"stribeck", kSpeeds | kReversals,
      "depends on speed only: it differs between creeping and feed speeds at any position and time"},
-    {"presliding", kReversals, "depends on the travel since the reversal, at any acceleration"},
+    {"presliding", kReversals, "depends on the travel since the reversal, at any acceleration", "",
+     "breakaway_displacement", "what builds up over so long a travel is something else"},
     {"asymmetric_friction", kSpeeds, "differs between the two directions and vanishes at rest"},
     {"position_dependent_friction", kStrokes,
      "repeats at the same position with the sign of the direction and varies smoothly"},

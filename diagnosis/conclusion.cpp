@@ -79,11 +79,14 @@ SpeedRange commonest(std::span<const double> steps) {
 bool at_one_speed(const std::vector<Segment>& segments) {
   // Shares of the travel: at the speed at least, and in any other range of speeds at most.
   constexpr double kMinShareOfSpeed = 0.5, kMaxShareOfOther = 0.1;
+  constexpr double kStep_s = 0.02;  // so long that the resolution of the command does not count
   std::vector<double> steps;
   for (const Segment& segment : segments) {
-    for (Eigen::Index k = 1; k < segment.command.size(); ++k) {
-      if (const double step = std::abs(segment.command[k] - segment.command[k - 1]); step > 0.0)
-        steps.push_back(step);
+    const Eigen::Index every =
+        std::max<Eigen::Index>(1, std::lround(kStep_s / segment.sample_time_s));
+    for (Eigen::Index k = every; k < segment.command.size(); k += every) {
+      const double step = std::abs(segment.command[k] - segment.command[k - every]);
+      if (step > 0.0) steps.push_back(step);
     }
   }
   std::sort(steps.begin(), steps.end());
@@ -143,17 +146,24 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
   diagnosis.regressors = by_regressor(stretches);
   diagnosis.peaks = spectrum_peaks(stretches);
   const double noise = std::isfinite(floor.rms) ? floor.rms * floor.rms : 0.0;
-  // The error without causes: an effect that the baseline already contains counts as explained.
-  double without = diagnosis.baseline.holdout.rms;
-  for (const Cause& cause : diagnosis.causes) {
-    if (cause.place < diagnosis.extended.model.effects.size() && std::isfinite(cause.gain.before) &&
-        diagnosis.baseline.model.find(diagnosis.extended.model.effects[cause.place].kind) !=
-            nullptr)
-      without = std::max(without, cause.gain.before);
-  }
-  const double all = without * without - noise;
+  // The error without causes is that of the baseline. An effect that the baseline contains already
+  // counts as explained for itself; for the others only where there are none: however much it
+  // explains, it says nothing about what they leave.
+  const auto in_baseline = [&](const Cause& cause) {
+    const auto& effects = diagnosis.extended.model.effects;
+    return cause.place < effects.size() && std::isfinite(cause.gain.before) &&
+           diagnosis.baseline.model.find(effects[cause.place].kind) != nullptr;
+  };
   const double left = diagnosis.extended.holdout.rms * diagnosis.extended.holdout.rms - noise;
-  diagnosis.unexplained_share = all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
+  const auto unexplained_of = [&](double error) {
+    const double all = error * error - noise;
+    return all > 0.0 ? std::clamp(left / all, 0.0, 1.0) : 0.0;
+  };
+  double without = diagnosis.baseline.holdout.rms;
+  if (std::all_of(diagnosis.causes.begin(), diagnosis.causes.end(), in_baseline)) {
+    for (const Cause& cause : diagnosis.causes) without = std::max(without, cause.gain.before);
+  }
+  diagnosis.unexplained_share = unexplained_of(without);
   // Isolated events are not predictable on other motion; the error that they leave on the hold-out
   // is no evidence of another cause.
   const bool no_worse =
@@ -168,8 +178,10 @@ void conclude(Diagnosis& diagnosis, const SegmentedAxis& axis, const std::vector
     const double stays = cause.gain.after / cause.gain.before;
     const double right =
         std::isfinite(stays) ? kHitRate - kHitRateLoss * std::min(1.0, stays * stays) : kHitRate;
-    cause.confidence =
-        cause.counts.empty() ? right * cause.wins * (1.0 - diagnosis.unexplained_share) : 1.0;
+    const double unexplained = pushed || !in_baseline(cause)
+                                   ? diagnosis.unexplained_share
+                                   : unexplained_of(std::max(without, cause.gain.before));
+    cause.confidence = cause.counts.empty() ? right * cause.wins * (1.0 - unexplained) : 1.0;
   }
   // The cause that removes the least error is doubted if its gain may be zero. (Impulses are named
   // all the same: other motion cannot confirm them, see the condition below.)

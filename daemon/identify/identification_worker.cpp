@@ -471,12 +471,17 @@ void IdentificationWorker::finish() {
     while (look(axis) || candidate) {
       if (!candidate || memory_.time_when_moved(axis, candidate->moved_s + config_.judge_s))
         continue;
-      // The motion that would decide it does not come. What is in memory may hold another one.
+      // The motion that would decide it does not come.
       const double judged_s = memory_.moved_s(axis) - candidate->moved_s;
       note_refusal(axis, with_origin("candidate not decided: " +
                                          progress_of("validated on", judged_s, config_.judge_s),
                                      candidate->because));
       candidate.reset();
+      // An axis without a model is identified from what is in memory. One that has a model only
+      // hears what else was proposed.
+      if (!axes_[axis].in_force) continue;
+      take_proposal(axis);
+      if (!candidate) break;
     }
   }
 }

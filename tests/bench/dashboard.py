@@ -5,14 +5,17 @@
 
 Needs Debian's package prometheus. The daemon replays the example; after 20 s each expression of
 examples/grafana/servotwin.json is asked once. A line for each: how many series it gives, and the value of the first.
-Fails where Prometheus refuses an expression or finds nothing, but for those of CAN buses, which a replay has not.
+Fails where Prometheus refuses an expression or finds nothing, but for those of CAN buses, which a replay has not. NaN
+is an answer: no model is in force yet.
 promtool looks at /metrics itself.
 """
 
 import json
+import os
 import pathlib
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -22,7 +25,15 @@ import urllib.request
 
 TREE = pathlib.Path(__file__).resolve().parents[2]
 SCRAPED_FOR_S = 20
-PROMETHEUS = "127.0.0.1:19090"
+
+
+def free_address():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{one.getsockname()[1]}"
+
+
+PROMETHEUS = free_address()
 
 
 def get(url):
@@ -38,7 +49,7 @@ def asked(expression):
 
 def begin_daemon(build, work):
     lines = open(work / "daemon", "w+")
-    daemon = subprocess.Popen([build / "servotwind", "--store", work / "store", "--machine", "mill", "--http", "127.0.0.1:0", "--replay",
+    daemon = subprocess.Popen([build / "servotwind", "--store", work / "store", "--machine", f"dashboard-{os.getpid()}", "--domain", "97", "--http", "127.0.0.1:0", "--replay",
                                TREE / "examples/axis_production.csv"], stderr=lines, stdout=lines)
     for _ in range(100):
         time.sleep(0.1)

@@ -11,6 +11,7 @@
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <thread>
 
 #include "drivers/dds.h"
@@ -42,7 +43,8 @@ int free_port() {
   return ntohs(address.sin_port);
 }
 
-/// What a subscriber to everything has heard: the last payload of each topic.
+/// What a subscriber to everything has heard: the last payload of each topic, and which of them the
+/// broker had kept for it.
 class Listener {
  public:
   explicit Listener(int port) : client_(mosquitto_new(nullptr, true, this)) {
@@ -55,6 +57,7 @@ class Listener {
           const std::lock_guard lock(listener.mutex_);
           listener.heard_[message->topic] = {static_cast<const char*>(message->payload),
                                              static_cast<std::size_t>(message->payloadlen)};
+          if (message->retain) listener.kept_.insert(message->topic);
         });
     EXPECT_EQ(mosquitto_connect(client_, "127.0.0.1", port, 60), MOSQ_ERR_SUCCESS);
     mosquitto_loop_start(client_);
@@ -70,6 +73,10 @@ class Listener {
     const std::lock_guard lock(mutex_);
     return heard_.contains(topic) ? heard_[topic] : "";
   }
+  [[nodiscard]] bool was_kept(const std::string& topic) {
+    const std::lock_guard lock(mutex_);
+    return kept_.contains(topic);
+  }
   /// Waits for a payload that contains this.
   [[nodiscard]] bool hears(const std::string& topic, const std::string& part) {
     const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(30);
@@ -84,6 +91,7 @@ class Listener {
   mosquitto* client_;
   std::mutex mutex_;
   std::map<std::string, std::string> heard_;
+  std::set<std::string> kept_;
 };
 
 class Mqtt : public testing::Test {
@@ -158,7 +166,11 @@ TEST_F(Mqtt, PassesOnWhatTheDaemonSays) {
   const Daemon daemon;
   const auto program = bridge();
   ASSERT_TRUE(program->says("connected to 127.0.0.1:")) << program->said();
-  Listener listener(port_);  // late: what it hears first is retained
+  {
+    Listener first(port_);
+    ASSERT_TRUE(first.hears(topic("axis/X/alarm"), "raised"));
+  }
+  Listener listener(port_);
   ASSERT_TRUE(listener.hears(topic("status"), "\"frames\""));
   const json status = json::parse(listener.on(topic("status")));
   EXPECT_EQ(status.at("schema"), "servotwin.status/1");
@@ -173,6 +185,8 @@ TEST_F(Mqtt, PassesOnWhatTheDaemonSays) {
   const json model = json::parse(listener.on(topic("axis/X/model")));
   EXPECT_EQ(model.at("version"), 3);
   EXPECT_EQ(model.at("model").at("schema"), "servotwin.model/1");
+  for (const char* name : {"state", "status", "axis/X/alarm", "axis/X/model", "axis/X/diagnosis"})
+    EXPECT_TRUE(listener.was_kept(topic(name))) << name;
   EXPECT_TRUE(listener.hears(topic("state"), "online"));
   EXPECT_EQ(program->end(SIGTERM), 0) << program->said();
   EXPECT_TRUE(listener.hears(topic("state"), "offline"));
@@ -210,6 +224,48 @@ TEST_F(Mqtt, ABrokerThatComesLaterOrAgainGetsEverything) {
     EXPECT_TRUE(listener.hears(topic("axis/X/model"), "better")) << i;
     EXPECT_TRUE(listener.hears(topic("state"), "online")) << i;
   }
+}
+
+// What a dead connection had not delivered came after what was newer, and stayed.
+TEST_F(Mqtt, NothingOldComesAfterAReconnection) {
+  auto mosquitto = broker("allow_anonymous true\n");
+  auto daemon = std::make_unique<Daemon>();
+  const auto program = bridge();
+  {
+    Listener listener(port_);
+    ASSERT_TRUE(listener.hears(topic("state"), "online"));
+  }
+  ASSERT_EQ(::kill(mosquitto->id(), SIGSTOP), 0);
+  daemon.reset();
+  std::this_thread::sleep_for(std::chrono::seconds(3));  // "no daemon" is on its way
+  mosquitto.reset();
+  daemon = std::make_unique<Daemon>();
+  std::this_thread::sleep_for(std::chrono::seconds(2));  // "online" again, without a connection
+  mosquitto = broker("allow_anonymous true\n");
+  Listener listener(port_);
+  ASSERT_TRUE(listener.hears(topic("state"), "online"));
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  EXPECT_EQ(listener.on(topic("state")), "online");
+}
+
+TEST_F(Mqtt, TheEndOfAnotherBridgeDoesNotStay) {
+  const auto mosquitto = broker("allow_anonymous true\n");
+  const Daemon daemon;
+  const auto program = bridge();
+  ASSERT_TRUE(program->says("connected to"));
+  Listener listener(port_);
+  {
+    const auto other = bridge();
+    ASSERT_TRUE(other->says("connected to"));
+  }
+  ASSERT_TRUE(listener.hears(topic("state"), "offline"));
+  EXPECT_TRUE(listener.hears(topic("state"), "online"));
+}
+
+TEST_F(Mqtt, ItCanBeStoppedWhileTheBrokerIsAway) {
+  const auto program = bridge();
+  ASSERT_TRUE(program->says("no connection to 127.0.0.1:")) << program->said();
+  EXPECT_EQ(program->end(SIGTERM), 0) << program->said();
 }
 
 TEST_F(Mqtt, WithPasswordAndCertificate) {
@@ -259,6 +315,11 @@ TEST_F(Mqtt, AWrongCommandLineIsRefused) {
       says({"--broker", "localhost", "--user", "u", "--password-file", folder_ / "missing"});
   EXPECT_EQ(missing.status, 1) << missing;
   EXPECT_THAT(missing.err, HasSubstr("missing: cannot be read"));
+  const Answer no_certificate = says({"--broker", "localhost", "--ca-file", password});
+  EXPECT_EQ(no_certificate.status, 1) << no_certificate;
+  EXPECT_THAT(no_certificate.err, HasSubstr("has no certificate"));
+  const std::string only_end = folder_.write("crlf", "\r\n");
+  EXPECT_EQ(says({"--broker", "localhost", "--user", "u", "--password-file", only_end}).status, 1);
 }
 
 TEST_F(Mqtt, ABrokerThatIsNotThereIsNamedAtTheEnd) {

@@ -80,9 +80,18 @@ TEST(EndOfACause, ADelayAtItsLimitOrTakenBackByTheLoopStandsForSomethingElse) {
   EXPECT_THAT(end_text("time_delay", model, delay), testing::HasSubstr("imitates a velocity lag"));
 }
 
-TEST(EndOfACause, OtherCausesHaveNone) {
+// On a rotary table three of the six parameters of such friction were at their bounds.
+TEST(EndOfACause, FrictionThatBuildsUpOverTheLongestTravelIsSomethingElse) {
   Effect presliding = make_effect<Presliding>();
   presliding.shape = {2e-3, kMaxShape};
+  EXPECT_EQ(end_text("presliding", loop_with(20.0, 0.7), presliding),
+            "breakaway displacement at its limit 0.002: what builds up over so long a travel is "
+            "something else");
+}
+
+TEST(EndOfACause, OtherCausesHaveNone) {
+  Effect presliding = make_effect<Presliding>();
+  presliding.shape = {1e-3, kMaxShape};
   EXPECT_FALSE(at_end_of("presliding", loop_with(20.0, 0.7), presliding));
   EXPECT_THROW((void)at_end_of("no_cause", loop_with(20.0, 0.7), presliding),
                std::invalid_argument);
@@ -187,6 +196,21 @@ TEST(OneSpeed, DoesNotTellAForceFromAnErrorOfTheReading) {
       EXPECT_THAT(diagnosis.causes.front().ambiguous_with, testing::IsEmpty());
     }
   }
+}
+
+TEST(OneSpeed, IsSeenThroughRampsAndACoarseCommand) {
+  // Accelerates over a tenth of the way; the command has steps of 20 um, 2.5 in a sample.
+  Eigen::ArrayXd command = Eigen::ArrayXd::Zero(2000);
+  double speed = 0.0;
+  for (Eigen::Index k = 1; k < command.size(); ++k) {
+    speed = std::min(0.05, speed + 0.05 / 200.0);
+    command(k) = command(k - 1) + 1e-3 * speed;
+  }
+  constexpr double kResolution = 20e-6;
+  command = (command / kResolution).round() * kResolution;
+  Diagnosis diagnosis = explained_by({{"cogging", make_effect<Cogging>()}});
+  conclude(diagnosis, command);
+  EXPECT_TRUE(diagnosis.causes.empty());
 }
 
 TEST(OneSpeed, ConcernsOnlyWhatRepeatsWithPosition) {

@@ -463,7 +463,7 @@ TEST_F(WorkerTest, AtTheEndAnUndecidedCandidateIsSaid) {
 
 // On a busy host the diagnosis of a whole recording was done before the first identification: its
 // proposal waited for motion that did not come, and the axis ended without a model.
-TEST_F(WorkerTest, AtTheEndAProposalThatCannotBeJudgedKeepsNoModelFromTheMotionInMemory) {
+TEST_F(WorkerTest, AtTheEndAnAxisWithoutAModelIsIdentifiedWhateverIsProposed) {
   restart();
   promote_one();
   const ModelRecord proposed = announced_[0].record;
@@ -482,6 +482,19 @@ TEST_F(WorkerTest, AtTheEndAProposalThatCannotBeJudgedKeepsNoModelFromTheMotionI
               HasSubstr("validated on: 0.0 of 3.0 s of motion; as the diagnosis found"));
   ASSERT_EQ(announced_.size(), 1U) << said_.str();
   EXPECT_THAT(announced_[0].reason, Not(HasSubstr("as the diagnosis found")));
+}
+
+TEST_F(WorkerTest, AtTheEndAnAxisWithAModelIsNotIdentifiedOnceMore) {
+  restart();
+  promote_one();
+  run_machine(8.0);  // enough for a step
+  worker_->propose(0, announced_[0].record, "as the diagnosis found", 0.0, 10.0);
+  const std::size_t steps = store_->events(100).size();
+  worker_->finish();
+  const std::vector<Event> events = store_->events(100);
+  ASSERT_EQ(events.size(), steps + 2) << said_.str();  // proposed, not decided
+  EXPECT_EQ(events[0].kind, "model_refused");
+  EXPECT_EQ(events[1].kind, "model_proposed");
 }
 
 TEST_F(WorkerTest, WithoutAModelThatCanBeUsedItBeginsAnew) {
