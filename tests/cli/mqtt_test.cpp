@@ -252,8 +252,8 @@ TEST_F(Mqtt, TheEndOfAnotherBridgeDoesNotStay) {
   const auto mosquitto = broker("allow_anonymous true\n");
   const Daemon daemon;
   const auto program = bridge();
-  ASSERT_TRUE(program->says("connected to"));
   Listener listener(port_);
+  ASSERT_TRUE(listener.hears(topic("state"), "online"));
   {
     const auto other = bridge();
     ASSERT_TRUE(other->says("connected to"));
