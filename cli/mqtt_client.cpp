@@ -64,7 +64,7 @@ MqttClient::MqttClient(const MqttBroker& broker, const std::string& will_topic,
     }
     mosquitto_reconnect_delay_set(client_, kFirstDelay_s, kLongestDelay_s, true);
     require(mosquitto_loop_start(client_), "thread");
-    // A broker that is not there yet is no error; the thread tries again.
+    // The broker may start later: the thread tries again.
     const int code =
         mosquitto_connect_async(client_, broker.host.c_str(), broker.port, kKeepAlive_s);
     if (code == MOSQ_ERR_INVAL) require(code, broker.host);

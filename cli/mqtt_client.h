@@ -40,7 +40,7 @@ class MqttClient {
   [[nodiscard]] bool connected() const;
   /// Why the broker refuses this client, which trying again does not change; empty: it does not.
   [[nodiscard]] std::string refusal() const;
-  /// Why there is no connection; empty where that is not known.
+  /// The last reason why a connection ended or was not made; empty if the library gave none.
   [[nodiscard]] std::string problem() const;
 
  private:

@@ -143,15 +143,17 @@ class Daemon {
       MachineStatus status;
       status.state = DaemonState::kRunning;
       status.axes = {{"X", 3, 1.5e-6, "collecting"}, {"B/1", 0, kAbsent, ""}};
-      status.axes[0].alarm = AlarmState::kRaised;
       status.axes[1].rotary = true;
       while (!stop.stop_requested()) {
         ++status.frames;
+        status.axes[0].alarm = alarm;
         statuses_.write(status);
         std::this_thread::sleep_for(std::chrono::milliseconds(100));
       }
     });
   }
+
+  std::atomic<AlarmState> alarm = AlarmState::kRaised;  ///< of the first axis
 
  private:
   DdsNode node_;
@@ -229,23 +231,23 @@ TEST_F(Mqtt, ABrokerThatComesLaterOrAgainGetsEverything) {
 // What a dead connection had not delivered came after what was newer, and stayed.
 TEST_F(Mqtt, NothingOldComesAfterAReconnection) {
   auto mosquitto = broker("allow_anonymous true\n");
-  auto daemon = std::make_unique<Daemon>();
+  Daemon daemon;
   const auto program = bridge();
   {
     Listener listener(port_);
-    ASSERT_TRUE(listener.hears(topic("state"), "online"));
+    ASSERT_TRUE(listener.hears(topic("axis/X/alarm"), "raised"));
   }
   ASSERT_EQ(::kill(mosquitto->id(), SIGSTOP), 0);
-  daemon.reset();
-  std::this_thread::sleep_for(std::chrono::seconds(3));  // "no daemon" is on its way
+  daemon.alarm = AlarmState::kWatching;
+  std::this_thread::sleep_for(std::chrono::seconds(3));  // "watching" is on its way
   mosquitto.reset();
-  daemon = std::make_unique<Daemon>();
-  std::this_thread::sleep_for(std::chrono::seconds(2));  // "online" again, without a connection
+  daemon.alarm = AlarmState::kRaised;
+  std::this_thread::sleep_for(std::chrono::seconds(2));  // "raised" again, without a connection
   mosquitto = broker("allow_anonymous true\n");
   Listener listener(port_);
-  ASSERT_TRUE(listener.hears(topic("state"), "online"));
+  ASSERT_TRUE(listener.hears(topic("axis/X/alarm"), "raised"));
   std::this_thread::sleep_for(std::chrono::seconds(1));
-  EXPECT_EQ(listener.on(topic("state")), "online");
+  EXPECT_EQ(listener.on(topic("axis/X/alarm")), "raised");
 }
 
 TEST_F(Mqtt, TheEndOfAnotherBridgeDoesNotStay) {
