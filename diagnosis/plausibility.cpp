@@ -31,14 +31,16 @@ bool are_impulses(const Effect& effect) {
          effect.shape[kPushes] < kMaxDurationShare * shapes_of(effect.kind)[kPushes].upper;
 }
 
-/// Whether the fit has all but closed the gap of this effect: it then stands for something else. Of
-/// two masses the gap is taken out instead (identification/loop/two_mass_fit.h).
-bool is_closed_gap(const Effect& effect) {
+/// Whether the fit has all but closed the gap of this effect, or made it narrower than the encoder
+/// can see: it then stands for something else. Of two masses the gap is taken out instead
+/// (identification/loop/two_mass_fit.h).
+bool is_closed_gap(const Effect& effect, double encoder_step) {
   constexpr double kNarrow = 2.0;  // times the narrowest gap
   if (acts_on_axis(effect.kind)) return false;
   std::size_t i = 0;
   for (const Parameter& p : shapes_of(effect.kind)) {
-    if (p.name == "width" && effect.shape[i] < kNarrow * p.lower) return true;
+    if (p.name == "width" && effect.shape[i] < std::max(kNarrow * p.lower, encoder_step))
+      return true;
     ++i;
   }
   return false;
@@ -46,8 +48,10 @@ bool is_closed_gap(const Effect& effect) {
 
 }  // namespace
 
-bool plausible(const Model& model, double begin_s, double end_s, double max_deviation) {
-  if (std::any_of(model.effects.begin(), model.effects.end(), is_closed_gap)) return false;
+bool plausible(const Model& model, double begin_s, double end_s, double max_deviation,
+               double encoder_step) {
+  const auto closed = [&](const Effect& effect) { return is_closed_gap(effect, encoder_step); };
+  if (std::any_of(model.effects.begin(), model.effects.end(), closed)) return false;
   // An effect that sets in within this share of the recording from its begin or end is not
   // accepted: there is too little data before or after it.
   constexpr double kMinShareToEnds = 0.06;

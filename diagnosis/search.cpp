@@ -152,7 +152,7 @@ void Search::polish(Hypothesis& h) {
 
 bool Search::is_plausible(const Model& model) const {
   return plausible(model, training_.front().start_s, training_.back().end_s(),
-                   kMaxDeviationSimulated);
+                   kMaxDeviationSimulated, floor_.encoder_step);
 }
 
 std::optional<Model> Search::start_of_two_masses(const Hypothesis& h) const {
@@ -214,8 +214,9 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   h.model = all.model_of(found->point, found->solution.linear);
   h.model.sample_time_s = training_.front().sample_time_s;  // of the data before thinning
   const bool widened = widen_gap(h.model);
-  if (!why_invalid(h.model).empty() || !plausible(h.model, training_.front().start_s,
-                                                  training_.back().end_s(), kMaxDeviationMeasured))
+  if (!why_invalid(h.model).empty() ||
+      !plausible(h.model, training_.front().start_s, training_.back().end_s(),
+                 kMaxDeviationMeasured, floor_.encoder_step))
     return false;
   h.point = point_of(h.model, h.structure);
   h.cost = found->solution.cost;

@@ -73,7 +73,10 @@ bool Selector::add_delay() {
   const State before = now_;
   now_.current = std::move(best);
   settle();
-  if (now_.current.rms() < kMaxRmsRatioToAdd * before.current.rms()) return true;
+  if (now_.current.rms() < kMaxRmsRatioToAdd * before.current.rms()) {
+    undelayed_ = before.current;
+    return true;
+  }
   back_to(before);
   return false;
 }

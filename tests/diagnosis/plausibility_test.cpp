@@ -24,7 +24,9 @@ Effect with_gap(Effect effect, double width) {
   return effect;
 }
 
-bool is_plausible(const Effect& effect) { return plausible(loop_with(effect), 0.0, 20.0, 0.1); }
+bool is_plausible(const Effect& effect, double encoder_step = 0.0) {
+  return plausible(loop_with(effect), 0.0, 20.0, 0.1, encoder_step);
+}
 
 // A hidden friction that depends on position was called play, with a gap of 0.1 um: the least that
 // a fit can give.
@@ -33,6 +35,14 @@ TEST(Plausible, AGapThatTheFitHasClosedIsNone) {
     EXPECT_FALSE(is_plausible(with_gap(gap, 1e-7))) << identity_of(gap.kind).id;
     EXPECT_TRUE(is_plausible(with_gap(gap, 1e-6))) << identity_of(gap.kind).id;
   }
+}
+
+// A healthy hidden machine was said to have 0.71 um of play between its encoders, by an encoder
+// with steps of 0.735 um.
+TEST(Plausible, AGapBelowOneStepOfTheEncoderIsNone) {
+  const Effect gap = with_gap(make_effect<Backlash>(), 0.71e-6);
+  EXPECT_FALSE(is_plausible(gap, 0.735e-6));
+  EXPECT_TRUE(is_plausible(gap, 0.1e-6));
 }
 
 TEST(Plausible, AnEffectWithoutAGapHasNoneToClose) {
