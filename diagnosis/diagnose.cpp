@@ -13,6 +13,7 @@
 #include "diagnosis/unexplained.h"
 #include "identification/loop/joint.h"
 #include "identification/recording/noise_floor.h"
+#include "identification/torque/torque_limit.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
 
@@ -180,15 +181,10 @@ void doubt(std::vector<Cause>& causes, const Hypothesis& all, Search& search,
   }
 }
 
-bool is_left_out(std::string_view cause, const DiagnoseOptions& options) {
-  const auto& all = options.leave_out;
-  return std::find(all.begin(), all.end(), cause) != all.end();
-}
-
 /// The model that the diagnosis starts from.
 ModelRecord identified_baseline(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   IdentifyOptions loop = options.identify;
-  if (is_left_out("time_delay", options)) loop.delay_max_s = 0.0;
+  if (options.leaves_out("time_delay")) loop.delay_max_s = 0.0;
   loop.must_predict = false;  // the diagnosis is about what it does not predict
   Identified identified = identify(axis, loop);
   if (!identified.refusals.empty())
@@ -204,7 +200,7 @@ Hypothesis refitted_baseline(ModelRecord& baseline, Search& search, const std::s
   out.structure.order = baseline.model.loop.order;
   out.structure.matched_feedforward = baseline.model.find(kind_of<TimeDelay>()) != nullptr;
   for (const Effect& effect : baseline.model.effects) {
-    if (!is_left_out(cause_of(effect.kind), options)) out.structure.effects.push_back(effect.kind);
+    if (!options.leaves_out(cause_of(effect.kind))) out.structure.effects.push_back(effect.kind);
   }
   if (!search.fit(out, {point_of(baseline.model, out.structure)}))
     throw std::runtime_error(axis + ": the baseline model could not be fitted again");
@@ -340,7 +336,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   SegmentedAxis axis = recorded;
   const NoiseFloor floor = noise_floor(recorded.segments);
   DroppedSamples dropped;
-  if (!is_left_out("dropped_samples", options)) dropped = bridge_dropped(axis, floor.encoder_step);
+  if (!options.leaves_out("dropped_samples")) dropped = bridge_dropped(axis, floor.encoder_step);
   out.baseline = identified_baseline(axis, options);
   Search search(axis.segments, out.baseline.training_to_s, options.identify.bounds, floor,
                 axis.rotary);
@@ -466,9 +462,8 @@ std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const Segment
   return out;
 }
 
-}  // namespace
-
-Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
+/// The diagnosis, and further attempts where the first one explains too little.
+Diagnosis diagnose_repeatedly(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   Diagnosis first = diagnose_divided(axis, options);
   const auto isolated = [&](const Cause& cause) { return unforeseeable(first, cause); };
   if (first.verdict != Verdict::kUnexplained ||
@@ -489,6 +484,22 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
     }
   }
   return first;
+}
+
+}  // namespace
+
+Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
+  const TorqueLimit limit = torque_limit(axis.segments);
+  if (!limit.found() || options.leaves_out("torque_saturation"))
+    return diagnose_repeatedly(axis, options);
+  SegmentedAxis free = axis;
+  free.segments = away_from(limit, axis.segments);
+  Diagnosis out = diagnose_repeatedly(free, options);
+  out.steps.insert(
+      out.steps.begin(),
+      text("the motor is at its limit, %.4g %s, in %zu moments, %.3g s together: left out",
+           limit.level, axis.torque_unit.c_str(), limit.moments.size(), limit.duration_s()));
+  return out;
 }
 
 }  // namespace servotwin

@@ -14,8 +14,10 @@
 // divided again or fitted with the other loop order.
 #pragma once
 
+#include <algorithm>
 #include <stop_token>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "diagnosis/gain.h"
@@ -96,6 +98,9 @@ struct Diagnosis {
 struct DiagnoseOptions {
   IdentifyOptions identify;
   std::vector<std::string> leave_out;  ///< causes that are not searched for
+  [[nodiscard]] bool leaves_out(std::string_view cause) const {
+    return std::find(leave_out.begin(), leave_out.end(), cause) != leave_out.end();
+  }
   /// The recorded encoder is the one that the position loop uses: its own errors are not
   /// observable. False: not known.
   bool encoder_in_loop = false;
@@ -106,8 +111,9 @@ struct DiagnoseOptions {
   std::stop_token stop;  ///< asks a running diagnosis to stop: it throws before its next fit
 };
 
-/// The diagnosis of an axis. Throws std::runtime_error where `identify` does, and where it was
-/// asked to stop. Any thread.
+/// The diagnosis of an axis. Moments in which a recorded torque is at the limit of the motor are
+/// left out (identification/torque/torque_limit.h). Throws std::runtime_error where `identify`
+/// does, and where it was asked to stop. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
 /// The segments after this time, to judge a model on. For a model with torque saturation they

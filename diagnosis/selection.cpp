@@ -64,11 +64,6 @@ void Selector::add_causes() {
   }
 }
 
-bool Selector::is_left_out(std::string_view cause) const {
-  const auto& all = options_.leave_out;
-  return std::find(all.begin(), all.end(), cause) != all.end();
-}
-
 void Selector::check_stop() const {
   if (options_.stop.stop_requested()) throw std::runtime_error("stopped before it was finished");
 }

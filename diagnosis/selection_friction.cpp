@@ -23,7 +23,8 @@ constexpr double kMinScreenGainBesideLaw = 0.1;
 
 void Selector::one_law_of_friction() {
   if (last_ != "presliding" && last_ != "stribeck") return;
-  if (is_left_out("presliding") || is_left_out("stribeck")) return;  // the law contains both
+  if (options_.leaves_out("presliding") || options_.leaves_out("stribeck"))
+    return;  // the law contains both
   const Found friction = now_.found.at(last_);
   const bool both = now_.found.count("presliding") > 0 && now_.found.count("stribeck") > 0;
   if (std::find(kLaws.begin(), kLaws.end(), friction.kind) != kLaws.end()) return;
@@ -59,7 +60,7 @@ bool Selector::free_law() {
   if (friction == now_.found.end() ||
       !(now_.current.rms() > kMinRmsOverFloorForFreeLaw * search_.floor().rms))
     return false;
-  if (is_left_out("stribeck")) return false;  // the law also falls with speed
+  if (options_.leaves_out("stribeck")) return false;  // the law also falls with speed
   check_stop();
   Hypothesis h;
   h.structure = now_.current.structure;
@@ -86,7 +87,7 @@ bool Selector::law_beside_rests() {
   const std::size_t dwell = kind_of<DwellStiction>();
   if (now_.found.count("presliding") + now_.found.count("stribeck") == 0 ||
       now_.current.has(dwell) || has_two_masses(now_.current.structure) ||
-      is_left_out(cause_of(dwell)) ||
+      options_.leaves_out(cause_of(dwell)) ||
       !(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms))
     return false;
   const Screened screened = search_.screen(now_.current, {dwell}).front();
@@ -152,7 +153,7 @@ void Selector::replace_misfit_by_law() {
     for (const std::size_t law :
          {kind_of<Presliding>(), kind_of<LuGre>(), kind_of<PreslidingStribeck>()}) {
       const bool falls = law != kind_of<Presliding>();
-      if (is_left_out("presliding") || (falls && is_left_out("stribeck"))) continue;
+      if (options_.leaves_out("presliding") || (falls && options_.leaves_out("stribeck"))) continue;
       check_stop();
       Hypothesis h;
       h.structure = without(now_.current.structure, id, one.kind);
@@ -187,7 +188,7 @@ void Selector::replace_misfit_by_law() {
 void Selector::named_by(std::size_t law, const Cause& evidence) {
   const double ratio = shape_of(now_.current.model, law, "breakaway_ratio");
   for (const char* id : {"presliding", "stribeck"}) {
-    if (is_left_out(id)) continue;
+    if (options_.leaves_out(id)) continue;
     const bool falls = id == std::string("stribeck");
     if (falls && !std::isfinite(ratio)) {
       now_.found.erase(id);

@@ -45,7 +45,7 @@ void Selector::delay() {
 
 bool Selector::add_delay() {
   if (now_.current.has(kind_of<TimeDelay>()) || options_.identify.delay_max_s <= 0.0 ||
-      is_left_out("time_delay"))
+      options_.leaves_out("time_delay"))
     return false;
   Hypothesis best;
   best.cost = 1e300;

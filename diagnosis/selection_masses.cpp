@@ -71,7 +71,7 @@ std::vector<std::size_t> Selector::two_mass_kinds() const {
     // Play in front of an encoder outside the loop is an effect on its reading.
     const bool asked =
         kind != kind_of<PlayOutside>() && (reading || kind != kind_of<TwoMassOutside>());
-    if (acts_on_axis(kind) && asked && !is_left_out(cause_of(kind))) kinds.push_back(kind);
+    if (acts_on_axis(kind) && asked && !options_.leaves_out(cause_of(kind))) kinds.push_back(kind);
   }
   return kinds;
 }
@@ -80,7 +80,8 @@ std::vector<std::size_t> Selector::laws_on_load() const {
   std::vector<std::size_t> laws;
   for (const std::size_t law : kLawsOnLoad) {
     const bool falls = law != kind_of<Presliding>();
-    if (!is_left_out("presliding") && !(falls && is_left_out("stribeck"))) laws.push_back(law);
+    if (!options_.leaves_out("presliding") && !(falls && options_.leaves_out("stribeck")))
+      laws.push_back(law);
   }
   return laws;
 }

@@ -53,7 +53,6 @@ class Selector {
   void add_causes();
   /// An error as the steps show it.
   [[nodiscard]] std::string size_of(double rms) const { return micro_text(rms, search_.rotary()); }
-  [[nodiscard]] bool is_left_out(std::string_view cause) const;
   /// Throws where the diagnosis was asked to stop.
   void check_stop() const;
   /// Refits the present structure as well as possible, before candidates are added to it.

@@ -6,9 +6,11 @@
 #include <stdexcept>
 
 #include "diagnosis/bootstrap.h"
+#include "diagnosis/chance.h"
 #include "diagnosis/extension.h"
 #include "diagnosis/thresholds.h"
 #include "diagnosis/torque_selection.h"
+#include "identification/torque/torque_limit.h"
 
 namespace servotwin {
 
@@ -260,6 +262,42 @@ void conclude(const TorqueRows& rows, const TorqueBody& body, TorqueSelected sel
   }
 }
 
+/// The motor at its limit, as a cause. `mass` converts acceleration to torque. The gain is that of
+/// the moments in the hold-out: the torque that is lacking there, and what is left beside the level
+/// of the training data, which is 0 where those do not reach the limit.
+TorqueCause cause_of_limit(const TorqueLimit& limit, double trained_level, double mass,
+                           double training_to_s, const std::string& unit) {
+  // That a torque which is flat while the axis does not follow is at its limit: chosen, not fitted.
+  constexpr double kConfidence = 0.97;
+  TorqueCause cause;
+  cause.id = "torque_saturation";
+  cause.confidence = kConfidence;
+  const auto longest = std::max_element(
+      limit.moments.begin(), limit.moments.end(),
+      [](const auto& l, const auto& r) { return l.end_s - l.begin_s < r.end_s - r.begin_s; });
+  cause.parameters = {{"limit_" + unit, limit.level},
+                      {"moments", static_cast<double>(limit.moments.size())},
+                      {"at_limit_s", limit.duration_s()},
+                      {"longest_at_s", longest->begin_s}};
+  std::vector<double> lacking;
+  double before = 0.0, after = 0.0, held = 0.0;
+  for (const TorqueLimit::Piece& piece : limit.pieces) {
+    lacking.push_back(piece.lacking);
+    if (piece.time_s <= training_to_s) continue;
+    before += std::pow(mass * piece.lacking_mps2, 2);
+    after += std::pow(piece.beside_level + limit.level - trained_level, 2);
+    held += 1.0;
+  }
+  if (held > 0.0 && mass > 0.0 && trained_level > 0.0) {
+    cause.gain.before = std::sqrt(before / held);
+    cause.gain.after = std::sqrt(after / held);
+  }
+  const double z = z_of_mean(lacking);
+  cause.evidence = {{"share of the highest torques that are at one level", limit.flat, kAbsent},
+                    {"acceleration that the axis lacks meanwhile", z, chance_beyond(z)}};
+  return cause;
+}
+
 /// Of the training data, so that the hold-out judges it too.
 TorqueLag lag_of(const SegmentedAxis& axis, double training_share) {
   const double begin_s = axis.segments.front().start_s, end_s = axis.segments.back().end_s();
@@ -332,12 +370,21 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
     cause->doubt = TorqueDoubt::kConfidence;
   out.suspected.insert(out.suspected.begin(), unsure, out.causes.end());
   out.causes.erase(unsure, out.causes.end());
+  if (options.leaves_out("torque_saturation")) return out;
+  const TorqueLimit limit = torque_limit(in_time.segments);
+  if (!limit.found()) return out;
+  const TorqueLimit trained = torque_limit(cut(in_time.segments, -1e300, out.training_to_s));
+  out.causes.insert(out.causes.begin(),
+                    cause_of_limit(limit, trained.found() ? trained.level : 0.0, body.mass,
+                                   out.training_to_s, key_of_unit(out.unit)));
   return out;
 }
 
 bool explained(const TorqueDiagnosis& torque) {
   constexpr double kMaxShareLeft = 1.0 / 3.0;  // a ninth of the squared residual
   constexpr double kMaxRmsOverNoise = 1.5;
+  // A limit is no part of the model: the torque at it is as the motion needs it.
+  if (torque.causes.size() == 1 && torque.causes.front().id == "torque_saturation") return true;
   return !torque.causes.empty() && (torque.extended_rms <= kMaxShareLeft * torque.baseline_rms ||
                                     torque.extended_rms <= kMaxRmsOverNoise * torque.noise_rms);
 }

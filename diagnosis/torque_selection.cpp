@@ -51,10 +51,6 @@ class TorqueSelection {
   }
 
  private:
-  [[nodiscard]] bool wanted(std::string_view id) const {
-    return std::find(options_.leave_out.begin(), options_.leave_out.end(), id) ==
-           options_.leave_out.end();
-  }
   [[nodiscard]] bool named(std::string_view id) const {
     return std::any_of(out_.parts.begin(), out_.parts.end(),
                        [&](const TorquePart& part) { return part.id == id; });
@@ -94,7 +90,7 @@ class TorqueSelection {
 
   /// Backlash first, since all effects with memory look different in its presence.
   void play() {
-    if (!wanted("backlash")) return;
+    if (options_.leaves_out("backlash")) return;
     out_.plateau = plateau_of(rows_.stretches(body_.mass));
     const Plateau& plateau = out_.plateau;
     if (plateau.reversals.size() < 2) return;
@@ -147,7 +143,7 @@ class TorqueSelection {
     std::vector<std::size_t> out;
     for (const std::size_t kind : kActOnTheBody) {
       const std::string_view id = identity_of(kind).cause;
-      if (!wanted(id) || named(id)) continue;
+      if (options_.leaves_out(id) || named(id)) continue;
       const bool unlike = kind == kind_of<ConstantForce>() || kind == kind_of<AsymmetricFriction>();
       // With motion in one direction only, a constant force looks like Coulomb friction; at
       // constant speed, position and time are not distinguishable.

@@ -239,31 +239,6 @@ std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Se
   return {std::move(first), std::move(rest)};
 }
 
-std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
-  std::vector<Segment> out;
-  for (const Segment& s : segments) {
-    const double h = s.sample_time_s;
-    const double first = std::max(0.0, std::ceil((from_s - s.start_s) / h - 1e-9));
-    const double last =
-        std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
-    if (last - first + 1.0 < 20.0) continue;
-    const auto begin = static_cast<Eigen::Index>(first);
-    const auto count = static_cast<Eigen::Index>(last - first) + 1;
-    Segment part;
-    part.start_s = s.start_s + h * first;
-    part.sample_time_s = h;
-    part.command = s.command.segment(begin, count);
-    part.actual = s.actual.segment(begin, count);
-    if (s.torque.size() == s.size()) part.torque = s.torque.segment(begin, count);
-    if (s.neighbour.size() == s.size()) part.neighbour = s.neighbour.segment(begin, count);
-    part.in_plane = s.in_plane;
-    if (s.in_cut.size() == s.size()) part.in_cut = s.in_cut.segment(begin, count);
-    part.lead = std::clamp<Eigen::Index>(s.lead - begin, 0, count);
-    out.push_back(std::move(part));
-  }
-  return out;
-}
-
 std::string why_scaled(const std::vector<Segment>& segments) {
   double product = 0.0, square = 0.0;
   for (const Segment& s : segments) {

@@ -96,8 +96,4 @@ struct Identified {
 /// Why command and encoder cannot have the same unit and sign; empty if they can.
 [[nodiscard]] std::string why_scaled(const std::vector<Segment>& segments);
 
-/// The part of the segments between two times of the recording [s].
-[[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s,
-                                       double to_s);
-
 }  // namespace servotwin

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "identification/recording/evidence.h"
+#include "identification/recording/segments.h"
 
 namespace servotwin {
 
@@ -20,24 +21,6 @@ struct Window {
     return of->start_s + of->sample_time_s * static_cast<double>(begin);
   }
 };
-
-Eigen::ArrayXd part_of(const Eigen::ArrayXd& whole, Eigen::Index begin, Eigen::Index size) {
-  return whole.size() == 0 ? whole : Eigen::ArrayXd(whole.segment(begin, size));
-}
-
-Segment cut(const Segment& from, Eigen::Index begin, Eigen::Index size) {
-  Segment out;
-  out.start_s = from.start_s + from.sample_time_s * static_cast<double>(begin);
-  out.sample_time_s = from.sample_time_s;
-  out.command = part_of(from.command, begin, size);
-  out.actual = part_of(from.actual, begin, size);
-  out.torque = part_of(from.torque, begin, size);
-  out.neighbour = part_of(from.neighbour, begin, size);
-  out.in_cut = part_of(from.in_cut, begin, size);
-  out.in_plane = from.in_plane;
-  out.lead = std::clamp<Eigen::Index>(from.lead - begin, 0, size);
-  return out;
-}
 
 /// Seconds of these stretches within a span of time.
 double seconds_in(const std::vector<EvidenceStretch>& stretches, double from_s, double to_s) {
@@ -106,7 +89,7 @@ std::vector<Segment> excerpt(const std::vector<Segment>& segments, const Excerpt
       begin -= out.back().size();
       out.pop_back();
     }
-    out.push_back(cut(*window.of, begin, window.begin + window.size - begin));
+    out.push_back(part_of(*window.of, begin, window.begin + window.size - begin));
     last = &window;
   }
   return out;

@@ -409,6 +409,38 @@ double append(SegmentedAxis& axis, SegmentedAxis next) {
   return begin_s;
 }
 
+Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size) {
+  const auto channel = [&](const Eigen::ArrayXd& of) {
+    return of.size() == whole.size() ? Eigen::ArrayXd(of.segment(begin, size)) : Eigen::ArrayXd();
+  };
+  Segment out;
+  out.start_s = whole.start_s + whole.sample_time_s * static_cast<double>(begin);
+  out.sample_time_s = whole.sample_time_s;
+  out.command = channel(whole.command);
+  out.actual = channel(whole.actual);
+  out.torque = channel(whole.torque);
+  out.neighbour = channel(whole.neighbour);
+  out.in_cut = channel(whole.in_cut);
+  out.in_plane = whole.in_plane;
+  out.lead = std::clamp<Eigen::Index>(whole.lead - begin, 0, size);
+  return out;
+}
+
+std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, double to_s) {
+  constexpr double kMinSamples = 20.0;
+  std::vector<Segment> out;
+  for (const Segment& s : segments) {
+    const double h = s.sample_time_s;
+    const double first = std::max(0.0, std::ceil((from_s - s.start_s) / h - 1e-9));
+    const double last =
+        std::min(static_cast<double>(s.size()) - 1.0, std::floor((to_s - s.start_s) / h + 1e-9));
+    if (last - first + 1.0 < kMinSamples) continue;
+    out.push_back(
+        part_of(s, static_cast<Eigen::Index>(first), static_cast<Eigen::Index>(last - first) + 1));
+  }
+  return out;
+}
+
 void require_motion(const SegmentedAxis& axis) {
   constexpr double kMinSamplingTime_s = 1e-5;  // ten times below that of the fastest drives
   // A slow position loop has its bandwidth at 5 Hz, which four samples in a period still show.

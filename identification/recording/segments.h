@@ -79,6 +79,14 @@ struct SegmentedAxis {
 /// if their rates or the units of their torques differ, or if only one has an encoder.
 double append(SegmentedAxis& axis, SegmentedAxis next);
 
+/// `size` samples of a segment, from sample `begin` on.
+[[nodiscard]] Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size);
+
+/// The part of the segments between two times of the recording [s]. Parts of less than 20 samples
+/// are dropped.
+[[nodiscard]] std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s,
+                                       double to_s);
+
 /// Throws if command or encoder is constant, or there is no encoder: nothing can be identified from
 /// an axis at rest. Also if the command is faster or longer than any machine: its unit is wrong.
 void require_motion(const SegmentedAxis& axis);

@@ -1,0 +1,198 @@
+#include "identification/torque/torque_limit.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identification/recording/noise_floor.h"
+#include "identification/recording/order_statistics.h"
+#include "identification/recording/segments.h"
+
+namespace servotwin {
+
+namespace {
+
+constexpr double kMinBand = 0.003;       // of the level: a drive controls its current that well
+constexpr double kBandOverNoise = 3.0;   // standard deviations
+constexpr double kBeside = 4.0;          // bands below the level, where a moment ends
+constexpr double kMinFlat = 0.67;       // between a parabola, 0.5, and a level without noise, 1
+constexpr Eigen::Index kMinSamples = 4;  // of a piece
+constexpr double kPiece_s = 0.01;
+constexpr double kVelocitySpan_s = 2e-3;  // to each side
+// In one piece of every moment. An axis that follows lacks a per cent at most while its torque is
+// flat; one at its limit lacks most at the end, when the command needs no more and it catches up.
+constexpr double kMinLacking = 0.1, kMinLackingOverNoise = 3.0;
+constexpr std::size_t kMinPieces = 4;
+constexpr double kMinShareLacking = 0.5;  // of the pieces, by moments
+constexpr double kSettle_s = 0.3;          // after which the loop has forgotten that it was open
+// A recorded torque may be behind the motion by as much (diagnosis/torque_lag.h).
+constexpr double kBefore_s = 0.02;
+constexpr double kMinShareLeft = 0.5;  // of the samples
+
+/// Standard deviation of the noise, from second differences: few of them contain a corner.
+double noise_of(const std::vector<Segment>& segments) {
+  std::vector<double> second;
+  for (const Segment& s : segments) {
+    for (Eigen::Index k = 1; k + 1 < s.torque.size(); ++k) {
+      const double value = s.torque(k + 1) - 2.0 * s.torque(k) + s.torque(k - 1);
+      if (std::isfinite(value)) second.push_back(std::abs(value));
+    }
+  }
+  constexpr double kMedianOfNormal = 0.6745;
+  return median(second) / (kMedianOfNormal * std::sqrt(6.0));
+}
+
+/// The highest torque that is not a single sample.
+double top_of(const std::vector<Segment>& segments) {
+  double top = 0.0;
+  for (const Segment& s : segments) {
+    for (Eigen::Index k = 1; k + 1 < s.torque.size(); ++k) {
+      const double a = std::abs(s.torque(k - 1)), b = std::abs(s.torque(k)),
+                   c = std::abs(s.torque(k + 1));
+      if (std::isfinite(a + b + c))
+        top = std::max(top, std::max(std::min(a, b), std::min(std::max(a, b), c)));
+    }
+  }
+  return top;
+}
+
+double velocity_at(const Eigen::ArrayXd& x, Eigen::Index k, Eigen::Index span, double step_s) {
+  const Eigen::Index from = std::max<Eigen::Index>(0, k - span),
+                     to = std::min<Eigen::Index>(x.size() - 1, k + span);
+  return to > from ? (x(to) - x(from)) / (step_s * static_cast<double>(to - from)) : 0.0;
+}
+
+TorqueLimit::Piece piece_of(const Segment& s, Eigen::Index from, Eigen::Index to, double level,
+                            double noise, std::size_t moment) {
+  const auto span = std::max<Eigen::Index>(1, std::lround(kVelocitySpan_s / s.sample_time_s));
+  const auto change = [&](const Eigen::ArrayXd& x) {
+    return velocity_at(x, to, span, s.sample_time_s) - velocity_at(x, from, span, s.sample_time_s);
+  };
+  const double commanded = change(s.command), measured = change(s.actual),
+               lacking = std::abs(commanded - measured),
+               larger = std::max(std::abs(commanded), std::abs(measured));
+  TorqueLimit::Piece out;
+  out.moment = moment;
+  out.time_s = s.start_s + 0.5 * s.sample_time_s * static_cast<double>(from + to);
+  out.lacking = larger > 0.0 ? lacking / larger : 0.0;
+  // Four readings, each over twice the span.
+  if (larger > 0.0) out.noise = noise / (s.sample_time_s * static_cast<double>(span)) / larger;
+  out.lacking_mps2 = lacking / (s.sample_time_s * static_cast<double>(to - from));
+  out.beside_level = s.torque.segment(from, to - from + 1).abs().mean() - level;
+  return out;
+}
+
+/// Appends the moment of samples `from` to `to`, and its pieces.
+void add_moment(const Segment& s, Eigen::Index from, Eigen::Index to, double noise,
+                TorqueLimit& out) {
+  const auto time = [&](Eigen::Index k) {
+    return s.start_s + s.sample_time_s * static_cast<double>(k);
+  };
+  out.moments.push_back({time(from), time(to)});
+  const auto length = std::max<Eigen::Index>(kMinSamples, std::lround(kPiece_s / s.sample_time_s));
+  const Eigen::Index samples = to - from + 1;
+  if (samples < kMinSamples) return;
+  const Eigen::Index count = std::max<Eigen::Index>(1, samples / length);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const Eigen::Index begin = from + i * samples / count,
+                       end = from + (i + 1) * samples / count - 1;
+    out.pieces.push_back(piece_of(s, begin, end, out.level, noise, out.moments.size() - 1));
+  }
+}
+
+/// The limit if the torque is flat within this band.
+TorqueLimit limit_at(const std::vector<Segment>& segments, double top, double band, double noise) {
+  TorqueLimit out;
+  std::vector<double> highest;
+  for (const Segment& s : segments) {
+    for (const double torque : s.torque) {
+      const double size = std::abs(torque);
+      if (size >= top - 2.0 * band && size <= top + band) highest.push_back(size);
+    }
+  }
+  out.level = median(highest);
+  double at = 0.0, near = 0.0;
+  for (const Segment& s : segments) {
+    if (s.actual.size() != s.command.size() || s.torque.size() != s.command.size()) continue;
+    Eigen::Index first = -1, last = -1;
+    for (Eigen::Index k = 0; k <= s.size(); ++k) {
+      const double size = k < s.size() ? std::abs(s.torque(k)) : 0.0;
+      const bool inside = size >= out.level - band, beside = size >= out.level - kBeside * band;
+      if (beside) near += 1.0;
+      if (inside) {
+        at += 1.0;
+        last = k;
+        if (first < 0) first = k;
+      }
+      if (beside || first < 0) continue;
+      add_moment(s, first, last, noise, out);
+      first = -1;
+    }
+  }
+  out.flat = near > 0.0 ? at / near : 0.0;
+  return out;
+}
+
+}  // namespace
+
+bool TorqueLimit::found() const {
+  if (pieces.size() < kMinPieces || flat < kMinFlat) return false;
+  const auto lacks = [](const Piece& piece) {
+    return piece.lacking > std::max(kMinLacking, kMinLackingOverNoise * piece.noise);
+  };
+  std::size_t lacking = 0;
+  for (auto piece = pieces.begin(); piece != pieces.end();) {
+    const auto end = std::find_if(
+        piece, pieces.end(), [&](const Piece& other) { return other.moment != piece->moment; });
+    if (std::any_of(piece, end, lacks)) lacking += static_cast<std::size_t>(end - piece);
+    piece = end;
+  }
+  return static_cast<double>(lacking) >= kMinShareLacking * static_cast<double>(pieces.size());
+}
+
+double TorqueLimit::duration_s() const {
+  double sum = 0.0;
+  for (const Moment& moment : moments) sum += moment.end_s - moment.begin_s;
+  return sum;
+}
+
+TorqueLimit torque_limit(const std::vector<Segment>& segments) {
+  const double top = top_of(segments);
+  if (!(top > 0.0)) return {};
+  const NoiseFloor floor = noise_floor(segments);
+  const double noise =
+      std::max(std::isfinite(floor.rms) ? floor.rms : 0.0, floor.encoder_step / std::sqrt(12.0));
+  // A limit cuts the noise of the control off, but not that of the measurement.
+  TorqueLimit out = limit_at(segments, top, kMinBand * top, noise);
+  const double wide = kBandOverNoise * noise_of(segments);
+  if (!out.found() && wide > kMinBand * top) out = limit_at(segments, top, wide, noise);
+  return out;
+}
+
+std::vector<Segment> away_from(const TorqueLimit& limit, const std::vector<Segment>& segments) {
+  std::vector<Segment> out;
+  Eigen::Index all = 0, left = 0;
+  for (const Segment& s : segments) {
+    all += s.size();
+    double from_s = s.start_s;
+    bool open = false;  // the loop was open before
+    const auto add = [&](double to_s) {
+      for (Segment& part : cut({s}, from_s, to_s)) {
+        if (open)
+          part.lead = std::max<Eigen::Index>(part.lead, std::lround(kSettle_s / s.sample_time_s));
+        if (part.lead >= part.size()) continue;
+        left += part.size() - part.lead;
+        out.push_back(std::move(part));
+      }
+    };
+    for (const TorqueLimit::Moment& moment : limit.moments) {
+      if (moment.end_s < s.start_s || moment.begin_s > s.end_s()) continue;
+      if (moment.begin_s - kBefore_s > from_s) add(moment.begin_s - kBefore_s);
+      from_s = moment.end_s;
+      open = true;
+    }
+    add(s.end_s());
+  }
+  return static_cast<double>(left) < kMinShareLeft * static_cast<double>(all) ? segments : out;
+}
+
+}  // namespace servotwin

@@ -1,0 +1,52 @@
+// Where the motor gives all it can: its torque stays at the highest level of the recording while
+// the axis does not follow the acceleration of its command.
+//
+// Neither alone is a limit. A move at constant acceleration has a flat torque too, and there the
+// axis follows; a short peak is not followed, and its torque is not flat. With M the level, b the
+// width of the noise about it, and v the velocity over a piece of 10 ms at the level:
+//
+//   flat     samples at M - b and above / samples at M - 4 b and above: 0.5 at the top of a
+//   parabola lacking  |change of v_r - change of v| / the larger one of both
+//
+// At its limit the loop is open: those moments say nothing about the loop (docs/theory.md 3.11).
+// Units: the recorded unit of the torque, whatever its sign; s. Any thread.
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "twin/sample.h"
+
+namespace servotwin {
+
+struct TorqueLimit {
+  struct Moment {
+    double begin_s = 0.0, end_s = 0.0;
+  };
+  /// A part of a moment.
+  struct Piece {
+    std::size_t moment = 0;     ///< its place in `moments`
+    double time_s = 0.0;        ///< of its middle
+    double noise = 0.0;         ///< standard deviation of `lacking` by the encoder
+    double lacking = 0.0;       ///< as above, 0..2
+    double lacking_mps2 = 0.0;  ///< acceleration that the command has and the axis has not
+    double beside_level = 0.0;  ///< mean torque minus level, both without sign
+  };
+  double level = 0.0;           ///< M; 0 where there is no torque
+  double flat = 0.0;            ///< 0..1
+  std::vector<Moment> moments;  ///< in the order of time
+  std::vector<Piece> pieces;    ///< long enough to have a velocity
+
+  /// Whether the motor is at its limit in these moments.
+  [[nodiscard]] bool found() const;
+  [[nodiscard]] double duration_s() const;  ///< of all moments together
+};
+
+[[nodiscard]] TorqueLimit torque_limit(const std::vector<Segment>& segments);
+
+/// The segments without these moments. What follows one begins with a lead-in, in which the loop
+/// settles. All of them where hardly anything would be left.
+[[nodiscard]] std::vector<Segment> away_from(const TorqueLimit& limit,
+                                             const std::vector<Segment>& segments);
+
+}  // namespace servotwin

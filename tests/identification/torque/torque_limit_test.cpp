@@ -1,0 +1,157 @@
+// A mass under P position and P velocity control, simulated here, whose motor gives so much and no
+// more. When it was at its limit is known from the simulation.
+#include "identification/torque/torque_limit.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+namespace servotwin {
+namespace {
+
+constexpr double kRate_hz = 4000.0, kRecord_s = 1e-3, kMass = 100.0, kFriction = 20.0;
+
+struct Machine {
+  double limit = 1e9;           // [N]
+  double acceleration = 2.0;    // of the moves [m/s^2]
+  double ramp_s = 0.05;         // from no acceleration to all of it
+  double torque_noise = 0.0;    // [N], of the measurement
+  double encoder_noise = 1e-7;  // [m]
+  double velocity_feedforward = 1.0;
+};
+
+struct Recorded {
+  Segment segment;
+  std::vector<double> limited_s;  // when the motor was at its limit
+};
+
+/// There and back, with accelerations that rise, stay and fall.
+double command_acceleration(double t, const Machine& machine) {
+  constexpr double kHold_s = 0.1, kMove_s = 1.0;
+  const double in_move = std::fmod(t, kMove_s), whole = 2.0 * machine.ramp_s + kHold_s;
+  const auto pulse = [&](double s) {
+    if (s < 0.0 || s > whole) return 0.0;
+    return std::min({1.0, s / machine.ramp_s, (whole - s) / machine.ramp_s});
+  };
+  const double sign = std::fmod(t, 2.0 * kMove_s) < kMove_s ? 1.0 : -1.0;
+  return sign * machine.acceleration * (pulse(in_move - 0.1) - pulse(in_move - 0.5));
+}
+
+Recorded recorded(const Machine& machine, double duration_s = 12.0) {
+  constexpr double kGain = 60.0, kVelocityGain = 400.0 * kMass;
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> normal;
+  const auto steps = static_cast<Eigen::Index>(duration_s * kRate_hz);
+  const auto every = static_cast<Eigen::Index>(kRate_hz * kRecord_s);
+  const double h = 1.0 / kRate_hz;
+  Recorded out;
+  Segment& s = out.segment;
+  s.sample_time_s = kRecord_s;
+  s.command.resize(steps / every);
+  s.actual.resize(steps / every);
+  s.torque.resize(steps / every);
+  double xr = 0.0, vr = 0.0, x = 0.0, v = 0.0;
+  for (Eigen::Index k = 0; k < steps; ++k) {
+    const double t = h * static_cast<double>(k);
+    const double wanted =
+        kVelocityGain * (kGain * (xr - x) + machine.velocity_feedforward * vr - v);
+    const double force = std::clamp(wanted, -machine.limit, machine.limit);
+    if (force != wanted) out.limited_s.push_back(t);
+    if (k % every == 0) {
+      s.command(k / every) = xr;
+      s.actual(k / every) = x + machine.encoder_noise * normal(random);
+      s.torque(k / every) = force + machine.torque_noise * normal(random);
+    }
+    v += h * (force - kFriction * std::tanh(v / 1e-3)) / kMass;
+    x += h * v;
+    vr += h * command_acceleration(t, machine);
+    xr += h * vr;
+  }
+  return out;
+}
+
+/// The share of these times that lie within a moment, to a sample.
+double share_within(const std::vector<double>& times, const TorqueLimit& limit) {
+  const auto within = [&](double t) {
+    return std::any_of(limit.moments.begin(), limit.moments.end(), [&](const auto& moment) {
+      return t > moment.begin_s - 1.5 * kRecord_s && t < moment.end_s + 1.5 * kRecord_s;
+    });
+  };
+  return static_cast<double>(std::count_if(times.begin(), times.end(), within)) /
+         static_cast<double>(times.size());
+}
+
+class AMotorAtItsLimit : public testing::TestWithParam<double> {};
+
+TEST_P(AMotorAtItsLimit, IsFoundWithItsLevelAndItsMoments) {
+  Machine machine;
+  machine.limit = 190.0;  // of 220 that acceleration and friction need
+  machine.torque_noise = GetParam();
+  const Recorded made = recorded(machine);
+  ASSERT_GT(made.limited_s.size(), 100U);
+  const TorqueLimit limit = torque_limit({made.segment});
+  EXPECT_TRUE(limit.found());
+  EXPECT_NEAR(limit.level, machine.limit, 0.005 * machine.limit + machine.torque_noise);
+  EXPECT_GT(share_within(made.limited_s, limit), 0.95);
+  EXPECT_NEAR(limit.duration_s(), static_cast<double>(made.limited_s.size()) / kRate_hz,
+              0.1 * static_cast<double>(made.limited_s.size()) / kRate_hz);
+}
+INSTANTIATE_TEST_SUITE_P(NoiseOfItsTorque, AMotorAtItsLimit, testing::Values(0.0, 0.2, 1.0));
+
+// Constant acceleration needs a constant torque: it is flat, and the axis follows.
+TEST(TorqueLimit, AMoveAtConstantAccelerationIsNone) {
+  for (const double noise : {0.0, 0.2, 1.0}) {
+    Machine machine;
+    machine.torque_noise = noise;
+    EXPECT_FALSE(torque_limit({recorded(machine).segment}).found()) << noise;
+    machine.encoder_noise = 2e-6;
+    EXPECT_FALSE(torque_limit({recorded(machine).segment}).found()) << noise << ", coarse encoder";
+  }
+}
+
+// A short peak is not followed, but it is not flat.
+TEST(TorqueLimit, APeakThatTheAxisDoesNotFollowIsNone) {
+  Machine machine;
+  machine.ramp_s = 0.002;
+  machine.velocity_feedforward = 0.0;
+  EXPECT_FALSE(torque_limit({recorded(machine).segment}).found());
+}
+
+TEST(TorqueLimit, WithoutTorqueThereIsNone) {
+  Segment segment = recorded({}).segment;
+  segment.torque.resize(0);
+  EXPECT_FALSE(torque_limit({segment}).found());
+  EXPECT_FALSE(torque_limit({}).found());
+}
+
+TEST(TorqueLimit, WhatIsAwayFromItContainsNoneOfItsMoments) {
+  Machine machine;
+  machine.limit = 190.0;
+  const Recorded made = recorded(machine);
+  const TorqueLimit limit = torque_limit({made.segment});
+  const std::vector<Segment> parts = away_from(limit, {made.segment});
+  ASSERT_GT(parts.size(), 3U);
+  Eigen::Index left = 0;
+  for (const Segment& part : parts) {
+    left += part.size() - part.lead;
+    for (const double t : made.limited_s)
+      EXPECT_FALSE(t > part.start_s + 2.0 * kRecord_s && t < part.end_s() - 2.0 * kRecord_s) << t;
+  }
+  EXPECT_GT(left, made.segment.size() / 2);
+  EXPECT_EQ(parts.front().lead, 0);
+  EXPECT_GT(parts[1].lead, 0) << "the loop was open before";
+}
+
+TEST(TorqueLimit, AnAxisThatIsAtItsLimitMostOfTheTimeKeepsItsData) {
+  Machine machine;
+  machine.limit = 60.0;
+  const Recorded made = recorded(machine);
+  TorqueLimit limit = torque_limit({made.segment});
+  ASSERT_FALSE(limit.moments.empty());
+  EXPECT_EQ(away_from(limit, {made.segment}).size(), 1U);
+}
+
+}  // namespace
+}  // namespace servotwin
