@@ -19,8 +19,11 @@ inline constexpr double kMinRemovedShareOfCause = 0.02;
 // Ratio of errors (RMS, or cost where costs are compared) below which a candidate explains a large
 // part of the error.
 inline constexpr double kMaxErrorRatioOfLargeGain = 0.7;
-// In sampling times: a shorter delay can come from the way the signals were recorded.
+// In sampling times: a model does without a shorter delay where it can ..
 inline constexpr double kMinDelaySamples = 0.25;
+// .. and a delay that is shorter than this is no cause: command and encoder of one row are read at
+// different times within one cycle.
+inline constexpr double kMinDelaySamplesOfCause = 1.0;
 
 /// A candidate, and the model without it to compare with; both were fitted in the same way.
 struct Tried {
@@ -61,8 +64,8 @@ struct Bar {
 [[nodiscard]] bool like_friction(std::size_t kind);
 
 /// Whether the parameter with which this cause ends (`CauseNature::ends_at`) is at its limit, a
-/// compliance does not vibrate, or a delay is shorter than kMinDelaySamples, at its limit, or an
-/// imitation of a velocity lag, so that the fit asks for something else. Throws
+/// compliance does not vibrate, or a delay is shorter than kMinDelaySamplesOfCause, at its limit,
+/// or an imitation of a velocity lag, so that the fit asks for something else. Throws
 /// std::invalid_argument for an unknown cause.
 [[nodiscard]] bool at_end_of(std::string_view cause, const Model& model, const Effect& effect);
 

@@ -63,9 +63,22 @@ std::string suspected_of(const TorqueCause& cause) {
   return out;
 }
 
+/// Torque residual on the hold-out without the cause and with it. A limit that the hold-out does
+/// not reach has none.
+std::string gain_text(const TorqueCause& cause, const std::string& unit) {
+  if (!std::isfinite(cause.gain.before)) return "seen in the torque itself";
+  return text("%.4g -> %.4g %s without and with it", cause.gain.before, cause.gain.after,
+              unit.c_str());
+}
+
 std::string verdict_of(const TorqueDiagnosis& torque) {
   const std::size_t n = torque.causes.size();
   const std::string left = text("%.3g %s RMS", torque.baseline_rms, torque.unit.c_str());
+  const bool limited = n > 0 && torque.causes.front().id == "torque_saturation";
+  if (n == 1 && limited)
+    return "1 cause named, which is no part of the model; the residual of the rigid body on "
+           "held-out data is " +
+           left;
   if (n == 0)
     return "nothing significant: the residual of the rigid body on held-out data is " + left;
   return text("%zu cause%s named: the residual on held-out data is %.3g %s RMS instead of %s", n,
@@ -235,9 +248,8 @@ json torque_alone(const TorqueDiagnosis& torque, const std::string& reason) {
 std::string torque_beside(const TorqueDiagnosis& torque, const std::string& id) {
   for (const TorqueCause& cause : torque.causes) {
     if (cause.id != id) continue;
-    std::string out =
-        text("by torque as well: %.4g -> %.4g %s without and with it, confidence %.0f %%",
-             cause.gain.before, cause.gain.after, torque.unit.c_str(), 100.0 * cause.confidence);
+    std::string out = "by torque as well: " + gain_text(cause, torque.unit) +
+                      text(", confidence %.0f %%", 100.0 * cause.confidence);
     if (const std::string sizes = sizes_of(cause); !sizes.empty()) out += "; " + sizes;
     return out;
   }
@@ -252,8 +264,7 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
   if (torque.lag.s != 0.0) out.push_back("torque      " + lag_of(torque.lag));
   for (const TorqueCause& cause : torque.causes) {
     if (std::find(told.begin(), told.end(), cause.id) != told.end()) continue;
-    out.push_back(text("by torque   %-24s %12.4g -> %.4g %s without and with it", cause.id.c_str(),
-                       cause.gain.before, cause.gain.after, torque.unit.c_str()) +
+    out.push_back(text("by torque   %-24s ", cause.id.c_str()) + gain_text(cause, torque.unit) +
                   (std::isfinite(cause.gain.low)
                        ? text(" (gain %.2g to %.2g)", cause.gain.low, cause.gain.high)
                        : "") +
@@ -261,6 +272,8 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
     out.push_back("              " + sizes_of(cause));
     for (const Harmonic& harmonic : cause.harmonics)
       out.push_back("              " + line_of(torque, harmonic));
+    if (cause.id == "torque_saturation")
+      out.push_back("              the position loop is identified without these moments");
     for (const std::string& rival : cause.ambiguous_with) {
       out.push_back(
           "              not distinguishable from " + rival + " with this recording" +
@@ -294,8 +307,10 @@ std::string torque_section(const TorqueDiagnosis& torque) {
     for (const Harmonic& harmonic : cause.harmonics)
       sizes += "<br>" + escaped(line_of(torque, harmonic));
     out += "<tr><td>" + escaped(cause.id) + "</td><td>" + sizes + "</td>" +
-           text("<td>%.4g %s</td><td>%.4g %s</td><td>", cause.gain.before, torque.unit.c_str(),
-                cause.gain.after, torque.unit.c_str()) +
+           (std::isfinite(cause.gain.before)
+                ? text("<td>%.4g %s</td><td>%.4g %s</td><td>", cause.gain.before,
+                       torque.unit.c_str(), cause.gain.after, torque.unit.c_str())
+                : "<td></td><td></td><td>") +
            (std::isfinite(cause.gain.low)
                 ? text("%.2g to %.2g %s", cause.gain.low, cause.gain.high, torque.unit.c_str())
                 : "") +

@@ -58,10 +58,10 @@ TEST(EndOfACause, IsSaidWithTheParameterItsLimitAndWhatItMeans) {
 
 TEST(EndOfACause, ADelayWithinASampleMayComeFromTheRecording) {
   Effect delay = make_effect<TimeDelay>();
-  delay.shape[0] = 0.2e-3;
+  delay.shape[0] = 0.9e-3;
   EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay),
-            "shorter than 0.25 sampling times: it may come from the recording");
-  delay.shape[0] = 0.3e-3;
+            "shorter than one sampling time: it may come from the recording");
+  delay.shape[0] = 1.1e-3;
   EXPECT_FALSE(at_end_of("time_delay", loop_with(20.0, 0.7), delay));
 }
 

@@ -29,14 +29,14 @@ struct Recorded {
 
 /// There and back, with accelerations that rise, stay and fall.
 double command_acceleration(double t, const Machine& machine) {
-  constexpr double kHold_s = 0.1, kMove_s = 1.0;
+  constexpr double kHold_s = 0.1, kMove_s = 2.0;
   const double in_move = std::fmod(t, kMove_s), whole = 2.0 * machine.ramp_s + kHold_s;
   const auto pulse = [&](double s) {
     if (s < 0.0 || s > whole) return 0.0;
     return std::min({1.0, s / machine.ramp_s, (whole - s) / machine.ramp_s});
   };
   const double sign = std::fmod(t, 2.0 * kMove_s) < kMove_s ? 1.0 : -1.0;
-  return sign * machine.acceleration * (pulse(in_move - 0.1) - pulse(in_move - 0.5));
+  return sign * machine.acceleration * (pulse(in_move - 0.1) - pulse(in_move - 1.0));
 }
 
 Recorded recorded(const Machine& machine, double duration_s = 12.0) {
