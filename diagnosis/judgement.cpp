@@ -103,7 +103,7 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
                  longest_s = std::min(shapes_of(effect.kind)[0].upper,
                                       kMaxDelayCycles * model.sample_time_s);
     if (delay_s < kMinDelaySamplesOfCause * model.sample_time_s)
-      return "shorter than one sampling time: it may come from the recording";
+      return "shorter than half a sampling time: it may come from the recording";
     if (delay_s > kAtLimit * longest_s)
       return text("at its limit of %g ms: it stands for something else", 1e3 * longest_s);
     if (lag_in_disguise(model))

@@ -21,9 +21,9 @@ inline constexpr double kMinRemovedShareOfCause = 0.02;
 inline constexpr double kMaxErrorRatioOfLargeGain = 0.7;
 // In sampling times: a model does without a shorter delay where it can ..
 inline constexpr double kMinDelaySamples = 0.25;
-// .. and a delay that is shorter than this is no cause: command and encoder of one row are read at
-// different times within one cycle.
-inline constexpr double kMinDelaySamplesOfCause = 1.0;
+// .. and a delay that is shorter than this is no cause: command and encoder of one row may be read
+// at different times within one cycle.
+inline constexpr double kMinDelaySamplesOfCause = 0.5;
 
 /// A candidate, and the model without it to compare with; both were fitted in the same way.
 struct Tried {

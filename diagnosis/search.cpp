@@ -68,6 +68,11 @@ Search::Search(std::vector<Segment> recorded, double training_to_s, const PoleBo
   divide();
 }
 
+double Search::beyond_noise(const Hypothesis& h) const {
+  const double noise = std::isfinite(floor_.rms) ? floor_.rms : 0.0;
+  return std::sqrt(std::max(0.0, h.rms() * h.rms() - noise * noise));
+}
+
 void Search::detect_cuts(const Model& model) {
   std::vector<Eigen::ArrayXd> left;
   for (const Segment& s : recorded_) left.emplace_back(s.command - s.actual - simulate(model, s));

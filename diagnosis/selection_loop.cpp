@@ -10,8 +10,8 @@ namespace servotwin {
 
 namespace {
 
-// RMS with a delay over RMS with a mode, or with a velocity lag, below which the delay is kept.
-// While something else is not explained, a few per cent do not tell them apart.
+// RMS with a delay over RMS with a mode, or with a velocity lag beyond the noise, below which the
+// delay is kept. While something else is not explained, a few per cent do not tell them apart.
 constexpr double kMaxRmsRatioDelayOverRival = 0.9;
 
 }  // namespace
@@ -37,7 +37,8 @@ void Selector::delay() {
     if (h.rms() < least) undelayed_ = h;
     least = std::min(least, h.rms());
     needed = !tiny && !lag &&
-             (now_.current.rms() < kMaxRmsRatioDelayOverRival * h.rms() ||
+             (search_.beyond_noise(now_.current) <
+                  kMaxRmsRatioDelayOverRival * search_.beyond_noise(h) ||
               delay_in_disguise(h.model.loop));
     if (!needed) break;
   }
@@ -73,9 +74,7 @@ bool Selector::add_delay() {
       delay_s > options_.identify.delay_max_s)
     return false;
   search_.judge(best);
-  // It has to explain a large part: beside what is not explained, a delay improves most fits a
-  // little.
-  if (best.rms() >= kMaxErrorRatioOfLargeGain * now_.fitted.rms() ||
+  if (best.rms() >= kMaxRmsRatioToAdd * now_.fitted.rms() ||
       paired_z(now_.fitted.pieces, best.pieces) < kMinBlockZ)
     return false;
   steps_.push_back(
@@ -83,7 +82,10 @@ bool Selector::add_delay() {
   const State before = now_;
   now_.current = std::move(best);
   settle();
-  if (now_.current.rms() < kMaxRmsRatioDelayOverRival * before.current.rms()) {
+  // It has to explain a large part: beside what is not explained, a delay improves most fits a
+  // little.
+  if (search_.beyond_noise(now_.current) <
+      kMaxErrorRatioOfLargeGain * search_.beyond_noise(before.current)) {
     undelayed_ = before.current;
     return true;
   }

@@ -58,10 +58,10 @@ TEST(EndOfACause, IsSaidWithTheParameterItsLimitAndWhatItMeans) {
 
 TEST(EndOfACause, ADelayWithinASampleMayComeFromTheRecording) {
   Effect delay = make_effect<TimeDelay>();
-  delay.shape[0] = 0.9e-3;
+  delay.shape[0] = 0.45e-3;
   EXPECT_EQ(end_text("time_delay", loop_with(20.0, 0.7), delay),
-            "shorter than one sampling time: it may come from the recording");
-  delay.shape[0] = 1.1e-3;
+            "shorter than half a sampling time: it may come from the recording");
+  delay.shape[0] = 0.55e-3;
   EXPECT_FALSE(at_end_of("time_delay", loop_with(20.0, 0.7), delay));
 }
 
