@@ -68,9 +68,12 @@ Search::Search(std::vector<Segment> recorded, double training_to_s, const PoleBo
   divide();
 }
 
-double Search::beyond_noise(const Hypothesis& h) const {
-  const double noise = std::isfinite(floor_.rms) ? floor_.rms : 0.0;
-  return std::sqrt(std::max(0.0, h.rms() * h.rms() - noise * noise));
+double Search::ratio_beyond_noise(const Hypothesis& better, const Hypothesis& other) const {
+  // The true noise is not above what any model leaves.
+  const double noise =
+      std::min({std::isfinite(floor_.rms) ? floor_.rms : 0.0, better.rms(), other.rms()});
+  const double below = other.rms() * other.rms() - noise * noise;
+  return below > 0.0 ? std::sqrt((better.rms() * better.rms() - noise * noise) / below) : 1.0;
 }
 
 void Search::detect_cuts(const Model& model) {

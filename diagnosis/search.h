@@ -56,8 +56,8 @@ class Search {
   /// Refits the hypothesis in free simulation; keeps the result where its error on the training
   /// data is smaller.
   void polish(Hypothesis& h);
-  /// RMS of its pieces without that of the noise; 0 where it is not above the noise.
-  [[nodiscard]] double beyond_noise(const Hypothesis& h) const;
+  /// RMS of the one over that of the other, both without the noise; 1 where the other is noise.
+  [[nodiscard]] double ratio_beyond_noise(const Hypothesis& better, const Hypothesis& other) const;
   /// Whether a model fitted in free simulation is physically plausible beyond the bounds of its
   /// single parameters.
   [[nodiscard]] bool is_plausible(const Model& model) const;

@@ -34,12 +34,14 @@ void Selector::delay() {
     if (!search_.fit(h, from)) continue;
     search_.polish(h);
     search_.judge(h);
-    if (h.rms() < least) undelayed_ = h;
-    least = std::min(least, h.rms());
-    needed = !tiny && !lag &&
-             (search_.beyond_noise(now_.current) <
-                  kMaxRmsRatioDelayOverRival * search_.beyond_noise(h) ||
-              delay_in_disguise(h.model.loop));
+    const bool disguised = delay_in_disguise(h.model.loop);
+    if (h.rms() < least && !disguised) {
+      least = h.rms();
+      undelayed_ = h;
+    }
+    needed =
+        !tiny && !lag &&
+        (disguised || search_.ratio_beyond_noise(now_.current, h) < kMaxRmsRatioDelayOverRival);
     if (!needed) break;
   }
   if (needed) {
@@ -84,8 +86,9 @@ bool Selector::add_delay() {
   settle();
   // It has to explain a large part: beside what is not explained, a delay improves most fits a
   // little.
-  if (search_.beyond_noise(now_.current) <
-      kMaxErrorRatioOfLargeGain * search_.beyond_noise(before.current)) {
+  const double ratio = search_.ratio_beyond_noise(now_.current, before.current);
+  if (now_.current.rms() < kMaxRmsRatioToAdd * before.current.rms() &&
+      ratio < kMaxErrorRatioOfLargeGain) {
     undelayed_ = before.current;
     return true;
   }
