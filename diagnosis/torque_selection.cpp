@@ -333,8 +333,10 @@ class TorqueSelection {
       return left.squaredNorm() > kMinVelocityShareLeft * v.squaredNorm();
     }
     // Falling or rising with speed, the force must oppose the motion at all speeds.
+    // Below the velocity at which the friction of the body turns around, it is a matter of how.
     if (term.kind == kind_of<FallingFriction>())
-      return std::abs(of_own(0)) > kMinStribeckShare * body_.coulomb && of_own(0) > -body_.coulomb;
+      return term.shapes[0] > body_.velocity_limit &&
+             std::abs(of_own(0)) > kMinStribeckShare * body_.coulomb && of_own(0) > -body_.coulomb;
     if (term.kind == kind_of<AddedFriction>()) {
       const double fastest = rows_.velocity().cwiseAbs().maxCoeff();
       return of_own(0) * (of_own(0) + of_own(1) * fastest) > 0.0;
