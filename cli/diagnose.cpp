@@ -51,6 +51,7 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
                        diagnosis.baseline.training_to_s));
   say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
   say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
+  if (!diagnosis.at_limit.empty()) say(people, "at limit    " + diagnosis.at_limit);
   for (const Cause& cause : diagnosis.causes) {
     std::string line = text("cause       %-24s ", cause.id.c_str());
     if (std::isfinite(cause.gain.before)) {

@@ -494,11 +494,22 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
     return diagnose_repeatedly(axis, options);
   SegmentedAxis free = axis;
   free.segments = away_from(limit, axis.segments);
-  Diagnosis out = diagnose_repeatedly(free, options);
-  out.steps.insert(
-      out.steps.begin(),
-      text("the motor is at its limit, %.4g %s, in %zu moments, %.3g s together: left out",
-           limit.level, axis.torque_unit.c_str(), limit.moments.size(), limit.duration_s()));
+  Diagnosis out;
+  std::string rest = ", of which too little motion would be left: the loop is identified with them";
+  if (!free.segments.empty()) {
+    try {
+      out = diagnose_repeatedly(free, options);
+      rest = ": the loop is identified without them";
+    } catch (const std::runtime_error&) {  // what is left has no motion where a fit needs it
+      if (options.stop.stop_requested()) throw;
+      free.segments.clear();
+    }
+  }
+  if (free.segments.empty()) out = diagnose_repeatedly(axis, options);
+  out.at_limit = text("the motor is at %.4g %s in %zu moment%s, %.3g s together", limit.level,
+                      axis.torque_unit.c_str(), limit.moments.size(),
+                      limit.moments.size() == 1 ? "" : "s", limit.duration_s()) +
+                 rest;
   return out;
 }
 

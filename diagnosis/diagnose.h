@@ -91,8 +91,11 @@ struct Diagnosis {
   std::vector<SpectrumPeak> peaks;  ///< of the same residual
   double unexplained_share = 0.0;   ///< of the baseline's squared error beyond the noise floor
   std::optional<SuggestedTest> suggested_test;  ///< where the recording leaves causes undecided
-  int fits = 0;                                 ///< number of fits of the search
-  std::vector<std::string> steps;               ///< of the search, as text
+  /// What was done with the moments in which the motor is at its limit, as text; empty: none were
+  /// seen.
+  std::string at_limit;
+  int fits = 0;                    ///< number of fits of the search
+  std::vector<std::string> steps;  ///< of the search, as text
 };
 
 struct DiagnoseOptions {

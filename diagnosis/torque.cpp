@@ -6,7 +6,6 @@
 #include <stdexcept>
 
 #include "diagnosis/bootstrap.h"
-#include "diagnosis/chance.h"
 #include "diagnosis/extension.h"
 #include "diagnosis/thresholds.h"
 #include "diagnosis/torque_selection.h"
@@ -279,10 +278,9 @@ TorqueCause cause_of_limit(const TorqueLimit& limit, double trained_level, doubl
                       {"moments", static_cast<double>(limit.moments.size())},
                       {"at_limit_s", limit.duration_s()},
                       {"longest_at_s", longest->begin_s}};
-  std::vector<double> lacking;
-  double before = 0.0, after = 0.0, held = 0.0;
+  double most = 0.0, before = 0.0, after = 0.0, held = 0.0;
   for (const TorqueLimit::Piece& piece : limit.pieces) {
-    lacking.push_back(piece.lacking);
+    most = std::max(most, piece.lacking);
     if (piece.time_s <= training_to_s) continue;
     before += std::pow(mass * piece.lacking_mps2, 2);
     after += std::pow(piece.beside_level + limit.level - trained_level, 2);
@@ -292,9 +290,9 @@ TorqueCause cause_of_limit(const TorqueLimit& limit, double trained_level, doubl
     cause.gain.before = std::sqrt(before / held);
     cause.gain.after = std::sqrt(after / held);
   }
-  const double z = z_of_mean(lacking);
-  cause.evidence = {{"share of the highest torques that are at one level", limit.flat, kAbsent},
-                    {"acceleration that the axis lacks meanwhile", z, chance_beyond(z)}};
+  cause.evidence = {
+      {"share of the highest torques that are at one level", limit.flat, kAbsent},
+      {"largest share of its acceleration that the axis lacks meanwhile", most, kAbsent}};
   return cause;
 }
 
@@ -374,9 +372,12 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
   const TorqueLimit limit = torque_limit(in_time.segments);
   if (!limit.found()) return out;
   const TorqueLimit trained = torque_limit(cut(in_time.segments, -1e300, out.training_to_s));
-  out.causes.insert(out.causes.begin(),
-                    cause_of_limit(limit, trained.found() ? trained.level : 0.0, body.mass,
-                                   out.training_to_s, key_of_unit(out.unit)));
+  TorqueCause cause = cause_of_limit(limit, trained.found() ? trained.level : 0.0, body.mass,
+                                     out.training_to_s, key_of_unit(out.unit));
+  const bool worse = cause.gain.after >= cause.gain.before;  // false where it was not measured
+  if (worse) cause.doubt = TorqueDoubt::kGain;
+  auto& list = worse ? out.suspected : out.causes;
+  list.insert(list.begin(), std::move(cause));
   return out;
 }
 

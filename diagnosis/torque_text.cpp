@@ -272,8 +272,6 @@ std::vector<std::string> torque_lines(const TorqueDiagnosis& torque, bool detail
     out.push_back("              " + sizes_of(cause));
     for (const Harmonic& harmonic : cause.harmonics)
       out.push_back("              " + line_of(torque, harmonic));
-    if (cause.id == "torque_saturation")
-      out.push_back("              the position loop is identified without these moments");
     for (const std::string& rival : cause.ambiguous_with) {
       out.push_back(
           "              not distinguishable from " + rival + " with this recording" +

@@ -11,10 +11,12 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kMinBand = 0.003;       // of the level: a drive controls its current that well
+constexpr double kMinBand = 0.003;  // of the level: a drive controls its current that well
+// Within a wider band, or in coarser steps, the torque is flat at every peak.
+constexpr double kMaxBand = 0.05, kMaxStep = 0.01;
 constexpr double kBandOverNoise = 3.0;   // standard deviations
 constexpr double kBeside = 4.0;          // bands below the level, where a moment ends
-constexpr double kMinFlat = 0.67;       // between a parabola, 0.5, and a level without noise, 1
+constexpr double kMinFlat = 0.67;        // between a parabola, 0.5, and a level without noise, 1
 constexpr Eigen::Index kMinSamples = 4;  // of a piece
 constexpr double kPiece_s = 0.01;
 constexpr double kVelocitySpan_s = 2e-3;  // to each side
@@ -22,11 +24,14 @@ constexpr double kVelocitySpan_s = 2e-3;  // to each side
 // flat; one at its limit lacks most at the end, when the command needs no more and it catches up.
 constexpr double kMinLacking = 0.1, kMinLackingOverNoise = 3.0;
 constexpr std::size_t kMinPieces = 4;
-constexpr double kMinShareLacking = 0.5;  // of the pieces, by moments
-constexpr double kSettle_s = 0.3;          // after which the loop has forgotten that it was open
+// Of the recording's highest acceleration: at constant speed friction makes a flat torque too, and
+// every ripple of the velocity is more than the command has.
+constexpr double kMinAcceleration = 0.3, kMinShareAccelerating = 0.5;  // of the pieces of a moment
+constexpr double kMinShareLacking = 0.5;                               // of the pieces, by moments
+constexpr double kSettle_s = 0.3;  // after which the loop has forgotten that it was open
 // A recorded torque may be behind the motion by as much (diagnosis/torque_lag.h).
 constexpr double kBefore_s = 0.02;
-constexpr double kMinShareLeft = 0.5;  // of the samples
+constexpr double kMinShareLeft = 0.5;  // of the samples in motion
 
 /// Standard deviation of the noise, from second differences: few of them contain a corner.
 double noise_of(const std::vector<Segment>& segments) {
@@ -39,6 +44,40 @@ double noise_of(const std::vector<Segment>& segments) {
   }
   constexpr double kMedianOfNormal = 0.6745;
   return median(second) / (kMedianOfNormal * std::sqrt(6.0));
+}
+
+/// The resolution of the torque.
+double step_of(const std::vector<Segment>& segments, double top) {
+  constexpr double kRounding = 1e-9;  // of the top
+  double step = top;
+  for (const Segment& s : segments) {
+    for (Eigen::Index k = 1; k < s.torque.size(); ++k) {
+      const double change = std::abs(s.torque(k) - s.torque(k - 1));
+      if (change > kRounding * top) step = std::min(step, change);
+    }
+  }
+  return step;
+}
+
+/// The highest commanded acceleration, over pieces.
+double peak_acceleration(const std::vector<Segment>& segments) {
+  std::vector<double> all;
+  for (const Segment& s : segments) {
+    const auto span = std::max<Eigen::Index>(1, std::lround(0.5 * kPiece_s / s.sample_time_s));
+    const double span_s = s.sample_time_s * static_cast<double>(span);
+    for (Eigen::Index k = span; k + span < s.size(); ++k)
+      all.push_back(std::abs(s.command(k + span) - 2.0 * s.command(k) + s.command(k - span)) /
+                    (span_s * span_s));
+  }
+  return quantile(std::move(all), kPeakQuantile);
+}
+
+/// Samples at which the command moves, behind the lead-in.
+Eigen::Index moving_samples(const Segment& s) {
+  Eigen::Index count = 0;
+  for (Eigen::Index k = std::max<Eigen::Index>(1, s.lead); k < s.size(); ++k)
+    count += s.command(k) != s.command(k - 1) ? 1 : 0;
+  return count;
 }
 
 /// The highest torque that is not a single sample.
@@ -76,7 +115,9 @@ TorqueLimit::Piece piece_of(const Segment& s, Eigen::Index from, Eigen::Index to
   out.lacking = larger > 0.0 ? lacking / larger : 0.0;
   // Four readings, each over twice the span.
   if (larger > 0.0) out.noise = noise / (s.sample_time_s * static_cast<double>(span)) / larger;
-  out.lacking_mps2 = lacking / (s.sample_time_s * static_cast<double>(to - from));
+  const double length_s = s.sample_time_s * static_cast<double>(to - from);
+  out.lacking_mps2 = lacking / length_s;
+  out.acceleration = larger / length_s;
   out.beside_level = s.torque.segment(from, to - from + 1).abs().mean() - level;
   return out;
 }
@@ -115,7 +156,7 @@ TorqueLimit limit_at(const std::vector<Segment>& segments, double top, double ba
     if (s.actual.size() != s.command.size() || s.torque.size() != s.command.size()) continue;
     Eigen::Index first = -1, last = -1;
     for (Eigen::Index k = 0; k <= s.size(); ++k) {
-      const double size = k < s.size() ? std::abs(s.torque(k)) : 0.0;
+      const double size = k < s.size() ? std::abs(s.torque(k)) : -1e300;  // ends the last moment
       const bool inside = size >= out.level - band, beside = size >= out.level - kBeside * band;
       if (beside) near += 1.0;
       if (inside) {
@@ -139,11 +180,17 @@ bool TorqueLimit::found() const {
   const auto lacks = [](const Piece& piece) {
     return piece.lacking > std::max(kMinLacking, kMinLackingOverNoise * piece.noise);
   };
+  const auto accelerates = [&](const Piece& piece) {
+    return piece.acceleration >= kMinAcceleration * peak_acceleration;
+  };
   std::size_t lacking = 0;
   for (auto piece = pieces.begin(); piece != pieces.end();) {
     const auto end = std::find_if(
         piece, pieces.end(), [&](const Piece& other) { return other.moment != piece->moment; });
-    if (std::any_of(piece, end, lacks)) lacking += static_cast<std::size_t>(end - piece);
+    const auto fast = static_cast<double>(std::count_if(piece, end, accelerates));
+    if (fast >= kMinShareAccelerating * static_cast<double>(end - piece) &&
+        std::any_of(piece, end, [&](const Piece& p) { return accelerates(p) && lacks(p); }))
+      lacking += static_cast<std::size_t>(end - piece);
     piece = end;
   }
   return static_cast<double>(lacking) >= kMinShareLacking * static_cast<double>(pieces.size());
@@ -162,17 +209,22 @@ TorqueLimit torque_limit(const std::vector<Segment>& segments) {
   const double noise =
       std::max(std::isfinite(floor.rms) ? floor.rms : 0.0, floor.encoder_step / std::sqrt(12.0));
   // A limit cuts the noise of the control off, but not that of the measurement.
-  TorqueLimit out = limit_at(segments, top, kMinBand * top, noise);
+  const double step = step_of(segments, top), band = std::max(kMinBand * top, step);
+  if (step > kMaxStep * top) return {};
+  TorqueLimit out = limit_at(segments, top, band, noise);
+  out.peak_acceleration = peak_acceleration(segments);
   const double wide = kBandOverNoise * noise_of(segments);
-  if (!out.found() && wide > kMinBand * top) out = limit_at(segments, top, wide, noise);
-  return out;
+  if (out.found() || !(wide > band) || wide > kMaxBand * top) return out;
+  TorqueLimit other = limit_at(segments, top, wide, noise);
+  other.peak_acceleration = out.peak_acceleration;
+  return other;
 }
 
 std::vector<Segment> away_from(const TorqueLimit& limit, const std::vector<Segment>& segments) {
   std::vector<Segment> out;
   Eigen::Index all = 0, left = 0;
   for (const Segment& s : segments) {
-    all += s.size();
+    all += moving_samples(s);
     double from_s = s.start_s;
     bool open = false;  // the loop was open before
     const auto add = [&](double to_s) {
@@ -180,7 +232,7 @@ std::vector<Segment> away_from(const TorqueLimit& limit, const std::vector<Segme
         if (open)
           part.lead = std::max<Eigen::Index>(part.lead, std::lround(kSettle_s / s.sample_time_s));
         if (part.lead >= part.size()) continue;
-        left += part.size() - part.lead;
+        left += moving_samples(part);
         out.push_back(std::move(part));
       }
     };
@@ -192,7 +244,8 @@ std::vector<Segment> away_from(const TorqueLimit& limit, const std::vector<Segme
     }
     add(s.end_s());
   }
-  return static_cast<double>(left) < kMinShareLeft * static_cast<double>(all) ? segments : out;
+  if (static_cast<double>(left) < kMinShareLeft * static_cast<double>(all)) out.clear();
+  return out;
 }
 
 }  // namespace servotwin

@@ -23,19 +23,22 @@ struct TorqueLimit {
   struct Moment {
     double begin_s = 0.0, end_s = 0.0;
   };
-  /// A part of a moment.
+  /// A part of a moment, long enough to have a velocity.
   struct Piece {
     std::size_t moment = 0;     ///< its place in `moments`
     double time_s = 0.0;        ///< of its middle
     double noise = 0.0;         ///< standard deviation of `lacking` by the encoder
     double lacking = 0.0;       ///< as above, 0..2
     double lacking_mps2 = 0.0;  ///< acceleration that the command has and the axis has not
+    double acceleration =
+        0.0;  ///< of the command or of the axis, whichever is higher [m/s^2 | rad/s^2]
     double beside_level = 0.0;  ///< mean torque minus level, both without sign
   };
-  double level = 0.0;           ///< M; 0 where there is no torque
-  double flat = 0.0;            ///< 0..1
-  std::vector<Moment> moments;  ///< in the order of time
-  std::vector<Piece> pieces;    ///< long enough to have a velocity
+  double level = 0.0;              ///< M; 0 where there is no torque
+  double flat = 0.0;               ///< 0..1
+  double peak_acceleration = 0.0;  ///< of the command [m/s^2 | rad/s^2]
+  std::vector<Moment> moments;     ///< in the order of time
+  std::vector<Piece> pieces;       ///< long enough to have a velocity
 
   /// Whether the motor is at its limit in these moments.
   [[nodiscard]] bool found() const;
@@ -45,7 +48,7 @@ struct TorqueLimit {
 [[nodiscard]] TorqueLimit torque_limit(const std::vector<Segment>& segments);
 
 /// The segments without these moments. What follows one begins with a lead-in, in which the loop
-/// settles. All of them where hardly anything would be left.
+/// settles. Empty where less than half of the motion would be left.
 [[nodiscard]] std::vector<Segment> away_from(const TorqueLimit& limit,
                                              const std::vector<Segment>& segments);
 
