@@ -48,12 +48,12 @@ double noise_of(const std::vector<Segment>& segments) {
 
 /// The resolution of the torque.
 double step_of(const std::vector<Segment>& segments, double top) {
-  constexpr double kLeastChange = 1e-9;  // of the top
+  constexpr double kShareOfRounding = 1e-9;  // of the top
   double step = top;
   for (const Segment& s : segments) {
     for (Eigen::Index k = 1; k < s.torque.size(); ++k) {
       const double change = std::abs(s.torque(k) - s.torque(k - 1));
-      if (change > kLeastChange * top) step = std::min(step, change);
+      if (change > kShareOfRounding * top) step = std::min(step, change);
     }
   }
   return step;

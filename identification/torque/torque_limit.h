@@ -5,8 +5,11 @@
 // axis follows; a short peak is not followed, and its torque is not flat. With M the level, b the
 // width of the noise about it, and v the velocity over a piece of 10 ms at the level:
 //
-//   flat     samples at M - b and above / samples at M - 4 b and above: 0.5 at the top of a
-//   parabola lacking  |change of v_r - change of v| / the larger one of both
+//   flat     samples above M - b / samples above M - 4 b (0.5 at the top of a parabola)
+//
+//   lacking  |change of v_r - change of v| / the larger one of both
+//
+// Moments at constant speed do not count: there friction makes the torque flat.
 //
 // At its limit the loop is open: those moments say nothing about the loop (docs/theory.md 3.11).
 // Units: the recorded unit of the torque, whatever its sign; s. Any thread.
@@ -30,8 +33,7 @@ struct TorqueLimit {
     double noise = 0.0;         ///< standard deviation of `lacking` by the encoder
     double lacking = 0.0;       ///< as above, 0..2
     double lacking_mps2 = 0.0;  ///< acceleration that the command has and the axis has not
-    double acceleration =
-        0.0;  ///< of the command or of the axis, whichever is higher [m/s^2 | rad/s^2]
+    double acceleration = 0.0;  ///< the higher one of command and axis [m/s^2 | rad/s^2]
     double beside_level = 0.0;  ///< mean torque minus level, both without sign
   };
   double level = 0.0;              ///< M; 0 where there is no torque
