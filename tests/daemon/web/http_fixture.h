@@ -3,9 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <memory>
 #include <sstream>
 #include <string>
+#include <thread>
 
 #include "daemon/web/web_service.h"
 #include "tests/daemon/http_client.h"
@@ -40,6 +42,18 @@ class HttpTest : public testing::Test {
   }
   [[nodiscard]] HttpAnswer get(const std::string& target) const {
     return ask(port_, "GET", target);
+  }
+  /// Publishes this status until `said()` contains the text: what finds the web thread busy goes
+  /// along with the next status, as with those that the daemon publishes every second.
+  template <class Said>
+  bool tells(const std::string& text, const Said& said, const MachineStatus& status = {}) {
+    constexpr int kTurns = 1500;
+    for (int turn = 0; turn < kTurns; ++turn) {
+      shown_->feed().add(status);
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      if (said().find(text) != std::string::npos) return true;
+    }
+    return false;
   }
 
   TemporaryDirectory directory_;

@@ -60,8 +60,9 @@ TEST_F(TlsTest, PageMetricsChangesAndTheStreamComeOverIt) {
   ASSERT_TRUE(stream->says("Content-Type: text/event-stream")) << stream->said();
   MachineStatus status;
   status.frames = 4711;
-  shown_->feed().add(status);
-  EXPECT_TRUE(stream->says("\"frames\":4711")) << stream->said();
+  EXPECT_TRUE(tells(
+      "\"frames\":4711", [&] { return stream->said(); }, status))
+      << stream->said();
 }
 
 TEST_F(TlsTest, OldVersionsAndPlainTextAreNotAnswered) {
@@ -105,8 +106,9 @@ TEST_F(TlsTest, ARenewedCertificateIsForNewConnectionsAndTheStreamGoesOn) {
   EXPECT_THAT(answer_to("GET / HTTP/1.1\r\n", trusting_the_old), Not(HasSubstr("<!doctype html>")));
   MachineStatus status;
   status.frames = 4711;
-  shown_->feed().add(status);
-  EXPECT_TRUE(stream->says("\"frames\":4711")) << stream->said();
+  EXPECT_TRUE(tells(
+      "\"frames\":4711", [&] { return stream->said(); }, status))
+      << stream->said();
 }
 
 TEST_F(TlsTest, ACertificateThatExpiresIsNoted) {
