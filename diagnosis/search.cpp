@@ -240,16 +240,26 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
       servotwin::fit_two_masses(training_, rigid.structure, rigid.model, kinds, floor_.encoder_step,
                                 [this](const Model& m) { return is_plausible(m); });
   if (!found) return false;
-  if (found->rms < worth && found->model.find(kind_of<CoulombFriction>()) != nullptr) {
+  // With play the moments of the impacts decide, and other laws of friction take long to tell
+  // apart.
+  if (found->rms < worth && found->model.find(kind_of<CoulombFriction>()) != nullptr &&
+      !plays(found->model)) {
     std::vector<std::optional<TwoMassFit>> others(laws.size());
     in_parallel(laws.size(), [&](std::size_t i) {
-      others[i] = with_law(*found, laws[i], training_, floor_.encoder_step);
+      if (const auto other = with_law(*found, laws[i]))
+        others[i] = refined(*other, training_, floor_.encoder_step, kTryRounds, kTryPasses);
     });
-    double least = kMaxRmsRatioOfTravel * found->rms;
-    for (auto& other : others) {
-      if (!other || !(other->rms < least) || !is_plausible(other->model)) continue;
-      least = kMaxRmsRatioToAdd * other->rms;
-      found = std::move(other);
+    // The best of them is fitted on, and taken if it is clearly better.
+    const std::optional<TwoMassFit>* best = nullptr;
+    for (const auto& other : others) {
+      if (other && is_plausible(other->model) && (best == nullptr || other->rms < (*best)->rms))
+        best = &other;
+    }
+    if (best != nullptr) {
+      auto other = refined(**best, training_, floor_.encoder_step, kFitRounds, kFitPasses);
+      if (!other) other = *best;
+      if (other->rms < kMaxRmsRatioOfTravel * found->rms && is_plausible(other->model))
+        found = std::move(other);
     }
   }
   *found = without_empty_gap(std::move(*found));

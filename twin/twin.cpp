@@ -64,7 +64,7 @@ TwinOf<S>::TwinOf(const ModelOf<S>& model) {
   }
   const EffectOf<S>* two_mass = two_mass_of(model);
   double longest_part_s = kLongestPart_s;
-  if (two_mass != nullptr && two_mass_parameters(*two_mass).width > 0.0)
+  if (plays(model))
     longest_part_s = std::min(
         longest_part_s, kLargestStepInPlay_rad / value_of(two_mass_parameters(*two_mass).omega));
   linear_.parts = model.effects.empty()

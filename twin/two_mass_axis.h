@@ -65,6 +65,12 @@ template <class S>
   });
   return out;
 }
+/// Whether these are two masses with play between them.
+template <class S>
+[[nodiscard]] bool plays(const ModelOf<S>& model) {
+  const EffectOf<S>* two_masses = two_mass_of(model);
+  return two_masses != nullptr && two_mass_parameters(*two_masses).width > 0.0;
+}
 /// The same kind of axis without play.
 template <class S>
 [[nodiscard]] EffectOf<S> without_play(const EffectOf<S>& effect) {

@@ -22,6 +22,9 @@ namespace servotwin {
 
 namespace {
 
+// With play a round takes a few simulations per parameter, and after a few rounds the error, which
+// jumps from one contact to another, hardly falls any more.
+constexpr int kMaxRoundsOfPlay = 6;
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 /// - log P(r) above its least value, as half a square: the residual that least squares needs.
@@ -300,8 +303,7 @@ Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
   Missed out;
   out.r.resize(rows.back());
   out.by.resize(rows.back(), static_cast<Eigen::Index>(directions.size()));
-  const Effect* two_mass = two_mass_of(model);
-  const bool plays = two_mass != nullptr && two_mass_parameters(*two_mass).width > 0.0;
+  const bool has_play = plays(model);
   // One task for every segment and every pass over it.
   const std::size_t passes = (directions.size() + kParametersPerPass - 1) / kParametersPerPass;
   in_parallel(segments.size() * passes, [&](std::size_t task) {
@@ -311,7 +313,8 @@ Missed missed_with_derivatives(const Coordinates& coordinates, const double* x,
     if (n <= 0) return;
     const auto some = std::span<const Model>(directions)
                           .subspan(first, std::min(kParametersPerPass, directions.size() - first));
-    const Simulated simulated = plays ? by_differences(model, some, s) : simulate(model, some, s);
+    const Simulated simulated =
+        has_play ? by_differences(model, some, s) : simulate(model, some, s);
     if (first == 0)
       out.r.segment(rows[i], n) = ((s.command - s.actual) - simulated.error).tail(n).matrix();
     out.by.block(rows[i], static_cast<Eigen::Index>(first), n,
@@ -411,8 +414,8 @@ std::optional<OutputErrorFit> output_error(const std::vector<Segment>& segments,
       if (lower > -1e299) problem.SetParameterLowerBound(x.data(), static_cast<int>(i), lower);
       if (upper < 1e299) problem.SetParameterUpperBound(x.data(), static_cast<int>(i), upper);
     }
-    ceres::Solver::Options solver =
-        bounded_options(ceres::DENSE_QR, options.rounds, options.tolerance);
+    const int rounds = plays(start) ? std::min(options.rounds, kMaxRoundsOfPlay) : options.rounds;
+    ceres::Solver::Options solver = bounded_options(ceres::DENSE_QR, rounds, options.tolerance);
     solver.gradient_tolerance = 1e-30;
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem, &summary);

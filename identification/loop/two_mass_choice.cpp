@@ -73,7 +73,8 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
     if (options.friction) continue;
     std::array<std::optional<TwoMassFit>, kLawsOnLoad.size()> others;
     in_parallel(others.size(), [&](std::size_t i) {
-      others[i] = with_law(first, kLawsOnLoad[i], fitted, encoder_step);
+      if (const auto other = with_law(first, kLawsOnLoad[i]))
+        others[i] = refined(*other, fitted, encoder_step, kFitRounds, kFitPasses);
     });
     for (const auto& other : others) {
       if (other && determined(other->model)) all.push_back(without_empty_gap(*other));

@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <nlopt.hpp>
 
+#include "identification/least_squares/chart.h"
 #include "identification/least_squares/parallel.h"
+#include "identification/loop/gap_scan.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/output_error.h"
 #include "identification/recording/segments.h"
@@ -27,6 +30,10 @@ constexpr std::array kFrequencies_hz{12.0, 25.0, 50.0, 100.0, 200.0};
 // Contacts are stiff: two frequencies are near enough.
 constexpr std::array kContacts_hz{80.0, 250.0};
 constexpr std::array kWidths{1e-6, 4e-6, 16e-6, 64e-6};  // m | rad
+// A spring faster than this is not seen in the samples; a contact is, by when it hits.
+constexpr double kMaxFrequency = 0.3;  // of the sampling rate
+constexpr int kMaxSeekSimulations = 200;
+constexpr double kSeekStep = 0.1;  // at first, of a parameter
 
 /// The same loop with poles that are faster by this factor; its lag at constant speed and its
 /// error by a constant force stay.
@@ -65,7 +72,7 @@ std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
   }
   effect.shape[3] = 0.9;  // of the friction on the load: within its bounds
   const auto add = [&](double factor, double frequency_hz) {
-    if (frequency_hz * rigid.sample_time_s > 0.3) return;
+    if (width == kMaxShapes && frequency_hz * rigid.sample_time_s > kMaxFrequency) return;
     effect.shape[0] = frequency_hz;
     Model model = faster(rigid, factor);
     model.effects.push_back(effect);
@@ -82,6 +89,84 @@ std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
     }
   }
   return out;
+}
+
+/// Two masses with the gap that the recorded motion shows. The load's friction there is a part of
+/// that of the rigid axis, which may have lost it to the play.
+Start start_of(const Model& rigid, const GapFound& gap) {
+  Start out{rigid};
+  double level = 0.0;
+  for (const Effect& effect : rigid.effects) {
+    if (is_friction_law(effect.kind)) level += level_of(effect);
+  }
+  const double on_load = gap.deceleration * gap.load_share;
+  if (level > 0.0 && level < on_load) {
+    for (Effect& effect : out.model.effects) {
+      if (!is_friction_law(effect.kind)) continue;
+      for (double& c : effect.coefficient) c *= on_load / level;
+    }
+  }
+  Effect play;
+  play.kind = kind_of<PlayMotorEncoder>();
+  const std::array shapes{kContacts_hz.front(), 0.1, gap.load_share,
+                          on_load / std::max(level, on_load), gap.width};
+  std::size_t i = 0;
+  for (const Parameter& p : shapes_of(play.kind)) {
+    play.shape[i] = std::clamp(shapes[i], p.lower, p.upper);
+    ++i;
+  }
+  out.model.effects.push_back(play);
+  return out;
+}
+
+/// Seeks the parameters of the two masses and the level of friction in free simulation, without
+/// derivatives: from one gap to another the load hits at other moments, and the error jumps.
+void seek(Start& start, const std::vector<Segment>& segments) {
+  struct Sought {
+    Model model;
+    const std::vector<Segment>& segments;
+    std::vector<ShapeAxis> axes;
+    double unit;
+
+    [[nodiscard]] Model at(const double* x) const {
+      Model out = model;
+      for (Effect& effect : out.effects) {
+        if (acts_on_axis(effect.kind)) {
+          for (std::size_t i = 0; i < axes.size(); ++i) effect.shape[i] = axes[i].value(x[i]);
+        } else if (is_friction_law(effect.kind)) {
+          for (double& c : effect.coefficient) c *= std::exp(x[axes.size()]);
+        }
+      }
+      return out;
+    }
+    static double cost(unsigned, const double* x, double*, void* given) {
+      const auto& all = *static_cast<Sought*>(given);
+      const Model model = all.at(x);
+      return why_invalid(model).empty() ? rms_on(model, all.segments) / all.unit : kUnfittedRms;
+    }
+  };
+  start.rms = rms_on(start.model, segments);
+  const Effect& play = *two_mass_of(start.model);
+  Sought sought{start.model, segments, shape_axes({play.kind}), start.rms};
+  std::vector<double> x, lower, upper;
+  for (const ShapeAxis& axis : sought.axes) {
+    x.push_back(axis.coordinate(play.shape[x.size()]));
+    lower.push_back(axis.lower);
+    upper.push_back(axis.upper);
+  }
+  constexpr double kMaxLevel = 1.5;  // logarithm of the factor of the level
+  x.push_back(0.0);
+  lower.push_back(-kMaxLevel);
+  upper.push_back(kMaxLevel);
+  nlopt::opt optimizer(nlopt::LN_SBPLX, static_cast<unsigned>(x.size()));
+  optimizer.set_lower_bounds(lower);
+  optimizer.set_upper_bounds(upper);
+  optimizer.set_initial_step(kSeekStep);
+  optimizer.set_maxeval(kMaxSeekSimulations);
+  optimizer.set_min_objective(Sought::cost, &sought);
+  double least = 0.0;
+  optimizer.optimize(x, least);
+  start = {sought.at(x.data()), least * sought.unit};
 }
 
 /// From the first motion on.
@@ -112,25 +197,28 @@ Effect with_law(const Effect& old, std::size_t law) {
 
 }  // namespace
 
-std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
-                                   const std::vector<Segment>& segments, double encoder_step) {
-  TwoMassFit out = fit;
-  const auto is_law = [](const Effect& effect) { return is_friction_law(effect.kind); };
-  const auto at = std::find_if(out.model.effects.begin(), out.model.effects.end(), is_law);
-  if (at == out.model.effects.end() || at->kind == law) return std::nullopt;
-  out.structure.effects[static_cast<std::size_t>(at - out.model.effects.begin())] = law;
-  *at = with_law(*at, law);
+std::optional<TwoMassFit> refined(TwoMassFit fit, const std::vector<Segment>& segments,
+                                  double encoder_step, int rounds, int passes) {
   OutputErrorOptions options;
   options.encoder_step = encoder_step;
-  options.rounds = 20;
-  options.passes = 2;
+  options.rounds = rounds;
+  options.passes = passes;
   options.tolerance = 1e-3;
   options.covariance = false;
-  const auto refined = output_error(segments, out.structure, out.model, options);
-  if (!refined || !why_invalid(refined->model).empty()) return std::nullopt;
-  out.model = refined->model;
-  out.rms = rms_on(out.model, segments);
-  return out;
+  const auto found = output_error(segments, fit.structure, fit.model, options);
+  if (!found || !why_invalid(found->model).empty()) return std::nullopt;
+  fit.model = found->model;
+  fit.rms = rms_on(fit.model, segments);
+  return fit;
+}
+
+std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law) {
+  const auto is_law = [](const Effect& effect) { return is_friction_law(effect.kind); };
+  const auto at = std::find_if(fit.model.effects.begin(), fit.model.effects.end(), is_law);
+  if (at == fit.model.effects.end() || at->kind == law) return std::nullopt;
+  fit.structure.effects[static_cast<std::size_t>(at - fit.model.effects.begin())] = law;
+  *at = with_law(*at, law);
+  return fit;
 }
 
 TwoMassFit without_empty_gap(TwoMassFit fit) {
@@ -157,15 +245,21 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   const std::vector<Segment> part = short_part(segments);
   const auto best_first = [](const Start& l, const Start& r) { return l.rms < r.rms; };
   in_parallel(starts.size(), [&](std::size_t i) { starts[i].rms = rms_on(starts[i].model, part); });
+  if (std::find(kinds.begin(), kinds.end(), kind_of<PlayMotorEncoder>()) != kinds.end()) {
+    if (const auto gap = scan_gap(part, structure, rigid, encoder_step)) {
+      Start one = start_of(rigid, *gap);
+      if (why_invalid(one.model).empty()) {
+        seek(one, part);
+        starts.push_back(std::move(one));
+      }
+    }
+  }
   std::sort(starts.begin(), starts.end(), best_first);
   std::vector<Start> fitted;
   const auto structure_of = [&](const Model& model) {
     Structure out = structure;
     out.effects.push_back(two_mass_of(model)->kind);
     return out;
-  };
-  const auto plays = [](const Start& s) {
-    return two_mass_parameters(*two_mass_of(s.model)).width > 0.0;
   };
   // Not more than two of a kind: neighbours on the grid end in one fit.
   for (const Start& one : starts) {
@@ -175,21 +269,15 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     if (fitted.size() < kFittedStarts && there < 2) fitted.push_back(one);
   }
   const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes) {
-    OutputErrorOptions options;
-    options.encoder_step = encoder_step;
-    options.rounds = rounds;
-    options.passes = passes;
-    options.tolerance = 1e-3;
-    options.covariance = false;
-    const auto found = output_error(to, structure_of(one.model), one.model, options);
+    auto found = refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes);
     one.rms = kUnfittedRms;
-    if (!found || !why_invalid(found->model).empty()) return;
-    one.model = found->model;
-    one.rms = rms_on(one.model, to);
+    if (found) one = {std::move(found->model), found->rms};
   };
   in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], part, 8, 1); });
   // Play counts for less where it is hardly better.
-  const auto rank = [&](const Start& s) { return s.rms / (plays(s) ? kMaxRmsRatioOfPlay : 1.0); };
+  const auto rank = [&](const Start& s) {
+    return s.rms / (plays(s.model) ? kMaxRmsRatioOfPlay : 1.0);
+  };
   std::sort(fitted.begin(), fitted.end(),
             [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
   int tries = kMostFitsToAll;
@@ -199,7 +287,7 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     if (tries-- == 0) break;
     fit(one, segments, 14, 2);
     if (!(one.rms < kUnfittedRms) || !plausible(one.model)) continue;
-    if (plays(one)) {
+    if (plays(one.model)) {
       Start spring{one.model};
       for (Effect& effect : spring.model.effects) {
         if (acts_on_axis(effect.kind)) effect = without_play(effect);

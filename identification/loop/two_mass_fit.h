@@ -38,11 +38,18 @@ using Plausible = std::function<bool(const Model&)>;
 inline constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
                                         kind_of<PreslidingStribeck>()};
 
-/// The same two masses with another law of friction, from its level and travel; nothing if it is
-/// that law already, or without a valid fit.
-[[nodiscard]] std::optional<TwoMassFit> with_law(const TwoMassFit& fit, std::size_t law,
-                                                 const std::vector<Segment>& segments,
-                                                 double encoder_step);
+/// The same two masses with another law of friction, from its level and travel, not fitted again;
+/// nothing if it is that law already.
+[[nodiscard]] std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law);
+
+/// Fitted to the segments in free simulation from where it is, in at most so many rounds a pass;
+/// nothing without a valid fit.
+[[nodiscard]] std::optional<TwoMassFit> refined(TwoMassFit fit,
+                                                const std::vector<Segment>& segments,
+                                                double encoder_step, int rounds, int passes);
+
+/// Rounds and passes to see whether a law of friction is worth more, and to fit it.
+inline constexpr int kTryRounds = 6, kTryPasses = 1, kFitRounds = 20, kFitPasses = 2;
 
 /// The same axis without its play, if the gap is as narrow as it may be: then there is none.
 [[nodiscard]] TwoMassFit without_empty_gap(TwoMassFit fit);

@@ -10,9 +10,9 @@ namespace servotwin {
 
 namespace {
 
-constexpr double kGrid_s = 0.01;          // of the comparison
-constexpr double kMaxShift_s = 5.0;       // searched, and at most a quarter of the segment
-constexpr Eigen::Index kMaxRows = 10000;  // compared; more do not change the answer
+constexpr double kGrid_s = 0.01;                  // of the comparison
+constexpr double kMaxShift_s = 5.0;               // searched, and at most a quarter of the segment
+constexpr Eigen::Index kMaxComparedRows = 10000;  // compared; more do not change the answer
 // Later than any servo: a loop of Kv 4/s lags by this time, and smooths what it follows.
 constexpr double kMinLate_s = 0.25;
 // Ahead of its command by more than an overdone feedforward makes it.
@@ -67,7 +67,7 @@ std::string why_at_another_time(std::span<const Segment> segments) {
   const auto every = std::max<Eigen::Index>(
       1, static_cast<Eigen::Index>(std::lround(kGrid_s / longest->sample_time_s)));
   const double grid_s = static_cast<double>(every) * longest->sample_time_s;
-  const Eigen::Index rows = std::min(kMaxRows, longest->size() / every);
+  const Eigen::Index rows = std::min(kMaxComparedRows, longest->size() / every);
   Eigen::ArrayXd command(rows), actual(rows);
   for (Eigen::Index k = 0; k < rows; ++k) {
     command(k) = longest->command(k * every);

@@ -1,0 +1,90 @@
+// The gap that the recorded motion shows, of machines that share no code with the twin.
+#include "identification/loop/gap_scan.h"
+
+#include <gtest/gtest.h>
+
+#include "identification/loop/identify.h"
+#include "identification/recording/noise_floor.h"
+#include "tests/hidden_effects/rig.h"
+
+namespace servotwin::hidden_effects {
+namespace {
+
+constexpr virtual_machine::Limits kBrisk{.velocity = 0.2, .acceleration = 2.0, .jerk = 40.0};
+
+/// 300 kg, of which 180 kg lie behind a stiff contact and slide easily: 15 N.
+Rig easy_slide(double gap) {
+  Rig rig;
+  rig.body.mass = 300.0;
+  rig.body.motor_share = 0.4;
+  rig.body.spring_frequency_hz = 400.0;
+  rig.body.damping_ratio = 0.1;
+  rig.body.gap = gap;
+  rig.friction.level = 15.0;
+  rig.friction.saturation_velocity = 1e-3;
+  rig.drive.position_gain = 120.0;
+  rig.drive.velocity_gain = 300.0 * 800.0;
+  rig.reading.noise = 2e-8;
+  rig.reading.sample_time = 2e-3;
+  return rig;
+}
+
+SegmentedAxis recorded(const Rig& rig) {
+  virtual_machine::Trajectory path(0.0);
+  for (int i = 0; i < 6; ++i) {
+    path.dwell(0.3);
+    path.move_to(0.02 * (1 + i % 3), kBrisk);
+    path.dwell(0.2);
+    path.move_to(-0.01 * (1 + i % 2), kBrisk);
+  }
+  path.dwell(0.3);
+  const Trace trace = simulate(rig, path);
+  Segment segment;
+  segment.sample_time_s = rig.reading.sample_time;
+  const auto rows = static_cast<Eigen::Index>(trace.command.size());
+  segment.command = Eigen::Map<const Eigen::ArrayXd>(trace.command.data(), rows);
+  segment.actual = Eigen::Map<const Eigen::ArrayXd>(trace.actual.data(), rows);
+  SegmentedAxis axis;
+  axis.axis = "X";
+  axis.sample_time_s = segment.sample_time_s;
+  axis.segments.push_back(segment);
+  return axis;
+}
+
+std::optional<GapFound> found_in(const SegmentedAxis& axis) {
+  IdentifyOptions options;
+  options.must_predict = false;
+  const Model rigid = identify(axis, options).record.model;
+  Structure structure;
+  structure.order = rigid.loop.order;
+  for (const Effect& effect : rigid.effects) structure.effects.push_back(effect.kind);
+  return scan_gap(axis.segments, structure, rigid, noise_floor(axis.segments).encoder_step);
+}
+
+class AGap : public testing::TestWithParam<double> {};
+
+TEST_P(AGap, IsFoundByWhenTheLoadHitsItsOtherSide) {
+  const auto found = found_in(recorded(easy_slide(GetParam())));
+  ASSERT_TRUE(found);
+  EXPECT_NEAR(found->width, GetParam(), 0.3 * GetParam());  // the next width is 1.5 times as wide
+  EXPECT_GT(found->load_share, 0.1);
+  EXPECT_GT(found->explained, 0.3);
+}
+INSTANTIATE_TEST_SUITE_P(Dev, AGap, testing::Values(15e-6, 30e-6, 60e-6));
+
+TEST(GapScan, FindsNoneWhereTheContactIsClosed) {
+  EXPECT_FALSE(found_in(recorded(easy_slide(0.0))));
+}
+
+TEST(GapScan, FindsNoneInFrictionThatYields) {
+  Rig rig = easy_slide(0.0);
+  rig.body.spring_frequency_hz = 0.0;
+  rig.friction.level = 150.0;
+  rig.friction.family = Friction::Family::kLuGre;
+  rig.friction.presliding_distance = 1e-5;
+  rig.friction.bristle_damping = 2e-3;
+  EXPECT_FALSE(found_in(recorded(rig)));
+}
+
+}  // namespace
+}  // namespace servotwin::hidden_effects
