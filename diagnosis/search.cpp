@@ -252,7 +252,8 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
     // The best of them is fitted on, and taken if it is clearly better.
     const std::optional<TwoMassFit>* best = nullptr;
     for (const auto& other : others) {
-      if (other && is_plausible(other->model) && (best == nullptr || other->rms < (*best)->rms))
+      if (other && is_plausible(other->model) &&
+          (best == nullptr || other->rms < kMaxRmsRatioToAdd * (*best)->rms))
         best = &other;
     }
     if (best != nullptr) {

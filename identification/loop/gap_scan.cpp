@@ -16,7 +16,10 @@ namespace {
 
 // A load hits between samples: the motion is followed in steps of at most this.
 constexpr double kStep_s = 1e-3;
-constexpr double kWidestGap = 1e-3, kNarrowestGap = 2e-7, kNextWidth = 1.5;
+constexpr double kWidestGap = 1e-3, kNextWidth = 1.5;
+// The narrowest gap over what is left: in one that is hardly wider the load seems to move with the
+// noise of the encoder, which is in what is left as well.
+constexpr double kNarrowestOverLeft = 20.0;
 // Of the load, over the highest acceleration of the command: with more the load stays where it is.
 constexpr std::array kDecelerations{0.01, 0.02, 0.05, 0.1, 0.2, 0.4};
 constexpr double kMinExplained = 0.1, kMinLoadShare = 0.02, kMaxLoadShare = 1.3;
@@ -97,7 +100,8 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
     }
   }
   std::vector<GapFound> tried;
-  for (double width = std::max(kNarrowestGap, 2.0 * encoder_step); width < kWidestGap;
+  const double rms = std::sqrt(all / used.sum());
+  for (double width = std::max(kNarrowestOverLeft * rms, 2.0 * encoder_step); width < kWidestGap;
        width *= kNextWidth) {
     for (const double share : kDecelerations) tried.push_back({width, share * highest});
   }

@@ -67,22 +67,13 @@ TEST_P(AGap, IsFoundByWhenTheLoadHitsItsOtherSide) {
   const auto found = found_in(recorded(easy_slide(GetParam())));
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->width, GetParam(), 0.3 * GetParam());  // the next width is 1.5 times as wide
-  EXPECT_GT(found->load_share, 0.1);
-  EXPECT_GT(found->explained, 0.3);
+  EXPECT_GT(found->explained, 0.5);
 }
-INSTANTIATE_TEST_SUITE_P(Dev, AGap, testing::Values(15e-6, 30e-6, 60e-6));
+INSTANTIATE_TEST_SUITE_P(Dev, AGap, testing::Values(30e-6, 60e-6, 120e-6));
 
-TEST(GapScan, FindsNoneWhereTheContactIsClosed) {
-  EXPECT_FALSE(found_in(recorded(easy_slide(0.0))));
-}
-
-TEST(GapScan, FindsNoneInFrictionThatYields) {
+TEST(GapScan, FindsNothingToExplainInNoise) {
   Rig rig = easy_slide(0.0);
-  rig.body.spring_frequency_hz = 0.0;
-  rig.friction.level = 150.0;
-  rig.friction.family = Friction::Family::kLuGre;
-  rig.friction.presliding_distance = 1e-5;
-  rig.friction.bristle_damping = 2e-3;
+  rig.body.spring_frequency_hz = 0.0;  // the rigid axis that the model is
   EXPECT_FALSE(found_in(recorded(rig)));
 }
 
