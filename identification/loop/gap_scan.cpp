@@ -6,6 +6,7 @@
 
 #include "identification/least_squares/parallel.h"
 #include "identification/loop/structure_choice.h"
+#include "identification/recording/noise_floor.h"
 #include "identification/recording/signals.h"
 #include "twin/linear_algebra.h"
 #include "twin/twin.h"
@@ -14,16 +15,23 @@ namespace servotwin {
 
 namespace {
 
-// A load hits between samples: the motion is followed in steps of at most this.
+// The load may hit between two samples: the motion is interpolated to steps of at most this.
 constexpr double kStep_s = 1e-3;
-constexpr double kWidestGap = 1e-3, kNextWidth = 1.5;
-// The narrowest gap over what is left: in one that is hardly wider the load seems to move with the
-// noise of the encoder, which is in what is left as well.
-constexpr double kNarrowestOverLeft = 20.0;
-// Of the load, over the highest acceleration of the command: with more the load stays where it is.
-constexpr std::array kDecelerations{0.01, 0.02, 0.05, 0.1, 0.2, 0.4};
-constexpr double kMinExplained = 0.1, kMinLoadShare = 0.02, kMaxLoadShare = 1.3;
-constexpr double kSettle_s = 0.25;
+constexpr double kNextWidth = 1.25;    // over the one before
+constexpr double kWidestShare = 0.25;  // of the travel
+// The narrowest gap over the noise of the encoder: in a narrower one the load seems to move with
+// the noise, which is in what is left as well.
+constexpr double kNarrowestOverNoise = 20.0, kNarrowestGap = 2e-7;
+// Deceleration of the load over the highest one of the motion: a load that brakes harder than the
+// motor never leaves its side.
+constexpr std::array kDecelerations{0.01, 0.016, 0.025, 0.04, 0.063, 0.1, 0.16, 0.25, 0.4};
+constexpr double kHighestQuantile = 0.999;  // of the acceleration: steps of the command lie above
+// Chosen; with less, a fixed width is as good a start.
+constexpr double kMinExplained = 0.1;
+// A share above 1 is none of a mass, but a width that is somewhat wrong may have it.
+constexpr double kMinLoadShare = 0.02, kMaxLoadShare = 1.3;
+constexpr double kMinIndependence = 1e-6;  // of the two columns, 1: at right angles
+constexpr double kSettle_s = 0.25;         // start of every segment, not used: transient
 
 /// The cubic through the samples, `parts` times as fine.
 Eigen::ArrayXd finer(const Eigen::ArrayXd& samples, double h, Eigen::Index parts) {
@@ -49,6 +57,27 @@ Signals finer_signals(const Segment& s, Eigen::Index parts) {
   return signals;
 }
 
+/// What the load's mass and friction behind the gap explain of the residual, in squares; 0 unless
+/// the mass is a share of the moved one, which `share` becomes.
+double explained(const Eigen::VectorXd& mass, const Eigen::VectorXd& friction,
+                 const Eigen::VectorXd& left, double& share) {
+  const double by_mass = mass.squaredNorm(), by_friction = friction.squaredNorm(),
+               both = mass.dot(friction), of_mass = mass.dot(left),
+               of_friction = friction.dot(left);
+  if (!(by_mass > 0.0)) return 0.0;
+  share = of_mass / by_mass;
+  double level = 0.0;
+  if (const double det = by_mass * by_friction - both * both;
+      det > kMinIndependence * by_mass * by_friction) {
+    level = (by_mass * of_friction - both * of_mass) / det;
+    // Friction that drives the load is none.
+    if (level > 0.0) share = (by_friction * of_mass - both * of_friction) / det;
+    level = std::max(level, 0.0);
+  }
+  if (!(share > kMinLoadShare && share < kMaxLoadShare)) return 0.0;
+  return share * of_mass + level * of_friction;
+}
+
 }  // namespace
 
 std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Structure& structure,
@@ -57,12 +86,16 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
   const auto parts = static_cast<Eigen::Index>(std::ceil(h / kStep_s - 1e-9));
   std::vector<Signals> coarse, fine;
   Eigen::Index rows = 0;
-  double highest = 0.0;
+  std::vector<double> accelerations;
+  double low = 1e300, high = -1e300;
   for (const Segment& s : segments) {
     coarse.push_back(signals_of(s));
     fine.push_back(finer_signals(s, parts));
     rows += s.size();
-    highest = std::max(highest, coarse.back().command.second.abs().maxCoeff());
+    const Eigen::ArrayXd acceleration = coarse.back().command.second.abs();
+    accelerations.insert(accelerations.end(), acceleration.begin(), acceleration.end());
+    low = std::min(low, s.command.minCoeff());
+    high = std::max(high, s.command.maxCoeff());
   }
   Eigen::VectorXd left(rows), used = Eigen::VectorXd::Ones(rows);
   Eigen::Index row = 0;
@@ -99,11 +132,18 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
       ++i;
     }
   }
+  const auto at_quantile =
+      accelerations.begin() +
+      static_cast<std::ptrdiff_t>(kHighestQuantile * static_cast<double>(accelerations.size() - 1));
+  std::nth_element(accelerations.begin(), at_quantile, accelerations.end());
+  const double noise = noise_floor(segments).rms;
+  const double narrowest = std::max({kNarrowestGap, 2.0 * encoder_step,
+                                     std::isfinite(noise) ? kNarrowestOverNoise * noise : 0.0});
   std::vector<GapFound> tried;
-  const double rms = std::sqrt(all / used.sum());
-  for (double width = std::max(kNarrowestOverLeft * rms, 2.0 * encoder_step); width < kWidestGap;
+  for (double width = narrowest; width < std::min(shapes[0].upper, kWidestShare * (high - low));
        width *= kNextWidth) {
-    for (const double share : kDecelerations) tried.push_back({width, share * highest});
+    for (const double share : kDecelerations)
+      tried.push_back({width, std::clamp(share * *at_quantile, shapes[2].lower, shapes[2].upper)});
   }
   in_parallel(tried.size(), [&](std::size_t i) {
     GapFound& one = tried[i];
@@ -119,12 +159,7 @@ std::optional<GapFound> scan_gap(const std::vector<Segment>& segments, const Str
     }
     columns.array().colwise() *= used.array();
     columns -= basis * (basis.transpose() * columns);
-    Eigen::MatrixXd gram = columns.transpose() * columns;
-    gram.diagonal().array() += 1e-7 * gram.trace() + 1e-300;
-    const Eigen::VectorXd right = columns.transpose() * left, found = solve_symmetric(gram, right);
-    one.load_share = found(1);
-    if (one.load_share > kMinLoadShare && one.load_share < kMaxLoadShare)
-      one.explained = right.dot(found) / all;
+    one.explained = explained(columns.col(1), columns.col(0), left, one.load_share) / all;
   });
   if (tried.empty()) return std::nullopt;
   GapFound best = *std::max_element(

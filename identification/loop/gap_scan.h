@@ -27,7 +27,9 @@ struct GapFound {
 };
 
 /// The gap that explains most of what `rigid`, of this structure, leaves in the segments; nothing
-/// if one explains hardly anything. The recorded encoder is at the motor.
+/// if one explains hardly anything. Friction that yields before it slides explains its own residual
+/// as well as a gap does. The recorded encoder is at the motor; each segment has at least 4
+/// samples.
 [[nodiscard]] std::optional<GapFound> scan_gap(const std::vector<Segment>& segments,
                                                const Structure& structure, const Model& rigid,
                                                double encoder_step);

@@ -22,8 +22,8 @@ namespace servotwin {
 
 namespace {
 
-// With play a round takes a few simulations per parameter, and after a few rounds the error, which
-// jumps from one contact to another, hardly falls any more.
+// With play the error jumps where a contact moves past another: after a few rounds it hardly falls
+// any more, and each takes a few simulations per parameter.
 constexpr int kMaxRoundsOfPlay = 6;
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 

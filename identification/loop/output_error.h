@@ -26,7 +26,8 @@ namespace servotwin {
 
 struct OutputErrorOptions {
   double encoder_step = 0.0;  ///< q [m | rad]; 0: quantisation is negligible
-  int rounds = 40;            ///< of Levenberg-Marquardt, each time sigma is estimated
+  int rounds = 40;            ///< of Levenberg-Marquardt, each time sigma is estimated; with play
+                              ///< at most 6
   double tolerance = 1e-5;    ///< of the relative decrease at which a pass ends
   int passes = 6;             ///< how often sigma is estimated at most
   bool covariance = true;     ///< false: not computed, which saves a simulation

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <nlopt.hpp>
+#include <stdexcept>
 
 #include "identification/least_squares/chart.h"
 #include "identification/least_squares/parallel.h"
@@ -33,7 +34,9 @@ constexpr std::array kWidths{1e-6, 4e-6, 16e-6, 64e-6};  // m | rad
 // A spring faster than this is not seen in the samples; a contact is, by when it hits.
 constexpr double kMaxFrequency = 0.3;  // of the sampling rate
 constexpr int kMaxSeekSimulations = 200;
-constexpr double kSeekStep = 0.1;  // at first, of a parameter
+constexpr double kSeekStep = 0.1;        // the first one, of the logarithm of a parameter
+constexpr double kSeekTolerance = 1e-3;  // of the RMS
+constexpr double kMaxStartShare = 0.9;   // of the load, away from its bound
 
 /// The same loop with poles that are faster by this factor; its lag at constant speed and its
 /// error by a constant force stay.
@@ -91,16 +94,17 @@ std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
   return out;
 }
 
-/// Two masses with the gap that the recorded motion shows. The load's friction there is a part of
-/// that of the rigid axis, which may have lost it to the play.
-Start start_of(const Model& rigid, const GapFound& gap) {
+/// Two masses with the gap that the recorded motion shows. A rigid axis that was fitted to play may
+/// have too little friction: it gets what decelerates the load in the gap. Nothing if it has none.
+std::optional<Start> start_of(const Model& rigid, const GapFound& gap) {
   Start out{rigid};
   double level = 0.0;
   for (const Effect& effect : rigid.effects) {
     if (is_friction_law(effect.kind)) level += level_of(effect);
   }
+  if (!(level > 0.0)) return std::nullopt;
   const double on_load = gap.deceleration * gap.load_share;
-  if (level > 0.0 && level < on_load) {
+  if (level < on_load) {
     for (Effect& effect : out.model.effects) {
       if (!is_friction_law(effect.kind)) continue;
       for (double& c : effect.coefficient) c *= on_load / level;
@@ -108,7 +112,7 @@ Start start_of(const Model& rigid, const GapFound& gap) {
   }
   Effect play;
   play.kind = kind_of<PlayMotorEncoder>();
-  const std::array shapes{kContacts_hz.front(), 0.1, gap.load_share,
+  const std::array shapes{kContacts_hz.front(), 0.1, std::min(gap.load_share, kMaxStartShare),
                           on_load / std::max(level, on_load), gap.width};
   std::size_t i = 0;
   for (const Parameter& p : shapes_of(play.kind)) {
@@ -146,6 +150,7 @@ void seek(Start& start, const std::vector<Segment>& segments) {
     }
   };
   start.rms = rms_on(start.model, segments);
+  if (start.rms == kUnfittedRms) return;
   const Effect& play = *two_mass_of(start.model);
   Sought sought{start.model, segments, shape_axes({play.kind}), start.rms};
   std::vector<double> x, lower, upper;
@@ -164,8 +169,13 @@ void seek(Start& start, const std::vector<Segment>& segments) {
   optimizer.set_initial_step(kSeekStep);
   optimizer.set_maxeval(kMaxSeekSimulations);
   optimizer.set_min_objective(Sought::cost, &sought);
+  optimizer.set_ftol_rel(kSeekTolerance);
   double least = 0.0;
-  optimizer.optimize(x, least);
+  try {
+    optimizer.optimize(x, least);
+  } catch (const std::runtime_error&) {  // its steps have become too small
+    return;
+  }
   start = {sought.at(x.data()), least * sought.unit};
 }
 
@@ -247,10 +257,9 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   in_parallel(starts.size(), [&](std::size_t i) { starts[i].rms = rms_on(starts[i].model, part); });
   if (std::find(kinds.begin(), kinds.end(), kind_of<PlayMotorEncoder>()) != kinds.end()) {
     if (const auto gap = scan_gap(part, structure, rigid, encoder_step)) {
-      Start one = start_of(rigid, *gap);
-      if (why_invalid(one.model).empty()) {
-        seek(one, part);
-        starts.push_back(std::move(one));
+      if (auto one = start_of(rigid, *gap); one && why_invalid(one->model).empty()) {
+        seek(*one, part);
+        starts.push_back(std::move(*one));
       }
     }
   }

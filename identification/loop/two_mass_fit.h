@@ -38,11 +38,12 @@ using Plausible = std::function<bool(const Model&)>;
 inline constexpr std::array kLawsOnLoad{kind_of<Presliding>(), kind_of<LuGre>(),
                                         kind_of<PreslidingStribeck>()};
 
-/// The same two masses with another law of friction, from its level and travel, not fitted again;
-/// nothing if it is that law already.
+/// The same two masses with another law of friction, from its level and travel, not fitted again
+/// (`rms` is that of the old law); nothing if it is that law already.
 [[nodiscard]] std::optional<TwoMassFit> with_law(TwoMassFit fit, std::size_t law);
 
-/// Fitted to the segments in free simulation from where it is, in at most so many rounds a pass;
+/// Fitted to the segments in free simulation from where it is, in at most so many rounds a pass
+/// (fewer with play, output_error.h);
 /// nothing without a valid fit.
 [[nodiscard]] std::optional<TwoMassFit> refined(TwoMassFit fit,
                                                 const std::vector<Segment>& segments,

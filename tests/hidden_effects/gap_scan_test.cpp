@@ -66,8 +66,9 @@ class AGap : public testing::TestWithParam<double> {};
 TEST_P(AGap, IsFoundByWhenTheLoadHitsItsOtherSide) {
   const auto found = found_in(recorded(easy_slide(GetParam())));
   ASSERT_TRUE(found);
-  EXPECT_NEAR(found->width, GetParam(), 0.3 * GetParam());  // the next width is 1.5 times as wide
-  EXPECT_GT(found->explained, 0.5);
+  // A wider gap with a load that brakes less is hit at nearly the same moments.
+  EXPECT_NEAR(found->width, GetParam(), 0.4 * GetParam());
+  EXPECT_GT(found->explained, 0.9);
 }
 INSTANTIATE_TEST_SUITE_P(Dev, AGap, testing::Values(30e-6, 60e-6, 120e-6));
 
