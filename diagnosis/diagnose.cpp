@@ -70,7 +70,7 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
 
 std::vector<Segment> holdout_for(const Model& model, const std::vector<Segment>& segments,
                                  double from_s) {
-  if (model.find(kind_of<TorqueSaturation>()) == nullptr) return cut(segments, from_s, 1e300);
+  if (!remembers(model)) return cut(segments, from_s, 1e300);
   std::vector<Segment> out;
   for (Segment s : segments) {
     if (s.end_s() < from_s) continue;

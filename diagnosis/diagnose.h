@@ -119,8 +119,8 @@ struct DiagnoseOptions {
 /// does, and where it was asked to stop. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
-/// The segments after this time, to judge a model on. For a model with torque saturation they
-/// include the earlier motion as lead, since the integrator of a saturated control keeps its state.
+/// The segments after this time, to judge a model on. For a model that remembers (hypothesis.h)
+/// they include the earlier motion as lead.
 [[nodiscard]] std::vector<Segment> holdout_for(const Model& model,
                                                const std::vector<Segment>& segments, double from_s);
 

@@ -342,8 +342,7 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
 }
 
 std::vector<double> Search::left_in(std::size_t block, const Model& model) const {
-  if (model.find(kind_of<TorqueSaturation>()) == nullptr) return left_by(model, held_[block]);
-  // The integrator of a saturated control keeps its state: the segment is simulated from its start.
+  if (!remembers(model)) return left_by(model, held_[block]);
   std::vector<double> out;
   for (const Segment& whole : training_) {
     const Eigen::ArrayXd left = whole.command - whole.actual - simulate(model, whole);

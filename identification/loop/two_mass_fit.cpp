@@ -33,9 +33,9 @@ constexpr std::array kContacts_hz{80.0, 250.0};
 constexpr std::array kWidths{1e-6, 4e-6, 16e-6, 64e-6};  // m | rad
 // A spring faster than this is not seen in the samples; a contact is, by when it hits.
 constexpr double kMaxFrequency = 0.3;  // of the sampling rate
-constexpr int kMaxSeekSimulations = 200;
+constexpr int kMaxSeekSimulations = 400;
 constexpr double kSeekStep = 0.1;        // the first one, of the logarithm of a parameter
-constexpr double kSeekTolerance = 1e-3;  // of the RMS
+constexpr double kSeekTolerance = 1e-5;  // of the RMS
 constexpr double kMaxStartShare = 0.9;   // of the load, away from its bound
 
 /// The same loop with poles that are faster by this factor; its lag at constant speed and its
