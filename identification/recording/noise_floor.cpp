@@ -6,12 +6,16 @@
 #include <numeric>
 
 #include "identification/recording/order_statistics.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
 namespace {
 
 constexpr double kBlock_s = 0.25;
+constexpr Eigen::Index kCoefficientsOfCubic = 4;
+// Of a block at rest: as many again are left for its noise.
+constexpr Eigen::Index kMinRows = 2 * kCoefficientsOfCubic;
 
 /// The encoder's step: all readings, sorted by position, differ by multiples of it. Motion may be
 /// too fast to pass through single steps in time; somewhere on the axis two readings are a few
@@ -60,15 +64,18 @@ class Pieces {
     for (Eigen::Index at = 0; at + length <= signal.size(); at += length)
       squares_.push_back(signal.segment(at, length).square().mean());
   }
-  /// The same about the straight line of each block, so that creep at rest does not count as noise.
-  void add_about_lines(const Eigen::ArrayXd& signal, Eigen::Index length) {
-    length = std::min(length, signal.size());
-    const double n = static_cast<double>(length);
-    const Eigen::ArrayXd along = Eigen::ArrayXd::LinSpaced(length, -1.0, 1.0);
+  /// The same about the cubic of each block: an axis that settles or creeps while its command rests
+  /// moves along a curve, which is no noise.
+  void add_about_cubics(const Eigen::ArrayXd& signal, Eigen::Index length) {
+    const Eigen::VectorXd along = Eigen::VectorXd::LinSpaced(length, -1.0, 1.0);
+    Eigen::MatrixXd powers = Eigen::MatrixXd::Ones(length, kCoefficientsOfCubic);
+    for (Eigen::Index k = 1; k < powers.cols(); ++k)
+      powers.col(k) = powers.col(k - 1).cwiseProduct(along);
+    const Eigen::MatrixXd cubics = orthonormal_basis(powers);
     for (Eigen::Index at = 0; at + length <= signal.size(); at += length) {
-      const auto block = signal.segment(at, length);
-      const double mean = block.mean(), slope = (block * along).sum() / along.square().sum();
-      squares_.push_back((block - mean - slope * along).square().sum() / (n - 2.0));
+      const Eigen::VectorXd block = signal.segment(at, length).matrix();
+      squares_.push_back((block - cubics * (cubics.transpose() * block)).squaredNorm() /
+                         static_cast<double>(length - kCoefficientsOfCubic));
     }
   }
   [[nodiscard]] double rms() const {
@@ -81,15 +88,15 @@ class Pieces {
 
 void standstill(const Segment& s, Pieces& pieces) {
   const auto settle = static_cast<Eigen::Index>(std::ceil(0.15 / s.sample_time_s));
-  const auto least = static_cast<Eigen::Index>(std::ceil(0.05 / s.sample_time_s));
+  const auto block =
+      std::max(kMinRows, static_cast<Eigen::Index>(std::ceil(0.05 / s.sample_time_s)));
   Eigen::Index begin = 0;
   for (Eigen::Index i = 1; i <= s.size(); ++i) {
     if (i < s.size() && s.command(i) == s.command(begin)) continue;
-    if (const Eigen::Index length = i - begin - settle;
-        length >= std::max<Eigen::Index>(least, 8)) {
+    if (const Eigen::Index length = i - begin - settle; length >= block) {
       // From the first reading on: readings that are all the same then leave 0, not its rounding.
-      pieces.add_about_lines(s.actual.segment(begin + settle, length) - s.actual(begin + settle),
-                             least);
+      pieces.add_about_cubics(s.actual.segment(begin + settle, length) - s.actual(begin + settle),
+                              block);
     }
     begin = i;
   }

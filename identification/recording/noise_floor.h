@@ -1,7 +1,8 @@
 // The noise floor: the error that no model of this axis could predict.
 //
 //   from repeats:     RMS(e(t) - e(t + lap)) / sqrt(2) where the command repeats itself
-//   from standstill:  RMS of the encoder about straight lines of 50 ms while the command rests
+//   from standstill:  RMS of the encoder about cubics of 50 ms, at least 8 rows, while the command
+//                     rests
 //   from the encoder: step / sqrt(12)
 //
 // The noise floor is the largest of those that the recording contains. Each is a lower bound of the

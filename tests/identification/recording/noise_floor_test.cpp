@@ -106,6 +106,21 @@ TEST(NoiseFloor, CreepAtRestIsNoNoise) {
   EXPECT_NEAR(noise_floor({s}).standstill_rms, 0.7e-6, 0.05e-6);
 }
 
+// A soft axis is still on its way when its command has come to rest: here in a swing of 2 Hz and
+// 20 um, recorded every 4 ms. Straight lines of 50 ms left 0.3 um of it.
+TEST(NoiseFloor, SettlingIsNoNoise) {
+  std::mt19937_64 rng{6};
+  std::normal_distribution<double> normal(0.0, 5e-9);
+  Segment s = laps(0.0, 0.0, 1);
+  s.sample_time_s = 4e-3;
+  s.command.tail(1500).setConstant(s.command(1499));
+  for (Eigen::Index i = 1500; i < s.size(); ++i) {
+    const double t = 4e-3 * static_cast<double>(i - 1500);
+    s.actual(i) = s.command(i) + normal(rng) + 20e-6 * std::cos(2.0 * std::numbers::pi * 2.0 * t);
+  }
+  EXPECT_NEAR(noise_floor({s}).standstill_rms, 5e-9, 1e-9);
+}
+
 // A push at rest is no noise of the encoder, nor is a lap that was disturbed one of the record.
 TEST(NoiseFloor, APushIsNoNoise) {
   std::mt19937_64 rng{6};
