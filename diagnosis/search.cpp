@@ -232,13 +232,13 @@ bool Search::fit(Hypothesis& h, const std::vector<Point>& from) {
   return true;
 }
 
-bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid,
+bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to_beat,
                          const std::vector<std::size_t>& kinds,
                          const std::vector<std::size_t>& laws, double worth) {
   ++fits_;
-  auto found =
-      servotwin::fit_two_masses(training_, rigid.structure, rigid.model, kinds, floor_.encoder_step,
-                                [this](const Model& m) { return is_plausible(m); });
+  auto found = servotwin::fit_two_masses(training_, rigid.structure, rigid.model, to_beat, kinds,
+                                         floor_.encoder_step,
+                                         [this](const Model& m) { return is_plausible(m); });
   if (!found) return false;
   // Not with play, where the laws took a third of a diagnosis and gained little: 0.100 instead of
   // 0.116 um on the hold-out of test/backlash/2700, in 80 instead of 54 s.

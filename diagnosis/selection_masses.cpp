@@ -1,6 +1,7 @@
 // Two masses in the search for causes.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "diagnosis/selector.h"
 #include "diagnosis/thresholds.h"
@@ -14,6 +15,21 @@ namespace {
 // RMS of a rigid axis with a loop of the other order over that with this one, above which two
 // masses are not tried in it.
 constexpr double kMaxRmsRatioOfOtherOrder = 3.0;
+// RMS of two masses over that of a model with more parameters, up to which they take its place: a
+// compliance beside the loop follows any two masses closely, with a frequency and a damping that
+// are those of no spring.
+constexpr double kMaxRmsRatioOfFewer = 1.02;
+
+/// The RMS of two masses over that of the model without them, below which they are accepted.
+double max_ratio(const Structure& two_masses, const Structure& without) {
+  const auto parameters = [](const Structure& structure) {
+    int sum = 0;
+    for (const std::size_t kind : structure.effects) sum += parameters_of(kind);
+    return sum;
+  };
+  return parameters(two_masses) < parameters(without) ? kMaxRmsRatioOfFewer
+                                                      : kMaxRmsRatioClearlyBetter;
+}
 
 }  // namespace
 
@@ -27,29 +43,32 @@ bool Selector::part_masses() {
   };
   const double left = left_by(now_.current);
   Hypothesis best;
-  double least = kMaxRmsRatioClearlyBetter * now_.current.rms();
+  const Structure& without = now_.current.structure;
+  double least = std::numeric_limits<double>::infinity();
   const auto take = [&](const Hypothesis& rigid) {
     check_stop();
     Hypothesis h;
-    if (rigid.structure.effects.empty() || !search_.part_masses(h, rigid, kinds, laws, left))
+    if (rigid.structure.effects.empty() ||
+        !search_.part_masses(h, rigid, now_.current.model, kinds, laws, left))
       return;
     // The cross-validation takes as long as four fits.
-    if (!(left_by(h) < kMaxRmsRatioClearlyBetter * left)) return;
+    if (!(left_by(h) < max_ratio(h.structure, without) * left)) return;
     search_.judge(h);
     steps_.push_back(text("as two masses (%s) beside %zu effects, order %d: %s RMS",
                           identity_of(two_mass_of(h.model)->kind).id.data(),
                           rigid.structure.effects.size(), h.structure.order,
                           size_of(h.rms()).c_str()));
-    if (h.rms() < least) least = h.rms(), best = std::move(h);
+    if (h.rms() < std::min(least, max_ratio(h.structure, without) * now_.current.rms()))
+      least = h.rms(), best = std::move(h);
   };
-  const int order = now_.current.structure.order;
+  const int order = without.order;
   const Hypothesis alone = law_alone(order);
   take(alone);
-  if (best.structure.effects.empty() &&
-      alone.structure.effects.size() < now_.current.structure.effects.size())
+  if (best.structure.effects.empty() && alone.structure.effects.size() < without.effects.size())
     take(without_vibration());
+  const double reached = std::min(least, kMaxRmsRatioClearlyBetter * now_.current.rms());
   if (options_.identify.order == 0 &&
-      !(least < kMinRmsOverFloorForTwoMasses * search_.floor().rms)) {
+      !(reached < kMinRmsOverFloorForTwoMasses * search_.floor().rms)) {
     const Hypothesis other = law_alone(order == 2 ? 3 : 2);
     if (!(left_by(other) > kMaxRmsRatioOfOtherOrder * left_by(alone))) take(other);
   }
@@ -117,14 +136,19 @@ bool Selector::accept_two_masses(Hypothesis two_masses) {
   const State before = now_;
   now_.current = std::move(two_masses);
   settle();
-  if (!(now_.current.rms() < kMaxRmsRatioClearlyBetter * before.current.rms()) ||
+  if (!(now_.current.rms() <
+        max_ratio(now_.current.structure, before.current.structure) * before.current.rms()) ||
       !search_.is_plausible(now_.current.model)) {
     back_to(before);
     return false;
   }
   std::erase_if(now_.found, [&](const auto& one) { return !now_.current.has(one.second.kind); });
   const std::size_t kind = two_mass_of(now_.current.model)->kind;
-  const Cause cause = cause_by_improvement(cause_of(kind), before.current);
+  // Where two masses only take the place of an effect of the same cause, its evidence stays.
+  const auto known = before.found.find(std::string(cause_of(kind)));
+  const Cause cause = known != before.found.end()
+                          ? known->second.cause
+                          : cause_by_improvement(cause_of(kind), before.current);
   now_.found[cause.id] = {cause, kind};
   const auto& effects = now_.current.structure.effects;
   const auto law = std::find_if(effects.begin(), effects.end(), is_friction_law);

@@ -64,9 +64,9 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
     const auto loop = joint_fit(fitted, of_order, search, encoder_step, true);
     if (order == structure.order) rigid = loop;
     if (!rigid) break;
-    const auto found =
-        loop ? fit_two_masses(fitted, of_order, loop->model, kinds, encoder_step, determined)
-             : std::nullopt;
+    const auto found = loop ? fit_two_masses(fitted, of_order, loop->model, loop->model, kinds,
+                                             encoder_step, determined)
+                            : std::nullopt;
     if (!found) continue;
     const TwoMassFit first = without_empty_gap(*found);
     all.push_back(first);

@@ -11,6 +11,7 @@
 #include "identification/loop/gap_scan.h"
 #include "identification/loop/identify.h"
 #include "identification/loop/output_error.h"
+#include "identification/loop/two_mass_poles.h"
 #include "identification/recording/segments.h"
 #include "twin/twin.h"
 #include "twin/two_mass_axis.h"
@@ -23,6 +24,7 @@ constexpr double kShortPart_s = 8.0;  // for the comparison of starts
 constexpr double kUnfittedRms = 1e300;
 constexpr int kMostFitsToAll = 2;           // if the first one is not plausible
 constexpr std::size_t kFittedStarts = 6;    // to that part
+constexpr double kMaxRmsRatioToGoOn = 3.0;  // on that part, over that of the model to beat
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
 
 /// How much faster than the rigid fit the loop may be.
@@ -246,6 +248,7 @@ TwoMassFit without_empty_gap(TwoMassFit fit) {
 
 std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
                                          const Structure& structure, const Model& rigid,
+                                         const Model& to_beat,
                                          const std::vector<std::size_t>& kinds, double encoder_step,
                                          const Plausible& plausible) {
   std::vector<Start> starts;
@@ -265,6 +268,10 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   }
   std::sort(starts.begin(), starts.end(), best_first);
   std::vector<Start> fitted;
+  // From these gains the error may be larger than that of a poor start: feed-forward is not known.
+  for (const std::size_t kind : kinds) {
+    if (auto one = two_masses_with_poles_of(to_beat, rigid, kind)) fitted.push_back({*one});
+  }
   const auto structure_of = [&](const Model& model) {
     Structure out = structure;
     out.effects.push_back(two_mass_of(model)->kind);
@@ -290,9 +297,9 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   std::sort(fitted.begin(), fitted.end(),
             [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
   int tries = kMostFitsToAll;
-  const double of_rigid = rms_on(rigid, part);
+  const double enough = std::min(rms_on(rigid, part), kMaxRmsRatioToGoOn * rms_on(to_beat, part));
   for (Start& one : fitted) {
-    if (!(one.rms < of_rigid) || !plausible(one.model)) continue;
+    if (!(one.rms < enough) || !plausible(one.model)) continue;
     if (tries-- == 0) break;
     fit(one, segments, 14, 2);
     if (!(one.rms < kUnfittedRms) || !plausible(one.model)) continue;

@@ -1,0 +1,24 @@
+// Two masses that have the poles of a loop and of a vibration beside it.
+//
+// A rigid loop with a compliance (twin/effects/compliance.h) follows the motion of two masses
+// closely, but its parameters are those of no spring: in the loop the vibration has another
+// frequency, and far more damping. The poles of both together are the poles of two masses in their
+// loop, which determine gains, spring and masses. Units: SI, rad for m on rotary axes. Any thread.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+
+#include "twin/model.h"
+
+namespace servotwin {
+
+/// `rigid` with two masses without play of this kind, whose closed loop has the poles of the loop
+/// and of the compliance of `vibrating`: a start for a fit. The damping of the spring, which hardly
+/// moves the poles, is that of the catalogue; lag at constant speed and error by a constant force
+/// are those of `rigid`. Nothing where `vibrating` has no compliance or a loop of another order
+/// than `rigid`, or where no two masses have these poles.
+[[nodiscard]] std::optional<Model> two_masses_with_poles_of(const Model& vibrating,
+                                                            const Model& rigid, std::size_t kind);
+
+}  // namespace servotwin
