@@ -15,20 +15,17 @@ namespace {
 // RMS of a rigid axis with a loop of the other order over that with this one, above which two
 // masses are not tried in it.
 constexpr double kMaxRmsRatioOfOtherOrder = 3.0;
-// RMS of two masses over that of a model with more parameters, up to which they take its place: a
-// compliance beside the loop follows any two masses closely, with a frequency and a damping that
-// are those of no spring.
-constexpr double kMaxRmsRatioOfFewer = 1.02;
+// RMS of two masses over that of a model whose compliance is none of a machine, up to which they
+// take its place: beside the loop such a vibration follows two masses closely, with a frequency and
+// a damping that are those of no spring.
+constexpr double kMaxRmsRatioOfSpring = 1.02;
 
 /// The RMS of two masses over that of the model without them, below which they are accepted.
-double max_ratio(const Structure& two_masses, const Structure& without) {
-  const auto parameters = [](const Structure& structure) {
-    int sum = 0;
-    for (const std::size_t kind : structure.effects) sum += parameters_of(kind);
-    return sum;
-  };
-  return parameters(two_masses) < parameters(without) ? kMaxRmsRatioOfFewer
-                                                      : kMaxRmsRatioClearlyBetter;
+double max_ratio(const Model& two_masses, const Model& without) {
+  const Effect* mode = without.find(kind_of<Compliance>());
+  return mode != nullptr && at_end_of("compliance", without, *mode) && !plays(two_masses)
+             ? kMaxRmsRatioOfSpring
+             : kMaxRmsRatioClearlyBetter;
 }
 
 }  // namespace
@@ -43,7 +40,7 @@ bool Selector::part_masses() {
   };
   const double left = left_by(now_.current);
   Hypothesis best;
-  const Structure& without = now_.current.structure;
+  const Hypothesis& without = now_.current;
   double least = std::numeric_limits<double>::infinity();
   const auto take = [&](const Hypothesis& rigid) {
     check_stop();
@@ -52,21 +49,22 @@ bool Selector::part_masses() {
         !search_.part_masses(h, rigid, now_.current.model, kinds, laws, left))
       return;
     // The cross-validation takes as long as four fits.
-    if (!(left_by(h) < max_ratio(h.structure, without) * left)) return;
+    if (!(left_by(h) < max_ratio(h.model, without.model) * left)) return;
     search_.judge(h);
     steps_.push_back(text("as two masses (%s) beside %zu effects, order %d: %s RMS",
                           identity_of(two_mass_of(h.model)->kind).id.data(),
                           rigid.structure.effects.size(), h.structure.order,
                           size_of(h.rms()).c_str()));
-    if (h.rms() < std::min(least, max_ratio(h.structure, without) * now_.current.rms()))
+    if (h.rms() < std::min(least, max_ratio(h.model, without.model) * without.rms()))
       least = h.rms(), best = std::move(h);
   };
-  const int order = without.order;
+  const int order = without.structure.order;
   const Hypothesis alone = law_alone(order);
   take(alone);
-  if (best.structure.effects.empty() && alone.structure.effects.size() < without.effects.size())
+  const double clearly = kMaxRmsRatioClearlyBetter * without.rms();
+  if (!(least < clearly) && alone.structure.effects.size() < without.structure.effects.size())
     take(without_vibration());
-  const double reached = std::min(least, kMaxRmsRatioClearlyBetter * now_.current.rms());
+  const double reached = std::min(least, clearly);
   if (options_.identify.order == 0 &&
       !(reached < kMinRmsOverFloorForTwoMasses * search_.floor().rms)) {
     const Hypothesis other = law_alone(order == 2 ? 3 : 2);
@@ -137,16 +135,18 @@ bool Selector::accept_two_masses(Hypothesis two_masses) {
   now_.current = std::move(two_masses);
   settle();
   if (!(now_.current.rms() <
-        max_ratio(now_.current.structure, before.current.structure) * before.current.rms()) ||
+        max_ratio(now_.current.model, before.current.model) * before.current.rms()) ||
       !search_.is_plausible(now_.current.model)) {
     back_to(before);
     return false;
   }
   std::erase_if(now_.found, [&](const auto& one) { return !now_.current.has(one.second.kind); });
   const std::size_t kind = two_mass_of(now_.current.model)->kind;
-  // Where two masses only take the place of an effect of the same cause, its evidence stays.
+  // Where two masses only take the place of a compliance, its evidence stays.
+  const bool in_its_place =
+      !(now_.current.rms() < kMaxRmsRatioClearlyBetter * before.current.rms());
   const auto known = before.found.find(std::string(cause_of(kind)));
-  const Cause cause = known != before.found.end()
+  const Cause cause = in_its_place && known != before.found.end()
                           ? known->second.cause
                           : cause_by_improvement(cause_of(kind), before.current);
   now_.found[cause.id] = {cause, kind};

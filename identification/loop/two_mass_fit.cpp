@@ -22,10 +22,10 @@ namespace {
 
 constexpr double kShortPart_s = 8.0;  // for the comparison of starts
 constexpr double kUnfittedRms = 1e300;
-constexpr int kMostFitsToAll = 2;           // if the first one is not plausible
-constexpr std::size_t kFittedStarts = 6;    // to that part
-constexpr double kMaxRmsRatioToGoOn = 3.0;  // on that part, over that of the model to beat
-constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
+constexpr int kMostFitsToAll = 2;            // if the first one is not plausible
+constexpr std::ptrdiff_t kFittedStarts = 6;  // of the grid, to that part
+constexpr double kMaxRmsRatioToGoOn = 3.0;   // on that part, over that of the model to beat
+constexpr double kMaxRmsRatioOfPlay = 0.9;   // on that part, over that without play
 
 /// How much faster than the rigid fit the loop may be.
 constexpr std::array kFaster{1.0, 1.6, 2.6};
@@ -278,11 +278,12 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     return out;
   };
   // Not more than two of a kind: neighbours on the grid end in one fit.
+  const auto by_poles = static_cast<std::ptrdiff_t>(fitted.size());
   for (const Start& one : starts) {
-    const auto there = std::count_if(fitted.begin(), fitted.end(), [&](const Start& s) {
+    const auto there = std::count_if(fitted.begin() + by_poles, fitted.end(), [&](const Start& s) {
       return two_mass_of(s.model)->kind == two_mass_of(one.model)->kind;
     });
-    if (fitted.size() < kFittedStarts && there < 2) fitted.push_back(one);
+    if (std::ssize(fitted) - by_poles < kFittedStarts && there < 2) fitted.push_back(one);
   }
   const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes) {
     auto found = refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes);

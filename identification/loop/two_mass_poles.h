@@ -3,7 +3,8 @@
 // A rigid loop with a compliance (twin/effects/compliance.h) follows the motion of two masses
 // closely, but its parameters are those of no spring: in the loop the vibration has another
 // frequency, and far more damping. The poles of both together are the poles of two masses in their
-// loop, which determine gains, spring and masses. Units: SI, rad for m on rotary axes. Any thread.
+// loop, which determine gains, spring and masses (docs/theory.md 3.11). Units: SI, rad for m on
+// rotary axes. Any thread.
 #pragma once
 
 #include <cstddef>
@@ -15,9 +16,11 @@ namespace servotwin {
 
 /// `rigid` with two masses without play of this kind, whose closed loop has the poles of the loop
 /// and of the compliance of `vibrating`: a start for a fit. The damping of the spring, which hardly
-/// moves the poles, is that of the catalogue; lag at constant speed and error by a constant force
-/// are those of `rigid`. Nothing where `vibrating` has no compliance or a loop of another order
-/// than `rigid`, or where no two masses have these poles.
+/// moves the poles, is that of the catalogue; lag and friction are scaled with the last gain, so
+/// that errors at low frequencies stay those of `rigid`. With an integrator and the load's encoder
+/// the drive is a position gain around a PI velocity loop. Nothing where `vibrating` has no
+/// compliance, two masses, or a loop of another order than `rigid`, or where no two masses have
+/// these poles.
 [[nodiscard]] std::optional<Model> two_masses_with_poles_of(const Model& vibrating,
                                                             const Model& rigid, std::size_t kind);
 

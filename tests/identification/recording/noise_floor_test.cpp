@@ -107,7 +107,7 @@ TEST(NoiseFloor, CreepAtRestIsNoNoise) {
 }
 
 // A soft axis is still on its way when its command has come to rest: here in a swing of 2 Hz and
-// 20 um, recorded every 4 ms. Straight lines of 50 ms left 0.3 um of it.
+// 20 um, recorded every 4 ms. Straight lines of 50 ms left 0.24 um of it.
 TEST(NoiseFloor, SettlingIsNoNoise) {
   std::mt19937_64 rng{6};
   std::normal_distribution<double> normal(0.0, 5e-9);
