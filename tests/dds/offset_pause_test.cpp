@@ -124,13 +124,16 @@ class OffsetPause : public testing::Test {
   /// Runs the program until part of the correction has been active for a while, with this much of
   /// the program left; its next cycle.
   int run_until_it_corrects(double left_s) {
-    constexpr int kMostRuns = 12;  // a busy host is late, and a late run is given up
+    // A busy host is late, and a late answer ends a run: 50 cycles in a row without one come on a
+    // host that is late in every twentieth, 200 in a row do not.
+    constexpr int kMostRuns = 24;
+    constexpr double kActive_s = 0.05;
     for (int runs = 0; runs < kMostRuns; ++runs) {
       for (int k = 0, out = 0; k < cycles(kPath_s - left_s); ++k) {
         drive_.cycle(path_at(k));
         // After a late answer the drive ramps the offset out; that does not count as a correction.
         out = std::abs(drive_.felt()) > 0.25 * kPeak && !drive_.ramping() ? out + 1 : 0;
-        if (out == cycles(0.2)) return k + 1;
+        if (out == cycles(kActive_s)) return k + 1;
       }
       for (int k = 0; k < cycles(1.0); ++k) drive_.cycle(0.0);
     }
