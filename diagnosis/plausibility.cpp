@@ -76,12 +76,15 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
       fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
     if (2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest) return false;
   }
-  // Without play a spring that hardly rings is no spring but a lag, and one that the samples cannot
-  // show is none either.
+  // Without play a spring that hardly rings is no spring but a lag, one whose damping the fit has
+  // all but removed stands for the control (a healthy axis got one of 8.7 Hz), and one that the
+  // samples cannot show is none either.
   constexpr double kMaxSpringDamping = 0.2, kMaxSpringFrequency = 0.4;  // of the sampling rate
+  constexpr double kUndamped = 1.5;  // times the least damping of the catalogue
   if (const Effect* axis = two_mass_of(model);
       axis != nullptr && two_mass_parameters(*axis).width == 0.0 &&
       (axis->shape[1] > kMaxSpringDamping ||
+       axis->shape[1] < kUndamped * shapes_of(axis->kind)[1].lower ||
        axis->shape[0] * model.sample_time_s > kMaxSpringFrequency))
     return false;
   if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
