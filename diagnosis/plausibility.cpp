@@ -76,9 +76,9 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
       fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
     if (2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest) return false;
   }
-  // Without play a spring that hardly rings is no spring but a lag, one whose damping the fit has
-  // all but removed stands for the control (a healthy axis got one of 8.7 Hz), and one that the
-  // samples cannot show is none either.
+  // Without play, two masses are not accepted if the spring hardly rings (a lag), if the fit has
+  // removed its damping (a part of the control: a healthy axis got such a spring of 8.7 Hz), or if
+  // it is too fast for the samples.
   constexpr double kMaxSpringDamping = 0.2, kMaxSpringFrequency = 0.4;  // of the sampling rate
   constexpr double kUndamped = 1.5;  // times the least damping of the catalogue
   if (const Effect* axis = two_mass_of(model);

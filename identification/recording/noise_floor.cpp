@@ -64,8 +64,8 @@ class Pieces {
     for (Eigen::Index at = 0; at + length <= signal.size(); at += length)
       squares_.push_back(signal.segment(at, length).square().mean());
   }
-  /// The same about the cubic of each block: an axis that settles or creeps while its command rests
-  /// moves along a curve, which is no noise.
+  /// The same about the cubic of each block. An axis that settles or creeps while its command rests
+  /// moves along a curve; the cubic follows it, so that it does not count as noise.
   void add_about_cubics(const Eigen::ArrayXd& signal, Eigen::Index length) {
     const Eigen::VectorXd along = Eigen::VectorXd::LinSpaced(length, -1.0, 1.0);
     Eigen::MatrixXd powers = Eigen::MatrixXd::Ones(length, kCoefficientsOfCubic);
