@@ -1,8 +1,9 @@
 // Free simulation of whole segments: `simulate` of twin/twin.h.
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "twin/difference.h"
@@ -133,14 +134,14 @@ class Start {
     const Eigen::MatrixXd response = part(response_, rows_, kValue);
     scale_ = response.colwise().norm().cwiseMax(1e-300);
     scaled_ = response * scale_.cwiseInverse().asDiagonal();
-    solver_.compute(scaled_);
+    solver_.emplace(scaled_);
   }
 
   /// The state whose free response is the nearest to `miss`, by least squares.
   [[nodiscard]] std::vector<S> nearest(const std::vector<S>& miss) const {
     const Eigen::VectorXd wanted = part(miss, rows_, kValue);
     const Eigen::VectorXd found =
-        (solver_.solve(wanted).array() / scale_.transpose().array()).matrix();
+        (solver_->solve(wanted).array() / scale_.transpose().array()).matrix();
     std::vector<S> out(found.begin(), found.end());
     if constexpr (is_dual<S>) {
       // d (R+ m) = R+ (dm - dR x) + (R' R)^-1 dR' (m - R x)
@@ -148,7 +149,7 @@ class Start {
       for (std::size_t lane = 0; lane < kParametersPerPass; ++lane) {
         const Eigen::MatrixXd by = part(response_, rows_, lane);
         const Eigen::VectorXd change = part(miss, rows_, lane) - by * found;
-        Eigen::VectorXd moved = solver_.solve(change);
+        Eigen::VectorXd moved = solver_->solve(change);
         const Eigen::VectorXd turned = scale_.cwiseInverse().asDiagonal() * (by.transpose() * left);
         moved += solve_symmetric(scaled_.transpose() * scaled_, turned);
         for (std::size_t i = 0; i < out.size(); ++i) {
@@ -169,7 +170,7 @@ class Start {
   std::vector<S> response_;
   Eigen::RowVectorXd scale_;
   Eigen::MatrixXd scaled_;
-  Eigen::ColPivHouseholderQR<Eigen::MatrixXd> solver_;
+  std::optional<LeastSquares> solver_;
 };
 
 /// keep(k, error) for every sample of the segment; `values`: the model without derivatives.

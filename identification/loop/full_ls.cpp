@@ -2,7 +2,7 @@
 
 #include <ceres/ceres.h>
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <cmath>
 
 #include "identification/least_squares/bounded.h"
@@ -109,12 +109,11 @@ std::optional<FullLsFit> full_ls(const std::vector<Segment>& segments, const Pol
     fit.constrained = true;
     // Columns E, v, a, x after projecting out all parameters that are linear for given poles.
     const Eigen::MatrixXd rest = scaled.rightCols(phi.cols() - 3);
-    const Eigen::HouseholderQR<Eigen::MatrixXd> qr(rest);
     Eigen::MatrixXd four(rows, 4);
     four << phi.leftCols(3), x;
-    Eigen::MatrixXd rotated = qr.householderQ().transpose() * four;
+    const Eigen::MatrixXd turned = turned_by(rest, four);
     EquationError cost;
-    cost.r = triangle_of(rotated.bottomRows(rows - rest.cols()));
+    cost.r = triangle_of(turned.bottomRows(rows - rest.cols()));
     cost.r /= std::max(std::abs(cost.r(3, 3)), 1e-300) / std::sqrt(static_cast<double>(rows));
     double best = 1e300;
     std::array<double, 3> q{};

@@ -1,6 +1,6 @@
 #include "identification/loop/identify.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -14,6 +14,7 @@
 #include "identification/recording/evidence.h"
 #include "identification/recording/excitation.h"
 #include "identification/recording/noise_floor.h"
+#include "twin/linear_algebra.h"
 #include "twin/shown_units.h"
 #include "twin/twin.h"
 #include "twin/two_pi.h"
@@ -107,7 +108,7 @@ void fill_deviations(ModelRecord& record, const PoleSet& poles, const Eigen::Mat
   }
   // The values of loop_covariance.h by those of `all`.
   Eigen::MatrixXd values = Eigen::MatrixXd::Zero(kLoopValues, all.cols());
-  values.block(3 - n, nonlinear, n, n) = by_poles.fullPivLu().inverse();
+  values.block(3 - n, nonlinear, n, n) = inverse(by_poles);
   for (int i = 0; i < n; ++i) values(3 + i, i) = 1.0;
 
   Eigen::Index shape = nonlinear + n, linear = n;

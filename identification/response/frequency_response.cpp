@@ -1,6 +1,6 @@
 #include "identification/response/frequency_response.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -9,6 +9,8 @@
 #include <stdexcept>
 #include <string>
 #include <unsupported/Eigen/FFT>
+
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 
@@ -156,10 +158,11 @@ double explained(const MatrixXcd& s, const VectorXcd& x) {
   const Eigen::VectorXd scale = s.diagonal().real().cwiseSqrt().cwiseInverse();
   if (!scale.allFinite()) return std::numeric_limits<double>::quiet_NaN();
   const MatrixXcd scaled = scale.asDiagonal() * s * scale.asDiagonal();
-  const Eigen::PartialPivLU<MatrixXcd> lu(scaled);
-  if (!(lu.rcond() > kMinReciprocalCondition)) return std::numeric_limits<double>::quiet_NaN();
   const VectorXcd y = scale.asDiagonal() * x;
-  return y.dot(lu.solve(y)).real();
+  const Solved solved = solve_square(scaled, y);
+  if (!(solved.reciprocal_condition > kMinReciprocalCondition))
+    return std::numeric_limits<double>::quiet_NaN();
+  return y.dot(solved.x).real();
 }
 
 /// The responses at one frequency.
@@ -174,10 +177,10 @@ void estimate(const MatrixXcd& s, Index q, bool instruments, double freedom, Ind
   const double together = explained(rr, ry);
   if (!std::isfinite(together) || !(yy > 0.0)) return;
   out.coherence(at) = std::clamp(together / yy, 0.0, 1.0);
-  const MatrixXcd inverse = ru.inverse();
-  const VectorXcd g = inverse * ry;
+  const MatrixXcd inverted = inverse(ru);
+  const VectorXcd g = inverted * ry;
   const double vv = std::max(0.0, yy - 2.0 * g.dot(uy).real() + g.dot(uu * g).real());
-  const MatrixXcd c = inverse * rr * inverse.adjoint();
+  const MatrixXcd c = inverted * rr * inverted.adjoint();
   if (!g.allFinite() || !c.allFinite()) return;
   const double chance = 1.0 - std::pow(kChanceOfSignificance, 1.0 / freedom);
   for (Index i = 0; i < q; ++i) {

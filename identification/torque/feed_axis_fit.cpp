@@ -2,7 +2,7 @@
 
 #include <ceres/ceres.h>
 
-#include <Eigen/LU>
+#include <Eigen/Core>
 #include <cmath>
 #include <functional>
 #include <stdexcept>
@@ -11,6 +11,7 @@
 #include "twin/feed_axis/feed_axis.h"
 #include "twin/feed_axis/velocity_loop.h"
 #include "twin/hold.h"
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 namespace {
@@ -107,7 +108,7 @@ FeedAxisFit fit(const FeedAxisParts& parts, const std::vector<SoughtPart>& sough
   const double square = left.squaredNorm() / static_cast<double>(left.size() - jacobian.cols());
   out.rms = std::sqrt(left.squaredNorm() / static_cast<double>(left.size()));
   const Eigen::MatrixXd information = jacobian.transpose() * jacobian;
-  const Eigen::MatrixXd covariance = square * information.inverse();
+  const Eigen::MatrixXd covariance = square * inverse(information);
   for (std::size_t i = 0; i < sought.size(); ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     out.values.push_back({sought[i].name, sought[i].of(start), sought[i].of(out.parts),

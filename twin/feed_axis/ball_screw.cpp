@@ -2,10 +2,11 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 namespace {
@@ -110,7 +111,7 @@ BallScrew BallScrew::in(const Eigen::MatrixXd& v) const {
   square(out.mass);
   square(out.damping);
   square(out.stiffness);
-  out.rigid = out.mass.ldlt().solve(v.transpose() * (mass * rigid));
+  out.rigid = solve_symmetric(out.mass, Eigen::VectorXd(v.transpose() * (mass * rigid)));
   out.motor = v.transpose() * motor;
   out.table = v.transpose() * table;
   out.turning_ = turning_ * v;
@@ -129,7 +130,7 @@ double static_stiffness(const BallScrew& screw, double nut) {
   const Eigen::Index n = screw.size() - 1;
   const Eigen::MatrixXd held = screw.stiffness_at(nut).bottomRightCorner(n, n);
   const Eigen::VectorXd force = screw.table.tail(n);
-  return 1.0 / force.dot(held.ldlt().solve(force));
+  return 1.0 / force.dot(solve_symmetric(held, force));
 }
 
 Eigen::MatrixXd modal_basis(const BallScrew& screw, double from, double to, int modes) {
@@ -148,11 +149,10 @@ Eigen::MatrixXd modal_basis(const BallScrew& screw, double from, double to, int 
   }
   all -= rigid * (rigid.transpose() * screw.mass * all);
   const Eigen::MatrixXd scaled = mass.matrixU() * all;
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeThinU);
-  const Eigen::VectorXd& size = svd.singularValues();
+  const auto [vectors, size] = left_singular(scaled);
   const Eigen::Index kept = (size.array() > kMinDirectionShare * size(0)).count();
   Eigen::MatrixXd basis(screw.size(), 1 + kept);
-  basis << rigid, mass.matrixU().solve(svd.matrixU().leftCols(kept));
+  basis << rigid, mass.matrixU().solve(vectors.leftCols(kept));
   return basis;
 }
 

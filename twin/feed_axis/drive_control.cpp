@@ -1,8 +1,8 @@
 #include "twin/feed_axis/drive_control.h"
 
-#include <Eigen/LU>
 #include <cmath>
 
+#include "twin/linear_algebra.h"
 #include "twin/two_pi.h"
 
 namespace servotwin {
@@ -97,7 +97,7 @@ DriveControl::Linear DriveControl::linear() const {
 std::complex<double> DriveControl::Linear::at(std::complex<double> z) const {
   Eigen::MatrixXcd shifted = -a.cast<std::complex<double>>();
   shifted.diagonal().array() += z;
-  return d + (c * shifted.partialPivLu().solve(b.cast<std::complex<double>>()))(0);
+  return d + (c * solve_square(shifted, b.cast<std::complex<double>>()).x)(0);
 }
 
 }  // namespace servotwin

@@ -1,12 +1,12 @@
 #include "twin/feed_axis/reduced_mechanics.h"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <complex>
 #include <stdexcept>
 #include <tuple>
+
+#include "twin/linear_algebra.h"
 
 namespace servotwin {
 namespace {
@@ -74,11 +74,9 @@ ReducedMechanics::Place ReducedMechanics::place_at(double nut, double step_s) co
     out.row(3 + column).tail(bends) = unit * vector.tail(bends);
   }
 
-  const Eigen::EigenSolver<Eigen::MatrixXd> solver(a);
-  const Eigen::VectorXcd& values = solver.eigenvalues();
-  const Eigen::MatrixXcd vectors = solver.eigenvectors();
-  const Eigen::MatrixXcd inverse = vectors.inverse();
-  const double missed = (vectors * values.asDiagonal() * inverse - a).norm() / a.norm();
+  const auto [values, vectors] = eigenpairs(a);
+  const Eigen::MatrixXcd inverted = inverse(vectors);
+  const double missed = (vectors * values.asDiagonal() * inverted - a).norm() / a.norm();
   if (!(missed < kMaxEigenvectorError)) {
     throw std::runtime_error(
         "the axis has a critically damped mode, which cannot be reduced; change one damping value "
@@ -92,16 +90,16 @@ ReducedMechanics::Place ReducedMechanics::place_at(double nut, double step_s) co
   const auto amplitudes = 2 * static_cast<Eigen::Index>(kept.size());
   place.to_state = Eigen::MatrixXd::Zero(size, amplitudes);
   place.to_amplitudes = Eigen::MatrixXd::Zero(amplitudes, size);
-  const Eigen::MatrixXcd gains = inverse * in;
+  const Eigen::MatrixXcd gains = inverted * in;
   for (std::size_t j = 0; j < kept.size(); ++j) {
     const Eigen::Index i = kept[j], column = 2 * static_cast<Eigen::Index>(j);
     const bool real = values(i).imag() == 0.0;
     const double both = real ? 1.0 : 2.0;  // the amplitude stands for its conjugate as well
     place.to_state.col(column) = vectors.col(i).real();
-    place.to_amplitudes.row(column) = both * inverse.row(i).real();
+    place.to_amplitudes.row(column) = both * inverted.row(i).real();
     if (!real) {
       place.to_state.col(column + 1) = -vectors.col(i).imag();
-      place.to_amplitudes.row(column + 1) = both * inverse.row(i).imag();
+      place.to_amplitudes.row(column + 1) = both * inverted.row(i).imag();
     }
     const Complex turn = std::exp(values(i) * step_s);
     const Holds hold = holds(values(i) * step_s);
