@@ -15,7 +15,7 @@ namespace {
 constexpr double kBlock_s = 0.25;
 constexpr Eigen::Index kCoefficientsOfCubic = 4;
 // Of a block at rest: as many again are left for its noise.
-constexpr Eigen::Index kMinRows = 2 * kCoefficientsOfCubic;
+constexpr Eigen::Index kFewestRows = 2 * kCoefficientsOfCubic;
 
 /// The encoder's step: all readings, sorted by position, differ by multiples of it. Motion may be
 /// too fast to pass through single steps in time; somewhere on the axis two readings are a few
@@ -89,7 +89,7 @@ class Pieces {
 void standstill(const Segment& s, Pieces& pieces) {
   const auto settle = static_cast<Eigen::Index>(std::ceil(0.15 / s.sample_time_s));
   const auto block =
-      std::max(kMinRows, static_cast<Eigen::Index>(std::ceil(0.05 / s.sample_time_s)));
+      std::max(kFewestRows, static_cast<Eigen::Index>(std::ceil(0.05 / s.sample_time_s)));
   Eigen::Index begin = 0;
   for (Eigen::Index i = 1; i <= s.size(); ++i) {
     if (i < s.size() && s.command(i) == s.command(begin)) continue;
