@@ -14,7 +14,7 @@ struct LeastSquares::Decomposition {
 };
 
 LeastSquares::LeastSquares(const Eigen::MatrixXd& a)
-    : decomposition_(std::make_unique<Decomposition>(a.colPivHouseholderQr())) {}
+    : decomposition_(std::make_unique<Decomposition>(Decomposition{a.colPivHouseholderQr()})) {}
 LeastSquares::LeastSquares(LeastSquares&& other) noexcept = default;
 LeastSquares& LeastSquares::operator=(LeastSquares&& other) noexcept = default;
 LeastSquares::~LeastSquares() = default;
