@@ -78,6 +78,7 @@ void set_data(CanFrame& frame, const Words& words, std::size_t from, std::size_t
       can_length_at_least(length, frame.fd) != length)
     refuse(std::to_string(length), "is no number of bytes of such a frame");
   frame.length = static_cast<std::uint8_t>(length);
+  if (frame.remote && frame.fd) refuse(words.back(), "an FD frame cannot ask for another");
   if (frame.remote) return;
   if (words.size() < from + length)
     refuse(words.back(), "the frame has " + std::to_string(length) + " bytes, but fewer are here");
@@ -93,6 +94,13 @@ std::size_t length_of_code(std::uint32_t code) {
   constexpr std::array<std::size_t, 16> kLengths{0, 1,  2,  3,  4,  5,  6,  7,
                                                  8, 12, 16, 20, 24, 32, 48, 64};
   return code < kLengths.size() ? kLengths[code] : CanFrame::kMaxBytes + 1;
+}
+
+/// The name of the interface, as candump -l has it.
+std::string interface_of(std::string_view name) {
+  if (const std::string why = why_no_interface(name); !why.empty())
+    refuse(name, "is no name of an interface: " + why);
+  return std::string(name);
 }
 
 CanFrame error_frame() {
@@ -247,7 +255,7 @@ std::optional<CandumpLine> CanLogLines::parse_terminal(std::string_view line) {
             kSecond_ns +
         seconds.value_or(0);
   }
-  out.interface = std::string(words[*at]);
+  out.interface = interface_of(words[*at]);
   const bool flags = !words[*at + 2].starts_with('[');
   const std::size_t id = *at + (flags ? 4 : 1);
   const std::string_view length = words[id + 1];
@@ -289,7 +297,7 @@ std::optional<CandumpLine> CanLogLines::parse_asc(std::string_view line) {
   if (words.size() < (fd ? 9U : 5U) && words[2] != "ErrorFrame") return std::nullopt;
   const std::string_view channel = fd ? words[2] : words[1];
   if (!whole(channel, 10)) return std::nullopt;
-  out.interface = std::string(channel);
+  out.interface = interface_of(channel);
   if (!fd && words[2] == "ErrorFrame") {
     out.frame = error_frame();
     out.frame.time_ns = time_ns;
@@ -384,7 +392,7 @@ std::optional<CandumpLine> CanLogLines::parse_trc(std::string_view line) {
         if (word != "Rx" && word != "Tx") return std::nullopt;  // Warng, Error
         break;
       case 'B':
-        if (whole(word, 10)) out.interface = std::string(word);
+        if (whole(word, 10)) out.interface = interface_of(word);
         break;
       case 'I':
         id = word;

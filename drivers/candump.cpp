@@ -139,6 +139,17 @@ void read_body(Cursor& at, CanFrame& frame) {
 
 }  // namespace
 
+std::string why_no_interface(std::string_view name) {
+  constexpr std::size_t kMaxLength = 32;  // twice what Linux allows
+  if (name.empty() || name.size() > kMaxLength)
+    return "a name has 1 to " + std::to_string(kMaxLength) + " characters, not " +
+           std::to_string(name.size());
+  for (const char c : name) {
+    if (static_cast<unsigned char>(c) < '!' || c == '\x7f') return "invalid character";
+  }
+  return "";
+}
+
 CandumpLine parse_candump_line(std::string_view line) {
   if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
   CandumpLine out;
@@ -147,13 +158,8 @@ CandumpLine parse_candump_line(std::string_view line) {
   out.frame.time_ns = stamp_in(at);
   at.skip_blanks();
   out.interface = std::string(at.until(" \t"));
-  if (out.interface.empty() || out.interface.size() > 32) {
-    at.fail("the name of the interface must precede this");
-  }
-  for (const char c : out.interface) {
-    if (static_cast<unsigned char>(c) < '!' || c == '\x7f')
-      at.fail("the name of the interface before this has an invalid character");
-  }
+  if (const std::string why = why_no_interface(out.interface); !why.empty())
+    at.fail("the name of the interface must precede this: " + why);
   at.skip_blanks();
   read_id(at, out.frame);
   read_body(at, out.frame);

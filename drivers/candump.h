@@ -19,6 +19,10 @@ struct CandumpLine {
   std::string interface;
 };
 
+/// Why this is no name of an interface (1 to 32 printable characters without blanks); empty if it
+/// is.
+[[nodiscard]] std::string why_no_interface(std::string_view name);
+
 /// Parses one line without its line end. Throws std::runtime_error with column, value and rule.
 [[nodiscard]] CandumpLine parse_candump_line(std::string_view line);
 

@@ -213,6 +213,23 @@ TEST(CanLogForm, WhatIsWrongWithAFrameIsSaid) {
   refuses(trc + "1 1.0 DT 0181\n", {"shorter than its columns"});
   refuses(trc + ";$COLUMNS=N,O,T,I,d,l\n1 1.0 DT 0181 Rx 1\n", {"has no D"});
   refuses("(1.0)  can0  181   [1]  00\n(1.0) nonsense\n", {"must be a line of candump"});
+  refuses("(1.0)  can0  181   [08]  remote request\n", {"FD frame cannot ask"});
+}
+
+// Found by fuzzing: a terminal's log may hold any bytes where the name is, which a recording of the
+// same frames (candump -l) cannot hold.
+TEST(CanLogForm, ANameThatNoInterfaceHasIsRefused) {
+  const std::string longest(32, 'c'), trc = ";$FILEVERSION=2.1\n;$COLUMNS=N,O,T,B,I,d,l,D\n";
+  const auto terminal = [](const std::string& name) {
+    return "(1.0)  can0  181   [1]  00\n(1.1)  " + name + "  181   [1]  00\n";
+  };
+  EXPECT_EQ(frames_of(terminal(longest)).back().interface, longest);
+  for (const std::string& text :
+       {terminal(longest + "c"), terminal(std::string("ca\0n", 4)), terminal("ca\x7fn"),
+        trc + "1 1.0 DT " + std::string(40, '0') + "1 0181 Rx 1 00\n",
+        "date today\nbase hex  timestamps absolute\n0.1 " + std::string(40, '0') +
+            "1 181 Rx d 1 00\n"})
+    expect_error<std::runtime_error>([&] { frames_of(text); }, {"no name of an interface"});
 }
 
 /// All frames of a file.
