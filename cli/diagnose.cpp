@@ -272,8 +272,8 @@ Command add_diagnose(CLI::App& app) {
             arguments->options.identify.training_share = number_of(share).value();
             arguments->options.balance = false;
           },
-          "share of the data that is fitted (default 0.6 of the time, or of the error where that "
-          "is uneven over the recording); the rest measures the gain")
+          "share of the data that is fitted (default 0.6 of the time, or of acceleration or error "
+          "where these are uneven over the recording); the rest measures the gain")
       .takes("SHARE")
       .between(0.1, 0.95);
   command

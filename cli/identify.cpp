@@ -260,7 +260,9 @@ Command add_identify(CLI::App& app) {
             "bounds of the pair's damping ratio");
   command
       .option("--training-share", arguments->identify.training_share,
-              "share of the data that is fitted (default 0.6); the rest is held-out data")
+              "share of the data that is fitted (default 0.6, up to 0.85 where the axis hardly "
+              "accelerates "
+              "before); the rest is held-out data")
       .takes("SHARE")
       .between(0.1, 0.95);
   command

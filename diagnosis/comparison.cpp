@@ -388,7 +388,8 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   for (const Segment& s : segments)
     residuals.emplace_back(s.command - s.actual - simulate(out.baseline.model, s));
   find_cuts(segments, residuals);
-  const auto [training, holdout] = split(segments, options.identify.training_share);
+  const auto [training, holdout] =
+      split(segments, options.identify.training_share.value_or(training_share_of(segments)));
   if (training.empty() || holdout.empty())
     throw std::runtime_error(
         axis.axis + ": the recording is too short to divide into training data and hold-out");

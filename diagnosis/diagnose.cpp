@@ -443,10 +443,10 @@ std::vector<SecondAttempt> second_attempts(const Diagnosis& first, const Segment
   // Each attempt keeps what the one before it changed: a loop of the right order is not found in
   // training data that hardly contain the error.
   SecondAttempt next{"repeated", options};
+  const double before = options.identify.training_share.value_or(training_share_of(axis.segments));
   const double share =
-      balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms,
-                     options.identify.training_share);
-  if (options.balance && share != options.identify.training_share) {
+      balanced_share(first.extended.model, axis.segments, first.baseline.noise_floor_rms, before);
+  if (options.balance && share != before) {
     next.words += text(" with %.0f %% of the time as training data", 100.0 * share);
     next.options.identify.training_share = share;
     out.push_back(next);

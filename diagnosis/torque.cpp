@@ -337,10 +337,11 @@ TorqueDiagnosis diagnose_torque(const SegmentedAxis& axis, const DiagnoseOptions
                                 bool commanded) {
   if (!has_torque(axis))
     throw std::runtime_error(axis.axis + ": the recording has no torque of this axis");
-  const TorqueLag lag = lag_of(axis, options.identify.training_share);
+  const double share = options.identify.training_share.value_or(training_share_of(axis.segments));
+  const TorqueLag lag = lag_of(axis, share);
   SegmentedAxis in_time = axis;
   in_time.segments = without_lag(std::move(in_time.segments), lag);
-  TorqueRows rows(in_time, options.identify.training_share, commanded);
+  TorqueRows rows(in_time, share, commanded);
   const TorqueBody body = body_of(rows, axis.rotary);
   const TorqueSelected selected = select_torque_causes(
       rows, body, options, commanded && Channels(axis.segments).rests, axis.rotary);

@@ -29,7 +29,7 @@ namespace py = pybind11;
 
 IdentifyOptions options_of(const std::string& method, const std::optional<std::string>& friction,
                            const std::string& structure, int order, int modes, bool coupling,
-                           double delay_max_s, double training_share) {
+                           double delay_max_s, std::optional<double> training_share) {
   IdentifyOptions out;
   out.method = one_of<Method>({{"joint", Method::kJoint},
                                {"pole-search", Method::kPoleSearch},
@@ -299,7 +299,7 @@ void bind_model(py::module_& module) {
       "identify",
       [](const Axis& axis, const std::string& method, const std::optional<std::string>& friction,
          const std::string& structure, int order, int modes, bool coupling, double delay_max_s,
-         double training_share, bool whole) {
+         std::optional<double> training_share, bool whole) {
         if (!axis.commanded)
           throw std::invalid_argument(axis.segmented.source + ": " + axis.segmented.axis +
                                       ".command has no values: nothing to identify the loop from");
@@ -310,8 +310,8 @@ void bind_model(py::module_& module) {
       },
       py::arg("axis"), py::kw_only(), py::arg("method") = "joint", py::arg("friction") = py::none(),
       py::arg("structure") = "rigid", py::arg("order") = 0, py::arg("modes") = 0,
-      py::arg("coupling") = false, py::arg("delay_max_s") = 0.02, py::arg("training_share") = 0.6,
-      py::arg("whole") = false);
+      py::arg("coupling") = false, py::arg("delay_max_s") = 0.02,
+      py::arg("training_share") = py::none(), py::arg("whole") = false);
 }
 
 }  // namespace servotwin::python

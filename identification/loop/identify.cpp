@@ -221,6 +221,35 @@ Structure structure_of(const Model& model) {
 
 }  // namespace
 
+std::vector<double> squared_acceleration(const std::vector<Segment>& segments) {
+  // Over a shorter time the rounding of the command would count as acceleration.
+  constexpr double kStep_s = 0.01;
+  std::vector<double> sums{0.0};
+  for (const Segment& s : segments) {
+    const auto step = std::max<Eigen::Index>(
+        1, static_cast<Eigen::Index>(std::lround(kStep_s / s.sample_time_s)));
+    for (Eigen::Index k = 0; k < s.size(); ++k) {
+      const double change = k < step || k + step >= s.size()
+                                ? 0.0
+                                : s.command(k + step) - 2.0 * s.command(k) + s.command(k - step);
+      sums.push_back(sums.back() + change * change);
+    }
+  }
+  return sums;
+}
+
+double training_share_of(const std::vector<Segment>& segments) {
+  constexpr double kShare = 0.6, kMaxShare = 0.85;
+  // Of the squared acceleration, in the training data.
+  constexpr double kMinAccelerationShare = 0.3;
+  const std::vector<double> sums = squared_acceleration(segments);
+  const auto n = static_cast<double>(sums.size() - 1);
+  if (!(sums[static_cast<std::size_t>(kShare * n)] < kMinAccelerationShare * sums.back()))
+    return kShare;
+  const auto at = std::lower_bound(sums.begin(), sums.end(), kShare * sums.back());
+  return std::clamp(static_cast<double>(at - sums.begin()) / n, kShare, kMaxShare);
+}
+
 std::pair<std::vector<Segment>, std::vector<Segment>> split(const std::vector<Segment>& segments,
                                                             double share, bool each) {
   std::vector<Segment> first, rest;
@@ -273,9 +302,10 @@ ErrorFigures judge(const Model& model, const std::vector<Segment>& segments, dou
 
 Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
   if (auto why = why_invalid(options.bounds); !why.empty()) throw std::invalid_argument(why);
-  if (!(options.training_share > 0.1 && options.training_share < 0.95)) {
+  const double share = options.training_share.value_or(training_share_of(axis.segments));
+  if (!(share > 0.1 && share < 0.95)) {
     throw std::invalid_argument(
-        message("training share = ", options.training_share, " must be between 0.1 and 0.95"));
+        message("training share = ", share, " must be between 0.1 and 0.95"));
   }
   if (options.masses != Masses::kRigid &&
       (options.method != Method::kJoint || options.modes > 0 || options.start))
@@ -288,7 +318,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         axis.axis +
         ": no other axis in the recording has segments with the same sample times, so that no "
         "coupling can be identified");
-  const auto [training, holdout] = split(axis.segments, options.training_share, options.split_each);
+  const auto [training, holdout] = split(axis.segments, share, options.split_each);
   if (rows_of(training) < 300 || rows_of(holdout) < 100) {
     throw std::runtime_error(message(
         axis.axis, ": ", rows_of(axis.segments), " samples (", span_s(axis.segments),

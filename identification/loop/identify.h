@@ -28,8 +28,9 @@ struct IdentifyOptions {
   Method method = Method::kPoleSearch;
   PoleBounds bounds;
   bool pole_constraints = true;  ///< full LS only
-  double training_share = 0.6;   ///< of the time of the data; the rest is held out
-  int order = 0;                 ///< 2 or 3; 0: chosen by validation error
+  /// Of the time of the data; the rest is held out. None: training_share_of().
+  std::optional<double> training_share;
+  int order = 0;  ///< 2 or 3; 0: chosen by validation error
   std::optional<std::size_t>
       friction;               ///< joint only: index in the catalogue; none: all are compared
   double delay_max_s = 0.02;  ///< longest delay considered; 0: none
@@ -87,6 +88,14 @@ struct Identified {
 /// Whether the delay of this model is compensated by more acceleration feed-forward than any drive
 /// has: the model imitates a velocity lag.
 [[nodiscard]] bool lag_in_disguise(const Model& model);
+
+/// For every sample and the end: the sum of the squared changes of the command's velocity before
+/// it, in no unit.
+[[nodiscard]] std::vector<double> squared_acceleration(const std::vector<Segment>& segments);
+
+/// 0.6; more, up to 0.85, where most of what the axis accelerates comes after that: a model of the
+/// slow motion before it would be judged by motion of which it has seen nothing.
+[[nodiscard]] double training_share_of(const std::vector<Segment>& segments);
 
 /// The first `share` of the time of all segments together, or of every segment (`each`), and the
 /// rest. Gaps do not count.

@@ -149,7 +149,7 @@ def identify(
     modes: int = 0,
     coupling: bool = False,
     delay_max_s: float = 0.02,
-    training_share: float = 0.6,
+    training_share: float | None = None,
     whole: bool = False,
 ) -> Identification: ...
 def diagnose(

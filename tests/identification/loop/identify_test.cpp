@@ -53,6 +53,31 @@ vm::AxisRecord production(const vm::Axis& axis, std::uint64_t seed) {
   return vm::record(axis, vm::moves(mix, seed));
 }
 
+/// 20 s of a sine of 1 Hz in two segments: until a moment with one amplitude, then with another.
+std::vector<Segment> sines(double first, double second, double at_s) {
+  constexpr double kStep_s = 1e-3, kDuration_s = 20.0;
+  const auto sine = [](double amplitude, double from_s, double to_s) {
+    Segment s;
+    s.start_s = from_s;
+    s.sample_time_s = kStep_s;
+    const auto count = static_cast<Eigen::Index>(std::lround((to_s - from_s) / kStep_s));
+    s.command = amplitude * (kTwoPi * Eigen::ArrayXd::LinSpaced(count, from_s, to_s)).sin();
+    s.actual = s.command;
+    return s;
+  };
+  return {sine(first, 0.0, at_s), sine(second, at_s, kDuration_s)};
+}
+
+// Of the squared acceleration, 60 % come before: where the amplitude rises to 1 at 11 s, at
+// 11 + 0.6 * 9 = 16.4 s.
+TEST(TrainingShare, IsMoreWhereTheAxisHardlyAcceleratesBefore) {
+  EXPECT_EQ(training_share_of(sines(1.0, 1.0, 10.0)), 0.6);
+  EXPECT_EQ(training_share_of(sines(1.0, 0.01, 11.0)), 0.6);
+  EXPECT_NEAR(training_share_of(sines(0.01, 1.0, 11.0)), 16.4 / 20.0, 0.01);
+  EXPECT_EQ(training_share_of(sines(0.01, 1.0, 18.0)), 0.85);
+  EXPECT_EQ(training_share_of({}), 0.6) << "nothing moves";
+}
+
 class VirtualAxis : public ::testing::TestWithParam<bool> {};
 
 // The truth: the continuous limit of the drive's own gains, known in closed form.
