@@ -46,6 +46,29 @@ bool is_closed_gap(const Effect& effect, double encoder_step) {
   return false;
 }
 
+/// The largest magnitude of the loop's poles [rad/s].
+double fastest_pole(const Loop& loop) {
+  double out = 0.0;
+  const auto roots = roots_of(loop);
+  for (int i = 0; i < loop.order; ++i)
+    out = std::max(out, std::abs(roots[static_cast<std::size_t>(i)]));
+  return out;
+}
+
+/// Whether two masses without play ring on a spring as machines have it. Not where the spring
+/// hardly rings (a lag), or is too fast for the samples. A fit takes all damping from a spring that
+/// the lag of the drive feeds, which is not in the model; but only where it is fast beside the
+/// loop: a slow one without damping is a part of the control (a healthy axis got one of 8.7 Hz).
+bool is_spring(const Model& model, const Effect& axis) {
+  constexpr double kMaxDamping = 0.2, kMaxFrequency = 0.4;  // of the sampling rate
+  constexpr double kUndamped = 1.5;            // times the least damping of the catalogue
+  constexpr double kMinOverFastestPole = 3.0;  // of the frequency of one without damping
+  const double frequency_hz = axis.shape[0], damping = axis.shape[1];
+  if (damping > kMaxDamping || frequency_hz * model.sample_time_s > kMaxFrequency) return false;
+  return damping > kUndamped * shapes_of(axis.kind)[1].lower ||
+         2.0 * std::numbers::pi * frequency_hz > kMinOverFastestPole * fastest_pole(model.loop);
+}
+
 }  // namespace
 
 bool plausible(const Model& model, double begin_s, double end_s, double max_deviation,
@@ -69,23 +92,11 @@ bool plausible(const Model& model, double begin_s, double end_s, double max_devi
   // is a lag of the control and not a mode.
   constexpr double kMaxDamping = 0.1, kMaxOverFastestPole = 2.0;
   if (const Effect* mode = model.find(kind_of<Compliance>());
-      mode != nullptr && mode->shape[1] > kMaxDamping) {
-    double fastest = 0.0;
-    const auto roots = roots_of(model.loop);
-    for (int i = 0; i < model.loop.order; ++i)
-      fastest = std::max(fastest, std::abs(roots[static_cast<std::size_t>(i)]));
-    if (2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest) return false;
-  }
-  // Without play, two masses are not accepted if the spring hardly rings (a lag), if the fit has
-  // removed its damping (a part of the control: a healthy axis got such a spring of 8.7 Hz), or if
-  // it is too fast for the samples.
-  constexpr double kMaxSpringDamping = 0.2, kMaxSpringFrequency = 0.4;  // of the sampling rate
-  constexpr double kUndamped = 1.5;  // times the least damping of the catalogue
+      mode != nullptr && mode->shape[1] > kMaxDamping &&
+      2.0 * std::numbers::pi * mode->shape[0] > kMaxOverFastestPole * fastest_pole(model.loop))
+    return false;
   if (const Effect* axis = two_mass_of(model);
-      axis != nullptr && two_mass_parameters(*axis).width == 0.0 &&
-      (axis->shape[1] > kMaxSpringDamping ||
-       axis->shape[1] < kUndamped * shapes_of(axis->kind)[1].lower ||
-       axis->shape[0] * model.sample_time_s > kMaxSpringFrequency))
+      axis != nullptr && two_mass_parameters(*axis).width == 0.0 && !is_spring(model, *axis))
     return false;
   if (const Effect* pushes = model.find(kind_of<ImpulseDisturbance>());
       pushes != nullptr && !are_impulses(*pushes))

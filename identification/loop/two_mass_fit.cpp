@@ -22,14 +22,18 @@ namespace {
 
 constexpr double kShortPart_s = 8.0;  // for the comparison of starts
 constexpr double kUnfittedRms = 1e300;
-constexpr int kMostFitsToAll = 2;            // if the first one is not plausible
-constexpr std::ptrdiff_t kFittedStarts = 6;  // of the grid, to that part
-constexpr double kMaxRmsRatioToGoOn = 3.0;   // on that part, over that of the model to beat
-constexpr double kMaxRmsRatioOfPlay = 0.9;   // on that part, over that without play
+constexpr int kMostFitsToAll = 2;  // if the first one is not plausible
+// Starts of the grid that are tried on that part, of one kind and in all, and those of them that
+// are fitted to it.
+constexpr std::ptrdiff_t kTriedOfKind = 4, kTriedStarts = 16, kFittedStarts = 6;
+constexpr double kMaxRmsRatioToGoOn = 3.0;  // on that part, over that of the model to beat
+constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
 
 /// How much faster than the rigid fit the loop may be.
 constexpr std::array kFaster{1.0, 1.6, 2.6};
 constexpr std::array kFrequencies_hz{12.0, 25.0, 50.0, 100.0, 200.0};
+// Of a vibration that the loop damps.
+constexpr std::array kDampingsInLoop{0.15, 0.4, 0.7};
 // Contacts are stiff: two frequencies are near enough.
 constexpr std::array kContacts_hz{80.0, 250.0};
 constexpr std::array kWidths{1e-6, 4e-6, 16e-6, 64e-6};  // m | rad
@@ -85,7 +89,15 @@ std::vector<Start> starts_of(const Model& rigid, std::size_t kind) {
   };
   if (width == kMaxShapes) {
     for (const double factor : kFaster) {
-      for (const double f : kFrequencies_hz) add(factor, f);
+      for (const double f : kFrequencies_hz) {
+        add(factor, f);
+        if (f * rigid.sample_time_s > kMaxFrequency) continue;
+        const Loop loop = faster(rigid, factor).loop;
+        for (const double zeta : kDampingsInLoop) {
+          if (auto one = two_masses_with_poles(loop, {f, zeta}, rigid, kind))
+            out.push_back({std::move(*one)});
+        }
+      }
     }
   } else {
     for (const double gap : kWidths) {
@@ -181,18 +193,25 @@ void seek(Start& start, const std::vector<Segment>& segments) {
   start = {sought.at(x.data()), least * sought.unit};
 }
 
-/// From the first motion on.
+/// The part in which the axis accelerates most.
 std::vector<Segment> short_part(const std::vector<Segment>& segments) {
-  double from = segments.front().start_s;
-  for (const Segment& s : segments) {
-    Eigen::Index first = 0;
-    while (first < s.size() && s.command(first) == s.command(0)) ++first;
-    if (first == s.size()) continue;
-    from = s.start_s + s.sample_time_s * static_cast<double>(first);
-    break;
+  const std::vector<double> sums = squared_acceleration(segments);
+  const double h = segments.front().sample_time_s;
+  const auto length = static_cast<std::size_t>(kShortPart_s / h);
+  if (sums.size() < length + 1) return segments;
+  std::size_t best = 0;
+  for (std::size_t from = 0; from + length < sums.size(); ++from) {
+    if (sums[from + length] - sums[from] > sums[best + length] - sums[best]) best = from;
   }
-  std::vector<Segment> out = cut(segments, from - 0.3, from + kShortPart_s);
-  return out.empty() ? segments : out;
+  for (const Segment& s : segments) {
+    const auto size = static_cast<std::size_t>(s.size());
+    if (best < size) {
+      const double from = s.start_s + h * static_cast<double>(best);
+      return cut(segments, from - 0.5 * h, from + kShortPart_s);
+    }
+    best -= size;
+  }
+  return segments;
 }
 
 /// Friction by this law, with the level and travel of the old one.
@@ -277,26 +296,33 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     out.effects.push_back(two_mass_of(model)->kind);
     return out;
   };
-  // Not more than two of a kind: neighbours on the grid end in one fit.
   const auto by_poles = static_cast<std::ptrdiff_t>(fitted.size());
   for (const Start& one : starts) {
     const auto there = std::count_if(fitted.begin() + by_poles, fitted.end(), [&](const Start& s) {
       return two_mass_of(s.model)->kind == two_mass_of(one.model)->kind;
     });
-    if (std::ssize(fitted) - by_poles < kFittedStarts && there < 2) fitted.push_back(one);
+    if (std::ssize(fitted) - by_poles < kTriedStarts && there < kTriedOfKind) fitted.push_back(one);
   }
   const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes) {
     auto found = refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes);
     one.rms = kUnfittedRms;
     if (found) one = {std::move(found->model), found->rms};
   };
-  in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], part, 8, 1); });
   // Play counts for less where it is hardly better.
   const auto rank = [&](const Start& s) {
     return s.rms / (plays(s.model) ? kMaxRmsRatioOfPlay : 1.0);
   };
-  std::sort(fitted.begin(), fitted.end(),
-            [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
+  // All in a few rounds, and the best of them further; what no machine has comes last.
+  for (const int rounds : {3, 8}) {
+    in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], part, rounds, 1); });
+    std::sort(fitted.begin(), fitted.end(),
+              [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
+    std::stable_partition(fitted.begin(), fitted.end(), [&](const Start& s) {
+      return s.rms < kUnfittedRms && plausible(s.model);
+    });
+    if (std::ssize(fitted) > kFittedStarts)
+      fitted.erase(fitted.begin() + kFittedStarts, fitted.end());
+  }
   int tries = kMostFitsToAll;
   const double enough = std::min(rms_on(rigid, part), kMaxRmsRatioToGoOn * rms_on(to_beat, part));
   for (Start& one : fitted) {

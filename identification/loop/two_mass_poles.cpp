@@ -112,15 +112,19 @@ std::optional<Drive> drive_with(const Polynomial& wanted, const Polynomial& loop
 std::optional<Model> two_masses_with_poles_of(const Model& vibrating, const Model& rigid,
                                               std::size_t kind) {
   const Effect* mode = vibrating.find(kind_of<Compliance>());
-  if (mode == nullptr || two_mass_of(vibrating) != nullptr ||
-      vibrating.loop.order != rigid.loop.order)
-    return std::nullopt;
-  const double omega = 2.0 * std::numbers::pi * mode->shape[0];
+  if (mode == nullptr || two_mass_of(vibrating) != nullptr) return std::nullopt;
+  return two_masses_with_poles(vibrating.loop, {mode->shape[0], mode->shape[1]}, rigid, kind);
+}
+
+std::optional<Model> two_masses_with_poles(const Loop& beside, const PolePair& pair,
+                                           const Model& rigid, std::size_t kind) {
+  if (beside.order != rigid.loop.order) return std::nullopt;
+  const double omega = 2.0 * std::numbers::pi * pair.frequency_hz;
   Eigen::VectorXd loop = Eigen::VectorXd::Ones(rigid.loop.order + 1);
   for (int i = 0; i < rigid.loop.order; ++i)
-    loop(i + 1) = vibrating.loop.denominator[static_cast<std::size_t>(i)];
+    loop(i + 1) = beside.denominator[static_cast<std::size_t>(i)];
   const Polynomial wanted =
-      product(loop, Eigen::Vector3d(1.0, 2.0 * mode->shape[1] * omega, omega * omega));
+      product(loop, Eigen::Vector3d(1.0, 2.0 * pair.damping * omega, omega * omega));
   if (!(wanted.minCoeff() > 0.0)) return std::nullopt;
 
   Effect effect;

@@ -14,13 +14,23 @@
 
 namespace servotwin {
 
-/// `rigid` with two masses without play of this kind, whose closed loop has the poles of the loop
-/// and of the compliance of `vibrating`: a start for a fit. The damping of the spring, which hardly
-/// moves the poles, is that of the catalogue; lag and friction are scaled with the last gain, so
-/// that errors at low frequencies stay those of `rigid`. With an integrator and the load's encoder
-/// the drive is a position gain around a PI velocity loop. Nothing where `vibrating` has no
-/// compliance, two masses, or a loop of another order than `rigid`, or where no two masses have
-/// these poles.
+/// A pair of poles beside those of a loop.
+struct PolePair {
+  double frequency_hz;
+  double damping;  ///< ratio
+};
+
+/// `rigid` with two masses without play of this kind, whose closed loop has the poles of `beside`
+/// and of the vibration: a start for a fit. The damping of the spring, which hardly moves the
+/// poles, is that of the catalogue; lag and friction are scaled with the last gain, so that errors
+/// at low frequencies stay those of `rigid`. With an integrator and the load's encoder the drive is
+/// a position gain around a PI velocity loop. Nothing where the loop is of another order than
+/// `rigid`, or where no two masses have these poles.
+[[nodiscard]] std::optional<Model> two_masses_with_poles(const Loop& beside, const PolePair& pair,
+                                                         const Model& rigid, std::size_t kind);
+
+/// The same with the loop and the compliance of `vibrating`; nothing where it has none, or two
+/// masses.
 [[nodiscard]] std::optional<Model> two_masses_with_poles_of(const Model& vibrating,
                                                             const Model& rigid, std::size_t kind);
 

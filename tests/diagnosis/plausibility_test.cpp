@@ -45,20 +45,27 @@ TEST(Plausible, AGapBelowOneStepOfTheEncoderIsNone) {
   EXPECT_TRUE(is_plausible(gap, 0.1e-6));
 }
 
+Effect spring(double frequency_hz, double damping) {
+  Effect effect = make_effect<TwoMassLoadEncoder>();
+  effect.shape[0] = frequency_hz;
+  effect.shape[1] = damping;
+  return effect;
+}
+
 // A healthy axis of a machining centre, recorded at 3 ms, was said to have a spring of 8.7 Hz whose
 // damping the fit had removed; structures of machines have 1 to 10 %.
-TEST(Plausible, ASpringWithoutDampingOrHardlyRingingIsNone) {
-  const auto spring = [](double damping) {
-    Effect effect = make_effect<TwoMassLoadEncoder>();
-    effect.shape[0] = 8.7;
-    effect.shape[1] = damping;
-    return effect;
-  };
-  const double least = shapes_of(kind_of<TwoMassLoadEncoder>())[1].lower;
-  EXPECT_FALSE(is_plausible(spring(least)));
-  EXPECT_FALSE(is_plausible(spring(0.3)));
-  EXPECT_TRUE(is_plausible(spring(0.01)));
-  EXPECT_TRUE(is_plausible(spring(0.1)));
+TEST(Plausible, ASlowSpringWithoutDampingOrOneHardlyRingingIsNone) {
+  EXPECT_FALSE(is_plausible(spring(8.7, 0.002)));
+  EXPECT_FALSE(is_plausible(spring(8.7, 0.3)));
+  EXPECT_TRUE(is_plausible(spring(8.7, 0.01)));
+  EXPECT_TRUE(is_plausible(spring(8.7, 0.1)));
+}
+
+// A hidden spring of 75 Hz and 1 % beside a loop of 18 Hz was fitted with 70 Hz and the least
+// damping: the drive's lag, which is not in the model, feeds it. The poles here are at 15.9 Hz.
+TEST(Plausible, AFastSpringMayHaveLostItsDampingToTheDrive) {
+  EXPECT_FALSE(is_plausible(spring(45.0, 0.002)));
+  EXPECT_TRUE(is_plausible(spring(50.0, 0.002)));
 }
 
 TEST(Plausible, ASpringTooFastForTheSamplesIsNone) {
