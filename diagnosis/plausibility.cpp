@@ -59,12 +59,18 @@ double fastest_pole(const Loop& loop) {
 /// hardly rings (a lag), or is too fast for the samples. A fit takes all damping from a spring that
 /// the lag of the drive feeds, which is not in the model; but only where it is fast beside the
 /// loop: a slow one without damping is a part of the control (a healthy axis got one of 8.7 Hz).
+/// Nor where the velocity loop's integrator takes all of the position gain: no drive is set like
+/// that.
 bool is_spring(const Model& model, const Effect& axis) {
   constexpr double kMaxDamping = 0.2, kMaxFrequency = 0.4;  // of the sampling rate
   constexpr double kUndamped = 1.5;            // times the least damping of the catalogue
   constexpr double kMinOverFastestPole = 3.0;  // of the frequency of one without damping
   const double frequency_hz = axis.shape[0], damping = axis.shape[1];
   if (damping > kMaxDamping || frequency_hz * model.sample_time_s > kMaxFrequency) return false;
+  const TwoMassParameters parameters = two_mass_parameters(axis);
+  if (parameters.encoders == Encoders::kLoad && model.loop.order == 3 &&
+      model.loop.denominator[0] * parameters.reset >= model.loop.denominator[1])
+    return false;
   return damping > kUndamped * shapes_of(axis.kind)[1].lower ||
          2.0 * std::numbers::pi * frequency_hz > kMinOverFastestPole * fastest_pole(model.loop);
 }

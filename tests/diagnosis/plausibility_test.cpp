@@ -68,6 +68,15 @@ TEST(Plausible, AFastSpringMayHaveLostItsDampingToTheDrive) {
   EXPECT_TRUE(is_plausible(spring(50.0, 0.002)));
 }
 
+// The same healthy axis: 9.4 Hz with a reset rate of 1000 1/s, its limit. Here a2 / a1 is 100 1/s.
+TEST(Plausible, ADriveWithoutPositionGainIsNone) {
+  Effect effect = spring(8.7, 0.05);
+  effect.shape[TwoMassLoadEncoder::kResetAt] = 1000.0;
+  EXPECT_FALSE(is_plausible(effect));
+  effect.shape[TwoMassLoadEncoder::kResetAt] = 99.0;
+  EXPECT_TRUE(is_plausible(effect));
+}
+
 TEST(Plausible, ASpringTooFastForTheSamplesIsNone) {
   Effect fast = make_effect<TwoMassLoadEncoder>();
   fast.shape[1] = 0.05;
