@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <stdexcept>
 
 #include "identification/loop/full_ls.h"
@@ -224,7 +225,7 @@ Structure structure_of(const Model& model) {
 std::vector<double> squared_acceleration(const std::vector<Segment>& segments) {
   // Over a shorter time the rounding of the command would count as acceleration.
   constexpr double kStep_s = 0.01;
-  std::vector<double> sums{0.0};
+  std::vector<double> squares;
   for (const Segment& s : segments) {
     const auto step = std::max<Eigen::Index>(
         1, static_cast<Eigen::Index>(std::lround(kStep_s / s.sample_time_s)));
@@ -232,9 +233,23 @@ std::vector<double> squared_acceleration(const std::vector<Segment>& segments) {
       const double change = k < step || k + step >= s.size()
                                 ? 0.0
                                 : s.command(k + step) - 2.0 * s.command(k) + s.command(k - step);
-      sums.push_back(sums.back() + change * change);
+      squares.push_back(change * change);
     }
   }
+  // Where samples are lost the command jumps, by far more than it ever accelerates.
+  constexpr double kQuantile = 0.99, kMaxOverQuantile = 4.0;
+  std::vector<double> sorted;
+  std::copy_if(squares.begin(), squares.end(), std::back_inserter(sorted),
+               [](double square) { return square > 0.0; });
+  double most = 0.0;
+  if (!sorted.empty()) {
+    const auto at = sorted.begin() +
+                    static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(sorted.size() - 1));
+    std::nth_element(sorted.begin(), at, sorted.end());
+    most = kMaxOverQuantile * *at;
+  }
+  std::vector<double> sums{0.0};
+  for (const double square : squares) sums.push_back(sums.back() + std::min(square, most));
   return sums;
 }
 

@@ -89,8 +89,8 @@ struct Identified {
 /// has: the model imitates a velocity lag.
 [[nodiscard]] bool lag_in_disguise(const Model& model);
 
-/// For every sample and the end: the sum of the squared changes of the command's velocity before
-/// it, in no unit.
+/// For every sample and the end: the sum before it of the squared changes of the command's
+/// velocity, over 10 ms each [m^2 | rad^2]; single jumps count for little.
 [[nodiscard]] std::vector<double> squared_acceleration(const std::vector<Segment>& segments);
 
 /// 0.6; more, up to 0.85, where most of what the axis accelerates comes after that: a model of the

@@ -23,8 +23,8 @@ namespace {
 constexpr double kShortPart_s = 8.0;  // for the comparison of starts
 constexpr double kUnfittedRms = 1e300;
 constexpr int kMostFitsToAll = 2;  // if the first one is not plausible
-// Starts of the grid that are tried on that part, of one kind and in all, and those of them that
-// are fitted to it.
+// Starts of the grid that are tried on that part in a few rounds, of one kind and in all, and those
+// of them that are fitted on.
 constexpr std::ptrdiff_t kTriedOfKind = 4, kTriedStarts = 16, kFittedStarts = 6;
 constexpr double kMaxRmsRatioToGoOn = 3.0;  // on that part, over that of the model to beat
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
@@ -193,7 +193,17 @@ void seek(Start& start, const std::vector<Segment>& segments) {
   start = {sought.at(x.data()), least * sought.unit};
 }
 
-/// The part in which the axis accelerates most.
+/// When the sample of this number is taken, counted through all segments.
+double time_of(const std::vector<Segment>& segments, std::size_t sample) {
+  for (const Segment& s : segments) {
+    const auto size = static_cast<std::size_t>(s.size());
+    if (sample < size) return s.start_s + s.sample_time_s * static_cast<double>(sample);
+    sample -= size;
+  }
+  return segments.back().end_s();
+}
+
+/// The samples in which the axis accelerates most; with a gap between them they take longer.
 std::vector<Segment> short_part(const std::vector<Segment>& segments) {
   const std::vector<double> sums = squared_acceleration(segments);
   const double h = segments.front().sample_time_s;
@@ -203,15 +213,9 @@ std::vector<Segment> short_part(const std::vector<Segment>& segments) {
   for (std::size_t from = 0; from + length < sums.size(); ++from) {
     if (sums[from + length] - sums[from] > sums[best + length] - sums[best]) best = from;
   }
-  for (const Segment& s : segments) {
-    const auto size = static_cast<std::size_t>(s.size());
-    if (best < size) {
-      const double from = s.start_s + h * static_cast<double>(best);
-      return cut(segments, from - 0.5 * h, from + kShortPart_s);
-    }
-    best -= size;
-  }
-  return segments;
+  std::vector<Segment> out = cut(segments, time_of(segments, best) - 0.5 * h,
+                                 time_of(segments, best + length - 1) + 0.5 * h);
+  return out.empty() ? segments : out;
 }
 
 /// Friction by this law, with the level and travel of the old one.
@@ -296,12 +300,12 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     out.effects.push_back(two_mass_of(model)->kind);
     return out;
   };
-  const auto by_poles = static_cast<std::ptrdiff_t>(fitted.size());
+  std::vector<Start> tried;
   for (const Start& one : starts) {
-    const auto there = std::count_if(fitted.begin() + by_poles, fitted.end(), [&](const Start& s) {
+    const auto there = std::count_if(tried.begin(), tried.end(), [&](const Start& s) {
       return two_mass_of(s.model)->kind == two_mass_of(one.model)->kind;
     });
-    if (std::ssize(fitted) - by_poles < kTriedStarts && there < kTriedOfKind) fitted.push_back(one);
+    if (std::ssize(tried) < kTriedStarts && there < kTriedOfKind) tried.push_back(one);
   }
   const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes) {
     auto found = refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes);
@@ -312,17 +316,18 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   const auto rank = [&](const Start& s) {
     return s.rms / (plays(s.model) ? kMaxRmsRatioOfPlay : 1.0);
   };
-  // All in a few rounds, and the best of them further; what no machine has comes last.
-  for (const int rounds : {3, 8}) {
-    in_parallel(fitted.size(), [&](std::size_t i) { fit(fitted[i], part, rounds, 1); });
-    std::sort(fitted.begin(), fitted.end(),
+  const auto fit_and_sort = [&](std::vector<Start>& some, int rounds) {
+    in_parallel(some.size(), [&](std::size_t i) { fit(some[i], part, rounds, 1); });
+    std::sort(some.begin(), some.end(),
               [&](const Start& l, const Start& r) { return rank(l) < rank(r); });
-    std::stable_partition(fitted.begin(), fitted.end(), [&](const Start& s) {
-      return s.rms < kUnfittedRms && plausible(s.model);
-    });
-    if (std::ssize(fitted) > kFittedStarts)
-      fitted.erase(fitted.begin() + kFittedStarts, fitted.end());
-  }
+  };
+  fit_and_sort(tried, 3);
+  // What no machine has comes last.
+  std::stable_partition(tried.begin(), tried.end(),
+                        [&](const Start& s) { return s.rms < kUnfittedRms && plausible(s.model); });
+  tried.resize(std::min<std::size_t>(tried.size(), kFittedStarts));
+  fitted.insert(fitted.end(), tried.begin(), tried.end());
+  fit_and_sort(fitted, 8);
   int tries = kMostFitsToAll;
   const double enough = std::min(rms_on(rigid, part), kMaxRmsRatioToGoOn * rms_on(to_beat, part));
   for (Start& one : fitted) {

@@ -76,6 +76,9 @@ TEST(TrainingShare, IsMoreWhereTheAxisHardlyAcceleratesBefore) {
   EXPECT_NEAR(training_share_of(sines(0.01, 1.0, 11.0)), 16.4 / 20.0, 0.01);
   EXPECT_EQ(training_share_of(sines(0.01, 1.0, 18.0)), 0.85);
   EXPECT_EQ(training_share_of({}), 0.6) << "nothing moves";
+  std::vector<Segment> jumps = sines(1.0, 1.0, 10.0);
+  jumps[1].command.tail(5'000) += 0.5;  // samples are lost at 15 s
+  EXPECT_EQ(training_share_of(jumps), 0.6);
 }
 
 class VirtualAxis : public ::testing::TestWithParam<bool> {};
