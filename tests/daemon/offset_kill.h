@@ -243,7 +243,7 @@ offset = {id = 0x401, start_bit = 0, length = 32, unit = "nm*10", message_bytes 
   /// Runs the program until part of the correction has been active for a while; `k` is its next
   /// cycle. A host that held the bus up in the middle of a run has another one.
   void run_until_it_corrects(Process& daemon, int& k) {
-    constexpr int kMostRuns = 12;  // where other work holds a guest up, none is answered in time
+    constexpr int kMostRuns = 24;  // where other work holds a guest up, none is answered in time
     int runs = 0;
     k = 0;
     for (int out = 0; out < cycles(0.2); ++k) {
