@@ -36,7 +36,7 @@ VelocityResponse read_response(const std::filesystem::path& file) {
   int line_number = 0;
   for (std::string_view left = whole; !left.empty();) {
     const std::size_t end = std::min(left.find('\n'), left.size());
-    const std::string_view line = trimmed(left.substr(0, end - (end > 0 && left[end - 1] == '\r')));
+    const std::string_view line = trimmed(left.substr(0, end));
     left.remove_prefix(std::min(end + 1, left.size()));
     ++line_number;
     const auto refuse = [&](const std::string& why) {

@@ -15,7 +15,6 @@ namespace {
 using Words = std::vector<std::string_view>;
 
 Words words_of(std::string_view line) {
-  constexpr std::string_view kBlanks = " \t\r";
   Words out;
   for (std::size_t at = line.find_first_not_of(kBlanks); at != line.npos;
        at = line.find_first_not_of(kBlanks, at)) {

@@ -200,7 +200,7 @@ std::string candump_line(const CanFrame& frame, std::string_view interface) {
 bool is_candump(std::string_view beginning) {
   while (!beginning.empty()) {
     const std::string_view line = trimmed(beginning.substr(0, beginning.find('\n')));
-    if (!line.empty() && line.front() != '#' && line != "\r") {
+    if (!line.empty() && line.front() != '#') {
       try {
         (void)parse_candump_line(line);
         return true;

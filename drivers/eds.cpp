@@ -47,7 +47,6 @@ class Sheet {
       const std::size_t end = std::min(text.find('\n'), text.size());
       std::string_view line = text.substr(0, end);
       text.remove_prefix(std::min(end + 1, text.size()));
-      if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
       line = trimmed(line);
       if (line_number == 1 && line.starts_with("\xef\xbb\xbf")) line.remove_prefix(3);
       if (line.empty() || line.front() == ';' || line.front() == '#') continue;

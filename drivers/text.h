@@ -9,7 +9,10 @@
 
 namespace servotwin {
 
-/// Without spaces and tabs at both ends.
+/// Around words: the end of a line of DOS is one too, however often it was converted.
+inline constexpr std::string_view kBlanks = " \t\r";
+
+/// Without kBlanks at both ends.
 [[nodiscard]] std::string_view trimmed(std::string_view text) noexcept;
 
 /// The fields of one line, trimmed. A field in double quotes may hold the separator; "" in it is

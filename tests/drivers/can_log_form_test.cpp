@@ -216,6 +216,18 @@ TEST(CanLogForm, WhatIsWrongWithAFrameIsSaid) {
   refuses("(1.0)  can0  181   [08]  remote request\n", {"FD frame cannot ask"});
 }
 
+// Found by fuzzing: a line that holds nothing but the ends of lines of DOS.
+TEST(CanLogForm, EmptyLinesAreSkippedHoweverTheyEnd) {
+  const std::string empty = "\r\n\r\r\n \t\r\r\n";
+  for (const std::string& before :
+       {std::string("(1.0) can0 181#00\n"), std::string("(1.0)  can0  181   [1]  00\n"),
+        std::string("date today\nbase hex  timestamps absolute\n0.1 1 181 Rx d 1 00\n"),
+        std::string(";$FILEVERSION=2.0\n1 1.0 DT 0181 Rx 1 00\n")}) {
+    const std::string frame = before.substr(before.rfind('\n', before.size() - 2) + 1);
+    EXPECT_EQ(frames_of(before + empty + frame).size(), 2U) << before;
+  }
+}
+
 // Found by fuzzing: a terminal's log may hold any bytes where the name is, which a recording of the
 // same frames (candump -l) cannot hold.
 TEST(CanLogForm, ANameThatNoInterfaceHasIsRefused) {
