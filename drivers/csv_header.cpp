@@ -14,8 +14,6 @@
 namespace servotwin {
 namespace {
 
-constexpr std::string_view kBlanks = " \t";
-
 bool is_row(const std::vector<std::string>& fields);
 
 /// The separator that occurs most often in this line; blanks if there is none. In a row of numbers
