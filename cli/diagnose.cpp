@@ -2,6 +2,7 @@
 // gains.
 #include "diagnosis/diagnose.h"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -41,10 +42,24 @@ std::vector<std::string> known_causes() {
   return {out.begin(), out.end()};
 }
 
+/// For the verdict: how many causes the torque shows beside those of the loop and the limit.
+std::string by_torque_alone(const Diagnosis& diagnosis,
+                            const std::optional<TorqueDiagnosis>& torque) {
+  if (!torque) return "";
+  std::set<std::string> told;
+  for (const Cause& cause : diagnosis.causes) told.insert(cause.id);
+  if (!diagnosis.at_limit.empty()) told.insert("torque_saturation");
+  const auto count =
+      std::count_if(torque->causes.begin(), torque->causes.end(),
+                    [&](const TorqueCause& cause) { return told.count(cause.id) == 0; });
+  if (count == 0) return "";
+  return text("; the torque shows %td cause%s more", count, count == 1 ? "" : "s");
+}
+
 void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
                    const std::optional<TorqueDiagnosis>& torque, bool details) {
   const bool rotary = diagnosis.baseline.rotary;
-  say(people, "verdict     " + verdict_text(diagnosis));
+  say(people, "verdict     " + verdict_text(diagnosis) + by_torque_alone(diagnosis, torque));
   say(people, "baseline    " + structure_text(diagnosis.baseline.model));
   say(people, "            " + figures_text(diagnosis.baseline.holdout, rotary) +
                   text("   (hold-out, after %.4g s: not seen by the fit)",

@@ -152,8 +152,11 @@ std::string worth_of_repair(const Gain& gain, bool rotary) {
 }  // namespace
 
 std::string plain_verdict(const Diagnosis& diagnosis) {
-  const std::string axis = "Axis " + diagnosis.baseline.axis;
+  std::string axis = "Axis " + diagnosis.baseline.axis;
   if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
+  if (!diagnosis.at_limit.empty())
+    axis += " asks more of its motor than it can give: " + diagnosis.at_limit +
+            ". Check first: " + advice_for("torque_saturation") + ". Apart from that the axis";
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms;
   const char* unit = micro(diagnosis.baseline.rotary);

@@ -186,7 +186,10 @@ json to_json(const Diagnosis& diagnosis, const std::string& extended_model) {
       {"extended_model", extended_model.empty() ? json() : json(extended_model)}};
 }
 
-std::string verdict_text(const Diagnosis& diagnosis) {
+namespace {
+
+/// Of the loop, away from a limit of the motor.
+std::string verdict_of_loop(const Diagnosis& diagnosis) {
   constexpr double kMaxRmsRatioOfImprovement = 0.995;  // less is not seen in three digits
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms,
@@ -250,6 +253,14 @@ std::string verdict_text(const Diagnosis& diagnosis) {
                   : " with enough confidence to be named; see the suspected causes");
   }
   return {};
+}
+
+}  // namespace
+
+std::string verdict_text(const Diagnosis& diagnosis) {
+  const std::string limited =
+      diagnosis.at_limit.empty() ? "" : "the motor is at its torque limit; away from it ";
+  return limited + verdict_of_loop(diagnosis);
 }
 
 namespace {

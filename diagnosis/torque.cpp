@@ -266,7 +266,8 @@ void conclude(const TorqueRows& rows, const TorqueBody& body, TorqueSelected sel
 /// of the training data, which is 0 where those do not reach the limit.
 TorqueCause cause_of_limit(const TorqueLimit& limit, double trained_level, double mass,
                            double training_to_s, const std::string& unit) {
-  // That a torque which is flat while the axis does not follow is at its limit: chosen, not fitted.
+  // That a torque which is flat while the axis does not follow, or while the control asks for more,
+  // is at its limit: chosen, not fitted.
   constexpr double kConfidence = 0.97;
   TorqueCause cause;
   cause.id = "torque_saturation";
@@ -278,6 +279,8 @@ TorqueCause cause_of_limit(const TorqueLimit& limit, double trained_level, doubl
                       {"moments", static_cast<double>(limit.moments.size())},
                       {"at_limit_s", limit.duration_s()},
                       {"longest_at_s", longest->begin_s}};
+  double beyond = kAbsent;
+  for (const TorqueLimit::Moment& moment : limit.moments) beyond = std::fmax(beyond, moment.beyond);
   double most = 0.0, before = 0.0, after = 0.0, held = 0.0;
   for (const TorqueLimit::Piece& piece : limit.pieces) {
     most = std::max(most, piece.lacking);
@@ -292,7 +295,8 @@ TorqueCause cause_of_limit(const TorqueLimit& limit, double trained_level, doubl
   }
   cause.evidence = {
       {"share of the highest torques that are at one level", limit.flat, kAbsent},
-      {"largest share of its acceleration that the axis lacks meanwhile", most, kAbsent}};
+      {"largest share of its acceleration that the axis lacks meanwhile", most, kAbsent},
+      {"most that the control asks beyond the level, as a share of it", beyond, kAbsent}};
   return cause;
 }
 

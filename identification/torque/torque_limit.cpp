@@ -6,6 +6,7 @@
 #include "identification/recording/noise_floor.h"
 #include "identification/recording/order_statistics.h"
 #include "identification/recording/segments.h"
+#include "identification/torque/control_law.h"
 
 namespace servotwin {
 
@@ -28,6 +29,13 @@ constexpr std::size_t kMinPieces = 4;
 // every ripple of the velocity is more than the command has.
 constexpr double kMinAcceleration = 0.3, kMinShareAccelerating = 0.5;  // of the pieces of a moment
 constexpr double kMinShareLacking = 0.5;                               // of the pieces, by moments
+// By the law: flat at least as a parabola. A law knows the torque to a per cent at best.
+constexpr double kMinFlatAsked = 0.5, kMinBeyond = 0.01, kMinBeyondOverError = 4.0;
+constexpr double kMinShareAsking = 0.5;       // of the moments
+constexpr Eigen::Index kMinSamplesAsked = 3;  // of a moment
+// The law is fitted away from the moments; its error counts where the torque is a high one.
+constexpr double kLawBefore_s = 3e-3, kLawAfter_s = 0.02, kHighTorque = 0.7;
+constexpr int kMinHighSamples = 20;
 constexpr double kSettle_s = 0.3;  // after which the loop has forgotten that it was open
 // A recorded torque may be behind the motion by as much (diagnosis/torque_lag.h).
 constexpr double kBefore_s = 0.02;
@@ -173,9 +181,69 @@ TorqueLimit limit_at(const std::vector<Segment>& segments, double top, double ba
   return out;
 }
 
+/// Compares the torque with what the control asks by the law of the samples away from the moments.
+void ask(const std::vector<Segment>& segments, TorqueLimit& out) {
+  if (out.flat < kMinFlatAsked) return;
+  std::vector<std::vector<char>> away;
+  for (const Segment& s : segments) {
+    std::vector<char>& free = away.emplace_back(static_cast<std::size_t>(s.size()), char{1});
+    for (const TorqueLimit::Moment& moment : out.moments) {
+      const auto place = [&](double time_s) {
+        return std::clamp<Eigen::Index>(std::lround((time_s - s.start_s) / s.sample_time_s), 0,
+                                        s.size());
+      };
+      std::fill(free.begin() + place(moment.begin_s - kLawBefore_s),
+                free.begin() + place(moment.end_s + kLawAfter_s), char{0});
+    }
+  }
+  const auto is_away = [&](std::size_t i, Eigen::Index k) {
+    return away[i][static_cast<std::size_t>(k)] != 0;
+  };
+  const std::vector<Eigen::ArrayXd> asked = asked_torque(segments, is_away);
+  if (asked.empty()) return;
+  double all = 0.0, high = 0.0;
+  int all_count = 0, high_count = 0;
+  for (std::size_t i = 0; i < segments.size(); ++i) {
+    const Segment& s = segments[i];
+    for (Eigen::Index k = 0; k < s.size(); ++k) {
+      const double square = std::pow(asked[i](k) - s.torque(k), 2);
+      if (!is_away(i, k) || !std::isfinite(square)) continue;
+      all += square, ++all_count;
+      if (std::abs(s.torque(k)) > kHighTorque * out.level) high += square, ++high_count;
+    }
+    for (TorqueLimit::Moment& moment : out.moments) {
+      if (moment.begin_s < s.start_s || moment.end_s > s.end_s()) continue;
+      const Eigen::Index from = std::lround((moment.begin_s - s.start_s) / s.sample_time_s),
+                         to = std::lround((moment.end_s - s.start_s) / s.sample_time_s);
+      if (to - from + 1 < kMinSamplesAsked) continue;
+      const Eigen::Index half = (from + to) / 2, count = to - half + 1;
+      const double sign = s.torque(from) > 0.0 ? 1.0 : -1.0;
+      moment.beyond =
+          sign * (asked[i].segment(half, count) - s.torque.segment(half, count)).mean() / out.level;
+    }
+  }
+  if (all_count == 0) return;
+  out.law_error =
+      (high_count < kMinHighSamples ? std::sqrt(all / all_count) : std::sqrt(high / high_count)) /
+      out.level;
+}
+
+/// Whether the control asks for more than the level in most of the moments.
+bool asks_for_more(const TorqueLimit& limit) {
+  if (limit.flat < kMinFlatAsked) return false;
+  std::size_t known = 0, asking = 0;
+  for (const TorqueLimit::Moment& moment : limit.moments) {
+    if (!std::isfinite(moment.beyond)) continue;
+    ++known;
+    if (moment.beyond > std::max(kMinBeyond, kMinBeyondOverError * limit.law_error)) ++asking;
+  }
+  return known > 0 && static_cast<double>(asking) >= kMinShareAsking * static_cast<double>(known);
+}
+
 }  // namespace
 
 bool TorqueLimit::found() const {
+  if (asks_for_more(*this)) return true;
   if (pieces.size() < kMinPieces || flat < kMinFlat) return false;
   const auto lacks = [](const Piece& piece) {
     return piece.lacking > std::max(kMinLacking, kMinLackingOverNoise * piece.noise);
@@ -213,10 +281,12 @@ TorqueLimit torque_limit(const std::vector<Segment>& segments) {
   if (step > kMaxStep * top) return {};
   TorqueLimit out = limit_at(segments, top, band, noise);
   out.peak_acceleration = peak_acceleration(segments);
+  ask(segments, out);
   const double wide = kBandOverNoise * noise_of(segments);
   if (out.found() || !(wide > band) || wide > kMaxBand * top) return out;
   TorqueLimit other = limit_at(segments, top, wide, noise);
   other.peak_acceleration = out.peak_acceleration;
+  ask(segments, other);
   return other;
 }
 

@@ -100,6 +100,28 @@ TEST_P(AMotorAtItsLimit, IsFoundWithItsLevelAndItsMoments) {
 }
 INSTANTIATE_TEST_SUITE_P(NoiseOfItsTorque, AMotorAtItsLimit, testing::Values(0.0, 0.2, 1.0));
 
+// For a few milliseconds, a per cent below what the moves need: the axis lacks next to nothing of
+// its acceleration, but the control asks for more than the motor gives.
+TEST(TorqueLimit, IsFoundWhereItIsHardlyReached) {
+  Machine free;
+  const Eigen::ArrayXd torque = recorded(free).segment.torque.abs();
+  for (const double noise : {0.0, 0.2}) {
+    Machine machine;
+    machine.limit = 0.99 * torque.maxCoeff();
+    machine.torque_noise = noise;
+    const Recorded made = recorded(machine);
+    ASSERT_GT(made.limited_s.size(), 20U);
+    const TorqueLimit limit = torque_limit({made.segment});
+    EXPECT_TRUE(limit.found()) << noise;
+    EXPECT_NEAR(limit.level, machine.limit, 0.002 * machine.limit) << noise;
+    double lacking = 0.0;
+    for (const TorqueLimit::Piece& piece : limit.pieces) lacking = std::max(lacking, piece.lacking);
+    EXPECT_LT(lacking, 0.1) << "the acceleration shows it too";
+    ASSERT_GE(limit.moments.size(), 4U) << "of both directions";
+    for (const TorqueLimit::Moment& moment : limit.moments) EXPECT_GT(moment.beyond, 0.01);
+  }
+}
+
 // Constant acceleration needs a constant torque: it is flat, and the axis follows.
 TEST(TorqueLimit, AMoveAtConstantAccelerationIsNone) {
   for (const double noise : {0.0, 0.2, 1.0}) {
