@@ -20,6 +20,10 @@ constexpr double kMaxRmsRatioOfOtherOrder = 3.0;
 // a damping that are those of no spring.
 constexpr double kMaxRmsRatioOfSpring = 1.02;
 
+// RMS over noise floor above which they are tried even where nothing that vibrates or has a gap is
+// promising beside the rigid axis.
+constexpr double kMinRmsOverFloorUnscreened = 4.0;
+
 /// The RMS of two masses over that of the model without them, below which they are accepted.
 double max_ratio(const Model& two_masses, const Model& without) {
   const Effect* mode = without.find(kind_of<Compliance>());
@@ -75,10 +79,18 @@ bool Selector::part_masses() {
 
 bool Selector::may_have_two_masses() const {
   if (!(now_.current.rms() > kMinRmsOverFloorForTwoMasses * search_.floor().rms)) return false;
+  if (now_.found.count("compliance") > 0 || now_.found.count("backlash") > 0) return true;
   // As for a single cause: what is left may be the misfit of the law of friction.
   const double misfit = std::max(kMinRemovedShareOfCause * baseline_, kLawMisfitShare * friction_);
-  return now_.current.rms() > misfit || now_.found.count("compliance") > 0 ||
-         now_.found.count("backlash") > 0;
+  if (!(now_.current.rms() > misfit)) return false;
+  // A law of friction can imitate a gap so well that no gap beside it is promising.
+  if (now_.current.rms() > kMinRmsOverFloorUnscreened * search_.floor().rms) return true;
+  const std::vector<Screened> screened =
+      search_.screen(now_.current, {kind_of<Compliance>(), kind_of<Backlash>(),
+                                    kind_of<BacklashInLoop>(), kind_of<BacklashBehindEncoder>()});
+  return std::any_of(screened.begin(), screened.end(), [](const Screened& s) {
+    return s.p < kMaxScreenP && s.gain > kMinScreenGain;
+  });
 }
 
 std::vector<std::size_t> Selector::two_mass_kinds() const {

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <numbers>
 
 #include "diagnosis/conclusion.h"
@@ -54,6 +55,22 @@ TEST(EndOfACause, IsSaidWithTheParameterItsLimitAndWhatItMeans) {
   EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.2)),
             "damping ratio at its limit 0.2: more is a filter than a vibration");
   EXPECT_EQ(end_text("compliance", loop_with(20.0, 0.7), mode_with(0.1)), "");
+}
+
+TEST(EndOfACause, FrictionThatIsNearlyGoneAtRestStandsForSomethingElse) {
+  Effect law = make_effect<LuGre>();
+  const auto shapes = shapes_of(law.kind);
+  const auto ratio = std::find_if(shapes.begin(), shapes.end(),
+                                  [](const Parameter& p) { return p.name == "breakaway_ratio"; }) -
+                     shapes.begin();
+  for (std::size_t i = 0; i < shapes.size(); ++i) law.shape[i] = shapes[i].start;
+  law.shape[static_cast<std::size_t>(ratio)] = 0.2001;
+  for (const char* cause : {"presliding", "stribeck"}) {
+    EXPECT_EQ(end_text(cause, loop_with(20.0, 0.7), law),
+              "breakaway ratio at its limit 0.2: it stands for something else");
+  }
+  law.shape[static_cast<std::size_t>(ratio)] = 0.3;
+  EXPECT_EQ(end_text("stribeck", loop_with(20.0, 0.7), law), "");
 }
 
 TEST(EndOfACause, ADelayWithinASampleMayComeFromTheRecording) {
