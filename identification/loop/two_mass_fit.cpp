@@ -26,6 +26,13 @@ constexpr int kMostFitsToAll = 2;  // if the first one is not plausible
 // Starts of the grid that are tried on that part in a few rounds, of one kind and in all, and those
 // of them that are fitted on.
 constexpr std::ptrdiff_t kTriedOfKind = 4, kTriedStarts = 16, kFittedStarts = 6;
+// The same beside other causes: with their parameters a round takes several times as long, and the
+// rigid loop beside them is nearer.
+constexpr std::ptrdiff_t kTriedOfKindBesideCauses = 2, kTriedStartsBesideCauses = 6,
+                         kFittedStartsBesideCauses = 3;
+// On that part, over that of the model to beat, above which a start beside causes is given up: the
+// rigid model with these causes is the one to beat, and a spring or a gap lowers it at once.
+constexpr double kMaxRmsRatioBesideCauses = 0.97;
 constexpr double kMaxRmsRatioToGoOn = 3.0;  // on that part, over that of the model to beat
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
 
@@ -193,6 +200,14 @@ void seek(Start& start, const std::vector<Segment>& segments) {
   start = {sought.at(x.data()), least * sought.unit};
 }
 
+/// Whether there is more than friction, a constant force and a delay.
+bool has_causes(const Structure& structure) {
+  return std::any_of(structure.effects.begin(), structure.effects.end(), [](std::size_t kind) {
+    return !is_friction_law(kind) && kind != kind_of<ConstantForce>() &&
+           kind != kind_of<TimeDelay>();
+  });
+}
+
 /// When the sample of this number is taken, counted through all segments.
 double time_of(const std::vector<Segment>& segments, std::size_t sample) {
   for (const Segment& s : segments) {
@@ -300,12 +315,16 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     out.effects.push_back(two_mass_of(model)->kind);
     return out;
   };
+  const bool beside = has_causes(structure);
+  const std::ptrdiff_t of_kind = beside ? kTriedOfKindBesideCauses : kTriedOfKind,
+                       most = beside ? kTriedStartsBesideCauses : kTriedStarts,
+                       fit_on = beside ? kFittedStartsBesideCauses : kFittedStarts;
   std::vector<Start> tried;
   for (const Start& one : starts) {
     const auto there = std::count_if(tried.begin(), tried.end(), [&](const Start& s) {
       return two_mass_of(s.model)->kind == two_mass_of(one.model)->kind;
     });
-    if (std::ssize(tried) < kTriedStarts && there < kTriedOfKind) tried.push_back(one);
+    if (std::ssize(tried) < most && there < of_kind) tried.push_back(one);
   }
   const auto fit = [&](Start& one, const std::vector<Segment>& to, int rounds, int passes) {
     auto found = refined({structure_of(one.model), one.model}, to, encoder_step, rounds, passes);
@@ -325,11 +344,13 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   // What no machine has comes last.
   std::stable_partition(tried.begin(), tried.end(),
                         [&](const Start& s) { return s.rms < kUnfittedRms && plausible(s.model); });
-  tried.resize(std::min<std::size_t>(tried.size(), kFittedStarts));
+  tried.resize(std::min(tried.size(), static_cast<std::size_t>(fit_on)));
+  const double goes_on = beside ? kMaxRmsRatioBesideCauses : kMaxRmsRatioToGoOn,
+               enough = std::min(rms_on(rigid, part), goes_on * rms_on(to_beat, part));
+  if (beside) std::erase_if(tried, [&](const Start& s) { return !(s.rms < enough); });
   fitted.insert(fitted.end(), tried.begin(), tried.end());
   fit_and_sort(fitted, 8);
   int tries = kMostFitsToAll;
-  const double enough = std::min(rms_on(rigid, part), kMaxRmsRatioToGoOn * rms_on(to_beat, part));
   for (Start& one : fitted) {
     if (!(one.rms < enough) || !plausible(one.model)) continue;
     if (tries-- == 0) break;
