@@ -42,10 +42,11 @@ std::vector<std::string> known_causes() {
   return {out.begin(), out.end()};
 }
 
-/// For the verdict: how many causes the torque shows beside those of the loop and the limit.
+/// For the verdict: how many causes the torque shows beside those of the loop and the limit. Not of
+/// a comparison, whose causes are changes.
 std::string by_torque_alone(const Diagnosis& diagnosis,
                             const std::optional<TorqueDiagnosis>& torque) {
-  if (!torque) return "";
+  if (!torque || diagnosis.against_earlier) return "";
   std::set<std::string> told;
   for (const Cause& cause : diagnosis.causes) told.insert(cause.id);
   if (!diagnosis.at_limit.empty()) told.insert("torque_saturation");
@@ -53,7 +54,9 @@ std::string by_torque_alone(const Diagnosis& diagnosis,
       std::count_if(torque->causes.begin(), torque->causes.end(),
                     [&](const TorqueCause& cause) { return told.count(cause.id) == 0; });
   if (count == 0) return "";
-  return text("; the torque shows %td cause%s more", count, count == 1 ? "" : "s");
+  return text(diagnosis.causes.empty() ? "; the torque alone shows %td cause%s"
+                                       : "; the torque shows %td more cause%s",
+              count, count == 1 ? "" : "s");
 }
 
 void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
@@ -66,7 +69,11 @@ void say_diagnosis(std::FILE* people, const Diagnosis& diagnosis,
                        diagnosis.baseline.training_to_s));
   say(people, "extended    " + figures_text(diagnosis.extended.holdout, rotary));
   say(people, "noise floor " + noise_floor_text(diagnosis.baseline.noise_floor_rms, rotary));
-  if (!diagnosis.at_limit.empty()) say(people, "at limit    " + diagnosis.at_limit);
+  if (!diagnosis.at_limit.empty())
+    say(people, "at limit    the motor is at " + diagnosis.at_limit + ": the loop is identified " +
+                    (diagnosis.limit_left_out
+                         ? "without them"
+                         : "with them, since too little motion would be left without them"));
   for (const Cause& cause : diagnosis.causes) {
     std::string line = text("cause       %-24s ", cause.id.c_str());
     if (std::isfinite(cause.gain.before)) {

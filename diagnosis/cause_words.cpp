@@ -154,9 +154,12 @@ std::string worth_of_repair(const Gain& gain, bool rotary) {
 std::string plain_verdict(const Diagnosis& diagnosis) {
   std::string axis = "Axis " + diagnosis.baseline.axis;
   if (diagnosis.against_earlier) return axis + ": " + verdict_text(diagnosis) + ".";
-  if (!diagnosis.at_limit.empty())
-    axis += " asks more of its motor than it can give: " + diagnosis.at_limit +
-            ". Check first: " + advice_for("torque_saturation") + ". Apart from that the axis";
+  const bool limited = !diagnosis.at_limit.empty();
+  if (limited) {
+    axis += " asks its motor for more than it can give: the motor stays at " + diagnosis.at_limit +
+            ". Check first: " + advice_for("torque_saturation") + ". " +
+            (diagnosis.limit_left_out ? "Away from these moments the" : "The") + " axis";
+  }
   const double before = 1e6 * diagnosis.baseline.holdout.rms,
                after = 1e6 * diagnosis.extended.holdout.rms;
   const char* unit = micro(diagnosis.baseline.rotary);
@@ -196,7 +199,7 @@ std::string plain_verdict(const Diagnosis& diagnosis) {
              after, unit, before);
   }
   if (const std::string advice = advice_for(diagnosis, first); !advice.empty())
-    out += " Check first: " + advice + ".";
+    out += std::string(limited ? " Then check: " : " Check first: ") + advice + ".";
   return out;
 }
 

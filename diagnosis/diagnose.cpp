@@ -495,21 +495,18 @@ Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options) {
   SegmentedAxis free = axis;
   free.segments = away_from(limit, axis.segments);
   Diagnosis out;
-  std::string rest = ", of which too little motion would be left: the loop is identified with them";
   if (!free.segments.empty()) {
     try {
       out = diagnose_repeatedly(free, options);
-      rest = ": the loop is identified without them";
+      out.limit_left_out = true;
     } catch (const std::runtime_error&) {  // what is left has no motion where a fit needs it
       if (options.stop.stop_requested()) throw;
-      free.segments.clear();
     }
   }
-  if (free.segments.empty()) out = diagnose_repeatedly(axis, options);
-  out.at_limit = text("the motor is at %.4g %s in %zu moment%s, %.3g s together", limit.level,
-                      axis.torque_unit.c_str(), limit.moments.size(),
-                      limit.moments.size() == 1 ? "" : "s", limit.duration_s()) +
-                 rest;
+  if (!out.limit_left_out) out = diagnose_repeatedly(axis, options);
+  out.at_limit =
+      text("%.4g %s in %zu moment%s (%.3g s in all)", limit.level, axis.torque_unit.c_str(),
+           limit.moments.size(), limit.moments.size() == 1 ? "" : "s", limit.duration_s());
   return out;
 }
 

@@ -91,9 +91,10 @@ struct Diagnosis {
   std::vector<SpectrumPeak> peaks;  ///< of the same residual
   double unexplained_share = 0.0;   ///< of the baseline's squared error beyond the noise floor
   std::optional<SuggestedTest> suggested_test;  ///< where the recording leaves causes undecided
-  /// What was done with the moments in which the motor is at its limit, as text; empty: none were
-  /// seen.
+  /// The motor's limit and the moments at it, as text: "190 N in 6 moments (0.3 s in all)"; empty:
+  /// none were seen.
   std::string at_limit;
+  bool limit_left_out = false;     ///< the loop is identified without the moments at the limit
   int fits = 0;                    ///< number of fits of the search
   std::vector<std::string> steps;  ///< of the search, as text
 };

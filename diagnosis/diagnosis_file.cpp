@@ -258,9 +258,10 @@ std::string verdict_of_loop(const Diagnosis& diagnosis) {
 }  // namespace
 
 std::string verdict_text(const Diagnosis& diagnosis) {
-  const std::string limited =
-      diagnosis.at_limit.empty() ? "" : "the motor is at its torque limit; away from it ";
-  return limited + verdict_of_loop(diagnosis);
+  const std::string loop = verdict_of_loop(diagnosis);
+  if (diagnosis.at_limit.empty()) return loop;
+  return "the motor is at its torque limit. " +
+         std::string(diagnosis.limit_left_out ? "Away from it: " : "") + loop;
 }
 
 namespace {

@@ -113,7 +113,7 @@ std::string end_text(std::string_view cause, const Model& model, const Effect& e
   const CauseNature& nature = nature_of(cause);
   const auto shapes = shapes_of(effect.kind);
   for (std::size_t i = 0; i < shapes.size(); ++i) {
-    // Friction at rest that is a small part of that at speed is that of no guide.
+    // A fit that wants still less friction at rest beside that at speed is no friction of a guide.
     if (shapes[i].name == "breakaway_ratio" && effect.shape[i] < shapes[i].lower / kAtLimit)
       return text("breakaway ratio at its limit %g: it stands for something else", shapes[i].lower);
     if (shapes[i].name != nature.ends_at || !(effect.shape[i] > kAtLimit * shapes[i].upper))

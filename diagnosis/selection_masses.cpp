@@ -85,9 +85,10 @@ bool Selector::may_have_two_masses() const {
   if (!(now_.current.rms() > misfit)) return false;
   // A law of friction can imitate a gap so well that no gap beside it is promising.
   if (now_.current.rms() > kMinRmsOverFloorUnscreened * search_.floor().rms) return true;
-  const std::vector<Screened> screened =
-      search_.screen(now_.current, {kind_of<Compliance>(), kind_of<Backlash>(),
-                                    kind_of<BacklashInLoop>(), kind_of<BacklashBehindEncoder>()});
+  std::vector<std::size_t> kinds{kind_of<Compliance>(), kind_of<Backlash>(),
+                                 kind_of<BacklashInLoop>(), kind_of<BacklashBehindEncoder>()};
+  std::erase_if(kinds, [&](std::size_t kind) { return options_.leaves_out(cause_of(kind)); });
+  const std::vector<Screened> screened = search_.screen(now_.current, kinds);
   return std::any_of(screened.begin(), screened.end(), [](const Screened& s) {
     return s.p < kMaxScreenP && s.gain > kMinScreenGain;
   });

@@ -30,8 +30,9 @@ constexpr std::ptrdiff_t kTriedOfKind = 4, kTriedStarts = 16, kFittedStarts = 6;
 // rigid loop beside them is nearer.
 constexpr std::ptrdiff_t kTriedOfKindBesideCauses = 2, kTriedStartsBesideCauses = 6,
                          kFittedStartsBesideCauses = 3;
-// On that part, over that of the model to beat, above which a start beside causes is given up: the
-// rigid model with these causes is the one to beat, and a spring or a gap lowers it at once.
+// On that part, over that of the model to beat, above which a start beside causes is given up: a
+// spring or a gap that a rigid model with these causes lacks lowers it at once. Not where the model
+// to beat vibrates or has a gap itself.
 constexpr double kMaxRmsRatioBesideCauses = 0.97;
 constexpr double kMaxRmsRatioToGoOn = 3.0;  // on that part, over that of the model to beat
 constexpr double kMaxRmsRatioOfPlay = 0.9;  // on that part, over that without play
@@ -208,6 +209,14 @@ bool has_causes(const Structure& structure) {
   });
 }
 
+/// Whether an effect stands for a spring or a gap.
+bool vibrates(const Effect& effect) {
+  constexpr std::array kKinds{kind_of<Compliance>(), kind_of<Backlash>(), kind_of<BacklashInLoop>(),
+                              kind_of<BacklashBehindEncoder>()};
+  return acts_on_axis(effect.kind) ||
+         std::find(kKinds.begin(), kKinds.end(), effect.kind) != kKinds.end();
+}
+
 /// When the sample of this number is taken, counted through all segments.
 double time_of(const std::vector<Segment>& segments, std::size_t sample) {
   for (const Segment& s : segments) {
@@ -315,7 +324,8 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
     out.effects.push_back(two_mass_of(model)->kind);
     return out;
   };
-  const bool beside = has_causes(structure);
+  const bool beside = has_causes(structure),
+             is_rigid = std::none_of(to_beat.effects.begin(), to_beat.effects.end(), vibrates);
   const std::ptrdiff_t of_kind = beside ? kTriedOfKindBesideCauses : kTriedOfKind,
                        most = beside ? kTriedStartsBesideCauses : kTriedStarts,
                        fit_on = beside ? kFittedStartsBesideCauses : kFittedStarts;
@@ -345,9 +355,9 @@ std::optional<TwoMassFit> fit_two_masses(const std::vector<Segment>& segments,
   std::stable_partition(tried.begin(), tried.end(),
                         [&](const Start& s) { return s.rms < kUnfittedRms && plausible(s.model); });
   tried.resize(std::min(tried.size(), static_cast<std::size_t>(fit_on)));
-  const double goes_on = beside ? kMaxRmsRatioBesideCauses : kMaxRmsRatioToGoOn,
+  const double goes_on = beside && is_rigid ? kMaxRmsRatioBesideCauses : kMaxRmsRatioToGoOn,
                enough = std::min(rms_on(rigid, part), goes_on * rms_on(to_beat, part));
-  if (beside) std::erase_if(tried, [&](const Start& s) { return !(s.rms < enough); });
+  if (beside && is_rigid) std::erase_if(tried, [&](const Start& s) { return !(s.rms < enough); });
   fitted.insert(fitted.end(), tried.begin(), tried.end());
   fit_and_sort(fitted, 8);
   int tries = kMostFitsToAll;

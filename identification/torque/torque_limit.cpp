@@ -33,6 +33,7 @@ constexpr double kMinShareLacking = 0.5;                               // of the
 constexpr double kMinFlatAsked = 0.5, kMinBeyond = 0.01, kMinBeyondOverError = 4.0;
 constexpr double kMinShareAsking = 0.5;       // of the moments
 constexpr Eigen::Index kMinSamplesAsked = 3;  // of a moment
+constexpr std::size_t kMinMomentsAsking = 2;
 // The law is fitted away from the moments; its error counts where the torque is a high one.
 constexpr double kLawBefore_s = 3e-3, kLawAfter_s = 0.02, kHighTorque = 0.7;
 constexpr int kMinHighSamples = 20;
@@ -237,7 +238,9 @@ bool asks_for_more(const TorqueLimit& limit) {
     ++known;
     if (moment.beyond > std::max(kMinBeyond, kMinBeyondOverError * limit.law_error)) ++asking;
   }
-  return known > 0 && static_cast<double>(asking) >= kMinShareAsking * static_cast<double>(known);
+  // One moment may be a peak that the law does not reach; and those that are judged must be most.
+  return known >= kMinMomentsAsking && 2 * known >= limit.moments.size() &&
+         static_cast<double>(asking) >= kMinShareAsking * static_cast<double>(known);
 }
 
 }  // namespace

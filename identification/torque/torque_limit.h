@@ -8,7 +8,7 @@
 //   flat     samples above M - b / samples above M - 4 b (0.5 at the top of a parabola)
 //
 //   lacking  |change of v_r - change of v| / the larger one of both
-//   beyond   what the control asks beyond M / M, by the law of the samples elsewhere
+//   beyond   (what the control asks, by the law of the samples elsewhere, - torque) / M
 //
 // For lacking, moments at constant speed do not count: there friction makes the torque flat.
 //

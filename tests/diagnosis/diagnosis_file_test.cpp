@@ -5,6 +5,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "diagnosis/cause_words.h"
+
 namespace servotwin {
 namespace {
 
@@ -77,6 +79,25 @@ TEST(VerdictText, DoesNotPraiseCausesThatChangeNothing) {
   EXPECT_EQ(verdict_text(diagnosis),
             "2 causes named: the simulation error on held-out data is 0.3 um RMS instead of 0.733 "
             "(noise floor 0.13)");
+}
+
+TEST(Verdict, BeginsWithTheLimitOfTheMotor) {
+  Diagnosis diagnosis;
+  diagnosis.baseline.axis = "X";
+  EXPECT_THAT(verdict_text(diagnosis), testing::StartsWith("nothing significant"));
+  EXPECT_THAT(plain_verdict(diagnosis), testing::StartsWith("Axis X agrees with"));
+  diagnosis.at_limit = "190 N in 6 moments (0.3 s in all)";
+  EXPECT_THAT(verdict_text(diagnosis),
+              testing::StartsWith("the motor is at its torque limit. nothing significant"));
+  EXPECT_THAT(plain_verdict(diagnosis), testing::HasSubstr(". The axis agrees with"));
+  diagnosis.limit_left_out = true;
+  EXPECT_THAT(
+      verdict_text(diagnosis),
+      testing::StartsWith("the motor is at its torque limit. Away from it: nothing significant"));
+  const std::string plain = plain_verdict(diagnosis);
+  EXPECT_THAT(plain, testing::StartsWith("Axis X asks its motor for more than it can give: the "
+                                         "motor stays at 190 N in 6 moments"));
+  EXPECT_THAT(plain, testing::HasSubstr(". Away from these moments the axis agrees with"));
 }
 
 }  // namespace

@@ -122,6 +122,48 @@ TEST(TorqueLimit, IsFoundWhereItIsHardlyReached) {
   }
 }
 
+// The same in pieces, with a gap in the middle of a motion and times that do not begin at 0.
+TEST(TorqueLimit, IsFoundInSegmentsThatBeginAndEndInMotion) {
+  Machine machine;
+  machine.limit = 0.99 * recorded({}).segment.torque.abs().maxCoeff();
+  const Segment whole = recorded(machine).segment;
+  std::vector<Segment> parts;
+  for (const Eigen::Index from : {Eigen::Index{0}, whole.size() / 2 + 170}) {
+    const Eigen::Index size = whole.size() / 2 - 170;
+    Segment& part = parts.emplace_back();
+    part.sample_time_s = whole.sample_time_s;
+    part.start_s = 100.0 + whole.sample_time_s * static_cast<double>(from);
+    part.command = whole.command.segment(from, size);
+    part.actual = whole.actual.segment(from, size);
+    part.torque = whole.torque.segment(from, size);
+  }
+  const TorqueLimit limit = torque_limit(parts);
+  EXPECT_TRUE(limit.found());
+  EXPECT_LT(limit.law_error, 1.1 * torque_limit({whole}).law_error);
+  std::size_t asking = 0;
+  for (const TorqueLimit::Moment& moment : limit.moments) asking += moment.beyond > 0.01 ? 1U : 0U;
+  EXPECT_GE(2 * asking, limit.moments.size());
+}
+
+// One moment alone may be a peak that the law does not reach.
+TEST(TorqueLimit, OneMomentThatAsksForMoreIsNotEnough) {
+  TorqueLimit limit;
+  limit.level = 100.0;
+  limit.flat = 0.9;
+  limit.law_error = 0.002;
+  limit.moments = {{1.0, 1.02, 0.05}};
+  EXPECT_FALSE(limit.found());
+  limit.moments.push_back({2.0, 2.02, 0.05});
+  EXPECT_TRUE(limit.found());
+  limit.law_error = 0.02;
+  EXPECT_FALSE(limit.found()) << "within four times the error of the law";
+  limit.law_error = 0.002;
+  limit.moments.resize(5, {3.0, 3.001, kAbsent});
+  EXPECT_FALSE(limit.found()) << "three of five are too short to be judged";
+  limit.moments = {{1.0, 1.02, 0.05}, {2.0, 2.02, 0.0}, {3.0, 3.02, 0.0}};
+  EXPECT_FALSE(limit.found()) << "most do not ask for more";
+}
+
 // Constant acceleration needs a constant torque: it is flat, and the axis follows.
 TEST(TorqueLimit, AMoveAtConstantAccelerationIsNone) {
   for (const double noise : {0.0, 0.2, 1.0}) {
