@@ -22,7 +22,7 @@ struct Law {
 
 /// Two sines as the command, and any error, as if the machine were any. It begins and ends in
 /// motion.
-Segment recorded(const Law& law, double start_s = 0.0, double step_s = kStep_s) {
+Segment made_by(const Law& law, double start_s = 0.0, double step_s = kStep_s) {
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
   Segment s;
@@ -48,7 +48,7 @@ Segment recorded(const Law& law, double start_s = 0.0, double step_s = kStep_s) 
 }
 
 /// RMS of what the law misses where it is known, over the RMS of the torque about its mean.
-double missed(const Eigen::ArrayXd& asked, const Eigen::ArrayXd& torque, Eigen::Index& known) {
+double missed_by(const Eigen::ArrayXd& asked, const Eigen::ArrayXd& torque, Eigen::Index& known) {
   double error = 0.0;
   known = 0;
   for (Eigen::Index k = 0; k < asked.size(); ++k) {
@@ -63,7 +63,7 @@ TEST(ControlLaw, IsThatOfTheControlInEverySegment) {
   Law other;
   other.constant = -30.0;  // its integrator starts elsewhere
   for (const double step_s : {kStep_s, 4.0 * kStep_s}) {
-    const Segment first = recorded({}, 5.0, step_s), second = recorded(other, 50.0, step_s);
+    const Segment first = made_by({}, 5.0, step_s), second = made_by(other, 50.0, step_s);
     const auto asked = asked_torque({first, second}, [](std::size_t i, Eigen::Index k) {
       return i == 0 ? k < 3000 : k > 4000;
     });
@@ -71,14 +71,14 @@ TEST(ControlLaw, IsThatOfTheControlInEverySegment) {
     for (const auto& [of, s] : {std::pair{asked[0], first}, std::pair{asked[1], second}}) {
       Eigen::Index known = 0;
       // The differences of the command are not quite its derivatives, and reverse a sample apart.
-      EXPECT_LT(missed(of, s.torque, known), 0.01) << step_s;
+      EXPECT_LT(missed_by(of, s.torque, known), 0.01) << step_s;
       EXPECT_GT(known, s.size() - 20);
     }
   }
 }
 
 TEST(ControlLaw, GoesOnWhereTheMotorDoesNot) {
-  Segment s = recorded({});
+  Segment s = made_by({});
   const Eigen::ArrayXd wanted = s.torque;
   s.torque.segment(3000, 20) = s.torque(3000);
   const auto asked =
@@ -90,7 +90,7 @@ TEST(ControlLaw, GoesOnWhereTheMotorDoesNot) {
 }
 
 TEST(ControlLaw, IsNotKnownAtTheEndsNorInASegmentThatIsNotFitted) {
-  const Segment s = recorded({});
+  const Segment s = made_by({});
   const auto asked = asked_torque({s, s}, [](std::size_t i, Eigen::Index) { return i == 0; });
   ASSERT_EQ(asked.size(), 2U);
   EXPECT_TRUE(std::isnan(asked[0](0)));
@@ -100,7 +100,7 @@ TEST(ControlLaw, IsNotKnownAtTheEndsNorInASegmentThatIsNotFitted) {
 }
 
 TEST(ControlLaw, NeedsATorqueAndEnoughSamples) {
-  Segment s = recorded({});
+  Segment s = made_by({});
   const auto few = [](std::size_t, Eigen::Index k) { return k < 100; };
   EXPECT_TRUE(asked_torque({s}, few).empty());
   const auto all = [](std::size_t, Eigen::Index) { return true; };
