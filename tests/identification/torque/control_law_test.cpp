@@ -20,8 +20,8 @@ struct Law {
          error = 1.2e6, rate = 30.0, acceleration = 5.0;
 };
 
-/// Two sines as the command, and any error, as if the machine were any. It begins and ends in
-/// motion.
+/// Two sines and a drift as the command, and any error, as if the machine were any. It begins and
+/// ends in motion.
 Segment made_by(const Law& law, double start_s = 0.0, double step_s = kStep_s) {
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
@@ -35,10 +35,11 @@ Segment made_by(const Law& law, double start_s = 0.0, double step_s = kStep_s) {
   for (Eigen::Index k = 0; k < n; ++k) {
     const double t = 0.123 + step_s * static_cast<double>(k), before = slow;
     slow += 0.1 * (1e-5 * normal(random) - slow);
-    s.command(k) = 0.03 * std::sin(w1 * t) + 0.01 * std::sin(w2 * t);
+    // The drift makes the position none of the accelerations before.
+    s.command(k) = 0.01 * t + 0.03 * std::sin(w1 * t) + 0.01 * std::sin(w2 * t);
     s.actual(k) = s.command(k) - slow;
     integral += step_s * slow;
-    const double v = 0.03 * w1 * std::cos(w1 * t) + 0.01 * w2 * std::cos(w2 * t),
+    const double v = 0.01 + 0.03 * w1 * std::cos(w1 * t) + 0.01 * w2 * std::cos(w2 * t),
                  a = -0.03 * w1 * w1 * std::sin(w1 * t) - 0.01 * w2 * w2 * std::sin(w2 * t);
     s.torque(k) = law.constant + law.friction * (v > 0.0 ? 1.0 : -1.0) + law.velocity * v +
                   law.position * s.command(k) + law.integral * integral + law.error * slow +
