@@ -149,29 +149,14 @@ void read_values(const std::string& source, mat_t* file, matvar_t* variable, std
   }
 }
 
-// A file may hold much more than its size suggests: compressed, integers of one byte, or chunks
-// that were never written. A recording does not: its time stamps alone are more than 1 % of what is
-// read of it. So a small file cannot take the memory of the host.
-void require_plausible_size(const std::filesystem::path& file, double needed,
-                            const std::string& of_what) {
-  constexpr double kMaxExpansion = 100;    // memory of the values, as a multiple of the file
-  constexpr double kAlwaysAllowed = 64e6;  // bytes: two minutes of ten channels at 8 kHz
-  const auto size = static_cast<double>(std::filesystem::file_size(file));
-  if (needed <= std::max(kAlwaysAllowed, kMaxExpansion * size)) return;
-  const auto megabytes = [](double bytes) { return number(bytes / 1e6) + " MB"; };
-  throw std::runtime_error(file.string() + ": a file of " + megabytes(size) + " would become " +
-                           megabytes(needed) + " of " + of_what + "; the limit is " +
-                           number(kMaxExpansion) + " times the size of the file, or " +
-                           megabytes(kAlwaysAllowed) +
-                           ". If this is a recording, save it without compression (in MATLAB: "
-                           "save -v6)");
-}
+constexpr const char* kMatRemedy = "save it without compression (in MATLAB: save -v6)";
 
 void require_plausible_values(const std::filesystem::path& file, std::size_t rows,
                               std::size_t columns) {
   require_plausible_size(
       file, static_cast<double>(rows) * static_cast<double>(columns) * sizeof(double),
-      "values (" + std::to_string(rows) + " rows, " + std::to_string(columns) + " columns)");
+      "values (" + std::to_string(rows) + " rows, " + std::to_string(columns) + " columns)",
+      kMatRemedy);
 }
 
 /// An object of the HDF5 library.
@@ -210,7 +195,8 @@ void require_plausible_chunks(const std::filesystem::path& file,
   if (opened < 0) throw std::runtime_error(file.string() + ": the MATLAB file is damaged");
   for (const std::string& variable : variables)
     require_plausible_size(file, chunk_bytes(opened, variable),
-                           "values at once (a chunk of variable " + in_quotes(variable) + ")");
+                           "values at once (a chunk of variable " + in_quotes(variable) + ")",
+                           kMatRemedy);
 }
 
 // Converts to SI; values that are not numbers are counted and noted.

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <fstream>
 #include <limits>
 #include <stdexcept>
@@ -37,6 +38,21 @@ void require_memory(const std::filesystem::path& file, std::uint64_t rows, std::
                            number(needed / 1e9) + " GB of memory, but only " +
                            number(static_cast<double>(available) / 1e9) +
                            " GB are free; read a part of it with --from S --to S");
+}
+
+// Packed, integers of one byte, or chunks that were never written: the time stamps of a recording
+// alone are more than 1 % of what is read of it.
+void require_plausible_size(const std::filesystem::path& file, double needed,
+                            const std::string& of_what, const std::string& remedy) {
+  constexpr double kMaxExpansion = 100;    // memory of the values, as a multiple of the file
+  constexpr double kAlwaysAllowed = 64e6;  // bytes: two minutes of ten channels at 8 kHz
+  const auto size = static_cast<double>(std::filesystem::file_size(file));
+  if (needed <= std::max(kAlwaysAllowed, kMaxExpansion * size)) return;
+  const auto megabytes = [](double bytes) { return number(bytes / 1e6) + " MB"; };
+  throw std::runtime_error(file.string() + ": a file of " + megabytes(size) + " would become " +
+                           megabytes(needed) + " of " + of_what + "; the limit is " +
+                           number(kMaxExpansion) + " times the size of the file, or " +
+                           megabytes(kAlwaysAllowed) + ". If this is a recording, " + remedy);
 }
 
 }  // namespace servotwin

@@ -52,6 +52,12 @@ std::string in_quotes(std::string_view text) {
   return shown + "'";
 }
 
+std::string in_one_line(std::string name) {
+  std::replace_if(
+      name.begin(), name.end(), [](unsigned char c) { return c < ' '; }, '?');
+  return name;
+}
+
 std::string listed(std::span<const std::string> names) {
   std::string list;
   for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;

@@ -22,6 +22,9 @@ inline constexpr std::string_view kBlanks = " \t\r";
 /// For a message: in quotes, at most 40 characters, nothing that would break the line.
 [[nodiscard]] std::string in_quotes(std::string_view text);
 
+/// A name of a file, without what would break a message into lines.
+[[nodiscard]] std::string in_one_line(std::string name);
+
 /// For a message: "a, b, c".
 [[nodiscard]] std::string listed(std::span<const std::string> names);
 

@@ -21,13 +21,6 @@ using nlohmann::json;
 // The whole text is held in memory, and some times its size while it is parsed.
 constexpr std::size_t kMostBytes = std::size_t{128} << 20;
 
-/// A name without what would break a message into lines.
-std::string in_one_line(std::string name) {
-  std::replace_if(
-      name.begin(), name.end(), [](unsigned char c) { return c < ' '; }, '?');
-  return name;
-}
-
 /// The name of the column of a signal: "Y1.command[mm]", or the signal's own.
 std::string column_of(const json& signal) {
   constexpr std::array<std::pair<std::string_view, const char*>, 3> kChannels{
