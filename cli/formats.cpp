@@ -23,6 +23,7 @@ constexpr std::array kFormats{
     Format{"columns divided by blanks", "0.001   27.318985   24.5482",
            "by --columns: named in the comment above, else 1, 2, 3"},
     Format{"MATLAB 5 and 7.3", "(binary)", "by --columns: names of vectors"},
+    Format{"ROS 2 bag (MCAP)", "(binary)", "each joint that a state of a controller names"},
     Format{"candump -l", "(1652345678.123456) can0 181#0011223344556677", "by --can-map"},
     Format{"candump on a terminal", " (1652345678.123456)  can0  181   [2]  19 00", "by --can-map"},
     Format{"Vector ASC", "date Thu May 16 06:16:50.884 pm 2024", "by --can-map"},

@@ -16,8 +16,8 @@ constexpr const char* kCapture =
 
 // First bytes by the public description of each format.
 constexpr std::array kForeign{
-    ForeignFormat{"\x89MCAP0\r\n"sv, "ROS 2 bag (MCAP)", kTopics},
-    ForeignFormat{"SQLite format 3\0"sv, "SQLite database, as bags of ROS 2 are", kTopics},
+    ForeignFormat{"SQLite format 3\0"sv, "SQLite database, as old bags of ROS 2 are",
+                  "ros2 bag convert makes an MCAP file of a bag, which is read"},
     ForeignFormat{"#ROSBAG"sv, "ROS 1 bag", kTopics},
     ForeignFormat{"MDF     "sv, "measurement file of ASAM (MDF)",
                   "in Python, asammdf.MDF('FILE').export('csv') makes a CSV file of it"},

@@ -15,6 +15,7 @@
 #include "drivers/file_handle.h"
 #include "drivers/foreign_format.h"
 #include "drivers/mat.h"
+#include "drivers/mcap/mcap.h"
 #include "drivers/text.h"
 #include "drivers/traces/sinumerik_capture.h"
 #include "drivers/traces/sinumerik_trace.h"
@@ -57,6 +58,7 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   }
   if (!options.can_map.empty())
     throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is not one");
+  if (is_mcap(start)) return read_mcap(file, options);
   if (is_sinumerik_trace(start)) return read_sinumerik_trace(file, options);
   if (is_sinumerik_capture(start)) return read_sinumerik_capture(file, options);
   if (!utf16 && start.find('\0') != std::string_view::npos) {

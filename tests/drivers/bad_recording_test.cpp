@@ -83,7 +83,7 @@ TEST_F(BadRecording, BinaryGarbage) {
 TEST_F(BadRecording, FormatsThatAreNotReadAreNamedWithAWayToConvertThem) {
   using namespace std::string_view_literals;
   const std::pair<std::string_view, const char*> known[]{
-      {"\x89MCAP0\r\n\x01\x1c\0\0\0\0\0\0\0\x04\0\0\0ros2"sv, "PlotJuggler"},
+      {"#ROSBAG V2.0\nE\0\0\0"sv, "PlotJuggler"},
       {"SQLite format 3\0\x10\0\x01\x01\0@  "sv, "bags of ROS 2"},
       {"MDF     4.10    asammdf\0\0\0\0\0\x9a\x01"sv, "asammdf"},
       {"LOGG\x90\0\0\0\x04\x02\x05\0"sv, "can.logconvert"},
