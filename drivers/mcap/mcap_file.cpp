@@ -71,11 +71,11 @@ std::string unlz4(std::string_view packed, std::string& to) {
     std::size_t out = to.size() - done, in = packed.size();
     wanted = LZ4F_decompress(context.get(), to.data() + done, &out, packed.data(), &in, nullptr);
     if (LZ4F_isError(wanted) != 0) return LZ4F_getErrorName(wanted);
-    if (in == 0 && out == 0) return "it has more bytes";
+    if (in == 0 && out == 0) break;  // there is no room for more
     done += out;
     packed.remove_prefix(in);
   }
-  if (wanted != 0) return "its end is missing";
+  if (wanted != 0) return "it has more bytes, or its end is missing";
   return done == to.size() ? "" : "it has " + std::to_string(done) + " bytes";
 }
 
