@@ -120,12 +120,13 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
           base.config.ilc.live, hand_over_.armed, base.events,
           [this] { return source_.state(steady_ns()).offsets_held_back; },
           [this] { return standby_reason(); }),
+      inbox_(std::make_shared<ProgramInbox>(base.config.ilc.programs, machine_, base.events)),
       recorder_(machine_, base.config.machine, base.store.directory(), room_of(current), rows_,
                 memory_, watch_, base.events),
       shown_(base.web == nullptr
                  ? nullptr
                  : std::make_unique<WebService::Shown>(*base.web, machine_, loop_->counters(),
-                                                       published_, watch_, &arming_)),
+                                                       published_, watch_, &arming_, inbox_)),
       identification_(machine_, current.identify, memory_, base.store, base.events, models_,
                       [this](const StoredModel& model) { publisher_.announce(model); }),
       diagnosis_(machine_, current.diagnose, current.identify, memory_, watch_, base.store,
@@ -156,6 +157,7 @@ MachineService::MachineService(const ServiceBase& base, MachineInput& input, con
   }
   diagnosis_.give_up_with(base_.stop);
   learner_.give_up_with(base_.stop);
+  learner_.show_in(inbox_->list());
   for (const std::string& remark : contract_.remarks) base_.events.note("offsets", "", remark);
   if (const std::string why = contract_.refusal(); !why.empty() && arming_.live()) {
     arming_.forbid(why);

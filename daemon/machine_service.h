@@ -23,6 +23,7 @@
 #include "daemon/config/config.h"
 #include "daemon/correct/arming.h"
 #include "daemon/correct/learning_worker.h"
+#include "daemon/correct/program_inbox.h"
 #include "daemon/diagnose/diagnosis_worker.h"
 #include "daemon/identify/identification_worker.h"
 #include "daemon/input/machine_input.h"
@@ -95,6 +96,7 @@ class MachineService {
   LearningRules rules_;
   std::unique_ptr<LiveOffsets> live_offsets_;
   Arming arming_;
+  std::shared_ptr<ProgramInbox> inbox_;
   Recorder recorder_;
   std::unique_ptr<WebService::Shown> shown_;  // null: no page
   IdentificationWorker identification_;

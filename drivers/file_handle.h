@@ -53,6 +53,8 @@ class AtomicFile {
   ~AtomicFile();
 
   void write(std::string_view bytes) const { handle_.write(bytes); }
+  /// Where the bytes are until commit(), for a check of them.
+  [[nodiscard]] const std::filesystem::path& temporary() const noexcept { return beside_; }
   void commit();
 
  private:

@@ -38,6 +38,7 @@ void LearningWorker::run(const std::stop_token& stop, DdsReader<ProgramChunk>& p
     judge_runs();
     report_stale();
     renew(steady_ns());
+    show();
     if (const std::uint64_t malformed = programs.counts().malformed;
         malformed > reported_malformed) {
       events_.error(
@@ -60,6 +61,7 @@ void LearningWorker::look_into_folder(std::int64_t now_ns) {
   if (!folder_ || between_ns(looked_ns_, now_ns) < kLookEvery_ns) return;
   looked_ns_ = now_ns;
   try_again();
+  if (list_ != nullptr) changes_seen_ = list_->changes();
   const ProgramFolder::News news = folder_->look(wall_ns());
   if (!news.problem.empty()) events_.error("program_refused", "", "ilc.programs: " + news.problem);
   for (const std::string& program : news.gone) gone(program);
@@ -100,6 +102,7 @@ void LearningWorker::refuse_overdue(std::int64_t now_ns) {
 }
 
 void LearningWorker::learn_now(const CommandedPath& program) {
+  if (program.learn) show(program.name);
   try {
     const std::int64_t begin_ns = steady_ns();
     LearnedProgram made = learned(program, rules_, store_.in_force(), wall_ns(), give_up_);
@@ -122,6 +125,7 @@ void LearningWorker::learn_now(const CommandedPath& program) {
                      " s: " + chunks.front().reason,
                  detail_of(made));
     for (const CorrectionChunk& chunk : chunks) announce_(chunk);
+    if (program.learn) results_[program.name] = chunks.front().reason;
     if (program.learn) keep(std::make_shared<const LearnedProgram>(std::move(made)));
     for (const Kept& one : same)
       withdraw(one, "program '" + program.name + "' is the same path and replaces it");
@@ -200,6 +204,7 @@ void LearningWorker::learn_anew(const Kept& learned) {
 
 void LearningWorker::withdraw(const Kept& learned, const std::string& why) {
   forget(learned->program.name);
+  results_[learned->program.name] = "its correction is withdrawn: " + why;
   events_.error("correction_withdrawn", "",
                 "program '" + learned->program.name + "': its correction is withdrawn: " + why);
   CorrectionChunk answer;
@@ -214,6 +219,7 @@ void LearningWorker::withdraw(const Kept& learned, const std::string& why) {
 
 void LearningWorker::refuse(const ProgramRefusal& refusal) {
   forget(refusal.program);
+  results_[refusal.program] = refusal.reason;
   events_.error("program_refused", "", "program '" + refusal.program + "': " + refusal.reason);
   CorrectionChunk answer;
   answer.program = refusal.program;
@@ -228,7 +234,12 @@ void LearningWorker::refuse(const ProgramRefusal& refusal) {
 void LearningWorker::keep(Kept learned) {
   const std::string name = learned->program.name;
   std::erase_if(kept_, [&](const Kept& one) { return one->program.name == name; });
-  if (kept_.size() == kMaxKept) kept_.erase(kept_.begin());
+  if (kept_.size() == kMaxKept) {
+    results_[kept_.front()->program.name] =
+        "its correction is dropped: " + std::to_string(kMaxKept) +
+        " newer ones are kept, and no more";
+    kept_.erase(kept_.begin());
+  }
   kept_.push_back(std::move(learned));
   hand_over_plan();
 }
@@ -236,6 +247,24 @@ void LearningWorker::keep(Kept learned) {
 void LearningWorker::forget(const std::string& program) {
   const auto named = [&](const Kept& one) { return one->program.name == program; };
   if (std::erase_if(kept_, named) > 0) hand_over_plan();
+}
+
+void LearningWorker::show(const std::string& learning) {
+  if (list_ == nullptr) return;
+  using What = ProgramState::What;
+  std::map<std::string, ProgramState> of;
+  const std::map<std::string, bool> files =
+      folder_ ? folder_->found() : std::map<std::string, bool>();
+  for (const auto& [program, read] : files)
+    of[program] = {What::kNotLearned, from_folder_[program], {}};
+  for (const Kept& one : kept_) of[one->program.name] = {What::kLearned, one->program.revision, {}};
+  for (const auto& [program, read] : files) {
+    if (!read) of[program].what = What::kWaiting;
+  }
+  if (!learning.empty()) of[learning].what = What::kLearning;
+  std::erase_if(results_, [&](const auto& one) { return !of.contains(one.first); });
+  for (const auto& [program, result] : results_) of[program].text = result;
+  list_->show(std::move(of), changes_seen_);
 }
 
 void LearningWorker::hand_over_plan(bool renewed) {

@@ -30,6 +30,7 @@
 #include "daemon/correct/learned_program.h"
 #include "daemon/correct/program_assembly.h"
 #include "daemon/correct/program_folder.h"
+#include "daemon/correct/program_list.h"
 #include "daemon/loop/program_matcher.h"
 #include "daemon/store/event_log.h"
 #include "daemon/store/store.h"
@@ -50,6 +51,9 @@ class LearningWorker {
 
   /// When `stop` is requested, learning is aborted before the next trial. Call it before run().
   void give_up_with(const std::stop_token& stop) { give_up_ = stop; }
+  /// The list in which the programs of the folder and all corrections are shown. Call it before
+  /// run(); the list outlives the worker.
+  void show_in(ProgramList& list) { list_ = &list; }
   void run(const std::stop_token& stop, DdsReader<ProgramChunk>& programs);
   /// Takes one chunk of a program. `now_ns`: any monotonic clock, here and below.
   void take(const ProgramChunk& chunk, std::int64_t now_ns);
@@ -65,6 +69,8 @@ class LearningWorker {
   void renew(std::int64_t now_ns);
   /// Reports, after a person has armed the daemon, the corrections that are too old to be sent.
   void report_stale();
+  /// Shows what has become of the programs. `learning`: the one that is being learned, if any.
+  void show(const std::string& learning = "");
   /// The corrections that are kept; the newest is the last one.
   [[nodiscard]] const std::vector<std::shared_ptr<const LearnedProgram>>& kept() const noexcept {
     return kept_;
@@ -92,6 +98,9 @@ class LearningWorker {
   ProgramAssembly assembly_;
   std::optional<ProgramFolder> folder_;
   std::map<std::string, std::uint64_t> from_folder_;  // newest revision of each program found there
+  ProgramList* list_ = nullptr;
+  std::uint64_t changes_seen_ = 0;              // of the list, before the last look into the folder
+  std::map<std::string, std::string> results_;  // the last of each program of the list, for people
   std::map<std::string, int> tried_with_;  // version in force of each axis when it was last tried
   std::int64_t looked_ns_ = -kLookEvery_ns;
   std::stop_token give_up_;

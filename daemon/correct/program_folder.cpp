@@ -10,6 +10,47 @@
 
 namespace servotwin::daemon {
 namespace fs = std::filesystem;
+namespace {
+
+/// Whether the name is that of a program: .csv in any case, and no dot at its begin.
+bool is_named_as_program(const fs::path& file) {
+  std::string kind = file.extension().string();
+  std::transform(kind.begin(), kind.end(), kind.begin(),
+                 [](unsigned char letter) { return static_cast<char>(std::tolower(letter)); });
+  return kind == ".csv" && file.filename().string().front() != '.';
+}
+
+}  // namespace
+
+std::vector<ProgramChunk> read_program(const fs::path& file, const std::string& program,
+                                       const MachineDescription& machine, std::uint64_t revision) {
+  std::error_code vanished;
+  const std::uintmax_t bytes = fs::file_size(file, vanished);
+  if (!vanished && bytes > kMaxProgramFile_bytes)
+    throw std::runtime_error(file.string() + " has " + std::to_string(bytes) +
+                             " bytes, and at most " + std::to_string(kMaxProgramFile_bytes) +
+                             " are read");
+  const Recording path = recorded_cycles(read_recording(file)).recording;
+  require_kinds(path, machine.axes, "the machine");
+  std::vector<ProgramChunk> chunks = program_chunks(path, program, true, revision);
+  if (chunks.empty()) throw std::runtime_error(file.string() + " has no rows");
+  return chunks;
+}
+
+fs::path file_of(const std::string& program, const fs::path& folder) {
+  std::vector<fs::path> files;
+  std::error_code error, vanished;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end;
+       entry.increment(error)) {
+    const fs::path& file = entry->path();
+    if (is_named_as_program(file) && program_name(file) == program &&
+        entry->is_regular_file(vanished))
+      files.push_back(file);
+  }
+  if (error) throw std::runtime_error(folder.string() + ": cannot be read: " + error.message());
+  return files.empty() ? folder / (program + ".csv")
+                       : *std::min_element(files.begin(), files.end());
+}
 
 ProgramFolder::ProgramFolder(fs::path folder, MachineDescription machine)
     : folder_(std::move(folder)), machine_(std::move(machine)) {}
@@ -19,10 +60,7 @@ std::map<fs::path, ProgramFolder::File> ProgramFolder::files(std::error_code& er
   for (fs::directory_iterator entry(folder_, error), end; !error && entry != end;
        entry.increment(error)) {
     const fs::path& path = entry->path();
-    std::string kind = path.extension().string();
-    std::transform(kind.begin(), kind.end(), kind.begin(),
-                   [](unsigned char letter) { return static_cast<char>(std::tolower(letter)); });
-    if (kind != ".csv" || path.filename().string().front() == '.') continue;
+    if (!is_named_as_program(path)) continue;
     File file;
     std::error_code vanished;  // between the listing and here
     if (!entry->is_regular_file(vanished)) continue;
@@ -46,16 +84,8 @@ ProgramFolder::Found ProgramFolder::read(const fs::path& file, const File& known
         other != files_.end())
       throw std::runtime_error(file.string() + ": " + other->first.filename().string() +
                                " gives the same name of a program; rename one of them");
-    if (known.bytes > kMaxProgramFile_bytes)
-      throw std::runtime_error(file.string() + " has " + std::to_string(known.bytes) +
-                               " bytes, and at most " + std::to_string(kMaxProgramFile_bytes) +
-                               " are read");
-    const Recording path = recorded_cycles(read_recording(file)).recording;
-    require_kinds(path, machine_.axes, "the machine");
-    out.chunks = program_chunks(path, known.program, true, revision);
-    if (out.chunks.empty()) throw std::runtime_error(file.string() + " has no rows");
+    out.chunks = read_program(file, known.program, machine_, revision);
   } catch (const std::exception& error) {
-    out.chunks.clear();
     out.problem = error.what();
   }
   return out;
@@ -108,6 +138,12 @@ std::vector<std::string> ProgramFolder::programs() const {
   for (const auto& [path, file] : files_) {
     if (file.usable) out.push_back(file.program);
   }
+  return out;
+}
+
+std::map<std::string, bool> ProgramFolder::found() const {
+  std::map<std::string, bool> out;
+  for (const auto& [path, file] : files_) out.emplace(file.program, file.read);
   return out;
 }
 

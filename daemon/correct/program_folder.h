@@ -4,7 +4,8 @@
 //
 // A file is read once its size and time have been the same for two looks, so that a file that is
 // still being written waits; one that is renamed into the folder is complete. Other files, folders
-// and names that begin with a dot are left alone. Nothing is written there.
+// and names that begin with a dot are left alone. Nothing is written there but by
+// program_inbox.h.
 //
 // One thread; errors: none are thrown, what is wrong is in the result.
 #pragma once
@@ -22,6 +23,18 @@ namespace servotwin::daemon {
 /// Largest file that is read [byte]: a program of the maximum of rows in twelve columns of twelve
 /// digits takes a third of it.
 inline constexpr std::uintmax_t kMaxProgramFile_bytes = 256'000'000;
+
+/// The path in a file as the chunks of `program`, in one revision, to be learned. Throws
+/// std::runtime_error, in one line that begins with the file, if it is not a path of these axes.
+[[nodiscard]] std::vector<ProgramChunk> read_program(const std::filesystem::path& file,
+                                                     const std::string& program,
+                                                     const MachineDescription& machine,
+                                                     std::uint64_t revision);
+
+/// The file of `folder` that gives `program`, the first by name; where there is none, the file that
+/// would. Throws std::runtime_error if the folder cannot be read.
+[[nodiscard]] std::filesystem::path file_of(const std::string& program,
+                                            const std::filesystem::path& folder);
 
 class ProgramFolder {
  public:
@@ -48,6 +61,8 @@ class ProgramFolder {
   void find_again(const std::vector<std::string>& programs);
   /// The programs whose files were found and could be read.
   [[nodiscard]] std::vector<std::string> programs() const;
+  /// The programs of all files that were found, and whether they have been read.
+  [[nodiscard]] std::map<std::string, bool> found() const;
   [[nodiscard]] const std::filesystem::path& folder() const noexcept { return folder_; }
 
  private:

@@ -21,13 +21,29 @@ namespace {
 
 using nlohmann::json;
 
+constexpr std::string_view kPrograms = "/api/v1/programs/";
 constexpr int kMaxVersions = 1000, kMaxDiagnoses = 1000, kMaxEvents = 10'000;
 
-/// A wrong request, with the HTTP status of the answer.
+/// A wrong request, with the HTTP status of the answer and, where it has one, a header field.
 struct Refused : std::runtime_error {
   Refused(int the_status, const std::string& what) : std::runtime_error(what), status(the_status) {}
   int status;
+  std::vector<std::pair<std::string, std::string>> headers;
 };
+
+/// The answer that `make` gives, or that to what it throws.
+template <class Make>
+HttpResponse answer_of(const Make& make) {
+  try {
+    return make();
+  } catch (const Refused& refused) {
+    HttpResponse out = http_error(refused.status, refused.what());
+    out.headers = refused.headers;
+    return out;
+  } catch (const std::exception& error) {
+    return http_error(500, error.what());
+  }
+}
 
 /// In one line; a name that is no UTF-8 does not make the answer fail.
 std::string text_of(const json& body) {
@@ -120,6 +136,34 @@ std::size_t number_of(const std::string& axis, const MachineDescription& machine
   return static_cast<std::size_t>(found - names.begin());
 }
 
+const char* name_of(ProgramState::What what) {
+  switch (what) {
+    case ProgramState::What::kWaiting:
+      return "waiting";
+    case ProgramState::What::kLearning:
+      return "learning";
+    case ProgramState::What::kLearned:
+      return "learned";
+    case ProgramState::What::kNotLearned:
+      return "not_learned";
+  }
+  return "";
+}
+
+int status_of(ProgramInbox::Outcome::What what) {
+  switch (what) {
+    case ProgramInbox::Outcome::What::kDone:
+      return 202;
+    case ProgramInbox::Outcome::What::kRefused:
+      return 400;
+    case ProgramInbox::Outcome::What::kNotThere:
+      return 404;
+    case ProgramInbox::Outcome::What::kFailed:
+      return 500;
+  }
+  return 500;
+}
+
 json arming_json(Arming* arming) {
   return {{"live", arming != nullptr && arming->live()},
           {"armed", arming != nullptr && arming->armed()}};
@@ -128,13 +172,21 @@ json arming_json(Arming* arming) {
 }  // namespace
 
 HttpResponse Api::answer(const HttpRequest& request) {
-  try {
-    return request.method == "POST" ? post(request) : get(request);
-  } catch (const Refused& refused) {
-    return http_error(refused.status, refused.what());
-  } catch (const std::exception& error) {
-    return http_error(500, error.what());
-  }
+  const bool reads = request.method == "GET" || request.method == "HEAD";
+  return answer_of([&] { return reads ? get(request) : change(request); });
+}
+
+std::optional<HttpResponse> Api::refuse_body(const HttpRequest& request) {
+  const auto program = rest(request.path, kPrograms);
+  HttpResponse refused = answer_of([&] {
+    if (request.method != "PUT" || !program)
+      throw Refused(405, in_quotes(request.path) + " cannot be changed");
+    require_permission(request);
+    (void)inbox_for(*program);
+    return HttpResponse();
+  });
+  if (refused.status == 200) return std::nullopt;
+  return refused;
 }
 
 HttpResponse Api::get(const HttpRequest& request) {
@@ -153,6 +205,7 @@ HttpResponse Api::get(const HttpRequest& request) {
   if (path == "/metrics") return metrics();
   if (path == "/api/v1/status") return {200, "application/json", status() + "\n"};
   if (path == "/api/v1/offsets") return offsets();
+  if (path == "/api/v1/programs") return programs();
   if (path == "/api/v1/stream") {
     HttpResponse out;
     out.stream = true;
@@ -161,23 +214,30 @@ HttpResponse Api::get(const HttpRequest& request) {
   return http_error(404, "there is nothing at " + in_quotes(path));
 }
 
-HttpResponse Api::post(const HttpRequest& request) {
+HttpResponse Api::change(const HttpRequest& request) {
+  const bool posts = request.method == "POST";
   const auto axis = rest(request.path, "/api/v1/diagnoses/");
+  const auto program = rest(request.path, kPrograms);
   const bool arms = request.path == "/api/v1/offsets/arm";
   const bool disarms = request.path == "/api/v1/offsets/disarm";
-  if (!axis && !arms && !disarms)
-    return http_error(405, in_quotes(request.path) + " cannot be changed");
+  if (!(posts ? axis || arms || disarms : program.has_value()))
+    throw Refused(405, in_quotes(request.path) + " cannot be changed" +
+                           (posts ? "" : " by " + request.method));
+  require_permission(request);
+  know_only(request, {});
+  if (program) return change_program(*program, request);
+  return axis ? ask(*axis) : arm(arms);
+}
+
+void Api::require_permission(const HttpRequest& request) const {
   if (sources_.token.empty())
-    return http_error(
+    throw Refused(
         403,
         "nothing can be changed over HTTP: neither http.token nor http.token_file is configured");
-  if (!same_secret(request.authorization, "Bearer " + sources_.token)) {
-    HttpResponse refused = http_error(401, "needs Authorization: Bearer with the http.token");
-    refused.headers.emplace_back("WWW-Authenticate", "Bearer");
-    return refused;
-  }
-  know_only(request, {});
-  return axis ? ask(*axis) : arm(arms);
+  if (same_secret(request.authorization, "Bearer " + sources_.token)) return;
+  Refused refused(401, "needs Authorization: Bearer with the http.token");
+  refused.headers.emplace_back("WWW-Authenticate", "Bearer");
+  throw refused;
 }
 
 HttpResponse Api::healthz() {
@@ -297,6 +357,48 @@ HttpResponse Api::arm(bool wanted) {
     throw Refused(409, why);
   }
   return offsets();
+}
+
+HttpResponse Api::programs() {
+  json programs = json::array();
+  if (const auto inbox = sources_.programs()) {
+    for (const auto& [program, state] : inbox->list().states())
+      programs.push_back({{"program", program},
+                          {"state", name_of(state.what)},
+                          {"revision", state.revision},
+                          {"text", state.text}});
+  }
+  return answer_json({{"schema", "servotwin.programs/1"}, {"programs", programs}});
+}
+
+std::shared_ptr<ProgramInbox> Api::inbox_for(const std::string& name) const {
+  if (!usable_name(name))
+    throw Refused(400, "program = " + in_quotes(name) + ": " + std::string(kUsableNameRule));
+  std::shared_ptr<ProgramInbox> inbox = sources_.programs();
+  if (inbox == nullptr) throw Refused(409, "no machine is known yet");
+  if (!inbox->has_folder())
+    throw Refused(409,
+                  "there is no folder for programs: configure ilc.programs and restart the daemon");
+  if (slow_.busy()) throw Refused(503, "another program is being put or removed; try again later");
+  return inbox;
+}
+
+HttpResponse Api::change_program(const std::string& name, const HttpRequest& request) {
+  const std::shared_ptr<ProgramInbox> inbox = inbox_for(name);
+  const std::shared_ptr<const std::string> csv = request.body;
+  const bool puts = request.method == "PUT";
+  if (puts && csv == nullptr)
+    throw Refused(400,
+                  "program " + in_quotes(name) + ": the request has no body; send the path as CSV");
+  return slow_.begin([inbox, name, csv, puts] {
+    return answer_of([&] {
+      const ProgramInbox::Outcome outcome = puts ? inbox->put(name, *csv) : inbox->remove(name);
+      if (outcome.what != ProgramInbox::Outcome::What::kDone)
+        throw Refused(status_of(outcome.what), outcome.text);
+      return answer_json(
+          {{"schema", "servotwin.request/1"}, {"program", name}, {"text", outcome.text}}, 202);
+    });
+  });
 }
 
 }  // namespace servotwin::daemon

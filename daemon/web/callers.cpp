@@ -53,10 +53,10 @@ void Callers::close(const Caller& caller) {
   callers_.remove_if([&](const Caller& one) { return &one == &caller; });
 }
 
-std::size_t Callers::streams() const {
+std::size_t Callers::count(Phase phase) const {
   return static_cast<std::size_t>(std::count_if(
       callers_.begin(), callers_.end(),
-      [](const Caller& caller) { return !caller.dropped && caller.phase == Phase::kStream; }));
+      [phase](const Caller& caller) { return !caller.dropped && caller.phase == phase; }));
 }
 
 Caller* Callers::surplus() {
@@ -85,6 +85,8 @@ bool Callers::is_overdue(const Caller& caller, std::int64_t now_ns) {
   switch (caller.phase) {
     case Phase::kRequest:
       return passed_ns > kRequest_ns;
+    case Phase::kBody:
+      return passed_ns > kBody_ns;
     case Phase::kAnswer:
       return passed_ns > kAnswer_ns;
     case Phase::kStream:

@@ -2,7 +2,9 @@
 // thread; errors: none.
 #pragma once
 
+#include <future>
 #include <map>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -10,18 +12,24 @@
 namespace servotwin::daemon {
 
 struct HttpRequest {
-  std::string method;  ///< GET, HEAD or POST
+  std::string method;  ///< GET, HEAD, POST, PUT or DELETE
   std::string path;    ///< decoded, without the query
   std::map<std::string, std::string> query;
-  std::string authorization, if_none_match;  ///< header fields; empty: not given
+  std::string authorization, if_none_match;   ///< header fields; empty: not given
+  std::shared_ptr<const std::string> body{};  ///< null: none
 };
+
+struct HttpResponse;
+/// A response that is being made in another thread.
+using LaterResponse = std::shared_future<std::shared_ptr<const HttpResponse>>;
 
 struct HttpResponse {
   int status = 200;
   std::string type = "application/json";
   std::string body;
   std::vector<std::pair<std::string, std::string>> headers{};
-  bool stream = false;  ///< the live stream follows instead of the body
+  bool stream = false;    ///< the live stream follows instead of the body
+  LaterResponse later{};  ///< valid: this is sent instead, once it is ready
 };
 
 /// The response {"schema":"servotwin.error/1","status":..,"error":".."}.

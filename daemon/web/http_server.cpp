@@ -9,8 +9,13 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <charconv>
+#include <chrono>
 #include <cstring>
+#include <iterator>
+#include <limits>
 #include <stdexcept>
+#include <utility>
 
 #include "daemon/between/clock.h"
 
@@ -34,6 +39,8 @@ constexpr std::int64_t kReading_ns = 20'000'000;
 // TLS 1.2 and 1.3 only.
 constexpr const char* kTlsPriorities = "NORMAL:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2";
 
+constexpr const char* kMethods[] = {"GET", "HEAD", "POST", "PUT", "DELETE"};
+
 constexpr const char* kPageSecurity =
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src "
     "'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -46,6 +53,18 @@ std::string header(MHD_Connection* connection, const char* name) {
 bool announces_body(MHD_Connection* connection) {
   return header(connection, "Content-Length").find_first_not_of("0 ") != std::string::npos ||
          !header(connection, "Transfer-Encoding").empty();
+}
+
+/// The length of the body; nothing if it is not announced, or not as a number.
+std::optional<std::size_t> body_bytes(MHD_Connection* connection) {
+  const std::string text = header(connection, "Content-Length");
+  if (!header(connection, "Transfer-Encoding").empty()) return std::nullopt;
+  std::size_t bytes = 0;
+  const auto read = std::from_chars(text.data(), text.data() + text.size(), bytes);
+  // A number that is too large for the type is too large for the limit.
+  if (read.ec == std::errc::result_out_of_range) return std::numeric_limits<std::size_t>::max();
+  if (read.ec != std::errc{} || read.ptr != text.data() + text.size()) return std::nullopt;
+  return bytes;
 }
 
 int socket_of(MHD_Connection* connection) {
@@ -143,24 +162,40 @@ struct HttpServer::Callbacks {
     *context = &caller;
     server.accept(caller);
   }
+  /// Called when the header is complete, with every part of the body, when the request is complete,
+  /// and again when a held connection is resumed.
   static MHD_Result on_request(void* self, MHD_Connection* connection, const char* url,
-                               const char* method, const char*, const char*, std::size_t*,
+                               const char* method, const char*, const char* part, std::size_t* size,
                                void** state) {
     auto& server = *static_cast<HttpServer*>(self);
     Caller& caller = caller_of(connection);
     if (caller.dropped || server.closing_) return MHD_NO;
-    const HttpRequest request = request_of(connection, method, url);
-    if (*state == nullptr) {  // the header is complete; a body would come next
+    if (caller.later.valid()) {
+      caller.enter(Caller::Phase::kAnswer, steady_ns());
+      return static_cast<MHD_Result>(server.respond(caller, *caller.later.get()));
+    }
+    if (*size > 0) {
+      if (caller.body == nullptr || caller.body->size() + *size > kMaxBody_bytes) return MHD_NO;
+      caller.body->append(part, *size);
+      *size = 0;
+      return MHD_YES;
+    }
+    const bool has_body = announces_body(connection);
+    if (*state == nullptr) {
       *state = &caller;
       caller.enter(Caller::Phase::kAnswer, steady_ns());
-      if (!announces_body(connection)) return MHD_YES;
-      return static_cast<MHD_Result>(
-          server.respond(caller, *server.refusal(caller, request, true)));
+      if (!has_body) return MHD_YES;
     }
-    return static_cast<MHD_Result>(server.answer(caller, request));
+    HttpRequest request = request_of(connection, method, url);
+    if (has_body && caller.body == nullptr)
+      return static_cast<MHD_Result>(server.admit_body(caller, request));
+    return static_cast<MHD_Result>(server.answer(caller, std::move(request)));
   }
   static void on_end(void*, MHD_Connection* connection, void** state, MHD_RequestTerminationCode) {
-    caller_of(connection).enter(Caller::Phase::kRequest, steady_ns());
+    Caller& caller = caller_of(connection);
+    caller.enter(Caller::Phase::kRequest, steady_ns());
+    caller.body = nullptr;
+    caller.later = {};
     *state = nullptr;
   }
   static ssize_t on_read(void* reader, std::uint64_t, char* to, std::size_t room) {
@@ -178,12 +213,13 @@ struct HttpServer::Callbacks {
 thread_local HttpServer* HttpServer::Callbacks::polling = nullptr;
 
 HttpServer::HttpServer(const ListenAddress& address, std::vector<std::string> names,
-                       Handler handler, const TlsPair& tls, Warn warn)
+                       Handler handler, const TlsPair& tls, Warn warn, Refusal refuse_body)
     : address_(address),
       names_(std::move(names)),
       handler_(std::move(handler)),
       tls_(tls),
-      warn_(std::move(warn)) {
+      warn_(std::move(warn)),
+      refuse_body_(std::move(refuse_body)) {
   for (std::string& name : names_) name = in_lower_case(name);
   char host[256] = "";
   if (gethostname(host, sizeof host - 1) == 0 && host[0] != '\0')
@@ -281,7 +317,10 @@ void HttpServer::resume_held(std::int64_t now_ns) {
   Caller* next = nullptr;  // of those that read
   for (Caller& caller : callers_) {
     if (caller.phase != Caller::Phase::kHeld || !caller.suspended) continue;
-    if (caller.hold_ns == 0) {
+    if (caller.later.valid()) {
+      if (caller.later.wait_for(std::chrono::seconds(0)) == std::future_status::ready)
+        resume(caller);
+    } else if (caller.hold_ns == 0) {
       if (next == nullptr || caller.since_ns < next->since_ns) next = &caller;
     } else if (now_ns - caller.since_ns >= caller.hold_ns) {
       resume(caller);
@@ -296,31 +335,69 @@ std::optional<HttpResponse> HttpServer::refusal(Caller& caller, const HttpReques
     return http_error(
         421, "unknown host name '" + host + "'; use the IP address, or add the name to http.names");
   }
-  if (request.method != "GET" && request.method != "HEAD" && request.method != "POST") {
-    HttpResponse refused = http_error(405, "only GET, HEAD and POST are supported");
-    refused.headers.emplace_back("Allow", "GET, HEAD, POST");
+  if (std::find(std::begin(kMethods), std::end(kMethods), request.method) == std::end(kMethods)) {
+    HttpResponse refused = http_error(405, "only GET, HEAD, POST, PUT and DELETE are supported");
+    refused.headers.emplace_back("Allow", "GET, HEAD, POST, PUT, DELETE");
     return refused;
   }
-  if (has_body) return http_error(413, "requests with a body are not accepted");
+  if (has_body && (request.method != "PUT" || refuse_body_ == nullptr))
+    return http_error(413, "requests with a body are not accepted");
   return std::nullopt;
 }
 
-int HttpServer::answer(Caller& caller, const HttpRequest& request) {
+int HttpServer::admit_body(Caller& caller, const HttpRequest& request) {
+  if (const auto refused = refusal(caller, request, true)) return respond(caller, *refused);
+  const std::int64_t now_ns = steady_ns();
+  if (caller.phase != Caller::Phase::kHeld && must_wait(caller, request, now_ns))
+    return hold(caller, TokenGuesses::kHold_ns, now_ns);
+  if (const auto refused = refuse_body_(request)) {
+    count_guess(caller, request, *refused);
+    return respond(caller, *refused);
+  }
+  const std::optional<std::size_t> bytes = body_bytes(caller.connection);
+  if (!bytes) return respond(caller, http_error(411, "needs a Content-Length"));
+  if (*bytes > kMaxBody_bytes)
+    return respond(
+        caller, http_error(413, "the body has " + std::to_string(*bytes) + " bytes, and at most " +
+                                    std::to_string(kMaxBody_bytes) + " are accepted"));
+  if (callers_.count(Caller::Phase::kBody) > 0)
+    return respond(caller,
+                   http_error(503, "another program is being put or removed; try again later"));
+  caller.enter(Caller::Phase::kBody, now_ns);
+  caller.body = std::make_shared<std::string>();
+  caller.body->reserve(*bytes);
+  return MHD_YES;
+}
+
+bool HttpServer::must_wait(const Caller& caller, const HttpRequest& request,
+                           std::int64_t now_ns) const {
+  return !request.authorization.empty() && guesses_.must_wait(caller.address, now_ns);
+}
+
+void HttpServer::count_guess(const Caller& caller, const HttpRequest& request,
+                             const HttpResponse& response) {
+  if (response.status != 401 || request.authorization.empty()) return;
+  if (const auto message = guesses_.add(caller.address, steady_ns()); message && warn_)
+    warn_(*message);
+}
+
+int HttpServer::answer(Caller& caller, HttpRequest request) {
   if (const auto refused = refusal(caller, request, false)) return respond(caller, *refused);
   const std::int64_t now_ns = steady_ns();
-  const bool has_token = !request.authorization.empty();
-  const bool reads = request.method != "POST";
-  if (caller.phase != Caller::Phase::kHeld) {
-    if (has_token && guesses_.must_wait(caller.address, now_ns))
-      return hold(caller, TokenGuesses::kHold_ns, now_ns);
+  const bool reads = request.method == "GET" || request.method == "HEAD";
+  // With a body it has been held before that was read.
+  if (caller.phase != Caller::Phase::kHeld && caller.body == nullptr) {
+    if (must_wait(caller, request, now_ns)) return hold(caller, TokenGuesses::kHold_ns, now_ns);
     if (reads && reading_ns_ > kReading_ns) return hold(caller, 0, now_ns);
   }
   caller.enter(Caller::Phase::kAnswer, now_ns);
+  request.body = std::move(caller.body);
   HttpResponse response = handler_(request);
   if (reads) reading_ns_ += steady_ns() - now_ns;
-  if (response.status == 401 && has_token) {
-    if (const auto message = guesses_.add(caller.address, now_ns); message && warn_)
-      warn_(*message);
+  count_guess(caller, request, response);
+  if (response.later.valid()) {
+    caller.later = std::move(response.later);
+    return hold(caller, 0, now_ns);
   }
   if (!response.stream || request.method != "GET") return respond(caller, response);
   if (streams() >= Callers::kMaxStreams)

@@ -2,9 +2,10 @@
 //
 // Limited are the connections and the time that a request, its answer and a stalled stream may take
 // (callers.h), the size of a request, the live streams, and how far a stream may fall behind.
-// Refused before an endpoint sees them are methods other than GET, HEAD and POST, requests that
-// announce a body (without reading it), and a Host field that is neither an IP address, localhost,
-// this host nor one of `names` (protection against DNS rebinding). Requests with a token from an
+// Refused before an endpoint sees them are methods other than GET, HEAD, POST, PUT and DELETE, and
+// a Host field that is neither an IP address, localhost, this host nor one of `names` (protection
+// against DNS rebinding). A body is read only of a PUT that the endpoints admit, one at a time, and
+// is kept in memory; all others are refused without reading it. Requests with a token from an
 // address that has sent wrong ones are held (token_guesses.h). Requests that read (GET, HEAD) share
 // a part of every turn; where that is used up, one of them is answered a turn, in their order, so
 // that many large answers do not delay a change. Every response has headers that restrict what a
@@ -42,15 +43,20 @@ struct CannotListen : std::runtime_error {
 class HttpServer {
  public:
   static constexpr std::size_t kMaxRequestBytes = 32 * 1024;
+  /// Of a body: the largest program (2^21 positions at 2^18 times) at 24 bytes a number takes 57
+  /// MB.
+  static constexpr std::size_t kMaxBody_bytes = 64'000'000;
 
   using Handler = std::function<HttpResponse(const HttpRequest&)>;
+  using Refusal = std::function<std::optional<HttpResponse>(const HttpRequest&)>;
   using Warn = std::function<void(const std::string&)>;
 
   /// `names`: further names of this host. `handler`: the answer, 401 where the token is wrong; must
   /// not throw. `tls`: HTTPS instead of HTTP, if it is given. `warn`: logs wrong tokens, at most
-  /// one line a minute.
+  /// one line a minute. `refuse_body`: why the body of a PUT is not read, nothing if it is; null:
+  /// none is read.
   HttpServer(const ListenAddress& address, std::vector<std::string> names, Handler handler,
-             const TlsPair& tls = {}, Warn warn = nullptr);
+             const TlsPair& tls = {}, Warn warn = nullptr, Refusal refuse_body = nullptr);
   /// Throws CannotListen if the address cannot be used now; does not keep it.
   static void try_listening(const ListenAddress& address);
   HttpServer(const HttpServer&) = delete;
@@ -82,7 +88,11 @@ class HttpServer {
   void resume_held(std::int64_t now_ns);
   [[nodiscard]] std::optional<HttpResponse> refusal(Caller& caller, const HttpRequest& request,
                                                     bool has_body) const;
-  int answer(Caller& caller, const HttpRequest& request);
+  int admit_body(Caller& caller, const HttpRequest& request);
+  int answer(Caller& caller, HttpRequest request);
+  [[nodiscard]] bool must_wait(const Caller& caller, const HttpRequest& request,
+                               std::int64_t now_ns) const;
+  void count_guess(const Caller& caller, const HttpRequest& request, const HttpResponse& response);
   int hold(Caller& caller, std::int64_t hold_ns, std::int64_t now_ns);
   int respond(Caller& caller, const HttpResponse& response);
   int open_stream(Caller& caller);
@@ -94,6 +104,7 @@ class HttpServer {
   std::mutex tls_mutex_;
   TlsPair tls_;
   Warn warn_;
+  Refusal refuse_body_;
   EventStream stream_;
   Callers callers_;
   TokenGuesses guesses_;

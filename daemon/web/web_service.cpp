@@ -24,13 +24,15 @@ ListenAddress address_of(const HttpConfig& config) {
 
 WebService::Shown::Shown(WebService& service, const MachineDescription& machine,
                          const LoopCounters& counters, const Histogram& published,
-                         ResidualWatch& watch, Arming* arming)
+                         ResidualWatch& watch, Arming* arming,
+                         std::shared_ptr<ProgramInbox> programs)
     : service_(service),
       machine_(machine),
       counters_(counters),
       published_(published),
       watch_(watch),
       arming_(arming),
+      programs_(std::move(programs)),
       feed_(machine.cycle_s, machine.axes.size()) {
   const std::lock_guard lock(service_.mutex_);
   service_.shown_ = this;
@@ -56,7 +58,8 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
               shown_->watch_.ask(axis, "requested over HTTP");
               return true;
             },
-            [this] { return shown_ == nullptr ? nullptr : shown_->arming_; }}),
+            [this] { return shown_ == nullptr ? nullptr : shown_->arming_; },
+            [this] { return shown_ == nullptr ? nullptr : shown_->programs_; }}),
       server_(
           address_of(config), config.names,
           [this](const HttpRequest& request) {
@@ -64,7 +67,11 @@ WebService::WebService(const HttpConfig& config, const std::string& machine, Sto
             return api_.answer(request);
           },
           read_tls_pair(config.tls_certificate, config.tls_key),
-          [&events](const std::string& text) { events.note_soon("token_refused", "", text); }) {
+          [&events](const std::string& text) { events.note_soon("token_refused", "", text); },
+          [this](const HttpRequest& request) {
+            const std::lock_guard lock(mutex_);
+            return api_.refuse_body(request);
+          }) {
   live_.status.state = DaemonState::kWaiting;
   stored_.cycle_s = kAbsent;
   const std::vector<StoredModel> models = reading_.in_force();

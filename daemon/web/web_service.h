@@ -8,12 +8,14 @@
 #pragma once
 
 #include <atomic>
+#include <memory>
 #include <mutex>
 #include <string>
 #include <thread>
 
 #include "daemon/config/config.h"
 #include "daemon/correct/arming.h"
+#include "daemon/correct/program_inbox.h"
 #include "daemon/loop/real_time_loop.h"
 #include "daemon/publish/live_feed.h"
 #include "daemon/record/residual_watch.h"
@@ -36,7 +38,8 @@ class WebService {
   class Shown {
    public:
     Shown(WebService& service, const MachineDescription& machine, const LoopCounters& counters,
-          const Histogram& published, ResidualWatch& watch, Arming* arming = nullptr);
+          const Histogram& published, ResidualWatch& watch, Arming* arming = nullptr,
+          std::shared_ptr<ProgramInbox> programs = nullptr);
     Shown(const Shown&) = delete;
     Shown& operator=(const Shown&) = delete;
     ~Shown();
@@ -52,7 +55,8 @@ class WebService {
     const LoopCounters& counters_;
     const Histogram& published_;
     ResidualWatch& watch_;
-    Arming* arming_;  // null: nothing can be armed
+    Arming* arming_;                          // null: nothing can be armed
+    std::shared_ptr<ProgramInbox> programs_;  // null: there are none
     LiveFeed feed_;
     std::atomic<bool> ended_{false};
   };

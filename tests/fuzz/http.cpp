@@ -42,7 +42,7 @@ class Service {
                      ++asked;
                      return true;
                    },
-                   [] { return nullptr; }}};
+                   [] { return nullptr; }, [] { return nullptr; }}};
 };
 
 std::string unescaped(std::string_view text) {

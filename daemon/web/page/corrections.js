@@ -10,6 +10,8 @@ const kKinds = {
   correction_kept: ["kept", "good"],
   correction_withdrawn: ["withdrawn", "bad"],
   program_previewed: ["previewed", "soft"],
+  program_received: ["received", "soft"],
+  program_removed: ["removed", "soft"],
   program_refused: ["refused", "bad"],
   offsets_armed: ["armed", "warn"],
   offsets_disarmed: ["disarmed", "soft"],

@@ -115,6 +115,8 @@ TEST_F(CallersTest, WhatTakesTooLongIsOverdue) {
   };
   EXPECT_FALSE(at(Phase::kRequest, 10 * kSecond_ns));
   EXPECT_TRUE(at(Phase::kRequest, 10 * kSecond_ns + 1));
+  EXPECT_FALSE(at(Phase::kBody, 120 * kSecond_ns));
+  EXPECT_TRUE(at(Phase::kBody, 120 * kSecond_ns + 1));
   EXPECT_FALSE(at(Phase::kAnswer, 30 * kSecond_ns));
   EXPECT_TRUE(at(Phase::kAnswer, 30 * kSecond_ns + 1));
   EXPECT_FALSE(at(Phase::kStream, 10 * kSecond_ns));

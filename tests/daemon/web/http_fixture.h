@@ -34,7 +34,7 @@ class HttpTest : public testing::Test {
   void show() {
     watch_ = std::make_unique<ResidualWatch>(machine_, DiagnoseConfig{}, events_);
     shown_ = std::make_unique<WebService::Shown>(*web_, machine_, counters_, published_, *watch_,
-                                                 &arming_);
+                                                 &arming_, inbox_);
   }
   void promote(const std::string& reason) {
     ModelRecord record = record_of(drive());
@@ -66,6 +66,7 @@ class HttpTest : public testing::Test {
   Histogram published_;
   std::atomic<bool> armed_{false};
   Arming arming_{true, armed_, events_};
+  std::shared_ptr<ProgramInbox> inbox_;
   std::unique_ptr<ResidualWatch> watch_;
   std::unique_ptr<WebService> web_;
   std::unique_ptr<WebService::Shown> shown_;

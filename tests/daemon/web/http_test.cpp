@@ -91,9 +91,11 @@ TEST_F(HttpTest, AnotherNameForThisHostIsRefused) {
 }
 
 TEST_F(HttpTest, MethodsAndBodiesThatNothingTakesAreRefused) {
-  const HttpAnswer put = ask(port_, "PUT", "/api/v1/status");
-  EXPECT_EQ(put.status, 405);
-  EXPECT_THAT(put.head, HasSubstr("Allow: GET, HEAD, POST"));
+  const HttpAnswer patch = ask(port_, "PATCH", "/api/v1/status");
+  EXPECT_EQ(patch.status, 405);
+  EXPECT_THAT(patch.head, HasSubstr("Allow: GET, HEAD, POST, PUT, DELETE"));
+  EXPECT_EQ(ask(port_, "PUT", "/api/v1/status").status, 405);
+  EXPECT_EQ(ask(port_, "PUT", "/api/v1/diagnoses/X", "", "x").status, 405);
   EXPECT_EQ(ask(port_, "POST", "/api/v1/status").status, 405);
   EXPECT_EQ(ask(port_, "POST", "/api/v1/diagnoses/X", "", std::string(20'000, 'x')).status, 413);
   // Larger than the limit of a request.

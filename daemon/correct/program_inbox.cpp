@@ -1,0 +1,94 @@
+#include "daemon/correct/program_inbox.h"
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <stdexcept>
+#include <system_error>
+#include <variant>
+
+#include "daemon/correct/program_assembly.h"
+#include "daemon/correct/program_folder.h"
+#include "drivers/file_handle.h"
+#include "drivers/text.h"
+
+namespace servotwin::daemon {
+namespace fs = std::filesystem;
+namespace {
+
+using What = ProgramInbox::Outcome::What;
+
+/// Throws, with what to do, if no file can be made or removed in the folder.
+void require_writable(const fs::path& folder) {
+  std::error_code there_already;
+  fs::create_directory(folder, there_already);
+  if (::access(folder.c_str(), W_OK | X_OK) == 0) return;
+  throw std::runtime_error(
+      folder.string() + ": cannot be written: " + std::generic_category().message(errno) +
+      "; let the user of the daemon write into ilc.programs, or take a folder in its state "
+      "directory");
+}
+
+}  // namespace
+
+std::string ProgramInbox::problem(const fs::path& file, const std::string& program) const {
+  try {
+    ProgramAssembly assembly(machine_);
+    for (const ProgramChunk& chunk : read_program(file, program, machine_, 0)) {
+      const ProgramAssembly::Outcome outcome = assembly.take(chunk, 0);
+      if (const auto* refusal = std::get_if<ProgramRefusal>(&outcome))
+        return program + ".csv: " + refusal->reason;
+    }
+    return {};
+  } catch (const std::exception& error) {
+    // Who has sent it does not know the temporary name.
+    std::string why = error.what();
+    if (const std::size_t at = why.find(file.string()); at != why.npos)
+      why.replace(at, file.string().size(), program + ".csv");
+    return why;
+  }
+}
+
+ProgramInbox::Outcome ProgramInbox::put(const std::string& program, const std::string& csv) {
+  try {
+    require_writable(folder_);
+    const fs::path file = file_of(program, folder_);
+    const bool replaces = fs::exists(file);
+    if (replaces && !fs::is_regular_file(file))
+      throw std::runtime_error(file.string() + ": cannot be replaced: it is not a regular file");
+    AtomicFile incoming(file);
+    incoming.write(csv);
+    if (std::string why = problem(incoming.temporary(), program); !why.empty())
+      return {What::kRefused, std::move(why)};
+    incoming.commit();
+    list_.changed(program);
+    events_.note_soon("program_received", "",
+                      "program " + in_quotes(program) + ": " + std::to_string(csv.size()) +
+                          " bytes received over HTTP, " +
+                          (replaces ? "in place of " : "put into the folder as ") +
+                          file.filename().string());
+    return {What::kDone, "it is read within two seconds, and learned"};
+  } catch (const std::exception& error) {
+    return {What::kFailed, error.what()};
+  }
+}
+
+ProgramInbox::Outcome ProgramInbox::remove(const std::string& program) {
+  try {
+    const fs::path file = file_of(program, folder_);
+    if (!fs::is_regular_file(file))
+      return {What::kNotThere,
+              "no file in the folder of programs gives program " + in_quotes(program)};
+    require_writable(folder_);
+    fs::remove(file);
+    list_.changed(program);
+    events_.note_soon(
+        "program_removed", "",
+        "program " + in_quotes(program) + ": " + file.filename().string() + " removed over HTTP");
+    return {What::kDone, "its file is removed; its correction is withdrawn within two seconds"};
+  } catch (const std::exception& error) {
+    return {What::kFailed, error.what()};
+  }
+}
+
+}  // namespace servotwin::daemon

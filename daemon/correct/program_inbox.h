@@ -1,0 +1,58 @@
+// Programs that come over HTTP. They are files of the folder of programs like any other
+// (daemon/correct/program_folder.h), so that there is one way in, and a restart keeps them: a
+// program is written there under a temporary name, checked by what reads the folder and by what
+// assembles the chunks, and renamed. Whatever fails, the file before it stays.
+//
+// Any thread, one call at a time; all of them wait for the disk. Errors: none are thrown.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+
+#include "daemon/correct/program_list.h"
+#include "daemon/store/event_log.h"
+#include "drivers/messages.h"
+
+namespace servotwin::daemon {
+
+class ProgramInbox {
+ public:
+  /// `folder`: empty: none is configured, and nothing can be put. Its last part is made where it is
+  /// missing. `events` must outlive the object.
+  ProgramInbox(std::filesystem::path folder, MachineDescription machine, EventLog& events)
+      : folder_(std::move(folder)), machine_(std::move(machine)), events_(events) {}
+
+  struct Outcome {
+    enum class What : std::uint8_t {
+      kDone,
+      kRefused,   ///< it is not a path of this machine
+      kNotThere,  ///< nothing to remove
+      kFailed,    ///< the folder
+    };
+    What what = What::kDone;
+    std::string text;  ///< one line for people
+  };
+
+  [[nodiscard]] bool has_folder() const noexcept { return !folder_.empty(); }
+  /// Puts a program, or a new revision of it, into the folder. `program`: usable_name. `csv`: what
+  /// the file holds.
+  [[nodiscard]] Outcome put(const std::string& program, const std::string& csv);
+  /// Removes its file.
+  [[nodiscard]] Outcome remove(const std::string& program);
+  /// What has become of the programs.
+  [[nodiscard]] ProgramList& list() noexcept { return list_; }
+
+ private:
+  /// Why the file is not a path of this machine; empty if it is.
+  [[nodiscard]] std::string problem(const std::filesystem::path& file,
+                                    const std::string& program) const;
+
+  std::filesystem::path folder_;
+  MachineDescription machine_;
+  EventLog& events_;
+  ProgramList list_;
+};
+
+}  // namespace servotwin::daemon

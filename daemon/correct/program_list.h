@@ -1,0 +1,60 @@
+// What has become of the programs, for those who ask over HTTP: the learning worker shows it,
+// others read it.
+//
+// Between a change of the folder of programs (daemon/correct/program_inbox.h) and the next look of
+// the worker into it, the program counts as waiting, so that nobody takes the result of the file
+// before for that of the new one. Any thread; errors: none.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <mutex>
+#include <string>
+
+namespace servotwin::daemon {
+
+struct ProgramState {
+  enum class What : std::uint8_t {
+    kWaiting,  ///< its file is there and not read yet
+    kLearning,
+    kLearned,     ///< its correction is kept
+    kNotLearned,  ///< its file is there, and it has no correction
+  };
+  What what = What::kWaiting;
+  std::uint64_t revision = 0;  ///< of the last that was read; 0: none
+  std::string text;            ///< the last result for people; may be empty
+};
+
+class ProgramList {
+ public:
+  /// The file of this program has been put, replaced or removed.
+  void changed(const std::string& program) {
+    const std::lock_guard lock(mutex_);
+    changed_[program] = ++changes_;
+  }
+  /// The number of changes until now; to be taken before a look into the folder.
+  [[nodiscard]] std::uint64_t changes() const {
+    const std::lock_guard lock(mutex_);
+    return changes_;
+  }
+  /// `states`: by the name of the program. `seen`: the changes before the last look.
+  void show(std::map<std::string, ProgramState> states, std::uint64_t seen) {
+    const std::lock_guard lock(mutex_);
+    states_.swap(states);
+    std::erase_if(changed_, [&](const auto& one) { return one.second <= seen; });
+  }
+  [[nodiscard]] std::map<std::string, ProgramState> states() const {
+    const std::lock_guard lock(mutex_);
+    std::map<std::string, ProgramState> out = states_;
+    for (const auto& [program, change] : changed_) out[program].what = ProgramState::What::kWaiting;
+    return out;
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::uint64_t changes_ = 0;
+  std::map<std::string, std::uint64_t> changed_;  // number of the last change of each program
+  std::map<std::string, ProgramState> states_;
+};
+
+}  // namespace servotwin::daemon
