@@ -182,7 +182,8 @@ TEST_F(ProgramHttpTest, WhatIsRefusedLeavesTheFolderAsItWas) {
            {"DELETE", "ring", "x", bearer(), 413, "body"},
            {"PUT", "ring", "", bearer() + "Content-Length: 64000001\r\n", 413, "64000001 bytes"},
            {"PUT", "ring", "", bearer() + "Content-Length: 99999999999999999999999\r\n", 413, ""},
-           {"PUT", "ring", "", bearer() + "Transfer-Encoding: chunked\r\n", 411,
+           {"PUT", "ring", "", bearer() + "Transfer-Encoding: chunked\r\n", 411, "Content-Length"},
+           {"PUT", "ring", other, bearer() + "Transfer-Encoding: chunked\r\n", 411,
             "Content-Length"}}) {
     // Of an address of its own, which does not wait for the wrong tokens of another.
     const HttpAnswer answer =
