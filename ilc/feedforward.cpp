@@ -12,22 +12,32 @@
 namespace servotwin {
 namespace {
 
+/// Those parts of an effect that transfer_of takes into T are not forces here.
+bool in_transfer(const Effect& effect, const Parameter& coefficient) {
+  return effect.kind == kind_of<FeedforwardMismatch>() || effect.kind == kind_of<Compliance>() ||
+         (!coefficient.with_free_loop && coefficient.name == kViscous.name);
+}
+
 /// The model without the effects that are not linear in the command.
 Model linear_part(const Model& model) {
   Model out = model;
   const Transfer linear = transfer_of(model);
   out.loop = linear.loop;
-  std::erase_if(out.effects, [](const Effect& effect) {
+  std::erase_if(out.effects, [&](const Effect& effect) {
     return identity_of(effect.kind).acts != Acts::kCommandDelay &&
-           effect.kind != kind_of<Compliance>();
+           effect.kind != kind_of<Compliance>() && !acts_on_axis(effect.kind) &&
+           !(linear.two_masses && is_friction_law(effect.kind));
   });
+  for (Effect& effect : out.effects) {
+    if (acts_on_axis(effect.kind)) effect = without_play(effect);
+    if (!is_friction_law(effect.kind)) continue;
+    std::size_t k = 0;
+    for (const Parameter& p : coefficients_of(effect.kind)) {
+      if (!in_transfer(effect, p)) effect.coefficient[k] = 0.0;
+      ++k;
+    }
+  }
   return out;
-}
-
-/// Those parts of an effect that transfer_of takes into T are not forces here.
-bool linear(const Effect& effect, const Parameter& coefficient) {
-  return effect.kind == kind_of<FeedforwardMismatch>() || effect.kind == kind_of<Compliance>() ||
-         (!coefficient.with_free_loop && coefficient.name == kViscous.name);
 }
 
 }  // namespace
@@ -39,7 +49,10 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
   const Eigen::ArrayXd neighbour = segment.neighbour.size() == n
                                        ? Spline::through(segment.neighbour, h).second
                                        : Eigen::ArrayXd();
-  CommandedEffects out{Eigen::ArrayXd::Zero(n), Eigen::ArrayXd::Zero(n)};
+  CommandedEffects out{Eigen::ArrayXd::Zero(n), Eigen::ArrayXd::Zero(n), Eigen::ArrayXd::Zero(n)};
+  const Effect* two_mass = two_mass_of(model);
+  const double friction_share =
+      two_mass != nullptr ? two_mass_parameters(*two_mass).friction_share : 0.0;
   // Effects that change friction come after the friction law.
   std::vector<Effect> effects = model.effects;
   std::stable_partition(effects.begin(), effects.end(),
@@ -50,6 +63,9 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
     if (!acts_along_motion(acts)) continue;
     EffectMemory<double> memory;
     start_memory<double>(effect.kind, effect.shape.data(), memory);
+    double load_share = 0.0;
+    if (acts == Acts::kForce && two_mass != nullptr && acts_on(effect.kind) != ActsOn::kMotor)
+      load_share = acts_on(effect.kind) == ActsOn::kBoth ? friction_share : 1.0;
     Eigen::ArrayXd& sum = acts == Acts::kForce ? out.force : out.reading;
     std::array<double, kMaxCoefficients> unit{};
     for (Eigen::Index k = 0; k < n; ++k) {
@@ -68,7 +84,11 @@ CommandedEffects commanded_effects(const Model& model, const Segment& segment) {
       if (is_friction_law(effect.kind)) friction(k) = friction_of(effect, unit.data());
       std::size_t c = 0;
       for (const Parameter& p : coefficients_of(effect.kind)) {
-        if (!linear(effect, p)) sum(k) += effect.coefficient[c] * unit[c];
+        if (!in_transfer(effect, p)) {
+          const double part = effect.coefficient[c] * unit[c];
+          sum(k) += (1.0 - load_share) * part;
+          out.load_force(k) += load_share * part;
+        }
         ++c;
       }
     }
@@ -121,8 +141,13 @@ Eigen::ArrayXd feedforward(const Model& model, const LearningLaw& law, const Seg
   Segment commanded = segment;
   commanded.actual.resize(0);
   const CommandedEffects effects = commanded_effects(model, segment);
-  return filter.filtered(simulate(linear_part(model), commanded) - effects.reading, learned) +
-         filter.filtered(effects.force, disturbed);
+  Eigen::ArrayXd out =
+      filter.filtered(simulate(linear_part(model), commanded) - effects.reading, learned) +
+      filter.filtered(effects.force, disturbed);
+  if (!transfer.two_masses) return out;
+  const Eigen::ArrayXcd by_load =
+      learned * filter.omega().unaryExpr([&](double w) { return transfer.load_compliance_at(w); });
+  return out + filter.filtered(effects.load_force, by_load);
 }
 
 }  // namespace servotwin

@@ -2,6 +2,9 @@
 //
 //   u = Q/T (e_l - y(x_r) + (s | 1)/P d(x_r))
 //
+// On an axis of two masses d acts on motor or load, each with its own response, and play is left to
+// the trials.
+//
 // e_l is the error of the linear loop, d the force of friction and all other effects along the
 // commanded motion itself, y what effects add to the reading alone. With the right model and
 // without limits the remaining error is that of Q.
@@ -27,8 +30,9 @@ namespace servotwin {
 /// Forces and readings along the commanded motion, one value per sample of the segment. Parts that
 /// are linear in the command belong to T and are left out.
 struct CommandedEffects {
-  Eigen::ArrayXd force;    ///< d [m/s^2 | rad/s^2]
-  Eigen::ArrayXd reading;  ///< y [m | rad]
+  Eigen::ArrayXd force;       ///< d [m/s^2 | rad/s^2]; of two masses that on the motor
+  Eigen::ArrayXd load_force;  ///< of two masses that on the load
+  Eigen::ArrayXd reading;     ///< y [m | rad]
 };
 [[nodiscard]] CommandedEffects commanded_effects(const Model& model, const Segment& segment);
 

@@ -9,7 +9,24 @@ namespace {
 
 using words::number;
 
-constexpr double kUnstatedPoleUncertainty = 0.05;  // relative, of every pole and coefficient
+// Relative, of every pole and coefficient, and of every parameter of two masses.
+constexpr double kUnstatedPoleUncertainty = 0.05;
+
+/// Sets the deviations of two masses that are not stated; returns whether there were any.
+bool complete(TransferUncertainty& uncertainty, const TwoMassParameters& two) {
+  TwoMassDeviations& deviations = uncertainty.two_masses;
+  bool any = false;
+  const auto set = [&](double& deviation, double value) {
+    if (deviation > 0.0 || value == 0.0) return;
+    deviation = kUnstatedPoleUncertainty * value / uncertainty.deviations;
+    any = true;
+  };
+  set(deviations.omega, two.omega);
+  set(deviations.zeta, two.zeta);
+  set(deviations.load_share, two.load_share);
+  set(deviations.reset, two.reset);
+  return any;
+}
 
 }  // namespace
 
@@ -26,6 +43,8 @@ ModelUncertainty uncertainty_of(const StatedDeviations& stated, const Transfer& 
   } else {
     out.words = "two standard deviations of the model";
     LoopCovariance& covariance = out.of_transfer.covariance;
+    TwoMassDeviations& two = out.of_transfer.two_masses;
+    two = stated.two_masses;
     if (stated.covariance) {
       covariance = *stated.covariance;
     } else {
@@ -37,9 +56,14 @@ ModelUncertainty uncertainty_of(const StatedDeviations& stated, const Transfer& 
     const double more = stated.holdout_over_training;
     if (more > 1.0 && std::isfinite(more)) {
       covariance *= more * more;
+      for (double* deviation : {&two.omega, &two.zeta, &two.load_share, &two.reset})
+        *deviation *= more;
       out.words += ", " + number(std::round(100.0 * more) / 100.0) +
                    " times as large because its residual was that much larger on held-out data";
     }
+    if (transfer.two_masses && complete(out.of_transfer, *transfer.two_masses))
+      out.words += ", " + number(100.0 * kUnstatedPoleUncertainty) +
+                   " % of each parameter of its two masses for which it states none";
   }
   out.of_transfer.timing_s = sample_time_s;
   out.words += out.words.find(',') == std::string::npos

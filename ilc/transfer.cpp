@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "twin/hold.h"
+#include "twin/state_space.h"
 
 namespace servotwin {
 namespace {
@@ -22,9 +23,44 @@ Complex denominator_at(const Mode& mode, Complex s) {
   return s * s + 2.0 * mode.zeta * mode.omega * s + mode.omega * mode.omega;
 }
 
+/// The tracking error of two masses by command and forces: the equations of twin/two_mass_axis.h in
+/// s, times s with integral action.
+struct TwoMassResponse {
+  Complex command, motor_force, load_force;
+};
+TwoMassResponse response_of(const Transfer& transfer, Complex s) {
+  const TwoMassParameters& two = *transfer.two_masses;
+  const auto& [a1, a2, a3] = transfer.loop.denominator;
+  const auto& [c0, c1, c2] = transfer.loop.numerator;
+  const bool integrates = transfer.loop.order == 3, by_load = two.encoders == Encoders::kLoad;
+  const Complex times = integrates ? s : 1.0;
+  const double integral = integrates ? a3 : 0.0, integral_velocity = integrates ? c2 : 0.0;
+  const auto [by_loop, by_motor] = position_gain_of(transfer.loop, two);
+  const Complex contact = two.load_share * two.omega * (two.omega + 2.0 * two.zeta * s),
+                load = (two.load_share * s + transfer.load_viscous) * s + contact,
+                follows = contact / load,  // x2 by x1
+      loop_gain = times * by_loop + integral;
+  const Complex wanted =
+      times * (((1.0 - c0) * s + a1 - c1) * s + a2) + integral - integral_velocity * s;
+  const Complex inertia =
+      ((1.0 - two.load_share) * s + transfer.motor_viscous) * s + contact * (1.0 - follows);
+  const Complex p =
+      times * (inertia + a1 * s + by_motor) + loop_gain * (by_load ? follows : Complex(1.0));
+  const Complex given = by_load ? loop_gain / load : 0.0;
+  TwoMassResponse x{wanted / p, -times / p, (given - times * follows) / p};  // of x1
+  if (two.encoders != Encoders::kMotor)
+    x = {follows * x.command, follows * x.motor_force, follows * x.load_force - 1.0 / load};
+  return {1.0 - x.command, -x.motor_force, -x.load_force};
+}
+
 }  // namespace
 
+Complex Transfer::load_compliance_at(double omega) const {
+  return response_of(*this, Complex(0.0, omega)).load_force;
+}
+
 Complex Transfer::compliance_at(double omega) const {
+  if (two_masses) return response_of(*this, Complex(0.0, omega)).motor_force;
   const Complex s(0.0, omega), p = denominator_at(loop, s), direct = loop.order == 3 ? s : 1.0;
   Complex out = disturbance_share(loop.denominator, loop.modes) * direct / p;
   for (const Mode& mode : loop.modes) {
@@ -39,7 +75,7 @@ Complex Transfer::at(double omega) const {
   const Complex s(0.0, omega);
   Complex n = 0.0;
   for (int i = 0; i < loop.order; ++i) n = n * s + loop.numerator[static_cast<std::size_t>(i)];
-  Complex error = s * n / denominator_at(loop, s);
+  Complex error = two_masses ? response_of(*this, s).command : s * n / denominator_at(loop, s);
   for (const Mode& mode : loop.modes)
     error += s * (mode.alpha * s + mode.beta) / denominator_at(mode, s);
   for (const Table& mode : tables) {
@@ -58,13 +94,21 @@ double Transfer::lag_s() const {
 }
 
 Transfer transfer_of(const Model& model) {
-  Transfer out{model.loop, model.command_delay_s(), {}};
+  Transfer out;
+  out.loop = model.loop;
+  out.delay_s = model.command_delay_s();
+  if (const Effect* two_mass = two_mass_of(model)) out.two_masses = two_mass_parameters(*two_mass);
   for (const Effect& effect : model.effects) {
     std::size_t k = 0;
     for (const Parameter& p : coefficients_of(effect.kind)) {
       const double value = effect.coefficient[k++];
       // Beyond what the poles hold: coefficients that a free loop could have taken up.
       if (p.with_free_loop || p.name != kViscous.name) continue;
+      if (out.two_masses) {
+        out.motor_viscous += (1.0 - out.two_masses->friction_share) * value;
+        out.load_viscous += out.two_masses->friction_share * value;
+        continue;
+      }
       out.loop.denominator[0] += value;
       out.loop.numerator[1] += value;
     }
@@ -79,7 +123,43 @@ Transfer transfer_of(const Model& model) {
   return out;
 }
 
+namespace {
+
+/// Of an axis of two masses, without the delay. Between samples the command's velocity is constant.
+Eigen::ArrayXd two_mass_impulse(const Transfer& transfer, double h, Eigen::Index samples) {
+  const StateSpace s = state_space(transfer.loop, *transfer.two_masses, h);
+  // Viscous friction is a force by the velocities of motor and load.
+  const Eigen::VectorXd on_motor = transfer.motor_viscous * s.b.col(1),
+                        on_load = transfer.load_viscous * s.b.col(2);
+  const Hold hold = discretise(s.a + on_motor * s.c.row(3) + on_load * s.c.row(4),
+                               s.b.col(0) + on_motor * s.d(3, 0) + on_load * s.d(4, 0), h, 0);
+  Eigen::ArrayXd out(samples);
+  Eigen::VectorXd state = hold.g.col(0) / h;
+  for (Eigen::Index k = 0; k < samples; ++k) {
+    out(k) = s.c.row(1).dot(state);
+    state = (hold.phi * state).eval();
+    if (k == 0) state -= hold.g.col(0) / h;
+  }
+  return out;
+}
+
+/// `out` later by this many samples.
+Eigen::ArrayXd delayed(const Eigen::ArrayXd& out, double shift) {
+  const auto whole = static_cast<Eigen::Index>(shift);
+  const double part = shift - static_cast<double>(whole);
+  Eigen::ArrayXd late = Eigen::ArrayXd::Zero(out.size());
+  for (Eigen::Index k = whole; k < out.size(); ++k) {
+    late(k) += (1.0 - part) * out(k - whole);
+    if (k > whole) late(k) += part * out(k - whole - 1);
+  }
+  return late;
+}
+
+}  // namespace
+
 Eigen::ArrayXd impulse_response(const Transfer& transfer, double h, Eigen::Index samples) {
+  const double shift = std::max(0.0, transfer.delay_s) / h;
+  if (transfer.two_masses) return delayed(two_mass_impulse(transfer, h, samples), shift);
   const Loop& loop = transfer.loop;
   const auto n = static_cast<Eigen::Index>(loop.order);
   Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(n, n);
@@ -127,18 +207,7 @@ Eigen::ArrayXd impulse_response(const Transfer& transfer, double h, Eigen::Index
       if (k == 0) v.y += v.hold.g.col(0) - v.hold.g.col(1) / h;
     }
   }
-  const double shift = std::max(0.0, transfer.delay_s) / h;
-  const auto whole = static_cast<Eigen::Index>(shift);
-  const double part = shift - static_cast<double>(whole);
-  if (shift > 0.0) {
-    Eigen::ArrayXd late = Eigen::ArrayXd::Zero(samples);
-    for (Eigen::Index k = whole; k < samples; ++k) {
-      late(k) += (1.0 - part) * out(k - whole);
-      if (k > whole) late(k) += part * out(k - whole - 1);
-    }
-    out = late;
-  }
-  return out;
+  return shift > 0.0 ? delayed(out, shift) : out;
 }
 
 }  // namespace servotwin

@@ -7,15 +7,19 @@
 // loop: viscous friction B' makes a1 + B' and c1 + B', missing feed-forward changes c1 and c0.
 // Nonlinear effects are not part of T; the trials on the twin include them.
 //
+// T of an axis of two masses is that of twin/two_mass_axis.h without play, with the spring's
+// resonance in it and with viscous friction on the body on which it acts.
+//
 // T(0) = 1. Frequencies in rad/s, times in s. A mode that moves with position is taken at the
 // middle of the travel. Errors: none. Any thread. Source: docs/theory.md 13.1.
 #pragma once
 
 #include <Eigen/Core>
 #include <complex>
+#include <optional>
 #include <vector>
 
-#include "twin/model.h"
+#include "twin/two_mass_axis.h"
 
 namespace servotwin {
 
@@ -32,10 +36,15 @@ struct Transfer {
   Loop loop;             ///< with the linear parts of the effects
   double delay_s = 0.0;  ///< tau; below 0: the record leads
   std::vector<Table> tables;
+  std::optional<TwoMassParameters> two_masses;
+  double motor_viscous = 0.0, load_viscous = 0.0;  ///< of two masses, per moved mass of both [1/s]
 
   [[nodiscard]] std::complex<double> at(double omega) const;
-  /// From a disturbance to the tracking error, (s | 1)/P and the modes of vibration.
+  /// From a disturbance to the tracking error, (s | 1)/P and the modes of vibration; of two masses
+  /// from one on the motor.
   [[nodiscard]] std::complex<double> compliance_at(double omega) const;
+  /// Of two masses: from a disturbance on the load.
+  [[nodiscard]] std::complex<double> load_compliance_at(double omega) const;
   /// The lag at constant speed [s]: c_(n-1)/a_n + tau plus beta/omega^2 of every mode.
   [[nodiscard]] double lag_s() const;
 };

@@ -10,8 +10,10 @@ namespace servotwin {
 namespace {
 
 using Theta = Eigen::Matrix<double, kLoopValues, 1>;
+using Masses = Eigen::Vector4d;  // changes of omega, zeta, load share and reset rate
 
 constexpr double kMinPole = 0.05;  // least factor of a pole: it stays stable for any uncertainty
+constexpr double kMaxLoadShare = 0.98;  // as in the catalogue
 
 /// Normal, the same on every platform (splitmix64; Box and Muller).
 class Normal {
@@ -33,7 +35,8 @@ class Normal {
 };
 
 /// The model with its values moved.
-Transfer moved(const Transfer& transfer, const PoleSet& named, const Theta& by) {
+Transfer moved(const Transfer& transfer, const PoleSet& named, const Theta& by,
+               const Masses& masses_by) {
   const auto pole = [](double value, double change) {
     return std::max(kMinPole * value, value + change);
   };
@@ -43,7 +46,24 @@ Transfer moved(const Transfer& transfer, const PoleSet& named, const Theta& by) 
   for (std::size_t i = 0; i < kMaxOrder; ++i)
     out.loop.numerator[i] += by(3 + static_cast<Eigen::Index>(i));
   out.delay_s += by(3 + kMaxOrder);
+  if (!out.two_masses) return out;
+  TwoMassParameters& two = *out.two_masses;
+  two.omega = pole(two.omega, masses_by(0));
+  two.zeta = pole(two.zeta, masses_by(1));
+  two.load_share = std::min(pole(two.load_share, masses_by(2)), kMaxLoadShare);
+  two.reset = pole(two.reset, masses_by(3));
   return out;
+}
+
+/// The same; with two masses as far in this direction as it is stable.
+Transfer moved_if_stable(const Transfer& transfer, const PoleSet& named, Theta by,
+                         Masses masses_by) {
+  constexpr int kMaxHalvings = 30;
+  for (int i = 0; i < kMaxHalvings; ++i, by *= 0.5, masses_by *= 0.5) {
+    Transfer out = moved(transfer, named, by, masses_by);
+    if (!out.two_masses || stable(out.loop, *out.two_masses)) return out;
+  }
+  return transfer;
 }
 
 }  // namespace
@@ -64,6 +84,9 @@ TransferUncertainty relative_uncertainty(const Transfer& transfer, double share)
   TransferUncertainty out;
   out.covariance =
       one_by_one({share * poles.real, share * poles.omega, share * poles.zeta}, numerator, 0.0);
+  if (const auto& two = transfer.two_masses)
+    out.two_masses = {share * two->omega, share * two->zeta, share * two->load_share,
+                      share * two->reset};
   return out;
 }
 
@@ -77,23 +100,42 @@ std::vector<Transfer> models_within(const Transfer& transfer,
   const LoopCovariance spread = deviation.asDiagonal() * axes.eigenvectors() *
                                 axes.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
 
+  const TwoMassDeviations& two = uncertainty.two_masses;
+  const Masses masses_deviation =
+      Masses(two.omega, two.zeta, two.load_share, two.reset).unaryExpr([](double sd) {
+        return std::isfinite(sd) ? sd : 0.0;
+      });
+
   std::vector<Transfer> out;
-  const auto add = [&](const Theta& z, double timing) {
-    out.push_back(moved(transfer, named, uncertainty.deviations * spread * z));
+  const auto add = [&](const Theta& z, const Masses& y, double timing) {
+    out.push_back(moved_if_stable(transfer, named, uncertainty.deviations * spread * z,
+                                  uncertainty.deviations * masses_deviation.cwiseProduct(y)));
     out.back().delay_s += timing * uncertainty.timing_s;
   };
+  const Theta same = Theta::Zero();
+  const Masses same_masses = Masses::Zero();
   out.push_back(transfer);
-  for (const double timing : {-1.0, 1.0}) add(Theta::Zero(), timing);
+  for (const double timing : {-1.0, 1.0}) add(same, same_masses, timing);
   for (Eigen::Index i = 0; i < kLoopValues; ++i) {
     for (const double side : {-1.0, 1.0}) {
-      for (const double timing : {-1.0, 0.0, 1.0}) add(side * Theta::Unit(i), timing);
+      for (const double timing : {-1.0, 0.0, 1.0}) add(side * Theta::Unit(i), same_masses, timing);
+    }
+  }
+  for (Eigen::Index i = 0; transfer.two_masses && i < same_masses.size(); ++i) {
+    for (const double side : {-1.0, 1.0}) {
+      for (const double timing : {-1.0, 0.0, 1.0}) add(same, side * Masses::Unit(i), timing);
     }
   }
   Normal normal;
   for (int draw = 0; draw < draws; ++draw) {
     Theta z;
     for (double& value : z) value = normal.next();
-    add(z.normalized(), static_cast<double>(draw % 3 - 1));
+    Masses y = same_masses;
+    if (transfer.two_masses) {
+      for (double& value : y) value = normal.next();
+    }
+    const double length = std::sqrt(z.squaredNorm() + y.squaredNorm());
+    add(z / length, y / length, static_cast<double>(draw % 3 - 1));
   }
   return out;
 }

@@ -12,6 +12,10 @@
 // happens between the samples (held forces, velocities from differences, time stamps). T(0) stays
 // 1.
 //
+// Of two masses the frequency and damping of the load, its share of the mass and the reset rate of
+// the control are in theta too, independent of the loop. What is unstable with its spring is moved
+// towards the given model until it is stable: the machine does not shake itself.
+//
 // The models are the given one, the ends of the axes of the ellipsoid, and seeded draws from its
 // surface, with the timing early, right and late in turn: the same for the same input.
 //
@@ -28,6 +32,7 @@ namespace servotwin {
 struct TransferUncertainty {
   /// C, for the poles as in the first of labels_of; finite, positive semidefinite.
   LoopCovariance covariance = LoopCovariance::Zero();
+  TwoMassDeviations two_masses;
   double timing_s = 0.0;    ///< a bound, not a standard deviation
   double deviations = 2.0;  ///< size of the ellipsoid in standard deviations
 };
@@ -38,7 +43,8 @@ struct TransferUncertainty {
                                         const std::array<double, kMaxOrder>& numerator,
                                         double delay_s);
 
-/// The same relative deviation of every pole and coefficient, for models without deviations.
+/// The same relative deviation of every pole, coefficient and parameter of two masses, for models
+/// without deviations.
 [[nodiscard]] TransferUncertainty relative_uncertainty(const Transfer& transfer, double share);
 
 /// The models; all are stable.

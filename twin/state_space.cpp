@@ -51,4 +51,57 @@ StateSpace state_space(const Loop& loop, double sample_time_s) {
   return s;
 }
 
+StateSpace state_space(const Loop& loop, const TwoMassParameters& two_masses,
+                       double sample_time_s) {
+  const TwoMassEquations equations = two_mass_equations(loop, two_masses);
+  TwoMassAxis axis;
+  axis.discretise(loop, two_masses, sample_time_s);
+  const TwoMassAxis::Step& step = axis.step();
+  const int n = equations.states;
+  const auto column = [n](const TwoMassAxis::State& x) -> Eigen::VectorXd {
+    return Eigen::Map<const Eigen::VectorXd>(x.data(), n);
+  };
+  // The states without what they have at once of the command's velocity, so that its acceleration
+  // is no input.
+  const Eigen::VectorXd at_once = column(equations.by_acceleration);
+  StateSpace s;
+  s.a = Eigen::MatrixXd::Zero(n + 1, n + 1);
+  s.phi = Eigen::MatrixXd::Identity(n + 1, n + 1);
+  s.g = Eigen::MatrixXd::Zero(n + 1, 7);
+  for (int i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    s.a.row(i).head(n) = column(equations.by_state[k]);
+    s.phi.row(i).head(n) = column(step.phi[k]);
+    s.g.row(i).head(3) = Eigen::Map<const Eigen::RowVector3d>(step.command[k].data());
+  }
+  s.b = Eigen::MatrixXd::Zero(n + 1, 3);
+  s.b.col(0).head(n) = column(equations.by_velocity) + s.a.topLeftCorner(n, n) * at_once;
+  s.b.col(1).head(n) = column(equations.by_motor_force);
+  s.b.col(2).head(n) = column(equations.by_load_force);
+  s.b(n, 0) = 1.0;
+  const double h = sample_time_s;
+  s.g.col(0).head(n) += s.phi.topLeftCorner(n, n) * at_once - at_once;
+  s.g.col(1).head(n) -= h * at_once;
+  s.g.col(2).head(n) -= h * h / 2 * at_once;
+  s.g.col(3).head(n) = column(step.motor_begin) + column(step.motor_end);
+  s.g.col(4).head(n) = h * column(step.motor_end);
+  s.g.col(5).head(n) = column(step.load_begin) + column(step.load_end);
+  s.g.col(6).head(n) = h * column(step.load_end);
+  s.g.row(n).head(3) << h, h * h / 2, h * h * h / 6;
+
+  s.c = Eigen::MatrixXd::Zero(5, n + 1);
+  s.d = Eigen::MatrixXd::Zero(5, 3);
+  const bool at_load = two_masses.encoders != Encoders::kMotor;
+  s.c(0, 0) = 1.0;
+  s.c(0, 2) = at_load ? 1.0 : 0.0;
+  s.c.row(1) = -s.c.row(0);
+  s.c(1, n) = 1.0;
+  s.c(3, 1) = s.c(4, 1) = s.c(4, 3) = -1.0;
+  s.d(3, 0) = 1.0 - at_once(1);
+  s.d(4, 0) = s.d(3, 0) - at_once(3);
+  s.c.row(2) = s.c.row(at_load ? 4 : 3);
+  s.d.row(2) = s.d.row(at_load ? 4 : 3);
+  return s;
+}
+
 }  // namespace servotwin

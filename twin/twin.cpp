@@ -93,10 +93,9 @@ TwinOf<S>::TwinOf(const ModelOf<S>& model) {
       if (place == 2) {
         effects_[static_cast<std::size_t>(effect_count_) +
                  static_cast<std::size_t>(reading_count_++)] = effect;
-      } else if (!axis_.used() || identity_of(effect.kind).on_motor) {
+      } else if (!axis_.used() || acts_on(effect.kind) == ActsOn::kMotor) {
         add_force(effect, Body::kMotor, 1.0);
-      } else if (!is_friction(effect.kind) || effect.kind == kind_of<ConstantForce>() ||
-                 is_all(on_load)) {
+      } else if (acts_on(effect.kind) == ActsOn::kLoad || is_all(on_load)) {
         add_force(effect, Body::kLoad, 1.0);
       } else {
         add_force(effect, Body::kMotor, 1.0 - on_load);

@@ -19,53 +19,6 @@ constexpr std::size_t kError = 0, kRate = 1, kDeflection = 2, kDeflectionRate = 
 
 namespace {
 
-/// a2 in two parts: by the position of the loop's encoder, and by the motor's.
-template <class S>
-struct Stiffness {
-  S by_loop = 0.0, by_motor = 0.0;
-};
-template <class S>
-Stiffness<S> stiffness_of(const LoopOf<S>& loop, const TwoMassParametersOf<S>& parameters) {
-  const S &a1 = loop.denominator[0], &a2 = loop.denominator[1];
-  if (parameters.encoders != Encoders::kLoad) return {0.0, a2};
-  const S by_motor = loop.order == 3 ? std::min<S>(a1 * parameters.reset, a2) : S(0.0);
-  return {a2 - by_motor, by_motor};
-}
-
-template <class S>
-using Dynamics = SquareOf<S, TwoMassAxis::kStates>;
-
-/// d state / dt by the state.
-template <class S>
-Dynamics<S> dynamics_of(const LoopOf<S>& loop, const TwoMassParametersOf<S>& parameters) {
-  const bool integrates = loop.order == 3, by_load = parameters.encoders == Encoders::kLoad;
-  const auto [by_loop, by_motor] = stiffness_of(loop, parameters);
-  const S& share = parameters.load_share;
-  const std::size_t n = integrates ? 5 : 4;
-  // The demand by the states; the motor's acceleration is (demand - c - d1) / (1 - share).
-  std::array<S, TwoMassAxis::kStates> demand{}, contact{};
-  demand[kError] = by_motor + by_loop;
-  demand[kRate] = loop.denominator[0];
-  demand[kDeflection] = by_loop;
-  if (integrates) demand[kIntegral] = 1.0;
-  contact[kDeflection] = share * parameters.omega * parameters.omega;
-  contact[kDeflectionRate] = share * 2.0 * parameters.zeta * parameters.omega;
-  Dynamics<S> a{};
-  a[kError][kRate] = 1.0;
-  a[kDeflection][kDeflectionRate] = 1.0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const S motor = (demand[i] - contact[i]) / (1.0 - share);
-    const S load = contact[i] / share;
-    a[kRate][i] = -motor;
-    a[kDeflectionRate][i] = motor - load;
-  }
-  if (integrates) {
-    a[kIntegral][kError] = loop.denominator[2];
-    if (by_load) a[kIntegral][kDeflection] = loop.denominator[2];
-  }
-  return a;
-}
-
 /// Units in which all states are of one size: rates by the fastest frequency, the integral by its
 /// square.
 template <class S>
@@ -82,13 +35,55 @@ Eigen::VectorXd units_of(Eigen::Index states, double fastest) {
 
 }  // namespace
 
+template <class S>
+TwoMassEquationsOf<S> two_mass_equations(const LoopOf<S>& loop,
+                                         const TwoMassParametersOf<S>& parameters) {
+  const bool integrates = loop.order == 3, by_load = parameters.encoders == Encoders::kLoad;
+  const auto [by_loop, by_motor] = position_gain_of(loop, parameters);
+  const S& share = parameters.load_share;
+  TwoMassEquationsOf<S> out;
+  out.states = integrates ? 5 : 4;
+  const auto n = static_cast<std::size_t>(out.states);
+  // The demand by the states; the motor's acceleration is (demand - c - d1) / (1 - share).
+  typename TwoMassEquationsOf<S>::State demand{}, contact{};
+  demand[kError] = by_motor + by_loop;
+  demand[kRate] = loop.denominator[0];
+  demand[kDeflection] = by_loop;
+  if (integrates) demand[kIntegral] = 1.0;
+  contact[kDeflection] = share * parameters.omega * parameters.omega;
+  contact[kDeflectionRate] = share * 2.0 * parameters.zeta * parameters.omega;
+  out.by_state[kError][kRate] = 1.0;
+  out.by_state[kDeflection][kDeflectionRate] = 1.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const S motor = (demand[i] - contact[i]) / (1.0 - share);
+    const S load = contact[i] / share;
+    out.by_state[kRate][i] = -motor;
+    out.by_state[kDeflectionRate][i] = motor - load;
+  }
+  if (integrates) {
+    out.by_state[kIntegral][kError] = loop.denominator[2];
+    if (by_load) out.by_state[kIntegral][kDeflection] = loop.denominator[2];
+  }
+  const S light = 1.0 / (1.0 - share);
+  const S command_acceleration = 1.0 - loop.numerator[0], command_velocity = -loop.numerator[1];
+  out.by_velocity[kRate] = -light * command_velocity;
+  out.by_velocity[kDeflectionRate] = light * command_velocity;
+  if (integrates) out.by_velocity[kIntegral] = -loop.numerator[2];
+  out.by_acceleration[kRate] = 1.0 - light * command_acceleration;
+  out.by_acceleration[kDeflectionRate] = light * command_acceleration;
+  out.by_motor_force[kRate] = light;
+  out.by_motor_force[kDeflectionRate] = -light;
+  out.by_load_force[kDeflectionRate] = 1.0 / share;
+  return out;
+}
+
 bool stable(const Loop& loop, const TwoMassParameters& parameters) {
-  const Dynamics<double> dynamics = dynamics_of(loop, parameters);
-  const Eigen::Index n = loop.order == 3 ? 5 : 4;
+  const TwoMassEquations equations = two_mass_equations(loop, parameters);
+  const Eigen::Index n = equations.states;
   Eigen::MatrixXd a(n, n);
   for (Eigen::Index r = 0; r < n; ++r) {
     for (Eigen::Index c = 0; c < n; ++c)
-      a(r, c) = dynamics[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)];
+      a(r, c) = equations.by_state[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)];
   }
   const Eigen::VectorXd unit = units_of(n, fastest_of(loop, parameters));
   const Eigen::VectorXcd roots =
@@ -104,25 +99,13 @@ void TwoMassAxisOf<S>::discretise(const LoopOf<S>& loop, const TwoMassParameters
   parameters_ = parameters;
   denominator_ = loop.denominator;
   numerator_ = loop.numerator;
-  by_loop_ = stiffness_of(loop, parameters).by_loop;
-  by_motor_ = stiffness_of(loop, parameters).by_motor;
+  gain_ = position_gain_of(loop, parameters);
   integral_ = integrates ? denominator_[2] : S(0.0);
   integral_velocity_ = integrates ? numerator_[2] : S(0.0);
   command_acceleration_ = 1.0 - numerator_[0];
   command_velocity_ = -numerator_[1];
 
-  const Dynamics<S> a = dynamics_of(loop, parameters);
-  State velocity{}, acceleration{}, on_motor{}, on_load{};
-  const S light = 1.0 / (1.0 - parameters.load_share);
-  velocity[kRate] = -light * command_velocity_;
-  velocity[kDeflectionRate] = light * command_velocity_;
-  if (integrates) velocity[kIntegral] = -integral_velocity_;
-  acceleration[kRate] = 1.0 - light * command_acceleration_;
-  acceleration[kDeflectionRate] = light * command_acceleration_;
-  on_motor[kRate] = light;
-  on_motor[kDeflectionRate] = -light;
-  on_load[kDeflectionRate] = 1.0 / parameters.load_share;
-
+  const TwoMassEquationsOf<S> equations = two_mass_equations(loop, parameters);
   const double fastest = fastest_of(loop, parameters);
   const Eigen::VectorXd unit = units_of(states_, fastest), one_over = unit.cwiseInverse();
   const auto square = [&](const Eigen::MatrixXd& x) -> Eigen::MatrixXd {
@@ -138,7 +121,7 @@ void TwoMassAxisOf<S>::discretise(const LoopOf<S>& loop, const TwoMassParameters
   };
   const auto hold = [&](const State& b, int m) {
     return hold_of<S, kStates>(
-        states_, a, b,
+        states_, equations.by_state, b,
         [&](const Eigen::MatrixXd& system, const Eigen::VectorXd& input) {
           return in_units(discretise_alike(square(system), column(input), step_s, m, fastest));
         },
@@ -148,23 +131,26 @@ void TwoMassAxisOf<S>::discretise(const LoopOf<S>& loop, const TwoMassParameters
                                                       column(db), step_s, m, fastest));
         });
   };
-  const auto by_velocity = hold(velocity, 2), by_acceleration = hold(acceleration, 1),
-             by_motor = hold(on_motor, 1), by_force = hold(on_load, 1);
+  const auto by_velocity = hold(equations.by_velocity, 2),
+             by_acceleration = hold(equations.by_acceleration, 1),
+             by_motor = hold(equations.by_motor_force, 1),
+             by_load = hold(equations.by_load_force, 1);
   for (std::size_t at = 0; at < static_cast<std::size_t>(states_); ++at) {
     for (std::size_t c = 0; c < static_cast<std::size_t>(states_); ++c)
-      phi_[at][c] = by_velocity.phi[at][c];
-    command_[at] = {by_velocity.g[at][0], by_velocity.g[at][1] + by_acceleration.g[at][0],
-                    by_velocity.g[at][2] + by_acceleration.g[at][1]};
-    motor_end_[at] = by_motor.g[at][1] / step_s;
-    motor_begin_[at] = by_motor.g[at][0] - motor_end_[at];
-    load_end_[at] = by_force.g[at][1] / step_s;
-    load_begin_[at] = by_force.g[at][0] - load_end_[at];
+      step_.phi[at][c] = by_velocity.phi[at][c];
+    step_.command[at] = {by_velocity.g[at][0], by_velocity.g[at][1] + by_acceleration.g[at][0],
+                         by_velocity.g[at][2] + by_acceleration.g[at][1]};
+    step_.motor_end[at] = by_motor.g[at][1] / step_s;
+    step_.motor_begin[at] = by_motor.g[at][0] - step_.motor_end[at];
+    step_.load_end[at] = by_load.g[at][1] / step_s;
+    step_.load_begin[at] = by_load.g[at][0] - step_.load_end[at];
   }
   for (std::size_t r = 0; r < kStates; ++r) {
-    for (const auto& some : {phi_[r], motor_begin_, motor_end_, load_begin_, load_end_}) {
+    for (const auto& some :
+         {step_.phi[r], step_.motor_begin, step_.motor_end, step_.load_begin, step_.load_end}) {
       for (const S& x : some) lanes_ = lanes_with(x, lanes_);
     }
-    for (const S& x : command_[r]) lanes_ = lanes_with(x, lanes_);
+    for (const S& x : step_.command[r]) lanes_ = lanes_with(x, lanes_);
   }
 }
 
@@ -181,7 +167,7 @@ typename TwoMassAxisOf<S>::State TwoMassAxisOf<S>::at_rest(const Forces& forces)
   const S loop_error = integrates ? S(0.0) : held / denominator_[1];
   const bool by_load = parameters_.encoders == Encoders::kLoad;
   out[kError] = loop_error - (by_load ? out[kDeflection] : S(0.0));
-  if (integrates) out[kIntegral] = held - by_motor_ * out[kError];
+  if (integrates) out[kIntegral] = held - gain_.by_motor * out[kError];
   return out;
 }
 
@@ -192,12 +178,12 @@ typename TwoMassAxisOf<S>::State TwoMassAxisOf<S>::free(const State& from,
   State out{};
   const auto count = static_cast<std::size_t>(states_);
   for (std::size_t r = 0; r < count; ++r) {
-    S sum = command_[r][0] * piece.velocity;
-    add(sum, command_[r][1], piece.acceleration);
-    add(sum, command_[r][2], piece.jerk);
-    add(sum, motor_begin_[r], begin.motor);
-    add(sum, load_begin_[r], begin.load);
-    for (std::size_t c = 0; c < count; ++c) add(sum, phi_[r][c], from[c]);
+    S sum = step_.command[r][0] * piece.velocity;
+    add(sum, step_.command[r][1], piece.acceleration);
+    add(sum, step_.command[r][2], piece.jerk);
+    add(sum, step_.motor_begin[r], begin.motor);
+    add(sum, step_.load_begin[r], begin.load);
+    for (std::size_t c = 0; c < count; ++c) add(sum, step_.phi[r][c], from[c]);
     out[r] = sum;
   }
   return out;
@@ -208,8 +194,8 @@ typename TwoMassAxisOf<S>::State TwoMassAxisOf<S>::with(const State& free,
                                                         const Forces& end) const noexcept {
   State out = free;
   for (std::size_t r = 0; r < static_cast<std::size_t>(states_); ++r) {
-    S both = motor_end_[r] * end.motor;
-    add(both, load_end_[r], end.load);
+    S both = step_.motor_end[r] * end.motor;
+    add(both, step_.load_end[r], end.load);
     out[r] += both;
   }
   return out;
@@ -231,7 +217,8 @@ typename TwoMassAxisOf<S>::Ends TwoMassAxisOf<S>::ends_of(const State& state,
       state[kError] + (parameters_.encoders == Encoders::kMotor ? S(0.0) : state[kDeflection]);
   out.demand = command_acceleration_ * piece.end_acceleration +
                command_velocity_ * piece.end_velocity + denominator_[0] * state[kRate] +
-               by_motor_ * state[kError] + by_loop_ * (state[kError] + state[kDeflection]) +
+               gain_.by_motor * state[kError] +
+               gain_.by_loop * (state[kError] + state[kDeflection]) +
                (states_ == kStates ? state[kIntegral] : S(0.0));
   if (states_ == kStates)
     out.demand_rate = integral_ * out.loop_error - integral_velocity_ * piece.end_velocity;
@@ -255,6 +242,9 @@ S TwoMassAxisOf<S>::missing_contact(const S& deflection, const S& rate) const no
   return linear - (beyond > 0.0 ? std::max<S>(0.0, contact) : std::min<S>(0.0, contact));
 }
 
+template TwoMassEquationsOf<double> two_mass_equations(const Loop&, const TwoMassParameters&);
+template TwoMassEquationsOf<TwinDual> two_mass_equations(const LoopOf<TwinDual>&,
+                                                         const TwoMassParametersOf<TwinDual>&);
 template class TwoMassAxisOf<double>;
 template class TwoMassAxisOf<TwinDual>;
 

@@ -17,6 +17,7 @@
 // the rest allocates nothing and throws nothing. Any one thread.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <numbers>
@@ -82,6 +83,43 @@ template <class S>
   return out;
 }
 
+/// The body on which the force of an effect acts: friction on both, by the axis' share on each.
+enum class ActsOn { kMotor, kLoad, kBoth };
+[[nodiscard]] inline ActsOn acts_on(std::size_t kind) {
+  if (identity_of(kind).on_motor) return ActsOn::kMotor;
+  return is_friction(kind) && kind != kind_of<ConstantForce>() ? ActsOn::kBoth : ActsOn::kLoad;
+}
+
+/// a2 in two parts: by the position of the loop's encoder, and by the motor's.
+template <class S>
+struct PositionGainOf {
+  S by_loop = 0.0, by_motor = 0.0;
+};
+template <class S>
+[[nodiscard]] PositionGainOf<S> position_gain_of(const LoopOf<S>& loop,
+                                                 const TwoMassParametersOf<S>& parameters) {
+  const S &a1 = loop.denominator[0], &a2 = loop.denominator[1];
+  if (parameters.encoders != Encoders::kLoad) return {0.0, a2};
+  const S by_motor = loop.order == 3 ? std::min<S>(a1 * parameters.reset, a2) : S(0.0);
+  return {a2 - by_motor, by_motor};
+}
+
+/// The equations without play: the rate of the state (e1, e1', q, q', I) by the state, by velocity
+/// and acceleration of the command, and by forces on motor and load.
+template <class S>
+struct TwoMassEquationsOf {
+  static constexpr std::size_t kStates = 5;
+  using State = std::array<S, kStates>;
+  int states = 0;  ///< 5 with integral action, else 4
+  std::array<State, kStates> by_state{};
+  State by_velocity{}, by_acceleration{}, by_motor_force{}, by_load_force{};
+};
+using TwoMassEquations = TwoMassEquationsOf<double>;
+/// Compiled for double and for TwinDual.
+template <class S>
+[[nodiscard]] TwoMassEquationsOf<S> two_mass_equations(const LoopOf<S>& loop,
+                                                       const TwoMassParametersOf<S>& parameters);
+
 /// Whether the loop is stable with these two masses, without play. Allocates.
 [[nodiscard]] bool stable(const Loop& loop, const TwoMassParameters& parameters);
 
@@ -91,6 +129,13 @@ class TwoMassAxisOf {
  public:
   static constexpr int kStates = 5;
   using State = std::array<S, kStates>;
+  /// The constants of a step: the state at its end by the state and the command at its begin
+  /// (velocity, acceleration, jerk), and by the forces at begin and end.
+  struct Step {
+    std::array<State, kStates> phi{};
+    std::array<std::array<S, 3>, kStates> command{};
+    State motor_begin{}, motor_end{}, load_begin{}, load_end{};
+  };
   struct Forces {
     S motor = 0.0, load = 0.0;  ///< d1, d2, with the play's force in them
   };
@@ -104,6 +149,7 @@ class TwoMassAxisOf {
 
   [[nodiscard]] bool used() const noexcept { return states_ > 0; }
   [[nodiscard]] int states() const noexcept { return states_; }
+  [[nodiscard]] const Step& step() const noexcept { return step_; }
   [[nodiscard]] const TwoMassParametersOf<S>& parameters() const noexcept { return parameters_; }
 
   void discretise(const LoopOf<S>& loop, const TwoMassParametersOf<S>& parameters, double step_s);
@@ -134,13 +180,11 @@ class TwoMassAxisOf {
   int states_ = 0;  // 5 with integral action, else 4
   TwoMassParametersOf<S> parameters_;
   std::array<S, kMaxOrder> denominator_{}, numerator_{};
-  S by_loop_ = 0.0, by_motor_ = 0.0;  // a2 in two parts
+  PositionGainOf<S> gain_;
   S integral_ = 0.0, integral_velocity_ = 0.0;
   S command_velocity_ = 0.0;  // -c1, of the demand
   S command_acceleration_ = 0.0;
-  std::array<State, kStates> phi_{};
-  std::array<std::array<S, 3>, kStates> command_{};
-  State motor_begin_{}, motor_end_{}, load_begin_{}, load_end_{};
+  Step step_;
   std::size_t lanes_ = 0;  // only the first so many parameters change what is above
 };
 using TwoMassAxis = TwoMassAxisOf<double>;

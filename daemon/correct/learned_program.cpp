@@ -16,7 +16,6 @@
 #include "ilc/path_ends.h"
 #include "ilc/prepared_axis.h"
 #include "twin/shown_units.h"
-#include "twin/two_mass_axis.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -107,12 +106,6 @@ namespace {
 /// Throws std::runtime_error with the axis if there is no bandwidth at which it may learn.
 LearnAxis learning_axis(const ModelRecord& record, const Segment& path,
                         const std::optional<OffsetLimits>& limits) {
-  if (const Effect* two_mass = two_mass_of(record.model))
-    throw std::runtime_error(
-        "axis " + record.axis + ": its model has two masses (" +
-        std::string(identity_of(two_mass->kind).id) +
-        "), for which corrections are not learned in the background; use servotwin learn, which "
-        "shows in simulation what a correction gains");
   CorrectionWish wish;
   wish.limits = limits_of(limits);
   if (limits) wish.most_hz = limits->bandwidth_hz;

@@ -6,6 +6,7 @@
 #include <complex>
 #include <numbers>
 
+#include "tests/support/two_mass_machine.h"
 #include "twin/hold.h"
 #include "twin/twin.h"
 
@@ -110,6 +111,87 @@ TEST(StateSpace, HoldsAForceThatRisesStraight) {
   }
   const double a1 = loop.denominator[0], a2 = loop.denominator[1];
   EXPECT_NEAR(state(0), rate * (n * h - a1 / a2) / a2, 1e-15);
+}
+
+/// A cascade of drive on two bodies without friction, and its model.
+struct TwoBodyDrive {
+  test::Cascade drive;
+  test::TwoBodies axis;
+  Model model;
+};
+std::vector<TwoBodyDrive> two_body_drives() {
+  std::vector<TwoBodyDrive> out;
+  for (const Encoders encoders : {Encoders::kMotor, Encoders::kLoad, Encoders::kOutside}) {
+    for (const double reset : {60.0, 0.0}) {
+      TwoBodyDrive one;
+      one.drive.reset = reset;
+      one.axis.encoders = encoders;
+      one.axis.load_friction = 0.0;
+      one.model = test::model_of(one.drive, one.axis, 1e-3);
+      out.push_back(one);
+    }
+  }
+  return out;
+}
+StateSpace space_of(const TwoBodyDrive& one) {
+  return state_space(one.model.loop, two_mass_parameters(*two_mass_of(one.model)), 1e-3);
+}
+
+// The equations of both bodies and of the cascade, at points off the axes.
+TEST(StateSpace, OfTwoMassesObeysTheirEquations) {
+  for (const TwoBodyDrive& one : two_body_drives()) {
+    const auto [kp, kv, reset, kff, aff] = one.drive;
+    const double share = one.axis.load_share, w = 2.0 * std::numbers::pi * one.axis.frequency_hz;
+    const StateSpace m = space_of(one);
+    for (const Complex s : {Complex(3.0, 20.0), Complex(-40.0, 300.0), Complex(500.0, -1.0)}) {
+      const Eigen::MatrixXcd h = transfer(m, s);
+      for (int input = 0; input < 3; ++input) {
+        const Complex motor = h(3, input) / s, load = h(4, input) / s;  // positions
+        const Complex command = input == 0 ? 1.0 / s : 0.0;
+        const Complex loop = one.axis.encoders == Encoders::kLoad ? load : motor;
+        const Complex read = one.axis.encoders == Encoders::kMotor ? motor : load;
+        const Complex miss = kp * (command - loop) + kff * s * command - s * motor;
+        const Complex demand = kv * miss * (1.0 + reset / s) + aff * s * s * command;
+        const Complex contact = share * (w * w + 2.0 * one.axis.zeta * w * s) * (motor - load);
+        const double scale = std::abs(demand) + std::abs(contact) + 1.0;
+        EXPECT_LT(
+            std::abs((1.0 - share) * s * s * motor - demand + contact + (input == 1 ? 1.0 : 0.0)),
+            1e-10 * scale);
+        EXPECT_LT(std::abs(share * s * s * load - contact + (input == 2 ? 1.0 : 0.0)),
+                  1e-10 * scale);
+        EXPECT_LT(std::abs(h(0, input) - command + read), 1e-10 * std::abs(command - read));
+        EXPECT_LT(std::abs(h(1, input) - read), 1e-10 * std::abs(read));
+        EXPECT_LT(std::abs(h(2, input) - s * read), 1e-10 * std::abs(s * read));
+      }
+    }
+  }
+}
+
+// Discretised along a smooth command, and under forces that rise straight, against the machine.
+TEST(StateSpace, OfTwoMassesStepsAsTheMachine) {
+  const auto sine = [](double t) {
+    const double w = 8.0, s = std::sin(w * t), c = std::cos(w * t);
+    return test::Setpoint{1e-3 * s * s * s, 3e-3 * w * s * s * c,
+                          1e-3 * w * w * (6.0 * s * c * c - 3.0 * s * s * s)};
+  };
+  for (TwoBodyDrive one : two_body_drives()) {
+    one.axis.motor_force = [](double t) { return 0.7 * t; };
+    one.axis.load_force = [](double t) { return -0.4 * t; };
+    const StateSpace m = space_of(one);
+    const std::vector<double> errors = test::integrated(one.drive, one.axis, 1e-3, 1000, sine);
+    Eigen::VectorXd state = Eigen::VectorXd::Zero(m.a.rows());
+    double largest = 0.0, apart = 0.0;
+    for (std::size_t k = 0; k + 1 < errors.size(); ++k) {
+      const double t = 1e-3 * static_cast<double>(k);
+      const test::Setpoint r = sine(t), next = sine(t + 1e-3);
+      Eigen::VectorXd input(7);
+      input << r.v, r.a, (next.a - r.a) / 1e-3, 0.7 * t, 0.7, -0.4 * t, -0.4;
+      state = (m.phi * state + m.g * input).eval();
+      apart = std::max(apart, std::abs(m.c.row(0).dot(state) - errors[k + 1]));
+      largest = std::max(largest, std::abs(errors[k + 1]));
+    }
+    EXPECT_LT(apart, 1e-5 * largest);
+  }
 }
 
 }  // namespace

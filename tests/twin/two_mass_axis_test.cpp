@@ -1,6 +1,5 @@
-// The axis of two masses against the equations of twin/two_mass_axis.h, written here a second time
-// as a cascade control in front of two bodies and integrated in steps of 2 us; and in its limits
-// against the rigid axis and closed forms.
+// The axis of two masses against a cascade control in front of two bodies, integrated by
+// tests/support/two_mass_machine.h; and in its limits against the rigid axis and closed forms.
 
 #include "twin/two_mass_axis.h"
 
@@ -10,118 +9,23 @@
 #include <cmath>
 #include <vector>
 
+#include "tests/support/two_mass_machine.h"
 #include "twin/twin.h"
-#include "twin/two_pi.h"
 
 namespace servotwin {
 namespace {
 
-/// A cascade of P position and PI velocity control, per moved mass.
-struct Drive {
-  double position_gain = 100.0, velocity_gain = 400.0, reset = 60.0;  // 1/s
-  double velocity_feedforward = 0.5, acceleration_feedforward = 0.3;
-};
+using test::integrated;
+using test::model_of;
+using test::Setpoint;
+using Axis = test::TwoBodies;
+using Drive = test::Cascade;
 
-struct Axis {
-  Encoders encoders = Encoders::kMotor;
-  double frequency_hz = 45.0, zeta = 0.05, load_share = 0.6;
-  double width = 0.0;                                // m
-  double motor_friction = 0.0, load_friction = 0.5;  // m/s^2
-  double friction_velocity = 5e-4;                   // m/s
-  double constant_force = 0.0;                       // on the load, m/s^2
-};
-
-Model model_of(const Drive& drive, const Axis& axis, double h) {
-  Model m;
-  m.sample_time_s = h;
-  const auto [kp, kv, reset, kff, aff] = drive;
-  m.loop.order = reset > 0.0 ? 3 : 2;
-  m.loop.denominator = {kv, kv * (kp + reset), kv * kp * reset};
-  m.loop.numerator = {1.0 - aff, kv * (1.0 - kff), kv * reset * (1.0 - kff)};
-  Effect friction = make_effect<CoulombFriction>();
-  friction.shape[0] = axis.friction_velocity;
-  friction.coefficient[0] = axis.motor_friction + axis.load_friction;
-  Effect constant = make_effect<ConstantForce>();
-  constant.coefficient[0] = axis.constant_force;
-  m.effects = {friction};
-  if (axis.constant_force != 0.0) m.effects.push_back(constant);
-  Effect two;
-  const bool play = axis.width > 0.0;
-  two.kind = axis.encoders == Encoders::kMotor
-                 ? (play ? kind_of<PlayMotorEncoder>() : kind_of<TwoMassMotorEncoder>())
-             : axis.encoders == Encoders::kLoad
-                 ? (play ? kind_of<PlayLoadEncoder>() : kind_of<TwoMassLoadEncoder>())
-                 : (play ? kind_of<PlayOutside>() : kind_of<TwoMassOutside>());
-  const double total = axis.motor_friction + axis.load_friction;
-  two.shape = {axis.frequency_hz, axis.zeta, axis.load_share,
-               total > 0.0 ? axis.load_friction / total : 1.0};
-  std::size_t at = 4;
-  if (axis.encoders == Encoders::kLoad) two.shape[at++] = reset > 0.0 ? reset : 30.0;
-  if (play) two.shape[at] = axis.width;
-  m.effects.push_back(two);
-  return m;
-}
-
-/// Position, velocity and acceleration of the command.
-struct Setpoint {
-  double x = 0.0, v = 0.0, a = 0.0;
-};
 Setpoint setpoint(double t) {
   // 1 mm sin^3: starts at rest with no acceleration.
   const double w = kTwoPi * 1.3, s = std::sin(w * t), c = std::cos(w * t), size = 1e-3;
   return {size * s * s * s, size * w * 3.0 * s * s * c,
           size * w * w * (6.0 * s * c * c - 3.0 * s * s * s)};
-}
-
-/// The tracking errors by an integrator of its own, one per cycle.
-std::vector<double> integrated(const Drive& drive, const Axis& axis, double h, std::size_t rows) {
-  constexpr double kStep = 2e-6;
-  const double w = kTwoPi * axis.frequency_hz, spring = w * w, damper = 2.0 * axis.zeta * w;
-  const double share = axis.load_share;
-  const double side = axis.constant_force == 0.0 ? 0.0 : std::copysign(0.5, axis.constant_force);
-  const double deflection = axis.constant_force / (share * spring) + side * axis.width;
-  const bool by_load = axis.encoders == Encoders::kLoad;
-  const double held =
-      drive.reset > 0.0 ? 0.0 : axis.constant_force / (drive.velocity_gain * drive.position_gain);
-  double x1 = (by_load ? deflection : 0.0) - held, x2 = x1 - deflection, v1 = 0.0, v2 = 0.0;
-  double integral = drive.reset > 0.0 ? axis.constant_force : 0.0;  // per moved mass
-  std::vector<double> out;
-  const auto per_cycle = static_cast<std::size_t>(std::lround(h / kStep));
-  for (std::size_t k = 0; k < rows; ++k) {
-    const double now = h * static_cast<double>(k);
-    out.push_back(setpoint(now).x - (axis.encoders == Encoders::kMotor ? x1 : x2));
-    for (std::size_t i = 0; i < per_cycle; ++i) {
-      const Setpoint r = setpoint(now + kStep * (static_cast<double>(i) + 0.5));
-      const auto friction = [&](double level, double v) {
-        return level * std::clamp(v / axis.friction_velocity, -1.0, 1.0);
-      };
-      double miss = 0.0;
-      const auto accelerations = [&](double y1, double y2, double u1, double u2) {
-        miss = drive.position_gain * (r.x - (by_load ? y2 : y1)) +
-               drive.velocity_feedforward * r.v - u1;
-        const double demand =
-            drive.velocity_gain * miss + integral + drive.acceleration_feedforward * r.a;
-        const double apart = y1 - y2;
-        const double beyond = apart - std::clamp(apart, -0.5 * axis.width, 0.5 * axis.width);
-        double contact = 0.0;
-        if (axis.width == 0.0 || beyond != 0.0)
-          contact = share * (spring * beyond + damper * (u1 - u2));
-        if (axis.width > 0.0 && contact * beyond < 0.0) contact = 0.0;
-        return std::pair{
-            (demand - contact - friction(axis.motor_friction, u1)) / (1.0 - share),
-            (contact - friction(axis.load_friction, u2) - axis.constant_force) / share};
-      };
-      const auto [a1, a2] = accelerations(x1, x2, v1, v2);
-      const double y1 = x1 + 0.5 * kStep * v1, y2 = x2 + 0.5 * kStep * v2;
-      const auto [b1, b2] = accelerations(y1, y2, v1 + 0.5 * kStep * a1, v2 + 0.5 * kStep * a2);
-      x1 += kStep * (v1 + 0.5 * kStep * a1);
-      x2 += kStep * (v2 + 0.5 * kStep * a2);
-      v1 += kStep * b1;
-      v2 += kStep * b2;
-      if (drive.reset > 0.0) integral += kStep * drive.velocity_gain * drive.reset * miss;
-    }
-  }
-  return out;
 }
 
 Segment commanded(double h, std::size_t rows) {
@@ -138,7 +42,7 @@ struct Apart {
 };
 Apart apart(const Drive& drive, const Axis& axis, double h) {
   const auto rows = static_cast<std::size_t>(std::lround(2.0 / h));
-  const std::vector<double> truth = integrated(drive, axis, h, rows);
+  const std::vector<double> truth = integrated(drive, axis, h, rows, setpoint);
   const Eigen::ArrayXd error = simulate(model_of(drive, axis, h), commanded(h, rows));
   Apart out;
   for (std::size_t k = 0; k < rows; ++k) {
@@ -198,7 +102,7 @@ TEST(TwoMassAxis, IsTheRigidAxisInTheLimit) {
   Axis axis;
   axis.frequency_hz = 2000.0;
   axis.zeta = 0.7;
-  const Model two = model_of({}, axis, 1e-3);
+  const Model two = model_of(Drive(), axis, 1e-3);
   Model rigid = two;
   rigid.effects.pop_back();
   const Segment segment = commanded(1e-3, 2000);
@@ -237,17 +141,17 @@ TEST(TwoMassAxis, ALoopThatIsUnstableWithTheSpringIsRefused) {
   axis.encoders = Encoders::kLoad;
   axis.frequency_hz = 12.0;
   axis.load_friction = 0.0;
-  const std::vector<double> errors = integrated({}, axis, 1e-3, 3000);
+  const std::vector<double> errors = integrated(Drive(), axis, 1e-3, 3000, setpoint);
   const auto largest = [&](std::size_t from, std::size_t to) {
     double most = 0.0;
     for (std::size_t k = from; k < to; ++k) most = std::max(most, std::abs(errors[k]));
     return most;
   };
   ASSERT_GT(largest(2000, 3000), 10.0 * largest(0, 1000));
-  EXPECT_NE(why_invalid(model_of({}, axis, 1e-3)).find("unstable with this spring"),
+  EXPECT_NE(why_invalid(model_of(Drive(), axis, 1e-3)).find("unstable with this spring"),
             std::string::npos);
   axis.frequency_hz = 60.0;
-  EXPECT_EQ(why_invalid(model_of({}, axis, 1e-3)), "");
+  EXPECT_EQ(why_invalid(model_of(Drive(), axis, 1e-3)), "");
 }
 
 // A weight holds the load on one side of the gap from the start on.
@@ -257,7 +161,7 @@ TEST(TwoMassAxis, StandsStillUnderAWeightWithPlay) {
     axis.encoders = encoders;
     axis.width = 2e-5;
     axis.constant_force = 0.8;
-    Twin twin(model_of({}, axis, 1e-3));
+    Twin twin(model_of(Drive(), axis, 1e-3));
     twin.start(0.01);
     const double stands = twin.position();
     CommandPiece still;
@@ -273,14 +177,14 @@ TEST(TwoMassAxis, StandsStillUnderAWeightWithPlay) {
 TEST(TwoMassAxis, MoreFrictionThanAModelCanHaveIsRefused) {
   Axis axis;
   axis.motor_friction = 0.3;
-  Model model = model_of({}, axis, 1e-3);
+  Model model = model_of(Drive(), axis, 1e-3);
   while (model.effects.size() < static_cast<std::size_t>(kMaxEffects))
     model.effects.push_back(make_effect<CoulombFriction>());
   EXPECT_NE(why_invalid(model).find("of friction beside two_mass"), std::string::npos);
 }
 
 TEST(TwoMassAxis, IsRefusedBesideAModeAndBesideAnother) {
-  Model model = model_of({}, {}, 1e-3);
+  Model model = model_of(Drive(), Axis(), 1e-3);
   EXPECT_EQ(why_invalid(model), "");
   model.loop.modes.push_back({300.0, 0.05, 0.0, 0.0, 0.0, 0.0});
   EXPECT_NE(why_invalid(model).find("the two masses are the mode"), std::string::npos);
