@@ -158,6 +158,10 @@ void print(const Correction& correction, std::FILE* people) {
   say(people, learned.ending == Ending::kGrew
                   ? "            * kept; ended, since the errors grew again"
                   : "            * kept");
+  if (learned.by_rigid_law)
+    say(people,
+        "note: learned with the law of the rigid loop, which left less on the twin than that of "
+        "the two masses: friction holds the load at times");
   for (std::size_t i = 0; i < correction.axes.size(); ++i) {
     const CorrectedAxis& axis = correction.axes[i];
     const Eigen::ArrayXd& u = learned.axes[i].correction;

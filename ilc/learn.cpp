@@ -191,8 +191,10 @@ Plant on_twins(const std::vector<LearnAxis>& axes) {
   };
 }
 
-Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const LearnOptions& options) {
-  require_usable(axes);
+namespace {
+
+Learned learned_with(const std::vector<LearnAxis>& axes, const Plant& plant,
+                     const LearnOptions& options) {
   std::vector<std::unique_ptr<Learner>> learners;
   for (const LearnAxis& axis : axes)
     learners.push_back(std::make_unique<Learner>(axis, options.ramp_s));
@@ -256,6 +258,25 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
   for (std::size_t i = 0; i < axes.size(); ++i)
     out.axes[i].beyond_bandwidth_rms = learners[i]->beyond_bandwidth_rms(out.axes[i].error_after);
   return out;
+}
+
+}  // namespace
+
+Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const LearnOptions& options) {
+  require_usable(axes);
+  Learned out = learned_with(axes, plant, options);
+  std::vector<LearnAxis> rigid = axes;
+  for (LearnAxis& axis : rigid) {
+    out.two_masses = out.two_masses || axis.law.model.two_masses;
+    axis.law.model.two_masses.reset();
+  }
+  if (!out.two_masses || options.trials < 1) return out;
+  Learned by_rigid = learned_with(rigid, plant, options);
+  const auto left = [&](const Learned& one) {
+    return left_of(one.trials[one.best], one.trials.front(), options.aim);
+  };
+  by_rigid.two_masses = by_rigid.by_rigid_law = true;
+  return left(by_rigid) < left(out) ? by_rigid : out;
 }
 
 std::string why_none_is_kept(const Learned& learned, const std::vector<LearnAxis>& axes) {

@@ -19,6 +19,10 @@
 // without correction. `patience` trials in a row that are worse than the best end the iteration:
 // friction is not linear, and with too much bandwidth small errors grow after some trials.
 //
+// A load with friction is at times free on its spring and at times held. With two masses the trials
+// are therefore made twice, with the law of both masses and with that of their rigid loop, and the
+// better correction is kept.
+//
 // SI units. Errors: std::invalid_argument if a law is not permitted (why_refused) or axes differ in
 // length. Any thread; allocates; the same input gives the same result. Source: docs/theory.md 13.
 #pragma once
@@ -84,6 +88,8 @@ struct Learned {
   std::size_t best = 0;
   Ending ending = Ending::kAllTrials;
   std::vector<LearnedAxis> axes;
+  bool two_masses = false;                    ///< an axis has two masses
+  bool by_rigid_law = false;                  ///< their law without the spring was better
   std::optional<ProgramError> before, after;  ///< with two linear axes or more
 };
 
