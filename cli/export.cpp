@@ -31,8 +31,28 @@ struct Names {
   std::vector<std::string> states, inputs, outputs, cycle_inputs;
 };
 
+/// Of an axis of two masses.
+Names two_mass_names(const std::string& x, int order) {
+  Names names;
+  names.states = {"motor_error [" + x + "]", "motor_error_rate [" + x + "/s]",
+                  "deflection [" + x + "]", "deflection_rate [" + x + "/s]"};
+  if (order == 3) names.states.push_back("integral [" + x + "/s^2]");
+  names.states.push_back("command [" + x + "]");
+  names.inputs = {"command_velocity [" + x + "/s]", "motor_disturbance [" + x + "/s^2]",
+                  "load_disturbance [" + x + "/s^2]"};
+  names.outputs = {"tracking_error [" + x + "]", "position [" + x + "]", "velocity [" + x + "/s]",
+                   "motor_velocity [" + x + "/s]", "load_velocity [" + x + "/s]"};
+  names.cycle_inputs = {
+      "command_velocity [" + x + "/s]",         "command_acceleration [" + x + "/s^2]",
+      "command_jerk [" + x + "/s^3]",           "motor_disturbance [" + x + "/s^2]",
+      "motor_disturbance_rate [" + x + "/s^3]", "load_disturbance [" + x + "/s^2]",
+      "load_disturbance_rate [" + x + "/s^3]"};
+  return names;
+}
+
 Names names_of(const ModelRecord& record) {
   const std::string x = record.rotary ? "rad" : "m";
+  if (two_mass_of(record.model) != nullptr) return two_mass_names(x, record.model.loop.order);
   Names names;
   for (int i = 0; i < record.model.loop.order; ++i)
     names.states.push_back(i == 0 ? "tracking_error [" + x + "]"
@@ -52,7 +72,11 @@ Names names_of(const ModelRecord& record) {
 
 std::vector<MatVariable> matrices_of(const ModelRecord& record, double position) {
   const Model& model = record.model;
-  const StateSpace s = state_space(at_position(model.loop, position), model.sample_time_s);
+  const Effect* two_mass = two_mass_of(model);
+  const StateSpace s =
+      two_mass != nullptr
+          ? state_space(model.loop, two_mass_parameters(*two_mass), model.sample_time_s)
+          : state_space(at_position(model.loop, position), model.sample_time_s);
   const Names names = names_of(record);
   const auto number = [](double value) { return Eigen::MatrixXd::Constant(1, 1, value); };
   return {{"A", s.a},
@@ -118,10 +142,6 @@ void run(const ExportArguments& arguments) {
     result["unit"] = unit_json(unit, arguments.unit);
   }
   if (!arguments.matrices.empty()) {
-    if (const Effect* two_mass = two_mass_of(record.model))
-      throw std::runtime_error(
-          std::string("the matrices are those of a rigid axis; this model has ") +
-          std::string(identity_of(two_mass->kind).id) + ", which they do not contain");
     const Travel& travel = record.model.loop.travel;
     const bool given = std::isfinite(arguments.position);
     const double position = given ? arguments.position : 0.5 * (travel.from + travel.to);
@@ -134,9 +154,14 @@ void run(const ExportArguments& arguments) {
       say(people, text("note: its modes move with position; the matrices are those at %g %s%s",
                        position, record.rotary ? "rad" : "m",
                        given ? "" : ", the middle of the travel; --at selects another position"));
-    if (!record.model.effects.empty())
+    Model left_out = record.model;
+    std::erase_if(left_out.effects, [](const Effect& effect) { return acts_on_axis(effect.kind); });
+    if (!left_out.effects.empty())
       say(people, "note: the matrices contain the linear loop only, without: " +
-                      structure_text(record.model).substr(std::string("order 3: ").size()));
+                      structure_text(left_out).substr(std::string("order 3: ").size()));
+    if (two_mass_of(record.model) != nullptr)
+      say(people, std::string("note: the matrices contain motor and load as two masses") +
+                      (plays(record.model) ? ", without the play between them" : ""));
     const Names names = names_of(record);
     result["matrices"] = {{"file", arguments.matrices.string()},
                           {"axis_position", position},
