@@ -108,6 +108,12 @@ std::string xml_escaped(const std::string& text) {
   return out;
 }
 
+std::vector<Effect> effects_of_unit(const Model& model) {
+  std::vector<Effect> out = model.effects;
+  std::erase_if(out, [](const Effect& effect) { return acts_on_axis(effect.kind); });
+  return out;
+}
+
 UnitDescription describe(const ModelRecord& record) {
   UnitDescription unit;
   unit.identifier = "servotwin_";
@@ -129,10 +135,11 @@ UnitDescription describe(const ModelRecord& record) {
   add("tracking_error", kErrorReference, "output", "m", "command minus position");
   add("position", kPositionReference, "output", "m", "position as read by the encoder");
   add("velocity", kVelocityReference, "output", "m/s", "velocity of the axis");
-  for (std::size_t i = 0; i < record.model.effects.size(); ++i) {
-    const Effect& effect = record.model.effects[i];
+  const std::vector<Effect> effects = effects_of_unit(record.model);
+  for (std::size_t i = 0; i < effects.size(); ++i) {
+    const Effect& effect = effects[i];
     // If a model has an effect twice, a number distinguishes the two.
-    const auto twice = std::count_if(record.model.effects.begin(), record.model.effects.end(),
+    const auto twice = std::count_if(effects.begin(), effects.end(),
                                      [&](const Effect& e) { return e.kind == effect.kind; });
     const std::string name = std::string(identity_of(effect.kind).id) +
                              (twice > 1 ? "_" + std::to_string(i + 1) : "") + ".";

@@ -24,6 +24,9 @@ struct UnitDescription {
   std::vector<UnitVariable> variables;
 };
 
+/// The effects that are parameters of the unit, in the order of their references: all but two
+/// masses, for which the matrices of the unit are computed.
+[[nodiscard]] std::vector<Effect> effects_of_unit(const Model& model);
 /// The description of a model, except for the GUID.
 [[nodiscard]] UnitDescription describe(const ModelRecord& record);
 /// The XML. `sources`: names of the C files.

@@ -81,7 +81,8 @@ std::string page(const ModelRecord& record, const UnitDescription& unit,
          "<li>The axis starts at rest at the command that is set when initialization ends.</li>\n"
          "<li>For effects that begin at one moment, time is the time of the recording.</li>\n"
          "<li>The parameters are those of the effects, fixed after initialization. The loop is in "
-         "resources/model.txt, discretised for the sample time.</li>\n"
+         "resources/model.txt, discretised for the sample time, with motor and load as two masses "
+         "where the model has them.</li>\n"
          "<li>The model is valid for motion like that from which it was identified.</li>\n"
          "<li>The shared library is for Linux on x86-64. For other systems: cc -std=c99 -O2 "
          "-shared -fPIC -DFMI2_OVERRIDE_FUNCTION_PREFIX -o " +
@@ -136,8 +137,25 @@ std::string model_text(const Model& model, const std::string& guid) {
       add_line("mode", {mode.omega, mode.zeta, mode.alpha, mode.beta, mode.gamma, mode.delta,
                         mode.slope, mode.curve, mode.zeta_slope});
   }
+  if (const Effect* two_mass = two_mass_of(model)) {
+    const TwoMassParameters two = two_mass_parameters(*two_mass);
+    const auto [by_loop, by_motor] = position_gain_of(loop, two);
+    TwoMassAxis axis;
+    axis.discretise(loop, two, model.sample_time_s / step.parts);
+    const TwoMassAxis::Step& of = axis.step();
+    const std::string encoders =
+        "two_masses " + std::to_string(static_cast<int>(two.encoders));  // as in two_masses.c
+    add_line(encoders.c_str(), {two.omega, two.zeta, two.load_share, two.friction_share, two.width,
+                                loop.denominator[0], loop.denominator[1], by_loop, by_motor,
+                                -loop.numerator[1], 1.0 - loop.numerator[0]});
+    for (std::size_t i = 0; i < static_cast<std::size_t>(axis.states()); ++i)
+      add_line("mass_state",
+               {of.phi[i][0], of.phi[i][1], of.phi[i][2], of.phi[i][3], of.phi[i][4],
+                of.command[i][0], of.command[i][1], of.command[i][2], of.motor_begin[i],
+                of.motor_end[i], of.load_begin[i], of.load_end[i]});
+  }
   out += '\n';
-  for (const Effect& effect : model.effects) {
+  for (const Effect& effect : effects_of_unit(model)) {
     out += "effect " + std::string(identity_of(effect.kind).id) + "\n";
     const auto add = [&](const char* what, const Parameter& p, double value) {
       out += std::string(what) + " " + std::string(p.name) + exact(value) + exact(p.lower) +
@@ -153,7 +171,8 @@ std::string model_text(const Model& model, const std::string& guid) {
 }
 
 FmuUnit make_unit(const ModelRecord& record, const std::vector<std::string>& about) {
-  for (const Effect& effect : record.model.effects) require_translated(identity_of(effect.kind).id);
+  for (const Effect& effect : effects_of_unit(record.model))
+    require_translated(identity_of(effect.kind).id);
   FmuUnit unit;
   unit.description = describe(record);
   const std::string& identifier = unit.description.identifier;

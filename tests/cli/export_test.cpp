@@ -137,6 +137,34 @@ TEST_F(Export, AModeThatMovesIsTakenAtOnePlaceByTheMatricesAlone) {
   EXPECT_NEAR(stiffness({"--at", "0.3"}, "those at 0.3 m"), -280.0 * 280.0 * std::exp(0.4), 1e-6);
 }
 
+// Two masses: another form of the matrices, and no parameters of the unit.
+TEST_F(Export, OfTwoMassesHasBothInUnitAndMatrices) {
+  ModelRecord two = known_axis();
+  two.model.effects.push_back(make_effect<PlayLoadEncoder>());
+  two.effect_deviations.resize(two.model.effects.size());
+  write_model(model_, two);
+  const std::string file = folder_ / "x.mat";
+  const Answer answer =
+      servotwin_says({"export", model_, "--fmu", folder_ / "x.fmu", "--mat", file});
+  ASSERT_EQ(answer.status, 0) << answer;
+  EXPECT_THAT(answer.out, HasSubstr("parameters  4\n"));
+  EXPECT_THAT(answer.out, HasSubstr("two masses, without the play between them"));
+  EXPECT_THAT(answer.out, HasSubstr("only, without: coulomb_friction, gravity_offset\n"));
+  const std::unique_ptr<mat_t, decltype(&Mat_Close)> mat(Mat_Open(file.c_str(), MAT_ACC_RDONLY),
+                                                         &Mat_Close);
+  const auto shape = [&](const char* name) {
+    const std::shared_ptr<matvar_t> variable(Mat_VarRead(mat.get(), name), &Mat_VarFree);
+    return std::vector<std::size_t>(variable->dims, variable->dims + 2);
+  };
+  EXPECT_THAT(shape("A"), ElementsAre(5, 5));
+  EXPECT_THAT(shape("C"), ElementsAre(5, 5));
+  EXPECT_THAT(shape("D"), ElementsAre(5, 3));
+  EXPECT_THAT(shape("Gamma"), ElementsAre(5, 7));
+  for (const char* name : {"states", "outputs"}) EXPECT_EQ(shape(name)[0], 5U) << name;
+  EXPECT_EQ(shape("inputs")[0], 3U);
+  EXPECT_EQ(shape("cycle_inputs")[0], 7U);
+}
+
 TEST_F(Export, OfARotaryAxisIsInRadians) {
   ModelRecord rotary = known_axis("C");
   rotary.rotary = true;

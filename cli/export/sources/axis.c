@@ -4,65 +4,17 @@
 #include <math.h>
 #include <string.h>
 
-static const EffectKind* kind_of(const AxisEffect* effect) {
-  int count = 0;
-  return &servotwin_effects(&count)[effect->kind];
-}
+#include "axis_forces.h"
+#include "two_masses.h"
 
 double servotwin_delay_s(const AxisModel* model) {
+  int count = 0;
+  const EffectKind* kinds = servotwin_effects(&count);
   double delay = 0.0;
   for (int i = 0; i < model->effects; ++i) {
-    if (kind_of(&model->effect[i])->acts == kDelaysCommand) delay += model->effect[i].shape[0];
+    if (kinds[model->effect[i].kind].acts == kDelaysCommand) delay += model->effect[i].shape[0];
   }
   return delay;
-}
-
-/* Adds the forces of one effect to `sum`; `force` is those per unit coefficient. */
-static void add_forces(const AxisEffect* effect, EffectMemory* memory, const Motion* m,
-                       double* force, double* sum) {
-  const EffectKind* kind = kind_of(effect);
-  kind->unit_forces(effect->shape, memory, m, force);
-  for (int i = 0; i < kind->coefficients; ++i) *sum += effect->coefficient[i] * force[i];
-}
-
-/* Sums all forces at this motion; the law of friction first, because effects that change friction
- * depend on it. The new memory of the effects is stored in `trial`. */
-static double disturbance(const AxisModel* model, AxisState* state, Motion* m) {
-  double force[kMaxCoefficients];
-  double sum = 0.0;
-  m->friction = NAN;
-  for (int acts = kActsAsFriction; acts <= (int)kActsAsForce; ++acts) {
-    for (int i = 0; i < model->effects; ++i) {
-      const AxisEffect* effect = &model->effect[i];
-      const EffectKind* kind = kind_of(effect);
-      if ((int)kind->acts != acts) continue;
-      memcpy(&state->trial[i], &state->memory[i], kind->memory);
-      add_forces(effect, &state->trial[i], m, force, &sum);
-      if (kind->acts == kActsAsFriction)
-        m->friction =
-            kind->friction != NULL ? kind->friction(effect->coefficient, force) : force[0];
-    }
-  }
-  return sum;
-}
-
-/* Accepts the memory that the last call of `disturbance` stored in `trial`. */
-static void remember(const AxisModel* model, AxisState* state) {
-  for (int i = 0; i < model->effects; ++i) {
-    const EffectKind* kind = kind_of(&model->effect[i]);
-    if (kind->acts == kActsAsFriction || kind->acts == kActsAsForce)
-      memcpy(&state->memory[i], &state->trial[i], kind->memory);
-  }
-}
-
-static double reading_of(const AxisModel* model, AxisState* state, const Motion* m) {
-  double unit[kMaxCoefficients];
-  double sum = 0.0;
-  for (int i = 0; i < model->effects; ++i) {
-    if (kind_of(&model->effect[i])->acts == kActsOnReading)
-      add_forces(&model->effect[i], &state->memory[i], m, unit, &sum);
-  }
-  return sum;
 }
 
 /* The motion at the end of a part, without the share of the force at that time. */
@@ -78,7 +30,8 @@ typedef struct {
 } End;
 
 /* The difference between a force and the force at the motion that it causes. */
-static double miss_at(End* end, double trial) {
+static double miss_at(void* of, double trial) {
+  End* end = of;
   const AxisModel* model = end->model;
   const AxisStep* step = end->step;
   Motion* m = &end->m;
@@ -97,49 +50,7 @@ static double miss_at(End* end, double trial) {
         model->integral * m->tracking_error - model->integral_velocity * end->end_velocity;
     m->demand_damping = model->damping * (end->end_velocity - m->velocity);
   }
-  return trial - disturbance(model, end->state, m);
-}
-
-static const double kLeast = 0.2, kMost = 1e6; /* accepted slopes of a secant */
-
-/* The force at which `miss_at` is 0, searched for from `first`; the method is that of
- * twin/twin.cpp. */
-static double balanced(double first, double* slope, End* end) {
-  const double tolerance = 1e-15 + 1e-13 * fabs(first);
-  double left = first, miss_left = miss_at(end, left);
-  if (fabs(miss_left) <= tolerance) return left;
-  for (int round = 0; round < 5; ++round) {
-    const double next = left - miss_left / *slope, miss_next = miss_at(end, next);
-    if (fabs(miss_next) <= tolerance) return next;
-    const double now = (miss_next - miss_left) / (next - left);
-    left = next;
-    miss_left = miss_next;
-    if (!(now > kLeast && now < kMost)) break;
-    *slope = now;
-  }
-  double right = left, miss_right = miss_left, reach = 1.0;
-  while ((miss_right > 0.0) == (miss_left > 0.0) && reach < 1e12) {
-    right = left - reach * miss_left;
-    miss_right = miss_at(end, right);
-    if (miss_right == 0.0) break;
-    reach *= 2.0;
-  }
-  for (int round = 1; round <= 100 && fabs(miss_right) > tolerance; ++round) {
-    const double low = right < left ? right : left, high = right < left ? left : right;
-    double next = (left * miss_right - right * miss_left) / (miss_right - miss_left);
-    if (round % 8 == 0 || !(next > low && next < high)) next = 0.5 * (left + right);
-    if (next == left || next == right) break;
-    const double miss_next = miss_at(end, next);
-    if ((miss_next > 0.0) == (miss_right > 0.0)) {
-      miss_left *= 0.5;
-    } else {
-      left = right;
-      miss_left = miss_right;
-    }
-    right = next;
-    miss_right = miss_next;
-  }
-  return right;
+  return trial - servotwin_disturbance(model, end->state, m, kMotor);
 }
 
 /* The step of a part; in `own` if it is for this part only. It is not kept, so that restoring a
@@ -158,11 +69,12 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
   memset(state, 0, sizeof *state);
   state->time_s = time_s;
   state->slope = 1.0;
-  for (int i = 0; i < model->effects; ++i) {
-    const EffectKind* kind = kind_of(&model->effect[i]);
-    if (kind->start != NULL) kind->start(model->effect[i].shape, &state->memory[i]);
-  }
+  servotwin_start_memories(model, state);
   for (int i = 0; i < kHistory; ++i) state->history[i] = command;
+  if (model->masses.states > 0) {
+    servotwin_start_two_masses(model, state, command);
+    return;
+  }
   End end;
   memset(&end, 0, sizeof end);
   end.model = model;
@@ -176,8 +88,8 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
   end.give = give;
   end.m.step_s = model->cycle_s / model->parts;
   end.m.time_s = time_s;
-  state->force = balanced(0.0, &state->slope, &end);
-  remember(model, state);
+  state->force = servotwin_balanced(0.0, &state->slope, miss_at, &end);
+  servotwin_remember(model, state, kMotor);
   state->demand = state->force;
   double error = 0.0;
   for (int i = 0; i < model->states; ++i) {
@@ -186,11 +98,12 @@ void servotwin_start(const AxisModel* model, AxisState* state, double command, d
   }
   state->position = command - (model->order == 2 ? error : 0.0);
   end.m.position = state->position;
-  state->reading = reading_of(model, state, &end.m);
+  state->reading = servotwin_reading(model, state, &end.m);
 }
 
 /* One part of a cycle. */
 static double advance(const AxisModel* model, AxisState* state, const CommandPiece* piece) {
+  if (model->masses.states > 0) return servotwin_advance_two_masses(model, state, piece);
   const double h = model->cycle_s / model->parts;
   AxisStep own;
   const AxisStep* step = step_at(model, piece->end_position - 0.5 * h * piece->end_velocity,
@@ -229,8 +142,9 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
   end.m.in_cut = piece->in_cut;
   state->time_s += h;
   end.m.time_s = state->time_s;
-  const double force = balanced(state->force + state->force_change, &state->slope, &end);
-  remember(model, state);
+  const double force =
+      servotwin_balanced(state->force + state->force_change, &state->slope, miss_at, &end);
+  servotwin_remember(model, state, kMotor);
   for (int r = 0; r < model->states; ++r)
     state->linear[r] = next[r] + step->row[r].force_end * force;
   state->force_change = force - state->force;
@@ -238,7 +152,7 @@ static double advance(const AxisModel* model, AxisState* state, const CommandPie
   state->position = end.m.position;
   state->velocity = end.m.velocity;
   state->demand = end.m.demand;
-  state->reading = reading_of(model, state, &end.m);
+  state->reading = servotwin_reading(model, state, &end.m);
   return error + step->error_force_end * force - state->reading;
 }
 

@@ -10,7 +10,7 @@
 #include "effects.h"
 
 enum { kMaxOrder = 3, kMaxModes = 6, kMaxStates = 2 * kMaxOrder + 2 * kMaxModes };
-enum { kMaxEffects = 16, kHistory = 512, kMaxDelayCycles = 500 };
+enum { kMaxEffects = 16, kHistory = 512, kMaxDelayCycles = 500, kMassStates = 5 };
 
 typedef struct {
   int kind; /* place in servotwin_effects() */
@@ -41,6 +41,18 @@ typedef struct {
   double omega, zeta, alpha, beta, gamma, delta, slope, curve, zeta_slope;
 } AxisMode;
 
+/* Motor and load as two masses: twin/two_mass_axis.h. */
+typedef struct {
+  int states;   /* 5 with integral action, else 4; 0: the axis is one body */
+  int encoders; /* Encoders of twin/effects/two_mass.h: at the motor, at the load, outside */
+  double omega, zeta, load_share, friction_share, width;
+  double a1, a2, by_loop, by_motor; /* by_loop + by_motor = a2 */
+  double command_velocity, command_acceleration;
+  double phi[kMassStates][kMassStates], command[kMassStates][3];
+  double motor_begin[kMassStates], motor_end[kMassStates];
+  double load_begin[kMassStates], load_end[kMassStates];
+} AxisMasses;
+
 /* The parameters of a model. */
 typedef struct {
   int order;  /* 2 or 3 */
@@ -53,6 +65,7 @@ typedef struct {
   int modes; /* 0: none moves */
   double denominator[kMaxOrder], numerator[kMaxOrder], travel[2];
   AxisMode mode[kMaxModes];
+  AxisMasses masses;
   int effects;
   AxisEffect effect[kMaxEffects]; /* in any order */
 } AxisModel;
@@ -62,6 +75,12 @@ typedef struct {
   double linear[kMaxStates];
   EffectMemory memory[kMaxEffects], trial[kMaxEffects];
   double force, force_change, slope;
+  /* Of two masses, of which the above is the motor's: the load, and the force that the spring
+   * misses in the play. */
+  EffectMemory load_memory[kMaxEffects], load_trial[kMaxEffects];
+  double masses[kMassStates];
+  double load_force, load_force_change, load_slope, contact, contact_slope;
+  double motor_position, load_position;
   double demand, position, velocity, reading;
   double neighbour_acceleration;
   double time_s;

@@ -67,9 +67,13 @@ typedef union {
 /* The quantity that an effect acts on. */
 typedef enum { kActsAsFriction, kActsAsForce, kActsOnReading, kDelaysCommand } Acts;
 
+/* The body of two masses on which a force acts: twin/two_mass_axis.h. */
+typedef enum { kOnLoad, kOnMotor, kOnBoth } ActsOn;
+
 typedef struct {
   const char* id;
   Acts acts;
+  ActsOn body;
   int shapes, coefficients;
   size_t memory; /* bytes of EffectMemory that it uses; all 0 at the start */
   /* Computes what depends on the shapes only; NULL: nothing. */

@@ -69,11 +69,29 @@ static int next_mode(char** rest, AxisMode* mode) {
          next_number(rest, &mode->zeta_slope);
 }
 
+/* Motor and load as two masses, whose states follow. */
+static int next_masses(char** rest, AxisModel* m) {
+  AxisMasses* two = &m->masses;
+  two->states = m->order + 2;
+  return next_count(rest, &two->encoders, 0, 2) && next_number(rest, &two->omega) &&
+         next_number(rest, &two->zeta) && next_number(rest, &two->load_share) &&
+         next_number(rest, &two->friction_share) && next_number(rest, &two->width) &&
+         next_number(rest, &two->a1) && next_number(rest, &two->a2) &&
+         next_number(rest, &two->by_loop) && next_number(rest, &two->by_motor) &&
+         next_number(rest, &two->command_velocity) && next_number(rest, &two->command_acceleration);
+}
+
+static int next_mass_state(char** rest, AxisMasses* two, int at) {
+  return next_numbers(rest, two->phi[at], kMassStates) && next_numbers(rest, two->command[at], 3) &&
+         next_number(rest, &two->motor_begin[at]) && next_number(rest, &two->motor_end[at]) &&
+         next_number(rest, &two->load_begin[at]) && next_number(rest, &two->load_end[at]);
+}
+
 /* The state of the reader: the names follow in a fixed order. */
 typedef struct {
-  int place;              /* index in kNames */
-  int shape, coefficient; /* of the last effect, read so far */
-  int states, modes;      /* read so far */
+  int place;                 /* index in kNames */
+  int shape, coefficient;    /* of the last effect, read so far */
+  int states, modes, masses; /* read so far */
   int ended;
 } Reader;
 
@@ -128,6 +146,13 @@ static int read_words(Reader* reader, const char* name, char** rest, UnitModel* 
     if (strcmp(name, "mode") != 0) return 0;
     return next_mode(rest, &m->mode[reader->modes++]);
   }
+  if (reader->place == kNameCount && reader->masses < m->masses.states) {
+    if (strcmp(name, "mass_state") != 0) return 0;
+    return next_mass_state(rest, &m->masses, reader->masses++);
+  }
+  if (reader->place == kNameCount && m->modes == 0 && m->masses.states == 0 && m->effects == 0 &&
+      strcmp(name, "two_masses") == 0)
+    return next_masses(rest, m);
   if (reader->place == kNameCount && m->modes == 0 && m->effects == 0 &&
       strcmp(name, "moving_modes") == 0)
     return next_moving(rest, m);
@@ -173,7 +198,7 @@ static int read_line(Reader* reader, char* line, UnitModel* unit) {
 
 int servotwin_read_model(const char* file, UnitModel* unit, char* why) {
   char line[kLine];
-  Reader reader = {0, 0, 0, 0, 0, 0};
+  Reader reader = {0, 0, 0, 0, 0, 0, 0};
   FILE* in = fopen(file, "r");
   memset(unit, 0, sizeof *unit);
   if (in == NULL) {

@@ -35,6 +35,10 @@ PRESLIDING = {"id": "presliding", "parameters": {
 COULOMB = {"id": "coulomb_friction", "parameters": {
     "coulomb": parameter(0.25, "m/s^2"), "viscous": parameter(0.0, "1/s"),
     "velocity_limit": parameter(1e-3, "m/s")}}
+TWO_MASSES = {"id": "two_mass_play_load_encoder", "parameters": {
+    "frequency_hz": parameter(60.0, "Hz"), "damping_ratio": parameter(0.05, "1"),
+    "load_share": parameter(0.4, "1"), "friction_share": parameter(0.7, "1"),
+    "reset": parameter(20.0, "1/s"), "width": parameter(2e-5, "m")}}
 LEAD_ERROR = {"id": "lead_error", "parameters": {
     "slope": parameter(1e-5, "1"), "sine": parameter(2e-6, "m"), "cosine": parameter(1e-6, "m"),
     "offset": parameter(0.0, "m"), "period": parameter(5e-3, "m")}}
@@ -166,6 +170,8 @@ class Simulation(Exported):
         for described in (model(PRESLIDING), model(COULOMB, LEAD_ERROR, order=2),
                           model(PRESLIDING, sample_time_s=3e-3), model(COULOMB, rotary=True),
                           model(order=2), model(order=2, modes=MOVING),
+                          model(PRESLIDING, TWO_MASSES),
+                          model(TWO_MASSES, COULOMB, LEAD_ERROR, order=2, sample_time_s=2e-3),
                           model(PRESLIDING, modes=MOVING, sample_time_s=2.5e-3),
                           model(COULOMB, order=2, modes=MOVING, rotary=True)):
             with self.subTest(effects=[e["id"] for e in described["effects"]],
@@ -313,8 +319,9 @@ class Life(Exported):
     def test_a_state_is_gone_back_to(self):
         # Modes that move are elsewhere by the time that one goes back.
         moving = self.export(model(PRESLIDING, order=2, sample_time_s=1e-3, modes=MOVING), "moving")
-        for unit in (self.unit, moving):
-            with self.subTest(modes=unit is moving):
+        two = self.export(model(PRESLIDING, TWO_MASSES), "two")
+        for name, unit in (("plain", self.unit), ("moving", moving), ("two masses", two)):
+            with self.subTest(name):
                 self.check_states(unit)
 
     def check_states(self, unit):

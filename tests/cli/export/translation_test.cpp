@@ -24,10 +24,7 @@ namespace {
 constexpr double kSame = 1e-12;
 
 /// Effects that are not exported. A new effect must be translated, or listed here with the reason.
-const std::set<std::string_view> kDeclined{
-    // Two masses are stepped together, with forces on each; the unit steps one.
-    "two_mass",      "two_mass_load_encoder",      "two_mass_outside",
-    "two_mass_play", "two_mass_play_load_encoder", "two_mass_play_outside"};
+const std::set<std::string_view> kDeclined{};
 
 const ::EffectKind* translated(std::size_t kind) {
   const int place = servotwin_find_effect(std::string(identity_of(kind).id).c_str());
@@ -42,9 +39,25 @@ const ::EffectKind* translated(std::size_t kind) {
   return acts == Acts::kReading ? kActsOnReading : kDelaysCommand;
 }
 
+::ActsOn body_of(std::size_t kind) {
+  if (identity_of(kind).acts != Acts::kForce) return kOnLoad;  // not used
+  switch (acts_on(kind)) {
+    case ActsOn::kMotor:
+      return kOnMotor;
+    case ActsOn::kLoad:
+      return kOnLoad;
+    case ActsOn::kBoth:
+      break;
+  }
+  return kOnBoth;
+}
+
+/// All but two masses, which are the axis itself: TwoMasses below.
 std::vector<std::size_t> all_kinds() {
-  std::vector<std::size_t> kinds(kEffectKinds);
-  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) kinds[kind] = kind;
+  std::vector<std::size_t> kinds;
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    if (!acts_on_axis(kind)) kinds.push_back(kind);
+  }
   return kinds;
 }
 
@@ -76,6 +89,7 @@ TEST_P(EveryEffect, IsTranslatedOrDeclined) {
   }
   require_translated(id);
   EXPECT_EQ(c->acts, acts_of(kind));
+  EXPECT_EQ(c->body, body_of(kind));
   EXPECT_EQ(static_cast<std::size_t>(c->shapes), shapes_of(kind).size());
   EXPECT_EQ(static_cast<std::size_t>(c->coefficients), coefficients_of(kind).size());
   EXPECT_LE(c->memory, sizeof(::EffectMemory));
@@ -457,6 +471,71 @@ TEST_P(MovingModes, GoByTheCommandThatTheLoopHas) {
   }
 }
 
+/// Two masses whose encoder, play and friction are those of this kind, beside one more effect.
+Model two_masses(std::size_t axis, int order, double friction_share, std::size_t more) {
+  Model model = axis_with(more, order, 1.5e-3);
+  if (!is_friction_law(more)) model.effects[1].coefficient[0] = 0.3;
+  Effect effect;
+  effect.kind = axis;
+  std::size_t k = 0;
+  for (const Parameter& p : shapes_of(axis)) effect.shape[k++] = p.start;
+  effect.shape[3] = friction_share;
+  model.effects.insert(model.effects.begin(), effect);
+  return model;
+}
+
+std::vector<std::size_t> two_mass_kinds() {
+  std::vector<std::size_t> kinds;
+  for (std::size_t kind = 0; kind < kEffectKinds; ++kind) {
+    if (acts_on_axis(kind)) kinds.push_back(kind);
+  }
+  return kinds;
+}
+
+class TwoMasses : public testing::TestWithParam<std::tuple<std::size_t, int, double>> {};
+INSTANTIATE_TEST_SUITE_P(Axes, TwoMasses,
+                         testing::Combine(testing::ValuesIn(two_mass_kinds()),
+                                          testing::Values(2, 3), testing::Values(0.0, 0.6, 1.0)));
+
+TEST_P(TwoMasses, MoveAsInCpp) {
+  const auto [axis, order, friction_share] = GetParam();
+  for (const std::size_t more : {kind_of<Gms>(), kind_of<Cogging>(), kind_of<ConstantForce>(),
+                                 kind_of<Backlash>(), kind_of<TimeDelay>()}) {
+    const Model model = two_masses(axis, order, friction_share, more);
+    ASSERT_EQ(why_invalid(model), "");
+    Model rigid = model;
+    rigid.effects.erase(rigid.effects.begin());
+    Twin twin(model), one(rigid);
+    CAxis c(model);
+    const RandomMotion path(7);
+    twin.start(path.at(0.0), 0.5);
+    one.start(path.at(0.0), 0.5);
+    c.start(path.at(0.0), 0.5);
+    ASSERT_NEAR(c.position(), twin.position(), kSame);
+    double difference = 0.0;
+    for (int i = 1; i * 1.5e-3 < 3.0; ++i) {
+      const double command = path.at(i * 1.5e-3);
+      const double error = twin.follow(command);
+      ASSERT_NEAR(c.follow(command), error, kSame) << identity_of(more).id << ", cycle " << i;
+      ASSERT_NEAR(c.position(), twin.position(), kSame);
+      ASSERT_NEAR(c.velocity(), twin.velocity(), kSame * 1e3);
+      difference = std::max(difference, std::abs(error - one.follow(command)));
+    }
+    EXPECT_GT(difference, 1e-6) << "that there are two does not show";
+  }
+}
+
+// A copy of the state is all that a host needs to go back (fmi2SetFMUstate).
+TEST(TwoMassState, IsTheWholeState) {
+  CAxis c(two_masses(kind_of<PlayLoadEncoder>(), 3, 0.6, kind_of<Gms>()));
+  const RandomMotion path(7);
+  c.start(path.at(0.0), 0.0);
+  for (int i = 1; i < 400; ++i) (void)c.follow(path.at(i * 1.5e-3));
+  CAxis back = c;
+  for (int i = 400; i < 800; ++i)
+    ASSERT_EQ(c.follow(path.at(i * 1.5e-3)), back.follow(path.at(i * 1.5e-3))) << i;
+}
+
 /// Whether the numbers of a unit of this model can be read when they are changed so.
 std::string why_not_read(const Model& model, const std::function<void(std::string&)>& change) {
   std::string text = model_text(model, "{guid}");
@@ -513,6 +592,23 @@ TEST(ModelText, OfModesThatMoveIsRefusedWhereItIsDamaged) {
                              text.erase(at, text.find('\n', at + 1) - at);
                            }),
               HasSubstr("line 23"));
+}
+
+TEST(ModelText, OfTwoMassesIsRefusedWhereItIsDamaged) {
+  using testing::HasSubstr;
+  const Model model = two_masses(kind_of<TwoMassMotorEncoder>(), 2, 0.6, kind_of<Presliding>());
+  const auto replaced = [&](const std::string& what, const std::string& with) {
+    return why_not_read(model, [&](std::string& text) {
+      ASSERT_NE(text.find(what), std::string::npos);
+      text.replace(text.find(what), what.size(), with);
+    });
+  };
+  EXPECT_EQ(replaced("two_masses 0", "two_masses 2"), "");
+  EXPECT_THAT(replaced("two_masses 0", "two_masses 3"), HasSubstr("line 15"));
+  EXPECT_THAT(replaced("two_masses 0", "two_masses 0 nan"), HasSubstr("line 15"));
+  EXPECT_THAT(replaced("\nmass_state ", "\nmass "), HasSubstr("line 16"));
+  EXPECT_THAT(replaced("\nmass_state ", "\nmass_state 0x1p0 "), HasSubstr("line 16"));
+  EXPECT_THAT(replaced("effect presliding", "mass_state 0x0p0"), HasSubstr("line 20"));
 }
 
 TEST(ModelText, HasNoDecimalPointThatALocaleCouldChange) {
