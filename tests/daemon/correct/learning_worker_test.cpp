@@ -120,6 +120,19 @@ TEST_F(LearningWorkerTest, APreviewPredictsTheLagOfTheLoopInClosedForm) {
   EXPECT_EQ(events("program_previewed").size(), 1U);
 }
 
+TEST_F(LearningWorkerTest, AnAxisOfTwoMassesLearns) {
+  Model two = drive(20.0, 0.3);
+  Effect spring = make_effect<TwoMassOutside>();
+  spring.shape = {60.0, 0.05, 0.4, 1.0};
+  two.effects.push_back(spring);
+  put_in_force(two, "X");
+  start();
+  send({circle_program()[0]}, true);
+  ASSERT_FALSE(announced_.empty()) << said_.str();
+  EXPECT_EQ(announced_[0].state, CorrectionState::kLearned) << announced_[0].reason;
+  EXPECT_LT(announced_[0].axes[0].after_rms, 0.05 * announced_[0].axes[0].before_rms);
+}
+
 // Models are validated again as long as the machine works, so their corrections stay usable.
 TEST_F(LearningWorkerTest, ACorrectionIsAsFreshAsTheOldestValidationOfItsModels) {
   const std::int64_t now = wall_ns(), hour = 3'600'000'000'000;
