@@ -420,7 +420,7 @@ std::vector<double>& values_of(AxisRecord& axis, Channel channel) {
 }
 
 Layout lay_out(const std::string& source, std::span<const std::string> names,
-               const ReadOptions& options) {
+               const ReadOptions& options, std::optional<double> rate_hz) {
   Layout layout;
   const bool mapped = !options.columns.empty();
   std::vector<bool> used(names.size());
@@ -457,7 +457,7 @@ Layout lay_out(const std::string& source, std::span<const std::string> names,
                              ": no column is the command of an axis, such as X.command[mm]. " +
                              "The file has: " + listed(named(names)));
   }
-  if (!layout.time && !options.rate_hz) {
+  if (!layout.time && !options.rate_hz && !rate_hz) {
     throw std::runtime_error(
         source + ": no time column: give one as time[s], name it with " +
         "time=NAME[s] in --columns, or give --rate HZ. The file has: " + listed(named(names)));

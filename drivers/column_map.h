@@ -29,16 +29,17 @@ struct Layout {
     Channel channel = Channel::kCommand;
     Unit unit;
   };
-  std::optional<std::size_t> time;  ///< absent: the sampling rate is ReadOptions::rate_hz
+  std::optional<std::size_t> time;  ///< absent: rows come at a constant rate
   Unit time_unit;
   std::vector<Column> columns;
   std::vector<AxisRecord> axes;
   std::vector<std::string> notes;
 };
 
-/// Finds the columns. `source` begins every message.
+/// Finds the columns. `source` begins every message. `rate_hz` is what the file itself says; it
+/// counts where there is neither a time column nor ReadOptions::rate_hz.
 [[nodiscard]] Layout lay_out(const std::string& source, std::span<const std::string> names,
-                             const ReadOptions& options);
+                             const ReadOptions& options, std::optional<double> rate_hz = {});
 
 /// Throws std::invalid_argument if the rate or the range of time in `options` is invalid.
 void check(const ReadOptions& options);

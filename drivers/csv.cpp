@@ -295,15 +295,16 @@ class Columns {
 
 /// The columns to read, with the times that they have in this file.
 Layout layout_of(const std::string& source, const CsvHeader& header, const ReadOptions& options) {
-  ReadOptions read = options;
   if (header.time_of.empty()) {
-    if (!read.rate_hz) read.rate_hz = header.rate_hz;
-    return lay_out(source, header.names, read);
+    Layout layout = lay_out(source, header.names, options, header.rate_hz);
+    if (!layout.time && !options.rate_hz && !header.rate_note.empty())
+      layout.notes.push_back(header.rate_note);
+    return layout;
   }
   if (options.rate_hz)
     throw std::runtime_error(source + ": --rate is for files without time, and this one has times");
-  read.rate_hz = 1.0;  // the times are found here, by the columns that are read
-  Layout layout = lay_out(source, header.names, read);
+  constexpr double kAny_hz = 1.0;  // the times are found here, by the columns that are read
+  Layout layout = lay_out(source, header.names, options, kAny_hz);
   if (layout.time) return layout;
   const std::size_t first = layout.columns.front().index;
   for (const Layout::Column& column : layout.columns) {

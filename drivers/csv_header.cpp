@@ -6,35 +6,15 @@
 #include <stdexcept>
 #include <utility>
 
+#include "drivers/preamble.h"
 #include "drivers/text.h"
 #include "drivers/time_stamp.h"
 #include "drivers/traces/formats.h"
+#include "drivers/traces/halscope.h"
 #include "drivers/units.h"
 
 namespace servotwin {
 namespace {
-
-bool is_row(const std::vector<std::string>& fields);
-
-/// The separator that occurs most often in this line; blanks if there is none. In a row of numbers
-/// commas may be decimal marks.
-char separator_of(std::string_view line) {
-  for (const char candidate : {';', '\t', ' '}) {
-    const std::vector<std::string> fields = fields_of(line, candidate);
-    const bool divided = std::none_of(fields.begin(), fields.end(), [](const std::string& field) {
-      return !field.empty() && field.back() == ',';
-    });
-    if (fields.size() > 1 && divided && is_row(fields)) return candidate;
-  }
-  char best = ',';
-  for (const char candidate : {';', '\t'}) {
-    if (std::count(line.begin(), line.end(), candidate) >
-        std::count(line.begin(), line.end(), best)) {
-      best = candidate;
-    }
-  }
-  return line.find(best) == std::string_view::npos ? ' ' : best;
-}
 
 /// A line as G-code programs begin: %, O1234, N10 .., G90 ..
 bool is_gcode(std::string_view line) {
@@ -42,25 +22,6 @@ bool is_gcode(std::string_view line) {
     return at < line.size() && '0' <= line[at] && line[at] <= '9';
   };
   return line.starts_with('%') || (line.find_first_of("GNOgno") == 0 && digit(1));
-}
-
-bool is_number(std::string_view field) {
-  std::string text(field);
-  std::replace(text.begin(), text.end(), ',', '.');
-  double value = 0.0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc() && end == text.data() + text.size();
-}
-
-/// Whether these are values and not names.
-bool is_row(const std::vector<std::string>& fields) {
-  bool any = false;
-  for (const std::string& field : fields) {
-    const bool value = is_number(field) || parse_time_stamp(field);
-    if (!value && !field.empty() && !is_missing_word(field)) return false;
-    any = any || value;
-  }
-  return any;
 }
 
 /// Whether these are the numbers of columns, 0, 1, 2, .., that some programs write as names, with
@@ -74,36 +35,6 @@ bool are_counted(const std::vector<std::string>& fields) {
   return true;
 }
 
-/// A name as UTF-8; other bytes are taken for Latin-1.
-std::string utf8_of(const std::string& name) {
-  std::size_t at = 0;
-  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(name[i]); };
-  while (at < name.size()) {
-    const std::size_t more = byte(at) < 0x80             ? 0
-                             : (byte(at) & 0xe0) == 0xc0 ? 1
-                             : (byte(at) & 0xf0) == 0xe0 ? 2
-                             : (byte(at) & 0xf8) == 0xf0 ? 3
-                                                         : 4;
-    std::size_t continued = 0;
-    while (continued < more && at + continued + 1 < name.size() &&
-           (byte(at + continued + 1) & 0xc0) == 0x80)
-      ++continued;
-    if (more == 4 || continued < more) break;
-    at += 1 + more;
-  }
-  if (at == name.size()) return name;
-  std::string out;
-  for (std::size_t i = 0; i < name.size(); ++i) {
-    if (byte(i) < 0x80) {
-      out += name[i];
-    } else {
-      out += static_cast<char>(0xc0 | byte(i) >> 6);
-      out += static_cast<char>(0x80 | (byte(i) & 0x3f));
-    }
-  }
-  return out;
-}
-
 /// The unit in a cell of a row of units: mm, [mm] or (mm); empty if it is none.
 std::string unit_in(std::string_view cell) {
   cell = trimmed(cell);
@@ -111,16 +42,6 @@ std::string unit_in(std::string_view cell) {
       ((cell.front() == '[' && cell.back() == ']') || (cell.front() == '(' && cell.back() == ')')))
     cell = cell.substr(1, cell.size() - 2);
   return parse_unit(cell) ? std::string(cell) : std::string();
-}
-
-/// Whether these cells are the units of the columns above them: at least one is, and none is a
-/// value.
-bool is_row_of_units(const std::vector<std::string>& cells) {
-  const auto units = std::count_if(cells.begin(), cells.end(),
-                                   [](const std::string& cell) { return !unit_in(cell).empty(); });
-  return units >= 1 && std::none_of(cells.begin(), cells.end(), [](const std::string& cell) {
-           return !cell.empty() && (is_number(cell) || parse_time_stamp(cell));
-         });
 }
 
 /// Whether the next line has so many values, divided by blanks: words above them are names.
@@ -150,7 +71,126 @@ std::vector<std::string> names_from(std::string_view comment, std::size_t count,
   return names;
 }
 
+/// Whether a name has a unit, as in X.command[mm].
+bool have_units(const std::vector<std::string>& names) {
+  return std::any_of(names.begin(), names.end(), [](const std::string& name) {
+    const std::size_t open = name.rfind('[');
+    return open != std::string::npos && name.back() == ']' && !unit_in(name.substr(open)).empty();
+  });
+}
+
+/// The units in this line become a part of the names.
+void add_units(CsvHeader& header, const std::vector<std::string>& units, std::size_t line) {
+  for (std::size_t i = 0; i < units.size(); ++i) {
+    if (const std::string unit = unit_in(units[i]); !unit.empty())
+      header.names[i] += "[" + unit + "]";
+  }
+  header.notes.push_back("line " + std::to_string(line) + " is read as the units of the columns");
+}
+
+/// Goes on to the first row below a preamble.
+CsvHeader header_below(TextLines& lines, Preamble preamble) {
+  CsvHeader header;
+  header.separator = preamble.separator;
+  header.names = std::move(preamble.names);
+  const std::vector<std::string>& units = preamble.units;
+  const std::size_t skipped = preamble.rows_line - (units.empty() ? 2 : 3);
+  header.notes.push_back("the names of the columns are in line " +
+                         std::to_string(preamble.names_line) + "; " + std::to_string(skipped) +
+                         " other lines above the rows were skipped");
+  if (!units.empty() && !have_units(header.names)) {
+    header.remarks.resize(header.names.size());
+    for (std::size_t i = 0; i < units.size(); ++i) {
+      if (!units[i].empty() && unit_in(units[i]).empty())
+        header.remarks[i] = "the row of units says " + in_quotes(units[i]);
+    }
+    add_units(header, units, preamble.units_line);
+  }
+  header.rate_hz = preamble.rate_hz;
+  if (header.rate_hz)
+    header.rate_note =
+        number(*header.rate_hz) + " Hz, the sampling rate, is taken from " + preamble.rate_line;
+  std::string_view line;
+  while (lines.number() + 1 < preamble.rows_line && lines.next(line)) {
+  }
+  return header;
+}
+
 }  // namespace
+
+std::string utf8_of(const std::string& text) {
+  std::size_t at = 0;
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  while (at < text.size()) {
+    const std::size_t more = byte(at) < 0x80             ? 0
+                             : (byte(at) & 0xe0) == 0xc0 ? 1
+                             : (byte(at) & 0xf0) == 0xe0 ? 2
+                             : (byte(at) & 0xf8) == 0xf0 ? 3
+                                                         : 4;
+    std::size_t continued = 0;
+    while (continued < more && at + continued + 1 < text.size() &&
+           (byte(at + continued + 1) & 0xc0) == 0x80)
+      ++continued;
+    if (more == 4 || continued < more) break;
+    at += 1 + more;
+  }
+  if (at == text.size()) return text;
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (byte(i) < 0x80) {
+      out += text[i];
+    } else {
+      out += static_cast<char>(0xc0 | byte(i) >> 6);
+      out += static_cast<char>(0x80 | (byte(i) & 0x3f));
+    }
+  }
+  return out;
+}
+
+// The one that occurs most often; but in a row of numbers commas may be decimal marks.
+char separator_of(std::string_view line) {
+  for (const char candidate : {';', '\t', ' '}) {
+    const std::vector<std::string> fields = fields_of(line, candidate);
+    const bool divided = std::none_of(fields.begin(), fields.end(), [](const std::string& field) {
+      return !field.empty() && field.back() == ',';
+    });
+    if (fields.size() > 1 && divided && is_row(fields)) return candidate;
+  }
+  char best = ',';
+  for (const char candidate : {';', '\t'}) {
+    if (std::count(line.begin(), line.end(), candidate) >
+        std::count(line.begin(), line.end(), best)) {
+      best = candidate;
+    }
+  }
+  return line.find(best) == std::string_view::npos ? ' ' : best;
+}
+
+bool is_number(std::string_view cell) {
+  std::string text(cell);
+  std::replace(text.begin(), text.end(), ',', '.');
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size();
+}
+
+bool is_row(const std::vector<std::string>& fields) {
+  bool any = false;
+  for (const std::string& field : fields) {
+    const bool value = is_number(field) || parse_time_stamp(field);
+    if (!value && !field.empty() && !is_missing_word(field)) return false;
+    any = any || value;
+  }
+  return any;
+}
+
+bool is_row_of_units(const std::vector<std::string>& cells) {
+  const auto units = std::count_if(cells.begin(), cells.end(),
+                                   [](const std::string& cell) { return !unit_in(cell).empty(); });
+  return units >= 1 && std::none_of(cells.begin(), cells.end(), [](const std::string& cell) {
+           return !cell.empty() && (is_number(cell) || parse_time_stamp(cell));
+         });
+}
 
 std::vector<std::string> fields_of(std::string_view line, char separator) {
   if (separator != ' ') return split_fields(line, separator);
@@ -196,8 +236,12 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
   if (header.names.size() > 1 && header.names.back().empty()) header.names.pop_back();
   const bool values =
       is_row(header.names) && (header.separator == ' ' || !are_counted(header.names));
-  if (header.names.size() < 2 ||
-      (header.separator == ' ' && !values && !is_row_next(lines, header.names.size()))) {
+  const bool none = header.names.size() < 2 || (header.separator == ' ' && !values &&
+                                                !is_row_next(lines, header.names.size()));
+  if (auto preamble =
+          find_preamble(source, lines.number(), none ? 0 : header.names.size(), header.separator))
+    return header_below(lines, *std::move(preamble));
+  if (none) {
     lines.fail("this is text, but not CSV: " + in_quotes(first) +
                " is not a header such as time[s],X.command[mm],X.actual[mm]" +
                (is_gcode(first)
@@ -210,13 +254,11 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
     lines.put_back();
     return header;
   }
+  header.rate_hz = halscope_table_rate_hz(comment);
+  if (header.rate_hz)
+    header.notes.push_back("halscope recording at " + number(*header.rate_hz) + " Hz");
   for (std::string& name : header.names) name = utf8_of(name);
-
-  const bool tagged = std::any_of(header.names.begin(), header.names.end(), [](const auto& name) {
-    const std::size_t open = name.rfind('[');
-    return open != std::string::npos && name.back() == ']' && !unit_in(name.substr(open)).empty();
-  });
-  if (tagged || !lines.next(line)) return header;
+  if (have_units(header.names) || !lines.next(line)) return header;
   std::vector<std::string> units = fields_of(line, header.separator);
   for (std::string& unit : units) unit = utf8_of(unit);
   if (units.size() == header.names.size() + 1 && units.back().empty()) units.pop_back();
@@ -224,12 +266,7 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
     lines.put_back();
     return header;
   }
-  for (std::size_t i = 0; i < units.size(); ++i) {
-    if (const std::string unit = unit_in(units[i]); !unit.empty())
-      header.names[i] += "[" + unit + "]";
-  }
-  header.notes.push_back("line " + std::to_string(lines.number()) +
-                         " is read as the units of the columns");
+  add_units(header, units, lines.number());
   return header;
 }
 

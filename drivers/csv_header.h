@@ -22,8 +22,9 @@ struct CsvHeader {
   char separator = ',';            ///< ' ': any number of blanks and tabs
   std::vector<std::string> names;  ///< with "[unit]" where the file has one
   std::vector<std::string> notes;  ///< what was assumed, for people
+  std::optional<double> rate_hz;   ///< rows per second, where the file says it
+  std::string rate_note;           ///< where it says it; empty: a note says it already
   // Of controllers' traces (drivers/traces):
-  std::optional<double> rate_hz;     ///< rows per second, where the file says it and has no times
   std::vector<std::size_t> time_of;  ///< of every column the column of its times [ms]; empty: one
                                      ///< time for all
   std::vector<double> step_ms, begins_ms;  ///< their sampling and first times; NaN: not known
@@ -34,8 +35,25 @@ struct CsvHeader {
 /// Reads it; the next line of `lines` is the first row.
 [[nodiscard]] CsvHeader read_csv_header(TextLines& lines, const std::string& source);
 
+/// The separator of a line; blanks if there is none. In a row of numbers commas may be decimal
+/// marks.
+[[nodiscard]] char separator_of(std::string_view line);
+
 /// The fields of a line: split_fields(), or what blanks divide.
 [[nodiscard]] std::vector<std::string> fields_of(std::string_view line, char separator);
+
+/// Whether these are values and not names: numbers, stamps of time and missing values.
+[[nodiscard]] bool is_row(const std::vector<std::string>& fields);
+
+/// Whether these cells are the units of the columns above them: at least one is, and none is a
+/// value.
+[[nodiscard]] bool is_row_of_units(const std::vector<std::string>& cells);
+
+/// UTF-8 as it is; other bytes are taken for Latin-1.
+[[nodiscard]] std::string utf8_of(const std::string& text);
+
+/// Whether this cell is a value that can be read as a number.
+[[nodiscard]] bool is_number(std::string_view cell);
 
 /// Whether this cell says that there is no value: N/A and the like.
 [[nodiscard]] bool is_missing_word(std::string_view cell);

@@ -111,6 +111,23 @@ TEST_F(Traces, HalscopeHasNamesAndValuesInTurns) {
   refuses("Sampling period is 5 nSec\na 1 b\n", {"line 2", "names and values in turns"});
 }
 
+// As write_log_file() of LinuxCNC 2.9.9 writes it, and that of its master with two more comments.
+TEST_F(Traces, HalscopeOfLinuxcnc29IsATableWithItsPeriodInAComment) {
+  const std::string begin = "# Sampling period is 1000000 ns\njoint.0.cmd;spindle.on;joint.0.fb\n",
+                    more = "# Position: 0.500000;0.500000;0.500000\n# Scale: 3;0;3\n",
+                    rows =
+                        "7.50000000000000;1.00000000000000;7.25000000000000\n"
+                        "8.50000000000000;1.00000000000000;-8.25000000000000\n";
+  for (const std::string& text : {begin + rows, begin + more + rows}) {
+    const Recording r = read(text, "X.command=joint.0.cmd[mm],X.actual=joint.0.fb[mm]");
+    EXPECT_EQ(r.time, (vector<double>{0.0, 0.001}));
+    EXPECT_EQ(r.axes[0].command, (vector<double>{0.0075, 0.0085}));
+    EXPECT_EQ(r.axes[0].actual, (vector<double>{0.00725, -0.00825}));
+    EXPECT_EQ(r.notes.front(), "halscope recording at 1000 Hz");
+  }
+  refuses("# Sampling period is 0 ns\na;b\n1;2\n", {"no time column"}, "X.command=a[mm]");
+}
+
 constexpr const char* kCapture =
     R"({"Header":{"SignalListHFData":[{"Name":"CYCLE","Axis":"Cycle"},
  {"Name":"DES_POS|2","Axis":"Y1"},{"Name":"ENC_POS|2","Axis":"Y1"},{"Name":"TORQUE|2","Axis":"Y1"},
