@@ -13,6 +13,7 @@
 #include "daemon/input/recorded_cycles.h"
 #include "drivers/can_encoder.h"
 #include "drivers/can_log.h"
+#include "drivers/can_recording.h"
 #include "drivers/can_udp.h"
 #include "drivers/socketcan.h"
 #include "drivers/text.h"
@@ -80,7 +81,7 @@ std::size_t place_of(const std::string& name, std::vector<std::string>& names) {
 }
 
 void play_log(const CanReplayOptions& options, Buses& buses) {
-  CanLogReader reader(options.file);
+  CanLogReader reader(options.file, named_can_log(options.read));
   std::vector<std::string> interfaces;
   CandumpLine line;
   Sent sent;
@@ -239,7 +240,7 @@ void play_recording(const CanReplayOptions& options, const CanMap& map, Buses& b
 void replay_onto_can(const CanReplayOptions& options) {
   if (!options.udp.empty() && !options.interfaces.empty())
     throw UsageError("choose one bus: --can or --udp");
-  if (is_can_log(options.file)) {
+  if (options.read.format ? named_can_log(options.read).has_value() : is_can_log(options.file)) {
     if (options.targets) throw UsageError("--targets is for recordings; a log is sent as it is");
     Buses buses = opened(options);
     play_log(options, buses);

@@ -170,6 +170,7 @@ Command add_fit_axis(CLI::App& app) {
       .option("--columns", arguments->bare.read_options.columns,
               "which column of a foreign file is which channel")
       .takes("MAP");
+  arguments->bare.declare_format(command);
   arguments->bare.declare_as_recorded(command);
   command
       .option("--out", arguments->out,

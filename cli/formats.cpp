@@ -1,5 +1,4 @@
 // servotwin formats: which files are read as recordings, with an example line of each.
-#include <array>
 #include <string>
 #include <string_view>
 
@@ -7,42 +6,17 @@
 #include "cli/option_table.h"
 #include "cli/output.h"
 #include "drivers/foreign_format.h"
+#include "drivers/recording_format.h"
 
 namespace servotwin::cli {
 namespace {
 
-struct Format {
-  const char *name, *line, *channels;
-};
-
-constexpr std::array kFormats{
-    Format{"table of this program", "time[s],X.command[mm],X.actual[mm],X.torque[Nm]",
-           "AXIS.channel[unit]"},
-    Format{"table of another program", "Zeit [ms];Lagesollwert [mm];Lageistwert [mm]",
-           "by --columns; without it the error proposes one"},
-    Format{"columns divided by blanks", "0.001   27.318985   24.5482",
-           "by --columns: named in the comment above, else 1, 2, 3"},
-    Format{"MATLAB 5 and 7.3", "(binary)", "by --columns: names of vectors"},
-    Format{"ROS 2 bag (MCAP)", "(binary)", "each joint that a state of a controller names"},
-    Format{"candump -l", "(1652345678.123456) can0 181#0011223344556677", "by --can-map"},
-    Format{"candump on a terminal", " (1652345678.123456)  can0  181   [2]  19 00", "by --can-map"},
-    Format{"Vector ASC", "date Thu May 16 06:16:50.884 pm 2024", "by --can-map"},
-    Format{"PEAK TRC", ";$FILEVERSION=2.1", "by --can-map"},
-    Format{"TwinCAT Scope CSV", "Name;ScopeProject",
-           "X.SetPos and X.ActPos of axis X; others by --columns"},
-    Format{"Heidenhain TNCscope (.sco)", "%TNCscopeNT data file",
-           "s soll, s ist and I ist of each axis"},
-    Format{"LinuxCNC halscope log", "Sampling period is 1000000 nSec", "by --columns"},
-    Format{"SINUMERIK Edge capture", "{\"Header\": {.. \"SignalListHFData\": [..",
-           "DES_POS, ENC_POS and TORQUE of each axis"},
-    Format{"SINUMERIK trace (XML)", "<traceSession version=\"01.00.03.02\">",
-           "by --columns: CmdPos2ndEnc64_7 is that signal of axis 7"}};
-
 void run() {
-  for (const Format& format : kFormats) {
-    say(stdout, format.name);
-    say(stdout, std::string("  first line  ") + format.line);
-    say(stdout, std::string("  channels    ") + format.channels);
+  for (const FormatForm& form : recording_formats()) {
+    say(stdout, form.name);
+    say(stdout, std::string("  first line  ") + form.line);
+    say(stdout, std::string("  channels    ") + form.channels);
+    say(stdout, std::string("  --format    ") + form.id);
   }
   std::string_view last;
   for (const ForeignFormat& format : foreign_formats()) {

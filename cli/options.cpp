@@ -24,6 +24,7 @@ void RecordingOptions::declare(OptionTable& command, const std::string& name,
               "which column of a foreign file is which channel: "
               "\"X.command=qg[m],X.actual=qm[m],time=t[s]\"")
       .takes("MAP");
+  declare_format(command);
   command.option("--can-map", read_options.can_map, "mapping of the bits of a CAN log to signals")
       .takes("F.toml");
   command.option("--from", read_options.from_s, "start of the part to read [s after the first row]")
@@ -33,6 +34,15 @@ void RecordingOptions::declare(OptionTable& command, const std::string& name,
   command.option("--rate", read_options.rate_hz, "rows per second of a file without a time column")
       .takes("HZ");
   if (mends) declare_as_recorded(command);
+}
+
+void RecordingOptions::declare_format(OptionTable& command) {
+  command
+      .option_read_by(
+          "--format", [this](const std::string& id) { read_options.format = format_named(id); },
+          "format of the file, whatever it looks like (servotwin formats)")
+      .one_of(format_ids())
+      .takes("NAME");
 }
 
 void RecordingOptions::declare_as_recorded(OptionTable& command) {

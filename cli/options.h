@@ -17,8 +17,8 @@ namespace servotwin::cli {
 
 class OptionTable;
 
-/// REC --columns --can-map --from --to --rate --as-recorded: a recording and the part of it that is
-/// read.
+/// REC --columns --format --can-map --from --to --rate --as-recorded: a recording and the part of
+/// it that is read.
 struct RecordingOptions {
   std::filesystem::path file;
   ReadOptions read_options;
@@ -28,7 +28,8 @@ struct RecordingOptions {
   bool as_recorded = false;  ///< --as-recorded: a repair is named, but not done
 
   void declare(OptionTable& command, const std::string& name, const std::string& what);
-  /// --as-recorded alone, for commands that name several recordings.
+  /// --format and --as-recorded alone, for commands that name several recordings.
+  void declare_format(OptionTable& command);
   void declare_as_recorded(OptionTable& command);
   /// Reads the recording, from standard input if the file is "-", and prints on `people` what was
   /// ignored, repaired or dropped. `axis`: the one whose encoder is repaired; empty: all.

@@ -317,6 +317,7 @@ Command add_sequence(CLI::App& app) {
       .option("--columns", arguments->bare.read_options.columns,
               "which column of a foreign file is which channel")
       .takes("MAP");
+  arguments->bare.declare_format(command);
   arguments->bare.declare_as_recorded(command);
   command.option("--friction", arguments->friction, "friction model of both (default lugre)")
       .one_of(torque_frictions())

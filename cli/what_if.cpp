@@ -342,6 +342,7 @@ Command add_what_if(CLI::App& app) {
       .option("--columns", arguments->motion.read_options.columns,
               "which column of a foreign file is which channel")
       .takes("MAP");
+  arguments->motion.declare_format(command);
   command
       .option("--from", arguments->motion.read_options.from_s,
               "start of the part to read [s after the first row]")

@@ -21,8 +21,8 @@ bool is_can_log(const std::filesystem::path& file) {
   return can_log_form(start).has_value();
 }
 
-CanLogReader::CanLogReader(const std::filesystem::path& file)
-    : name_(file.string()), file_(FileHandle::open(file, O_RDONLY)), lines_(read_block()) {}
+CanLogReader::CanLogReader(const std::filesystem::path& file, std::optional<CanLogForm> named)
+    : name_(file.string()), file_(FileHandle::open(file, O_RDONLY)), lines_(read_block(), named) {}
 
 std::string_view CanLogReader::read_block() {
   const std::size_t kept = block_.size();

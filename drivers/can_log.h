@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -17,8 +18,8 @@ namespace servotwin {
 
 class CanLogReader {
  public:
-  /// Throws std::runtime_error if the file cannot be opened or read.
-  explicit CanLogReader(const std::filesystem::path& file);
+  /// `named`: as of CanLogLines. Throws std::runtime_error if the file cannot be opened or read.
+  explicit CanLogReader(const std::filesystem::path& file, std::optional<CanLogForm> named = {});
   /// Returns false at the end of the file. Throws std::runtime_error with file and line for an
   /// invalid line; a last line without a line end is dropped and reported in notes().
   bool next(CandumpLine& line);

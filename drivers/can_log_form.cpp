@@ -190,8 +190,9 @@ std::optional<CanLogForm> can_log_form(std::string_view beginning) {
   return std::nullopt;
 }
 
-CanLogLines::CanLogLines(std::string_view beginning) {
-  const std::optional<CanLogForm> form = can_log_form(beginning);
+CanLogLines::CanLogLines(std::string_view beginning, std::optional<CanLogForm> named) {
+  std::optional<CanLogForm> form = can_log_form(beginning);
+  if (named && !(named == CanLogForm::kCandump && form == CanLogForm::kTerminal)) form = named;
   if (!form) return;  // the first line tells what is wrong
   form_ = *form;
   if (form_ == CanLogForm::kCandump || form_ == CanLogForm::kTerminal)

@@ -33,8 +33,9 @@ enum class CanLogForm : std::uint8_t { kCandump, kTerminal, kVectorAsc, kPeakTrc
 /// Parses the lines of one log, in their order.
 class CanLogLines {
  public:
-  /// From the beginning of the file, which tells the form and whether its times are differences.
-  explicit CanLogLines(std::string_view beginning);
+  /// From the beginning of the file, which tells the form, if it is not `named`, and whether its
+  /// times are differences. kCandump names either form of candump.
+  explicit CanLogLines(std::string_view beginning, std::optional<CanLogForm> named = {});
 
   /// Empty if the line holds no frame. Throws std::runtime_error with value and rule.
   [[nodiscard]] std::optional<CandumpLine> parse(std::string_view line);

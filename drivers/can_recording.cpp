@@ -65,11 +65,21 @@ class Interfaces {
 
 }  // namespace
 
+std::optional<CanLogForm> named_can_log(const ReadOptions& options) noexcept {
+  if (options.format == RecordingFormat::kCandump) return CanLogForm::kCandump;
+  if (options.format == RecordingFormat::kVectorAsc) return CanLogForm::kVectorAsc;
+  if (options.format == RecordingFormat::kPeakTrc) return CanLogForm::kPeakTrc;
+  return std::nullopt;
+}
+
 Recording read_candump(const std::filesystem::path& file, const ReadOptions& options) {
+  const std::optional<CanLogForm> named = named_can_log(options);
   {  // What is wrong with the log itself is said before a mapping is asked for.
-    CanLogReader reader(file);
+    CanLogReader reader(file, named);
     CandumpLine line;
-    (void)reader.next(line);
+    if (!reader.next(line) && named)
+      throw std::runtime_error(file.string() + ": has no frame in the lines of " +
+                               form_of(*options.format).name);
   }
   if (options.can_map.empty()) {
     throw std::invalid_argument(
@@ -81,7 +91,7 @@ Recording read_candump(const std::filesystem::path& file, const ReadOptions& opt
   CanAssembly assembly(std::move(map));
   Interfaces interfaces(assembly.map());
   const CanCounts none = assembly.counts();
-  CanLogReader reader(file);
+  CanLogReader reader(file, named);
   CandumpLine line;
   MachineFrame frame;
   std::int64_t first_ns = 0;

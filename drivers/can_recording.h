@@ -3,11 +3,16 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 
+#include "drivers/can_log_form.h"
 #include "drivers/recording_file.h"
 #include "twin/sample.h"
 
 namespace servotwin {
+
+/// The form of log that options.format names; nothing if it names none.
+[[nodiscard]] std::optional<CanLogForm> named_can_log(const ReadOptions& options) noexcept;
 
 /// The mapping is options.can_map.
 [[nodiscard]] Recording read_candump(const std::filesystem::path& file, const ReadOptions& options);

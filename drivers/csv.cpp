@@ -350,7 +350,7 @@ Recording read_csv(const std::filesystem::path& file, const ReadOptions& options
   const std::string source = file.string();
   require_checksum(file);
   TextLines lines(file);
-  const CsvHeader header = read_csv_header(lines, source);
+  const CsvHeader header = read_csv_header(lines, source, options.format);
   Layout layout = layout_of(source, header, options);
 
   Recording recording;

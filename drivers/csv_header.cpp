@@ -219,7 +219,8 @@ bool is_table(std::string_view start) {
   return line.find_first_of(",;\t") != std::string_view::npos || is_trace(line);
 }
 
-CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
+CsvHeader read_csv_header(TextLines& lines, const std::string& source,
+                          std::optional<RecordingFormat> named) {
   std::string_view line;
   std::string comment;
   while (true) {
@@ -228,7 +229,12 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
     if (!trimmed(line).empty()) comment = line;
   }
   const std::string first(line);
-  if (auto trace = read_trace_header(lines, first)) return *std::move(trace);
+  const std::optional<double> halscope_hz = halscope_table_rate_hz(comment);
+  const bool table_named =
+      named == RecordingFormat::kTable || (named == RecordingFormat::kHalscope && halscope_hz);
+  if (!table_named) {
+    if (auto trace = read_trace_header(lines, first, named)) return *std::move(trace);
+  }
 
   CsvHeader header;
   header.separator = separator_of(first);
@@ -254,7 +260,7 @@ CsvHeader read_csv_header(TextLines& lines, const std::string& source) {
     lines.put_back();
     return header;
   }
-  header.rate_hz = halscope_table_rate_hz(comment);
+  header.rate_hz = halscope_hz;
   if (header.rate_hz)
     header.notes.push_back("halscope recording at " + number(*header.rate_hz) + " Hz");
   for (std::string& name : header.names) name = utf8_of(name);

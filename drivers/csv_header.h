@@ -14,6 +14,7 @@
 #include <string_view>
 #include <vector>
 
+#include "drivers/recording_format.h"
 #include "drivers/text_lines.h"
 
 namespace servotwin {
@@ -32,8 +33,9 @@ struct CsvHeader {
   std::string ends_with;                   ///< a line behind the last row
 };
 
-/// Reads it; the next line of `lines` is the first row.
-[[nodiscard]] CsvHeader read_csv_header(TextLines& lines, const std::string& source);
+/// Reads it; the next line of `lines` is the first row. `named`: kTable or a trace that is a table.
+[[nodiscard]] CsvHeader read_csv_header(TextLines& lines, const std::string& source,
+                                        std::optional<RecordingFormat> named = {});
 
 /// The separator of a line; blanks if there is none. In a row of numbers commas may be decimal
 /// marks.

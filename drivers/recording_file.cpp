@@ -29,7 +29,34 @@ std::string first_bytes(const std::filesystem::path& file) {
   return bytes;
 }
 
-Recording read_by_contents(const std::filesystem::path& file, const ReadOptions& options) {
+bool is_utf16(std::string_view start) {
+  return start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff");
+}
+
+/// The format by the first bytes; of a table or a text trace, which its first lines tell, kTable.
+RecordingFormat format_by(std::string_view start, const std::filesystem::path& file) {
+  const auto refuse = [&](const std::string& why) {
+    throw std::runtime_error(file.string() + ": " + why);
+  };
+  if (start.starts_with("MATLAB 5.0 MAT-file") || start.starts_with("MATLAB 7.3 MAT-file"))
+    return RecordingFormat::kMatlab;
+  if (const ForeignFormat* foreign = foreign_format(start))
+    refuse(std::string("is a ") + foreign->name + ", which is not read; " + foreign->advice);
+  if (file.extension() == ".mat")
+    refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
+  if (can_log_form(start)) return RecordingFormat::kCandump;
+  if (file.extension() == ".log" && !is_utf16(start) && !is_table(start)) {
+    refuse(
+        "is named .log, but its first line is not that of a CAN log, such as (12.345678) can0 "
+        "181#00");
+  }
+  if (is_mcap(start)) return RecordingFormat::kMcap;
+  if (is_sinumerik_trace(start)) return RecordingFormat::kSinumerikTrace;
+  if (is_sinumerik_capture(start)) return RecordingFormat::kSinumerikCapture;
+  return RecordingFormat::kTable;
+}
+
+Recording read_by_format(const std::filesystem::path& file, const ReadOptions& options) {
   const auto refuse = [&](const std::string& why) {
     throw std::runtime_error(file.string() + ": " + why);
   };
@@ -39,31 +66,20 @@ Recording read_by_contents(const std::filesystem::path& file, const ReadOptions&
   if (std::filesystem::is_directory(status)) refuse("is a directory; give one recording in it");
   if (!std::filesystem::is_regular_file(status)) refuse("is not a regular file");
 
-  const std::string bytes = first_bytes(file);
-  const std::string_view start = bytes;
+  const std::string start = first_bytes(file);
   if (start.empty()) refuse("the file is empty");
-  if (start.starts_with("MATLAB 5.0 MAT-file") || start.starts_with("MATLAB 7.3 MAT-file")) {
-    return read_mat(file, options);
-  }
-  if (const ForeignFormat* foreign = foreign_format(start))
-    refuse(std::string("is a ") + foreign->name + ", which is not read; " + foreign->advice);
-  if (file.extension() == ".mat")
-    refuse("is named .mat, but is not a MATLAB file of version 5 or 7.3");
-  if (can_log_form(start)) return read_candump(file, options);
-  const bool utf16 = start.starts_with("\xff\xfe") || start.starts_with("\xfe\xff");
-  if (file.extension() == ".log" && !utf16 && !is_table(start)) {
-    refuse(
-        "is named .log, but its first line is not that of a CAN log, such as (12.345678) can0 "
-        "181#00");
-  }
+  const RecordingFormat format = options.format ? *options.format : format_by(start, file);
+  using enum RecordingFormat;
+  if (format == kMatlab) return read_mat(file, options);
+  if (format == kCandump || format == kVectorAsc || format == kPeakTrc)
+    return read_candump(file, options);
   if (!options.can_map.empty())
     throw std::invalid_argument(file.string() + ": --can-map is for CAN logs, and this is not one");
-  if (is_mcap(start)) return read_mcap(file, options);
-  if (is_sinumerik_trace(start)) return read_sinumerik_trace(file, options);
-  if (is_sinumerik_capture(start)) return read_sinumerik_capture(file, options);
-  if (!utf16 && start.find('\0') != std::string_view::npos) {
+  if (format == kMcap) return read_mcap(file, options);
+  if (format == kSinumerikTrace) return read_sinumerik_trace(file, options);
+  if (format == kSinumerikCapture) return read_sinumerik_capture(file, options);
+  if (!is_utf16(start) && start.find('\0') != std::string::npos)
     refuse("is a binary file, neither CSV text nor a MATLAB file");
-  }
   return read_csv(file, options);
 }
 
@@ -80,7 +96,7 @@ Recording read_recording(const std::filesystem::path& file, const ReadOptions& o
         "do not fit into memory; read a part with --from S --to S");
   };
   try {
-    return read_by_contents(file, options);
+    return read_by_format(file, options);
   } catch (const std::bad_alloc&) {
     throw too_large();
   } catch (const std::length_error&) {

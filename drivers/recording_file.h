@@ -14,6 +14,7 @@
 #include <optional>
 #include <string>
 
+#include "drivers/recording_format.h"
 #include "twin/sample.h"
 
 namespace servotwin {
@@ -27,12 +28,15 @@ struct ReadOptions {
   std::optional<double> rate_hz;
   /// The mapping of a CAN log (drivers/can_map.h).
   std::filesystem::path can_map;
+  /// What the file is, whatever it looks like. Absent: its first bytes tell.
+  std::optional<RecordingFormat> format;
   /// The part to read, in seconds after the first stamp of the file, both ends included.
   double from_s = 0.0;
   double to_s = std::numeric_limits<double>::infinity();
 };
 
-/// Reads a recording; the kind of file is determined by its first bytes.
+/// Reads a recording; the kind of file is determined by options.format, else by its
+/// first bytes.
 [[nodiscard]] Recording read_recording(const std::filesystem::path& file,
                                        const ReadOptions& options = {});
 

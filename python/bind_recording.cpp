@@ -77,11 +77,13 @@ Recording mended(Recording recording, bool as_recorded) {
 
 Recording read(const std::filesystem::path& file, const std::string& columns,
                std::optional<double> rate_hz, const std::optional<std::filesystem::path>& can_map,
-               double from_s, double to_s, bool as_recorded) {
+               const std::optional<std::string>& format, double from_s, double to_s,
+               bool as_recorded) {
   ReadOptions options;
   options.columns = columns;
   options.rate_hz = rate_hz;
   options.can_map = can_map.value_or(std::filesystem::path());
+  if (format) options.format = format_named(*format);
   options.from_s = from_s;
   options.to_s = to_s;
   return mended(read_recording(file, options), as_recorded);
@@ -218,12 +220,14 @@ void bind_recording(py::module_& module) {
                std::to_string(r.time.size()) + " rows>";
       });
 
-  module.def("read", &read, py::arg("file"), py::kw_only(), py::arg("columns") = "",
-             py::arg("rate_hz") = py::none(), py::arg("can_map") = py::none(),
-             py::arg("from_s") = 0.0, py::arg("to_s") = std::numeric_limits<double>::infinity(),
-             py::arg("as_recorded") = false, py::call_guard<py::gil_scoped_release>(),
-             "A recording from a file, of any kind that `servotwin formats` lists. The options are "
-             "those of the tool: --columns, --rate, --can-map, --from, --to, --as-recorded.");
+  module.def(
+      "read", &read, py::arg("file"), py::kw_only(), py::arg("columns") = "",
+      py::arg("rate_hz") = py::none(), py::arg("can_map") = py::none(),
+      py::arg("format") = py::none(), py::arg("from_s") = 0.0,
+      py::arg("to_s") = std::numeric_limits<double>::infinity(), py::arg("as_recorded") = false,
+      py::call_guard<py::gil_scoped_release>(),
+      "A recording from a file, of any kind that `servotwin formats` lists. The options are "
+      "those of the tool: --columns, --rate, --can-map, --format, --from, --to, --as-recorded.");
   module.def("recording", &recording_of, py::arg("table"), py::kw_only(), py::arg("columns") = "",
              py::arg("rate_hz") = py::none(), py::arg("as_recorded") = false,
              py::arg("source") = "table");

@@ -1,5 +1,6 @@
 #include "drivers/traces/formats.h"
 
+#include "drivers/text.h"
 #include "drivers/traces/halscope.h"
 #include "drivers/traces/tncscope.h"
 #include "drivers/traces/twincat_scope.h"
@@ -7,10 +8,22 @@
 
 namespace servotwin {
 
-std::optional<CsvHeader> read_trace_header(TextLines& lines, const std::string& first) {
-  if (is_tncscope(first)) return read_tncscope_header(lines);
-  if (is_halscope(first)) return read_halscope_header(lines, first);
-  if (is_twincat_scope(lines, first)) return read_twincat_scope_header(lines, first);
+std::optional<CsvHeader> read_trace_header(TextLines& lines, const std::string& first,
+                                           std::optional<RecordingFormat> named) {
+  using enum RecordingFormat;
+  const RecordingFormat found = is_tncscope(first)               ? kTncscope
+                                : is_halscope(first)             ? kHalscope
+                                : is_twincat_scope(lines, first) ? kTwincatScope
+                                                                 : kTable;
+  if (named && *named != found) {
+    const FormatForm& form = form_of(*named);
+    lines.fail("--format " + std::string(form.id) + ": " + in_quotes(first) +
+               " is not the first line of such a file (" + form.name + "), as " +
+               in_quotes(form.line) + " is");
+  }
+  if (found == kTncscope) return read_tncscope_header(lines);
+  if (found == kHalscope) return read_halscope_header(lines, first);
+  if (found == kTwincatScope) return read_twincat_scope_header(lines, first);
   return std::nullopt;
 }
 

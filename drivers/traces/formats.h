@@ -7,14 +7,16 @@
 #include <string_view>
 
 #include "drivers/csv_header.h"
+#include "drivers/recording_format.h"
 #include "drivers/text_lines.h"
 
 namespace servotwin {
 
 /// The header of the trace that begins with this line, which `lines` has just returned; the next
-/// line is then the first row. Nothing if it is no known format.
-[[nodiscard]] std::optional<CsvHeader> read_trace_header(TextLines& lines,
-                                                         const std::string& first);
+/// line is then the first row. Nothing if it is no known format. Refused if it is not that of
+/// `named`.
+[[nodiscard]] std::optional<CsvHeader> read_trace_header(TextLines& lines, const std::string& first,
+                                                         std::optional<RecordingFormat> named);
 
 /// Whether a trace begins with this line that has no separator of a table.
 [[nodiscard]] bool is_trace(std::string_view first) noexcept;

@@ -127,6 +127,7 @@ def read(
     columns: str = "",
     rate_hz: float | None = None,
     can_map: str | PathLike[str] | None = None,
+    format: str | None = None,
     from_s: float = 0.0,
     to_s: float = ...,
     as_recorded: bool = False,

@@ -69,6 +69,8 @@ const std::vector<Typed> kTyped{
     {{"identify", "rec.csv", "--axis", "X", "--json", "-", "--model", "-"}, "only one result"},
     {{"identify", "rec.csv", "--axis", "X", "--from", "2", "--to", "1"}, "--from"},
     {{"identify", "rec.csv", "--axis", "X", "--rate", "-5"}, "--rate"},
+    {{"identify", "rec.csv", "--format", "excel"},
+     "excel not in {csv,matlab,candump,asc,trc,twincat,tncscope,halscope,"},
     {{"predict", "rec.csv", "--axis", "X"}, "--model is required"},
     {{"simulate", "path.csv"}, "--model is required"},
     {{"simulate", "path.csv", "--model", "m.json", "--noise", "much"},
@@ -119,6 +121,29 @@ TEST(Usage, AColumnNeedsAKnownUnit) {
   EXPECT_THAT(complaint("X.command=a[furlong]"), HasSubstr("unknown unit [furlong]"));
   EXPECT_THAT(complaint("X.command=a"), HasSubstr("has no unit"));
   EXPECT_THAT(complaint("X.speed=a[mm]"), HasSubstr("'X.speed' is neither"));
+}
+
+TEST(Usage, ANamedFormatComesBeforeTheLooksOfAFile) {
+  const Folder folder;
+  const std::string file = folder.write("rec.log", "Axis1\nSampling rate;1;kHz\na;b\n1;2\n2;3\n");
+  const auto says = [&](const std::string& format) {
+    std::vector<std::string> words{"identify", file, "--columns", "X.command=a[mm],X.actual=b[mm]"};
+    if (!format.empty()) words.insert(words.end(), {"--format", format});
+    return servotwin_says(words).err;
+  };
+  EXPECT_THAT(says(""), HasSubstr("is named .log"));
+  EXPECT_THAT(says("csv"), HasSubstr("1000 Hz, the sampling rate, is taken from line 2"));
+  EXPECT_THAT(says("halscope"), HasSubstr("--format halscope: 'Axis1' is not the first line"));
+}
+
+TEST(Usage, FormatsListsEveryNameThatFormatTakes) {
+  const std::string out = servotwin_says({"formats"}).out;
+  for (const char* id : {"csv", "matlab", "candump", "asc", "trc", "twincat", "tncscope",
+                         "halscope", "sinumerik-capture", "sinumerik-trace"})
+    EXPECT_THAT(out, HasSubstr(std::string("\n  --format    ") + id + "\n"));
+  for (const char* command : {"identify", "predict", "diagnose", "sequence", "fit-axis", "what-if",
+                              "replay", "multivariable", "frequency-response"})
+    EXPECT_THAT(servotwin_says({command, "--help"}).out, HasSubstr("--format NAME")) << command;
 }
 
 TEST(Usage, HelpNamesEveryCommand) {
