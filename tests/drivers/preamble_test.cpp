@@ -122,7 +122,7 @@ TEST_F(PreambleTable, IsNotLookedForBelowAHeader) {
       read("time[s],X.command[mm],State\n0,-,on\n1,2.5,on\n2,3,1\n3,4,1\n4,5,1\n");
   EXPECT_EQ(absent.time.size(), 5U);
   const Recording unknown =
-      read("time[s],X.command[mm],Mode,By,Of\n,,Auto,hand,A\n0,1,,,\n1,2,,,\n2,3,,,\n");
+      read("time[s],X.command[mm],Mode,By,Of\n,,Auto,hand,Ada\n0,1,,,\n1,2,,,\n2,3,,,\n");
   EXPECT_EQ(unknown.axes[0].command.size(), 4U);
   // A line that is damaged.
   refuses("time[s],X.command[mm]\n0,1\nend\n2,3\n3,4\n4,5\n",
