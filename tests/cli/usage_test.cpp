@@ -129,7 +129,8 @@ TEST(Usage, ANamedFormatComesBeforeTheLooksOfAFile) {
   const auto says = [&](const std::string& format) {
     std::vector<std::string> words{"identify", file, "--columns", "X.command=a[mm],X.actual=b[mm]"};
     if (!format.empty()) words.insert(words.end(), {"--format", format});
-    return servotwin_says(words).err;
+    const Answer answer = servotwin_says(words);
+    return answer.out + answer.err;
   };
   EXPECT_THAT(says(""), HasSubstr("is named .log"));
   EXPECT_THAT(says("csv"), HasSubstr("1000 Hz, the sampling rate, is taken from line 2"));

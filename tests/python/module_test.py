@@ -259,6 +259,16 @@ class Errors(AnAxis):
         with self.assertRaisesRegex(RuntimeError, "nowhere.csv"):
             servotwin.read("nowhere.csv")
 
+    def test_a_format_by_its_name(self):
+        file = self.in_files() / "run.log"
+        file.write_text("Axis1\nSampling rate;1;kHz\na;b\n1;2\n2;3\n")
+        columns = "X.command=a[mm],X.actual=b[mm]"
+        with self.assertRaisesRegex(RuntimeError, "is named .log"):
+            servotwin.read(file, columns=columns)
+        self.assertIn("1000 Hz", " ".join(servotwin.read(file, columns=columns, format="csv").notes))
+        with self.assertRaisesRegex(ValueError, "'excel' is no format of recordings; they are csv, matlab"):
+            servotwin.read(file, format="excel")
+
     def test_options(self):
         for options, words in (
             ({"method": "magic"}, "'magic' is not known; choose one of full-ls, joint, pole-search"),
