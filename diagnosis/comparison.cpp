@@ -388,9 +388,9 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   for (const Segment& s : segments)
     residuals.emplace_back(s.command - s.actual - simulate(out.baseline.model, s));
   find_cuts(segments, residuals);
-  const auto [training, holdout] =
+  const auto [training, rest] =
       split(segments, options.identify.training_share.value_or(training_share_of(segments)));
-  if (training.empty() || holdout.empty())
+  if (training.empty() || rest.empty())
     throw std::runtime_error(
         axis.axis + ": the recording is too short to divide into training data and hold-out");
   out.baseline.motion = motion_range(segments);
@@ -398,6 +398,7 @@ Diagnosis compare(const SegmentedAxis& axis, const ModelRecord& earlier,
   out.baseline.to_s = segments.back().end_s();
   out.baseline.training_to_s = training.back().end_s();
   const Variation variation(out.baseline.model, training);
+  const std::vector<Segment> holdout = with_lead_in(rest, segments);
   out.baseline.holdout = judge(out.baseline.model, holdout);
 
   Varied unchanged;

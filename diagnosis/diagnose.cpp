@@ -68,18 +68,8 @@ Eigen::ArrayXd saturated(const Model& model, const Segment& s, const Eigen::Arra
 
 }  // namespace
 
-std::vector<Segment> holdout_for(const Model& model, const std::vector<Segment>& segments,
-                                 double from_s) {
-  if (!remembers(model)) return cut(segments, from_s, 1e300);
-  std::vector<Segment> out;
-  for (Segment s : segments) {
-    if (s.end_s() < from_s) continue;
-    const auto before =
-        static_cast<Eigen::Index>(std::ceil((from_s - s.start_s) / s.sample_time_s));
-    s.lead = std::max(s.lead, before);
-    out.push_back(std::move(s));
-  }
-  return out;
+std::vector<Segment> held_out(const std::vector<Segment>& segments, double from_s) {
+  return with_lead_in(cut(segments, from_s, 1e300), segments);
 }
 
 std::vector<ResidualStretch> residual_stretches(const Model& model,
@@ -344,8 +334,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
   const std::vector<std::size_t> baseline_effects = baseline.structure.effects;
   Selected selected = select_causes(search, baseline, options);
   const double holdout_from_s = out.baseline.training_to_s + 0.5 * axis.sample_time_s;
-  std::vector<Segment> holdout =
-      holdout_for(selected.model.model, search.recorded(), holdout_from_s);
+  const std::vector<Segment> holdout = held_out(search.recorded(), holdout_from_s);
   const double worst = kMaxRmsRatioToKeepCauses * judge(selected.settled, holdout).rms;
   if (const double rms = judge(selected.model.model, holdout).rms;
       std::isfinite(worst) && !(rms < worst)) {
@@ -356,7 +345,6 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     search.polish(selected.model);
     search.follow(selected.model);
     search.judge(selected.model);
-    holdout = cut(search.recorded(), holdout_from_s, 1e300);
   }
   const Hypothesis& current = selected.model;
   const auto& found = selected.found;
@@ -370,7 +358,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
     out.baseline.training = settled;
   }
 
-  out.baseline.holdout = judge(out.baseline.model, cut(recorded.segments, holdout_from_s, 1e300));
+  out.baseline.holdout = judge(out.baseline.model, held_out(recorded.segments, holdout_from_s));
   out.extended = out.baseline;
   out.extended.holdout = judge(out.baseline.model, holdout);
   if (!found.empty() || current.structure.effects != baseline_effects)
@@ -400,8 +388,7 @@ Diagnosis diagnose_divided(const SegmentedAxis& recorded, const DiagnoseOptions&
       cause.doubt = CauseDoubt::kGain;
   }
   if (dropped.any()) {
-    const std::vector<Segment> as_recorded =
-        cut(recorded.segments, out.baseline.training_to_s + 0.5 * axis.sample_time_s, 1e300);
+    const std::vector<Segment> as_recorded = held_out(recorded.segments, holdout_from_s);
     out.causes.push_back(cause_of_dropped(dropped, extended, as_recorded, holdout));
   }
   out.fits = search.fits();
@@ -474,7 +461,8 @@ Diagnosis diagnose_repeatedly(const SegmentedAxis& axis, const DiagnoseOptions& 
     try {
       Diagnosis second = diagnose_divided(axis, attempt.options);
       if (attempt.explains(first, second)) {
-        second.steps.insert(second.steps.begin(), attempt.words);
+        first.steps.push_back(attempt.words);
+        second.steps.insert(second.steps.begin(), first.steps.begin(), first.steps.end());
         return second;
       }
       first.steps.push_back(attempt.words + ": explains no more");

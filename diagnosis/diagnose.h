@@ -120,10 +120,8 @@ struct DiagnoseOptions {
 /// does, and where it was asked to stop. Any thread.
 [[nodiscard]] Diagnosis diagnose(const SegmentedAxis& axis, const DiagnoseOptions& options = {});
 
-/// The segments after this time, to judge a model on. For a model that remembers (hypothesis.h)
-/// they include the earlier motion as lead.
-[[nodiscard]] std::vector<Segment> holdout_for(const Model& model,
-                                               const std::vector<Segment>& segments, double from_s);
+/// The segments after this time, to judge a model on, with the motion before it as lead-in.
+[[nodiscard]] std::vector<Segment> held_out(const std::vector<Segment>& segments, double from_s);
 
 /// The simulation error of a model in each segment, from the sample at which its starting state has
 /// been estimated.

@@ -15,10 +15,6 @@ bool Hypothesis::has(std::size_t kind) const {
          structure.effects.end();
 }
 
-bool remembers(const Model& model) {
-  return model.find(kind_of<TorqueSaturation>()) != nullptr || plays(model);
-}
-
 bool has_two_masses(const Structure& structure) {
   return std::any_of(structure.effects.begin(), structure.effects.end(), acts_on_axis);
 }

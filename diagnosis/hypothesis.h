@@ -29,11 +29,6 @@ struct Hypothesis {
 /// of the catalogue where the model has none.
 [[nodiscard]] Point point_of(const Model& model, const Structure& structure);
 
-/// Whether the start of a part of a recording depends on all the motion before it: on what the
-/// integrator of a saturated control holds, or on where in its gap the load is. Such a model is
-/// simulated from the start of the segment.
-[[nodiscard]] bool remembers(const Model& model);
-
 /// Whether the structure is that of an axis of two masses.
 [[nodiscard]] bool has_two_masses(const Structure& structure);
 

@@ -58,8 +58,7 @@ std::string row(const char* name, const std::string& cell) {
 /// measured tracking error beside it.
 std::string error_figure(const Diagnosis& diagnosis, const std::vector<Segment>& segments) {
   const bool rotary = diagnosis.baseline.rotary;
-  const std::vector<Segment> holdout =
-      holdout_for(diagnosis.extended.model, segments, diagnosis.baseline.training_to_s + 1e-9);
+  const std::vector<Segment> holdout = held_out(segments, diagnosis.baseline.training_to_s + 1e-9);
   if (holdout.empty()) return {};
   const Segment& s = holdout.front();
   const Eigen::ArrayXd error = s.command - s.actual;
@@ -292,7 +291,7 @@ std::string left_of(const Diagnosis& diagnosis, const std::vector<Segment>& segm
                 100.0 * share.time_share);
   }
   const RegressorShares before = by_regressor(residual_stretches(
-      diagnosis.baseline.model, cut(segments, diagnosis.baseline.training_to_s + 1e-9, 1e300)));
+      diagnosis.baseline.model, held_out(segments, diagnosis.baseline.training_to_s + 1e-9)));
   out +=
       "</table>\n<p>Residual explained by each variable alone:</p>\n<table><tr><th>variable"
       "</th><th>share of the residual variance</th><th>share reached by chance</th><th></th>"

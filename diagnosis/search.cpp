@@ -23,6 +23,9 @@ constexpr int kBlocks = 4;  // of the cross-validation
 // Cost along the simulated motion over cost along the measured one, below which the simulated
 // motion is used.
 constexpr double kMaxCostRatioToUseSimulation = 0.7;
+// Travel after which friction and play have forgotten where they were [m | rad]: some times what
+// guides and gaps have.
+constexpr double kForgets = 1e-3;
 constexpr double kFitStep_s = 1e-3;  // sampling time of the data for fits
 // RMS with friction that grows over a travel over that with Coulomb friction, at most, for it to be
 // the friction of a load.
@@ -85,6 +88,7 @@ void Search::detect_cuts(const Model& model) {
 void Search::divide() {
   training_ = cut(recorded_, -1e300, training_to_s_);
   held_.clear();
+  begun_.clear();
   rest_.clear();
   // Blocks of equal duration; a gap in the recording shortens its block.
   const double from = training_.front().start_s, to = training_.back().end_s();
@@ -92,8 +96,10 @@ void Search::divide() {
     const double begin = from + (to - from) * b / kBlocks,
                  end = from + (to - from) * (b + 1) / kBlocks;
     held_.push_back(cut(training_, begin, end - 1e-9));
+    begun_.push_back(with_lead_in(held_.back(), training_, kForgets));
     std::vector<Segment> rest = cut(training_, -1e300, begin - 1e-9);
-    for (Segment& s : cut(training_, end, 1e300)) rest.push_back(std::move(s));
+    for (Segment& s : with_lead_in(cut(training_, end, 1e300), training_, kForgets))
+      rest.push_back(std::move(s));
     rest_.push_back(std::move(rest));
   }
   make_signals();
@@ -270,12 +276,12 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to
   return true;
 }
 
-bool Search::fit_friction(Hypothesis& h, const Point& from) {
+bool Search::fit_friction(Hypothesis& h, const std::vector<Point>& from) {
   if (has_two_masses(h.structure)) return refit_two_masses(h);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
-  options.from = {from};
+  options.from = from;
   ++fits_;
   const auto found = joint_fit(training_, h.structure, options, floor_.encoder_step, false);
   if (!found || !why_invalid(found->model).empty()) return false;
@@ -332,7 +338,7 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
   h.cost = 0.5 * all.cost;
   h.pieces.clear();
   const std::vector<Varied> others =
-      is_intermittent(kind) ? std::vector<Varied>(held_.size(), all) : left_out(held, all, held_);
+      is_intermittent(kind) ? std::vector<Varied>(held_.size(), all) : left_out(held, all, begun_);
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
     const std::vector<double> left = left_in(b, others[b].of(held));
@@ -342,7 +348,6 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
 }
 
 std::vector<double> Search::left_in(std::size_t block, const Model& model) const {
-  if (!remembers(model)) return left_by(model, held_[block]);
   std::vector<double> out;
   for (const Segment& whole : training_) {
     const Eigen::ArrayXd left = whole.command - whole.actual - simulate(model, whole);
@@ -390,7 +395,7 @@ void Search::judge(Hypothesis& h) const {
 
 void Search::judge_polished(Hypothesis& h) const {
   h.pieces.clear();
-  const std::vector<Model> models = left_out(held_, h.structure, h.model, floor_.encoder_step);
+  const std::vector<Model> models = left_out(begun_, h.structure, h.model, floor_.encoder_step);
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
     Model model = models[b];

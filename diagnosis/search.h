@@ -27,7 +27,7 @@ class Search {
   /// The same for a structure with a law of friction, by the steps of identification/loop/joint.h:
   /// from a grid of its shape parameters, along the simulated motion where the encoder is coarse,
   /// and refitted in free simulation.
-  [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
+  [[nodiscard]] bool fit_friction(Hypothesis& h, const std::vector<Point>& from);
   /// Fits an axis of two masses, of the best of these kinds, in place of the rigid axis of `rigid`;
   /// `to_beat` is the best model without them. If that leaves an RMS below `worth` in the training
   /// data, these laws of friction are tried in place of Coulomb friction. False where no valid fit
@@ -108,7 +108,8 @@ class Search {
   std::vector<Segment> recorded_, training_;
   double training_to_s_;
   PoleBounds bounds_;
-  std::vector<std::vector<Segment>> held_, rest_;
+  // The blocks; with lead-in; the training data without each.
+  std::vector<std::vector<Segment>> held_, begun_, rest_;
   NoiseFloor floor_;
   bool rotary_;
   std::optional<Driver> followed_;

@@ -39,7 +39,7 @@ void Selector::one_law_of_friction() {
     std::replace(effects.begin(), effects.end(), kind_of<Presliding>(), kind);
     std::replace(effects.begin(), effects.end(), kind_of<CoulombFriction>(), kind);
     if (std::find(effects.begin(), effects.end(), kind) == effects.end() ||
-        !search_.fit_friction(h, point_of(now_.current.model, h.structure)))
+        !search_.fit_friction(h, {point_of(now_.current.model, h.structure)}))
       continue;
     search_.judge(h);
     steps_.push_back(
@@ -67,7 +67,7 @@ bool Selector::free_law() {
   auto& effects = h.structure.effects;
   std::erase(effects, kind_of<FallingFriction>());
   std::replace_if(effects.begin(), effects.end(), is_friction_law, kind_of<Gms>());
-  if (!search_.fit_friction(h, point_of(now_.current.model, h.structure))) return false;
+  if (!search_.fit_friction(h, {point_of(now_.current.model, h.structure)})) return false;
   search_.judge(h);
   steps_.push_back(text("  as gms: %s RMS", size_of(h.rms()).c_str()));
   if (!(h.rms() < kMaxRmsRatioClearlyBetter * now_.current.rms())) return false;
@@ -112,7 +112,7 @@ bool Selector::law_beside_rests() {
   check_stop();
   std::vector<char> fits(all.size());
   in_parallel(all.size(), [&](std::size_t i) {
-    fits[i] = search_.fit_friction(all[i], Point(all[i].point));
+    fits[i] = search_.fit_friction(all[i], {all[i].point});
     if (fits[i]) search_.judge_as_is(all[i]);
   });
   Hypothesis* best = nullptr;
@@ -161,7 +161,7 @@ void Selector::replace_misfit_by_law() {
       std::erase(effects, kind_of<FallingFriction>());
       std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
       if (std::find(effects.begin(), effects.end(), law) == effects.end() ||
-          !search_.fit_friction(h, point_of(now_.current.model, h.structure)))
+          !search_.fit_friction(h, {point_of(now_.current.model, h.structure)}))
         continue;
       search_.judge(h);
       if (h.rms() < least) least = h.rms(), best = std::move(h);

@@ -148,7 +148,8 @@ void Selector::fit_some(const std::vector<Screened>& promising, std::size_t coun
     auto& [h, beside, fits, varies] = candidates[first + i];
     h.structure = beside.structure = extended_by(now_.current.structure, s.kind);
     const Point from = start_of(h.structure, s);
-    fits = s.kind == kind_of<Presliding>() ? search_.fit_friction(h, from) : search_.fit(h, {from});
+    fits =
+        s.kind == kind_of<Presliding>() ? search_.fit_friction(h, {from}) : search_.fit(h, {from});
     if (fits) search_.judge(h);
     varies = search_.vary(beside, now_.current.model, s.kind, s.shapes);
   });

@@ -56,8 +56,9 @@ Change table(std::size_t kind, double low, double high) {
 
 std::optional<Model> with_unexplained(const Model& model, const std::vector<Segment>& training) {
   if (model.effects.size() >= kMaxEffects) return std::nullopt;
-  const auto halves = split(training, 0.5);
+  auto halves = split(training, 0.5);
   if (halves.first.empty() || halves.second.empty()) return std::nullopt;
+  halves.second = with_lead_in(halves.second, training);
   std::vector<double> before = left_by(model, halves.second);
   for (const double piece : left_by(model, halves.first)) before.push_back(piece);
   std::optional<Change> best;

@@ -341,6 +341,8 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
         "motion"));
   }
 
+  const std::vector<Segment> judged_on = with_lead_in(holdout, axis.segments);
+
   Identified out;
   ModelRecord& record = out.record;
   record.axis = axis.axis;
@@ -367,7 +369,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
       return out;
     }
     record.training = judge(record.model, training);
-    record.holdout = judge(record.model, holdout);
+    record.holdout = judge(record.model, judged_on);
     return out;
   }
 
@@ -440,7 +442,7 @@ Identified identify(const SegmentedAxis& axis, const IdentifyOptions& options) {
     return out;
   }
   record.training = judge(record.model, training);
-  record.holdout = judge(record.model, holdout);
+  record.holdout = judge(record.model, judged_on);
   if (fit->fit.on_bound) {
     record.excitation.push_back(
         message("poles lie on the search bounds: this motion does not determine them; ",

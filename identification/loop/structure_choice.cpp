@@ -211,9 +211,10 @@ class StructureChoice {
           fitted_.empty() ? training.front().start_s : fitted_.back().end_s(),
           " s, which is all that a structure can be fitted to: select a part that begins with "
           "motion (--from), or record a longer one"));
-    // A segment cut within a motion begins with friction and integrator in an unknown state. The
-    // transient until that state has decayed is the same for every structure and would hide the
-    // differences between them, so it is not judged.
+    validated_ = with_lead_in(validated_, training);
+    // The first segments begin with friction and integrator in an unknown state. The transient
+    // until that state has decayed is the same for every structure and would hide the differences
+    // between them, so it is not judged.
     for (Segment& s : validated_) {
       const auto forgotten =
           static_cast<Eigen::Index>(std::lround(kSettlingTime_s / s.sample_time_s));

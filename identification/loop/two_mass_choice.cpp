@@ -46,7 +46,8 @@ std::optional<TwoMassFit> chosen_masses(const std::string& axis,
                                         const IdentifyOptions& options, double encoder_step,
                                         std::vector<StructureTrial>& trials) {
   const auto halves = split(training, kFittedShare);
-  const auto &fitted = halves.first, &validation = halves.second;
+  const std::vector<Segment>& fitted = halves.first;
+  const std::vector<Segment> validation = with_lead_in(halves.second, training);
   // Play outside the loop is not told from an error of the reading by one encoder alone.
   const std::vector<std::size_t> kinds{kind_of<TwoMassMotorEncoder>(),
                                        kind_of<TwoMassLoadEncoder>(), kind_of<PlayMotorEncoder>(),

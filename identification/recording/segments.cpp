@@ -441,6 +441,26 @@ std::vector<Segment> cut(const std::vector<Segment>& segments, double from_s, do
   return out;
 }
 
+std::vector<Segment> with_lead_in(const std::vector<Segment>& parts,
+                                  const std::vector<Segment>& segments, double travel) {
+  std::vector<Segment> out;
+  auto whole = segments.begin();
+  for (const Segment& part : parts) {
+    const double middle = part.start_s + 0.5 * part.sample_time_s;
+    while (whole + 1 != segments.end() && (whole + 1)->start_s < middle) ++whole;
+    const Eigen::Index first = std::lround((part.start_s - whole->start_s) / part.sample_time_s);
+    Eigen::Index begin = first;
+    double low = part.actual(0), high = low;
+    for (; begin > 0 && high - low < travel; --begin) {
+      low = std::min(low, whole->actual(begin - 1));
+      high = std::max(high, whole->actual(begin - 1));
+    }
+    out.push_back(part_of(*whole, begin, first - begin + part.size()));
+    out.back().lead = std::max(out.back().lead, first - begin + part.lead);
+  }
+  return out;
+}
+
 void require_motion(const SegmentedAxis& axis) {
   constexpr double kMinSamplingTime_s = 1e-5;  // ten times below that of the fastest drives
   // A slow position loop has its bandwidth at 5 Hz, which four samples in a period still show.

@@ -9,6 +9,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -81,6 +82,13 @@ double append(SegmentedAxis& axis, SegmentedAxis next);
 
 /// `size` samples of a segment, from sample `begin` on.
 [[nodiscard]] Segment part_of(const Segment& whole, Eigen::Index begin, Eigen::Index size);
+
+/// Parts of these segments with the samples before them as lead-in: friction, play and integrator
+/// begin a part in a state that only the motion before it tells. As many samples as contain an
+/// encoder's travel of `travel` [m | rad]; all where there is none so far.
+[[nodiscard]] std::vector<Segment> with_lead_in(
+    const std::vector<Segment>& parts, const std::vector<Segment>& segments,
+    double travel = std::numeric_limits<double>::infinity());
 
 /// The part of the segments between two times of the recording [s]. Parts of less than 20 samples
 /// are dropped.
