@@ -224,6 +224,38 @@ TEST(RequireMotion, RefusesARateThatIsNoServosAndSaysWhichIsNeeded) {
   EXPECT_NO_THROW(require_motion(at(0.05)));
 }
 
+TEST(LeadIn, IsTheMotionBeforeAPart) {
+  // 0.1 mm per sample, after a rest of 100 samples; then a second segment that rests.
+  Segment moves, rests;
+  moves.sample_time_s = rests.sample_time_s = 1e-3;
+  moves.start_s = 2.0;
+  moves.actual = moves.command = Eigen::ArrayXd::LinSpaced(400, -0.01, 0.0299).max(0.0);
+  rests.start_s = 5.0;
+  rests.actual = rests.command = Eigen::ArrayXd::Constant(400, 0.03);
+  const std::vector<Segment> whole{moves, rests};
+  const auto parts = cut(whole, 2.25, 5.1);
+  ASSERT_EQ(parts.size(), 2U);
+
+  const auto all = with_lead_in(parts, whole);
+  EXPECT_EQ(all[0].start_s, 2.0);
+  EXPECT_EQ(all[0].lead, 250);
+  EXPECT_EQ(all[0].size(), 400);
+  EXPECT_EQ(all[1].lead, 0) << "a part that begins with its segment";
+  EXPECT_EQ(all[1].size(), 101);
+
+  const auto some = with_lead_in(parts, whole, 1e-3);
+  EXPECT_EQ(some[0].lead, 10) << "0.1 mm per sample";
+  EXPECT_NEAR(some[0].start_s, 2.24, 1e-9);
+  EXPECT_EQ(some[0].command(10), parts[0].command(0));
+  EXPECT_EQ(some[0].size(), 10 + parts[0].size());
+
+  const auto standing = with_lead_in(cut(whole, 2.05, 2.09), whole, 1e-3);
+  EXPECT_EQ(standing[0].lead, 50) << "all there is";
+  std::vector<Segment> led = cut(whole, 2.25, 3.0);
+  led[0].lead = 20;
+  EXPECT_EQ(with_lead_in(led, whole, 1e-3)[0].lead, 30) << "in front of its own";
+}
+
 TEST(AppendedSegments, FollowTheOthersWithTheirOwnStart) {
   SegmentedAxis first = segment_axis(sampled(grid(2000, 0.001)), "X");
   Recording later = sampled(grid(500, 0.001));
