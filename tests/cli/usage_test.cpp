@@ -139,7 +139,7 @@ TEST(Usage, ANamedFormatComesBeforeTheLooksOfAFile) {
 
 TEST(Usage, FormatsListsEveryNameThatFormatTakes) {
   const std::string out = servotwin_says({"formats"}).out;
-  for (const char* id : {"csv", "matlab", "candump", "asc", "trc", "twincat", "tncscope",
+  for (const char* id : {"csv", "matlab", "mcap", "candump", "asc", "trc", "twincat", "tncscope",
                          "halscope", "sinumerik-capture", "sinumerik-trace"})
     EXPECT_THAT(out, HasSubstr(std::string("\n  --format    ") + id + "\n"));
   for (const char* command : {"identify", "predict", "diagnose", "sequence", "fit-axis", "what-if",
