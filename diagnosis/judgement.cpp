@@ -37,14 +37,17 @@ double removed_rms(const Hypothesis& before, const Hypothesis& after) {
 }
 
 double share_won(const Tried& best, const Tried& rival) {
-  const auto removed_by = [](const Tried& one, std::size_t i) {
-    return one.before->pieces[i] - one.model.pieces[i];
+  // As shares of what each began with: models fitted in different ways begin with different errors.
+  const double of_best = best.before->rms() * best.before->rms(),
+               of_rival = rival.before->rms() * rival.before->rms();
+  const auto removed_by = [](const Tried& one, double before, std::size_t i) {
+    return (one.before->pieces[i] - one.model.pieces[i]) / before;
   };
   const std::size_t n = std::min({best.model.pieces.size(), best.before->pieces.size(),
                                   rival.model.pieces.size(), rival.before->pieces.size()});
   const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
     double sum = 0.0;
-    for (const std::size_t i : places) sum += removed_by(best, i) - removed_by(rival, i);
+    for (const std::size_t i : places) sum += removed_by(best, of_best, i) - removed_by(rival, of_rival, i);
     return sum;
   });
   return static_cast<double>(std::count_if(differences.begin(), differences.end(),

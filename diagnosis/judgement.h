@@ -53,8 +53,8 @@ struct Bar {
 /// The error that an addition removes: sqrt(before^2 - after^2) of the RMS [m | rad].
 [[nodiscard]] double removed_rms(const Hypothesis& before, const Hypothesis& after);
 
-/// Share of bootstrap resamples in which `best` lowers the squared error of its own comparison
-/// model more than `rival` lowers that of its own.
+/// Share of bootstrap resamples in which `best` removes a larger share of the squared error of its
+/// own comparison model than `rival` of that of its own.
 [[nodiscard]] double share_won(const Tried& best, const Tried& rival);
 
 /// Whether the misfit of a law of friction can look like this effect, as it can for effects that

@@ -98,8 +98,7 @@ void Search::divide() {
     held_.push_back(cut(training_, begin, end - 1e-9));
     begun_.push_back(with_lead_in(held_.back(), training_, kForgets));
     std::vector<Segment> rest = cut(training_, -1e300, begin - 1e-9);
-    for (Segment& s : with_lead_in(cut(training_, end, 1e300), training_, kForgets))
-      rest.push_back(std::move(s));
+    for (Segment& s : cut(training_, end, 1e300)) rest.push_back(std::move(s));
     rest_.push_back(std::move(rest));
   }
   make_signals();
