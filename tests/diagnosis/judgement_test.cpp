@@ -250,5 +250,21 @@ TEST(EndOfACause, KeepsACauseFromBeingNamedHoweverConfident) {
   }
 }
 
+// Fitted beside the loop as it is, and with a loop that was fitted along the measured motion: the
+// two begin with different errors.
+TEST(ShareWon, ComparesTheSharesThatRivalsRemove) {
+  constexpr std::size_t kPieces = 40;
+  const auto with = [](double square) {
+    Hypothesis h;
+    for (std::size_t i = 0; i < kPieces; ++i)
+      h.pieces.push_back(square * (1.0 + 0.1 * static_cast<double>(i % 5)));
+    return h;
+  };
+  const Hypothesis as_is = with(1.0), fitted = with(4.0);
+  const Tried best{with(0.1), &as_is, {}}, rival{with(1.0), &fitted, {}};
+  EXPECT_EQ(share_won(best, rival), 1.0) << "90 % against 75 %, though 0.9 against 3";
+  EXPECT_EQ(share_won(rival, best), 0.0);
+}
+
 }  // namespace
 }  // namespace servotwin
