@@ -47,7 +47,8 @@ double share_won(const Tried& best, const Tried& rival) {
                                   rival.model.pieces.size(), rival.before->pieces.size()});
   const auto differences = bootstrap(n, [&](const std::vector<std::size_t>& places) {
     double sum = 0.0;
-    for (const std::size_t i : places) sum += removed_by(best, of_best, i) - removed_by(rival, of_rival, i);
+    for (const std::size_t i : places)
+      sum += removed_by(best, of_best, i) - removed_by(rival, of_rival, i);
     return sum;
   });
   return static_cast<double>(std::count_if(differences.begin(), differences.end(),

@@ -275,12 +275,12 @@ bool Search::part_masses(Hypothesis& h, const Hypothesis& rigid, const Model& to
   return true;
 }
 
-bool Search::fit_friction(Hypothesis& h, const std::vector<Point>& from) {
+bool Search::fit_friction(Hypothesis& h, const Point& from) {
   if (has_two_masses(h.structure)) return refit_two_masses(h);
   PoleSearchOptions options;
   options.bounds = bounds_;
   options.tolerance = 1e-5;
-  options.from = from;
+  options.from = {from};
   ++fits_;
   const auto found = joint_fit(training_, h.structure, options, floor_.encoder_step, false);
   if (!found || !why_invalid(found->model).empty()) return false;

@@ -27,7 +27,7 @@ class Search {
   /// The same for a structure with a law of friction, by the steps of identification/loop/joint.h:
   /// from a grid of its shape parameters, along the simulated motion where the encoder is coarse,
   /// and refitted in free simulation.
-  [[nodiscard]] bool fit_friction(Hypothesis& h, const std::vector<Point>& from);
+  [[nodiscard]] bool fit_friction(Hypothesis& h, const Point& from);
   /// Fits an axis of two masses, of the best of these kinds, in place of the rigid axis of `rigid`;
   /// `to_beat` is the best model without them. If that leaves an RMS below `worth` in the training
   /// data, these laws of friction are tried in place of Coulomb friction. False where no valid fit

@@ -22,11 +22,9 @@ void Selector::run() {
   settled_ = now_.current.model;
   delay();
   baseline_ = now_.current.rms();
-  first_ = now_.current;
   integrator();
   add_causes();
   if (free_law()) add_causes();
-  begin_with_law();
   if (part_masses()) add_causes();
   if (law_beside_rests()) add_causes();
   replace_misfit_by_law();

@@ -18,9 +18,6 @@ constexpr double kMinRmsOverFloorForFreeLaw = 2.0;
 // Share of the squared error that the screen must forecast for a force that grows at rest, for it
 // to be tried beside other laws of friction.
 constexpr double kMinScreenGainBesideLaw = 0.1;
-// RMS of a law of friction alone over that of all causes found so far, up to which causes are
-// searched beside it.
-constexpr double kMaxRmsRatioToBegin = 2.0;
 
 }  // namespace
 
@@ -42,7 +39,7 @@ void Selector::one_law_of_friction() {
     std::replace(effects.begin(), effects.end(), kind_of<Presliding>(), kind);
     std::replace(effects.begin(), effects.end(), kind_of<CoulombFriction>(), kind);
     if (std::find(effects.begin(), effects.end(), kind) == effects.end() ||
-        !search_.fit_friction(h, {point_of(now_.current.model, h.structure)}))
+        !search_.fit_friction(h, point_of(now_.current.model, h.structure)))
       continue;
     search_.judge(h);
     steps_.push_back(
@@ -70,7 +67,7 @@ bool Selector::free_law() {
   auto& effects = h.structure.effects;
   std::erase(effects, kind_of<FallingFriction>());
   std::replace_if(effects.begin(), effects.end(), is_friction_law, kind_of<Gms>());
-  if (!search_.fit_friction(h, {point_of(now_.current.model, h.structure)})) return false;
+  if (!search_.fit_friction(h, point_of(now_.current.model, h.structure))) return false;
   search_.judge(h);
   steps_.push_back(text("  as gms: %s RMS", size_of(h.rms()).c_str()));
   if (!(h.rms() < kMaxRmsRatioClearlyBetter * now_.current.rms())) return false;
@@ -84,63 +81,6 @@ bool Selector::free_law() {
   named_by(kind_of<Gms>(), friction->second.cause);
   rejected_.clear();
   return true;
-}
-
-bool Selector::begin_with_law() {
-  if (now_.found.empty() || has_two_masses(now_.current.structure) ||
-      !(now_.current.rms() > kMinRmsOverFloorForFreeLaw * search_.floor().rms))
-    return false;
-  if (options_.leaves_out("presliding") || options_.leaves_out("stribeck")) return false;
-  check_stop();
-  std::vector<Hypothesis> all;
-  for (const int order : {2, 3}) {
-    if (options_.identify.order != 0 && options_.identify.order != order) continue;
-    for (const std::size_t law : kLawsOnLoad) {
-      Hypothesis h;
-      h.structure = first_.structure;
-      h.structure.order = order;
-      auto& effects = h.structure.effects;
-      std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
-      if (order == 3) std::erase(effects, kind_of<ConstantForce>());
-      all.push_back(std::move(h));
-    }
-  }
-  std::vector<char> fits(all.size());
-  in_parallel(all.size(), [&](std::size_t i) {
-    fits[i] = search_.fit_friction(all[i], {});
-    if (fits[i]) search_.judge_as_is(all[i]);
-  });
-  Hypothesis* best = nullptr;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    if (fits[i] && (best == nullptr || all[i].rms() < kMaxRmsRatioToAdd * best->rms()))
-      best = &all[i];
-  }
-  if (best == nullptr) return false;
-  const auto law = *std::find_if(best->structure.effects.begin(), best->structure.effects.end(),
-                                 is_friction_law);
-  steps_.push_back(text("begun with %s, order %d: %s RMS", identity_of(law).id.data(),
-                        best->structure.order, size_of(best->rms()).c_str()));
-  if (!(best->rms() < kMaxRmsRatioToBegin * now_.current.rms())) return false;
-  const State before = now_;
-  const std::set<std::size_t> rejected = rejected_;
-  const std::string last = last_;
-  const double friction = friction_;
-  now_.found.clear();
-  rejected_.clear();
-  now_.current = std::move(*best);
-  settle();
-  Cause cause = cause_by_improvement("presliding", first_);
-  last_ = cause.id;
-  friction_ = removed_rms(first_, now_.current);
-  named_by(law, cause);
-  add_causes();
-  if (now_.current.rms() < kMaxRmsRatioClearlyBetter * before.current.rms()) return true;
-  steps_.emplace_back("  no better than the causes found before: discarded");
-  back_to(before);
-  rejected_ = rejected;
-  last_ = last;
-  friction_ = friction;
-  return false;
 }
 
 bool Selector::law_beside_rests() {
@@ -172,7 +112,7 @@ bool Selector::law_beside_rests() {
   check_stop();
   std::vector<char> fits(all.size());
   in_parallel(all.size(), [&](std::size_t i) {
-    fits[i] = search_.fit_friction(all[i], {all[i].point});
+    fits[i] = search_.fit_friction(all[i], Point(all[i].point));
     if (fits[i]) search_.judge_as_is(all[i]);
   });
   Hypothesis* best = nullptr;
@@ -221,7 +161,7 @@ void Selector::replace_misfit_by_law() {
       std::erase(effects, kind_of<FallingFriction>());
       std::replace_if(effects.begin(), effects.end(), is_friction_law, law);
       if (std::find(effects.begin(), effects.end(), law) == effects.end() ||
-          !search_.fit_friction(h, {point_of(now_.current.model, h.structure)}))
+          !search_.fit_friction(h, point_of(now_.current.model, h.structure)))
         continue;
       search_.judge(h);
       if (h.rms() < least) least = h.rms(), best = std::move(h);

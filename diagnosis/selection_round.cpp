@@ -16,6 +16,11 @@ void sort_by_left(std::vector<Tried>& tried) {
             [](const Tried& l, const Tried& r) { return l.left() < r.left(); });
 }
 
+bool acts_at_moments(std::size_t kind) {
+  const auto shapes = shapes_of(kind);
+  return !shapes.empty() && shapes.front().scan == Scan::kMoments;
+}
+
 /// The cause that the chosen one of these models, with its rivals.
 Cause cause_among(const std::vector<Tried>& tried, const Tried& chosen,
                   const Judgement& judgement) {
@@ -28,7 +33,9 @@ Cause cause_among(const std::vector<Tried>& tried, const Tried& chosen,
     // Two laws of the same cause are not rivals.
     if (cause_of(rival.screened.kind) == cause.id || rival.screened.p > kFalseAlarmRate) continue;
     const double wins = share_won(chosen, rival);
-    cause.wins = std::min(cause.wins, wins);
+    // Pushes may explain more than a law that is preferred to them.
+    if (!acts_at_moments(rival.screened.kind) || acts_at_moments(chosen.screened.kind))
+      cause.wins = std::min(cause.wins, wins);
     if (wins < kMinShareToExcludeRival &&
         1.0 - rival.left() > kMinGainShareOfRival * (1.0 - chosen.left()))
       cause.ambiguous_with.push_back(cause_of(rival.screened.kind));
@@ -55,10 +62,14 @@ bool Selector::add_one() {
     return false;
   }
   // Of two candidates that the blocks do not distinguish, prefer the one with fewer parameters.
+  // Pushes at free moments follow whatever happens at a few breakaways: what acts by a law is
+  // preferred to them, even where alone it could be the misfit of the law of friction.
+  const bool pushes = acts_at_moments(chosen->screened.kind);
+  const double least = pushes ? kMinGainShareOfRival : kMinGainShareOfSimpler;
   for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
     if (parameters_of(rival->screened.kind) < parameters_of(chosen->screened.kind) &&
-        earned(*rival) && share_won(*chosen, *rival) < kMinShareToExcludeRival &&
-        1.0 - rival->left() > kMinGainShareOfSimpler * (1.0 - chosen->left()))
+        (pushes || earned(*rival)) && share_won(*chosen, *rival) < kMinShareToExcludeRival &&
+        1.0 - rival->left() > least * (1.0 - chosen->left()))
       chosen = rival;
   }
   if (chosen->screened.kind == kind_of<Compliance>() && delay_does_better(chosen->model))
@@ -148,8 +159,7 @@ void Selector::fit_some(const std::vector<Screened>& promising, std::size_t coun
     auto& [h, beside, fits, varies] = candidates[first + i];
     h.structure = beside.structure = extended_by(now_.current.structure, s.kind);
     const Point from = start_of(h.structure, s);
-    fits =
-        s.kind == kind_of<Presliding>() ? search_.fit_friction(h, {from}) : search_.fit(h, {from});
+    fits = s.kind == kind_of<Presliding>() ? search_.fit_friction(h, from) : search_.fit(h, {from});
     if (fits) search_.judge(h);
     varies = search_.vary(beside, now_.current.model, s.kind, s.shapes);
   });

@@ -120,10 +120,6 @@ class Selector {
   /// Where the residual stays large with a law of friction, the law itself may be wrong: tries one
   /// whose virgin curve is free. True where that is clearly better and was accepted.
   bool free_law();
-  /// The causes found may stand for a law of friction that was missed beside the loop of Coulomb
-  /// friction: begins anew with each law and the loop found with it, and adds causes to the best.
-  /// True where that is clearly better.
-  bool begin_with_law();
   /// A law whose breakaway force is high and falls at once stands for one that grows at rest: tries
   /// that beside every law of friction. True where it is clearly better.
   bool law_beside_rests();
@@ -154,7 +150,6 @@ class Selector {
   Search& search_;
   State now_;
   const DiagnoseOptions& options_;
-  Hypothesis first_;  // without any cause
   Model settled_;
   std::optional<Hypothesis> undelayed_;
   std::set<std::size_t> rejected_;

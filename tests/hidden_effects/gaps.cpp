@@ -106,7 +106,7 @@ class Fits {
       from.shapes[i] =
           std::clamp(true_shape(truth_, p.name).value_or(from.shapes[i]), p.lower, p.upper);
     }
-    if (!search_.fit_friction(out, {from})) return std::nullopt;
+    if (!search_.fit_friction(out, from)) return std::nullopt;
     search_.follow(out);
     return out;
   }
