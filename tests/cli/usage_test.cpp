@@ -70,7 +70,7 @@ const std::vector<Typed> kTyped{
     {{"identify", "rec.csv", "--axis", "X", "--from", "2", "--to", "1"}, "--from"},
     {{"identify", "rec.csv", "--axis", "X", "--rate", "-5"}, "--rate"},
     {{"identify", "rec.csv", "--format", "excel"},
-     "excel not in {csv,matlab,candump,asc,trc,twincat,tncscope,halscope,"},
+     "excel not in {csv,matlab,mcap,candump,asc,trc,twincat,tncscope,halscope,"},
     {{"predict", "rec.csv", "--axis", "X"}, "--model is required"},
     {{"simulate", "path.csv"}, "--model is required"},
     {{"simulate", "path.csv", "--model", "m.json", "--noise", "much"},

@@ -79,7 +79,7 @@ TEST(RecordingFormats, HaveIdentifiersAndAreRefusedByTheirList) {
   expect_error<std::invalid_argument>(
       [] { (void)format_named("excel"); },
       {"'excel' is no format of recordings",
-       "csv, matlab, candump, asc, trc, twincat, tncscope, halscope, sinumerik-capture, "
+       "csv, matlab, mcap, candump, asc, trc, twincat, tncscope, halscope, sinumerik-capture, "
        "sinumerik-trace"});
   vector<std::string> ids = format_ids();
   std::sort(ids.begin(), ids.end());

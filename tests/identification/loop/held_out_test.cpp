@@ -28,35 +28,48 @@ Rig held_by_friction() {
   return rig;
 }
 
-/// Ten seconds of moves; from 5.4 s to 6.6 s, about 0.6 of the time, the command rests.
-Segment recorded(const Rig& rig) {
+constexpr double kRestBegins_s = 5.4, kRest_s = 1.2, kEnds_s = 10.0;
+
+struct Recorded {
+  Segment segment;
+  double rest_begins_s = 0.0;
+};
+
+/// Moves, a rest, and moves again.
+Recorded recorded(const Rig& rig) {
   constexpr virtual_machine::Limits kBrisk{.velocity = 0.2, .acceleration = 4.0, .jerk = 150.0};
-  constexpr double kRestBegins_s = 5.4, kRest_s = 1.2, kEnds_s = 10.0;
   virtual_machine::Trajectory path(0.0);
   path.dwell(0.2);
-  for (int i = 0; path.duration() < kEnds_s; ++i) {
-    path.move_to((i % 2 == 0 ? 0.02 : -0.015) * (1 + i % 3), kBrisk);
-    const bool rests =
-        path.duration() > kRestBegins_s - 0.4 && path.duration() < kRestBegins_s + 0.4;
-    path.dwell(rests ? kRest_s : 0.05 + 0.03 * (i % 4));
-  }
+  int moves = 0;
+  const auto move_until = [&](double end_s) {
+    for (; path.duration() < end_s; ++moves) {
+      path.dwell(0.05 + 0.03 * (moves % 4));
+      path.move_to((moves % 2 == 0 ? 0.02 : -0.015) * (1 + moves % 3), kBrisk);
+    }
+  };
+  Recorded out;
+  move_until(kRestBegins_s);
+  out.rest_begins_s = path.duration();
+  path.dwell(kRest_s);
+  move_until(kEnds_s);
   const auto trace = hidden_effects::simulate(rig, path);
   const auto rows = static_cast<Eigen::Index>(trace.command.size());
-  Segment out;
-  out.sample_time_s = rig.reading.sample_time;
-  out.command = Eigen::Map<const Eigen::ArrayXd>(trace.command.data(), rows);
-  out.actual = Eigen::Map<const Eigen::ArrayXd>(trace.actual.data(), rows);
+  out.segment.sample_time_s = rig.reading.sample_time;
+  out.segment.command = Eigen::Map<const Eigen::ArrayXd>(trace.command.data(), rows);
+  out.segment.actual = Eigen::Map<const Eigen::ArrayXd>(trace.actual.data(), rows);
   return out;
 }
 
 TEST(HeldOut, ThatBeginInARestAreJudgedWithTheMotionBefore) {
   SegmentedAxis axis;
   axis.axis = "X";
-  axis.segments = {recorded(held_by_friction())};
-  axis.sample_time_s = axis.segments.front().sample_time_s;
+  const Recorded all = recorded(held_by_friction());
+  axis.segments = {all.segment};
+  axis.sample_time_s = all.segment.sample_time_s;
   IdentifyOptions options;
   options.method = Method::kJoint;
-  const auto [training, holdout] = split(axis.segments, training_share_of(axis.segments));
+  options.training_share = (all.rest_begins_s + 0.3 * kRest_s) / all.segment.end_s();
+  const auto [training, holdout] = split(axis.segments, *options.training_share);
   const Segment& rest = holdout.front();
   ASSERT_EQ(rest.command.head(200).maxCoeff(), rest.command.head(200).minCoeff()) << "a rest";
   ASSERT_GT(std::abs(rest.command(0) - rest.actual(0)), 5e-6) << "away from the command";
