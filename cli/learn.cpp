@@ -211,6 +211,7 @@ void run(const LearnArguments& arguments) {
   correction.source = arguments.commands.path.file.filename().string();
   correction.method = arguments.method;
   correction.options.aim = arguments.aim == "contour" ? Aim::kContour : Aim::kTracking;
+  correction.options.rigid_law_too = true;
   if (arguments.trials > 0) correction.options.trials = arguments.trials;
   correction.options.feedforward_only = arguments.method == "feedforward";
   if (arguments.chord_um && arguments.gcode.empty())

@@ -64,12 +64,14 @@ bool Selector::add_one() {
   // Of two candidates that the blocks do not distinguish, prefer the one with fewer parameters.
   // Pushes at free moments follow whatever happens at a few breakaways: what acts by a law is
   // preferred to them, even where alone it could be the misfit of the law of friction.
-  const bool pushes = acts_at_moments(chosen->screened.kind);
-  const double least = pushes ? kMinGainShareOfRival : kMinGainShareOfSimpler;
+  const Bar beside_pushes{baseline_, 0.0, kinds.size()};
   for (auto rival = chosen + 1; rival != tried.end(); ++rival) {
+    const bool before_pushes = acts_at_moments(chosen->screened.kind);
     if (parameters_of(rival->screened.kind) < parameters_of(chosen->screened.kind) &&
-        (pushes || earned(*rival)) && share_won(*chosen, *rival) < kMinShareToExcludeRival &&
-        1.0 - rival->left() > least * (1.0 - chosen->left()))
+        judged(*rival, before_pushes ? beside_pushes : bar).earned &&
+        share_won(*chosen, *rival) < kMinShareToExcludeRival &&
+        1.0 - rival->left() > (before_pushes ? kMinGainShareOfRival : kMinGainShareOfSimpler) *
+                                  (1.0 - chosen->left()))
       chosen = rival;
   }
   if (chosen->screened.kind == kind_of<Compliance>() && delay_does_better(chosen->model))

@@ -163,12 +163,17 @@ std::optional<SamplingUnit> sampling_unit(std::string_view text) {
   return std::nullopt;
 }
 
-/// Takes a number from the beginning of a text. 1,250 is none: it may be a number of thousands.
-std::optional<double> take_number(std::string_view& text) {
+/// Takes a number from the beginning of a text. 1,250 is none: it may be a number of thousands; nor
+/// is 1.000 between semicolons, where commas are decimal marks.
+std::optional<double> take_number(std::string_view& text, char separator) {
   const std::size_t end = std::min(text.find_first_not_of("0123456789.,eE+-"), text.size());
   std::string digits(text.substr(0, end));
   const std::size_t comma = digits.find(',');
   if (comma != std::string::npos && digits.front() != '0' && digits.size() == comma + 4)
+    return std::nullopt;
+  const std::size_t point = digits.find('.');
+  if (separator == ';' && point != std::string::npos && digits.front() != '0' &&
+      digits.size() == point + 4)
     return std::nullopt;
   std::replace(digits.begin(), digits.end(), ',', '.');
   double value = 0.0;
@@ -207,7 +212,7 @@ std::optional<double> sampling_rate_in(std::string_view line, char separator) {
   if (!is_rate && std::none_of(kIntervals.begin(), kIntervals.end(), is_name)) return std::nullopt;
 
   std::string_view rest = cells[1];
-  const std::optional<double> value = take_number(rest);
+  const std::optional<double> value = take_number(rest, separator);
   if (!value) return std::nullopt;
   if (!trimmed(rest).empty()) unit = trimmed(rest);
   if (unit.empty() && cells.size() > 2 && sampling_unit(cells[2])) unit = cells[2];

@@ -79,7 +79,7 @@ Recording read_by_format(const std::filesystem::path& file, const ReadOptions& o
   if (format == kSinumerikTrace) return read_sinumerik_trace(file, options);
   if (format == kSinumerikCapture) return read_sinumerik_capture(file, options);
   if (!is_utf16(start) && start.find('\0') != std::string::npos)
-    refuse("is a binary file, neither CSV text nor a MATLAB file");
+    refuse("is a binary file, and a table is text");
   return read_csv(file, options);
 }
 

@@ -270,7 +270,7 @@ Learned learn(const std::vector<LearnAxis>& axes, const Plant& plant, const Lear
     out.two_masses = out.two_masses || axis.law.model.two_masses;
     axis.law.model.two_masses.reset();
   }
-  if (!out.two_masses || options.trials < 1) return out;
+  if (!out.two_masses || !options.rigid_law_too || options.trials < 1) return out;
   Learned by_rigid = learned_with(rigid, plant, options);
   const auto left = [&](const Learned& one) {
     return left_of(one.trials[one.best], one.trials.front(), options.aim);

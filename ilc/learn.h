@@ -59,6 +59,9 @@ struct LearnOptions {
   int patience = 2;               ///< trials in a row that may be worse than the best
   double ramp_s = 0.05;           ///< rise time at both ends [s]
   bool feedforward_only = false;  ///< one trial, with u_f alone
+  /// Of axes of two masses: also with the law of the rigid loop, whose convergence on the axis is
+  /// not known; its better correction is kept. Not for corrections that go to a drive unseen.
+  bool rigid_law_too = false;
 };
 
 struct ErrorSize {

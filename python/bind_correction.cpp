@@ -29,6 +29,7 @@ struct CorrectedPath {
 struct LearnArguments {
   CorrectionWish wish;
   LearnOptions options;
+  options.rigid_law_too = true;
 };
 
 LearnArguments arguments_of(const std::string& method, const std::string& aim, int trials,

@@ -67,7 +67,8 @@ ProgramInbox::Outcome ProgramInbox::put(const std::string& program, const std::s
                           " bytes received over HTTP, " +
                           (replaces ? "in place of " : "put into the folder as ") +
                           file.filename().string());
-    return {What::kDone, "it is read within two seconds, and learned"};
+    return {What::kDone,
+            "it is read within two seconds, or after the program that is being learned"};
   } catch (const std::exception& error) {
     return {What::kFailed, error.what()};
   }
@@ -85,7 +86,9 @@ ProgramInbox::Outcome ProgramInbox::remove(const std::string& program) {
     events_.note_soon(
         "program_removed", "",
         "program " + in_quotes(program) + ": " + file.filename().string() + " removed over HTTP");
-    return {What::kDone, "its file is removed; its correction is withdrawn within two seconds"};
+    return {What::kDone,
+            "its file is removed; its correction is withdrawn within two seconds, or after the "
+            "program that is being learned (disarm to end it at once)"};
   } catch (const std::exception& error) {
     return {What::kFailed, error.what()};
   }
