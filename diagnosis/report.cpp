@@ -137,7 +137,8 @@ std::string confidence_text(const Cause& cause, double unexplained_share, const 
   std::string out =
       cause.confidence >= 0.995 ? "over 99 %" : text("%.0f %%", 100.0 * cause.confidence);
   out += text(
-      "; it explains more than its nearest rival that acts by a law in %.0f %% of the bootstrap resamples, and all "
+      "; it explains more than its nearest rival that acts by a law in %.0f %% of the bootstrap "
+      "resamples, and all "
       "causes together explain %.0f %% of the simulation error above the noise floor; a cause that "
       "removes a smaller share of the error is rated lower",
       100.0 * cause.wins, 100.0 * (1.0 - unexplained_share));

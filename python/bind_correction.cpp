@@ -29,7 +29,6 @@ struct CorrectedPath {
 struct LearnArguments {
   CorrectionWish wish;
   LearnOptions options;
-  options.rigid_law_too = true;
 };
 
 LearnArguments arguments_of(const std::string& method, const std::string& aim, int trials,
@@ -54,6 +53,7 @@ LearnArguments arguments_of(const std::string& method, const std::string& aim, i
   if (trials < 1 || trials > kMaxTrials)
     throw std::invalid_argument("trials " + std::to_string(trials) + " is not 1 to 1000");
   out.options.trials = trials;
+  out.options.rigid_law_too = true;
   const auto within = [](const char* what, std::optional<double> value, double low, double high) {
     if (value && !(*value >= low && *value <= high))
       throw std::invalid_argument(std::string(what) + " " + words::number(*value) + " is not " +
