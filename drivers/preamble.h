@@ -28,8 +28,8 @@ struct Preamble {
 };
 
 /// The header below other lines; nothing if it is the first line, or none is found. The first line
-/// is a header for certain if it has `columns` names, and no line above the rows contradicts: each
-/// has as many fields, and in none is every field a word. 0 columns: it is no header.
+/// is the header if it has `columns` names, each line down to the rows has as many fields, and each
+/// of them has a field that is no word. 0 columns: the first line cannot be a header.
 [[nodiscard]] std::optional<Preamble> find_preamble(const std::string& file, std::size_t first_line,
                                                     std::size_t columns, char separator);
 

@@ -61,8 +61,8 @@ StateSpace state_space(const Loop& loop, const TwoMassParameters& two_masses,
   const auto column = [n](const TwoMassAxis::State& x) -> Eigen::VectorXd {
     return Eigen::Map<const Eigen::VectorXd>(x.data(), n);
   };
-  // The states without what they have at once of the command's velocity, so that its acceleration
-  // is no input.
+  // The states less the part that follows the command's velocity at once: without it the equations
+  // need no acceleration of the command.
   const Eigen::VectorXd at_once = column(equations.by_acceleration);
   StateSpace s;
   s.a = Eigen::MatrixXd::Zero(n + 1, n + 1);

@@ -14,8 +14,9 @@
 namespace servotwin {
 namespace {
 
-// A recorder loses messages; a topic that shares fewer stamps has a clock of its own.
-constexpr double kLeastSharedStamps = 0.9;
+// Of the stamps of two topics: a recorder loses messages, but topics that share fewer stamps have
+// clocks of their own.
+constexpr double kMinSharedStampsShare = 0.9;
 
 /// A channel that can be read from the file.
 struct JointColumn {
@@ -51,7 +52,7 @@ bool shares_stamps(const JointSet& rows, const JointSet& other) {
   const std::vector<std::size_t> same = same_stamps(rows, other);
   const auto absent = std::count(same.begin(), same.end(), other.time_ns.size());
   return static_cast<double>(absent) <=
-         (1.0 - kLeastSharedStamps) * static_cast<double>(same.size());
+         (1.0 - kMinSharedStampsShare) * static_cast<double>(same.size());
 }
 
 /// What --columns can name: of the topics that it mentions, or of all if it mentions none.

@@ -34,7 +34,7 @@ class NamedFormat : public testing::Test {
 constexpr const char* kRows = "time[s],X.command[mm]\n0,1\n0.001,2\n";
 
 TEST_F(NamedFormat, IsReadWhateverTheFileIsCalled) {
-  // Called a log of CAN, and beginning with a line that is no header.
+  // The name is that of a CAN log, and the first line is not the header.
   const auto log = directory_.file("run.log", "Axis1\nSampling rate;1;kHz\na;b\n1;2\n3;4\n");
   expect_error<std::runtime_error>([&] { (void)read_recording(log); }, {"is named .log"});
   EXPECT_EQ(read_recording(log, named("csv", "X.command=a[mm],X.actual=b[mm]")).time,
