@@ -14,12 +14,13 @@ namespace {
 constexpr double kCycleTolerance = 0.01;
 
 /// The residual of the tracking error with this model, or the tracking error itself without a
-/// model; the first `skip_s` of every segment are left out.
+/// model; the lead-in of every segment, and its first `skip_s`, are left out.
 Eigen::ArrayXd left_by(const Model* model, const std::vector<Segment>& segments, double skip_s) {
   std::vector<Eigen::ArrayXd> parts;
   Eigen::Index count = 0;
   for (const Segment& segment : segments) {
-    const auto skip = static_cast<Eigen::Index>(std::ceil(skip_s / segment.sample_time_s));
+    const auto skip = std::max(
+        segment.lead, static_cast<Eigen::Index>(std::ceil(skip_s / segment.sample_time_s)));
     if (segment.size() <= skip) continue;
     Eigen::ArrayXd left = segment.command - segment.actual;
     if (model != nullptr) left -= simulate(*model, segment);

@@ -15,9 +15,9 @@
 
 namespace servotwin::daemon {
 
-/// Fills in what the candidacy says of the errors, on the same samples for both models; returns
-/// those of the candidate. `in_force`: null where no model is in force, which is compared with no
-/// prediction.
+/// Fills in what the candidacy says of the errors, on the same samples for both models, behind the
+/// lead-in of each segment; returns those of the candidate. `in_force`: null where no model is in
+/// force, which is compared with no prediction.
 [[nodiscard]] ErrorFigures judge_on(const std::vector<Segment>& motion, const Model& candidate,
                                     const Model* in_force, Candidacy& candidacy);
 

@@ -392,8 +392,12 @@ void IdentificationWorker::judge_candidate(std::size_t axis, double until_s) {
       throw std::runtime_error(
           "the held-out motion is no longer in memory; the processor is too busy");
     }
+    const std::vector<Segment> remembered =
+        segment_axis(memory_.copy(axis, until_s - config_.memory_s, until_s, "live"), state.name)
+            .segments;
+    const double after_s = candidate.until_s + 0.5 * machine_.cycle_s;  // that sample was seen
     const std::vector<Segment> held_out =
-        segment_axis(memory_.copy(axis, candidate.until_s, until_s, "live"), state.name).segments;
+        with_lead_in(cut(remembered, after_s, until_s), remembered);
     candidate.identified.record.holdout = judge_on(held_out, model, other, candidacy);
     cite(candidate, candidate.until_s, until_s);
   } catch (const std::exception& error) {

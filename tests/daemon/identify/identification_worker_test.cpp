@@ -11,6 +11,7 @@
 #include "tests/daemon/ball_screw.h"
 #include "tests/daemon/full_disk.h"
 #include "tests/daemon/support.h"
+#include "tests/identification/loop/held_by_friction.h"
 
 namespace servotwin::daemon {
 namespace {
@@ -180,6 +181,39 @@ TEST_F(WorkerTest, AProposedModelIsJudgedLikeAnyOther) {
   EXPECT_LT(announced_[2].record.holdout.rms, 0.15e-6);
 }
 
+// Where the axis stands in a rest, and what of it friction holds, only the motion before tells.
+TEST_F(WorkerTest, AModelThatIsProposedInARestIsJudgedWithTheMotionBefore) {
+  SegmentedAxis axis;
+  axis.axis = "X";
+  const RestBetweenMoves all = rest_between_moves(held_by_friction());
+  axis.segments = {all.segment};
+  axis.sample_time_s = all.segment.sample_time_s;
+  IdentifyOptions options;
+  options.method = Method::kJoint;
+  options.order = 2;
+  const ModelRecord right = identify(axis, options).record;
+  config_.judge_s = 1.5;
+  restart();
+  const auto run_until = [&](double end_s) {
+    for (; static_cast<double>(row_) * axis.sample_time_s < end_s; ++row_) {
+      CycleRow row;
+      row.time_ns = row_ * 1'000'000;
+      row.after_gap = row_ == 0;
+      row.axis_count = 1;
+      row.axes[0] = {all.segment.command(row_), all.segment.actual(row_), kAbsent};
+      memory_->append(row);
+    }
+  };
+  run_until(all.rest_begins_s + 0.3 * all.rest_s);
+  ASSERT_GT(std::abs(all.segment.command(row_) - all.segment.actual(row_)), 5e-6) << "held away";
+  worker_->propose(0, right, "as the test has it", 0.0, 5.0);
+  worker_->look(0);
+  run_until(all.segment.end_s());
+  ASSERT_TRUE(worker_->look(0));
+  ASSERT_EQ(announced_.size(), 1U) << status().last_refusal;
+  EXPECT_LT(announced_[0].record.holdout.rms, 2.0 * right.training.rms);
+}
+
 TEST_F(WorkerTest, AProposedModelThatIsInvalidIsRefusedAtOnce) {
   restart();
   promote_one();
@@ -291,7 +325,8 @@ TEST_F(WorkerTest, AModelByHandThatCannotBeUsedIsRefusedWithTheReason) {
 TEST_F(WorkerTest, AModelOfWorseDataIsRefusedWithTheFigures) {
   restart();
   promote_one();
-  run_machine(2.0, 20e-6);  // an encoder that has become noisy for a while
+  run_machine(1.99, 20e-6);  // an encoder that has become noisy for a while
+  run_machine(0.01);
   ASSERT_TRUE(worker_->look(0));
   run_machine(3.5);
   ASSERT_TRUE(worker_->look(0));
@@ -310,7 +345,7 @@ TEST_F(WorkerTest, AModelThatLeavesMoreThanTwiceIsNotFoundToHoldEvenIfNothingIsB
   run_machine(3.5, 20e-6);
   ASSERT_TRUE(worker_->look(0));
   EXPECT_EQ(announced_.size(), 1U);
-  EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: residual 19.5 um"));
+  EXPECT_THAT(newest_event().text, HasSubstr("candidate refused: residual 19.6 um"));
   EXPECT_EQ(store_->in_force()[0].validated, "");
 }
 
