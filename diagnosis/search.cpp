@@ -89,6 +89,7 @@ void Search::divide() {
   training_ = cut(recorded_, -1e300, training_to_s_);
   held_.clear();
   begun_.clear();
+  led_.clear();
   rest_.clear();
   // Blocks of equal duration; a gap in the recording shortens its block.
   const double from = training_.front().start_s, to = training_.back().end_s();
@@ -97,6 +98,7 @@ void Search::divide() {
                  end = from + (to - from) * (b + 1) / kBlocks;
     held_.push_back(cut(training_, begin, end - 1e-9));
     begun_.push_back(with_lead_in(held_.back(), training_, kForgets));
+    led_.push_back(with_lead_in(held_.back(), training_));
     std::vector<Segment> rest = cut(training_, -1e300, begin - 1e-9);
     for (Segment& s : cut(training_, end, 1e300)) rest.push_back(std::move(s));
     rest_.push_back(std::move(rest));
@@ -335,9 +337,12 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
   h.model = all.of(held);
   h.point = point_of(h.model, h.structure);
   h.cost = 0.5 * all.cost;
+  if (is_intermittent(kind)) {
+    judge_as_is(h);
+    return true;
+  }
   h.pieces.clear();
-  const std::vector<Varied> others =
-      is_intermittent(kind) ? std::vector<Varied>(held_.size(), all) : left_out(held, all, begun_);
+  const std::vector<Varied> others = left_out(held, all, begun_);
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
     const std::vector<double> left = left_in(b, others[b].of(held));
@@ -348,23 +353,30 @@ bool Search::vary(Hypothesis& h, const Model& held, std::size_t kind,
 
 std::vector<double> Search::left_in(std::size_t block, const Model& model) const {
   std::vector<double> out;
-  for (const Segment& whole : training_) {
-    const Eigen::ArrayXd left = whole.command - whole.actual - simulate(model, whole);
-    for (const Segment& s : held_[block]) {
-      const auto first = std::lround((s.start_s - whole.start_s) / s.sample_time_s);
-      if (first < 0 || first + s.size() > left.size()) continue;  // of another segment
-      add_pieces(s, left.segment(first, s.size()), out);
-    }
+  for (std::size_t i = 0; i < held_[block].size(); ++i) {
+    const Segment& s = led_[block][i];
+    const Eigen::ArrayXd left = s.command - s.actual - simulate(model, s);
+    add_pieces(held_[block][i], left.tail(held_[block][i].size()), out);
   }
   return out;
 }
 
 void Search::judge_as_is(Hypothesis& h) const {
   h.pieces.clear();
+  std::vector<Eigen::ArrayXd> left;
+  for (const Segment& s : training_) left.emplace_back(s.command - s.actual - simulate(h.model, s));
   for (std::size_t b = 0; b < held_.size(); ++b) {
     if (held_[b].empty() || rest_[b].empty()) continue;
-    const std::vector<double> left = left_in(b, h.model);
-    h.pieces.insert(h.pieces.end(), left.begin(), left.end());
+    for (std::size_t i = 0; i < held_[b].size(); ++i) {
+      const Segment& s = led_[b][i];
+      const auto whole = std::find_if(training_.begin(), training_.end(),
+                                      [&](const Segment& one) { return one.start_s == s.start_s; });
+      const Eigen::Index size = held_[b][i].size();
+      add_pieces(
+          held_[b][i],
+          left[static_cast<std::size_t>(whole - training_.begin())].segment(s.size() - size, size),
+          h.pieces);
+    }
   }
 }
 

@@ -108,8 +108,9 @@ class Search {
   std::vector<Segment> recorded_, training_;
   double training_to_s_;
   PoleBounds bounds_;
-  // The blocks; with lead-in; the training data without each.
-  std::vector<std::vector<Segment>> held_, begun_, rest_;
+  // The blocks; with a lead-in that friction forgets; with all before them; the training data
+  // without each.
+  std::vector<std::vector<Segment>> held_, begun_, led_, rest_;
   NoiseFloor floor_;
   bool rotary_;
   std::optional<Driver> followed_;
